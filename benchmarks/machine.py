@@ -1,0 +1,38 @@
+"""What a result was measured with: enough to judge a time by, nothing that names a machine or a person."""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+import re
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+RESULTS = Path(__file__).parent / "results"
+_PACKAGES = ("bricksrl", "torch", "torchrl", "tensordict", "mujoco", "numpy", "greenlet")
+
+
+def describe() -> dict[str, Any]:
+    """Processor, number of cores, system and versions."""
+    return {
+        "machine": {"processor": _processor(), "cores": os.cpu_count(), "system": platform.system()},
+        "versions": {"python": platform.python_version(), **{name: metadata.version(name) for name in _PACKAGES}},
+    }
+
+
+def write(name: str, result: dict[str, Any]) -> Path:
+    """Write a result, with what it was measured with, to ``results/<name>.json``."""
+    RESULTS.mkdir(exist_ok=True)
+    path = RESULTS / f"{name}.json"
+    path.write_text(json.dumps({**result, **describe()}, indent=2) + "\n")
+    return path
+
+
+def _processor() -> str:
+    try:
+        found = re.search(r"model name\s*:\s*(.+)", Path("/proc/cpuinfo").read_text())
+    except OSError:
+        found = None
+    return found[1] if found else platform.processor()

@@ -1,0 +1,43 @@
+"""What training and evaluation ask of an agent."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Protocol
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+
+@dataclass(frozen=True)
+class Transition:
+    """One step of one robot: ``observation`` ``[n]``, ``action`` ``[m]``, ``reward`` a number."""
+
+    observation: Tensor
+    action: Tensor
+    reward: float
+    next_observation: Tensor
+    terminated: bool
+    """True only where the task ended; a time limit is no end, values go on through it."""
+
+
+class Agent(Protocol):
+    """Decides and learns. Randomness comes from torch's global generator, so that its state is all there is to save."""
+
+    prefill_episodes: int
+    """Episodes at the start whose actions are drawn uniformly, before the agent acts and learns."""
+
+    def act(self, observation: Tensor, *, explore: bool) -> Tensor:
+        """An action ``[m]`` in -1..1 for an observation ``[n]``; without ``explore`` the agent's best one."""
+
+    def remember(self, transition: Transition) -> None:
+        """Keep a transition to learn from."""
+
+    def update(self) -> dict[str, float]:
+        """Learn, as often as the settings ask for one robot step; returns losses by name, nothing when it does not learn."""
+
+    def state_dict(self) -> dict[str, Any]:
+        """All that `load_state_dict` needs to go on exactly: tensors, numbers, strings, lists and dictionaries of them."""
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Take over what `state_dict` gave."""

@@ -1,0 +1,102 @@
+"""The tree of commands, and what becomes of their errors."""
+
+from __future__ import annotations
+
+import io
+import os
+import re
+import sys
+from collections.abc import Sequence
+from contextlib import redirect_stderr
+from inspect import cleandoc
+from typing import Protocol, cast
+
+from tyro.conf import FlagCreatePairsOff
+from tyro.extras import SubcommandApp
+
+import bricksrl
+from bricksrl.cli.console import print_error, print_line
+from bricksrl.cli.evaluate import Evaluate
+from bricksrl.cli.hub import Program, Run
+from bricksrl.cli.listing import List
+from bricksrl.cli.train import Resume, Train
+from bricksrl.errors import BricksError
+
+_DESCRIPTION = """Reinforcement learning on LEGO robots that run Pybricks.
+
+Without a robot at hand, everything runs on a virtual hub: the very program of the hub, in simulated time.
+
+Examples:
+  bricksrl list
+  bricksrl train RunAway-v0
+  bricksrl evaluate runs/<folder>
+  bricksrl train --help
+  bricksrl --version
+"""
+_HUB = "The program of a hub: print it, or run one of your own on a virtual hub."
+
+
+class Command(Protocol):
+    """One parsed command line."""
+
+    def execute(self) -> int:
+        """Do it and return the exit code."""
+
+
+def run(arguments: Sequence[str]) -> int:
+    """Parse the arguments and run the command; an error of ours becomes one line on standard error."""
+    if list(arguments) == ["--version"]:
+        print_line(f"bricksrl {bricksrl.__version__}")
+        return 0
+    try:
+        return parse(arguments).execute()
+    except BricksError as error:
+        print_error(str(error))
+        return 2
+    except BrokenPipeError:  # who read our output, such as `head`, has gone
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 1
+    except OSError as error:
+        print_error(f"{error.filename or 'this computer'}: {error.strerror or error}")
+        return 2
+
+
+def parse(arguments: Sequence[str]) -> Command:
+    """The command that the arguments name; exits like argparse for help, and for arguments that are wrong."""
+    complaint = io.StringIO()
+    try:
+        with redirect_stderr(complaint):
+            parsed = _commands(arguments).cli(
+                prog="bricksrl", description=_DESCRIPTION, args=arguments, config=(FlagCreatePairsOff,)
+            )
+    except SystemExit as end:
+        if end.code:
+            print_error(one_line(complaint.getvalue()))
+        raise
+    return cast(Command, parsed)
+
+
+def _commands(arguments: Sequence[str]) -> SubcommandApp:
+    def add(app: SubcommandApp, name: str, command: type) -> None:
+        text = cleandoc(command.__doc__ or "")
+        # All of it in the command's own help, its first line in the list of commands.
+        app.command(name=name, help=text if name in arguments else text.partition("\n")[0])(command)
+
+    hub = SubcommandApp()
+    add(hub, "program", Program)
+    add(hub, "run", Run)
+    app = SubcommandApp()
+    add(app, "list", List)
+    add(app, "train", Train)
+    add(app, "resume", Resume)
+    add(app, "evaluate", Evaluate)
+    app.command(hub, name="hub", help=_HUB)
+    return app
+
+
+def one_line(box: str) -> str:
+    """What tyro says in a box of several lines, as one: its first paragraph, and whose help to read."""
+    lines = [line.strip("│╭╮╰╯─ ") for line in box.splitlines()[1:]]
+    message, _, rest = "\n".join(lines).partition("\n\n")
+    found = re.search(r"(bricksrl[a-z ]*?) --help", rest)
+    return f"{' '.join(message.split()).removesuffix('.')}; see `{found[1] if found else 'bricksrl'} --help`"

@@ -1,0 +1,61 @@
+"""``bricksrl evaluate``."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from tyro.conf import Positional, arg
+
+from bricksrl.cli.console import print_line
+
+if TYPE_CHECKING:
+    from bricksrl.evaluation import EvaluationResult
+
+
+@dataclass(frozen=True)
+class Evaluate:
+    """Let a trained agent do its best, without exploring and without learning, and count.
+
+    Examples:
+      bricksrl evaluate runs/spin
+      bricksrl evaluate runs/spin --episodes 20 --seed 7 --json
+    """
+
+    run: Annotated[Positional[Path], arg(metavar="RUN")]
+    """Folder that `bricksrl train` wrote."""
+    env: Annotated[str | None, arg(metavar="ENV")] = None
+    """Environment, when it is not the one that the agent was trained in."""
+    episodes: Annotated[int, arg(metavar="N")] = 5
+    """Episodes to count."""
+    seed: Annotated[int, arg(metavar="N")] = 1000
+    """Of the episodes; another seed gives other starts."""
+    json: bool = False
+    """One JSON object on standard output and nothing else."""
+
+    def execute(self) -> int:
+        """Evaluate and print."""
+        from bricksrl.evaluation import evaluate
+
+        def tell(episode: int, return_: float) -> None:
+            if not self.json:
+                print_line(f"episode {episode}/{self.episodes}  return {return_:.4g}")
+
+        result = evaluate(self.run, self.env, episodes=self.episodes, seed=self.seed, on_episode=tell)
+        for line in [result.to_json()] if self.json else describe(result):
+            print_line(line)
+        return 0
+
+
+def describe(result: EvaluationResult) -> Iterator[str]:
+    """An evaluation in a few lines, with its 95 % intervals."""
+    low, high = result.return_interval.low, result.return_interval.high
+    yield f"{result.env}, {result.episodes} episodes of {result.agent} after {result.trained_episodes} episodes of training:"
+    yield f"return   {result.return_mean:.4g} ± {result.return_std:.4g}  (mean in {low:.4g} to {high:.4g})"
+    if result.success_rate is not None and result.success_interval is not None:
+        low, high = result.success_interval.low, result.success_interval.high
+        yield f"success  {result.success_rate:.0%}  ({low:.0%} to {high:.0%})"
+    for name, value in result.metrics.items():
+        yield f"{name}  {value:.4g}"

@@ -1,0 +1,68 @@
+"""``bricksrl list``."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from typing import Any
+
+from bricksrl.cli.console import print_line
+
+
+@dataclass(frozen=True)
+class List:
+    """Show the environments, agents and robots that there are.
+
+    Examples:
+      bricksrl list
+      bricksrl list --json
+    """
+
+    json: bool = False
+    """One JSON object instead of a table."""
+
+    def execute(self) -> int:
+        """Print it."""
+        names = _collect()
+        if self.json:
+            print_line(json.dumps(names, indent=2))
+        else:
+            _print_table(names)
+        return 0
+
+
+def _collect() -> dict[str, Any]:
+    from bricksrl import agents, envs, robots
+
+    tasks = [envs.get_task(env_id) for env_id in envs.list_envs()]
+    return {
+        "environments": [
+            {
+                "id": task.id,
+                "robot": task.robot.name,
+                "observation": [entry.name for entry in task.entries],
+                "action": [command.name for command in task.interface.commands],
+                "max_steps": task.max_steps,
+                "summary": task.summary,
+            }
+            for task in tasks
+        ],
+        "agents": list(agents.AGENTS),
+        "presets": list(agents.PRESETS),
+        "robots": sorted(robots.ROBOTS),
+    }
+
+
+def _print_table(names: dict[str, Any]) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table("environment", "robot", "observation", "action", "steps", "what to learn", box=None, pad_edge=False)
+    for env in names["environments"]:
+        cells = (env["id"], env["robot"], ", ".join(env["observation"]), ", ".join(env["action"]))
+        table.add_row(*cells, str(env["max_steps"]), env["summary"])
+    console = Console()
+    console.print(table)
+    console.print()
+    for kind in ("agents", "presets", "robots"):
+        console.print(f"{kind + ':':9}{', '.join(names[kind])}", highlight=False)

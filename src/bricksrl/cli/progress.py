@@ -1,0 +1,110 @@
+"""A training run as it goes on: a live bar on a terminal, a line an episode elsewhere."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from bricksrl.cli.console import print_line
+from bricksrl.training.observer import Episode, Observer, Phase, Progress, RunResult
+
+if TYPE_CHECKING:
+    from bricksrl.training.config import TrainConfig
+
+_BARS = "▁▂▃▄▅▆▇█"
+_SPARKLINE_EPISODES = 30
+
+
+class LineProgress(Observer):
+    """One line an episode.
+
+    Attributes:
+        run_dir: where the run writes; ``None`` before it began.
+        episodes_done: whole episodes that are in the folder.
+    """
+
+    def __init__(self) -> None:
+        self.run_dir: Path | None = None
+        self.episodes_done = 0
+
+    def on_start(self, config: TrainConfig, run_dir: Path, episodes_done: int) -> None:
+        self.run_dir, self.episodes_done = run_dir, episodes_done
+        print_line(f"{config.agent} on {config.env}, seed {config.seed}: {run_dir}")
+
+    def on_episode(self, episode: Episode, progress: Progress) -> None:
+        self.episodes_done = episode.episode
+        print_line(
+            f"episode {episode.episode}/{progress.episodes_total}  return {episode.return_:.4g}  "
+            f"{progress.steps_per_s:.3g} steps/s  {clock(progress.remaining_s)} left"
+            + ("  (random start)" if episode.phase is Phase.PREFILL else "")
+        )
+
+    def on_end(self, result: RunResult) -> None:
+        self.close()
+
+    def saved(self) -> str:
+        """What is left when the run ends now."""
+        if self.run_dir is None or not self.episodes_done:
+            return "no episode was finished, so nothing was saved"
+        return f"{self.episodes_done} episodes are saved in {self.run_dir}; `bricksrl resume {self.run_dir}` goes on"
+
+    def close(self) -> None:
+        """Leave the terminal as it was; more than once is fine."""
+
+
+class LiveProgress(LineProgress):
+    """A bar that moves with every step, the returns so far as a sparkline."""
+
+    def __init__(self) -> None:
+        from rich.progress import BarColumn, MofNCompleteColumn, TextColumn
+        from rich.progress import Progress as Bar
+
+        super().__init__()
+        self._returns: list[float] = []
+        self._bar = Bar(
+            TextColumn("episode"),
+            MofNCompleteColumn(),
+            BarColumn(20),
+            TextColumn("return {task.fields[value]}  {task.fields[spark]}  {task.fields[rate]}", markup=False),
+        )
+        self._task = self._bar.add_task("", total=None, value="-", spark="", rate="")
+
+    def on_start(self, config: TrainConfig, run_dir: Path, episodes_done: int) -> None:
+        super().on_start(config, run_dir, episodes_done)
+        self._bar.update(self._task, total=config.episodes, completed=episodes_done)
+        self._bar.start()
+
+    def on_episode(self, episode: Episode, progress: Progress) -> None:
+        self.episodes_done = episode.episode
+        self._returns.append(episode.return_)
+        self._bar.update(
+            self._task,
+            completed=episode.episode,
+            value=f"{episode.return_:.4g}",
+            spark=sparkline(self._returns[-_SPARKLINE_EPISODES:]),
+            rate=f"{progress.steps_per_s:.3g} steps/s  {clock(progress.remaining_s)} left",
+        )
+
+    def close(self) -> None:
+        self._bar.stop()
+
+
+def make_progress() -> LineProgress:
+    """What fits standard output."""
+    return LiveProgress() if sys.stdout.isatty() else LineProgress()
+
+
+def clock(seconds: float) -> str:
+    """``h:mm:ss``, without hours when there are none."""
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours}:{minutes:02}:{rest:02}" if hours else f"{minutes}:{rest:02}"
+
+
+def sparkline(values: list[float]) -> str:
+    """A bar for each value, the lowest and the highest one as short and as high as they get."""
+    low, high = min(values), max(values)
+    if low == high:
+        return _BARS[len(_BARS) // 2] * len(values)
+    return "".join(_BARS[round((value - low) / (high - low) * (len(_BARS) - 1))] for value in values)

@@ -1,0 +1,128 @@
+"""``bricksrl train`` and ``bricksrl resume``: learn, evaluate, draw."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from tyro.conf import Positional, arg
+
+from bricksrl.cli.console import INTERRUPTED, print_interrupted, print_line
+from bricksrl.errors import BricksError
+
+if TYPE_CHECKING:
+    from bricksrl.training import Observer, RunResult
+
+_EVALUATED_EPISODES = 5
+
+
+@dataclass(frozen=True)
+class Train:
+    """Train an agent on a robot, by default a virtual one.
+
+    The run folder gets the configuration, the metrics, a checkpoint, the learning curve, an evaluation and, where OpenGL is
+    there, a video. Ctrl-C ends the training early and keeps what was learned.
+
+    Examples:
+      bricksrl train RunAway-v0
+      bricksrl train Spinning-v0 --episodes 15 --seed 3 --run runs/spin
+      bricksrl train RunAway-v0 --preset paper
+    """
+
+    env: Annotated[Positional[str], arg(metavar="ENV")]
+    """Environment; `bricksrl list` shows them."""
+    agent: Annotated[str, arg(metavar="NAME")] = "sac"
+    """Agent; `bricksrl list` shows them."""
+    preset: Annotated[str, arg(metavar="NAME")] = "default"
+    """Settings of the agent: default, paper (those of the BricksRL paper), or droq."""
+    hub: Literal["virtual"] = "virtual"
+    """How to reach the robot."""
+    episodes: Annotated[int, arg(metavar="N")] = 40
+    """Episodes to train for."""
+    seed: Annotated[int, arg(metavar="N")] = 0
+    """Of everything random: the same seed gives the same run."""
+    run: Annotated[Path | None, arg(metavar="DIR")] = None
+    """Folder to write to, which must not exist; without it runs/<env>-<agent>-<seed>-<time>."""
+    realtime: bool = False
+    """Let the virtual robot take as long as a real one."""
+
+    def execute(self) -> int:
+        """Train, evaluate, draw."""
+        from bricksrl.agents import preset
+        from bricksrl.training import TrainConfig, train
+
+        time = datetime.now().astimezone().strftime("%Y%m%d-%H%M%S")
+        config = TrainConfig(
+            env=self.env,
+            agent=self.agent,
+            episodes=self.episodes,
+            seed=self.seed,
+            hub=self.hub,
+            realtime=self.realtime,
+            settings=preset(self.preset),
+            run_dir=self.run or Path("runs") / f"{self.env}-{self.agent}-{self.seed}-{time}",
+        )
+        return _see_through(lambda observer: train(config, observer))
+
+
+@dataclass(frozen=True)
+class Resume:
+    """Go on with a run that was interrupted, or train a finished one for longer.
+
+    Examples:
+      bricksrl resume runs/spin
+      bricksrl resume runs/spin --episodes 60
+    """
+
+    run: Annotated[Positional[Path], arg(metavar="RUN")]
+    """Folder that `bricksrl train` wrote."""
+    episodes: Annotated[int | None, arg(metavar="N")] = None
+    """Episodes in all, those that were trained already included; without it as many as the run was started with."""
+
+    def execute(self) -> int:
+        """Train on, evaluate, draw."""
+        from bricksrl.training import resume
+
+        return _see_through(lambda observer: resume(self.run, observer, episodes=self.episodes))
+
+
+def _see_through(start: Callable[[Observer], RunResult]) -> int:
+    """A run from its first step to its video; returns the exit code."""
+    from bricksrl.cli.progress import make_progress
+
+    progress = make_progress()
+    try:
+        result = start(progress)
+        progress.close()
+        if not result.interrupted:
+            _show(result)
+            return 0
+    except KeyboardInterrupt:  # before the training, after it, or for the second time
+        pass
+    finally:
+        progress.close()
+    print_interrupted(progress.saved())
+    return INTERRUPTED
+
+
+def _show(result: RunResult) -> None:
+    """Evaluate, film, and say where everything is."""
+    from bricksrl.cli.evaluate import describe
+    from bricksrl.cli.video import record
+    from bricksrl.evaluation import evaluate
+    from bricksrl.training import RunFolder
+
+    last = result.episodes[-1]
+    print_line(f"trained {last.episode} episodes, {last.steps} steps, in {last.seconds:.0f} s; evaluating")
+    for line in describe(evaluate(result.run_dir, episodes=_EVALUATED_EPISODES)):
+        print_line(line)
+    try:
+        video = str(record(result.run_dir))
+    except BricksError as error:
+        video = f"none: {error}"
+    print_line(f"learning curve  {RunFolder(result.run_dir).curve_path}")
+    print_line(f"video           {video}")
+    print_line(f"more episodes   bricksrl evaluate {result.run_dir} --episodes 20")

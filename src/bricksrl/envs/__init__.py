@@ -1,0 +1,8 @@
+"""Environments: tasks as data and pure functions, and the one environment that runs them over a link to a hub."""
+
+from __future__ import annotations
+
+from bricksrl.envs.registry import get_task, list_envs, make, register
+from bricksrl.envs.task import HostEntry, Task
+
+__all__ = ["HostEntry", "Task", "get_task", "list_envs", "make", "register"]

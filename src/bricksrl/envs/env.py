@@ -1,0 +1,179 @@
+"""The environment: one task, run over one link to a hub."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from tensordict import TensorDict, TensorDictBase
+from torchrl.data import Binary, Bounded, Composite, Unbounded
+from torchrl.envs import EnvBase
+
+from bricksrl.envs.nominal import NominalBounded
+from bricksrl.envs.task import Task
+from bricksrl.errors import BricksError, HubError
+
+if TYPE_CHECKING:
+    from bricksrl.hub.link import HubLink, Reading
+    from bricksrl.twin.virtual_hub import VirtualHub
+
+Placement = Callable[[np.random.Generator], None]
+"""Puts the robot where an episode starts. For a virtual robot a method, for a real one a hand."""
+
+
+@dataclass(frozen=True)
+class Connection:
+    """A robot within reach.
+
+    Attributes:
+        link: to its hub; the environment opens and closes it.
+        place: puts it where an episode starts, at every reset, while the link is open.
+        twin: the virtual hub at the other end, for rendering and measuring; ``None`` where the robot is real.
+    """
+
+    link: HubLink
+    place: Placement
+    twin: VirtualHub | None = None
+
+
+@dataclass(slots=True)
+class _Episode:
+    """What changes from step to step; apart from the environment, where every assignment costs ten microseconds."""
+
+    drawn: NDArray[np.float32]
+    observation: torch.Tensor
+    step_count: int = 0
+
+
+class HubEnv(EnvBase):  # type: ignore[misc]
+    """A task on a robot, as a TorchRL environment without batch dimensions.
+
+    ===============  =======  =======  =====================================================
+    key              shape    dtype    meaning
+    ===============  =======  =======  =====================================================
+    ``observation``  ``[n]``  float32  channels in their order, then the host's entries
+    ``action``       ``[m]``  float32  in -1..1, mapped linearly to the command ranges;
+                                       what lies beyond is clamped
+    ``reward``       ``[1]``  float32  the task's
+    ``terminated``   ``[1]``  bool     the task's own end
+    ``truncated``    ``[1]``  bool     the time limit
+    ``done``         ``[1]``  bool     either
+    ===============  =======  =======  =====================================================
+
+    A reset places the robot, reads its sensors and moves nothing. The first reset opens the link. Errors of the link pass
+    through; the link is then closed, so that the motors stop, and the next reset opens it again.
+
+    Args:
+        task: what is to be learned.
+        connect: gives the robot. It gets a seed, for a virtual one, and is called when the robot is first needed; for a
+            virtual robot again after each new seed, so that it starts from the same state.
+        seed: of everything random; ``None`` for another one every time.
+    """
+
+    def __init__(self, task: Task, connect: Callable[[int], Connection], *, seed: int | None = None) -> None:
+        super().__init__(batch_size=())
+        self.task = task
+        self._connect = connect
+        self._connection: Connection | None = None
+        self._episode: _Episode | None = None
+        self._spans = [((c.high + c.low) / 2, (c.high - c.low) / 2) for c in task.interface.commands]
+        self._make_specs()
+        self._set_seed(seed)
+        self.is_closed = False
+
+    @property
+    def twin(self) -> VirtualHub | None:
+        """The virtual hub; ``None`` where the robot is real. A new seed brings a new one."""
+        return self._robot().twin
+
+    def close(self, *, raise_if_closed: bool = True) -> None:
+        """Stop the robot and let go of the hub. May be called twice; a reset opens the link again."""
+        super().close(raise_if_closed=raise_if_closed)
+        self._close_link()
+
+    def _make_specs(self) -> None:
+        entries = self.task.entries
+        low, high = torch.tensor([e.low for e in entries]), torch.tensor([e.high for e in entries])
+        nominal = torch.tensor([e.nominal for e in entries])
+        self.observation_spec = Composite(observation=NominalBounded(low, high, nominal=nominal))
+        self.action_spec = Bounded(-1.0, 1.0, shape=(len(self._spans),))
+        self.reward_spec = Unbounded(shape=(1,))
+        flag = Binary(1, dtype=torch.bool)
+        self.done_spec = Composite(done=flag, terminated=flag.clone(), truncated=flag.clone())
+
+    def _set_seed(self, seed: int | None) -> None:
+        host, place, twin = np.random.SeedSequence(seed).spawn(3)
+        self._host_rng, self._place_rng = np.random.default_rng(host), np.random.default_rng(place)
+        self._twin_seed = int(twin.generate_state(1)[0])
+        if self._connection is not None and self._connection.twin is not None:
+            self._close_link()
+            self._connection = None
+
+    def _reset(self, _tensordict: TensorDictBase | None = None, **_kwargs: Any) -> TensorDictBase:
+        reading = self._guarded(self._start)
+        self.is_closed = False
+        drawn = np.array([entry.draw(self._host_rng) for entry in self.task.host_entries], dtype=np.float32)
+        observation = _observe(reading, drawn)
+        self._episode = _Episode(drawn, observation)
+        return TensorDict({"observation": observation.clone()}, batch_size=())
+
+    def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
+        action = tensordict.get("action").detach().clamp(-1.0, 1.0)  # a copy: the agent's own tensor stays as it is
+        commands = self._commands(action)
+        task, episode = self.task, self._episode
+        if episode is None:
+            raise BricksError(f"{task.id} has no episode to step; reset the environment first")
+        link = self._robot().link
+        observation = _observe(self._guarded(lambda: link.act(commands)), episode.drawn)
+        reward = task.reward(episode.observation, action, observation)
+        terminated = task.terminated(observation)
+        episode.observation = observation
+        episode.step_count += 1
+        truncated = torch.full_like(terminated, episode.step_count >= task.max_steps)
+        return TensorDict(
+            {
+                "observation": observation.clone(),  # whoever changes it in place does not change our previous one
+                "reward": reward,
+                "terminated": terminated,
+                "truncated": truncated,
+                "done": terminated | truncated,
+            },
+            batch_size=(),
+        )
+
+    def _robot(self) -> Connection:
+        if self._connection is None:
+            self._connection = self._connect(self._twin_seed)
+        return self._connection
+
+    def _start(self) -> Reading:
+        robot = self._robot()
+        robot.link.open()  # without effect when it is open
+        robot.place(self._place_rng)
+        return robot.link.read()
+
+    def _guarded(self, exchange: Callable[[], Reading]) -> Reading:
+        """Talk to the hub; when that fails, close the link, so that the motors stop and the next reset starts afresh."""
+        try:
+            return exchange()
+        except HubError:
+            self._close_link()
+            raise
+
+    def _close_link(self) -> None:
+        self._episode = None
+        if self._connection is not None:
+            self._connection.link.close()
+
+    def _commands(self, action: torch.Tensor) -> list[float]:
+        if action.shape != (len(self._spans),):
+            raise BricksError(f"{self.task.id} got an action of shape {list(action.shape)}; give [{len(self._spans)}]")
+        return [middle + half * value for (middle, half), value in zip(self._spans, action.tolist(), strict=True)]
+
+
+def _observe(reading: Reading, drawn: NDArray[np.float32]) -> torch.Tensor:
+    return torch.from_numpy(np.concatenate((reading.values, drawn)))

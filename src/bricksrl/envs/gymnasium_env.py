@@ -1,0 +1,107 @@
+"""Our environments for whoever speaks Gymnasium: ``gymnasium.make("bricksrl/RunAway-v0")`` after ``import bricksrl``."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import gymnasium
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from tensordict import TensorDict
+
+from bricksrl.envs.registry import make
+from bricksrl.errors import RenderingUnavailableError
+
+if TYPE_CHECKING:
+    from bricksrl.envs.env import HubEnv
+    from bricksrl.twin.physics import Physics, RandomPhysics
+    from bricksrl.twin.rendering import Renderer
+
+Array = NDArray[np.float32]
+
+
+class GymnasiumEnv(gymnasium.Env[Array, Array]):
+    """A BricksRL environment with Gymnasium's interface.
+
+    Observation and action are float32 arrays with the bounds of the task's tables; where a range is only nominal, the bounds
+    are those of what a hub can report. ``info`` holds the task's metrics of the episode so far and, at its end, ``success``.
+
+    Args:
+        env_id: such as ``"RunAway-v0"``.
+        render_mode: ``None`` or ``"rgb_array"``, which draws a virtual robot.
+        hub, realtime, physics: as in :func:`bricksrl.make`.
+    """
+
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012 - as Gymnasium declares it
+
+    def __init__(
+        self,
+        env_id: str,
+        render_mode: str | None = None,
+        *,
+        hub: str = "virtual",
+        realtime: bool = False,
+        physics: Physics | RandomPhysics | None = None,
+    ) -> None:
+        self.env: HubEnv = make(env_id, hub, realtime=realtime, physics=physics)
+        self.render_mode = render_mode
+        self._observations: list[torch.Tensor] = []
+        self._renderer: Renderer | None = None
+        limits = np.array([entry.limits for entry in self.env.task.entries], dtype=np.float32)
+        self.observation_space = gymnasium.spaces.Box(limits[:, 0], limits[:, 1])
+        self.action_space = gymnasium.spaces.Box(-1.0, 1.0, self.env.action_spec.shape)
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Array, dict[str, Any]]:
+        """Start an episode. A seed makes this and all following episodes repeatable."""
+        super().reset(seed=seed)
+        if seed is not None:
+            self.env.set_seed(seed)
+            self._close_renderer()  # it draws the virtual robot that the new seed replaces
+        self._observations = []
+        observation = self.env.reset()["observation"]
+        return observation.numpy(), {}
+
+    def step(self, action: Array) -> tuple[Array, float, bool, bool, dict[str, Any]]:
+        """Act; returns observation, reward, terminated, truncated and info."""
+        sent = TensorDict({"action": torch.tensor(action, dtype=torch.float32)}, batch_size=())
+        result = self.env.step(sent)["next"]
+        self._observations.append(result["observation"].clone())
+        terminated, truncated = bool(result["terminated"]), bool(result["truncated"])
+        info = self._info(ended=terminated or truncated)
+        return result["observation"].numpy(), float(result["reward"]), terminated, truncated, info
+
+    def render(self) -> NDArray[np.uint8] | None:
+        """The picture of the virtual robot, uint8 ``[height, width, 3]``; ``None`` without a render mode.
+
+        Raises:
+            RenderingUnavailableError: the robot is real, or nothing is here to draw with.
+        """
+        if self.render_mode is None:
+            return None
+        if self._renderer is None:
+            from bricksrl.twin.mujoco_body import MujocoBody
+            from bricksrl.twin.rendering import Renderer
+
+            body = None if self.env.twin is None else self.env.twin.body
+            if not isinstance(body, MujocoBody):
+                raise RenderingUnavailableError(f"the robot of {self.env.task.id} has no picture; use hub='virtual'")
+            self._renderer = Renderer(body)
+        return self._renderer.render()
+
+    def close(self) -> None:
+        """Stop the robot and let go of the hub. May be called twice."""
+        self._close_renderer()
+        self.env.close()
+
+    def _close_renderer(self) -> None:
+        if self._renderer is not None:
+            self._renderer.close()
+            self._renderer = None
+
+    def _info(self, *, ended: bool) -> dict[str, Any]:
+        episode = torch.stack(self._observations)
+        info: dict[str, Any] = {name: float(value) for name, value in self.env.task.metrics(episode).items()}
+        if ended:
+            info["success"] = bool(self.env.task.success(episode))
+        return info

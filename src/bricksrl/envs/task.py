@@ -1,0 +1,135 @@
+"""What a task is: a robot, the commands and channels it uses, and pure functions of tensors.
+
+Nothing here knows of TorchRL or of a hub, and importing a task imports neither torch nor MuJoCo. All functions are batched:
+observations have the shape ``[*batch, n]``, actions ``[*batch, m]`` (in -1..1), rewards and ends ``[*batch, 1]``.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from bricksrl.errors import DescriptionError
+from bricksrl.hub.interface import Channel, Interface, MotorAngle, YawRate
+from bricksrl.robots import Robot
+from bricksrl.twin.scene import OPEN_FLOOR, Scene
+
+if TYPE_CHECKING:
+    import numpy as np
+    from torch import Tensor
+
+_WIRE_MAX = 2**15 - 1  # channels travel as int16
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One number of the observation vector.
+
+    Attributes:
+        low, high: the range that the task's table states.
+        limits: what can occur. Wider than the range where that is nominal: a fast turn is reported as it is.
+    """
+
+    name: str
+    low: float
+    high: float
+    unit: str
+    limits: tuple[float, float]
+
+    @property
+    def nominal(self) -> bool:
+        """Whether values beyond ``low..high`` are normal."""
+        return self.limits != (self.low, self.high)
+
+
+@dataclass(frozen=True)
+class HostEntry:
+    """An entry of the observation that the host draws at every reset and that stays for the episode.
+
+    Attributes:
+        whole: draw one of the whole numbers ``low, low + 1, ..., high`` rather than any number between.
+    """
+
+    name: str
+    low: float
+    high: float
+    unit: str = ""
+    whole: bool = False
+
+    def draw(self, rng: np.random.Generator) -> float:
+        """A uniformly random value."""
+        if self.whole:
+            return float(rng.integers(int(self.low), int(self.high), endpoint=True))
+        return float(rng.uniform(self.low, self.high))
+
+
+def never(observation: Tensor) -> Tensor:
+    """The end of a task that only its time limit ends: ``False`` of shape ``[*batch, 1]``."""
+    return observation.new_zeros((*observation.shape[:-1], 1)).bool()
+
+
+@dataclass(frozen=True)
+class Task:
+    """A reinforcement learning task on a robot.
+
+    The observation is the interface's channels in their order, then the host entries.
+
+    Attributes:
+        id: name and version, such as ``"RunAway-v0"``.
+        doc: the description; its first line is the summary.
+        max_steps: steps after which an episode is truncated.
+        reward: ``(previous observation, action, observation)`` to the reward ``[*batch, 1]``. The action is the agent's own,
+            in -1..1, before it is mapped to commands.
+        success: the observations ``[*batch, steps, n]`` that followed the steps of a whole episode to ``[*batch]`` bool.
+        metrics: the same observations to named numbers ``[*batch]`` beside the return; units in the names.
+        terminated: an observation to ``[*batch, 1]`` bool.
+        scene: what stands around the robot when it is virtual.
+
+    Raises:
+        DescriptionError: at construction, when the parts do not fit.
+    """
+
+    id: str
+    doc: str
+    robot: Robot
+    interface: Interface
+    max_steps: int
+    reward: Callable[[Tensor, Tensor, Tensor], Tensor]
+    success: Callable[[Tensor], Tensor]
+    metrics: Callable[[Tensor], dict[str, Tensor]]
+    terminated: Callable[[Tensor], Tensor] = never
+    scene: Scene = OPEN_FLOOR
+    host_entries: tuple[HostEntry, ...] = ()
+
+    def __post_init__(self) -> None:
+        if re.fullmatch(r"\w+-v\d+", self.id) is None:
+            raise DescriptionError(f"'{self.id}' is no id for a task; take a name and a version, such as 'MyTask-v0'")
+        if self.max_steps < 1:
+            raise DescriptionError(f"task {self.id}: an episode of {self.max_steps} steps is empty; give max_steps of 1 or more")
+        if not self.interface.commands or not self.entries:
+            raise DescriptionError(f"task {self.id}: nothing to command or nothing to observe; name commands and channels")
+        names = [entry.name for entry in self.entries]
+        if len(set(names)) < len(names):
+            raise DescriptionError(f"task {self.id}: the observation {', '.join(names)} names an entry twice; rename one")
+
+    @property
+    def summary(self) -> str:
+        """The first line of the description."""
+        return self.doc.strip().partition("\n")[0]
+
+    @property
+    def entries(self) -> tuple[Entry, ...]:
+        """The observation vector, entry by entry."""
+        channels = (_channel_entry(channel) for channel in self.interface.channels)
+        drawn = (Entry(host.name, host.low, host.high, host.unit, (host.low, host.high)) for host in self.host_entries)
+        return (*channels, *drawn)
+
+
+def _channel_entry(channel: Channel) -> Entry:
+    limits = (channel.low, channel.high)
+    # A gyroscope turns faster than the table says, and a joint gives way beyond the angle that it is held at.
+    if isinstance(channel, YawRate) or (isinstance(channel, MotorAngle) and not channel.wraps):
+        limits = (-_WIRE_MAX / channel.scale, _WIRE_MAX / channel.scale)
+    return Entry(channel.name, channel.low, channel.high, channel.unit, limits)

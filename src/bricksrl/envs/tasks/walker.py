@@ -1,0 +1,114 @@
+"""The Walker turns its four leg cranks so that diagonal legs move together.
+
+The hub runs each leg on by the commanded angle and answers 250 ms later, whether the legs have arrived or not. The reward of
+the paper pays for large steps and for a trot; it hardly pays for getting ahead.
+
+## Action
+
+| Num | Action        | Min | Max | Turns from | Turns to | Unit |
+|-----|---------------|-----|-----|------------|----------|------|
+| 0   | left_front    | -1  | 1   | -100       | 0        | deg  |
+| 1   | right_front   | -1  | 1   | -100       | 0        | deg  |
+| 2   | left_back     | -1  | 1   | -100       | 0        | deg  |
+| 3   | right_back    | -1  | 1   | -100       | 0        | deg  |
+
+## Observation
+
+| Num | Observation       | Min | Max  | Unit |
+|-----|-------------------|-----|------|------|
+| 0   | left_front_angle  | 0   | 360  | deg  |
+| 1   | right_front_angle | 0   | 360  | deg  |
+| 2   | left_back_angle   | 0   | 360  | deg  |
+| 3   | right_back_angle  | 0   | 360  | deg  |
+| 4   | pitch             | -90 | 90   | deg  |
+| 5   | roll              | -90 | 90   | deg  |
+| 6   | distance          | 0   | 2000 | mm   |
+
+Leg angles are wrapped into 0..360.
+
+## Reward
+
+`-sum(action)/40 - d(lf, rb)/180 - d(rf, lb)/180 - (180 - d(lf, rf))/180 - (180 - d(lb, rb))/180` with `d` the shortest angle
+between two legs, and the action as the agent gave it: 0.1 a step at best.
+
+## End of an episode
+
+| End        | When                                             |
+|------------|--------------------------------------------------|
+| terminated | pitch or roll is beyond 60 degrees to either side |
+| truncated  | after 100 steps                                  |
+
+## Success and metrics
+
+An episode succeeds when the robot does not fall over. The metric is the mean reward of a step for a trot alone,
+`mean_gait_reward`, at most 0.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from bricksrl.envs.task import Task
+from bricksrl.hub.interface import Distance, Interface, MotorAngle, Pitch, Roll, RunAngle, Wait
+from bricksrl.robots import WALKER
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+SAFE_TILT_DEG = 60.0
+"""A Walker that is tilted further has fallen over."""
+
+_LEGS = ("left_front", "right_front", "left_back", "right_back")
+_TILT = slice(4, 6)
+
+
+def shortest_angle_deg(one: Tensor, other: Tensor) -> Tensor:
+    """The angle between two directions, 0..180."""
+    return ((other - one + 180.0).remainder(360.0) - 180.0).abs()
+
+
+def gait_reward(observation: Tensor) -> Tensor:
+    """How far the legs are from a trot, 0 at best; ``[*batch, 1]``."""
+    lf, rf, lb, rb = observation[..., :4].split(1, dim=-1)
+    apart = shortest_angle_deg(lf, rf) + shortest_angle_deg(lb, rb)
+    together = shortest_angle_deg(lf, rb) + shortest_angle_deg(rf, lb)
+    return (apart - together) / 180.0 - 2.0
+
+
+def reward(_previous: Tensor, action: Tensor, observation: Tensor) -> Tensor:
+    """Large steps in a trot; ``[*batch, 1]``."""
+    return gait_reward(observation) - action.sum(-1, keepdim=True) / 40.0
+
+
+def terminated(observation: Tensor) -> Tensor:
+    """Fallen over; bool ``[*batch, 1]``."""
+    return (observation[..., _TILT].abs() > SAFE_TILT_DEG).any(-1, keepdim=True)
+
+
+def success(observations: Tensor) -> Tensor:
+    """Whether the robot stayed on its legs in the episode ``[*batch, steps, n]``; bool ``[*batch]``."""
+    return ~terminated(observations)[..., 0].any(-1)
+
+
+def metrics(observations: Tensor) -> dict[str, Tensor]:
+    """How much of a trot the episode ``[*batch, steps, n]`` was; ``[*batch]``."""
+    return {"mean_gait_reward": gait_reward(observations)[..., 0].mean(-1)}
+
+
+INTERFACE = Interface(
+    commands=tuple(RunAngle(leg, -100, 0, speed_deg_s=600) for leg in _LEGS),
+    channels=(*(MotorAngle(leg) for leg in _LEGS), Pitch(), Roll(), Distance("eyes")),
+    settle=Wait(250),
+)
+
+WALKER_SIM = Task(
+    id="WalkerSim-v0",
+    doc=__doc__,
+    robot=WALKER,
+    interface=INTERFACE,
+    max_steps=100,
+    reward=reward,
+    success=success,
+    metrics=metrics,
+    terminated=terminated,
+)

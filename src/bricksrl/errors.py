@@ -1,0 +1,51 @@
+"""One tree of exceptions. Each message is one line: what happened, and what to do."""
+
+from __future__ import annotations
+
+
+class BricksError(Exception):
+    """Root of all errors that BricksRL raises on purpose."""
+
+
+class DescriptionError(BricksError, ValueError):
+    """A robot or an interface is described that cannot be built."""
+
+
+class UnknownNameError(BricksError, LookupError):
+    """A name (environment, agent, robot, option) that nothing is registered under."""
+
+
+class ProgramError(BricksError):
+    """A hub program that cannot run on the hub: language, size or compilation."""
+
+
+class HubError(BricksError):
+    """The link to a hub failed."""
+
+
+class HubTimeoutError(HubError, TimeoutError):
+    """The hub did not answer in time."""
+
+
+class HubProtocolError(HubError):
+    """The hub answered something that is not ours."""
+
+
+class HubProgramError(HubError):
+    """The program on the hub raised; the message holds the hub's own text."""
+
+
+class TwinError(BricksError):
+    """The virtual robot cannot do what was asked."""
+
+
+class RenderingUnavailableError(TwinError):
+    """No OpenGL library is here to draw with."""
+
+
+class RunError(BricksError):
+    """A run folder that is missing, unreadable, or in the way."""
+
+
+class CheckpointError(RunError):
+    """A checkpoint that is corrupt or belongs to something else."""

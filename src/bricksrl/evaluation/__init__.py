@@ -1,0 +1,8 @@
+"""Evaluation: how good a trained agent is. Importing this loads no torch."""
+
+from __future__ import annotations
+
+from bricksrl.evaluation.rollout import EvaluationResult, evaluate
+from bricksrl.evaluation.statistics import Interval
+
+__all__ = ["EvaluationResult", "Interval", "evaluate"]

@@ -1,0 +1,153 @@
+"""How good a trained agent is: whole episodes without exploring and without learning."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bricksrl.errors import RunError
+from bricksrl.evaluation.statistics import Interval, interquartile_mean, mean, stratified_bootstrap_interval, wilson_interval
+from bricksrl.training.files import write_atomically
+from bricksrl.training.run import RunFolder
+from bricksrl.training.runner import load_agent, make_env
+
+if TYPE_CHECKING:
+    from torchrl.envs import EnvBase
+
+    from bricksrl.agents.agent import Agent
+    from bricksrl.training.config import TrainConfig
+    from bricksrl.training.online import Rollout
+
+OnEpisode = Callable[[int, float], None]
+"""Told the number of an episode that ended, from 1, and its return."""
+
+
+@dataclass(frozen=True)
+class EvaluationResult:
+    """Deterministic episodes of one agent.
+
+    Attributes:
+        run_dir, env, agent, hub, seed: what was evaluated, and where.
+        trained_episodes: episodes that the agent had learned from.
+        return_mean, return_std: of the returns; the deviation is the population's, 0 for a single episode.
+        return_iqm: interquartile mean of the returns.
+        return_interval: 95 % bootstrap interval of their mean.
+        success_rate, success_interval: share of successes and its 95 % Wilson interval; ``None`` where the environment has no
+            notion of success.
+        metrics: mean of each of the task's own numbers, units in the names.
+    """
+
+    run_dir: str
+    env: str
+    agent: str
+    hub: str
+    seed: int
+    episodes: int
+    trained_episodes: int
+    return_mean: float
+    return_std: float
+    return_iqm: float
+    return_interval: Interval
+    returns: tuple[float, ...]
+    lengths: tuple[int, ...]
+    success_rate: float | None
+    success_interval: Interval | None
+    metrics: dict[str, float]
+
+    def to_json(self) -> str:
+        """One JSON object on one line."""
+        return json.dumps(dataclasses.asdict(self))
+
+
+def evaluate(
+    run_dir: Path,
+    env: EnvBase | str | None = None,
+    *,
+    episodes: int = 5,
+    seed: int = 1000,
+    hub: str | None = None,
+    realtime: bool = False,
+    save: bool = True,
+    on_episode: OnEpisode | None = None,
+) -> EvaluationResult:
+    """Let the agent of a run do its best, as its last checkpoint has it.
+
+    Args:
+        env: where; an environment that is ready (it stays open), or an id; without one, where the agent was trained.
+        seed: of the episodes, which differ from those of any training.
+        hub: how to reach the robot of an environment named by its id; as in training without one.
+        realtime: let a virtual robot take as long as a real one.
+        save: write the result into the run's ``evaluation.json``, over an earlier one.
+
+    Raises:
+        RunError: there is no run in the folder, or ``episodes`` is below 1.
+        CheckpointError: its checkpoint is damaged, or ``env`` observes or acts otherwise than what the agent was trained in.
+    """
+    if episodes < 1:
+        raise RunError(f"episodes is {episodes}; evaluate at least 1")
+    from bricksrl.training.reproducible import derive_seed, reproducible
+
+    folder = RunFolder(run_dir)
+    config = folder.read_config()
+    own: EnvBase | None = None
+    if env is None or isinstance(env, str):
+        config = replace(config, env=env or config.env, hub=hub or config.hub, realtime=realtime)
+        env = own = make_env(config)
+    try:
+        with reproducible(derive_seed(seed, "evaluation")):
+            trained = load_agent(run_dir, env)
+            rollouts = _roll_out(env, trained.agent, episodes, seed, on_episode)
+        result = _summarise(rollouts, env, config, trained.episodes, seed)
+    finally:
+        if own is not None:
+            own.close(raise_if_closed=False)
+    if save:
+        write_atomically(folder.evaluation_path, (result.to_json() + "\n").encode())
+    return result
+
+
+def _roll_out(env: EnvBase, agent: Agent, episodes: int, seed: int, on_episode: OnEpisode | None) -> list[Rollout]:
+    """Whole deterministic episodes; episode ``k`` depends on ``seed`` and ``k`` only."""
+    from bricksrl.training.online import run_episode, seed_episode
+
+    rollouts = []
+    for episode in range(1, episodes + 1):
+        seed_episode(env, seed, "evaluation", episode)
+        rollout = run_episode(env, agent, env.reset(), None)
+        rollouts.append(rollout)
+        if on_episode is not None:
+            on_episode(episode, rollout.return_)
+    return rollouts
+
+
+def _summarise(rollouts: list[Rollout], env: EnvBase, config: TrainConfig, trained_episodes: int, seed: int) -> EvaluationResult:
+    from bricksrl.training.online import is_success, task_metrics
+
+    task = getattr(env, "task", None)
+    returns = np.array([rollout.return_ for rollout in rollouts])
+    outcomes = [outcome for outcome in (is_success(env, rollout) for rollout in rollouts) if outcome is not None]
+    metrics = [task_metrics(env, rollout) for rollout in rollouts]
+    return EvaluationResult(
+        run_dir=str(config.run_dir),
+        env=config.env if task is None else task.id,
+        agent=config.agent,
+        hub=config.hub,
+        seed=seed,
+        episodes=len(rollouts),
+        trained_episodes=trained_episodes,
+        return_mean=float(returns.mean()),
+        return_std=float(returns.std()),
+        return_iqm=float(interquartile_mean(returns)),
+        return_interval=stratified_bootstrap_interval([returns.tolist()], mean),
+        returns=tuple(returns.tolist()),
+        lengths=tuple(rollout.length for rollout in rollouts),
+        success_rate=sum(outcomes) / len(outcomes) if outcomes else None,
+        success_interval=wilson_interval(sum(outcomes), len(outcomes)) if outcomes else None,
+        metrics={name: sum(one[name] for one in metrics) / len(metrics) for name in metrics[0]},
+    )

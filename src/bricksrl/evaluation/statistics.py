@@ -1,0 +1,88 @@
+"""Statistics of few runs: robust means, and intervals that say how little is known."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from math import sqrt
+from statistics import NormalDist
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bricksrl.errors import DescriptionError
+
+Statistic = Callable[[NDArray[np.float64]], NDArray[np.float64]]
+"""From scores ``[*batch, n]`` to one number each, ``[*batch]``."""
+
+
+@dataclass(frozen=True)
+class Interval:
+    """From ``low`` to ``high``, both included."""
+
+    low: float
+    high: float
+
+
+def mean(scores: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Mean over the last axis: ``[*batch, n]`` to ``[*batch]``."""
+    return np.asarray(np.mean(scores, axis=-1), dtype=np.float64)
+
+
+def interquartile_mean(scores: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Mean of what is left when a quarter is cut off at each end (rounded down): ``[*batch, n]`` to ``[*batch]``.
+
+    Robust against a run that failed, as the median, and yet uses half of the scores.
+    """
+    ordered = np.sort(np.asarray(scores, dtype=np.float64), axis=-1)
+    n = ordered.shape[-1]
+    cut = n // 4
+    return mean(ordered[..., cut : n - cut])
+
+
+def stratified_bootstrap_interval(
+    strata: Sequence[Sequence[float]],
+    statistic: Statistic = interquartile_mean,
+    *,
+    confidence: float = 0.95,
+    resamples: int = 2000,
+    seed: int = 0,
+) -> Interval:
+    """Percentile bootstrap interval of a statistic of all scores, resampled within each stratum.
+
+    Args:
+        strata: the scores by group, for instance the episodes of each run, or the runs of each task.
+        seed: the same seed gives the same interval.
+
+    Raises:
+        DescriptionError: there is no stratum, or an empty one.
+    """
+    if not strata or any(len(stratum) == 0 for stratum in strata):
+        raise DescriptionError("a bootstrap needs at least one score in each stratum; leave out the empty ones")
+    rng = np.random.default_rng(seed)
+    parts = []
+    for stratum in strata:
+        scores = np.asarray(stratum, dtype=np.float64)
+        parts.append(scores[rng.integers(0, scores.size, (resamples, scores.size))])
+    values = statistic(np.concatenate(parts, axis=-1))
+    tail = (1.0 - confidence) / 2.0
+    low, high = np.quantile(values, (tail, 1.0 - tail))
+    return Interval(float(low), float(high))
+
+
+def wilson_interval(successes: int, trials: int, *, confidence: float = 0.95) -> Interval:
+    """Wilson's score interval of a success rate, sound for few trials and for rates of 0 and 1.
+
+    Raises:
+        DescriptionError: the counts are no counts of successes among trials.
+    """
+    if trials < 1 or not 0 <= successes <= trials:
+        raise DescriptionError(f"{successes} successes in {trials} trials is no rate; give 0 to {max(trials, 1)} of at least 1")
+    z = NormalDist().inv_cdf(0.5 + confidence / 2.0)
+    rate = successes / trials
+    scale = 1.0 + z * z / trials
+    centre = (rate + z * z / (2 * trials)) / scale
+    half = z * sqrt(rate * (1.0 - rate) / trials + z * z / (4 * trials * trials)) / scale
+    low = 0.0 if successes == 0 else centre - half
+    high = 1.0 if successes == trials else centre + half
+    return Interval(low, high)

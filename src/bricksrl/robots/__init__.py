@@ -1,0 +1,53 @@
+"""Descriptions of robots: the one place where ports, motors and sensors are written down."""
+
+from __future__ import annotations
+
+from bricksrl.errors import UnknownNameError
+from bricksrl.robots.bench import BENCH
+from bricksrl.robots.robo_arm import ROBO_ARM
+from bricksrl.robots.spec import (
+    Direction,
+    DriveBase,
+    HubKind,
+    HubModel,
+    Motor,
+    MotorKind,
+    Robot,
+    Sensor,
+    UltrasonicSensor,
+)
+from bricksrl.robots.two_wheeler import TWO_WHEELER
+from bricksrl.robots.walker import WALKER
+
+ROBOTS = {robot.name: robot for robot in (TWO_WHEELER, WALKER, ROBO_ARM, BENCH)}
+
+
+def get(name: str) -> Robot:
+    """The robot of that name.
+
+    Raises:
+        UnknownNameError: there is none.
+    """
+    try:
+        return ROBOTS[name]
+    except KeyError:
+        raise UnknownNameError(f"there is no robot '{name}'; choose one of {', '.join(sorted(ROBOTS))}") from None
+
+
+__all__ = [
+    "BENCH",
+    "ROBOTS",
+    "ROBO_ARM",
+    "TWO_WHEELER",
+    "WALKER",
+    "Direction",
+    "DriveBase",
+    "HubKind",
+    "HubModel",
+    "Motor",
+    "MotorKind",
+    "Robot",
+    "Sensor",
+    "UltrasonicSensor",
+    "get",
+]

@@ -1,0 +1,12 @@
+"""A bare Prime hub on the bench: a medium motor without load on every port."""
+
+from __future__ import annotations
+
+from bricksrl.robots.spec import HubKind, Motor, Robot
+
+BENCH = Robot(
+    name="bench",
+    hub=HubKind.PRIME,
+    motors=tuple(Motor(f"motor_{port.lower()}", port) for port in HubKind.PRIME.model.ports),
+    needs_imu=True,
+)

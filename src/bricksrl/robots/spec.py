@@ -1,0 +1,213 @@
+"""What a LEGO robot *is*: hub, ports, motors, sensors, drive base. Pure, frozen, validated data.
+
+Sources of the hub table: Pybricks 4 documentation and firmware configuration.
+"""
+
+from __future__ import annotations
+
+import enum
+from collections import Counter
+from dataclasses import dataclass
+from typing import TypeVar
+
+from bricksrl.errors import DescriptionError
+
+
+@dataclass(frozen=True)
+class HubModel:
+    """What a kind of hub offers to a program.
+
+    Attributes:
+        class_name: its class in ``pybricks.hubs``.
+        ports: letters of the ports that take motors and sensors.
+        has_imu: gyroscope and accelerometer that report tilt and angular velocity.
+        stdin_bytes: usable bytes of the ring that buffers standard input; 0 means no stdin.
+        program_bytes: room for a user program.
+        has_float: whether the hub's language has floating point numbers.
+    """
+
+    class_name: str
+    ports: str
+    has_imu: bool
+    stdin_bytes: int
+    program_bytes: int
+    has_float: bool = True
+
+
+class HubKind(enum.Enum):
+    """The hubs that Pybricks 4 runs on (EV3 and NXT bricks are reached over USB only)."""
+
+    PRIME = "prime"
+    ESSENTIAL = "essential"
+    TECHNIC = "technic"
+    CITY = "city"
+    MOVE = "move"
+
+    @property
+    def model(self) -> HubModel:
+        return _HUB_MODELS[self]
+
+
+_HUB_MODELS = {
+    HubKind.PRIME: HubModel("PrimeHub", "ABCDEF", True, 63, 272 * 1024),
+    HubKind.ESSENTIAL: HubModel("EssentialHub", "AB", True, 63, 258 * 1024),
+    HubKind.TECHNIC: HubModel("TechnicHub", "ABCD", True, 20, 32 * 1024),
+    HubKind.CITY: HubModel("CityHub", "AB", False, 20, 20 * 1024),
+    HubKind.MOVE: HubModel("MoveHub", "ABCD", False, 0, 7 * 1024, has_float=False),
+}
+
+
+class MotorKind(enum.Enum):
+    """Motors with a rotation sensor."""
+
+    SPIKE_SMALL = "spike-small"
+    SPIKE_MEDIUM = "spike-medium"
+    SPIKE_LARGE = "spike-large"
+    TECHNIC_M_ANGULAR = "technic-m-angular"
+    TECHNIC_L_ANGULAR = "technic-l-angular"
+    TECHNIC_L = "technic-l"
+    TECHNIC_XL = "technic-xl"
+    INTERACTIVE = "interactive"
+
+
+class Direction(enum.Enum):
+    """Which way a motor counts up, seen from its shaft."""
+
+    CLOCKWISE = 1
+    COUNTERCLOCKWISE = -1
+
+
+@dataclass(frozen=True)
+class Motor:
+    """A motor on a port; angles and speeds are those of the gear train's output.
+
+    Attributes:
+        gears: teeth from the motor to the output, as Pybricks takes them, e.g. ``(20, 60)``.
+        range_deg: angles that the hub clamps every target to; ``None`` for endless rotation.
+        speed_limit_deg_s, acceleration_deg_s2, torque_limit_mnm: for ``Motor.control.limits``;
+            ``None`` keeps the firmware's own.
+    """
+
+    name: str
+    port: str
+    kind: MotorKind = MotorKind.SPIKE_MEDIUM
+    direction: Direction = Direction.CLOCKWISE
+    gears: tuple[int, ...] = ()
+    range_deg: tuple[int, int] | None = None
+    speed_limit_deg_s: int | None = None
+    acceleration_deg_s2: int | None = None
+    torque_limit_mnm: int | None = None
+
+    def __post_init__(self) -> None:
+        _check_name(self.name)
+        if len(self.gears) == 1 or any(teeth < 1 for teeth in self.gears):
+            raise DescriptionError(
+                f"motor '{self.name}': gears {self.gears} are not a train; give the teeth from motor to output, e.g. (20, 60)"
+            )
+        if self.range_deg is not None and self.range_deg[0] >= self.range_deg[1]:
+            raise DescriptionError(
+                f"motor '{self.name}': range {self.range_deg} is empty; give (lowest, highest) in degrees"
+            )
+        for field in ("speed_limit_deg_s", "acceleration_deg_s2", "torque_limit_mnm"):
+            value = getattr(self, field)
+            if value is not None and value < 1:
+                raise DescriptionError(f"motor '{self.name}': {field} is {value}; give a positive number or None")
+
+
+@dataclass(frozen=True)
+class UltrasonicSensor:
+    """The SPIKE distance sensor: 40 to 2000 mm."""
+
+    name: str
+    port: str
+
+    def __post_init__(self) -> None:
+        _check_name(self.name)
+
+
+Sensor = UltrasonicSensor
+_Device = TypeVar("_Device", Motor, UltrasonicSensor)
+
+
+@dataclass(frozen=True)
+class DriveBase:
+    """Two motors, named, that drive a vehicle."""
+
+    left: str
+    right: str
+    wheel_diameter_mm: float
+    axle_track_mm: float
+
+    def __post_init__(self) -> None:
+        if self.left == self.right:
+            raise DescriptionError(f"drive base: left and right are both '{self.left}'; name two motors")
+        if self.wheel_diameter_mm <= 0 or self.axle_track_mm <= 0:
+            raise DescriptionError("drive base: wheel diameter and axle track must be positive millimetres")
+
+
+@dataclass(frozen=True)
+class Robot:
+    """A robot: one hub and what is plugged into it.
+
+    Raises:
+        DescriptionError: at construction, when no such robot can be built.
+    """
+
+    name: str
+    hub: HubKind
+    motors: tuple[Motor, ...] = ()
+    sensors: tuple[Sensor, ...] = ()
+    drive_base: DriveBase | None = None
+    needs_imu: bool = False
+
+    def __post_init__(self) -> None:
+        _check_name(self.name.replace("-", "_"))
+        devices = (*self.motors, *self.sensors)
+        for kind, keys in (("port", [d.port for d in devices]), ("name", [d.name for d in devices])):
+            for key, count in Counter(keys).items():
+                if count > 1:
+                    raise DescriptionError(f"robot '{self.name}': {kind} {key} is used {count} times; give each device its own")
+        model = self.hub.model
+        for device in devices:
+            if len(device.port) != 1 or device.port not in model.ports:
+                raise DescriptionError(
+                    f"robot '{self.name}': '{device.name}' is on port {device.port}, but a {self.hub.value} hub has "
+                    f"ports {', '.join(model.ports)}; move it or choose another hub"
+                )
+        if self.needs_imu and not model.has_imu:
+            raise DescriptionError(
+                f"robot '{self.name}': a {self.hub.value} hub has no IMU; choose a prime, essential or technic hub"
+            )
+        if self.drive_base is not None:
+            left, right = self.motor(self.drive_base.left), self.motor(self.drive_base.right)
+            if left.gears != right.gears:
+                raise DescriptionError(f"robot '{self.name}': both motors of a drive base need the same gears")
+
+    def motor(self, name: str) -> Motor:
+        """The motor of that name.
+
+        Raises:
+            DescriptionError: the robot has no such motor.
+        """
+        return _by_name(self, "motor", self.motors, name)
+
+    def sensor(self, name: str) -> Sensor:
+        """The sensor of that name.
+
+        Raises:
+            DescriptionError: the robot has no such sensor.
+        """
+        return _by_name(self, "sensor", self.sensors, name)
+
+
+def _check_name(name: str) -> None:
+    if not name.isidentifier():
+        raise DescriptionError(f"'{name}' is not a name; use letters, digits and underscores, not starting with a digit")
+
+
+def _by_name(robot: Robot, kind: str, devices: tuple[_Device, ...], name: str) -> _Device:
+    for device in devices:
+        if device.name == name:
+            return device
+    known = ", ".join(d.name for d in devices) or "none"
+    raise DescriptionError(f"robot '{robot.name}' has no {kind} '{name}' (it has: {known})")

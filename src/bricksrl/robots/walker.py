@@ -1,0 +1,18 @@
+"""The Walker: four legs on cranks, each turned by a motor of its own, and an ultrasonic sensor that looks ahead."""
+
+from __future__ import annotations
+
+from bricksrl.robots.spec import Direction, HubKind, Motor, Robot, UltrasonicSensor
+
+WALKER = Robot(
+    name="walker",
+    hub=HubKind.PRIME,
+    motors=(
+        Motor("left_front", "D", direction=Direction.COUNTERCLOCKWISE),
+        Motor("right_front", "C"),
+        Motor("left_back", "B", direction=Direction.COUNTERCLOCKWISE),
+        Motor("right_back", "A"),
+    ),
+    sensors=(UltrasonicSensor("eyes", "E"),),
+    needs_imu=True,
+)

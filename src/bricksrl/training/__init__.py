@@ -1,0 +1,10 @@
+"""Training: runs from a config to a folder of results. Importing this loads no torch."""
+
+from __future__ import annotations
+
+from bricksrl.training.config import TrainConfig
+from bricksrl.training.observer import Episode, Observer, Phase, Progress, RunResult
+from bricksrl.training.run import RunFolder
+from bricksrl.training.runner import load_agent, resume, train
+
+__all__ = ["Episode", "Observer", "Phase", "Progress", "RunFolder", "RunResult", "TrainConfig", "load_agent", "resume", "train"]

@@ -1,0 +1,76 @@
+"""What a training run is told. Plain data: importing this loads no torch."""
+
+from __future__ import annotations
+
+import dataclasses
+import types
+import typing
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from bricksrl.agents.presets import SACSettings
+from bricksrl.errors import BricksError, RunError
+
+
+@dataclass(frozen=True)
+class TrainConfig:
+    """A training run. Two runs with equal configs on the virtual hub end bit-identical."""
+
+    env: str
+    """Environment, by id."""
+    agent: str = "sac"
+    """Agent, by name: sac or random."""
+    episodes: int = 40
+    """Episodes, those with random actions at the start included."""
+    seed: int = 0
+    """Seed of everything random: networks, exploration, replay, and the virtual robot."""
+    hub: str = "virtual"
+    """How to reach the robot."""
+    realtime: bool = False
+    """Let a virtual robot take as long as a real one."""
+    settings: SACSettings = field(default_factory=SACSettings)
+    """Settings of the agent sac."""
+    run_dir: Path | None = None
+    """Folder of the run, which must not exist yet; without one the next free ``runs/<env>-<agent>-<number>`` is taken."""
+
+    def __post_init__(self) -> None:
+        if self.episodes < 1:
+            raise RunError(f"episodes is {self.episodes}; train for at least 1")
+        if self.seed < 0:
+            raise RunError(f"seed is {self.seed}; give 0 or more")
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values, fit for JSON; the folder is left out, it is where this is written."""
+        data = dataclasses.asdict(self)
+        del data["run_dir"]
+        data["settings"]["hidden"] = list(self.settings.hidden)
+        return data
+
+    @classmethod
+    def from_dict(cls, data: dict[str, Any], run_dir: Path | None = None) -> TrainConfig:
+        """Inverse of `to_dict`.
+
+        Raises:
+            RunError: a name or a type in it is not one of ours.
+        """
+        settings = data.get("settings", {})
+        if not isinstance(settings, dict):
+            raise RunError("'settings' in the config is no table of names and values; restore the file")
+        try:
+            settings = {key: tuple(value) if isinstance(value, list) else value for key, value in settings.items()}
+            _check_types(SACSettings, settings)
+            _check_types(cls, {**data, "settings": SACSettings(**settings)})
+            return cls(**{**data, "settings": SACSettings(**settings), "run_dir": run_dir})
+        except (BricksError, TypeError) as error:
+            raise RunError(f"the config cannot be used: {error}; restore the file or start a new run") from None
+
+
+def _check_types(cls: type, data: dict[str, Any]) -> None:
+    for name, expected in typing.get_type_hints(cls).items():
+        if name not in data or typing.get_origin(expected) in (typing.Literal, types.UnionType):
+            continue
+        kind = typing.get_origin(expected) or expected
+        value = data[name]
+        if not isinstance(value, (int, float) if kind is float else kind) or (isinstance(value, bool) and kind is not bool):
+            raise TypeError(f"'{name}' is {value!r}, not of type {kind.__name__}")

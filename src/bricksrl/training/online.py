@@ -1,0 +1,103 @@
+"""Online learning: act, keep, learn, one step of the robot after the other."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import torch
+from tensordict import TensorDictBase
+from torch import Tensor
+from torchrl.envs import EnvBase
+
+from bricksrl.agents.agent import Agent, Transition
+from bricksrl.training.observer import Phase
+from bricksrl.training.reproducible import derive_seed
+
+OnStep = Callable[[int], bool]
+"""Told the number of the step that was made, from 1; returns whether to go on."""
+
+
+@dataclass(frozen=True)
+class Rollout:
+    """One whole episode: rewards ``[length]``, the observations ``[length, n]`` that followed its steps, mean losses by name."""
+
+    rewards: Tensor
+    observations: Tensor
+    losses: dict[str, float]
+
+    @property
+    def length(self) -> int:
+        """Steps."""
+        return self.rewards.shape[0]
+
+    @property
+    def return_(self) -> float:
+        """Sum of the rewards."""
+        return float(self.rewards.sum())
+
+
+def seed_episode(env: EnvBase, seed: int, purpose: str, episode: int) -> None:
+    """Make the next episode of ``env`` depend on nothing but these arguments and the actions.
+
+    That is what lets an interrupted run go on as if nothing had happened: of the environment there is nothing to save.
+    """
+    # many environments seed torch's global generator here, which the agent draws from: leave it as it was
+    state = torch.get_rng_state()
+    env.set_seed(derive_seed(seed, purpose, episode))
+    torch.set_rng_state(state)
+
+
+class EpisodeStoppedError(Exception):
+    """`run_episode` was asked to stop; nothing outside of the package sees this."""
+
+
+def run_episode(env: EnvBase, agent: Agent, state: TensorDictBase, phase: Phase | None, on_step: OnStep | None = None) -> Rollout:
+    """One episode from ``state``, which a reset gave, to its end.
+
+    In PREFILL actions are uniform, in TRAIN the agent explores and learns after each step; without a phase it does its best
+    and neither keeps nor learns anything.
+
+    Raises:
+        EpisodeStoppedError: ``on_step`` asked to stop before the end.
+    """
+    rewards: list[float] = []
+    observations: list[Tensor] = []
+    losses: defaultdict[str, list[float]] = defaultdict(list)
+    action_size = int(env.action_spec.shape[-1])
+    done = False
+    while not done:
+        observation = state["observation"]
+        if phase is Phase.PREFILL:
+            action = 2.0 * torch.rand(action_size) - 1.0
+        else:
+            action = agent.act(observation, explore=phase is Phase.TRAIN)
+        state["action"] = action
+        state = env.step(state)
+        outcome = state["next"]
+        reward, terminated, done = (outcome[key].item() for key in ("reward", "terminated", "done"))
+        if phase is not None:
+            agent.remember(Transition(observation, action, reward, outcome["observation"], bool(terminated)))
+        if phase is Phase.TRAIN:
+            for name, value in agent.update().items():
+                losses[name].append(value)
+        rewards.append(reward)
+        observations.append(outcome["observation"])
+        if on_step is not None and not on_step(len(rewards)) and not done:
+            raise EpisodeStoppedError
+        state = env.step_mdp(state)
+    means = {name: sum(values) / len(values) for name, values in losses.items()}
+    return Rollout(torch.tensor(rewards), torch.stack(observations), means)
+
+
+def is_success(env: EnvBase, rollout: Rollout) -> bool | None:
+    """Whether the task calls the episode a success; ``None`` for an environment without a task of ours."""
+    task = getattr(env, "task", None)
+    return None if task is None else bool(task.success(rollout.observations))
+
+
+def task_metrics(env: EnvBase, rollout: Rollout) -> dict[str, float]:
+    """The task's own numbers about the episode; none for an environment without a task of ours."""
+    task = getattr(env, "task", None)
+    return {} if task is None else {name: float(value) for name, value in task.metrics(rollout.observations).items()}

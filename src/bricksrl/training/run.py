@@ -1,0 +1,159 @@
+"""The folder of a run: config, metrics, checkpoint, learning curve, evaluation. No run ever writes over another."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import platform
+from collections.abc import Iterable
+from dataclasses import dataclass
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+from bricksrl import __version__
+from bricksrl.errors import RunError
+from bricksrl.training.config import TrainConfig
+from bricksrl.training.files import write_atomically
+from bricksrl.training.observer import Episode, Phase
+
+LOSSES = ("critic_loss", "actor_loss", "entropy", "alpha")
+COLUMNS = ("episode", "phase", "steps", "length", "return", "success", *LOSSES, "seconds")
+
+
+@dataclass(frozen=True)
+class RunFolder:
+    """Paths and files of one run."""
+
+    path: Path
+
+    @property
+    def config_path(self) -> Path:
+        return self.path / "config.json"
+
+    @property
+    def metrics_path(self) -> Path:
+        return self.path / "metrics.csv"
+
+    @property
+    def checkpoint_path(self) -> Path:
+        return self.path / "checkpoint.bin"
+
+    @property
+    def curve_path(self) -> Path:
+        return self.path / "learning_curve.png"
+
+    @property
+    def evaluation_path(self) -> Path:
+        return self.path / "evaluation.json"
+
+    @classmethod
+    def create(cls, config: TrainConfig) -> RunFolder:
+        """A new folder, holding the config.
+
+        Raises:
+            RunError: the folder exists, or cannot be made.
+        """
+        path = config.run_dir
+        try:
+            if path is not None:
+                path.mkdir(parents=True)
+            else:
+                path = _next_free(Path("runs"), f"{config.env}-{config.agent}")
+        except FileExistsError:
+            raise RunError(f"{path} exists already; resume that run or choose another folder") from None
+        except OSError as error:
+            raise RunError(f"cannot make the folder {path} ({error.strerror}); choose another one") from None
+        folder = cls(path)
+        folder.write_config(config)
+        folder.write_episodes([])
+        return folder
+
+    def write_config(self, config: TrainConfig) -> None:
+        """Write the config, with the versions that the run is made with."""
+        data = {"bricksrl_run": 1, "config": config.to_dict(), "versions": _versions()}
+        write_atomically(self.config_path, (json.dumps(data, indent=2) + "\n").encode())
+
+    def read_config(self) -> TrainConfig:
+        """The config of the run.
+
+        Raises:
+            RunError: there is no run in this folder, or its config cannot be read.
+        """
+        try:
+            data = json.loads(self.config_path.read_bytes())
+        except OSError:
+            raise RunError(f"there is no run in {self.path}; choose a folder with a config.json") from None
+        except ValueError:
+            raise RunError(f"{self.config_path} is no JSON; restore the file or start a new run") from None
+        if not isinstance(data, dict) or data.get("bricksrl_run") != 1 or not isinstance(data.get("config"), dict):
+            raise RunError(f"{self.config_path} is no config of a run; choose a folder that a run was made in")
+        return TrainConfig.from_dict(data["config"], run_dir=self.path)
+
+    def append(self, episode: Episode) -> None:
+        """Add an episode's row to the metrics."""
+        with self.metrics_path.open("ab") as file:
+            file.write(_csv([_row(episode)]))
+
+    def read_episodes(self) -> tuple[Episode, ...]:
+        """The episodes in the metrics.
+
+        Raises:
+            RunError: the metrics are missing or are not ours.
+        """
+        try:
+            with self.metrics_path.open(newline="") as file:
+                return tuple(_episode(row) for row in csv.DictReader(file))
+        except OSError as error:
+            raise RunError(f"cannot read {self.metrics_path} ({error.strerror}); restore the file or start a new run") from None
+        except (KeyError, ValueError, TypeError):
+            raise RunError(f"{self.metrics_path} has a row that is not ours; restore the file or start a new run") from None
+
+    def write_episodes(self, episodes: Iterable[Episode]) -> None:
+        """Replace the metrics by these episodes: after a crash they may hold one that the checkpoint does not know."""
+        write_atomically(self.metrics_path, _csv([COLUMNS, *map(_row, episodes)]))
+
+
+def _next_free(parent: Path, name: str) -> Path:
+    parent.mkdir(parents=True, exist_ok=True)
+    number = 1
+    while True:
+        path = parent / f"{name}-{number}"
+        try:
+            path.mkdir()
+        except FileExistsError:
+            number += 1
+        else:
+            return path
+
+
+def _row(episode: Episode) -> list[Any]:
+    losses = [repr(episode.losses[name]) if name in episode.losses else "" for name in LOSSES]
+    success = "" if episode.success is None else int(episode.success)
+    head = [episode.episode, episode.phase.value, episode.steps, episode.length, repr(episode.return_), success]
+    return [*head, *losses, f"{episode.seconds:.3f}"]
+
+
+def _episode(row: dict[str, str]) -> Episode:
+    return Episode(
+        episode=int(row["episode"]),
+        phase=Phase(row["phase"]),
+        steps=int(row["steps"]),
+        length=int(row["length"]),
+        return_=float(row["return"]),
+        success=bool(int(row["success"])) if row["success"] else None,
+        losses={name: float(row[name]) for name in LOSSES if row[name]},
+        seconds=float(row["seconds"]),
+    )
+
+
+def _csv(rows: Iterable[Iterable[Any]]) -> bytes:
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows(rows)
+    return text.getvalue().encode()
+
+
+def _versions() -> dict[str, str]:
+    libraries = {name: metadata.version(name) for name in ("torch", "torchrl", "tensordict", "mujoco")}
+    return {"bricksrl": __version__, **libraries, "python": platform.python_version()}

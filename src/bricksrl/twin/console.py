@@ -1,0 +1,18 @@
+"""Standard input and output of a program on a virtual hub."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+
+class Console(Protocol):
+    """The bytes between a program and whoever listens. What ``print`` writes has its ``\\n`` turned into ``\\r\\n``."""
+
+    def available(self) -> int:
+        """How many bytes can be read without waiting."""
+
+    def read(self, n: int) -> bytes:
+        """Exactly ``n`` bytes; lets simulated time pass, 1 ms at a time, until they are there."""
+
+    def write(self, data: bytes) -> None:
+        """Send these bytes as they are."""

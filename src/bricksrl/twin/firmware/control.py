@@ -1,0 +1,397 @@
+"""The position and speed controller: PID along a trajectory, with anti-windup, stall and completion."""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass
+
+from bricksrl.twin.firmware import trajectory as trajectories
+from bricksrl.twin.firmware.settings import ControlSettings, by_gain, gain_times
+from bricksrl.twin.firmware.trajectory import FOREVER_MS, Command, Reference, Trajectory
+
+_LOOPS_PER_S = 200
+_FOREVER = FOREVER_MS * 10
+_UNBOUNDED = 2**31 - 1
+
+
+class OnCompletion(enum.Enum):
+    """What happens at the end of a move."""
+
+    COAST = "coast"
+    BRAKE = "brake"
+    HOLD = "hold"
+    CONTINUE = "continue"
+    COAST_SMART = "coast_smart"
+    BRAKE_SMART = "brake_smart"
+
+    @property
+    def is_active(self) -> bool:
+        return self in (OnCompletion.HOLD, OnCompletion.CONTINUE)
+
+    @property
+    def is_smart(self) -> bool:
+        return self in (OnCompletion.COAST_SMART, OnCompletion.BRAKE_SMART)
+
+    @property
+    def passive(self) -> OnCompletion:
+        """The passive way to stop, without its smartness."""
+        return OnCompletion.COAST if self in (OnCompletion.COAST, OnCompletion.COAST_SMART) else OnCompletion.BRAKE
+
+
+class ControlType(enum.Enum):
+    NONE = 0
+    TIMED = 1
+    POSITION = 2
+
+
+@dataclass(slots=True)
+class State:
+    """What a controller sees: measured position (mdeg) and speed (mdeg/s), and the observer's speed."""
+
+    position: int
+    speed: int
+    speed_estimate: int
+
+
+@dataclass(slots=True)
+class Action:
+    """What a controller wants: a torque (uNm), or to be stopped in a passive way."""
+
+    torque: int
+    reference: Reference
+    passive: OnCompletion | None
+
+
+class PositionIntegrator:
+    """Integral of the position error; pausing it also stops the clock of the trajectory."""
+
+    def __init__(self, settings: ControlSettings, time: int) -> None:
+        self._settings = settings
+        self.integral = 0
+        self.running = True
+        self.pause_began = time
+        self._paused_total = 0
+
+    def trajectory_time(self, time: int) -> int:
+        return (time if self.running else self.pause_began) - self._paused_total
+
+    def pause(self, time: int) -> None:
+        if self.running:
+            self.running = False
+            self.pause_began = time
+
+    def resume(self, time: int) -> None:
+        if not self.running:
+            self.running = True
+            self._paused_total += time - self.pause_began
+
+    def update(self, error: int, target_error: int) -> int:
+        """Add one loop's error where that helps, and return the integral (mdeg s)."""
+        s = self._settings
+        shrinks = abs(self.integral + int(error / _LOOPS_PER_S)) < abs(self.integral)
+        if self.running or shrinks:
+            if not shrinks:
+                error = max(-s.integral_rate, min(s.integral_rate, error))
+                shrinks = abs(self.integral + int(error / _LOOPS_PER_S)) < abs(self.integral)
+            near = s.integral_deadzone <= abs(target_error) <= by_gain(s.max_torque, s.kp) * 2
+            if near or shrinks:
+                self.integral += int(error / _LOOPS_PER_S)
+            limit = by_gain(s.max_torque, s.ki)
+            self.integral = max(-limit, min(limit, self.integral))
+        return self.integral
+
+    def is_stalled(self, time: int, speed: int, reference_speed: int) -> bool:
+        limit = by_gain(self._settings.max_torque, self._settings.ki)
+        saturated = limit != 0 and abs(self.integral) >= limit
+        if self.running and not saturated:
+            return False
+        return _stalls(self._settings, self.pause_began, time, speed, reference_speed)
+
+
+class SpeedIntegrator:
+    """Integral of the speed error, which is a difference of positions."""
+
+    def __init__(self, settings: ControlSettings) -> None:
+        self._settings = settings
+        self.running = True
+        self.pause_began = 0
+        self._paused_error = 0
+        self._error_at_resume = 0
+
+    def error(self, position_error: int) -> int:
+        return self._paused_error + (position_error - self._error_at_resume if self.running else 0)
+
+    def pause(self, time: int, position_error: int) -> None:
+        if self.running:
+            self.running = False
+            self._paused_error += position_error - self._error_at_resume
+            self.pause_began = time
+
+    def resume(self, position_error: int) -> None:
+        if not self.running:
+            self.running = True
+            self._error_at_resume = position_error
+
+    def is_stalled(self, time: int, speed: int, reference_speed: int) -> bool:
+        return not self.running and _stalls(self._settings, self.pause_began, time, speed, reference_speed)
+
+
+def _stalls(s: ControlSettings, since: int, time: int, speed: int, reference_speed: int) -> bool:
+    if reference_speed < 0:
+        reference_speed, speed = -reference_speed, -speed
+    if reference_speed != 0 and speed > s.stall_speed:
+        return False
+    return time - since >= s.stall_time
+
+
+def _sign(value: int) -> int:
+    return (value > 0) - (value < 0)
+
+
+class Controller:
+    """Follows one command at a time; times are control ticks, quantities control units."""
+
+    def __init__(self, settings: ControlSettings) -> None:
+        self.settings = settings
+        self.type = ControlType.NONE
+        self.on_completion = OnCompletion.COAST
+        self.trajectory = Trajectory(0, 0)
+        self.pid_average = 0
+        self._until_stalled = False
+        self._torque_limit = settings.max_torque
+        self._stalled = False
+        self._complete = True
+        self._position = PositionIntegrator(settings, 0)
+        self._speed = SpeedIntegrator(settings)
+
+    @property
+    def is_active(self) -> bool:
+        return self.type is not ControlType.NONE
+
+    @property
+    def is_done(self) -> bool:
+        return self.type is ControlType.NONE or self._complete
+
+    @property
+    def is_stalled(self) -> bool:
+        return self.is_active and self._stalled
+
+    def stop(self) -> None:
+        """Become passive; what was to happen on completion is remembered for smart stops."""
+        self.type = ControlType.NONE
+        self._complete, self._stalled = True, False
+        self.pid_average = 0
+
+    def reset(self) -> None:
+        self.stop()
+        self.on_completion = OnCompletion.COAST
+
+    def reference(self, time: int, state: State) -> Reference:
+        """The reference now, without the shifts that load has caused."""
+        ref = self.trajectory.reference(self._trajectory_time(time))
+        if self.type is ControlType.TIMED:
+            error = ref.position - state.position
+            shift = self._speed.error(error) - error
+            return Reference(ref.time, ref.position + shift, ref.speed, ref.acceleration)
+        return ref
+
+    # ---- commands
+
+    def start_position(
+        self, time: int, state: State, target: int, speed: int, then: OnCompletion, allow_shift: bool = True
+    ) -> None:
+        """Run to a position; speed 0 stands for the default one. Raises ValueError for a move that is too long."""
+        s = self.settings
+        active = self.is_active
+        start = self.reference(time, state) if active else Reference(time, state.position, state.speed, 0)
+        command = Command(
+            start.time,
+            start.position,
+            start.speed,
+            speed or s.default_speed,
+            s.max_speed,
+            s.acceleration,
+            s.deceleration,
+            then is OnCompletion.CONTINUE,
+            end=target,
+        )
+        new = trajectories.to_angle(command)
+        if self.type is ControlType.POSITION and allow_shift and new.a0 == start.acceleration:
+            # The new way goes on as the old one did: start it where that phase began, so that commands in a
+            # tight loop do not add up rounding errors.
+            new = trajectories.to_angle(_from_vertex(command, self.trajectory.last_vertex(start.time)))
+        self.trajectory = new
+        self._set_type(ControlType.POSITION, time, then)
+
+    def start_relative(
+        self, time: int, state: State, distance: int, speed: int, then: OnCompletion, allow_shift: bool = True
+    ) -> None:
+        """Run by a distance (control units), from the reference while active, else from the measured position."""
+        if self.is_active:
+            origin = self.reference(time, state).position
+        else:
+            origin = state.position
+            end = self.trajectory.endpoint().position
+            if self.on_completion.is_smart and abs(end - origin) < self.settings.position_tolerance * 2:
+                origin = end
+        self.start_position(time, state, origin + distance, speed, then, allow_shift)
+
+    def start_hold(self, time: int, position: int) -> None:
+        """Go to a position at once and stay there."""
+        self.trajectory = Trajectory(self._trajectory_time(time), position)
+        self._set_type(ControlType.POSITION, time, OnCompletion.HOLD)
+
+    def start_timed(
+        self, time: int, state: State, duration: int, speed: int, then: OnCompletion, until_stalled: bool = False
+    ) -> None:
+        """Run at a speed (control units) for a duration in ticks."""
+        s = self.settings
+        if then.is_smart:
+            then = then.passive
+        active = self.is_active
+        start = (
+            self.trajectory.reference(self._trajectory_time(time)) if active else Reference(time, state.position, state.speed, 0)
+        )
+        command = Command(
+            time,
+            start.position,
+            start.speed,
+            speed,
+            s.max_speed,
+            s.acceleration,
+            s.deceleration,
+            then is OnCompletion.CONTINUE,
+            duration=duration,
+        )
+        new = trajectories.for_time(command)
+        if self.type is ControlType.TIMED and new.a0 == start.acceleration:
+            new = trajectories.for_time(_from_vertex(command, self.trajectory.last_vertex(time)))
+        self.trajectory = new
+        self._set_type(ControlType.TIMED, time, then, until_stalled)
+
+    def start_forever(self, time: int, state: State, speed: int) -> None:
+        self.start_timed(time, state, _FOREVER, speed, OnCompletion.CONTINUE)
+
+    def start_until_stalled(self, time: int, state: State, speed: int, torque_limit: int, then: OnCompletion) -> None:
+        """Run until something blocks; the torque is limited for this run only."""
+        self.start_timed(time, state, _FOREVER, speed, then, until_stalled=True)
+        self._torque_limit = torque_limit
+
+    # ---- the loop
+
+    def update(self, time: int, state: State, paused_by_other: bool = False) -> tuple[Action, bool]:
+        """One loop: what to do, and whether this controller is at its limit and had to pause."""
+        s = self.settings
+        is_position = self.type is ControlType.POSITION
+        ref = self.trajectory.reference(self._trajectory_time(time))
+        end = self.trajectory.endpoint()
+        error = ref.position - state.position
+        if is_position:
+            target_error = end.position - state.position
+            integral = self._position.update(error, target_error)
+            used_error = error
+        else:
+            target_error, integral = _UNBOUNDED, 0
+            used_error = self._speed.error(error)
+        proportional = gain_times(used_error, self._kp(error, target_error))
+        torque = proportional + gain_times(ref.speed - state.speed_estimate, s.kd) + gain_times(integral, s.ki)
+        torque = max(-self._torque_limit, min(self._torque_limit, torque))
+        at_limit = self._is_winding_up(proportional, state.speed, ref)
+        self._pause_or_resume(at_limit or paused_by_other, time, error)
+        integrator = self._position if is_position else self._speed
+        self._stalled = integrator.is_stalled(time, state.speed, ref.speed)
+        self._complete = self._check_complete(ref.time, state, end)
+        self.pid_average = int((self.pid_average * 95 + torque * 5) / 100)
+        passive = None
+        if self._complete and not self.on_completion.is_active:
+            holds = self.on_completion.is_smart and ref.time - end.time < s.smart_hold_time
+            if not holds:
+                passive = self.on_completion.passive
+                torque = 0
+                self.stop()
+        if self._complete and self.type is ControlType.TIMED and self.on_completion is OnCompletion.HOLD:
+            self.start_hold(time, s.position_from_unit(s.position_to_unit(state.position)))
+        return Action(torque, ref, passive), at_limit
+
+    def _trajectory_time(self, time: int) -> int:
+        return self._position.trajectory_time(time) if self.type is ControlType.POSITION else time
+
+    def _set_type(self, new: ControlType, time: int, then: OnCompletion, until_stalled: bool = False) -> None:
+        self.on_completion = then
+        self._torque_limit = self.settings.max_torque
+        self._complete = False
+        if (self.type, self._until_stalled) == (new, until_stalled):
+            return
+        self._stalled = False
+        if new is ControlType.POSITION:
+            self._position = PositionIntegrator(self.settings, time)
+        else:
+            self._speed = SpeedIntegrator(self.settings)
+        self.type, self._until_stalled = new, until_stalled
+
+    def _kp(self, error: int, target_error: int) -> int:
+        """The position gain: softer for small errors on slow moves, firm near the target."""
+        s = self.settings
+        if self.trajectory.command_speed >= s.kp_low_speed or error == 0:
+            return s.kp
+        error, target_error = abs(error), abs(target_error)
+        low = s.kp * s.kp_low_pct // 100
+        piecewise = low if error <= s.kp_low_error else s.kp - s.kp_low_error * (s.kp - low) // error
+        near = by_gain(s.max_torque, s.kp)
+        far = near * 100 // s.kp_low_pct
+        if target_error < near:
+            return s.kp
+        if target_error > far:
+            return max(piecewise, low)
+        blend = low + s.kp * (100 - s.kp_low_pct) * (far - target_error) // (far - near) // 100
+        return max(piecewise, blend)
+
+    def _is_winding_up(self, proportional: int, speed: int, ref: Reference) -> bool:
+        """Whether the position error alone asks for more than the motor has, and reversing would not help."""
+        s = self.settings
+        margin = int(abs(speed) / _LOOPS_PER_S) * 2
+        if abs(proportional) < self._torque_limit + gain_times(margin, s.kp):
+            return False
+        moving = 0 if abs(speed) < s.stall_speed else speed
+        sign = _sign(proportional)
+        return sign != -_sign(ref.speed - moving) and sign != -_sign(ref.acceleration)
+
+    def _pause_or_resume(self, pause: bool, time: int, error: int) -> None:
+        if self.type is ControlType.POSITION:
+            if pause:
+                self._position.pause(time)
+            else:
+                self._position.resume(time)
+        elif pause:
+            self._speed.pause(time, error)
+        else:
+            self._speed.resume(error)
+
+    def _check_complete(self, time: int, state: State, end: Reference) -> bool:
+        if self._until_stalled:
+            return self._stalled
+        in_time = time >= end.time
+        if self.type is ControlType.TIMED:
+            return in_time or self.trajectory.t3 >= _FOREVER
+        if not in_time:
+            return False
+        remaining = end.position - state.position
+        if end.speed != 0:
+            return _sign(remaining) != _sign(end.speed)
+        s = self.settings
+        return abs(state.speed) <= s.speed_tolerance and abs(remaining) <= s.position_tolerance
+
+
+def _from_vertex(command: Command, vertex: Reference) -> Command:
+    return Command(
+        vertex.time,
+        vertex.position,
+        vertex.speed,
+        command.target_speed,
+        command.max_speed,
+        command.acceleration,
+        command.deceleration,
+        command.keep_running,
+        end=command.end,
+        duration=command.duration + command.time - vertex.time if command.duration else 0,
+    )

@@ -1,0 +1,114 @@
+"""The state observer: a motor model that runs beside the motor and is pulled towards its measured angle."""
+
+from __future__ import annotations
+
+from collections import deque
+
+from bricksrl.twin.firmware.motor_model import (
+    MAX_CURRENT,
+    MAX_SPEED,
+    MAX_VOLTAGE_MV,
+    PRESCALE_CURRENT,
+    PRESCALE_SPEED,
+    PRESCALE_TORQUE,
+    PRESCALE_VOLTAGE,
+    MotorType,
+)
+
+_SPEED_WINDOW = 20  # ticks of 5 ms: 100 ms
+_HISTORY = 60  # ticks that a program may ask Motor.speed(window) for: 300 ms
+_GAIN_THRESHOLD_MDEG = 20_000
+_HIGH_GAIN_FACTOR = 7
+_FRICTION_CUTOFF = 500  # mdeg/s below which the modelled friction fades
+_STALL_RATIO_PCT = 75
+
+
+class Observer:
+    """Estimates speed (and angle) of one motor; also tells stalling while no controller runs.
+
+    Attributes:
+        angle, speed: the model's state, mdeg and mdeg/s.
+        measured_speed: difference of the measured angle over 100 ms, mdeg/s.
+    """
+
+    def __init__(self, motor: MotorType, stall_speed: int, stall_time: int) -> None:
+        self._model = motor.model
+        self._gain = motor.observer_gain
+        self._stall_speed, self._stall_time = stall_speed, stall_time
+        self._negligible_mv = int(self._model.voltage_mv(self._model.friction_unm) * 5 / 2)
+        self._history: deque[int] = deque(maxlen=_HISTORY + 1)
+        self.reset(0)
+
+    def reset(self, angle: int) -> None:
+        """Start over at a measured angle, at rest."""
+        self.angle, self.speed, self._current = angle, 0, 0
+        self.measured_speed = 0
+        self._stalled_since: int | None = None
+        self._history.clear()
+        self._history.extend([angle] * (_HISTORY + 1))
+
+    def feedback_mv(self, angle: int) -> int:
+        """Voltage that pulls the model towards a measured angle; opposes unmodelled load."""
+        error = abs(angle - self.angle)
+        low = min(error, _GAIN_THRESHOLD_MDEG) * self._gain
+        high = max(error - _GAIN_THRESHOLD_MDEG, 0) * self._gain * _HIGH_GAIN_FACTOR
+        voltage = min(int((low + high) / 1000), MAX_VOLTAGE_MV)
+        return voltage if angle > self.angle else -voltage
+
+    def update(self, time: int, angle: int, voltage_mv: int) -> None:
+        """One 5 ms step with the voltage that is applied and the angle that is measured."""
+        history = self._history
+        history.append(angle)
+        self.measured_speed = (angle - history[-1 - _SPEED_WINDOW]) * 10
+        feedback = self.feedback_mv(angle)
+        self._check_stall(time, voltage_mv, feedback)
+        voltage = voltage_mv + feedback
+        voltage = MAX_VOLTAGE_MV if voltage > MAX_VOLTAGE_MV else -MAX_VOLTAGE_MV if voltage < -MAX_VOLTAGE_MV else voltage
+        speed, model = self.speed, self._model
+        torque = model.friction_unm
+        if abs(speed) <= _FRICTION_CUTOFF:
+            torque = int(abs(speed) * torque / _FRICTION_CUTOFF)
+        if speed < 0:
+            torque = -torque
+        ps, pc, pv, pt = (
+            PRESCALE_SPEED * speed,
+            PRESCALE_CURRENT * self._current,
+            PRESCALE_VOLTAGE * voltage,
+            PRESCALE_TORQUE * torque,
+        )
+        a, b, c, d = model.angle
+        self.angle += int(ps / a) + int(pc / b) + int(pv / c) + int(pt / d)
+        a, b, c, d = model.speed
+        friction = int(pt / d)
+        next_speed = int(ps / a) + int(pc / b) + int(pv / c) + friction
+        a, b, c, d = model.current
+        current = int(ps / a) + int(pc / b) + int(pv / c) + int(pt / d)
+        if (speed < 0) != (next_speed < 0):
+            next_speed -= friction  # friction brakes to rest, not beyond
+        self.speed = max(-MAX_SPEED, min(MAX_SPEED, next_speed))
+        self._current = max(-MAX_CURRENT, min(MAX_CURRENT, current))
+
+    def window_speed(self, window_ms: int) -> int:
+        """Average measured speed over a window, mdeg/s.
+
+        Raises:
+            ValueError: the window is shorter than a tick or longer than 300 ms.
+        """
+        ticks = (window_ms + 2) // 5
+        if not 1 <= ticks <= _HISTORY:
+            raise ValueError("the window is out of range")
+        return int((self._history[-1] - self._history[-1 - ticks]) * 1000 / (ticks * 5))
+
+    def is_stalled(self, time: int) -> bool:
+        return self._stalled_since is not None and time - self._stalled_since > self._stall_time
+
+    def _check_stall(self, time: int, voltage: int, feedback: int) -> None:
+        speed = self.speed
+        if voltage < 0:
+            speed, voltage, feedback = -speed, -voltage, -feedback
+        pushed_back = feedback < 0 and -feedback * 100 > voltage * _STALL_RATIO_PCT
+        if speed < self._stall_speed and pushed_back and voltage > self._negligible_mv:
+            if self._stalled_since is None:
+                self._stalled_since = time
+        else:
+            self._stalled_since = None

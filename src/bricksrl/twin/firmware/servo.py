@@ -1,0 +1,254 @@
+"""A motor under the firmware's control: encoder, observer, controller and voltage."""
+
+from __future__ import annotations
+
+import errno
+from typing import TYPE_CHECKING, Protocol
+
+from bricksrl.robots import Direction, MotorKind
+from bricksrl.twin.firmware.control import Controller, OnCompletion, State
+from bricksrl.twin.firmware.motor_model import MOTOR_TYPES
+from bricksrl.twin.firmware.observer import Observer
+from bricksrl.twin.firmware.settings import ControlSettings, servo_settings
+
+if TYPE_CHECKING:
+    from bricksrl.twin.machine import Machine
+
+_TURN_MDEG = 360_000
+
+
+class Parent(Protocol):
+    """Something that drives motors together and must let go when one of them gets a command of its own."""
+
+    def stop_from_servo(self) -> None: ...
+
+
+class Servo:
+    """One motor port. Angles and speeds are whole degrees at the gear train's output.
+
+    Until :meth:`setup`, the motor only coasts. Commands that a real hub refuses raise ``ValueError`` (bad value) or
+    ``OSError`` with ``errno`` (busy).
+    """
+
+    def __init__(self, kind: MotorKind, port: str, machine: Machine) -> None:
+        self.kind = kind
+        self.port = port
+        self.type = MOTOR_TYPES[kind]
+        self.is_open = False
+        self.parent: Parent | None = None
+        self._machine = machine
+        self._body = machine.body
+        self._sign = 1
+        self._zero_mdeg = 0
+        self._voltage_mv: int | None = None
+        self._max_voltage_mv = self.type.max_voltage_mv
+        self.control = Controller(servo_settings(self.type, 1000, 0))
+        self.observer = self._new_observer()
+
+    @property
+    def settings(self) -> ControlSettings:
+        return self.control.settings
+
+    @property
+    def max_voltage_mv(self) -> int:
+        """The voltage that no command exceeds."""
+        return self._max_voltage_mv
+
+    @max_voltage_mv.setter
+    def max_voltage_mv(self, value: int) -> None:
+        if not 0 <= value <= self.type.max_voltage_mv:
+            raise ValueError("the voltage limit is out of range")
+        self._max_voltage_mv = value
+
+    def setup(self, direction: Direction, gear_ratio_milli: int, reset_angle: bool, profile_deg: int) -> None:
+        """Take the motor into use; ``gear_ratio_milli`` is 1000 times the motor's turns for one of the output.
+
+        Raises:
+            OSError: EBUSY, it is in use already.
+            ValueError: the gear ratio or the profile is out of range.
+        """
+        if self.is_open:
+            raise OSError(errno.EBUSY, "the motor is in use already")
+        settings = servo_settings(self.type, gear_ratio_milli, profile_deg)
+        self.set_voltage(None)
+        self._sign = direction.value
+        self._max_voltage_mv = self.type.max_voltage_mv
+        self.control = Controller(settings)
+        self._zero_mdeg = 0
+        if reset_angle:
+            self._zero_mdeg = self._raw_mdeg() - self._absolute_mdeg()
+        self.observer = self._new_observer()
+        self.observer.reset(self.position())
+        self.is_open = True
+
+    def close(self) -> None:
+        """Coast, and be free to be set up anew."""
+        self.set_voltage(None)
+        self.control.reset()
+        self.parent = None
+        self.is_open = False
+
+    # ---- state
+
+    def position(self) -> int:
+        """Angle of the motor's shaft in mdeg, in the direction and from the zero that the program set."""
+        return self._raw_mdeg() - self._zero_mdeg
+
+    def state(self) -> State:
+        return State(self.position(), self.observer.measured_speed, self.observer.speed)
+
+    def angle_deg(self) -> int:
+        return self.settings.position_to_unit(self.position())
+
+    def speed_deg_s(self, window_ms: int = 100) -> int:
+        """Average speed over the last ``window_ms``. Raises ValueError for a window beyond 300 ms."""
+        return self.settings.to_unit(self.observer.window_speed(window_ms))
+
+    def load_mnm(self) -> int:
+        """Torque that something outside seems to exert."""
+        if self._voltage_mv is None:
+            return 0
+        if self.control.is_active:
+            return int(-self.control.pid_average / 1000)
+        return int(self.type.model.torque_unm(self.observer.feedback_mv(self.position())) / 1000)
+
+    def is_done(self) -> bool:
+        return self.control.is_done
+
+    def is_stalled(self) -> bool:
+        if self.control.is_active:
+            return self.control.is_stalled
+        return self._voltage_mv is not None and self.observer.is_stalled(self._machine.time_ticks)
+
+    # ---- commands
+
+    def reset_angle(self, angle_deg: int | None) -> None:
+        """Count from this angle on; ``None`` takes the absolute angle of the shaft. A running move stops."""
+        was_active, then = self.control.is_active, self.control.on_completion
+        voltage = self._voltage_mv
+        self.stop(OnCompletion.COAST)
+        self.control.reset()
+        new = self._absolute_mdeg() if angle_deg is None else self.settings.position_from_unit(angle_deg)
+        self._zero_mdeg = self._raw_mdeg() - new
+        self.observer.reset(new)
+        if was_active:
+            self.stop(then)
+        elif voltage is not None:
+            self.set_voltage(voltage)
+
+    def dc(self, duty_pct: int) -> None:
+        """Apply a share of the battery's voltage, -100..100."""
+        self._end_control()
+        self.set_voltage(int(max(-100, min(100, duty_pct)) * self._body.battery_mv / 100))
+
+    def coast(self) -> None:
+        self._end_control()
+        self.set_voltage(None)
+
+    def brake(self) -> None:
+        self._end_control()
+        self.set_voltage(0)
+
+    def hold(self) -> None:
+        self.stop(OnCompletion.HOLD)
+
+    def stop(self, then: OnCompletion) -> None:
+        """End the running move: hold at its reference, or become passive."""
+        self._take_over()
+        if then.is_active:
+            state = self.state()
+            time = self._machine.time_ticks
+            target = self.control.reference(time, state).position if self.control.is_active else state.position
+            self.track_target(self.settings.position_to_unit(target))
+            return
+        self.control.stop()
+        self.set_voltage(None if then.passive is OnCompletion.COAST else 0)
+
+    def run(self, speed: int) -> None:
+        self._take_over()
+        self.control.start_forever(self._machine.time_ticks, self.state(), self.settings.from_unit(speed))
+
+    def run_time(self, speed: int, time_ms: int, then: OnCompletion) -> None:
+        self._take_over()
+        self.control.start_timed(
+            self._machine.time_ticks, self.state(), time_ms * 10, self.settings.from_unit(speed), then
+        )
+
+    def run_until_stalled(self, speed: int, then: OnCompletion, duty_limit_pct: int | None) -> None:
+        self._take_over()
+        limit = self.settings.max_torque
+        if duty_limit_pct is not None:
+            limit = self.type.model.torque_unm(int(duty_limit_pct * self._body.battery_mv / 100))
+        speed = self.settings.from_unit(speed)
+        self.control.start_until_stalled(self._machine.time_ticks, self.state(), speed, limit, then)
+
+    def run_angle(self, speed: int, angle: int, then: OnCompletion) -> None:
+        """A negative speed turns the angle's sign round; speed 0 is a move of no length."""
+        self._take_over()
+        s = self.settings
+        if speed == 0:
+            angle = 0
+        distance = s.position_from_unit(-angle if speed < 0 else angle)
+        self.control.start_relative(self._machine.time_ticks, self.state(), distance, s.from_unit(speed), then)
+
+    def run_target(self, speed: int, target: int, then: OnCompletion) -> None:
+        """Only the magnitude of the speed counts; speed 0 is a move of no length."""
+        if speed == 0:
+            self.run_angle(0, 0, then)
+            return
+        self._take_over()
+        s = self.settings
+        position = s.position_from_unit(target)
+        self.control.start_position(self._machine.time_ticks, self.state(), position, s.from_unit(speed), then)
+
+    def track_target(self, target: int) -> None:
+        self._take_over()
+        self.control.start_hold(self._machine.time_ticks, self.settings.position_from_unit(target))
+
+    # ---- the loop
+
+    def update(self) -> None:
+        """One control loop: controller, voltage, observer."""
+        if not self.is_open:
+            return
+        time, state = self._machine.time_ticks, self.state()
+        if self.control.is_active:
+            action, _ = self.control.update(time, state)
+            if action.passive is None:
+                self.actuate(action.torque + self.feedforward(action.reference.speed, action.reference.acceleration))
+            else:
+                self.set_voltage(None if action.passive is OnCompletion.COAST else 0)
+        self.observer.update(time, state.position, self._voltage_mv or 0)
+
+    def feedforward(self, speed: int, acceleration: int) -> int:
+        """Torque (uNm) that a reference (mdeg/s, mdeg/s2) needs without load."""
+        return self.type.model.feedforward_unm(speed, acceleration)
+
+    def actuate(self, torque_unm: int) -> None:
+        self.set_voltage(self.type.model.voltage_mv(torque_unm))
+
+    def set_voltage(self, voltage_mv: int | None) -> None:
+        """Electrically only; controllers are not asked."""
+        if voltage_mv is not None:
+            voltage_mv = max(-self._max_voltage_mv, min(self._max_voltage_mv, voltage_mv))
+        self._voltage_mv = voltage_mv
+        self._body.set_voltage(self.port, None if voltage_mv is None else voltage_mv * self._sign)
+
+    def _take_over(self) -> None:
+        if self.parent is not None:
+            self.parent.stop_from_servo()
+
+    def _end_control(self) -> None:
+        self._take_over()
+        if self.control.is_active:
+            self.control.reset()
+
+    def _raw_mdeg(self) -> int:
+        return self._body.angle_mdeg(self.port) * self._sign
+
+    def _absolute_mdeg(self) -> int:
+        """The angle of the mark on the shaft, -180..180 degrees."""
+        return (self._raw_mdeg() + _TURN_MDEG // 2) % _TURN_MDEG - _TURN_MDEG // 2
+
+    def _new_observer(self) -> Observer:
+        return Observer(self.type, self.settings.stall_speed, self.settings.stall_time)

@@ -1,0 +1,113 @@
+"""Runs a hub program on CPython as a hub would run it."""
+
+from __future__ import annotations
+
+import ast
+import functools
+import re
+import traceback
+import warnings
+from collections.abc import Callable
+from types import CodeType, ModuleType
+from typing import Any
+
+import mpy_cross_v6
+
+from bricksrl.twin.console import Console
+from bricksrl.twin.micropython.builtins import builtin_names
+from bricksrl.twin.micropython.errors import class_name, reword
+from bricksrl.twin.micropython.text import text
+from bricksrl.twin.micropython.transform import transform
+
+
+class Modules(dict[str, ModuleType]):
+    """What a program can import, by name.
+
+    Attributes:
+        tick: called at every turn of a ``while`` loop, so that simulated time passes in one that does not wait.
+        has_memoryview: whether the hub has that builtin.
+        find_source: another program that came along with the main one, by module name, or ``None``.
+    """
+
+    def __init__(self, modules: dict[str, ModuleType], tick: Callable[[], None], has_memoryview: bool) -> None:
+        super().__init__(modules)
+        self.tick = tick
+        self.has_memoryview = has_memoryview
+        self.find_source: Callable[[str], str | None] = lambda name: None
+
+
+def execute(source: str, filename: str, modules: dict[str, ModuleType], console: Console) -> None:
+    """Run a program as ``__main__`` to its end; what it raises comes out, in the hub's words.
+
+    Args:
+        source: the program.
+        filename: its name in tracebacks, e.g. ``main.py``.
+        modules: what it can import; those of ``twin.pybricks.modules``.
+        console: its standard input and output.
+
+    Raises:
+        SyntaxError: the hub's compiler refuses the program.
+        OverflowError: it holds a number that needs more than 31 bits.
+    """
+    code = _compiled(source, filename)
+    if isinstance(modules, Modules):
+        tick, has_memoryview = modules.tick, modules.has_memoryview
+    else:
+        tick, has_memoryview = _nothing, True
+    names: dict[str, Any] = {"__name__": "__main__"}
+
+    def find_module(name: str) -> ModuleType:
+        if name not in modules:
+            beside = modules.find_source(name) if isinstance(modules, Modules) else None
+            if beside is None:
+                raise ImportError(f"no module named '{name}'")
+            modules[name] = ModuleType(name)
+            modules[name].__dict__.update(__builtins__=names["__builtins__"])
+            exec(_compiled(beside, f"{name}.py"), modules[name].__dict__)
+        return modules[name]
+
+    names["__builtins__"] = builtin_names(names, find_module, console, tick, has_memoryview)
+    try:
+        exec(code, names)
+    except Exception as error:
+        reword(error, names)
+        raise
+
+
+def format_traceback(error: BaseException, filename: str) -> str:
+    """The error as a hub prints it: the lines of the program only, ending with a newline."""
+    lines = ["Traceback (most recent call last):"]
+    for frame, line in traceback.walk_tb(error.__traceback__):
+        if "@n" in frame.f_builtins:
+            lines.append(f'  File "{frame.f_code.co_filename}", line {line}, in {frame.f_code.co_name}')
+    if isinstance(error, SyntaxError):
+        if error.lineno is not None:
+            lines.append(f'  File "{error.filename or filename}", line {error.lineno}')
+        lines.append(f"{class_name(type(error))}: {error.msg}")
+    else:
+        lines.append(f"{class_name(type(error))}: {text(error)}")
+    return "\n".join(lines) + "\n"
+
+
+def _nothing() -> None:
+    pass
+
+
+@functools.lru_cache(maxsize=16)
+def _compiled(source: str, filename: str) -> CodeType:
+    _check_with_hub_compiler(source, filename)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", SyntaxWarning)
+        warnings.simplefilter("ignore", DeprecationWarning)
+        return compile(transform(ast.parse(source, filename)), filename, "exec", dont_inherit=True)
+
+
+def _check_with_hub_compiler(source: str, filename: str) -> None:
+    process, _ = mpy_cross_v6.mpy_cross_compile(filename, source, extra_args=["-msmall-int-bits=31"])
+    if process.returncode == 0:
+        return
+    report = process.stderr.decode()
+    line = re.search(r'File "<stdin>", line (\d+)', report)
+    kind, _, message = report.strip().splitlines()[-1].partition(": ")
+    error = IndentationError if kind == "IndentationError" else SyntaxError
+    raise error(message or kind, (filename, int(line[1]) if line else None, None, None))

@@ -1,0 +1,172 @@
+"""Errors as a hub knows and words them."""
+
+from __future__ import annotations
+
+import builtins
+import errno
+import re
+from collections.abc import Callable, Mapping
+from types import FunctionType
+
+EXCEPTIONS = [
+    "ArithmeticError",
+    "AssertionError",
+    "AttributeError",
+    "BaseException",
+    "EOFError",
+    "Exception",
+    "GeneratorExit",
+    "ImportError",
+    "IndentationError",
+    "IndexError",
+    "KeyError",
+    "KeyboardInterrupt",
+    "LookupError",
+    "MemoryError",
+    "NameError",
+    "NotImplementedError",
+    "OverflowError",
+    "RuntimeError",
+    "StopAsyncIteration",
+    "StopIteration",
+    "SyntaxError",
+    "SystemExit",
+    "TypeError",
+    "UnicodeError",
+    "ValueError",
+    "ZeroDivisionError",
+]
+"""The exceptions that a hub shares with CPython; ``OSError`` is our own."""
+
+ERROR_NAMES = {
+    getattr(errno, name): name
+    for name in ("EPERM", "EIO", "EBUSY", "ENODEV", "EINVAL", "EOPNOTSUPP", "EAGAIN", "ETIMEDOUT", "ECANCELED")
+}
+
+
+class HubOSError(OSError):
+    """``OSError`` of a hub: ``errno`` is the first argument, and it has no special children."""
+
+    @property
+    def errno(self) -> object:  # type: ignore[override]
+        return self.args[0] if self.args else None
+
+
+HubOSError.__name__ = HubOSError.__qualname__ = "OSError"
+
+_OPERATORS = {
+    "+": "__add__", "-": "__sub__", "*": "__mul__", "/": "__truediv__", "//": "__floordiv__", "%": "__mod__",
+    "** or pow()": "__pow__", "<<": "__lshift__", ">>": "__rshift__", "&": "__and__", "|": "__or__", "^": "__xor__",
+    "@": "__matmul__", "<": "__lt__", "<=": "__le__", ">": "__gt__", ">=": "__ge__", "+=": "__iadd__", "-=": "__isub__",
+    "*=": "__imul__", "<<=": "__ilshift__", "divmod()": "__divmod__",
+}  # fmt: skip
+_UNARY = {"-": "__neg__", "+": "__pos__", "~": "__invert__", "abs()": "__abs__"}
+
+
+def _types(operator: str, left: str, right: str) -> str:
+    return f"unsupported types for {_OPERATORS.get(operator, operator)}: '{left}', '{right}'"
+
+
+_Rule = tuple[type[BaseException], str, Callable[["re.Match[str]"], str]]
+_RULES: tuple[_Rule, ...] = (
+    (ZeroDivisionError, r".*(zero|modulo|negative power|divmod).*", lambda m: "divide by zero"),
+    (UnboundLocalError, r".*", lambda m: "local variable referenced before assignment"),
+    (NameError, r"name '(.*)' is not defined", lambda m: f"name '{m[1]}' isn't defined"),
+    (NameError, r"cannot access free variable.*", lambda m: "local variable referenced before assignment"),
+    (TypeError, r"unsupported operand type\(s\) for (.*): '(.*)' and '(.*)'", lambda m: _types(m[1], m[2], m[3])),
+    (TypeError, r"'(.*)' not supported between instances of '(.*)' and '(.*)'", lambda m: _types(m[1], m[2], m[3])),
+    (TypeError, r"can only concatenate (.*) \(not \"(.*)\"\) to .*", lambda m: _types("+", m[1], m[2])),
+    (TypeError, r"bad operand type for (?:unary )?(.*): '(.*)'", lambda m: f"unsupported type for {_UNARY[m[1]]}: '{m[2]}'"),
+    (TypeError, r"cannot unpack non-iterable (.*) object", lambda m: f"'{m[1]}' object isn't iterable"),
+    (TypeError, r"(.*) indices must be integers or slices, not (.*)", lambda m: f"{m[1]} indices must be integers, not {m[2]}"),
+    (TypeError, r"string indices must be integers, not '(.*)'", lambda m: f"str indices must be integers, not {m[1]}"),
+    (TypeError, r"('.*' object) is not (callable|iterable|subscriptable|an iterator)", lambda m: f"{m[1]} isn't {m[2]}"),
+    (TypeError, r"('.*' object) does(?: not|n't) support item (.*)", lambda m: f"{m[1]} doesn't support item {m[2]}"),
+    (TypeError, r"unhashable type: '(.*)'", lambda m: f"unsupported type for __hash__: '{m[1]}'"),
+    (IndexError, r"(list) assignment index out of range|pop index out of range", lambda m: "list index out of range"),
+    (IndexError, r"range object index out of range", lambda m: "range index out of range"),
+    (IndexError, r"index out of range", lambda m: "bytes index out of range"),
+    (IndexError, r"Replacement index \d+ out of range.*", lambda m: "tuple index out of range"),
+    (ValueError, r"not enough values to unpack \(expected .*, got (.*)\)", lambda m: f"need more than {m[1]} values to unpack"),
+    (ValueError, r"list.remove\(x\): x not in list|.* is not in list|tuple.index.*", lambda m: "object not in sequence"),
+    (ValueError, r"(?:max|min)\(\) arg is an empty sequence", lambda m: "arg is an empty sequence"),
+    (ValueError, r"bytes? must be in range\(0, 256\)", lambda m: "bytes value out of range"),
+    (ImportError, r"cannot import name '(.*?)' .*", lambda m: f"can't import name {m[1]}"),
+    (RecursionError, r".*", lambda m: "maximum recursion depth exceeded"),
+)  # fmt: skip
+
+
+def reword(error: BaseException, names: Mapping[str, object]) -> BaseException:
+    """Put the hub's words into an error that CPython worded; ``names`` are the program's globals. Returns the error."""
+    if len(error.args) != 1 or not isinstance(error.args[0], str) or not isinstance(error, Exception):
+        return error
+    message = error.args[0]
+    for kind, pattern, text in _RULES:
+        if isinstance(error, kind) and (match := re.fullmatch(pattern, message, re.DOTALL)):
+            error.args = (text(match),)
+            if isinstance(error, ImportError):
+                error.msg = error.args[0]
+            return error
+    if isinstance(error, TypeError) and "()" in message:
+        error.args = (_call_message(message, names),)
+    return error
+
+
+def _call_message(message: str, names: Mapping[str, object]) -> str:
+    """A call with wrong arguments: functions of the program and those of the firmware are worded differently."""
+    match = re.fullmatch(r"(.*?)\(\) (.*)", message)
+    if match is None:
+        return message
+    name, problem = match[1], match[2]
+    function = _find(name, names)
+    if multiple := re.fullmatch(r"got multiple values for argument '(.*)'", problem):
+        return f"function got multiple values for argument '{multiple[1]}'"
+    if function is None:
+        return _builtin_call_message(problem) or message
+    if keyword := re.fullmatch(r"got an unexpected keyword argument '(.*)'", problem):
+        return f"unexpected keyword argument '{keyword[1]}'"
+    if re.match(r"missing \d+ required keyword-only", problem):
+        return "function missing keyword-only argument"
+    total = function.__code__.co_argcount
+    required = total - len(function.__defaults__ or ())
+    if given := re.search(r"but (\d+) (?:positional arguments? .*)?(?:was|were) given", problem):
+        return f"{function.__name__}() takes {total} positional arguments but {given[1]} were given"
+    if missing := re.match(r"missing (\d+) required positional", problem):
+        count = required - int(missing[1])
+        return f"{function.__name__}() takes {required} positional arguments but {count} were given"
+    return message
+
+
+def _builtin_call_message(problem: str) -> str | None:
+    if missing := re.match(r"missing \d+ required positional arguments?: '(\w+)'", problem):
+        return f"'{missing[1]}' argument required"
+    if "unexpected keyword" in problem or "takes no keyword" in problem:
+        return "extra keyword arguments given"
+    if given := re.fullmatch(r"takes (\d+) positional arguments? but (\d+) (?:was|were) given", problem):
+        if int(given[1]) == 1:
+            return f"function takes 1 positional arguments but {given[2]} were given"
+        return "extra positional arguments given"
+    if re.match(r"takes from \d+ to \d+ positional arguments but \d+ were given", problem):
+        return "extra positional arguments given"
+    return None
+
+
+def _find(qualified_name: str, names: Mapping[str, object]) -> FunctionType | None:
+    """The function of the program that CPython calls by this name."""
+    parts = qualified_name.rsplit(".<locals>.", maxsplit=1)[-1].split(".")
+    found = names.get(parts[0])
+    for part in parts[1:]:
+        found = getattr(found, part, None)
+    if isinstance(found, type):
+        found = found.__dict__.get("__init__")
+    is_own = isinstance(found, FunctionType) and found.__globals__ is names
+    return found if is_own else None  # type: ignore[return-value]
+
+
+def class_name(kind: type) -> str:
+    """Name of an exception's class, or of the next one above it that a hub knows."""
+    for ancestor in kind.__mro__:
+        known = ancestor.__name__ in EXCEPTIONS or ancestor.__name__ == "OSError"
+        if known or getattr(builtins, ancestor.__name__, None) is not ancestor:
+            return ancestor.__name__
+    return kind.__name__

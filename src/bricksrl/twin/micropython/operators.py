@@ -1,0 +1,178 @@
+"""Arithmetic of a hub: results are 31-bit integers or 32-bit floats.
+
+The transformation of a program (``transform.py``) calls these around every operation that could leave those ranges.
+"""
+
+from __future__ import annotations
+
+import math
+import operator
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from bricksrl.twin.micropython.errors import reword
+from bricksrl.twin.micropython.floats import to_single
+from bricksrl.twin.micropython.text import format_text, format_value, percent, representation, text
+
+SMALL_MAX = 2**30 - 1
+SMALL_MIN = -(2**30)
+_EXACT = 2**24
+_LARGEST = 3.4028234663852886e38
+
+
+def small(value: int) -> int:
+    """An integer that a hub can hold.
+
+    Raises:
+        OverflowError: it needs more than 31 bits.
+    """
+    if SMALL_MIN <= value <= SMALL_MAX:
+        return value
+    raise OverflowError("small int overflow")
+
+
+def normalizer() -> Callable[[Any], Any]:
+    """A function that rounds floats and checks integers; one for each program, because it keeps a scratch cell."""
+    cell = memoryview(bytearray(4)).cast("f")
+
+    def normalize(value: Any) -> Any:
+        kind = type(value)
+        if kind is int:
+            if -0x40000000 <= value <= 0x3FFFFFFF:
+                return value
+            raise OverflowError("small int overflow")
+        if kind is float:
+            if -_LARGEST <= value <= _LARGEST:
+                cell[0] = value
+                return cell[0]
+            return to_single(value)
+        if kind is complex:
+            return complex(to_single(value.real), to_single(value.imag))
+        return value
+
+    return normalize
+
+
+def _single_int(value: Any) -> Any:
+    """Integers become floats in an operation with floats; large ones lose digits then."""
+    return to_single(value) if type(value) is int and not -_EXACT <= value <= _EXACT else value
+
+
+def int_from_float(value: float) -> int:
+    """``int(value)``."""
+    if math.isinf(value):
+        raise OverflowError("can't convert inf to int")
+    if math.isnan(value):
+        raise ValueError("can't convert NaN to int")
+    if not SMALL_MIN <= value <= SMALL_MAX:
+        raise ValueError("float too big")
+    return int(value)
+
+
+def to_int(kind: type, *args: Any) -> Any:
+    """``int(...)`` as called under the name of ``kind``."""
+    if kind is not int:
+        return kind(*args)
+    if len(args) == 1:
+        value = args[0]
+        if type(value) is float:
+            return int_from_float(value)
+        if isinstance(value, int):
+            return int(value)
+    try:
+        if args and isinstance(args[0], bytes | bytearray):
+            args = (args[0].decode(), *args[1:])
+        if args and isinstance(args[0], str) and "_" in args[0]:
+            raise ValueError
+        value = int(*args)
+    except ValueError:
+        base = args[1] if len(args) > 1 else 10
+        raise ValueError(f"invalid syntax for integer with base {base}: {representation(args[0])}") from None
+    except TypeError:
+        raise TypeError(f"can't convert {type(args[0]).__name__} to int") from None
+    if not SMALL_MIN <= value <= SMALL_MAX:
+        raise OverflowError("long int not supported in this build")
+    return value
+
+
+def to_float(kind: type, *args: Any) -> Any:
+    """``float(...)`` as called under the name of ``kind``."""
+    if kind is not float:
+        return kind(*args)
+    try:
+        return to_single(float(*args))
+    except ValueError:
+        raise ValueError("invalid syntax for number") from None
+    except TypeError:
+        raise TypeError(f"can't convert {type(args[0]).__name__} to float") from None
+
+
+def to_str(kind: type, *args: Any, **kwargs: Any) -> Any:
+    """``str(...)`` as called under the name of ``kind``."""
+    return text(args[0]) if kind is str and len(args) == 1 and not kwargs else kind(*args, **kwargs)
+
+
+def _slice(container: Any, start: Any, stop: Any, step: Any) -> Any:
+    """``container[start:stop:step]``; only lists can be read with a step."""
+    if step is not None and step != 1 and isinstance(container, str | bytes | bytearray | tuple):
+        raise NotImplementedError("only slices with step=1 (aka None) are supported")
+    return container[start:stop:step]
+
+
+def operators(names: Mapping[str, object]) -> dict[str, Any]:
+    """What the transformed program calls, by the names that no program can write. ``names``: the program's globals."""
+    normalize = normalizer()
+
+    def divide(a: Any, b: Any) -> Any:
+        if type(a) is int or type(b) is int:
+            a, b = _single_int(a), _single_int(b)
+        return normalize(a / b)
+
+    def floor_divide(a: Any, b: Any) -> Any:
+        return normalize(a // b)
+
+    def modulo(a: Any, b: Any) -> Any:
+        return percent(a, b) if isinstance(a, str | bytes) else normalize(a % b)
+
+    def power(a: Any, b: Any) -> Any:
+        if type(a) is int and type(b) is int and b > 0 and a not in (-1, 0, 1) and b > 30:
+            raise OverflowError("small int overflow")
+        try:
+            return normalize(a**b)
+        except OverflowError:
+            if isinstance(a, float) or isinstance(b, float):
+                return math.inf
+            raise
+
+    def in_place(operation: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
+        return lambda a, b: normalize(operation(a, b))
+
+    def format_call(obj: Any, *args: Any, **kwargs: Any) -> Any:
+        return format_text(obj, args, kwargs) if isinstance(obj, str) else obj.format(*args, **kwargs)
+
+    def f_string(value: Any, conversion: int, spec: str) -> str:
+        if conversion == ord("r"):
+            value = representation(value)
+        elif conversion == ord("s"):
+            value = text(value)
+        return format_value(value, spec)
+
+    return {
+        "@n": normalize,
+        "@div": divide,
+        "@floordiv": floor_divide,
+        "@mod": modulo,
+        "@pow": power,
+        "@iadd": in_place(operator.iadd),
+        "@isub": in_place(operator.isub),
+        "@imul": in_place(operator.imul),
+        "@ilshift": in_place(operator.ilshift),
+        "@int": to_int,
+        "@float": to_float,
+        "@str": to_str,
+        "@format": format_call,
+        "@f": f_string,
+        "@slice": _slice,
+        "@any": (Exception, SystemExit, KeyboardInterrupt, GeneratorExit),
+        "@reword": lambda error: reword(error, names),
+    }

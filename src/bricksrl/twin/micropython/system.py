@@ -1,0 +1,257 @@
+"""The modules ``sys``, ``select``, ``io``, ``json``, ``errno``, ``gc`` and ``micropython`` of a hub."""
+
+from __future__ import annotations
+
+import io
+import json
+import traceback
+from collections.abc import Callable, Iterator
+from types import ModuleType
+from typing import Any
+
+from bricksrl.twin.console import Console
+from bricksrl.twin.micropython.builtins import cooked
+from bricksrl.twin.micropython.errors import ERROR_NAMES, HubOSError, class_name
+from bricksrl.twin.micropython.floats import to_single
+from bricksrl.twin.micropython.numbers import module
+from bricksrl.twin.micropython.operators import small
+from bricksrl.twin.micropython.text import text
+
+_POLLIN, _POLLOUT, _POLLERR, _POLLHUP = 1, 4, 8, 16
+_CTRL_C = 3
+_ENOENT = 2
+
+
+class ProgramInterrupt(KeyboardInterrupt):
+    """The hub's KeyboardInterrupt, which is the program's own affair: nobody has pressed a key on this computer."""
+
+
+ProgramInterrupt.__name__ = "KeyboardInterrupt"
+
+
+class Keyboard:
+    """The byte that stops a program when it comes in; ``kbd_intr(-1)`` lets it through."""
+
+    def __init__(self) -> None:
+        self.interrupt = _CTRL_C
+
+    def check(self, data: bytes) -> bytes:
+        if self.interrupt >= 0 and self.interrupt in data:
+            raise ProgramInterrupt
+        return data
+
+
+class FileIO:
+    """Standard input (0) or output (1), as bytes."""
+
+    def __init__(self, number: int, console: Console, keyboard: Keyboard, tick: Callable[[], None]) -> None:
+        self.number = number
+        self._console = console
+        self._keyboard = keyboard
+        self._tick = tick
+
+    def __repr__(self) -> str:
+        return f"<io.{type(self).__name__} {self.number}>"
+
+    def __enter__(self) -> FileIO:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        pass
+
+    def close(self) -> None:
+        pass
+
+    def flush(self) -> None:
+        pass
+
+    def events(self) -> int:
+        # Standard output never reports itself ready: programs register standard input without a mask and rely on it.
+        self._tick()
+        return _POLLIN if self._console.available() else 0
+
+    def read(self, size: int = -1) -> Any:
+        self._tick()
+        if size < 0:
+            return self._keyboard.check(self._console.read(1 << 20))
+        return self._keyboard.check(self._console.read(size)) if size else b""
+
+    def readinto(self, buffer: bytearray, size: int = -1) -> int:
+        data = self._keyboard.check(self._console.read(len(buffer) if size < 0 else min(size, len(buffer))))
+        buffer[: len(data)] = data
+        return len(data)
+
+    def readline(self, size: int = -1) -> Any:
+        line = bytearray()
+        while len(line) != size:
+            byte = self._keyboard.check(self._console.read(1))
+            line += byte
+            if byte == b"\n":
+                break
+        return bytes(line)
+
+    def write(self, data: Any) -> int:
+        if isinstance(data, str):
+            data = data.encode()
+        self._console.write(bytes(data))
+        return len(data)
+
+
+class TextIOWrapper(FileIO):
+    """Standard input or output, as text; ``buffer`` is the stream of bytes beneath."""
+
+    def __init__(self, number: int, console: Console, keyboard: Keyboard, tick: Callable[[], None]) -> None:
+        super().__init__(number, console, keyboard, tick)
+        self.buffer = FileIO(number, console, keyboard, tick)
+
+    def read(self, size: int = -1) -> str:
+        return super().read(size).replace(b"\r", b"\n").decode()  # type: ignore[no-any-return]
+
+    def readline(self, size: int = -1) -> str:
+        return super().readline(size).decode()  # type: ignore[no-any-return]
+
+    def write(self, data: Any) -> int:
+        if isinstance(data, str):
+            data = data.encode()
+        self._console.write(cooked(bytes(data)))
+        return len(data)
+
+
+class Poll:
+    """``select.poll()``; ``wait_ms`` lets simulated time pass."""
+
+    def __init__(self, wait_ms: Callable[[int], None]) -> None:
+        self._wait_ms = wait_ms
+        self._streams: dict[int, tuple[FileIO, int]] = {}
+
+    def register(self, stream: Any, eventmask: int = _POLLIN | _POLLOUT) -> None:
+        if not isinstance(stream, FileIO):
+            raise HubOSError(22)
+        self._streams[id(stream)] = (stream, eventmask)
+
+    def unregister(self, stream: Any) -> None:
+        self._streams.pop(id(stream), None)
+
+    def modify(self, stream: Any, eventmask: int) -> None:
+        if id(stream) not in self._streams:
+            raise HubOSError(_ENOENT)
+        self._streams[id(stream)] = (stream, eventmask)
+
+    def poll(self, timeout: int = -1, flags: int = 0) -> list[tuple[FileIO, int]]:
+        while not (ready := self._ready()) and timeout:
+            self._wait_ms(1)
+            timeout -= 1 if timeout > 0 else 0
+        if flags & 1:
+            for stream, _ in ready:
+                self.modify(stream, 0)
+        return ready
+
+    def ipoll(self, timeout: int = -1, flags: int = 0) -> Iterator[tuple[FileIO, int]]:
+        return iter(self.poll(timeout, flags))
+
+    def _ready(self) -> list[tuple[FileIO, int]]:
+        return [(stream, events) for stream, mask in self._streams.values() if (events := stream.events() & mask)]
+
+
+Poll.__name__ = Poll.__qualname__ = "poll"
+
+
+def sys_module(console: Console, keyboard: Keyboard, tick: Callable[[], None], version: str, machine: str) -> ModuleType:
+    stdout = TextIOWrapper(1, console, keyboard, tick)
+
+    def print_exception(error: BaseException, file: Any = stdout) -> None:
+        file.write("Traceback (most recent call last):\n")
+        for frame, line in traceback.walk_tb(error.__traceback__):
+            name = frame.f_code.co_filename
+            if "@n" in frame.f_builtins:
+                file.write(f'  File "{name}", line {line}, in {frame.f_code.co_name}\n')
+        file.write(f"{class_name(type(error))}: {text(error)}\n")
+
+    return module(
+        "sys",
+        {
+            "stdin": TextIOWrapper(0, console, keyboard, tick),
+            "stdout": stdout,
+            "stderr": stdout,
+            "version": f"3.4.0; Pybricks MicroPython v{version}",
+            "version_info": (3, 4, 0),
+            "implementation": ("micropython", (1, 26, 0, ""), machine, 0x2306),
+            "byteorder": "little",
+            "print_exception": print_exception,
+        },
+    )
+
+
+def select_module(wait_ms: Callable[[int], None]) -> ModuleType:
+    flags = {"POLLIN": _POLLIN, "POLLOUT": _POLLOUT, "POLLERR": _POLLERR, "POLLHUP": _POLLHUP}
+    return module("select", {"poll": lambda: Poll(wait_ms), **flags})
+
+
+def micropython_module(keyboard: Keyboard) -> ModuleType:
+    state = {"level": 0, "locks": 0}
+
+    def kbd_intr(character: int) -> None:
+        keyboard.interrupt = character
+
+    def opt_level(level: int | None = None) -> int | None:
+        if level is None:
+            return state["level"]
+        state["level"] = level
+        return None
+
+    def heap_lock() -> None:
+        state["locks"] += 1
+
+    def heap_unlock() -> int:
+        state["locks"] = max(0, state["locks"] - 1)
+        return state["locks"]
+
+    names: dict[str, Any] = {"const": lambda value: value, "kbd_intr": kbd_intr, "opt_level": opt_level}
+    return module("micropython", {**names, "heap_lock": heap_lock, "heap_unlock": heap_unlock, "stack_use": lambda: 0})
+
+
+def gc_module(heap_bytes: int) -> ModuleType:
+    state = {"on": True}
+
+    def switch(on: bool) -> Callable[[], None]:
+        def call() -> None:
+            state["on"] = on
+
+        return call
+
+    names: dict[str, Any] = {"enable": switch(True), "disable": switch(False), "isenabled": lambda: state["on"]}
+    return module("gc", {**names, "collect": lambda: 0, "mem_alloc": lambda: 0, "mem_free": lambda: heap_bytes})
+
+
+def errno_module() -> ModuleType:
+    return module("errno", {**{name: code for code, name in ERROR_NAMES.items()}, "errorcode": dict(ERROR_NAMES)})
+
+
+def io_module() -> ModuleType:
+    return module("io", {"BytesIO": io.BytesIO, "StringIO": io.StringIO, "FileIO": FileIO, "TextIOWrapper": TextIOWrapper})
+
+
+def json_module() -> ModuleType:
+    def dumps(value: Any, separators: tuple[str, str] = (", ", ": ")) -> str:
+        item, key = separators
+        if isinstance(value, dict):
+            pairs = (
+                f"{dumps(k if isinstance(k, str) else text(k), separators)}{key}{dumps(v, separators)}" for k, v in value.items()
+            )
+            return "{" + item.join(pairs) + "}"
+        if isinstance(value, list | tuple):
+            return "[" + item.join(dumps(v, separators) for v in value) + "]"
+        if value is None or isinstance(value, bool):
+            return json.dumps(value)
+        return json.dumps(value, ensure_ascii=False) if isinstance(value, str) else text(value)
+
+    def loads(source: str | bytes) -> Any:
+        try:
+            return json.loads(source, parse_float=lambda s: to_single(float(s)), parse_int=lambda s: small(int(s)))
+        except json.JSONDecodeError:
+            raise ValueError("syntax error in JSON") from None
+
+    def dump(value: Any, stream: Any, separators: tuple[str, str] = (", ", ": ")) -> None:
+        stream.write(dumps(value, separators))
+
+    return module("json", {"dumps": dumps, "loads": loads, "dump": dump, "load": lambda stream: loads(stream.read())})

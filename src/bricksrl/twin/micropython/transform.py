@@ -1,0 +1,210 @@
+"""Rewrites a hub program so that CPython computes, formats and refuses what a hub does.
+
+Line numbers stay. Helpers are called by names with an ``@``, which no program can write; ``operators.py`` and
+``attributes.py`` hold them.
+"""
+
+from __future__ import annotations
+
+import ast
+import operator
+from typing import Any
+
+from bricksrl.twin.micropython.attributes import HIDDEN_NAMES
+from bricksrl.twin.micropython.floats import to_single
+from bricksrl.twin.micropython.operators import SMALL_MAX, SMALL_MIN
+
+_FOLDED = {
+    ast.Add: operator.add,
+    ast.Sub: operator.sub,
+    ast.Mult: operator.mul,
+    ast.LShift: operator.lshift,
+    ast.RShift: operator.rshift,
+    ast.BitOr: operator.or_,
+    ast.BitAnd: operator.and_,
+    ast.BitXor: operator.xor,
+}
+_WRAPPED = (ast.Add, ast.Sub, ast.Mult, ast.LShift)
+_CALLED = {ast.Div: "@div", ast.FloorDiv: "@floordiv", ast.Mod: "@mod", ast.Pow: "@pow"}
+_IN_PLACE = {ast.Add: "@iadd", ast.Sub: "@isub", ast.Mult: "@imul", ast.LShift: "@ilshift", **_CALLED}
+_CONVERSIONS = ("int", "float", "str")
+_EMITTERS = ("native", "viper", "bytecode")
+
+
+def transform(tree: ast.Module | ast.Expression) -> ast.Module | ast.Expression:
+    """The rewritten program.
+
+    Raises:
+        OverflowError: a constant needs more than 31 bits.
+    """
+    return ast.fix_missing_locations(_Transformer().visit(tree))  # type: ignore[no-any-return]
+
+
+def _call(name: str, *args: ast.expr, at: ast.AST) -> ast.Call:
+    return ast.copy_location(ast.Call(ast.Name(name, ast.Load()), list(args), []), at)
+
+
+def _is_int(node: ast.expr) -> bool:
+    return isinstance(node, ast.Constant) and type(node.value) is int
+
+
+class _Transformer(ast.NodeTransformer):
+    def visit_Constant(self, node: ast.Constant) -> ast.expr:
+        if type(node.value) is float:
+            node.value = to_single(node.value)
+        elif type(node.value) is int and not SMALL_MIN <= node.value <= SMALL_MAX:
+            raise OverflowError("long int not supported in this build")
+        return node
+
+    def visit_UnaryOp(self, node: ast.UnaryOp) -> ast.expr:
+        operand = node.operand
+        if isinstance(node.op, ast.USub) and isinstance(operand, ast.Constant) and operand.value == -SMALL_MIN:
+            return ast.copy_location(ast.Constant(SMALL_MIN), node)
+        self.generic_visit(node)
+        return node
+
+    def visit_BinOp(self, node: ast.BinOp) -> ast.expr:
+        self.generic_visit(node)
+        kind = type(node.op)
+        if _is_int(node.left) and _is_int(node.right) and kind in _FOLDED:
+            left, right = node.left.value, node.right.value  # type: ignore[attr-defined]
+            if kind not in (ast.LShift, ast.RShift) or 0 <= right < 64:
+                folded: Any = _FOLDED[kind](left, right)
+                return self.visit_Constant(ast.copy_location(ast.Constant(folded), node))
+        if kind in _WRAPPED:
+            return _call("@n", node, at=node)
+        if kind in _CALLED:
+            return _call(_CALLED[kind], node.left, node.right, at=node)
+        return node
+
+    def visit_AugAssign(self, node: ast.AugAssign) -> ast.AST | list[ast.stmt]:
+        self.generic_visit(node)
+        kind, target = type(node.op), node.target
+        if kind not in _IN_PLACE:
+            return node
+        helper = _IN_PLACE[kind]
+        if isinstance(target, ast.Name):
+            if kind in _WRAPPED:
+                check = ast.Assign([target], _call("@n", ast.Name(target.id, ast.Load()), at=node))
+                return [node, ast.copy_location(check, node)]
+            value = _call(helper, ast.Name(target.id, ast.Load()), node.value, at=node)
+            return ast.copy_location(ast.Assign([target], value), node)
+        owner = self._keep("@owner", target.value, node)
+        statements: list[ast.stmt] = [owner]
+        place: ast.expr = ast.Name("@owner", ast.Load())
+        if isinstance(target, ast.Attribute):
+            read: ast.expr = ast.Attribute(place, target.attr, ast.Load())
+            write: ast.expr = ast.Attribute(place, target.attr, ast.Store())
+        else:
+            statements.append(self._keep("@index", target.slice, node))
+            index = ast.Name("@index", ast.Load())
+            read, write = ast.Subscript(place, index, ast.Load()), ast.Subscript(place, index, ast.Store())
+        statements.append(ast.copy_location(ast.Assign([write], _call(helper, read, node.value, at=node)), node))
+        return statements
+
+    @staticmethod
+    def _keep(name: str, value: ast.expr, at: ast.AST) -> ast.stmt:
+        if isinstance(value, ast.Slice):
+            bounds = [bound or ast.Constant(None) for bound in (value.lower, value.upper, value.step)]
+            value = _call("slice", *bounds, at=at)
+        return ast.copy_location(ast.Assign([ast.Name(name, ast.Store())], value), at)
+
+    def visit_Call(self, node: ast.Call) -> ast.expr:
+        function = node.func
+        if isinstance(function, ast.Name) and function.id in _CONVERSIONS:
+            self.generic_visit(node)
+            node.args.insert(0, function)
+            node.func = ast.copy_location(ast.Name("@" + function.id, ast.Load()), function)
+            return node
+        if isinstance(function, ast.Attribute) and function.attr == "format":
+            self.generic_visit(node)
+            node.args.insert(0, function.value)
+            node.func = ast.copy_location(ast.Name("@format", ast.Load()), function)
+            return node
+        self.generic_visit(node)
+        return node
+
+    def visit_Attribute(self, node: ast.Attribute) -> ast.expr:
+        self.generic_visit(node)
+        if isinstance(node.ctx, ast.Load) and node.attr in HIDDEN_NAMES:
+            return _call("@attr", node.value, ast.Constant(node.attr), at=node)
+        return node
+
+    def visit_Subscript(self, node: ast.Subscript) -> ast.expr:
+        self.generic_visit(node)
+        s = node.slice
+        if isinstance(node.ctx, ast.Load) and isinstance(s, ast.Slice) and s.step is not None:
+            bounds = [bound or ast.Constant(None) for bound in (s.lower, s.upper, s.step)]
+            return _call("@slice", node.value, *bounds, at=node)
+        return node
+
+    def visit_JoinedStr(self, node: ast.JoinedStr) -> ast.expr:
+        self.generic_visit(node)
+        if all(isinstance(part, ast.Constant) for part in node.values):
+            return node
+        join = ast.Attribute(ast.Constant(""), "join", ast.Load())
+        return ast.copy_location(ast.Call(join, [ast.Tuple(node.values, ast.Load())], []), node)
+
+    def visit_FormattedValue(self, node: ast.FormattedValue) -> ast.expr:
+        self.generic_visit(node)
+        spec = node.format_spec or ast.Constant("")
+        return _call("@f", node.value, ast.Constant(node.conversion), spec, at=node)
+
+    def visit_ExceptHandler(self, node: ast.ExceptHandler) -> ast.AST:
+        """A program cannot catch what stops it from outside."""
+        self.generic_visit(node)
+        catches_all = node.type is None or (isinstance(node.type, ast.Name) and node.type.id == "BaseException")
+        if catches_all:
+            node.type = ast.copy_location(ast.Name("@any", ast.Load()), node)
+        if node.name is not None:
+            reword = ast.Expr(_call("@reword", ast.Name(node.name, ast.Load()), at=node))
+            node.body.insert(0, ast.copy_location(reword, node))
+        return node
+
+    def visit_While(self, node: ast.While) -> ast.AST:
+        self.generic_visit(node)
+        node.body.insert(0, ast.copy_location(ast.Expr(_call("@tick", at=node)), node))
+        return node
+
+    def visit_arg(self, node: ast.arg) -> ast.AST:
+        node.annotation = None  # the hub's compiler skips annotations, whatever names are in them
+        return node
+
+    def visit_AnnAssign(self, node: ast.AnnAssign) -> ast.AST:
+        if node.value is None:
+            return ast.copy_location(ast.Pass(), node)
+        assign = ast.copy_location(ast.Assign([node.target], node.value), node)
+        self.generic_visit(assign)
+        return assign
+
+    def visit_FunctionDef(self, node: ast.FunctionDef) -> ast.AST:
+        self._strip_emitters(node)
+        node.returns = None
+        self.generic_visit(node)
+        return node
+
+    def visit_AsyncFunctionDef(self, node: ast.AsyncFunctionDef) -> ast.AST:
+        """A coroutine of a hub is a generator, and ``await`` its ``yield from``."""
+        self._strip_emitters(node)
+        self.generic_visit(node)
+        never = ast.If(ast.Constant(False), [ast.Expr(ast.Yield(None))], [])
+        function = ast.FunctionDef(node.name, node.args, [never, *node.body], node.decorator_list)
+        return ast.copy_location(function, node)
+
+    def visit_Await(self, node: ast.Await) -> ast.expr:
+        self.generic_visit(node)
+        return ast.copy_location(ast.YieldFrom(node.value), node)
+
+    @staticmethod
+    def _strip_emitters(node: ast.FunctionDef | ast.AsyncFunctionDef) -> None:
+        """``@micropython.native`` and its like are for the compiler; they are no names."""
+        node.decorator_list = [
+            d
+            for d in node.decorator_list
+            if not (
+                isinstance(d, ast.Attribute)
+                and isinstance(d.value, ast.Name)
+                and d.value.id == "micropython"
+                and d.attr in _EMITTERS
+            )
+        ]

@@ -1,0 +1,201 @@
+"""The RoboArm: a turntable that carries hub, motors, lower arm, forearm and a gripper of two mirrored fingers.
+
+Where a joint's angle in MuJoCo is 0 or not does not matter to the hub, what its motor's shaft shows does: every joint has the
+angle of its shaft divided by the gears, from the shaft's absolute angle at the start on. Frames: x forward, y left,
+z up; an arm's z axis lies along it. Metres and kilograms; looks in mm. Nothing touches anything, which the ranges see to.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import mujoco
+
+from bricksrl.errors import TwinError
+from bricksrl.robots import Motor, Robot
+from bricksrl.twin.models import lego
+from bricksrl.twin.models.parts import SHAPE_GROUP, Triple, add_box, add_camera, add_light, add_motor, add_surroundings, new_spec
+from bricksrl.twin.models.shapes import X_AXIS, Y_AXIS, Z_AXIS, Part, draw
+from bricksrl.twin.scene import Scene
+
+WEBCAM_HEIGHT_M = 0.68
+"""Where the webcam hangs, above the turntable's axis and looking down."""
+BALL_RADIUS_M = 0.024
+
+_TURNTABLE_Z, _SHOULDER_Z, _LOWER_ARM, _WRIST, _BALL_Z = 0.036, 0.068, 0.112, 0.096, 0.136
+_FINGER_Y = 0.028
+_LEAN_DEG, _ELBOW_DEG = 18.0, 100.0
+"""How far the lower arm leans forward at the start, and the forearm from there."""
+_HUB = (-0.075, 0.0, 0.054)
+_PLAY_DAMPING = 4e-3
+
+
+@dataclass(frozen=True)
+class _Joint:
+    """How a motor moves its joint.
+
+    Attributes:
+        gear: turns of the shaft for one of the joint; negative where they turn against each other.
+        start_deg: absolute angle of the shaft when the hub is switched on.
+        stops_deg: angles of the shaft at which the joint is blocked; ``None`` where it turns for ever.
+        friction_nm: of axles, pins and gear teeth at the joint. Estimates: the arm stands by itself while its motors coast.
+    """
+
+    gear: float
+    start_deg: float
+    stops_deg: tuple[float, float] | None
+    friction_nm: float
+
+
+_JOINTS = {
+    "rotation": _Joint(3.0, 0.0, None, 0.020),
+    "low": _Joint(3.0, 40.0, (0.0, 80.0), 0.100),
+    "high": _Joint(-2.0, -70.0, (-165.0, 25.0), 0.045),
+    "grab": _Joint(2.0, -95.0, (-158.0, -35.0), 0.005),
+}
+
+
+def build(robot: Robot, scene: Scene) -> mujoco.MjSpec:
+    """Model of the robot in its scene.
+
+    Raises:
+        TwinError: the description is not that of a RoboArm, or the scene has a wall.
+    """
+    if {motor.name for motor in robot.motors} != set(_JOINTS):
+        raise TwinError(f"robot '{robot.name}' is no RoboArm: it needs the motors {', '.join(_JOINTS)}")
+    if scene.wall_distance_mm is not None:
+        raise TwinError(f"robot '{robot.name}' stands still and sees no wall; leave wall_distance_mm away")
+    spec = new_spec(robot.name)
+    add_surroundings(spec, scene)
+    lego.add_colours(spec)
+    world = spec.worldbody
+    draw(spec, world, _base_parts())
+    turret = _add_joint(spec, world, robot.motor("rotation"), "turret", (0.0, 0.0, _TURNTABLE_Z), (0.0, 0.0, 1.0))
+    _add_turret(spec, turret)
+    low = _add_joint(spec, turret, robot.motor("low"), "low", (0.0, 0.0, _SHOULDER_Z), (0.0, 1.0, 0.0), _LEAN_DEG)
+    add_box(low, (0.0, 0.0, 0.056), (0.004, 0.024, 0.060), 0.040, collides=False)
+    add_box(low, (0.0, 0.0, 0.055), (0.012, 0.016, 0.036), 0.060, collides=False)
+    draw(spec, low, _lower_arm_parts())
+    high = _add_joint(spec, low, robot.motor("high"), "high", (0.0, 0.0, _LOWER_ARM), (0.0, 1.0, 0.0), _ELBOW_DEG)
+    add_box(high, (0.0, 0.0, 0.040), (0.004, 0.030, 0.056), 0.030, collides=False)
+    add_box(high, (0.0, 0.0, 0.036), (0.012, 0.016, 0.036), 0.060, collides=False)
+    draw(spec, high, _forearm_parts(ball=scene.ball))
+    _add_gripper(spec, high, robot.motor("grab"))
+    add_light(world)
+    _add_cameras(world)
+    return spec
+
+
+def _add_joint(
+    spec: mujoco.MjSpec,
+    parent: mujoco.MjsBody,
+    motor: Motor,
+    name: str,
+    position: Triple,
+    axis: Triple,
+    tilt_deg: float = 0.0,
+) -> mujoco.MjsBody:
+    """A body on a driven joint, with some play between the two, turned forward by an angle at the start."""
+    joint, half = _JOINTS[motor.name], math.radians(tilt_deg) / 2
+    turn = [math.cos(half), 0.0, math.sin(half), 0.0]
+    geared = parent.add_body(name=f"rotor_{motor.port}", pos=list(position), quat=turn)
+    geared.explicitinertial, geared.mass, geared.inertia = True, 0.002, [1e-7, 1e-7, 1e-7]
+    hinge = geared.add_joint(name=f"motor_{motor.port}", type=mujoco.mjtJoint.mjJNT_HINGE, axis=list(axis), damping=1e-3)
+    hinge.ref = math.radians(joint.start_deg / joint.gear)
+    if joint.stops_deg is not None:
+        hinge.limited = True
+        hinge.range = sorted(math.radians(angle / joint.gear) for angle in joint.stops_deg)
+    add_motor(spec, hinge, motor.port, motor.kind, gear=joint.gear, train_friction_nm=joint.friction_nm)
+    body = geared.add_body(name=name)
+    body.add_joint(
+        name=f"backlash_{motor.port}",
+        type=mujoco.mjtJoint.mjJNT_HINGE,
+        axis=list(axis),
+        limited=True,
+        range=[-0.05, 0.05],
+        damping=_PLAY_DAMPING,
+        solref_limit=[0.010, 1.0],
+    )
+    return body
+
+
+def _add_turret(spec: mujoco.MjSpec, turret: mujoco.MjsBody) -> None:
+    """Hub and battery, two motors, frame; 0.46 kg."""
+    add_box(turret, _HUB, (0.044, 0.028, 0.016), 0.230, collides=False)
+    add_box(turret, (-0.017, 0.0, 0.027), (0.012, 0.016, 0.036), 0.060, collides=False)
+    add_box(turret, (-0.064, 0.0, 0.022), (0.036, 0.012, 0.016), 0.060, collides=False)
+    add_box(turret, (-0.010, 0.0, 0.004), (0.050, 0.030, 0.004), 0.070, collides=False)
+    add_box(turret, (0.0, 0.0, 0.040), (0.004, 0.030, 0.034), 0.040, collides=False)
+    turret.add_site(name="imu", pos=list(_HUB), group=SHAPE_GROUP)
+    motor = lego.medium_motor()
+    parts = [
+        lego.hub().at(*(1000 * value for value in _HUB)),
+        motor.turned(Y_AXIS, -90).at(-17, 0, 51),
+        motor.turned(X_AXIS, -90).at(-40, 0, 22),
+        lego.gear(20, "light_grey").turned(X_AXIS, 90).at(-40, 0, 1),
+        lego.gear(12, "light_grey").at(-17, 36, 51),
+        lego.axle(24).at(-17, 28, 51),
+    ]
+    for side in (1, -1):
+        parts.append(lego.beam(9, "white").turned(Y_AXIS, 90).turned(Z_AXIS, 90).at(0, side * 28, 40))
+        parts.append(lego.beam(13, "turquoise").turned(X_AXIS, 90).at(-36, side * 28, 8))
+        parts.append(lego.beam(7, "turquoise").turned(X_AXIS, 90).turned(Y_AXIS, 45).at(-20, side * 28, 26))
+    for x in (12, -84):
+        parts.append(lego.beam(7, "dark_grey").turned(Z_AXIS, 90).at(x, 0, 4))
+    draw(spec, turret, parts)
+
+
+def _add_gripper(spec: mujoco.MjSpec, high: mujoco.MjsBody, motor: Motor) -> None:
+    """Two fingers: the motor opens the right one, and the left one mirrors it."""
+    right = _add_joint(spec, high, motor, "finger_right", (0.0, -_FINGER_Y, _WRIST), (1.0, 0.0, 0.0))
+    left = high.add_body(name="finger_left", pos=[0.0, _FINGER_Y, _WRIST])
+    left.add_joint(name="mirrored", type=mujoco.mjtJoint.mjJNT_HINGE, axis=[-1.0, 0.0, 0.0], damping=1e-3, armature=1e-5)
+    mirror = spec.add_equality(type=mujoco.mjtEq.mjEQ_JOINT, objtype=mujoco.mjtObj.mjOBJ_JOINT)
+    mirror.name, mirror.name1, mirror.name2 = "mirror", "mirrored", f"motor_{motor.port}"
+    mirror.data[:5] = [0.0, 1.0, 0.0, 0.0, 0.0]
+    for finger in (right, left):
+        add_box(finger, (0.0, 0.0, 0.024), (0.012, 0.004, 0.028), 0.009, collides=False)
+        parts = [lego.beam(7, "turquoise").turned(Y_AXIS, 90).at(x, 0, 24) for x in (-8, 8)]
+        draw(spec, finger, [*parts, lego.beam(3, "black").turned(X_AXIS, 90).at(0, 0, 48), lego.pin("yellow").turned(X_AXIS, 90)])
+
+
+def _add_cameras(world: mujoco.MjsBody) -> None:
+    """The webcam's image has the robot's front below and its left on the right."""
+    world.add_camera(name="webcam", pos=[0.0, 0.0, WEBCAM_HEIGHT_M], xyaxes=[0, 1, 0, -1, 0, 0], fovy=45)
+    add_camera(world, "chase", (0.02, 0.0, 0.10), (0.80, -0.75, 0.42), 0.60)
+    add_camera(world, "portrait", (0.022, 0.0, 0.108), (0.55, -0.85, 0.30), 0.54)
+
+
+def _base_parts() -> list[Part]:
+    parts = [lego.turntable().at(0, 0, 28)]
+    for side in (1, -1):
+        parts.append(lego.beam(15, "turquoise").at(0, side * 52, 12))
+        parts.append(lego.beam(15, "turquoise").at(0, side * 44, 12))
+        parts.append(lego.beam(15, "dark_grey").turned(Z_AXIS, 90).at(side * 48, 0, 4))
+        parts.append(lego.beam(13, "white").turned(Z_AXIS, 90).at(side * 20, 0, 19.8))
+    return parts
+
+
+def _lower_arm_parts() -> list[Part]:
+    parts = [
+        lego.medium_motor().turned(Y_AXIS, 90).at(0, 0, 82),
+        lego.gear(36, "dark_grey").at(0, 36, 0),
+        lego.gear(20, "light_grey").at(0, 36, 82),
+        lego.axle(76).at(0, 0, 0),
+        lego.axle(24).at(0, 28, 82),
+    ]
+    for side in (1, -1):
+        parts.append(lego.beam(15, "white").turned(Y_AXIS, 90).at(0, side * 20, 56))
+    return parts
+
+
+def _forearm_parts(*, ball: bool) -> list[Part]:
+    parts = [
+        lego.medium_motor().turned(Y_AXIS, 90).at(0, 0, 72),
+        lego.gear(40, "dark_grey").at(0, 36, 0),
+        lego.axle(76).at(0, 0, 0),
+    ]
+    for side in (1, -1):
+        parts.append(lego.beam(13, "black").turned(Y_AXIS, 90).at(0, side * 28, 48))
+    return parts

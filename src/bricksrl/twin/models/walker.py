@@ -1,0 +1,191 @@
+"""The Walker: four legs on cranks under a hub that lies flat, ultrasonic sensor in front.
+
+A leg is a beam. Its motor turns one of its holes on a crank, a rocker guides its upper end, so its foot goes round:
+back on the ground, forward through the air. Frame of the chassis: x forward, y left, z up, cranks 20 mm below the
+origin. Metres and kilograms; looks in mm. At an angle of 0 a crank points down and its foot stands lowest.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import mujoco
+
+from bricksrl.errors import TwinError
+from bricksrl.robots import Motor, Robot, UltrasonicSensor
+from bricksrl.twin.models import lego
+from bricksrl.twin.models.parts import SHAPE_GROUP, add_box, add_camera, add_light, add_motor, add_surroundings, new_spec
+from bricksrl.twin.models.shapes import X_AXIS, Y_AXIS, Z_AXIS, Part, draw
+from bricksrl.twin.scene import Scene
+
+_HUB = (0.0, 0.0, 0.016)
+_EYES = (0.098, 0.0, 0.016)
+_AXIS_X, _AXIS_Z, _LEG_Y = 0.064, -0.020, 0.060
+_MOTOR_Y = 0.036
+_CRANK, _THIGH, _SHANK, _ROCKER = 0.008, 0.040, 0.056, 0.032
+"""Axis to pin, pin to upper end, pin to foot, and the rocker between its two pins."""
+_ROCKER_AT = (-0.032, 0.040)
+"""Where the rocker is pinned to the chassis: along x towards the middle and upwards, from the crank's axis."""
+_FOOT_RADIUS, _FOOT_HALF_WIDTH, _FOOT_OUT = 0.0038, 0.016, 0.004
+_STIFF = [0.006, 1.0]
+_HINGE = mujoco.mjtJoint.mjJNT_HINGE
+
+
+@dataclass(frozen=True)
+class _Corner:
+    """Where a leg is: ``side`` 1 left, -1 right; ``end`` 1 front, -1 back."""
+
+    side: int
+    end: int
+
+
+_CORNERS = {
+    "left_front": _Corner(1, 1),
+    "right_front": _Corner(-1, 1),
+    "left_back": _Corner(1, -1),
+    "right_back": _Corner(-1, -1),
+}
+
+
+def build(robot: Robot, scene: Scene) -> mujoco.MjSpec:
+    """Model of the robot in its scene.
+
+    Raises:
+        TwinError: the description is not that of a Walker.
+    """
+    sensors = [sensor for sensor in robot.sensors if isinstance(sensor, UltrasonicSensor)]
+    if {motor.name for motor in robot.motors} != set(_CORNERS) or len(sensors) != 1:
+        raise TwinError(f"robot '{robot.name}' is no Walker: it needs the motors {', '.join(_CORNERS)} and one ultrasonic sensor")
+    spec = new_spec(robot.name)
+    add_surroundings(spec, scene)
+    chassis = spec.worldbody.add_body(name="chassis", pos=[0.0, 0.0, _CRANK + _SHANK + _FOOT_RADIUS - _AXIS_Z])
+    chassis.add_freejoint(name="root")
+    _add_masses(chassis)
+    chassis.add_site(name="imu", pos=list(_HUB), group=SHAPE_GROUP)
+    chassis.add_site(name=f"ultrasonic_{sensors[0].port}", pos=list(_EYES), group=SHAPE_GROUP)
+    for motor in robot.motors:
+        _add_leg(spec, chassis, motor, _CORNERS[motor.name])
+    lego.add_colours(spec)
+    _draw_chassis(spec, chassis)
+    add_light(chassis)
+    add_camera(chassis, "chase", (0.0, 0.0, -0.02), (0.45, -0.85, 0.42), 0.48)
+    add_camera(chassis, "portrait", (0.004, 0.0, -0.018), (0.72, -0.62, 0.36), 0.42)
+    return spec
+
+
+def _add_masses(chassis: mujoco.MjsBody) -> None:
+    """Estimates, 0.68 kg with the legs: hub and battery, motors, sensor, frame."""
+    add_box(chassis, _HUB, (0.044, 0.028, 0.016), 0.230)
+    add_box(chassis, (0.0, 0.0, -0.004), (0.060, 0.044, 0.004), 0.060)
+    add_box(chassis, (0.086, 0.0, 0.016), (0.012, 0.028, 0.012), 0.030)
+    for corner in _CORNERS.values():
+        add_box(chassis, (corner.end * 0.040, corner.side * _MOTOR_Y, _AXIS_Z), (0.036, 0.016, 0.012), 0.060)
+
+
+def _add_leg(spec: mujoco.MjSpec, chassis: mujoco.MjsBody, motor: Motor, corner: _Corner) -> None:
+    """Rotor, crank with some play, leg, rocker, and the pin that closes the loop.
+
+    The motors' shafts point to the middle of the robot, and clockwise is seen from there; an axle through each motor
+    takes the turn out to its crank.
+    """
+    port, axis = motor.port, [0.0, float(corner.side), 0.0]
+    rotor = chassis.add_body(name=f"rotor_{port}", pos=[corner.end * _AXIS_X, corner.side * _LEG_Y, _AXIS_Z])
+    shaft = rotor.add_joint(name=f"motor_{port}", type=_HINGE, axis=axis)
+    rotor.explicitinertial, rotor.mass, rotor.inertia = True, 0.002, [1e-7, 1e-7, 1e-7]
+    add_motor(spec, shaft, port, motor.kind)
+    crank = rotor.add_body(name=f"crank_{port}")
+    crank.add_joint(
+        name=f"backlash_{port}",
+        type=_HINGE,
+        axis=axis,
+        limited=True,
+        range=[-0.05, 0.05],
+        damping=5e-4,
+        solref_limit=[0.005, 1.0],
+    )
+    crank.explicitinertial, crank.mass, crank.inertia = True, 0.004, [2e-7, 2e-7, 2e-7]
+    leg_tilt, rocker_tilt = _closed_loop()
+    leg = crank.add_body(name=f"leg_{port}", pos=[0.0, 0.0, -_CRANK], quat=_about_y(corner.end * leg_tilt))
+    leg.add_joint(name=f"knee_{port}", type=_HINGE, axis=axis, damping=2e-4)
+    bone, foot_y = mujoco.mjtGeom.mjGEOM_CAPSULE, corner.side * _FOOT_OUT
+    leg.add_geom(
+        type=bone,
+        fromto=[0, 0, _THIGH, 0, 0, -_SHANK],
+        size=[0.004, 0, 0],
+        mass=0.012,
+        group=SHAPE_GROUP,
+        contype=0,
+        conaffinity=0,
+    )
+    leg.add_geom(
+        name=f"foot_{port}",
+        type=bone,
+        fromto=[0, foot_y - _FOOT_HALF_WIDTH, -_SHANK, 0, foot_y + _FOOT_HALF_WIDTH, -_SHANK],
+        size=[_FOOT_RADIUS, 0, 0],
+        mass=0.010,
+        friction=[0.8, 0.005, 0.0001],
+        priority=1,
+        solref=_STIFF,
+        group=SHAPE_GROUP,
+        contype=1,
+        conaffinity=0,
+    )
+    x, z = corner.end * (_AXIS_X + _ROCKER_AT[0]), _AXIS_Z + _ROCKER_AT[1]
+    rocker = chassis.add_body(name=f"rocker_{port}", pos=[x, corner.side * _LEG_Y, z], quat=_about_y(corner.end * rocker_tilt))
+    rocker.add_joint(name=f"rocker_{port}", type=_HINGE, axis=axis, damping=2e-4)
+    tip = [corner.end * _ROCKER, 0.0, 0.0]
+    rocker.add_geom(
+        type=bone, fromto=[0, 0, 0, *tip], size=[0.004, 0, 0], mass=0.004, group=SHAPE_GROUP, contype=0, conaffinity=0
+    )
+    loop = spec.add_equality(name=f"loop_{port}", type=mujoco.mjtEq.mjEQ_CONNECT, objtype=mujoco.mjtObj.mjOBJ_BODY)
+    loop.name1, loop.name2 = leg.name, rocker.name
+    loop.data[:3] = [0.0, 0.0, _THIGH]
+    loop.solref, loop.solimp = [0.005, 1.0], [0.95, 0.99, 0.001, 0.5, 2.0]
+    _draw_leg(spec, crank, leg, rocker, corner)
+
+
+def _closed_loop() -> tuple[float, float]:
+    """Turns (rad, about y) of a front leg and its rocker that bring their ends together at a crank angle of 0."""
+    # From the crank's pin to the rocker's pin on the chassis; the ends meet where two circles cross.
+    x, z = _ROCKER_AT[0], _ROCKER_AT[1] + _CRANK
+    distance = math.hypot(x, z)
+    along = (distance**2 + _THIGH**2 - _ROCKER**2) / (2 * distance)
+    aside = math.sqrt(_THIGH**2 - along**2)
+    end_x, end_z = (x * along + z * aside) / distance, (z * along - x * aside) / distance
+    return math.atan2(end_x, end_z), -math.atan2(end_z - z, end_x - x)
+
+
+def _about_y(angle: float) -> list[float]:
+    return [math.cos(angle / 2), 0.0, math.sin(angle / 2), 0.0]
+
+
+def _draw_chassis(spec: mujoco.MjSpec, chassis: mujoco.MjsBody) -> None:
+    motor = lego.medium_motor()
+    parts: list[Part] = [lego.hub().at(0, 0, 16), lego.ultrasonic_sensor().at(86, 0, 16)]
+    for corner in _CORNERS.values():
+        # A motor lies along x with its shaft towards the middle.
+        facing = motor.turned(Z_AXIS, 0 if corner.end > 0 else 180)
+        if corner.side * corner.end > 0:
+            facing = facing.turned(X_AXIS, 180)
+        parts.append(facing.at(corner.end * 64, corner.side * 36, -20))
+        parts.append(lego.axle(24).at(corner.end * 32, corner.side * 50, 20))
+    for side in (1, -1):
+        parts.append(lego.beam(11, "turquoise").turned(X_AXIS, 90).at(0, side * 44, 20))
+    for x in (56, 0, -56):
+        parts.append(lego.beam(11, "dark_grey").turned(Z_AXIS, 90).at(x, 0, -4))
+    draw(spec, chassis, parts)
+
+
+def _draw_leg(spec: mujoco.MjSpec, crank: mujoco.MjsBody, leg: mujoco.MjsBody, rocker: mujoco.MjsBody, corner: _Corner) -> None:
+    side = corner.side
+    draw(spec, crank, [lego.motor_output().at(0, -side * 6, 0), lego.pin("blue").turned(X_AXIS, 90).at(0, side * 4, -8)])
+    draw(
+        spec,
+        leg,
+        [
+            lego.beam(13, "white").turned(Y_AXIS, 90).turned(Z_AXIS, 90).at(0, 0, -8),
+            lego.beam(5, "black").turned(Z_AXIS, 90).at(0, side * 4, -56),
+        ],
+    )
+    draw(spec, rocker, [lego.beam(5, "dark_grey").turned(X_AXIS, 90).at(corner.end * 16, -side * 8, 0)])

@@ -1,0 +1,261 @@
+"""Bodies that MuJoCo moves: voltages in, angles and sensor readings out."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from bricksrl.errors import TwinError
+from bricksrl.robots import MotorKind, Robot, UltrasonicSensor
+from bricksrl.twin.models import two_wheeler
+from bricksrl.twin.models.parts import OBSTACLE_GROUP
+from bricksrl.twin.physics import Physics, RandomPhysics
+from bricksrl.twin.scene import Scene
+
+MODELS: dict[str, Callable[[Robot, Scene], mujoco.MjSpec]] = {"two-wheeler": two_wheeler.build}
+
+_NEAREST_MM, _FARTHEST_MM = 40, 2000
+_CONE_DEG = (-12.0, -6.0, 0.0, 6.0, 12.0)
+_SETTLING_STEPS = 400
+# Steps between two looks at the heading: few enough that no robot turns half round in between.
+_STEPS_PER_LOOK = 20
+_Vector = np.ndarray[tuple[int], np.dtype[np.float64]]
+
+
+@dataclass(frozen=True)
+class Pose:
+    """Where a robot is.
+
+    Attributes:
+        x_m, y_m: position on the floor of the chassis' origin (2Wheeler: the middle of its axle).
+        heading_deg: clockwise positive seen from above, 0 along x, not wrapped.
+    """
+
+    x_m: float
+    y_m: float
+    heading_deg: float
+
+
+class MujocoBody:
+    """A robot in MuJoCo; implements :class:`bricksrl.twin.machine.Body`.
+
+    Everything that happens follows from the arguments and the calls, bit for bit.
+
+    Args:
+        robot: what is plugged in where.
+        scene: what stands around the robot.
+        physics: parameters, or how to draw them at each reset.
+        seed: of the sensors' noise and of the first start.
+
+    Attributes:
+        model, data: MuJoCo's own, e.g. for a renderer.
+        physics: the parameters in force.
+
+    Raises:
+        TwinError: there is no model of this robot.
+    """
+
+    def __init__(self, robot: Robot, scene: Scene, physics: Physics | RandomPhysics, seed: int) -> None:
+        if robot.name not in MODELS:
+            raise TwinError(f"robot '{robot.name}' has no MuJoCo model; choose one of {', '.join(MODELS)}")
+        self.motors: dict[str, MotorKind] = {motor.port: motor.kind for motor in robot.motors}
+        sonars = [sensor.port for sensor in robot.sensors if isinstance(sensor, UltrasonicSensor)]
+        self.distance_sensors = frozenset(sonars)
+        self.scene = scene
+        self.model = MODELS[robot.name](robot, scene).compile()
+        self.data = mujoco.MjData(self.model)
+        self._random_physics = physics if isinstance(physics, RandomPhysics) else None
+        self._bind(sonars)
+        self._remember_nominal()
+        self._apply(Physics() if isinstance(physics, RandomPhysics) else physics)
+        noise_seed, start_seed = np.random.SeedSequence(seed).spawn(2)
+        self._noise = np.random.default_rng(noise_seed)
+        self._steps = self._steps_unseen = 0
+        self._heading_deg = self._heading_at_start_deg = 0.0
+        self._settle()
+        self.reset(np.random.default_rng(start_seed))
+        self._heading_at_start_deg = self._heading_deg
+
+    def _bind(self, sonars: list[str]) -> None:
+        """Look up every name and array once."""
+        model, data = self.model, self.data
+        joints = {port: model.joint(f"motor_{port}") for port in self.motors}
+        self._shaft = {port: int(joint.qposadr[0]) for port, joint in joints.items()}
+        self._shaft_dofs = [int(joint.dofadr[0]) for joint in joints.values()]
+        self._actuator = {port: int(model.actuator(f"motor_{port}").id) for port in self.motors}
+        self._circuit = {port: 1 << int(model.actuator_group[index]) for port, index in self._actuator.items()}
+        self._open_circuits = 0
+        self._backlash = [joint for joint in range(model.njnt) if model.joint(joint).name.startswith("backlash_")]
+        self._imu = model.site("imu").pos.copy()
+        self._sonar = {port: model.site(f"ultrasonic_{port}").pos.copy() for port in sonars}
+        rays = [(math.cos(math.radians(angle)), math.sin(math.radians(angle)), 0.0) for angle in _CONE_DEG]
+        self._rays = np.array(rays)
+        self._seen_groups = np.zeros(6, np.uint8)
+        self._seen_groups[OBSTACLE_GROUP] = 1
+        self._qpos, self._qvel, self._qacc, self._ctrl = data.qpos, data.qvel, data.qacc, data.ctrl
+
+    # ---------------------------------------------------------------- physics and start
+
+    def _remember_nominal(self) -> None:
+        model = self.model
+        self._nominal_friction = model.geom_friction.copy()
+        self._nominal_mass, self._nominal_inertia = model.body_mass.copy(), model.body_inertia.copy()
+        self._nominal_frictionloss = model.dof_frictionloss[self._shaft_dofs].copy()
+
+    def _apply(self, physics: Physics) -> None:
+        model = self.model
+        self.physics = physics
+        self.battery_mv = round(physics.battery_v * 1000)
+        self._encoder_step_mdeg = round(physics.encoder_resolution_deg * 1000)
+        model.geom_friction[:] = self._nominal_friction * physics.friction_scale
+        model.body_mass[:] = self._nominal_mass * physics.mass_scale
+        model.body_inertia[:] = self._nominal_inertia * physics.mass_scale
+        model.dof_frictionloss[self._shaft_dofs] = self._nominal_frictionloss * physics.motor_friction_scale
+        play = math.radians(physics.backlash_deg)
+        for joint in self._backlash:
+            model.jnt_range[joint] = (-play, play)
+            address = model.jnt_qposadr[joint]
+            self._qpos[address] = min(max(self._qpos[address], -play), play)
+        # MuJoCo derives constants from the masses; it wants data to work in and would overwrite ours.
+        mujoco.mj_setConst(model, mujoco.MjData(model))
+
+    def _settle(self) -> None:
+        """Let the robot sink onto the floor, with open circuits, and remember how it stands."""
+        for port in self.motors:
+            self.set_voltage(port, None)
+        mujoco.mj_step(self.model, self.data, _SETTLING_STEPS)
+        self._standing_height_m = float(self._qpos[2])
+        self._standing_quaternion = self._qpos[3:7].copy()
+        self._qpos[self.model.jnt_qposadr[self._backlash]] = 0.0
+        self._qpos[list(self._shaft.values())] = 0.0
+
+    def reset(self, rng: np.random.Generator) -> None:
+        """The human hand: put the robot where an episode starts; motors keep their angles, clock and program run on.
+
+        Args:
+            rng: what the start is drawn from, and the physics when they are random.
+        """
+        if self._random_physics is not None:
+            self._apply(self._random_physics.sample(rng))
+        heading_deg = float(rng.uniform(*self.scene.heading_deg))
+        yaw = -math.radians(heading_deg)
+        turn, quaternion = np.array([math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2)]), np.empty(4)
+        mujoco.mju_mulQuat(quaternion, turn, self._standing_quaternion)
+        self._qpos[0:3] = (0.0, 0.0, self._standing_height_m)
+        self._qpos[3:7] = quaternion
+        if self.scene.wall_distance_mm is not None:
+            distance_m = float(rng.uniform(*self.scene.wall_distance_mm)) / 1000
+            wall = self.model.geom("wall")
+            eyes = self._in_world(next(iter(self._sonar.values())))
+            self._qpos[0] = wall.pos[0] - wall.size[0] - distance_m - eyes[0]
+            self._qpos[1] = -eyes[1]
+        self._qvel[:] = 0.0
+        self.data.qacc_warmstart[:] = 0.0
+        mujoco.mj_forward(self.model, self.data)
+        self._look_at_heading()
+
+    def pose(self) -> Pose:
+        """Where the robot is, without noise: for metrics, not for agents."""
+        self._look_at_heading()
+        return Pose(float(self._qpos[0]), float(self._qpos[1]), self._heading_deg)
+
+    # ---------------------------------------------------------------- time
+
+    def advance_to(self, time_ms: int) -> None:
+        """Integrate whole steps up to this simulated time."""
+        left = time_ms * 2 // 5 - self._steps
+        while left > 0:
+            steps = min(left, _STEPS_PER_LOOK)
+            mujoco.mj_step(self.model, self.data, steps)
+            left -= steps
+            self._steps += steps
+            self._steps_unseen += steps
+            if self._steps_unseen >= _STEPS_PER_LOOK:
+                self._look_at_heading()
+
+    def _look_at_heading(self) -> None:
+        w, x, y, z = self._qpos[3:7].tolist()
+        clockwise_deg = math.degrees(math.atan2(-2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)))
+        self._steps_unseen = 0
+        self._heading_deg += (clockwise_deg - self._heading_deg + 180.0) % 360.0 - 180.0
+
+    # ---------------------------------------------------------------- motors
+
+    def angle_mdeg(self, port: str) -> int:
+        """Angle of a motor's shaft in whole steps of its rotation sensor, clockwise positive."""
+        step = self._encoder_step_mdeg
+        return math.floor(math.degrees(self._qpos[self._shaft[port]]) * 1000.0 / step + 0.5) * step
+
+    def set_voltage(self, port: str, voltage_mv: int | None) -> None:
+        """Apply a voltage, at most the battery's; 0 shorts the motor (brake), ``None`` opens the circuit (coast)."""
+        circuit = self._circuit[port]
+        if voltage_mv is None:
+            if not self._open_circuits & circuit:
+                self._open_circuits |= circuit
+                self.model.opt.disableactuator = self._open_circuits
+            return
+        if self._open_circuits & circuit:
+            self._open_circuits &= ~circuit
+            self.model.opt.disableactuator = self._open_circuits
+        limit = self.battery_mv
+        self._ctrl[self._actuator[port]] = min(max(voltage_mv, -limit), limit) * 0.001
+
+    # ---------------------------------------------------------------- sensors
+
+    def distance_mm(self, port: str) -> int:
+        """Nearest obstacle that one of five rays in a cone of 24 degrees meets, with noise; 40..2000."""
+        eyes = self._in_world(self._sonar[port]) + self._qpos[0:3]
+        nearest_mm = math.inf
+        for ray in self._rays:
+            metres = mujoco.mj_ray(self.model, self.data, eyes, self._in_world(ray), self._seen_groups, True, -1, None)
+            if metres >= 0.0:
+                nearest_mm = min(nearest_mm, metres * 1000.0)
+        if nearest_mm >= _FARTHEST_MM:
+            return _FARTHEST_MM
+        deviation_mm = self.physics.distance_noise_mm + self.physics.distance_noise_ratio * nearest_mm
+        reading_mm = round(nearest_mm + deviation_mm * self._noise.standard_normal())
+        return min(max(reading_mm, _NEAREST_MM), _FARTHEST_MM)
+
+    def tilt_deg(self) -> tuple[float, float]:
+        """Pitch (nose down positive) and roll (right side down positive) from the direction of "up" in the hub's frame.
+
+        As the firmware does, this takes the fused orientation, which accelerations do not disturb.
+        """
+        w, x, y, z = self._qpos[3:7].tolist()
+        up_x, up_y, up_z = 2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)
+        pitch_deg = math.degrees(math.atan2(-up_x, math.hypot(up_y, up_z)))
+        roll_deg = math.degrees(math.atan2(up_y, up_z))
+        noise_pitch, noise_roll = (self.physics.tilt_noise_deg * self._noise.standard_normal(2)).tolist()
+        return pitch_deg + noise_pitch, roll_deg + noise_roll
+
+    def angular_velocity_deg_s(self) -> tuple[float, float, float]:
+        """Gyroscope in the frame of the hub, with noise; counter-clockwise about each axis is positive."""
+        noise = self.physics.gyro_noise_deg_s * self._noise.standard_normal(3)
+        x, y, z = (np.degrees(self._qvel[3:6]) + noise).tolist()
+        return x, y, z
+
+    def acceleration_mm_s2(self) -> tuple[float, float, float]:
+        """Accelerometer in the frame of the hub, with noise; at rest (0, 0, +9810)."""
+        spin, angular = self._qvel[3:6], self._qacc[3:6]
+        to_hub, specific_force = np.empty(4), np.empty(3)
+        mujoco.mju_negQuat(to_hub, self._qpos[3:7])
+        mujoco.mju_rotVecQuat(specific_force, self._qacc[0:3] - self.model.opt.gravity, to_hub)
+        specific_force += np.cross(angular, self._imu) + np.cross(spin, np.cross(spin, self._imu))
+        noise = self.physics.acceleration_noise_mm_s2 * self._noise.standard_normal(3)
+        x, y, z = (specific_force * 1000.0 + noise).tolist()
+        return x, y, z
+
+    def heading_deg(self) -> float:
+        """Rotation about the vertical since the start, clockwise positive, not wrapped."""
+        self._look_at_heading()
+        return self._heading_deg - self._heading_at_start_deg
+
+    def _in_world(self, vector: _Vector) -> _Vector:
+        """A vector of the chassis' frame in the directions of the world."""
+        turned = np.empty(3)
+        mujoco.mju_rotVecQuat(turned, vector, self._qpos[3:7])
+        return turned

@@ -1,0 +1,114 @@
+"""What differs from one real robot to the next: the parameters of a twin, and the ranges they are drawn from."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from bricksrl.errors import TwinError
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """What is known about one field of :class:`Physics`.
+
+    Attributes:
+        unit: of the value; "1" for a factor.
+        drawn: lowest and highest value that randomisation draws.
+        accepted: lowest and highest value that a twin takes.
+        source: where the default and the range come from.
+    """
+
+    unit: str
+    drawn: tuple[float, float]
+    accepted: tuple[float, float]
+    source: str
+
+
+def _parameter(default: float, unit: str, drawn: tuple[float, float], accepted: tuple[float, float], source: str) -> Any:
+    return dataclasses.field(default=default, metadata={"parameter": Parameter(unit, drawn, accepted, source)})
+
+
+@dataclass(frozen=True)
+class Physics:
+    """Parameters of a twin; the defaults are a freshly charged robot on a smooth floor.
+
+    Attributes:
+        battery_v: voltage of the battery, the most that a motor gets.
+        friction_scale: factor on the friction between tyres and floor.
+        mass_scale: factor on all masses and inertias.
+        motor_friction_scale: factor on the dry friction inside the motors.
+        backlash_deg: play between motor and wheel, to either side.
+        encoder_resolution_deg: step of a motor's rotation sensor.
+        distance_noise_mm: standard deviation of the ultrasonic sensor at no distance.
+        distance_noise_ratio: what is added to it for each millimetre of distance.
+        tilt_noise_deg: standard deviation of pitch and roll.
+        gyro_noise_deg_s: standard deviation of each axis of the gyroscope.
+        acceleration_noise_mm_s2: standard deviation of each axis of the accelerometer.
+        link_interval_ms: connection interval of Bluetooth; messages travel at its ticks.
+
+    Raises:
+        TwinError: at construction, when a value is outside what a twin takes.
+    """
+
+    battery_v: float = _parameter(
+        8.0, "V", (7.2, 8.3), (6.0, 9.0), "two lithium cells, 8.3 V charged, 7.2 V nominal; the hub switches off at 6 V"
+    )
+    friction_scale: float = _parameter(1.0, "1", (0.7, 1.2), (0.05, 3.0), "estimate: rubber on wood, laminate, a dusty floor")
+    mass_scale: float = _parameter(1.0, "1", (0.9, 1.15), (0.3, 3.0), "parts are estimated; 10 % for cables and other bricks")
+    motor_friction_scale: float = _parameter(1.0, "1", (0.7, 1.5), (0.0, 5.0), "estimate: new and worn motors")
+    backlash_deg: float = _parameter(2.5, "deg", (0.0, 4.0), (0.0, 10.0), "estimate: gears of a medium motor, axle in its hole")
+    encoder_resolution_deg: float = _parameter(
+        1.0, "deg", (1.0, 1.0), (0.001, 10.0), "motors report whole degrees; the same in every motor, so never drawn"
+    )
+    distance_noise_mm: float = _parameter(1.0, "mm", (0.5, 3.0), (0.0, 50.0), "estimate: readings of a still wall")
+    distance_noise_ratio: float = _parameter(
+        0.004, "1", (0.002, 0.008), (0.0, 0.2), "estimate: a wall far off against one nearby"
+    )
+    tilt_noise_deg: float = _parameter(0.3, "deg", (0.1, 0.6), (0.0, 10.0), "estimate: a hub at rest")
+    gyro_noise_deg_s: float = _parameter(0.5, "deg/s", (0.2, 1.0), (0.0, 50.0), "estimate: a hub at rest")
+    acceleration_noise_mm_s2: float = _parameter(20.0, "mm/s2", (10.0, 50.0), (0.0, 2000.0), "estimate: a hub at rest")
+    link_interval_ms: float = _parameter(
+        15.0, "ms", (7.5, 50.0), (0.0, 4000.0), "Bluetooth LE: 7.5 ms to 4 s, computers give 7.5 to 50"
+    )
+
+    def __post_init__(self) -> None:
+        for name, parameter in PARAMETERS.items():
+            value, (low, high) = getattr(self, name), parameter.accepted
+            if not (math.isfinite(value) and low <= value <= high):
+                raise TwinError(f"physics: {name} is {value} {parameter.unit}; give a value from {low} to {high}")
+
+
+PARAMETERS: dict[str, Parameter] = {field.name: field.metadata["parameter"] for field in dataclasses.fields(Physics)}
+"""Every field of :class:`Physics` by its name."""
+
+
+@dataclass(frozen=True)
+class RandomPhysics:
+    """A new :class:`Physics` for every episode (domain randomisation).
+
+    Attributes:
+        width: 1 draws each parameter uniformly from its whole range, 0 leaves the defaults.
+
+    Raises:
+        TwinError: the width is not within 0..1.
+    """
+
+    width: float = 1.0
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.width <= 1.0:
+            raise TwinError(f"random physics: width is {self.width}; give a value from 0 to 1")
+
+    def sample(self, rng: np.random.Generator) -> Physics:
+        """Draw one physics."""
+        nominal, values = Physics(), {}
+        for name, parameter in PARAMETERS.items():
+            default = getattr(nominal, name)
+            low, high = (default + self.width * (bound - default) for bound in parameter.drawn)
+            values[name] = float(rng.uniform(low, high))
+        return Physics(**values)

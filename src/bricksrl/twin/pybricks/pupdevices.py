@@ -1,0 +1,329 @@
+"""``pybricks.pupdevices``: motors and the ultrasonic sensor; of all other devices none is plugged in."""
+
+from __future__ import annotations
+
+import errno
+from types import ModuleType
+from typing import Any
+
+from bricksrl.robots import Direction as MotorDirection
+from bricksrl.twin.firmware.control import OnCompletion
+from bricksrl.twin.machine import Machine
+from bricksrl.twin.micropython.numbers import module
+from bricksrl.twin.pybricks.context import Async, Context, RunLoop, bound, charged, expect_type, get_int, os_error, refusals
+from bricksrl.twin.pybricks.control import Control
+from bricksrl.twin.pybricks.parameters import Direction, Parameters, Stop
+
+COMPLETIONS = {
+    Stop.COAST: OnCompletion.COAST,
+    Stop.BRAKE: OnCompletion.BRAKE,
+    Stop.HOLD: OnCompletion.HOLD,
+    Stop.NONE: OnCompletion.CONTINUE,
+    Stop.COAST_SMART: OnCompletion.COAST_SMART,
+    Stop.BRAKE_SMART: OnCompletion.BRAKE_SMART,
+}
+
+
+def completion(then: Any) -> OnCompletion:
+    """What a ``Stop`` means. Raises TypeError for anything else."""
+    expect_type(then, Stop)
+    return COMPLETIONS[then]
+
+
+def _gear_ratio_milli(gears: Any) -> int:
+    """1000 times the motor's turns for one of the output, from ``(12, 36)`` or ``((12, 20), (20, 40))``."""
+    if gears is None:
+        return 1000
+    trains = _teeth(gears)
+    if isinstance(trains[0], int) and isinstance(trains[-1], int):
+        trains = (trains,)
+    first = last = 1
+    for train in map(_teeth, trains):
+        first *= get_int(train[0])
+        last *= get_int(train[-1])
+    if first < 1 or last < 1:
+        raise ZeroDivisionError("Gears must be positive integers.")
+    return 1000 * last // first
+
+
+def _teeth(gears: Any) -> Any:
+    if not isinstance(gears, list | tuple):
+        raise TypeError(f"object '{type(gears).__name__}' isn't a tuple or list")
+    return gears
+
+
+class DCMotor:
+    """A motor without rotation sensor; also what both kinds of motor share."""
+
+    _context: Context
+    _machine: Machine
+    _loop: RunLoop
+    _parameters: Parameters
+
+    def __init__(self, port: Any, positive_direction: Any = Direction.CLOCKWISE) -> None:
+        self._loop.assert_blocking()
+        self._parameters.port_letter(port)
+        expect_type(positive_direction, Direction)
+        raise os_error(errno.ENODEV)
+
+
+class Motor:
+    """A motor with rotation sensor, under the firmware's control."""
+
+    _context: Context
+    _machine: Machine
+    _loop: RunLoop
+    _parameters: Parameters
+
+    def __init__(
+        self,
+        port: Any,
+        positive_direction: Any = Direction.CLOCKWISE,
+        gears: Any = None,
+        reset_angle: Any = True,
+        profile: Any = None,
+    ) -> None:
+        self._loop.assert_blocking()
+        self._letter = self._parameters.port_letter(port)
+        expect_type(positive_direction, Direction)
+        servo = self._machine.servos.get(self._letter)
+        if servo is None:
+            raise os_error(errno.ENODEV)
+        ratio = _gear_ratio_milli(gears)
+        is_clockwise = positive_direction is Direction.CLOCKWISE
+        direction = MotorDirection.CLOCKWISE if is_clockwise else MotorDirection.COUNTERCLOCKWISE
+        with refusals():
+            servo.setup(direction, ratio, bool(reset_angle), 0 if profile is None else abs(get_int(profile)))
+        self._direction = positive_direction
+        self._servo = servo
+        self._last: Async | None = None
+        self._control = Control(lambda: servo.settings, self._machine)
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}(Port.{self._letter}, {self._direction!r})"
+
+    @property
+    def control(self) -> Control:
+        return self._control
+
+    # ---- reading
+
+    def angle(self) -> int:
+        self._machine.charge_call()
+        if not self._servo.is_open:
+            raise os_error(errno.EPERM)
+        return self._servo.angle_deg()
+
+    @charged
+    def speed(self, window: Any = 100) -> int:
+        self._check_open()
+        with refusals():
+            return self._servo.speed_deg_s(max(0, get_int(window)))
+
+    @charged
+    def load(self) -> int:
+        self._check_open()
+        return self._servo.load_mnm()
+
+    @charged
+    def stalled(self) -> bool:
+        self._check_open()
+        return self._servo.is_stalled()
+
+    @charged
+    def done(self) -> bool:
+        return self._servo.is_done()
+
+    # ---- commands that are over at once
+
+    @charged
+    def stop(self) -> None:
+        self._check_open()
+        self._servo.coast()
+
+    @charged
+    def brake(self) -> None:
+        self._check_open()
+        self._servo.brake()
+
+    @charged
+    def dc(self, duty: Any) -> None:
+        self._check_open()
+        self._servo.dc(get_int(duty))
+
+    @charged
+    def hold(self) -> None:
+        self._check_open()
+        self._servo.hold()
+        self._cancel()
+
+    @charged
+    def reset_angle(self, angle: Any = None) -> None:
+        self._check_open()
+        self._servo.reset_angle(None if angle is None else get_int(angle))
+        self._cancel()
+
+    @charged
+    def settings(self, max_voltage: Any = None) -> tuple[int] | None:
+        if max_voltage is None:
+            return (self._servo.max_voltage_mv,)
+        with refusals():
+            self._servo.max_voltage_mv = get_int(max_voltage)
+        return None
+
+    @charged
+    def close(self) -> None:
+        self._check_open()
+        self._servo.close()
+        self._cancel()
+
+    @charged
+    def run(self, speed: Any) -> None:
+        self._check_open()
+        self._servo.run(get_int(speed))
+        self._cancel()
+
+    @charged
+    def track_target(self, target_angle: Any) -> None:
+        self._check_open()
+        self._servo.track_target(get_int(target_angle))
+        self._cancel()
+
+    # ---- moves
+
+    @charged
+    def run_time(self, speed: Any, time: Any, then: Any = Stop.HOLD, wait: Any = True) -> Any:
+        self._check_open()
+        self._servo.run_time(get_int(speed), max(0, get_int(time)), completion(then))
+        return self._finish() if wait else None
+
+    @charged
+    def run_angle(self, speed: Any, rotation_angle: Any, then: Any = Stop.HOLD, wait: Any = True) -> Any:
+        self._check_open()
+        with refusals():
+            self._servo.run_angle(get_int(speed), get_int(rotation_angle), completion(then))
+        return self._finish() if wait else None
+
+    @charged
+    def run_target(self, speed: Any, target_angle: Any, then: Any = Stop.HOLD, wait: Any = True) -> Any:
+        self._check_open()
+        with refusals():
+            self._servo.run_target(get_int(speed), get_int(target_angle), completion(then))
+        return self._finish() if wait else None
+
+    @charged
+    def run_until_stalled(self, speed: Any, then: Any = Stop.COAST, duty_limit: Any = None) -> Any:
+        self._check_open()
+        limit = None if duty_limit is None else max(0, min(100, get_int(duty_limit)))
+        self._servo.run_until_stalled(get_int(speed), completion(then), limit)
+        return self._finish(returns_angle=True)
+
+    def _check_open(self) -> None:
+        if not self._servo.is_open:
+            raise os_error(errno.EPERM)
+
+    def _cancel(self) -> None:
+        """A new command always wins: who awaits the old one goes on."""
+        if self._last is not None:
+            self._last.cancel()
+            self._last = None
+
+    def _finish(self, returns_angle: bool = False) -> Any:
+        self._cancel()
+        result = self._loop.finish(self._is_done, self._servo.angle_deg if returns_angle else None, self._servo.coast)
+        if isinstance(result, Async):
+            self._last = result
+        return result
+
+    def _is_done(self) -> bool:
+        if not self._servo.is_open:
+            raise os_error(errno.ENODEV)
+        return self._servo.is_done()
+
+
+class _Absent:
+    """A device that no virtual robot has: its port is empty, or something else is there."""
+
+    _loop: RunLoop
+    _parameters: Parameters
+
+    def __init__(self, port: Any) -> None:
+        self._loop.assert_blocking()
+        self._parameters.port_letter(port)
+        raise os_error(errno.ENODEV)
+
+
+class LightArray:
+    """The four lights around the eyes of the ultrasonic sensor: nobody sees them, but values are checked."""
+
+    def __init__(self, loop: RunLoop, count: int) -> None:
+        self._loop = loop
+        self._count = count
+
+    def on(self, brightness: Any = 100) -> Any:
+        values = brightness if isinstance(brightness, list | tuple) else (brightness,) * self._count
+        if len(values) != self._count:
+            raise ValueError(f"expected 1 number or tuple of {self._count} values")
+        for value in values:
+            get_int(value)
+        return self._loop.done()
+
+    def off(self) -> Any:
+        return self._loop.done()
+
+
+class UltrasonicSensor:
+    """Distance in mm, 2000 when nothing is near."""
+
+    _machine: Machine
+    _loop: RunLoop
+    _parameters: Parameters
+
+    def __init__(self, port: Any) -> None:
+        self._loop.assert_blocking()
+        self._letter = self._parameters.port_letter(port)
+        if self._letter not in self._machine.body.distance_sensors:
+            raise os_error(errno.ENODEV)
+        self.lights = LightArray(self._loop, 4)
+
+    def distance(self) -> Any:
+        self._machine.charge_call()
+        return self._loop.value(self._distance_mm)
+
+    def presence(self) -> Any:
+        """Whether another ultrasonic sensor is heard: there is none."""
+        self._machine.charge_call()
+        return self._loop.value(lambda: False)
+
+    def _distance_mm(self) -> int:
+        return self._machine.body.distance_mm(self._letter)
+
+
+class PFMotor:
+    """An infrared motor behind a colour and distance sensor, which no virtual robot has."""
+
+    def __init__(self, sensor: Any, channel: Any, color: Any, positive_direction: Any = Direction.CLOCKWISE) -> None:
+        raise TypeError(f"can't convert {type(sensor).__name__} to ColorDistanceSensor")
+
+
+class _NoRadio:
+    """A device that connects over Bluetooth; none is near."""
+
+    _loop: RunLoop
+
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        self._loop.assert_blocking()
+        raise os_error(errno.ETIMEDOUT)
+
+
+_ABSENT = "ColorSensor ForceSensor ColorDistanceSensor TiltSensor InfraredSensor ColorLightMatrix Light"
+
+
+def pupdevices_module(context: Context, parameters: Parameters) -> ModuleType:
+    names: dict[str, Any] = {"PFMotor": PFMotor}
+    absent = {name: type(name, (_Absent,), {}) for name in _ABSENT.split()}
+    for kind in (Motor, DCMotor, UltrasonicSensor, type("Remote", (_NoRadio,), {}), *absent.values()):
+        own: Any = bound(kind, context)
+        own._parameters = parameters
+        names[kind.__name__] = own
+    return module("pybricks.pupdevices", names)

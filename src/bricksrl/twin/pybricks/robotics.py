@@ -1,0 +1,207 @@
+"""``pybricks.robotics``."""
+
+from __future__ import annotations
+
+import errno
+from types import ModuleType
+from typing import Any
+
+from bricksrl.twin.firmware.control import OnCompletion
+from bricksrl.twin.firmware.drive_base import DriveBaseControl
+from bricksrl.twin.machine import Machine
+from bricksrl.twin.micropython.floats import to_single
+from bricksrl.twin.micropython.numbers import module
+from bricksrl.twin.pybricks.context import (
+    Async,
+    Context,
+    RunLoop,
+    bound,
+    charged,
+    expect_type,
+    get_int,
+    get_scaled,
+    os_error,
+    refusals,
+)
+from bricksrl.twin.pybricks.control import Control, acceleration_pair, acceleration_value, magnitude
+from bricksrl.twin.pybricks.parameters import Stop
+from bricksrl.twin.pybricks.pupdevices import Motor, completion
+
+
+class DriveBase:
+    """Two motors as a vehicle: mm, degrees, clockwise positive."""
+
+    _context: Context
+    _machine: Machine
+    _loop: RunLoop
+    _has_imu: bool
+
+    def __init__(self, left_motor: Any, right_motor: Any, wheel_diameter: Any, axle_track: Any) -> None:
+        for motor in (left_motor, right_motor):
+            expect_type(motor, Motor)
+        sizes_um = get_scaled(wheel_diameter, 1000), get_scaled(axle_track, 1000)
+        with refusals():
+            base = DriveBaseControl(left_motor._servo, right_motor._servo, *sizes_um, self._machine)
+        self._base = base
+        self._motors = left_motor, right_motor
+        self._last: Async | None = None
+        self._distance_control = Control(lambda: base.distance_settings, self._machine)
+        self._heading_control = Control(lambda: base.heading_settings, self._machine)
+
+    @property
+    def distance_control(self) -> Control:
+        return self._distance_control
+
+    @property
+    def heading_control(self) -> Control:
+        return self._heading_control
+
+    # ---- moves
+
+    @charged
+    def straight(self, distance: Any, then: Any = Stop.HOLD, wait: Any = True) -> Any:
+        self._check_open()
+        with refusals():
+            self._base.straight(get_int(distance), completion(then))
+        return self._finish() if wait else None
+
+    @charged
+    def turn(self, angle: Any, then: Any = Stop.HOLD, wait: Any = True) -> Any:
+        self._check_open()
+        with refusals():
+            self._base.curve(0, get_int(angle), completion(then))
+        return self._finish() if wait else None
+
+    @charged
+    def curve(self, radius: Any, angle: Any, then: Any = Stop.HOLD, wait: Any = True) -> Any:
+        self._check_open()
+        with refusals():
+            self._base.curve(get_int(radius), get_int(angle), completion(then))
+        return self._finish() if wait else None
+
+    @charged
+    def arc(self, radius: Any, angle: Any = None, distance: Any = None, then: Any = Stop.HOLD, wait: Any = True) -> Any:
+        self._check_open()
+        radius_mm = get_int(radius)
+        if (angle is None) == (distance is None):
+            raise ValueError("Please specify distance or angle but not both.")
+        with refusals():
+            if distance is not None:
+                self._base.arc_distance(radius_mm, get_int(distance), completion(then))
+            else:
+                self._base.arc_angle(radius_mm, get_int(angle), completion(then))
+        return self._finish() if wait else None
+
+    @charged
+    def drive(self, speed: Any, turn_rate: Any) -> None:
+        self._check_open()
+        rates = get_int(speed), get_int(turn_rate)
+        self._cancel()
+        self._base.drive(*rates)
+
+    @charged
+    def stop(self) -> None:
+        self._end(OnCompletion.COAST)
+
+    @charged
+    def brake(self) -> None:
+        self._end(OnCompletion.BRAKE)
+
+    # ---- state
+
+    @charged
+    def distance(self) -> int:
+        self._check_open()
+        return self._base.state()[0]
+
+    @charged
+    def angle(self) -> float:
+        self._check_open()
+        return to_single(self._base.angle_deg())
+
+    @charged
+    def state(self) -> tuple[int, int, int, int]:
+        self._check_open()
+        return self._base.state()
+
+    @charged
+    def done(self) -> bool:
+        return self._base.is_done()
+
+    @charged
+    def stalled(self) -> bool:
+        self._check_open()
+        return self._base.is_stalled()
+
+    # ---- settings
+
+    @charged
+    def reset(self, distance: Any = 0, angle: Any = 0) -> None:
+        self._check_open()
+        self._base.reset(get_int(distance), get_int(angle))
+
+    @charged
+    def use_gyro(self, use_gyro: Any) -> None:
+        if not self._has_imu:
+            raise AttributeError("'DriveBase' object has no attribute 'use_gyro'")
+        self._check_open()
+        self._base.use_gyro(bool(use_gyro))
+        users = self._context.gyro_users
+        if self in users:
+            users.remove(self)
+        if use_gyro:
+            users.append(self)
+
+    @charged
+    def settings(
+        self,
+        straight_speed: Any = None,
+        straight_acceleration: Any = None,
+        turn_rate: Any = None,
+        turn_acceleration: Any = None,
+    ) -> tuple[Any, ...] | None:
+        distance, heading = self._base.distance_settings, self._base.heading_settings
+        straight = distance.to_unit(distance.default_speed), *distance.limits()[1:3]
+        turn = heading.to_unit(heading.default_speed), *heading.limits()[1:3]
+        if all(value is None for value in (straight_speed, straight_acceleration, turn_rate, turn_acceleration)):
+            return straight[0], acceleration_value(*straight[1:]), turn[0], acceleration_value(*turn[1:])
+        with refusals():
+            self._base.set_settings(
+                magnitude(straight_speed, straight[0]),
+                acceleration_pair(straight_acceleration, *straight[1:]),
+                magnitude(turn_rate, turn[0]),
+                acceleration_pair(turn_acceleration, *turn[1:]),
+            )
+        return None
+
+    def _check_open(self) -> None:
+        if not all(motor._servo.is_open for motor in self._motors):
+            raise os_error(errno.EPERM)
+
+    def _cancel(self) -> None:
+        if self._last is not None:
+            self._last.cancel()
+            self._last = None
+
+    def _end(self, then: OnCompletion) -> None:
+        self._check_open()
+        self._cancel()
+        self._base.stop(then)
+
+    def _finish(self) -> Any:
+        self._cancel()
+        result = self._loop.finish(self._is_done, None, lambda: self._base.stop(OnCompletion.COAST))
+        if isinstance(result, Async):
+            self._last = result
+        return result
+
+    def _is_done(self) -> bool:
+        if not all(motor._servo.is_open for motor in self._motors):
+            raise os_error(errno.ENODEV)
+        return self._base.is_done()
+
+
+def robotics_module(context: Context, has_imu: bool) -> ModuleType:
+    own: Any = bound(DriveBase, context)
+    own._has_imu = has_imu
+    return module("pybricks.robotics", {"DriveBase": own})

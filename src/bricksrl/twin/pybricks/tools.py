@@ -1,0 +1,149 @@
+"""``pybricks.tools``."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from types import ModuleType
+from typing import Any
+
+from bricksrl.errors import TwinError
+from bricksrl.twin.console import Console
+from bricksrl.twin.machine import Machine
+from bricksrl.twin.micropython.numbers import module
+from bricksrl.twin.pybricks.context import Async, Context, bound, get_int, os_error
+from bricksrl.twin.pybricks.matrix import Matrix, cross, vector
+from bricksrl.twin.pybricks.parameters import Axis
+
+_EOPNOTSUPP = 95
+
+
+class StopWatch:
+    """Time in ms since it was made or reset, without its pauses."""
+
+    _machine: Machine
+
+    def __init__(self) -> None:
+        self._start = self._machine.time_ms
+        self._pause: int | None = None
+
+    def time(self) -> int:
+        machine = self._machine
+        machine.charge_call()
+        return (machine.time_ms if self._pause is None else self._pause) - self._start
+
+    def pause(self) -> None:
+        self._machine.charge_call()
+        if self._pause is None:
+            self._pause = self._machine.time_ms
+
+    def resume(self) -> None:
+        self._machine.charge_call()
+        if self._pause is not None:
+            self._start += self._machine.time_ms - self._pause
+            self._pause = None
+
+    def reset(self) -> None:
+        self._machine.charge_call()
+        self._start = self._machine.time_ms
+        if self._pause is not None:
+            self._pause = self._start
+
+
+class Task:
+    """``multitask(...)``: several tasks in turns, until all of them, or with ``race`` one of them, are done."""
+
+    def __init__(self, *tasks: Any, race: Any = False) -> None:
+        self._tasks = tasks
+        self._iterators: list[Iterator[Any]] = [iter(task) for task in tasks]
+        self._results: list[Any] = [None] * len(tasks)
+        self._open = list(range(len(tasks)))
+        self._required = 1 if race else len(tasks)
+
+    def __iter__(self) -> Task:
+        return self
+
+    def __next__(self) -> None:
+        try:
+            for index in tuple(self._open):
+                try:
+                    next(self._iterators[index])
+                except StopIteration as stop:
+                    self._results[index] = stop.value
+                    self._open.remove(index)
+                    if len(self._tasks) - len(self._open) >= self._required:
+                        break
+        except BaseException:
+            self.close()
+            raise
+        if len(self._tasks) - len(self._open) >= self._required:
+            self.close()
+            raise StopIteration(tuple(self._results))
+
+    def close(self) -> None:
+        for index in self._open:
+            close: Callable[[], Any] | None = getattr(self._tasks[index], "close", None)
+            if close is not None:
+                close()
+        self._open = []
+
+
+class AppData:
+    """Host data apart from the standard streams: a virtual hub has none."""
+
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        raise os_error(_EOPNOTSUPP)
+
+
+def tools_module(context: Context, console: Console, has_display: bool) -> ModuleType:
+    machine, loop = context.machine, context.loop
+
+    def wait(time: Any) -> Any:
+        duration = time if type(time) is int else get_int(time)
+        if not loop.is_active:
+            if duration > 0:
+                machine.advance(duration)
+            else:
+                machine.charge_call()
+            return None
+        if duration == 0:
+            looks = iter((False, True))
+            return Async(lambda: next(looks), None, None)
+        end_ms = machine.time_ms + duration
+        return Async(lambda: machine.time_ms >= end_ms, None, None)
+
+    def run_task(task: Any = None) -> bool | None:
+        if task is None:
+            return loop.is_active
+        if loop.is_active:
+            raise RuntimeError("Run loop already active.")
+        loop.is_active = True
+        try:
+            iterator = iter(task)
+            while next(iterator, _DONE) is not _DONE:
+                machine.advance(1)
+        finally:
+            loop.is_active = False
+        return None
+
+    def read_input_byte(last: Any = False, chr: Any = False) -> int | str | None:
+        machine.charge_call()
+        count = console.available()
+        if not count:
+            return None
+        byte = console.read(count if last else 1)[-1]
+        if not chr:
+            return byte
+        return bytes((byte,)).decode() if 32 <= byte <= 126 else None
+
+    def hub_menu(first: Any, second: Any, *more: Any) -> None:
+        raise TwinError("hub_menu waits for a button, and a virtual hub has none to press; choose in the program instead")
+
+    names: dict[str, Any] = {"wait": wait, "run_task": run_task, "read_input_byte": read_input_byte, "AppData": AppData}
+    names.update({"StopWatch": bound(StopWatch, context), "multitask": Task, "Matrix": Matrix, "vector": vector, "cross": cross})
+    names["Axis"] = Axis
+    if has_display:
+        names["hub_menu"] = hub_menu
+    return module("pybricks.tools", names)
+
+
+_DONE = object()

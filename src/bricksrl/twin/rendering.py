@@ -1,0 +1,191 @@
+"""Pictures of virtual robots, drawn off the screen. Training never imports this."""
+
+from __future__ import annotations
+
+import ctypes
+import importlib
+import os
+import sys
+from collections.abc import Iterable
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from bricksrl.errors import RenderingUnavailableError, TwinError
+from bricksrl.twin.mujoco_body import MujocoBody
+
+Image = NDArray[np.uint8]
+
+_REMEDY = "install one (Debian: apt install libegl1 libgl1-mesa-dri, or libosmesa6) or set MUJOCO_GL to one that works"
+_LIBRARIES = {"egl": ("libEGL.so.1",), "osmesa": ("libOSMesa.so.8", "libOSMesa.so.6", "libOSMesa.so")}
+_MAX_GEOMS = 500
+
+
+class Renderer:
+    """Draws a body as one of its cameras sees it.
+
+    Args:
+        body: the robot.
+        width, height: of the image in pixels.
+        camera: name of a camera: "chase" moves along, "overview" stands still.
+        shadows: draws them; without a graphics card they cost far more than all the rest.
+        smooth: blends the edges of things; without a graphics card it doubles the time.
+
+    Raises:
+        RenderingUnavailableError: no OpenGL library works here.
+        TwinError: there is no such camera, or no such image.
+    """
+
+    def __init__(
+        self,
+        body: MujocoBody,
+        width: int = 320,
+        height: int = 240,
+        camera: str = "chase",
+        *,
+        shadows: bool = False,
+        smooth: bool = True,
+    ) -> None:
+        model = body.model
+        if width < 1 or height < 1:
+            raise TwinError(f"an image of {width} x {height} cannot be drawn; give positive sizes in pixels")
+        self._camera = mujoco.MjvCamera()
+        self._camera.type = mujoco.mjtCamera.mjCAMERA_FIXED
+        self._camera.fixedcamid = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_CAMERA, camera)
+        if self._camera.fixedcamid < 0:
+            cameras = ", ".join(model.camera(index).name for index in range(model.ncam))
+            raise TwinError(f"there is no camera '{camera}'; choose one of {cameras}")
+        self._body = body
+        self._option = mujoco.MjvOption()
+        self._scene = mujoco.MjvScene(model, maxgeom=_MAX_GEOMS)
+        self._scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = shadows
+        self._scene.flags[mujoco.mjtRndFlag.mjRND_REFLECTION] = False
+        self._viewport = mujoco.MjrRect(0, 0, width, height)
+        self._pixels = np.empty((height, width, 3), np.uint8)
+        # OpenGL clears its whole buffer for every image, so it gets one of just this size.
+        model.vis.global_.offwidth, model.vis.global_.offheight = width, height
+        model.vis.quality.offsamples = 4 if smooth else 0
+        self._gl, self._context = _open_context(model, width, height)
+
+    def render(self) -> Image:
+        """Draw what the camera sees now.
+
+        Returns:
+            uint8 [height, width, 3], red, green, blue.
+        """
+        if self._context is None:
+            raise TwinError("this renderer is closed; make a new one")
+        model, data = self._body.model, self._body.data
+        # Steps leave positions one step behind the joints.
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_camlight(model, data)
+        self._gl.make_current()
+        every = mujoco.mjtCatBit.mjCAT_ALL
+        mujoco.mjv_updateScene(model, data, self._option, None, self._camera, every, self._scene)
+        mujoco.mjr_render(self._viewport, self._scene, self._context)
+        mujoco.mjr_readPixels(self._pixels, None, self._viewport, self._context)
+        return self._pixels[::-1].copy()
+
+    def close(self) -> None:
+        """Free what OpenGL holds; closing twice does nothing."""
+        if self._context is not None:
+            self._gl.make_current()
+            self._context.free()
+            self._gl.free()
+            self._context = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self.close()
+
+
+def write_video(path: str | Path, frames: Iterable[Image], fps: float) -> Path:
+    """Write images as an mp4 (H.264) that browsers play.
+
+    Args:
+        path: of the file; its folder is made.
+        frames: uint8 [height, width, 3], all of one size.
+        fps: images a second.
+
+    Returns:
+        The path.
+
+    Raises:
+        TwinError: there are no frames, or they differ in size.
+    """
+    import imageio_ffmpeg
+
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    writer: Any = None
+    size: tuple[int, ...] = ()
+    try:
+        for frame in frames:
+            if writer is None:
+                size = frame.shape
+                writer = imageio_ffmpeg.write_frames(
+                    str(path),
+                    (size[1], size[0]),
+                    fps=fps,
+                    codec="libx264",
+                    quality=7,
+                    macro_block_size=2,
+                    ffmpeg_log_level="error",
+                )
+                writer.send(None)
+            if frame.shape != size or frame.dtype != np.uint8:
+                raise TwinError(f"a frame is {frame.dtype} {frame.shape}, the first was uint8 {size}; give frames of one size")
+            writer.send(np.ascontiguousarray(frame))
+    finally:
+        if writer is not None:
+            writer.close()
+    if writer is None:
+        raise TwinError(f"there are no frames to write to {path}; render at least one")
+    return path
+
+
+def _open_context(model: mujoco.MjModel, width: int, height: int) -> tuple[Any, Any]:
+    """An OpenGL context and MuJoCo's own in it."""
+    backend = os.environ.get("MUJOCO_GL", "").lower().strip() or _choose_backend()
+    if backend:
+        # MuJoCo's library reads this when it looks for OpenGL's functions.
+        os.environ["MUJOCO_GL"] = backend
+    try:
+        module = importlib.import_module(f"mujoco.{backend}") if backend in ("egl", "osmesa", "glfw", "cgl") else mujoco
+        gl = module.GLContext(width, height)
+        gl.make_current()
+        context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100)
+    except Exception as error:
+        # Each library fails in its own way: ImportError, AttributeError, RuntimeError, an error of ctypes or of GL.
+        name = backend or "the system's OpenGL"
+        raise RenderingUnavailableError(f"nothing can be drawn with {name} ({_one_line(error)}); {_REMEDY}") from error
+    mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, context)
+    return gl, context
+
+
+def _choose_backend() -> str:
+    """The library to draw with where the user named none; empty for what MuJoCo itself takes."""
+    if not sys.platform.startswith("linux") or os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"):
+        return ""
+    for backend, names in _LIBRARIES.items():
+        if any(_loads(name) for name in names):
+            return backend
+    raise RenderingUnavailableError(f"no OpenGL library is here to draw with; {_REMEDY}")
+
+
+def _loads(name: str) -> bool:
+    try:
+        ctypes.CDLL(name)
+    except OSError:
+        return False
+    return True
+
+
+def _one_line(error: Exception) -> str:
+    return " ".join(str(error).split())[:120] or type(error).__name__

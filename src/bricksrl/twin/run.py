@@ -1,0 +1,105 @@
+"""Runs a file on a virtual robot, as fast as it goes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import BinaryIO, TextIO
+
+from bricksrl import robots
+from bricksrl.errors import ProgramError
+from bricksrl.twin.language import execute, format_traceback
+from bricksrl.twin.machine import Machine
+from bricksrl.twin.pybricks import modules
+
+
+class _TimeIsUp(BaseException):
+    """Ends a program from within, past its own handlers of exceptions."""
+
+
+class StreamConsole:
+    """A console on two binary streams; its lines end with ``\\n`` only."""
+
+    def __init__(self, machine: Machine, stdin: BinaryIO | None, stdout: BinaryIO) -> None:
+        self._machine = machine
+        self._stdout = stdout
+        # All of it at once: simulated time does not wait for anybody who types.
+        self._input = stdin.read() if stdin is not None else b""
+        self._position = 0
+
+    def available(self) -> int:
+        return len(self._input) - self._position
+
+    def read(self, n: int) -> bytes:
+        if n > self.available():
+            raise EOFError("the program waits for input, and there is no more")
+        start = self._position
+        self._position += n
+        return self._input[start : self._position]
+
+    def write(self, data: bytes) -> None:
+        self._machine.charge_call()
+        self._stdout.write(data.replace(b"\r\n", b"\n"))
+
+
+def run_file(
+    path: str | Path,
+    robot_name: str,
+    *,
+    stdout: BinaryIO,
+    stderr: TextIO,
+    stdin: BinaryIO | None = None,
+    time_limit_s: float | None = None,
+) -> int:
+    """Run a hub program to its end, in simulated time.
+
+    Args:
+        path: the program; it can import others from its folder.
+        robot_name: the robot that it runs on, ``"two-wheeler"`` or ``"bench"``.
+        stdout: gets what the program prints.
+        stderr: gets the traceback when it raises, as a hub prints it.
+        stdin: what the program can read; read to its end at once. ``None`` for nothing.
+        time_limit_s: simulated seconds after which the program is stopped, as with the button of a hub.
+
+    Returns:
+        Exit code: 1 when the program raises, 0 else; ``SystemExit`` and the time limit count as an end.
+
+    Raises:
+        UnknownNameError: there is no such robot.
+        ProgramError: the file cannot be read.
+        TwinError: the robot has no twin.
+    """
+    from bricksrl.twin.bodies import make_body
+
+    robot = robots.get(robot_name)
+    path = Path(path)
+    try:
+        source = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise ProgramError(f"cannot read the program '{path}': {error}; give the path of a Python file") from error
+    machine = Machine(robot, make_body(robot))
+    if time_limit_s is not None:
+        machine.alarm_ms = round(time_limit_s * 1000)
+        machine.on_alarm = _stop
+    console = StreamConsole(machine, stdin, stdout)
+    try:
+        importable = modules(machine, console)
+        importable.find_source = lambda name: _source_beside(path, name)
+        execute(source, path.name, importable, console)
+    except (SystemExit, _TimeIsUp):
+        pass
+    except (Exception, KeyboardInterrupt) as error:  # noqa: BLE001 - whatever a program raises
+        stderr.write(format_traceback(error, path.name))
+        return 1
+    finally:
+        machine.stop_motors()
+        stdout.flush()
+    return 0
+
+
+def _source_beside(path: Path, name: str) -> str | None:
+    beside = path.with_name(f"{name}.py")
+    return beside.read_text(encoding="utf-8") if beside.is_file() else None
+
+
+def _stop() -> None:
+    raise _TimeIsUp

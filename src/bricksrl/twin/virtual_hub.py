@@ -1,0 +1,220 @@
+"""A hub that everybody has: the program that a LEGO hub would run, run against a physics twin in simulated time.
+
+The program is a greenlet. It runs only while the host waits for the hub, until the simulated time that the host
+waits for; so no thread is needed, and a run is reproducible. Bytes travel at connection events, as over Bluetooth.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections import deque
+
+import numpy as np
+from greenlet import getcurrent, greenlet
+
+from bricksrl.errors import HubError, HubProgramError
+from bricksrl.hub.compile import MAIN_FILE
+from bricksrl.hub.traceback import describe_traceback
+from bricksrl.hub.transport import HubProgram
+from bricksrl.robots import Robot
+from bricksrl.twin import language
+from bricksrl.twin.bodies import make_body
+from bricksrl.twin.machine import Machine
+from bricksrl.twin.micropython.system import ProgramInterrupt
+from bricksrl.twin.physics import Physics, RandomPhysics
+from bricksrl.twin.pybricks import modules
+from bricksrl.twin.scene import Scene
+
+MAX_WRITE_BYTES = 20
+
+
+class _Stopped(BaseException):
+    """Thrown into the program when the host stops it; no program catches it."""
+
+
+class _Wire:
+    """The program's standard input and output, with the bytes that are on their way to the host."""
+
+    def __init__(self, hub: VirtualHub, stdin_bytes: int) -> None:
+        self._hub = hub
+        self._room = stdin_bytes
+        self._stdin = bytearray()
+        self.outbox: deque[tuple[float, bytes]] = deque()
+
+    def available(self) -> int:
+        return len(self._stdin)
+
+    def read(self, n: int) -> bytes:
+        while len(self._stdin) < n:
+            self._hub.machine.advance(1)
+        data = bytes(self._stdin[:n])
+        del self._stdin[:n]
+        return data
+
+    def write(self, data: bytes) -> None:
+        due_ms = self._hub.next_event_ms()
+        self.outbox.append((due_ms, data))
+        self._hub.wake_at(due_ms)
+
+    def deliver(self, data: bytes) -> None:
+        """Put the host's bytes into the ring; a write that does not fit is refused whole, as by the firmware."""
+        if len(self._stdin) + len(data) > self._room:
+            raise HubError("the hub's input buffer is full; the program does not read, wait for its answer before writing on")
+        self._stdin += data
+
+
+class VirtualHub:
+    """A :class:`~bricksrl.hub.transport.Transport` to a virtual robot.
+
+    Args:
+        robot: what is built.
+        scene: what stands around it; ``None`` for an open floor.
+        physics: parameters of the twin and of its link, or how to draw them for each episode; ``None`` for the defaults.
+        seed: of all noise.
+        realtime: let simulated time keep pace with the clock on the wall: the robot moves on while the host thinks.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        *,
+        scene: Scene | None = None,
+        physics: Physics | RandomPhysics | None = None,
+        seed: int = 0,
+        realtime: bool = False,
+    ) -> None:
+        self.robot = robot
+        self.body = make_body(robot, scene=scene, physics=physics, seed=seed)
+        self.machine = Machine(robot, self.body)
+        self.machine.on_alarm = self._to_host
+        self._wire = _Wire(self, robot.hub.model.stdin_bytes)
+        self._program: greenlet | None = None
+        self._host: greenlet | None = None
+        self._error: str | None = None
+        self._wall_start_s = time.monotonic() if realtime else None
+
+    def open(self) -> None:
+        """Nothing to find: the hub is here."""
+
+    def start(self, program: HubProgram) -> None:
+        """Start a program; one that runs is stopped first."""
+        self.stop()
+        self._error = None
+        self._wire = _Wire(self, self.robot.hub.model.stdin_bytes)
+        self._program = greenlet(self._run)
+        self._run_until(self.machine.time_ms, program.source)
+
+    def write(self, data: bytes) -> None:
+        """Send bytes; they arrive at the next connection event.
+
+        Raises:
+            HubError: more than 20 bytes, no program, or no room in the program's input buffer.
+            HubProgramError: the program raised.
+        """
+        if len(data) > MAX_WRITE_BYTES:
+            raise HubError(f"{len(data)} bytes in one write; a hub takes {MAX_WRITE_BYTES} at most, split them")
+        self._keep_pace()
+        self._run_until(math.ceil(self.next_event_ms()))
+        self._check()
+        self._wire.deliver(data)
+
+    def read(self, timeout_s: float) -> bytes:
+        """The program's next output, when it has arrived here; ``b""`` when none came within the (simulated) time.
+
+        Raises:
+            HubError: no program runs and nothing is left to read.
+            HubProgramError: the program raised.
+        """
+        self._keep_pace()
+        deadline_ms = self.machine.time_ms + round(timeout_s * 1000)
+        outbox = self._wire.outbox
+        while not (outbox and outbox[0][0] <= self.machine.time_ms):
+            if not outbox:
+                self._check()
+            if self.machine.time_ms >= deadline_ms:
+                return b""
+            self._run_until(min(deadline_ms, math.ceil(outbox[0][0])) if outbox else deadline_ms)
+        data = bytearray()
+        while outbox and outbox[0][0] <= self.machine.time_ms:
+            data += outbox.popleft()[1]
+        self._keep_pace()
+        return bytes(data)
+
+    def stop(self) -> None:
+        """Stop the program; the motors coast."""
+        if self._program is not None:
+            program, self._program = self._program, None
+            if not program.dead:
+                program.throw(_Stopped)
+            self.machine.stop_motors()
+
+    def close(self) -> None:
+        self.stop()
+
+    def now_s(self) -> float:
+        return self.machine.time_ms / 1000
+
+    def reset(self, rng: np.random.Generator) -> None:
+        """The human hand: put the robot at the start of an episode. The program goes on running."""
+        self.body.reset(rng)
+
+    # ---- between host and program
+
+    def next_event_ms(self) -> float:
+        """Time of the next connection event; an interval of 0 is a link without delay."""
+        interval_ms, now_ms = self.body.physics.link_interval_ms, self.machine.time_ms
+        return (now_ms // interval_ms + 1) * interval_ms if interval_ms else now_ms
+
+    def wake_at(self, time_ms: float) -> None:
+        """Let the host have its turn no later than this."""
+        alarm_ms = self.machine.alarm_ms
+        if alarm_ms is not None:
+            self.machine.alarm_ms = min(alarm_ms, math.ceil(time_ms))
+
+    def _run_until(self, time_ms: int, source: str | None = None) -> None:
+        """Let the program run until a simulated time, or until it has written something, or ended."""
+        program = self._program
+        if program is None or program.dead:
+            self.machine.alarm_ms = None
+            self.machine.advance(max(0, time_ms - self.machine.time_ms))
+            return
+        self._host = getcurrent()
+        program.parent = self._host
+        self.machine.alarm_ms = max(time_ms, self.machine.time_ms + 1)
+        program.switch(*(() if source is None else (source,)))
+        self.machine.alarm_ms = None
+
+    def _to_host(self) -> None:
+        self.machine.alarm_ms = None
+        if self._host is not None and getcurrent() is self._program:
+            self._host.switch()
+
+    def _run(self, source: str) -> None:
+        """Body of the greenlet."""
+        try:
+            language.execute(source, MAIN_FILE, modules(self.machine, self._wire), self._wire)
+        except (SystemExit, _Stopped):
+            pass
+        except (Exception, ProgramInterrupt) as error:  # a program may raise anything; the host gets to know
+            self._error = describe_traceback(language.format_traceback(error, MAIN_FILE), source)
+        self.machine.stop_motors()
+
+    def _check(self) -> None:
+        if self._error is not None:
+            raise HubProgramError(self._error)
+        if self._program is None or self._program.dead:
+            raise HubError("no program runs on the hub; start one")
+
+    def _keep_pace(self) -> None:
+        """In real time: the robot has moved on while the host was busy, or the host waits for it."""
+        if self._wall_start_s is None:
+            return
+        wall_ms = (time.monotonic() - self._wall_start_s) * 1000
+        ahead_ms = self.machine.time_ms - wall_ms
+        if ahead_ms > 0:
+            time.sleep(ahead_ms / 1000)
+        elif ahead_ms < -1:
+            target_ms = int(wall_ms)
+            while self.machine.time_ms < target_ms:
+                self._run_until(target_ms)

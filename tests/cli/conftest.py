@@ -1,0 +1,73 @@
+"""The real command, in a process of its own."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from bricksrl.cli import main
+
+Bricksrl = Callable[..., "subprocess.CompletedProcess[str]"]
+EXECUTABLE = str(Path(sys.executable).with_name("bricksrl"))
+
+
+@pytest.fixture(scope="session")
+def bricksrl(tmp_path_factory: pytest.TempPathFactory) -> Bricksrl:
+    """Run ``bricksrl`` with these arguments, in a folder of the session."""
+    folder = tmp_path_factory.mktemp("cli")
+
+    def run(*arguments: str, timeout_s: float = 120.0, **environment: str) -> subprocess.CompletedProcess[str]:
+        return subprocess.run(
+            [EXECUTABLE, *arguments],
+            cwd=folder,
+            env={**os.environ, "MUJOCO_GL": "disable", **environment},
+            capture_output=True,
+            text=True,
+            timeout=timeout_s,
+            check=False,
+        )
+
+    return run
+
+
+@pytest.fixture
+def fails(capfd: pytest.CaptureFixture[str]) -> Callable[..., None]:
+    """Expect exit code 2 of these arguments, one line of error that ``says`` something, and nothing else."""
+
+    def run(*arguments: str, says: str) -> None:
+        try:
+            code: int | str | None = main(arguments)
+        except SystemExit as end:
+            code = end.code
+        written = capfd.readouterr()
+        assert (code, written.out) == (2, "")
+        assert re.fullmatch(r"error: [^\n]+\n", written.err), written.err
+        assert says in written.err
+
+    return run
+
+
+@pytest.fixture(scope="session")
+def start(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., subprocess.Popen[str]]:
+    """Start ``bricksrl`` and go on."""
+    folder = tmp_path_factory.mktemp("cli-started")
+
+    def popen(*arguments: str) -> subprocess.Popen[str]:
+        command = [EXECUTABLE, *arguments]
+        environment = {**os.environ, "MUJOCO_GL": "disable"}
+        return subprocess.Popen(command, cwd=folder, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+    return popen
+
+
+@pytest.fixture(scope="session")
+def trained(bricksrl: Bricksrl, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, subprocess.CompletedProcess[str]]:
+    """The folder of a short run, and what the command said."""
+    run_dir = tmp_path_factory.mktemp("runs") / "short"
+    return run_dir, bricksrl("train", "RunAway-v0", "--episodes", "4", "--seed", "3", "--run", str(run_dir))

@@ -1,0 +1,94 @@
+"""Help, version, and errors in one line."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+
+import bricksrl as package
+from bricksrl.cli.app import one_line
+
+COMMANDS = ("list", "train", "resume", "evaluate", "hub", "hub program", "hub run")
+HEAVY = ("torch", "torchrl", "tensordict", "mujoco", "gymnasium", "matplotlib", "scipy", "numpy")
+
+
+def test_version(bricksrl):
+    done = bricksrl("--version")
+    assert (done.returncode, done.stdout, done.stderr) == (0, f"bricksrl {package.__version__}\n", "")
+
+
+@pytest.mark.parametrize("command", ["", *COMMANDS])
+def test_help_loads_nothing_heavy(command):
+    script = (
+        "import sys\n"
+        "from bricksrl.cli import main\n"
+        "try:\n"
+        f"    main({[*command.split(), '--help']!r})\n"
+        "except SystemExit as end:\n"
+        "    assert not end.code, end.code\n"
+        f"print('loaded:', *sorted(set(sys.modules) & set({HEAVY!r})))\n"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=60, check=True)
+    usage, *_, last = done.stdout.splitlines()
+    assert usage.startswith(f"usage: bricksrl {command}".rstrip())
+    assert last == "loaded:"
+
+
+def test_help_names_every_command(bricksrl):
+    done = bricksrl("--help")
+    for command in ("list", "train", "resume", "evaluate", "hub"):
+        assert f"• {command} " in done.stdout
+
+
+def test_help_of_a_command_has_examples(bricksrl):
+    for command in COMMANDS:
+        if command != "hub":
+            assert f"\n  bricksrl {command}" in bricksrl(*command.split(), "--help").stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        ("", "Expected one of"),
+        ("trian RunAway-v0", "trian"),
+        ("train", "ENV"),
+        ("train RunAway-v0 --agnet sac", "--agnet"),
+        ("train RunAway-v0 --seed x", "--seed"),
+        ("train RunAway-v0 --hub ble", "--hub"),
+        ("train RunAway-v0 Spinning-v0", "Spinning-v0"),
+        ("hub", "program, run"),
+        ("hub run", "FILE"),
+        ("evaluate", "RUN"),
+    ],
+)
+def test_wrong_arguments_are_one_line(fails, arguments, says):
+    fails(*arguments.split(), says=says)
+
+
+def test_an_error_in_the_arguments_names_whose_help_to_read(bricksrl):
+    assert bricksrl("train", "RunAway-v0", "--hub", "ble").stderr.endswith("; see `bricksrl train --help`\n")
+
+
+def test_a_reader_that_goes_away_is_no_error():
+    command = f"{sys.executable} -m bricksrl.cli list --json | true"
+    done = subprocess.run(command, shell=True, capture_output=True, text=True, timeout=60, check=False)  # noqa: S602
+    assert done.stderr == ""
+
+
+def test_one_line_keeps_the_message_and_whose_help_to_read():
+    box = (
+        "╭─ Value error ────────╮\n"
+        "│ Error parsing --seed: │\n"
+        "│ not a number.         │\n"
+        "│ ───────────────────── │\n"
+        "│ For full helptext, see bricksrl train --help │\n"
+        "╰──────────────────────╯\n"
+    )
+    assert one_line(box) == "Error parsing --seed: not a number; see `bricksrl train --help`"
+
+
+def test_one_line_of_something_unknown_is_still_a_line():
+    assert "\n" not in one_line("")
+    assert "\n" not in one_line("Traceback\nsomething\n\nelse\n")

@@ -1,0 +1,73 @@
+"""``bricksrl evaluate``."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+
+import pytest
+
+from bricksrl.cli import main
+
+
+def test_json_is_all_that_stands_on_standard_output(bricksrl, trained):
+    done = bricksrl("evaluate", str(trained[0]), "--episodes", "2", "--seed", "7", "--json")
+    assert (done.returncode, done.stderr) == (0, "")
+    result = json.loads(done.stdout)
+    assert result["env"] == "RunAway-v0"
+    assert len(result["returns"]) == result["episodes"] == 2
+    assert result["return_mean"] == pytest.approx(sum(result["returns"]) / 2)
+    assert 0 <= result["success_rate"] <= 1
+    assert result["return_std"] >= 0
+    assert 40 <= result["metrics"]["final_distance_mm"] <= 2000
+
+
+def test_the_same_seed_gives_the_same_returns(trained, capsys):
+    written = []
+    for _ in range(2):
+        assert main(["evaluate", str(trained[0]), "--episodes", "1", "--json"]) == 0
+        written.append(capsys.readouterr().out)
+    assert json.loads(written[0]) == json.loads(written[1])
+
+
+def test_text_names_each_episode_and_the_mean(trained, capsys):
+    assert main(["evaluate", str(trained[0]), "--episodes", "2"]) == 0
+    written = capsys.readouterr().out
+    assert re.findall(r"^episode (\d)/2  return ", written, re.MULTILINE) == ["1", "2"]
+    assert re.search(r"^return   -?\d\S* ± \S+", written, re.MULTILINE)
+    assert "final_distance_mm" in written
+
+
+def damage(run_dir):
+    data = bytearray((run_dir / "checkpoint.bin").read_bytes())
+    data[len(data) // 2] ^= 1
+    (run_dir / "checkpoint.bin").write_bytes(data)
+
+
+def truncate(run_dir):
+    (run_dir / "checkpoint.bin").write_bytes((run_dir / "checkpoint.bin").read_bytes()[:1000])
+
+
+def remove(run_dir):
+    (run_dir / "checkpoint.bin").unlink()
+
+
+def break_config(run_dir):
+    (run_dir / "config.json").write_text("{")
+
+
+@pytest.mark.parametrize("harm", [damage, truncate, remove, break_config])
+def test_a_run_that_was_harmed_is_one_line(fails, trained, tmp_path, harm):
+    run_dir = tmp_path / "harmed"
+    shutil.copytree(trained[0], run_dir)
+    harm(run_dir)
+    fails("evaluate", str(run_dir), says=str(run_dir))
+
+
+def test_no_run_is_one_line(fails, tmp_path):
+    fails("evaluate", str(tmp_path / "nothing"), says="nothing")
+
+
+def test_another_environment_that_does_not_fit_is_one_line(fails, trained):
+    fails("evaluate", str(trained[0]), "--env", "Spinning-v0", says="environment")

@@ -1,0 +1,90 @@
+"""``bricksrl hub``."""
+
+from __future__ import annotations
+
+import ast
+import re
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from bricksrl.envs import get_task
+from bricksrl.hub.program import generate
+
+
+def test_program_is_the_one_that_the_hub_runs(bricksrl):
+    done = bricksrl("hub", "program", "RunAway-v0")
+    assert (done.returncode, done.stderr) == (0, "")
+    task = get_task("RunAway-v0")
+    assert done.stdout.strip() == generate(task.robot, task.interface).source.strip()
+    ast.parse(done.stdout)
+
+
+def test_program_of_an_unknown_environment_is_one_line(fails):
+    fails("hub", "program", "RunAwya-v0", says="there is no environment 'RunAwya-v0'")
+
+
+HELLO = """
+from pybricks.pupdevices import Motor
+from pybricks.parameters import Port
+from pybricks.tools import wait
+motor = Motor(Port.A)
+motor.run_angle(500, 90)
+print("turned", motor.angle())
+"""
+
+
+def test_run_prints_what_the_program_prints(bricksrl, tmp_path):
+    path = tmp_path / "main.py"
+    path.write_text(HELLO)
+    done = bricksrl("hub", "run", str(path), "--robot", "bench")
+    assert (done.returncode, done.stderr) == (0, "")
+    word, angle = done.stdout.split()
+    assert word == "turned"
+    assert abs(int(angle) - 90) <= 5
+
+
+def test_run_of_a_program_that_raises_ends_with_its_traceback(bricksrl, tmp_path):
+    path = tmp_path / "main.py"
+    path.write_text("print('before')\n1 / 0\n")
+    done = bricksrl("hub", "run", str(path), "--robot", "bench")
+    assert done.returncode == 1
+    assert done.stdout.split() == ["before"]
+    assert done.stderr.startswith("Traceback (most recent call last):\n")
+    assert "line 2" in done.stderr
+    assert "ZeroDivisionError" in done.stderr.splitlines()[-1]
+    assert "bricksrl" not in done.stderr
+
+
+def test_run_ends_at_its_time_limit(bricksrl, tmp_path):
+    path = tmp_path / "main.py"
+    path.write_text("from pybricks.tools import wait\nprint('on')\nwhile True:\n    wait(100)\n")
+    done = bricksrl("hub", "run", str(path), "--robot", "bench", "--time-limit-s", "5")
+    assert (done.returncode, done.stdout, done.stderr) == (0, "on\n", "")
+
+
+def test_run_feeds_the_program_from_standard_input(tmp_path):
+    path = tmp_path / "main.py"
+    path.write_text("from usys import stdin\nprint(stdin.read(3))\n")
+    command = [sys.executable, "-m", "bricksrl.cli", "hub", "run", str(path), "--robot", "bench"]
+    done = subprocess.run(command, input="abc", capture_output=True, text=True, timeout=60, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "abc\n", "")
+
+
+def test_ctrl_c_stops_a_program(start, tmp_path):
+    path = tmp_path / "main.py"
+    path.write_text("from pybricks.tools import wait\nprint('on')\nwhile True:\n    wait(1000)\n")
+    child = start("hub", "run", str(path), "--robot", "bench")
+    time.sleep(3)
+    child.send_signal(signal.SIGINT)
+    _, stderr = child.communicate(timeout=60)
+    assert child.returncode == 130
+    assert re.fullmatch(r"interrupted: [^\n]+\n", stderr)
+
+
+@pytest.mark.parametrize(("arguments", "says"), [(("nothing.py",), "nothing.py"), ((__file__, "--robot", "dog"), "dog")])
+def test_wrong_files_and_robots_are_one_line(fails, arguments, says):
+    fails("hub", "run", *arguments, says=says)

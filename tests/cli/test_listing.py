@@ -1,0 +1,25 @@
+"""``bricksrl list``."""
+
+from __future__ import annotations
+
+import json
+
+from bricksrl import agents, envs, robots
+
+
+def test_table_names_everything(bricksrl):
+    done = bricksrl("list")
+    assert (done.returncode, done.stderr) == (0, "")
+    for name in (*envs.list_envs(), *agents.AGENTS, *agents.PRESETS, *robots.ROBOTS):
+        assert name in done.stdout
+
+
+def test_json_is_one_object(bricksrl):
+    done = bricksrl("list", "--json")
+    listed = json.loads(done.stdout)
+    assert [env["id"] for env in listed["environments"]] == list(envs.list_envs())
+    assert listed["agents"] == list(agents.AGENTS)
+    run_away = next(env for env in listed["environments"] if env["id"] == "RunAway-v0")
+    assert run_away["observation"] == ["left_angle", "right_angle", "pitch", "roll", "distance"]
+    assert run_away["action"] == ["straight"]
+    assert run_away["max_steps"] == 20

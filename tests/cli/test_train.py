@@ -1,0 +1,133 @@
+"""``bricksrl train`` and ``resume``: what they leave behind, what they say, and Ctrl-C."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import signal
+import time
+import warnings
+
+import imageio_ffmpeg
+import numpy as np
+import pytest
+
+from bricksrl.cli.progress import clock, sparkline
+from bricksrl.cli.video import record
+from bricksrl.errors import RenderingUnavailableError
+from bricksrl.training import RunFolder
+
+
+def test_a_run_says_how_it_goes(trained):
+    _, done = trained
+    assert (done.returncode, done.stderr) == (0, "")
+    lines = re.findall(r"^episode (\d)/4  return -?\d\S*  \S+ steps/s  \d+:\d\d left", done.stdout, re.MULTILINE)
+    assert lines == ["1", "2", "3", "4"]
+    assert re.search(r"^return   -?\d\S* ± \S+", done.stdout, re.MULTILINE)
+
+
+def test_a_run_leaves_its_files(trained):
+    run_dir, done = trained
+    folder = RunFolder(run_dir)
+    assert folder.curve_path.read_bytes().startswith(b"\x89PNG")
+    assert len(folder.read_episodes()) == 4
+    assert folder.read_config().seed == 3
+    for path in (folder.curve_path, folder.checkpoint_path, folder.evaluation_path):
+        assert path.exists()
+    assert str(folder.curve_path) in done.stdout
+
+
+def test_without_opengl_there_is_no_video_and_one_line_says_so(trained):
+    run_dir, done = trained
+    assert not (run_dir / "video.mp4").exists()
+    assert len(re.findall(r"^video           none: .*OpenGL|^video           none: .*drawn", done.stdout, re.MULTILINE)) == 1
+
+
+def test_with_opengl_there_is_a_video(trained, tmp_path):
+    run_dir = tmp_path / "run"
+    shutil.copytree(trained[0], run_dir)
+    try:
+        path = record(run_dir)
+    except RenderingUnavailableError as error:
+        pytest.skip(str(error))
+    with warnings.catch_warnings(action="ignore", category=ResourceWarning):  # the reader leaves its pipes open
+        meta, *frames = imageio_ffmpeg.read_frames(str(path))
+    assert meta["size"] == (480, 360)
+    images = [np.frombuffer(frame, np.uint8).astype(int) for frame in frames]
+    assert len(images) >= meta["fps"]
+    assert images[0].std() > 5
+    assert abs(images[-1] - images[0]).mean() > 1
+
+
+def test_an_existing_folder_stays_as_it_is(fails, trained):
+    run_dir, _ = trained
+    before = {path.name: path.read_bytes() for path in run_dir.iterdir()}
+    fails("train", "RunAway-v0", "--run", str(run_dir), says="exists already")
+    assert {path.name: path.read_bytes() for path in run_dir.iterdir()} == before
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (("RunAwya-v0",), "RunAway-v0"),
+        (("RunAway-v0", "--agent", "sca"), "sca"),
+        (("RunAway-v0", "--preset", "papr"), "paper"),
+        (("RunAway-v0", "--episodes", "0"), "episodes"),
+    ],
+)
+def test_wrong_names_and_numbers_are_one_line(fails, tmp_path, arguments, says):
+    run_dir = tmp_path / "run"
+    fails("train", *arguments, "--run", str(run_dir), says=says)
+    assert not run_dir.exists()
+
+
+def test_ctrl_c_keeps_what_was_learned_and_resume_goes_on(start, fails, tmp_path):
+    run_dir = tmp_path / "run"
+    child = start("train", "RunAway-v0", "--episodes", "500", "--run", str(run_dir))
+    for line in child.stdout:
+        if line.startswith("episode 3/"):
+            break
+    child.send_signal(signal.SIGINT)
+    _, stderr = child.communicate(timeout=60)
+    assert child.returncode == 130
+    found = re.fullmatch(rf"interrupted: (\d+) episodes are saved in {run_dir}; `bricksrl resume {run_dir}` goes on\n", stderr)
+    assert found, stderr
+    saved = RunFolder(run_dir).read_episodes()
+    assert len(saved) == int(found[1]) >= 3
+    assert RunFolder(run_dir).curve_path.exists()
+
+    fails("resume", str(run_dir), "--episodes", "2", says="500")
+
+
+def test_resume_trains_a_finished_run_for_longer(bricksrl, tmp_path):
+    run_dir = tmp_path / "run"
+    assert bricksrl("train", "RunAway-v0", "--agent", "random", "--episodes", "1", "--run", str(run_dir)).returncode == 0
+    done = bricksrl("resume", str(run_dir), "--episodes", "2")
+    assert done.returncode == 0, done.stderr
+    assert "episode 2/2" in done.stdout
+    assert "episode 1/2" not in done.stdout
+    assert len(RunFolder(run_dir).read_episodes()) == 2
+
+
+@pytest.mark.parametrize("delay_s", [0.5, 2.0])
+def test_ctrl_c_before_the_first_episode_leaves_one_line(start, tmp_path, delay_s):
+    child = start("train", "RunAway-v0", "--episodes", "500", "--run", str(tmp_path / "run"))
+    time.sleep(delay_s)  # while modules are loaded; later on a fast computer
+    child.send_signal(signal.SIGINT)
+    _, stderr = child.communicate(timeout=60)
+    assert child.returncode == 130
+    assert re.fullmatch(r"interrupted: [^\n]*saved[^\n]*\n", stderr), stderr
+
+
+def test_resuming_nothing_is_one_line(fails, tmp_path):
+    fails("resume", str(tmp_path), says=str(tmp_path))
+
+
+@pytest.mark.parametrize(("seconds", "text"), [(0, "0:00"), (59.6, "1:00"), (754, "12:34"), (3661, "1:01:01")])
+def test_clock(seconds, text):
+    assert clock(seconds) == text
+
+
+def test_sparkline():
+    assert sparkline([0.0, 3.5, 7.0]) == "▁▅█"
+    assert sparkline([2.0, 2.0]) == "▅▅"

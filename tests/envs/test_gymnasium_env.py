@@ -1,0 +1,85 @@
+"""What users of Gymnasium see."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import warnings
+
+import gymnasium
+import numpy as np
+import pytest
+import torch
+from gymnasium.utils.env_checker import check_env
+
+import bricksrl
+from bricksrl.errors import RenderingUnavailableError
+
+IDS = pytest.mark.parametrize("env_id", ["RunAway-v0", "Spinning-v0"])
+
+
+@IDS
+def test_gymnasiums_own_checker_has_nothing_to_say(env_id: str) -> None:
+    env = gymnasium.make(f"bricksrl/{env_id}").unwrapped
+    env.reset()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        check_env(env, skip_render_check=True)
+    env.close()
+
+
+def test_spaces_hold_what_a_hub_can_report() -> None:
+    run_away, spinning = gymnasium.make("bricksrl/RunAway-v0"), gymnasium.make("bricksrl/Spinning-v0")
+    assert run_away.observation_space == gymnasium.spaces.Box(
+        np.array([0, 0, -90, -90, 0], np.float32), np.array([360, 360, 90, 90, 2000], np.float32)
+    )
+    assert spinning.observation_space.high[4] == pytest.approx(3276.7)
+    assert spinning.action_space == gymnasium.spaces.Box(-1, 1, (2,))
+
+
+def test_an_episode_is_that_of_the_torchrl_environment() -> None:
+    env = gymnasium.make("bricksrl/Spinning-v0")
+    observation, info = env.reset(seed=5)
+    reference = bricksrl.make("Spinning-v0", seed=5)
+    td = reference.reset()
+    assert info == {}
+    turn = np.array([-1, 1] if observation[5] == 0 else [1, -1], dtype=np.float32)
+    assert np.array_equal(observation, td["observation"].numpy())
+    rewards = []
+    for step in range(50):
+        observation, reward, terminated, truncated, info = env.step(turn)
+        td = reference.step(td.set("action", torch.from_numpy(turn)))["next"]
+        assert np.array_equal(observation, td["observation"].numpy())
+        assert reward == td["reward"].item()
+        assert (terminated, truncated) == (False, step == 49)
+        assert ("success" in info) is (step == 49)
+        rewards.append(reward)
+    assert info["mean_yaw_rate_deg_s"] == pytest.approx(np.mean(rewards), rel=1e-4)
+    assert info["success"] is True
+    env.close()
+
+
+def test_drawing() -> None:
+    env = gymnasium.make("bricksrl/RunAway-v0", render_mode="rgb_array")
+    env.reset(seed=0)
+    try:
+        image = env.render()
+    except RenderingUnavailableError:
+        pytest.skip("no OpenGL library is here")
+    assert image.shape == (240, 320, 3)
+    assert image.dtype == np.uint8
+    assert image.std() > 5
+    env.step(np.array([-1], dtype=np.float32))
+    assert (env.render() != image).any()
+    env.reset(seed=0)
+    assert np.array_equal(env.render(), image)
+    env.close()
+
+
+def test_both_ways_to_find_it() -> None:
+    """After ``import bricksrl``, and by naming the module in the id."""
+    program = "import gymnasium; gymnasium.make('bricksrl:bricksrl/RunAway-v0').reset(); print('fine')"
+    done = subprocess.run(
+        [sys.executable, "-W", "error", "-c", program], capture_output=True, text=True, check=False, timeout=120
+    )
+    assert (done.stdout.strip(), done.stderr) == ("fine", "")

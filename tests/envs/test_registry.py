@@ -1,0 +1,49 @@
+"""Environments by name."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import gymnasium
+import pytest
+
+import bricksrl
+from bricksrl.envs import get_task
+from bricksrl.envs.tasks.run_away import RUN_AWAY
+from bricksrl.errors import DescriptionError, UnknownNameError
+
+
+def test_list_describes_each_environment() -> None:
+    envs = bricksrl.list_envs()
+    assert {"RunAway-v0", "Spinning-v0"} <= set(envs)
+    assert "wall" in envs["RunAway-v0"]
+    assert list(envs) == sorted(envs)
+
+
+@pytest.mark.parametrize(
+    ("name", "meant"),
+    [("RunAway", "RunAway-v0"), ("runaway-v0", "RunAway-v0"), ("Spining-v0", "Spinning-v0"), ("Chess-v5", None)],
+)
+def test_unknown_names_are_answered_with_known_ones(name: str, meant: str | None) -> None:
+    with pytest.raises(UnknownNameError, match=f"no environment '{name}'") as caught:
+        bricksrl.make(name)
+    message = str(caught.value)
+    assert "RunAway-v0, " in message
+    assert "\n" not in message
+    assert (f"did you mean '{meant}'?" in message) is (meant is not None)
+
+
+def test_other_hubs_are_not_there_yet() -> None:
+    with pytest.raises(UnknownNameError, match="hub='virtual'"):
+        bricksrl.make("RunAway-v0", hub="ble")
+
+
+def test_own_tasks_may_not_replace_ours_but_each_other() -> None:
+    with pytest.raises(DescriptionError, match="comes with BricksRL"):
+        bricksrl.register(dataclasses.replace(RUN_AWAY, max_steps=5))
+    mine = dataclasses.replace(RUN_AWAY, id="Mine-v0")
+    bricksrl.register(mine)
+    assert get_task("Mine-v0") is mine
+    bricksrl.register(dataclasses.replace(mine, max_steps=7))
+    assert get_task("Mine-v0").max_steps == 7
+    assert gymnasium.spec("bricksrl/Mine-v0").max_episode_steps == 7

@@ -1,0 +1,129 @@
+"""Tasks are pure, batched functions; the numbers are those of the environment tables."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bricksrl.envs.task import HostEntry, Task
+from bricksrl.envs.tasks.run_away import RUN_AWAY
+from bricksrl.envs.tasks.spinning import SPINNING
+from bricksrl.errors import DescriptionError
+from bricksrl.hub.interface import Interface, MotorAngle
+
+DISTANCES_MM = st.integers(0, 2000).map(float)
+RATES_DEG_S = st.integers(-3000, 3000).map(lambda tenths: tenths / 10)
+
+
+def at_distance(*distances_mm: float) -> torch.Tensor:
+    """RunAway observations ``[len(distances), 5]``."""
+    observations = torch.zeros(len(distances_mm), 5)
+    observations[:, 4] = torch.tensor(distances_mm)
+    return observations
+
+
+def turning(direction: float, *rates_deg_s: float) -> torch.Tensor:
+    """Spinning observations ``[len(rates), 6]``."""
+    observations = torch.zeros(len(rates_deg_s), 6)
+    observations[:, 4] = torch.tensor(rates_deg_s)
+    observations[:, 5] = direction
+    return observations
+
+
+@given(before=DISTANCES_MM, after=DISTANCES_MM)
+def test_run_away_rewards_the_sign_of_the_change(before: float, after: float) -> None:
+    reward = RUN_AWAY.reward(at_distance(before), torch.zeros(1, 1), at_distance(after))
+    expected = 0.0 if after <= 40 or after == before else 1.0 if after > before else -1.0
+    assert reward.tolist() == [[expected]]
+
+
+@pytest.mark.parametrize(
+    ("distance_mm", "ends"), [(39, True), (40, True), (41, False), (250, False), (1999, False), (2000, True)]
+)
+def test_run_away_ends_at_the_wall_and_out_of_sight(distance_mm: float, ends: bool) -> None:
+    assert RUN_AWAY.terminated(at_distance(distance_mm)).tolist() == [[ends]]
+
+
+@pytest.mark.parametrize(("path_mm", "succeeds"), [((300, 400), False), ((1900, 2000), True), ((100, 40), False)])
+def test_run_away_succeeds_at_the_limit_of_the_sensor(path_mm: tuple[float, ...], succeeds: bool) -> None:
+    episode = at_distance(*path_mm)
+    assert RUN_AWAY.success(episode).item() is succeeds
+    assert RUN_AWAY.metrics(episode)["final_distance_mm"].item() == path_mm[-1]
+
+
+@given(rate=RATES_DEG_S)
+def test_spinning_rewards_left_turns_or_right_turns_without_clipping(rate: float) -> None:
+    left, right = turning(0, rate), turning(1, rate)
+    assert SPINNING.reward(left, torch.zeros(1, 2), left).item() == pytest.approx(rate)
+    assert SPINNING.reward(right, torch.zeros(1, 2), right).item() == pytest.approx(-rate)
+    assert SPINNING.terminated(left).tolist() == [[False]]
+
+
+@pytest.mark.parametrize(
+    ("direction", "rates", "succeeds", "mean"),
+    [
+        (0, (90, 110), True, 100),
+        (0, (90, 109), False, 99.5),
+        (0, (-200, -200), False, -200),
+        (1, (-150, -160), True, 155),
+        (1, (150, 160), False, -155),
+    ],
+)
+def test_spinning_succeeds_when_fast_the_right_way_round(
+    direction: float, rates: tuple[float, ...], succeeds: bool, mean: float
+) -> None:
+    episode = turning(direction, *rates)
+    assert SPINNING.success(episode).item() is succeeds
+    assert SPINNING.metrics(episode)["mean_yaw_rate_deg_s"].item() == pytest.approx(mean)
+
+
+@pytest.mark.parametrize("task", [RUN_AWAY, SPINNING], ids=lambda task: task.id)
+@pytest.mark.parametrize("batch", [(), (3,), (2, 3)], ids=str)
+def test_all_functions_are_batched(task: Task, batch: tuple[int, ...]) -> None:
+    generator = torch.Generator().manual_seed(0)
+    n, m, steps = len(task.entries), len(task.interface.commands), 4
+    episode = torch.rand((*batch, steps, n), generator=generator) * 300
+    before, after = episode[..., 0, :], episode[..., 1, :]
+    action = torch.zeros((*batch, m))
+    reward, ends = task.reward(before, action, after), task.terminated(after)
+    assert reward.shape == ends.shape == (*batch, 1)
+    assert reward.dtype == torch.float32
+    assert ends.dtype == torch.bool
+    assert task.success(episode).shape == batch
+    assert task.success(episode).dtype == torch.bool
+    assert all(value.shape == batch for value in task.metrics(episode).values())
+
+
+def test_only_measured_values_that_can_exceed_their_table_are_nominal() -> None:
+    assert [entry.name for entry in RUN_AWAY.entries if entry.nominal] == []
+    assert [(e.name, e.limits) for e in SPINNING.entries if e.nominal] == [("yaw_rate", (-3276.7, 3276.7))]
+    arm = dataclasses.replace(
+        RUN_AWAY, interface=dataclasses.replace(RUN_AWAY.interface, channels=(MotorAngle("left", -45, 10),))
+    )
+    assert arm.entries[0].nominal
+
+
+def test_host_entries_are_drawn_from_their_whole_range() -> None:
+    rng = np.random.default_rng(0)
+    assert {HostEntry("direction", 0, 1, whole=True).draw(rng) for _ in range(50)} == {0.0, 1.0}
+    goals = [HostEntry("goal", -45, 10, "deg").draw(rng) for _ in range(200)]
+    assert -45 <= min(goals) < -40 and 5 < max(goals) <= 10
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"id": "RunAway"}, "version"),
+        ({"max_steps": 0}, "max_steps"),
+        ({"interface": Interface((), RUN_AWAY.interface.channels, RUN_AWAY.interface.settle)}, "command"),
+        ({"host_entries": (HostEntry("distance", 0, 1),)}, "twice"),
+    ],
+)
+def test_a_task_that_cannot_be_is_refused(change: dict[str, object], words: str) -> None:
+    with pytest.raises(DescriptionError, match=words):
+        dataclasses.replace(RUN_AWAY, **change)  # type: ignore[arg-type]

@@ -1,0 +1,91 @@
+"""The project's own promises: versions, layers, and what the README says."""
+
+from __future__ import annotations
+
+import re
+import shlex
+import subprocess
+import sys
+import tomllib
+from importlib import metadata
+from pathlib import Path
+
+import pytest
+
+import bricksrl
+from bricksrl.cli.app import parse
+
+ROOT = Path(__file__).parent.parent
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+
+
+def test_one_version_everywhere():
+    newest = re.search(r"^## \[(\d+\.\d+\.\d+)\]", (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), re.MULTILINE)
+    assert newest is not None
+    assert bricksrl.__version__ == metadata.version("bricksrl") == newest[1]
+
+
+def test_imports_go_one_way():
+    command = Path(sys.executable).with_name("lint-imports")
+    done = subprocess.run(
+        [command, "--no-logo", "--no-cache"], cwd=ROOT, capture_output=True, text=True, timeout=120, check=False
+    )
+    assert done.returncode == 0, done.stdout
+
+
+def test_every_dependency_is_pinned():
+    pinned = {line.split("==")[0].lower().replace("_", "-") for line in _constraints()}
+    wanted = [*PROJECT["project"]["dependencies"], *PROJECT["project"]["optional-dependencies"]["dev"]]
+    assert {re.split(r"[<>=]", requirement)[0].lower() for requirement in wanted} <= pinned
+
+
+def test_constraints_are_exact_and_free_of_local_builds():
+    assert all(re.fullmatch(r"[\w.-]+==[\w.]+", line) for line in _constraints())
+
+
+def test_public_names_are_there():
+    for name in bricksrl.__all__:
+        assert getattr(bricksrl, name) is not None
+
+
+def test_unknown_name_says_so():
+    with pytest.raises(AttributeError, match="no attribute 'mkae'"):
+        bricksrl.mkae  # noqa: B018
+
+
+def _constraints() -> list[str]:
+    lines = (ROOT / "constraints.txt").read_text(encoding="utf-8").splitlines()
+    return [line for line in lines if line and not line.startswith("#")]
+
+
+def _commands(tool: str) -> list[str]:
+    return re.findall(rf"^ *({tool} [^#\n]*?) *(?:#.*)?$", README, re.MULTILINE)
+
+
+@pytest.mark.parametrize("command", _commands("bricksrl"))
+def test_readme_commands_exist(command):
+    assert callable(parse(shlex.split(command)[1:]).execute)
+
+
+def test_readme_has_commands():
+    assert len(_commands("bricksrl")) >= 5
+    assert len(_commands("make")) >= 2
+
+
+@pytest.mark.parametrize("command", _commands("make"))
+def test_readme_make_targets_exist(command):
+    done = subprocess.run(["make", "--dry-run", *shlex.split(command)[1:]], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+
+
+def test_readme_links_exist():
+    for target in re.findall(r"\]\((?!https?:)([^)]+)\)", README):
+        if target != "docs/images/two_wheeler.png":
+            assert (ROOT / target).exists(), target
+
+
+@pytest.mark.parametrize("block", re.findall(r"```python\n(.*?)```", README, re.DOTALL))
+def test_readme_python_runs(block, tmp_path):
+    done = subprocess.run([sys.executable, "-c", block], cwd=tmp_path, capture_output=True, text=True, timeout=300, check=False)
+    assert done.returncode == 0, done.stderr

@@ -1,0 +1,62 @@
+"""A small environment that trains in seconds: a cart on a line that is to go away from a wall."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import torch
+from tensordict import TensorDict, TensorDictBase
+from torchrl.data import Binary, Bounded, Composite, Unbounded
+from torchrl.envs import EnvBase
+
+
+class Cart(EnvBase):
+    """Position 0..1000 mm, moved by up to 100 mm a step with noise; reward is the way in decimetres; ends at 0 mm.
+
+    Like a robot it keeps its state to itself, and its noise comes from a generator of its own.
+    """
+
+    def __init__(self, max_steps: int = 8) -> None:
+        super().__init__(batch_size=())
+        self.observation_spec = Composite(
+            observation=Bounded(torch.tensor([0.0, -1.0]), torch.tensor([1000.0, 1.0]), dtype=torch.float32)
+        )
+        self.action_spec = Bounded(-1.0, 1.0, shape=(1,))
+        self.reward_spec = Unbounded(shape=(1,))
+        flag = Binary(1, dtype=torch.bool)
+        self.done_spec = Composite(done=flag, terminated=flag.clone(), truncated=flag.clone())
+        self.max_steps = max_steps
+        self.rng = torch.Generator()
+        self.resets = 0
+        self.position_mm = torch.zeros(1)
+        self.step_count = 0
+
+    def _set_seed(self, seed: int | None) -> None:
+        self.rng.manual_seed(seed or 0)
+
+    def _observation(self) -> torch.Tensor:
+        return torch.cat((self.position_mm, torch.rand(1, generator=self.rng) * 2 - 1))
+
+    def _reset(self, tensordict: TensorDictBase | None = None, **kwargs: Any) -> TensorDictBase:
+        self.resets += 1
+        self.step_count = 0
+        self.position_mm = 100.0 + 200.0 * torch.rand(1, generator=self.rng)
+        return TensorDict({"observation": self._observation()}, batch_size=())
+
+    def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
+        before = self.position_mm
+        noise = 5.0 * torch.randn(1, generator=self.rng)
+        self.position_mm = (before + 100.0 * tensordict["action"] + noise).clamp(0.0, 1000.0)
+        self.step_count += 1
+        terminated = self.position_mm <= 0.0
+        truncated = torch.tensor([self.step_count >= self.max_steps])
+        return TensorDict(
+            {
+                "observation": self._observation(),
+                "reward": (self.position_mm - before) / 100.0,
+                "terminated": terminated,
+                "truncated": truncated,
+                "done": terminated | truncated,
+            },
+            batch_size=(),
+        )

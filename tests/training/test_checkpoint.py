@@ -1,0 +1,82 @@
+from __future__ import annotations
+
+import hashlib
+import pickle
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from bricksrl.errors import CheckpointError
+from bricksrl.training import files
+from bricksrl.training.checkpoint import MAGIC, load_checkpoint, save_checkpoint
+
+STATE: dict[str, Any] = {"numbers": [1, 2.5, "three", None, True], "tensor": torch.arange(6.0).view(2, 3)}
+
+
+def test_state_comes_back(tmp_path: Path) -> None:
+    path = tmp_path / "checkpoint.bin"
+    save_checkpoint(path, STATE)
+    state = load_checkpoint(path)
+    assert state["numbers"] == STATE["numbers"]
+    assert torch.equal(state["tensor"], STATE["tensor"])
+    assert [entry.name for entry in tmp_path.iterdir()] == ["checkpoint.bin"]
+
+
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=60)
+@given(st.data())
+def test_any_flipped_bit_and_any_cut_is_noticed(tmp_path: Path, data: st.DataObject) -> None:
+    path = tmp_path / "checkpoint.bin"
+    save_checkpoint(path, STATE)
+    content = bytearray(path.read_bytes())
+    if data.draw(st.booleans()):
+        content[data.draw(st.integers(0, len(content) - 1))] ^= 1 << data.draw(st.integers(0, 7))
+    else:
+        content = content[: data.draw(st.integers(0, len(content) - 1))]
+    path.write_bytes(content)
+    with pytest.raises(CheckpointError) as caught:
+        load_checkpoint(path)
+    assert "\n" not in str(caught.value)
+
+
+def test_missing_file_and_folder_in_its_place(tmp_path: Path) -> None:
+    for path in (tmp_path / "none.bin", tmp_path):
+        with pytest.raises(CheckpointError, match="cannot read"):
+            load_checkpoint(path)
+
+
+class Evil:
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return (Path.touch, (self.path,))
+
+
+def test_nothing_in_a_checkpoint_is_executed(tmp_path: Path) -> None:
+    path, trace = tmp_path / "checkpoint.bin", tmp_path / "trace"
+    for payload in (pickle.dumps(Evil(trace), protocol=2), b"", b"junk"):
+        path.write_bytes(MAGIC + hashlib.sha256(payload).digest() + payload)
+        with pytest.raises(CheckpointError, match="something else"):
+            load_checkpoint(path)
+    save_checkpoint(path, {"evil": Evil(trace)})
+    with pytest.raises(CheckpointError, match="something else"):
+        load_checkpoint(path)
+    assert not trace.exists()
+
+
+def test_old_file_stays_whole_when_writing_fails(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "checkpoint.bin"
+    save_checkpoint(path, STATE)
+
+    def full(descriptor: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(files.os, "fsync", full)
+    with pytest.raises(OSError, match="No space"):
+        save_checkpoint(path, {"new": 1})
+    assert "tensor" in load_checkpoint(path)
+    assert [entry.name for entry in tmp_path.iterdir()] == ["checkpoint.bin"]

@@ -1,0 +1,58 @@
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bricksrl.agents import SACSettings, preset
+from bricksrl.errors import RunError
+from bricksrl.training import TrainConfig
+
+
+@given(st.integers(0, 2**40), st.lists(st.integers(1, 512), min_size=1, max_size=4), st.floats(1e-6, 1.0), st.booleans())
+def test_config_comes_back_from_json(seed: int, hidden: list[int], rate: float, realtime: bool) -> None:
+    settings = SACSettings(hidden=tuple(hidden), learning_rate=rate)
+    config = TrainConfig(env="RunAway-v0", seed=seed, realtime=realtime, settings=settings)
+    assert TrainConfig.from_dict(json.loads(json.dumps(config.to_dict()))) == config
+
+
+def test_folder_is_not_part_of_the_dictionary() -> None:
+    config = TrainConfig(env="RunAway-v0", settings=preset("paper"), run_dir=Path("here"))
+    assert "run_dir" not in config.to_dict()
+    assert TrainConfig.from_dict(config.to_dict(), run_dir=Path("there")) == replace(config, run_dir=Path("there"))
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        {"colour": "red"},
+        {"episodes": "many"},
+        {"episodes": 0},
+        {"episodes": True},
+        {"seed": 1.5},
+        {"settings": []},
+        {"settings": {"hidden": 256}},
+        {"settings": {"gamma": 3}},
+        {"settings": {"momentum": 0.9}},
+    ],
+)
+def test_damaged_config_is_refused_in_one_line(damage: dict[str, object]) -> None:
+    data = TrainConfig(env="RunAway-v0").to_dict()
+    with pytest.raises(RunError, match=r"config|settings") as caught:
+        TrainConfig.from_dict({**data, **damage})
+    assert "\n" not in str(caught.value)
+
+
+def test_config_without_environment_is_refused() -> None:
+    with pytest.raises(RunError, match="env"):
+        TrainConfig.from_dict({})
+
+
+@pytest.mark.parametrize("change", [{"episodes": 0}, {"seed": -1}])
+def test_impossible_numbers_are_refused(change: dict[str, int]) -> None:
+    with pytest.raises(RunError, match=next(iter(change))):
+        TrainConfig(env="RunAway-v0", **change)  # type: ignore[arg-type]

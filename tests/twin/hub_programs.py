@@ -1,0 +1,42 @@
+"""Runs hub programs on a bench for the tests beside it."""
+
+from __future__ import annotations
+
+from bricksrl import robots
+from bricksrl.robots import Robot
+from bricksrl.twin.bench import BenchBody
+from bricksrl.twin.language import execute
+from bricksrl.twin.machine import Machine
+from bricksrl.twin.pybricks import modules
+
+
+class Console:
+    """Input that arrives at given simulated times."""
+
+    def __init__(self, machine: Machine, arrivals: dict[int, bytes]) -> None:
+        self.machine = machine
+        self.arrivals = arrivals
+        self.taken = 0
+        self.written = b""
+
+    def _arrived(self) -> bytes:
+        return b"".join(data for time_ms, data in sorted(self.arrivals.items()) if time_ms <= self.machine.time_ms)
+
+    def available(self) -> int:
+        return len(self._arrived()) - self.taken
+
+    def read(self, n: int) -> bytes:
+        while self.available() < n:
+            self.machine.advance(1)
+        self.taken += n
+        return self._arrived()[self.taken - n : self.taken]
+
+    def write(self, data: bytes) -> None:
+        self.written += data
+
+
+def output(source: str, arrivals: dict[int, bytes] | None = None, robot: Robot = robots.BENCH) -> str:
+    machine = Machine(robot, BenchBody(robot))
+    console = Console(machine, arrivals or {})
+    execute(source, "main.py", modules(machine, console), console)
+    return console.written.decode("latin-1").replace("\r\n", "\n").removesuffix("\n")

@@ -1,0 +1,283 @@
+"""The language of a hub: numbers, text, builtins, errors. Expected texts are those of MicroPython."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bricksrl.twin.language import Modules, execute, format_traceback
+from bricksrl.twin.micropython.floats import float_text, to_single
+
+
+class Recorder:
+    """A console that keeps what is written and has these bytes to read."""
+
+    def __init__(self, data: bytes = b"") -> None:
+        self.data = data
+        self.written = b""
+
+    def available(self) -> int:
+        return len(self.data)
+
+    def read(self, n: int) -> bytes:
+        head, self.data = self.data[:n], self.data[n:]
+        return head
+
+    def write(self, data: bytes) -> None:
+        self.written += data
+
+
+def printed(source: str, data: bytes = b"") -> str:
+    console = Recorder(data)
+    execute(source, "main.py", {}, console)
+    return console.written.decode().replace("\r\n", "\n").removesuffix("\n")
+
+
+def traceback_of(source: str) -> str:
+    with pytest.raises(Exception) as caught:  # noqa: PT011 - any error of a program
+        printed(source)
+    return format_traceback(caught.value, "main.py")
+
+
+@pytest.mark.parametrize(
+    ("expression", "expected"),
+    [
+        ("1/3", "0.3333333"),
+        ("0.1+0.2", "0.3"),
+        ("1e10", "1e+10"),
+        ("123456.789", "123456.8"),
+        ("1234567.0", "1234567.0"),
+        ("12345678.0", "1.234568e+07"),
+        ("1e-05", "1e-05"),
+        ("-0.0", "-0.0"),
+        ("3e38*10", "inf"),
+        ("16777216.0 + 1", "1.677722e+07"),
+        ("16777216.0 + 1 == 16777216.0", "True"),
+        ("123456789 / 1000", "123456.8"),
+        ("7.5 // 2", "3.0"),
+        ("-7 // 2, -7 % 3, divmod(-7, 2)", "(-4, 2, (-4, 1))"),
+        ("2**-1, 2**10, 2.0**0.5", "(0.5, 1024, 1.414214)"),
+        ("round(2.5), round(2.567, 2), int(-3.9)", "(2, 2.57, -3)"),
+        ("sum([0.1] * 10)", "1.0"),
+        ("float('0.1'), int('0x10', 0), int(' 12 ')", "(0.1, 16, 12)"),
+        ("list(map(int, '1 2'.split())), list(map(str, [0.1]))", "([1, 2], ['0.1'])"),
+    ],
+)
+def test_numbers(expression: str, expected: str) -> None:
+    assert printed(f"print(({expression}))") == expected
+
+
+@given(st.floats(width=32, allow_nan=False, allow_infinity=False), st.floats(width=32, allow_nan=False, allow_infinity=False))
+def test_sums_and_products_are_single_precision(a: float, b: float) -> None:
+    source = f"a, b = float('{a!r}'), float('{b!r}')\nprint(a + b == S, a * b == P)"
+    console = Recorder()
+    sum_, product = to_single(a + b), to_single(a * b)
+    execute(source.replace("S", f"float('{sum_!r}')").replace("P", f"float('{product!r}')"), "main.py", {}, console)
+    assert console.written == b"True True\r\n"
+
+
+@given(st.floats(width=32, allow_nan=False, allow_infinity=False))
+def test_text_of_a_float_is_one_again_and_close(x: float) -> None:
+    text = float_text(x)
+    assert float(text) == pytest.approx(x, rel=1e-6, abs=1e-44)
+    assert set(text) & set(".en")
+
+
+@pytest.mark.parametrize(
+    "statement",
+    [
+        "x = 0x3fffffff; x += 1",
+        "x = 1 << 15; x = x * x * x",
+        "x = 1; x = x << 30",
+        "x = -2; x = x ** 31",
+        "x = [2**15]; x[0] *= 2**15",
+    ],
+)
+def test_integers_have_31_bits(statement: str) -> None:
+    assert traceback_of(statement).endswith("OverflowError: small int overflow\n")
+
+
+def test_smallest_and_largest_integers_work() -> None:
+    assert printed("print(-1073741824, 0x3fffffff, -0x3fffffff - 1)") == "-1073741824 1073741823 -1073741824"
+
+
+def test_long_literal_is_refused_before_anything_runs() -> None:
+    console = Recorder()
+    with pytest.raises(OverflowError, match="long int not supported"):
+        execute("print(1)\nx = 1 << 40", "main.py", {}, console)
+    assert console.written == b""
+
+
+@pytest.mark.parametrize(
+    ("source", "expected"),
+    [
+        ("f'{1/3} {5:03d} {0.5:.2f} {\"a\":>3}'", "0.3333333 005 0.50   a"),
+        ("'{:.0f} {:.1f}'.format(2.5, 0.25)", "3 0.3"),
+        ("'{:10}|{:<5}|{:^5}|{:+d}|{:x}|{}'.format('a', 1, 4, 5, 255, [0.1])", "a         |1    |  4  |+5|ff|[0.1]"),
+        ("'%5.2f|%-5d|%05d|%x|%s|%r|%%' % (3.14159, 3, 4, 255, None, 'a')", " 3.14|3    |00004|ff|None|'a'|%"),
+        ("'%d %s' % (1.9, [1.0, (2,)])", "1 [1.0, (2,)]"),
+        ("\"it's\", b'a\\n\\xff', 'a\\tb\\u00e9'", "(\"it's\", b'a\\n\\xff', 'a\\tb\u00e9')"),
+        ("range(3), range(0, 6, 2), set(), {1: 0.5}", "(range(0, 3), range(0, 6, 2), set(), {1: 0.5})"),
+        ("bytearray(b'x'), True, None, ...", "(bytearray(b'x'), True, None, Ellipsis)"),
+        ("ValueError('x'), ValueError(), OSError(19)", "(ValueError('x',), ValueError(), OSError(19,))"),
+        ("int, type(None), ValueError", "(<class 'int'>, <class 'NoneType'>, <class 'ValueError'>)"),
+    ],
+)
+def test_text_of_values(source: str, expected: str) -> None:
+    assert printed(f"print(({source}))") == expected
+
+
+def test_objects_of_a_program_print_as_on_a_hub() -> None:
+    source = """
+class A:
+    pass
+class B:
+    def __str__(self):
+        return 'b!'
+class E(Exception):
+    pass
+print(B(), f'{B()}', '{}'.format(B()), '%s' % B(), [E('x')])
+print(str(A())[:13])
+"""
+    assert printed(source) == "b! b! b! b! [E('x',)]\n<A object at "
+
+
+@pytest.mark.parametrize(
+    ("statement", "message"),
+    [
+        ("1/0", "ZeroDivisionError: divide by zero"),
+        ("1.0 % 0", "ZeroDivisionError: divide by zero"),
+        ("nope", "NameError: name 'nope' isn't defined"),
+        ("1 + 'a'", "TypeError: unsupported types for __add__: 'int', 'str'"),
+        ("'a' + 1", "TypeError: unsupported types for __add__: 'str', 'int'"),
+        ("None < 1", "TypeError: unsupported types for __lt__: 'NoneType', 'int'"),
+        ("-'a'", "TypeError: unsupported type for __neg__: 'str'"),
+        ("5()", "TypeError: 'int' object isn't callable"),
+        ("for i in 5: pass", "TypeError: 'int' object isn't iterable"),
+        ("None[0]", "TypeError: 'NoneType' object isn't subscriptable"),
+        ("(1, 2)[0] = 3", "TypeError: 'tuple' object doesn't support item assignment"),
+        ("[1][3]", "IndexError: list index out of range"),
+        ("{}['a']", "KeyError: a"),
+        ("a, b = [1]", "ValueError: need more than 1 values to unpack"),
+        ("[1].remove(5)", "ValueError: object not in sequence"),
+        ("int('x')", "ValueError: invalid syntax for integer with base 10: 'x'"),
+        ("float('x')", "ValueError: invalid syntax for number"),
+        ("int(1e10)", "ValueError: float too big"),
+        ("raise OSError(19, 'x')", "OSError: [Errno 19] ENODEV: x"),
+        ("raise ValueError", "ValueError: "),
+        ("'%d %d' % (1,)", "TypeError: format string needs more arguments"),
+        ("import time", "ImportError: no module named 'time'"),
+        ("def f(a): pass\nf()", "TypeError: f() takes 1 positional arguments but 0 were given"),
+        ("def f(a): pass\nf(1, 2)", "TypeError: f() takes 1 positional arguments but 2 were given"),
+        ("def f(a): pass\nf(b=1)", "TypeError: unexpected keyword argument 'b'"),
+        ("x = 'abc'[::-1]", "NotImplementedError: only slices with step=1 (aka None) are supported"),
+        ("type(1).__name__", "AttributeError: type object 'int' has no attribute '__name__'"),
+        ("'a'.encode()", "AttributeError: 'str' object has no attribute 'encode'"),
+        ("(5).bit_length()", "AttributeError: 'int' object has no attribute 'bit_length'"),
+        ("open('x')", "OSError: 2"),
+        ("class C(int, str): pass", "NotImplementedError: multiple inheritance not supported"),
+    ],
+)
+def test_errors_have_the_words_of_a_hub(statement: str, message: str) -> None:
+    assert traceback_of(statement).splitlines()[-1] == message
+
+
+@pytest.mark.parametrize(
+    "name", ["property", "filter", "frozenset", "compile", "vars", "format", "ascii", "TimeoutError", "__file__"]
+)
+def test_what_a_hub_lacks_is_missing(name: str) -> None:
+    assert traceback_of(name).endswith(f"NameError: name '{name}' isn't defined\n")
+
+
+def test_memoryview_is_there_only_on_hubs_that_have_it() -> None:
+    with pytest.raises(NameError, match="memoryview"):
+        execute("memoryview(b'')", "main.py", Modules({}, lambda: None, has_memoryview=False), Recorder())
+    execute("memoryview(b'')", "main.py", Modules({}, lambda: None, has_memoryview=True), Recorder())
+
+
+def test_program_sees_the_words_in_its_own_handlers() -> None:
+    source = """
+try:
+    1 / 0
+except ZeroDivisionError as e:
+    print(e, repr(e), e.args)
+try:
+    raise OSError(16)
+except OSError as e:
+    print(e.errno, e)
+"""
+    assert printed(source) == "divide by zero ZeroDivisionError('divide by zero',) ('divide by zero',)\n16 [Errno 16] EBUSY"
+
+
+def test_traceback_shows_the_lines_of_the_program() -> None:
+    source = "def f(x):\n    x += 1\n    return (x *\n            'a' * None)\n\nprint(\n    f(1))\n"
+    assert traceback_of(source) == (
+        "Traceback (most recent call last):\n"
+        '  File "main.py", line 7, in <module>\n'
+        '  File "main.py", line 3, in f\n'
+        "TypeError: can't multiply sequence by non-int of type 'NoneType'\n"
+    )
+
+
+def test_syntax_is_that_of_the_hubs_compiler() -> None:
+    text = traceback_of("x = 1\nmatch x:\n    case 1: pass\n")
+    assert text == 'Traceback (most recent call last):\n  File "main.py", line 2\nSyntaxError: invalid syntax\n'
+
+
+@pytest.mark.parametrize(
+    ("source", "expected"),
+    [
+        ("x = [1, 2]\ny = x\nx += [3]\nprint(y)", "[1, 2, 3]"),
+        ("class A:\n    n = 1\na = A()\na.n += 0.1\nprint(a.n)", "1.1"),
+        ("d = {'a': [1, 2]}\nd['a'][1] += 5\nd['a'][0] -= 1\nprint(d)", "{'a': [0, 7]}"),
+        ("i = 0\ndef k():\n    global i\n    i += 1\n    return i\nl = [0, 0, 0]\nl[k()] += 5\nprint(l, i)", "[0, 5, 0] 1"),
+        ("s = 'a'\ns += 'b'\ns *= 2\nprint(s)", "abab"),
+        ("x = 7\nx //= 2\nx **= 2\nx %= 5\nx /= 8\nprint(x)", "0.5"),
+        ("x = 6\nx |= 1\nx &= 5\nx ^= 2\nx >>= 1\nx <<= 4\nprint(x)", "48"),
+        ("t = '%s'\nt %= 5\nprint(t)", "5"),
+    ],
+)
+def test_augmented_assignment_keeps_its_meaning(source: str, expected: str) -> None:
+    assert printed(source) == expected
+
+
+def test_annotations_are_skipped() -> None:
+    source = (
+        "class A:\n    n: List[int] = 1 / 3\ndef f(x: Nope = 2, *a: Nope) -> Nope:\n    y: Nope\n    return x\nprint(f(), A.n)"
+    )
+    assert printed(source) == "2 0.3333333"
+
+
+def test_coroutines_are_generators() -> None:
+    source = """
+async def f():
+    return 3
+async def g():
+    return await f() + 1
+try:
+    next(g())
+except StopIteration as e:
+    print(e.value)
+print(str(g())[:21])
+"""
+    assert printed(source) == "4\n<generator object 'g'"
+
+
+def test_input_echoes_and_returns_a_line() -> None:
+    assert printed("print(input('name? '))", b"Bo\rrest") == "name? Bo\nBo"
+
+
+def test_print_turns_newlines_into_carriage_returns() -> None:
+    console = Recorder()
+    execute("print('a\\nb', 1, sep='-', end='!\\n')", "main.py", {}, console)
+    assert console.written == b"a\r\nb-1!\r\n"
+
+
+def test_eval_and_exec_see_the_program() -> None:
+    assert printed("x = 2\nprint(eval('x / 3'))\nexec('x += 0.1')\nprint(x)") == "0.6666667\n2.1"
+
+
+def test_each_run_starts_afresh() -> None:
+    printed("import_me = 1")
+    assert traceback_of("import_me").endswith("NameError: name 'import_me' isn't defined\n")

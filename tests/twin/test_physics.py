@@ -1,0 +1,57 @@
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bricksrl.errors import TwinError
+from bricksrl.twin.physics import PARAMETERS, Physics, RandomPhysics
+
+
+def test_every_field_says_its_unit_range_and_source() -> None:
+    assert set(PARAMETERS) == {field.name for field in dataclasses.fields(Physics)}
+    for name, parameter in PARAMETERS.items():
+        assert parameter.unit
+        assert parameter.source
+        low, high = parameter.drawn
+        assert parameter.accepted[0] <= low <= getattr(Physics(), name) <= high <= parameter.accepted[1]
+
+
+@pytest.mark.parametrize("name", list(PARAMETERS))
+@pytest.mark.parametrize("value", [-1.0, 1e6, math.nan, math.inf])
+def test_values_that_no_twin_takes_are_refused_by_name(name: str, value: float) -> None:
+    with pytest.raises(TwinError, match=name):
+        dataclasses.replace(Physics(), **{name: value})
+
+
+@given(seed=st.integers(0, 2**32 - 1), width=st.floats(0.0, 1.0))
+def test_draws_stay_within_their_ranges(seed: int, width: float) -> None:
+    physics = RandomPhysics(width).sample(np.random.default_rng(seed))
+    for name, parameter in PARAMETERS.items():
+        default, value = getattr(Physics(), name), getattr(physics, name)
+        low, high = (default + width * (bound - default) for bound in parameter.drawn)
+        assert low - 1e-9 <= value <= high + 1e-9
+
+
+def test_draws_reach_both_ends_of_every_range_that_is_open() -> None:
+    rng = np.random.default_rng(0)
+    draws = [RandomPhysics().sample(rng) for _ in range(400)]
+    for name, parameter in PARAMETERS.items():
+        low, high = parameter.drawn
+        share = np.ptp([getattr(physics, name) for physics in draws]) / (high - low) if high > low else 1.0
+        assert share > 0.95, name
+
+
+def test_a_seed_gives_the_same_draw_and_no_width_the_defaults() -> None:
+    assert RandomPhysics().sample(np.random.default_rng(3)) == RandomPhysics().sample(np.random.default_rng(3))
+    assert RandomPhysics(0.0).sample(np.random.default_rng(3)) == Physics()
+
+
+@pytest.mark.parametrize("width", [-0.1, 1.1, math.nan])
+def test_a_width_outside_0_to_1_is_refused(width: float) -> None:
+    with pytest.raises(TwinError, match="width"):
+        RandomPhysics(width)

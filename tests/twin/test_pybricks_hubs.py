@@ -1,0 +1,180 @@
+"""The hub object and its parts."""
+
+from __future__ import annotations
+
+import pytest
+from hub_programs import output
+
+from bricksrl.robots import HubKind, Robot
+
+HEAD = """
+from pybricks.hubs import PrimeHub
+from pybricks.parameters import Axis, Button, Color, Icon, Side
+from pybricks.tools import wait, StopWatch, Matrix, run_task
+hub = PrimeHub()
+watch = StopWatch()
+"""
+
+
+def hub(source: str) -> str:
+    return output(HEAD + source)
+
+
+@pytest.mark.parametrize("kind", list(HubKind))
+def test_only_the_hub_that_is_there(kind: HubKind) -> None:
+    robot = Robot("it", kind)
+    own = {kind.model.class_name, "ThisHub"} | ({"InventorHub"} if kind is HubKind.PRIME else set())
+    for name in ("PrimeHub", "InventorHub", "EssentialHub", "TechnicHub", "CityHub", "MoveHub", "ThisHub", "EV3Brick"):
+        source = f"from pybricks.hubs import {name}\nhub = {name}()\nprint(hub.battery.voltage() > 6000)"
+        if name in own:
+            assert output(source, robot=robot) == "True"
+        else:
+            with pytest.raises(ImportError, match=f"can't import name {name}"):
+                output(source, robot=robot)
+
+
+@pytest.mark.parametrize(
+    ("kind", "missing"),
+    [(HubKind.CITY, "imu"), (HubKind.TECHNIC, "display"), (HubKind.ESSENTIAL, "speaker"), (HubKind.TECHNIC, "charger")],
+)
+def test_a_hub_has_only_its_own_parts(kind: HubKind, missing: str) -> None:
+    with pytest.raises(AttributeError, match=missing):
+        output(f"from pybricks.hubs import ThisHub\nThisHub().{missing}", robot=Robot("it", kind))
+
+
+def test_ports_are_those_of_the_hub() -> None:
+    with pytest.raises(AttributeError, match="'Port' has no attribute 'C'"):
+        output("from pybricks.parameters import Port\nPort.C", robot=Robot("it", HubKind.CITY))
+
+
+def test_imu_at_rest() -> None:
+    source = """
+imu = hub.imu
+print(imu.tilt(), imu.up(), imu.heading(), imu.ready(), imu.stationary())
+print(imu.acceleration(Axis.Z), imu.angular_velocity(Axis.Z), imu.angular_velocity().shape, imu.rotation(-Axis.Z))
+print(imu.acceleration(), imu.orientation()[0, 0])
+imu.reset_heading(90)
+print(imu.heading(), imu.settings()[0], imu.settings(heading_correction=359.5), imu.settings()[-1])
+"""
+    assert hub(source) == (
+        "(0.0, 0.0) Side.TOP 0.0 True True\n9810.0 0.0 (3, 1) 0.0\n"
+        "Matrix([\n    [   0.000],\n    [   0.000],\n    [ 999.999],\n]) 1.0\n90.0 2.0 None 359.5"
+    )
+
+
+def test_a_hub_on_its_side_reports_in_the_frame_of_the_robot() -> None:
+    source = """
+hub = PrimeHub(top_side=Axis.X, front_side=-Axis.Z)
+print(hub.imu.up(), round(hub.imu.acceleration(Axis.X)), hub.imu.acceleration(Axis.Z) == 0, round(hub.imu.tilt()[0]))
+"""
+    assert hub(source) == "Side.TOP 9810 True -90"
+
+
+@pytest.mark.parametrize(
+    ("call", "error"),
+    [
+        ("PrimeHub(Axis.Z, Axis.Z)", "ValueError Invalid argument"),
+        ("PrimeHub(5)", "TypeError Axis must be Matrix."),
+        ("hub.imu.acceleration(Matrix([[1, 2]]))", "ValueError Axis must be 1x3 or 3x1 matrix."),
+        ("hub.imu.reset_heading()", "TypeError 'angle' argument required"),
+        ("hub.imu.settings(angular_velocity_bias=(1, 2))", "ValueError Angular velocity bias must be a 3-element tuple."),
+        ("hub.light.on('red')", "TypeError can't convert str to Color"),
+        ("hub.display.char('ab')", "ValueError Invalid argument"),
+        ("hub.display.orientation(Side.FRONT)", "ValueError Invalid argument"),
+        ("hub.speaker.play_notes(['X4/4'])", "ValueError Missing note name A-G or R"),
+        ("hub.system.storage(500, read=20)", "ValueError Invalid argument"),
+        ("hub.speaker.sing()", "AttributeError 'Speaker' object has no attribute 'sing'"),
+    ],
+)
+def test_refusals(call: str, error: str) -> None:
+    kind, _, message = error.partition(" ")
+    assert hub(f"try:\n    {call}\nexcept {kind} as e:\n    print(e)") == message
+
+
+def test_the_radio_says_that_it_is_not_there() -> None:
+    assert hub("try:\n    hub.ble.broadcast(1)\nexcept OSError as e:\n    print(e.errno)") == "95"
+
+
+def test_display_sounds_and_lights_take_their_time() -> None:
+    source = """
+hub.display.text('Hi!')
+print(watch.time())
+hub.display.text('Hi', on=100, off=0)
+print(watch.time())
+hub.speaker.beep()
+hub.speaker.beep(440, 300)
+print(watch.time())
+hub.speaker.play_notes(['C4/4', 'R/8', 'G#3/4.', 'Ab5/16_'], tempo=120)
+print(watch.time())
+hub.light.on(Color.RED)
+hub.light.blink(Color.RED, [100, 50])
+hub.light.animate([Color.RED, Color.BLUE * 0.5], 100)
+hub.light.off()
+hub.display.icon(Icon.HAPPY)
+hub.display.icon(Icon.HEART / 2)
+hub.display.number(42)
+hub.display.char('A')
+hub.display.pixel(1, 2, 50)
+hub.display.animate([Icon.UP, Icon.DOWN], 100)
+hub.display.orientation(Side.LEFT)
+hub.display.off()
+hub.speaker.volume(50)
+print(watch.time(), hub.speaker.volume())
+"""
+    assert hub(source) == "1650\n1850\n2250\n3875\n3875 50"
+
+
+def test_sounds_can_be_awaited() -> None:
+    source = """
+async def main():
+    await hub.speaker.beep(500, 120)
+    print(watch.time())
+    await hub.speaker.play_notes(['C4/4'])
+    print(watch.time())
+run_task(main())
+"""
+    assert hub(source) == "120\n620"
+
+
+def test_buttons_battery_charger_and_storage() -> None:
+    source = """
+print(hub.buttons.pressed(), Button.LEFT in hub.buttons.pressed(), hub.battery.current() > 0, hub.charger.connected())
+hub.system.storage(10, write=b'abc')
+print(hub.system.storage(9, read=5), hub.system.info()['name'])
+hub.system.set_stop_button(None)
+"""
+    assert hub(source) == "set() False True False\nb'\\x00abc\\x00' Pybricks Hub"
+
+
+def test_shutdown_ends_the_program() -> None:
+    with pytest.raises(SystemExit):
+        hub("hub.system.shutdown()")
+
+
+def test_constants_print_as_on_a_hub() -> None:
+    source = """
+from pybricks.parameters import Port, Stop, Direction
+print(Port.A, [Stop.HOLD, Direction.CLOCKWISE], Button.LEFT, Side.TOP, Color.RED, Color(1, 2, 3))
+print(Color.RED == Color(360, 100, 100))
+print(str(Port.B), f'{Stop.COAST}', '%s' % Color.NONE, Port.A == Port.A, Port.A != Port.B, {Port.A: 1}[Port.A])
+h, s, v = Color.CYAN
+print(h, s, v, Color.CYAN.h, Color.CYAN[2], Color.RED * 0.5, Color.RED >> 60)
+"""
+    assert hub(source) == (
+        "Port.A [Stop.HOLD, Direction.CLOCKWISE] Button.LEFT Side.TOP Color.RED Color(h=1, s=2, v=3)\nTrue\n"
+        "Port.B Stop.COAST Color.NONE True True 1\n180 100 100 180 100 Color(h=0, s=100, v=50) Color.YELLOW"
+    )
+
+
+def test_devices_that_nobody_has() -> None:
+    source = """
+from pybricks.iodevices import PUPDevice, XboxController
+from pybricks.pupdevices import Remote
+from pybricks.parameters import Port
+for make in (lambda: PUPDevice(Port.A), XboxController, Remote):
+    try:
+        make()
+    except OSError as e:
+        print(e.errno)
+"""
+    assert hub(source) == "19\n110\n110"

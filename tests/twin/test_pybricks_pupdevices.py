@@ -1,0 +1,223 @@
+"""Motors and sensors: what they answer, what they refuse, how they are awaited."""
+
+from __future__ import annotations
+
+import pytest
+from hub_programs import output
+
+from bricksrl import robots
+from bricksrl.robots import HubKind, Motor, Robot, UltrasonicSensor
+
+HEAD = """
+from pybricks.pupdevices import *
+from pybricks.parameters import *
+from pybricks.tools import wait, StopWatch, multitask, run_task
+watch = StopWatch()
+"""
+MOTOR = HEAD + "motor = Motor(Port.A)\n"
+
+
+def within(measured: float, true: float) -> bool:
+    return abs(measured - true) <= max(0.05 * abs(true), 5)
+
+
+@pytest.mark.parametrize(
+    ("speed", "angle", "time_ms", "end"),
+    [(600, -100, 484, -99), (400, 100, 490, 99), (400, 10, 180, 9), (250, 60, 405, 59), (1000, 360, 885, 359)],
+)
+def test_run_angle_takes_as_long_as_on_a_hub(speed: int, angle: int, time_ms: int, end: int) -> None:
+    measured = output(MOTOR + f"motor.run_angle({speed}, {angle})\nprint(watch.time(), motor.angle())").split()
+    assert within(int(measured[0]), time_ms)
+    assert abs(int(measured[1]) - end) <= 1
+
+
+def test_commands_replace_one_another() -> None:
+    source = MOTOR + "for i in range(8):\n    motor.run_angle(600, -100, wait=False)\n    wait(250)\n    print(motor.angle())\n"
+    angles = [int(line) for line in output(source).split()]
+    true = [-60, -154, -236, -326, -412, -500, -587, -675]
+    assert all(within(a, b) for a, b in zip(angles, true, strict=True))
+
+
+def test_methods_of_a_motor() -> None:
+    source = (
+        MOTOR
+        + """
+motor.run(500)
+wait(500)
+print(450 < motor.speed() < 550, 450 < motor.speed(window=50) < 550, motor.stalled())
+motor.stop()
+wait(1000)
+print(motor.speed(), motor.load())
+motor.reset_angle(45)
+motor.run_target(500, 90, then=Stop.BRAKE)
+print(abs(motor.angle() - 90) <= 2, motor.done())
+motor.track_target(0)
+wait(1000)
+print(abs(motor.angle()) <= 1)
+motor.dc(50)
+wait(300)
+print(motor.speed() > 300)
+motor.brake()
+start = watch.time()
+print(motor.run_time(300, 500), watch.time() - start >= 500)
+motor.hold()
+print(motor.settings(), motor.settings(max_voltage=5000), motor.settings())
+"""
+    )
+    assert output(source) == "True True False\n0 0\nTrue True\nTrue\nTrue\nNone True\n(9000,) None (5000,)"
+
+
+def test_run_until_stalled_returns_the_angle() -> None:
+    source = MOTOR + "motor.settings(max_voltage=300)\nx = motor.run_until_stalled(200, duty_limit=1)\nprint(x == motor.angle())"
+    assert output(source) == "True"
+
+
+def test_settings_of_the_controller() -> None:
+    source = (
+        MOTOR
+        + """
+print(motor.control.limits(), motor.control.target_tolerances(), motor.control.stall_tolerances())
+print(motor.control.limits(acceleration=(1500, 1000)), motor.control.limits())
+motor.control.limits(500, 1000, 100)
+motor.control.pid(kp=10000, integral_rate=20)
+motor.control.stall_tolerances(time=300)
+motor.control.target_tolerances(position=5)
+print(motor.control.limits(), motor.control.pid()[0], motor.control.pid()[4])
+print(motor.control.target_tolerances(), motor.control.stall_tolerances())
+"""
+    )
+    assert output(source) == (
+        "(1000, 2000, 199) (50, 11) (20, 200)\nNone (1000, (1500, 1000), 199)\n(500, 1000, 100) 10000 20\n(50, 5) (20, 300)"
+    )
+
+
+def test_direction_gears_and_text() -> None:
+    source = (
+        HEAD
+        + """
+a = Motor(Port.A, Direction.COUNTERCLOCKWISE)
+b = Motor(Port.B, gears=[12, 36])
+c = Motor(Port.C, gears=[[12, 24], [10, 30]], reset_angle=False, profile=10)
+print(a, b)
+for m in (a, b, c):
+    m.run_angle(200, 90)
+    print(abs(m.angle() - 90) <= 2)
+"""
+    )
+    assert output(source) == "Motor(Port.A, Direction.COUNTERCLOCKWISE) Motor(Port.B, Direction.CLOCKWISE)\nTrue\nTrue\nTrue"
+
+
+@pytest.mark.parametrize(
+    ("call", "error"),
+    [
+        ("motor.run()", "TypeError 'speed' argument required"),
+        ("motor.run_angle(100)", "TypeError 'rotation_angle' argument required"),
+        ("motor.run_angle(100, 10, 5)", "TypeError can't convert int to Stop"),
+        ("motor.run_angle(100, 10, Stop.HOLD, True, 1)", "TypeError extra positional arguments given"),
+        ("motor.run_angle(100, 10, when=1)", "TypeError extra keyword arguments given"),
+        ("motor.run('fast')", "TypeError can't convert str to int"),
+        ("motor.run(None)", "TypeError can't convert NoneType to int"),
+        ("motor.angle(5)", "TypeError function takes 1 positional arguments but 2 were given"),
+        ("motor.control.limits(speed=100000000)", "ValueError Invalid argument"),
+        ("motor.control.limits(acceleration=(1, 2, 3))", "ValueError Invalid argument"),
+        ("motor.settings(20000)", "ValueError Invalid argument"),
+        ("motor.turn(5)", "AttributeError 'Motor' object has no attribute 'turn'"),
+        ("Motor('A')", "TypeError can't convert str to Port"),
+        ("Motor(Port.B, gears=5)", "TypeError object 'int' isn't a tuple or list"),
+        ("Motor(Port.B, gears=[0, 5])", "ZeroDivisionError Gears must be positive integers."),
+        ("Motor(Port.B, Port.C)", "TypeError can't convert Port to Direction"),
+        ("Motor(Port.A)", "OSError [Errno 16] EBUSY: Device or resource busy"),
+        ("Port()", "TypeError cannot create 'Port' instances"),
+        ("Port.G", "AttributeError type object 'Port' has no attribute 'G'"),
+    ],
+)
+def test_refusals(call: str, error: str) -> None:
+    kind, _, message = error.partition(" ")
+    source = f"try:\n    {call}\nexcept {kind} as e:\n    print(e)"
+    assert output(MOTOR + source) == message
+
+
+def test_floats_are_cut_off() -> None:
+    assert output(MOTOR + "motor.run_target(500.9, 90.7)\nprint(abs(motor.angle() - 90) <= 2)") == "True"
+
+
+@pytest.mark.parametrize("device", ["Motor", "UltrasonicSensor", "ColorSensor", "ForceSensor", "TiltSensor", "DCMotor", "Light"])
+def test_empty_port_is_no_device(device: str) -> None:
+    source = HEAD + f"try:\n    {device}(Port.B)\nexcept OSError as e:\n    print(e.errno, str(e)[:18])"
+    assert output(source, robot=robots.TWO_WHEELER) == "19 [Errno 19] ENODEV:"
+
+
+def test_a_closed_motor_can_be_opened_anew_but_not_used() -> None:
+    source = (
+        MOTOR
+        + """
+motor.close()
+try:
+    motor.run(100)
+except OSError as e:
+    print(e.errno)
+Motor(Port.A, gears=[1, 2])
+"""
+    )
+    assert output(source) == "1"
+
+
+def test_moves_can_be_awaited_together() -> None:
+    source = (
+        HEAD
+        + """
+a, b = Motor(Port.A), Motor(Port.B)
+async def main():
+    print(await multitask(a.run_angle(500, 180), b.run_angle(250, 180)))
+    print(watch.time() < 1100, a.angle(), b.angle())
+    await a.run_target(500, 0)
+    print(abs(a.angle()) <= 2)
+run_task(main())
+"""
+    )
+    first, second, third = output(source).splitlines()
+    assert (first, second.split()[0], third) == ("(None, None)", "True", "True")
+
+
+def test_a_cancelled_move_coasts_and_a_replaced_one_is_over() -> None:
+    source = (
+        MOTOR
+        + """
+async def turn():
+    await motor.run_angle(500, 5000)
+    print('over', watch.time() < 300)
+async def main():
+    await multitask(turn(), wait(200), race=True)
+    print(motor.done(), motor.angle() < 200)
+    async def replace():
+        await wait(100)
+        motor.run(100)
+    watch.reset()
+    await multitask(turn(), replace())
+run_task(main())
+"""
+    )
+    assert output(source) == "True True\nover True"
+
+
+def test_ultrasonic_sensor() -> None:
+    robot = Robot("look", HubKind.PRIME, motors=(Motor("m", "A"),), sensors=(UltrasonicSensor("eyes", "C"),))
+    source = (
+        HEAD
+        + """
+eyes = UltrasonicSensor(Port.C)
+print(eyes.distance(), eyes.presence())
+eyes.lights.on(100)
+eyes.lights.on([0, 100, 50.5, 20])
+eyes.lights.off()
+try:
+    eyes.lights.on([1, 2])
+except ValueError as e:
+    print(e)
+async def main():
+    await eyes.lights.on(50)
+    print(await eyes.distance())
+run_task(main())
+"""
+    )
+    assert output(source, robot=robot) == "2000 False\nexpected 1 number or tuple of 4 values\n2000"

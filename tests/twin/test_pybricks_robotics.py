@@ -1,0 +1,118 @@
+"""The drive base on the bench (no load), against what the firmware answered there."""
+
+from __future__ import annotations
+
+import pytest
+from hub_programs import output
+
+from bricksrl.robots import HubKind, Motor, Robot
+
+HEAD = """
+from pybricks.pupdevices import Motor
+from pybricks.parameters import Port, Direction, Stop
+from pybricks.robotics import DriveBase
+from pybricks.tools import wait, StopWatch, multitask, run_task
+watch = StopWatch()
+left, right = Motor(Port.A), Motor(Port.B)
+base = DriveBase(left, right, wheel_diameter=56, axle_track=130)
+"""
+
+
+@pytest.mark.parametrize(
+    ("call", "time_ms", "value"), [("straight(100)", 805, 99), ("straight(-100)", 805, -98), ("straight(5)", 190, 5)]
+)
+def test_straight_takes_as_long_as_on_a_hub(call: str, time_ms: int, value: int) -> None:
+    time, distance = map(int, output(HEAD + f"base.{call}\nprint(watch.time(), base.distance())").split())
+    assert time == pytest.approx(time_ms, rel=0.05)
+    assert distance == pytest.approx(value, abs=2)
+
+
+@pytest.mark.parametrize(("angle", "time_ms"), [(90, 874), (-30, 454)])
+def test_turn_takes_as_long_as_on_a_hub(angle: int, time_ms: int) -> None:
+    time, turned = output(HEAD + f"base.turn({angle})\nprint(watch.time(), base.angle())").split()
+    assert int(time) == pytest.approx(time_ms, rel=0.05)
+    assert float(turned) == pytest.approx(angle, abs=1.5)
+    assert "." in turned
+
+
+def test_methods_of_a_drive_base() -> None:
+    source = (
+        HEAD
+        + """
+print(base.settings())
+base.settings(200, (600, 400), turn_rate=100)
+print(base.settings())
+base.curve(100, 90)
+print(abs(base.distance() - 157) <= 2, abs(base.angle() - 90) < 2, base.done(), base.stalled())
+base.reset()
+print(base.distance(), round(base.angle()))
+base.reset(10, 20)
+print(base.distance(), round(base.angle()))
+base.reset()
+base.arc(-100, distance=50, then=Stop.BRAKE)
+print(abs(base.distance() - 50) <= 2, base.angle() < -25)
+base.drive(100, 0)
+wait(1000)
+print(90 <= base.state()[1] <= 110)
+base.stop()
+wait(1000)
+print(base.state()[1])
+base.straight(500, wait=False)
+wait(100)
+print(base.done())
+base.brake()
+base.use_gyro(True)
+base.use_gyro(False)
+print(base.distance_control.limits()[0] > 0, base.heading_control.pid()[0] > 0)
+"""
+    )
+    assert output(source) == (
+        "(195, 733, 143, 646)\n(200, (600, 400), 100, 646)\nTrue True True False\n0 0\n10 20\nTrue True\nTrue\n0\nFalse\n"
+        "True True"
+    )
+
+
+@pytest.mark.parametrize(
+    ("call", "error"),
+    [
+        ("base.straight()", "TypeError 'distance' argument required"),
+        ("base.straight(100, 5)", "TypeError can't convert int to Stop"),
+        ("base.arc(100)", "ValueError Please specify distance or angle but not both."),
+        ("base.arc(0, distance=10)", "ValueError Invalid argument"),
+        ("base.arc(1, 2, 3)", "ValueError Please specify distance or angle but not both."),
+        ("base.settings(straight_acceleration=(1, 2, 3))", "ValueError Invalid argument"),
+        ("DriveBase(left, 5, 56, 130)", "TypeError can't convert int to Motor"),
+        ("DriveBase(left, left, 56, 130)", "ValueError Invalid argument"),
+        ("DriveBase(Motor(Port.C), Motor(Port.D), 0, 130)", "ValueError Invalid argument"),
+    ],
+)
+def test_refusals(call: str, error: str) -> None:
+    kind, _, message = error.partition(" ")
+    assert output(HEAD + f"try:\n    {call}\nexcept {kind} as e:\n    print(e)") == message
+
+
+def test_a_motor_of_its_own_ends_the_drive() -> None:
+    source = "base.drive(100, 0)\nwait(200)\nleft.run(-200)\nwait(500)\nprint(left.speed() < -100, abs(right.speed()) < 20)"
+    assert output(HEAD + source) == "True True"
+
+
+def test_drives_can_be_awaited() -> None:
+    source = (
+        HEAD
+        + """
+async def main():
+    await base.straight(50)
+    print(abs(base.distance() - 50) <= 2)
+    await multitask(base.turn(90), wait(100), race=True)
+    wait(100)
+    print(base.angle() < 60)
+run_task(main())
+"""
+    )
+    assert output(source) == "True\nTrue"
+
+
+def test_no_gyro_where_there_is_no_imu() -> None:
+    robot = Robot("city", HubKind.CITY, motors=(Motor("a", "A"), Motor("b", "B")))
+    with pytest.raises(AttributeError, match="use_gyro"):
+        output(HEAD + "base.use_gyro(True)", robot=robot)

@@ -1,0 +1,169 @@
+"""The virtual hub as a transport: connection events, buffers, stopping, errors, simulated and real time."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+import pytest
+from bricksrl.errors import HubError, HubProgramError
+from bricksrl.hub.transport import HubProgram
+from bricksrl.robots import BENCH, TWO_WHEELER
+from bricksrl.twin.physics import Physics
+from bricksrl.twin.scene import Scene
+from bricksrl.twin.virtual_hub import VirtualHub
+
+ECHO = """
+from usys import stdin, stdout
+from uselect import poll
+from pybricks.tools import wait
+keys = poll()
+keys.register(stdin)
+stdout.buffer.write(b"hello")
+while True:
+    while not keys.poll(0):
+        wait(1)
+    stdout.buffer.write(stdin.buffer.read(1))
+"""
+
+DRIVE = """
+from pybricks.pupdevices import Motor
+from pybricks.parameters import Port
+from pybricks.tools import wait
+from usys import stdout
+motor = Motor(Port.A)
+motor.run(500)
+wait(1000)
+stdout.buffer.write(b"up")
+while True:
+    wait(10)
+"""
+
+
+def hub(source: str, interval_ms: float = 15.0, **kwargs: bool) -> VirtualHub:
+    hub = VirtualHub(TWO_WHEELER, physics=Physics(link_interval_ms=interval_ms), **kwargs)
+    hub.open()
+    hub.start(HubProgram(source, 0))
+    return hub
+
+
+def test_output_arrives_at_a_connection_event() -> None:
+    virtual = hub(ECHO)
+    assert virtual.read(1.0) == b"hello"
+    assert virtual.now_s() == pytest.approx(0.015)
+
+
+@pytest.mark.parametrize("interval_ms", [7.5, 15.0, 30.0, 45.0])
+def test_an_exchange_costs_two_connection_intervals(interval_ms: float) -> None:
+    virtual = hub(ECHO, interval_ms)
+    virtual.read(1.0)
+    start_s, rounds = virtual.now_s(), 20
+    for i in range(rounds):
+        virtual.write(bytes([65 + i]))
+        assert virtual.read(1.0) == bytes([65 + i])
+    assert (virtual.now_s() - start_s) * 1000 / rounds == pytest.approx(2 * interval_ms, abs=1.0)
+
+
+def test_a_link_without_interval_is_a_link_without_delay() -> None:
+    virtual = hub(ECHO, 0.0)
+    virtual.read(1.0)
+    start_s = virtual.now_s()
+    virtual.write(b"x")
+    assert virtual.read(1.0) == b"x"
+    assert virtual.now_s() - start_s <= 0.002
+
+
+def test_reading_in_vain_costs_the_timeout_in_simulated_time() -> None:
+    virtual = hub(ECHO)
+    virtual.read(1.0)
+    start_s = virtual.now_s()
+    assert virtual.read(0.5) == b""
+    assert virtual.now_s() - start_s == pytest.approx(0.5)
+
+
+def test_the_input_buffer_is_as_small_as_the_hubs() -> None:
+    virtual = hub("from pybricks.tools import wait\nwhile True:\n    wait(100)\n")
+    for _ in range(3):
+        virtual.write(bytes(20))
+    with pytest.raises(HubError, match="buffer is full"):
+        virtual.write(bytes(20))
+    with pytest.raises(HubError, match="21 bytes"):
+        virtual.write(bytes(21))
+
+
+def test_stopping_stops_the_motors() -> None:
+    virtual = hub(DRIVE)
+    assert virtual.read(2.0) == b"up"
+    assert virtual.machine.servos["A"].speed_deg_s() > 400
+    virtual.stop()
+    virtual.machine.advance(2000)
+    angle_mdeg = virtual.body.angle_mdeg("A")
+    virtual.machine.advance(500)
+    assert virtual.body.angle_mdeg("A") == pytest.approx(angle_mdeg, abs=1000)
+    with pytest.raises(HubError, match="no program runs"):
+        virtual.read(0.1)
+    virtual.close()
+    virtual.close()
+
+
+def test_a_program_that_ends_stops_the_motors_too() -> None:
+    virtual = hub(DRIVE.replace("while True:\n    wait(10)\n", ""))
+    assert virtual.read(2.0) == b"up"
+    with pytest.raises(HubError, match="no program runs"):
+        virtual.write(b"x")
+    assert not virtual.machine.servos["A"].is_open
+
+
+def test_an_exception_on_the_hub_reaches_the_host_in_one_line() -> None:
+    virtual = hub("from pybricks.pupdevices import Motor\nfrom pybricks.parameters import Port\nMotor(Port.F)\n")
+    with pytest.raises(HubProgramError, match=r"OSError.*ENODEV.*line 3.*plug the device") as caught:
+        virtual.read(0.1)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_program_can_be_started_again() -> None:
+    virtual = hub(DRIVE)
+    virtual.read(2.0)
+    virtual.start(HubProgram(ECHO, 0))
+    assert virtual.read(1.0) == b"hello"
+
+
+def test_a_program_that_never_waits_does_not_hang() -> None:
+    virtual = hub("from pybricks.tools import StopWatch\nwatch = StopWatch()\nwhile watch.time() < 50:\n    pass\nraise ValueError(watch.time())\n")
+    with pytest.raises(HubProgramError, match="ValueError: 5"):
+        virtual.read(1.0)
+
+
+def test_real_time_paces_the_robot() -> None:
+    virtual = hub(ECHO, realtime=True)
+    virtual.read(1.0)
+    start_s = time.monotonic()
+    for _ in range(10):
+        virtual.write(b"x")
+        virtual.read(1.0)
+    assert time.monotonic() - start_s == pytest.approx(10 * 0.030, abs=0.06)
+
+
+def test_in_real_time_the_robot_does_not_wait_for_the_host() -> None:
+    virtual = hub(ECHO, realtime=True)
+    virtual.read(1.0)
+    before_s = virtual.now_s()
+    time.sleep(0.2)
+    virtual.write(b"x")
+    assert virtual.now_s() - before_s >= 0.2
+
+
+def test_the_hand_puts_the_robot_back_while_the_program_runs() -> None:
+    virtual = VirtualHub(TWO_WHEELER, scene=Scene(wall_distance_mm=(500, 500)))
+    virtual.start(HubProgram(ECHO, 0))
+    virtual.read(1.0)
+    virtual.reset(np.random.default_rng(0))
+    assert virtual.body.distance_mm("C") == pytest.approx(500, abs=20)
+    virtual.write(b"x")
+    assert virtual.read(1.0) == b"x"
+
+
+def test_the_bench_has_a_hub_too() -> None:
+    virtual = VirtualHub(BENCH)
+    virtual.start(HubProgram(ECHO, 0))
+    assert virtual.read(1.0) == b"hello"
