@@ -1,14 +1,13 @@
 """BricksRL: reinforcement learning on LEGO robots that run Pybricks.
 
-The public names load what they need when they are first used, so that ``import bricksrl`` and ``bricksrl --help`` take no time.
-Gymnasium has our environments as ``bricksrl/<id>`` as soon as they are loaded; ``gymnasium.make("bricksrl.envs:bricksrl/<id>")``
-loads them by itself.
+The public names load what they need when they are first used, so that ``import bricksrl`` and ``bricksrl --help`` take little
+time. Importing it offers our environments to Gymnasium as ``bricksrl/<id>``; ``gymnasium.make("bricksrl:bricksrl/<id>")`` imports
+it by itself.
 """
 
 from __future__ import annotations
 
 import importlib
-import sys
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -42,5 +41,4 @@ def __getattr__(name: str) -> Any:
     raise AttributeError(f"module 'bricksrl' has no attribute '{name}'")
 
 
-if "gymnasium" in sys.modules:
-    importlib.import_module("bricksrl.envs")
+importlib.import_module("bricksrl.envs")

@@ -24,7 +24,7 @@ from bricksrl.errors import CheckpointError
 from bricksrl.training.reproducible import reproducible
 
 LAYOUT = ObservationLayout((0.0, -1.0, 0.0), (360.0, 1.0, 2000.0), (True, False, False))
-SMALL = SACSettings(hidden=(16, 16), batch_size=8)
+SMALL = SACSettings(hidden=(16, 16), batch_size=8, updates_per_step=1)
 
 
 @pytest.fixture(autouse=True)
@@ -178,7 +178,7 @@ CHANGES: dict[str, Any] = {
     "batch_size": 9,
     "gamma": 0.5,
     "tau": 0.5,
-    "updates_per_step": 2,
+    "updates_per_step": 3,
     "initial_alpha": 0.9,
     "min_scale": 2.0,
     "layer_norm": False,

@@ -11,7 +11,7 @@ import bricksrl as package
 from bricksrl.cli.app import one_line
 
 COMMANDS = ("list", "train", "resume", "evaluate", "hub", "hub program", "hub run")
-HEAVY = ("torch", "torchrl", "tensordict", "mujoco", "gymnasium", "matplotlib", "scipy", "numpy")
+HEAVY = ("torch", "torchrl", "tensordict", "mujoco", "matplotlib", "scipy")
 
 
 def test_version(bricksrl):

@@ -93,7 +93,6 @@ def test_a_reset_moves_nothing() -> None:
     assert after[4].abs() < 5
 
 
-@pytest.mark.xfail(reason="the virtual hand takes no time, so that the last move runs on into the next episode", strict=True)
 def test_a_new_episode_starts_at_rest() -> None:
     env = bricksrl.make("Spinning-v0", seed=0)
     env.rollout(5, always(-1.0, 1.0))

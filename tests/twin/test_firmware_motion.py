@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 
 import pytest
+
 from bricksrl.robots import BENCH, Direction
 from bricksrl.twin.bench import BenchBody
 from bricksrl.twin.firmware.control import OnCompletion

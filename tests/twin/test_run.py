@@ -23,7 +23,7 @@ def run(
 
 
 def test_a_program_prints_clean_lines(tmp_path: Path) -> None:
-    assert run(tmp_path, "print('a')\nprint(1/3)") == (0, "a\n0.3333333\n", "")
+    assert run(tmp_path, "print('a')\nprint(1/3)") == (0, "a\n0.33333334\n", "")
 
 
 def test_the_two_wheeler_drives(tmp_path: Path) -> None:
@@ -89,7 +89,7 @@ def test_unknown_robot_and_missing_file(tmp_path: Path) -> None:
 def test_programs_of_the_same_folder_can_be_imported(tmp_path: Path) -> None:
     (tmp_path / "helper.py").write_text("def halve(x):\n    return x / 0\nthird = 1 / 3\nprint(__name__)\n")
     code, out, err = run(tmp_path, "import helper\nfrom helper import halve, third\nprint(third)\nhalve(1)\n")
-    assert (code, out) == (1, "helper\n0.3333333\n")
+    assert (code, out) == (1, "helper\n0.33333334\n")
     assert err == (
         "Traceback (most recent call last):\n"
         '  File "main.py", line 4, in <module>\n'

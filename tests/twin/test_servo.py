@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+
 from bricksrl.robots import BENCH, Direction
 from bricksrl.twin.bench import BenchBody
 from bricksrl.twin.firmware.control import OnCompletion

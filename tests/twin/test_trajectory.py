@@ -5,15 +5,16 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
-from bricksrl.twin.firmware.trajectory import FOREVER_MS, Command, Trajectory, for_time, to_angle
 from hypothesis import given
 from hypothesis import strategies as st
+
+from bricksrl.twin.firmware.trajectory import FOREVER_MS, Command, Trajectory, for_time, to_angle
 
 SPEEDS = st.integers(-1_000_000, 1_000_000)
 commands = st.builds(
     Command,
     time=st.integers(0, 10**7),
-    position=st.integers(-10**7, 10**7),
+    position=st.integers(-(10**7), 10**7),
     speed=SPEEDS,
     target_speed=SPEEDS.filter(lambda speed: abs(speed) >= 10_000),
     max_speed=st.just(1_000_000),
@@ -21,7 +22,7 @@ commands = st.builds(
     deceleration=st.integers(500_000, 4_000_000),
     keep_running=st.booleans(),
 )
-distances = st.integers(-10**6, 10**6)
+distances = st.integers(-(10**6), 10**6)
 
 
 @given(commands, distances)

@@ -6,6 +6,7 @@ import time
 
 import numpy as np
 import pytest
+
 from bricksrl.errors import HubError, HubProgramError
 from bricksrl.hub.transport import HubProgram
 from bricksrl.robots import BENCH, TWO_WHEELER
@@ -37,6 +38,14 @@ wait(1000)
 stdout.buffer.write(b"up")
 while True:
     wait(10)
+"""
+
+NEVER_WAITS = """
+from pybricks.tools import StopWatch
+watch = StopWatch()
+while watch.time() < 50:
+    pass
+raise ValueError(watch.time())
 """
 
 
@@ -129,7 +138,7 @@ def test_a_program_can_be_started_again() -> None:
 
 
 def test_a_program_that_never_waits_does_not_hang() -> None:
-    virtual = hub("from pybricks.tools import StopWatch\nwatch = StopWatch()\nwhile watch.time() < 50:\n    pass\nraise ValueError(watch.time())\n")
+    virtual = hub(NEVER_WAITS)
     with pytest.raises(HubProgramError, match="ValueError: 5"):
         virtual.read(1.0)
 

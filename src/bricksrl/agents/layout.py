@@ -42,9 +42,7 @@ def layout_of(env: EnvBase) -> ObservationLayout:
     task = getattr(env, "task", None)
     if task is not None:
         entries = task.entries
-        wraps = [bool(getattr(channel, "wraps", False)) for channel in task.interface.channels]
-        wraps += [False] * (len(entries) - len(wraps))  # what the host draws is no angle
-        return ObservationLayout(tuple(e.low for e in entries), tuple(e.high for e in entries), tuple(wraps))
+        return ObservationLayout(*zip(*((e.low, e.high, e.wraps) for e in entries), strict=True))
     spec = env.observation_spec["observation"]
     n = int(spec.shape[-1])
     space = getattr(spec, "space", None)

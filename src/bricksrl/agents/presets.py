@@ -22,7 +22,7 @@ class SACSettings:
     """Discount of the next step's value."""
     tau: float = 0.005
     """Share of the critics that goes into the target critics at each update."""
-    updates_per_step: int = 1
+    updates_per_step: int = 2
     """Updates for each step of the robot."""
     prefill_episodes: int = 2
     """Episodes of uniform actions at the start."""
@@ -59,6 +59,7 @@ PAPER = SACSettings(
     hidden=(256, 256),
     learning_rate=3e-4,
     batch_size=256,
+    updates_per_step=1,
     prefill_episodes=10,
     initial_alpha=1.0,
     layer_norm=False,

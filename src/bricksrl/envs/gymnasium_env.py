@@ -15,6 +15,7 @@ from bricksrl.errors import RenderingUnavailableError
 
 if TYPE_CHECKING:
     from bricksrl.envs.env import HubEnv
+    from bricksrl.envs.simulation import SimulatedEnv
     from bricksrl.twin.physics import Physics, RandomPhysics
     from bricksrl.twin.rendering import Renderer
 
@@ -30,7 +31,7 @@ class GymnasiumEnv(gymnasium.Env[Array, Array]):
     Args:
         env_id: such as ``"RunAway-v0"``.
         render_mode: ``None`` or ``"rgb_array"``, which draws a virtual robot.
-        hub, realtime, physics: as in :func:`bricksrl.make`.
+        hub, realtime, physics, options: as in :func:`bricksrl.make`.
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012 - as Gymnasium declares it
@@ -43,8 +44,9 @@ class GymnasiumEnv(gymnasium.Env[Array, Array]):
         hub: str = "virtual",
         realtime: bool = False,
         physics: Physics | RandomPhysics | None = None,
+        **options: Any,
     ) -> None:
-        self.env: HubEnv = make(env_id, hub, realtime=realtime, physics=physics)
+        self.env: HubEnv | SimulatedEnv = make(env_id, hub, realtime=realtime, physics=physics, **options)
         self.render_mode = render_mode
         self._observations: list[torch.Tensor] = []
         self._renderer: Renderer | None = None
@@ -83,7 +85,8 @@ class GymnasiumEnv(gymnasium.Env[Array, Array]):
             from bricksrl.twin.mujoco_body import MujocoBody
             from bricksrl.twin.rendering import Renderer
 
-            body = None if self.env.twin is None else self.env.twin.body
+            twin = getattr(self.env, "twin", None)
+            body = None if twin is None else twin.body
             if not isinstance(body, MujocoBody):
                 raise RenderingUnavailableError(f"the robot of {self.env.task.id} has no picture; use hub='virtual'")
             self._renderer = Renderer(body)

@@ -3,21 +3,50 @@
 from __future__ import annotations
 
 import difflib
-from typing import TYPE_CHECKING
+import functools
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import gymnasium
 
+from bricksrl.envs.kinematics import Kinematics
 from bricksrl.envs.task import Task
+from bricksrl.envs.tasks.robo_arm import robo_arm
 from bricksrl.envs.tasks.run_away import RUN_AWAY
 from bricksrl.envs.tasks.spinning import SPINNING
+from bricksrl.envs.tasks.walker import walker
 from bricksrl.errors import DescriptionError, UnknownNameError
 
 if TYPE_CHECKING:
+    from torchrl.envs import EnvBase
+
     from bricksrl.envs.env import HubEnv
     from bricksrl.twin.physics import Physics, RandomPhysics
 
-_OWN = {task.id: task for task in (RUN_AWAY, SPINNING)}
-_tasks = dict(_OWN)
+
+@dataclass(frozen=True)
+class _Offer:
+    """An environment that can be made.
+
+    Attributes:
+        build: the task, from its options.
+        kinematics: how it is simulated without a robot; ``None`` where a robot, real or virtual, carries it out.
+    """
+
+    build: Callable[..., Task]
+    kinematics: Kinematics | None = None
+
+
+_OWN = {
+    "RunAway-v0": _Offer(lambda: RUN_AWAY),
+    "Spinning-v0": _Offer(lambda: SPINNING),
+    "Walker-v0": _Offer(functools.partial(walker, "Walker-v0")),
+    "WalkerSim-v0": _Offer(functools.partial(walker, "WalkerSim-v0"), Kinematics(noise=0.1)),
+    "RoboArm-v0": _Offer(functools.partial(robo_arm, "RoboArm-v0")),
+    "RoboArmSim-v0": _Offer(functools.partial(robo_arm, "RoboArmSim-v0"), Kinematics(noise=0.05)),
+}
+_offers = dict(_OWN)
 
 
 def make(
@@ -27,7 +56,11 @@ def make(
     seed: int | None = None,
     realtime: bool = False,
     physics: Physics | RandomPhysics | None = None,
-) -> HubEnv:
+    batch_size: int = 0,
+    device: str = "cpu",
+    kinematics: Kinematics | None = None,
+    **options: Any,
+) -> EnvBase:
     """An environment, ready to be reset.
 
     Args:
@@ -37,11 +70,29 @@ def make(
         realtime: let a virtual robot take as long as a real one.
         physics: of the virtual robot: ``None`` for a freshly charged one on a smooth floor; a ``RandomPhysics`` draws
             another one for every episode.
+        batch_size, device: of a simulation without a robot: number of copies, 0 for one without a batch dimension, and where
+            its tensors live.
+        kinematics: of a simulation without a robot: its noise, in place of the task's own.
+        options: of the task, such as ``sparse`` and ``threshold_deg`` of the RoboArm.
 
     Raises:
         UnknownNameError: there is no such environment or no such kind of hub.
+        DescriptionError: the environment has no such option.
     """
-    task = get_task(env_id)
+    offer = _offer(env_id)
+    task = _build(env_id, offer, options)
+    if offer.kinematics is not None:
+        if hub != "virtual" or realtime or physics is not None:
+            raise DescriptionError(f"{env_id} is simulated without a robot; leave hub, realtime and physics away")
+        from bricksrl.envs.simulation import SimulatedEnv
+
+        return SimulatedEnv(task, kinematics or offer.kinematics, batch_size=batch_size, device=device, seed=seed)
+    if batch_size or device != "cpu" or kinematics is not None:
+        raise DescriptionError(f"{env_id} is one robot; leave batch_size, device and kinematics away")
+    return _on_robot(task, hub, seed, realtime, physics)
+
+
+def _on_robot(task: Task, hub: str, seed: int | None, realtime: bool, physics: Physics | RandomPhysics | None) -> HubEnv:
     if hub != "virtual":
         raise UnknownNameError(f"there is no hub '{hub}'; only hub='virtual' can be used so far, Bluetooth is not there yet")
     from bricksrl.envs.env import Connection, HubEnv
@@ -57,20 +108,32 @@ def make(
 
 def list_envs() -> dict[str, str]:
     """Each environment's id and what it is about, in one line."""
-    return {env_id: task.summary for env_id, task in sorted(_tasks.items())}
+    return {env_id: _build(env_id, offer, {}).summary for env_id, offer in sorted(_offers.items())}
 
 
-def get_task(env_id: str) -> Task:
+def get_task(env_id: str, **options: Any) -> Task:
     """The task behind an environment.
 
     Raises:
         UnknownNameError: there is none of that name.
+        DescriptionError: it has no such option.
     """
+    return _build(env_id, _offer(env_id), options)
+
+
+def _build(env_id: str, offer: _Offer, options: dict[str, Any]) -> Task:
     try:
-        return _tasks[env_id]
+        return offer.build(**options)
+    except TypeError as error:
+        raise DescriptionError(f"{env_id} has no option {', '.join(options)}; see its description") from error
+
+
+def _offer(env_id: str) -> _Offer:
+    try:
+        return _offers[env_id]
     except KeyError:
-        known = ", ".join(sorted(_tasks))
-        by_lower = {name.lower(): name for name in _tasks}
+        known = ", ".join(sorted(_offers))
+        by_lower = {name.lower(): name for name in _offers}
         close = difflib.get_close_matches(env_id.lower(), by_lower, n=1)
         hint = f"did you mean '{by_lower[close[0]]}'? There are" if close else "there are"
         raise UnknownNameError(f"there is no environment '{env_id}'; {hint} {known}") from None
@@ -86,25 +149,20 @@ def register(task: Task) -> None:
     """
     if task.id in _OWN:
         raise DescriptionError(f"{task.id} comes with BricksRL; give your task another name or version")
-    _tasks[task.id] = task
-    _offer_to_gymnasium(task)
+    _offers[task.id] = _Offer(lambda: task)
+    _offer_to_gymnasium(task.id)
 
 
-def register_with_gymnasium() -> None:
-    """Offer all environments to ``gymnasium.make`` as ``bricksrl/<id>``."""
-    for task in _tasks.values():
-        _offer_to_gymnasium(task)
-
-
-def _offer_to_gymnasium(task: Task) -> None:
-    gym_id = f"bricksrl/{task.id}"
+def _offer_to_gymnasium(env_id: str) -> None:
+    gym_id = f"bricksrl/{env_id}"
     gymnasium.registry.pop(gym_id, None)
     gymnasium.register(
         id=gym_id,
         entry_point="bricksrl.envs.gymnasium_env:GymnasiumEnv",
-        max_episode_steps=task.max_steps,
-        kwargs={"env_id": task.id},
+        max_episode_steps=get_task(env_id).max_steps,
+        kwargs={"env_id": env_id},
     )
 
 
-register_with_gymnasium()
+for _id in _OWN:
+    _offer_to_gymnasium(_id)

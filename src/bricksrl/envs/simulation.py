@@ -6,8 +6,7 @@ their range, as on the hub. Channels without a motor read 0.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 import torch
 from tensordict import TensorDict, TensorDictBase
@@ -15,25 +14,11 @@ from torch import Tensor
 from torchrl.data import Binary, Bounded, Composite, Unbounded
 from torchrl.envs import EnvBase
 
+from bricksrl.envs.kinematics import Kinematics
 from bricksrl.envs.nominal import NominalBounded
 from bricksrl.envs.task import Task
 from bricksrl.errors import DescriptionError
 from bricksrl.hub.interface import MotorAngle, RunAngle
-
-NoiseOn = Literal["action", "state"]
-
-
-@dataclass(frozen=True)
-class Kinematics:
-    """How a task is simulated.
-
-    Attributes:
-        noise: standard deviation of the normal noise on each normalised action, before it is mapped to degrees.
-        noise_on: ``"action"``, or ``"state"`` for the same noise, in the same degrees, on the angle after the move.
-    """
-
-    noise: float
-    noise_on: NoiseOn = "action"
 
 
 class SimulatedEnv(EnvBase):  # type: ignore[misc]
@@ -79,7 +64,10 @@ class SimulatedEnv(EnvBase):  # type: ignore[misc]
         ):
             raise DescriptionError(f"{task.id} cannot be simulated; every motor needs a RunAngle command and an angle channel")
         angles = [channels[columns[command.motor]] for command in commands if isinstance(command, RunAngle)]
-        tensor = lambda values: torch.tensor(values, dtype=torch.float32, device=self.device)  # noqa: E731
+
+        def tensor(values: list[float]) -> Tensor:
+            return torch.tensor(values, dtype=torch.float32, device=self.device)
+
         self._middle = tensor([(c.low + c.high) / 2 for c in commands])
         self._half = tensor([(c.high - c.low) / 2 for c in commands])
         self._low, self._high = tensor([a.low for a in angles]), tensor([a.high for a in angles])

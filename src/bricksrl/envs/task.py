@@ -30,6 +30,7 @@ class Entry:
     Attributes:
         low, high: the range that the task's table states.
         limits: what can occur. Wider than the range where that is nominal: a fast turn is reported as it is.
+        wraps: an angle that runs around from 360 to 0.
     """
 
     name: str
@@ -37,6 +38,7 @@ class Entry:
     high: float
     unit: str
     limits: tuple[float, float]
+    wraps: bool = False
 
     @property
     def nominal(self) -> bool:
@@ -57,6 +59,10 @@ class HostEntry:
     high: float
     unit: str = ""
     whole: bool = False
+
+    @property
+    def wraps(self) -> bool:
+        return (self.low, self.high, self.unit) == (0.0, 360.0, "deg")
 
     def draw(self, rng: np.random.Generator) -> float:
         """A uniformly random value."""
@@ -123,7 +129,9 @@ class Task:
     def entries(self) -> tuple[Entry, ...]:
         """The observation vector, entry by entry."""
         channels = (_channel_entry(channel) for channel in self.interface.channels)
-        drawn = (Entry(host.name, host.low, host.high, host.unit, (host.low, host.high)) for host in self.host_entries)
+        drawn = (
+            Entry(host.name, host.low, host.high, host.unit, (host.low, host.high), host.wraps) for host in self.host_entries
+        )
         return (*channels, *drawn)
 
 
@@ -132,4 +140,5 @@ def _channel_entry(channel: Channel) -> Entry:
     # A gyroscope turns faster than the table says, and a joint gives way beyond the angle that it is held at.
     if isinstance(channel, YawRate) or (isinstance(channel, MotorAngle) and not channel.wraps):
         limits = (-_WIRE_MAX / channel.scale, _WIRE_MAX / channel.scale)
-    return Entry(channel.name, channel.low, channel.high, channel.unit, limits)
+    wraps = isinstance(channel, MotorAngle) and channel.wraps
+    return Entry(channel.name, channel.low, channel.high, channel.unit, limits, wraps)

@@ -9,9 +9,7 @@ ROBO_ARM = Robot(
     hub=HubKind.PRIME,
     motors=(
         Motor("rotation", "B", gears=(20, 60)),
-        Motor(
-            "low", "D", range_deg=(10, 70), speed_limit_deg_s=500, acceleration_deg_s2=1000, torque_limit_mnm=900
-        ),
+        Motor("low", "D", range_deg=(10, 70), speed_limit_deg_s=500, acceleration_deg_s2=1000, torque_limit_mnm=900),
         Motor("high", "A", range_deg=(-150, 10)),
         Motor("grab", "E", range_deg=(-148, -45)),
     ),

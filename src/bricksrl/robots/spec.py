@@ -105,9 +105,7 @@ class Motor:
                 f"motor '{self.name}': gears {self.gears} are not a train; give the teeth from motor to output, e.g. (20, 60)"
             )
         if self.range_deg is not None and self.range_deg[0] >= self.range_deg[1]:
-            raise DescriptionError(
-                f"motor '{self.name}': range {self.range_deg} is empty; give (lowest, highest) in degrees"
-            )
+            raise DescriptionError(f"motor '{self.name}': range {self.range_deg} is empty; give (lowest, highest) in degrees")
         for field in ("speed_limit_deg_s", "acceleration_deg_s2", "torque_limit_mnm"):
             value = getattr(self, field)
             if value is not None and value < 1:
@@ -162,7 +160,7 @@ class Robot:
 
     def __post_init__(self) -> None:
         _check_name(self.name.replace("-", "_"))
-        devices = (*self.motors, *self.sensors)
+        devices: tuple[Motor | Sensor, ...] = (*self.motors, *self.sensors)
         for kind, keys in (("port", [d.port for d in devices]), ("name", [d.name for d in devices])):
             for key, count in Counter(keys).items():
                 if count > 1:

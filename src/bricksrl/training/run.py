@@ -12,7 +12,6 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from bricksrl import __version__
 from bricksrl.errors import RunError
 from bricksrl.training.config import TrainConfig
 from bricksrl.training.files import write_atomically
@@ -155,5 +154,5 @@ def _csv(rows: Iterable[Iterable[Any]]) -> bytes:
 
 
 def _versions() -> dict[str, str]:
-    libraries = {name: metadata.version(name) for name in ("torch", "torchrl", "tensordict", "mujoco")}
-    return {"bricksrl": __version__, **libraries, "python": platform.python_version()}
+    packages = {name: metadata.version(name) for name in ("bricksrl", "torch", "torchrl", "tensordict", "mujoco")}
+    return {**packages, "python": platform.python_version()}

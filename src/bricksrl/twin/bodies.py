@@ -11,7 +11,7 @@ from bricksrl.twin.machine import Body
 from bricksrl.twin.physics import Physics, RandomPhysics
 from bricksrl.twin.scene import OPEN_FLOOR, Scene
 
-_TWINS = ("bench", "two-wheeler")
+_MUJOCO_TWINS = ("two-wheeler", "walker", "robo-arm")
 
 
 def make_body(robot: Robot, *, scene: Scene | None = None, physics: Physics | RandomPhysics | None = None, seed: int = 0) -> Body:
@@ -25,7 +25,7 @@ def make_body(robot: Robot, *, scene: Scene | None = None, physics: Physics | Ra
 
     Raises:
         RenderingUnavailableError: ``MUJOCO_GL`` names a library that does not work, so MuJoCo does not load.
-        TwinError: the robot has no twin, or the bench was given a wall or physics, which it has not.
+        TwinError: the robot has no twin, or it cannot be put into this scene; the bench has neither scene nor physics.
     """
     if robot.name == "bench":
         from bricksrl.twin.bench import BenchBody
@@ -33,12 +33,12 @@ def make_body(robot: Robot, *, scene: Scene | None = None, physics: Physics | Ra
         if scene not in (None, OPEN_FLOOR) or physics is not None:
             raise TwinError("the bench stands before no wall and has no physics to set; leave scene and physics away")
         return BenchBody(robot)
-    if robot.name == "two-wheeler":
+    if robot.name in _MUJOCO_TWINS:
         _check_mujoco()
         from bricksrl.twin.mujoco_body import MujocoBody
 
         return MujocoBody(robot, scene or OPEN_FLOOR, physics or Physics(), seed)
-    raise TwinError(f"robot '{robot.name}' has no twin; choose one of {', '.join(_TWINS)}")
+    raise TwinError(f"robot '{robot.name}' has no twin; choose one of bench, {', '.join(_MUJOCO_TWINS)}")
 
 
 def _check_mujoco() -> None:

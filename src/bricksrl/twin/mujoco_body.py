@@ -11,19 +11,26 @@ import numpy as np
 
 from bricksrl.errors import TwinError
 from bricksrl.robots import MotorKind, Robot, UltrasonicSensor
-from bricksrl.twin.models import two_wheeler
-from bricksrl.twin.models.parts import OBSTACLE_GROUP
+from bricksrl.twin.carrier import FixedCarrier, FreeCarrier, Vector
+from bricksrl.twin.models import robo_arm, two_wheeler, walker
+from bricksrl.twin.models.parts import OBSTACLE_GROUP, motor_constants
 from bricksrl.twin.physics import Physics, RandomPhysics
 from bricksrl.twin.scene import Scene
+from bricksrl.twin.standing import standing_pose
 
-MODELS: dict[str, Callable[[Robot, Scene], mujoco.MjSpec]] = {"two-wheeler": two_wheeler.build}
+MODELS: dict[str, Callable[[Robot, Scene], mujoco.MjSpec]] = {
+    "two-wheeler": two_wheeler.build,
+    "walker": walker.build,
+    "robo-arm": robo_arm.build,
+}
 
 _NEAREST_MM, _FARTHEST_MM = 40, 2000
 _CONE_DEG = (-12.0, -6.0, 0.0, 6.0, 12.0)
 _SETTLING_STEPS = 400
 # Steps between two looks at the heading: few enough that no robot turns half round in between.
 _STEPS_PER_LOOK = 20
-_Vector = np.ndarray[tuple[int], np.dtype[np.float64]]
+# What gravity does to a joint that it hardly turns, such as a vertical one, is rounding.
+_LEAST_PULL_NM = 1e-3
 
 
 @dataclass(frozen=True)
@@ -31,7 +38,7 @@ class Pose:
     """Where a robot is.
 
     Attributes:
-        x_m, y_m: position on the floor of the chassis' origin (2Wheeler: the middle of its axle).
+        x_m, y_m: position on the floor of the chassis' origin (2Wheeler: the middle of its axle; RoboArm: always 0).
         heading_deg: clockwise positive seen from above, 0 along x, not wrapped.
     """
 
@@ -56,12 +63,14 @@ class MujocoBody:
         physics: the parameters in force.
 
     Raises:
-        TwinError: there is no model of this robot.
+        TwinError: there is no model of this robot, or it cannot be put into this scene.
     """
 
     def __init__(self, robot: Robot, scene: Scene, physics: Physics | RandomPhysics, seed: int) -> None:
         if robot.name not in MODELS:
             raise TwinError(f"robot '{robot.name}' has no MuJoCo model; choose one of {', '.join(MODELS)}")
+        if scene.ball and all(motor.name != "grab" for motor in robot.motors):
+            raise TwinError(f"robot '{robot.name}' has no gripper that could hold a ball; leave the ball away")
         self.motors: dict[str, MotorKind] = {motor.port: motor.kind for motor in robot.motors}
         sonars = [sensor.port for sensor in robot.sensors if isinstance(sensor, UltrasonicSensor)]
         self.distance_sensors = frozenset(sonars)
@@ -87,16 +96,20 @@ class MujocoBody:
         self._shaft = {port: int(joint.qposadr[0]) for port, joint in joints.items()}
         self._shaft_dofs = [int(joint.dofadr[0]) for joint in joints.values()]
         self._actuator = {port: int(model.actuator(f"motor_{port}").id) for port in self.motors}
+        self._gears = {port: float(model.actuator_gear[index, 0]) for port, index in self._actuator.items()}
+        self._shaft_mdeg = {port: gear * math.degrees(1000.0) for port, gear in self._gears.items()}
         self._circuit = {port: 1 << int(model.actuator_group[index]) for port, index in self._actuator.items()}
         self._open_circuits = 0
         self._backlash = [joint for joint in range(model.njnt) if model.joint(joint).name.startswith("backlash_")]
-        self._imu = model.site("imu").pos.copy()
+        self._feet = [geom for geom in range(model.ngeom) if model.geom(geom).name.startswith("foot_")]
+        self._moves = bool(model.jnt_type[0] == mujoco.mjtJoint.mjJNT_FREE)
+        self._carrier = FreeCarrier(model, data) if self._moves else FixedCarrier(model, data)
         self._sonar = {port: model.site(f"ultrasonic_{port}").pos.copy() for port in sonars}
         rays = [(math.cos(math.radians(angle)), math.sin(math.radians(angle)), 0.0) for angle in _CONE_DEG]
         self._rays = np.array(rays)
         self._seen_groups = np.zeros(6, np.uint8)
         self._seen_groups[OBSTACLE_GROUP] = 1
-        self._qpos, self._qvel, self._qacc, self._ctrl = data.qpos, data.qvel, data.qacc, data.ctrl
+        self._qpos, self._qvel, self._ctrl = data.qpos, data.qvel, data.ctrl
 
     # ---------------------------------------------------------------- physics and start
 
@@ -105,6 +118,8 @@ class MujocoBody:
         self._nominal_friction = model.geom_friction.copy()
         self._nominal_mass, self._nominal_inertia = model.body_mass.copy(), model.body_inertia.copy()
         self._nominal_frictionloss = model.dof_frictionloss[self._shaft_dofs].copy()
+        friction = [motor_constants(kind).friction_nm * abs(self._gears[port]) for port, kind in self.motors.items()]
+        self._motor_friction = np.array(friction)
 
     def _apply(self, physics: Physics) -> None:
         model = self.model
@@ -114,7 +129,8 @@ class MujocoBody:
         model.geom_friction[:] = self._nominal_friction * physics.friction_scale
         model.body_mass[:] = self._nominal_mass * physics.mass_scale
         model.body_inertia[:] = self._nominal_inertia * physics.mass_scale
-        model.dof_frictionloss[self._shaft_dofs] = self._nominal_frictionloss * physics.motor_friction_scale
+        more_friction = (physics.motor_friction_scale - 1.0) * self._motor_friction
+        model.dof_frictionloss[self._shaft_dofs] = self._nominal_frictionloss + more_friction
         play = math.radians(physics.backlash_deg)
         for joint in self._backlash:
             model.jnt_range[joint] = (-play, play)
@@ -124,9 +140,11 @@ class MujocoBody:
         mujoco.mj_setConst(model, mujoco.MjData(model))
 
     def _settle(self) -> None:
-        """Let the robot sink onto the floor, with open circuits, and remember how it stands."""
+        """Open all circuits; let a robot on wheels sink onto the floor and remember how it stands."""
         for port in self.motors:
             self.set_voltage(port, None)
+        if self._feet or not self._moves:
+            return
         mujoco.mj_step(self.model, self.data, _SETTLING_STEPS)
         self._standing_height_m = float(self._qpos[2])
         self._standing_quaternion = self._qpos[3:7].copy()
@@ -141,11 +159,22 @@ class MujocoBody:
         """
         if self._random_physics is not None:
             self._apply(self._random_physics.sample(rng))
-        heading_deg = float(rng.uniform(*self.scene.heading_deg))
-        yaw = -math.radians(heading_deg)
+        self._qvel[:] = 0.0
+        if self._moves:
+            self._place(rng)
+        else:
+            self._take_up_play()
+        self.data.qacc_warmstart[:] = 0.0
+        mujoco.mj_forward(self.model, self.data)
+        self._look_at_heading()
+
+    def _place(self, rng: np.random.Generator) -> None:
+        """Put the robot on the floor, before the wall if there is one."""
+        yaw = -math.radians(float(rng.uniform(*self.scene.heading_deg)))
+        standing, height_m = self._stand()
         turn, quaternion = np.array([math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2)]), np.empty(4)
-        mujoco.mju_mulQuat(quaternion, turn, self._standing_quaternion)
-        self._qpos[0:3] = (0.0, 0.0, self._standing_height_m)
+        mujoco.mju_mulQuat(quaternion, turn, standing)
+        self._qpos[0:3] = (0.0, 0.0, height_m)
         self._qpos[3:7] = quaternion
         if self.scene.wall_distance_mm is not None:
             distance_m = float(rng.uniform(*self.scene.wall_distance_mm)) / 1000
@@ -153,15 +182,35 @@ class MujocoBody:
             eyes = self._in_world(next(iter(self._sonar.values())))
             self._qpos[0] = wall.pos[0] - wall.size[0] - distance_m - eyes[0]
             self._qpos[1] = -eyes[1]
-        self._qvel[:] = 0.0
-        self.data.qacc_warmstart[:] = 0.0
+
+    def _stand(self) -> tuple[Vector, float]:
+        """Orientation and height at which the robot stands: on wheels always the same, on legs as the legs are now."""
+        if not self._feet:
+            return self._standing_quaternion, self._standing_height_m
+        model, data = self.model, self.data
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        # A foot is a capsule: it touches the floor with the balls at its two ends.
+        half = data.geom_xmat[self._feet, 2::3] * model.geom_size[self._feet, 1:2]
+        balls = np.concatenate([data.geom_xpos[self._feet] + half, data.geom_xpos[self._feet] - half])
+        chassis = int(model.jnt_bodyid[0])
+        frame, origin = data.xmat[chassis].reshape(3, 3), data.xpos[chassis]
+        quaternion, height_m = standing_pose((balls - origin) @ frame, (data.subtree_com[chassis] - origin) @ frame)
+        return quaternion, height_m + float(model.geom_size[self._feet[0], 0])
+
+    def _take_up_play(self) -> None:
+        """Let each joint lie at that end of its play to which gravity pulls it: no arm falls through its play at a start."""
         mujoco.mj_forward(self.model, self.data)
-        self._look_at_heading()
+        for joint in self._backlash:
+            pull_nm = -float(self.data.qfrc_bias[self.model.jnt_dofadr[joint]])
+            end = np.sign(pull_nm) if abs(pull_nm) > _LEAST_PULL_NM else 0.0
+            self._qpos[self.model.jnt_qposadr[joint]] = end * self.model.jnt_range[joint, 1]
 
     def pose(self) -> Pose:
         """Where the robot is, without noise: for metrics, not for agents."""
         self._look_at_heading()
-        return Pose(float(self._qpos[0]), float(self._qpos[1]), self._heading_deg)
+        x_m, y_m, _ = self._carrier.position().tolist()
+        return Pose(x_m, y_m, self._heading_deg)
 
     # ---------------------------------------------------------------- time
 
@@ -178,7 +227,7 @@ class MujocoBody:
                 self._look_at_heading()
 
     def _look_at_heading(self) -> None:
-        w, x, y, z = self._qpos[3:7].tolist()
+        w, x, y, z = self._carrier.orientation().tolist()
         clockwise_deg = math.degrees(math.atan2(-2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)))
         self._steps_unseen = 0
         self._heading_deg += (clockwise_deg - self._heading_deg + 180.0) % 360.0 - 180.0
@@ -188,7 +237,7 @@ class MujocoBody:
     def angle_mdeg(self, port: str) -> int:
         """Angle of a motor's shaft in whole steps of its rotation sensor, clockwise positive."""
         step = self._encoder_step_mdeg
-        return math.floor(math.degrees(self._qpos[self._shaft[port]]) * 1000.0 / step + 0.5) * step
+        return math.floor(self._qpos[self._shaft[port]] * self._shaft_mdeg[port] / step + 0.5) * step
 
     def set_voltage(self, port: str, voltage_mv: int | None) -> None:
         """Apply a voltage, at most the battery's; 0 shorts the motor (brake), ``None`` opens the circuit (coast)."""
@@ -208,7 +257,7 @@ class MujocoBody:
 
     def distance_mm(self, port: str) -> int:
         """Nearest obstacle that one of five rays in a cone of 24 degrees meets, with noise; 40..2000."""
-        eyes = self._in_world(self._sonar[port]) + self._qpos[0:3]
+        eyes = self._in_world(self._sonar[port]) + self._carrier.position()
         nearest_mm = math.inf
         for ray in self._rays:
             metres = mujoco.mj_ray(self.model, self.data, eyes, self._in_world(ray), self._seen_groups, True, -1, None)
@@ -225,7 +274,7 @@ class MujocoBody:
 
         As the firmware does, this takes the fused orientation, which accelerations do not disturb.
         """
-        w, x, y, z = self._qpos[3:7].tolist()
+        w, x, y, z = self._carrier.orientation().tolist()
         up_x, up_y, up_z = 2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)
         pitch_deg = math.degrees(math.atan2(-up_x, math.hypot(up_y, up_z)))
         roll_deg = math.degrees(math.atan2(up_y, up_z))
@@ -235,18 +284,13 @@ class MujocoBody:
     def angular_velocity_deg_s(self) -> tuple[float, float, float]:
         """Gyroscope in the frame of the hub, with noise; counter-clockwise about each axis is positive."""
         noise = self.physics.gyro_noise_deg_s * self._noise.standard_normal(3)
-        x, y, z = (np.degrees(self._qvel[3:6]) + noise).tolist()
+        x, y, z = (np.degrees(self._carrier.angular_velocity()) + noise).tolist()
         return x, y, z
 
     def acceleration_mm_s2(self) -> tuple[float, float, float]:
         """Accelerometer in the frame of the hub, with noise; at rest (0, 0, +9810)."""
-        spin, angular = self._qvel[3:6], self._qacc[3:6]
-        to_hub, specific_force = np.empty(4), np.empty(3)
-        mujoco.mju_negQuat(to_hub, self._qpos[3:7])
-        mujoco.mju_rotVecQuat(specific_force, self._qacc[0:3] - self.model.opt.gravity, to_hub)
-        specific_force += np.cross(angular, self._imu) + np.cross(spin, np.cross(spin, self._imu))
         noise = self.physics.acceleration_noise_mm_s2 * self._noise.standard_normal(3)
-        x, y, z = (specific_force * 1000.0 + noise).tolist()
+        x, y, z = (self._carrier.specific_force() * 1000.0 + noise).tolist()
         return x, y, z
 
     def heading_deg(self) -> float:
@@ -254,8 +298,8 @@ class MujocoBody:
         self._look_at_heading()
         return self._heading_deg - self._heading_at_start_deg
 
-    def _in_world(self, vector: _Vector) -> _Vector:
+    def _in_world(self, vector: Vector) -> Vector:
         """A vector of the chassis' frame in the directions of the world."""
         turned = np.empty(3)
-        mujoco.mju_rotVecQuat(turned, vector, self._qpos[3:7])
+        mujoco.mju_rotVecQuat(turned, vector, self._carrier.orientation())
         return turned

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from pathlib import Path
 from typing import BinaryIO, TextIO
 
@@ -22,9 +23,14 @@ class StreamConsole:
     def __init__(self, machine: Machine, stdin: BinaryIO | None, stdout: BinaryIO) -> None:
         self._machine = machine
         self._stdout = stdout
-        # All of it at once: simulated time does not wait for anybody who types.
-        self._input = stdin.read() if stdin is not None else b""
+        self._stdin = stdin
         self._position = 0
+
+    @cached_property
+    def _input(self) -> bytes:
+        # All of it at once, simulated time does not wait for anybody who types; and only when the program asks, because a
+        # pipe that nobody writes to would keep every other program waiting too.
+        return self._stdin.read() if self._stdin is not None else b""
 
     def available(self) -> int:
         return len(self._input) - self._position

@@ -27,6 +27,8 @@ from bricksrl.twin.pybricks import modules
 from bricksrl.twin.scene import Scene
 
 MAX_WRITE_BYTES = 20
+HAND_MS = 1000
+"""How long it takes to put a robot back: longer than the hub's watchdog."""
 
 
 class _Stopped(BaseException):
@@ -53,6 +55,7 @@ class _Wire:
         return data
 
     def write(self, data: bytes) -> None:
+        self._hub.machine.charge_call()
         due_ms = self._hub.next_event_ms()
         self.outbox.append((due_ms, data))
         self._hub.wake_at(due_ms)
@@ -156,7 +159,11 @@ class VirtualHub:
         return self.machine.time_ms / 1000
 
     def reset(self, rng: np.random.Generator) -> None:
-        """The human hand: put the robot at the start of an episode. The program goes on running."""
+        """The human hand: put the robot at the start of an episode. The program goes on running.
+
+        A hand takes its time, longer than the hub waits for the host before it stops the motors.
+        """
+        self._run_on_until(self.machine.time_ms + HAND_MS)
         self.body.reset(rng)
 
     # ---- between host and program
@@ -185,6 +192,11 @@ class VirtualHub:
         program.switch(*(() if source is None else (source,)))
         self.machine.alarm_ms = None
 
+    def _run_on_until(self, time_ms: int) -> None:
+        """Let the program run until a simulated time, whatever it writes."""
+        while self.machine.time_ms < time_ms:
+            self._run_until(time_ms)
+
     def _to_host(self) -> None:
         self.machine.alarm_ms = None
         if self._host is not None and getcurrent() is self._program:
@@ -196,7 +208,7 @@ class VirtualHub:
             language.execute(source, MAIN_FILE, modules(self.machine, self._wire), self._wire)
         except (SystemExit, _Stopped):
             pass
-        except (Exception, ProgramInterrupt) as error:  # a program may raise anything; the host gets to know
+        except (Exception, ProgramInterrupt) as error:  # noqa: BLE001 - a program may raise anything; the host gets to know
             self._error = describe_traceback(language.format_traceback(error, MAIN_FILE), source)
         self.machine.stop_motors()
 
@@ -215,6 +227,4 @@ class VirtualHub:
         if ahead_ms > 0:
             time.sleep(ahead_ms / 1000)
         elif ahead_ms < -1:
-            target_ms = int(wall_ms)
-            while self.machine.time_ms < target_ms:
-                self._run_until(target_ms)
+            self._run_on_until(int(wall_ms))

@@ -33,10 +33,10 @@ between two legs, and the action as the agent gave it: 0.1 a step at best.
 
 ## End of an episode
 
-| End        | When                                             |
-|------------|--------------------------------------------------|
+| End        | When                                              |
+|------------|---------------------------------------------------|
 | terminated | pitch or roll is beyond 60 degrees to either side |
-| truncated  | after 100 steps                                  |
+| truncated  | after 100 steps                                   |
 
 ## Success and metrics
 
@@ -69,7 +69,7 @@ def shortest_angle_deg(one: Tensor, other: Tensor) -> Tensor:
 
 def gait_reward(observation: Tensor) -> Tensor:
     """How far the legs are from a trot, 0 at best; ``[*batch, 1]``."""
-    lf, rf, lb, rb = observation[..., :4].split(1, dim=-1)
+    lf, rf, lb, rb = (observation[..., i : i + 1] for i in range(4))
     apart = shortest_angle_deg(lf, rf) + shortest_angle_deg(lb, rb)
     together = shortest_angle_deg(lf, rb) + shortest_angle_deg(rf, lb)
     return (apart - together) / 180.0 - 2.0
@@ -101,14 +101,17 @@ INTERFACE = Interface(
     settle=Wait(250),
 )
 
-WALKER_SIM = Task(
-    id="WalkerSim-v0",
-    doc=__doc__,
-    robot=WALKER,
-    interface=INTERFACE,
-    max_steps=100,
-    reward=reward,
-    success=success,
-    metrics=metrics,
-    terminated=terminated,
-)
+
+def walker(env_id: str) -> Task:
+    """The task, for the robot or for its simulation."""
+    return Task(
+        id=env_id,
+        doc=__doc__,
+        robot=WALKER,
+        interface=INTERFACE,
+        max_steps=100,
+        reward=reward,
+        success=success,
+        metrics=metrics,
+        terminated=terminated,
+    )

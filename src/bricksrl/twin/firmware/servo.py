@@ -170,9 +170,7 @@ class Servo:
 
     def run_time(self, speed: int, time_ms: int, then: OnCompletion) -> None:
         self._take_over()
-        self.control.start_timed(
-            self._machine.time_ticks, self.state(), time_ms * 10, self.settings.from_unit(speed), then
-        )
+        self.control.start_timed(self._machine.time_ticks, self.state(), time_ms * 10, self.settings.from_unit(speed), then)
 
     def run_until_stalled(self, speed: int, then: OnCompletion, duty_limit_pct: int | None) -> None:
         self._take_over()

@@ -6,7 +6,7 @@ import math
 import struct
 
 _SINGLE = struct.Struct("<f")
-SIGNIFICANT_DIGITS = 7
+_FEWEST_DIGITS, _MOST_DIGITS = 6, 9
 
 
 def to_single(x: float) -> float:
@@ -18,9 +18,17 @@ def to_single(x: float) -> float:
 
 
 def float_text(x: float) -> str:
-    """``str`` and ``repr`` of a float: seven digits, always recognisable as a float."""
-    text = f"{x:.{SIGNIFICANT_DIGITS}g}"
-    return text if "." in text or "e" in text or "n" in text else text + ".0"
+    """``str`` and ``repr`` of a float: the shortest text that reads back as the same 32-bit float, as firmware 4.1 prints it.
+
+    Exponents appear from 1e16 on and below 1e-4, as in CPython.
+    """
+    if not math.isfinite(x):
+        return f"{x:g}"
+    for digits in range(_FEWEST_DIGITS, _MOST_DIGITS + 1):
+        shortest = float(f"{x:.{digits}g}")
+        if to_single(shortest) == x:
+            break
+    return repr(shortest)
 
 
 def halves_up(x: float, digits: int) -> float:

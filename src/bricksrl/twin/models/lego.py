@@ -176,7 +176,8 @@ def gear(teeth: int, colour: str, width: float = 7.4) -> Part:
     """A spur gear along y, centred; two of them mesh at half a millimetre for each of their teeth."""
     pitch = teeth / 2
     body = ring(pitch - 0.9, pitch - 3.6, width) if teeth > 20 else cylinder(pitch - 0.9, width, bevel=0.4)
-    cogs = [box(2.2, 1.5, width - 0.4, radius=0.4, arc=1).at(pitch - 0.4, 0, 0).turned(Z_AXIS, 360 / teeth * i) for i in range(teeth)]
+    cog = box(2.2, 1.5, width - 0.4, radius=0.4, arc=1).at(pitch - 0.4, 0, 0)
+    cogs = [cog.turned(Z_AXIS, 360 / teeth * i) for i in range(teeth)]
     boss = cylinder(5.0, width + 0.4, bevel=0.6)
     web = [cylinder(pitch - 3, 3.2)] if teeth > 20 else []
     holes = [discs(2.4, 3.6).at(pitch * 0.58, 0, 0).turned(Z_AXIS, 90 * i) for i in range(4)] if teeth > 30 else []
@@ -193,9 +194,3 @@ def turntable() -> Part:
 def bush(colour: str) -> Part:
     """The end of a joint's axle with its bush, along y, centred."""
     return Part(((colour, cylinder(3.7, 6.4, bevel=0.6).along(Y_AXIS)), ("dim", discs(2.0, 6.6).along(Y_AXIS))))
-
-
-def ball(radius: float) -> Part:
-    """A red ball, centred."""
-    angles = [math.radians(step) for step in range(0, 181, 10)]
-    return Part((("red", turned([(radius * math.sin(angle), radius * math.cos(angle)) for angle in angles], 32)),))

@@ -99,6 +99,8 @@ def add_motor(
     actuator.group = len(spec.actuators) - 1
     joint.armature = motor.inertia_kg_m2 * gear**2
     joint.frictionloss = motor.friction_nm * abs(gear) + train_friction_nm
+    # MuJoCo's default lets a joint creep by 3 degrees a second below its friction.
+    joint.solimp_friction = [0.999, 0.999, 0.001, 0.5, 2.0]
 
 
 def add_box(body: mujoco.MjsBody, centre: Triple, half_size: Triple, mass_kg: float, *, collides: bool = True) -> None:

@@ -15,7 +15,17 @@ import mujoco
 from bricksrl.errors import TwinError
 from bricksrl.robots import Motor, Robot
 from bricksrl.twin.models import lego
-from bricksrl.twin.models.parts import SHAPE_GROUP, Triple, add_box, add_camera, add_light, add_motor, add_surroundings, new_spec
+from bricksrl.twin.models.parts import (
+    LOOKS_GROUP,
+    SHAPE_GROUP,
+    Triple,
+    add_box,
+    add_camera,
+    add_light,
+    add_motor,
+    add_surroundings,
+    new_spec,
+)
 from bricksrl.twin.models.shapes import X_AXIS, Y_AXIS, Z_AXIS, Part, draw
 from bricksrl.twin.scene import Scene
 
@@ -75,12 +85,14 @@ def build(robot: Robot, scene: Scene) -> mujoco.MjSpec:
     _add_turret(spec, turret)
     low = _add_joint(spec, turret, robot.motor("low"), "low", (0.0, 0.0, _SHOULDER_Z), (0.0, 1.0, 0.0), _LEAN_DEG)
     add_box(low, (0.0, 0.0, 0.056), (0.004, 0.024, 0.060), 0.040, collides=False)
-    add_box(low, (0.0, 0.0, 0.055), (0.012, 0.016, 0.036), 0.060, collides=False)
+    add_box(low, (-0.008, 0.0, 0.056), (0.012, 0.016, 0.036), 0.060, collides=False)
     draw(spec, low, _lower_arm_parts())
     high = _add_joint(spec, low, robot.motor("high"), "high", (0.0, 0.0, _LOWER_ARM), (0.0, 1.0, 0.0), _ELBOW_DEG)
     add_box(high, (0.0, 0.0, 0.040), (0.004, 0.030, 0.056), 0.030, collides=False)
-    add_box(high, (0.0, 0.0, 0.036), (0.012, 0.016, 0.036), 0.060, collides=False)
-    draw(spec, high, _forearm_parts(ball=scene.ball))
+    add_box(high, (-0.010, 0.0, 0.036), (0.012, 0.016, 0.036), 0.060, collides=False)
+    draw(spec, high, _forearm_parts())
+    if scene.ball:
+        _add_ball(high)
     _add_gripper(spec, high, robot.motor("grab"))
     add_light(world)
     _add_cameras(world)
@@ -141,8 +153,9 @@ def _add_turret(spec: mujoco.MjSpec, turret: mujoco.MjsBody) -> None:
         parts.append(lego.beam(9, "white").turned(Y_AXIS, 90).turned(Z_AXIS, 90).at(0, side * 28, 40))
         parts.append(lego.beam(13, "turquoise").turned(X_AXIS, 90).at(-36, side * 28, 8))
         parts.append(lego.beam(7, "turquoise").turned(X_AXIS, 90).turned(Y_AXIS, 45).at(-20, side * 28, 26))
-    for x in (12, -84):
-        parts.append(lego.beam(7, "dark_grey").turned(Z_AXIS, 90).at(x, 0, 4))
+    parts += [lego.beam(7, "dark_grey").turned(Z_AXIS, 90).at(x, 0, 4) for x in (12, -84)]
+    parts.append(lego.cable([(-75, -28, 59), (-75, -62, 62), (-110, -60, 26), (-98, -10, 22)]))
+    parts.append(lego.cable([(-49, -28, 59), (-48, -58, 64), (-24, -46, 8), (-17, -12, 4)]))
     draw(spec, turret, parts)
 
 
@@ -158,6 +171,20 @@ def _add_gripper(spec: mujoco.MjSpec, high: mujoco.MjsBody, motor: Motor) -> Non
         add_box(finger, (0.0, 0.0, 0.024), (0.012, 0.004, 0.028), 0.009, collides=False)
         parts = [lego.beam(7, "turquoise").turned(Y_AXIS, 90).at(x, 0, 24) for x in (-8, 8)]
         draw(spec, finger, [*parts, lego.beam(3, "black").turned(X_AXIS, 90).at(0, 0, 48), lego.pin("yellow").turned(X_AXIS, 90)])
+
+
+def _add_ball(high: mujoco.MjsBody) -> None:
+    high.add_geom(
+        name="ball",
+        type=mujoco.mjtGeom.mjGEOM_SPHERE,
+        pos=[0.0, 0.0, _BALL_Z],
+        size=[BALL_RADIUS_M, 0, 0],
+        mass=0.006,
+        material="red",
+        group=LOOKS_GROUP,
+        contype=0,
+        conaffinity=0,
+    )
 
 
 def _add_cameras(world: mujoco.MjsBody) -> None:
@@ -179,23 +206,21 @@ def _base_parts() -> list[Part]:
 
 def _lower_arm_parts() -> list[Part]:
     parts = [
-        lego.medium_motor().turned(Y_AXIS, 90).at(0, 0, 82),
+        lego.medium_motor().turned(Y_AXIS, -90).at(-8, 0, 83),
         lego.gear(36, "dark_grey").at(0, 36, 0),
-        lego.gear(20, "light_grey").at(0, 36, 82),
+        lego.gear(20, "light_grey").at(-8, 36, 83),
         lego.axle(76).at(0, 0, 0),
-        lego.axle(24).at(0, 28, 82),
+        lego.axle(24).at(-8, 28, 83),
     ]
-    for side in (1, -1):
-        parts.append(lego.beam(15, "white").turned(Y_AXIS, 90).at(0, side * 20, 56))
-    return parts
+    return parts + [lego.beam(15, "white").turned(Y_AXIS, 90).at(0, y, 56) for y in (20, -20)]
 
 
-def _forearm_parts(*, ball: bool) -> list[Part]:
+def _forearm_parts() -> list[Part]:
     parts = [
-        lego.medium_motor().turned(Y_AXIS, 90).at(0, 0, 72),
+        lego.medium_motor().turned(Y_AXIS, -90).at(-10, 0, 72),
         lego.gear(40, "dark_grey").at(0, 36, 0),
         lego.axle(76).at(0, 0, 0),
     ]
-    for side in (1, -1):
-        parts.append(lego.beam(13, "black").turned(Y_AXIS, 90).at(0, side * 28, 48))
-    return parts
+    parts += [lego.beam(9, "dark_grey").turned(Z_AXIS, 90).turned(Y_AXIS, 90).at(x, 0, 88) for x in (8, -8)]
+    parts += [lego.gear(20, "light_grey").at(0, y, 96) for y in (17, -17)]
+    return parts + [lego.beam(13, "black").turned(Y_AXIS, 90).at(0, y, 48) for y in (28, -28)]

@@ -58,6 +58,9 @@ def build(robot: Robot, scene: Scene) -> mujoco.MjSpec:
     if {motor.name for motor in robot.motors} != set(_CORNERS) or len(sensors) != 1:
         raise TwinError(f"robot '{robot.name}' is no Walker: it needs the motors {', '.join(_CORNERS)} and one ultrasonic sensor")
     spec = new_spec(robot.name)
+    # All legs hang on one chassis: looking for independent islands of constraints costs a tenth of the time for nothing.
+    # (The pyramidal cone would save another tenth, but bounds and paces a quarter slower than the elliptic one.)
+    spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_ISLAND
     add_surroundings(spec, scene)
     chassis = spec.worldbody.add_body(name="chassis", pos=[0.0, 0.0, _CRANK + _SHANK + _FOOT_RADIUS - _AXIS_Z])
     chassis.add_freejoint(name="root")
@@ -170,10 +173,13 @@ def _draw_chassis(spec: mujoco.MjSpec, chassis: mujoco.MjsBody) -> None:
             facing = facing.turned(X_AXIS, 180)
         parts.append(facing.at(corner.end * 64, corner.side * 36, -20))
         parts.append(lego.axle(24).at(corner.end * 32, corner.side * 50, 20))
+    parts += [lego.beam(11, "turquoise").turned(X_AXIS, 90).at(0, y, 20) for y in (44, -44)]
+    parts += [lego.beam(11, "dark_grey").turned(Z_AXIS, 90).at(x, 0, -4) for x in (56, 0, -56)]
+    parts += [lego.beam(7, "dark_grey").turned(X_AXIS, 90).at(56, y, 10) for y in (12, -12)]
     for side in (1, -1):
-        parts.append(lego.beam(11, "turquoise").turned(X_AXIS, 90).at(0, side * 44, 20))
-    for x in (56, 0, -56):
-        parts.append(lego.beam(11, "dark_grey").turned(Z_AXIS, 90).at(x, 0, -4))
+        parts.append(lego.cable([(0, side * 28, 21), (0, side * 64, 34), (14, side * 66, -2), (6, side * 46, -16)]))
+        parts.append(lego.cable([(-26, side * 28, 21), (-28, side * 64, 34), (-18, side * 66, -2), (-8, side * 46, -16)]))
+    parts.append(lego.cable([(26, -28, 21), (30, -58, 30), (62, -50, 34), (76, -20, 20)]))
     draw(spec, chassis, parts)
 
 
@@ -186,6 +192,7 @@ def _draw_leg(spec: mujoco.MjSpec, crank: mujoco.MjsBody, leg: mujoco.MjsBody, r
         [
             lego.beam(13, "white").turned(Y_AXIS, 90).turned(Z_AXIS, 90).at(0, 0, -8),
             lego.beam(5, "black").turned(Z_AXIS, 90).at(0, side * 4, -56),
+            lego.pin("blue").turned(X_AXIS, 90).at(0, side * 4, 40),
         ],
     )
     draw(spec, rocker, [lego.beam(5, "dark_grey").turned(X_AXIS, 90).at(corner.end * 16, -side * 8, 0)])

@@ -74,6 +74,15 @@ def test_run_feeds_the_program_from_standard_input(tmp_path):
     assert (done.returncode, done.stdout, done.stderr) == (0, "abc\n", "")
 
 
+def test_run_does_not_wait_for_input_that_the_program_does_not_read(tmp_path):
+    path = tmp_path / "main.py"
+    path.write_text("print('done')\n")
+    command = [sys.executable, "-m", "bricksrl.cli", "hub", "run", str(path), "--robot", "bench"]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as child:  # the pipe stays open
+        assert child.wait(timeout=60) == 0
+        assert child.stdout.read() == b"done\n"
+
+
 def test_ctrl_c_stops_a_program(start, tmp_path):
     path = tmp_path / "main.py"
     path.write_text("from pybricks.tools import wait\nprint('on')\nwhile True:\n    wait(1000)\n")

@@ -1,0 +1,296 @@
+"""One hub that is connected over Bluetooth: commands with bounds, its status, and the program's output.
+
+Everything here runs in the thread of the event loop.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from bricksrl.errors import HubError, HubProtocolError, HubTimeoutError
+from bricksrl.hub import pybricks_profile as profile
+from bricksrl.hub.failures import HubBusyError, HubDisconnectedError, bleak_errors
+from bricksrl.hub.output import Output
+from bricksrl.hub.pybricks_profile import Status, StatusReport
+from bricksrl.robots import HubKind
+
+if TYPE_CHECKING:
+    from bleak import BleakClient
+    from bleak.backends.characteristic import BleakGATTCharacteristic
+    from bleak.backends.client import BaseBleakClient
+    from bleak.backends.device import BLEDevice
+
+_log = logging.getLogger(__name__)
+
+_OLDEST_PROFILE = (1, 3)
+_FIRST_STATUS_S = 3 * profile.STATUS_PERIOD_S
+_BUSY_PAUSE_S = 0.01
+_LONGEST_BUSY_PAUSE_S = 0.16
+
+
+@dataclass(frozen=True)
+class HubIdentity:
+    """What a hub says of itself when it is connected.
+
+    Attributes:
+        name, address: as it advertises itself; on macOS the address is one that only this computer knows.
+        kind: of hub.
+        firmware: version of Pybricks, e.g. ``"4.0.1"``.
+        profile_version: of the Pybricks Profile, e.g. ``(1, 5)``.
+        capabilities: sizes and features.
+    """
+
+    name: str
+    address: str
+    kind: HubKind
+    firmware: str
+    profile_version: tuple[int, int]
+    capabilities: profile.Capabilities
+
+
+class BleConnection:
+    """A hub and the link to it, from ``connect`` to ``disconnect`` or to a failure. It is not used again after that.
+
+    Attributes:
+        identity: of the hub; there after ``connect``.
+        status: its last report; there after ``connect``.
+        output: gets what the program writes, and its end.
+    """
+
+    identity: HubIdentity
+    status: StatusReport
+
+    def __init__(
+        self,
+        device: BLEDevice,
+        client_backend: type[BaseBleakClient] | None,
+        *,
+        answer_timeout_s: float,
+        connect_timeout_s: float,
+    ) -> None:
+        from bleak import BleakClient
+
+        self.output = Output()
+        self._device = device
+        self._answer_timeout_s = answer_timeout_s
+        self._connect_timeout_s = connect_timeout_s
+        self._client: BleakClient = BleakClient(
+            device, disconnected_callback=self._on_disconnect, timeout=connect_timeout_s, backend=client_backend
+        )
+        self._loss: str | None = "not connected yet"
+        self._reports = 0
+        self._is_running_expected = False
+        self._changed = asyncio.Event()
+        self._write_lock = asyncio.Lock()
+        self._write_bound: asyncio.Timeout | None = None
+
+    @property
+    def is_connected(self) -> bool:
+        return self._loss is None
+
+    @property
+    def is_running(self) -> bool:
+        """Whether a program runs on the hub, as far as it has told."""
+        return self.is_connected and Status.USER_PROGRAM_RUNNING in self.status.flags
+
+    async def connect(self) -> None:
+        """Connect, learn what the hub is, and have it report.
+
+        Raises:
+            HubError: one of its children says why it did not work.
+        """
+        self._loss = None
+        try:
+            async with asyncio.timeout(self._connect_timeout_s):
+                with bleak_errors(f"connect to the hub '{self._device.name}'", HubDisconnectedError):
+                    await self._client.connect()
+                    self.identity = await self._identify()
+                    await self._client.start_notify(profile.COMMAND_EVENT_UUID, self._on_notification)
+                if not await self._wait_for(lambda: self._reports > 0, _FIRST_STATUS_S):
+                    raise HubTimeoutError("the hub does not report its status; switch it off and on")
+                self._check_connected()
+        except TimeoutError as error:
+            await self.disconnect()
+            if isinstance(error, HubError):
+                raise
+            raise HubTimeoutError("the hub did not answer while connecting; switch it off and on, and bring it near") from None
+        except BaseException:
+            await self.disconnect()
+            raise
+
+    async def disconnect(self) -> None:
+        """Let go of the hub. Never raises, and is bounded."""
+        self._lose("this computer disconnected")
+        try:
+            async with asyncio.timeout(self._answer_timeout_s):
+                await self._client.disconnect()
+        except Exception as error:  # noqa: BLE001  a backend may raise anything; the hub notices by itself
+            _log.debug("disconnecting from the hub: %s", error)
+
+    async def command(self, data: bytes, what: str) -> None:
+        """Write a command; try again while the hub is busy.
+
+        Raises:
+            HubBusyError: it stayed busy.
+            HubRefusedError: the hub refused it.
+            HubTimeoutError: the hub did not acknowledge it; the link is given up, since its state is unknown.
+            HubDisconnectedError: the link is broken.
+        """
+        loop = asyncio.get_running_loop()
+        deadline_s = loop.time() + self._answer_timeout_s
+        pause_s = _BUSY_PAUSE_S
+        while True:
+            try:
+                await self._write(data, what)
+            except HubBusyError:
+                if loop.time() + pause_s > deadline_s:
+                    raise
+                await asyncio.sleep(pause_s)
+                pause_s = min(2 * pause_s, _LONGEST_BUSY_PAUSE_S)
+            else:
+                return
+
+    async def download(self, blob: bytes) -> None:
+        """Bring a program onto the hub.
+
+        Raises:
+            HubProtocolError: the hub has no room for it, or cannot run it.
+            HubError: see ``command``.
+        """
+        capabilities = self.identity.capabilities
+        if not capabilities.features & profile.Feature.MPY_V6:
+            raise HubProtocolError("the hub's firmware cannot run our programs; update it on code.pybricks.com")
+        if len(blob) > capabilities.max_program_bytes:
+            raise HubProtocolError(
+                f"the program has {len(blob)} bytes, the hub takes {capabilities.max_program_bytes}; use a larger hub"
+            )
+        for command in profile.download(blob, capabilities.max_write_bytes):
+            await self.command(command, "write the program onto the hub")
+
+    async def start_program(self) -> None:
+        """Start the program on the hub and wait until it runs, or has already ended.
+
+        Raises:
+            HubError: see ``command``.
+        """
+        slot = self.status.slot if self.identity.capabilities.slots else None
+        reports = self._reports
+        self.output.begin()
+        await self.command(profile.start_program(slot), "write the command that starts the program")
+        self._is_running_expected = True
+        # A report that was on its way already says nothing; hence the bound, and then the last word counts.
+        if not await self._wait_for(lambda: self.is_running, self._answer_timeout_s) and self._reports > reports:
+            self._end_program()
+
+    async def stop_program(self) -> None:
+        """Stop the program, and with it the motors; wait until it has ended.
+
+        Raises:
+            HubTimeoutError: it goes on.
+            HubError: see ``command``.
+        """
+        self._is_running_expected = False
+        await self.command(profile.stop_program(), "write the command that stops the program")
+        if not await self._wait_for(lambda: not self.is_running, self._answer_timeout_s):
+            raise HubTimeoutError("the program on the hub does not stop; press the hub's button")
+        self.output.end(HubError, "the program on the hub was stopped; start it again")
+        self._check_connected()
+
+    async def wait_for_output(self, data: bytes, timeout_s: float) -> bool:
+        """Whether the program writes these bytes in time; they stay to be read."""
+        await self._wait_for(lambda: self.output.holds(data) or not self.is_running, timeout_s)
+        return self.output.holds(data)
+
+    async def _identify(self) -> HubIdentity:
+        version = profile.parse_version(await self._read(profile.PROFILE_VERSION_UUID))
+        if version[0] != _OLDEST_PROFILE[0] or version < _OLDEST_PROFILE:
+            raise HubProtocolError(f"the hub speaks Pybricks Profile {version[0]}.{version[1]}; update it on code.pybricks.com")
+        return HubIdentity(
+            name=self._device.name or "",
+            address=self._device.address,
+            kind=profile.parse_hub_kind(await self._read(profile.PNP_ID_UUID)),
+            firmware=(await self._read(profile.FIRMWARE_REVISION_UUID)).decode("utf-8", "replace"),
+            profile_version=version,
+            capabilities=profile.parse_capabilities(await self._read(profile.CAPABILITIES_UUID)),
+        )
+
+    async def _read(self, uuid: str) -> bytes:
+        return bytes(await self._client.read_gatt_char(uuid))
+
+    async def _write(self, data: bytes, what: str) -> None:
+        try:
+            async with asyncio.timeout(self._answer_timeout_s) as bound, self._write_lock:
+                self._check_connected()
+                self._write_bound = bound
+                with bleak_errors(what, HubDisconnectedError):
+                    await self._client.write_gatt_char(profile.COMMAND_EVENT_UUID, data, response=True)
+        except TimeoutError:
+            self._check_connected()
+            self._lose("it did not acknowledge a command")
+            raise HubTimeoutError(
+                f"could not {what}: the hub did not acknowledge it within {self._answer_timeout_s:g} s; open the link again"
+            ) from None
+        finally:
+            self._write_bound = None
+
+    async def _wait_for(self, is_so: Callable[[], bool], timeout_s: float) -> bool:
+        """Wait until something is so, or the link is lost."""
+        try:
+            async with asyncio.timeout(timeout_s):
+                while not is_so() and self.is_connected:
+                    self._changed.clear()
+                    await self._changed.wait()
+        except TimeoutError:
+            pass
+        return is_so()
+
+    def _check_connected(self) -> None:
+        if self._loss is not None:
+            raise HubDisconnectedError(f"the link to the hub is lost ({self._loss}); open it again")
+
+    def _on_notification(self, _: BleakGATTCharacteristic, data: bytearray) -> None:
+        try:
+            event = profile.parse_event(bytes(data))
+        except HubProtocolError as error:
+            _log.warning("%s", error)
+            return
+        if isinstance(event, profile.Stdout):
+            self.output.put(event.data)
+        elif isinstance(event, StatusReport):
+            self._on_status(event)
+        self._changed.set()
+
+    def _on_status(self, report: StatusReport) -> None:
+        before = self.status.flags if self._reports else Status(0)
+        self._reports += 1
+        self.status = report
+        new = report.flags & ~before
+        gone = before & ~report.flags
+        if new & (Status.BATTERY_LOW | Status.BATTERY_EMPTY):
+            _log.warning("the hub's battery is low; charge it soon")
+        if new & (Status.BATTERY_HOT | Status.BATTERY_TOO_HOT):
+            _log.warning("the hub's battery is hot; let it rest")
+        if new & Status.SHUTDOWN:
+            self._lose("the hub is switching off")
+        elif gone & Status.USER_PROGRAM_RUNNING and self._is_running_expected:
+            self._end_program()
+
+    def _end_program(self) -> None:
+        self._is_running_expected = False
+        self.output.end(HubError, "the program on the hub has ended; start it again")
+
+    def _on_disconnect(self, _: BleakClient) -> None:
+        self._lose("it is out of reach, or was switched off")
+
+    def _lose(self, reason: str) -> None:
+        if self._loss is not None:
+            return
+        self._loss = reason
+        self.output.end(HubDisconnectedError, f"the link to the hub is lost ({reason}); open it again")
+        if self._write_bound is not None and self._write_bound.when() is not None:
+            self._write_bound.reschedule(0)
+        self._changed.set()

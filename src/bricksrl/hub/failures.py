@@ -1,0 +1,74 @@
+"""Why a link to a hub cannot be had, or breaks: children of ``HubError``, and what bleak's errors mean."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from bricksrl.errors import HubError, HubTimeoutError
+from bricksrl.hub.pybricks_profile import CommandError
+
+_BLUETOOTH_REMEDY = "switch this computer's Bluetooth on, and allow this program to use it"
+_HUB_REMEDY = "switch the hub on and bring it near"
+
+
+class BluetoothUnavailableError(HubError):
+    """This computer has no Bluetooth, or does not let us use it."""
+
+
+class HubNotFoundError(HubError):
+    """No hub, or not the one that was asked for, is in reach."""
+
+
+class HubDisconnectedError(HubError):
+    """The link to the hub broke."""
+
+
+class HubBusyError(HubError):
+    """The hub could not take a command because a program runs, or because the program's input buffer is full."""
+
+
+class HubRefusedError(HubError):
+    """The hub refused a command."""
+
+
+class AmbiguousHubError(HubNotFoundError):
+    """Several hubs are in reach, and none was named."""
+
+
+@contextmanager
+def bleak_errors(what: str, otherwise: type[HubError]) -> Iterator[None]:
+    """Turns what bleak raises while it does ``what`` (e.g. ``"connect to the hub"``) into our errors.
+
+    ``otherwise`` is the error for what bleak does not explain further.
+    """
+    from bleak.exc import BleakBluetoothNotAvailableError, BleakDeviceNotFoundError, BleakError, BleakGATTProtocolError
+
+    try:
+        yield
+    except HubError:
+        raise
+    except BleakGATTProtocolError as error:
+        raise _refusal(what, int(error.code)) from error
+    except BleakBluetoothNotAvailableError as error:
+        raise BluetoothUnavailableError(f"could not {what} ({_one_line(error)}); {_BLUETOOTH_REMEDY}") from error
+    except BleakDeviceNotFoundError as error:
+        raise HubNotFoundError(f"could not {what}: it is not in reach any more; {_HUB_REMEDY}") from error
+    except TimeoutError as error:
+        raise HubTimeoutError(f"could not {what} in time; {_HUB_REMEDY}") from error
+    except (BleakError, OSError, EOFError) as error:
+        remedy = _BLUETOOTH_REMEDY if otherwise is BluetoothUnavailableError else _HUB_REMEDY
+        raise otherwise(f"could not {what} ({_one_line(error)}); {remedy}") from error
+
+
+def _refusal(what: str, code: int) -> HubError:
+    if code == CommandError.BUSY:
+        return HubBusyError(f"could not {what}: the hub is busy; stop its program, or wait until it reads its input")
+    name = CommandError(code).name.lower().replace("_", " ") if code in set(CommandError) else "unknown"
+    return HubRefusedError(
+        f"could not {what}: the hub refused it (error 0x{code:02x}, {name}); update its firmware on code.pybricks.com"
+    )
+
+
+def _one_line(error: BaseException) -> str:
+    return " ".join(str(error).split()) or type(error).__name__

@@ -1,0 +1,163 @@
+"""The batched simulations: specs, noise, ends, resets, and how well scripted policies do in them."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+from tensordict import TensorDict, TensorDictBase
+from torchrl.envs import check_env_specs
+
+import bricksrl
+from bricksrl.envs.kinematics import Kinematics
+from bricksrl.envs.registry import get_task
+from bricksrl.envs.simulation import SimulatedEnv
+from bricksrl.envs.tasks.robo_arm import error_deg
+from bricksrl.envs.tasks.spinning import SPINNING
+from bricksrl.errors import DescriptionError
+
+SIMULATIONS = ("WalkerSim-v0", "RoboArmSim-v0")
+QUIET = Kinematics(noise=0.0)
+
+
+def acted(env: SimulatedEnv, action: torch.Tensor) -> TensorDictBase:
+    return env.step(TensorDict({"action": action}, env.batch_size))["next"]
+
+
+@pytest.mark.parametrize("env_id", SIMULATIONS)
+@pytest.mark.parametrize("batch_size", [0, 1, 7])
+def test_specs(env_id: str, batch_size: int) -> None:
+    env = bricksrl.make(env_id, batch_size=batch_size, seed=0)
+    check_env_specs(env)
+    assert env.batch_size == torch.Size([batch_size] if batch_size else [])
+
+
+@pytest.mark.parametrize(("sim", "robot"), [("WalkerSim-v0", "Walker-v0"), ("RoboArmSim-v0", "RoboArm-v0")])
+def test_a_simulation_has_the_specs_of_its_robot(sim: str, robot: str) -> None:
+    simulated, real = bricksrl.make(sim), bricksrl.make(robot)
+    for spec, other in (
+        (simulated.observation_spec["observation"], real.observation_spec["observation"]),
+        (simulated.action_spec, real.action_spec),
+    ):
+        assert (spec.shape, spec.dtype) == (other.shape, other.dtype)
+        assert torch.equal(spec.low, other.low) and torch.equal(spec.high, other.high)
+    assert get_task(sim).entries == get_task(robot).entries
+
+
+@pytest.mark.parametrize("env_id", SIMULATIONS)
+def test_one_copy_moves_as_many_do(env_id: str) -> None:
+    one, many = bricksrl.make(env_id, kinematics=QUIET, seed=0), bricksrl.make(env_id, kinematics=QUIET, batch_size=3, seed=0)
+    one.reset(), many.reset()
+    many._state[:] = one._state
+    action = torch.rand(4) * 2 - 1
+    alone, together = acted(one, action), acted(many, action.expand(3, 4))
+    for key in ("observation", "reward", "terminated"):
+        assert torch.equal(together[key][2], alone[key])
+
+
+def test_the_same_seed_repeats_everything() -> None:
+    runs = [
+        bricksrl.make("WalkerSim-v0", batch_size=5, seed=3).rollout(20, policy=lambda td: td.set("action", torch.ones(5, 4)))
+        for _ in "ab"
+    ]
+    assert torch.equal(runs[0]["next", "observation"], runs[1]["next", "observation"])
+
+
+def test_legs_turn_backwards_by_the_command_and_wrap() -> None:
+    env = bricksrl.make("WalkerSim-v0", kinematics=QUIET, seed=0)
+    before = env.reset()["observation"][:4]
+    after = acted(env, torch.tensor([1.0, 0.0, -1.0, 0.5]))["observation"]
+    assert torch.allclose(after[:4], (before + torch.tensor([0.0, -50.0, -100.0, -25.0])) % 360, atol=1e-3)
+    assert torch.equal(after[4:], torch.zeros(3))
+
+
+def test_joints_stop_at_their_range() -> None:
+    env = bricksrl.make("RoboArmSim-v0", kinematics=QUIET, seed=0)
+    env.reset()
+    for _ in range(10):
+        observation = acted(env, torch.ones(4))["observation"]
+    assert observation[1:4].tolist() == [70.0, 10.0, -45.0]
+
+
+@pytest.mark.parametrize(("noise_on", "spread_deg"), [("action", 5.0), ("state", 5.0)])
+def test_noise_is_as_large_as_it_says_and_leaves_the_agents_action_alone(noise_on: str, spread_deg: float) -> None:
+    env = bricksrl.make("WalkerSim-v0", kinematics=Kinematics(0.1, noise_on), batch_size=5000, seed=0)
+    before = env.reset()["observation"][:, :4]
+    action = torch.zeros(5000, 4)
+    turned = (acted(env, action)["observation"][:, :4] - before + 180) % 360 - 180
+    assert turned.mean().item() == pytest.approx(-50, abs=0.5)
+    assert turned.std().item() == pytest.approx(spread_deg, rel=0.05)
+    assert torch.equal(action, torch.zeros(5000, 4))
+
+
+def test_only_copies_that_are_done_start_anew() -> None:
+    env = bricksrl.make("RoboArmSim-v0", batch_size=2000, seed=0)
+    state = env.reset()
+    for _ in range(3):
+        state.set("action", torch.rand(2000, 4) * 2 - 1)
+        stepped, state = env.step_and_maybe_reset(state)
+        ended = stepped["next", "done"][:, 0]
+        assert 0 < ended.sum() < 2000
+        assert torch.equal(state["observation"][~ended], stepped["next", "observation"][~ended])
+        assert (state["observation"][ended, 4:] != stepped["next", "observation"][ended, 4:]).all()
+
+
+def test_the_time_limit_truncates() -> None:
+    steps = bricksrl.make("WalkerSim-v0", batch_size=3, seed=0).rollout(200)
+    assert steps.shape == (3, 100)
+    assert steps["next", "truncated"][:, -1].all() and not steps["next", "terminated"].any()
+
+
+def test_a_random_walker_is_as_bad_as_known() -> None:
+    returns = bricksrl.make("WalkerSim-v0", batch_size=500, seed=0).rollout(100)["next", "reward"].sum(1)
+    # facts/environments.md: -200 +- 15
+    assert returns.mean().item() == pytest.approx(-200, abs=3)
+    assert returns.std().item() == pytest.approx(15, abs=3)
+
+
+def test_a_random_arm_succeeds_about_as_often_as_known() -> None:
+    env = bricksrl.make("RoboArmSim-v0", batch_size=2000, seed=0)
+    env.reset()
+    alive, returns = torch.ones(2000, 1, dtype=torch.bool), torch.zeros(2000, 1)
+    for _ in range(100):
+        after = acted(env, torch.rand(2000, 4) * 2 - 1)
+        returns += after["reward"] * alive
+        alive &= ~after["terminated"]
+    # The released code: 46 % success, -145 +- 80. Its joints refuse a move beyond their range, ours stop at it (a ruling), which
+    # keeps a random arm nearer to the ends of its ranges.
+    assert 1 - alive.float().mean().item() == pytest.approx(0.46, abs=0.05)
+    assert returns.mean().item() == pytest.approx(-145, abs=25)
+
+
+def test_an_arm_that_turns_straight_to_its_goal_succeeds() -> None:
+    env = bricksrl.make("RoboArmSim-v0", batch_size=500, seed=0)
+    observation, done = env.reset()["observation"], torch.zeros(500, dtype=torch.bool)
+    for _ in range(10):
+        way = (observation[:, 4:] - observation[:, :4] + 180) % 360 - 180
+        after = acted(env, (way / torch.tensor([100.0, 30.0, 60.0, 25.0])).clamp(-1, 1))
+        observation, done = after["observation"], done | after["terminated"][:, 0]
+    assert done.all()
+
+
+def test_options_of_the_arm() -> None:
+    strict = bricksrl.make("RoboArmSim-v0", sparse=True, threshold_deg=20, batch_size=4000, kinematics=QUIET, seed=1)
+    strict.reset()
+    after = acted(strict, torch.zeros(4000, 4))
+    error = error_deg(after["observation"])
+    assert torch.equal(after["terminated"], error < 20)
+    assert torch.equal(after["reward"], (error < 20).float())
+    with pytest.raises(DescriptionError, match="threshold"):
+        bricksrl.make("RoboArmSim-v0", threshold_deg=0)
+    with pytest.raises(DescriptionError, match="no option colour"):
+        bricksrl.make("RoboArmSim-v0", colour="red")
+
+
+def test_what_does_not_fit_is_refused() -> None:
+    with pytest.raises(DescriptionError, match="one robot"):
+        bricksrl.make("RunAway-v0", batch_size=4)
+    with pytest.raises(DescriptionError, match="without a robot"):
+        bricksrl.make("WalkerSim-v0", realtime=True)
+    with pytest.raises(DescriptionError, match="RunAngle|motor"):
+        SimulatedEnv(get_task("RunAway-v0"), QUIET)
+    with pytest.raises(DescriptionError, match="noise"):
+        Kinematics(-1.0)
+    assert SimulatedEnv(SPINNING, QUIET).task is SPINNING

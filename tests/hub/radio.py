@@ -1,0 +1,321 @@
+"""Bluetooth without a radio: a link of Bumble's that delivers at connection events, and a backend of bleak's for it.
+
+Everything of the radio runs in a thread of its own, as an operating system's Bluetooth does.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import dataclasses
+import threading
+from collections.abc import Callable, Coroutine
+from concurrent.futures import Future
+from typing import Any, TypeVar
+
+from bleak.backends.characteristic import BleakGATTCharacteristic
+from bleak.backends.client import BaseBleakClient
+from bleak.backends.device import BLEDevice
+from bleak.backends.scanner import AdvertisementData, BaseBleakScanner
+from bleak.backends.service import BleakGATTService, BleakGATTServiceCollection
+from bleak.exc import BleakError, BleakGATTProtocolError
+from bumble import ll
+from bumble.controller import Controller
+from bumble.core import AdvertisingData, BaseBumbleError, PhysicalTransport, ProtocolError
+from bumble.device import Device, Peer
+from bumble.hci import HCI_CONNECTION_TIMEOUT_ERROR, Address
+from bumble.host import Host
+from bumble.link import LocalLink
+
+from bricksrl.hub.scan import BleBackend
+
+T = TypeVar("T")
+
+ATT_NOTIFICATION = 0x1B
+ATT_WRITE_REQUEST = 0x12
+ATT_WRITE_RESPONSE = 0x13
+SUPERVISION_TIMEOUT_S = 0.42
+_ATT_OPCODE = 4  # its place in an L2CAP packet
+_CENTRAL = "F0:F1:F2:F3:F4:F5"
+_PROPERTIES = ("broadcast", "read", "write-without-response", "write", "notify", "indicate")
+
+Fault = Callable[[int, bytes], int]
+"""Of an attribute packet, its opcode and bytes: how often it arrives (0 lost, 1, 2 duplicated)."""
+
+
+class IntervalLink(LocalLink):  # type: ignore[misc]
+    """Data waits for the next connection event, in either direction; an interval of 0 is a link without delay."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.interval_ms = 0.0
+        self.fault: Fault = lambda opcode, data: 1
+        self.in_range = True
+        self._queue: list[tuple[Controller, Address, PhysicalTransport, bytes]] = []
+        self._events: asyncio.Task[None] | None = None
+
+    def send_advertising_pdu(self, sender: Controller, packet: Any) -> None:
+        """Bumble's controllers send no scan responses, so these go out with the advertisement."""
+        if isinstance(packet, ll.AdvInd):
+            packet = dataclasses.replace(packet, data=packet.data + sender.le_legacy_advertiser.scan_response_data)
+        elif isinstance(packet, ll.AdvExtInd):
+            for part in sender.advertising_sets.values():
+                if part.address == packet.advertiser_address:
+                    packet = dataclasses.replace(packet, data=bytes(packet.data) + bytes(part.scan_response_data))
+        if self.in_range:
+            super().send_advertising_pdu(sender, packet)
+
+    def send_acl_data(self, sender: Controller, destination: Address, transport: PhysicalTransport, data: bytes) -> None:
+        for _ in range(self.fault(data[_ATT_OPCODE], data[_ATT_OPCODE:])):
+            self._queue.append((sender, destination, transport, data))
+        if not self.interval_ms:
+            self._deliver()
+        elif self._events is None:
+            self._events = asyncio.get_running_loop().create_task(self._hold_events())
+
+    def _deliver(self) -> None:
+        queue, self._queue = self._queue, []
+        if self.in_range:
+            for packet in queue:
+                super().send_acl_data(*packet)
+
+    async def _hold_events(self) -> None:
+        loop = asyncio.get_running_loop()
+        next_s = loop.time()
+        while self.interval_ms:
+            next_s += self.interval_ms / 1000
+            await asyncio.sleep(max(0.0, next_s - loop.time()))
+            self._deliver()
+        self._events = None
+
+
+class Radio:
+    """The air, this computer's Bluetooth, and the thread that both run in."""
+
+    def __init__(self) -> None:
+        self._loop = asyncio.new_event_loop()
+        self._thread = threading.Thread(target=self._loop.run_forever, name="radio", daemon=True)
+        self._thread.start()
+        self.link = IntervalLink()
+        self.central = self.run(self._power_on())
+
+    def run(self, coroutine: Coroutine[Any, Any, T], timeout_s: float = 10.0) -> T:
+        return self.submit(coroutine).result(timeout_s)
+
+    def submit(self, coroutine: Coroutine[Any, Any, T]) -> Future[T]:
+        return asyncio.run_coroutine_threadsafe(coroutine, self._loop)
+
+    def call(self, function: Callable[[], object]) -> None:
+        """Run a function in the radio's thread, and wait for it."""
+
+        async def run() -> None:
+            function()
+
+        self.run(run())
+
+    def device(self, name: str, address: str) -> Device:
+        """A new Bluetooth device; to be called in the radio's thread."""
+        host = Host()
+        host.controller = Controller(name, link=self.link)
+        return Device(name, address=Address(address), host=host)
+
+    def disconnect(self) -> None:
+        """The link breaks and both sides know at once, as when a hub is switched off by its button."""
+        for connection in list(self.central.connections.values()):
+            self.submit(connection.disconnect())
+
+    def leave(self) -> None:
+        """The hub is carried away: nothing arrives any more, and after the supervision timeout both sides know."""
+
+        def lose() -> None:
+            for controller in list(self.link.controllers):
+                for connection in list(controller.le_connections.values()):
+                    controller.on_le_disconnected(connection, HCI_CONNECTION_TIMEOUT_ERROR)
+
+        def cut() -> None:
+            self.link.in_range = False
+            self._loop.call_later(SUPERVISION_TIMEOUT_S, lose)
+
+        self.call(cut)
+
+    def come_back(self) -> None:
+        self.call(lambda: setattr(self.link, "in_range", True))
+
+    def backend(self) -> BleBackend:
+        """What bleak needs to use this radio."""
+        radio = self
+
+        class Scanner(RadioScanner):
+            RADIO = radio
+
+        class Client(RadioClient):
+            RADIO = radio
+
+        return BleBackend(Scanner, Client)
+
+    def close(self) -> None:
+        self.run(self._cancel_all())
+        self._loop.call_soon_threadsafe(self._loop.stop)
+        self._thread.join(5)
+        self._loop.close()
+
+    async def _power_on(self) -> Device:
+        central = self.device("central", _CENTRAL)
+        await central.power_on()
+        return central
+
+    async def _cancel_all(self) -> None:
+        tasks = [task for task in asyncio.all_tasks() if task is not asyncio.current_task()]
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+
+
+class RadioScanner(BaseBleakScanner):
+    RADIO: Radio
+
+    def __init__(self, detection_callback: Any, service_uuids: list[str] | None, scanning_mode: str, **_: Any) -> None:
+        super().__init__(detection_callback, service_uuids)
+
+    async def start(self) -> None:
+        self.seen_devices = {}
+        self._host = asyncio.get_running_loop()
+        await _in_radio(self.RADIO, self._start())
+
+    async def stop(self) -> None:
+        await _in_radio(self.RADIO, self._stop())
+
+    async def _start(self) -> None:
+        self.RADIO.central.on("advertisement", self._on_advertisement)
+        await self.RADIO.central.start_scanning(active=True, filter_duplicates=False)
+
+    async def _stop(self) -> None:
+        self.RADIO.central.remove_listener("advertisement", self._on_advertisement)
+        await self.RADIO.central.stop_scanning()
+
+    def _on_advertisement(self, advertisement: Any) -> None:
+        data = advertisement.data
+        uuids = [
+            _uuid_text(uuid)
+            for kind in (
+                AdvertisingData.INCOMPLETE_LIST_OF_128_BIT_SERVICE_CLASS_UUIDS,
+                AdvertisingData.COMPLETE_LIST_OF_128_BIT_SERVICE_CLASS_UUIDS,
+            )
+            for uuid in data.get(kind) or []
+        ]
+        name = data.get(AdvertisingData.COMPLETE_LOCAL_NAME)
+        found = AdvertisementData(name, {}, {}, uuids, None, advertisement.rssi, ())
+        self._host.call_soon_threadsafe(self._report, advertisement.address, found)
+
+    def _report(self, address: Address, found: AdvertisementData) -> None:
+        text = str(address).split("/")[0]
+        device = self.create_or_update_device(text, text, found.local_name, address, found)
+        if self.is_allowed_uuid(found.service_uuids):
+            self.call_detection_callbacks(device, found)
+
+
+class RadioClient(BaseBleakClient):
+    RADIO: Radio
+
+    def __init__(self, device: BLEDevice, *, disconnected_callback: Any, timeout: float, **_: Any) -> None:
+        super().__init__(device, disconnected_callback=disconnected_callback, timeout=timeout)
+        self._device = device
+        self._connection: Any = None
+        self._host = asyncio.get_running_loop()
+
+    @property
+    def name(self) -> str:
+        return self._device.name or self.address
+
+    @property
+    def mtu_size(self) -> int:
+        return int(self._connection.att_mtu)
+
+    @property
+    def is_connected(self) -> bool:
+        return self._connection is not None
+
+    async def connect(self, pair: bool, **_: Any) -> None:
+        self.services = await _in_radio(self.RADIO, self._connect())
+
+    async def disconnect(self) -> None:
+        await _in_radio(self.RADIO, self._disconnect())
+
+    async def pair(self, *_: Any, **__: Any) -> None:
+        raise NotImplementedError
+
+    async def unpair(self) -> None:
+        raise NotImplementedError
+
+    async def read_gatt_char(self, characteristic: BleakGATTCharacteristic, **_: Any) -> bytearray:
+        return bytearray(await _in_radio(self.RADIO, characteristic.obj.read_value()))
+
+    async def read_gatt_descriptor(self, descriptor: Any, **_: Any) -> bytearray:
+        raise NotImplementedError
+
+    async def write_gatt_char(self, characteristic: BleakGATTCharacteristic, data: Any, response: bool) -> None:
+        await _in_radio(self.RADIO, characteristic.obj.write_value(bytes(data), with_response=response))
+
+    async def write_gatt_descriptor(self, descriptor: Any, data: Any) -> None:
+        raise NotImplementedError
+
+    async def start_notify(self, characteristic: BleakGATTCharacteristic, callback: Any, **_: Any) -> None:
+        def notified(value: bytes) -> None:
+            self._host.call_soon_threadsafe(callback, bytearray(value))
+
+        await _in_radio(self.RADIO, characteristic.obj.discover_descriptors())
+        await _in_radio(self.RADIO, characteristic.obj.subscribe(notified))
+
+    async def stop_notify(self, characteristic: BleakGATTCharacteristic) -> None:
+        await _in_radio(self.RADIO, characteristic.obj.unsubscribe())
+
+    async def _connect(self) -> BleakGATTServiceCollection:
+        connection = await self.RADIO.central.connect(self._device.details, timeout=self._timeout)
+        connection.on("disconnection", self._on_disconnection)
+        self._connection = connection
+        peer = Peer(connection)
+        await peer.request_mtu(517)
+        await peer.discover_services()
+        found = BleakGATTServiceCollection()
+        for service in peer.services:
+            ours = BleakGATTService(service, service.handle, _uuid_text(service.uuid))
+            found.add_service(ours)
+            await service.discover_characteristics()
+            for char in service.characteristics:
+                properties: Any = [name for bit, name in enumerate(_PROPERTIES) if int(char.properties) & 1 << bit]
+                found.add_characteristic(
+                    BleakGATTCharacteristic(char, char.handle, _uuid_text(char.uuid), properties, lambda: self.mtu_size - 3, ours)
+                )
+        return found
+
+    async def _disconnect(self) -> None:
+        if self._connection is not None:
+            await self._connection.disconnect()
+
+    def _on_disconnection(self, *_: Any) -> None:
+        self._connection = None
+        if self._disconnected_callback is not None:
+            self._host.call_soon_threadsafe(self._disconnected_callback)
+
+
+async def _in_radio(radio: Radio, coroutine: Coroutine[Any, Any, T]) -> T:
+    """Await something of the radio's thread, and turn Bumble's errors into bleak's."""
+
+    async def run() -> T:
+        try:
+            return await coroutine
+        except asyncio.CancelledError:
+            task = asyncio.current_task()
+            if task is not None and task.cancelling():
+                raise
+            raise BleakError("disconnected") from None  # Bumble cancels what waits for an answer
+        except ProtocolError as error:
+            raise BleakGATTProtocolError(error.error_code) from error
+        except BaseBumbleError as error:
+            raise BleakError(f"{type(error).__name__}: {error}") from error
+
+    return await asyncio.wrap_future(radio.submit(run()))
+
+
+def _uuid_text(uuid: Any) -> str:
+    text = str(uuid.to_hex_str(separator="-")).lower()
+    return f"0000{text}-0000-1000-8000-00805f9b34fb" if len(text) == 4 else text
