@@ -114,7 +114,8 @@ def test_a_random_walker_is_as_bad_as_known() -> None:
     assert returns.std().item() == pytest.approx(15, abs=3)
 
 
-def test_a_random_arm_succeeds_about_as_often_as_known() -> None:
+def test_a_random_arm_is_a_little_worse_than_the_released_one() -> None:
+    torch.manual_seed(0)
     env = bricksrl.make("RoboArmSim-v0", batch_size=2000, seed=0)
     env.reset()
     alive, returns = torch.ones(2000, 1, dtype=torch.bool), torch.zeros(2000, 1)
@@ -122,10 +123,10 @@ def test_a_random_arm_succeeds_about_as_often_as_known() -> None:
         after = acted(env, torch.rand(2000, 4) * 2 - 1)
         returns += after["reward"] * alive
         alive &= ~after["terminated"]
-    # The released code: 46 % success, -145 +- 80. Its joints refuse a move beyond their range, ours stop at it (a ruling), which
-    # keeps a random arm nearer to the ends of its ranges.
-    assert 1 - alive.float().mean().item() == pytest.approx(0.46, abs=0.05)
-    assert returns.mean().item() == pytest.approx(-145, abs=25)
+    # The released code: 46 % success, -145 +- 80. Its joints refuse a move beyond their range and its rotation maps to +-180; ours
+    # stop at the range and map to +-100 (rulings), which keeps a random arm near the ends of its ranges. The paper's robot: 32 %.
+    assert 1 - alive.float().mean().item() == pytest.approx(0.40, abs=0.04)
+    assert returns.mean().item() == pytest.approx(-164, abs=8)
 
 
 def test_an_arm_that_turns_straight_to_its_goal_succeeds() -> None:

@@ -178,12 +178,14 @@ class BleConnection:
             HubError: see ``command``.
         """
         slot = self.status.slot if self.identity.capabilities.slots else None
-        reports = self._reports
         self.output.begin()
         await self.command(profile.start_program(slot), "write the command that starts the program")
         self._is_running_expected = True
-        # A report that was on its way already says nothing; hence the bound, and then the last word counts.
-        if not await self._wait_for(lambda: self.is_running, self._answer_timeout_s) and self._reports > reports:
+        # The first report from now on may still be from before the start; the second one is not.
+        reports = self._reports
+        await self._wait_for(lambda: self.is_running or self._reports >= reports + 2, self._answer_timeout_s)
+        self._check_connected()
+        if not self.is_running:
             self._end_program()
 
     async def stop_program(self) -> None:

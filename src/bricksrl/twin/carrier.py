@@ -17,25 +17,28 @@ class FreeCarrier:
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
         self._gravity = model.opt.gravity
         self._hub = model.site("imu").pos.copy()
-        self._qpos, self._qvel, self._qacc = data.qpos, data.qvel, data.qacc
+        self._position: Vector = data.qpos[0:3]
+        self._orientation: Vector = data.qpos[3:7]
+        self._spin: Vector = data.qvel[3:6]
+        self._qacc = data.qacc
 
     def position(self) -> Vector:
         """Origin of the chassis [3] in the world, m."""
-        return self._qpos[0:3]
+        return self._position
 
     def orientation(self) -> Vector:
         """Quaternion [4] from the hub's axes to the world's."""
-        return self._qpos[3:7]
+        return self._orientation
 
     def angular_velocity(self) -> Vector:
         """In the hub's axes [3], rad/s."""
-        return self._qvel[3:6]
+        return self._spin
 
     def specific_force(self) -> Vector:
         """What an accelerometer in the hub feels [3], in the hub's axes, m/s2; at rest +9.81 upwards."""
-        spin, angular = self._qvel[3:6], self._qacc[3:6]
+        spin, angular = self._spin, self._qacc[3:6]
         to_hub, force = np.empty(4), np.empty(3)
-        mujoco.mju_negQuat(to_hub, self._qpos[3:7])
+        mujoco.mju_negQuat(to_hub, self._orientation)
         mujoco.mju_rotVecQuat(force, self._qacc[0:3] - self._gravity, to_hub)
         force += np.cross(angular, self._hub) + np.cross(spin, np.cross(spin, self._hub))
         return force

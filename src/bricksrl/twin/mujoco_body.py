@@ -237,7 +237,8 @@ class MujocoBody:
     def angle_mdeg(self, port: str) -> int:
         """Angle of a motor's shaft in whole steps of its rotation sensor, clockwise positive."""
         step = self._encoder_step_mdeg
-        return math.floor(self._qpos[self._shaft[port]] * self._shaft_mdeg[port] / step + 0.5) * step
+        angle: float = self._qpos.item(self._shaft[port])
+        return math.floor(angle * self._shaft_mdeg[port] / step + 0.5) * step
 
     def set_voltage(self, port: str, voltage_mv: int | None) -> None:
         """Apply a voltage, at most the battery's; 0 shorts the motor (brake), ``None`` opens the circuit (coast)."""

@@ -189,8 +189,3 @@ def turntable() -> Part:
     """The lower half of a large turntable, 60 teeth, axis along z, 12 high, centred."""
     teeth = [box(2.4, 1.7, 7.4, radius=0.4, arc=1).at(29.6, 0, 0).turned(Z_AXIS, 6 * i) for i in range(60)]
     return Part((("dark_grey", merge([cylinder(29, 7.8, bevel=0.5), *teeth])), ("black", cylinder(25, 12, bevel=0.8))))
-
-
-def bush(colour: str) -> Part:
-    """The end of a joint's axle with its bush, along y, centred."""
-    return Part(((colour, cylinder(3.7, 6.4, bevel=0.6).along(Y_AXIS)), ("dim", discs(2.0, 6.6).along(Y_AXIS))))
