@@ -54,6 +54,29 @@ def test_unknown_name_says_so():
         bricksrl.mkae  # noqa: B018
 
 
+@pytest.mark.parametrize(
+    "program",
+    [
+        "import bricksrl, gymnasium",
+        "import gymnasium, bricksrl",
+        "import bricksrl.envs, gymnasium",
+        "from bricksrl import make; import gymnasium",
+        "import bricksrl; bricksrl.list_envs(); import gymnasium",
+    ],
+)
+def test_gymnasium_knows_our_environments_in_whatever_order(program):
+    program += "; print(gymnasium.spec('bricksrl/RunAway-v0').max_episode_steps)"
+    command = [sys.executable, "-W", "error", "-c", program]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert (done.stdout, done.stderr) == ("20\n", "")
+
+
+def test_importing_the_package_loads_nothing_heavy():
+    program = "import bricksrl, sys; print(sorted({'gymnasium', 'numpy', 'torch', 'mujoco'} & set(sys.modules)))"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=True)
+    assert done.stdout == "[]\n"
+
+
 def _constraints() -> list[str]:
     lines = (ROOT / "constraints.txt").read_text(encoding="utf-8").splitlines()
     return [line for line in lines if line and not line.startswith("#")]

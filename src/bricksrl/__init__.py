@@ -1,16 +1,23 @@
 """BricksRL: reinforcement learning on LEGO robots that run Pybricks.
 
-The public names load what they need when they are first used, so that ``import bricksrl`` and ``bricksrl --help`` take little
-time. Importing it offers our environments to Gymnasium as ``bricksrl/<id>``; ``gymnasium.make("bricksrl:bricksrl/<id>")`` imports
-it by itself.
+The public names load what they need when they are first used, so that ``import bricksrl`` and ``bricksrl --help`` take no time.
+Whoever imports Gymnasium too, before or after, finds our environments there as ``bricksrl/<id>``;
+``gymnasium.make("bricksrl:bricksrl/<id>")`` imports this package by itself.
 """
 
 from __future__ import annotations
 
 import importlib
+import importlib.util
+import sys
+from importlib.abc import MetaPathFinder
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from importlib.machinery import ModuleSpec
+    from types import ModuleType
+
     from bricksrl import robots as robots
     from bricksrl.envs import list_envs as list_envs
     from bricksrl.envs import make as make
@@ -41,4 +48,26 @@ def __getattr__(name: str) -> Any:
     raise AttributeError(f"module 'bricksrl' has no attribute '{name}'")
 
 
-importlib.import_module("bricksrl.envs")
+class _OfferToGymnasium(MetaPathFinder):
+    """Loads our environments, which registers them, right after Gymnasium; so that nobody else pays for importing it."""
+
+    def find_spec(self, name: str, path: Sequence[str] | None, target: ModuleType | None = None) -> ModuleSpec | None:
+        if name != "gymnasium":
+            return None
+        sys.meta_path.remove(self)
+        spec = importlib.util.find_spec(name)
+        if spec is not None and spec.loader is not None:
+            execute = spec.loader.exec_module
+
+            def execute_and_offer(module: ModuleType) -> None:
+                execute(module)
+                importlib.import_module("bricksrl.envs")
+
+            spec.loader.exec_module = execute_and_offer  # type: ignore[method-assign]
+        return spec
+
+
+if "gymnasium" in sys.modules:
+    importlib.import_module("bricksrl.envs")
+else:
+    sys.meta_path.insert(0, _OfferToGymnasium())

@@ -12,7 +12,6 @@ import imageio_ffmpeg
 import numpy as np
 import pytest
 
-from bricksrl.cli import main
 from bricksrl.cli.progress import clock, sparkline
 from bricksrl.cli.video import record
 from bricksrl.errors import RenderingUnavailableError
@@ -100,12 +99,12 @@ def test_ctrl_c_keeps_what_was_learned_and_resume_goes_on(start, fails, tmp_path
     fails("resume", str(run_dir), "--episodes", "2", says="500")
 
 
-def test_resume_trains_a_finished_run_for_longer(trained, tmp_path, monkeypatch, capsys):
+def test_resume_trains_a_finished_run_for_longer(bricksrl, trained, tmp_path):
     run_dir = tmp_path / "run"
     shutil.copytree(trained[0], run_dir)
-    monkeypatch.setenv("MUJOCO_GL", "disable")
-    assert main(["resume", str(run_dir), "--episodes", "5"]) == 0
-    assert re.findall(r"^episode (\d/\d)", capsys.readouterr().out, re.MULTILINE) == ["5/5"]
+    done = bricksrl("resume", str(run_dir), "--episodes", "5")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert re.findall(r"^episode (\d/\d)", done.stdout, re.MULTILINE) == ["5/5"]
     assert len(RunFolder(run_dir).read_episodes()) == 5
 
 

@@ -121,6 +121,18 @@ class ProgramRun:
             time.sleep(ahead_s)
 
 
+class WatchedBody(BenchBody):
+    """Remembers what the firmware applies to the motors."""
+
+    def __init__(self, robot: Robot) -> None:
+        super().__init__(robot)
+        self.voltages_mv = dict.fromkeys(self.motors, 0)
+
+    def set_voltage(self, port: str, voltage_mv: int | None) -> None:
+        super().set_voltage(port, voltage_mv)
+        self.voltages_mv[port] = voltage_mv or 0
+
+
 class PlayedHub:
     """A hub that is switched on.
 
@@ -133,7 +145,7 @@ class PlayedHub:
 
     def __init__(self, radio: Radio, robot: Robot, name: str = "Pybricks Hub", address: str = "C0:01:02:03:04:05") -> None:
         self.radio, self.name = radio, name
-        self.body = BenchBody(robot)
+        self.body = WatchedBody(robot)
         self.machine = Machine(robot, self.body)
         self.library: list[str] = []
         self.faults: dict[Command, list[int]] = {}
@@ -155,11 +167,10 @@ class PlayedHub:
     def is_running(self) -> bool:
         return self._run is not None
 
-    def is_moving(self) -> bool:
-        """Whether a motor turns, by looking twice."""
-        before = [self.body.angle_mdeg(port) for port in self.body.motors]
-        time.sleep(0.03)
-        return [self.body.angle_mdeg(port) for port in self.body.motors] != before
+    @property
+    def is_driven(self) -> bool:
+        """Whether a motor is under voltage."""
+        return any(self.body.voltages_mv.values())
 
     def wait_until(self, attribute: str, value: object, timeout_s: float = 5.0) -> float:
         """How long it took until an attribute had a value, in seconds; fails when it does not."""

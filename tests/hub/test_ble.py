@@ -104,8 +104,8 @@ def test_it_connects_downloads_and_exchanges(world: World) -> None:
     assert identity.firmware == "4.0.1" and identity.profile_version == (1, 5) and identity.capabilities.slots == 5
     transport.close()
     with world.link(SPINNING) as link:
-        first = link.act([90, -45])
-        np.testing.assert_allclose(first.values[:2], [30, 325], atol=15)
+        left, right = link.act([90, -45]).values[:2]
+        assert 0 < left < 90 and 315 < right < 360
         time.sleep(0.3)
         np.testing.assert_allclose(link.read().values[:2], [90, 315], atol=3)
         assert world.hub.is_running
@@ -117,7 +117,7 @@ def test_an_exchange_takes_two_connection_intervals(tmp_path: Path) -> None:
     try:
         with world.link(WALKER_INTERFACE) as link:
             assert link.wire.up_frame_bytes == 19
-            for interval_ms, exchanges in ((7.5, 80), (15.0, 50), (30.0, 25), (45.0, 16)):
+            for interval_ms, exchanges in ((7.5, 60), (15.0, 40), (30.0, 20), (45.0, 12)):
                 world.set_interval(interval_ms)
                 link.read()
                 took_ms = statistics.median(link.read().round_trip_s for _ in range(exchanges)) * 1000
@@ -224,20 +224,21 @@ def test_stop_from_another_thread_while_a_move_is_under_way(world: World) -> Non
     link = world.link()
     link.open()
     link.act([3000])
-    assert world.hub.is_moving()
+    assert world.hub.is_driven
     start_s = time.monotonic()
     thread = threading.Thread(target=link.stop)
     thread.start()
-    thread.join(BOUND_S)
+    world.hub.wait_until("is_driven", False)
     assert time.monotonic() - start_s < 0.1
-    world.hub.wait_until("is_running", False)
+    thread.join(BOUND_S)
+    assert not thread.is_alive() and not world.hub.is_running
 
 
 # ---- what goes wrong
 
 
 def drop_when(world: World, kind: Command, count: int = 1, drop: Callable[[], None] | None = None) -> None:
-    """Break the link at the count-th command of a kind."""
+    """Break the link at the count-th command of a kind. Subscribing to notifications looks like a first START."""
     seen = itertools.count(1)
 
     def rule(opcode: int, data: bytes) -> int:
@@ -250,7 +251,7 @@ def drop_when(world: World, kind: Command, count: int = 1, drop: Callable[[], No
 
 
 @pytest.mark.parametrize(
-    ("kind", "count"), [(Command.WRITE_USER_PROGRAM_META, 1), (Command.WRITE_USER_RAM, 3), (Command.START_USER_PROGRAM, 1)]
+    ("kind", "count"), [(Command.WRITE_USER_PROGRAM_META, 1), (Command.WRITE_USER_RAM, 3), (Command.START_USER_PROGRAM, 2)]
 )
 def test_a_disconnection_while_the_program_is_brought(world: World, kind: Command, count: int) -> None:
     drop_when(world, kind, count)
@@ -284,7 +285,7 @@ def test_a_disconnection_in_a_step_and_in_a_reset(world: World) -> None:
         bounded(exchange, HubDisconnectedError)
         assert link.state is LinkState.FAULT
         world.hub.wait_until("is_running", False)
-        assert not world.hub.is_moving()
+        assert not world.hub.is_driven
         world.fault(None)
     link.open()
     assert link.read().values.shape == (2,)
@@ -306,11 +307,10 @@ def test_a_hub_out_of_reach_stops_its_motors_and_comes_back(world: World) -> Non
     link.act([3000])
     world.radio.leave()
     left_s = time.monotonic()
-    while world.hub.is_moving():
-        assert time.monotonic() - left_s < WATCHDOG_S + 0.15
+    assert world.hub.wait_until("is_driven", False) < WATCHDOG_S + 0.1
     assert world.hub.is_running
     bounded(lambda: link.act([3000]), HubDisconnectedError, SUPERVISION_TIMEOUT_S + 1.0)
-    assert not world.hub.is_moving(), "the command must not have arrived"
+    assert not world.hub.is_driven, "the command must not have arrived"
     world.hub.wait_until("is_running", False)
     world.radio.come_back()
     link.open()
@@ -382,7 +382,7 @@ def test_a_write_that_is_never_acknowledged(world: World, lost: int) -> None:
     world.fault(lambda opcode, data: int(opcode != lost))
     bounded(lambda: link.act([3000]), HubTimeoutError)
     world.hub.wait_until("is_running", False)
-    assert not world.hub.is_moving()
+    assert not world.hub.is_driven
     world.fault(None)
     link.open()
     link.act([100])
@@ -406,7 +406,7 @@ def test_battery_and_shutdown(world: World, caplog: pytest.LogCaptureFixture) ->
     assert transport.status is not None and Status.BATTERY_LOW in transport.status.flags
     world.hub.battery = Status.SHUTDOWN
     time.sleep(0.6)
-    assert "switching off" in str(bounded(lambda: transport.read(1.0) or transport.read(1.0), HubError))
+    assert "switching off" in str(bounded(lambda: transport.read(1.0), HubDisconnectedError))
 
 
 def test_old_firmware(world: World) -> None:

@@ -162,3 +162,11 @@ def test_frames_of_two_sizes_or_none_make_no_video(tmp_path: Path) -> None:
         write_video(tmp_path / "none.mp4", [], fps=20)
     with pytest.raises(TwinError, match="one size"):
         write_video(tmp_path / "two.mp4", [np.zeros((16, 16, 3), np.uint8), np.zeros((32, 16, 3), np.uint8)], fps=20)
+
+
+def test_a_renderer_that_is_dropped_does_not_blind_the_next() -> None:
+    body = MujocoBody(TWO_WHEELER, Scene(), Physics(), 0)
+    renderer = Renderer(body, 64, 48)
+    first = renderer.render()
+    renderer = Renderer(body, 64, 48)
+    assert np.array_equal(renderer.render(), first)

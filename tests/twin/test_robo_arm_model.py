@@ -68,6 +68,13 @@ class TestModel:
             robo_arm.build(BENCH, OPEN_FLOOR)
         with pytest.raises(TwinError, match="wall"):
             robo_arm.build(ROBO_ARM, Scene(wall_distance_mm=(200.0, 300.0)))
+        with pytest.raises(TwinError, match="heading_deg"):
+            robo_arm.build(ROBO_ARM, Scene(heading_deg=(-5.0, 5.0)))
+
+    def test_it_has_its_cameras(self) -> None:
+        model = robo_arm.build(ROBO_ARM, OPEN_FLOOR).compile()
+        assert {model.camera(index).name for index in range(model.ncam)} == {"overview", "webcam", "chase", "portrait"}
+        np.testing.assert_allclose(model.camera("webcam").pos, [0, 0, 0.68])
 
     def test_only_a_scene_with_a_ball_has_one(self) -> None:
         assert robo_arm.build(ROBO_ARM, WITH_BALL).compile().geom("ball").size[0] == pytest.approx(0.024)

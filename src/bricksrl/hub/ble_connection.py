@@ -228,16 +228,17 @@ class BleConnection:
             async with asyncio.timeout(self._answer_timeout_s) as bound, self._write_lock:
                 self._check_connected()
                 self._write_bound = bound
-                with bleak_errors(what, HubDisconnectedError):
-                    await self._client.write_gatt_char(profile.COMMAND_EVENT_UUID, data, response=True)
+                try:
+                    with bleak_errors(what, HubDisconnectedError):
+                        await self._client.write_gatt_char(profile.COMMAND_EVENT_UUID, data, response=True)
+                finally:
+                    self._write_bound = None
         except TimeoutError:
             self._check_connected()
             self._lose("it did not acknowledge a command")
             raise HubTimeoutError(
                 f"could not {what}: the hub did not acknowledge it within {self._answer_timeout_s:g} s; open the link again"
             ) from None
-        finally:
-            self._write_bound = None
 
     async def _wait_for(self, is_so: Callable[[], bool], timeout_s: float) -> bool:
         """Wait until something is so, or the link is lost."""
@@ -293,6 +294,6 @@ class BleConnection:
             return
         self._loss = reason
         self.output.end(HubDisconnectedError, f"the link to the hub is lost ({reason}); open it again")
-        if self._write_bound is not None and self._write_bound.when() is not None:
-            self._write_bound.reschedule(0)
+        if self._write_bound is not None and not self._write_bound.expired():
+            self._write_bound.reschedule(0)  # what waits for an answer need not wait on
         self._changed.set()

@@ -34,11 +34,11 @@ class Output:
             self._changed.notify_all()
 
     def end(self, kind: type[HubError], reason: str) -> None:
-        """No more output. The first reason stays."""
+        """No more output. The last reason counts: a link may be lost when the program has long ended."""
         with self._changed:
-            if self._end is None:
-                self._end, self._reason, self._is_end_told = kind, reason, False
-                self._changed.notify_all()
+            self._is_end_told = self._is_end_told and self._end is not None
+            self._end, self._reason = kind, reason
+            self._changed.notify_all()
 
     def holds(self, data: bytes) -> bool:
         """Whether these bytes lie among those not read yet."""

@@ -6,6 +6,7 @@ import ctypes
 import importlib
 import os
 import sys
+import weakref
 from collections.abc import Iterable
 from pathlib import Path
 from types import TracebackType
@@ -70,6 +71,9 @@ class Renderer:
         model.vis.global_.offwidth, model.vis.global_.offheight = width, height
         model.vis.quality.offsamples = 4 if smooth else 0
         self._gl, self._context = _open_context(model, width, height)
+        # Freed in another context than their own, OpenGL's objects would take that context's objects of the same number along.
+        self._free = weakref.finalize(self, _free_context, self._gl, self._context)
+        self._free.atexit = False  # the process takes all of it along
 
     def render(self) -> Image:
         """Draw what the camera sees now.
@@ -77,7 +81,7 @@ class Renderer:
         Returns:
             uint8 [height, width, 3], red, green, blue.
         """
-        if self._context is None:
+        if not self._free.alive:
             raise TwinError("this renderer is closed; make a new one")
         model, data = self._body.model, self._body.data
         # Steps leave positions one step behind the joints.
@@ -92,11 +96,7 @@ class Renderer:
 
     def close(self) -> None:
         """Free what OpenGL holds; closing twice does nothing."""
-        if self._context is not None:
-            self._gl.make_current()
-            self._context.free()
-            self._gl.free()
-            self._context = None
+        self._free()
 
     def __enter__(self) -> Self:
         return self
@@ -148,6 +148,12 @@ def write_video(path: str | Path, frames: Iterable[Image], fps: float) -> Path:
     if writer is None:
         raise TwinError(f"there are no frames to write to {path}; render at least one")
     return path
+
+
+def _free_context(gl: Any, context: Any) -> None:
+    gl.make_current()
+    context.free()
+    gl.free()
 
 
 def _open_context(model: mujoco.MjModel, width: int, height: int) -> tuple[Any, Any]:

@@ -1,8 +1,8 @@
 """The RoboArm: a turntable that carries hub, motors, lower arm, forearm and a gripper of two mirrored fingers.
 
-Where a joint's angle in MuJoCo is 0 or not does not matter to the hub, what its motor's shaft shows does: every joint has the
-angle of its shaft divided by the gears, from the shaft's absolute angle at the start on. Frames: x forward, y left,
-z up; an arm's z axis lies along it. Metres and kilograms; looks in mm. Nothing touches anything, which the ranges see to.
+A joint's coordinate in MuJoCo is the absolute angle of its motor's shaft, which the hub reads, divided by the gears; so it is
+not 0 at the start. Frames: x forward, y left, z up; the z axis of an arm lies along it. Metres and kilograms; looks in mm.
+Nothing is made to collide: within the ranges of the joints nothing meets anything.
 """
 
 from __future__ import annotations
@@ -70,12 +70,12 @@ def build(robot: Robot, scene: Scene) -> mujoco.MjSpec:
     """Model of the robot in its scene.
 
     Raises:
-        TwinError: the description is not that of a RoboArm, or the scene has a wall.
+        TwinError: the description is not that of a RoboArm, or the scene has a wall or turns the robot.
     """
     if {motor.name for motor in robot.motors} != set(_JOINTS):
         raise TwinError(f"robot '{robot.name}' is no RoboArm: it needs the motors {', '.join(_JOINTS)}")
-    if scene.wall_distance_mm is not None:
-        raise TwinError(f"robot '{robot.name}' stands still and sees no wall; leave wall_distance_mm away")
+    if scene.wall_distance_mm is not None or scene.heading_deg != (0.0, 0.0):
+        raise TwinError(f"robot '{robot.name}' stands still and sees no wall; leave wall_distance_mm and heading_deg away")
     spec = new_spec(robot.name)
     add_surroundings(spec, scene)
     lego.add_colours(spec)

@@ -72,7 +72,7 @@ def build(robot: Robot, scene: Scene) -> mujoco.MjSpec:
     lego.add_colours(spec)
     _draw_chassis(spec, chassis)
     add_light(chassis)
-    add_camera(chassis, "chase", (0.0, 0.0, -0.02), (0.45, -0.85, 0.42), 0.48)
+    add_camera(chassis, "chase", (0.0, 0.0, -0.02), (-0.45, -0.80, 0.50), 0.52)
     add_camera(chassis, "portrait", (0.004, 0.0, -0.018), (0.72, -0.62, 0.36), 0.42)
     return spec
 
