@@ -104,7 +104,7 @@ class ProgramRun:
             language.execute(self._source, MAIN_FILE, modules(self._machine, self), self)
         except (SystemExit, _Stopped):
             words = "\nThe program was stopped (SystemExit).\n"
-        except (Exception, ProgramInterrupt) as error:
+        except (Exception, ProgramInterrupt) as error:  # noqa: BLE001  a program may raise anything
             words = language.format_traceback(error, MAIN_FILE)
         self._machine.alarm_ms = None
         self._machine.stop_motors()
@@ -141,6 +141,7 @@ class PlayedHub:
         faults: codes with which it refuses the next commands of each kind.
         commands: kinds of all commands that arrived.
         size: of the program on it; 0 for none.
+        flushes_late: whether it says that a program has ended before it has sent the rest of its output.
     """
 
     def __init__(self, radio: Radio, robot: Robot, name: str = "Pybricks Hub", address: str = "C0:01:02:03:04:05") -> None:
@@ -153,6 +154,7 @@ class PlayedHub:
         self.profile_version = "1.5.0"
         self.battery = Status(0)
         self.size = 0
+        self.flushes_late = False
         self._ram = bytearray(robot.hub.model.program_bytes)
         self._run: ProgramRun | None = None
         self._connection: Any = None
@@ -302,15 +304,19 @@ class PlayedHub:
         return next((source for source in self.library if compile_mpy(source) == mpy), None)
 
     async def program_ended(self, run: ProgramRun) -> None:
-        await self._flush()
-        if self._run is run:
-            self._run = None
+        if not self.flushes_late:
+            await self._flush()
+        self._run = None
         await self._send_status()
+        if self.flushes_late:
+            await asyncio.sleep(0.1)
+            await self._flush(run)
         if not self.is_connected:
             await self._advertise()
 
-    async def _flush(self) -> None:
-        while self._run is not None and (data := self._run.take()):
+    async def _flush(self, run: ProgramRun | None = None) -> None:
+        run = run or self._run
+        while run is not None and (data := run.take()):
             await self._device.notify_subscribers(self._characteristic, bytes((Event.WRITE_STDOUT,)) + data)
 
     async def _send_status(self) -> None:

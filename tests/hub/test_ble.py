@@ -188,7 +188,9 @@ def test_all_writes_wait_for_their_response(world: World) -> None:
 # ---- the program
 
 
-def test_a_program_that_raises_at_its_start(world: World) -> None:
+@pytest.mark.parametrize("flushes_late", [False, True])
+def test_a_program_that_raises_at_its_start(world: World, flushes_late: bool) -> None:
+    world.hub.flushes_late = flushes_late
     world.hub.body.motors.pop("A")
     world.hub.machine.servos.pop("A")
     error = bounded(world.link().open, HubProgramError)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 from tyro.conf import Positional, arg
 
 from bricksrl.cli.console import print_line
+from bricksrl.cli.loading import load_learning
 
 if TYPE_CHECKING:
     from bricksrl.evaluation import EvaluationResult
@@ -38,6 +39,8 @@ class Evaluate:
     def execute(self) -> int:
         """Evaluate and print."""
         from bricksrl.evaluation import evaluate
+
+        load_learning()
 
         def tell(episode: int, return_: float) -> None:
             if not self.json:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from tyro.conf import Positional, arg
 
 from bricksrl.cli.console import INTERRUPTED, print_interrupted, print_line
+from bricksrl.cli.loading import load_learning
 from bricksrl.errors import BricksError
 
 if TYPE_CHECKING:
@@ -95,6 +96,7 @@ def _see_through(start: Callable[[Observer], RunResult]) -> int:
 
     progress = make_progress()
     try:
+        load_learning()
         result = start(progress)
         progress.close()
         if not result.interrupted:

@@ -28,6 +28,8 @@ _log = logging.getLogger(__name__)
 
 _OLDEST_PROFILE = (1, 3)
 _FIRST_STATUS_S = 3 * profile.STATUS_PERIOD_S
+_LAST_WORDS_S = 0.3
+"""The firmware may say that a program has ended before it has sent the rest of its output."""
 _BUSY_PAUSE_S = 0.01
 _LONGEST_BUSY_PAUSE_S = 0.16
 
@@ -84,6 +86,7 @@ class BleConnection:
         self._loss: str | None = "not connected yet"
         self._reports = 0
         self._is_running_expected = False
+        self._last_words: asyncio.TimerHandle | None = None
         self._changed = asyncio.Event()
         self._write_lock = asyncio.Lock()
         self._write_bound: asyncio.Timeout | None = None
@@ -178,6 +181,8 @@ class BleConnection:
             HubError: see ``command``.
         """
         slot = self.status.slot if self.identity.capabilities.slots else None
+        if self._last_words is not None:
+            await asyncio.sleep(_LAST_WORDS_S)
         self.output.begin()
         await self.command(profile.start_program(slot), "write the command that starts the program")
         self._is_running_expected = True
@@ -284,6 +289,10 @@ class BleConnection:
 
     def _end_program(self) -> None:
         self._is_running_expected = False
+        self._last_words = asyncio.get_running_loop().call_later(_LAST_WORDS_S, self._end_output)
+
+    def _end_output(self) -> None:
+        self._last_words = None
         self.output.end(HubError, "the program on the hub has ended; start it again")
 
     def _on_disconnect(self, _: BleakClient) -> None:
@@ -293,6 +302,8 @@ class BleConnection:
         if self._loss is not None:
             return
         self._loss = reason
+        if self._last_words is not None:
+            self._last_words.cancel()
         self.output.end(HubDisconnectedError, f"the link to the hub is lost ({reason}); open it again")
         if self._write_bound is not None and not self._write_bound.expired():
             self._write_bound.reschedule(0)  # what waits for an answer need not wait on

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import enum
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from bricksrl.twin.firmware import trajectory as trajectories
 from bricksrl.twin.firmware.settings import ControlSettings, by_gain, gain_times
@@ -53,8 +54,7 @@ class State:
     speed_estimate: int
 
 
-@dataclass(slots=True)
-class Action:
+class Action(NamedTuple):
     """What a controller wants: a torque (uNm), or to be stopped in a passive way."""
 
     torque: int

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 FOREVER_MS = 60_000
 _ANGLE_MAX_MDEG = (2**31 - 1) // 2
@@ -35,8 +36,7 @@ class Command:
     duration: int = 0
 
 
-@dataclass(frozen=True, slots=True)
-class Reference:
+class Reference(NamedTuple):
     """A point on a trajectory; control units."""
 
     time: int
