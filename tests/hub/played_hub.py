@@ -217,6 +217,7 @@ class PlayedHub:
             Characteristic.WRITEABLE,
             CharacteristicValue(write=self._on_command),
         )
+        self._characteristic.on(Characteristic.EVENT_SUBSCRIPTION, lambda *_: asyncio.ensure_future(self._send_status()))
         version = CharacteristicValue(read=lambda _: self.profile_version.encode())
         capabilities = CharacteristicValue(read=self._capabilities)
         self._device.add_service(

@@ -29,10 +29,10 @@ distances = st.integers(-(10**6), 10**6)
 def test_an_angle_command_ends_at_its_target(command: Command, distance: int) -> None:
     command = replace(command, end=command.position + distance)
     trajectory = to_angle(command)
-    assert trajectory.endpoint().position == command.end
+    assert trajectory.end.position == command.end
     assert 0 <= trajectory.t1 <= trajectory.t2 <= trajectory.t3
     if not command.keep_running:
-        assert trajectory.endpoint().speed == 0
+        assert trajectory.end.speed == 0
 
 
 @given(commands, distances)
@@ -61,15 +61,15 @@ def test_a_stretched_trajectory_ends_with_its_leader(command: Command, short: in
     one = to_angle(replace(command, end=command.position + short))
     other = to_angle(replace(command, end=command.position + long))
     leader, follower = (one, other) if one.t3 > other.t3 else (other, one)
-    end = follower.endpoint().position
+    end = follower.end.position
     follower.stretch(leader)
     assert (follower.t1, follower.t2, follower.t3) == (leader.t1, leader.t2, leader.t3)
-    assert follower.endpoint().position == end
+    assert follower.end.position == end
 
 
 def test_a_move_of_no_length_is_over_at_once() -> None:
     command = Command(5, 7, 0, 100_000, 1_000_000, 2_000_000, 2_000_000, keep_running=False, end=7)
-    assert to_angle(command).endpoint() == Trajectory(5, 7).endpoint()
+    assert to_angle(command).end == Trajectory(5, 7).end
 
 
 def test_a_move_that_is_too_long_is_refused() -> None:

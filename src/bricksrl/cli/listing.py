@@ -13,6 +13,8 @@ from bricksrl.cli.console import print_line
 class List:
     """Show the environments, agents and robots that there are.
 
+    The JSON object also names the entries of each observation and action.
+
     Examples:
       bricksrl list
       bricksrl list --json
@@ -57,10 +59,9 @@ def _print_table(names: dict[str, Any]) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    table = Table("environment", "robot", "observation", "action", "steps", "what to learn", box=None, pad_edge=False)
+    table = Table("environment", "robot", "steps", "what to learn", box=None, pad_edge=False)
     for env in names["environments"]:
-        cells = (env["id"], env["robot"], ", ".join(env["observation"]), ", ".join(env["action"]))
-        table.add_row(*cells, str(env["max_steps"]), env["summary"])
+        table.add_row(env["id"], env["robot"], str(env["max_steps"]), env["summary"])
     console = Console()
     console.print(table)
     console.print()

@@ -88,23 +88,26 @@ class PositionIntegrator:
     def update(self, error: int, target_error: int) -> int:
         """Add one loop's error where that helps, and return the integral (mdeg s)."""
         s = self._settings
-        shrinks = abs(self.integral + int(error / _LOOPS_PER_S)) < abs(self.integral)
+        change = int(error / _LOOPS_PER_S)
+        shrinks = abs(self.integral + change) < abs(self.integral)
         if self.running or shrinks:
             if not shrinks:
                 error = max(-s.integral_rate, min(s.integral_rate, error))
-                shrinks = abs(self.integral + int(error / _LOOPS_PER_S)) < abs(self.integral)
-            near = s.integral_deadzone <= abs(target_error) <= by_gain(s.max_torque, s.kp) * 2
-            if near or shrinks:
-                self.integral += int(error / _LOOPS_PER_S)
-            limit = by_gain(s.max_torque, s.ki)
-            self.integral = max(-limit, min(limit, self.integral))
+                change = int(error / _LOOPS_PER_S)
+                shrinks = abs(self.integral + change) < abs(self.integral)
+            away = abs(target_error)
+            if shrinks or (away >= s.integral_deadzone and away <= by_gain(s.max_torque, s.kp) * 2):
+                limit = by_gain(s.max_torque, s.ki)
+                self.integral = max(-limit, min(limit, self.integral + change))
         return self.integral
 
     def is_stalled(self, time: int, speed: int, reference_speed: int) -> bool:
-        limit = by_gain(self._settings.max_torque, self._settings.ki)
-        saturated = limit != 0 and abs(self.integral) >= limit
-        if self.running and not saturated:
-            return False
+        if self.running:
+            if self.integral == 0:
+                return False
+            limit = by_gain(self._settings.max_torque, self._settings.ki)
+            if limit == 0 or abs(self.integral) < limit:
+                return False
         return _stalls(self._settings, self.pause_began, time, speed, reference_speed)
 
 
@@ -231,7 +234,7 @@ class Controller:
             origin = self.reference(time, state).position
         else:
             origin = state.position
-            end = self.trajectory.endpoint().position
+            end = self.trajectory.end.position
             if self.on_completion.is_smart and abs(end - origin) < self.settings.position_tolerance * 2:
                 origin = end
         self.start_position(time, state, origin + distance, speed, then, allow_shift)
@@ -281,10 +284,11 @@ class Controller:
 
     def update(self, time: int, state: State, paused_by_other: bool = False) -> tuple[Action, bool]:
         """One loop: what to do, and whether this controller is at its limit and had to pause."""
-        s = self.settings
+        s, limit = self.settings, self._torque_limit
         is_position = self.type is ControlType.POSITION
-        ref = self.trajectory.reference(self._trajectory_time(time))
-        end = self.trajectory.endpoint()
+        integrator = self._position if is_position else self._speed
+        ref = self.trajectory.reference(self._position.trajectory_time(time) if is_position else time)
+        end = self.trajectory.end
         error = ref.position - state.position
         if is_position:
             target_error = end.position - state.position
@@ -293,12 +297,16 @@ class Controller:
         else:
             target_error, integral = _UNBOUNDED, 0
             used_error = self._speed.error(error)
-        proportional = gain_times(used_error, self._kp(error, target_error))
-        torque = proportional + gain_times(ref.speed - state.speed_estimate, s.kd) + gain_times(integral, s.ki)
-        torque = max(-self._torque_limit, min(self._torque_limit, torque))
-        at_limit = self._is_winding_up(proportional, state.speed, ref)
-        self._pause_or_resume(at_limit or paused_by_other, time, error)
-        integrator = self._position if is_position else self._speed
+        # gain_times, written out: this is the hottest line of a virtual robot.
+        proportional = int(self._kp(error, target_error) * used_error / 1000)
+        torque = proportional + int(s.kd * (ref.speed - state.speed_estimate) / 1000)
+        if integral:
+            torque += gain_times(integral, s.ki)
+        torque = limit if torque > limit else -limit if torque < -limit else torque
+        at_limit = abs(proportional) >= limit and self._is_winding_up(proportional, state.speed, ref)
+        pause = at_limit or paused_by_other
+        if pause is integrator.running:
+            self._pause_or_resume(pause, time, error)
         self._stalled = integrator.is_stalled(time, state.speed, ref.speed)
         self._complete = self._check_complete(ref.time, state, end)
         self.pid_average = int((self.pid_average * 95 + torque * 5) / 100)

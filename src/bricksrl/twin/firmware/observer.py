@@ -49,11 +49,12 @@ class Observer:
 
     def feedback_mv(self, angle: int) -> int:
         """Voltage that pulls the model towards a measured angle; opposes unmodelled load."""
-        error = abs(angle - self.angle)
-        low = min(error, _GAIN_THRESHOLD_MDEG) * self._gain
-        high = max(error - _GAIN_THRESHOLD_MDEG, 0) * self._gain * _HIGH_GAIN_FACTOR
-        voltage = min(int((low + high) / 1000), MAX_VOLTAGE_MV)
-        return voltage if angle > self.angle else -voltage
+        error = angle - self.angle
+        if -_GAIN_THRESHOLD_MDEG <= error <= _GAIN_THRESHOLD_MDEG:
+            return int(error * self._gain / 1000)
+        beyond = (abs(error) - _GAIN_THRESHOLD_MDEG) * _HIGH_GAIN_FACTOR
+        voltage = min((_GAIN_THRESHOLD_MDEG + beyond) * self._gain // 1000, MAX_VOLTAGE_MV)
+        return voltage if error > 0 else -voltage
 
     def update(self, time: int, angle: int, voltage_mv: int) -> None:
         """One 5 ms step with the voltage that is applied and the angle that is measured."""
@@ -61,7 +62,10 @@ class Observer:
         history.append(angle)
         self.measured_speed = (angle - history[-1 - _SPEED_WINDOW]) * 10
         feedback = self.feedback_mv(angle)
-        self._check_stall(time, voltage_mv, feedback)
+        if feedback and voltage_mv:
+            self._check_stall(time, voltage_mv, feedback)
+        else:
+            self._stalled_since = None
         voltage = voltage_mv + feedback
         voltage = MAX_VOLTAGE_MV if voltage > MAX_VOLTAGE_MV else -MAX_VOLTAGE_MV if voltage < -MAX_VOLTAGE_MV else voltage
         speed, model = self.speed, self._model
@@ -85,8 +89,8 @@ class Observer:
         current = int(ps / a) + int(pc / b) + int(pv / c) + int(pt / d)
         if (speed < 0) != (next_speed < 0):
             next_speed -= friction  # friction brakes to rest, not beyond
-        self.speed = max(-MAX_SPEED, min(MAX_SPEED, next_speed))
-        self._current = max(-MAX_CURRENT, min(MAX_CURRENT, current))
+        self.speed = MAX_SPEED if next_speed > MAX_SPEED else -MAX_SPEED if next_speed < -MAX_SPEED else next_speed
+        self._current = MAX_CURRENT if current > MAX_CURRENT else -MAX_CURRENT if current < -MAX_CURRENT else current
 
     def window_speed(self, window_ms: int) -> int:
         """Average measured speed over a window, mdeg/s.

@@ -48,7 +48,7 @@ class Reference(NamedTuple):
 class Trajectory:
     """Three phases after a start: until t1 with a0, until t2 at speed w1, until t3 with a2, then at speed w3."""
 
-    __slots__ = ("a0", "a2", "position", "t1", "t2", "t3", "th1", "th2", "th3", "time", "w0", "w1", "w3", "wu")
+    __slots__ = ("_end", "a0", "a2", "position", "t1", "t2", "t3", "th1", "th2", "th3", "time", "w0", "w1", "w3", "wu")
 
     def __init__(self, time: int, position: int, speed: int = 0) -> None:
         """A constant trajectory; ``speed`` in ddeg/s."""
@@ -57,14 +57,19 @@ class Trajectory:
         self.th1 = self.th2 = self.th3 = 0
         self.w0 = self.w1 = self.wu = self.w3 = speed
         self.a0 = self.a2 = 0
+        self._end: Reference | None = None
 
     @property
     def command_speed(self) -> int:
         """The speed that was asked for, whether reached or not, in mdeg/s."""
         return abs(self.wu) * 100
 
-    def endpoint(self) -> Reference:
-        return self._point(self.t3, self.th3, self.w3, 0)
+    @property
+    def end(self) -> Reference:
+        """The endpoint. It is remembered: a trajectory changes only while it is being made, and in ``stretch``."""
+        if self._end is None:
+            self._end = self._point(self.t3, self.th3, self.w3, 0)
+        return self._end
 
     def last_vertex(self, time: int) -> Reference:
         """Where the phase began that is under way at a time."""
@@ -75,28 +80,33 @@ class Trajectory:
             return self._point(self.t1, self.th1, self.w1, 0)
         if t < self.t3:
             return self._point(self.t2, self.th2, self.w1, 0)
-        return self.endpoint()
+        return self.end
 
     def reference(self, time: int) -> Reference:
         """Where the motor should be at a time."""
         t = time - self.time
         if t < self.t1 or t == self.t1 == 0:
-            w, a = self.w0 + _speed_gain(self.a0, t), self.a0
-            th = _angle(self.w0, t) + _angle_gain(a, t)
+            a = self.a0
+            gain = int(a * t / 1000)
+            w = self.w0 + gain
+            th = int(self.w0 * t / 100) + int(int(gain * t / 100) / 2)
         elif t < self.t2:
             w, a = self.w1, 0
-            th = self.th1 + _angle(w, t - self.t1)
+            th = self.th1 + int(w * (t - self.t1) / 100)
         elif t < self.t3:
             t -= self.t2
-            w, a = self.w1 + _speed_gain(self.a2, t), self.a2
-            th = self.th2 + _angle(self.w1, t) + _angle_gain(a, t)
+            a = self.a2
+            gain = int(a * t / 1000)
+            w = self.w1 + gain
+            th = self.th2 + int(self.w1 * t / 100) + int(int(gain * t / 100) / 2)
         else:
             w, a = self.w3, 0
-            th = self.th3 + _angle(w, t - self.t3)
+            th = self.th3 + int(w * (t - self.t3) / 100)
         return Reference(time, self.position + th, w * 100, a * 1000)
 
     def stretch(self, leader: Trajectory) -> None:
         """Cover the same angle with the phases of a longer trajectory, so that both end together."""
+        self._end = None
         self.t1, self.t2, self.t3 = leader.t1, leader.t2, leader.t3
         if self.t3 == 0:
             return

@@ -1,0 +1,73 @@
+"""A hub, its air, and links to it, for tests of the Bluetooth transport."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from played_hub import PlayedHub
+from radio import Radio
+
+from bricksrl.errors import HubError
+from bricksrl.hub.ble import BleTransport
+from bricksrl.hub.interface import Interface, MotorAngle, RunAngle, Wait
+from bricksrl.hub.link import HubLink
+from bricksrl.robots import TWO_WHEELER, Robot
+
+NAME = "Pybricks Hub"
+LONG_RUN = Interface(
+    commands=(RunAngle("left", -3000, 3000, 400),), channels=(MotorAngle("left"), MotorAngle("right")), settle=Wait(10)
+)
+"""A motor that goes on turning for seconds after the answer."""
+BOUND_S = 3.0
+"""No call may take longer, with the bounds that the tests set."""
+
+
+class World:
+    """A hub, its air, and links to it."""
+
+    def __init__(self, folder: Path, robot: Robot = TWO_WHEELER, interval_ms: float = 7.5) -> None:
+        self.radio = Radio()
+        self.robot = robot
+        self.hub = PlayedHub(self.radio, robot, NAME)
+        self.record = folder / "programs.json"
+        self._interval_ms = interval_ms
+        self._open: list[BleTransport] = []
+        self.set_interval(interval_ms)
+
+    def set_interval(self, interval_ms: float) -> None:
+        self.radio.call(lambda: setattr(self.radio.link, "interval_ms", interval_ms))
+
+    def transport(self, **options: Any) -> BleTransport:
+        settings: dict[str, Any] = {"name": NAME, "timeout_s": 2.0, "answer_timeout_s": 0.6, "record": self.record}
+        transport = BleTransport(backend=self.radio.backend(), **(settings | options))
+        self._open.append(transport)
+        return transport
+
+    def link(self, interface: Interface = LONG_RUN, **options: Any) -> HubLink:
+        link = HubLink(self.transport(**options), self.robot, interface, timeout_s=1.0)
+        self.hub.library.append(link.program.source)
+        return link
+
+    def fault(self, rule: Callable[[int, bytes], int] | None) -> None:
+        self.radio.call(lambda: setattr(self.radio.link, "fault", rule or (lambda opcode, data: 1)))
+
+    def close(self) -> None:
+        self.fault(None)
+        for transport in self._open:
+            transport.close()
+        self.hub.close()
+        self.radio.close()
+
+
+def bounded(call: Callable[[], object], error: type[HubError], bound_s: float = BOUND_S) -> HubError:
+    """The error that a call raises, within the bound."""
+    start_s = time.monotonic()
+    with pytest.raises(error) as caught:
+        call()
+    assert time.monotonic() - start_s < bound_s
+    assert "\n" not in str(caught.value) and ";" in str(caught.value), "one line: what happened; what to do"
+    return caught.value

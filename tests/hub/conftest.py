@@ -1,0 +1,25 @@
+"""The world of the tests over Bluetooth."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+from bricksrl.hub import program
+
+if TYPE_CHECKING:
+    from ble_world import World
+
+
+@pytest.fixture
+def world(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[World]:
+    """A two-wheeler's hub, whose program ends after half a second of silence, over a link of 7.5 ms."""
+    from ble_world import World
+
+    monkeypatch.setattr(program, "END_MS", 500)
+    made = World(tmp_path)
+    yield made
+    made.close()
