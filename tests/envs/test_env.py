@@ -284,3 +284,27 @@ def test_an_own_task_over_the_same_robot() -> None:
     steps = bricksrl.make("Approach-v0", seed=0).rollout(10, always(0.5))
     assert len(steps) == 3
     assert 30 < steps["next", "reward"].mean() < 70
+
+
+def test_a_walker_waits_until_its_way_is_clear(caplog: pytest.LogCaptureFixture) -> None:
+    env = bricksrl.make("Walker-v0", seed=0)
+    env.reset()
+    assert env.twin is not None
+    body, readings = env.twin.body, iter([30, 30, 30, 500, 500, 500])
+    body.distance_mm = lambda port: next(readings)  # type: ignore[method-assign]
+    legs = [body.angle_mdeg(port) for port in body.motors]
+    env._episode.observation[6] = 40.0
+    with caplog.at_level("WARNING"):
+        after = env.step(TensorDict({"action": torch.ones(4)}))["next"]
+    assert "in the robot's way" in caplog.text
+    assert after["observation"][6] == 500
+    assert next(readings) == 500, "it read until the way was clear, then once for the step"
+    assert [body.angle_mdeg(port) for port in body.motors] == pytest.approx(legs, abs=8000)
+
+
+def test_a_walker_whose_way_stays_blocked_gives_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("bricksrl.envs.env.BLOCKED_TIMEOUT_S", 0.5)
+    env = bricksrl.make("Walker-v0", seed=0, blocked_at_mm=2000)
+    env.reset()
+    with pytest.raises(HubError, match="clear it"):
+        env.step(TensorDict({"action": torch.zeros(4)}))

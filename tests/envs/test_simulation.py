@@ -123,7 +123,7 @@ def test_a_random_arm_is_a_little_worse_than_the_released_one() -> None:
         after = acted(env, torch.rand(2000, 4) * 2 - 1)
         returns += after["reward"] * alive
         alive &= ~after["terminated"]
-    # The released code: 46 % success, -145 +- 80. Its joints refuse a move beyond their range and its rotation maps to +-180; ours
+    # The released code: 46 % success, -145 +- 80. Its joints refuse a move beyond their range, its rotation maps to +-180; ours
     # stop at the range and map to +-100 (rulings), which keeps a random arm near the ends of its ranges. The paper's robot: 32 %.
     assert 1 - alive.float().mean().item() == pytest.approx(0.40, abs=0.04)
     assert returns.mean().item() == pytest.approx(-164, abs=8)

@@ -49,7 +49,9 @@ def test_run_away_ends_at_the_wall_and_out_of_sight(distance_mm: float, ends: bo
     assert RUN_AWAY.terminated(at_distance(distance_mm)).tolist() == [[ends]]
 
 
-@pytest.mark.parametrize(("path_mm", "succeeds"), [((300, 999), False), ((900, 1000), True), ((1900, 2000), True), ((100, 40), False)])
+@pytest.mark.parametrize(
+    ("path_mm", "succeeds"), [((300, 999), False), ((900, 1000), True), ((1900, 2000), True), ((100, 40), False)]
+)
 def test_run_away_succeeds_when_it_ends_a_metre_away(path_mm: tuple[float, ...], succeeds: bool) -> None:
     episode = at_distance(*path_mm)
     assert RUN_AWAY.success(episode).item() is succeeds

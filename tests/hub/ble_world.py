@@ -29,12 +29,11 @@ BOUND_S = 3.0
 class World:
     """A hub, its air, and links to it."""
 
-    def __init__(self, folder: Path, robot: Robot = TWO_WHEELER, interval_ms: float = 7.5) -> None:
+    def __init__(self, folder: Path, robot: Robot = TWO_WHEELER, interval_ms: float = 2.0) -> None:
         self.radio = Radio()
         self.robot = robot
         self.hub = PlayedHub(self.radio, robot, NAME)
         self.record = folder / "programs.json"
-        self._interval_ms = interval_ms
         self._open: list[BleTransport] = []
         self.set_interval(interval_ms)
 

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 @pytest.fixture
 def world(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[World]:
-    """A two-wheeler's hub, whose program ends after half a second of silence, over a link of 7.5 ms."""
+    """A two-wheeler's hub, whose program ends after half a second of silence, over a fast link."""
     from ble_world import World
 
     monkeypatch.setattr(program, "END_MS", 500)

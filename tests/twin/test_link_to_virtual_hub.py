@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+
 from bricksrl.envs.registry import get_task
 from bricksrl.errors import HubError
 from bricksrl.hub.link import HubLink, LinkState

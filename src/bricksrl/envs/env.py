@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -20,6 +21,11 @@ from bricksrl.errors import BricksError, HubError
 if TYPE_CHECKING:
     from bricksrl.hub.link import HubLink, Reading
     from bricksrl.twin.virtual_hub import VirtualHub
+
+BLOCKED_TIMEOUT_S = 120.0
+"""How long a robot waits for its way to be cleared."""
+
+_log = logging.getLogger(__name__)
 
 Placement = Callable[[np.random.Generator], None]
 """Puts the robot where an episode starts. For a virtual robot a method, for a real one a hand."""
@@ -128,6 +134,7 @@ class HubEnv(EnvBase):  # type: ignore[misc]
         if episode is None:
             raise BricksError(f"{task.id} has no episode to step; reset the environment first")
         link = self._robot().link
+        self._wait_while_blocked(episode)
         observation = _observe(self._guarded(lambda: link.act(commands)), episode.drawn)
         reward = task.reward(episode.observation, action, observation)
         terminated = task.terminated(observation)
@@ -144,6 +151,25 @@ class HubEnv(EnvBase):  # type: ignore[misc]
             },
             batch_size=(),
         )
+
+    def _wait_while_blocked(self, episode: _Episode) -> None:
+        """Read on, without moving, until nothing is in the way; reading keeps the hub from letting go of its motors.
+
+        Raises:
+            HubError: it is still there after two minutes.
+        """
+        if not bool(self.task.blocked(episode.observation)):
+            return
+        link = self._robot().link
+        _log.warning("%s: something is in the robot's way; it waits until that is gone", self.task.id)
+        waited_s = 0.0
+        while bool(self.task.blocked(episode.observation)):
+            if waited_s > BLOCKED_TIMEOUT_S:
+                self._close_link()
+                raise HubError(f"{self.task.id}: something is in the robot's way for {BLOCKED_TIMEOUT_S:g} s; clear it and go on")
+            reading = self._guarded(link.read)
+            waited_s += reading.round_trip_s
+            episode.observation = _observe(reading, episode.drawn)
 
     def _robot(self) -> Connection:
         if self._connection is None:

@@ -91,6 +91,8 @@ class Task:
         success: the observations ``[*batch, steps, n]`` that followed the steps of a whole episode to ``[*batch]`` bool.
         metrics: the same observations to named numbers ``[*batch]`` beside the return; units in the names.
         terminated: an observation to ``[*batch, 1]`` bool.
+        blocked: an observation to ``[*batch, 1]`` bool: something is in the way of a robot, which waits with its motors held
+            until it is gone. A simulation without a robot never waits.
         scene: what stands around the robot when it is virtual.
 
     Raises:
@@ -106,6 +108,7 @@ class Task:
     success: Callable[[Tensor], Tensor]
     metrics: Callable[[Tensor], dict[str, Tensor]]
     terminated: Callable[[Tensor], Tensor] = never
+    blocked: Callable[[Tensor], Tensor] = never
     scene: Scene = OPEN_FLOOR
     host_entries: tuple[HostEntry, ...] = ()
 

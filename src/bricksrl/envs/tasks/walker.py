@@ -38,6 +38,8 @@ between two legs, and the action as the agent gave it: 0.1 a step at best.
 | terminated | pitch or roll is beyond 60 degrees to either side |
 | truncated  | after 100 steps                                   |
 
+While something is 40 mm away or nearer (an option, `blocked_at_mm`), the robot waits with its motors held and says so.
+
 ## Success and metrics
 
 An episode succeeds when the robot does not fall over. The metric is the mean reward of a step for a trot alone,
@@ -49,6 +51,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from bricksrl.envs.task import Task
+from bricksrl.errors import DescriptionError
 from bricksrl.hub.interface import Distance, Interface, MotorAngle, Pitch, Roll, RunAngle, Wait
 from bricksrl.robots import WALKER
 
@@ -57,9 +60,12 @@ if TYPE_CHECKING:
 
 SAFE_TILT_DEG = 60.0
 """A Walker that is tilted further has fallen over."""
+BLOCKED_AT_MM = 40.0
+"""The ultrasonic sensor reports nothing nearer."""
 
 _LEGS = ("left_front", "right_front", "left_back", "right_back")
 _TILT = slice(4, 6)
+_DISTANCE = slice(6, 7)
 
 
 def shortest_angle_deg(one: Tensor, other: Tensor) -> Tensor:
@@ -102,8 +108,21 @@ INTERFACE = Interface(
 )
 
 
-def walker(env_id: str) -> Task:
-    """The task, for the robot or for its simulation."""
+def walker(env_id: str, *, blocked_at_mm: float = BLOCKED_AT_MM) -> Task:
+    """The task, for the robot or for its simulation.
+
+    Args:
+        blocked_at_mm: distance at which, and nearer, the robot waits until its way is clear.
+
+    Raises:
+        DescriptionError: the distance is negative.
+    """
+    if blocked_at_mm < 0:
+        raise DescriptionError(f"{env_id}: blocked_at_mm is {blocked_at_mm}; give 0 or more")
+
+    def blocked(observation: Tensor) -> Tensor:
+        return observation[..., _DISTANCE] <= blocked_at_mm
+
     return Task(
         id=env_id,
         doc=__doc__,
@@ -114,4 +133,5 @@ def walker(env_id: str) -> Task:
         success=success,
         metrics=metrics,
         terminated=terminated,
+        blocked=blocked,
     )
