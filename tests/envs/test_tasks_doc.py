@@ -7,6 +7,8 @@ import torch
 
 from bricksrl.envs.registry import get_task, list_envs
 from bricksrl.envs.task import Task
+from bricksrl.envs.tasks.run_away import RUN_AWAY
+from bricksrl.envs.tasks.spinning import SPINNING
 from bricksrl.hub.interface import DriveStraight
 
 TASKS = pytest.mark.parametrize("task", [get_task(env_id) for env_id in list_envs()], ids=lambda task: task.id)
