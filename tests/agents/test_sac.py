@@ -19,6 +19,7 @@ from bricksrl.agents import SACSettings, make_agent
 from bricksrl.agents.agent import Transition
 from bricksrl.agents.layout import ObservationLayout
 from bricksrl.agents.networks import make_policy
+from bricksrl.agents.off_policy import Batch
 from bricksrl.agents.sac import SACAgent, sample_action
 from bricksrl.errors import CheckpointError
 from bricksrl.training.reproducible import reproducible
@@ -59,7 +60,7 @@ def learned(settings: SACSettings, updates: int = 3) -> SACAgent:
 
 def weights(agent: SACAgent) -> list[Tensor]:
     state = agent.state_dict()
-    return [value for key in ("actor", "critics", "target_critics") for value in state[key].values()] + [state["log_alpha"]]
+    return [value for key in ("actor", "critics", "target_critics", "temperature") for value in state[key].values()]
 
 
 class SeparateCritic(nn.Module):
@@ -103,18 +104,10 @@ def oracle_of(agent: SACAgent) -> SACLoss:
 def test_losses_and_gradients_equal_torchrls(monkeypatch: pytest.MonkeyPatch) -> None:
     agent = learned(replace(SMALL, initial_alpha=0.3, tau=0.5), updates=4)
     n = 64
-    raw = TensorDict(
-        {
-            "features": torch.randn(n, agent.encoder.size),
-            "action": torch.rand(n, 2) * 2 - 1,
-            "reward": torch.randn(n),
-            "next_features": torch.randn(n, agent.encoder.size),
-            "terminated": torch.rand(n) < 0.3,
-        },
-        [n],
-    )
+    size = agent.encoder.size
+    raw = Batch(torch.randn(n, size), torch.rand(n, 2) * 2 - 1, torch.randn(n), torch.randn(n, size), torch.rand(n) < 0.3)
     with torch.no_grad():
-        agent.log_alpha.fill_(torch.tensor(0.3).log())
+        agent.temperature.log_alpha.fill_(torch.tensor(0.3).log())
     noise = {"now": torch.randn(n, 2), "next": torch.randn(n, 2)}
     order = iter(("next", "now"))
     monkeypatch.setattr(torch, "randn_like", lambda like: noise[next(order)])
@@ -126,15 +119,15 @@ def test_losses_and_gradients_equal_torchrls(monkeypatch: pytest.MonkeyPatch) ->
     oracle = oracle_of(agent)
     theirs_order = iter(("next", "now"))
     monkeypatch.setattr(torch.distributions.normal, "_standard_normal", lambda *args, **kw: noise[next(theirs_order)])
-    done = raw["terminated"][:, None]
+    done = raw.terminated[:, None]
     theirs = oracle(
         TensorDict(
             {
-                "features": raw["features"],
-                "action": raw["action"],
+                "features": raw.features,
+                "action": raw.action,
                 "next": {
-                    "features": raw["next_features"],
-                    "reward": raw["reward"][:, None],
+                    "features": raw.next_features,
+                    "reward": raw.reward[:, None],
                     "terminated": done,
                     "done": done,
                 },
@@ -175,6 +168,11 @@ def test_log_probability_stays_finite_where_tanh_saturates() -> None:
 CHANGES: dict[str, Any] = {
     "hidden": (16,),
     "learning_rate": 1e-2,
+    "adam_beta": 0.5,
+    "actor_delay": 2,
+    "critics": 3,
+    "target_critics": 1,
+    "actor_value": "mean",
     "batch_size": 9,
     "gamma": 0.5,
     "tau": 0.5,

@@ -20,6 +20,7 @@ from torchrl.envs import (
 
 import bricksrl
 from bricksrl.envs.env import Connection, HubEnv
+from bricksrl.envs.odometer import SonarOdometer
 from bricksrl.envs.tasks.run_away import RUN_AWAY
 from bricksrl.envs.tasks.spinning import SPINNING
 from bricksrl.errors import BricksError, HubError
@@ -42,7 +43,9 @@ def run_away_env(hub_class: type[VirtualHub] = VirtualHub, seed: int = 0) -> Hub
 
     def connect(twin_seed: int) -> Connection:
         twin = hub_class(RUN_AWAY.robot, scene=RUN_AWAY.scene, seed=twin_seed)
-        return Connection(HubLink(twin, RUN_AWAY.robot, RUN_AWAY.interface, timeout_s=0.5), twin.reset, twin)
+        return Connection(
+            HubLink(twin, RUN_AWAY.robot, RUN_AWAY.interface, timeout_s=0.5), twin.reset, SonarOdometer(RUN_AWAY.interface), twin
+        )
 
     return HubEnv(RUN_AWAY, connect, seed=seed)
 
@@ -227,7 +230,7 @@ def test_a_robot_that_a_hand_places_keeps_its_link_when_seeded() -> None:
     twin = VirtualHub(SPINNING.robot, scene=SPINNING.scene)
     link = HubLink(twin, SPINNING.robot, SPINNING.interface)
     placed = []
-    env = HubEnv(SPINNING, lambda _seed: Connection(link, placed.append), seed=0)
+    env = HubEnv(SPINNING, lambda _seed: Connection(link, placed.append, SonarOdometer(SPINNING.interface)), seed=0)
     assert env.twin is None
     directions = [env.reset()["observation"][5].item() for _ in range(10)]
     env.set_seed(0)

@@ -33,9 +33,11 @@ def test_unknown_names_are_answered_with_known_ones(name: str, meant: str | None
     assert (f"did you mean '{meant}'?" in message) is (meant is not None)
 
 
-def test_other_hubs_are_not_there_yet() -> None:
-    with pytest.raises(UnknownNameError, match="hub='virtual'"):
-        bricksrl.make("RunAway-v0", hub="ble")
+def test_other_hubs_are_not_known() -> None:
+    with pytest.raises(UnknownNameError, match="'virtual' or 'ble'"):
+        bricksrl.make("RunAway-v0", hub="usb")
+    with pytest.raises(DescriptionError, match="of its own"):
+        bricksrl.make("RunAway-v0", hub="ble", realtime=True)
 
 
 def test_own_tasks_may_not_replace_ours_but_each_other() -> None:

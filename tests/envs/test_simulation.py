@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 import torch
 from tensordict import TensorDict, TensorDictBase
-from torchrl.envs import check_env_specs
+from torchrl.envs import EnvBase, check_env_specs
 
 import bricksrl
 from bricksrl.envs.kinematics import Kinematics
@@ -162,3 +162,33 @@ def test_what_does_not_fit_is_refused() -> None:
     with pytest.raises(DescriptionError, match="noise"):
         Kinematics(-1.0)
     assert SimulatedEnv(SPINNING, QUIET).task is SPINNING
+
+
+@pytest.mark.parametrize("env_id", SIMULATIONS)
+def test_what_was_given_out_stays_as_it_was(env_id: str) -> None:
+    env = bricksrl.make(env_id, batch_size=300, seed=0)
+    state = env.reset()
+    kept = []
+    for _ in range(4):
+        state.set("action", torch.rand(300, 4) * 2 - 1)
+        stepped, state = env.step_and_maybe_reset(state)
+        kept.append((stepped["next", "observation"], stepped["next", "observation"].clone()))
+    assert all(torch.equal(given, then) for given, then in kept)
+
+
+def test_auto_reset_is_that_of_torchrl(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The shortcut gives what TorchRL's own way of resetting gives, number for number."""
+    runs = []
+    for maybe_reset in (SimulatedEnv.maybe_reset, EnvBase.maybe_reset):
+        monkeypatch.setattr(SimulatedEnv, "maybe_reset", maybe_reset)
+        env = bricksrl.make("RoboArmSim-v0", batch_size=200, seed=5)
+        state, steps = env.reset(), []
+        torch.manual_seed(0)
+        for _ in range(8):
+            state.set("action", torch.rand(200, 4) * 2 - 1)
+            _, state = env.step_and_maybe_reset(state)
+            steps.append(state.clone())
+        runs.append(torch.stack(steps))
+    assert set(runs[0].keys()) == set(runs[1].keys())
+    for key in ("observation", "terminated", "truncated", "done"):
+        assert torch.equal(runs[0][key], runs[1][key]), key

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 from played_hub import PlayedHub
-from radio import Radio
+from radio import Fault, Radio
 
 from bricksrl.errors import HubError
 from bricksrl.hub.ble import BleTransport
@@ -51,7 +51,7 @@ class World:
         self.hub.library.append(link.program.source)
         return link
 
-    def fault(self, rule: Callable[[int, bytes], int] | None) -> None:
+    def fault(self, rule: Fault | None) -> None:
         self.radio.call(lambda: setattr(self.radio.link, "fault", rule or (lambda opcode, data: 1)))
 
     def close(self) -> None:

@@ -158,7 +158,7 @@ class PlayedHub:
         self._ram = bytearray(robot.hub.model.program_bytes)
         self._run: ProgramRun | None = None
         self._connection: Any = None
-        self._address = address
+        self.address = address
         radio.run(self._switch_on())
 
     @property
@@ -208,7 +208,7 @@ class PlayedHub:
     # ---- in the radio's thread
 
     async def _switch_on(self) -> None:
-        self._device = self.radio.device(self.name, self._address)
+        self._device = self.radio.device(self.name, self.address)
         read, readable = Characteristic.Properties.READ, Characteristic.READABLE
         product = struct.pack("<BHHH", 1, profile.LEGO_COMPANY_ID, _PRODUCT_IDS[self.machine.robot.hub], 0)
         self._characteristic = Characteristic(

@@ -10,8 +10,9 @@ import dataclasses
 import threading
 from collections.abc import Callable, Coroutine
 from concurrent.futures import Future
-from typing import Any, TypeVar
+from typing import Any, Self, TypeVar
 
+from bleak.backends.adapter import BaseBleakAdapter
 from bleak.backends.characteristic import BleakGATTCharacteristic
 from bleak.backends.client import BaseBleakClient
 from bleak.backends.device import BLEDevice
@@ -38,8 +39,8 @@ _ATT_OPCODE = 4  # its place in an L2CAP packet
 _CENTRAL = "F0:F1:F2:F3:F4:F5"
 _PROPERTIES = ("broadcast", "read", "write-without-response", "write", "notify", "indicate")
 
-Fault = Callable[[int, bytes], int]
-"""Of an attribute packet, its opcode and bytes: how often it arrives (0 lost, 1, 2 duplicated)."""
+Fault = Callable[[int, bytes], int | bytes]
+"""Of an attribute packet, its opcode and bytes: how often it arrives (0 lost, 1, 2 duplicated), or what arrives instead."""
 
 
 class IntervalLink(LocalLink):  # type: ignore[misc]
@@ -65,7 +66,10 @@ class IntervalLink(LocalLink):  # type: ignore[misc]
             super().send_advertising_pdu(sender, packet)
 
     def send_acl_data(self, sender: Controller, destination: Address, transport: PhysicalTransport, data: bytes) -> None:
-        for _ in range(self.fault(data[_ATT_OPCODE], data[_ATT_OPCODE:])):
+        arrives = self.fault(data[_ATT_OPCODE], data[_ATT_OPCODE:])
+        if isinstance(arrives, bytes):
+            data, arrives = data[:_ATT_OPCODE] + arrives, 1
+        for _ in range(arrives):
             self._queue.append((sender, destination, transport, data))
         if not self.interval_ms:
             self._deliver()
@@ -150,7 +154,10 @@ class Radio:
         class Client(RadioClient):
             RADIO = radio
 
-        return BleBackend(Scanner, Client)
+        class Adapter(RadioAdapter):
+            RADIO = radio
+
+        return BleBackend(Scanner, Client, Adapter)
 
     def close(self) -> None:
         self.run(self._cancel_all())
@@ -207,10 +214,22 @@ class RadioScanner(BaseBleakScanner):
         self._host.call_soon_threadsafe(self._report, advertisement.address, found)
 
     def _report(self, address: Address, found: AdvertisementData) -> None:
-        text = str(address).split("/")[0]
+        text = _address_text(address)
         device = self.create_or_update_device(text, text, found.local_name, address, found)
         if self.is_allowed_uuid(found.service_uuids):
             self.call_detection_callbacks(device, found)
+
+
+class RadioAdapter(BaseBleakAdapter):
+    RADIO: Radio
+
+    @classmethod
+    async def get(cls, **_: Any) -> Self:
+        return cls()
+
+    async def get_connected_devices(self, service_uuids: frozenset[str]) -> list[BLEDevice]:
+        peers = [connection.peer_address for connection in self.RADIO.central.connections.values()]
+        return [BLEDevice(_address_text(peer), None, peer) for peer in peers]
 
 
 class RadioClient(BaseBleakClient):
@@ -269,14 +288,17 @@ class RadioClient(BaseBleakClient):
         await _in_radio(self.RADIO, characteristic.obj.unsubscribe())
 
     async def _connect(self) -> BleakGATTServiceCollection:
-        connection = await self.RADIO.central.connect(self._device.details, timeout=self._timeout)
+        central, peer = self.RADIO.central, self._device.details
+        connection = next((link for link in central.connections.values() if link.peer_address == peer), None)
+        if connection is None:
+            connection = await central.connect(peer, timeout=self._timeout)
         connection.on("disconnection", self._on_disconnection)
         self._connection = connection
-        peer = Peer(connection)
-        await peer.request_mtu(517)
-        await peer.discover_services()
+        profile = Peer(connection)
+        await profile.request_mtu(517)
+        await profile.discover_services()
         found = BleakGATTServiceCollection()
-        for service in peer.services:
+        for service in profile.services:
             ours = BleakGATTService(service, service.handle, _uuid_text(service.uuid))
             found.add_service(ours)
             await service.discover_characteristics()
@@ -314,6 +336,10 @@ async def _in_radio(radio: Radio, coroutine: Coroutine[Any, Any, T]) -> T:
             raise BleakError(f"{type(error).__name__}: {error}") from error
 
     return await asyncio.wrap_future(radio.submit(run()))
+
+
+def _address_text(address: Address) -> str:
+    return str(address).split("/")[0]
 
 
 def _uuid_text(uuid: Any) -> str:

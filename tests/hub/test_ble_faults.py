@@ -117,6 +117,14 @@ def test_a_hub_whose_program_runs_on_is_found_when_it_has_ended(world: World) ->
     second.act([100])
 
 
+def test_a_hub_that_the_system_has_kept_connected(world: World) -> None:
+    """A program of ours was killed; some systems keep the connection, so that the hub does not advertise itself."""
+    world.radio.run(world.radio.central.connect(world.hub.address))
+    world.hub.wait_until("is_connected", True)
+    with world.link(name=None) as link:
+        link.act([100])
+
+
 def test_a_hub_that_reboots(world: World) -> None:
     link = world.link()
     link.open()

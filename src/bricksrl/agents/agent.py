@@ -19,6 +19,8 @@ class Transition:
     next_observation: Tensor
     terminated: bool
     """True only where the task ended; a time limit is no end, values go on through it."""
+    last: bool = False
+    """Whether it is the last one of its episode, for whatever reason."""
 
 
 class Agent(Protocol):

@@ -11,14 +11,20 @@ from bricksrl.errors import DescriptionError
 if TYPE_CHECKING:
     from torchrl.envs import EnvBase
 
+    from bricksrl.envs.task import Task
+
 
 @dataclass(frozen=True)
 class ObservationLayout:
-    """Bounds of each entry of an observation ``[n]``; ``wraps`` marks angles in degrees that run around from 360 to 0."""
+    """Bounds of each entry of an observation ``[n]``; ``wraps`` marks angles in degrees that run around from 360 to 0.
+
+    ``goals`` are pairs of places: of a goal, and of the entry that is to reach it.
+    """
 
     low: tuple[float, ...]
     high: tuple[float, ...]
     wraps: tuple[bool, ...]
+    goals: tuple[tuple[int, int], ...] = ()
 
     def __post_init__(self) -> None:
         if not len(self.low) == len(self.high) == len(self.wraps):
@@ -29,20 +35,32 @@ class ObservationLayout:
 
     def to_dict(self) -> dict[str, list[Any]]:
         """Plain lists, fit for JSON and for a checkpoint."""
-        return {"low": list(self.low), "high": list(self.high), "wraps": list(self.wraps)}
+        goals = [list(pair) for pair in self.goals]
+        return {"low": list(self.low), "high": list(self.high), "wraps": list(self.wraps), "goals": goals}
 
     @classmethod
     def from_dict(cls, data: dict[str, list[Any]]) -> ObservationLayout:
         """Inverse of `to_dict`."""
-        return cls(tuple(data["low"]), tuple(data["high"]), tuple(data["wraps"]))
+        goals = tuple((goal, reached) for goal, reached in data["goals"])
+        return cls(tuple(data["low"]), tuple(data["high"]), tuple(data["wraps"]), goals)
+
+
+def _goals(task: Task) -> tuple[tuple[int, int], ...]:
+    """Each entry ``X_goal`` that the host draws, with the entry ``X_angle`` of the same kind, where every goal has one."""
+    places = {entry.name: place for place, entry in enumerate(task.entries)}
+    goals = [host.name for host in task.host_entries if host.name.endswith("_goal")]
+    pairs = [(places[name], places.get(name.removesuffix("_goal") + "_angle")) for name in goals]
+    found = tuple((goal, reached) for goal, reached in pairs if reached is not None)
+    alike = all(task.entries[goal].wraps == task.entries[reached].wraps for goal, reached in found)
+    return found if alike and len(found) == len(pairs) else ()
 
 
 def layout_of(env: EnvBase) -> ObservationLayout:
     """The layout of ``env``'s entry "observation": from its task where it has one, else the bounds of its spec."""
     task = getattr(env, "task", None)
     if task is not None:
-        entries = task.entries
-        return ObservationLayout(*zip(*((e.low, e.high, e.wraps) for e in entries), strict=True))
+        low, high, wraps = zip(*((e.low, e.high, e.wraps) for e in task.entries), strict=True)
+        return ObservationLayout(low, high, wraps, _goals(task))
     spec = env.observation_spec["observation"]
     n = int(spec.shape[-1])
     space = getattr(spec, "space", None)

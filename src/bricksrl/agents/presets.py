@@ -2,30 +2,76 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Literal
+from dataclasses import dataclass, replace
+from typing import Literal, TypeAlias
 
 from bricksrl.errors import DescriptionError, UnknownNameError
 
 
 @dataclass(frozen=True)
-class SACSettings:
-    """Soft actor-critic. The defaults are tuned for few robot steps; ``preset("paper")`` gives the paper's."""
+class OffPolicySettings:
+    """What all agents have in common that learn from a replay buffer. The defaults are tuned for few robot steps."""
 
     hidden: tuple[int, ...] = (128, 128)
     """Units of each hidden layer, of the actor and of the critics."""
     learning_rate: float = 1e-3
-    """Adam's step size, for actor, critics and temperature."""
+    """Adam's step size."""
+    adam_beta: float = 0.9
+    """Share of the past in Adam's mean of the gradients."""
     batch_size: int = 128
     """Transitions in one update."""
     gamma: float = 0.99
     """Discount of the next step's value."""
-    tau: float = 0.005
-    """Share of the critics that goes into the target critics at each update."""
     updates_per_step: int = 2
-    """Updates for each step of the robot."""
+    """Updates of the critics for each step of the robot."""
+    actor_delay: int = 1
+    """The actor learns in every n-th update of the critics."""
     prefill_episodes: int = 2
     """Episodes of uniform actions at the start."""
+    angles: Literal["phases", "sincos", "raw"] = "phases"
+    """How the networks see angles that wrap: as sine and cosine, with those of their differences too, or scaled to -1..1."""
+    goals: Literal["difference", "plain"] = "difference"
+    """What the networks see of a goal: also how far it is from what it is a goal for, or itself only."""
+    hindsight: float = 0.3
+    """In a task with goals: share of each batch that pretends to have aimed at what was reached a few steps later."""
+    new_goals: float = 0.3
+    """In a task with goals: share of each batch that gets goals drawn anew from their range."""
+    replay_size: int = 1_000_000
+    """Transitions kept; the oldest go first."""
+
+    def __post_init__(self) -> None:
+        self._above_zero("learning_rate", "batch_size", "updates_per_step", "actor_delay", "replay_size")
+        self._share("gamma", "hindsight", "new_goals", "adam_beta")
+        if self.adam_beta == 1.0:
+            raise DescriptionError("adam_beta is 1, which learns nothing; give a number below 1")
+        if self.hindsight + self.new_goals > 1:
+            raise DescriptionError(f"hindsight and new_goals add up to {self.hindsight + self.new_goals}; give shares of up to 1")
+        if not self.hidden or min(self.hidden) < 1:
+            raise DescriptionError(f"hidden is {self.hidden}; give the units of at least one layer, as in (256, 256)")
+        if self.prefill_episodes < 0:
+            raise DescriptionError(f"prefill_episodes is {self.prefill_episodes}; give 0 or more")
+        if self.angles not in ("phases", "sincos", "raw"):
+            raise DescriptionError(f"angles is '{self.angles}'; choose phases, sincos or raw")
+        if self.goals not in ("difference", "plain"):
+            raise DescriptionError(f"goals is '{self.goals}'; choose difference or plain")
+
+    def _above_zero(self, *names: str) -> None:
+        for name in names:
+            if not getattr(self, name) > 0:
+                raise DescriptionError(f"{name} is {getattr(self, name)}; give a number above zero")
+
+    def _share(self, *names: str) -> None:
+        for name in names:
+            if not 0 <= getattr(self, name) <= 1:
+                raise DescriptionError(f"{name} is {getattr(self, name)}; give a number from 0 to 1")
+
+
+@dataclass(frozen=True)
+class SACSettings(OffPolicySettings):
+    """Soft actor-critic, and with other numbers DroQ and REDQ."""
+
+    tau: float = 0.005
+    """Share of the critics that goes into the target critics at each update."""
     initial_alpha: float = 0.1
     """Temperature (weight of the entropy) at the start; it is learned from there."""
     min_scale: float = 0.1
@@ -34,28 +80,73 @@ class SACSettings:
     """Layer normalisation in the critics."""
     dropout: float = 0.0
     """Dropout rate in the critics."""
-    angles: Literal["sincos", "raw"] = "sincos"
-    """How the networks see an angle that wraps: as sine and cosine, or scaled to -1..1."""
-    replay_size: int = 1_000_000
-    """Transitions kept; the oldest go first."""
+    critics: int = 2
+    """Critics that learn side by side."""
+    target_critics: int = 2
+    """Critics, drawn anew for each update, whose least value is the target."""
+    actor_value: Literal["min", "mean"] = "min"
+    """What the actor climbs: the least or the mean value of the critics."""
 
     def __post_init__(self) -> None:
-        positive = ("learning_rate", "batch_size", "tau", "updates_per_step", "initial_alpha", "min_scale", "replay_size")
-        for name in positive:
-            if getattr(self, name) <= 0:
-                raise DescriptionError(f"{name} is {getattr(self, name)}; give a number above zero")
-        for name in ("gamma", "tau", "dropout"):
-            if not 0 <= getattr(self, name) <= 1:
-                raise DescriptionError(f"{name} is {getattr(self, name)}; give a number from 0 to 1")
-        if not self.hidden or min(self.hidden) < 1:
-            raise DescriptionError(f"hidden is {self.hidden}; give the units of at least one layer, as in (256, 256)")
-        if self.prefill_episodes < 0:
-            raise DescriptionError(f"prefill_episodes is {self.prefill_episodes}; give 0 or more")
-        if self.angles not in ("sincos", "raw"):
-            raise DescriptionError(f"angles is '{self.angles}'; choose sincos or raw")
+        super().__post_init__()
+        self._above_zero("tau", "initial_alpha", "min_scale", "critics", "target_critics")
+        self._share("tau", "dropout")
+        if self.dropout == 1:
+            raise DescriptionError("dropout is 1, which leaves nothing; give a number below 1")
+        if self.target_critics > self.critics:
+            raise DescriptionError(f"target_critics is {self.target_critics}; there are only {self.critics} critics")
+        if self.actor_value not in ("min", "mean"):
+            raise DescriptionError(f"actor_value is '{self.actor_value}'; choose min or mean")
 
 
-PAPER = SACSettings(
+@dataclass(frozen=True)
+class TD3Settings(OffPolicySettings):
+    """Twin delayed deep deterministic policy gradient."""
+
+    actor_delay: int = 2
+    """Actor and targets learn in every n-th update of the critics."""
+    tau: float = 0.005
+    """Share of the networks that goes into their targets, as often as the actor learns."""
+    layer_norm: bool = True
+    """Layer normalisation in the critics."""
+    exploration_noise: float = 0.1
+    """Standard deviation of the noise on the actions while learning; actions are in -1..1."""
+    target_noise: float = 0.2
+    """Standard deviation of the noise on the target actor's actions."""
+    target_noise_limit: float = 0.5
+    """Limit of that noise to either side."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._above_zero("tau", "target_noise_limit")
+        self._share("tau")
+        for name in ("exploration_noise", "target_noise"):
+            if getattr(self, name) < 0:
+                raise DescriptionError(f"{name} is {getattr(self, name)}; give 0 or more")
+
+
+@dataclass(frozen=True)
+class CrossQSettings(OffPolicySettings):
+    """CrossQ: batch normalisation in place of target networks."""
+
+    adam_beta: float = 0.5
+    actor_delay: int = 3
+    initial_alpha: float = 0.1
+    """Temperature (weight of the entropy) at the start; it is learned from there."""
+    min_scale: float = 0.1
+    """Lower limit of the standard deviation of an action before the tanh."""
+    momentum: float = 0.01
+    """Share of a batch in the running statistics that normalise when the agent acts."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._above_zero("initial_alpha", "min_scale", "momentum")
+        self._share("momentum")
+
+
+Settings: TypeAlias = SACSettings | TD3Settings | CrossQSettings
+
+_PAPER = SACSettings(
     hidden=(256, 256),
     learning_rate=3e-4,
     batch_size=256,
@@ -64,22 +155,58 @@ PAPER = SACSettings(
     initial_alpha=1.0,
     layer_norm=False,
     angles="raw",
+    goals="plain",
+    hindsight=0.0,
+    new_goals=0.0,
 )
-"""The settings of the BricksRL paper."""
-
-DROQ = SACSettings(hidden=(256, 256), learning_rate=3e-4, batch_size=256, updates_per_step=20, dropout=0.01)
-"""DroQ: many updates a step, held together by dropout and layer normalisation."""
-
-PRESETS = {"default": SACSettings(), "paper": PAPER, "droq": DROQ}
+_DROQ = SACSettings(layer_norm=True, dropout=0.01, updates_per_step=20, actor_delay=20, actor_value="mean")
+_REDQ = replace(_DROQ, layer_norm=False, dropout=0.0, critics=10)
 
 
-def preset(name: str) -> SACSettings:
-    """The settings of that name.
+def _as_in_the_paper(settings: Settings) -> Settings:
+    """The settings with what the paper says about every agent."""
+    common = ("hidden", "learning_rate", "batch_size", "prefill_episodes", "angles", "goals", "hindsight", "new_goals")
+    changed = {name: getattr(_PAPER, name) for name in common}
+    if not isinstance(settings, TD3Settings):
+        changed["initial_alpha"] = _PAPER.initial_alpha
+    return replace(settings, **changed)
+
+
+_DEFAULT: dict[str, Settings] = {
+    "sac": SACSettings(),
+    "td3": TD3Settings(),
+    "droq": _DROQ,
+    "redq": _REDQ,
+    "crossq": CrossQSettings(),
+}
+_AS_PUBLISHED: dict[str, Settings] = {
+    "sac": _PAPER,
+    "td3": _as_in_the_paper(TD3Settings(updates_per_step=1, layer_norm=False)),
+    "droq": _as_in_the_paper(_DROQ),
+    "redq": _as_in_the_paper(_REDQ),
+    "crossq": replace(_as_in_the_paper(CrossQSettings(updates_per_step=1)), learning_rate=1e-3),
+}
+PRESETS: dict[str, dict[str, Settings]] = {"default": _DEFAULT, "paper": _AS_PUBLISHED}
+"""Settings by name of the preset and of the agent.
+
+``default`` is tuned for few robot steps. ``paper`` has what the BricksRL paper trained with; for REDQ and CrossQ, which it does
+not have, that of their authors (with the paper's networks) where the paper says nothing about every agent.
+"""
+
+AGENTS = (*_DEFAULT, "random")
+"""Agents by name; ``random`` has nothing to set."""
+
+
+def preset(name: str, agent: str = "sac") -> Settings:
+    """The settings of that name for that agent; for "random" those of "sac", of which it uses none.
 
     Raises:
         UnknownNameError: there are none.
     """
+    if agent not in AGENTS:
+        raise UnknownNameError(f"there is no agent '{agent}'; choose one of {', '.join(AGENTS)}")
     try:
-        return PRESETS[name]
+        of_agents = PRESETS[name]
     except KeyError:
         raise UnknownNameError(f"there is no preset '{name}'; choose one of {', '.join(sorted(PRESETS))}") from None
+    return of_agents.get(agent, of_agents["sac"])

@@ -15,6 +15,7 @@ from tyro.conf import FlagCreatePairsOff
 from tyro.extras import SubcommandApp
 
 import bricksrl
+from bricksrl.cli.check import Check
 from bricksrl.cli.console import print_error, print_line
 from bricksrl.cli.evaluate import Evaluate
 from bricksrl.cli.hub import Program, Run
@@ -90,6 +91,7 @@ def _commands(arguments: Sequence[str]) -> SubcommandApp:
     add(app, "train", Train)
     add(app, "resume", Resume)
     add(app, "evaluate", Evaluate)
+    add(app, "check", Check)
     app.command(hub, name="hub", help=_HUB)
     return app
 

@@ -33,12 +33,17 @@ class Evaluate:
     """Episodes to count."""
     seed: Annotated[int, arg(metavar="N")] = 1000
     """Of the episodes; another seed gives other starts."""
+    randomize: bool = False
+    """Draw another physics of the virtual robot for each episode; off, however the agent was trained."""
+    physics: Annotated[Path | None, arg(metavar="FILE")] = None
+    """Physics of the virtual robot: a JSON file such as `bricksrl twin fit` writes; without it as in training."""
     json: bool = False
     """One JSON object on standard output and nothing else."""
 
     def execute(self) -> int:
         """Evaluate and print."""
         from bricksrl.evaluation import evaluate
+        from bricksrl.twin.physics import read_physics
 
         load_learning()
 
@@ -46,7 +51,15 @@ class Evaluate:
             if not self.json:
                 print_line(f"episode {episode}/{self.episodes}  return {return_:.4g}")
 
-        result = evaluate(self.run, self.env, episodes=self.episodes, seed=self.seed, on_episode=tell)
+        result = evaluate(
+            self.run,
+            self.env,
+            episodes=self.episodes,
+            seed=self.seed,
+            randomize=self.randomize,
+            physics=None if self.physics is None else read_physics(self.physics),
+            on_episode=tell,
+        )
         for line in [result.to_json()] if self.json else describe(result):
             print_line(line)
         return 0

@@ -34,7 +34,7 @@ class Train:
     """
 
     env: Annotated[Positional[str], arg(metavar="ENV")]
-    """Environment; `bricksrl list` shows them."""
+    """Environment; `bricksrl list` shows them. A task of your own: my_task.py, my_task.py:TASK or module:TASK."""
     agent: Annotated[str, arg(metavar="NAME")] = "sac"
     """Agent; `bricksrl list` shows them."""
     preset: Annotated[str, arg(metavar="NAME")] = "default"
@@ -49,11 +49,17 @@ class Train:
     """Folder to write to, which must not exist; without it runs/<env>-<agent>-<seed>-<time>."""
     realtime: bool = False
     """Let the virtual robot take as long as a real one."""
+    randomize: bool = False
+    """Draw another physics of the virtual robot (battery, friction, masses, noise, link) for each episode."""
+    physics: Annotated[Path | None, arg(metavar="FILE")] = None
+    """Physics of the virtual robot: a JSON file such as `bricksrl twin fit` writes."""
 
     def execute(self) -> int:
         """Train, evaluate, draw."""
         from bricksrl.agents import preset
         from bricksrl.training import TrainConfig, train
+        from bricksrl.training.run import file_name
+        from bricksrl.twin.physics import read_physics
 
         time = datetime.now().astimezone().strftime("%Y%m%d-%H%M%S")
         config = TrainConfig(
@@ -63,8 +69,10 @@ class Train:
             seed=self.seed,
             hub=self.hub,
             realtime=self.realtime,
+            randomize=self.randomize,
+            physics=None if self.physics is None else read_physics(self.physics),
             settings=preset(self.preset),
-            run_dir=self.run or Path("runs") / f"{self.env}-{self.agent}-{self.seed}-{time}",
+            run_dir=self.run or Path("runs") / f"{file_name(self.env)}-{self.agent}-{self.seed}-{time}",
         )
         return _see_through(lambda observer: train(config, observer))
 

@@ -15,6 +15,7 @@ from torchrl.data import Binary, Bounded, Composite, Unbounded
 from torchrl.envs import EnvBase
 
 from bricksrl.envs.nominal import NominalBounded
+from bricksrl.envs.odometer import Odometer
 from bricksrl.envs.task import Task
 from bricksrl.errors import BricksError, HubError
 
@@ -38,11 +39,13 @@ class Connection:
     Attributes:
         link: to its hub; the environment opens and closes it.
         place: puts it where an episode starts, at every reset, while the link is open.
-        twin: the virtual hub at the other end, for rendering and measuring; ``None`` where the robot is real.
+        odometer: tells how far it gets.
+        twin: the virtual hub at the other end, for rendering; ``None`` where the robot is real.
     """
 
     link: HubLink
     place: Placement
+    odometer: Odometer
     twin: VirtualHub | None = None
 
 
@@ -123,7 +126,10 @@ class HubEnv(EnvBase):  # type: ignore[misc]
         reading = self._guarded(self._start)
         self.is_closed = False
         drawn = np.array([entry.draw(self._host_rng) for entry in self.task.host_entries], dtype=np.float32)
-        observation = _observe(reading, drawn)
+        measured = np.zeros(len(self.task.measured_entries), dtype=np.float32)
+        observation = _observe(reading, drawn, measured)
+        self._odometer.start(self._robot().link.now_s())
+        self._odometer.forward_mm(self._robot().link.now_s(), reading.values)
         self._episode = _Episode(drawn, observation)
         return TensorDict({"observation": observation.clone()}, batch_size=())
 
@@ -135,7 +141,7 @@ class HubEnv(EnvBase):  # type: ignore[misc]
             raise BricksError(f"{task.id} has no episode to step; reset the environment first")
         link = self._robot().link
         self._wait_while_blocked(episode)
-        observation = _observe(self._guarded(lambda: link.act(commands)), episode.drawn)
+        observation = self._measure(self._guarded(lambda: link.act(commands)), episode.drawn)
         reward = task.reward(episode.observation, action, observation)
         terminated = task.terminated(observation)
         episode.observation = observation
@@ -169,7 +175,22 @@ class HubEnv(EnvBase):  # type: ignore[misc]
                 raise HubError(f"{self.task.id}: something is in the robot's way for {BLOCKED_TIMEOUT_S:g} s; clear it and go on")
             reading = self._guarded(link.read)
             waited_s += reading.round_trip_s
-            episode.observation = _observe(reading, episode.drawn)
+            episode.observation = self._measure(reading, episode.drawn)
+
+    def _measure(self, reading: Reading, drawn: NDArray[np.float32]) -> torch.Tensor:
+        """The observation after a step; asks the odometer only where somebody wants to know."""
+        forward_mm: list[float] = []
+        if self.task.walks or self.task.measured_entries:
+            forward_mm = [self._odometer.forward_mm(self._robot().link.now_s(), reading.values)]
+        return _observe(reading, drawn, np.array(forward_mm[: len(self.task.measured_entries)], dtype=np.float32))
+
+    def walk_metrics(self) -> dict[str, float]:
+        """Metres walked in this episode, speed and straightness, where the task walks and the robot is virtual."""
+        return self._odometer.metrics() if self.task.walks and self._episode is not None else {}
+
+    @property
+    def _odometer(self) -> Odometer:
+        return self._robot().odometer
 
     def _robot(self) -> Connection:
         if self._connection is None:
@@ -201,5 +222,5 @@ class HubEnv(EnvBase):  # type: ignore[misc]
         return [middle + half * value for (middle, half), value in zip(self._spans, action.tolist(), strict=True)]
 
 
-def _observe(reading: Reading, drawn: NDArray[np.float32]) -> torch.Tensor:
-    return torch.from_numpy(np.concatenate((reading.values, drawn)))
+def _observe(reading: Reading, drawn: NDArray[np.float32], measured: NDArray[np.float32]) -> torch.Tensor:
+    return torch.from_numpy(np.concatenate((reading.values, drawn, measured)))

@@ -4,25 +4,31 @@ from __future__ import annotations
 
 import difflib
 import functools
+import logging
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import gymnasium
 
+from bricksrl.envs import own
 from bricksrl.envs.kinematics import Kinematics
 from bricksrl.envs.task import Task
 from bricksrl.envs.tasks.robo_arm import robo_arm
 from bricksrl.envs.tasks.run_away import RUN_AWAY
 from bricksrl.envs.tasks.spinning import SPINNING
 from bricksrl.envs.tasks.walker import walker
+from bricksrl.envs.tasks.walker_forward import WALKER_FORWARD
 from bricksrl.errors import DescriptionError, UnknownNameError
 
 if TYPE_CHECKING:
+    import numpy as np
     from torchrl.envs import EnvBase
 
-    from bricksrl.envs.env import HubEnv
+    from bricksrl.envs.env import HubEnv, Placement
     from bricksrl.twin.physics import Physics, RandomPhysics
+
+_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -42,6 +48,7 @@ _OWN = {
     "RunAway-v0": _Offer(lambda: RUN_AWAY),
     "Spinning-v0": _Offer(lambda: SPINNING),
     "Walker-v0": _Offer(functools.partial(walker, "Walker-v0")),
+    "Walker-v1": _Offer(lambda: WALKER_FORWARD),
     "WalkerSim-v0": _Offer(functools.partial(walker, "WalkerSim-v0"), Kinematics(noise=0.1)),
     "RoboArm-v0": _Offer(functools.partial(robo_arm, "RoboArm-v0")),
     "RoboArmSim-v0": _Offer(functools.partial(robo_arm, "RoboArmSim-v0"), Kinematics(noise=0.05)),
@@ -59,13 +66,15 @@ def make(
     batch_size: int = 0,
     device: str = "cpu",
     kinematics: Kinematics | None = None,
+    place: Placement | None = None,
     **options: Any,
 ) -> EnvBase:
     """An environment, ready to be reset.
 
     Args:
-        env_id: one of :func:`list_envs`.
-        hub: how to reach the robot; ``"virtual"`` runs the hub program on a simulated one.
+        env_id: one of :func:`list_envs`, or where a task of your own is written: ``"my_task.py:TASK"``, ``"module:TASK"``.
+        hub: how to reach the robot; ``"virtual"`` runs the hub program on a simulated one, ``"ble"`` finds a real one over
+            Bluetooth.
         seed: of everything random; the same seed and actions give the same episodes, bit for bit.
         realtime: let a virtual robot take as long as a real one.
         physics: of the virtual robot: ``None`` for a freshly charged one on a smooth floor; a ``RandomPhysics`` draws
@@ -73,6 +82,7 @@ def make(
         batch_size, device: of a simulation without a robot: number of copies, 0 for one without a batch dimension, and where
             its tensors live.
         kinematics: of a simulation without a robot: its noise, in place of the task's own.
+        place: puts a real robot where an episode starts and returns when it is there; by default the log asks for it.
         options: of the task, such as ``sparse`` and ``threshold_deg`` of the RoboArm.
 
     Raises:
@@ -89,21 +99,41 @@ def make(
         return SimulatedEnv(task, kinematics or offer.kinematics, batch_size=batch_size, device=device, seed=seed)
     if batch_size or device != "cpu" or kinematics is not None:
         raise DescriptionError(f"{env_id} is one robot; leave batch_size, device and kinematics away")
-    return _on_robot(task, hub, seed, realtime, physics)
+    if hub == "virtual":
+        return _on_twin(task, seed, realtime, physics)
+    if hub != "ble":
+        raise UnknownNameError(f"there is no hub '{hub}'; choose 'virtual' or 'ble'")
+    if realtime or physics is not None:
+        raise DescriptionError("a real robot has a time and a physics of its own; leave realtime and physics away")
+    return _on_robot(task, seed, place)
 
 
-def _on_robot(task: Task, hub: str, seed: int | None, realtime: bool, physics: Physics | RandomPhysics | None) -> HubEnv:
-    if hub != "virtual":
-        raise UnknownNameError(f"there is no hub '{hub}'; only hub='virtual' can be used so far, Bluetooth is not there yet")
+def _on_twin(task: Task, seed: int | None, realtime: bool, physics: Physics | RandomPhysics | None) -> HubEnv:
     from bricksrl.envs.env import Connection, HubEnv
+    from bricksrl.envs.odometer import SonarOdometer, TrueOdometer
     from bricksrl.hub.link import HubLink
     from bricksrl.twin.virtual_hub import VirtualHub
 
     def connect(twin_seed: int) -> Connection:
         twin = VirtualHub(task.robot, scene=task.scene, physics=physics, seed=twin_seed, realtime=realtime)
-        return Connection(HubLink(twin, task.robot, task.interface), twin.reset, twin)
+        pose = getattr(twin.body, "pose", None)
+        odometer = SonarOdometer(task.interface) if pose is None else TrueOdometer(pose)
+        return Connection(HubLink(twin, task.robot, task.interface), twin.reset, odometer, twin)
 
     return HubEnv(task, connect, seed=seed)
+
+
+def _on_robot(task: Task, seed: int | None, place: Placement | None) -> HubEnv:
+    from bricksrl.envs.env import Connection, HubEnv
+    from bricksrl.envs.odometer import SonarOdometer
+    from bricksrl.hub.ble import BleTransport
+    from bricksrl.hub.link import HubLink
+
+    def put_back(_rng: np.random.Generator) -> None:
+        _log.warning("%s: put the robot where an episode starts", task.id)
+
+    connection = Connection(HubLink(BleTransport(), task.robot, task.interface), place or put_back, SonarOdometer(task.interface))
+    return HubEnv(task, lambda _seed: connection, seed=seed)
 
 
 def list_envs() -> dict[str, str]:
@@ -129,6 +159,8 @@ def _build(env_id: str, offer: _Offer, options: dict[str, Any]) -> Task:
 
 
 def _offer(env_id: str) -> _Offer:
+    if own.is_reference(env_id):
+        return _Offer(own.load_builder(env_id))
     try:
         return _offers[env_id]
     except KeyError:

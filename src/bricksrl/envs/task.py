@@ -71,6 +71,16 @@ class HostEntry:
         return float(rng.uniform(self.low, self.high))
 
 
+@dataclass(frozen=True)
+class MeasuredEntry:
+    """An entry of the observation that the host measures after every step: the way forward in it. 0 after a reset."""
+
+    name: str
+    low: float
+    high: float
+    unit: str
+
+
 def never(observation: Tensor) -> Tensor:
     """The end of a task that only its time limit ends: ``False`` of shape ``[*batch, 1]``."""
     return observation.new_zeros((*observation.shape[:-1], 1)).bool()
@@ -80,7 +90,7 @@ def never(observation: Tensor) -> Tensor:
 class Task:
     """A reinforcement learning task on a robot.
 
-    The observation is the interface's channels in their order, then the host entries.
+    The observation is the interface's channels in their order, then the host entries, then the measured entries.
 
     Attributes:
         id: name and version, such as ``"RunAway-v0"``.
@@ -94,6 +104,8 @@ class Task:
         blocked: an observation to ``[*batch, 1]`` bool: something is in the way of a robot, which waits with its motors held
             until it is gone. A simulation without a robot never waits.
         scene: what stands around the robot when it is virtual.
+        host_entries, measured_entries: what follows the channels in the observation.
+        walks: a virtual robot reports how far, fast and straight it went.
 
     Raises:
         DescriptionError: at construction, when the parts do not fit.
@@ -111,6 +123,8 @@ class Task:
     blocked: Callable[[Tensor], Tensor] = never
     scene: Scene = OPEN_FLOOR
     host_entries: tuple[HostEntry, ...] = ()
+    measured_entries: tuple[MeasuredEntry, ...] = ()
+    walks: bool = False
 
     def __post_init__(self) -> None:
         if re.fullmatch(r"\w+-v\d+", self.id) is None:
@@ -135,7 +149,9 @@ class Task:
         drawn = (
             Entry(host.name, host.low, host.high, host.unit, (host.low, host.high), host.wraps) for host in self.host_entries
         )
-        return (*channels, *drawn)
+        limit = float(_WIRE_MAX)
+        measured = (Entry(entry.name, entry.low, entry.high, entry.unit, (-limit, limit)) for entry in self.measured_entries)
+        return (*channels, *drawn, *measured)
 
 
 def _channel_entry(channel: Channel) -> Entry:

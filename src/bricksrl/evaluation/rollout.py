@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from bricksrl.agents.agent import Agent
     from bricksrl.training.config import TrainConfig
     from bricksrl.training.online import Rollout
+    from bricksrl.twin.physics import Physics
 
 OnEpisode = Callable[[int, float], None]
 """Told the number of an episode that ended, from 1, and its return."""
@@ -73,6 +74,8 @@ def evaluate(
     seed: int = 1000,
     hub: str | None = None,
     realtime: bool = False,
+    randomize: bool = False,
+    physics: Physics | None = None,
     save: bool = True,
     on_episode: OnEpisode | None = None,
 ) -> EvaluationResult:
@@ -83,6 +86,8 @@ def evaluate(
         seed: of the episodes, which differ from those of any training.
         hub: how to reach the robot of an environment named by its id; as in training without one.
         realtime: let a virtual robot take as long as a real one.
+        randomize: draw another physics of a virtual robot for each episode; off, however the agent was trained.
+        physics: of a virtual robot; without it, and where it was trained, as in training.
         save: write the result into the run's ``evaluation.json``, over an earlier one.
 
     Raises:
@@ -97,7 +102,10 @@ def evaluate(
     config = folder.read_config()
     own: EnvBase | None = None
     if env is None or isinstance(env, str):
+        if physics is None and not randomize and env in (None, config.env):
+            physics = config.physics
         config = replace(config, env=env or config.env, hub=hub or config.hub, realtime=realtime)
+        config = replace(config, randomize=randomize, physics=physics)
         env = own = make_env(config)
     try:
         with reproducible(derive_seed(seed, "evaluation")):

@@ -65,7 +65,6 @@ class BleTransport:
         self._record = _Record(record or _cache_folder() / "programs.json")
         self._loop: EventLoopThread | None = None
         self._connection: BleConnection | None = None
-        self.downloads = 0
 
     @property
     def identity(self) -> HubIdentity | None:
@@ -210,7 +209,6 @@ class BleTransport:
             return
         self._record.set(address, None)
         await connection.download(blob)
-        self.downloads += 1
         self._record.set(address, program.hash)
         await connection.start_program()
 

@@ -10,6 +10,7 @@ not, because the robot has let go of its position in the meantime.
 
 from __future__ import annotations
 
+import contextlib
 import enum
 import logging
 import struct
@@ -176,6 +177,10 @@ class HubLink:
         self.state = LinkState.ARMED
         return self._exchange(data_frame(self._seq, payload), self._longest_move_s, self._known_move_s)
 
+    def now_s(self) -> float:
+        """The transport's clock: the computer's, or the simulated one."""
+        return self._transport.now_s()
+
     def stop(self) -> None:
         """Stop the motors and the program. ``open`` starts it again.
 
@@ -230,7 +235,8 @@ class HubLink:
         self._seq = 0
         self._watchdog_ms = WATCHDOG_MS
         if self._has_started:
-            self._transport.stop()
+            with contextlib.suppress(HubError):  # what has to be stopped may be out of reach, which the start will tell
+                self._transport.stop()
         self._transport.start(self.program)
         self._has_started = True
         self._expect_hello()
@@ -267,7 +273,7 @@ class HubLink:
         """Send until the answer comes; the same frame may go out several times."""
         try:
             self._adapt_watchdog()
-            started_s = self._transport.now_s()
+            started_s, resends = self._transport.now_s(), self._meter.resends
             answer = self._send_and_wait(frame, started_s + longest_move_s + self._timeout_s)
             if answer is None:
                 raise HubTimeoutError(self._silence("the hub did not answer", longest_move_s + self._timeout_s))
@@ -278,7 +284,8 @@ class HubLink:
             if not isinstance(error, (_ProgramEndedError, HubProgramError)):
                 self._look_for_last_words()
             raise
-        self._meter.record(round_trip_s, known_move_s)
+        # Waiting for what was lost is no delay of the link: counted, it would make the watchdog wait for ever longer.
+        self._meter.record(round_trip_s, known_move_s if self._meter.resends == resends else None)
         return Reading(values, self._unwrap(time_ms), round_trip_s)
 
     def _send_and_wait(self, frame: bytes, deadline_s: float) -> DataFrame | None:
@@ -321,11 +328,12 @@ class HubLink:
         self._meter.crc_errors += decoder.crc_errors - crc_errors
         self._meter.skipped_bytes += decoder.skipped_bytes - skipped_bytes
         if "Traceback" in self._decoder.text:
-            for _ in range(_TRACEBACK_READS):
-                rest = self._transport.read(_TRACEBACK_PAUSE_S)
-                if not rest:
-                    break
-                self._decoder.feed(rest)
+            with contextlib.suppress(HubError):  # what there is of the traceback tells more than the end of the link
+                for _ in range(_TRACEBACK_READS):
+                    rest = self._transport.read(_TRACEBACK_PAUSE_S)
+                    if not rest:
+                        break
+                    self._decoder.feed(rest)
             raise HubProgramError(describe_traceback(self._decoder.text, self.program.source))
 
     def _look_for_last_words(self) -> None:

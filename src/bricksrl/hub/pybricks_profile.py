@@ -26,7 +26,6 @@ PROFILE_VERSION_UUID = _STANDARD_UUID.format(0x2A28)
 PNP_ID_UUID = _STANDARD_UUID.format(0x2A50)
 
 LEGO_COMPANY_ID = 0x0397
-MAX_NAME_BYTES = 15
 STATUS_PERIOD_S = 0.5
 """A hub reports its status this often, and at every change."""
 

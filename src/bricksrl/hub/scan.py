@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import logging
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 from bricksrl.errors import HubError
 from bricksrl.hub.event_loop import EventLoopThread
@@ -13,6 +15,7 @@ from bricksrl.hub.failures import AmbiguousHubError, BluetoothUnavailableError, 
 from bricksrl.hub.pybricks_profile import SERVICE_UUID
 
 if TYPE_CHECKING:
+    from bleak.backends.adapter import BaseBleakAdapter
     from bleak.backends.client import BaseBleakClient
     from bleak.backends.device import BLEDevice
     from bleak.backends.scanner import AdvertisementData, BaseBleakScanner
@@ -29,6 +32,7 @@ class BleBackend:
 
     scanner: type[BaseBleakScanner]
     client: type[BaseBleakClient]
+    adapter: type[BaseBleakAdapter]
 
 
 @dataclass(frozen=True)
@@ -44,6 +48,10 @@ class FoundHub:
     name: str
     address: str
     rssi_dbm: int
+
+
+_Seen: TypeAlias = "dict[str, tuple[BLEDevice, FoundHub]]"
+"""By address."""
 
 
 def scan(timeout_s: float = 5.0, *, backend: BleBackend | None = None) -> list[FoundHub]:
@@ -72,44 +80,65 @@ async def _scan(timeout_s: float, backend: BleBackend | None) -> list[FoundHub]:
 async def find(name: str | None, address: str | None, timeout_s: float, backend: BleBackend | None) -> BLEDevice:
     """The hub of this name or address; without either, the only one in reach.
 
+    A hub that this computer is still connected to, because a program died, does not advertise itself, but counts.
+
     Raises:
         HubNotFoundError: it is not there.
         AmbiguousHubError: several are there, and none was named.
         BluetoothUnavailableError: this computer has no Bluetooth that may be used.
     """
+    seen: _Seen = {}
+    for device in await _still_connected(backend):
+        seen[device.address] = (device, FoundHub(device.name or "", device.address, 0))
+    if not _wanted(seen, name, address):
+        await _listen(seen, lambda: bool(_wanted(seen, name, address)), timeout_s, backend)
+    if name is None and address is None and len(seen) == 1:  # it must be the only one: see whether there are others
+        await _listen(seen, lambda: len(seen) > 1, _OTHERS_S, backend)
+    found = _wanted(seen, name, address)
+    if len(found) != 1:
+        raise _not_found(name or address, [hub for _, hub in seen.values()], timeout_s)
+    device, hub = found[0]
+    _log.info("found the hub '%s' (%s)", hub.name, hub.address)
+    return device
+
+
+async def _listen(seen: _Seen, is_enough: Callable[[], bool], timeout_s: float, backend: BleBackend | None) -> None:
+    """Add hubs that advertise themselves, until there are enough or the time is up."""
     from bleak import BleakScanner
 
-    found: dict[str, tuple[BLEDevice, FoundHub]] = {}
-    others: dict[str, FoundHub] = {}
+    scanner = BleakScanner(service_uuids=[SERVICE_UUID], backend=backend.scanner if backend else None)
     with bleak_errors("look for hubs", BluetoothUnavailableError):
-        async with BleakScanner(service_uuids=[SERVICE_UUID], backend=backend.scanner if backend else None) as scanner:
-            try:
-                async with asyncio.timeout(timeout_s) as bound:
+        async with scanner:
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(timeout_s):
                     async for device, advertisement in scanner.advertisement_data():
-                        hub = _found(device, advertisement)
-                        if not _is_wanted(hub, name, address):
-                            others[hub.address] = hub
-                            continue
-                        found[hub.address] = (device, hub)
-                        if name or address:
+                        seen[device.address] = (device, _found(device, advertisement))
+                        if is_enough():
                             break
-                        if len(found) == 1:  # whoever names none must have one only: see whether there are others
-                            bound.reschedule(min(asyncio.get_running_loop().time() + _OTHERS_S, bound.when() or 0.0))
-            except TimeoutError:
-                pass
-    if len(found) == 1:
-        device, hub = next(iter(found.values()))
-        _log.info("found the hub '%s' (%s, %d dBm)", hub.name, hub.address, hub.rssi_dbm)
-        return device
-    raise _not_found(name or address, [hub for _, hub in found.values()] or list(others.values()), timeout_s)
+
+
+async def _still_connected(backend: BleBackend | None) -> list[BLEDevice]:
+    from bleak import BleakAdapter
+    from bleak.exc import BleakError
+
+    try:
+        adapter = await BleakAdapter.get(backend=backend.adapter if backend else None)
+        return await adapter.get_connected_devices([SERVICE_UUID])
+    except (BleakError, OSError, EOFError, NotImplementedError) as error:
+        _log.debug("cannot ask for hubs that are still connected: %s", error)
+        return []
+
+
+def _wanted(seen: _Seen, name: str | None, address: str | None) -> list[tuple[BLEDevice, FoundHub]]:
+    return [
+        (device, hub)
+        for device, hub in seen.values()
+        if (name is None or hub.name == name) and (address is None or hub.address.casefold() == address.casefold())
+    ]
 
 
 def _found(device: BLEDevice, advertisement: AdvertisementData) -> FoundHub:
     return FoundHub(advertisement.local_name or device.name or "", device.address, advertisement.rssi)
-
-
-def _is_wanted(hub: FoundHub, name: str | None, address: str | None) -> bool:
-    return (name is None or hub.name == name) and (address is None or hub.address.casefold() == address.casefold())
 
 
 def _not_found(wanted: str | None, others: list[FoundHub], timeout_s: float) -> HubError:

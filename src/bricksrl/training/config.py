@@ -5,12 +5,13 @@ from __future__ import annotations
 import dataclasses
 import types
 import typing
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from bricksrl.agents.presets import SACSettings
+from bricksrl.agents.presets import AGENTS, Settings, preset
 from bricksrl.errors import BricksError, RunError
+from bricksrl.twin.physics import Physics
 
 
 @dataclass(frozen=True)
@@ -18,9 +19,9 @@ class TrainConfig:
     """A training run. Two runs with equal configs on the virtual hub end bit-identical."""
 
     env: str
-    """Environment, by id."""
+    """Environment, by id, or a task of your own as `bricksrl.make` takes it."""
     agent: str = "sac"
-    """Agent, by name: sac or random."""
+    """Agent, by name; ``bricksrl.agents.AGENTS`` are all."""
     episodes: int = 40
     """Episodes, those with random actions at the start included."""
     seed: int = 0
@@ -29,8 +30,12 @@ class TrainConfig:
     """How to reach the robot."""
     realtime: bool = False
     """Let a virtual robot take as long as a real one."""
-    settings: SACSettings = field(default_factory=SACSettings)
-    """Settings of the agent sac."""
+    randomize: bool = False
+    """Draw another physics of the virtual robot for each episode."""
+    physics: Physics | None = None
+    """Physics of the virtual robot, such as a fitted one; without it a freshly charged robot on a smooth floor."""
+    settings: Settings | None = None
+    """Settings of the agent; without them those of its preset "default"."""
     run_dir: Path | None = None
     """Folder of the run, which must not exist yet; without one the next free ``runs/<env>-<agent>-<number>`` is taken."""
 
@@ -39,12 +44,17 @@ class TrainConfig:
             raise RunError(f"episodes is {self.episodes}; train for at least 1")
         if self.seed < 0:
             raise RunError(f"seed is {self.seed}; give 0 or more")
+        if self.randomize and self.physics is not None:
+            raise RunError("the physics is given and is to be random too; choose one of the two")
+        if self.settings is None and self.agent in AGENTS:
+            object.__setattr__(self, "settings", preset("default", self.agent))  # written down, whatever a later version has
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values, fit for JSON; the folder is left out, it is where this is written."""
         data = dataclasses.asdict(self)
         del data["run_dir"]
-        data["settings"]["hidden"] = list(self.settings.hidden)
+        if self.settings is not None:
+            data["settings"]["hidden"] = list(self.settings.hidden)
         return data
 
     @classmethod
@@ -54,14 +64,20 @@ class TrainConfig:
         Raises:
             RunError: a name or a type in it is not one of ours.
         """
-        settings = data.get("settings", {})
-        if not isinstance(settings, dict):
+        given = data.get("settings")
+        if not isinstance(given, dict | None):
             raise RunError("'settings' in the config is no table of names and values; restore the file")
+        physics = data.get("physics")
         try:
-            settings = {key: tuple(value) if isinstance(value, list) else value for key, value in settings.items()}
-            _check_types(SACSettings, settings)
-            _check_types(cls, {**data, "settings": SACSettings(**settings)})
-            return cls(**{**data, "settings": SACSettings(**settings), "run_dir": run_dir})
+            _check_types(cls, data)
+            settings = None
+            if given is not None:
+                kind = type(preset("default", data.get("agent", cls.agent)))
+                values = {key: tuple(value) if isinstance(value, list) else value for key, value in given.items()}
+                _check_types(kind, values)
+                settings = kind(**values)
+            data = {**data, "settings": settings, "physics": None if physics is None else Physics.from_dict(physics)}
+            return cls(**data, run_dir=run_dir)
         except (BricksError, TypeError) as error:
             raise RunError(f"the config cannot be used: {error}; restore the file or start a new run") from None
 

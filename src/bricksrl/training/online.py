@@ -78,7 +78,7 @@ def run_episode(env: EnvBase, agent: Agent, state: TensorDictBase, phase: Phase 
         outcome = state["next"]
         reward, terminated, done = (outcome[key].item() for key in ("reward", "terminated", "done"))
         if phase is not None:
-            agent.remember(Transition(observation, action, reward, outcome["observation"], bool(terminated)))
+            agent.remember(Transition(observation, action, reward, outcome["observation"], bool(terminated), bool(done)))
         if phase is Phase.TRAIN:
             for name, value in agent.update().items():
                 losses[name].append(value)
@@ -100,4 +100,8 @@ def is_success(env: EnvBase, rollout: Rollout) -> bool | None:
 def task_metrics(env: EnvBase, rollout: Rollout) -> dict[str, float]:
     """The task's own numbers about the episode; none for an environment without a task of ours."""
     task = getattr(env, "task", None)
-    return {} if task is None else {name: float(value) for name, value in task.metrics(rollout.observations).items()}
+    if task is None:
+        return {}
+    own = {name: float(value) for name, value in task.metrics(rollout.observations).items()}
+    walk = getattr(env, "walk_metrics", None)
+    return own if walk is None else {**own, **walk()}

@@ -6,6 +6,7 @@ import csv
 import io
 import json
 import platform
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 from importlib import metadata
@@ -59,7 +60,7 @@ class RunFolder:
             if path is not None:
                 path.mkdir(parents=True)
             else:
-                path = _next_free(Path("runs"), f"{config.env}-{config.agent}")
+                path = _next_free(Path("runs"), f"{file_name(config.env)}-{config.agent}")
         except FileExistsError:
             raise RunError(f"{path} exists already; resume that run or choose another folder") from None
         except OSError as error:
@@ -112,6 +113,11 @@ class RunFolder:
     def write_episodes(self, episodes: Iterable[Episode]) -> None:
         """Replace the metrics by these episodes: after a crash they may hold one that the checkpoint does not know."""
         write_atomically(self.metrics_path, _csv([COLUMNS, *map(_row, episodes)]))
+
+
+def file_name(env_id: str) -> str:
+    """An environment's id as a part of a file's name, also where it is the path of a task of the user's own."""
+    return re.sub(r"[^\w.-]+", "-", env_id).strip("-.")
 
 
 def _next_free(parent: Path, name: str) -> Path:

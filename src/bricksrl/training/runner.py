@@ -138,14 +138,17 @@ def make_env(config: TrainConfig) -> EnvBase:
         UnknownNameError: there is no such environment or hub.
     """
     from bricksrl.envs.registry import make
+    from bricksrl.twin.physics import RandomPhysics
 
-    return make(config.env, hub=config.hub, seed=config.seed, realtime=config.realtime)
+    physics = RandomPhysics() if config.randomize else config.physics
+    return make(config.env, hub=config.hub, seed=config.seed, realtime=config.realtime, physics=physics)
 
 
 def _make_agent(config: TrainConfig, env: EnvBase) -> Agent:
     from bricksrl.agents.layout import layout_of
 
-    return make_agent(config.agent, layout_of(env), int(env.action_spec.shape[-1]), config.settings)
+    task = getattr(env, "task", None)
+    return make_agent(config.agent, layout_of(env), int(env.action_spec.shape[-1]), config.settings, task)
 
 
 def _reset(env: EnvBase, config: TrainConfig, episode: int, interruption: Interruption) -> TensorDictBase:

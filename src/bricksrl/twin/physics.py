@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import math
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -81,6 +83,40 @@ class Physics:
             value, (low, high) = getattr(self, name), parameter.accepted
             if not (math.isfinite(value) and low <= value <= high):
                 raise TwinError(f"physics: {name} is {value} {parameter.unit}; give a value from {low} to {high}")
+
+    @classmethod
+    def from_dict(cls, data: object) -> Physics:
+        """From names and numbers; what is not named keeps its default.
+
+        Raises:
+            TwinError: a name is no parameter, or a value is no number that a twin takes.
+        """
+        if not isinstance(data, dict):
+            raise TwinError('physics: this is no table of names and numbers; give one such as {"battery_v": 7.4}')
+        for name, value in data.items():
+            if name not in PARAMETERS:
+                raise TwinError(f"physics: there is no parameter '{name}'; choose from {', '.join(PARAMETERS)}")
+            if not isinstance(value, (int, float)) or isinstance(value, bool):
+                raise TwinError(f"physics: {name} is {value!r}; give a number")
+        return cls(**data)
+
+
+def read_physics(path: Path) -> Physics:
+    """The parameters in a JSON file such as ``bricksrl twin fit`` writes.
+
+    Raises:
+        TwinError: the file cannot be read, or holds something else.
+    """
+    try:
+        data = json.loads(path.read_bytes())
+    except (OSError, ValueError) as error:
+        raise TwinError(f"cannot read the physics in {path} ({error}); give a JSON file that `bricksrl twin fit` wrote") from None
+    return Physics.from_dict(data)
+
+
+def write_physics(path: Path, physics: Physics) -> None:
+    """Write all parameters to a JSON file."""
+    path.write_text(json.dumps(dataclasses.asdict(physics), indent=2) + "\n", encoding="utf-8")
 
 
 PARAMETERS: dict[str, Parameter] = {field.name: field.metadata["parameter"] for field in dataclasses.fields(Physics)}

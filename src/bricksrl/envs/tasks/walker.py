@@ -70,7 +70,8 @@ _DISTANCE = slice(6, 7)
 
 def shortest_angle_deg(one: Tensor, other: Tensor) -> Tensor:
     """The angle between two directions, 0..180."""
-    return ((other - one + 180.0).remainder(360.0) - 180.0).abs()
+    turn = other - one
+    return (turn - 360.0 * (turn / 360.0).round()).abs()
 
 
 def gait_reward(observation: Tensor) -> Tensor:
@@ -134,4 +135,5 @@ def walker(env_id: str, *, blocked_at_mm: float = BLOCKED_AT_MM) -> Task:
         metrics=metrics,
         terminated=terminated,
         blocked=blocked,
+        walks=True,
     )

@@ -1,0 +1,137 @@
+"""What all agents share that learn from a replay buffer: remembering, drawing batches, the order of updates, and their state."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import torch
+from torch import Tensor, nn
+
+from bricksrl.agents.agent import Transition
+from bricksrl.agents.hindsight import HORIZON, GoalExchange
+from bricksrl.agents.layout import ObservationLayout
+from bricksrl.agents.networks import ObservationEncoder
+from bricksrl.agents.presets import OffPolicySettings
+from bricksrl.agents.replay import ReplayRing
+from bricksrl.errors import CheckpointError
+
+if TYPE_CHECKING:
+    from bricksrl.envs.task import Task
+
+
+@dataclass(frozen=True)
+class Batch:
+    """Transitions: ``features``, ``next_features`` ``[batch, f]``, ``action`` ``[batch, m]``, the others ``[batch]``."""
+
+    features: Tensor
+    action: Tensor
+    reward: Tensor
+    next_features: Tensor
+    terminated: Tensor
+    """Bool."""
+
+
+class OffPolicyAgent(ABC):
+    """A learner from a replay buffer, for one robot. Networks are made from torch's global generator.
+
+    Args:
+        task: where it has goals, the agent learns from other goals too, as its settings say.
+    """
+
+    actor: nn.Module
+    loss_names: tuple[str, ...]
+    """Names of what `learn` returns."""
+
+    def __init__(self, layout: ObservationLayout, action_size: int, settings: OffPolicySettings, task: Task | None) -> None:
+        self._common = settings
+        self._action_size = action_size
+        self.prefill_episodes = settings.prefill_episodes
+        self.encoder = ObservationEncoder(layout, settings.angles, settings.goals)
+        self._goals = GoalExchange(layout, task) if task is not None and layout.goals else None
+        n = len(layout)
+        self._widths = [n, action_size, n, 2]
+        self._replay = ReplayRing(settings.replay_size, sum(self._widths))
+        self._updates = 0
+
+    @abstractmethod
+    def act(self, observation: Tensor, *, explore: bool) -> Tensor:
+        """An action ``[m]`` in -1..1 for an observation ``[n]``; without ``explore`` the agent's best one."""
+
+    @abstractmethod
+    def learn(self, batch: Batch, *, actor: bool) -> tuple[Tensor, ...]:
+        """One update of the critics, and with ``actor`` of the actor; returns the numbers that `loss_names` names."""
+
+    @abstractmethod
+    def _parts(self) -> dict[str, nn.Module | torch.optim.Optimizer]:
+        """Networks and optimisers by name: all that learning changes."""
+
+    def remember(self, transition: Transition) -> None:
+        """Keep a transition, in physical units."""
+        outcome = torch.tensor((transition.reward, float(transition.terminated)))
+        parts = (transition.observation, transition.action, transition.next_observation, outcome)
+        self._replay.add(parts, last=transition.last)
+
+    def update(self) -> dict[str, float]:
+        """All updates of one robot step; returns the mean of each number that `loss_names` names."""
+        if len(self._replay) == 0:
+            return {}
+        found = []
+        for batch in self.draw_batches(self._common.updates_per_step):
+            self._updates += 1
+            found.append(self.learn(batch, actor=self._updates % self._common.actor_delay == 0))
+        means = {}
+        for place, name in enumerate(self.loss_names):
+            values = [numbers[place] for numbers in found if len(numbers) > place]
+            if values:
+                means[name] = float(torch.stack(values).mean())
+        return means
+
+    def draw_batches(self, count: int) -> list[Batch]:
+        """``count`` batches out of the replay buffer, some of their goals exchanged."""
+        size = self._common.batch_size
+        places = self._replay.draw(count * size).view(count, size)
+        observation, action, next_observation, outcome = self._replay.rows(places).split(self._widths, -1)
+        reward, terminated = outcome[..., 0], outcome[..., 1] > 0
+        if self._goals is not None:
+            share = round(size * self._common.hindsight)
+            end = share + round(size * self._common.new_goals)
+            if end:
+                later = self._replay.rows(self._replay.later(places[:, :share], HORIZON)).split(self._widths, -1)[2]
+                goals = torch.cat((self._goals.reached(later), self._goals.drawn(count, end - share)), 1)
+                reward[:, :end], terminated[:, :end] = self._goals.exchange(
+                    observation[:, :end], action[:, :end], next_observation[:, :end], goals
+                )
+        features, next_features = self.encoder(observation), self.encoder(next_observation)
+        return [Batch(*rows) for rows in zip(features, action, reward, next_features, terminated, strict=True)]
+
+    def state_dict(self) -> dict[str, Any]:
+        """Networks, optimisers, the filled part of the replay buffer, and the number of updates."""
+        parts = {name: part.state_dict() for name, part in self._parts().items()}
+        return {**parts, "replay": self._replay.state_dict(), "updates": self._updates}
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Go on from `state_dict`, into an agent that has learned nothing yet.
+
+        Raises:
+            CheckpointError: the state belongs to networks of another shape.
+        """
+        try:
+            for name, part in self._parts().items():
+                part.load_state_dict(state[name])
+            self._replay.load_state_dict(state["replay"])
+            self._updates = state["updates"]
+        except (KeyError, RuntimeError, ValueError) as error:
+            reason = str(error).splitlines()[0]
+            raise CheckpointError(f"the checkpoint does not fit this agent ({reason}); resume with the settings it had") from None
+
+
+def step(optimiser: torch.optim.Optimizer, *losses: tuple[Tensor, list[Tensor]]) -> None:
+    """One step down each loss for its own parameters only; parameters without a loss stay."""
+    gradients = [torch.autograd.grad(loss, parameters) for loss, parameters in losses]
+    optimiser.zero_grad()
+    for (_, parameters), of_loss in zip(losses, gradients, strict=True):
+        for parameter, gradient in zip(parameters, of_loss, strict=True):
+            parameter.grad = gradient
+    optimiser.step()

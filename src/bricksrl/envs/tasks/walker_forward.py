@@ -1,0 +1,92 @@
+"""The Walker learns to get ahead: what Walker-v0 hardly pays for, progress, is all that counts here.
+
+Robot, actions and leg angles are those of Walker-v0. A further entry of the observation tells how far the last step led. On a
+virtual robot it is measured; on a real one it is estimated from the ultrasonic sensor, so let it walk towards a wall.
+
+## Action
+
+| Num | Action        | Min | Max | Turns from | Turns to | Unit |
+|-----|---------------|-----|-----|------------|----------|------|
+| 0   | left_front    | -1  | 1   | -100       | 0        | deg  |
+| 1   | right_front   | -1  | 1   | -100       | 0        | deg  |
+| 2   | left_back     | -1  | 1   | -100       | 0        | deg  |
+| 3   | right_back    | -1  | 1   | -100       | 0        | deg  |
+
+## Observation
+
+| Num | Observation       | Min  | Max  | Unit |
+|-----|-------------------|------|------|------|
+| 0   | left_front_angle  | 0    | 360  | deg  |
+| 1   | right_front_angle | 0    | 360  | deg  |
+| 2   | left_back_angle   | 0    | 360  | deg  |
+| 3   | right_back_angle  | 0    | 360  | deg  |
+| 4   | pitch             | -90  | 90   | deg  |
+| 5   | roll              | -90  | 90   | deg  |
+| 6   | distance          | 0    | 2000 | mm   |
+| 7   | forward           | -100 | 100  | mm   |
+
+## Reward
+
+The way forward in this step, in units of 20 mm: about 1 a step for a trot at full speed.
+
+## End of an episode
+
+| End        | When                                              |
+|------------|---------------------------------------------------|
+| terminated | pitch or roll is beyond 60 degrees to either side |
+| truncated  | after 100 steps                                   |
+
+## Success and metrics
+
+An episode succeeds when the robot gets ahead by 10 mm a step in the mean and does not fall over. The metric is that mean,
+`mean_step_mm`; a virtual robot adds its true way, speed and straightness.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from bricksrl.envs.task import MeasuredEntry, Task
+from bricksrl.envs.tasks.walker import INTERFACE, terminated
+from bricksrl.robots import WALKER
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+UNIT_MM = 20.0
+"""Way forward that pays 1."""
+SUCCESS_STEP_MM = 10.0
+"""Mean way forward of a step in a successful episode."""
+
+_FORWARD = slice(7, 8)
+
+
+def reward(_previous: Tensor, _action: Tensor, observation: Tensor) -> Tensor:
+    """The way forward; ``[*batch, 1]``."""
+    return observation[..., _FORWARD] / UNIT_MM
+
+
+def success(observations: Tensor) -> Tensor:
+    """Whether the robot got ahead on its legs in the episode ``[*batch, steps, n]``; bool ``[*batch]``."""
+    fell = terminated(observations)[..., 0].any(-1)
+    return (observations[..., _FORWARD.start].mean(-1) >= SUCCESS_STEP_MM) & ~fell
+
+
+def metrics(observations: Tensor) -> dict[str, Tensor]:
+    """Mean way forward of a step of the episode ``[*batch, steps, n]``; ``[*batch]``."""
+    return {"mean_step_mm": observations[..., _FORWARD.start].mean(-1)}
+
+
+WALKER_FORWARD = Task(
+    id="Walker-v1",
+    doc=__doc__,
+    robot=WALKER,
+    interface=INTERFACE,
+    max_steps=100,
+    reward=reward,
+    success=success,
+    metrics=metrics,
+    terminated=terminated,
+    walks=True,
+    measured_entries=(MeasuredEntry("forward", -100.0, 100.0, "mm"),),
+)

@@ -1,0 +1,32 @@
+"""``bricksrl check``."""
+
+from __future__ import annotations
+
+from bricksrl.cli import main
+
+OWN = """
+from dataclasses import replace
+from bricksrl.envs.tasks import spinning
+MINE = replace(spinning.SPINNING, id="Mine-v0", doc="Spins.", max_steps=4{change})
+"""
+
+
+def test_one_line_a_check(capsys):
+    assert main(["check", "RunAway-v0"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) == 7
+    assert all(line.startswith("ok      ") for line in lines)
+
+
+def test_a_task_of_ones_own_in_a_file(capsys, tmp_path):
+    path = tmp_path / "own.py"
+    path.write_text(OWN.format(change=""))
+    assert main(["check", str(path)]) == 0
+    path.write_text(OWN.format(change=", reward=lambda p, a, o: o"))
+    assert main(["check", f"{path}:MINE"]) == 1
+    assert "failed  functions    reward has the shape" in capsys.readouterr().out
+
+
+def test_no_such_task_is_one_line(fails, tmp_path):
+    fails("check", "RunAwy-v0", says="did you mean")
+    fails("check", str(tmp_path / "own.py"), says="no file")

@@ -1,0 +1,79 @@
+"""Tasks of the user's own, by file or module."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+
+import bricksrl
+from bricksrl.errors import DescriptionError, UnknownNameError
+
+FILE = """
+from dataclasses import replace
+from beside import STEPS
+from bricksrl.envs.tasks.run_away import RUN_AWAY
+MINE = replace(RUN_AWAY, id="Mine-v0", max_steps=STEPS)
+"""
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
+    (tmp_path / "beside.py").write_text("STEPS = 3\n")
+    (tmp_path / "mine.py").write_text(FILE)
+    one = "from dataclasses import replace\nimport bricksrl.envs.tasks.run_away as r\n"
+    (tmp_path / "single.py").write_text(one + "MINE = SAME = replace(r.RUN_AWAY, id='One-v0')\n")
+    (tmp_path / "options.py").write_text(one + "def task(steps=5):\n    return replace(r.RUN_AWAY, id='O-v0', max_steps=steps)\n")
+    (tmp_path / "broken.py").write_text("import no_such_module\n")
+    (tmp_path / "raises.py").write_text("1 / 0\n")
+    (tmp_path / "other.py").write_text("TASK = 3\ndef task():\n    return 3\n")
+    yield tmp_path
+    for name in ("beside", "mine", "single", "options"):
+        sys.modules.pop(name, None)
+
+
+@pytest.mark.parametrize("reference", ["mine.py:MINE", "./mine.py:MINE", "mine:MINE"])
+def test_a_task_in_a_file_or_module(folder: Path, reference: str) -> None:
+    path = list(sys.path)
+    assert bricksrl.envs.get_task(reference).max_steps == 3
+    env = bricksrl.make(reference, seed=0)
+    assert env.rollout(9).shape == (3,)
+    env.close()
+    assert sys.path == path
+
+
+def test_the_name_may_be_left_out_where_there_is_one_task(folder: Path) -> None:
+    assert bricksrl.envs.get_task("single.py").id == "One-v0"
+    with pytest.raises(UnknownNameError, match="2 tasks .*RUN_AWAY, MINE"):
+        bricksrl.envs.get_task("mine.py")
+
+
+def test_a_function_takes_options(folder: Path) -> None:
+    assert bricksrl.envs.get_task("options.py:task").max_steps == 5
+    assert bricksrl.envs.get_task("options.py:task", steps=2).max_steps == 2
+    with pytest.raises(DescriptionError, match="no option colour"):
+        bricksrl.envs.get_task("options.py:task", colour=2)
+
+
+@pytest.mark.parametrize(
+    ("reference", "error", "says"),
+    [
+        ("nowhere.py:TASK", UnknownNameError, "no file nowhere.py"),
+        ("nowhere:TASK", UnknownNameError, "no module 'nowhere'"),
+        ("mine.py:YOURS", UnknownNameError, "no 'YOURS' in mine.py"),
+        ("broken.py:TASK", DescriptionError, "no_such_module"),
+        ("broken:TASK", DescriptionError, "no_such_module"),
+        ("raises.py", DescriptionError, "division by zero"),
+        ("other.py:TASK", DescriptionError, "no task"),
+        ("other.py:task", DescriptionError, "returns a int"),
+        ("other.py", UnknownNameError, "0 tasks"),
+        (":TASK", UnknownNameError, "module"),
+    ],
+)
+def test_what_is_no_task_is_said_in_one_line(folder: Path, reference: str, error: type[Exception], says: str) -> None:
+    with pytest.raises(error, match=says) as caught:
+        bricksrl.make(reference)
+    assert "\n" not in str(caught.value)
