@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from toys import Cart
 
 from bricksrl.agents.layout import ObservationLayout, layout_of
-from bricksrl.agents.networks import ObservationEncoder, StackedCritics, make_actor, make_policy
+from bricksrl.agents.networks import Dropout, ObservationEncoder, StackedBatchNorm, StackedCritics, make_actor, make_policy
 from bricksrl.envs.registry import get_task
 from bricksrl.errors import DescriptionError
 
@@ -35,6 +35,57 @@ def test_sincos_knows_no_seam(angle_deg: float, step_deg: float) -> None:
     encoder = ObservationEncoder(ObservationLayout((0.0,), (360.0,), (True,)), "sincos")
     there = (angle_deg + step_deg) % 360.0
     assert (encoder(torch.tensor([angle_deg])) - encoder(torch.tensor([there]))).norm() < 0.01
+
+
+def test_phases_are_differences_between_angles_that_are_no_goals() -> None:
+    layout = ObservationLayout((0.0,) * 3, (360.0,) * 3, (True,) * 3, goals=((2, 0),))
+    encoder = ObservationEncoder(layout, "phases")
+    features = encoder(torch.tensor([10.0, 280.0, 90.0]))
+    assert encoder.size == 8
+    torch.testing.assert_close(features[3], torch.tensor(1.0), atol=1e-6, rtol=0)  # sine of 10 - 280, the only difference
+    torch.testing.assert_close(features[7], torch.tensor(0.0), atol=1e-6, rtol=0)
+    assert ObservationEncoder(layout, "sincos").size == 6
+
+
+@given(st.floats(0, 360), st.floats(0, 360), st.floats(-50, 50), st.floats(-50, 50))
+def test_the_way_to_a_goal_is_the_shorter_one(angle: float, goal: float, joint: float, joint_goal: float) -> None:
+    pairs = ((2, 0), (3, 1))
+    layout = ObservationLayout((0.0, -50.0) * 2, (360.0, 50.0) * 2, (True, False) * 2, pairs)
+    encoder = ObservationEncoder(layout, "raw", "difference")
+    features = encoder(torch.tensor([[angle, joint, goal, joint_goal]]))
+    assert encoder.size == features.shape[-1] == 6
+    way = float(features[0, 4]) * 180.0
+    assert abs(way) <= 180.001
+    assert abs(((angle + way - goal) + 180.0) % 360.0 - 180.0) < 0.01
+    assert float(features[0, 5]) * 50.0 == pytest.approx(joint_goal - joint, abs=0.01)
+
+
+def test_dropout_drops_its_share_and_keeps_the_mean() -> None:
+    torch.manual_seed(0)
+    x = torch.ones(2, 500, 100, requires_grad=True)
+    for rate in (0.01, 0.5):
+        dropped = Dropout(rate)(x)
+        kept = dropped != 0
+        assert float((~kept).float().mean()) == pytest.approx(rate, rel=0.05)
+        torch.testing.assert_close(dropped[kept], torch.full_like(dropped[kept], 1 / (1 - rate)))
+        (gradient,) = torch.autograd.grad(dropped.sum(), x)
+        assert torch.equal(gradient, dropped.detach())
+
+
+def test_stacked_batch_normalisations_equal_separate_ones() -> None:
+    stacked = StackedBatchNorm(2, 5, momentum=0.3)
+    separate = [torch.nn.BatchNorm1d(5, eps=1e-3, momentum=0.3) for _ in range(2)]
+    for x in torch.randn(3, 2, 7, 5) + 2.0:
+        torch.testing.assert_close(stacked(x), torch.stack([norm(one) for norm, one in zip(separate, x, strict=True)]))
+    x = torch.randn(2, 4, 5)
+    stacked.eval()
+    torch.testing.assert_close(stacked(x), torch.stack([norm.eval()(one) for norm, one in zip(separate, x, strict=True)]))
+
+
+def test_the_first_critic_alone_is_the_first_of_all() -> None:
+    critics = StackedCritics(3, 2, (8, 8), layer_norm=True, k=3)
+    features, action = torch.randn(5, 3), torch.randn(5, 2)
+    torch.testing.assert_close(critics(features, action, first=1), critics(features, action)[:1])
 
 
 def test_layout_of_a_task_and_of_a_bare_environment() -> None:

@@ -56,7 +56,8 @@ class CrossQAgent(OffPolicyAgent):
         self.critics.eval()
         next_value = both[:, n:].detach().amin(0) - self.temperature.alpha() * next_log_prob
         target = batch.reward + self.settings.gamma * torch.where(batch.terminated, 0.0, next_value)
-        return (both[:, :n] - target).square().mean(-1).sum()
+        loss: Tensor = (both[:, :n] - target).square().mean(-1).sum()
+        return loss
 
     def actor_loss(self, batch: Batch) -> tuple[Tensor, Tensor]:
         """Loss of the actor on a batch, whose running statistics move with it, and its entropy there, a constant."""

@@ -59,8 +59,9 @@ def layout_of(env: EnvBase) -> ObservationLayout:
     """The layout of ``env``'s entry "observation": from its task where it has one, else the bounds of its spec."""
     task = getattr(env, "task", None)
     if task is not None:
-        low, high, wraps = zip(*((e.low, e.high, e.wraps) for e in task.entries), strict=True)
-        return ObservationLayout(low, high, wraps, _goals(task))
+        entries = task.entries
+        bounds = tuple(e.low for e in entries), tuple(e.high for e in entries)
+        return ObservationLayout(*bounds, tuple(e.wraps for e in entries), _goals(task))
     spec = env.observation_spec["observation"]
     n = int(spec.shape[-1])
     space = getattr(spec, "space", None)

@@ -23,13 +23,16 @@ class ObservationEncoder(nn.Module):
     """Observations ``[*batch, n]`` in physical units to features ``[*batch, size]`` of order one.
 
     Bounded entries are scaled from their range to -1..1, unbounded ones stay as they are. With ``angles="sincos"`` each wrapping
-    angle gives its sine and its cosine instead, so that 359 and 1 degrees are neighbours; with ``angles="phases"`` also each
-    difference between two of them does, goals left out: a gait is how legs move against each other. With ``goals="difference"`` each goal
-    gives also the way that is left to it, the shorter way around where it is an angle that wraps.
+    angle gives its sine and its cosine instead, so that 359 and 1 degrees are neighbours; with ``angles="phases"`` so does each
+    difference between two of them, goals left out: a gait is how legs move against each other. With ``goals="difference"`` each
+    goal gives also the way that is left to it, the shorter way around where it is an angle that wraps.
     """
 
     def __init__(
-        self, layout: ObservationLayout, angles: Literal["phases", "sincos", "raw"], goals: Literal["difference", "plain"] = "plain"
+        self,
+        layout: ObservationLayout,
+        angles: Literal["phases", "sincos", "raw"],
+        goals: Literal["difference", "plain"] = "plain",
     ) -> None:
         super().__init__()
         wraps = [w and angles != "raw" for w in layout.wraps]

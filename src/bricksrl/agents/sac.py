@@ -105,7 +105,8 @@ class SACAgent(OffPolicyAgent):
                 next_values = next_values[torch.randperm(self.settings.critics)[: self.settings.target_critics]]
             next_value = next_values.amin(0) - self.temperature.alpha() * next_log_prob
             target = batch.reward + self.settings.gamma * torch.where(batch.terminated, 0.0, next_value)
-        return (self.critics(batch.features, batch.action) - target).square().mean(-1).sum()
+        loss: Tensor = (self.critics(batch.features, batch.action) - target).square().mean(-1).sum()
+        return loss
 
     def learn(self, batch: Batch, *, actor: bool) -> tuple[Tensor, ...]:
         """One update; the numbers are those of `loss_names`, without ``actor`` only the first."""

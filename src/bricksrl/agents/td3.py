@@ -1,4 +1,4 @@
-"""Twin delayed deep deterministic policy gradient, written out as in `bricksrl.agents.sac`; TorchRL's ``TD3Loss`` is its oracle."""
+"""Twin delayed deep deterministic policy gradient, lean as our SAC; TorchRL's ``TD3Loss`` is its oracle."""
 
 from __future__ import annotations
 
@@ -57,11 +57,13 @@ class TD3Agent(OffPolicyAgent):
             next_action = (self.target_actor(batch.next_features) + noise).clamp_(-1.0, 1.0)
             next_value = self.target_critics(batch.next_features, next_action).amin(0)
             target = batch.reward + settings.gamma * torch.where(batch.terminated, 0.0, next_value)
-        return (self.critics(batch.features, batch.action) - target).square().mean(-1).sum()
+        loss: Tensor = (self.critics(batch.features, batch.action) - target).square().mean(-1).sum()
+        return loss
 
     def actor_loss(self, batch: Batch) -> Tensor:
         """Loss of the actor on a batch: what the first critic thinks of its actions."""
-        return -self.critics(batch.features, self.actor(batch.features), first=1).mean()
+        loss: Tensor = -self.critics(batch.features, self.actor(batch.features), first=1).mean()
+        return loss
 
     def learn(self, batch: Batch, *, actor: bool) -> tuple[Tensor, ...]:
         """One update; the numbers are those of `loss_names`, without ``actor`` only the first."""
@@ -72,9 +74,7 @@ class TD3Agent(OffPolicyAgent):
         actor_loss = self.actor_loss(batch)
         step(self._optimiser, (critic_loss, self._critic_parameters), (actor_loss, self._actor_parameters))
         with torch.no_grad():
-            torch._foreach_lerp_(
-                self._target_parameters, [*self._critic_parameters, *self._actor_parameters], self.settings.tau
-            )
+            torch._foreach_lerp_(self._target_parameters, [*self._critic_parameters, *self._actor_parameters], self.settings.tau)
         return critic_loss.detach(), actor_loss.detach()
 
     def _parts(self) -> dict[str, nn.Module | torch.optim.Optimizer]:

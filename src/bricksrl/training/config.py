@@ -72,7 +72,7 @@ class TrainConfig:
             _check_types(cls, data)
             settings = None
             if given is not None:
-                kind = type(preset("default", data.get("agent", cls.agent)))
+                kind: type[Any] = type(preset("default", data.get("agent", cls.agent)))
                 values = {key: tuple(value) if isinstance(value, list) else value for key, value in given.items()}
                 _check_types(kind, values)
                 settings = kind(**values)

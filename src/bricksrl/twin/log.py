@@ -26,9 +26,9 @@ _FORMAT = 1
 _KINDS: dict[str, type] = {
     kind.__name__: kind for kind in (*typing.get_args(Command), *typing.get_args(Channel), Wait, UntilDone)
 }
-_REST_STEPS, _RUN_STEPS = 8, 8
+_REST_STEPS, _RUN_STEPS = 16, 16
 _FAST_DEG_S = 1000
-_TURN_DEG = 200.0
+_TURN_DEG = 600.0
 
 
 @dataclass(frozen=True)
@@ -82,13 +82,13 @@ def record(link: HubLink, robot: Robot, interface: Interface, commands: Iterable
 
 
 def identification_interface(robot: Robot) -> Interface:
-    """Commands and channels that tell the most about a robot: every motor as fast as it goes, every sensor, ten times a second."""
+    """Commands and channels that tell the most about a robot: every motor as fast as it goes, every sensor, twenty times a second."""
     channels: list[Channel] = [MotorAngle(motor.name, *(map(float, motor.range_deg or (0, 360)))) for motor in robot.motors]
     if robot.needs_imu:
         channels += [Pitch(), Roll(), YawRate()]
     channels += [Distance(sensor.name) for sensor in robot.sensors if isinstance(sensor, UltrasonicSensor)][:1]
     commands = tuple(RunAngle(motor.name, -_TURN_DEG, _TURN_DEG, _FAST_DEG_S) for motor in robot.motors)
-    return Interface(commands, tuple(channels), Wait(100))
+    return Interface(commands, tuple(channels), Wait(50))
 
 
 def identification_commands(interface: Interface, steps: int, rng: np.random.Generator) -> NDArray[np.float64]:
@@ -101,7 +101,7 @@ def identification_commands(interface: Interface, steps: int, rng: np.random.Gen
     shares = np.zeros((steps, len(interface.commands)))
     moving = shares[_REST_STEPS:]
     half = len(moving) // 2
-    drawn = rng.uniform(-1.0, 1.0, (half, moving.shape[1]))
+    drawn = rng.uniform(-1.0, 1.0, (half, moving.shape[1])) ** 3
     drawn[1::2] = -drawn[: len(drawn[1::2]) * 2 : 2]
     moving[:half] = drawn
     for start in range(half, len(moving), 2 * _RUN_STEPS):
