@@ -11,6 +11,7 @@ import pytest
 
 from bricksrl.errors import TwinError
 from bricksrl.robots import BENCH, TWO_WHEELER, HubKind, MotorKind, Robot
+from bricksrl.twin.bench import BenchBody
 from bricksrl.twin.bodies import make_body
 from bricksrl.twin.models.parts import MOTOR_CONSTANTS
 from bricksrl.twin.mujoco_body import MujocoBody
@@ -354,6 +355,5 @@ class TestMakeBody:
         with pytest.raises(TwinError, match="bench"):
             make_body(BENCH, scene=before_wall(200))
 
-    def test_a_robot_without_a_twin_is_told_which_have_one(self) -> None:
-        with pytest.raises(TwinError, match="'robo_ant' has no twin; choose one of bench, two-wheeler"):
-            make_body(Robot(name="robo_ant", hub=HubKind.PRIME))
+    def test_a_robot_without_a_model_lies_on_the_bench(self) -> None:
+        assert isinstance(make_body(Robot(name="robo_ant", hub=HubKind.PRIME)), BenchBody)

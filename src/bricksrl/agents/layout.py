@@ -11,7 +11,7 @@ from bricksrl.errors import DescriptionError
 if TYPE_CHECKING:
     from torchrl.envs import EnvBase
 
-    from bricksrl.envs.task import Task
+    from bricksrl.envs.task import Entry
 
 
 @dataclass(frozen=True)
@@ -45,14 +45,14 @@ class ObservationLayout:
         return cls(tuple(data["low"]), tuple(data["high"]), tuple(data["wraps"]), goals)
 
 
-def _goals(task: Task) -> tuple[tuple[int, int], ...]:
-    """Each entry ``X_goal`` that the host draws, with the entry ``X_angle`` of the same kind, where every goal has one."""
-    places = {entry.name: place for place, entry in enumerate(task.entries)}
-    goals = [host.name for host in task.host_entries if host.name.endswith("_goal")]
-    pairs = [(places[name], places.get(name.removesuffix("_goal") + "_angle")) for name in goals]
+def _goals(entries: tuple[Entry, ...]) -> tuple[tuple[int, int], ...]:
+    """Each entry ``X_goal`` with the entry ``X_angle`` of the same kind, where every goal has one."""
+    places = {entry.name: place for place, entry in enumerate(entries)}
+    goals = [place for name, place in places.items() if name.endswith("_goal")]
+    pairs = [(goal, places.get(entries[goal].name.removesuffix("_goal") + "_angle")) for goal in goals]
     found = tuple((goal, reached) for goal, reached in pairs if reached is not None)
-    alike = all(task.entries[goal].wraps == task.entries[reached].wraps for goal, reached in found)
-    return found if alike and len(found) == len(pairs) else ()
+    alike = all(entries[goal].wraps == entries[reached].wraps for goal, reached in found)
+    return found if alike and len(found) == len(goals) else ()
 
 
 def layout_of(env: EnvBase) -> ObservationLayout:
@@ -61,7 +61,7 @@ def layout_of(env: EnvBase) -> ObservationLayout:
     if task is not None:
         entries = task.entries
         bounds = tuple(e.low for e in entries), tuple(e.high for e in entries)
-        return ObservationLayout(*bounds, tuple(e.wraps for e in entries), _goals(task))
+        return ObservationLayout(*bounds, tuple(e.wraps for e in entries), _goals(entries))
     spec = env.observation_spec["observation"]
     n = int(spec.shape[-1])
     space = getattr(spec, "space", None)

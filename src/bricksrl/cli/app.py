@@ -21,6 +21,7 @@ from bricksrl.cli.evaluate import Evaluate
 from bricksrl.cli.hub import Program, Run
 from bricksrl.cli.listing import List
 from bricksrl.cli.train import Resume, Train
+from bricksrl.cli.twin import Fit, Record
 from bricksrl.errors import BricksError
 
 _DESCRIPTION = """Reinforcement learning on LEGO robots that run Pybricks.
@@ -35,6 +36,8 @@ Examples:
   bricksrl --version
 """
 _HUB = "The program of a hub: print it, or run one of your own on a virtual hub."
+
+_TWIN = "The twin of a robot: record what a robot does, fit the twin to it."
 
 
 class Command(Protocol):
@@ -93,6 +96,10 @@ def _commands(arguments: Sequence[str]) -> SubcommandApp:
     add(app, "evaluate", Evaluate)
     add(app, "check", Check)
     app.command(hub, name="hub", help=_HUB)
+    twin = SubcommandApp()
+    add(twin, "record", Record)
+    add(twin, "fit", Fit)
+    app.command(twin, name="twin", help=_TWIN)
     return app
 
 

@@ -121,7 +121,23 @@ class Distance:
         return "distance"
 
 
-Channel = MotorAngle | Pitch | Roll | YawRate | Distance
+@dataclass(frozen=True)
+class SensorReading:
+    """The number that a method of a sensor returns, such as ``ColorSensor.reflection()``; the range is that of the method."""
+
+    sensor: str
+    method: str
+    low: float
+    high: float
+    unit: str = ""
+    scale: ClassVar[int] = 10
+
+    @property
+    def name(self) -> str:
+        return f"{self.sensor}_{self.method}"
+
+
+Channel = MotorAngle | Pitch | Roll | YawRate | Distance | SensorReading
 
 
 @dataclass(frozen=True)

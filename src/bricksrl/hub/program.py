@@ -19,6 +19,7 @@ from bricksrl.hub.interface import (
     Pitch,
     Roll,
     RunAngle,
+    SensorReading,
     UntilDone,
     YawRate,
 )
@@ -36,7 +37,7 @@ from bricksrl.hub.protocol import (
 )
 from bricksrl.hub.transport import HubProgram
 from bricksrl.hub.validation import validate
-from bricksrl.robots import Direction, Motor, Robot
+from bricksrl.robots import Direction, Motor, PoweredUpSensor, Robot, Sensor
 
 WATCHDOG_MS = 400
 """Silence after which the hub stops its motors, until a WATCHDOG frame says otherwise."""
@@ -124,8 +125,7 @@ def _robot_imports(robot: Robot, interface: Interface) -> list[str]:
         parameters.add("Direction")
     if any(isinstance(channel, YawRate) for channel in interface.channels):
         parameters.add("Axis")
-    if any(isinstance(channel, Distance) for channel in interface.channels):
-        devices.add("UltrasonicSensor")
+    devices |= {_class_of(sensor) for sensor in _sensors(robot, interface)}
     lines = [f"from pybricks.hubs import {robot.hub.model.class_name}"]
     if devices:
         lines.append(f"from pybricks.parameters import {', '.join(sorted(parameters))}")
@@ -176,6 +176,16 @@ def _motors(robot: Robot, interface: Interface) -> list[Motor]:
     return [motor for motor in robot.motors if motor.name in names]
 
 
+def _sensors(robot: Robot, interface: Interface) -> list[Sensor]:
+    """The sensors that the interface reads, each once, in the order of its channels."""
+    names = [channel.sensor for channel in interface.channels if isinstance(channel, (Distance, SensorReading))]
+    return [robot.sensor(name) for name in dict.fromkeys(names)]
+
+
+def _class_of(sensor: Sensor) -> str:
+    return sensor.kind.value if isinstance(sensor, PoweredUpSensor) else "UltrasonicSensor"
+
+
 def _joints(robot: Robot, interface: Interface) -> set[str]:
     """Names of the commanded motors whose targets have a range."""
     commanded = [robot.motor(command.motor) for command in interface.commands if isinstance(command, RunAngle)]
@@ -195,9 +205,8 @@ def _devices(robot: Robot, interface: Interface) -> str:
             f"wheel_diameter={base.wheel_diameter_mm!r}, axle_track={base.axle_track_mm!r})"
         )
         movers.append("drive_base")
-    for channel in interface.channels:
-        if isinstance(channel, Distance):
-            lines.append(f"sensor_{channel.sensor} = UltrasonicSensor(Port.{robot.sensor(channel.sensor).port})")
+    for sensor in _sensors(robot, interface):
+        lines.append(f"sensor_{sensor.name} = {_class_of(sensor)}(Port.{sensor.port})")
     lines += ["", f"MOVERS = [{', '.join(movers)}]"]
     return "\n".join(lines) + "\n"
 
@@ -259,6 +268,8 @@ def _reading(channel: Channel) -> str:
         return f"motor_{channel.motor}.angle()" + (" % 360" if channel.wraps else "")
     if isinstance(channel, Distance):
         return f"sensor_{channel.sensor}.distance()"
+    if isinstance(channel, SensorReading):
+        return f"sensor_{channel.sensor}.{channel.method}()"
     if isinstance(channel, YawRate):
         return "hub.imu.angular_velocity(Axis.Z)"
     return channel.name

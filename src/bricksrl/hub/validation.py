@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections import Counter
 
 from bricksrl.errors import DescriptionError, ProgramError
-from bricksrl.hub.interface import Distance, DriveStraight, Interface, MotorAngle, RunAngle, UntilDone
+from bricksrl.hub.interface import Distance, DriveStraight, Interface, MotorAngle, RunAngle, SensorReading, UntilDone
 from bricksrl.hub.protocol import MAX_ACTIONS
-from bricksrl.robots import Robot
+from bricksrl.robots import PoweredUpSensor, Robot, UltrasonicSensor
 
 _INT16_HIGH = 2**15 - 1
 _MAX_SETTLE_MS = 60_000
@@ -74,7 +74,17 @@ def _check_channels(robot: Robot, interface: Interface) -> None:
         if isinstance(channel, MotorAngle):
             robot.motor(channel.motor)
         elif isinstance(channel, Distance):
-            robot.sensor(channel.sensor)
+            if not isinstance(robot.sensor(channel.sensor), UltrasonicSensor):
+                raise DescriptionError(
+                    f"channel '{channel.name}': '{channel.sensor}' is no UltrasonicSensor; use a SensorReading"
+                )
+        elif isinstance(channel, SensorReading):
+            if not isinstance(robot.sensor(channel.sensor), PoweredUpSensor):
+                raise DescriptionError(f"channel '{channel.name}': '{channel.sensor}' is an UltrasonicSensor; use Distance")
+            if not channel.method.isidentifier():
+                raise DescriptionError(
+                    f"channel '{channel.name}': '{channel.method}' is no method; give a name such as 'reflection'"
+                )
         elif not robot.hub.model.has_imu:
             raise DescriptionError(
                 f"channel '{channel.name}' needs an IMU, which the {robot.hub.value} hub lacks; "

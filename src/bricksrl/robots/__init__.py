@@ -12,8 +12,10 @@ from bricksrl.robots.spec import (
     HubModel,
     Motor,
     MotorKind,
+    PoweredUpSensor,
     Robot,
     Sensor,
+    SensorKind,
     UltrasonicSensor,
 )
 from bricksrl.robots.two_wheeler import TWO_WHEELER
@@ -46,8 +48,10 @@ __all__ = [
     "HubModel",
     "Motor",
     "MotorKind",
+    "PoweredUpSensor",
     "Robot",
     "Sensor",
+    "SensorKind",
     "UltrasonicSensor",
     "get",
 ]

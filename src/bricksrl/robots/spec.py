@@ -123,8 +123,29 @@ class UltrasonicSensor:
         _check_name(self.name)
 
 
-Sensor = UltrasonicSensor
-_Device = TypeVar("_Device", Motor, UltrasonicSensor)
+class SensorKind(enum.Enum):
+    """Sensors for which a hub has a class of that name in ``pybricks.pupdevices``."""
+
+    COLOR = "ColorSensor"
+    COLOR_DISTANCE = "ColorDistanceSensor"
+    FORCE = "ForceSensor"
+    INFRARED = "InfraredSensor"
+
+
+@dataclass(frozen=True)
+class PoweredUpSensor:
+    """Any other sensor on a port; a ``SensorReading`` names the method that reads it."""
+
+    name: str
+    port: str
+    kind: SensorKind
+
+    def __post_init__(self) -> None:
+        _check_name(self.name)
+
+
+Sensor = UltrasonicSensor | PoweredUpSensor
+_Device = TypeVar("_Device", Motor, Sensor)
 
 
 @dataclass(frozen=True)

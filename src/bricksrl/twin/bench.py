@@ -9,12 +9,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from bricksrl.robots import Robot, UltrasonicSensor
-from bricksrl.twin.physics import Physics
+from bricksrl.errors import TwinError
+from bricksrl.robots import Motor, PoweredUpSensor, Robot, UltrasonicSensor
+from bricksrl.twin.physics import Physics, RandomPhysics
+from bricksrl.twin.scene import OPEN_FLOOR, Reading, Scene
 
 _FRICTION_UNM = 21413.268
 _FRICTION_FADES_BELOW_MDEG_S = 2000.0
 _MAX_DUTY = 10_000
+_BENCH_BATTERY_MV = 7200
+_NEAREST_MM, _FARTHEST_MM = 40, 2000
 
 
 class _BenchMotor:
@@ -25,10 +29,10 @@ class _BenchMotor:
     def __init__(self) -> None:
         self.angle = self.speed = self.current = self.voltage = 0.0
 
-    def step(self) -> None:
+    def step(self, friction_unm: float) -> None:
         """One millisecond."""
         v, i, u = self.speed, self.current, self.voltage
-        torque = _FRICTION_UNM * max(-1.0, min(1.0, v / _FRICTION_FADES_BELOW_MDEG_S))
+        torque = friction_unm * max(-1.0, min(1.0, v / _FRICTION_FADES_BELOW_MDEG_S))
         self.angle += (
             v * 0.0009981527613056019 + i * 0.001957577848006867 + u * 0.0002818172865566039 + torque * -9.498678309037282e-05
         )
@@ -39,23 +43,46 @@ class _BenchMotor:
 
 
 class BenchBody:
-    """A robot that is not assembled: motors turn freely, the hub lies still and level, nothing is in sight."""
+    """A robot that is not assembled: motors turn freely, the hub lies still and level, nothing is in sight.
 
-    def __init__(self, robot: Robot, battery_mv: int = 7200) -> None:
+    This is also the twin of every robot that has no MuJoCo model. What its sensors read then follows from the angles of its
+    motors, as the scene says.
+
+    Args:
+        scene: its ``readings``; an ultrasonic sensor without one sees nothing.
+        physics: battery and friction in the motors, or how to draw them for each episode; ``None`` for the firmware's own
+            motor simulation at 7.2 V.
+
+    Raises:
+        TwinError: the scene says nothing about one of the sensors, or something about one that is not there.
+    """
+
+    def __init__(self, robot: Robot, scene: Scene = OPEN_FLOOR, physics: Physics | RandomPhysics | None = None) -> None:
         self.motors = {motor.port: motor.kind for motor in robot.motors}
         self.distance_sensors = frozenset(s.port for s in robot.sensors if isinstance(s, UltrasonicSensor))
-        self.battery_mv = battery_mv
-        self.physics = Physics()
+        self._random_physics = physics if isinstance(physics, RandomPhysics) else None
+        self._apply(physics if isinstance(physics, Physics) else Physics())
+        if physics is None:
+            self.battery_mv = _BENCH_BATTERY_MV
+        self._readings = _by_port(robot, scene)
+        self._outputs = [(motor.name, motor.port, _mdeg_per_deg(motor)) for motor in robot.motors]
         self._motors = {port: _BenchMotor() for port in self.motors}
         self._time_ms = 0
 
+    def _apply(self, physics: Physics) -> None:
+        self.physics = physics
+        self.battery_mv = round(physics.battery_v * 1000)
+
     def reset(self, rng: np.random.Generator) -> None:
-        """Nothing to put back."""
+        """Nothing to put back; physics that are random are drawn."""
+        if self._random_physics is not None:
+            self._apply(self._random_physics.sample(rng))
 
     def advance_to(self, time_ms: int) -> None:
+        friction_unm = _FRICTION_UNM * self.physics.motor_friction_scale
         while self._time_ms < time_ms:
             for motor in self._motors.values():
-                motor.step()
+                motor.step(friction_unm)
             self._time_ms += 1
 
     def angle_mdeg(self, port: str) -> int:
@@ -66,8 +93,14 @@ class BenchBody:
         duty = max(-_MAX_DUTY, min(_MAX_DUTY, duty))
         self._motors[port].voltage = int(duty * self.battery_mv / _MAX_DUTY)
 
+    def reading(self, port: str) -> float:
+        """What the scene lets a sensor read at the present angles."""
+        return float(self._readings[port]({name: self.angle_mdeg(p) / scale for name, p, scale in self._outputs}))
+
     def distance_mm(self, port: str) -> int:
-        return 2000
+        if port not in self._readings:
+            return _FARTHEST_MM
+        return min(max(round(self.reading(port)), _NEAREST_MM), _FARTHEST_MM)
 
     def tilt_deg(self) -> tuple[float, float]:
         return 0.0, 0.0
@@ -80,3 +113,23 @@ class BenchBody:
 
     def heading_deg(self) -> float:
         return 0.0
+
+
+def _mdeg_per_deg(motor: Motor) -> float:
+    """Millidegrees of the shaft, clockwise, for one degree of the output, as a program counts it."""
+    ratio = motor.gears[-1] / motor.gears[0] if motor.gears else 1.0
+    return 1000.0 * ratio * motor.direction.value
+
+
+def _by_port(robot: Robot, scene: Scene) -> dict[str, Reading]:
+    ports = {sensor.name: sensor.port for sensor in robot.sensors}
+    strangers = sorted(set(scene.readings) - set(ports))
+    if strangers:
+        raise TwinError(f"robot '{robot.name}' has no sensor '{strangers[0]}'; its sensors are {', '.join(ports) or 'none'}")
+    for sensor in robot.sensors:
+        if isinstance(sensor, PoweredUpSensor) and sensor.name not in scene.readings:
+            raise TwinError(
+                f"nothing says what '{sensor.name}' of robot '{robot.name}' reads; "
+                f"give the task Scene(readings={{'{sensor.name}': a function of the motors' angles}})"
+            )
+    return {ports[name]: reading for name, reading in scene.readings.items()}

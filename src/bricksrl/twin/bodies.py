@@ -6,7 +6,7 @@ import importlib
 import os
 
 from bricksrl.errors import RenderingUnavailableError, TwinError
-from bricksrl.robots import Robot
+from bricksrl.robots import PoweredUpSensor, Robot
 from bricksrl.twin.machine import Body
 from bricksrl.twin.physics import Physics, RandomPhysics
 from bricksrl.twin.scene import OPEN_FLOOR, Scene
@@ -18,27 +18,33 @@ def make_body(robot: Robot, *, scene: Scene | None = None, physics: Physics | Ra
     """Build the physical half of a virtual robot.
 
     Args:
-        robot: one of the robots that have a twin.
+        robot: any; one without a MuJoCo model of its own lies on the bench, its motors turn without load.
         scene: what stands around it; ``None`` for an open floor.
         physics: its parameters, or how to draw them for each episode; ``None`` for the defaults.
         seed: of the noise of its sensors and of its first start.
 
     Raises:
         RenderingUnavailableError: ``MUJOCO_GL`` names a library that does not work, so MuJoCo does not load.
-        TwinError: the robot has no twin, or it cannot be put into this scene; the bench has neither scene nor physics.
+        TwinError: the robot cannot be put into this scene, or has a sensor of which nothing says what it reads.
     """
-    if robot.name == "bench":
-        from bricksrl.twin.bench import BenchBody
-
-        if scene not in (None, OPEN_FLOOR) or physics is not None:
-            raise TwinError("the bench stands before no wall and has no physics to set; leave scene and physics away")
-        return BenchBody(robot)
+    scene = scene or OPEN_FLOOR
     if robot.name in _MUJOCO_TWINS:
+        if scene.readings or any(isinstance(sensor, PoweredUpSensor) for sensor in robot.sensors):
+            raise TwinError(
+                f"the MuJoCo model of '{robot.name}' has its own sensors only; give a robot with others another name, "
+                "and it gets a twin on the bench"
+            )
         _check_mujoco()
         from bricksrl.twin.mujoco_body import MujocoBody
 
-        return MujocoBody(robot, scene or OPEN_FLOOR, physics or Physics(), seed)
-    raise TwinError(f"robot '{robot.name}' has no twin; choose one of bench, {', '.join(_MUJOCO_TWINS)}")
+        return MujocoBody(robot, scene, physics or Physics(), seed)
+    from bricksrl.twin.bench import BenchBody
+
+    if scene.wall_distance_mm is not None or scene.ball:
+        raise TwinError(
+            f"robot '{robot.name}' has no MuJoCo model and lies on the bench, without wall or ball; give Scene(readings=...)"
+        )
+    return BenchBody(robot, scene, physics)
 
 
 def _check_mujoco() -> None:

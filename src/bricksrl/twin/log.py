@@ -18,7 +18,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bricksrl.errors import TwinError
-from bricksrl.hub.interface import Channel, Command, Distance, Interface, MotorAngle, Pitch, Roll, RunAngle, UntilDone, Wait, YawRate
+from bricksrl.hub.interface import (
+    Channel,
+    Command,
+    Distance,
+    Interface,
+    MotorAngle,
+    Pitch,
+    Roll,
+    RunAngle,
+    UntilDone,
+    Wait,
+    YawRate,
+)
 from bricksrl.hub.link import HubLink
 from bricksrl.robots import Robot, UltrasonicSensor
 
@@ -82,7 +94,7 @@ def record(link: HubLink, robot: Robot, interface: Interface, commands: Iterable
 
 
 def identification_interface(robot: Robot) -> Interface:
-    """Commands and channels that tell the most about a robot: every motor as fast as it goes, every sensor, twenty times a second."""
+    """Commands and channels that tell the most about a robot: every motor as fast as it goes, every sensor, 20 times a second."""
     channels: list[Channel] = [MotorAngle(motor.name, *(map(float, motor.range_deg or (0, 360)))) for motor in robot.motors]
     if robot.needs_imu:
         channels += [Pitch(), Roll(), YawRate()]
@@ -94,9 +106,9 @@ def identification_interface(robot: Robot) -> Interface:
 def identification_commands(interface: Interface, steps: int, rng: np.random.Generator) -> NDArray[np.float64]:
     """Commands that tell the most; ``[steps, n_commands]``.
 
-    Rest tells the noise of the sensors. Jerks of all strengths tell masses, friction and play. Runs at full speed tell the battery,
-    because only there the firmware's controller cannot make up for it. Each part is followed by its opposite, so that a vehicle
-    stays about where it is.
+    Rest tells the noise of the sensors. Jerks of all strengths tell masses, friction and play. Runs at full speed tell the
+    battery, because only there the firmware's controller cannot make up for it. Each part is followed by its opposite, so that a
+    vehicle stays about where it is.
     """
     shares = np.zeros((steps, len(interface.commands)))
     moving = shares[_REST_STEPS:]
@@ -126,7 +138,12 @@ def write_log(path: Path, log: RunLog) -> None:
     lines = [header, {"time_ms": int(log.times_ms[0]), "channels": log.channels[0].tolist()}]
     for command, gap_ms, time_ms, channels in zip(log.commands, log.gaps_ms, log.times_ms[1:], log.channels[1:], strict=True):
         lines.append(
-            {"time_ms": int(time_ms), "gap_ms": round(float(gap_ms), 3), "command": command.tolist(), "channels": channels.tolist()}
+            {
+                "time_ms": int(time_ms),
+                "gap_ms": round(float(gap_ms), 3),
+                "command": command.tolist(),
+                "channels": channels.tolist(),
+            }
         )
     path.write_text("".join(json.dumps(line) + "\n" for line in lines), encoding="utf-8")
 
@@ -153,7 +170,9 @@ def read_log(path: Path) -> RunLog:
             np.array([line["command"] for line in rest], dtype=np.float64).reshape(len(rest), len(interface.commands)),
             np.array([line["gap_ms"] for line in rest], dtype=np.float64),
             np.array([line["time_ms"] for line in (first, *rest)], dtype=np.int64),
-            np.array([line["channels"] for line in (first, *rest)], dtype=np.float64).reshape(len(rest) + 1, len(interface.channels)),
+            np.array([line["channels"] for line in (first, *rest)], dtype=np.float64).reshape(
+                len(rest) + 1, len(interface.channels)
+            ),
         )
         if not np.isfinite(log.channels).all() or (np.diff(log.times_ms) < 0).any():
             raise ValueError("a number is missing or time runs backwards")

@@ -6,7 +6,7 @@ Time is a whole number of milliseconds and passes only in :meth:`Machine.advance
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -62,6 +62,14 @@ class Body(Protocol):
 
     def heading_deg(self) -> float:
         """Integrated rotation about z, clockwise positive, since the start; not wrapped."""
+
+
+@runtime_checkable
+class SensingBody(Protocol):
+    """A body with sensors that the hub reads by a method's name."""
+
+    def reading(self, port: str) -> float:
+        """What the sensor on this port reads now, whatever method asks."""
 
 
 class Machine:

@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 
 from bricksrl.errors import TwinError
 
 _MOST_HEADING_AT_WALL_DEG = 60.0
+
+
+Reading = Callable[[Mapping[str, float]], float]
+"""A sensor's reading from the angles of the motors."""
 
 
 @dataclass(frozen=True)
@@ -20,6 +25,8 @@ class Scene:
         heading_deg: lowest and highest heading at the start, drawn uniformly, clockwise positive; 0 looks straight at
             the wall.
         ball: a red ball in the gripper, for robots that have one.
+        readings: for a robot that has no MuJoCo model: what its sensors read, by the sensor's name, as a function of the angles
+            of its motors (deg at the output, by the motor's name).
 
     Raises:
         TwinError: at construction, when the robot cannot be placed so.
@@ -28,6 +35,7 @@ class Scene:
     wall_distance_mm: tuple[float, float] | None = None
     heading_deg: tuple[float, float] = (0.0, 0.0)
     ball: bool = False
+    readings: Mapping[str, Reading] = field(default_factory=dict, hash=False)
 
     def __post_init__(self) -> None:
         _check_range("heading_deg", self.heading_deg, -180.0, 180.0)

@@ -7,8 +7,9 @@ from types import ModuleType
 from typing import Any
 
 from bricksrl.robots import Direction as MotorDirection
+from bricksrl.robots import PoweredUpSensor
 from bricksrl.twin.firmware.control import OnCompletion
-from bricksrl.twin.machine import Machine
+from bricksrl.twin.machine import Machine, SensingBody
 from bricksrl.twin.micropython.numbers import module
 from bricksrl.twin.pybricks.context import Async, Context, RunLoop, bound, charged, expect_type, get_int, os_error, refusals
 from bricksrl.twin.pybricks.control import Control
@@ -241,16 +242,37 @@ class Motor:
         return self._servo.is_done()
 
 
-class _Absent:
-    """A device that no virtual robot has: its port is empty, or something else is there."""
+class _OtherSensor:
+    """A sensor of which only the described readings are simulated; where none is described, the port is empty."""
 
+    _machine: Machine
     _loop: RunLoop
     _parameters: Parameters
 
     def __init__(self, port: Any) -> None:
         self._loop.assert_blocking()
-        self._parameters.port_letter(port)
-        raise os_error(errno.ENODEV)
+        self._letter = self._parameters.port_letter(port)
+        body, kind = self._machine.body, type(self).__name__
+        described = [s for s in self._machine.robot.sensors if isinstance(s, PoweredUpSensor) and s.kind.value == kind]
+        if not isinstance(body, SensingBody) or self._letter not in {sensor.port for sensor in described}:
+            raise os_error(errno.ENODEV)
+        self._body = body
+
+    def _read(self) -> Any:
+        self._machine.charge_call()
+        return self._loop.value(lambda: self._body.reading(self._letter))
+
+
+# Methods that return a number or a truth value.
+_OTHER_SENSORS = {
+    "ColorSensor": ("ambient", "reflection"),
+    "ColorDistanceSensor": ("ambient", "distance", "reflection"),
+    "ForceSensor": ("distance", "force", "pressed", "touched"),
+    "InfraredSensor": ("count", "distance", "reflection"),
+    "TiltSensor": (),
+    "ColorLightMatrix": (),
+    "Light": (),
+}
 
 
 class LightArray:
@@ -316,13 +338,10 @@ class _NoRadio:
         raise os_error(errno.ETIMEDOUT)
 
 
-_ABSENT = "ColorSensor ForceSensor ColorDistanceSensor TiltSensor InfraredSensor ColorLightMatrix Light"
-
-
 def pupdevices_module(context: Context, parameters: Parameters) -> ModuleType:
     names: dict[str, Any] = {"PFMotor": PFMotor}
-    absent = {name: type(name, (_Absent,), {}) for name in _ABSENT.split()}
-    for kind in (Motor, DCMotor, UltrasonicSensor, type("Remote", (_NoRadio,), {}), *absent.values()):
+    others = [type(name, (_OtherSensor,), dict.fromkeys(methods, _OtherSensor._read)) for name, methods in _OTHER_SENSORS.items()]
+    for kind in (Motor, DCMotor, UltrasonicSensor, type("Remote", (_NoRadio,), {}), *others):
         own: Any = bound(kind, context)
         own._parameters = parameters
         names[kind.__name__] = own

@@ -1,0 +1,266 @@
+"""Physics of a twin that move it as a recorded robot moved.
+
+The recorded commands are carried out again on virtual hubs, at the recorded times of the hub's clock, and the parameters are
+changed until the channels agree best. Noise is read off the rest at the start of the log instead. A parameter that the log does
+not tell keeps its default: the fit says so rather than give a number.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares, minimize
+from scipy.stats import qmc
+
+from bricksrl import robots
+from bricksrl.errors import TwinError
+from bricksrl.hub.interface import Distance, MotorAngle, Pitch, Roll, UntilDone, YawRate
+from bricksrl.hub.link import HubLink
+from bricksrl.robots import Robot
+from bricksrl.twin.log import RunLog
+from bricksrl.twin.physics import PARAMETERS, Physics
+from bricksrl.twin.scene import Scene
+from bricksrl.twin.virtual_hub import VirtualHub
+
+Vector = NDArray[np.float64]
+OnReplay = Callable[[int, float], None]
+"""Told the number of a replay, from 1, and the smallest error so far."""
+
+FITTED = ("battery_v", "friction_scale", "motor_friction_scale", "mass_scale", "backlash_deg")
+"""Parameters that motion tells."""
+
+_FARTHEST_MM = 2000
+# What a channel differs by although all parameters are right: rounding, and how a bump or a tick falls.
+_ROUGHNESS = {MotorAngle: 0.5, Pitch: 0.3, Roll: 0.3, YawRate: 4.0, Distance: 3.0}
+_FIRST_LOOKS = 32
+_DESCENTS, _POLISHINGS = 5, 80
+_STEP = 0.04  # of a parameter's range, for derivatives: less than that is lost in the rounding of the angles
+_POLISHED = 0.12  # of a parameter's range, in which the polishing begins
+_OFF = 0.25  # of the range that robots differ in: a parameter is told when being off by this much
+_LEAST_RISE = 0.05  # raises the error by this share or more
+_LEAST_REST = 4
+_SOFT = 3.0  # differences beyond this many roughnesses count by their size rather than by its square
+_NOISES = tuple(name for name in PARAMETERS if "noise" in name)
+_SILENT = dict.fromkeys((*_NOISES, "link_interval_ms"), 0.0)
+# A command that the host sends is found by the hub's program in the next millisecond.
+_LEAD_MS = 1
+
+
+@dataclass(frozen=True)
+class Fit:
+    """What a log says about a robot.
+
+    Attributes:
+        physics: the twin's parameters; those that the log does not tell are the defaults.
+        told: parameters that motion told, and how much the error rises, as a share of it, when one is off by a quarter of the
+            range that robots differ in.
+        untold: parameters that motion was to tell and did not.
+        error_before, error_after: of each channel, root mean square over the log, in the channel's unit; with the default
+            physics and with the fitted one.
+        replays: how often the log was carried out again.
+    """
+
+    physics: Physics
+    told: dict[str, float]
+    untold: tuple[str, ...]
+    error_before: dict[str, float]
+    error_after: dict[str, float]
+    replays: int
+
+
+def replay(log: RunLog, physics: Physics, robot: Robot | None = None) -> Vector:
+    """The channels ``[n + 1, n_channels]`` of a twin without noise that gets the commands of a log at the same times.
+
+    Raises:
+        UnknownNameError, TwinError: there is no such robot, or it has no twin.
+    """
+    robot = robots.get(log.robot) if robot is None else robot
+    hub = VirtualHub(robot, scene=_scene(log), physics=replace(physics, **_SILENT))
+    rows = []
+    with HubLink(hub, robot, log.interface) as link:
+        first = link.read()
+        rows.append(first.values)
+        offset_ms = hub.machine.time_ms - int(log.times_ms[0])
+        for command, start_ms in zip(log.commands, _starts_ms(log, physics), strict=True):
+            wait_ms = offset_ms + start_ms - _LEAD_MS - hub.machine.time_ms
+            if wait_ms > 0:
+                hub.read(wait_ms / 1000)
+            rows.append(link.act(command).values)
+    return np.array(rows, dtype=np.float64)
+
+
+def fit(
+    log: RunLog,
+    *,
+    robot: Robot | None = None,
+    names: Sequence[str] = FITTED,
+    seed: int = 0,
+    on_replay: OnReplay | None = None,
+) -> Fit:
+    """Fit a twin's physics to a log; some hundred replays, each about a tenth as long as the log.
+
+    Args:
+        robot: that of the log; ``None`` for the one of its name.
+        names: parameters to look for in the motion.
+        seed: of the places where the search looks first.
+
+    Raises:
+        TwinError: a parameter is none that motion tells, or the log is too short.
+    """
+    wrong = sorted(set(names) - set(FITTED))
+    if wrong or not names:
+        raise TwinError(f"motion does not tell {', '.join(wrong) or 'nothing'}; choose from {', '.join(FITTED)}")
+    if len(log.commands) < 2 * len(names):
+        raise TwinError(
+            f"the log has {len(log.commands)} steps; record {2 * len(names)} or more, `bricksrl twin record` makes 120"
+        )
+    search = _Search(log, robot, _noise(log), on_replay)
+    before = search.errors(Physics())
+    physics = search.look(tuple(names), seed)
+    physics = search.polish(search.descend(physics, tuple(names)), tuple(names))
+    rises = search.rises(physics, tuple(names))
+    told = {name: rise for name, rise in rises.items() if rise >= _LEAST_RISE}
+    default = Physics()
+    physics = replace(physics, **{name: getattr(default, name) for name in names if name not in told})
+    return Fit(
+        physics,
+        told,
+        tuple(name for name in names if name not in told),
+        before,
+        search.errors(physics),
+        search.replays,
+    )
+
+
+class _Search:
+    """Replays of one log, counted, and the best of them."""
+
+    def __init__(self, log: RunLog, robot: Robot | None, noise: dict[str, float], on_replay: OnReplay | None) -> None:
+        self.noise = noise
+        self.replays = 0
+        self._log, self._robot, self._on_replay = log, robot, on_replay
+        self._lowest = np.inf
+        channels = log.interface.channels
+        self._turns = np.array([isinstance(channel, MotorAngle) and channel.wraps for channel in channels])
+        measured = {Pitch: "tilt_noise_deg", Roll: "tilt_noise_deg", YawRate: "gyro_noise_deg_s", Distance: "distance_noise_mm"}
+        self._sigma = np.array([np.hypot(_ROUGHNESS[type(c)], noise.get(measured.get(type(c), ""), 0.0)) for c in channels])
+
+    def difference(self, physics: Physics) -> Vector:
+        """Twin minus robot, ``[n, n_channels]``; of endless angles the ways since the start are compared."""
+        difference = replay(self._log, physics, self._robot) - self._log.channels
+        difference = np.where(self._turns, (difference - difference[0] + 180.0) % 360.0 - 180.0, difference)[1:]
+        self.replays += 1
+        self._lowest = min(self._lowest, float(np.sqrt(np.mean((difference / self._sigma) ** 2))))
+        if self._on_replay is not None:
+            self._on_replay(self.replays, self._lowest)
+        return difference
+
+    def errors(self, physics: Physics) -> dict[str, float]:
+        """Root mean square of each channel's difference."""
+        rms = np.sqrt((self.difference(physics) ** 2).mean(axis=0))
+        return {channel.name: float(value) for channel, value in zip(self._log.interface.channels, rms, strict=True)}
+
+    def error(self, physics: Physics) -> float:
+        """One number: as a root mean square, but far-off values count little more than near ones."""
+        squares = (self.difference(physics) / self._sigma) ** 2
+        return float(np.sqrt(np.mean(2.0 * _SOFT**2 * (np.sqrt(1.0 + squares / _SOFT**2) - 1.0))))
+
+    def look(self, names: tuple[str, ...], seed: int) -> Physics:
+        """The best of some points that are spread evenly over all ranges."""
+        base = Physics(**self.noise)
+        points = qmc.Sobol(len(names), rng=seed).random(_FIRST_LOOKS)
+        return min((base, *(self._physics(base, names, 1.0 + point) for point in points)), key=self.error)
+
+    def descend(self, start: Physics, names: tuple[str, ...]) -> Physics:
+        """Down the slope."""
+        found = least_squares(
+            lambda shares: (self.difference(self._physics(start, names, shares)) / self._sigma).ravel(),
+            self._shares(start, names),
+            bounds=(1.0, 2.0),
+            diff_step=_STEP,
+            loss="soft_l1",
+            f_scale=_SOFT,
+            max_nfev=_DESCENTS,
+        )
+        return self._physics(start, names, found.x)
+
+    def polish(self, start: Physics, names: tuple[str, ...]) -> Physics:
+        """Around the place where slopes are lost in the rounding."""
+        shares = self._shares(start, names)
+        corners = [shares, *(shares + np.where(np.arange(len(names)) == i, _POLISHED, 0.0) for i in range(len(names)))]
+        found = minimize(
+            lambda shares: self.error(self._physics(start, names, shares)),
+            shares,
+            method="Nelder-Mead",
+            bounds=[(1.0, 2.0)] * len(names),
+            options={"initial_simplex": np.clip(corners, 1.0, 2.0), "maxfev": _POLISHINGS},
+        )
+        return self._physics(start, names, found.x)
+
+    def rises(self, best: Physics, names: tuple[str, ...]) -> dict[str, float]:
+        """By what share the error rises, on average, when one parameter is off to either side."""
+        lowest, found = self.error(best), {}
+        for name in names:
+            away, (low, high) = _OFF * np.ptp(PARAMETERS[name].drawn), PARAMETERS[name].accepted
+            beside = [getattr(best, name) + side * away for side in (-1.0, 1.0)]
+            errors = [self.error(replace(best, **{name: float(value)})) for value in beside if low <= value <= high]
+            found[name] = sum(errors) / len(errors) / lowest - 1.0
+        return found
+
+    @staticmethod
+    def _shares(physics: Physics, names: tuple[str, ...]) -> Vector:
+        return np.array([1.0 + (getattr(physics, name) - _bounds(name)[0]) / np.ptp(_bounds(name)) for name in names])
+
+    def _physics(self, base: Physics, names: tuple[str, ...], shares: Vector) -> Physics:
+        """Parameters at shares 1..2 of their ranges. (From 1, because least_squares takes steps relative to the number.)"""
+        values = {
+            name: _bounds(name)[0] + (share - 1.0) * np.ptp(_bounds(name)) for name, share in zip(names, shares, strict=True)
+        }
+        return replace(base, **{name: float(value) for name, value in values.items()})
+
+
+def _bounds(name: str) -> Vector:
+    """Where a parameter is looked for: half a range further than robots are thought to differ."""
+    low, high = PARAMETERS[name].drawn
+    lowest, highest = PARAMETERS[name].accepted
+    margin = (high - low) / 2
+    return np.array([max(lowest, low - margin), min(highest, high + margin)])
+
+
+def _scene(log: RunLog) -> Scene | None:
+    """A wall where the robot saw something at the start."""
+    for index, channel in enumerate(log.interface.channels):
+        if isinstance(channel, Distance) and 40 < log.channels[0, index] < _FARTHEST_MM:
+            distance_mm = float(log.channels[0, index])
+            return Scene(wall_distance_mm=(distance_mm, distance_mm))
+    return None
+
+
+def _starts_ms(log: RunLog, physics: Physics) -> NDArray[np.int64]:
+    """When each command began, on the hub's clock of the log."""
+    settle = log.interface.settle
+    if not isinstance(settle, UntilDone):
+        return log.times_ms[1:] - settle.time_ms
+    return log.times_ms[:-1] + np.round(log.gaps_ms + physics.link_interval_ms).astype(np.int64)
+
+
+def _noise(log: RunLog) -> dict[str, float]:
+    """Noise of the sensors, from the rest at the start; nothing for sensors that are not there."""
+    moving = np.flatnonzero(log.commands.any(axis=1))
+    rest = log.channels[: (int(moving[0]) if len(moving) else len(log.commands)) + 1]
+    if len(rest) <= _LEAST_REST:
+        return {}
+    deviation = rest.std(axis=0, ddof=1)
+    by_kind: dict[type, list[float]] = {}
+    for channel, value, mean in zip(log.interface.channels, deviation, rest.mean(axis=0), strict=True):
+        if isinstance(channel, Distance):
+            if mean >= _FARTHEST_MM:
+                continue
+            value = max(0.0, value - Physics().distance_noise_ratio * mean)
+        by_kind.setdefault(Pitch if isinstance(channel, Roll) else type(channel), []).append(float(value) ** 2)
+    names: dict[type, str] = {Pitch: "tilt_noise_deg", YawRate: "gyro_noise_deg_s", Distance: "distance_noise_mm"}
+    found = {names[kind]: float(np.sqrt(np.mean(squares))) for kind, squares in by_kind.items() if kind in names}
+    return {name: min(value, PARAMETERS[name].accepted[1]) for name, value in found.items()}

@@ -1,0 +1,69 @@
+"""Small agents for tests, and transitions of the RoboArm's simulation for them to learn from."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import torch
+from torch import Tensor
+
+import bricksrl
+from bricksrl.agents import Settings, make_agent, preset
+from bricksrl.agents.agent import Transition
+from bricksrl.agents.layout import layout_of
+from bricksrl.agents.off_policy import OffPolicyAgent
+
+ENV = bricksrl.make("RoboArmSim-v0", seed=0)
+LAYOUT = layout_of(ENV)
+TASK = ENV.task
+LEARNERS = ("sac", "td3", "droq", "redq", "crossq")
+
+
+def small(agent: str, **changes: Any) -> Settings:
+    """The default settings with networks that learn in no time."""
+    usual = {"hidden": (16, 16), "batch_size": 10, "updates_per_step": 1, "actor_delay": 1}
+    return replace(preset("default", agent), **{**usual, **changes})
+
+
+def transitions(count: int, length: int = 5) -> list[Transition]:
+    """Random steps of the arm in episodes of ``length``; the same ones at every call."""
+    generator = torch.Generator().manual_seed(7)
+    with torch.random.fork_rng():
+        ENV.set_seed(5)
+        found: list[Transition] = []
+        for step in range(1, count + 1):
+            state = ENV.reset() if step % length == 1 else ENV.step_mdp(state)  # noqa: F821
+            state["action"] = torch.rand(4, generator=generator) * 2 - 1
+            state = ENV.step(state)
+            after = state["next"]
+            reward, terminated = float(after["reward"]), bool(after["terminated"])
+            found.append(
+                Transition(state["observation"], state["action"], reward, after["observation"], terminated, step % length == 0)
+            )
+    return found
+
+
+def fresh(agent: str, settings: Settings | None = None, seed: int = 11) -> OffPolicyAgent:
+    """An agent that has learned nothing."""
+    torch.manual_seed(seed)
+    made = make_agent(agent, LAYOUT, 4, settings or small(agent), TASK)
+    assert isinstance(made, OffPolicyAgent)
+    return made
+
+
+def learned(agent: str, settings: Settings | None = None, updates: int = 3) -> OffPolicyAgent:
+    """An agent after some updates."""
+    made = fresh(agent, settings)
+    for transition in transitions(30):
+        made.remember(transition)
+    for _ in range(updates):
+        made.update()
+    return made
+
+
+def tensors(agent: OffPolicyAgent) -> list[Tensor]:
+    """All tensors of its state but the memory."""
+    state = agent.state_dict()
+    del state["replay"], state["optimiser"]
+    return [value for part in state.values() if isinstance(part, dict) for value in part.values()]
