@@ -37,6 +37,7 @@ CHANGES: dict[str, Any] = {
     "replay_size": 10,
     "initial_alpha": 0.9,
     "min_scale": 2.0,
+    "entropy": 0.0,
     "critics": 3,
     "target_critics": 1,
     "actor_value": "mean",

@@ -32,7 +32,7 @@ class CrossQAgent(OffPolicyAgent):
         size, momentum = self.encoder.size, settings.momentum
         self.actor = make_normalised_actor(size, action_size, settings.hidden, settings.min_scale, momentum).eval()
         self.critics = StackedCritics(size, action_size, settings.hidden, batch_norm=momentum).eval()
-        self.temperature = Temperature(settings.initial_alpha, action_size)
+        self.temperature = Temperature(settings.initial_alpha, settings.entropy * action_size)
         self._critic_parameters: list[Tensor] = list(self.critics.parameters())
         self._actor_parameters: list[Tensor] = list(self.actor.parameters())
         parameters = [*self._critic_parameters, *self._actor_parameters, self.temperature.log_alpha]

@@ -74,6 +74,8 @@ class SACSettings(OffPolicySettings):
     """Share of the critics that goes into the target critics at each update."""
     initial_alpha: float = 0.1
     """Temperature (weight of the entropy) at the start; it is learned from there."""
+    entropy: float = -1.0
+    """Entropy for each entry of an action that the temperature is learned for; uniform actions have 0.69."""
     min_scale: float = 0.1
     """Lower limit of the standard deviation of an action before the tanh."""
     layer_norm: bool = True
@@ -133,6 +135,8 @@ class CrossQSettings(OffPolicySettings):
     actor_delay: int = 3
     initial_alpha: float = 0.1
     """Temperature (weight of the entropy) at the start; it is learned from there."""
+    entropy: float = -1.0
+    """Entropy for each entry of an action that the temperature is learned for; uniform actions have 0.69."""
     min_scale: float = 0.1
     """Lower limit of the standard deviation of an action before the tanh."""
     momentum: float = 0.01

@@ -33,12 +33,12 @@ def sample_action(loc: Tensor, scale: Tensor) -> tuple[Tensor, Tensor]:
 
 
 class Temperature(nn.Module):
-    """The weight of the entropy, learned so that the entropy stays at ``-action_size``."""
+    """The weight of the entropy, learned so that the entropy stays at ``target_entropy``."""
 
-    def __init__(self, initial: float, action_size: int) -> None:
+    def __init__(self, initial: float, target_entropy: float) -> None:
         super().__init__()
         self.log_alpha = nn.Parameter(torch.tensor(math.log(initial)))
-        self.target_entropy = -float(action_size)
+        self.target_entropy = target_entropy
 
     def alpha(self) -> Tensor:
         """The temperature, as a constant."""
@@ -71,7 +71,7 @@ class SACAgent(OffPolicyAgent):
         )
         self.target_critics.load_state_dict(self.critics.state_dict())
         self.target_critics.requires_grad_(False)
-        self.temperature = Temperature(settings.initial_alpha, action_size)
+        self.temperature = Temperature(settings.initial_alpha, settings.entropy * action_size)
         self._critic_parameters: list[Tensor] = list(self.critics.parameters())
         self._target_parameters: list[Tensor] = list(self.target_critics.parameters())
         self._actor_parameters: list[Tensor] = list(self.actor.parameters())
