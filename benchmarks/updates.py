@@ -30,7 +30,7 @@ from bricksrl.agents.layout import ObservationLayout
 from bricksrl.agents.networks import make_actor, make_deterministic_actor, make_normalised_actor, make_policy
 from bricksrl.agents.off_policy import OffPolicyAgent
 
-ROUNDS = 3
+ROUNDS = 5
 UPDATES = 20
 OBSERVATION, ACTION, HIDDEN, BATCH = 8, 4, (256, 256), 256
 STORED = 10_000

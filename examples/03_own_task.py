@@ -1,7 +1,7 @@
 """A task of your own on the 2Wheeler: stop at 400 mm from the wall.
 
-    bricksrl check examples/03_own_task.py
-    bricksrl train examples/03_own_task.py --episodes 30
+bricksrl check examples/03_own_task.py
+bricksrl train examples/03_own_task.py --episodes 30
 """
 
 from torch import Tensor

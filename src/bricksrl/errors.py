@@ -43,6 +43,10 @@ class RenderingUnavailableError(TwinError):
     """No OpenGL library is here to draw with."""
 
 
+class CameraError(BricksError):
+    """A real camera that shows nothing, or cannot be read here."""
+
+
 class RunError(BricksError):
     """A run folder that is missing, unreadable, or in the way."""
 

@@ -116,20 +116,20 @@ def test_acts_within_bounds_and_explores_around_the_best(agent: str) -> None:
     assert drawn.abs().max() <= 1.0
 
 
-@pytest.mark.parametrize("agent", LEARNERS)
+@pytest.mark.parametrize("agent", ["sac", "td3", "crossq"])
 def test_learns_the_action_that_pays(agent: str) -> None:
     made = fresh(agent, small(agent, gamma=0.0, hidden=(32, 32), batch_size=32, hindsight=0.0, new_goals=0.0))
     torch.manual_seed(2)
     for one in transitions(200):
         made.remember(Transition(one.observation, one.action, float(one.action[0] - one.action[1]), one.next_observation, False))
-    for _ in range(400):
+    for _ in range(250):
         made.update()
     best = torch.stack([made.act(one.observation, explore=False) for one in transitions(20)])
     assert best[:, 0].mean() > 0.6
     assert best[:, 1].mean() < -0.6
 
 
-@pytest.mark.parametrize("agent", LEARNERS)
+@pytest.mark.parametrize("agent", ["sac", "td3", "crossq"])
 def test_values_go_on_through_a_time_limit_and_end_at_a_termination(agent: str) -> None:
     def value(*, terminated: bool) -> float:
         changes = {"gamma": 0.8, "learning_rate": 3e-3, "hindsight": 0.0, "new_goals": 0.0, "batch_size": 32}
@@ -138,7 +138,7 @@ def test_values_go_on_through_a_time_limit_and_end_at_a_termination(agent: str) 
         made = fresh(agent, small(agent, **changes, **extra, **small_alpha))
         for one in transitions(30):
             made.remember(Transition(one.observation, one.action, 1.0, one.next_observation, terminated, True))
-        for _ in range(250):
+        for _ in range(200):
             made.update()
         one = transitions(1)[0]
         return float(made.critics(made.encoder(one.observation)[None], one.action[None]).detach().mean())  # type: ignore[attr-defined]

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bricksrl.agents import SACSettings, preset
+from bricksrl.agents import AGENTS, SACSettings, preset
 from bricksrl.errors import RunError
 from bricksrl.training import TrainConfig
 
@@ -24,6 +24,20 @@ def test_folder_is_not_part_of_the_dictionary() -> None:
     config = TrainConfig(env="RunAway-v0", settings=preset("paper"), run_dir=Path("here"))
     assert "run_dir" not in config.to_dict()
     assert TrainConfig.from_dict(config.to_dict(), run_dir=Path("there")) == replace(config, run_dir=Path("there"))
+
+
+@pytest.mark.parametrize("agent", AGENTS)
+@pytest.mark.parametrize("name", ["default", "paper"])
+def test_settings_come_back_for_every_agent(agent: str, name: str) -> None:
+    config = TrainConfig(env="RunAway-v0", agent=agent, settings=preset(name, agent))
+    assert TrainConfig.from_dict(json.loads(json.dumps(config.to_dict()))) == config
+
+
+@pytest.mark.parametrize("agent", AGENTS)
+def test_without_settings_the_agents_own_are_written_down(agent: str) -> None:
+    config = TrainConfig(env="RunAway-v0", agent=agent)
+    assert config.settings == preset("default", agent)
+    assert config.to_dict()["settings"]["updates_per_step"] == preset("default", agent).updates_per_step
 
 
 @pytest.mark.parametrize(

@@ -19,7 +19,7 @@ from bricksrl.training import Episode, Observer, Phase, Progress, RunFolder, Run
 from bricksrl.training.checkpoint import load_checkpoint, save_checkpoint
 from bricksrl.training.run import COLUMNS
 
-SMALL = SACSettings(hidden=(16, 16), batch_size=16, prefill_episodes=2)
+SMALL = SACSettings(hidden=(16, 16), batch_size=16, prefill_episodes=2, initial_alpha=0.1)
 
 
 @pytest.fixture

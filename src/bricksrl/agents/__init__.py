@@ -24,7 +24,7 @@ def make_agent(
 
     Raises:
         UnknownNameError: there is no agent of that name.
-        DescriptionError: the settings are those of another agent.
+        DescriptionError: the settings are those of another agent, or the task shows images, which only "random" can do without.
     """
     usual = preset("default", name)
     settings = settings or usual
@@ -32,6 +32,8 @@ def make_agent(
         from bricksrl.agents.random import RandomAgent
 
         return RandomAgent(action_size)
+    if getattr(task, "camera", None) is not None:
+        raise DescriptionError(f"{name} cannot learn from the images of this task yet; take another task, or the agent 'random'")
     if type(settings) is not type(usual):
         raise DescriptionError(
             f"the agent {name} has {type(usual).__name__}, not {type(settings).__name__}; take preset('default', '{name}')"

@@ -12,21 +12,21 @@ from bricksrl.errors import DescriptionError, UnknownNameError
 class OffPolicySettings:
     """What all agents have in common that learn from a replay buffer. The defaults are tuned for few robot steps."""
 
-    hidden: tuple[int, ...] = (128, 128)
+    hidden: tuple[int, ...] = (256, 256)
     """Units of each hidden layer, of the actor and of the critics."""
     learning_rate: float = 1e-3
     """Adam's step size."""
     adam_beta: float = 0.9
     """Share of the past in Adam's mean of the gradients."""
-    batch_size: int = 128
+    batch_size: int = 256
     """Transitions in one update."""
-    gamma: float = 0.99
+    gamma: float = 0.95
     """Discount of the next step's value."""
     updates_per_step: int = 2
     """Updates of the critics for each step of the robot."""
     actor_delay: int = 1
     """The actor learns in every n-th update of the critics."""
-    prefill_episodes: int = 2
+    prefill_episodes: int = 1
     """Episodes of uniform actions at the start."""
     angles: Literal["phases", "sincos", "raw"] = "phases"
     """How the networks see angles that wrap: as sine and cosine, with those of their differences too, or scaled to -1..1."""
@@ -72,7 +72,7 @@ class SACSettings(OffPolicySettings):
 
     tau: float = 0.005
     """Share of the critics that goes into the target critics at each update."""
-    initial_alpha: float = 0.1
+    initial_alpha: float = 0.2
     """Temperature (weight of the entropy) at the start; it is learned from there."""
     entropy: float = -1.0
     """Entropy for each entry of an action that the temperature is learned for; uniform actions have 0.69."""
@@ -105,15 +105,17 @@ class SACSettings(OffPolicySettings):
 class TD3Settings(OffPolicySettings):
     """Twin delayed deep deterministic policy gradient."""
 
+    learning_rate: float = 5e-4
+    updates_per_step: int = 4
     actor_delay: int = 2
     """Actor and targets learn in every n-th update of the critics."""
     tau: float = 0.005
     """Share of the networks that goes into their targets, as often as the actor learns."""
     layer_norm: bool = True
     """Layer normalisation in the critics."""
-    exploration_noise: float = 0.1
+    exploration_noise: float = 0.3
     """Standard deviation of the noise on the actions while learning; actions are in -1..1."""
-    target_noise: float = 0.2
+    target_noise: float = 0.1
     """Standard deviation of the noise on the target actor's actions."""
     target_noise_limit: float = 0.5
     """Limit of that noise to either side."""
@@ -154,6 +156,7 @@ _PAPER = SACSettings(
     hidden=(256, 256),
     learning_rate=3e-4,
     batch_size=256,
+    gamma=0.99,
     updates_per_step=1,
     prefill_episodes=10,
     initial_alpha=1.0,
@@ -169,7 +172,10 @@ _REDQ = replace(_DROQ, layer_norm=False, dropout=0.0, critics=10)
 
 def _as_in_the_paper(settings: Settings) -> Settings:
     """The settings with what the paper says about every agent."""
-    common = ("hidden", "learning_rate", "batch_size", "prefill_episodes", "angles", "goals", "hindsight", "new_goals")
+    common = (
+        *("hidden", "learning_rate", "batch_size", "gamma", "prefill_episodes"),
+        *("angles", "goals", "hindsight", "new_goals"),
+    )
     changed = {name: getattr(_PAPER, name) for name in common}
     if not isinstance(settings, TD3Settings):
         changed["initial_alpha"] = _PAPER.initial_alpha
@@ -185,7 +191,7 @@ _DEFAULT: dict[str, Settings] = {
 }
 _AS_PUBLISHED: dict[str, Settings] = {
     "sac": _PAPER,
-    "td3": _as_in_the_paper(TD3Settings(updates_per_step=1, layer_norm=False)),
+    "td3": _as_in_the_paper(TD3Settings(updates_per_step=1, layer_norm=False, exploration_noise=0.1, target_noise=0.2)),
     "droq": _as_in_the_paper(_DROQ),
     "redq": _as_in_the_paper(_REDQ),
     "crossq": replace(_as_in_the_paper(CrossQSettings(updates_per_step=1)), learning_rate=1e-3),

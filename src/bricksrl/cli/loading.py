@@ -10,7 +10,13 @@ _HEAVY = ("torch", "torchrl.data", "torchrl.envs")
 
 
 def load_learning() -> None:
-    """Import what all learning needs; a Ctrl-C meanwhile counts when it is done, because these modules may swallow it."""
+    """Import what all learning needs; a Ctrl-C meanwhile counts when it is done, because these modules may swallow it.
+
+    Raises:
+        RenderingUnavailableError: ``MUJOCO_GL`` names a library that does not work.
+    """
+    from bricksrl.twin.bodies import check_mujoco
+
     interrupted = False
 
     def remember(_signum: int, _frame: FrameType | None) -> None:
@@ -19,6 +25,7 @@ def load_learning() -> None:
 
     before = signal.signal(signal.SIGINT, remember)
     try:
+        check_mujoco()
         for name in _HEAVY:
             importlib.import_module(name)
             if interrupted:

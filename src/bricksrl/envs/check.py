@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from bricksrl.envs.registry import get_task, make
 from bricksrl.envs.task import Task
+from bricksrl.errors import RenderingUnavailableError
 from bricksrl.hub.interface import DriveStraight
 
 if TYPE_CHECKING:
@@ -66,7 +67,7 @@ def check_env(env_id: str) -> Iterator[Check]:
     for name, check in checks.items():
         try:
             yield Check(name, Outcome.OK, check())
-        except _Skip as reason:
+        except (_Skip, RenderingUnavailableError) as reason:
             yield Check(name, Outcome.SKIPPED, str(reason))
         except Exception as error:  # noqa: BLE001 - whatever the user's own functions raise is what is to be told
             kind = "" if isinstance(error, _Broken) else f"{type(error).__name__}: "
@@ -198,7 +199,7 @@ def _functions(task: Task) -> str:
     import torch
 
     generator, steps = torch.Generator().manual_seed(_SEED), _STEPS
-    low, high = (torch.tensor([getattr(entry, end) for entry in task.entries]) for end in ("low", "high"))
+    low, high = (torch.tensor([getattr(entry, end) for entry in task.judged_entries]) for end in ("low", "high"))
     before, after = low + (high - low) * torch.rand((2, steps, len(low)), generator=generator)
     action = 2 * torch.rand((steps, len(task.interface.commands)), generator=generator) - 1
     shapes = {

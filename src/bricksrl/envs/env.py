@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 import torch
@@ -14,10 +14,11 @@ from tensordict import TensorDict, TensorDictBase
 from torchrl.data import Binary, Bounded, Composite, Unbounded
 from torchrl.envs import EnvBase
 
+from bricksrl.envs.camera import Camera, Watch
 from bricksrl.envs.nominal import NominalBounded
 from bricksrl.envs.odometer import Odometer
 from bricksrl.envs.task import Task
-from bricksrl.errors import BricksError, HubError
+from bricksrl.errors import BricksError, CameraError, HubError
 
 if TYPE_CHECKING:
     from bricksrl.hub.link import HubLink, Reading
@@ -27,6 +28,8 @@ BLOCKED_TIMEOUT_S = 120.0
 """How long a robot waits for its way to be cleared."""
 
 _log = logging.getLogger(__name__)
+
+_T = TypeVar("_T")
 
 Placement = Callable[[np.random.Generator], None]
 """Puts the robot where an episode starts. For a virtual robot a method, for a real one a hand."""
@@ -41,21 +44,31 @@ class Connection:
         place: puts it where an episode starts, at every reset, while the link is open.
         odometer: tells how far it gets.
         twin: the virtual hub at the other end, for rendering; ``None`` where the robot is real.
+        camera: what looks at it, for a task with a camera.
     """
 
     link: HubLink
     place: Placement
     odometer: Odometer
     twin: VirtualHub | None = None
+    camera: Camera | None = None
 
 
 @dataclass(slots=True)
 class _Episode:
-    """What changes from step to step; apart from the environment, where every assignment costs ten microseconds."""
+    """What changes from step to step; apart from the environment, where every assignment costs ten microseconds.
+
+    Attributes:
+        observation: the last one, as the task's functions get it.
+        watch: what the camera shows; ``None`` for a task without one.
+        judged: every observation that followed a step, as the task's functions get it; only where there is a camera.
+    """
 
     drawn: NDArray[np.float32]
     observation: torch.Tensor
     step_count: int = 0
+    watch: Watch | None = None
+    judged: list[torch.Tensor] = field(default_factory=list)
 
 
 class HubEnv(EnvBase):  # type: ignore[misc]
@@ -65,6 +78,7 @@ class HubEnv(EnvBase):  # type: ignore[misc]
     key              shape    dtype    meaning
     ===============  =======  =======  =====================================================
     ``observation``  ``[n]``  float32  channels in their order, then the host's entries
+    ``image``        below    uint8    only for a task with a camera: ``[side, side, 3]``
     ``action``       ``[m]``  float32  in -1..1, mapped linearly to the command ranges;
                                        what lies beyond is clamped
     ``reward``       ``[1]``  float32  the task's
@@ -106,9 +120,14 @@ class HubEnv(EnvBase):  # type: ignore[misc]
 
     def _make_specs(self) -> None:
         entries = self.task.entries
+        self._entries = len(entries)
         low, high = torch.tensor([e.low for e in entries]), torch.tensor([e.high for e in entries])
         nominal = torch.tensor([e.nominal for e in entries])
         self.observation_spec = Composite(observation=NominalBounded(low, high, nominal=nominal))
+        camera = self.task.camera
+        if camera is not None:
+            image = Bounded(0, 255, shape=(camera.image_px, camera.image_px, 3), dtype=torch.uint8)
+            self.observation_spec.set("image", image)
         self.action_spec = Bounded(-1.0, 1.0, shape=(len(self._spans),))
         self.reward_spec = Unbounded(shape=(1,))
         flag = Binary(1, dtype=torch.bool)
@@ -130,8 +149,14 @@ class HubEnv(EnvBase):  # type: ignore[misc]
         observation = _observe(reading, drawn, measured)
         self._odometer.start(self._robot().link.now_s())
         self._odometer.forward_mm(self._robot().link.now_s(), reading.values)
-        self._episode = _Episode(drawn, observation)
-        return TensorDict({"observation": observation.clone()}, batch_size=())
+        out = {"observation": observation.clone()}
+        watch = None
+        if self.task.camera is not None:
+            watch = Watch(self.task.camera, self._host_rng, self._guarded(self._camera.frame))
+            observation = _with_numbers(observation, watch)
+            out["image"] = torch.from_numpy(watch.image)
+        self._episode = _Episode(drawn, observation, watch=watch)
+        return TensorDict(out, batch_size=())
 
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
         action = tensordict.get("action").detach().clamp(-1.0, 1.0)  # a copy: the agent's own tensor stays as it is
@@ -141,22 +166,24 @@ class HubEnv(EnvBase):  # type: ignore[misc]
             raise BricksError(f"{task.id} has no episode to step; reset the environment first")
         link = self._robot().link
         self._wait_while_blocked(episode)
-        observation = self._measure(self._guarded(lambda: link.act(commands)), episode.drawn)
+        observation = self._measure(self._guarded(lambda: link.act(commands)), episode)
         reward = task.reward(episode.observation, action, observation)
         terminated = task.terminated(observation)
         episode.observation = observation
         episode.step_count += 1
         truncated = torch.full_like(terminated, episode.step_count >= task.max_steps)
-        return TensorDict(
-            {
-                "observation": observation.clone(),  # whoever changes it in place does not change our previous one
-                "reward": reward,
-                "terminated": terminated,
-                "truncated": truncated,
-                "done": terminated | truncated,
-            },
-            batch_size=(),
-        )
+        out = {
+            "observation": observation.clone(),  # whoever changes it in place does not change our previous one
+            "reward": reward,
+            "terminated": terminated,
+            "truncated": truncated,
+            "done": terminated | truncated,
+        }
+        if episode.watch is not None:
+            episode.judged.append(observation)
+            out["observation"] = observation[: self._entries].clone()
+            out["image"] = torch.from_numpy(episode.watch.image)
+        return TensorDict(out, batch_size=())
 
     def _wait_while_blocked(self, episode: _Episode) -> None:
         """Read on, without moving, until nothing is in the way; reading keeps the hub from letting go of its motors.
@@ -175,18 +202,45 @@ class HubEnv(EnvBase):  # type: ignore[misc]
                 raise HubError(f"{self.task.id}: something is in the robot's way for {BLOCKED_TIMEOUT_S:g} s; clear it and go on")
             reading = self._guarded(link.read)
             waited_s += reading.round_trip_s
-            episode.observation = self._measure(reading, episode.drawn)
+            episode.observation = self._measure(reading, episode)
 
-    def _measure(self, reading: Reading, drawn: NDArray[np.float32]) -> torch.Tensor:
-        """The observation after a step; asks the odometer only where somebody wants to know."""
+    def _measure(self, reading: Reading, episode: _Episode) -> torch.Tensor:
+        """What the task's functions get after a step; asks odometer and camera only where somebody wants to know."""
         forward_mm: list[float] = []
         if self.task.walks or self.task.measured_entries:
             forward_mm = [self._odometer.forward_mm(self._robot().link.now_s(), reading.values)]
-        return _observe(reading, drawn, np.array(forward_mm[: len(self.task.measured_entries)], dtype=np.float32))
+        measured = np.array(forward_mm[: len(self.task.measured_entries)], dtype=np.float32)
+        observation = _observe(reading, episode.drawn, measured)
+        if episode.watch is None:
+            return observation
+        episode.watch.see(self._guarded(self._camera.frame))
+        return _with_numbers(observation, episode.watch)
+
+    def judged(self, observations: torch.Tensor) -> torch.Tensor:
+        """What the task's success and metrics get for these observations ``[steps, n]`` of the episode at hand, of all its steps.
+
+        It is the observations themselves, but for a task whose camera has a goal, where what the camera found is added.
+
+        Raises:
+            BricksError: the observations are those of another episode.
+        """
+        if self.task.camera is None:
+            return observations
+        judged = self._episode.judged if self._episode is not None else []
+        if len(judged) != len(observations):
+            raise BricksError(f"{self.task.id} judges an episode before the next reset, and not {len(observations)} other steps")
+        return torch.stack(judged)
 
     def walk_metrics(self) -> dict[str, float]:
         """Metres walked in this episode, speed and straightness, where the task walks and the robot is virtual."""
         return self._odometer.metrics() if self.task.walks and self._episode is not None else {}
+
+    @property
+    def _camera(self) -> Camera:
+        camera = self._robot().camera
+        if camera is None:
+            raise CameraError(f"{self.task.id} needs a camera, and the connection to the robot has none; give it one")
+        return camera
 
     @property
     def _odometer(self) -> Odometer:
@@ -203,11 +257,11 @@ class HubEnv(EnvBase):  # type: ignore[misc]
         robot.place(self._place_rng)
         return robot.link.read()
 
-    def _guarded(self, exchange: Callable[[], Reading]) -> Reading:
-        """Talk to the hub; when that fails, close the link, so that the motors stop and the next reset starts afresh."""
+    def _guarded(self, exchange: Callable[[], _T]) -> _T:
+        """Talk to hub or camera; when that fails, close the link, so that the motors stop and the next reset starts afresh."""
         try:
             return exchange()
-        except HubError:
+        except (HubError, CameraError):
             self._close_link()
             raise
 
@@ -215,6 +269,8 @@ class HubEnv(EnvBase):  # type: ignore[misc]
         self._episode = None
         if self._connection is not None:
             self._connection.link.close()
+            if self._connection.camera is not None:
+                self._connection.camera.close()
 
     def _commands(self, action: torch.Tensor) -> list[float]:
         if action.shape != (len(self._spans),):
@@ -224,3 +280,7 @@ class HubEnv(EnvBase):  # type: ignore[misc]
 
 def _observe(reading: Reading, drawn: NDArray[np.float32], measured: NDArray[np.float32]) -> torch.Tensor:
     return torch.from_numpy(np.concatenate((reading.values, drawn, measured)))
+
+
+def _with_numbers(observation: torch.Tensor, watch: Watch) -> torch.Tensor:
+    return torch.cat((observation, torch.from_numpy(watch.numbers())))

@@ -8,7 +8,7 @@ import gymnasium
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from tensordict import TensorDict
+from tensordict import TensorDict, TensorDictBase
 
 from bricksrl.envs.registry import make
 from bricksrl.errors import RenderingUnavailableError
@@ -20,13 +20,15 @@ if TYPE_CHECKING:
     from bricksrl.twin.rendering import Renderer
 
 Array = NDArray[np.float32]
+Observation = Array | dict[str, NDArray[Any]]
 
 
-class GymnasiumEnv(gymnasium.Env[Array, Array]):
+class GymnasiumEnv(gymnasium.Env[Observation, Array]):
     """A BricksRL environment with Gymnasium's interface.
 
     Observation and action are float32 arrays with the bounds of the task's tables; where a range is only nominal, the bounds
-    are those of what a hub can report. ``info`` holds the task's metrics of the episode so far and, at its end, ``success``.
+    are those of what a hub can report. Of a task with a camera the observation is a dict of such an array, "observation", and
+    the uint8 "image". ``info`` holds the task's metrics of the episode so far and, at its end, ``success``.
 
     Args:
         env_id: such as ``"RunAway-v0"``.
@@ -51,27 +53,31 @@ class GymnasiumEnv(gymnasium.Env[Array, Array]):
         self._observations: list[torch.Tensor] = []
         self._renderer: Renderer | None = None
         limits = np.array([entry.limits for entry in self.env.task.entries], dtype=np.float32)
-        self.observation_space = gymnasium.spaces.Box(limits[:, 0], limits[:, 1])
+        vector = gymnasium.spaces.Box(limits[:, 0], limits[:, 1])
+        camera = self.env.task.camera
+        self.observation_space: gymnasium.Space[Any] = vector
+        if camera is not None:
+            image = gymnasium.spaces.Box(0, 255, (camera.image_px, camera.image_px, 3), np.uint8)
+            self.observation_space = gymnasium.spaces.Dict({"observation": vector, "image": image})
         self.action_space = gymnasium.spaces.Box(-1.0, 1.0, self.env.action_spec.shape)
 
-    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Array, dict[str, Any]]:
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Observation, dict[str, Any]]:
         """Start an episode. A seed makes this and all following episodes repeatable."""
         super().reset(seed=seed)
         if seed is not None:
             self.env.set_seed(seed)
             self._close_renderer()  # it draws the virtual robot that the new seed replaces
         self._observations = []
-        observation = self.env.reset()["observation"]
-        return observation.numpy(), {}
+        return self._shown(self.env.reset()), {}
 
-    def step(self, action: Array) -> tuple[Array, float, bool, bool, dict[str, Any]]:
+    def step(self, action: Array) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Act; returns observation, reward, terminated, truncated and info."""
         sent = TensorDict({"action": torch.tensor(action, dtype=torch.float32)}, batch_size=())
         result = self.env.step(sent)["next"]
         self._observations.append(result["observation"].clone())
         terminated, truncated = bool(result["terminated"]), bool(result["truncated"])
         info = self._info(ended=terminated or truncated)
-        return result["observation"].numpy(), float(result["reward"]), terminated, truncated, info
+        return self._shown(result), float(result["reward"]), terminated, truncated, info
 
     def render(self) -> NDArray[np.uint8] | None:
         """The picture of the virtual robot, uint8 ``[height, width, 3]``; ``None`` without a render mode.
@@ -102,8 +108,14 @@ class GymnasiumEnv(gymnasium.Env[Array, Array]):
             self._renderer.close()
             self._renderer = None
 
+    def _shown(self, state: TensorDictBase) -> Observation:
+        vector: Array = state["observation"].numpy()
+        return vector if self.env.task.camera is None else {"observation": vector, "image": state["image"].numpy()}
+
     def _info(self, *, ended: bool) -> dict[str, Any]:
         episode = torch.stack(self._observations)
+        if self.env.task.camera is not None:
+            episode = self.env.judged(episode)
         info: dict[str, Any] = {name: float(value) for name, value in self.env.task.metrics(episode).items()}
         if ended:
             info["success"] = bool(self.env.task.success(episode))

@@ -15,11 +15,13 @@ from bricksrl.envs import own
 from bricksrl.envs.kinematics import Kinematics
 from bricksrl.envs.task import Task
 from bricksrl.envs.tasks.robo_arm import robo_arm
+from bricksrl.envs.tasks.robo_arm_mixed import robo_arm_mixed
 from bricksrl.envs.tasks.run_away import RUN_AWAY
 from bricksrl.envs.tasks.spinning import SPINNING
 from bricksrl.envs.tasks.walker import walker
 from bricksrl.envs.tasks.walker_forward import WALKER_FORWARD
 from bricksrl.errors import DescriptionError, UnknownNameError
+from bricksrl.twin.bodies import check_mujoco
 
 if TYPE_CHECKING:
     import numpy as np
@@ -51,6 +53,7 @@ _OWN = {
     "Walker-v1": _Offer(lambda: WALKER_FORWARD),
     "WalkerSim-v0": _Offer(functools.partial(walker, "WalkerSim-v0"), Kinematics(noise=0.1)),
     "RoboArm-v0": _Offer(functools.partial(robo_arm, "RoboArm-v0")),
+    "RoboArm_mixed-v0": _Offer(functools.partial(robo_arm_mixed, "RoboArm_mixed-v0")),
     "RoboArmSim-v0": _Offer(functools.partial(robo_arm, "RoboArmSim-v0"), Kinematics(noise=0.05)),
 }
 _offers = dict(_OWN)
@@ -83,7 +86,7 @@ def make(
             its tensors live.
         kinematics: of a simulation without a robot: its noise, in place of the task's own.
         place: puts a real robot where an episode starts and returns when it is there; by default the log asks for it.
-        options: of the task, such as ``sparse`` and ``threshold_deg`` of the RoboArm.
+        options: of the task, such as ``sparse`` and ``threshold_deg`` of the RoboArm or ``camera`` of the one that sees.
 
     Raises:
         UnknownNameError: there is no such environment or no such kind of hub.
@@ -91,6 +94,7 @@ def make(
     """
     offer = _offer(env_id)
     task = _build(env_id, offer, options)
+    check_mujoco()  # TorchRL imports it, whatever the environment
     if offer.kinematics is not None:
         if hub != "virtual" or realtime or physics is not None:
             raise DescriptionError(f"{env_id} is simulated without a robot; leave hub, realtime and physics away")
@@ -109,6 +113,7 @@ def make(
 
 
 def _on_twin(task: Task, seed: int | None, realtime: bool, physics: Physics | RandomPhysics | None) -> HubEnv:
+    from bricksrl.envs.camera import TwinCamera
     from bricksrl.envs.env import Connection, HubEnv
     from bricksrl.envs.odometer import SonarOdometer, TrueOdometer
     from bricksrl.hub.link import HubLink
@@ -118,12 +123,14 @@ def _on_twin(task: Task, seed: int | None, realtime: bool, physics: Physics | Ra
         twin = VirtualHub(task.robot, scene=task.scene, physics=physics, seed=twin_seed, realtime=realtime)
         pose = getattr(twin.body, "pose", None)
         odometer = SonarOdometer(task.interface) if pose is None else TrueOdometer(pose)
-        return Connection(HubLink(twin, task.robot, task.interface), twin.reset, odometer, twin)
+        camera = None if task.camera is None else TwinCamera(twin.body, task.camera)
+        return Connection(HubLink(twin, task.robot, task.interface), twin.reset, odometer, twin, camera)
 
     return HubEnv(task, connect, seed=seed)
 
 
 def _on_robot(task: Task, seed: int | None, place: Placement | None) -> HubEnv:
+    from bricksrl.envs.camera import VideoCamera
     from bricksrl.envs.env import Connection, HubEnv
     from bricksrl.envs.odometer import SonarOdometer
     from bricksrl.hub.ble import BleTransport
@@ -132,7 +139,9 @@ def _on_robot(task: Task, seed: int | None, place: Placement | None) -> HubEnv:
     def put_back(_rng: np.random.Generator) -> None:
         _log.warning("%s: put the robot where an episode starts", task.id)
 
-    connection = Connection(HubLink(BleTransport(), task.robot, task.interface), place or put_back, SonarOdometer(task.interface))
+    camera = None if task.camera is None else VideoCamera(task.camera)
+    link = HubLink(BleTransport(), task.robot, task.interface)
+    connection = Connection(link, place or put_back, SonarOdometer(task.interface), camera=camera)
     return HubEnv(task, lambda _seed: connection, seed=seed)
 
 

@@ -63,6 +63,8 @@ class SimulatedEnv(EnvBase):  # type: ignore[misc]
         commands, channels = task.interface.commands, task.interface.channels
         if task.measured_entries:
             raise DescriptionError(f"{task.id} cannot be simulated; kinematics do not tell how far a robot gets")
+        if task.camera is not None:
+            raise DescriptionError(f"{task.id} cannot be simulated; kinematics have no picture for its camera")
         columns = {channel.motor: i for i, channel in enumerate(channels) if isinstance(channel, MotorAngle)}
         if not all(isinstance(command, RunAngle) and command.motor in columns for command in commands) or len(columns) > len(
             commands

@@ -11,6 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from bricksrl.envs.camera import CameraView
 from bricksrl.errors import DescriptionError
 from bricksrl.hub.interface import Channel, Interface, MotorAngle, YawRate
 from bricksrl.robots import Robot
@@ -90,7 +91,8 @@ def never(observation: Tensor) -> Tensor:
 class Task:
     """A reinforcement learning task on a robot.
 
-    The observation is the interface's channels in their order, then the host entries, then the measured entries.
+    The observation is the interface's channels in their order, then the host entries, then the measured entries. Where a camera
+    has a goal, the task's functions get two more entries, which the agent does not: see ``judged_entries``.
 
     Attributes:
         id: name and version, such as ``"RunAway-v0"``.
@@ -106,6 +108,7 @@ class Task:
         scene: what stands around the robot when it is virtual.
         host_entries, measured_entries: what follows the channels in the observation.
         walks: a virtual robot reports how far, fast and straight it went.
+        camera: what looks at the robot and adds an image to the observation.
 
     Raises:
         DescriptionError: at construction, when the parts do not fit.
@@ -125,6 +128,7 @@ class Task:
     host_entries: tuple[HostEntry, ...] = ()
     measured_entries: tuple[MeasuredEntry, ...] = ()
     walks: bool = False
+    camera: CameraView | None = None
 
     def __post_init__(self) -> None:
         if re.fullmatch(r"\w+-v\d+", self.id) is None:
@@ -152,6 +156,18 @@ class Task:
         limit = float(_WIRE_MAX)
         measured = (Entry(entry.name, entry.low, entry.high, entry.unit, (-limit, limit)) for entry in self.measured_entries)
         return (*channels, *drawn, *measured)
+
+    @property
+    def judged_entries(self) -> tuple[Entry, ...]:
+        """What reward, ends, success and metrics get: the observation; where a camera has a goal, also how far red things are.
+
+        That is their mean distance (of the last that were seen in the episode; 0 before) and the distance of the nearest.
+        """
+        if self.camera is None or self.camera.goal is None:
+            return self.entries
+        farthest_px = self.camera.farthest_px
+        names = ("mean_distance", "nearest_distance")
+        return (*self.entries, *(Entry(name, 0.0, farthest_px, "px", (0.0, farthest_px)) for name in names))
 
 
 def _channel_entry(channel: Channel) -> Entry:

@@ -94,7 +94,13 @@ def run_episode(env: EnvBase, agent: Agent, state: TensorDictBase, phase: Phase 
 def is_success(env: EnvBase, rollout: Rollout) -> bool | None:
     """Whether the task calls the episode a success; ``None`` for an environment without a task of ours."""
     task = getattr(env, "task", None)
-    return None if task is None else bool(task.success(rollout.observations))
+    return None if task is None else bool(task.success(_judged(env, rollout)))
+
+
+def _judged(env: EnvBase, rollout: Rollout) -> Tensor:
+    """The observations as the task's functions get them; the rollout is the last that ``env`` made."""
+    judged = getattr(env, "judged", None)
+    return rollout.observations if judged is None else judged(rollout.observations)
 
 
 def task_metrics(env: EnvBase, rollout: Rollout) -> dict[str, float]:
@@ -102,6 +108,6 @@ def task_metrics(env: EnvBase, rollout: Rollout) -> dict[str, float]:
     task = getattr(env, "task", None)
     if task is None:
         return {}
-    own = {name: float(value) for name, value in task.metrics(rollout.observations).items()}
+    own = {name: float(value) for name, value in task.metrics(_judged(env, rollout)).items()}
     walk = getattr(env, "walk_metrics", None)
     return own if walk is None else {**own, **walk()}

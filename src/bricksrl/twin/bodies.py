@@ -34,7 +34,7 @@ def make_body(robot: Robot, *, scene: Scene | None = None, physics: Physics | Ra
                 f"the MuJoCo model of '{robot.name}' has its own sensors only; give a robot with others another name, "
                 "and it gets a twin on the bench"
             )
-        _check_mujoco()
+        check_mujoco()
         from bricksrl.twin.mujoco_body import MujocoBody
 
         return MujocoBody(robot, scene, physics or Physics(), seed)
@@ -47,8 +47,12 @@ def make_body(robot: Robot, *, scene: Scene | None = None, physics: Physics | Ra
     return BenchBody(robot, scene, physics)
 
 
-def _check_mujoco() -> None:
-    """MuJoCo looks for the library that ``MUJOCO_GL`` names as soon as it is imported."""
+def check_mujoco() -> None:
+    """Import MuJoCo, which looks for the library that ``MUJOCO_GL`` names at once. TorchRL imports it too.
+
+    Raises:
+        RenderingUnavailableError: that library does not work.
+    """
     try:
         importlib.import_module("mujoco")
     except Exception as error:

@@ -39,6 +39,7 @@ _KINDS: dict[str, type] = {
     kind.__name__: kind for kind in (*typing.get_args(Command), *typing.get_args(Channel), Wait, UntilDone)
 }
 _REST_STEPS, _RUN_STEPS = 16, 16
+_RUN_SHARE = 0.6
 _FAST_DEG_S = 1000
 _TURN_DEG = 600.0
 
@@ -112,11 +113,12 @@ def identification_commands(interface: Interface, steps: int, rng: np.random.Gen
     """
     shares = np.zeros((steps, len(interface.commands)))
     moving = shares[_REST_STEPS:]
-    half = len(moving) // 2
-    drawn = rng.uniform(-1.0, 1.0, (half, moving.shape[1])) ** 3
-    drawn[1::2] = -drawn[: len(drawn[1::2]) * 2 : 2]
-    moving[:half] = drawn
-    for start in range(half, len(moving), 2 * _RUN_STEPS):
+    there_and_back = 2 * _RUN_STEPS
+    run_steps = round(_RUN_SHARE * len(moving) / there_and_back) * there_and_back
+    jerks = max(0, len(moving) - run_steps) // 2
+    moving[: 2 * jerks : 2] = rng.uniform(-1.0, 1.0, (jerks, moving.shape[1])) ** 3
+    moving[1 : 2 * jerks : 2] = -moving[: 2 * jerks : 2]
+    for start in range(len(moving) - run_steps, len(moving), there_and_back):
         signs = rng.choice([-1.0, 1.0], moving.shape[1])
         moving[start : start + _RUN_STEPS] = signs
         moving[start + _RUN_STEPS : start + 2 * _RUN_STEPS] = -signs

@@ -1,0 +1,50 @@
+"""``bricksrl twin record`` and ``twin fit``."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from bricksrl.cli import main, twin
+from bricksrl.training import RunFolder
+from bricksrl.twin.fit import FITTED
+
+
+def test_the_command_looks_for_what_motion_tells():
+    assert twin.FITTED == FITTED
+
+
+@pytest.fixture
+def log(tmp_path):
+    (tmp_path / "hidden.json").write_text('{"battery_v": 6.9}')
+    path = tmp_path / "robot.jsonl"
+    arguments = ["--steps", "60", "--physics", str(tmp_path / "hidden.json")]
+    assert main(["twin", "record", "bench", "--out", str(path), *arguments]) == 0
+    return path
+
+
+def test_from_a_recording_to_a_training(bricksrl, log, capsys, tmp_path):
+    capsys.readouterr()
+    assert main(["twin", "fit", str(log), "--parameters", "battery_v", "friction_scale"]) == 0
+    written = capsys.readouterr()
+    assert written.err == ""
+    assert "motor_a_angle" in written.out
+    assert "friction_scale                 1    this log does not tell it" in written.out
+    physics = log.with_suffix(".physics.json")
+    assert str(physics) in written.out
+    found = json.loads(physics.read_text())
+    assert found["battery_v"] == pytest.approx(6.9, abs=0.1)
+    run = tmp_path / "run"
+    done = bricksrl("train", "RunAway-v0", "--episodes", "1", "--physics", str(physics), "--run", str(run))
+    assert (done.returncode, done.stderr) == (0, "")
+    assert RunFolder(run).read_config().physics.battery_v == found["battery_v"]
+
+
+def test_what_is_no_log_and_no_physics_is_one_line(fails, tmp_path):
+    fails("twin", "fit", str(tmp_path / "nothing.jsonl"), says="cannot read the log")
+    fails("twin", "record", "robo-ant", "--out", str(tmp_path / "x"), says="no robot 'robo-ant'")
+    fails("train", "RunAway-v0", "--physics", str(tmp_path / "nothing.json"), says="cannot read the physics")
+    (tmp_path / "wrong.json").write_text('{"gravity": 3}')
+    fails("train", "RunAway-v0", "--physics", str(tmp_path / "wrong.json"), says="no parameter 'gravity'")
+    fails("train", "RunAway-v0", "--randomize", "--physics", str(tmp_path / "wrong.json"), says="gravity")

@@ -1,0 +1,168 @@
+"""The arm that a camera shows its goal."""
+
+from __future__ import annotations
+
+import math
+import os
+import subprocess
+import sys
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+
+import gymnasium
+import numpy as np
+import pytest
+import torch
+from gymnasium.utils.env_checker import check_env
+from tensordict import TensorDictBase
+from torchrl.envs import check_env_specs
+
+import bricksrl
+from bricksrl.envs import get_task
+from bricksrl.envs.env import HubEnv
+from bricksrl.envs.tasks.robo_arm_mixed import GOAL
+from bricksrl.errors import DescriptionError, RenderingUnavailableError
+from bricksrl.evaluation import evaluate
+from bricksrl.training import TrainConfig, train
+
+ID = "RoboArm_mixed-v0"
+# Angle of the joint "high", and how far the ball is then from the middle of the frame.
+HIGH_DEG, RADIUS_PX = (-140, -95, -70, -40, 7), (97, 141, 163, 192, 219)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _opengl() -> None:
+    env = bricksrl.make(ID)
+    try:
+        env.reset()
+    except RenderingUnavailableError as error:
+        pytest.skip(str(error))
+    finally:
+        env.close()
+
+
+def random_actions(seed: int = 1) -> Callable[[TensorDictBase], TensorDictBase]:
+    generator = torch.Generator().manual_seed(seed)
+    return lambda td: td.set("action", torch.rand(3, generator=generator) * 2 - 1)
+
+
+def steer(env: HubEnv) -> Callable[[TensorDictBase], TensorDictBase]:
+    """Turns and stretches the arm to where the green disc is in the image."""
+
+    def act(td: TensorDictBase) -> TensorDictBase:
+        red, green, blue = td["image"].int().unbind(-1)
+        rows, columns = torch.nonzero((green > red + 100) & (green > blue + 100), as_tuple=True)
+        right, down = (columns.float().mean() - 31.5) * 10, (rows.float().mean() - 31.5) * 7.5
+        turn_deg = (math.degrees(math.atan2(right, down)) - td["observation"][0] + 180) % 360 - 180
+        high_deg = np.interp(math.hypot(right, down), RADIUS_PX, HIGH_DEG) - td["observation"][2]
+        return td.set("action", torch.tensor([0.7 * turn_deg / 90, 0.0, high_deg / 60]).clamp(-1, 1))
+
+    return act
+
+
+def test_specs() -> None:
+    env = bricksrl.make(ID, seed=0)
+    check_env_specs(env)
+    assert env.observation_spec["observation"].low.tolist() == [0, 10, -150]
+    assert env.observation_spec["observation"].high.tolist() == [360, 70, 10]
+    assert env.observation_spec["image"].shape == (64, 64, 3)
+    assert env.observation_spec["image"].dtype == torch.uint8
+    assert env.action_spec.shape == (3,)
+    env.close()
+
+
+def test_as_in_the_paper() -> None:
+    task = get_task(ID)
+    assert task.max_steps == 30
+    assert [(c.low, c.high, c.speed_deg_s) for c in task.interface.commands] == [(-90, 90, 250), (-30, 30, 250), (-60, 60, 250)]
+    assert len(set(GOAL.places)) == 26
+    assert all(math.hypot(x - 320, y - 240) == pytest.approx(200, abs=1.5) and y >= 240 for x, y in GOAL.places)
+    assert (GOAL.jitter_px, GOAL.radius_px, GOAL.red.area_px) == ((25, 20), 25, 10)
+
+
+def test_rewards_and_ends_from_what_is_seen() -> None:
+    dense, sparse = get_task(ID), get_task(ID, sparse=True)
+    seen = torch.tensor([[0.0, 40, -70, 250, 250], [0, 40, -70, 120, 40], [0, 40, -70, 120, 800]])
+    action = torch.zeros(3, 3)
+    assert dense.reward(seen, action, seen)[:, 0].tolist() == pytest.approx([-2.5, -1.2, -1.2])
+    assert sparse.reward(seen, action, seen)[:, 0].tolist() == [0, 1, 0]
+    assert dense.terminated(seen)[:, 0].tolist() == sparse.terminated(seen)[:, 0].tolist() == [False, True, False]
+    assert dense.success(seen[None]).tolist() == [False]
+    assert dense.success(seen[None, :2]).tolist() == [True]
+    assert dense.metrics(seen[None, :2])["final_distance_px"].tolist() == [40]
+
+
+def test_a_seed_repeats_a_run_bit_for_bit() -> None:
+    env, other = bricksrl.make(ID, seed=3), bricksrl.make(ID, seed=4)
+    first = env.rollout(6, random_actions(), break_when_any_done=False)
+    env.set_seed(3)
+    assert (env.rollout(6, random_actions(), break_when_any_done=False) == first).all()
+    assert not torch.equal(other.reset()["image"], first["image"][0])
+    env.close()
+    other.close()
+
+
+def test_a_policy_that_looks_brings_the_ball_to_the_goal() -> None:
+    env = bricksrl.make(ID, seed=0)
+    gains, arrived = [], []
+    for _ in range(6):
+        steps = env.rollout(30, steer(env))
+        rewards = steps["next", "reward"][:, 0]
+        judged = env.judged(steps["next", "observation"])
+        assert torch.allclose(rewards, -judged[:, -2] / 100)
+        gains.append((rewards[-1] - rewards[0]).item())
+        arrived.append(bool(env.task.success(judged)))
+        assert steps["next", "terminated"][-1].item() == arrived[-1] == (rewards[-1].item() >= -0.4)
+    assert all(arrived)
+    assert max(gains) > 1
+    assert min(gains) >= 0
+    env.close()
+
+
+def test_the_image_shows_ball_and_goal_in_their_colours() -> None:
+    env = bricksrl.make(ID, seed=0)
+    images = torch.stack([env.reset()["image"] for _ in range(4)]).int()
+    red, green, blue = images.unbind(-1)
+    assert ((red > green + 100) & (red > blue + 100)).flatten(1).sum(1).min() > 5
+    discs = (green > red + 100) & (green > blue + 100)
+    assert 10 < discs.flatten(1).sum(1).min() <= discs.flatten(1).sum(1).max() < 50
+    assert (discs[0] != discs[1]).any()  # another goal each time
+    env.close()
+
+
+def test_gymnasium() -> None:
+    env = gymnasium.make(f"bricksrl/{ID}").unwrapped
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        check_env(env, skip_render_check=True)
+    observation, _ = env.reset(seed=0)
+    assert observation["image"].shape == (64, 64, 3)
+    ended, steps = False, 0
+    while not ended:
+        observation, _, terminated, truncated, info = env.step(np.array([0.0, 0.0, -1.0], np.float32))
+        ended, steps = terminated or truncated, steps + 1
+    assert info["success"] is terminated
+    assert info["final_distance_px"] > 0
+    env.close()
+
+
+def test_agents_that_cannot_see_say_so_and_chance_does_without(tmp_path: Path) -> None:
+    with pytest.raises(DescriptionError, match="sac cannot learn from the images") as caught:
+        train(TrainConfig(ID, agent="sac", episodes=2, run_dir=tmp_path / "sac"))
+    assert "\n" not in str(caught.value)
+    assert not (tmp_path / "sac").exists()
+    result = train(TrainConfig(ID, agent="random", episodes=2, run_dir=tmp_path / "random"))
+    assert all(episode.success is not None for episode in result.episodes)
+    assert evaluate(tmp_path / "random", episodes=1).metrics["final_distance_px"] > 0
+
+
+def test_without_a_library_to_draw_with_one_line_says_what_to_do() -> None:
+    program = (
+        f"import bricksrl\ntry:\n    bricksrl.make('{ID}').reset()\nexcept bricksrl.errors.RenderingUnavailableError as error:\n"
+    )
+    program = "import bricksrl.errors\n" + program + "    print(error)"
+    environment = {**os.environ, "MUJOCO_GL": "disable"}
+    done = subprocess.run([sys.executable, "-c", program], env=environment, capture_output=True, text=True, check=True)
+    assert len(done.stdout.splitlines()) == 1
+    assert "MUJOCO_GL" in done.stdout
