@@ -132,7 +132,7 @@ def test_sparkline():
     assert sparkline([2.0, 2.0]) == "▅▅"
 
 
-def test_a_graphics_library_that_is_not_there_is_one_clear_line(bricksrl: Bricksrl) -> None:
+def test_a_graphics_library_that_is_not_there_is_one_clear_line(bricksrl):
     process = bricksrl("train", "RunAway-v0", "--episodes", "1", MUJOCO_GL="bogus")
     assert (process.returncode, process.stdout) == (2, "")
     assert re.fullmatch(r"error: MuJoCo does not load with MUJOCO_GL=bogus [^\n]+\n", process.stderr)
