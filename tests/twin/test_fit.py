@@ -59,7 +59,7 @@ def test_hidden_parameters_are_found(log: RunLog) -> None:
     for name in ("left_angle", "right_angle", "yaw_rate"):
         assert found.error_after[name] < found.error_before[name] / 2, name
     assert set(found.told) | set(found.untold) == set(FITTED)
-    assert {"battery_v", "motor_friction_scale", "mass_scale"} <= set(found.told)
+    assert {"battery_v", "motor_friction_scale", "mass_scale", "backlash_deg"} <= set(found.told)
     for name in found.told:
         off = abs(getattr(found.physics, name) - getattr(HIDDEN, name))
         assert off < TOLERANCE * np.ptp(PARAMETERS[name].drawn), name

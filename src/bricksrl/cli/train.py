@@ -38,7 +38,7 @@ class Train:
     agent: Annotated[str, arg(metavar="NAME")] = "sac"
     """Agent; `bricksrl list` shows them."""
     preset: Annotated[str, arg(metavar="NAME")] = "default"
-    """Settings of the agent: default, paper (those of the BricksRL paper), or droq."""
+    """Settings of the agent: default, or paper, those of the BricksRL paper."""
     hub: Literal["virtual"] = "virtual"
     """How to reach the robot."""
     episodes: Annotated[int, arg(metavar="N")] = 40
@@ -71,7 +71,7 @@ class Train:
             realtime=self.realtime,
             randomize=self.randomize,
             physics=None if self.physics is None else read_physics(self.physics),
-            settings=preset(self.preset),
+            settings=preset(self.preset, self.agent),
             run_dir=self.run or Path("runs") / f"{file_name(self.env)}-{self.agent}-{self.seed}-{time}",
         )
         return _see_through(lambda observer: train(config, observer))

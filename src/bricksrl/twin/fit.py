@@ -41,7 +41,7 @@ _STARTS = 2
 _WIDE, _NARROW = 0.15, 0.06  # of a parameter's range
 _LOOKS, _LONG, _SHORT = 21, 20, 16  # replays for each parameter
 _OFF = 0.25  # of the range that robots differ in: a parameter is told when being off by this much
-_LEAST_RISE = 0.05  # raises the error by this share or more
+_LEAST_RISE = 0.15  # raises the error by this share or more
 _LEAST_REST = 4
 _SOFT = 3.0  # differences beyond this many roughnesses count by their size rather than by its square
 _NOISES = tuple(name for name in PARAMETERS if "noise" in name)
@@ -56,7 +56,7 @@ class Fit:
 
     Attributes:
         physics: the twin's parameters; those that the log does not tell are the defaults.
-        told: parameters that motion told, and how much the error rises, as a share of it, when one is off by a quarter of the
+        told: parameters that motion told, and by what share the error rises when one of them is off by a quarter of the
             range that robots differ in.
         untold: parameters that motion was to tell and did not.
         error_before, error_after: of each channel, root mean square over the log, in the channel's unit; with the default
