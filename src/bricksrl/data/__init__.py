@@ -1,0 +1,1 @@
+"""What robots did, kept for good."""
