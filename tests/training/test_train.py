@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import csv
+import itertools
 import json
 import os
 import signal
@@ -11,6 +12,7 @@ from pathlib import Path
 
 import pytest
 import torch
+from tensordict import TensorDictBase
 from toys import Cart
 
 from bricksrl.agents import SACSettings
@@ -107,6 +109,33 @@ def test_a_run_leaves_its_files_in_order(config: TrainConfig) -> None:
     assert observer.episodes[-1][1].remaining_s == 0.0
     assert observer.episodes[2][1].remaining_s > 0.0
     assert all(progress.steps_per_s > 0.0 for _, progress in observer.episodes)
+
+
+class Listener(Observer):
+    """Keeps every transition."""
+
+    def __init__(self) -> None:
+        self.seen: list[tuple[int, int, Phase, TensorDictBase]] = []
+
+    def on_transition(self, episode: int, step: int, phase: Phase, transition: TensorDictBase) -> None:
+        self.seen.append((episode, step, phase, transition.clone()))
+
+
+def test_a_listener_hears_every_step_with_all_that_the_environment_tells(config: TrainConfig) -> None:
+    listener = Listener()
+    result = train(config, listener, env=Cart())
+    for episode in result.episodes:
+        steps = [
+            (step, data) for number, step, phase, data in listener.seen if (number, phase) == (episode.episode, episode.phase)
+        ]
+        assert [step for step, _ in steps] == list(range(1, episode.length + 1))
+        outcomes = [data["next"] for _, data in steps]
+        assert sum(outcome["reward"].item() for outcome in outcomes) == pytest.approx(episode.return_, abs=1e-5)
+        assert [outcome["done"].item() for outcome in outcomes] == [False] * (episode.length - 1) + [True]
+        for (_, one), (_, other) in itertools.pairwise(steps):
+            assert torch.equal(one["next", "observation"], other["observation"])
+        last = outcomes[-1]
+        assert last["truncated"].item() == (episode.length == 8) or last["terminated"].item()
 
 
 def test_equal_seeds_give_equal_runs_and_others_do_not(config: TrainConfig, tmp_path: Path) -> None:

@@ -35,6 +35,9 @@ class Agent(Protocol):
     def remember(self, transition: Transition) -> None:
         """Keep a transition to learn from."""
 
+    def end_episode(self) -> None:
+        """What was remembered last is the last of its episode, whatever it said: the link to the robot broke there."""
+
     def update(self) -> dict[str, float]:
         """Learn, as often as the settings ask for one robot step; returns losses by name, nothing when it does not learn."""
 
@@ -43,3 +46,9 @@ class Agent(Protocol):
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Take over what `state_dict` gave."""
+
+    def policy_state(self) -> dict[str, Tensor]:
+        """All that `act` depends on, a copy: small, for an agent elsewhere that acts while this one learns."""
+
+    def load_policy_state(self, state: dict[str, Tensor]) -> None:
+        """Act as the agent whose `policy_state` this is."""

@@ -73,6 +73,18 @@ class OffPolicyAgent(ABC):
         parts = (transition.observation, transition.action, transition.next_observation, outcome)
         self._replay.add(parts, last=transition.last)
 
+    def end_episode(self) -> None:
+        """What was remembered last is the last of its episode."""
+        self._replay.end_episode()
+
+    def policy_state(self) -> dict[str, Tensor]:
+        """The actor's tensors, copied."""
+        return {name: tensor.clone() for name, tensor in self.actor.state_dict().items()}
+
+    def load_policy_state(self, state: dict[str, Tensor]) -> None:
+        """Act as the agent whose `policy_state` this is."""
+        self.actor.load_state_dict(state)
+
     def update(self) -> dict[str, float]:
         """All updates of one robot step; returns the mean of each number that `loss_names` names."""
         if len(self._replay) == 0:

@@ -26,6 +26,9 @@ class RandomAgent:
     def remember(self, transition: Transition) -> None:
         """Forget it: this agent does not learn."""
 
+    def end_episode(self) -> None:
+        """Nothing was remembered."""
+
     def update(self) -> dict[str, float]:
         """Nothing to learn, no losses."""
         return {}
@@ -35,4 +38,11 @@ class RandomAgent:
         return {}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Nothing to take over."""
+
+    def policy_state(self) -> dict[str, Tensor]:
+        """Empty: every such agent acts alike."""
+        return {}
+
+    def load_policy_state(self, state: dict[str, Tensor]) -> None:
         """Nothing to take over."""

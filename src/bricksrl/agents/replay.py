@@ -32,6 +32,10 @@ class ReplayRing:
         self._episode += last
         self._added += 1
 
+    def end_episode(self) -> None:
+        """Whatever is added next belongs to another episode."""
+        self._episode += 1
+
     def draw(self, count: int) -> Tensor:
         """Places ``[count]`` of rows, drawn uniformly with replacement."""
         return torch.randint(len(self), (count,))

@@ -9,6 +9,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from tensordict import TensorDictBase
+
+    from bricksrl.errors import BricksError
     from bricksrl.training.config import TrainConfig
 
 
@@ -78,6 +81,17 @@ class Observer:
 
     def on_step(self, episode: int, step: int, phase: Phase) -> None:
         """Step ``step`` (from 1) of episode ``episode`` (from 1) has been made and learned from."""
+
+    def on_transition(self, episode: int, step: int, phase: Phase, transition: TensorDictBase) -> None:
+        """Step ``step`` (from 1) of episode ``episode`` (from 1), as the environment gave it, before anything is learned from it.
+
+        ``transition`` is what TorchRL's ``EnvBase.step`` returns: what the agent saw and did, and under "next" what followed:
+        the observation, "reward", "terminated", "truncated", "done", and all else that the environment tells. Copy what you keep.
+        """
+
+    def on_link_lost(self, episode: int, length: int, error: BricksError) -> None:
+        """The link to the robot broke in this episode, after ``length`` whole steps: there the episode ends, and the run tries
+        to reach the robot again. `on_episode` follows where there was at least one step."""
 
     def on_episode(self, episode: Episode, progress: Progress) -> None:
         """An episode ended and everything about it is on the disk."""

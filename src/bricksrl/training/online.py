@@ -18,6 +18,9 @@ from bricksrl.training.reproducible import derive_seed
 OnStep = Callable[[int], bool]
 """Told the number of the step that was made, from 1; returns whether to go on."""
 
+OnTransition = Callable[[int, TensorDictBase], None]
+"""Told the number of a step, from 1, and what the environment gave for it, before it is learned from."""
+
 
 @dataclass(frozen=True)
 class Rollout:
@@ -53,7 +56,14 @@ class EpisodeStoppedError(Exception):
     """`run_episode` was asked to stop; nothing outside of the package sees this."""
 
 
-def run_episode(env: EnvBase, agent: Agent, state: TensorDictBase, phase: Phase | None, on_step: OnStep | None = None) -> Rollout:
+def run_episode(
+    env: EnvBase,
+    agent: Agent,
+    state: TensorDictBase,
+    phase: Phase | None,
+    on_step: OnStep | None = None,
+    on_transition: OnTransition | None = None,
+) -> Rollout:
     """One episode from ``state``, which a reset gave, to its end.
 
     In PREFILL actions are uniform, in TRAIN the agent explores and learns after each step; without a phase it does its best
@@ -75,6 +85,8 @@ def run_episode(env: EnvBase, agent: Agent, state: TensorDictBase, phase: Phase 
             action = agent.act(observation, explore=phase is Phase.TRAIN)
         state["action"] = action
         state = env.step(state)
+        if on_transition is not None:
+            on_transition(len(rewards) + 1, state)
         outcome = state["next"]
         reward, terminated, done = (outcome[key].item() for key in ("reward", "terminated", "done"))
         if phase is not None:

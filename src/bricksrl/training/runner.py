@@ -221,8 +221,11 @@ class _Run:
             self.observer.on_step(number, step, phase)
             return not self.interruption.requested
 
+        def on_transition(step: int, transition: TensorDictBase) -> None:
+            self.observer.on_transition(number, step, phase, transition)
+
         try:
-            rollout = run_episode(self.env, self.agent, state, phase, on_step)
+            rollout = run_episode(self.env, self.agent, state, phase, on_step, on_transition)
         except EpisodeStoppedError:
             return False
         before = self.episodes[-1] if self.episodes else None
