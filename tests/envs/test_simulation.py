@@ -15,7 +15,7 @@ from bricksrl.envs.tasks.robo_arm import error_deg
 from bricksrl.envs.tasks.spinning import SPINNING
 from bricksrl.errors import DescriptionError
 
-SIMULATIONS = ("WalkerSim-v0", "RoboArmSim-v0")
+SIMULATIONS = ("WalkerSim-v0", "WalkerSim-v1", "RoboArmSim-v0")
 QUIET = Kinematics(noise=0.0)
 
 
@@ -31,7 +31,9 @@ def test_specs(env_id: str, batch_size: int) -> None:
     assert env.batch_size == torch.Size([batch_size] if batch_size else [])
 
 
-@pytest.mark.parametrize(("sim", "robot"), [("WalkerSim-v0", "Walker-v0"), ("RoboArmSim-v0", "RoboArm-v0")])
+@pytest.mark.parametrize(
+    ("sim", "robot"), [("WalkerSim-v0", "Walker-v0"), ("WalkerSim-v1", "Walker-v0"), ("RoboArmSim-v0", "RoboArm-v0")]
+)
 def test_a_simulation_has_the_specs_of_its_robot(sim: str, robot: str) -> None:
     simulated, real = bricksrl.make(sim), bricksrl.make(robot)
     for spec, other in (

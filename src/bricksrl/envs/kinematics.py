@@ -10,19 +10,24 @@ from bricksrl.errors import DescriptionError
 
 @dataclass(frozen=True)
 class Kinematics:
-    """Each commanded motor turns by its command, at once, with some noise.
+    """Each commanded motor turns by its command, with some noise.
 
     Attributes:
         noise: standard deviation of the normal noise on each normalised action, before it is mapped to degrees.
         noise_on: ``"action"``, or ``"state"`` for the same noise, in the same degrees, on the angle after the move.
+        motion: ``"instant"``: a motor is where it was sent when the next command comes. ``"firmware"``: it gets as far in the
+            task's time as the firmware's trajectory does, and takes its speed along into the next command.
 
     Raises:
-        DescriptionError: the noise is negative, or on neither.
+        DescriptionError: the noise is negative or on neither, or there is no such motion.
     """
 
     noise: float
     noise_on: Literal["action", "state"] = "action"
+    motion: Literal["instant", "firmware"] = "instant"
 
     def __post_init__(self) -> None:
         if self.noise < 0 or self.noise_on not in ("action", "state"):
             raise DescriptionError(f"kinematics: noise {self.noise} on '{self.noise_on}'; give 0 or more, on 'action' or 'state'")
+        if self.motion not in ("instant", "firmware"):
+            raise DescriptionError(f"kinematics: there is no motion '{self.motion}'; choose 'instant' or 'firmware'")

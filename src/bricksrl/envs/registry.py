@@ -52,6 +52,7 @@ _OWN = {
     "Walker-v0": _Offer(functools.partial(walker, "Walker-v0")),
     "Walker-v1": _Offer(lambda: WALKER_FORWARD),
     "WalkerSim-v0": _Offer(functools.partial(walker, "WalkerSim-v0"), Kinematics(noise=0.1)),
+    "WalkerSim-v1": _Offer(functools.partial(walker, "WalkerSim-v1"), Kinematics(noise=0.02, motion="firmware")),
     "RoboArm-v0": _Offer(functools.partial(robo_arm, "RoboArm-v0")),
     "RoboArm_mixed-v0": _Offer(functools.partial(robo_arm_mixed, "RoboArm_mixed-v0")),
     "RoboArmSim-v0": _Offer(functools.partial(robo_arm, "RoboArmSim-v0"), Kinematics(noise=0.05)),

@@ -1,7 +1,7 @@
 """Kinematic simulation: a task without a robot, many times at once on any device.
 
-Each commanded motor turns by its command, at once: ``angle += command``. Endless motors wrap into 0..360 degrees, joints stop at
-their range, as on the hub. Channels without a motor read 0.
+Each commanded motor turns by its command, at once (``angle += command``) or as far as the firmware's trajectory gets in the
+task's time. Endless motors wrap into 0..360 degrees, joints stop at their range, as on the hub. Channels without a motor read 0.
 
 Inside, every number of the observation is one row over all copies (``[n, copies]``), so that all arithmetic runs along memory:
 that is twice as fast. What leaves is the transposed view.
@@ -19,9 +19,10 @@ from torchrl.envs import EnvBase
 
 from bricksrl.envs.kinematics import Kinematics
 from bricksrl.envs.nominal import NominalBounded
+from bricksrl.envs.ramps import turn_on
 from bricksrl.envs.task import Task
 from bricksrl.errors import DescriptionError
-from bricksrl.hub.interface import MotorAngle, RunAngle
+from bricksrl.hub.interface import MotorAngle, RunAngle, Wait
 
 
 class SimulatedEnv(EnvBase):  # type: ignore[misc]
@@ -57,6 +58,7 @@ class SimulatedEnv(EnvBase):  # type: ignore[misc]
         self._copies = max(batch_size, 1)
         self._state = torch.zeros(len(task.entries), self._copies, device=self.device)
         self._steps = torch.zeros(self._copies, 1, dtype=torch.int32, device=self.device)
+        self._speed = torch.zeros(len(task.interface.commands), self._copies, device=self.device)
 
     def _plan(self, task: Task) -> None:
         """Turn the task's commands and channels into tensors, one entry a command."""
@@ -78,6 +80,8 @@ class SimulatedEnv(EnvBase):  # type: ignore[misc]
         self._middle = tensor([(c.low + c.high) / 2 for c in commands])
         self._half = tensor([(c.high - c.low) / 2 for c in commands])
         self._noise = self._kinematics.noise * self._half
+        self._limit = tensor([c.speed_deg_s for c in commands if isinstance(c, RunAngle)])
+        self._time_s = _time_s(task, self._kinematics)
         self._low, self._high = tensor([a.low for a in angles]), tensor([a.high for a in angles])
         # Wrapping and stopping alike: whole turns are taken off where a motor turns endlessly, then all are clamped.
         wraps = tensor([float(isinstance(a, MotorAngle) and a.wraps) for a in angles])
@@ -128,7 +132,7 @@ class SimulatedEnv(EnvBase):  # type: ignore[misc]
 
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
         action = tensordict.get("action").detach().view(self._copies, -1).clamp(-1.0, 1.0).t().contiguous()
-        before, self._state = self._state, self._move(self._state, action)
+        before, (self._state, self._speed) = self._state, self._move(self._state, action)
         self._steps = self._steps + 1
         observation = self._state.t()
         terminated = self.task.terminated(observation)
@@ -142,17 +146,21 @@ class SimulatedEnv(EnvBase):  # type: ignore[misc]
         }
         return TensorDict({key: self._out(value) for key, value in out.items()}, self.batch_size, device=self.device)
 
-    def _move(self, state: Tensor, action: Tensor) -> Tensor:
-        """The next state ``[n, copies]``; state and action ``[m, copies]`` stay as they are."""
+    def _move(self, state: Tensor, action: Tensor) -> tuple[Tensor, Tensor]:
+        """The next state ``[n, copies]`` and speeds ``[m, copies]``; state and action ``[m, copies]`` stay as they are."""
         noise = torch.randn(action.shape, generator=self._rng, device=self.device).mul_(self._noise)
         turn = torch.addcmul(self._middle, action, self._half)
         on_action = self._kinematics.noise_on == "action"
-        angles = self._bounded((turn.add_(noise) if on_action else turn).add_(state[self._angles]))
+        turn = turn.add_(noise) if on_action else turn
+        speed = self._speed
+        if self._time_s is not None:
+            turn, speed = turn_on(turn, speed, self._limit, self._time_s)
+        angles = self._bounded(turn.add_(state[self._angles]))
         if not on_action:
             angles = self._bounded(angles.add_(noise))
         moved = state.clone()
         moved[self._angles] = angles
-        return moved
+        return moved, speed
 
     def _bounded(self, angles: Tensor) -> Tensor:
         """Endless motors wrapped, joints stopped; changes ``angles`` in place and returns it."""
@@ -166,6 +174,24 @@ class SimulatedEnv(EnvBase):  # type: ignore[misc]
         drawn = torch.where(self._whole, drawn.floor(), drawn)
         self._state = self._state.index_copy(1, copies, drawn)
         self._steps = self._steps.index_fill(0, copies, 0)
+        self._speed = self._speed.index_fill(1, copies, 0.0)
 
     def _out(self, batch: Tensor) -> Tensor:
         return batch if self.batch_size else batch[0]
+
+
+def _time_s(task: Task, kinematics: Kinematics) -> float | None:
+    """How long a motor has until the next command; ``None`` where it needs no time.
+
+    Raises:
+        DescriptionError: it takes as long as it needs, or its motors have ends, at which the firmware does what is not told here.
+    """
+    if kinematics.motion == "instant":
+        return None
+    settle = task.interface.settle
+    wraps = all(channel.wraps for channel in task.interface.channels if isinstance(channel, MotorAngle))
+    if not isinstance(settle, Wait) or not wraps:
+        raise DescriptionError(
+            f"{task.id} cannot be simulated with the firmware's motion; it needs a Wait, and motors without ends"
+        )
+    return settle.time_ms / 1000

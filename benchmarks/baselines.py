@@ -1,0 +1,108 @@
+"""Random actions and controllers written by hand on every environment, beside what the paper measured on its robots.
+
+    python benchmarks/baselines.py
+
+One process, one thread. The paper's numbers are means and standard deviations over five episodes on LEGO's robots (its tables 2
+and 3); those of its simulations come from the same robots.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import torch
+from machine import write
+from scripted import CONTROLLERS
+from tensordict import TensorDictBase
+from torch import Tensor
+
+import bricksrl
+from bricksrl.evaluation.statistics import mean, stratified_bootstrap_interval, wilson_interval
+from bricksrl.training.online import seed_episode
+
+PAPER: dict[str, dict[str, Any]] = {
+    "RunAway-v0": {"random": [-0.51, 1.84]},
+    "Spinning-v0": {"random": [71.97, 501.79]},
+    "Walker-v0": {"random": [-191.99, 18.19]},
+    "RoboArm-v0": {"random": [-149.26, 88.19], "random_success": 0.32},
+    "RoboArm_mixed-v0": {"random": [-57.23, 10.01], "random_success": 0.40},
+}
+REASONS = {
+    "RunAway-v0": "The virtual robot starts 200 to 300 mm before the wall; the paper does not say where its robot did.",
+    "RoboArm-v0": "The paper's success rate depends on its threshold, 50 degrees here.",
+    "RoboArm_mixed-v0": "An episode ends at the goal; how often random actions cross it depends on camera and goals.",
+}
+SEED = 2000
+
+
+def episode(env: Any, policy: Callable[[TensorDictBase], Tensor]) -> tuple[float, bool, dict[str, float]]:
+    """Return, success and the way walked."""
+    state, total, observations = env.reset(), 0.0, []
+    done = False
+    while not done:
+        state["action"] = policy(state)
+        stepped = env.step(state)["next"]
+        total += stepped["reward"].item()
+        observations.append(stepped["observation"])
+        done = bool(stepped["done"])
+        state = stepped.exclude("reward")
+    seen = torch.stack(observations)
+    judged = env.judged(seen) if hasattr(env, "judged") else seen
+    walked = env.walk_metrics() if hasattr(env, "walk_metrics") else {}
+    return total, bool(env.task.success(judged)), walked
+
+
+def measure(env_id: str, policy: Callable[[TensorDictBase], Tensor], episodes: int) -> dict[str, Any]:
+    """So many episodes, each from a seed of its own."""
+    env = bricksrl.make(env_id, seed=SEED)
+    torch.manual_seed(SEED)
+    runs = []
+    for number in range(episodes):
+        seed_episode(env, SEED, "baseline", number)
+        runs.append(episode(env, policy))
+    env.close()
+    returns = [run[0] for run in runs]
+    successes = sum(run[1] for run in runs)
+    interval, rate = stratified_bootstrap_interval([returns], mean), wilson_interval(successes, episodes)
+    found: dict[str, Any] = {
+        "episodes": episodes,
+        "return_mean": round(float(np.mean(returns)), 2),
+        "return_std": round(float(np.std(returns)), 2),
+        "return_interval": [round(interval.low, 2), round(interval.high, 2)],
+        "success_rate": round(successes / episodes, 3),
+        "success_interval": [round(rate.low, 3), round(rate.high, 3)],
+    }
+    names = runs[0][2]
+    if names:
+        found["walk"] = {name: round(float(np.mean([run[2][name] for run in runs])), 4) for name in names}
+    return found
+
+
+def main() -> None:
+    """Measure and write."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--envs", nargs="+", default=list(CONTROLLERS), choices=list(CONTROLLERS))
+    parser.add_argument("--episodes", type=int, default=50)
+    chosen = parser.parse_args()
+    torch.set_num_threads(1)
+    table: dict[str, Any] = {}
+    for env_id in chosen.envs:
+        size = len(bricksrl.envs.get_task(env_id).interface.commands)
+        policies: dict[str, Callable[[TensorDictBase], Tensor]] = {
+            "random": lambda _state, size=size: 2.0 * torch.rand(size) - 1.0,  # type: ignore[misc]
+            "scripted": CONTROLLERS[env_id],
+        }
+        table[env_id] = {name: measure(env_id, policy, chosen.episodes) for name, policy in policies.items()}
+        table[env_id]["scripted"]["controller"] = (CONTROLLERS[env_id].__doc__ or "").splitlines()[0]
+        table[env_id]["paper"] = PAPER.get(env_id)
+        if env_id in REASONS:
+            table[env_id]["why_they_differ"] = REASONS[env_id]
+        print(env_id, table[env_id], flush=True)
+    print(write("baselines", {"environments": table}))
+
+
+if __name__ == "__main__":
+    main()

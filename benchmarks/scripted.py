@@ -1,0 +1,95 @@
+"""Controllers written by hand, one an environment: what somebody who knows the robot gets without learning.
+
+Each is a function from what the agent sees, a TensorDict without batch dimensions, to an action ``[m]`` in -1..1.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import torch
+from tensordict import TensorDictBase
+from torch import Tensor
+
+from bricksrl.envs.tasks.walker import gait_reward
+
+Controller = Callable[[TensorDictBase], Tensor]
+
+TROT_DEG = torch.tensor([0.0, 180.0, 180.0, 0.0])
+"""Phases of the legs in a trot: left front, right front, left back, right back."""
+_IMAGE_CENTRE_PX, _IMAGE_SCALE = torch.tensor([31.5, 31.5]), torch.tensor([640 / 64, 480 / 64])
+_RADIUS_PX, _RADIUS_PX_PER_DEG = 163.0, 0.8  # of the ball around the image's centre: with the high joint at -70, and as it turns
+
+
+def _signed_deg(angle: Tensor) -> Tensor:
+    return torch.remainder(angle + 180.0, 360.0) - 180.0
+
+
+def run_away(_state: TensorDictBase) -> Tensor:
+    """Backwards at full speed."""
+    return -torch.ones(1)
+
+
+def spin(state: TensorDictBase) -> Tensor:
+    """Both wheels against each other at full speed, in the direction that was drawn."""
+    turn = torch.tensor([-1.0, 1.0])
+    return turn if state["observation"][5] < 0.5 else -turn
+
+
+def trot(state: TensorDictBase) -> Tensor:
+    """All legs on, those that are behind their phase faster: walks, and brings the legs into step."""
+    phase = state["observation"][:4] - TROT_DEG
+    mean = torch.rad2deg(torch.atan2(phase.deg2rad().sin().mean(), phase.deg2rad().cos().mean()))
+    action: Tensor = (-0.8 - 1.2 * _signed_deg(phase - mean).deg2rad()).clamp(-1.0, 1.0)
+    return action
+
+
+def into_step(state: TensorDictBase) -> Tensor:
+    """The paper's reward of the Walker, climbed over one step and the way that is left: the best of all phases to come to."""
+    angle = state["observation"][:4]
+    target = torch.arange(0.0, 360.0, 4.0)[:, None] + TROT_DEG
+    left = torch.remainder(angle - target, 360.0)  # legs turn backwards only
+    turn = left.clamp_max(100.0)
+    after = torch.nn.functional.pad(torch.remainder(angle - turn, 360.0), (0, 3))
+    action = 1.0 - turn / 50.0
+    score = gait_reward(after)[:, 0] - action.sum(-1) / 40.0 - (left - turn).sum(-1) / 180.0
+    best: Tensor = action[score.argmax()]
+    return best
+
+
+def reach(state: TensorDictBase) -> Tensor:
+    """Each joint by what it lacks, the rotation the shorter way around."""
+    observation = state["observation"]
+    lacks = observation[4:] - observation[:4]
+    lacks[0] = _signed_deg(lacks[0])
+    action: Tensor = (lacks / torch.tensor([100.0, 30.0, 60.0, 25.0])).clamp(-1.0, 1.0)
+    return action
+
+
+def bring(state: TensorDictBase) -> Tensor:
+    """Turn and stretch the arm to where the image is green; 0 degrees are downwards in the image."""
+    rotation, _, high = state["observation"].tolist()
+    image = state["image"].float()
+    green = (image[..., 1] > 140) & (image[..., 0] < 120) & (image[..., 2] < 120)
+    rows, columns = green.nonzero(as_tuple=True)
+    if not len(rows):
+        return torch.zeros(3)
+    x, y = ((torch.stack((columns.float().mean(), rows.float().mean())) - _IMAGE_CENTRE_PX) * _IMAGE_SCALE).tolist()
+    turn = math.degrees(math.atan2(x, y)) - rotation
+    stretch = (math.hypot(x, y) - _RADIUS_PX) / _RADIUS_PX_PER_DEG - 70.0 - high
+    action = torch.tensor([((turn + 180.0) % 360.0 - 180.0) / 90.0, 0.0, stretch / 60.0])
+    return action.clamp(-1.0, 1.0)
+
+
+CONTROLLERS: dict[str, Controller] = {
+    "RunAway-v0": run_away,
+    "Spinning-v0": spin,
+    "Walker-v0": into_step,
+    "Walker-v1": trot,
+    "WalkerSim-v0": into_step,
+    "WalkerSim-v1": into_step,
+    "RoboArm-v0": reach,
+    "RoboArmSim-v0": reach,
+    "RoboArm_mixed-v0": bring,
+}
