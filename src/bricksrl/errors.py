@@ -35,6 +35,10 @@ class HubProgramError(HubError):
     """The program on the hub raised; the message holds the hub's own text."""
 
 
+class StoppedError(BricksError):
+    """A human stopped the robot. No fault of the link, so whoever mends links leaves it alone."""
+
+
 class TwinError(BricksError):
     """The virtual robot cannot do what was asked."""
 

@@ -18,14 +18,18 @@ from bricksrl.envs.camera import Camera, Watch
 from bricksrl.envs.nominal import NominalBounded
 from bricksrl.envs.odometer import Odometer
 from bricksrl.envs.task import Task
-from bricksrl.errors import BricksError, CameraError, HubError
+from bricksrl.envs.wish import Wish
+from bricksrl.errors import BricksError, CameraError, HubError, StoppedError
 
 if TYPE_CHECKING:
-    from bricksrl.hub.link import HubLink, Reading
+    from bricksrl.hub.link import HubLink
+    from bricksrl.hub.states import Reading
     from bricksrl.twin.virtual_hub import VirtualHub
 
 BLOCKED_TIMEOUT_S = 120.0
 """How long a robot waits for its way to be cleared."""
+PAUSE_PERIOD_S = 0.2
+"""How often a robot that holds still hears from us, so that the program on its hub goes on."""
 
 _log = logging.getLogger(__name__)
 
@@ -62,6 +66,7 @@ class _Episode:
         observation: the last one, as the task's functions get it.
         watch: what the camera shows; ``None`` for a task without one.
         judged: every observation that followed a step, as the task's functions get it; only where there is a camera.
+        is_cut: whether a pause ended the episode.
     """
 
     drawn: NDArray[np.float32]
@@ -69,6 +74,7 @@ class _Episode:
     step_count: int = 0
     watch: Watch | None = None
     judged: list[torch.Tensor] = field(default_factory=list)
+    is_cut: bool = False
 
 
 class HubEnv(EnvBase):  # type: ignore[misc]
@@ -90,6 +96,9 @@ class HubEnv(EnvBase):  # type: ignore[misc]
     A reset places the robot, reads its sensors and moves nothing. The first reset opens the link. Errors of the link pass
     through; the link is then closed, so that the motors stop, and the next reset opens it again.
 
+    ``stop``, ``pause`` and ``resume`` may be called from any thread. A pause ends the episode after the step at hand, as
+    truncated, so that no step reaches across it; the next reset waits for the end of the pause.
+
     Args:
         task: what is to be learned.
         connect: gives the robot. It gets a seed, for a virtual one, and is called when the robot is first needed; for a
@@ -105,6 +114,7 @@ class HubEnv(EnvBase):  # type: ignore[misc]
         self._episode: _Episode | None = None
         self._spans = [((c.high + c.low) / 2, (c.high - c.low) / 2) for c in task.interface.commands]
         self._make_specs()
+        self._wish = Wish()
         self._set_seed(seed)
         self.is_closed = False
 
@@ -117,6 +127,36 @@ class HubEnv(EnvBase):  # type: ignore[misc]
         """Stop the robot and let go of the hub. May be called twice; a reset opens the link again."""
         super().close(raise_if_closed=raise_if_closed)
         self._close_link()
+
+    def stop(self) -> None:
+        """Stop motors and program at once, in the middle of a step too; step and reset raise StoppedError until `resume`.
+
+        Raises:
+            HubError: the hub could not be told; its watchdog then stops the motors.
+        """
+        self._wish.stop()
+        if self._connection is not None:
+            self._connection.link.emergency_stop()
+
+    def pause(self) -> None:
+        """Have the robot hold still from the end of the step at hand on, until `resume`."""
+        self._wish.pause()
+
+    def resume(self) -> None:
+        """After `pause` or `stop`: the robot may move again, with the next reset."""
+        if self._connection is not None:
+            self._connection.link.release()
+        self._wish.go_on()
+
+    @property
+    def is_paused(self) -> bool:
+        """Whether the robot is to hold still."""
+        return self._wish.is_paused
+
+    @property
+    def is_cut(self) -> bool:
+        """Whether a pause ended the episode at hand."""
+        return self._episode is not None and self._episode.is_cut
 
     def _make_specs(self) -> None:
         entries = self.task.entries
@@ -171,7 +211,10 @@ class HubEnv(EnvBase):  # type: ignore[misc]
         terminated = task.terminated(observation)
         episode.observation = observation
         episode.step_count += 1
-        truncated = torch.full_like(terminated, episode.step_count >= task.max_steps)
+        if self._wish.is_paused:
+            episode.is_cut = True
+            self._guarded(link.rest)
+        truncated = torch.full_like(terminated, episode.is_cut or episode.step_count >= task.max_steps)
         out = {
             "observation": observation.clone(),  # whoever changes it in place does not change our previous one
             "reward": reward,
@@ -249,19 +292,28 @@ class HubEnv(EnvBase):  # type: ignore[misc]
     def _robot(self) -> Connection:
         if self._connection is None:
             self._connection = self._connect(self._twin_seed)
+            self._wish.check()  # whoever wanted to stop the robot did not find it yet
         return self._connection
 
     def _start(self) -> Reading:
         robot = self._robot()
+        self._hold_still(robot.link)
         robot.link.open()  # without effect when it is open
         robot.place(self._place_rng)
         return robot.link.read()
+
+    def _hold_still(self, link: HubLink) -> None:
+        """Wait for the end of a pause; reading keeps the program on the hub from ending."""
+        while not self._wish.wait(PAUSE_PERIOD_S):
+            if link.is_open:
+                link.read()
+        self._wish.check()
 
     def _guarded(self, exchange: Callable[[], _T]) -> _T:
         """Talk to hub or camera; when that fails, close the link, so that the motors stop and the next reset starts afresh."""
         try:
             return exchange()
-        except (HubError, CameraError):
+        except (HubError, CameraError, StoppedError):
             self._close_link()
             raise
 

@@ -6,30 +6,29 @@ a command is never carried out twice. Answers to other sequence numbers are igno
 link is in FAULT until ``open`` is called; the hub stops its motors by itself.
 When the host has been silent for so long that the program on the hub ended, ``read`` starts it again; ``act`` does
 not, because the robot has let go of its position in the meantime.
+
+``emergency_stop`` may be called from any thread. Nothing moves then until ``release``, whoever calls ``open`` meanwhile.
 """
 
 from __future__ import annotations
 
 import contextlib
-import enum
 import logging
 import struct
+import threading
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from types import TracebackType
 from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bricksrl.errors import HubError, HubProgramError, HubProtocolError, HubTimeoutError
+from bricksrl.errors import HubError, HubProgramError, HubTimeoutError
 from bricksrl.hub.interface import Interface, UntilDone
 from bricksrl.hub.program import WATCHDOG_MS, generate
 from bricksrl.hub.protocol import (
-    PROTOCOL_VERSION,
     UP_PAYLOAD_BYTES,
-    ByeReason,
     ControlFrame,
     DataFrame,
     Down,
@@ -40,8 +39,8 @@ from bricksrl.hub.protocol import (
     control_frame,
     data_frame,
     next_seq,
-    parse_hello,
 )
+from bricksrl.hub.states import LinkState, ProgramEndedError, Reading, check_hello, is_hello, program_ended, stopped
 from bricksrl.hub.statistics import LinkMeter, LinkStatistics
 from bricksrl.hub.traceback import describe_traceback
 from bricksrl.hub.transport import Transport
@@ -58,38 +57,6 @@ _WATCHDOG_ROUND_TRIPS = 4
 _WATCHDOG_MAX_MS = 0xFFFF
 
 
-class LinkState(enum.Enum):
-    """What the link may be used for."""
-
-    DISCONNECTED = "disconnected"
-    """Nothing of ours runs on the hub: call ``open``."""
-    READY = "ready"
-    """The program answers and has moved nothing yet."""
-    ARMED = "armed"
-    """Motors may be moving; the hub stops them when the host falls silent."""
-    FAULT = "fault"
-    """An exchange failed: call ``open`` to start over."""
-
-
-@dataclass(frozen=True)
-class Reading:
-    """One answer of the hub.
-
-    Attributes:
-        values: float32 ``[n_channels]``, in channel order and units.
-        hub_time_ms: the hub's clock, since its program started; it does not wrap.
-        round_trip_s: from the first sending of the command to the answer.
-    """
-
-    values: NDArray[np.float32]
-    hub_time_ms: int
-    round_trip_s: float
-
-
-class _ProgramEndedError(HubError):
-    """The program on the hub said good-bye."""
-
-
 class HubLink:
     """The link to one robot, over any transport. Use it as a context manager: leaving stops the robot.
 
@@ -99,6 +66,7 @@ class HubLink:
         timeout_s: how long an answer may take beyond the time that the commands themselves take.
         watchdog_s: silence after which the hub stops its motors; grows to four times the slowest hundredth of the
             link's delays where that is more.
+        calibrate: turns the description into that of the robot at hand; called when the hub is connected.
 
     Raises:
         DescriptionError, ProgramError: see ``generate``.
@@ -112,13 +80,16 @@ class HubLink:
         *,
         timeout_s: float = 5.0,
         watchdog_s: float = WATCHDOG_MS / 1000,
+        calibrate: Callable[[Robot], Robot] | None = None,
     ) -> None:
+        self._robot, self._interface, self._calibrate = robot, interface, calibrate
         self.program = generate(robot, interface)
         self.wire = WireFormat.of(interface)
         self.state = LinkState.DISCONNECTED
         self._transport = transport
         self._transport_is_open = False
         self._has_started = False
+        self._halted = threading.Event()
         self._timeout_s = timeout_s
         settle = interface.settle
         self._longest_move_s = (settle.timeout_ms if isinstance(settle, UntilDone) else settle.time_ms) / 1000
@@ -139,13 +110,22 @@ class HubLink:
             HubProtocolError: another program than ours answers.
             HubTimeoutError: none answers.
             HubProgramError: ours raised at its start, for example because a device is not plugged in.
+            StoppedError: the robot was stopped by hand, before or meanwhile.
         """
-        if self.state in (LinkState.READY, LinkState.ARMED):
+        self._check_halted()
+        if self.is_open:
             return
         if not self._transport_is_open:
             self._transport.open()
             self._transport_is_open = True
+            if self._calibrate is not None:
+                self.program = generate(self._calibrate(self._robot), self._interface)
         self._start_program()
+
+    @property
+    def is_open(self) -> bool:
+        """Whether the program answers, as far as is known."""
+        return self.state in (LinkState.READY, LinkState.ARMED)
 
     def read(self) -> Reading:
         """The sensors, without moving anything. Starts the program again where it ended by itself.
@@ -157,7 +137,7 @@ class HubLink:
         """
         try:
             return self._read()
-        except _ProgramEndedError:
+        except ProgramEndedError:
             _log.info("the program on the hub had ended; starting it again")
             self._start_program()
             return self._read()
@@ -170,12 +150,46 @@ class HubLink:
             HubError: the link is not open, or failed, or the program on the hub has ended.
             HubTimeoutError: no answer came; whether the robot moved is unknown.
             HubProgramError: the program raised.
+            StoppedError: the robot was stopped by hand, before or meanwhile.
         """
         payload = self.wire.encode_actions(values)
         self._require_open()
         self._seq = next_seq(self._seq)
         self.state = LinkState.ARMED
         return self._exchange(data_frame(self._seq, payload), self._longest_move_s, self._known_move_s)
+
+    def rest(self) -> None:
+        """Stop the motors; the program goes on, and is READY. For a pause, in which ``read`` keeps the program alive.
+
+        Raises:
+            HubError: the link is not open, or failed; the hub's watchdog then stops the motors.
+            StoppedError: as ``act``.
+        """
+        self._require_open()
+        try:
+            self._say_hello()
+        except HubError as error:
+            self._fail(error)
+            raise
+        self._seq = 0
+        self.state = LinkState.READY
+
+    def emergency_stop(self) -> None:
+        """Stop motors and program at once, from any thread; whoever waits for an answer gets a ``StoppedError``.
+
+        Everything raises ``StoppedError`` from now on, until ``release``.
+
+        Raises:
+            HubError: the hub could not be told; its watchdog then stops the motors.
+        """
+        self._halted.set()
+        self._transport.stop()
+
+    def release(self) -> None:
+        """After an emergency stop: ``open`` starts the program again."""
+        if self._halted.is_set() and self.is_open:
+            self.state = LinkState.FAULT
+        self._halted.clear()
 
     def now_s(self) -> float:
         """The transport's clock: the computer's, or the simulated one."""
@@ -221,7 +235,18 @@ class HubLink:
     def _new_decoder(self) -> FrameDecoder:
         return FrameDecoder(self.wire.answer_bytes, UP_PAYLOAD_BYTES)
 
+    def _check_halted(self) -> None:
+        if self._halted.is_set():
+            raise stopped()
+
+    def _fail(self, error: HubError) -> None:
+        """The link is not usable any more. Raises StoppedError where that is no failure, but what a human wanted."""
+        self.state = LinkState.FAULT
+        if self._halted.is_set():
+            raise stopped() from error
+
     def _require_open(self) -> None:
+        self._check_halted()
         if self.state is LinkState.FAULT:
             raise HubError("the link failed before; call open() to start it again")
         if self.state is LinkState.DISCONNECTED:
@@ -237,32 +262,37 @@ class HubLink:
         if self._has_started:
             with contextlib.suppress(HubError):  # what has to be stopped may be out of reach, which the start will tell
                 self._transport.stop()
-        self._transport.start(self.program)
-        self._has_started = True
-        self._expect_hello()
-        if self._least_watchdog_ms != WATCHDOG_MS:
-            self._set_watchdog(self._least_watchdog_ms)
+        try:
+            self._transport.start(self.program)
+            self._has_started = True
+            if self._halted.is_set():  # meanwhile, so that it may have stopped what was before
+                self._transport.stop()
+                raise stopped()
+            self._expect_hello()
+            if self._least_watchdog_ms != WATCHDOG_MS:
+                self._set_watchdog(self._least_watchdog_ms)
+        except HubError as error:
+            self._fail(error)
+            raise
         self.state = LinkState.READY
 
     def _expect_hello(self) -> None:
         """Wait for the HELLO that the program sends at its start, and ask for it where it does not come."""
-        window_s = self._timeout_s / _SENDS_PER_TIMEOUT
-        for _ in range(_SENDS_PER_TIMEOUT):
-            hello = self._wait_for(lambda frame: isinstance(frame, ControlFrame) and frame.kind == Up.HELLO, window_s)
-            if isinstance(hello, ControlFrame):
-                break
+        hello = self._hear_hello() or self._say_hello()
+        check_hello(hello, self.program.hash)
+
+    def _hear_hello(self) -> ControlFrame | None:
+        frame = self._wait_for(is_hello, self._timeout_s / _SENDS_PER_TIMEOUT)
+        return frame if isinstance(frame, ControlFrame) else None
+
+    def _say_hello(self) -> ControlFrame:
+        """Ask for a HELLO, with which the hub stops its motors, until it comes."""
+        for _ in range(_SENDS_PER_TIMEOUT - 1):
             self._transport.write(control_frame(Down.HELLO))
-        else:
-            raise HubTimeoutError(self._silence("the program did not say hello", self._timeout_s))
-        version, program_hash = parse_hello(hello.payload)
-        if version != PROTOCOL_VERSION:
-            raise HubProtocolError(
-                f"the hub speaks protocol {version}, this computer {PROTOCOL_VERSION}; install one version of bricksrl"
-            )
-        if program_hash != self.program.hash:
-            raise HubProtocolError(
-                f"another program runs on the hub (hash {program_hash:08x}, not {self.program.hash:08x}); stop it and open again"
-            )
+            hello = self._hear_hello()
+            if hello is not None:
+                return hello
+        raise HubTimeoutError(self._silence("the program did not say hello", self._timeout_s))
 
     def _read(self) -> Reading:
         self._require_open()
@@ -280,8 +310,8 @@ class HubLink:
             round_trip_s = self._transport.now_s() - started_s
             time_ms, values = self.wire.decode_answer(answer.payload)
         except HubError as error:
-            self.state = LinkState.FAULT
-            if not isinstance(error, (_ProgramEndedError, HubProgramError)):
+            self._fail(error)
+            if not isinstance(error, (ProgramEndedError, HubProgramError)):
                 self._look_for_last_words()
             raise
         # Waiting for what was lost is no delay of the link: counted, it would make the watchdog wait for ever longer.
@@ -302,7 +332,7 @@ class HubLink:
     def _is_answer(self, frame: Frame) -> bool:
         if isinstance(frame, ControlFrame):
             if frame.kind == Up.BYE:
-                raise _ProgramEndedError(f"{_bye_text(frame)}; call open() to start it again")
+                raise program_ended(frame)
             return False
         self._meter.stale_answers += frame.seq != self._seq
         return frame.seq == self._seq
@@ -346,7 +376,7 @@ class HubLink:
             return
         for frame in self._frames:
             if isinstance(frame, ControlFrame) and frame.kind == Up.BYE:
-                raise _ProgramEndedError(f"{_bye_text(frame)}; call open() to start it again")
+                raise program_ended(frame)
 
     def _silence(self, what: str, waited_s: float) -> str:
         said = self._decoder.text.strip().splitlines()
@@ -375,9 +405,3 @@ class HubLink:
 
 def _watchdog_ms(seconds: float) -> int:
     return max(1, min(_WATCHDOG_MAX_MS, round(seconds * 1000)))
-
-
-def _bye_text(frame: ControlFrame) -> str:
-    if frame.payload[0] == ByeReason.SILENCE:
-        return "the program on the hub ended because it had not heard from this computer for too long"
-    return "the program on the hub ended because it was told to"

@@ -15,7 +15,7 @@ class HubProgram:
 
 
 class Transport(Protocol):
-    """One hub: virtual, over Bluetooth, or over USB. Calls come from one thread.
+    """One hub: virtual, over Bluetooth, or over USB. Calls come from one thread, but for ``stop``.
 
     All errors are ``HubError`` or its children. ``close`` stops the program, may be called in any state, twice too.
     """
@@ -33,7 +33,7 @@ class Transport(Protocol):
         """The next bytes of the program's standard output, or ``b""`` when none came in time."""
 
     def stop(self) -> None:
-        """Stop the program and with it the motors."""
+        """Stop the program and with it the motors. From any thread, also while another one waits in another call."""
 
     def close(self) -> None:
         """Stop and disconnect."""

@@ -7,6 +7,7 @@ waits for; so no thread is needed, and a run is reproducible. Bytes travel at co
 from __future__ import annotations
 
 import math
+import threading
 import time
 from collections import deque
 
@@ -94,6 +95,8 @@ class VirtualHub:
         self._wire = _Wire(self, robot.hub.model.stdin_bytes)
         self._program: greenlet | None = None
         self._host: greenlet | None = None
+        self._thread = threading.get_ident()
+        self._is_to_stop = False
         self._error: str | None = None
         self._wall_start_s = time.monotonic() if realtime else None
 
@@ -103,9 +106,11 @@ class VirtualHub:
     def start(self, program: HubProgram) -> None:
         """Start a program; one that runs is stopped first."""
         self.stop()
+        self._is_to_stop = False  # whoever asked for that meant the program before
         self._error = None
         self._wire = _Wire(self, self.robot.hub.model.stdin_bytes)
         self._program = greenlet(self._run)
+        self._thread = threading.get_ident()
         self._run_until(self.machine.time_ms, program.source)
 
     def write(self, data: bytes) -> None:
@@ -145,7 +150,15 @@ class VirtualHub:
         return bytes(data)
 
     def stop(self) -> None:
-        """Stop the program; the motors coast."""
+        """Stop the program; the motors coast.
+
+        A program belongs to the thread that started it. Another one can only ask that thread to stop it, which it does
+        before it lets the program run on.
+        """
+        if threading.get_ident() != self._thread:
+            self._is_to_stop = self._program is not None
+            return
+        self._is_to_stop = False
         if self._program is not None:
             program, self._program = self._program, None
             if not program.dead:
@@ -181,6 +194,8 @@ class VirtualHub:
 
     def _run_until(self, time_ms: int, source: str | None = None) -> None:
         """Let the program run until a simulated time, or until it has written something, or ended."""
+        if self._is_to_stop:
+            self.stop()
         program = self._program
         if program is None or program.dead:
             self.machine.alarm_ms = None

@@ -1,0 +1,174 @@
+"""The emergency stop: over the played radio from another thread, and on the virtual hub."""
+
+from __future__ import annotations
+
+import statistics
+import threading
+import time
+from collections.abc import Iterator
+
+import pytest
+from ble_world import BOUND_S, World, bounded
+from stand_in import SPINNING
+
+from bricksrl.errors import StoppedError
+from bricksrl.hub.failures import HubDisconnectedError
+from bricksrl.hub.interface import Interface, MotorAngle, RunAngle, Wait
+from bricksrl.hub.link import HubLink
+from bricksrl.hub.states import LinkState
+from bricksrl.robots import TWO_WHEELER
+from bricksrl.twin.virtual_hub import VirtualHub
+
+SLOW_STEP = Interface((RunAngle("left", -3000, 3000, 400),), (MotorAngle("left"),), Wait(2000))
+"""A step that is still under way when somebody stops the robot."""
+
+
+class Act(threading.Thread):
+    """A step in a thread of its own, and how it ended."""
+
+    def __init__(self, link: HubLink) -> None:
+        super().__init__(daemon=True)
+        self.link, self.error = link, None
+        self.start()
+
+    def run(self) -> None:
+        try:
+            self.link.act([3000])
+        except Exception as error:  # noqa: BLE001  the test looks at it
+            self.error = error
+
+
+def stop_in_the_middle(world: World, link: HubLink) -> float:
+    """Stop a step that is under way; how long the motors went on, in seconds."""
+    link.open()
+    step = Act(link)
+    world.hub.wait_until("is_driven", True)
+    time.sleep(0.05)  # its write has been acknowledged: the step waits for the answer
+    start_s = time.monotonic()
+    stopper = threading.Thread(target=link.emergency_stop)
+    stopper.start()
+    while world.hub.is_driven:
+        assert time.monotonic() - start_s < 1.0
+        time.sleep(0.0005)
+    took_s = time.monotonic() - start_s
+    for thread in (step, stopper):
+        thread.join(BOUND_S)
+        assert not thread.is_alive()
+    assert isinstance(step.error, StoppedError) and not world.hub.is_running
+    return took_s
+
+
+@pytest.mark.parametrize("interval_ms", [15.0, 30.0, 45.0])
+def test_motors_stop_within_one_connection_interval(world: World, interval_ms: float) -> None:
+    world.set_interval(interval_ms)
+    link = world.link(SLOW_STEP)
+    took_ms = []
+    for _ in range(5):
+        took_ms.append(1000 * stop_in_the_middle(world, link))
+        link.release()
+    assert statistics.median(took_ms) <= interval_ms + 5.0, took_ms
+    assert max(took_ms) < 200.0, "well before the watchdog"
+
+
+def test_nothing_moves_until_it_is_released(world: World) -> None:
+    link = world.link()
+    link.open()
+    link.act([1000])
+    link.emergency_stop()
+    assert not world.hub.is_running
+    for call in (link.open, link.read, link.rest, lambda: link.act([100])):
+        with pytest.raises(StoppedError, match="by hand; release it"):
+            call()
+    assert not world.hub.is_running and not world.hub.is_driven
+    link.release()
+    link.open()
+    link.act([100])
+    assert world.hub.is_running
+
+
+def test_a_stop_while_the_program_starts(world: World) -> None:
+    """The program may start after it was stopped: it is stopped again."""
+    link = world.link(SLOW_STEP)
+    start, stopped = link._transport.start, threading.Event()
+
+    def start_and_be_stopped(program: object) -> None:
+        threading.Thread(target=lambda: [link.emergency_stop(), stopped.set()]).start()
+        assert stopped.wait(BOUND_S)
+        start(program)
+
+    link._transport.start = start_and_be_stopped
+    with pytest.raises(StoppedError):
+        link.open()
+    world.hub.wait_until("is_running", False)
+    assert link.state is LinkState.FAULT
+
+
+def test_a_stop_out_of_reach_is_left_to_the_watchdog(world: World) -> None:
+    link = world.link()
+    link.open()
+    link.act([3000])
+    world.radio.leave()
+    bounded(link.emergency_stop, HubDisconnectedError)
+    world.hub.wait_until("is_driven", False, 1.0)
+    with pytest.raises(StoppedError):
+        link.open()
+
+
+@pytest.fixture
+def virtual() -> Iterator[HubLink]:
+    with HubLink(VirtualHub(TWO_WHEELER), TWO_WHEELER, SPINNING) as link:
+        yield link
+
+
+def test_a_virtual_hub_stops_for_another_thread(virtual: HubLink) -> None:
+    hub = virtual._transport
+    virtual.act([100, 100])
+    moving = [servo for servo in hub.machine.servos.values() if servo.control.is_active]
+    assert len(moving) == 2
+    thread = threading.Thread(target=virtual.emergency_stop)
+    thread.start()
+    thread.join(BOUND_S)
+    with pytest.raises(StoppedError):
+        virtual.act([100, 100])
+    virtual.release()
+    virtual.open()
+    virtual.act([100, 100])
+
+
+def test_a_stop_on_the_way_of_the_answer(virtual: HubLink) -> None:
+    hub = virtual._transport
+    write = hub.write
+
+    def write_and_stop(data: bytes) -> None:
+        write(data)
+        thread = threading.Thread(target=virtual.emergency_stop)
+        thread.start()
+        thread.join(BOUND_S)
+
+    hub.write = write_and_stop
+    with pytest.raises(StoppedError):
+        virtual.act([100, 100])
+    assert not any(servo.is_open for servo in hub.machine.servos.values()), "the program has ended, the motors coast"
+
+
+def test_rest_stops_the_motors_and_leaves_the_program(virtual: HubLink) -> None:
+    hub = virtual._transport
+    virtual.act([100, 100])
+    assert virtual.state is LinkState.ARMED
+    virtual.rest()
+    assert virtual.state is LinkState.READY
+    assert not any(servo.control.is_active for servo in hub.machine.servos.values())
+    still = virtual.read().values[:2]
+    for _ in range(5):
+        hub.machine.advance(100)
+        again = virtual.read().values[:2]
+    assert abs(again - still).max() < 5
+    virtual.act([50, 50])
+    assert virtual.state is LinkState.ARMED
+
+
+def test_release_without_a_stop_changes_nothing(virtual: HubLink) -> None:
+    virtual.act([10, 10])
+    virtual.release()
+    assert virtual.state is LinkState.ARMED
+    virtual.act([10, 10])
