@@ -57,3 +57,7 @@ class RunError(BricksError):
 
 class CheckpointError(RunError):
     """A checkpoint that is corrupt or belongs to something else."""
+
+
+class DataError(BricksError):
+    """A dataset that is missing, damaged, of another kind, or in the way."""

@@ -1,1 +1,25 @@
-"""What robots did, kept for good."""
+"""What robots did, kept for good: recording, reading, checking, sharing. Importing this loads no torch."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from bricksrl.data.description import Channel, Description, describe
+from bricksrl.data.episode import About, Step
+
+if TYPE_CHECKING:
+    from bricksrl.data.reading import Episodes as Episodes
+    from bricksrl.data.reading import load as load
+    from bricksrl.data.recorder import Recorder as Recorder
+
+__all__ = ["About", "Channel", "Description", "Episodes", "Recorder", "Step", "describe", "load"]
+
+_HOME = {"Episodes": "reading", "load": "reading", "Recorder": "recorder"}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME:
+        raise AttributeError(f"module 'bricksrl.data' has no attribute '{name}'")
+    import importlib
+
+    return getattr(importlib.import_module(f"bricksrl.data.{_HOME[name]}"), name)

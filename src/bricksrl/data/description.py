@@ -1,0 +1,177 @@
+"""What the numbers of a dataset are: whose, in which order and unit, how often. Equal for all episodes of a dataset."""
+
+from __future__ import annotations
+
+import dataclasses
+import enum
+import json
+import math
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from bricksrl.errors import DataError
+from bricksrl.hub.interface import DriveStraight, Wait
+
+if TYPE_CHECKING:
+    from torchrl.envs import EnvBase
+
+    from bricksrl.envs.task import Task
+
+VERSION = 1
+"""Of what this writes; others are refused."""
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One number of an observation or an action. An end of its range is ``None`` where there is none."""
+
+    name: str
+    unit: str = ""
+    low: float | None = None
+    high: float | None = None
+    wraps: bool = False
+
+
+@dataclass(frozen=True)
+class Description:
+    """What was recorded.
+
+    Attributes:
+        env: id of the environment.
+        rate_hz: steps a second as the task asks for them; 1 where each step takes as long as it takes.
+        observation, action: the vectors, number by number; actions are in -1..1, their channels tell what that maps to.
+        robot: the robot's whole description as plain values; empty where there is none.
+        options: what the environment was made with, beyond its id.
+        camera: name of the camera; ``None`` without one.
+        image_px: side of its square image.
+    """
+
+    env: str
+    rate_hz: float
+    observation: tuple[Channel, ...]
+    action: tuple[Channel, ...]
+    robot: dict[str, Any] = field(default_factory=dict)
+    options: dict[str, Any] = field(default_factory=dict)
+    camera: str | None = None
+    image_px: int = 0
+
+    @property
+    def image_key(self) -> str | None:
+        """The camera's feature in the LeRobot format."""
+        return None if self.camera is None else f"observation.images.{self.camera}"
+
+    def to_json(self) -> bytes:
+        """As it is kept beside the data."""
+        return (json.dumps({"bricksrl_dataset": VERSION, **dataclasses.asdict(self)}, indent=1) + "\n").encode()
+
+    @classmethod
+    def from_json(cls, data: bytes, where: str) -> Description:
+        """Inverse of `to_json`.
+
+        Raises:
+            DataError: it is none of ours.
+        """
+        try:
+            values = json.loads(data)
+        except ValueError:
+            raise DataError(f"{where} is no JSON; restore it from a copy") from None
+        if not isinstance(values, dict) or values.pop("bricksrl_dataset", None) != VERSION:
+            raise DataError(f"{where} describes no dataset of this version of BricksRL; choose another")
+        try:
+            for key in ("observation", "action"):
+                values[key] = tuple(Channel(**channel) for channel in values[key])
+            description = cls(**values)
+            description.check()
+        except (AttributeError, KeyError, TypeError, ValueError):
+            raise DataError(f"{where} is damaged; restore it from a copy") from None
+        return description
+
+    def check(self) -> None:
+        """Raise ValueError or TypeError unless all types are those that are written above."""
+        texts = [self.env, *(text for channel in (*self.observation, *self.action) for text in (channel.name, channel.unit))]
+        sound = [
+            all(isinstance(text, str) for text in texts),
+            bool(self.observation) and bool(self.action),
+            math.isfinite(self.rate_hz) and self.rate_hz > 0,
+            isinstance(self.robot, dict) and isinstance(self.options, dict),
+            self.camera is None or (isinstance(self.camera, str) and self.camera.isidentifier()),
+            type(self.image_px) is int and (self.image_px > 0) == (self.camera is not None),
+        ]
+        if not all(sound):
+            raise ValueError("not a description")
+
+    def differences(self, other: Description) -> list[str]:
+        """What is otherwise in ``other``, a phrase for each attribute; empty where data of both may be joined."""
+        phrases = []
+        for name in ("env", "rate_hz", "camera", "image_px", "options"):
+            ours, theirs = getattr(self, name), getattr(other, name)
+            if ours != theirs:
+                phrases.append(f"{name} {theirs} instead of {ours}")
+        for name in ("observation", "action"):
+            ours, theirs = getattr(self, name), getattr(other, name)
+            if ours != theirs:
+                phrases.append(f"{name} {_difference(ours, theirs)}")
+        if self.robot != other.robot:
+            ours, theirs = self.robot.get("name", "none"), other.robot.get("name", "none")
+            same = "the same name with another description"
+            phrases.append(f"robot {theirs} instead of {ours}" if ours != theirs else f"robot {ours}: {same}")
+        return phrases
+
+
+def _difference(ours: tuple[Channel, ...], theirs: tuple[Channel, ...]) -> str:
+    names, other = [channel.name for channel in ours], [channel.name for channel in theirs]
+    if names != other:
+        return f"[{', '.join(other)}] instead of [{', '.join(names)}]"
+    changed = [a.name for a, b in zip(ours, theirs, strict=True) if a != b]
+    return f"with another unit or range of {', '.join(changed)}"
+
+
+def describe(env: EnvBase, options: dict[str, Any] | None = None) -> Description:
+    """The description of an environment, ours or any other with one observation and one action vector.
+
+    Args:
+        options: what it was made with.
+    """
+    task: Task | None = getattr(env, "task", None)
+    if task is None:
+        return _describe_specs(env, options or {})
+    settle = task.interface.settle
+    camera = task.camera
+    return Description(
+        env=task.id,
+        rate_hz=1000.0 / settle.time_ms if isinstance(settle, Wait) else 1.0,
+        observation=tuple(Channel(e.name, e.unit, e.low, e.high, e.wraps) for e in task.entries),
+        action=tuple(
+            Channel(c.name, "mm" if isinstance(c, DriveStraight) else "deg", c.low, c.high) for c in task.interface.commands
+        ),
+        robot=_plain(task.robot),
+        options=options or {},
+        camera=None if camera is None else camera.name,
+        image_px=0 if camera is None else camera.image_px,
+    )
+
+
+def _describe_specs(env: EnvBase, options: dict[str, Any]) -> Description:
+    def channels(spec: Any, name: str) -> tuple[Channel, ...]:
+        space, n = getattr(spec, "space", None), int(spec.shape[-1])
+        ends = [getattr(space, end, None) for end in ("low", "high")]
+        low, high = ([None] * n if end is None else [_finite(x) for x in end.flatten().tolist()] for end in ends)
+        return tuple(Channel(f"{name}_{i}", "", low[i], high[i]) for i in range(n))
+
+    observation = channels(env.observation_spec["observation"], "observation")
+    return Description(type(env).__name__, 1.0, observation, channels(env.action_spec, "action"), {}, options)
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
+def _plain(value: Any) -> Any:
+    """Dataclasses, enums and tuples as JSON has them."""
+    if dataclasses.is_dataclass(value):
+        return {f.name: _plain(getattr(value, f.name)) for f in dataclasses.fields(value)}
+    if isinstance(value, enum.Enum):
+        return _plain(value.value)
+    if isinstance(value, (list, tuple)):
+        return [_plain(item) for item in value]
+    return value

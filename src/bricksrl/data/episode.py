@@ -1,0 +1,150 @@
+"""One episode on its way to the disk: its steps, and the row about it."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from bricksrl.data.description import Description
+from bricksrl.data.layout import ACTION, NEXT, OBSERVATION, FileIndex
+from bricksrl.data.tables import Statistics, image_statistics, statistics
+
+Image = NDArray[np.uint8]
+
+
+@dataclass(frozen=True)
+class Step:
+    """What happened in one step.
+
+    Attributes:
+        observation, next_observation: ``[n]``, before and after.
+        action: ``[m]``, in -1..1, as it was given to the environment.
+        image, next_image: uint8 ``[side, side, 3]``, where there is a camera.
+        intervention: a human chose the action.
+        age_s: how old the observation was when the action left for the robot.
+        hub_time_s: the hub's clock when it measured ``next_observation``; not a number where there is no hub.
+    """
+
+    observation: ArrayLike
+    action: ArrayLike
+    reward: float
+    next_observation: ArrayLike
+    terminated: bool
+    truncated: bool
+    image: Image | None = None
+    next_image: Image | None = None
+    intervention: bool = False
+    age_s: float = 0.0
+    hub_time_s: float = float("nan")
+
+
+@dataclass(frozen=True)
+class About:
+    """What is to be known about an episode.
+
+    Attributes:
+        policy: what chose the actions, such as ``"random"``, ``"sac"``, ``"keyboard"``.
+        seed: of the episode; ``None`` where nobody gave one.
+        success: whether the task calls it one; ``None`` where it does not say.
+        whole: it went to its end; false where something broke it off.
+        started: date and time of its start, with the time zone.
+        hub: how the robot was reached.
+        program_hash: of the program on its hub; ``None`` without a hub.
+        versions: of the programs that recorded it.
+        physics: of a virtual robot, as plain values.
+    """
+
+    policy: str = ""
+    seed: int | None = None
+    success: bool | None = None
+    whole: bool = True
+    started: str = ""
+    hub: str = ""
+    program_hash: int | None = None
+    versions: dict[str, str] = field(default_factory=dict)
+    physics: dict[str, float] = field(default_factory=dict)
+
+
+def columns_of(steps: list[Step], description: Description, episode: int, start: int) -> dict[str, NDArray[Any]]:
+    """The columns of an episode that is number ``episode`` and begins at row ``start`` of the dataset."""
+    n = len(steps)
+    terminated = np.array([step.terminated for step in steps], bool)
+    truncated = np.array([step.truncated for step in steps], bool)
+    frames = np.arange(n, dtype=np.int64)
+    return {
+        OBSERVATION: _rows([step.observation for step in steps]),
+        ACTION: _rows([step.action for step in steps]),
+        NEXT: _rows([step.next_observation for step in steps]),
+        "next.reward": np.array([step.reward for step in steps], np.float32),
+        "next.done": terminated | truncated,
+        "next.terminated": terminated,
+        "next.truncated": truncated,
+        "intervention": np.array([step.intervention for step in steps], bool),
+        "age_s": np.array([step.age_s for step in steps], np.float32),
+        "hub_time_s": np.array([step.hub_time_s for step in steps], np.float64),
+        "timestamp": (frames / description.rate_hz).astype(np.float32),
+        "frame_index": frames,
+        "episode_index": np.full(n, episode, np.int64),
+        "index": frames + start,
+        "task_index": np.zeros(n, np.int64),
+    }
+
+
+def _rows(vectors: list[ArrayLike]) -> NDArray[np.float32]:
+    return np.stack([np.asarray(vector, np.float32).reshape(-1) for vector in vectors])
+
+
+@dataclass(frozen=True)
+class EpisodeRow:
+    """The row of ``meta/episodes`` about one episode.
+
+    Attributes:
+        start: row of the dataset that it begins at.
+        data_file: with its steps; ``data_sha256`` is that file's digest, ``None`` where nobody wrote one down.
+        video_file, video_start_s, video_sha256: the same for its images.
+        final_image: the image after the last step, which the video does not have; raw bytes.
+        return_: sum of its rewards.
+        statistics: of its columns.
+    """
+
+    episode: int
+    length: int
+    start: int
+    return_: float
+    terminated: bool
+    interventions: int
+    data_file: FileIndex
+    data_sha256: str | None
+    statistics: Statistics
+    about: About
+    video_file: FileIndex | None = None
+    video_start_s: float = 0.0
+    video_sha256: str | None = None
+    final_image: bytes | None = None
+
+
+def row_of(columns: dict[str, NDArray[Any]], about: About, at: FileIndex, digest: str) -> EpisodeRow:
+    """The row about an episode whose steps are alone in the file ``at``."""
+    return EpisodeRow(
+        episode=int(columns["episode_index"][0]),
+        length=len(columns["index"]),
+        start=int(columns["index"][0]),
+        return_=float(columns["next.reward"].sum(dtype=np.float64)),
+        terminated=bool(columns["next.terminated"][-1]),
+        interventions=int(columns["intervention"].sum()),
+        data_file=at,
+        data_sha256=digest,
+        statistics=statistics(columns),
+        about=about,
+    )
+
+
+def with_images(row: EpisodeRow, images: NDArray[np.uint8], final: Image, key: str, at: FileIndex, digest: str) -> EpisodeRow:
+    """The row with the images ``[length, side, side, 3]``, which are alone in the video file ``at``."""
+    joined = {**row.statistics, key: image_statistics(images)}
+    final_image = np.ascontiguousarray(final).tobytes()
+    return dataclasses.replace(row, statistics=joined, video_file=at, video_sha256=digest, final_image=final_image)

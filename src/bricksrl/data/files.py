@@ -1,0 +1,92 @@
+"""Files that are whole or not there, on the disk and not only on their way to it."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+from bricksrl.errors import DataError
+
+TEMPORARY_PREFIX = ".part-"
+"""How the names of files begin that are not whole yet."""
+LOCK = ".lock"
+"""Held by who writes."""
+
+
+def write_durably(path: Path, data: bytes) -> None:
+    """Write ``data`` beside ``path``, bring it to the disk, rename it to ``path``, and bring the name to the disk.
+
+    Whoever opens ``path`` finds what was there before or all of ``data``, also when the process is killed or the power fails.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=TEMPORARY_PREFIX)
+    try:
+        with os.fdopen(handle, "wb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        Path(temporary).chmod(0o644)
+        Path(temporary).replace(path)
+    except BaseException:
+        Path(temporary).unlink(missing_ok=True)
+        raise
+    _sync_folder(path.parent)
+
+
+def _sync_folder(path: Path) -> None:
+    if sys.platform == "win32":  # it has no handles of folders, and keeps names by itself
+        return
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+def holds_nothing(root: Path) -> bool:
+    """Whether a folder is empty but for what a killed writer left at its very start."""
+    files = (path for path in root.rglob("*") if not path.is_dir())
+    return all(path.name.startswith((TEMPORARY_PREFIX, LOCK)) for path in files)
+
+
+def remove_unfinished(root: Path) -> int:
+    """Remove what killed writers left unfinished below ``root``; returns how many files. Only for the one who may write."""
+    unfinished = list(root.rglob(f"{TEMPORARY_PREFIX}*"))
+    for path in unfinished:
+        path.unlink(missing_ok=True)
+    return len(unfinished)
+
+
+@contextlib.contextmanager
+def only_writer(root: Path) -> Iterator[None]:
+    """Inside, no other process gets past this for the same folder. A killed process lets go by itself.
+
+    Raises:
+        DataError: somebody else writes to it.
+    """
+    root.mkdir(parents=True, exist_ok=True)
+    with (root / LOCK).open("a+b") as file:
+        try:
+            _lock(file.fileno())
+        except OSError:
+            raise DataError(
+                f"something else records into {root} at this moment; wait for its end or choose another folder"
+            ) from None
+        yield
+
+
+if sys.platform == "win32":
+    import msvcrt
+
+    def _lock(handle: int) -> None:
+        msvcrt.locking(handle, msvcrt.LK_NBLCK, 1)
+
+else:
+    import fcntl
+
+    def _lock(handle: int) -> None:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -1,0 +1,61 @@
+"""Images of an episode as a video that loses nothing: H.264 on the colours themselves."""
+
+from __future__ import annotations
+
+import subprocess
+import tempfile
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bricksrl.errors import DataError
+
+_QUIET = ("-hide_banner", "-loglevel", "error", "-nostdin")
+_LOSSLESS = ("-c:v", "libx264rgb", "-crf", "0", "-preset", "veryfast", "-g", "2", "-movflags", "+faststart")
+_ONE_MP4_FILE = ("-protocol_whitelist", "file", "-f", "mp4")  # a playlist in disguise could name other files and servers
+
+
+def encode(images: NDArray[np.uint8], rate_hz: float) -> bytes:
+    """Images ``[steps, height, width, 3]`` as an mp4 file, from which `decode` gives the same numbers back.
+
+    Raises:
+        DataError: no ffmpeg is here, or it failed.
+    """
+    _, height, width, _ = images.shape
+    raw = ("-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}", "-r", f"{rate_hz:g}", "-i", "pipe:0")
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "video.mp4"
+        command = [_ffmpeg(), *_QUIET[:-1], *raw, *_LOSSLESS, str(path)]
+        ended = subprocess.run(command, input=images.tobytes(), capture_output=True, check=False)  # noqa: S603
+        if ended.returncode:
+            raise DataError(f"ffmpeg could not write a video: {ended.stderr.decode(errors='replace').strip()}; install another")
+        return path.read_bytes()
+
+
+def decode(path: Path, count: int, side: int) -> NDArray[np.uint8]:
+    """The first ``count`` images of a file, ``[count, side, side, 3]``.
+
+    Raises:
+        DataError: the file is no such video, or shorter.
+    """
+    wanted = count * side * side * 3
+    raw = ("-frames:v", str(count), "-f", "rawvideo", "-pix_fmt", "rgb24", "pipe:1")
+    command = [_ffmpeg(), *_QUIET, *_ONE_MP4_FILE, "-i", str(path), *raw]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) as process:  # noqa: S603
+        data = b"" if process.stdout is None else process.stdout.read(wanted + 1)
+        process.kill()
+    if len(data) != wanted:
+        raise DataError(f"{path} is no video of {count} images of {side} x {side} px; restore it from a copy")
+    return np.frombuffer(data, np.uint8).reshape(count, side, side, 3)
+
+
+def _ffmpeg() -> str:
+    import imageio_ffmpeg
+
+    try:
+        return str(imageio_ffmpeg.get_ffmpeg_exe())
+    except RuntimeError:
+        raise DataError(
+            "no ffmpeg is here to handle videos with; install imageio-ffmpeg anew: pip install imageio-ffmpeg"
+        ) from None

@@ -1,0 +1,155 @@
+"""Recording: each episode becomes one durable commit, whatever happens to the program afterwards."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+from dataclasses import replace
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Self
+
+import numpy as np
+
+from bricksrl.data.description import Description
+from bricksrl.data.episode import About, Step, columns_of, row_of, with_images
+from bricksrl.data.files import holds_nothing, only_writer, write_durably
+from bricksrl.data.index import is_dataset, write_index
+from bricksrl.data.layout import FileIndex, Layout
+from bricksrl.data.repair import recover
+from bricksrl.data.rows import rows_table, sentence
+from bricksrl.data.tables import tasks_table, to_parquet, to_table
+from bricksrl.errors import DataError
+
+if TYPE_CHECKING:
+    from bricksrl.data.episode import EpisodeRow
+
+
+class Recorder:
+    """Writes episodes into a dataset, a new one or one that is there.
+
+    `add` keeps a step in memory; `commit` brings the episode to the disk: its steps and images, then its row, then the index.
+    Whoever kills the program in between loses that episode and no other. Use it as a context manager: leaving commits what
+    there is of an episode as one that was broken off.
+
+    Args:
+        root: folder of the dataset. It is made with the first episode.
+
+    Raises:
+        DataError: the folder holds something else, data of another robot, rate or shape, or somebody records into it.
+    """
+
+    def __init__(self, root: Path, description: Description) -> None:
+        self.root = root
+        self.description = description
+        self._layout = Layout(root)
+        self._steps: list[Step] = []
+        self._rows: list[EpisodeRow] = []
+        self._next = FileIndex()
+        self._about = About()
+        self._held = contextlib.ExitStack()
+        self._is_new = not is_dataset(root)
+        if root.exists() and not root.is_dir():
+            raise DataError(f"{root} is a file; choose a folder for the dataset")
+        if not self._is_new:
+            self._append()
+        elif root.exists() and not holds_nothing(root):
+            raise DataError(f"{root} holds something else than a dataset; choose a new folder")
+
+    def _append(self) -> None:
+        self._held.enter_context(only_writer(self.root))
+        try:
+            index = recover(self.root).index
+            differences = index.description.differences(self.description)
+            if differences:
+                raise DataError(f"{self.root} holds other data: {'; '.join(differences)}; record into another folder")
+        except BaseException:
+            self._held.close()
+            raise
+        self._rows = list(index.rows)
+        self._next = FileIndex() if index.last_file is None else index.last_file.next()
+
+    @property
+    def episodes(self) -> int:
+        """Committed so far, those of earlier recordings included."""
+        return len(self._rows)
+
+    @property
+    def steps(self) -> int:
+        """Of the episode that is being recorded."""
+        return len(self._steps)
+
+    def begin(self, about: About) -> None:
+        """An episode starts; what there is of an earlier one is forgotten."""
+        self._about = about
+        self._steps.clear()
+
+    def add(self, step: Step) -> None:
+        """Keep a step of the episode."""
+        self._steps.append(step)
+
+    def commit(self, *, success: bool | None = None, whole: bool = True) -> None:
+        """The episode ended; when this returns it is on the disk. An episode without steps leaves nothing.
+
+        Args:
+            success: whether the task calls it one.
+            whole: it came to its own end; false where it was broken off: its last step then counts as truncated.
+        """
+        if not self._steps:
+            return
+        if not (self._steps[-1].terminated or self._steps[-1].truncated):
+            self._steps[-1] = replace(self._steps[-1], truncated=True)
+            whole = False
+        if self._is_new:
+            self._create()
+        row = self._write(replace(self._about, success=success, whole=whole))
+        self._rows.append(row)
+        write_index(self._layout, self.description, self._rows)
+        self._next = self._next.next()
+        self._steps.clear()
+
+    def _create(self) -> None:
+        self._held.enter_context(only_writer(self.root))
+        if is_dataset(self.root):
+            raise DataError(f"somebody else began a dataset in {self.root} meanwhile; choose another folder")
+        write_durably(self._layout.description, self.description.to_json())
+        write_durably(self._layout.tasks, tasks_table(sentence(self.description)))
+        self._is_new = False
+
+    def _write(self, about: About) -> EpisodeRow:
+        """Everything of the episode but the index."""
+        start = self._rows[-1].start + self._rows[-1].length if self._rows else 0
+        columns = columns_of(self._steps, self.description, len(self._rows), start)
+        data = to_parquet(to_table(columns, self.description))
+        write_durably(self._layout.data(self._next), data)
+        row = row_of(columns, about, self._next, hashlib.sha256(data).hexdigest())
+        key = self.description.image_key
+        if key is not None:
+            row = self._write_images(row, key)
+        write_durably(self._layout.episodes(self._next), to_parquet(rows_table([row], self.description, self._next)))
+        return row
+
+    def _write_images(self, row: EpisodeRow, key: str) -> EpisodeRow:
+        from bricksrl.data.images import encode
+
+        shown = [step.image for step in self._steps if step.image is not None]
+        final = self._steps[-1].next_image
+        if len(shown) != len(self._steps) or final is None:
+            raise DataError(f"{self.root} is to hold images of {self.description.camera}, and a step has none; add them to each")
+        images = np.stack(shown)
+        video = encode(images, self.description.rate_hz)
+        write_durably(self._layout.video(key, self._next), video)
+        return with_images(row, images, final, key, self._next, hashlib.sha256(video).hexdigest())
+
+    def close(self) -> None:
+        """Commit what there is of an episode, as one that was broken off, and let go of the folder."""
+        try:
+            self.commit(whole=False)
+        finally:
+            self._held.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self.close()

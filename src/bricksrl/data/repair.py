@@ -1,0 +1,60 @@
+"""Bringing a dataset back in order after its writer was killed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from bricksrl.data.files import remove_unfinished, write_durably
+from bricksrl.data.index import Index, check_order, read_all_rows, read_description, read_episode_count, write_index
+from bricksrl.data.layout import Layout
+from bricksrl.data.rows import sentence
+from bricksrl.data.tables import tasks_table
+from bricksrl.errors import DataError
+
+
+@dataclass(frozen=True)
+class Recovery:
+    """What was found and done.
+
+    Attributes:
+        adopted: episodes that were whole on the disk and not in the index yet.
+        unfinished: files that were not whole, and are removed.
+    """
+
+    index: Index
+    adopted: int
+    unfinished: int
+
+
+def recover(root: Path, *, anew: bool = False) -> Recovery:
+    """Bring the index to what is on the disk. Only for the one who may write.
+
+    A row is written when all of its episode is on the disk, so that a row that the index does not count is an episode that
+    was recorded to its end.
+
+    Args:
+        anew: write an index also where the one that is there is damaged.
+
+    Raises:
+        DataError: the dataset is damaged otherwise than by a writer that was killed.
+    """
+    layout = Layout(root)
+    description = read_description(layout)
+    committed = 0
+    if layout.info.exists():
+        try:
+            committed = read_episode_count(layout, description)
+        except DataError:
+            if not anew:
+                raise
+    unfinished = remove_unfinished(root)
+    rows, last = read_all_rows(layout, description)
+    if len(rows) < committed:
+        raise DataError(f"{root} has lost rows: {len(rows)} of {committed} episodes are left; restore it from a copy")
+    check_order(rows, len(rows), layout)
+    if not layout.tasks.exists():
+        write_durably(layout.tasks, tasks_table(sentence(description)))
+    if anew or len(rows) > committed or not layout.stats.exists():
+        write_index(layout, description, rows)
+    return Recovery(Index(layout, description, tuple(rows), last), len(rows) - committed, unfinished)

@@ -1,0 +1,156 @@
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from toy_data import SEEING, TOY, record, record_episode, steps
+
+from bricksrl.data import About, Channel, Recorder, load
+from bricksrl.errors import DataError
+
+
+def test_what_is_recorded_is_what_is_read(tmp_path: Path) -> None:
+    episodes = load(record(tmp_path / "set", (3, 5)))
+    wanted = [*steps(0, 3), *steps(1, 5)]
+    assert len(episodes) == 8
+    for name in ("observation", "action", "next_observation"):
+        assert np.array_equal(getattr(episodes, name).numpy(), np.stack([np.asarray(getattr(step, name)) for step in wanted]))
+    for name in ("reward", "terminated", "truncated", "intervention", "age_s", "hub_time_s"):
+        ours = getattr(episodes, name).numpy()
+        assert np.array_equal(ours, np.array([getattr(step, name) for step in wanted], ours.dtype)), name
+    assert episodes.episode.tolist() == [0] * 3 + [1] * 5
+    assert episodes.returns() == pytest.approx([sum(step.reward for step in steps(k, n)) for k, n in ((0, 3), (1, 5))], rel=1e-6)
+    assert [(row.about.seed, row.about.policy, row.about.success) for row in episodes.rows] == [
+        (0, "random", True),
+        (1, "random", False),
+    ]
+
+
+def test_images_come_back_as_they_were(tmp_path: Path) -> None:
+    episodes = load(record(tmp_path / "set", (3, 4), SEEING))
+    wanted = [*steps(0, 3, SEEING), *steps(1, 4, SEEING)]
+    assert episodes.image is not None and episodes.next_image is not None
+    assert np.array_equal(episodes.image.numpy(), np.stack([step.image for step in wanted if step.image is not None]))
+    assert np.array_equal(
+        episodes.next_image.numpy(), np.stack([step.next_image for step in wanted if step.next_image is not None])
+    )
+    assert load(tmp_path / "set", images=False).image is None
+
+
+def test_the_layout_is_that_of_lerobot(tmp_path: Path) -> None:
+    root = record(tmp_path / "set", (3, 5), SEEING)
+    info = json.loads((root / "meta/info.json").read_text())
+    assert (info["codebase_version"], info["fps"], info["total_episodes"], info["total_frames"]) == ("v3.0", 4, 2, 8)
+    assert info["features"]["observation.state"] == {"dtype": "float32", "shape": [2], "names": ["angle", "distance"]}
+    assert info["features"]["observation.images.webcam"]["dtype"] == "video"
+    table = pq.read_table(root / "data/chunk-000/file-001.parquet")
+    numbers = [name for name, feature in info["features"].items() if feature["dtype"] != "video"]
+    assert table.column_names == numbers
+    assert table["index"].to_pylist() == [3, 4, 5, 6, 7] and table["frame_index"].to_pylist() == [0, 1, 2, 3, 4]
+    assert table["timestamp"].to_pylist() == [0.0, 0.25, 0.5, 0.75, 1.0]
+    rows = pq.read_table(root / "meta/episodes/chunk-000/file-001.parquet").to_pylist()
+    assert [(row["episode_index"], row["length"], row["dataset_from_index"], row["dataset_to_index"]) for row in rows] == [
+        (1, 5, 3, 8)
+    ]
+    assert (rows[0]["data/chunk_index"], rows[0]["data/file_index"], rows[0]["tasks"]) == (0, 1, ["Toy-v0"])
+    assert (root / info["video_path"].format(video_key="observation.images.webcam", chunk_index=0, file_index=1)).exists()
+    assert pq.read_table(root / "meta/tasks.parquet").to_pandas().loc["Toy-v0", "task_index"] == 0
+
+
+def test_statistics_are_those_of_all_steps_together(tmp_path: Path) -> None:
+    root = record(tmp_path / "set", (3, 5, 4))
+    stats = json.loads((root / "meta/stats.json").read_text())
+    every = load(root)
+    for name, values in (("observation.state", every.observation), ("next.reward", every.reward[:, None])):
+        array = values.numpy().astype(np.float64)
+        wanted = {"min": array.min(0), "max": array.max(0), "mean": array.mean(0), "std": array.std(0), "count": [12]}
+        for key, value in wanted.items():
+            assert stats[name][key] == pytest.approx(np.asarray(value).tolist()), (name, key)
+
+
+def test_recording_goes_on_where_it_ended(tmp_path: Path) -> None:
+    record(tmp_path / "set", (3, 5))
+    record(tmp_path / "set", (4,), first_seed=2)
+    together = load(record(tmp_path / "other", (3, 5, 4)))
+    apart = load(tmp_path / "set")
+    assert np.array_equal(apart.observation, together.observation) and np.array_equal(apart.episode, together.episode)
+
+
+@pytest.mark.parametrize(
+    ("other", "named"),
+    [
+        (replace(TOY, robot={"name": "walker"}), "robot walker instead of toy"),
+        (replace(TOY, robot={"name": "toy", "motors": []}), "robot toy: the same name with another description"),
+        (replace(TOY, rate_hz=10.0), "rate_hz 10.0 instead of 4.0"),
+        (replace(TOY, env="Other-v0"), "env Other-v0 instead of Toy-v0"),
+        (replace(TOY, options={"sparse": True}), "options"),
+        (replace(TOY, observation=TOY.observation[:1]), r"observation \[angle\] instead of \[angle, distance\]"),
+        (replace(TOY, action=(Channel("motor", "mm", -100.0, 100.0),)), "another unit or range of motor"),
+        (SEEING, "camera webcam instead of None"),
+    ],
+)
+def test_data_of_another_kind_is_refused_and_the_difference_named(tmp_path: Path, other, named) -> None:
+    root = record(tmp_path / "set")
+    before = {path: path.read_bytes() for path in root.rglob("*") if path.is_file()}
+    with pytest.raises(DataError, match=named):
+        Recorder(root, other)
+    assert {path: path.read_bytes() for path in root.rglob("*") if path.is_file()} == before
+    record(root, (2,), first_seed=3)  # the folder was let go of
+
+
+def test_a_folder_with_something_else_is_left_alone(tmp_path: Path) -> None:
+    (tmp_path / "letters").mkdir()
+    (tmp_path / "letters/love.txt").write_text("dear")
+    with pytest.raises(DataError, match="something else"):
+        Recorder(tmp_path / "letters", TOY)
+    with pytest.raises(DataError, match="is a file"):
+        Recorder(tmp_path / "letters/love.txt", TOY)
+
+
+def test_only_one_records_at_a_time(tmp_path: Path) -> None:
+    root = record(tmp_path / "set")
+    script = f"""
+import sys; sys.path.insert(0, {str(Path(__file__).parent)!r})
+from pathlib import Path
+from bricksrl.data import Recorder
+from bricksrl.errors import DataError
+from toy_data import TOY
+try:
+    Recorder(Path({str(root)!r}), TOY)
+except DataError as error:
+    print(error)
+"""
+    with Recorder(root, TOY):
+        said = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert "records into" in said.stdout
+
+
+def test_an_episode_that_was_broken_off_is_kept_as_such(tmp_path: Path) -> None:
+    with Recorder(tmp_path / "set", TOY) as recorder:
+        record_episode(recorder, 0, 4)
+        recorder.begin(About())
+        for step in steps(1, 9)[:2]:
+            recorder.add(step)
+    episodes = load(tmp_path / "set")
+    assert [(row.length, row.about.whole) for row in episodes.rows] == [(4, True), (2, False)]
+    assert episodes.truncated.tolist() == [False, False, False, True, False, True]
+
+
+def test_nothing_recorded_leaves_nothing(tmp_path: Path) -> None:
+    with Recorder(tmp_path / "set", TOY) as recorder:
+        recorder.begin(About())
+    assert not (tmp_path / "set").exists()
+
+
+def test_an_image_that_is_missing_is_told(tmp_path: Path) -> None:
+    recorder = Recorder(tmp_path / "set", SEEING)
+    recorder.begin(About())
+    recorder.add(steps(0, 1)[0])
+    with pytest.raises(DataError, match="a step has none"):
+        recorder.commit()
