@@ -128,8 +128,9 @@ class Poll:
         self.mask = mask
 
     def poll(self, timeout_ms: int) -> list[int]:
-        assert timeout_ms == 0
-        events = self.hub.stdin_events & self.mask
+        while not (events := self.hub.stdin_events & self.mask) and timeout_ms > 0:
+            self.hub.wait(1)
+            timeout_ms -= 1
         return [events] if events else []
 
 
@@ -242,7 +243,7 @@ class StandInHub:
                 UltrasonicSensor=lambda port: SimpleNamespace(distance=lambda: self.distance_mm),
             ),
             "pybricks.robotics": SimpleNamespace(DriveBase=DriveBase),
-            "pybricks.tools": SimpleNamespace(wait=self._wait, StopWatch=self._stop_watch),
+            "pybricks.tools": SimpleNamespace(StopWatch=self._stop_watch),
             "uselect": SimpleNamespace(poll=lambda: Poll(self), POLLIN=1),
             "ustruct": struct,
             "usys": SimpleNamespace(
@@ -279,7 +280,7 @@ class StandInHub:
     def _emit(self, data: bytes) -> None:
         self._outbox += data
 
-    def _wait(self, duration_ms: int) -> None:
+    def wait(self, duration_ms: int) -> None:
         for _ in range(duration_ms):
             for motor in self.motors.values():
                 motor.step_ms()

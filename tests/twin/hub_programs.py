@@ -18,6 +18,12 @@ class Console:
         self.arrivals = arrivals
         self.taken = 0
         self.written = b""
+        machine.on_alarm = self._set_alarm
+        self._set_alarm()
+
+    def _set_alarm(self) -> None:
+        """At the next arrival, so that a program that waits for input wakes up."""
+        self.machine.alarm_ms = min((time_ms for time_ms in self.arrivals if time_ms > self.machine.time_ms), default=None)
 
     def _arrived(self) -> bytes:
         return b"".join(data for time_ms, data in sorted(self.arrivals.items()) if time_ms <= self.machine.time_ms)

@@ -100,16 +100,36 @@ class Machine:
         self._calls = 0
         end_ms = self.time_ms + duration_ms
         while self.time_ms < end_ms:
-            next_ms = self.time_ms - self.time_ms % CONTROL_LOOP_MS + CONTROL_LOOP_MS
-            stop_ms = min(next_ms, end_ms)
-            if self.alarm_ms is not None and self.time_ms < self.alarm_ms < stop_ms:
-                stop_ms = self.alarm_ms
-            self.body.advance_to(stop_ms)
-            self.time_ms = stop_ms
-            if stop_ms == next_ms:
-                self._control()
-            if self.alarm_ms is not None and self.time_ms >= self.alarm_ms:
-                self.on_alarm()
+            self._advance_towards(end_ms)
+
+    def doze(self, duration_ms: int) -> int:
+        """Let time pass, but not beyond the next alarm, which may have brought input; returns how long it was."""
+        self._calls = 0
+        start_ms = self.time_ms
+        end_ms = start_ms + duration_ms
+        while self.time_ms < end_ms and not self._advance_towards(end_ms):
+            pass
+        return self.time_ms - start_ms
+
+    def _advance_towards(self, end_ms: int) -> bool:
+        """Advance as far as nothing but physics happens, at most to ``end_ms``; whether there was an alarm."""
+        time_ms = self.time_ms
+        next_ms = time_ms - time_ms % CONTROL_LOOP_MS + CONTROL_LOOP_MS
+        stop_ms = next_ms if next_ms < end_ms else end_ms
+        alarm_ms = self.alarm_ms
+        if alarm_ms is not None and time_ms < alarm_ms < stop_ms:
+            stop_ms = alarm_ms
+        self.body.advance_to(stop_ms)
+        self.time_ms = stop_ms
+        if stop_ms == next_ms:
+            for base in self.drive_bases:
+                base.update()
+            for servo in self.servos.values():
+                servo.update()
+        if self.alarm_ms is None or stop_ms < self.alarm_ms:
+            return False
+        self.on_alarm()
+        return True
 
     def advance_to_control(self) -> None:
         """Let time pass until the control loop has run once: the grain at which moves end."""
@@ -130,9 +150,3 @@ class Machine:
         self.drive_bases.clear()
         for servo in self.servos.values():
             servo.close()
-
-    def _control(self) -> None:
-        for base in self.drive_bases:
-            base.update()
-        for servo in self.servos.values():
-            servo.update()

@@ -10,7 +10,7 @@ that is still under way. Whoever changes this file changes every program's hash.
 
 import ustruct
 from micropython import kbd_intr
-from pybricks.tools import StopWatch, wait
+from pybricks.tools import StopWatch
 from uselect import POLLIN, poll
 from usys import stdin, stdout
 
@@ -61,7 +61,7 @@ def stop_motors():
 
 
 class Reader:
-    """Cuts standard input into frames. Drops what is none, byte by byte, and never blocks."""
+    """Cuts standard input into frames. Drops what is none, byte by byte."""
 
     def __init__(self):
         self.incoming = poll()
@@ -81,13 +81,14 @@ class Reader:
             return COMMAND_BYTES
         return CONTROL_BYTES.get(data[2], 0) if len(data) > 2 else 3
 
-    def frame(self):
-        """The next valid frame, or None. Bounded, so that a stream of noise cannot keep the watchdog waiting."""
+    def frame(self, patience_ms):
+        """The next valid frame, or None. Waits for input once; noise without end cannot keep the watchdog waiting."""
         for _ in range(64):
             size = self.size()
             if len(self.data) < size:
-                if not self.incoming.poll(0):
+                if not self.incoming.poll(patience_ms):
                     return None
+                patience_ms = 0
                 self.data += stdin.buffer.read(1)
             elif size and crc8(self.data[:size]) == 0:
                 frame = self.data[:size]
@@ -114,7 +115,7 @@ class Server:
 
     def turn(self):
         """One turn of the loop. False ends the program."""
-        frame = self.reader.frame()
+        frame = self.reader.frame(max(0, self.idle_until() - self.clock.time()))
         now = self.clock.time()
         if frame:
             self.heard_ms = now
@@ -126,8 +127,6 @@ class Server:
             if self.settled(now - self.started_ms):
                 self.moving = False
                 self.reply(self.seq)
-            else:
-                wait(1)
             return True
         silent_ms = now - self.heard_ms
         if self.armed and silent_ms > self.watchdog_ms:
@@ -135,8 +134,13 @@ class Server:
         if silent_ms > self.watchdog_ms + END_MS:
             self.bye(SILENCE)
             return False
-        wait(1)
         return True
+
+    def idle_until(self):
+        """Time until which nothing but a frame matters."""
+        if not self.moving:
+            return self.heard_ms + self.watchdog_ms + (1 if self.armed else END_MS + 1)
+        return self.clock.time() + 1 if UNTIL_DONE else self.started_ms + SETTLE_MS
 
     def command(self, seq, payload):
         if seq != self.seq:

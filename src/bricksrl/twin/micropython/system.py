@@ -20,6 +20,7 @@ from bricksrl.twin.micropython.text import text
 _POLLIN, _POLLOUT, _POLLERR, _POLLHUP = 1, 4, 8, 16
 _CTRL_C = 3
 _ENOENT = 2
+_FOREVER_MS = 1000  # then it looks again, and dozes on
 
 
 class ProgramInterrupt(KeyboardInterrupt):
@@ -118,10 +119,10 @@ class TextIOWrapper(FileIO):
 
 
 class Poll:
-    """``select.poll()``; ``wait_ms`` lets simulated time pass."""
+    """``select.poll()``; ``doze`` lets simulated time pass until input may have come, and returns how long it was."""
 
-    def __init__(self, wait_ms: Callable[[int], None]) -> None:
-        self._wait_ms = wait_ms
+    def __init__(self, doze: Callable[[int], int]) -> None:
+        self._doze = doze
         self._streams: dict[int, tuple[FileIO, int]] = {}
 
     def register(self, stream: Any, eventmask: int = _POLLIN | _POLLOUT) -> None:
@@ -139,8 +140,10 @@ class Poll:
 
     def poll(self, timeout: int = -1, flags: int = 0) -> list[tuple[FileIO, int]]:
         while not (ready := self._ready()) and timeout:
-            self._wait_ms(1)
-            timeout -= 1 if timeout > 0 else 0
+            if timeout < 0:
+                self._doze(_FOREVER_MS)
+            else:
+                timeout -= self._doze(timeout)
         if flags & 1:
             for stream, _ in ready:
                 self.modify(stream, 0)
@@ -182,9 +185,9 @@ def sys_module(console: Console, keyboard: Keyboard, tick: Callable[[], None], v
     )
 
 
-def select_module(wait_ms: Callable[[int], None]) -> ModuleType:
+def select_module(doze: Callable[[int], int]) -> ModuleType:
     flags = {"POLLIN": _POLLIN, "POLLOUT": _POLLOUT, "POLLERR": _POLLERR, "POLLHUP": _POLLHUP}
-    return module("select", {"poll": lambda: Poll(wait_ms), **flags})
+    return module("select", {"poll": lambda: Poll(doze), **flags})
 
 
 def micropython_module(keyboard: Keyboard) -> ModuleType:

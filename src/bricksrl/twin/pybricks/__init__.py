@@ -78,6 +78,6 @@ def _language_modules(machine: Machine, console: Console) -> dict[str, ModuleTyp
         "json": json_module(),
         "io": io_module(),
         "gc": gc_module(_HEAP_BYTES.get(hub, 16 * 1024)),
-        "select": select_module(machine.advance),
+        "select": select_module(machine.doze),
         "sys": sys_module(console, keyboard, machine.charge_call, FIRMWARE_VERSION, _MACHINES[hub]),
     }
