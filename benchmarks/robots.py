@@ -1,0 +1,116 @@
+"""What SAC learns on each robot in the paper's number of episodes, over seeds, beside the paper and beside random actions.
+
+    python benchmarks/robots.py
+    python benchmarks/robots.py --envs Walker-v1 --seeds 3
+
+Each seed trains with the default preset in a process of its own, on one thread, as many at once as there are cores; what was
+learned is then evaluated on episodes that no training saw. Results of other environments stay in the file.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import statistics
+import tempfile
+import time
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+from machine import RESULTS, write
+
+from bricksrl.evaluation import evaluate
+from bricksrl.evaluation.statistics import interquartile_mean, mean, stratified_bootstrap_interval, wilson_interval
+from bricksrl.training import TrainConfig, train
+
+EPISODES = {
+    "RunAway-v0": 40,
+    "Spinning-v0": 15,
+    "Walker-v0": 75,
+    "Walker-v1": 75,
+    "RoboArm-v0": 250,
+    "RoboArm_mixed-v0": 250,
+}
+PAPER: dict[str, dict[str, Any]] = {
+    "RunAway-v0": {"sac": [8.72, 2.82], "td3": [7.64, 2.31], "droq": [8.96, 0.87]},
+    "Spinning-v0": {"sac": [7407.20, 109.53], "td3": [7558.21, 28.61], "droq": [7456.85, 18.02]},
+    "Walker-v0": {"sac": [-52.04, 8.79], "td3": [-62.94, 16.76], "droq": [-57.63, 10.44]},
+    "RoboArm-v0": {"sac": [-27.77, 37.13], "td3": [-20.29, 31.35], "droq": [-55.02, 62.45], "sac_success_rate": 0.72},
+    "RoboArm_mixed-v0": {"sac": [-18.21, 6.98], "td3": [-60.24, 16.06], "droq": [-19.39, 11.07], "sac_success_rate": 0.68},
+}
+"""Means and standard deviations of its tables 2 and 3, on LEGO's robots."""
+EVALUATED_EPISODES = 20
+
+
+def run(env_id: str, agent: str, episodes: int, seed: int, folder: str) -> dict[str, Any]:
+    """Train and evaluate one agent."""
+    import torch
+
+    torch.set_num_threads(1)
+    started_cpu_s = time.process_time()
+    result = train(TrainConfig(env_id, agent, episodes=episodes, seed=seed, run_dir=Path(folder) / f"{env_id}-{seed}"))
+    cpu_s = time.process_time() - started_cpu_s
+    found = evaluate(result.run_dir, episodes=EVALUATED_EPISODES)
+    last = result.episodes[-1]
+    return {
+        "seed": seed,
+        "return_mean": round(found.return_mean, 3),
+        "return_std": round(found.return_std, 3),
+        "success_rate": found.success_rate,
+        "metrics": {name: round(value, 4) for name, value in found.metrics.items()},
+        "steps": last.steps,
+        "training_s": round(last.seconds, 1),
+        "training_cpu_s": round(cpu_s, 1),
+        "returns": [round(value, 2) for value in found.returns],
+    }
+
+
+def summary(runs: list[dict[str, Any]]) -> dict[str, Any]:
+    """Over the seeds: interquartile mean, mean and deviation of the returns, and the share of successes, with intervals."""
+    strata = [one["returns"] for one in runs]
+    means = [one["return_mean"] for one in runs]
+    interval = stratified_bootstrap_interval([means], mean)
+    found: dict[str, Any] = {
+        "return_iqm": round(float(interquartile_mean([value for stratum in strata for value in stratum])), 3),
+        "return_mean": round(statistics.fmean(means), 3),
+        "return_std": round(statistics.pstdev(means), 3),
+        "return_interval": [round(interval.low, 3), round(interval.high, 3)],
+        "training_s_median": statistics.median(one["training_s"] for one in runs),
+    }
+    if runs[0]["success_rate"] is not None:
+        trials = EVALUATED_EPISODES * len(runs)
+        successes = round(sum(one["success_rate"] for one in runs) * EVALUATED_EPISODES)
+        rate = wilson_interval(successes, trials)
+        found["success_rate"] = round(successes / trials, 3)
+        found["success_interval"] = [round(rate.low, 3), round(rate.high, 3)]
+    found["metrics"] = {name: round(statistics.fmean(one["metrics"][name] for one in runs), 4) for name in runs[0]["metrics"]}
+    return found
+
+
+def main() -> None:
+    """Train all and write the results."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--envs", nargs="+", default=list(EPISODES), choices=list(EPISODES))
+    parser.add_argument("--agent", default="sac")
+    parser.add_argument("--seeds", type=int, default=5)
+    parser.add_argument("--episodes", type=int, help="instead of the paper's")
+    parser.add_argument("--processes", type=int, default=os.cpu_count())
+    chosen = parser.parse_args()
+    name = "robots" if chosen.agent == "sac" else f"robots_{chosen.agent}"
+    path = RESULTS / f"{name}.json"
+    known: dict[str, Any] = json.loads(path.read_text())["environments"] if path.exists() else {}
+    for env_id in chosen.envs:
+        episodes = chosen.episodes or EPISODES[env_id]
+        with tempfile.TemporaryDirectory() as folder, ProcessPoolExecutor(chosen.processes, get_context("spawn")) as pool:
+            waiting = [pool.submit(run, env_id, chosen.agent, episodes, seed, folder) for seed in range(chosen.seeds)]
+            runs = [one.result() for one in waiting]
+        known[env_id] = {"episodes": episodes, "summary": summary(runs), "paper": PAPER.get(env_id), "seeds": runs}
+        print(env_id, known[env_id]["summary"], flush=True)
+        print(write(name, {"agent": chosen.agent, "preset": "default", "environments": known}), flush=True)
+
+
+if __name__ == "__main__":
+    main()
