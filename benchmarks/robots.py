@@ -20,6 +20,7 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from machine import RESULTS, write
 
 from bricksrl.evaluation import evaluate
@@ -74,7 +75,7 @@ def summary(runs: list[dict[str, Any]]) -> dict[str, Any]:
     means = [one["return_mean"] for one in runs]
     interval = stratified_bootstrap_interval([means], mean)
     found: dict[str, Any] = {
-        "return_iqm": round(float(interquartile_mean([value for stratum in strata for value in stratum])), 3),
+        "return_iqm": round(float(interquartile_mean(np.array(strata).ravel())), 3),
         "return_mean": round(statistics.fmean(means), 3),
         "return_std": round(statistics.pstdev(means), 3),
         "return_interval": [round(interval.low, 3), round(interval.high, 3)],
