@@ -39,7 +39,8 @@ def test_every_dependency_is_pinned():
     extras = PROJECT["project"]["optional-dependencies"]
     installed = {name: extras[name] for name in ("dev", "vision", "data", "tune", "benchmarks")}
     wanted = [*PROJECT["project"]["dependencies"], *(one for extra in installed.values() for one in extra)]
-    assert {re.split(r"[<>=\[]", requirement)[0].lower() for requirement in wanted} - {"bricksrl"} <= pinned
+    names = {re.split(r"[<>=\[]", requirement)[0].lower().replace("_", "-") for requirement in wanted}
+    assert names - {"bricksrl"} <= pinned
 
 
 def test_constraints_are_exact_and_free_of_local_builds():
