@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import itertools
 import math
-from typing import Literal
+from typing import Any, Literal
 
 import torch
 from tensordict.nn import NormalParamExtractor, TensorDictModule
 from torch import Tensor, nn
 from torch.nn import functional
 from torchrl.data import Bounded
-from torchrl.modules import MLP, ProbabilisticActor, TanhNormal
+from torchrl.modules import ProbabilisticActor, TanhNormal
 
 from bricksrl.agents.layout import ObservationLayout
 
@@ -71,30 +71,43 @@ class ObservationEncoder(nn.Module):
         return torch.cat(parts, -1)
 
 
-def make_actor(feature_size: int, action_size: int, hidden: tuple[int, ...], min_scale: float) -> nn.Sequential:
+class Actor(nn.Module):
+    """Features ``[*batch, f]`` to what ``head`` makes of a multilayer perceptron's output ``[*batch, out]``.
+
+    Args:
+        batch_norm: momentum of batch normalisations before each layer; ``None`` for none.
+    """
+
+    def __init__(
+        self, feature_size: int, out_size: int, hidden: tuple[int, ...], head: nn.Module, *, batch_norm: float | None = None
+    ) -> None:
+        super().__init__()
+        self.body = StackedMLP(feature_size, hidden, out_size, k=1, batch_norm=batch_norm)
+        self.head = head
+
+    def forward(self, features: Tensor) -> Any:
+        out = self.body(features.reshape(1, -1, features.shape[-1]))
+        return self.head(out.view(*features.shape[:-1], out.shape[-1]))
+
+
+def make_actor(feature_size: int, action_size: int, hidden: tuple[int, ...], min_scale: float) -> Actor:
     """A network from features ``[*batch, f]`` to location and scale ``[*batch, m]`` of a `TanhNormal`."""
-    mlp = MLP(feature_size, 2 * action_size, num_cells=list(hidden), activation_class=nn.ReLU)
-    return nn.Sequential(mlp, NormalParamExtractor(scale_lb=min_scale))
+    return Actor(feature_size, 2 * action_size, hidden, NormalParamExtractor(scale_lb=min_scale))
 
 
-def make_deterministic_actor(feature_size: int, action_size: int, hidden: tuple[int, ...]) -> nn.Sequential:
+def make_deterministic_actor(feature_size: int, action_size: int, hidden: tuple[int, ...]) -> Actor:
     """A network from features ``[*batch, f]`` to actions ``[*batch, m]`` in -1..1."""
-    return nn.Sequential(MLP(feature_size, action_size, num_cells=list(hidden), activation_class=nn.ReLU), nn.Tanh())
+    return Actor(feature_size, action_size, hidden, nn.Tanh())
 
 
 def make_normalised_actor(
     feature_size: int, action_size: int, hidden: tuple[int, ...], min_scale: float, momentum: float
-) -> nn.Sequential:
+) -> Actor:
     """Like `make_actor`, with batch normalisation before each layer."""
-    layers: list[nn.Module] = [nn.BatchNorm1d(feature_size, eps=BATCH_NORM_EPS, momentum=momentum)]
-    size = feature_size
-    for units in hidden:
-        layers += [nn.Linear(size, units), nn.ReLU(), nn.BatchNorm1d(units, eps=BATCH_NORM_EPS, momentum=momentum)]
-        size = units
-    return nn.Sequential(*layers, nn.Linear(size, 2 * action_size), NormalParamExtractor(scale_lb=min_scale))
+    return Actor(feature_size, 2 * action_size, hidden, NormalParamExtractor(scale_lb=min_scale), batch_norm=momentum)
 
 
-def make_policy(actor: nn.Sequential, action_size: int, in_key: str = "observation") -> ProbabilisticActor:
+def make_policy(actor: nn.Module, action_size: int, in_key: str = "observation") -> ProbabilisticActor:
     """The actor as a TorchRL policy: reads ``in_key``, writes "action" in -1..1 and its log-probability."""
     return ProbabilisticActor(
         TensorDictModule(actor, in_keys=[in_key], out_keys=["loc", "scale"]),
@@ -149,15 +162,21 @@ class Dropout(nn.Module):
     def __init__(self, rate: float) -> None:
         super().__init__()
         self._draws_per_entry = -math.log1p(-rate)
-        self._scale = 1.0 / (1.0 - rate)
+        self.scale = 1.0 / (1.0 - rate)
+
+    def places(self, count: int) -> Tensor:
+        """Where to drop, of ``count`` entries."""
+        return torch.randint(count, (round(count * self._draws_per_entry),))
 
     def forward(self, x: Tensor) -> Tensor:
-        places = torch.randint(x.numel(), (round(x.numel() * self._draws_per_entry),))
-        return (x * self._scale).view(-1).index_fill_(0, places, 0.0).view(x.shape)
+        return (x * self.scale).view(-1).index_fill_(0, self.places(x.numel()), 0.0).view(x.shape)
 
 
 class StackedBatchNorm(nn.Module):
     """``k`` batch normalisations side by side, on ``[k, batch, size]``: over the batch, or as it was on average in evaluation."""
+
+    running_mean: Tensor
+    running_var: Tensor
 
     def __init__(self, k: int, size: int, momentum: float) -> None:
         super().__init__()
@@ -165,23 +184,59 @@ class StackedBatchNorm(nn.Module):
         self.bias = nn.Parameter(torch.zeros(k, 1, size))
         self.register_buffer("running_mean", torch.zeros(k, 1, size))
         self.register_buffer("running_var", torch.ones(k, 1, size))
-        self._momentum = momentum
+        self.momentum = momentum
 
     def forward(self, x: Tensor) -> Tensor:
         k, batch, size = x.shape
-        mean, var = (self.get_buffer(name).view(-1) for name in ("running_mean", "running_var"))
+        mean, var = self.running_mean.view(-1), self.running_var.view(-1)
         columns = x.transpose(0, 1).reshape(batch, k * size)
         weight, bias = self.weight.view(-1), self.bias.view(-1)
-        normal = functional.batch_norm(columns, mean, var, weight, bias, self.training, self._momentum, BATCH_NORM_EPS)
+        normal = functional.batch_norm(columns, mean, var, weight, bias, self.training, self.momentum, BATCH_NORM_EPS)
         return normal.view(batch, k, size).transpose(0, 1)
 
 
-class StackedCritics(nn.Module):
-    """``k`` independent action values: features ``[batch, f]`` and actions ``[batch, m]`` to values ``[k, batch]``.
+class StackedMLP(nn.Module):
+    """``k`` multilayer perceptrons side by side: ``[k, batch, in]`` to ``[k, batch, out]``, ReLU between the layers.
 
     Args:
         batch_norm: momentum of batch normalisations before each layer; ``None`` for none.
     """
+
+    def __init__(
+        self,
+        in_size: int,
+        hidden: tuple[int, ...],
+        out_size: int,
+        *,
+        layer_norm: bool = False,
+        dropout: float = 0.0,
+        batch_norm: float | None = None,
+        k: int = 2,
+    ) -> None:
+        super().__init__()
+        layers: list[nn.Module] = [] if batch_norm is None else [StackedBatchNorm(k, in_size, batch_norm)]
+        size = in_size
+        for units in hidden:
+            layers.append(StackedLinear(k, size, units))
+            if dropout > 0:
+                layers.append(Dropout(dropout))
+            if layer_norm:
+                layers.append(StackedLayerNorm(k, units))
+            layers.append(nn.ReLU(inplace=True))
+            if batch_norm is not None:
+                layers.append(StackedBatchNorm(k, units, batch_norm))
+            size = units
+        layers.append(StackedLinear(k, size, out_size))
+        self.k = k
+        self.layers = nn.Sequential(*layers)
+
+    def forward(self, x: Tensor) -> Tensor:
+        out: Tensor = self.layers(x)
+        return out
+
+
+class StackedCritics(StackedMLP):
+    """``k`` independent action values: features ``[batch, f]`` and actions ``[batch, m]`` to values ``[k, batch]``."""
 
     def __init__(
         self,
@@ -194,25 +249,10 @@ class StackedCritics(nn.Module):
         batch_norm: float | None = None,
         k: int = 2,
     ) -> None:
-        super().__init__()
-        self.k = k
         size = feature_size + action_size
-        layers: list[nn.Module] = [] if batch_norm is None else [StackedBatchNorm(k, size, batch_norm)]
-        for units in hidden:
-            layers.append(StackedLinear(k, size, units))
-            if dropout > 0:
-                layers.append(Dropout(dropout))
-            if layer_norm:
-                layers.append(StackedLayerNorm(k, units))
-            layers.append(nn.ReLU(inplace=True))
-            if batch_norm is not None:
-                layers.append(StackedBatchNorm(k, units, batch_norm))
-            size = units
-        layers.append(StackedLinear(k, size, 1))
-        self.layers = nn.Sequential(*layers)
+        super().__init__(size, hidden, 1, layer_norm=layer_norm, dropout=dropout, batch_norm=batch_norm, k=k)
 
-    def forward(self, features: Tensor, action: Tensor, *, first: int | None = None) -> Tensor:
+    def forward(self, features: Tensor, action: Tensor, *, first: int | None = None) -> Tensor:  # type: ignore[override]
         """Values of all critics, or of the ``first`` ones."""
         x = torch.cat((features, action), -1)
-        values: Tensor = self.layers(x.expand(first or self.k, *x.shape))
-        return values.squeeze(-1)
+        return super().forward(x.expand(first or self.k, *x.shape)).squeeze(-1)
