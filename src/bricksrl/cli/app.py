@@ -20,6 +20,7 @@ from bricksrl.cli.console import print_error, print_line
 from bricksrl.cli.evaluate import Evaluate
 from bricksrl.cli.hub import Program, Run
 from bricksrl.cli.listing import List
+from bricksrl.cli.record import Record as RecordDataset
 from bricksrl.cli.train import Resume, Train
 from bricksrl.cli.twin import Fit, Record
 from bricksrl.errors import BricksError
@@ -94,6 +95,7 @@ def _commands(arguments: Sequence[str]) -> SubcommandApp:
     add(app, "train", Train)
     add(app, "resume", Resume)
     add(app, "evaluate", Evaluate)
+    add(app, "record", RecordDataset)
     add(app, "check", Check)
     app.command(hub, name="hub", help=_HUB)
     twin = SubcommandApp()

@@ -1,0 +1,155 @@
+"""``bricksrl record``: datasets, of a policy or of a human."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from tyro.conf import Positional, arg
+
+from bricksrl.cli.console import INTERRUPTED, print_interrupted, print_line
+from bricksrl.cli.loading import load_learning
+from bricksrl.errors import DataError, DescriptionError
+
+if TYPE_CHECKING:
+    from torchrl.envs import EnvBase
+
+    from bricksrl.data.collect import Collected, Driver, Policy
+    from bricksrl.data.description import Description
+    from bricksrl.data.recorder import Recorder
+
+_HANDS = ("keyboard", "gamepad")
+
+
+@dataclass(frozen=True)
+class Record:
+    """Record episodes of a policy or of a human as a dataset that LeRobot and everybody else can read.
+
+    Each episode is on the disk when its line appears. Ctrl-C ends the recording and keeps what there is. A dataset that is
+    there already goes on, if it is of the same robot, environment and shape.
+
+    Examples:
+      bricksrl record RunAway-v0 --policy random --episodes 100 --out datasets/run_away_random
+      bricksrl record Walker-v0 --policy runs/walker --episodes 100 --out datasets/walker_expert
+      bricksrl record Spinning-v0 --policy keyboard --episodes 5 --out datasets/by_hand
+      bricksrl record Walker-v0 --policy runs/walker --take-over gamepad --out datasets/corrected
+    """
+
+    env: Annotated[Positional[str], arg(metavar="ENV")]
+    """Environment; `bricksrl list` shows them. A task of your own: my_task.py, my_task.py:TASK or module:TASK."""
+    out: Annotated[Path, arg(metavar="DIR")]
+    """Folder of the dataset: a new one, or one that goes on."""
+    policy: Annotated[str, arg(metavar="POLICY")] = "random"
+    """What acts: random, keyboard, gamepad, or the folder of a run."""
+    take_over: Literal["keyboard", "gamepad"] | None = None
+    """Let a human take over from the policy, and give back; these steps are marked in the data."""
+    episodes: Annotated[int, arg(metavar="N")] = 10
+    """Episodes to record."""
+    seed: Annotated[int, arg(metavar="N")] = 0
+    """Of the episodes and of random actions."""
+    explore: bool = False
+    """Let the agent of a run explore, as it does in training; without it, it does its best."""
+    hub: Literal["virtual", "ble"] = "virtual"
+    """How to reach the robot."""
+    realtime: bool = False
+    """Let a virtual robot take as long as a real one; always so with a human at the keys."""
+    physics: Annotated[Path | None, arg(metavar="FILE")] = None
+    """Physics of the virtual robot: a JSON file such as `bricksrl twin fit` writes."""
+
+    def execute(self) -> int:
+        """Record, a line an episode."""
+        from bricksrl.data.description import describe
+        from bricksrl.data.recorder import Recorder
+
+        if self.episodes < 1:
+            raise DataError(f"episodes is {self.episodes}; record at least 1")
+        load_learning()
+        count = 0
+
+        def tell(episode: Collected) -> None:
+            nonlocal count
+            count += 1
+            by_hand = f"  {episode.interventions} steps by hand" if episode.interventions else ""
+            print_line(f"episode {count}/{self.episodes}  return {episode.return_:.4g}  {episode.length} steps{by_hand}")
+
+        try:
+            with self._environment() as env, Recorder(self.out, describe(env)) as recorder:
+                self._collect(env, recorder, tell)
+        except KeyboardInterrupt:
+            print_interrupted(f"{count} whole episodes are in {self.out}")
+            return INTERRUPTED
+        print_line(f"dataset         {self.out}")
+        print_line(f"look at it      bricksrl data info {self.out}")
+        return 0
+
+    @contextmanager
+    def _environment(self) -> Iterator[EnvBase]:
+        from bricksrl.envs import make
+        from bricksrl.twin.physics import read_physics
+
+        physics = None if self.physics is None else read_physics(self.physics)
+        by_hand = self.hub == "virtual" and (self.policy in _HANDS or self.take_over is not None)
+        try:
+            env = make(self.env, self.hub, seed=self.seed, realtime=self.realtime or by_hand, physics=physics)
+        except DescriptionError:
+            if not by_hand or self.realtime:
+                raise
+            env = make(self.env, self.hub, seed=self.seed, physics=physics)  # without a robot there is no time, see _driver
+        try:
+            yield env
+        finally:
+            env.close(raise_if_closed=False)
+
+    def _collect(self, env: EnvBase, recorder: Recorder, tell: Callable[[Collected], None]) -> None:
+        from bricksrl.data.collect import collect, random_policy
+        from bricksrl.data.hands import rest
+
+        with self._driver(env, recorder.description) as driver:
+            policy: Policy
+            if self.policy == "random":
+                policy = random_policy(env, self.seed)
+            elif self.policy in _HANDS:
+                still = rest(recorder.description.action)
+                policy = lambda _: still  # noqa: E731  a human gives back: the robot rests
+            else:
+                policy = _run_policy(Path(self.policy), env, explore=self.explore)
+            collect(
+                env,
+                policy,
+                recorder,
+                self.episodes,
+                name=self.policy,
+                seed=self.seed,
+                hub=self.hub,
+                driver=driver,
+                on_episode=tell,
+            )
+
+    @contextmanager
+    def _driver(self, env: EnvBase, description: Description) -> Iterator[Driver | None]:
+        """The human, at the keys or at the sticks; in charge from the start where nobody else acts."""
+        from bricksrl.data.gamepad import GamepadDriver
+        from bricksrl.data.hands import Paced, legend
+        from bricksrl.data.keyboard import KeyboardDriver
+
+        in_charge = self.policy in _HANDS
+        hands = self.policy if in_charge else self.take_over
+        if hands is None:
+            yield None
+            return
+        kind = KeyboardDriver if hands == "keyboard" else GamepadDriver
+        with kind(description.action, in_charge=in_charge) as driver:
+            if hands == "keyboard":
+                for line in legend(description.action):
+                    print_line(line)
+            yield driver if hasattr(env, "twin") else Paced(driver, description.rate_hz)
+
+
+def _run_policy(run_dir: Path, env: EnvBase, *, explore: bool) -> Policy:
+    from bricksrl.training import load_agent
+
+    agent = load_agent(run_dir, env).agent
+    return lambda state: agent.act(state["observation"], explore=explore)

@@ -1,0 +1,86 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import torch
+
+import bricksrl
+from bricksrl.data import Recorder, describe, load
+from bricksrl.data.collect import collect, random_policy
+from bricksrl.errors import HubError
+
+
+@pytest.fixture(scope="module")
+def env():
+    env = bricksrl.make("RunAway-v0", seed=0)
+    yield env
+    env.close(raise_if_closed=False)
+
+
+def test_a_collected_dataset_tells_where_it_comes_from(tmp_path: Path, env) -> None:
+    with Recorder(tmp_path / "set", describe(env)) as recorder:
+        told = collect(env, random_policy(env, 0), recorder, 2, name="random", seed=3)
+    episodes = load(tmp_path / "set")
+    assert [len(episodes.observation[episodes.episode == k]) for k in (0, 1)] == [one.length for one in told]
+    assert episodes.returns().tolist() == pytest.approx([one.return_ for one in told])
+    assert torch.equal(
+        episodes.next_observation[:-1][~episodes.truncated[:-1]], episodes.observation[1:][~episodes.truncated[:-1]]
+    )
+    about = episodes.rows[0].about
+    assert (about.policy, about.hub, about.whole) == ("random", "virtual", True)
+    assert about.program_hash and about.seed and about.versions["torch"] and about.physics["battery_v"] > 0 and about.started
+    description = episodes.description
+    assert (description.env, description.robot["name"], description.robot["hub"]) == ("RunAway-v0", "two-wheeler", "prime")
+    assert [(c.name, c.unit) for c in description.observation][-1] == ("distance", "mm")
+    assert [(c.name, c.unit, c.low, c.high) for c in description.action] == [("straight", "mm", -100.0, 100.0)]
+
+
+def test_episodes_depend_on_the_seed_and_nothing_else(tmp_path: Path, env) -> None:
+    found = []
+    for name, seed in (("a", 1), ("b", 1), ("c", 2)):
+        with Recorder(tmp_path / name, describe(env)) as recorder:
+            collect(env, random_policy(env, seed), recorder, 1, name="random", seed=seed)
+        found.append(load(tmp_path / name).observation)
+    assert torch.equal(found[0], found[1]) and not torch.equal(found[0], found[2])
+
+
+def test_a_driver_takes_over_and_gives_back_and_its_steps_are_marked(tmp_path: Path, env) -> None:
+    calls = iter(range(1000))
+
+    def driver(observation: torch.Tensor) -> torch.Tensor | None:
+        assert observation.shape == (5,)
+        return torch.tensor([0.25]) if next(calls) % 3 == 1 else None
+
+    with Recorder(tmp_path / "set", describe(env)) as recorder:
+        told = collect(env, lambda _: torch.tensor([-0.5]), recorder, 2, name="policy", driver=driver)
+    episodes = load(tmp_path / "set")
+    assert torch.equal(episodes.action[:, 0] == 0.25, episodes.intervention)
+    assert torch.equal(episodes.action[:, 0] == -0.5, ~episodes.intervention)
+    assert [one.interventions for one in told] == [row.interventions for row in episodes.rows]
+    assert sum(one.interventions for one in told) == int(episodes.intervention.sum()) > 0
+
+
+def test_a_link_that_breaks_leaves_what_was_recorded(tmp_path: Path, env) -> None:
+    count = iter(range(100))
+
+    def policy(_: object) -> torch.Tensor:
+        if next(count) == 3:
+            raise HubError("gone")
+        return torch.zeros(1)
+
+    with Recorder(tmp_path / "set", describe(env)) as recorder, pytest.raises(HubError):
+        collect(env, policy, recorder, 2, name="policy")
+    episodes = load(tmp_path / "set")
+    assert len(episodes) == 3 and not episodes.rows[0].about.whole and bool(episodes.truncated[-1])
+
+
+def test_an_environment_without_a_task_is_recorded_too(tmp_path: Path) -> None:
+    from toys import Cart
+
+    cart = Cart()
+    with Recorder(tmp_path / "set", describe(cart)) as recorder:
+        collect(cart, random_policy(cart, 0), recorder, 2, name="random")
+    episodes = load(tmp_path / "set")
+    assert episodes.description.env == "Cart" and episodes.description.observation[0].high == 1000.0
+    assert episodes.rows[0].about.success is None and episodes.rows[0].about.program_hash is None
