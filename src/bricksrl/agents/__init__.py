@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from bricksrl.agents.image_presets import ImageSACSettings, ImageTD3Settings
 from bricksrl.agents.presets import AGENTS, PRESETS, CrossQSettings, SACSettings, Settings, TD3Settings, preset
 from bricksrl.errors import DescriptionError
 
@@ -24,20 +25,20 @@ def make_agent(
 
     Raises:
         UnknownNameError: there is no agent of that name.
-        DescriptionError: the settings are those of another agent, or the task shows images, which only "random" can do without.
+        DescriptionError: the settings are those of another agent.
     """
-    usual = preset("default", name)
+    camera = getattr(task, "camera", None)
+    usual = preset("default", name, images=camera is not None)
     settings = settings or usual
     if name == "random":
         from bricksrl.agents.random import RandomAgent
 
         return RandomAgent(action_size)
-    if getattr(task, "camera", None) is not None:
-        raise DescriptionError(f"{name} cannot learn from the images of this task yet; take another task, or the agent 'random'")
     if type(settings) is not type(usual):
-        raise DescriptionError(
-            f"the agent {name} has {type(usual).__name__}, not {type(settings).__name__}; take preset('default', '{name}')"
-        )
+        take = f"preset('default', '{name}'{', images=True' if camera is not None else ''})"
+        raise DescriptionError(f"the agent {name} has {type(usual).__name__}, not {type(settings).__name__}; take {take}")
+    if isinstance(settings, ImageSACSettings | ImageTD3Settings):
+        return _make_image_agent(layout, camera.image_px if camera is not None else 0, action_size, settings)
     if isinstance(settings, TD3Settings):
         from bricksrl.agents.td3 import TD3Agent
 
@@ -51,4 +52,27 @@ def make_agent(
     return SACAgent(layout, action_size, settings, task)
 
 
-__all__ = ["AGENTS", "PRESETS", "CrossQSettings", "SACSettings", "Settings", "TD3Settings", "make_agent", "preset"]
+def _make_image_agent(
+    layout: ObservationLayout, side_px: int, action_size: int, settings: ImageSACSettings | ImageTD3Settings
+) -> Agent:
+    if isinstance(settings, ImageSACSettings):
+        from bricksrl.agents.image_sac import ImageSACAgent
+
+        return ImageSACAgent(layout, side_px, action_size, settings)
+    from bricksrl.agents.image_td3 import ImageTD3Agent
+
+    return ImageTD3Agent(layout, side_px, action_size, settings)
+
+
+__all__ = [
+    "AGENTS",
+    "PRESETS",
+    "CrossQSettings",
+    "ImageSACSettings",
+    "ImageTD3Settings",
+    "SACSettings",
+    "Settings",
+    "TD3Settings",
+    "make_agent",
+    "preset",
+]

@@ -6,12 +6,16 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
 
 if TYPE_CHECKING:
+    from tensordict import TensorDictBase
     from torch import Tensor
 
 
 @dataclass(frozen=True)
 class Transition:
-    """One step of one robot: ``observation`` ``[n]``, ``action`` ``[m]``, ``reward`` a number."""
+    """One step of one robot: ``observation`` ``[n]``, ``action`` ``[m]``, ``reward`` a number.
+
+    For an agent that sees images an observation is a TensorDict, see `look`.
+    """
 
     observation: Tensor
     action: Tensor
@@ -21,6 +25,15 @@ class Transition:
     """True only where the task ended; a time limit is no end, values go on through it."""
     last: bool = False
     """Whether it is the last one of its episode, for whatever reason."""
+
+
+def look(agent: Agent, state: TensorDictBase) -> Tensor:
+    """What of an environment's state an agent gets: the observation ``[n]``, and the image where it sees.
+
+    The two then come as a TensorDict of ``observation`` and ``image``, uint8 ``[side, side, 3]``.
+    """
+    seen: Tensor = state.select("observation", "image") if getattr(agent, "sees_images", False) else state["observation"]
+    return seen
 
 
 class Agent(Protocol):

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Literal, TypeAlias
 
+from bricksrl.agents.image_presets import IMAGE_PRESETS, ImageSACSettings, ImageTD3Settings
 from bricksrl.errors import DescriptionError, UnknownNameError
 
 
@@ -150,7 +152,8 @@ class CrossQSettings(OffPolicySettings):
         self._share("momentum")
 
 
-Settings: TypeAlias = SACSettings | TD3Settings | CrossQSettings
+VectorSettings: TypeAlias = SACSettings | TD3Settings | CrossQSettings
+Settings: TypeAlias = VectorSettings | ImageSACSettings | ImageTD3Settings
 
 _PAPER = SACSettings(
     hidden=(256, 256),
@@ -170,7 +173,7 @@ _DROQ = SACSettings(layer_norm=True, dropout=0.01, updates_per_step=20, actor_de
 _REDQ = replace(_DROQ, layer_norm=False, dropout=0.0, critics=10)
 
 
-def _as_in_the_paper(settings: Settings) -> Settings:
+def _as_in_the_paper(settings: VectorSettings) -> VectorSettings:
     """The settings with what the paper says about every agent."""
     common = (
         *("hidden", "learning_rate", "batch_size", "gamma", "prefill_episodes"),
@@ -182,21 +185,21 @@ def _as_in_the_paper(settings: Settings) -> Settings:
     return replace(settings, **changed)
 
 
-_DEFAULT: dict[str, Settings] = {
+_DEFAULT: dict[str, VectorSettings] = {
     "sac": SACSettings(),
     "td3": TD3Settings(),
     "droq": _DROQ,
     "redq": _REDQ,
     "crossq": CrossQSettings(),
 }
-_AS_PUBLISHED: dict[str, Settings] = {
+_AS_PUBLISHED: dict[str, VectorSettings] = {
     "sac": _PAPER,
     "td3": _as_in_the_paper(TD3Settings(updates_per_step=1, layer_norm=False, exploration_noise=0.1, target_noise=0.2)),
     "droq": _as_in_the_paper(_DROQ),
     "redq": _as_in_the_paper(_REDQ),
     "crossq": replace(_as_in_the_paper(CrossQSettings(updates_per_step=1)), learning_rate=1e-3),
 }
-PRESETS: dict[str, dict[str, Settings]] = {"default": _DEFAULT, "paper": _AS_PUBLISHED}
+PRESETS: dict[str, dict[str, VectorSettings]] = {"default": _DEFAULT, "paper": _AS_PUBLISHED}
 """Settings by name of the preset and of the agent.
 
 ``default`` is tuned for few robot steps. ``paper`` has what the BricksRL paper trained with; for REDQ and CrossQ, which it does
@@ -207,8 +210,11 @@ AGENTS = (*_DEFAULT, "random")
 """Agents by name; ``random`` has nothing to set."""
 
 
-def preset(name: str, agent: str = "sac") -> Settings:
+def preset(name: str, agent: str = "sac", *, images: bool = False) -> Settings:
     """The settings of that name for that agent; for "random" those of "sac", of which it uses none.
+
+    Args:
+        images: for a task with a camera.
 
     Raises:
         UnknownNameError: there are none.
@@ -216,7 +222,9 @@ def preset(name: str, agent: str = "sac") -> Settings:
     if agent not in AGENTS:
         raise UnknownNameError(f"there is no agent '{agent}'; choose one of {', '.join(AGENTS)}")
     try:
-        of_agents = PRESETS[name]
+        of_agents: Mapping[str, Settings] = IMAGE_PRESETS[name] if images else PRESETS[name]
     except KeyError:
         raise UnknownNameError(f"there is no preset '{name}'; choose one of {', '.join(sorted(PRESETS))}") from None
+    if images and agent not in (*of_agents, "random"):
+        raise UnknownNameError(f"{agent} cannot learn from images; choose one of {', '.join(of_agents)}, or random")
     return of_agents.get(agent, of_agents["sac"])

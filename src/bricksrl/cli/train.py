@@ -56,8 +56,8 @@ class Train:
 
     def execute(self) -> int:
         """Train, evaluate, draw."""
-        from bricksrl.agents import preset
         from bricksrl.training import TrainConfig, train
+        from bricksrl.training.config import settings_for
         from bricksrl.training.run import file_name
         from bricksrl.twin.physics import read_physics
 
@@ -71,7 +71,7 @@ class Train:
             realtime=self.realtime,
             randomize=self.randomize,
             physics=None if self.physics is None else read_physics(self.physics),
-            settings=preset(self.preset, self.agent),
+            settings=settings_for(self.env, self.preset, self.agent),
             run_dir=self.run or Path("runs") / f"{file_name(self.env)}-{self.agent}-{self.seed}-{time}",
         )
         return _see_through(lambda observer: train(config, observer))

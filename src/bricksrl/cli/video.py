@@ -65,13 +65,15 @@ class _Camera:
 
 
 def _film(env: EnvBase, agent: Agent, renderer: Renderer) -> Iterator[Image]:
+    from bricksrl.agents.agent import look
+
     state = env.reset()
     machine = env.twin.machine
     camera = _Camera(machine.body, renderer, machine.time_ms)
     machine.body = camera
     done = False
     while not done:
-        state["action"] = agent.act(state["observation"], explore=False)
+        state["action"] = agent.act(look(agent, state), explore=False)
         outcome = env.step(state)["next"]
         yield from camera.images
         camera.images.clear()

@@ -47,7 +47,8 @@ class TrainConfig:
         if self.randomize and self.physics is not None:
             raise RunError("the physics is given and is to be random too; choose one of the two")
         if self.settings is None and self.agent in AGENTS:
-            object.__setattr__(self, "settings", preset("default", self.agent))  # written down, whatever a later version has
+            # written down, whatever a later version has
+            object.__setattr__(self, "settings", settings_for(self.env, "default", self.agent))
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values, fit for JSON; the folder is left out, it is where this is written."""
@@ -72,7 +73,7 @@ class TrainConfig:
             _check_types(cls, data)
             settings = None
             if given is not None:
-                kind: type[Any] = type(preset("default", data.get("agent", cls.agent)))
+                kind: type[Any] = type(preset("default", data.get("agent", cls.agent), images="encoder" in given))
                 values = {key: tuple(value) if isinstance(value, list) else value for key, value in given.items()}
                 _check_types(kind, values)
                 settings = kind(**values)
@@ -80,6 +81,21 @@ class TrainConfig:
             return cls(**data, run_dir=run_dir)
         except (BricksError, TypeError) as error:
             raise RunError(f"the config cannot be used: {error}; restore the file or start a new run") from None
+
+
+def settings_for(env: str, name: str, agent: str) -> Settings:
+    """The settings of a preset for an agent in an environment, by its id; those for images where it has a camera.
+
+    Raises:
+        UnknownNameError: there is no such agent or preset, or the agent cannot learn from images.
+    """
+    from bricksrl.envs.registry import get_task
+
+    try:
+        images = get_task(env).camera is not None
+    except BricksError:
+        images = False  # no environment of ours: whoever makes it says so
+    return preset(name, agent, images=images)
 
 
 def _check_types(cls: type, data: dict[str, Any]) -> None:

@@ -11,7 +11,7 @@ from tensordict import TensorDictBase
 from torch import Tensor
 from torchrl.envs import EnvBase
 
-from bricksrl.agents.agent import Agent, Transition
+from bricksrl.agents.agent import Agent, Transition, look
 from bricksrl.training.observer import Phase
 from bricksrl.training.reproducible import derive_seed
 
@@ -78,7 +78,7 @@ def run_episode(
     action_size = int(env.action_spec.shape[-1])
     done = False
     while not done:
-        observation = state["observation"]
+        observation = look(agent, state)
         if phase is Phase.PREFILL:
             action = 2.0 * torch.rand(action_size) - 1.0
         else:
@@ -90,7 +90,7 @@ def run_episode(
         outcome = state["next"]
         reward, terminated, done = (outcome[key].item() for key in ("reward", "terminated", "done"))
         if phase is not None:
-            agent.remember(Transition(observation, action, reward, outcome["observation"], bool(terminated), bool(done)))
+            agent.remember(Transition(observation, action, reward, look(agent, outcome), bool(terminated), bool(done)))
         if phase is Phase.TRAIN:
             for name, value in agent.update().items():
                 losses[name].append(value)

@@ -1,0 +1,103 @@
+"""Networks that make numbers of images."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from bricksrl.agents.image_presets import ImageSettings
+from bricksrl.agents.layout import ObservationLayout
+from bricksrl.agents.networks import ObservationEncoder
+from bricksrl.errors import DescriptionError
+
+
+def as_input(images: Tensor) -> Tensor:
+    """Images uint8 ``[batch, side, side, 3]`` as ``[batch, 3, side, side]`` in -0.5..0.5, without moving them in memory."""
+    return images.permute(0, 3, 1, 2).float().mul_(1 / 255).sub_(0.5)
+
+
+class Keypoints(nn.Module):
+    """Where features are in an image: two convolutions, then the mean place of each of the resulting maps, weighted by a softmax.
+
+    After "Deep spatial autoencoders for visuomotor learning" (Finn et al., 2016); the maps are brought to mean 0 and variance 1
+    first, so that the softmax is as sharp before any learning as after it: a spot of a colour is found by random filters.
+    """
+
+    def __init__(self, side_px: int, channels: int = 16, points: int = 16) -> None:
+        super().__init__()
+        if side_px < 16:
+            raise DescriptionError(f"images of {side_px} px are too small for keypoints; make them 16 px or larger")
+        self.first = nn.Conv2d(3, channels, 8, stride=4, padding=2)
+        self.second = nn.Conv2d(channels, points, 1)
+        self.sharpness = nn.Parameter(torch.ones(points, 1))
+        along = torch.linspace(-1.0, 1.0, (side_px - 4) // 4 + 1)
+        self.register_buffer("places", torch.cartesian_prod(along, along), persistent=False)
+        self.size = 2 * points
+
+    def forward(self, images: Tensor) -> Tensor:
+        """Images uint8 ``[batch, side, side, 3]`` to places ``[batch, size]``, -1..1 from edge to edge."""
+        maps = self.second(self.first(as_input(images)).relu()).flatten(2)
+        sharp = functional.layer_norm(maps, maps.shape[-1:]) * self.sharpness
+        return (sharp.softmax(-1) @ self.get_buffer("places")).flatten(1)
+
+
+class Convolutions(nn.Module):
+    """The paper's: three convolutions, then dense layers of 256 and 128 units."""
+
+    def __init__(self, side_px: int) -> None:
+        super().__init__()
+        left = ((side_px - 8) // 4 - 3) // 2 - 1
+        if left < 1:
+            raise DescriptionError(f"images of {side_px} px are too small for the convolutions; make them 36 px or larger")
+        self.layers = nn.Sequential(
+            nn.Conv2d(3, 32, 8, stride=4),
+            nn.ReLU(),
+            nn.Conv2d(32, 64, 4, stride=2),
+            nn.ReLU(),
+            nn.Conv2d(64, 64, 3),
+            nn.ReLU(),
+            nn.Flatten(),
+            nn.Linear(64 * left**2, 256),
+            nn.ReLU(),
+            nn.Linear(256, 128),
+            nn.ReLU(),
+        )
+        self.size = 128
+
+    def forward(self, images: Tensor) -> Tensor:
+        """Images uint8 ``[batch, side, side, 3]`` to ``[batch, 128]``."""
+        made: Tensor = self.layers(as_input(images))
+        return made
+
+
+class SightEncoder(nn.Module):
+    """Images and observations to features ``[batch, size]``; the critics teach it, and the actor takes it as it is."""
+
+    def __init__(self, layout: ObservationLayout, side_px: int, settings: ImageSettings) -> None:
+        super().__init__()
+        self.numbers = ObservationEncoder(layout, settings.angles)
+        self.eye: Keypoints | Convolutions
+        if settings.encoder == "keypoints":
+            self.eye, self.dense, size = Keypoints(side_px), nn.Sequential(), self.numbers.size
+        else:
+            self.eye, size = Convolutions(side_px), 32
+            self.dense = nn.Sequential(nn.Linear(self.numbers.size, 128), nn.ReLU(), nn.Linear(128, 32), nn.ReLU())
+        self.size = self.eye.size + size
+
+    def forward(self, images: Tensor, observations: Tensor) -> Tensor:
+        """Images uint8 ``[batch, side, side, 3]`` and observations ``[batch, n]`` to features."""
+        return torch.cat((self.eye(images), self.dense(self.numbers(observations))), -1)
+
+
+def shifted(images: Tensor, most_px: int) -> Tensor:
+    """Images ``[batch, side, side, 3]``, each moved by a random whole number of px in both directions; edges are drawn out.
+
+    The augmentation of "Image augmentation is all you need" (Kostrikov et al., 2021).
+    """
+    if most_px == 0:
+        return images
+    batch, side = images.shape[:2]
+    by = torch.randint(-most_px, most_px + 1, (2, batch, 1))
+    rows, columns = (torch.arange(side) + by).clamp_(0, side - 1)
+    return images[torch.arange(batch)[:, None, None], rows[:, :, None], columns[:, None, :]]
