@@ -17,7 +17,7 @@ import torch
 from machine import write
 
 import bricksrl
-from bricksrl.envs.camera import CameraView, TwinCamera, find_red, shrink, with_disc
+from bricksrl.envs.camera import CameraView, TwinCamera, find_red, shrink
 from bricksrl.envs.env import HubEnv
 from bricksrl.envs.tasks.robo_arm_mixed import GOAL
 
@@ -54,7 +54,7 @@ def parts(env: HubEnv) -> dict[str, float]:
     work: dict[str, Callable[[], Any]] = {
         "draw_cpu_ms": camera.frame,
         "find_red_cpu_ms": lambda: find_red(frame, GOAL.red),
-        "goal_and_image_cpu_ms": lambda: shrink(with_disc(frame, goal, GOAL.radius_px), 64),
+        "goal_and_image_cpu_ms": lambda: shrink(frame, 64, (goal, GOAL.radius_px)),
     }
     costs = {name: round(cpu_ms(one), 2) for name, one in work.items()}
     camera.close()

@@ -29,9 +29,9 @@ from bricksrl.envs.camera import (
     VisualGoal,
     Watch,
     distances_px,
+    draw_disc,
     find_red,
     shrink,
-    with_disc,
 )
 from bricksrl.envs.env import Connection, HubEnv
 from bricksrl.envs.kinematics import Kinematics
@@ -121,13 +121,14 @@ def test_an_even_frame_gives_an_even_image(side: int, height: int, width: int, g
 
 
 @given(st.integers(-30, 110), st.integers(-30, 90), st.integers(1, 25))
-def test_a_disc_is_drawn_into_a_copy_and_may_reach_over_the_edge(x: int, y: int, radius: int) -> None:
-    frame = frame_with()
-    drawn = with_disc(frame, (x, y), radius)
+def test_a_disc_may_reach_over_the_edge(x: int, y: int, radius: int) -> None:
+    frame, drawn = frame_with(), frame_with()
+    draw_disc(drawn, (x, y), radius)
     rows, columns = np.mgrid[:60, :80]
     inside = np.hypot(rows - y, columns - x) <= radius
     assert np.array_equal((drawn != frame).any(-1), inside)
     assert (drawn[inside] == (0, 255, 0)).all()
+    assert np.array_equal(shrink(frame, 12, ((x, y), radius)), shrink(drawn, 12))
     assert (frame == 180).all()
 
 

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from bricksrl.errors import RenderingUnavailableError, TwinError
-from bricksrl.robots import TWO_WHEELER
+from bricksrl.robots import ROBO_ARM, TWO_WHEELER
+from bricksrl.twin import rendering
 from bricksrl.twin.mujoco_body import MujocoBody
 from bricksrl.twin.physics import Physics
 from bricksrl.twin.rendering import Image, Renderer, write_video
@@ -92,6 +93,22 @@ def test_drawing_does_not_disturb_the_physics() -> None:
                 picture(robot, 32, 32)
         poses.append(robot.pose())
     assert poses[0] == poses[1]
+
+
+@pytest.mark.parametrize("camera", ["webcam", "overview"])
+def test_what_stands_still_is_drawn_once_and_the_picture_is_the_same(camera: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    arm = MujocoBody(ROBO_ARM, Scene(ball=True), Physics(), 0)
+    with Renderer(arm, 160, 120, camera, smooth=False) as renderer:
+        for port, volts, now_ms in (("B", 6000, 400), ("A", 6000, 900), ("D", -6000, 1500)):
+            arm.set_voltage(port, volts)
+            arm.advance_to(now_ms)
+            with monkeypatch.context() as patched:
+                patched.setattr(rendering, "stands_still", lambda model, camera: False)
+                whole = picture(arm, 160, 120, camera, smooth=False)
+            part = renderer.render()
+            assert renderer._moving is not None
+            assert 0 < renderer._moving.box(arm.data).width < 160
+            assert np.abs(part.astype(int) - whole).max() <= 2
 
 
 def test_a_picture_is_repeatable_and_its_own(body: MujocoBody) -> None:

@@ -40,6 +40,7 @@ class ImageAgent(ABC):
     """
 
     sees_images = True
+    actor: nn.Module
     loss_names: tuple[str, ...]
     """Names of what `learn` returns."""
 
@@ -70,9 +71,25 @@ class ImageAgent(ABC):
 
     def remember(self, transition: Transition) -> None:
         """Keep a transition; of its two images the first is there already, but at the start of an episode."""
-        before, after = ((seen["observation"], seen["image"]) for seen in (transition.observation, transition.next_observation))
+        seen: tuple[TensorDictBase, TensorDictBase] = (transition.observation, transition.next_observation)
+        before, after = ((each["observation"], each["image"]) for each in seen)
         step = transition.action, transition.reward, after
         self.replay.add(before, *step, terminated=transition.terminated, last=transition.last)
+
+    def end_episode(self) -> None:
+        """What was remembered last is the last of its episode."""
+        self.replay.end_episode()
+
+    def policy_state(self) -> dict[str, Tensor]:
+        """The tensors of encoder and actor, copied."""
+        return {name: tensor.clone() for name, tensor in self._policy().state_dict().items()}
+
+    def load_policy_state(self, state: dict[str, Tensor]) -> None:
+        """Act as the agent whose `policy_state` this is."""
+        self._policy().load_state_dict(state)
+
+    def _policy(self) -> nn.ModuleDict:
+        return nn.ModuleDict({"encoder": self.encoder, "actor": self.actor})
 
     def update(self) -> dict[str, float]:
         """All updates of one robot step; returns the mean of each number that `loss_names` names."""

@@ -69,6 +69,10 @@ class ImageReplay:
         self._goes_on[at] = True
         self._open = not last
 
+    def end_episode(self) -> None:
+        """Whatever is added next belongs to another episode."""
+        self._open = False
+
     def _write(self, observation: Tensor, image: Tensor) -> None:
         at = self._added % self.capacity
         self._observations[at], self._images[at] = observation, image

@@ -136,9 +136,13 @@ def find_red(frame: Frame, window: RedWindow) -> NDArray[np.float64]:
     """Centres of the red things in a frame ``[height, width, 3]``: of the box around each of them, ``[things, 2]``."""
     from scipy import ndimage
 
-    red, green, blue = (frame[..., channel] for channel in range(3))
-    # Cheap first: few pixels of a frame are mostly red, and only those have their hue computed.
-    rows, columns = np.nonzero((red > green) & (red > blue) & (red >= math.ceil(255 * window.value)))
+    # Cheap first: few pixels of a frame are mostly red, and only those have their hue computed. Each number is compared with the
+    # two that follow it, whatever its colour: that passes through memory in order, and every third answer is about a red one.
+    numbers = np.ascontiguousarray(frame).reshape(-1)
+    strong = numbers[:-2] > numbers[1:-1]
+    strong &= numbers[:-2] > numbers[2:]
+    strong &= numbers[:-2] >= math.ceil(255 * window.value)
+    rows, columns = np.divmod(np.flatnonzero(strong[::3]), frame.shape[1])
     strongest, second, third = frame[rows, columns].astype(np.float32).T
     chroma = strongest - np.minimum(second, third)
     hue_deg = 60.0 * (second - third) / chroma
@@ -162,13 +166,27 @@ def distances_px(centres: NDArray[np.float64], goal: Place) -> NDArray[np.float6
     return np.hypot(centres[:, 0] - goal[0], centres[:, 1] - goal[1])
 
 
-def shrink(frame: Frame, side_px: int) -> Frame:
-    """The frame as an image ``[side, side, 3]``; each pixel is the mean of what it covers, so that small things stay visible."""
-    height, width, _ = frame.shape
-    squashed = _cover(side_px, height) @ frame.reshape(height, -1).astype(np.float32)
-    image = _cover(side_px, width) @ squashed.reshape(side_px, width, 3)
+def shrink(frame: Frame, side_px: int, disc: tuple[Place, int] | None = None) -> Frame:
+    """The frame as an image ``[side, side, 3]``; each pixel is the mean of what it covers, so that small things stay visible.
+
+    Args:
+        disc: middle and radius, in px of the frame, of a green disc in the image; the frame itself stays as it is.
+    """
+    canvas = frame.astype(np.float32)
+    if disc is not None:
+        draw_disc(canvas, *disc)
+    flat = _squash(canvas, side_px)  # [side, width, 3]
+    image = _squash(np.ascontiguousarray(flat.swapaxes(0, 1)), side_px).swapaxes(0, 1)
     shrunk: Frame = np.rint(image).astype(np.uint8)
     return shrunk
+
+
+def _squash(canvas: NDArray[np.float32], few: int) -> NDArray[np.float32]:
+    """Rows ``[many, ...]`` to ``[few, ...]``, each the mean of those that it covers."""
+    many, *rest = canvas.shape
+    blocks = math.gcd(few, many)  # rows of two blocks have nothing to do with each other
+    squashed = _cover(few // blocks, many // blocks) @ canvas.reshape(blocks, many // blocks, -1)
+    return squashed.reshape(few, *rest)
 
 
 @functools.lru_cache(maxsize=16)
@@ -180,14 +198,13 @@ def _cover(few: int, many: int) -> NDArray[np.float32]:
     return share
 
 
-def with_disc(frame: Frame, centre: Place, radius_px: int) -> Frame:
-    """A copy of the frame with a green disc, which may reach over its edges."""
-    (x, y), drawn = centre, frame.copy()
+def draw_disc(canvas: NDArray[Any], centre: Place, radius_px: int) -> None:
+    """Draw a green disc, which may reach over the edges, into ``[height, width, 3]``."""
+    x, y = centre
     left, top = max(x - radius_px, 0), max(y - radius_px, 0)
-    part = drawn[top : max(y + radius_px + 1, 0), left : max(x + radius_px + 1, 0)]
+    part = canvas[top : max(y + radius_px + 1, 0), left : max(x + radius_px + 1, 0)]
     rows, columns = np.ogrid[top : top + part.shape[0], left : left + part.shape[1]]
     part[(rows - y) ** 2 + (columns - x) ** 2 <= radius_px**2] = _GREEN
-    return drawn
 
 
 # ---------------------------------------------------------------- an episode before a camera
@@ -230,8 +247,7 @@ class Watch:
 
     def _image(self, frame: Frame) -> Frame:
         goal, place = self._view.goal, self.goal
-        shown = frame if goal is None or place is None else with_disc(frame, place, goal.radius_px)
-        return shrink(shown, self._view.image_px)
+        return shrink(frame, self._view.image_px, None if goal is None or place is None else (place, goal.radius_px))
 
 
 # ---------------------------------------------------------------- where frames come from

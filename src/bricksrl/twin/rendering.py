@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from bricksrl.errors import RenderingUnavailableError, TwinError
 from bricksrl.twin.mujoco_body import MujocoBody
+from bricksrl.twin.still import Box, MovingParts, aim, stands_still
 
 Image = NDArray[np.uint8]
 
@@ -28,6 +29,8 @@ _MAX_GEOMS = 500
 
 class Renderer:
     """Draws a body as one of its cameras sees it.
+
+    Of what a camera sees that stands still, only the part is drawn anew in which something moves.
 
     Args:
         body: the robot.
@@ -65,8 +68,11 @@ class Renderer:
         self._scene = mujoco.MjvScene(model, maxgeom=_MAX_GEOMS)
         self._scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = shadows
         self._scene.flags[mujoco.mjtRndFlag.mjRND_REFLECTION] = False
-        self._viewport = mujoco.MjrRect(0, 0, width, height)
-        self._pixels = np.empty((height, width, 3), np.uint8)
+        self._whole = Box(0, 0, width, height)
+        self._background: Image | None = None
+        self._moving: MovingParts | None = None
+        if not shadows and stands_still(model, self._camera.fixedcamid):
+            self._moving = MovingParts(model, self._camera.fixedcamid, width, height, self._option.geomgroup)
         # OpenGL clears its whole buffer for every image, so it gets one of just this size.
         model.vis.global_.offwidth, model.vis.global_.offheight = width, height
         model.vis.quality.offsamples = 4 if smooth else 0
@@ -88,11 +94,23 @@ class Renderer:
         mujoco.mj_kinematics(model, data)
         mujoco.mj_camlight(model, data)
         self._gl.make_current()
-        every = mujoco.mjtCatBit.mjCAT_ALL
-        mujoco.mjv_updateScene(model, data, self._option, None, self._camera, every, self._scene)
-        mujoco.mjr_render(self._viewport, self._scene, self._context)
-        mujoco.mjr_readPixels(self._pixels, None, self._viewport, self._context)
-        return self._pixels[::-1].copy()
+        if self._moving is None:
+            return self._draw(self._whole, mujoco.mjtCatBit.mjCAT_ALL).copy()
+        if self._background is None:
+            self._background = self._draw(self._whole, mujoco.mjtCatBit.mjCAT_STATIC)
+        image, box = self._background.copy(), self._moving.box(data)
+        if box.width and box.height:
+            image[box.top : box.bottom, box.left : box.right] = self._draw(box, mujoco.mjtCatBit.mjCAT_ALL)
+        return image
+
+    def _draw(self, box: Box, what: int) -> Image:
+        """A part of the image; ``what`` says whether all of the scene or what never moves."""
+        mujoco.mjv_updateScene(self._body.model, self._body.data, self._option, None, self._camera, what, self._scene)
+        aim(self._scene, box, self._whole.width, self._whole.height)
+        viewport, pixels = mujoco.MjrRect(0, 0, box.width, box.height), np.empty((box.height, box.width, 3), np.uint8)
+        mujoco.mjr_render(viewport, self._scene, self._context)
+        mujoco.mjr_readPixels(pixels, None, viewport, self._context)
+        return pixels[::-1]
 
     def close(self) -> None:
         """Free what OpenGL holds; closing twice does nothing."""

@@ -1,0 +1,78 @@
+"""What of a picture changes when nothing but the robot moves: where to draw, and how to aim at a part of an image."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True)
+class Box:
+    """A part of an image in px, from its upper left; the right column and the bottom row lie beyond it."""
+
+    left: int
+    top: int
+    right: int
+    bottom: int
+
+    @property
+    def width(self) -> int:
+        return self.right - self.left
+
+    @property
+    def height(self) -> int:
+        return self.bottom - self.top
+
+
+def stands_still(model: mujoco.MjModel, camera: int) -> bool:
+    """Whether a camera never moves."""
+    fixed = model.cam_mode[camera] == mujoco.mjtCamLight.mjCAMLIGHT_FIXED
+    return bool(fixed and model.body_weldid[model.cam_bodyid[camera]] == 0)
+
+
+class MovingParts:
+    """Where in the image of a camera that stands still something may move.
+
+    Args:
+        shown: which groups of geometries are drawn, one flag each.
+    """
+
+    def __init__(self, model: mujoco.MjModel, camera: int, width: int, height: int, shown: NDArray[np.uint8]) -> None:
+        self._camera, self._width, self._height = camera, width, height
+        moves = model.body_weldid[model.geom_bodyid] != 0
+        self._geoms = np.flatnonzero(moves & (shown[model.geom_group] != 0))
+        middle, half = model.geom_aabb[self._geoms, None, :3], model.geom_aabb[self._geoms, None, 3:]
+        signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
+        self._corners = middle + half * signs  # [geoms, 8, 3], in the frame of each
+        self._focal_px = height / 2 / math.tan(math.radians(float(model.cam_fovy[camera])) / 2)
+
+    def box(self, data: mujoco.MjData) -> Box:
+        """The part of the image that holds all of them, with a px to spare; of no width where there are none."""
+        whole = Box(0, 0, self._width, self._height)
+        turned = self._corners @ data.geom_xmat[self._geoms].reshape(-1, 3, 3).transpose(0, 2, 1)
+        corners = (turned + data.geom_xpos[self._geoms, None]).reshape(-1, 3) - data.cam_xpos[self._camera]
+        right, up, back = (corners @ data.cam_xmat[self._camera].reshape(3, 3)).T
+        if not len(back):
+            return Box(0, 0, 0, 0)
+        if back.max() > -1e-3:
+            return whole  # something is beside or behind the camera
+        columns = self._width / 2 - self._focal_px * right / back
+        rows = self._height / 2 + self._focal_px * up / back
+        left, top = max(math.floor(columns.min()) - 1, 0), max(math.floor(rows.min()) - 1, 0)
+        right_px, bottom = min(math.ceil(columns.max()) + 1, self._width), min(math.ceil(rows.max()) + 1, self._height)
+        return Box(left, top, max(right_px, left), max(bottom, top))
+
+
+def aim(scene: mujoco.MjvScene, box: Box, width: int, height: int) -> None:
+    """Narrow the view of the scene's camera to a part of its image of ``width`` x ``height`` px."""
+    for camera in scene.camera:
+        top, bottom = camera.frustum_top, camera.frustum_bottom
+        half_width, rise = (top - bottom) / 2 * width / height, top - bottom
+        camera.frustum_center = half_width * ((box.left + box.right) / width - 1.0)
+        camera.frustum_width = half_width * box.width / width
+        camera.frustum_top = top - rise * box.top / height
+        camera.frustum_bottom = top - rise * box.bottom / height
