@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
 import math
 import os
 import subprocess
 import sys
 import warnings
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import gymnasium
@@ -19,12 +21,15 @@ from tensordict import TensorDictBase
 from torchrl.envs import check_env_specs
 
 import bricksrl
+from bricksrl.agents import ImageSACSettings, preset
 from bricksrl.envs import get_task
 from bricksrl.envs.env import HubEnv
 from bricksrl.envs.tasks.robo_arm_mixed import GOAL
-from bricksrl.errors import DescriptionError, RenderingUnavailableError
+from bricksrl.errors import RenderingUnavailableError, UnknownNameError
 from bricksrl.evaluation import evaluate
-from bricksrl.training import TrainConfig, train
+from bricksrl.training import TrainConfig, resume, train
+from bricksrl.training.checkpoint import load_checkpoint
+from bricksrl.training.config import settings_for
 
 ID = "RoboArm_mixed-v0"
 # Angle of the joint "high", and how far the ball is then from the middle of the frame.
@@ -59,6 +64,14 @@ def steer(env: HubEnv) -> Callable[[TensorDictBase], TensorDictBase]:
         return td.set("action", torch.tensor([0.7 * turn_deg / 90, 0.0, high_deg / 60]).clamp(-1, 1))
 
     return act
+
+
+def short() -> HubEnv:
+    """Episodes of 6 steps."""
+    env = bricksrl.make(ID)
+    assert isinstance(env, HubEnv)
+    env.task = replace(env.task, max_steps=6)
+    return env
 
 
 def test_specs() -> None:
@@ -148,13 +161,46 @@ def test_gymnasium() -> None:
 
 
 def test_agents_that_cannot_see_say_so_and_chance_does_without(tmp_path: Path) -> None:
-    with pytest.raises(DescriptionError, match="sac cannot learn from the images") as caught:
-        train(TrainConfig(ID, agent="sac", episodes=2, run_dir=tmp_path / "sac"))
+    with pytest.raises(UnknownNameError, match="droq cannot learn from images; choose one of sac, td3") as caught:
+        train(TrainConfig(ID, agent="droq", episodes=2, run_dir=tmp_path / "droq"))
     assert "\n" not in str(caught.value)
-    assert not (tmp_path / "sac").exists()
-    result = train(TrainConfig(ID, agent="random", episodes=2, run_dir=tmp_path / "random"))
+    assert not (tmp_path / "droq").exists()
+    env = short()
+    result = train(TrainConfig(ID, agent="random", episodes=2, run_dir=tmp_path / "random"), env=env)
     assert all(episode.success is not None for episode in result.episodes)
-    assert evaluate(tmp_path / "random", episodes=1).metrics["final_distance_px"] > 0
+    outcome = evaluate(tmp_path / "random", env, episodes=2)
+    assert outcome.metrics["final_distance_px"] > 0
+    assert outcome.success_rate is not None
+
+
+@pytest.mark.parametrize("agent", ["sac", "td3"])
+def test_a_run_in_two_parts_ends_as_one_in_a_single_part(agent: str, tmp_path: Path) -> None:
+    settings = replace(preset("default", agent, images=True), hidden=(16,), batch_size=8, prefill_episodes=1)
+    whole = TrainConfig(ID, agent, episodes=3, seed=2, settings=settings, run_dir=tmp_path / "whole")
+    one = train(whole, env=short())
+    train(replace(whole, episodes=2, run_dir=tmp_path / "parts"), env=short())
+    other = resume(tmp_path / "parts", episodes=3, env=short())
+    assert [episode.return_ for episode in one.episodes] == [episode.return_ for episode in other.episodes]
+    states = [load_checkpoint(path / "checkpoint.bin")["agent"] for path in (one.run_dir, other.run_dir)]
+    for part in ("encoder", "actor", "replay"):
+        for a, b in zip(*(state[part].values() for state in states), strict=True):
+            assert torch.equal(torch.as_tensor(a), torch.as_tensor(b))
+
+
+def test_the_settings_for_images_are_taken_and_written_down(tmp_path: Path) -> None:
+    for name in ("default", "paper"):
+        config = TrainConfig(ID, settings=settings_for(ID, name, "sac"))
+        assert isinstance(config.settings, ImageSACSettings)
+        assert TrainConfig.from_dict(json.loads(json.dumps(config.to_dict()))) == config
+    assert TrainConfig(ID).settings == preset("default", "sac", images=True)
+
+
+@pytest.mark.slow
+def test_sac_learns_to_bring_the_ball_to_the_disc(tmp_path: Path) -> None:
+    train(TrainConfig(ID, episodes=40, run_dir=tmp_path / "run"))
+    success = evaluate(tmp_path / "run", episodes=20).success_rate
+    assert success is not None
+    assert success >= 0.8
 
 
 def test_without_a_library_to_draw_with_one_line_says_what_to_do() -> None:

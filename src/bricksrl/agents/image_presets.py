@@ -18,7 +18,7 @@ class ImageSettings:
     """Adam's step size."""
     adam_beta: float = 0.9
     """Share of the past in Adam's mean of the gradients."""
-    batch_size: int = 128
+    batch_size: int = 64
     """Transitions in one update."""
     gamma: float = 0.9
     """Discount of the next step's value."""

@@ -38,9 +38,9 @@ class ImageReplay:
         self.capacity = capacity
         # the system gives memory only where it is written
         self._images = torch.empty(capacity, side_px, side_px, 3, dtype=torch.uint8)
-        self._observations = torch.empty(capacity, observation_size)
-        self._actions = torch.empty(capacity, action_size)
-        self._outcomes = torch.empty(capacity, 2)
+        self._observations = torch.zeros(capacity, observation_size)
+        self._actions = torch.zeros(capacity, action_size)
+        self._outcomes = torch.zeros(capacity, 2)
         self._goes_on = torch.zeros(capacity, dtype=torch.bool)
         self._added = 0
         self._open = False

@@ -110,8 +110,8 @@ def evaluate(
     try:
         with reproducible(derive_seed(seed, "evaluation")):
             trained = load_agent(run_dir, env)
-            rollouts = _roll_out(env, trained.agent, episodes, seed, on_episode)
-        result = _summarise(rollouts, env, config, trained.episodes, seed)
+            judged = _roll_out(env, trained.agent, episodes, seed, on_episode)
+        result = _summarise(judged, env, config, trained.episodes, seed)
     finally:
         if own is not None:
             own.close(raise_if_closed=False)
@@ -120,41 +120,48 @@ def evaluate(
     return result
 
 
-def _roll_out(env: EnvBase, agent: Agent, episodes: int, seed: int, on_episode: OnEpisode | None) -> list[Rollout]:
-    """Whole deterministic episodes; episode ``k`` depends on ``seed`` and ``k`` only."""
-    from bricksrl.training.online import run_episode, seed_episode
+@dataclass(frozen=True)
+class _Judged:
+    """An episode, and what the task says of it: before the next reset, a camera's findings are gone then."""
 
-    rollouts = []
+    rollout: Rollout
+    success: bool | None
+    metrics: dict[str, float]
+
+
+def _roll_out(env: EnvBase, agent: Agent, episodes: int, seed: int, on_episode: OnEpisode | None) -> list[_Judged]:
+    """Whole deterministic episodes; episode ``k`` depends on ``seed`` and ``k`` only."""
+    from bricksrl.training.online import is_success, run_episode, seed_episode, task_metrics
+
+    judged = []
     for episode in range(1, episodes + 1):
         seed_episode(env, seed, "evaluation", episode)
         rollout = run_episode(env, agent, env.reset(), None)
-        rollouts.append(rollout)
+        judged.append(_Judged(rollout, is_success(env, rollout), task_metrics(env, rollout)))
         if on_episode is not None:
             on_episode(episode, rollout.return_)
-    return rollouts
+    return judged
 
 
-def _summarise(rollouts: list[Rollout], env: EnvBase, config: TrainConfig, trained_episodes: int, seed: int) -> EvaluationResult:
-    from bricksrl.training.online import is_success, task_metrics
-
+def _summarise(judged: list[_Judged], env: EnvBase, config: TrainConfig, trained_episodes: int, seed: int) -> EvaluationResult:
     task = getattr(env, "task", None)
-    returns = np.array([rollout.return_ for rollout in rollouts])
-    outcomes = [outcome for outcome in (is_success(env, rollout) for rollout in rollouts) if outcome is not None]
-    metrics = [task_metrics(env, rollout) for rollout in rollouts]
+    returns = np.array([one.rollout.return_ for one in judged])
+    outcomes = [one.success for one in judged if one.success is not None]
+    metrics = [one.metrics for one in judged]
     return EvaluationResult(
         run_dir=str(config.run_dir),
         env=config.env if task is None else task.id,
         agent=config.agent,
         hub=config.hub,
         seed=seed,
-        episodes=len(rollouts),
+        episodes=len(judged),
         trained_episodes=trained_episodes,
         return_mean=float(returns.mean()),
         return_std=float(returns.std()),
         return_iqm=float(interquartile_mean(returns)),
         return_interval=stratified_bootstrap_interval([returns.tolist()], mean),
         returns=tuple(returns.tolist()),
-        lengths=tuple(rollout.length for rollout in rollouts),
+        lengths=tuple(one.rollout.length for one in judged),
         success_rate=sum(outcomes) / len(outcomes) if outcomes else None,
         success_interval=wilson_interval(sum(outcomes), len(outcomes)) if outcomes else None,
         metrics={name: sum(one[name] for one in metrics) / len(metrics) for name in metrics[0]},
