@@ -166,12 +166,26 @@ print(h, s, v, Color.CYAN.h, Color.CYAN[2], Color.RED * 0.5, Color.RED >> 60)
     )
 
 
+def test_what_is_plugged_in_says_what_it_is() -> None:
+    source = """
+from pybricks.iodevices import PUPDevice
+from pybricks.parameters import Port
+device = PUPDevice(Port.A)
+print(device.info())
+try:
+    device.read(0)
+except OSError as e:
+    print(e.errno)
+"""
+    assert hub(source) == "{'id': 48}\n95"
+
+
 def test_devices_that_nobody_has() -> None:
     source = """
-from pybricks.iodevices import PUPDevice, XboxController
+from pybricks.iodevices import UARTDevice, XboxController
 from pybricks.pupdevices import Remote
 from pybricks.parameters import Port
-for make in (lambda: PUPDevice(Port.A), XboxController, Remote):
+for make in (lambda: UARTDevice(Port.A), XboxController, Remote):
     try:
         make()
     except OSError as e:

@@ -219,6 +219,8 @@ def _motor_lines(motor: Motor, is_joint: bool) -> list[str]:
     if motor.gears:
         arguments.append(f"gears={list(motor.gears)}")
     lines = [f"{variable} = Motor({', '.join(arguments)})"]
+    if motor.zero_deg:
+        lines.append(f"{variable}.reset_angle({_from_zero(motor, f'{variable}.angle()')})")
     limits = {
         "speed": motor.speed_limit_deg_s,
         "acceleration": motor.acceleration_deg_s2,
@@ -230,6 +232,15 @@ def _motor_lines(motor: Motor, is_joint: bool) -> list[str]:
     if is_joint and motor.range_deg is not None:
         lines.append(f"{variable} = Joint({variable}, {motor.range_deg[0]}, {motor.range_deg[1]})")
     return lines
+
+
+def _from_zero(motor: Motor, shown: str) -> str:
+    """Expression for the angle from the calibrated zero: of those that differ by whole turns, the one near the range."""
+    if not motor.turn_deg.is_integer():
+        return f"{shown} - {motor.zero_deg}"
+    turn, middle = int(motor.turn_deg), sum(motor.range_deg or (0, 0)) // 2
+    lowest = middle - turn // 2
+    return f"({shown} - {motor.zero_deg + lowest}) % {turn} + {lowest}"
 
 
 def _start_moves(interface: Interface, joints: set[str]) -> str:

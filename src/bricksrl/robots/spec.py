@@ -86,6 +86,8 @@ class Motor:
         range_deg: angles that the hub clamps every target to; ``None`` for endless rotation.
         speed_limit_deg_s, acceleration_deg_s2, torque_limit_mnm: for ``Motor.control.limits``;
             ``None`` keeps the firmware's own.
+        zero_deg: what the output shows, when the hub is switched on, where our angles have their zero. It depends on how the
+            motor was built in; `bricksrl hub calibrate` finds it.
     """
 
     name: str
@@ -97,6 +99,12 @@ class Motor:
     speed_limit_deg_s: int | None = None
     acceleration_deg_s2: int | None = None
     torque_limit_mnm: int | None = None
+    zero_deg: int = 0
+
+    @property
+    def turn_deg(self) -> float:
+        """One turn of the motor's shaft, at the output: beyond it a motor that is switched on does not know where it is."""
+        return 360.0 * self.gears[0] / self.gears[-1] if self.gears else 360.0
 
     def __post_init__(self) -> None:
         _check_name(self.name)
