@@ -135,13 +135,16 @@ def _on_robot(task: Task, seed: int | None, place: Placement | None) -> HubEnv:
     from bricksrl.envs.env import Connection, HubEnv
     from bricksrl.envs.odometer import SonarOdometer
     from bricksrl.hub.ble import BleTransport
+    from bricksrl.hub.calibration import calibration_of
     from bricksrl.hub.link import HubLink
 
     def put_back(_rng: np.random.Generator) -> None:
         _log.warning("%s: put the robot where an episode starts", task.id)
 
     camera = None if task.camera is None else VideoCamera(task.camera)
-    link = HubLink(BleTransport(), task.robot, task.interface)
+    transport = BleTransport()
+    calibrate = calibration_of(lambda: transport.identity.address if transport.identity else "")
+    link = HubLink(transport, task.robot, task.interface, calibrate=calibrate)
     connection = Connection(link, place or put_back, SonarOdometer(task.interface), camera=camera)
     return HubEnv(task, lambda _seed: connection, seed=seed)
 
