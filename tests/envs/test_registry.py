@@ -34,8 +34,9 @@ def test_unknown_names_are_answered_with_known_ones(name: str, meant: str | None
 
 
 def test_other_hubs_are_not_known() -> None:
-    with pytest.raises(UnknownNameError, match="'virtual' or 'ble'"):
-        bricksrl.make("RunAway-v0", hub="usb")
+    for hub in ("wifi", "ble:", "virtual:2", ""):
+        with pytest.raises(UnknownNameError, match="choose 'virtual', 'ble' or 'usb'"):
+            bricksrl.make("RunAway-v0", hub=hub)
     with pytest.raises(DescriptionError, match="of its own"):
         bricksrl.make("RunAway-v0", hub="ble", realtime=True)
 

@@ -76,7 +76,7 @@ def test_a_hub_that_lost_its_program_gets_it_again(world: World) -> None:
 
 
 def test_another_program_in_its_place_is_stopped_and_replaced(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("bricksrl.hub.ble._HELLO_S", 0.3)
+    monkeypatch.setattr("bricksrl.hub.profile_transport._HELLO_S", 0.3)
     link = world.link()
     other = "from pybricks.tools import wait\nprint('mine')\nwhile True:\n    wait(10)\n"
     world.hub.library.append(other)

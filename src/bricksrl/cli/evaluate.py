@@ -20,9 +20,10 @@ if TYPE_CHECKING:
 class Evaluate:
     """Let a trained agent do its best, without exploring and without learning, and count.
 
-    Examples:
-      bricksrl evaluate runs/spin
-      bricksrl evaluate runs/spin --episodes 20 --seed 7 --json
+      Examples:
+        bricksrl evaluate runs/spin
+        bricksrl evaluate runs/spin --episodes 20 --seed 7 --json
+    bricksrl evaluate runs/spin --hub ble
     """
 
     run: Annotated[Positional[Path], arg(metavar="RUN")]
@@ -33,6 +34,10 @@ class Evaluate:
     """Episodes to count."""
     seed: Annotated[int, arg(metavar="N")] = 1000
     """Of the episodes; another seed gives other starts."""
+    hub: Annotated[str | None, arg(metavar="HUB")] = None
+    """How to reach the robot: virtual, ble, ble:NAME, ble:ADDRESS, usb or usb:PORT; as in training without it."""
+    realtime: bool = False
+    """Let the virtual robot take as long as a real one."""
     randomize: bool = False
     """Draw another physics of the virtual robot for each episode; off, however the agent was trained."""
     physics: Annotated[Path | None, arg(metavar="FILE")] = None
@@ -56,6 +61,8 @@ class Evaluate:
             self.env,
             episodes=self.episodes,
             seed=self.seed,
+            hub=self.hub,
+            realtime=self.realtime,
             randomize=self.randomize,
             physics=None if self.physics is None else read_physics(self.physics),
             on_episode=tell,

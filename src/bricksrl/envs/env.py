@@ -23,7 +23,7 @@ from bricksrl.errors import BricksError, CameraError, HubError, StoppedError
 
 if TYPE_CHECKING:
     from bricksrl.hub.link import HubLink
-    from bricksrl.hub.states import Reading
+    from bricksrl.hub.reading import Reading
     from bricksrl.twin.virtual_hub import VirtualHub
 
 BLOCKED_TIMEOUT_S = 120.0

@@ -21,6 +21,9 @@ from bricksrl.envs.tasks.spinning import SPINNING
 from bricksrl.envs.tasks.walker import walker
 from bricksrl.envs.tasks.walker_forward import WALKER_FORWARD
 from bricksrl.errors import DescriptionError, UnknownNameError
+from bricksrl.hub.address import parse_hub
+from bricksrl.hub.transport import Pipe, Transport
+from bricksrl.robots import Robot
 from bricksrl.twin.bodies import check_mujoco
 
 if TYPE_CHECKING:
@@ -28,9 +31,15 @@ if TYPE_CHECKING:
     from torchrl.envs import EnvBase
 
     from bricksrl.envs.env import HubEnv, Placement
+    from bricksrl.hub.link import HubLink
+    from bricksrl.hub.profile_transport import ProfileTransport
     from bricksrl.twin.physics import Physics, RandomPhysics
 
 _log = logging.getLogger(__name__)
+
+Calibration = Callable[[Robot], Robot]
+MakeLink = Callable[..., "HubLink"]
+"""The link over a transport, and with a calibration where the robot is real."""
 
 
 @dataclass(frozen=True)
@@ -70,6 +79,8 @@ def make(
     batch_size: int = 0,
     device: str = "cpu",
     kinematics: Kinematics | None = None,
+    streaming: bool = False,
+    app_data: bool = False,
     place: Placement | None = None,
     **options: Any,
 ) -> EnvBase:
@@ -78,7 +89,7 @@ def make(
     Args:
         env_id: one of :func:`list_envs`, or where a task of your own is written: ``"my_task.py:TASK"``, ``"module:TASK"``.
         hub: how to reach the robot; ``"virtual"`` runs the hub program on a simulated one, ``"ble"`` finds a real one over
-            Bluetooth.
+            Bluetooth, ``"ble:NAME"`` or ``"ble:ADDRESS"`` that one, and ``"usb"`` or ``"usb:PORT"`` one on a cable.
         seed: of everything random; the same seed and actions give the same episodes, bit for bit.
         realtime: let a virtual robot take as long as a real one.
         physics: of the virtual robot: ``None`` for a freshly charged one on a smooth floor; a ``RandomPhysics`` draws
@@ -86,38 +97,54 @@ def make(
         batch_size, device: of a simulation without a robot: number of copies, 0 for one without a batch dimension, and where
             its tensors live.
         kinematics: of a simulation without a robot: its noise, in place of the task's own.
+        streaming: have the hub send its observations all the time, and take the latest command; steps then follow one another
+            at a fixed rate, and the age of each observation is in the link's readings and statistics.
+        app_data: speak to the program over AppData instead of its standard input.
         place: puts a real robot where an episode starts and returns when it is there; by default the log asks for it.
         options: of the task, such as ``sparse`` and ``threshold_deg`` of the RoboArm or ``camera`` of the one that sees.
 
     Raises:
         UnknownNameError: there is no such environment or no such kind of hub.
-        DescriptionError: the environment has no such option.
+        DescriptionError: the environment has no such option, or a step of it has no fixed time and cannot be streamed.
     """
+    address = parse_hub(hub)
     offer = _offer(env_id)
     task = _build(env_id, offer, options)
     check_mujoco()  # TorchRL imports it, whatever the environment
     if offer.kinematics is not None:
-        if hub != "virtual" or realtime or physics is not None:
-            raise DescriptionError(f"{env_id} is simulated without a robot; leave hub, realtime and physics away")
+        if not address.is_virtual or realtime or physics is not None or streaming or app_data:
+            raise DescriptionError(f"{env_id} is simulated without a robot; leave hub, realtime, physics and the like away")
         from bricksrl.envs.simulation import SimulatedEnv
 
         return SimulatedEnv(task, kinematics or offer.kinematics, batch_size=batch_size, device=device, seed=seed)
     if batch_size or device != "cpu" or kinematics is not None:
         raise DescriptionError(f"{env_id} is one robot; leave batch_size, device and kinematics away")
-    if hub == "virtual":
-        return _on_twin(task, seed, realtime, physics)
-    if hub != "ble":
-        raise UnknownNameError(f"there is no hub '{hub}'; choose 'virtual' or 'ble'")
-    if realtime or physics is not None:
+    if not address.is_virtual and (realtime or physics is not None):
         raise DescriptionError("a real robot has a time and a physics of its own; leave realtime and physics away")
-    return _on_robot(task, seed, place)
+
+    def link_to(transport: Transport, calibrate: Calibration | None = None) -> HubLink:
+        from bricksrl.hub.link import HubLink
+        from bricksrl.hub.streaming import StreamingLink
+
+        kind = StreamingLink if streaming else HubLink
+        pipe = Pipe.APP_DATA if app_data else Pipe.STDIN
+        return kind(transport, task.robot, task.interface, pipe=pipe, calibrate=calibrate)
+
+    if address.is_virtual:
+        return _on_twin(task, link_to, seed, realtime, physics)
+    return _on_robot(task, address.transport(), link_to, seed, place)
 
 
-def _on_twin(task: Task, seed: int | None, realtime: bool, physics: Physics | RandomPhysics | None) -> HubEnv:
+def _on_twin(
+    task: Task,
+    link_to: MakeLink,
+    seed: int | None,
+    realtime: bool,
+    physics: Physics | RandomPhysics | None,
+) -> HubEnv:
     from bricksrl.envs.camera import TwinCamera
     from bricksrl.envs.env import Connection, HubEnv
     from bricksrl.envs.odometer import SonarOdometer, TrueOdometer
-    from bricksrl.hub.link import HubLink
     from bricksrl.twin.virtual_hub import VirtualHub
 
     def connect(twin_seed: int) -> Connection:
@@ -125,26 +152,23 @@ def _on_twin(task: Task, seed: int | None, realtime: bool, physics: Physics | Ra
         pose = getattr(twin.body, "pose", None)
         odometer = SonarOdometer(task.interface) if pose is None else TrueOdometer(pose)
         camera = None if task.camera is None else TwinCamera(twin.body, task.camera)
-        return Connection(HubLink(twin, task.robot, task.interface), twin.reset, odometer, twin, camera)
+        return Connection(link_to(twin), twin.reset, odometer, twin, camera)
 
     return HubEnv(task, connect, seed=seed)
 
 
-def _on_robot(task: Task, seed: int | None, place: Placement | None) -> HubEnv:
+def _on_robot(task: Task, transport: ProfileTransport, link_to: MakeLink, seed: int | None, place: Placement | None) -> HubEnv:
     from bricksrl.envs.camera import VideoCamera
     from bricksrl.envs.env import Connection, HubEnv
     from bricksrl.envs.odometer import SonarOdometer
-    from bricksrl.hub.ble import BleTransport
     from bricksrl.hub.calibration import calibration_of
-    from bricksrl.hub.link import HubLink
 
     def put_back(_rng: np.random.Generator) -> None:
         _log.warning("%s: put the robot where an episode starts", task.id)
 
     camera = None if task.camera is None else VideoCamera(task.camera)
-    transport = BleTransport()
     calibrate = calibration_of(lambda: transport.identity.address if transport.identity else "")
-    link = HubLink(transport, task.robot, task.interface, calibrate=calibrate)
+    link = link_to(transport, calibrate)
     connection = Connection(link, place or put_back, SonarOdometer(task.interface), camera=camera)
     return HubEnv(task, lambda _seed: connection, seed=seed)
 

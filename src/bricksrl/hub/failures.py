@@ -12,8 +12,16 @@ _BLUETOOTH_REMEDY = "switch this computer's Bluetooth on, and allow this program
 _HUB_REMEDY = "switch the hub on and bring it near"
 
 
-class BluetoothUnavailableError(HubError):
+class MediumUnavailableError(HubError):
+    """This computer lacks what is needed to reach a hub."""
+
+
+class BluetoothUnavailableError(MediumUnavailableError):
     """This computer has no Bluetooth, or does not let us use it."""
+
+
+class UsbUnavailableError(MediumUnavailableError):
+    """This computer does not let us use its serial ports."""
 
 
 class HubNotFoundError(HubError):
@@ -30,6 +38,14 @@ class HubBusyError(HubError):
 
 class HubRefusedError(HubError):
     """The hub refused a command."""
+
+
+class ProgramStoppedError(HubError):
+    """The program on the hub has ended, or was stopped, for example with the hub's button."""
+
+
+class SilentHubError(ProgramStoppedError):
+    """The program on the hub said good-bye, for example because it had not heard from this computer."""
 
 
 class AmbiguousHubError(HubNotFoundError):
@@ -49,7 +65,7 @@ def bleak_errors(what: str, otherwise: type[HubError]) -> Iterator[None]:
     except HubError:
         raise
     except BleakGATTProtocolError as error:
-        raise _refusal(what, int(error.code)) from error
+        raise refusal(what, int(error.code)) from error
     except BleakBluetoothNotAvailableError as error:
         raise BluetoothUnavailableError(f"could not {what} ({_one_line(error)}); {_BLUETOOTH_REMEDY}") from error
     except BleakDeviceNotFoundError as error:
@@ -61,7 +77,8 @@ def bleak_errors(what: str, otherwise: type[HubError]) -> Iterator[None]:
         raise otherwise(f"could not {what} ({_one_line(error)}); {remedy}") from error
 
 
-def _refusal(what: str, code: int) -> HubError:
+def refusal(what: str, code: int) -> HubError:
+    """The error for an error code of the profile, with which a hub refused ``what``."""
     if code == CommandError.BUSY:
         return HubBusyError(f"could not {what}: the hub is busy; stop its program, or wait until it reads its input")
     name = CommandError(code).name.lower().replace("_", " ") if code in set(CommandError) else "unknown"

@@ -37,7 +37,7 @@ _REMEDIES = {
 }
 _MODULES_EVERYWHERE = {"pybricks", "uerrno"}
 _LARGER_MODULES = {"gc", "micropython", "uio", "ujson", "umath", "urandom", "uselect", "ustruct", "usys"}
-_PYBRICKS_MODULES = {"hubs", "iodevices", "parameters", "pupdevices", "robotics", "tools"}
+_PYBRICKS_MODULES = {"hubs", "iodevices", "messaging", "parameters", "pupdevices", "robotics", "tools"}
 _HUB_CLASSES = {"PrimeHub", "InventorHub", "EssentialHub", "TechnicHub", "CityHub", "MoveHub", "EV3Brick", "NXTBrick", "ThisHub"}
 
 _BUILTINS = frozenset(

@@ -24,6 +24,7 @@ from bricksrl.hub.interface import (
     YawRate,
 )
 from bricksrl.hub.protocol import (
+    APP_DATA_BYTES,
     CONTROL_OVERHEAD,
     CRC_POLYNOMIAL,
     DOWN_PAYLOAD_BYTES,
@@ -35,7 +36,7 @@ from bricksrl.hub.protocol import (
     Up,
     WireFormat,
 )
-from bricksrl.hub.transport import HubProgram
+from bricksrl.hub.transport import HubProgram, Pipe
 from bricksrl.hub.validation import validate
 from bricksrl.robots import Direction, Motor, PoweredUpSensor, Robot, Sensor
 
@@ -47,7 +48,10 @@ END_MS = 10_000
 _HUB_PART = "# --- the hub's part ---\n"
 
 
-def generate(robot: Robot, interface: Interface) -> HubProgram:
+_ONBOARD = {Pipe.STDIN: "stdio", Pipe.APP_DATA: "app_data"}
+
+
+def generate(robot: Robot, interface: Interface, pipe: Pipe = Pipe.STDIN) -> HubProgram:
     """The program that lets ``robot`` take the commands and report the channels of ``interface``.
 
     The hash is that of the text before the hash itself is written into it.
@@ -58,8 +62,10 @@ def generate(robot: Robot, interface: Interface) -> HubProgram:
     """
     validate(robot, interface)
     loop_imports, loop = _onboard("loop")
+    way_imports, way = _onboard(_ONBOARD[pipe])
     parts = [
-        _constants(interface),
+        _constants(interface, pipe),
+        way,  # first of all, since the host may write as soon as the program runs
         _devices(robot, interface),
         _start_moves(interface, _joints(robot, interface)),
         _read_channels(interface),
@@ -67,11 +73,11 @@ def generate(robot: Robot, interface: Interface) -> HubProgram:
     ]
     if _joints(robot, interface):
         parts.insert(1, _onboard("joint")[1])
-    imports = _robot_imports(robot, interface) + loop_imports
+    imports = _robot_imports(robot, interface) + way_imports + loop_imports
     text = "\n\n".join([_header(robot, interface) + "\n" + _sorted_imports(imports), *parts])
     program_hash = hashlib.sha256(text.encode()).digest()[:4]
     source = text.replace(_hash_line(bytes(4)), _hash_line(program_hash), 1)
-    return HubProgram(source, int.from_bytes(program_hash, "little"))
+    return HubProgram(source, int.from_bytes(program_hash, "little"), pipe)
 
 
 def _onboard(name: str) -> tuple[list[str], str]:
@@ -137,7 +143,7 @@ def _robot_imports(robot: Robot, interface: Interface) -> list[str]:
     return lines
 
 
-def _constants(interface: Interface) -> str:
+def _constants(interface: Interface, pipe: Pipe) -> str:
     wire = WireFormat.of(interface)
     until_done = isinstance(interface.settle, UntilDone)
     settle_ms = interface.settle.timeout_ms if isinstance(interface.settle, UntilDone) else interface.settle.time_ms
@@ -155,6 +161,7 @@ def _constants(interface: Interface) -> str:
         f"PIECE_BYTES = {NOTIFICATION_BYTES}  # what fits one notification",
         f"HELLO_HEAD = bytes([MAGIC, 0, {Up.HELLO.value}, {PROTOCOL_VERSION}])",
         f"BYE_HEAD = bytes([MAGIC, 0, {Up.BYE.value}])",
+        *([f"SLOT_BYTES = {APP_DATA_BYTES}  # of AppData"] if pipe is Pipe.APP_DATA else []),
         _hash_line(bytes(4)),
         "",
         f"UNTIL_DONE = {until_done}  # answer when all moves have ended",

@@ -27,6 +27,8 @@ NOTIFICATION_BYTES = 19
 """Payload of one notification, on every hub; a longer answer costs a further connection interval."""
 WRITE_BYTES = 20
 """The smallest standard input ring takes no more at once."""
+APP_DATA_BYTES = WRITE_BYTES + 2
+"""Of a program's place for AppData: a count, a length, and a frame."""
 MAX_ACTIONS = 8
 CRC_POLYNOMIAL = 0x107
 
@@ -45,6 +47,7 @@ class Down(enum.IntEnum):
     STOP = ord("S")
     READ = ord("R")
     WATCHDOG = ord("W")
+    STREAM = ord("T")
 
 
 class Up(enum.IntEnum):
@@ -61,7 +64,7 @@ class ByeReason(enum.IntEnum):
     SILENCE = 2
 
 
-DOWN_PAYLOAD_BYTES: dict[int, int] = {Down.HELLO: 0, Down.STOP: 0, Down.READ: 1, Down.WATCHDOG: 2}
+DOWN_PAYLOAD_BYTES: dict[int, int] = {Down.HELLO: 0, Down.STOP: 0, Down.READ: 1, Down.WATCHDOG: 2, Down.STREAM: 2}
 UP_PAYLOAD_BYTES: dict[int, int] = {Up.HELLO: 5, Up.BYE: 1}
 DATA_OVERHEAD = 3
 CONTROL_OVERHEAD = 4
@@ -108,6 +111,11 @@ def control_frame(kind: int, payload: bytes = b"") -> bytes:
     """A control frame, as it goes over the wire."""
     head = bytes((MAGIC, 0, kind)) + payload
     return head + bytes((crc8(head),))
+
+
+def app_data_slot(count: int, frame: bytes) -> bytes:
+    """A frame as it is put into the program's AppData; another ``count`` (1..255) than before makes it a new one."""
+    return bytes((count, len(frame))) + frame
 
 
 def hello_payload(program_hash: int) -> bytes:

@@ -1,17 +1,28 @@
-"""The byte stream between this computer and the standard input and output of a program on a hub."""
+"""The byte stream between this computer and a program on a hub."""
 
 from __future__ import annotations
 
+import enum
 from dataclasses import dataclass
 from typing import Protocol
 
 
+class Pipe(enum.Enum):
+    """How bytes get to a program and back."""
+
+    STDIN = "stdin"
+    """Standard input and output: a queue. What does not fit the hub's buffer is refused and comes again."""
+    APP_DATA = "app-data"
+    """AppData: a place that every write replaces, so that nothing waits in it."""
+
+
 @dataclass(frozen=True)
 class HubProgram:
-    """A MicroPython program for a hub and the hash that its HELLO frame carries."""
+    """A MicroPython program for a hub, the hash that its HELLO frame carries, and how to speak to it."""
 
     source: str
     hash: int
+    pipe: Pipe = Pipe.STDIN
 
 
 class Transport(Protocol):
@@ -27,10 +38,10 @@ class Transport(Protocol):
         """Bring the program onto the hub (only where it is not there yet) and start it."""
 
     def write(self, data: bytes) -> None:
-        """Write at most 20 bytes to the program's standard input; returns when the hub has taken them."""
+        """Write at most 20 bytes to the program; returns when the hub has taken them."""
 
     def read(self, timeout_s: float) -> bytes:
-        """The next bytes of the program's standard output, or ``b""`` when none came in time."""
+        """The next bytes from the program, or ``b""`` when none came in time."""
 
     def stop(self) -> None:
         """Stop the program and with it the motors. From any thread, also while another one waits in another call."""

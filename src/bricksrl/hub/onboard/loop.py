@@ -1,18 +1,17 @@
 """MicroPython: the loop on the hub, the same for every robot. ``program.py`` puts it behind the robot's own part.
 
-The names in capitals, ``start_moves`` and ``read_channels`` are those of the robot's part. A command is carried out
-once: when its sequence number comes again, the answer is sent again and nothing moves. A new command replaces one
-that is still under way. Whoever changes this file changes every program's hash.
+The names in capitals, ``start_moves`` and ``read_channels`` are those of the robot's part; ``listen``, ``receive`` and
+``put`` come from ``stdio.py`` or ``app_data.py``. A command is carried out once: when its sequence number comes again,
+the answer is sent again and nothing moves. A new command replaces one that is still under way. After STREAM the
+channels are sent all the time, under the number of the latest command. Whoever changes this file changes every
+program's hash.
 """
 # mypy: ignore-errors
 # ruff: noqa: F821
 # --- the hub's part ---
 
 import ustruct
-from micropython import kbd_intr
 from pybricks.tools import StopWatch
-from uselect import POLLIN, poll
-from usys import stdin, stdout
 
 
 def crc_table():
@@ -39,7 +38,7 @@ def send(head):
     """Send a frame, in pieces that fit a notification."""
     frame = head + bytes([crc8(head)])
     for start in range(0, len(frame), PIECE_BYTES):
-        stdout.buffer.write(frame[start : start + PIECE_BYTES])
+        put(frame[start : start + PIECE_BYTES])
 
 
 def whole(value, low, high, scale):
@@ -61,11 +60,9 @@ def stop_motors():
 
 
 class Reader:
-    """Cuts standard input into frames. Drops what is none, byte by byte."""
+    """Cuts what comes in into frames. Drops what is none, byte by byte."""
 
     def __init__(self):
-        self.incoming = poll()
-        self.incoming.register(stdin, POLLIN)
         self.data = b""
 
     def size(self):
@@ -86,10 +83,11 @@ class Reader:
         for _ in range(64):
             size = self.size()
             if len(self.data) < size:
-                if not self.incoming.poll(patience_ms):
+                more = receive(patience_ms)
+                if not more:
                     return None
                 patience_ms = 0
-                self.data += stdin.buffer.read(1)
+                self.data += more
             elif size and crc8(self.data[:size]) == 0:
                 frame = self.data[:size]
                 self.data = self.data[size:]
@@ -110,6 +108,8 @@ class Server:
         self.armed = False  # motors may be running on the host's word
         self.moving = False
         self.started_ms = 0
+        self.stream_ms = 0  # time between observations that are sent unasked; 0 for none
+        self.sent_ms = 0
         self.seq = 0  # last command, and its answer once there is one
         self.answer = b""
 
@@ -126,8 +126,11 @@ class Server:
         if self.moving:
             if self.settled(now - self.started_ms):
                 self.moving = False
-                self.reply(self.seq)
+                self.reply()
             return True
+        if self.streams() and now - self.sent_ms >= self.stream_ms:
+            self.sent_ms = max(self.sent_ms + self.stream_ms, now - self.stream_ms)
+            self.observe()
         silent_ms = now - self.heard_ms
         if self.armed and silent_ms > self.watchdog_ms:
             self.disarm()
@@ -138,6 +141,8 @@ class Server:
 
     def idle_until(self):
         """Time until which nothing but a frame matters."""
+        if self.streams():
+            return self.sent_ms + self.stream_ms
         if not self.moving:
             return self.heard_ms + self.watchdog_ms + (1 if self.armed else END_MS + 1)
         return self.clock.time() + 1 if UNTIL_DONE else self.started_ms + SETTLE_MS
@@ -147,10 +152,10 @@ class Server:
             self.seq = seq
             self.answer = b""
             self.armed = True
-            self.moving = True
+            self.moving = not self.stream_ms
             self.started_ms = self.clock.time()
             start_moves(ustruct.unpack(ACTION_FORMAT, payload))
-        elif self.answer:
+        elif self.answer and not self.stream_ms:
             send(self.answer)
 
     def control(self, kind, payload):
@@ -160,13 +165,16 @@ class Server:
         if kind == HELLO:  # a new session: its sequence numbers start afresh
             self.disarm()
             self.seq = 0
+            self.stream_ms = 0
             send(HELLO_HEAD + PROGRAM_HASH)
         elif kind == READ:
             self.seq = payload[0]
             self.moving = False
-            self.reply(self.seq)
+            self.reply()
         elif kind == WATCHDOG:
             self.watchdog_ms = ustruct.unpack("<H", payload)[0]
+        elif kind == STREAM:
+            self.stream_ms = ustruct.unpack("<H", payload)[0]
         return True
 
     def settled(self, elapsed_ms):
@@ -180,9 +188,15 @@ class Server:
                     mover.stop()
         return elapsed_ms >= SETTLE_MS
 
-    def reply(self, seq):
-        self.answer = bytes([MAGIC, seq]) + read_channels(self.clock.time() & 0xFFFF)
+    def streams(self):
+        return self.stream_ms and self.seq
+
+    def observe(self):
+        self.answer = bytes([MAGIC, self.seq]) + read_channels(self.clock.time() & 0xFFFF)
         send(self.answer)
+
+    def reply(self):
+        self.observe()
         self.heard_ms = self.clock.time()
 
     def disarm(self):
@@ -197,7 +211,7 @@ class Server:
 
 def serve():
     """Answer the host until it says stop or has been silent for too long."""
-    kbd_intr(-1)  # byte 3 is data here, not Ctrl-C
+    listen()
     server = Server()
     send(HELLO_HEAD + PROGRAM_HASH)
     try:

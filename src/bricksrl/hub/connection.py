@@ -1,4 +1,4 @@
-"""One hub that is connected over Bluetooth: commands with bounds, its status, and the program's output.
+"""One hub that is connected: commands with bounds, its status, and the program's output, over Bluetooth or USB alike.
 
 Everything here runs in the thread of the event loop.
 """
@@ -9,20 +9,14 @@ import asyncio
 import logging
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 from bricksrl.errors import HubError, HubProtocolError, HubTimeoutError
 from bricksrl.hub import pybricks_profile as profile
-from bricksrl.hub.failures import HubBusyError, HubDisconnectedError, bleak_errors
+from bricksrl.hub.failures import HubBusyError, HubDisconnectedError, ProgramStoppedError
 from bricksrl.hub.output import Output
 from bricksrl.hub.pybricks_profile import Status, StatusReport
 from bricksrl.robots import HubKind
-
-if TYPE_CHECKING:
-    from bleak import BleakClient
-    from bleak.backends.characteristic import BleakGATTCharacteristic
-    from bleak.backends.client import BaseBleakClient
-    from bleak.backends.device import BLEDevice
 
 _log = logging.getLogger(__name__)
 
@@ -32,6 +26,34 @@ _LAST_WORDS_S = 0.3
 """The firmware may say that a program has ended before it has sent the rest of its output."""
 _BUSY_PAUSE_S = 0.01
 _LONGEST_BUSY_PAUSE_S = 0.16
+
+
+class Port(Protocol):
+    """The medium under a connection: what differs between Bluetooth and USB.
+
+    Errors are ``HubError`` or its children; a call that takes too long is cancelled.
+
+    Attributes:
+        name, address: of the hub at its other end.
+    """
+
+    name: str
+    address: str
+
+    async def open(self, on_event: Callable[[bytes], None], on_loss: Callable[[str], None]) -> None:
+        """Connect. From ``subscribe`` on each event goes to ``on_event``; the end of the link, and why, to ``on_loss``."""
+
+    async def read(self, characteristic: str) -> bytes:
+        """Value of a characteristic, by its UUID."""
+
+    async def subscribe(self) -> None:
+        """Have the hub send its events."""
+
+    async def write(self, command: bytes, what: str) -> None:
+        """Write a command and wait for its acknowledgement; ``what`` it does, for messages."""
+
+    async def close(self) -> None:
+        """Let go of the hub."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +76,7 @@ class HubIdentity:
     capabilities: profile.Capabilities
 
 
-class BleConnection:
+class HubConnection:
     """A hub and the link to it, from ``connect`` to ``disconnect`` or to a failure. It is not used again after that.
 
     Attributes:
@@ -66,23 +88,11 @@ class BleConnection:
     identity: HubIdentity
     status: StatusReport
 
-    def __init__(
-        self,
-        device: BLEDevice,
-        client_backend: type[BaseBleakClient] | None,
-        *,
-        answer_timeout_s: float,
-        connect_timeout_s: float,
-    ) -> None:
-        from bleak import BleakClient
-
+    def __init__(self, port: Port, *, answer_timeout_s: float, connect_timeout_s: float) -> None:
         self.output = Output()
-        self._device = device
+        self._port = port
         self._answer_timeout_s = answer_timeout_s
         self._connect_timeout_s = connect_timeout_s
-        self._client: BleakClient = BleakClient(
-            device, disconnected_callback=self._on_disconnect, timeout=connect_timeout_s, backend=client_backend
-        )
         self._loss: str | None = "not connected yet"
         self._reports = 0
         self._is_running_expected = False
@@ -100,6 +110,11 @@ class BleConnection:
         """Whether a program runs on the hub, as far as it has told."""
         return self.is_connected and Status.USER_PROGRAM_RUNNING in self.status.flags
 
+    @property
+    def place(self) -> str:
+        """Where the hub keeps the program that it would start now: its address and the slot that is selected."""
+        return f"{self.identity.address} slot {self.status.slot}"
+
     async def connect(self) -> None:
         """Connect, learn what the hub is, and have it report.
 
@@ -109,10 +124,9 @@ class BleConnection:
         self._loss = None
         try:
             async with asyncio.timeout(self._connect_timeout_s):
-                with bleak_errors(f"connect to the hub '{self._device.name}'", HubDisconnectedError):
-                    await self._client.connect()
-                    self.identity = await self._identify()
-                    await self._client.start_notify(profile.COMMAND_EVENT_UUID, self._on_notification)
+                await self._port.open(self._on_event, self._lose)
+                self.identity = await self._identify()
+                await self._port.subscribe()
                 if not await self._wait_for(lambda: self._reports > 0, _FIRST_STATUS_S):
                     raise HubTimeoutError("the hub does not report its status; switch it off and on")
                 self._check_connected()
@@ -130,7 +144,7 @@ class BleConnection:
         self._lose("this computer disconnected")
         try:
             async with asyncio.timeout(self._answer_timeout_s):
-                await self._client.disconnect()
+                await self._port.close()
         except Exception as error:  # noqa: BLE001  a backend may raise anything; the hub notices by itself
             _log.debug("disconnecting from the hub: %s", error)
 
@@ -204,7 +218,7 @@ class BleConnection:
         await self.command(profile.stop_program(), "write the command that stops the program")
         if not await self._wait_for(lambda: not self.is_running, self._answer_timeout_s):
             raise HubTimeoutError("the program on the hub does not stop; press the hub's button")
-        self.output.end(HubError, "the program on the hub was stopped; start it again")
+        self.output.end(ProgramStoppedError, "the program on the hub was stopped; start it again")
         self._check_connected()
 
     async def wait_for_output(self, data: bytes, timeout_s: float) -> bool:
@@ -213,20 +227,17 @@ class BleConnection:
         return self.output.holds(data)
 
     async def _identify(self) -> HubIdentity:
-        version = profile.parse_version(await self._read(profile.PROFILE_VERSION_UUID))
+        version = profile.parse_version(await self._port.read(profile.PROFILE_VERSION_UUID))
         if version[0] != _OLDEST_PROFILE[0] or version < _OLDEST_PROFILE:
             raise HubProtocolError(f"the hub speaks Pybricks Profile {version[0]}.{version[1]}; update it on code.pybricks.com")
         return HubIdentity(
-            name=self._device.name or "",
-            address=self._device.address,
-            kind=profile.parse_hub_kind(await self._read(profile.PNP_ID_UUID)),
-            firmware=(await self._read(profile.FIRMWARE_REVISION_UUID)).decode("utf-8", "replace"),
+            name=self._port.name,
+            address=self._port.address,
+            kind=profile.parse_hub_kind(await self._port.read(profile.PNP_ID_UUID)),
+            firmware=(await self._port.read(profile.FIRMWARE_REVISION_UUID)).decode("utf-8", "replace"),
             profile_version=version,
-            capabilities=profile.parse_capabilities(await self._read(profile.CAPABILITIES_UUID)),
+            capabilities=profile.parse_capabilities(await self._port.read(profile.CAPABILITIES_UUID)),
         )
-
-    async def _read(self, uuid: str) -> bytes:
-        return bytes(await self._client.read_gatt_char(uuid))
 
     async def _write(self, data: bytes, what: str) -> None:
         try:
@@ -234,8 +245,7 @@ class BleConnection:
                 self._check_connected()
                 self._write_bound = bound
                 try:
-                    with bleak_errors(what, HubDisconnectedError):
-                        await self._client.write_gatt_char(profile.COMMAND_EVENT_UUID, data, response=True)
+                    await self._port.write(data, what)
                 finally:
                     self._write_bound = None
         except TimeoutError:
@@ -260,13 +270,13 @@ class BleConnection:
         if self._loss is not None:
             raise HubDisconnectedError(f"the link to the hub is lost ({self._loss}); open it again")
 
-    def _on_notification(self, _: BleakGATTCharacteristic, data: bytearray) -> None:
+    def _on_event(self, data: bytes) -> None:
         try:
-            event = profile.parse_event(bytes(data))
+            event = profile.parse_event(data)
         except HubProtocolError as error:
             _log.warning("%s", error)
             return
-        if isinstance(event, profile.Stdout):
+        if isinstance(event, (profile.Stdout, profile.AppData)):
             self.output.put(event.data)
         elif isinstance(event, StatusReport):
             self._on_status(event)
@@ -282,7 +292,7 @@ class BleConnection:
             _log.warning("the hub's battery is low; charge it soon")
         if new & (Status.BATTERY_HOT | Status.BATTERY_TOO_HOT):
             _log.warning("the hub's battery is hot; let it rest")
-        if new & Status.SHUTDOWN:
+        if new & (Status.SHUTDOWN | Status.SHUTDOWN_REQUESTED):
             self._lose("the hub is switching off")
         elif gone & Status.USER_PROGRAM_RUNNING and self._is_running_expected:
             self._end_program()
@@ -293,10 +303,7 @@ class BleConnection:
 
     def _end_output(self) -> None:
         self._last_words = None
-        self.output.end(HubError, "the program on the hub has ended; start it again")
-
-    def _on_disconnect(self, _: BleakClient) -> None:
-        self._lose("it is out of reach, or was switched off")
+        self.output.end(ProgramStoppedError, "the program on the hub has ended; start it again")
 
     def _lose(self, reason: str) -> None:
         if self._loss is not None:

@@ -1,0 +1,111 @@
+"""Frames in a stream of bytes: the variant of Consistent Overhead Byte Stuffing that SPIKE and Pybricks hubs use over USB.
+
+Source: https://lego.github.io/spike-prime-docs/encoding.html. A message is cut into blocks at its bytes 0, 1 and 2, which
+are taken out; a code before each block says how long it is and which of the three ended it, ``byte * 84 + length + 2``,
+the code itself counted; 255 stands for 84 bytes that none of them ended. Then every byte is XORed with 3, so that no 1, 2
+or 3 is left, and 2 ends the frame. A 1 may come before it (for messages of high priority) and means nothing here.
+"""
+
+from __future__ import annotations
+
+from bricksrl.errors import HubProtocolError
+
+END = 0x02
+_HIGH_PRIORITY = 0x01
+_XOR = 0x03
+_LARGEST_CUT = 2
+_CODE_OFFSET = 2
+_BLOCK_BYTES = 84
+_FULL = 0xFF
+
+
+def encode(message: bytes) -> bytes:
+    """A frame with its end."""
+    out = bytearray((_FULL,))
+    code_at = 0
+    for byte in message:
+        if byte <= _LARGEST_CUT:
+            out[code_at] = byte * _BLOCK_BYTES + len(out) - code_at + _CODE_OFFSET
+        else:
+            out.append(byte)
+            if len(out) - code_at <= _BLOCK_BYTES:
+                continue
+        code_at = len(out)
+        out.append(_FULL)
+    out[code_at] = len(out) - code_at + _CODE_OFFSET
+    return bytes(byte ^ _XOR for byte in out) + bytes((END,))
+
+
+def decode(frame: bytes) -> bytes:
+    """The message in a frame, given without its end.
+
+    Raises:
+        HubProtocolError: it is none.
+    """
+    data = bytes(byte ^ _XOR for byte in frame.removeprefix(bytes((_HIGH_PRIORITY,))))
+    out = bytearray()
+    at = 0
+    while at < len(data):
+        cut, size = _parse_code(data[at])
+        block = data[at + 1 : at + size]
+        if len(block) != size - 1:
+            raise HubProtocolError("a frame over USB is cut short; plug the hub in again")
+        out += block
+        at += size
+        if cut is not None and at < len(data):
+            out.append(cut)
+    return bytes(out)
+
+
+def _parse_code(code: int) -> tuple[int | None, int]:
+    """The byte that ended a block, if any, and how long the block is with its code."""
+    if code == _FULL:
+        return None, _BLOCK_BYTES + 1
+    if code <= _CODE_OFFSET:
+        raise HubProtocolError("a frame over USB has a code that cannot be; plug the hub in again")
+    cut, size = divmod(code - _CODE_OFFSET - 1, _BLOCK_BYTES)
+    return cut, size + 1
+
+
+class Framer:
+    """Cuts a stream into frames. What is too long to be one is dropped up to the next end.
+
+    Attributes:
+        damaged: frames that were none.
+    """
+
+    def __init__(self, longest_bytes: int = 2048) -> None:
+        self.damaged = 0
+        self._longest_bytes = longest_bytes
+        self._buffer = bytearray()
+        self._is_too_long = False
+
+    def feed(self, data: bytes) -> list[bytes]:
+        """Take bytes, give the messages that they complete. Never raises."""
+        messages = []
+        *ended, rest = data.split(bytes((END,)))
+        for part in ended:
+            self._take(part)
+            message = self._message()
+            if message:
+                messages.append(message)
+            self._buffer.clear()
+            self._is_too_long = False
+        self._take(rest)
+        return messages
+
+    def _take(self, part: bytes) -> None:
+        self._is_too_long = self._is_too_long or len(self._buffer) + len(part) > self._longest_bytes
+        if not self._is_too_long:
+            self._buffer += part
+
+    def _message(self) -> bytes:
+        if not self._buffer and not self._is_too_long:
+            return b""
+        try:
+            if self._is_too_long:
+                raise HubProtocolError("too long; plug the hub in again")
+            return decode(bytes(self._buffer))
+        except HubProtocolError:
+            self.damaged += 1
+            return b""
