@@ -17,7 +17,7 @@ from bricksrl.agents.off_policy import OffPolicyAgent
 ENV = bricksrl.make("RoboArmSim-v0", seed=0)
 LAYOUT = layout_of(ENV)
 TASK = ENV.task
-LEARNERS = ("sac", "td3", "droq", "redq", "crossq")
+LEARNERS = ("sac", "td3", "droq", "redq", "crossq", "iql", "cql", "td3bc")
 
 
 def small(agent: str, **changes: Any) -> Settings:

@@ -45,6 +45,14 @@ CHANGES: dict[str, Any] = {
     "target_noise": 0.0,
     "target_noise_limit": 0.01,
     "momentum": 0.5,
+    "expectile": 0.3,
+    "temperature": 0.5,
+    "min_q_weight": 3.0,
+    "lagrange_threshold": 1.0,
+    "sampled_actions": 3,
+    "drawn_actions": 0,
+    "imitation_updates": 2,
+    "value_weight": 0.5,
 }
 OPPOSITE = ("layer_norm",)
 ELSEWHERE = ("prefill_episodes", "exploration_noise")
@@ -54,13 +62,13 @@ ELSEWHERE = ("prefill_episodes", "exploration_noise")
     ("agent", "name"),
     [
         (agent, field.name)
-        for agent in ("sac", "td3", "crossq")
+        for agent in ("sac", "td3", "crossq", "iql", "cql", "td3bc")
         for field in fields(preset("default", agent))
         if field.name not in ELSEWHERE
     ],
 )
 def test_no_setting_is_dead(agent: str, name: str) -> None:
-    usual = small(agent, min_scale=0.1) if agent != "td3" else small(agent)
+    usual = small(agent)
     value = not getattr(usual, name) if name in OPPOSITE else CHANGES[name]
     assert value != getattr(usual, name)
     before, after = tensors(learned(agent, usual)), tensors(learned(agent, small(agent, **{name: value})))

@@ -6,8 +6,21 @@ from dataclasses import replace
 
 import pytest
 
-from bricksrl.agents import AGENTS, PRESETS, CrossQSettings, SACSettings, TD3Settings, make_agent, preset
+from bricksrl.agents import (
+    AGENTS,
+    PRESETS,
+    BCSettings,
+    CQLSettings,
+    CrossQSettings,
+    IQLSettings,
+    SACSettings,
+    TD3BCSettings,
+    TD3Settings,
+    make_agent,
+    preset,
+)
 from bricksrl.agents.layout import ObservationLayout
+from bricksrl.agents.presets import OFFLINE_UPDATES
 from bricksrl.errors import DescriptionError, UnknownNameError
 
 LAYOUT = ObservationLayout((0.0, 0.0), (360.0, 2000.0), (True, False))
@@ -34,6 +47,22 @@ def test_papers_td3_and_droq_are_its_authors() -> None:
     assert (droq.hidden, droq.learning_rate, droq.batch_size) == ((256, 256), 3e-4, 256)
 
 
+def test_papers_offline_agents_are_the_papers() -> None:
+    bc, iql, cql = (preset("paper", name) for name in ("bc", "iql", "cql"))
+    for settings in (bc, iql, cql, preset("paper", "td3bc")):
+        assert (settings.hidden, settings.learning_rate, settings.batch_size) == ((256, 256), 3e-4, 256)
+        assert (settings.angles, settings.goals) == ("raw", "plain")
+    assert isinstance(bc, BCSettings)
+    assert (bc.layer_norm, bc.dropout) == (True, 0.01)
+    assert isinstance(iql, IQLSettings)
+    assert (iql.temperature, iql.expectile, iql.gamma, iql.tau, iql.layer_norm) == (1.0, 0.5, 0.99, 0.005, False)
+    assert isinstance(cql, CQLSettings)
+    assert (cql.min_q_weight, cql.sampled_actions, cql.lagrange_threshold) == (1.0, 10, 5.0)
+    assert (cql.imitation_updates, cql.gamma, cql.tau, cql.layer_norm) == (1000, 0.99, 0.005, False)
+    assert OFFLINE_UPDATES["RoboArm-v0"] == {"expert": 5000, "random": 10_000}
+    assert OFFLINE_UPDATES["RunAway-v0"] == {"expert": 2000, "random": 2000}
+
+
 @pytest.mark.parametrize("name", sorted(PRESETS))
 def test_redq_has_ten_critics_of_which_two_make_the_target(name: str) -> None:
     redq = preset(name, "redq")
@@ -48,7 +77,7 @@ def test_unknown_names_say_what_there_is() -> None:
     with pytest.raises(UnknownNameError, match=r"no preset 'papr'; choose one of .*paper"):
         preset("papr")
     for wrong in (lambda: make_agent("ppo", LAYOUT, 1), lambda: preset("paper", "ppo")):
-        with pytest.raises(UnknownNameError, match="no agent 'ppo'; choose one of sac, td3, droq, redq, crossq, random"):
+        with pytest.raises(UnknownNameError, match="no agent 'ppo'; choose one of sac, td3, .*, cql, td3bc, random"):
             wrong()
 
 
@@ -92,6 +121,16 @@ OF_ONE = [
     (TD3Settings(), {"target_noise_limit": 0.0}),
     (CrossQSettings(), {"momentum": 0.0}),
     (CrossQSettings(), {"initial_alpha": 0.0}),
+    (BCSettings(), {"dropout": 1.0}),
+    (IQLSettings(), {"tau": 0.0}),
+    (IQLSettings(), {"expectile": 1.0}),
+    (IQLSettings(), {"temperature": -1.0}),
+    (CQLSettings(), {"min_q_weight": -1.0}),
+    (CQLSettings(), {"sampled_actions": 0}),
+    (CQLSettings(), {"drawn_actions": -1}),
+    (CQLSettings(), {"imitation_updates": -1}),
+    (CQLSettings(), {"initial_alpha": 0.0}),
+    (TD3BCSettings(), {"value_weight": 0.0}),
 ]
 
 

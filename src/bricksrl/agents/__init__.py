@@ -2,16 +2,39 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import importlib
+from typing import TYPE_CHECKING, Any
 
 from bricksrl.agents.image_presets import ImageSACSettings, ImageTD3Settings
-from bricksrl.agents.presets import AGENTS, PRESETS, CrossQSettings, SACSettings, Settings, TD3Settings, preset
+from bricksrl.agents.presets import (
+    AGENTS,
+    PRESETS,
+    BCSettings,
+    CQLSettings,
+    CrossQSettings,
+    IQLSettings,
+    SACSettings,
+    Settings,
+    TD3BCSettings,
+    TD3Settings,
+    preset,
+)
 from bricksrl.errors import DescriptionError
 
 if TYPE_CHECKING:
     from bricksrl.agents.agent import Agent
     from bricksrl.agents.layout import ObservationLayout
     from bricksrl.envs.task import Task
+
+_CLASSES = {
+    **dict.fromkeys(("sac", "droq", "redq"), "sac:SACAgent"),
+    "td3": "td3:TD3Agent",
+    "crossq": "crossq:CrossQAgent",
+    "bc": "offline_bc:BCAgent",
+    "iql": "offline_iql:IQLAgent",
+    "cql": "offline_cql:CQLAgent",
+    "td3bc": "offline_td3bc:TD3BCAgent",
+}
 
 
 def make_agent(
@@ -39,17 +62,8 @@ def make_agent(
         raise DescriptionError(f"the agent {name} has {type(usual).__name__}, not {type(settings).__name__}; take {take}")
     if isinstance(settings, ImageSACSettings | ImageTD3Settings):
         return _make_image_agent(layout, camera.image_px if camera is not None else 0, action_size, settings)
-    if isinstance(settings, TD3Settings):
-        from bricksrl.agents.td3 import TD3Agent
-
-        return TD3Agent(layout, action_size, settings, task)
-    if isinstance(settings, CrossQSettings):
-        from bricksrl.agents.crossq import CrossQAgent
-
-        return CrossQAgent(layout, action_size, settings, task)
-    from bricksrl.agents.sac import SACAgent
-
-    return SACAgent(layout, action_size, settings, task)
+    made: Agent = _class_of(name)(layout, action_size, settings, task)
+    return made
 
 
 def _make_image_agent(
@@ -64,14 +78,24 @@ def _make_image_agent(
     return ImageTD3Agent(layout, side_px, action_size, settings)
 
 
+def _class_of(name: str) -> Any:
+    """The class of an agent that learns; importing it loads torch."""
+    place, _, kind = _CLASSES[name].partition(":")
+    return getattr(importlib.import_module(f"bricksrl.agents.{place}"), kind)
+
+
 __all__ = [
     "AGENTS",
     "PRESETS",
+    "BCSettings",
+    "CQLSettings",
     "CrossQSettings",
+    "IQLSettings",
     "ImageSACSettings",
     "ImageTD3Settings",
     "SACSettings",
     "Settings",
+    "TD3BCSettings",
     "TD3Settings",
     "make_agent",
     "preset",

@@ -27,6 +27,24 @@ class Transition:
     """Whether it is the last one of its episode, for whatever reason."""
 
 
+@dataclass(frozen=True)
+class Transitions:
+    """``N`` steps in the order in which they were made: ``observation``, ``next_observation`` ``[N, n]``, ``action`` ``[N, m]``,
+    the others ``[N]``. In physical units, actions in -1..1."""
+
+    observation: Tensor
+    action: Tensor
+    reward: Tensor
+    next_observation: Tensor
+    terminated: Tensor
+    """Bool; true only where the task ended."""
+    last: Tensor
+    """Bool; whether it is the last one of its episode, for whatever reason."""
+
+    def __len__(self) -> int:
+        return len(self.reward)
+
+
 def look(agent: Agent, state: TensorDictBase) -> Tensor:
     """What of an environment's state an agent gets: the observation ``[n]``, and the image where it sees.
 

@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Any
 import torch
 from torch import Tensor, nn
 
-from bricksrl.agents.agent import Transition
+from bricksrl.agents.agent import Transition, Transitions
 from bricksrl.agents.hindsight import HORIZON, GoalExchange
 from bricksrl.agents.layout import ObservationLayout
 from bricksrl.agents.networks import ObservationEncoder
-from bricksrl.agents.presets import OffPolicySettings
+from bricksrl.agents.presets import LearnerSettings
 from bricksrl.agents.replay import ReplayRing
-from bricksrl.errors import CheckpointError
+from bricksrl.errors import CheckpointError, DataError
 
 if TYPE_CHECKING:
     from bricksrl.envs.task import Task
@@ -44,7 +44,7 @@ class OffPolicyAgent(ABC):
     loss_names: tuple[str, ...]
     """Names of what `learn` returns."""
 
-    def __init__(self, layout: ObservationLayout, action_size: int, settings: OffPolicySettings, task: Task | None) -> None:
+    def __init__(self, layout: ObservationLayout, action_size: int, settings: LearnerSettings, task: Task | None) -> None:
         self._common = settings
         self._action_size = action_size
         self.prefill_episodes = settings.prefill_episodes
@@ -53,6 +53,7 @@ class OffPolicyAgent(ABC):
         n = len(layout)
         self._widths = [n, action_size, n, 2]
         self._replay = ReplayRing(settings.replay_size, sum(self._widths))
+        self._data: ReplayRing | None = None
         self._updates = 0
 
     @abstractmethod
@@ -85,12 +86,28 @@ class OffPolicyAgent(ABC):
         """Act as the agent whose `policy_state` this is."""
         self.actor.load_state_dict(state)
 
-    def update(self) -> dict[str, float]:
-        """All updates of one robot step; returns the mean of each number that `loss_names` names."""
-        if len(self._replay) == 0:
+    def study(self, data: Transitions) -> None:
+        """Learn from a dataset too: half of each batch is drawn from it, the whole as long as there is nothing of one's own.
+
+        That is the symmetric sampling of RLPD (Ball et al. 2023). The dataset is no part of `state_dict`.
+
+        Raises:
+            DataError: there is nothing in it, or its observations or actions are those of another environment.
+        """
+        shapes = [list(part.shape[1:]) for part in (data.observation, data.action, data.next_observation)]
+        if len(data) == 0 or shapes != [[width] for width in self._widths[:3]]:
+            wanted = f"{self._widths[0]} numbers observed and {self._action_size} given"
+            raise DataError(f"{len(data)} steps of {shapes[0]} numbers observed and {shapes[1]} given; the agent needs {wanted}")
+        outcome = torch.stack((data.reward, data.terminated.float()), -1)
+        self._data = ReplayRing(len(data), sum(self._widths))
+        self._data.fill(torch.cat((data.observation, data.action, data.next_observation, outcome), -1), data.last)
+
+    def update(self, count: int | None = None) -> dict[str, float]:
+        """All updates of one robot step, or ``count``; returns the mean of each number that `loss_names` names."""
+        if not self._sources():
             return {}
         found = []
-        for batch in self.draw_batches(self._common.updates_per_step):
+        for batch in self.draw_batches(count or self._common.updates_per_step):
             self._updates += 1
             found.append(self.learn(batch, actor=self._updates % self._common.actor_delay == 0))
         means = {}
@@ -100,23 +117,34 @@ class OffPolicyAgent(ABC):
                 means[name] = float(torch.stack(values).mean())
         return means
 
+    def _sources(self) -> list[ReplayRing]:
+        return [ring for ring in (self._replay, self._data) if ring is not None and len(ring)]
+
     def draw_batches(self, count: int) -> list[Batch]:
-        """``count`` batches out of the replay buffer, some of their goals exchanged."""
-        size = self._common.batch_size
-        places = self._replay.draw(count * size).view(count, size)
-        observation, action, next_observation, outcome = self._replay.rows(places).split(self._widths, -1)
+        """``count`` batches out of the replay buffer and the dataset, some of their goals exchanged."""
+        size, sources = self._common.batch_size, self._sources()
+        sizes = [size] if len(sources) == 1 else [size - size // 2, size // 2]
+        drawn = [self._draw(ring, count, share) for ring, share in zip(sources, sizes, strict=True)]
+        together = drawn[0] if len(drawn) == 1 else [torch.cat(parts, 1) for parts in zip(*drawn, strict=True)]
+        observation, action, reward, next_observation, terminated = together
+        features, next_features = self.encoder(observation), self.encoder(next_observation)
+        return [Batch(*rows) for rows in zip(features, action, reward, next_features, terminated, strict=True)]
+
+    def _draw(self, ring: ReplayRing, count: int, size: int) -> list[Tensor]:
+        """Observations, actions, rewards, next observations and ends, each ``[count, size, ...]``."""
+        places = ring.draw(count * size).view(count, size)
+        observation, action, next_observation, outcome = ring.rows(places).split(self._widths, -1)
         reward, terminated = outcome[..., 0], outcome[..., 1] > 0
         if self._goals is not None:
             share = round(size * self._common.hindsight)
             end = share + round(size * self._common.new_goals)
             if end:
-                later = self._replay.rows(self._replay.later(places[:, :share], HORIZON)).split(self._widths, -1)[2]
+                later = ring.rows(ring.later(places[:, :share], HORIZON)).split(self._widths, -1)[2]
                 goals = torch.cat((self._goals.reached(later), self._goals.drawn(count, end - share)), 1)
                 reward[:, :end], terminated[:, :end] = self._goals.exchange(
                     observation[:, :end], action[:, :end], next_observation[:, :end], goals
                 )
-        features, next_features = self.encoder(observation), self.encoder(next_observation)
-        return [Batch(*rows) for rows in zip(features, action, reward, next_features, terminated, strict=True)]
+        return [observation, action, reward, next_observation, terminated]
 
     def state_dict(self) -> dict[str, Any]:
         """Networks, optimisers, the filled part of the replay buffer, and the number of updates."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Literal, TypeAlias
 
 from bricksrl.agents.image_presets import IMAGE_PRESETS, ImageSACSettings, ImageTD3Settings
@@ -11,8 +11,8 @@ from bricksrl.errors import DescriptionError, UnknownNameError
 
 
 @dataclass(frozen=True)
-class OffPolicySettings:
-    """What all agents have in common that learn from a replay buffer. The defaults are tuned for few robot steps."""
+class LearnerSettings:
+    """What all agents have in common that learn. The defaults are tuned for few robot steps."""
 
     hidden: tuple[int, ...] = (256, 256)
     """Units of each hidden layer, of the actor and of the critics."""
@@ -22,36 +22,27 @@ class OffPolicySettings:
     """Share of the past in Adam's mean of the gradients."""
     batch_size: int = 256
     """Transitions in one update."""
-    gamma: float = 0.95
-    """Discount of the next step's value."""
     updates_per_step: int = 2
     """Updates of the critics for each step of the robot."""
-    actor_delay: int = 1
-    """The actor learns in every n-th update of the critics."""
-    prefill_episodes: int = 1
-    """Episodes of uniform actions at the start."""
     angles: Literal["phases", "sincos", "raw"] = "phases"
     """How the networks see angles that wrap: as sine and cosine, with those of their differences too, or scaled to -1..1."""
     goals: Literal["difference", "plain"] = "difference"
     """What the networks see of a goal: also how far it is from what it is a goal for, or itself only."""
-    hindsight: float = 0.3
-    """In a task with goals: share of each batch that pretends to have aimed at what was reached a few steps later."""
-    new_goals: float = 0.3
-    """In a task with goals: share of each batch that gets goals drawn anew from their range."""
-    replay_size: int = 1_000_000
-    """Transitions kept; the oldest go first."""
+
+    # What an agent does that learns from a dataset alone; others have settings of these names.
+    prefill_episodes = 0
+    replay_size = 1
+    actor_delay = 1
+    hindsight = 0.0
+    new_goals = 0.0
 
     def __post_init__(self) -> None:
-        self._above_zero("learning_rate", "batch_size", "updates_per_step", "actor_delay", "replay_size")
-        self._share("gamma", "hindsight", "new_goals", "adam_beta")
+        self._above_zero("learning_rate", "batch_size", "updates_per_step")
+        self._share("adam_beta")
         if self.adam_beta == 1.0:
             raise DescriptionError("adam_beta is 1, which learns nothing; give a number below 1")
-        if self.hindsight + self.new_goals > 1:
-            raise DescriptionError(f"hindsight and new_goals add up to {self.hindsight + self.new_goals}; give shares of up to 1")
         if not self.hidden or min(self.hidden) < 1:
             raise DescriptionError(f"hidden is {self.hidden}; give the units of at least one layer, as in (256, 256)")
-        if self.prefill_episodes < 0:
-            raise DescriptionError(f"prefill_episodes is {self.prefill_episodes}; give 0 or more")
         if self.angles not in ("phases", "sincos", "raw"):
             raise DescriptionError(f"angles is '{self.angles}'; choose phases, sincos or raw")
         if self.goals not in ("difference", "plain"):
@@ -66,6 +57,33 @@ class OffPolicySettings:
         for name in names:
             if not 0 <= getattr(self, name) <= 1:
                 raise DescriptionError(f"{name} is {getattr(self, name)}; give a number from 0 to 1")
+
+
+@dataclass(frozen=True)
+class OffPolicySettings(LearnerSettings):
+    """What all agents have in common that learn values from a replay buffer."""
+
+    gamma: float = 0.95
+    """Discount of the next step's value."""
+    actor_delay: int = 1
+    """The actor learns in every n-th update of the critics."""
+    prefill_episodes: int = 1
+    """Episodes of uniform actions at the start."""
+    hindsight: float = 0.3
+    """In a task with goals: share of each batch that pretends to have aimed at what was reached a few steps later."""
+    new_goals: float = 0.3
+    """In a task with goals: share of each batch that gets goals drawn anew from their range."""
+    replay_size: int = 1_000_000
+    """Transitions kept; the oldest go first."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._above_zero("actor_delay", "replay_size")
+        self._share("gamma", "hindsight", "new_goals")
+        if self.hindsight + self.new_goals > 1:
+            raise DescriptionError(f"hindsight and new_goals add up to {self.hindsight + self.new_goals}; give shares of up to 1")
+        if self.prefill_episodes < 0:
+            raise DescriptionError(f"prefill_episodes is {self.prefill_episodes}; give 0 or more")
 
 
 @dataclass(frozen=True)
@@ -152,7 +170,91 @@ class CrossQSettings(OffPolicySettings):
         self._share("momentum")
 
 
-VectorSettings: TypeAlias = SACSettings | TD3Settings | CrossQSettings
+@dataclass(frozen=True)
+class BCSettings(LearnerSettings):
+    """Behaviour cloning: do as the dataset does. It learns from nothing else."""
+
+    layer_norm: bool = True
+    """Layer normalisation in the actor."""
+    dropout: float = 0.01
+    """Dropout rate in the actor while it learns."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not 0 <= self.dropout < 1:
+            raise DescriptionError(f"dropout is {self.dropout}; give a number from 0 to below 1")
+
+
+@dataclass(frozen=True)
+class IQLSettings(OffPolicySettings):
+    """Implicit Q-learning: values of actions that the data has, and the better of them imitated."""
+
+    tau: float = 0.005
+    """Share of the critics that goes into the target critics at each update."""
+    expectile: float = 0.8
+    """Where between the worst (0) and the best (1) action of the data the value of a state lies; 0.5 is the mean."""
+    temperature: float = 3.0
+    """How much an action's advantage counts when it is imitated; 0 imitates all alike."""
+    layer_norm: bool = True
+    """Layer normalisation in the critics."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._above_zero("tau")
+        self._share("tau")
+        if not 0 < self.expectile < 1:
+            raise DescriptionError(f"expectile is {self.expectile}; give a number between 0 and 1")
+        if self.temperature < 0:
+            raise DescriptionError(f"temperature is {self.temperature}; give 0 or more")
+
+
+@dataclass(frozen=True)
+class CQLSettings(OffPolicySettings):
+    """Conservative Q-learning: soft actor-critic whose critics are pressed down where the data has no actions."""
+
+    tau: float = 0.005
+    """Share of the critics that goes into the target critics at each update."""
+    initial_alpha: float = 0.2
+    """Temperature (weight of the entropy) at the start; it is learned from there."""
+    entropy: float = -1.0
+    """Entropy for each entry of an action that the temperature is learned for; uniform actions have 0.69."""
+    min_scale: float = 0.1
+    """Lower limit of the standard deviation of an action before the tanh."""
+    layer_norm: bool = True
+    """Layer normalisation in the critics."""
+    min_q_weight: float = 1.0
+    """Weight of the pressure; with a threshold what it is multiplied with is learned too."""
+    lagrange_threshold: float | None = None
+    """Gap between the values of actions and those of the data that the pressure is learned for; ``None`` for a fixed pressure."""
+    sampled_actions: int = 10
+    """Actions that are compared with the data's: so many uniform ones, of the policy here, and of the policy a step later."""
+    drawn_actions: int = 1
+    """Of these, those that an update presses down, drawn as the full gradient weighs them; 0 for the full gradient."""
+    imitation_updates: int = 0
+    """Updates at the start in which the actor imitates the data."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._above_zero("tau", "initial_alpha", "min_scale", "sampled_actions")
+        self._share("tau")
+        for name in ("min_q_weight", "drawn_actions", "imitation_updates"):
+            if getattr(self, name) < 0:
+                raise DescriptionError(f"{name} is {getattr(self, name)}; give 0 or more")
+
+
+@dataclass(frozen=True)
+class TD3BCSettings(TD3Settings):
+    """TD3 whose actor also imitates the data."""
+
+    value_weight: float = 2.5
+    """Weight of the value, scaled to a mean size of 1, against the squared distance from the data's action."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._above_zero("value_weight")
+
+
+VectorSettings: TypeAlias = SACSettings | TD3Settings | CrossQSettings | BCSettings | IQLSettings | CQLSettings
 Settings: TypeAlias = VectorSettings | ImageSACSettings | ImageTD3Settings
 
 _PAPER = SACSettings(
@@ -177,12 +279,10 @@ def _as_in_the_paper(settings: VectorSettings) -> VectorSettings:
     """The settings with what the paper says about every agent."""
     common = (
         *("hidden", "learning_rate", "batch_size", "gamma", "prefill_episodes"),
-        *("angles", "goals", "hindsight", "new_goals"),
+        *("angles", "goals", "hindsight", "new_goals", "initial_alpha"),
     )
-    changed = {name: getattr(_PAPER, name) for name in common}
-    if not isinstance(settings, TD3Settings):
-        changed["initial_alpha"] = _PAPER.initial_alpha
-    return replace(settings, **changed)
+    names = {field.name for field in fields(settings)}.intersection(common)
+    return replace(settings, **{name: getattr(_PAPER, name) for name in names})
 
 
 _DEFAULT: dict[str, VectorSettings] = {
@@ -191,6 +291,10 @@ _DEFAULT: dict[str, VectorSettings] = {
     "droq": _DROQ,
     "redq": _REDQ,
     "crossq": CrossQSettings(),
+    "bc": BCSettings(),
+    "iql": IQLSettings(),
+    "cql": CQLSettings(),
+    "td3bc": TD3BCSettings(),
 }
 _AS_PUBLISHED: dict[str, VectorSettings] = {
     "sac": _PAPER,
@@ -198,12 +302,25 @@ _AS_PUBLISHED: dict[str, VectorSettings] = {
     "droq": _as_in_the_paper(_DROQ),
     "redq": _as_in_the_paper(_REDQ),
     "crossq": replace(_as_in_the_paper(CrossQSettings(updates_per_step=1)), learning_rate=1e-3),
+    "bc": _as_in_the_paper(BCSettings(updates_per_step=1)),
+    "iql": _as_in_the_paper(IQLSettings(updates_per_step=1, expectile=0.5, temperature=1.0, layer_norm=False)),
+    "cql": _as_in_the_paper(
+        CQLSettings(updates_per_step=1, layer_norm=False, lagrange_threshold=5.0, imitation_updates=1000),
+    ),
+    "td3bc": _as_in_the_paper(TD3BCSettings(updates_per_step=1, layer_norm=False, exploration_noise=0.1, target_noise=0.2)),
 }
+OFFLINE_UPDATES = {
+    "RunAway-v0": {"expert": 2000, "random": 2000},
+    "Spinning-v0": {"expert": 5000, "random": 5000},
+    "Walker-v0": {"expert": 10_000, "random": 10_000},
+    "RoboArm-v0": {"expert": 5000, "random": 10_000},
+}
+"""Updates that the paper made from each of its datasets, by task and kind of dataset."""
 PRESETS: dict[str, dict[str, VectorSettings]] = {"default": _DEFAULT, "paper": _AS_PUBLISHED}
 """Settings by name of the preset and of the agent.
 
-``default`` is tuned for few robot steps. ``paper`` has what the BricksRL paper trained with; for REDQ and CrossQ, which it does
-not have, that of their authors (with the paper's networks) where the paper says nothing about every agent.
+``default`` is tuned for few robot steps. ``paper`` has what the BricksRL paper trained with; for REDQ, CrossQ and TD3+BC, which
+it does not have, that of their authors (with the paper's networks) where the paper says nothing about every agent.
 """
 
 AGENTS = (*_DEFAULT, "random")

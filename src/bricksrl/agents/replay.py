@@ -36,6 +36,13 @@ class ReplayRing:
         """Whatever is added next belongs to another episode."""
         self._episode += 1
 
+    def fill(self, rows: Tensor, last: Tensor) -> None:
+        """Keep ``rows`` ``[count, width]`` in an empty ring; ``last`` ``[count]`` are the ends of their episodes."""
+        self._added = len(rows)
+        self._rows[: len(rows)] = rows
+        self._episodes[: len(rows)] = last.cumsum(0) - last.long()
+        self._episode = int(last.sum())
+
     def draw(self, count: int) -> Tensor:
         """Places ``[count]`` of rows, drawn uniformly with replacement."""
         return torch.randint(len(self), (count,))

@@ -18,7 +18,7 @@ from bricksrl.training.config import TrainConfig
 from bricksrl.training.files import write_atomically
 from bricksrl.training.observer import Episode, Phase
 
-LOSSES = ("critic_loss", "actor_loss", "entropy", "alpha")
+LOSSES = ("critic_loss", "value_loss", "gap", "actor_loss", "entropy", "alpha")
 COLUMNS = ("episode", "phase", "steps", "length", "return", "success", *LOSSES, "seconds")
 
 
@@ -148,7 +148,7 @@ def _episode(row: dict[str, str]) -> Episode:
         length=int(row["length"]),
         return_=float(row["return"]),
         success=bool(int(row["success"])) if row["success"] else None,
-        losses={name: float(row[name]) for name in LOSSES if row[name]},
+        losses={name: float(row[name]) for name in LOSSES if row.get(name)},
         seconds=float(row["seconds"]),
     )
 
