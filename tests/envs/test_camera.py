@@ -41,6 +41,7 @@ from bricksrl.envs.tasks.spinning import SPINNING
 from bricksrl.errors import BricksError, CameraError, DescriptionError, RenderingUnavailableError
 from bricksrl.hub.link import HubLink
 from bricksrl.robots import ROBO_ARM, Robot
+from bricksrl.twin import rendering
 from bricksrl.twin.bodies import make_body
 from bricksrl.twin.mujoco_body import MujocoBody
 from bricksrl.twin.physics import Physics
@@ -133,7 +134,14 @@ def test_a_disc_may_reach_over_the_edge(x: int, y: int, radius: int) -> None:
 
 
 def test_views_that_cannot_be_are_refused() -> None:
-    for wrong in ({"image_px": 61}, {"image_px": 0}, {"goal": VisualGoal(())}, {"goal": VisualGoal(((80, 10),))}):
+    with pytest.raises(DescriptionError, match="spots of 0 px"):
+        CameraView(spot_px=0)
+    for wrong in (
+        {"image_px": 61},
+        {"image_px": 0},
+        {"goal": VisualGoal(())},
+        {"goal": VisualGoal(((80, 10),))},
+    ):
         with pytest.raises(DescriptionError, match="80 x 60"):
             dataclasses.replace(VIEW, **wrong)
 
@@ -207,6 +215,22 @@ def test_the_ball_is_found_where_it_is(arm: MujocoBody, webcam: TwinCamera) -> N
         focal_px = 240 / math.tan(math.radians(arm.model.cam_fovy[camera]) / 2)
         expected = (320 - focal_px * offset[0] / offset[2], 240 + focal_px * offset[1] / offset[2])
         assert find_red(frame, RedWindow()) == pytest.approx(np.array([expected]), abs=6)
+
+
+def test_without_opengl_rays_draw_what_the_camera_sees(arm: MujocoBody, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(rendering, "Renderer", unavailable)
+    coarse, fine = (TwinCamera(arm, CameraView(spot_px=spot_px)) for spot_px in (10, 4))
+    assert coarse.frame().shape == fine.frame().shape == (480, 640, 3)
+    squares = coarse.frame().reshape(48, 10, 64, 10, 3)
+    assert (squares == squares[:, :1, :, :1]).all()
+    assert not np.array_equal(coarse.frame(), fine.frame())
+    for camera in (coarse, fine):
+        camera.close()
+        assert len(find_red(camera.frame(), RedWindow())) == 1
+
+
+def unavailable(*_args: Any, **_kwargs: Any) -> None:
+    raise RenderingUnavailableError("no OpenGL; install some")
 
 
 def test_a_closed_camera_opens_again(webcam: TwinCamera) -> None:

@@ -203,12 +203,14 @@ def test_sac_learns_to_bring_the_ball_to_the_disc(tmp_path: Path) -> None:
     assert success >= 0.8
 
 
-def test_without_a_library_to_draw_with_one_line_says_what_to_do() -> None:
-    program = (
-        f"import bricksrl\ntry:\n    bricksrl.make('{ID}').reset()\nexcept bricksrl.errors.RenderingUnavailableError as error:\n"
-    )
-    program = "import bricksrl.errors\n" + program + "    print(error)"
+def test_without_a_library_to_draw_with_rays_show_the_same() -> None:
+    program = f"import bricksrl, torch\ntorch.manual_seed(1)\nsteps = bricksrl.make('{ID}', seed=5).rollout(3)\n"
+    program += "print(steps['next', 'reward'][0].item(), steps['image'][0].float().mean().item())"
     environment = {**os.environ, "MUJOCO_GL": "disable"}
     done = subprocess.run([sys.executable, "-c", program], env=environment, capture_output=True, text=True, check=True)
-    assert len(done.stdout.splitlines()) == 1
-    assert "MUJOCO_GL" in done.stdout
+    cast_reward, cast_light = (float(number) for number in done.stdout.split())
+    with torch.random.fork_rng():
+        torch.manual_seed(1)
+        steps = bricksrl.make(ID, seed=5).rollout(3)
+    assert cast_reward == pytest.approx(steps["next", "reward"][0].item(), abs=0.06)
+    assert 0 < abs(cast_light - steps["image"][0].float().mean().item()) < 10

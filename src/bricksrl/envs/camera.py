@@ -7,6 +7,7 @@ it, into which the goal is drawn, and never the frame. Places are ``(x, y)`` in 
 from __future__ import annotations
 
 import functools
+import logging
 import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Protocol
@@ -18,10 +19,14 @@ from bricksrl.errors import CameraError, DescriptionError, RenderingUnavailableE
 
 if TYPE_CHECKING:
     from bricksrl.twin.machine import Body
+    from bricksrl.twin.mujoco_body import MujocoBody
+    from bricksrl.twin.raycast import RayCaster
     from bricksrl.twin.rendering import Renderer
 
 Frame = NDArray[np.uint8]
 Place = tuple[int, int]
+
+_log = logging.getLogger(__name__)
 
 _GREEN = (0, 255, 0)
 _HUE_AROUND_RED_DEG = 60.0  # where red is the strongest of the three colours
@@ -87,6 +92,7 @@ class CameraView:
         width_px, height_px: of a frame.
         image_px: side of the agent's square image.
         goal: what is to be reached in the image; ``None`` for a camera that only shows.
+        spot_px: where no OpenGL works, a virtual robot is drawn by rays, one for each square of so many px of the frame.
 
     Raises:
         DescriptionError: at construction, when the image is larger than the frame or the goal lies outside of it.
@@ -98,12 +104,15 @@ class CameraView:
     height_px: int = 480
     image_px: int = 64
     goal: VisualGoal | None = None
+    spot_px: int = 5
 
     def __post_init__(self) -> None:
         if not 1 <= self.image_px <= min(self.width_px, self.height_px):
             raise DescriptionError(
                 f"an image of {self.image_px} px cannot be made of a frame of {self.width_px} x {self.height_px}; make it smaller"
             )
+        if self.spot_px < 1:
+            raise DescriptionError(f"spots of {self.spot_px} px do not fill a frame; give 1 px or more")
         places = self.goal.places if self.goal is not None else ((0, 0),)
         if not places or not all(0 <= x < self.width_px and 0 <= y < self.height_px for x, y in places):
             raise DescriptionError(f"a goal needs places within the frame of {self.width_px} x {self.height_px} px; give some")
@@ -254,28 +263,37 @@ class Watch:
 
 
 class TwinCamera:
-    """A camera in the model of a virtual robot."""
+    """A camera in the model of a virtual robot. Where no OpenGL works, rays draw what it sees, coarser and without shine."""
 
     def __init__(self, body: Body, view: CameraView) -> None:
         self._body, self._view = body, view
-        self._renderer: Renderer | None = None
+        self._renderer: Renderer | RayCaster | None = None
 
     def frame(self) -> Frame:
         """What the camera sees now.
 
         Raises:
-            RenderingUnavailableError: no OpenGL library works here, or the robot has no picture.
+            RenderingUnavailableError: the robot has no picture.
         """
         if self._renderer is None:
             from bricksrl.twin.mujoco_body import MujocoBody
-            from bricksrl.twin.rendering import Renderer
 
             if not isinstance(self._body, MujocoBody):
                 raise RenderingUnavailableError("the virtual robot has no picture; give it a MuJoCo model or no camera")
-            view = self._view
-            # Smooth edges would take most of the time and vanish in the small image anyway.
-            self._renderer = Renderer(self._body, view.width_px, view.height_px, view.name, smooth=False)
+            self._renderer = self._open(self._body)
         return self._renderer.render()
+
+    def _open(self, body: MujocoBody) -> Renderer | RayCaster:
+        from bricksrl.twin.raycast import RayCaster
+        from bricksrl.twin.rendering import Renderer
+
+        view = self._view
+        try:
+            # Smooth edges would take most of the time and vanish in the small image anyway.
+            return Renderer(body, view.width_px, view.height_px, view.name, smooth=False)
+        except RenderingUnavailableError as error:
+            _log.info("drawing by rays: %s", error)
+            return RayCaster(body, view.width_px, view.height_px, view.name, view.spot_px)
 
     def close(self) -> None:
         """Free what OpenGL holds."""

@@ -9,6 +9,9 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+_NEAR_M = 1e-3
+"""Nothing nearer to a camera than this is seen as it is."""
+
 
 @dataclass(frozen=True)
 class Box:
@@ -52,19 +55,35 @@ class MovingParts:
 
     def box(self, data: mujoco.MjData) -> Box:
         """The part of the image that holds all of them, with a px to spare; of no width where there are none."""
-        whole = Box(0, 0, self._width, self._height)
-        turned = self._corners @ data.geom_xmat[self._geoms].reshape(-1, 3, 3).transpose(0, 2, 1)
-        corners = (turned + data.geom_xpos[self._geoms, None]).reshape(-1, 3) - data.cam_xpos[self._camera]
-        right, up, back = (corners @ data.cam_xmat[self._camera].reshape(3, 3)).T
-        if not len(back):
+        if not len(self._geoms):
             return Box(0, 0, 0, 0)
-        if back.max() > -1e-3:
-            return whole  # something is beside or behind the camera
-        columns = self._width / 2 - self._focal_px * right / back
-        rows = self._height / 2 + self._focal_px * up / back
-        left, top = max(math.floor(columns.min()) - 1, 0), max(math.floor(rows.min()) - 1, 0)
-        right_px, bottom = min(math.ceil(columns.max()) + 1, self._width), min(math.ceil(rows.max()) + 1, self._height)
-        return Box(left, top, max(right_px, left), max(bottom, top))
+        left, top, right, bottom = self._bounds(data)
+        return Box(int(left.min()), int(top.min()), int(right.max()), int(bottom.max()))
+
+    def mask(self, data: mujoco.MjData, spot_px: int) -> NDArray[np.bool_]:
+        """The squares of so many px ``[rows, columns]`` that one of them may show in."""
+        mask = np.zeros((-(-self._height // spot_px), -(-self._width // spot_px)), bool)
+        bounds = self._bounds(data)
+        bounds[2:] += spot_px - 1
+        for left, top, right, bottom in (bounds // spot_px).T:
+            mask[top:bottom, left:right] = True
+        return mask
+
+    def _bounds(self, data: mujoco.MjData) -> NDArray[np.int64]:
+        """Left, top, right and bottom of the box around each of them, with a px to spare; ``[4, geometries]``."""
+        turned = self._corners @ data.geom_xmat[self._geoms].reshape(-1, 3, 3).transpose(0, 2, 1)
+        corners = turned + data.geom_xpos[self._geoms, None] - data.cam_xpos[self._camera]
+        right, up, back = np.moveaxis(corners @ data.cam_xmat[self._camera].reshape(3, 3), -1, 0)
+        depth = np.maximum(-back, _NEAR_M)
+        columns = self._width / 2 + self._focal_px * right / depth
+        rows = self._height / 2 - self._focal_px * up / depth
+        upper_left = [np.floor(part.min(1)) - 1 for part in (columns, rows)]
+        bounds = np.array([*upper_left, *(np.ceil(part.max(1)) + 1 for part in (columns, rows))])
+        beside = back.max(1) > -_NEAR_M  # or behind the camera: it may show anywhere
+        bounds[:2, beside], bounds[2:, beside] = 0, [[self._width], [self._height]]
+        limits = np.array([[self._width], [self._height]] * 2)
+        within: NDArray[np.int64] = np.clip(bounds, 0, limits).astype(np.int64)
+        return within
 
 
 def aim(scene: mujoco.MjvScene, box: Box, width: int, height: int) -> None:
