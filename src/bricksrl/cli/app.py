@@ -15,6 +15,7 @@ from tyro.conf import FlagCreatePairsOff
 from tyro.extras import SubcommandApp
 
 import bricksrl
+from bricksrl.cli import data
 from bricksrl.cli.check import Check
 from bricksrl.cli.console import print_error, print_line
 from bricksrl.cli.evaluate import Evaluate
@@ -37,6 +38,7 @@ Examples:
   bricksrl --version
 """
 _HUB = "The program of a hub: print it, or run one of your own on a virtual hub."
+_DATA = "Datasets: look at them, mend, join and split them, bring them in and out, share them."
 
 _TWIN = "The twin of a robot: record what a robot does, fit the twin to it."
 
@@ -98,6 +100,10 @@ def _commands(arguments: Sequence[str]) -> SubcommandApp:
     add(app, "record", RecordDataset)
     add(app, "check", Check)
     app.command(hub, name="hub", help=_HUB)
+    datasets = SubcommandApp()
+    for name, command in data.COMMANDS.items():
+        add(datasets, name, command)
+    app.command(datasets, name="data", help=_DATA)
     twin = SubcommandApp()
     add(twin, "record", Record)
     add(twin, "fit", Fit)

@@ -73,7 +73,7 @@ class Description:
         """
         try:
             values = json.loads(data)
-        except ValueError:
+        except (ValueError, RecursionError):
             raise DataError(f"{where} is no JSON; restore it from a copy") from None
         if not isinstance(values, dict) or values.pop("bricksrl_dataset", None) != VERSION:
             raise DataError(f"{where} describes no dataset of this version of BricksRL; choose another")
@@ -133,8 +133,11 @@ def describe(env: EnvBase, options: dict[str, Any] | None = None) -> Description
         options: what it was made with.
     """
     task: Task | None = getattr(env, "task", None)
-    if task is None:
-        return _describe_specs(env, options or {})
+    return _describe_specs(env, options or {}) if task is None else describe_task(task, options)
+
+
+def describe_task(task: Task, options: dict[str, Any] | None = None) -> Description:
+    """The description of what is recorded in a task."""
     settle = task.interface.settle
     camera = task.camera
     return Description(

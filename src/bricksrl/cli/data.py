@@ -1,0 +1,263 @@
+"""``bricksrl data``: look at datasets, mend them, join and split them, bring them in and out, share them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+from tyro.conf import Positional, arg
+
+from bricksrl.cli.console import print_line
+from bricksrl.cli.loading import load_learning
+from bricksrl.errors import DataError
+
+
+@dataclass(frozen=True)
+class Info:
+    """Show what datasets hold: mean return, transitions, episodes, and where they come from.
+
+    The folder of a run is as good as that of its dataset.
+
+    Examples:
+      bricksrl data info datasets/walker_expert
+      bricksrl data info datasets/* --json
+    """
+
+    datasets: Annotated[Positional[tuple[Path, ...]], arg(metavar="DIR")]
+    """Folders of datasets."""
+    json: bool = False
+    """One JSON object a dataset, a line each."""
+
+    def execute(self) -> int:
+        """Print it."""
+        from bricksrl.data.summary import summarise
+
+        for path in _some(self.datasets):
+            summary = summarise(path)
+            if self.json:
+                print_line(summary.to_json())
+                continue
+            success = "" if summary.success_rate is None else f"  success {summary.success_rate:.0%}"
+            print_line(f"{path}: {summary.env} on {summary.robot or 'no robot'}, {summary.rate_hz:g} steps/s")
+            print_line(f"  episodes      {summary.episodes}{success}  broken off {summary.broken_off}")
+            print_line(f"  transitions   {summary.transitions}  ({summary.length_mean:.1f} an episode)")
+            spread = f"from {summary.return_min:.4g} to {summary.return_max:.4g}"
+            print_line(f"  return        {summary.return_mean:.4g} ± {summary.return_std:.4g}  ({spread})")
+            print_line(f"  policy        {', '.join(f'{name} ({count})' for name, count in summary.policies.items())}")
+            print_line(f"  by hand       {summary.interventions} steps")
+            print_line(
+                f"  observation   {', '.join(summary.observation)}{f', images of {summary.camera}' if summary.camera else ''}"
+            )
+            print_line(f"  action        {', '.join(summary.action)}")
+        return 0
+
+
+@dataclass(frozen=True)
+class Check:
+    """Check every file, digest and step of a dataset, without changing anything. Exit code 1 when something is wrong.
+
+    Examples:
+      bricksrl data check datasets/walker_expert
+    """
+
+    dataset: Annotated[Positional[Path], arg(metavar="DIR")]
+    """Folder of the dataset."""
+
+    def execute(self) -> int:
+        """Check and print."""
+        from bricksrl.data.check import check
+        from bricksrl.data.reading import dataset_folder
+
+        wrong = check(dataset_folder(self.dataset))
+        for line in wrong or ["all is well"]:
+            print_line(line)
+        return 1 if wrong else 0
+
+
+@dataclass(frozen=True)
+class Repair:
+    """Bring a dataset back in order after its recording was killed, or save the whole episodes of a damaged one.
+
+    Without --out the index is made anew from what is whole on the disk. With --out the dataset stays as it is, and its whole
+    episodes are written to a new one.
+
+    Examples:
+      bricksrl data repair datasets/walker_expert
+      bricksrl data repair datasets/damaged --out datasets/saved
+    """
+
+    dataset: Annotated[Positional[Path], arg(metavar="DIR")]
+    """Folder of the dataset."""
+    out: Annotated[Path | None, arg(metavar="DIR")] = None
+    """Folder for the whole episodes of a damaged dataset, which must not exist."""
+
+    def execute(self) -> int:
+        """Repair and say what was done."""
+        from bricksrl.data.edit import salvage
+        from bricksrl.data.files import only_writer
+        from bricksrl.data.layout import Layout
+        from bricksrl.data.reading import dataset_folder
+        from bricksrl.data.repair import recover
+
+        root = dataset_folder(self.dataset)
+        if self.out is not None:
+            index, lost = salvage(root, self.out)
+            for line in lost:
+                print_line(f"lost: {line}")
+            print_line(f"{len(index.rows)} episodes are in {self.out}")
+            return 0
+        if not Layout(root).description.exists():
+            raise DataError(f"there is no dataset of ours in {root}; choose another folder")
+        with only_writer(root):
+            done = recover(root, anew=True)
+        print_line(
+            f"{len(done.index.rows)} episodes; {done.adopted} new in the index, {done.unfinished} unfinished files removed"
+        )
+        return 0
+
+
+@dataclass(frozen=True)
+class Merge:
+    """Join datasets of one robot, rate and shape into a new one of few files; a single one becomes a tidy copy.
+
+    Examples:
+      bricksrl data merge datasets/monday datasets/tuesday --out datasets/both
+    """
+
+    datasets: Annotated[Positional[tuple[Path, ...]], arg(metavar="DIR")]
+    """Folders of datasets, in their order."""
+    out: Annotated[Path, arg(metavar="DIR")]
+    """Folder of the new one, which must not exist."""
+
+    def execute(self) -> int:
+        """Join."""
+        from bricksrl.data.edit import merge
+        from bricksrl.data.reading import dataset_folder
+
+        index = merge([dataset_folder(path) for path in _some(self.datasets)], self.out)
+        print_line(f"{len(index.rows)} episodes, {index.steps} steps: {self.out}")
+        return 0
+
+
+@dataclass(frozen=True)
+class Split:
+    """Split a dataset into two new ones, by episodes drawn at random.
+
+    Examples:
+      bricksrl data split datasets/walker --share 0.8 --out datasets/train --rest datasets/test
+    """
+
+    dataset: Annotated[Positional[Path], arg(metavar="DIR")]
+    """Folder of the dataset."""
+    out: Annotated[Path, arg(metavar="DIR")]
+    """Folder for the share, which must not exist."""
+    rest: Annotated[Path, arg(metavar="DIR")]
+    """Folder for the other episodes, which must not exist."""
+    share: Annotated[float, arg(metavar="SHARE")] = 0.8
+    """Of the episodes, between 0 and 1."""
+    seed: Annotated[int, arg(metavar="N")] = 0
+    """Of the draw."""
+
+    def execute(self) -> int:
+        """Split."""
+        from bricksrl.data.edit import split
+        from bricksrl.data.reading import dataset_folder
+
+        parts = split(dataset_folder(self.dataset), self.out, self.rest, self.share, self.seed)
+        for index, path in zip(parts, (self.out, self.rest), strict=True):
+            print_line(f"{len(index.rows)} episodes, {index.steps} steps: {path}")
+        return 0
+
+
+@dataclass(frozen=True)
+class Plot:
+    """Draw the returns and every channel of a dataset.
+
+    Examples:
+      bricksrl data plot datasets/walker_expert --out walker.png
+    """
+
+    dataset: Annotated[Positional[Path], arg(metavar="DIR")]
+    """Folder of the dataset."""
+    out: Annotated[Path, arg(metavar="FILE")]
+    """PNG file to write."""
+
+    def execute(self) -> int:
+        """Draw."""
+        from bricksrl.data.summary import plot
+
+        plot(self.dataset, self.out)
+        print_line(f"picture  {self.out}")
+        return 0
+
+
+@dataclass(frozen=True)
+class Import:
+    """Import the datasets of the BricksRL paper: folders of memory-mapped tensors, of one task or of all.
+
+    Examples:
+      bricksrl data import BricksRL-Datasets --out datasets/paper
+      bricksrl data import my_buffer --env Walker-v0 --out datasets/walker
+    """
+
+    source: Annotated[Positional[Path], arg(metavar="DIR")]
+    """Folder of one such dataset, or one above several."""
+    out: Annotated[Path, arg(metavar="DIR")]
+    """Folder to write to."""
+    env: Annotated[str | None, arg(metavar="ENV")] = None
+    """Environment that they are of; told by the names of the folders without it."""
+
+    def execute(self) -> int:
+        """Import."""
+        from bricksrl.data.importing import import_paper
+
+        for found in import_paper(self.source, self.out, env=self.env):
+            index = found.index
+            print_line(f"{found.source}: {index.description.env}, {len(index.rows)} episodes, {index.steps} steps: {found.out}")
+        return 0
+
+
+@dataclass(frozen=True)
+class Export:
+    """Write a dataset in the format of another tool.
+
+    Examples:
+      bricksrl data export datasets/walker --format numpy --out walker.npz
+      bricksrl data export datasets/walker --format parquet --out walker.parquet
+      bricksrl data export datasets/walker --format minari --out ~/.minari/datasets/bricksrl/walker-v0
+    """
+
+    dataset: Annotated[Positional[Path], arg(metavar="DIR")]
+    """Folder of the dataset."""
+    format: Literal["numpy", "parquet", "minari"]
+    """Format to write."""
+    out: Annotated[Path, arg(metavar="PATH")]
+    """File or folder to write, which must not exist."""
+
+    def execute(self) -> int:
+        """Export."""
+        from bricksrl.data.export import export_minari, export_numpy, export_parquet
+
+        load_learning()
+        {"numpy": export_numpy, "parquet": export_parquet, "minari": export_minari}[self.format](self.dataset, self.out)
+        print_line(f"{self.format}  {self.out}")
+        return 0
+
+
+def _some(paths: tuple[Path, ...]) -> tuple[Path, ...]:
+    if not paths:
+        raise DataError("no dataset is named; give its folder")
+    return paths
+
+
+COMMANDS: dict[str, type] = {
+    "info": Info,
+    "check": Check,
+    "repair": Repair,
+    "merge": Merge,
+    "split": Split,
+    "plot": Plot,
+    "import": Import,
+    "export": Export,
+}

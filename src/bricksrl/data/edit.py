@@ -1,0 +1,221 @@
+"""New datasets of old episodes: joined, split, saved from a damaged one. What is there is never changed.
+
+A dataset that is written here has few large files, as LeRobot likes them, where a recording has one for each episode.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import shutil
+import tempfile
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from bricksrl.data.description import Description
+from bricksrl.data.episode import EpisodeRow
+from bricksrl.data.files import TEMPORARY_PREFIX, write_durably
+from bricksrl.data.images import decode, encode
+from bricksrl.data.index import Index, read_description, read_index, write_index
+from bricksrl.data.layout import FileIndex, Layout, numbers
+from bricksrl.data.reading import check_digest, read_file
+from bricksrl.data.rows import read_rows, rows_table, sentence
+from bricksrl.data.tables import from_table, statistics, tasks_table, to_parquet, to_table
+from bricksrl.errors import DataError
+
+STEPS_PER_FILE = 20_000
+"""Where a new file begins."""
+
+
+@dataclass(frozen=True)
+class Whole:
+    """An episode with all that belongs to it: its columns ``[length, ...]``, its images, its row."""
+
+    row: EpisodeRow
+    columns: dict[str, NDArray[Any]]
+    images: NDArray[np.uint8] | None
+
+
+def merge(sources: Sequence[Path], out: Path) -> Index:
+    """Write the episodes of all ``sources``, one dataset after the other, as one; of a single one, that is a tidy copy.
+
+    Raises:
+        DataError: a source is damaged, they differ, or ``out`` exists.
+    """
+    indices = [read_index(source) for source in sources]
+    for source, index in zip(sources[1:], indices[1:], strict=True):
+        differences = indices[0].description.differences(index.description)
+        if differences:
+            raise DataError(f"{source} cannot join {sources[0]}: {'; '.join(differences)}; join data of one kind")
+    episodes = (episode for index in indices for episode in read_episodes(index, index.rows))
+    return write_dataset(out, indices[0].description, episodes)
+
+
+def split(source: Path, first: Path, second: Path, share: float, seed: int) -> tuple[Index, Index]:
+    """Write a random share of the episodes to ``first`` and the others to ``second``, each in their order.
+
+    Raises:
+        DataError: the source is damaged, a target exists, or one of them would be empty.
+    """
+    index = read_index(source)
+    count = round(share * len(index.rows))
+    if not 0 < count < len(index.rows):
+        raise DataError(f"a share of {share:g} of {len(index.rows)} episodes leaves one of the two empty; choose another")
+    chosen = set(np.random.default_rng(seed).permutation(len(index.rows))[:count].tolist())
+    parts = [[row for row in index.rows if (row.episode in chosen) is taken] for taken in (True, False)]
+    for target in (first, second):
+        _refuse_existing(target)
+    written = [
+        write_dataset(target, index.description, read_episodes(index, rows))
+        for target, rows in zip((first, second), parts, strict=True)
+    ]
+    return written[0], written[1]
+
+
+def salvage(source: Path, out: Path) -> tuple[Index, list[str]]:
+    """Write the episodes of a damaged dataset that are whole to a new one, and tell what was lost.
+
+    Raises:
+        DataError: its description is damaged, nothing is whole, or ``out`` exists.
+    """
+    layout = Layout(source)
+    _refuse_existing(out)
+    description = read_description(layout)
+    lost: list[str] = []
+    rows: list[EpisodeRow] = []
+    at = FileIndex()
+    for at in _file_indices(layout):
+        try:
+            rows += read_rows(layout.episodes(at), description)
+        except DataError as error:
+            lost.append(str(error))
+    index = Index(layout, description, tuple(sorted(rows, key=lambda row: row.episode)), at)
+    kept: list[Whole] = []
+    for row in index.rows:
+        try:
+            kept += read_episodes(index, [row])
+        except DataError as error:
+            lost.append(f"episode {row.episode}: {error}")
+    if not kept:
+        raise DataError(f"no episode in {source} is whole; restore it from a copy")
+    return write_dataset(out, description, kept), lost
+
+
+def _file_indices(layout: Layout) -> Iterator[FileIndex]:
+    for path in sorted((layout.root / "meta/episodes").glob("chunk-*/file-*.parquet")):
+        try:
+            yield FileIndex(int(path.parent.name.removeprefix("chunk-")), int(path.stem.removeprefix("file-")))
+        except ValueError:
+            continue
+
+
+def read_episodes(index: Index, rows: Iterable[EpisodeRow]) -> Iterator[Whole]:
+    """These episodes of a dataset, one by one.
+
+    Raises:
+        DataError: one is damaged.
+    """
+    key, side = index.description.image_key, index.description.image_px
+    names = [name for name, _, _ in numbers(index.description)]
+    tables: dict[FileIndex, pa.Table] = {}
+    videos: dict[FileIndex, NDArray[np.uint8]] = {}
+    for row in rows:
+        mates = [other for other in index.rows if other.data_file == row.data_file]
+        if row.data_file not in tables:
+            tables = {row.data_file: read_file(index, mates)}
+        own = tables[row.data_file].slice(row.start - mates[0].start, row.length)
+        columns = from_table(own, index.description, names, index.layout.data(row.data_file))
+        images = None
+        if key is not None and row.video_file is not None:
+            mates = [other for other in index.rows if other.video_file == row.video_file]
+            if row.video_file not in videos:
+                path = index.layout.video(key, row.video_file)
+                check_digest(path, row.video_sha256)
+                videos = {row.video_file: decode(path, sum(mate.length for mate in mates), side)}
+            at = row.start - mates[0].start
+            images = videos[row.video_file][at : at + row.length]
+        yield Whole(row, columns, images)
+
+
+def write_dataset(out: Path, description: Description, episodes: Iterable[Whole]) -> Index:
+    """Write a dataset; it is all there or not at all.
+
+    Raises:
+        DataError: ``out`` exists, or there are no episodes.
+    """
+    _refuse_existing(out)
+    out.parent.mkdir(parents=True, exist_ok=True)
+    folder = Path(tempfile.mkdtemp(dir=out.parent, prefix=TEMPORARY_PREFIX))
+    try:
+        rows: list[EpisodeRow] = []
+        layout = Layout(folder)
+        at = FileIndex()
+        for group in _groups(episodes):
+            rows += _write_group(layout, description, group, len(rows), rows[-1].start + rows[-1].length if rows else 0, at)
+            at = at.next()
+        if not rows:
+            raise DataError(f"there are no episodes to write to {out}; choose others")
+        write_durably(layout.description, description.to_json())
+        write_durably(layout.tasks, tasks_table(sentence(description)))
+        write_durably(layout.episodes(FileIndex()), to_parquet(rows_table(rows, description, FileIndex())))
+        write_index(layout, description, rows)
+        folder.chmod(0o755)
+        folder.rename(out)
+    except BaseException:
+        shutil.rmtree(folder, ignore_errors=True)
+        raise
+    return Index(Layout(out), description, tuple(rows), FileIndex())
+
+
+def _refuse_existing(out: Path) -> None:
+    if out.exists():
+        raise DataError(f"{out} exists already; choose a new folder")
+
+
+def _groups(episodes: Iterable[Whole]) -> Iterator[list[Whole]]:
+    group: list[Whole] = []
+    steps = 0
+    for episode in episodes:
+        group.append(episode)
+        steps += episode.row.length
+        if steps >= STEPS_PER_FILE:
+            yield group
+            group, steps = [], 0
+    if group:
+        yield group
+
+
+def _write_group(
+    layout: Layout, description: Description, group: Sequence[Whole], episode: int, start: int, at: FileIndex
+) -> list[EpisodeRow]:
+    """Write one data file and one video file; returns the rows of the episodes in their new places."""
+    rows, tables = [], []
+    played_s = 0.0
+    for number, whole in enumerate(group, episode):
+        length = whole.row.length
+        columns = {
+            **whole.columns,
+            "episode_index": np.full(length, number, np.int64),
+            "index": np.arange(start, start + length, dtype=np.int64),
+        }
+        tables.append(to_table(columns, description))
+        joined = {**whole.row.statistics, **statistics(columns)}
+        row = dataclasses.replace(whole.row, episode=number, start=start, data_file=at, statistics=joined)
+        rows.append(dataclasses.replace(row, video_file=at, video_start_s=played_s) if whole.images is not None else row)
+        start += length
+        played_s += length / description.rate_hz
+    data = to_parquet(pa.concat_tables(tables))
+    write_durably(layout.data(at), data)
+    rows = [dataclasses.replace(row, data_sha256=hashlib.sha256(data).hexdigest()) for row in rows]
+    shown = [whole.images for whole in group if whole.images is not None]
+    if description.image_key is not None and shown:
+        video = encode(np.concatenate(shown), description.rate_hz)
+        write_durably(layout.video(description.image_key, at), video)
+        rows = [dataclasses.replace(row, video_sha256=hashlib.sha256(video).hexdigest()) for row in rows]
+    return rows

@@ -1,0 +1,155 @@
+"""Datasets for other tools: plain NumPy, one plain Parquet file, Minari."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import shutil
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pyarrow as pa
+
+from bricksrl.data.files import write_durably
+from bricksrl.data.reading import load
+from bricksrl.data.tables import to_parquet
+from bricksrl.errors import DataError
+
+if TYPE_CHECKING:
+    from bricksrl.data.reading import Episodes
+
+
+def export_numpy(path: Path, out: Path) -> None:
+    """One ``.npz`` file of arrays over all steps, as `Episodes` has them, and ``description``, a JSON text.
+
+    Raises:
+        DataError: the dataset cannot be read, or ``out`` exists.
+    """
+    _refuse_existing(out)
+    episodes = load(path)
+    arrays: dict[str, Any] = _arrays(episodes)
+    arrays["description"] = np.array(episodes.description.to_json().decode())
+    buffer = io.BytesIO()
+    np.savez_compressed(buffer, allow_pickle=False, **arrays)
+    write_durably(out, buffer.getvalue())
+
+
+def export_parquet(path: Path, out: Path) -> None:
+    """One Parquet file with a row for each step and a column for each number, named after its channel; without images.
+
+    Raises:
+        DataError: as in `export_numpy`.
+    """
+    _refuse_existing(out)
+    episodes = load(path, images=False)
+    columns: dict[str, Any] = {}
+    names = [channel.name for channel in episodes.description.observation]
+    for prefix, values in (("", episodes.observation), ("next_", episodes.next_observation)):
+        columns |= {f"{prefix}{name}": values[:, i].numpy() for i, name in enumerate(names)}
+    columns |= {f"action_{c.name}": episodes.action[:, i].numpy() for i, c in enumerate(episodes.description.action)}
+    flat = ("reward", "terminated", "truncated", "episode", "intervention", "age_s", "hub_time_s")
+    columns |= {name: getattr(episodes, name).numpy() for name in flat}
+    units = {c.name: c.unit for c in episodes.description.observation}
+    about = {"env": episodes.description.env, "units": json.dumps(units)}
+    write_durably(out, to_parquet(pa.table(columns).replace_schema_metadata(about)))
+
+
+def export_minari(path: Path, out: Path) -> None:
+    """A Minari dataset ``out``, a folder as Minari keeps them: ``namespace/name-v0`` below any folder.
+
+    `minari.load_dataset` finds it when ``MINARI_DATASETS_PATH`` names that folder.
+
+    Raises:
+        DataError: as in `export_numpy`; also when Minari is not installed, or ``out`` does not end like ``bricksrl/walker-v0``.
+    """
+    try:
+        import minari
+        from minari.data_collector import EpisodeBuffer
+    except ImportError as error:
+        raise DataError("no Minari is here to write its format; install it: pip install 'minari[hdf5]'") from error
+    _refuse_existing(out)
+    episodes = load(path)
+    name = f"{out.parent.name}/{out.name}"
+    buffers = [EpisodeBuffer(**_minari_episode(episodes, k)) for k in range(len(episodes.rows))]
+    with _datasets_in(out.parent.parent), warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # it would like to know authors
+        try:
+            minari.create_dataset_from_buffers(
+                name,
+                buffers,
+                observation_space=_observation_space(episodes),
+                action_space=_box(-1.0, 1.0, episodes.action.shape[-1]),
+                algorithm_name=", ".join(dict.fromkeys(row.about.policy for row in episodes.rows)),
+                description=f"{episodes.description.env}, recorded with BricksRL",
+                data_format="hdf5",
+                jpeg_encoding=False,
+            )
+        except ValueError as error:
+            shutil.rmtree(out, ignore_errors=True)
+            raise DataError(f"Minari refuses the name {name} ({error}); end the path like bricksrl/walker-v0") from None
+
+
+def _minari_episode(episodes: Episodes, episode: int) -> dict[str, Any]:
+    at = (episodes.episode == episode).numpy()
+    states = np.concatenate((episodes.observation[at].numpy(), episodes.next_observation[at][-1:].numpy()))
+    observations: Any = states
+    if episodes.image is not None and episodes.next_image is not None:
+        images = np.concatenate((episodes.image[at].numpy(), episodes.next_image[at][-1:].numpy()))
+        observations = {"observation": states, "image": images}
+    return {
+        "id": episode,
+        "seed": episodes.rows[episode].about.seed,
+        "observations": observations,
+        "actions": episodes.action[at].numpy(),
+        "rewards": episodes.reward[at].tolist(),
+        "terminations": episodes.terminated[at].tolist(),
+        "truncations": episodes.truncated[at].tolist(),
+        "infos": {"intervention": [False, *episodes.intervention[at].tolist()]},
+    }
+
+
+def _box(low: float, high: float, n: int) -> Any:
+    import gymnasium
+
+    return gymnasium.spaces.Box(low, high, (n,), np.float32)
+
+
+def _observation_space(episodes: Episodes) -> Any:
+    import gymnasium
+
+    box = _box(-np.inf, np.inf, episodes.observation.shape[-1])
+    if episodes.image is None:
+        return box
+    image = gymnasium.spaces.Box(0, 255, tuple(episodes.image.shape[1:]), np.uint8)
+    return gymnasium.spaces.Dict({"observation": box, "image": image})
+
+
+@contextmanager
+def _datasets_in(folder: Path) -> Iterator[None]:
+    """Minari takes its folder from the environment alone."""
+    before = os.environ.get("MINARI_DATASETS_PATH")
+    os.environ["MINARI_DATASETS_PATH"] = str(folder.resolve())
+    try:
+        yield
+    finally:
+        if before is None:
+            del os.environ["MINARI_DATASETS_PATH"]
+        else:
+            os.environ["MINARI_DATASETS_PATH"] = before
+
+
+def _arrays(episodes: Episodes) -> dict[str, Any]:
+    names = ("observation", "action", "reward", "next_observation", "terminated", "truncated", "episode", "intervention")
+    found = {name: getattr(episodes, name).numpy() for name in (*names, "age_s", "hub_time_s")}
+    shown = {name: getattr(episodes, name) for name in ("image", "next_image")}
+    return {**found, **{name: image.numpy() for name, image in shown.items() if image is not None}}
+
+
+def _refuse_existing(out: Path) -> None:
+    if out.exists():
+        raise DataError(f"{out} exists already; choose another name")

@@ -1,0 +1,164 @@
+"""A dataset in numbers, as the paper's table of datasets has them, and in pictures."""
+
+from __future__ import annotations
+
+import dataclasses
+import io
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bricksrl.data.files import write_durably
+from bricksrl.data.index import Index, read_index
+from bricksrl.data.layout import ACTION, OBSERVATION
+from bricksrl.data.reading import dataset_folder, read_columns
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+_INK, _MUTED, _BAR, _MARK, _DARK = "#1f2430", "#6b7280", "#9fb8dc", "#0b5cad", "#08306b"
+_COLUMNS = 4
+
+
+@dataclass(frozen=True)
+class Summary:
+    """What a dataset holds.
+
+    Attributes:
+        return_mean, return_std: of the returns of the episodes; the paper calls the first one mean reward.
+        success_rate: share of the episodes that the task calls a success; ``None`` where it never says.
+        broken_off: episodes that did not come to their own end.
+        interventions: steps whose action a human chose.
+        age_mean_s: mean age of an observation when the action left.
+        policies: what chose the actions, and in how many episodes.
+    """
+
+    env: str
+    robot: str | None
+    episodes: int
+    transitions: int
+    return_mean: float
+    return_std: float
+    return_min: float
+    return_max: float
+    length_mean: float
+    success_rate: float | None
+    broken_off: int
+    interventions: int
+    age_mean_s: float
+    policies: dict[str, int]
+    rate_hz: float
+    observation: tuple[str, ...]
+    action: tuple[str, ...]
+    camera: str | None
+
+    def to_json(self) -> str:
+        """One JSON object on one line."""
+        return json.dumps(dataclasses.asdict(self))
+
+
+def summarise(path: Path) -> Summary:
+    """The numbers of a dataset.
+
+    Raises:
+        DataError: there is none, or it is damaged.
+    """
+    index = read_index(dataset_folder(path))
+    ages = read_columns(index, ["age_s"])["age_s"]
+    returns = np.array([row.return_ for row in index.rows])
+    successes = [row.about.success for row in index.rows if row.about.success is not None]
+    names = [row.about.policy for row in index.rows]
+    return Summary(
+        env=index.description.env,
+        robot=index.description.robot.get("name"),
+        episodes=len(returns),
+        transitions=index.steps,
+        return_mean=float(returns.mean()),
+        return_std=float(returns.std()),
+        return_min=float(returns.min()),
+        return_max=float(returns.max()),
+        length_mean=index.steps / len(returns),
+        success_rate=sum(successes) / len(successes) if successes else None,
+        broken_off=sum(not row.about.whole for row in index.rows),
+        interventions=sum(row.interventions for row in index.rows),
+        age_mean_s=float(ages.mean()),
+        policies={name: names.count(name) for name in dict.fromkeys(names)},
+        rate_hz=index.description.rate_hz,
+        observation=tuple(channel.name for channel in index.description.observation),
+        action=tuple(channel.name for channel in index.description.action),
+        camera=index.description.camera,
+    )
+
+
+def plot(path: Path, out: Path) -> None:
+    """Draw the returns, and every channel and action over the steps of an episode, into a PNG file.
+
+    Raises:
+        DataError: there is no dataset, or it is damaged.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    index = read_index(dataset_folder(path))
+    columns = read_columns(index, [OBSERVATION, ACTION, "next.reward", "frame_index"])
+    panels = _panels(index, columns)
+    rows = -(-(len(panels) + 2) // _COLUMNS)
+    figure = Figure(figsize=(4.0 * _COLUMNS, 2.6 * rows), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots(rows, _COLUMNS, squeeze=False).flatten()
+    _returns(axes[0], axes[1], np.array([row.return_ for row in index.rows]))
+    for panel, (title, values) in zip(axes[2:], panels, strict=False):
+        _density(panel, title, columns["frame_index"], values)
+    for unused in axes[2 + len(panels) :]:
+        unused.set_visible(False)
+    title = f"{index.description.env} · {len(index.rows)} episodes · {index.steps} steps"
+    figure.suptitle(title, x=0.01, ha="left", color=_INK, fontsize=13, fontweight="bold")
+    png = io.BytesIO()
+    figure.savefig(png, format="png", dpi=100)
+    write_durably(out, png.getvalue())
+
+
+def _panels(index: Index, columns: dict[str, NDArray[Any]]) -> list[tuple[str, NDArray[Any]]]:
+    """Title and values ``[N]`` of each."""
+    found: list[tuple[str, NDArray[Any]]] = []
+    for i, channel in enumerate(index.description.observation):
+        found.append((f"{channel.name} [{channel.unit}]" if channel.unit else channel.name, columns[OBSERVATION][:, i]))
+    for i, channel in enumerate(index.description.action):
+        found.append((f"action: {channel.name}", columns[ACTION][:, i]))
+    return [*found, ("reward", columns["next.reward"])]
+
+
+def _returns(left: Axes, right: Axes, returns: NDArray[np.float64]) -> None:
+    left.hist(returns, bins=min(30, max(5, len(returns) // 3)), color=_BAR)
+    left.axvline(float(returns.mean()), color=_MARK, linewidth=2)
+    left.set_title(f"returns: mean {returns.mean():.4g}, deviation {returns.std():.3g}", fontsize=10, color=_INK, loc="left")
+    left.set_ylabel("episodes", fontsize=8, color=_MUTED)
+    right.plot(np.arange(len(returns)), returns, ".", color=_MARK, markersize=4)
+    right.set_title("return of each episode", fontsize=10, color=_INK, loc="left")
+    right.set_xlabel("episode", fontsize=8, color=_MUTED)
+    for axes in (left, right):
+        _tidy(axes)
+
+
+def _density(axes: Axes, title: str, step: NDArray[Any], values: NDArray[Any]) -> None:
+    """How often which value occurs at which step of an episode: dark is often."""
+    from matplotlib.colors import LinearSegmentedColormap
+
+    colours = LinearSegmentedColormap.from_list("often", [_BAR, _DARK])
+    steps = int(step.max()) + 1
+    low, high = float(values.min()), float(values.max())
+    if low == high:
+        low, high = low - 0.5, high + 0.5
+    axes.hist2d(step, values, bins=(min(steps, 100), 40), range=((0, steps), (low, high)), cmap=colours, cmin=1)
+    axes.set_title(title, fontsize=10, color=_INK, loc="left")
+    axes.set_xlabel("step", fontsize=8, color=_MUTED)
+    _tidy(axes)
+
+
+def _tidy(axes: Axes) -> None:
+    axes.tick_params(colors=_MUTED, length=2, labelsize=8)
+    axes.spines[["top", "right"]].set_visible(False)

@@ -1,0 +1,98 @@
+from __future__ import annotations
+
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from toy_data import SEEING, TOY, record
+
+from bricksrl.data import Episodes, load
+from bricksrl.data.check import check
+from bricksrl.data.edit import merge, salvage, split
+from bricksrl.errors import DataError
+
+
+def same(ours: Episodes, theirs: Episodes) -> bool:
+    names = ("observation", "action", "reward", "next_observation", "terminated", "truncated", "episode", "intervention")
+    pairs = [(getattr(ours, name), getattr(theirs, name)) for name in names]
+    pairs += [(a, b) for a, b in ((ours.image, theirs.image), (ours.next_image, theirs.next_image)) if a is not None]
+    about = [row.about for row in ours.rows] == [row.about for row in theirs.rows]
+    return all(np.array_equal(a, b) for a, b in pairs) and about
+
+
+@pytest.mark.parametrize("description", [TOY, SEEING])
+def test_joined_data_are_those_of_one_recording(tmp_path: Path, description) -> None:
+    parts = [
+        record(tmp_path / "a", (3, 5), description),
+        record(tmp_path / "b", (4,), description, first_seed=2),
+    ]
+    merge(parts, tmp_path / "joined")
+    whole = load(record(tmp_path / "whole", (3, 5, 4), description))
+    assert same(load(tmp_path / "joined"), whole)
+    assert len(list((tmp_path / "joined/data").rglob("*.parquet"))) == 1
+    assert check(tmp_path / "joined") == []
+    record(tmp_path / "joined", (2,), description, first_seed=3)  # a recording goes on in it
+    assert len(load(tmp_path / "joined").rows) == 4 and check(tmp_path / "joined") == []
+
+
+def test_a_new_file_begins_where_one_is_full(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("bricksrl.data.edit.STEPS_PER_FILE", 7)
+    source = record(tmp_path / "a", (3, 5, 4, 2), SEEING)
+    merge([source], tmp_path / "tidy")
+    assert len(list((tmp_path / "tidy/data").rglob("*.parquet"))) == len(list((tmp_path / "tidy/videos").rglob("*.mp4"))) == 2
+    assert same(load(tmp_path / "tidy"), load(source)) and check(tmp_path / "tidy") == []
+
+
+def test_data_of_another_kind_cannot_join(tmp_path: Path) -> None:
+    parts = [record(tmp_path / "a"), record(tmp_path / "b", description=replace(TOY, rate_hz=5.0))]
+    with pytest.raises(DataError, match="rate_hz 5.0 instead of 4.0"):
+        merge(parts, tmp_path / "joined")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a", "b"]
+
+
+def test_nothing_is_overwritten(tmp_path: Path) -> None:
+    source = record(tmp_path / "a")
+    (tmp_path / "there").mkdir()
+    for write in (lambda out: merge([source], out), lambda out: split(source, tmp_path / "x", out, 0.5, 0)):
+        with pytest.raises(DataError, match="exists already"):
+            write(tmp_path / "there")
+    assert not (tmp_path / "x").exists()
+
+
+def test_a_split_has_every_episode_once(tmp_path: Path) -> None:
+    source = record(tmp_path / "a", (3, 4, 5, 6, 7))
+    split(source, tmp_path / "most", tmp_path / "rest", 0.6, 1)
+    seeds = [[row.about.seed for row in load(tmp_path / name).rows] for name in ("most", "rest")]
+    assert len(seeds[0]) == 3 and sorted(seeds[0] + seeds[1]) == [0, 1, 2, 3, 4]
+    split(source, tmp_path / "other", tmp_path / "rest of it", 0.6, 2)
+    assert [row.about.seed for row in load(tmp_path / "other").rows] != seeds[0]
+    with pytest.raises(DataError, match="empty"):
+        split(source, tmp_path / "all", tmp_path / "none", 1.0, 0)
+
+
+def test_what_is_whole_is_saved_from_a_damaged_dataset(tmp_path: Path) -> None:
+    root = record(tmp_path / "a", (3, 4, 5, 6))
+    data = root / "data/chunk-000/file-001.parquet"
+    data.write_bytes(data.read_bytes()[:-50])
+    (root / "meta/episodes/chunk-000/file-002.parquet").write_bytes(b"PAR1 no longer PAR1")
+    with pytest.raises(DataError):
+        load(root)
+    index, lost = salvage(root, tmp_path / "saved")
+    assert [row.about.seed for row in index.rows] == [0, 3] and len(lost) == 2
+    assert check(tmp_path / "saved") == []
+
+
+def test_a_check_names_what_is_wrong(tmp_path: Path) -> None:
+    assert check(record(tmp_path / "good", description=SEEING)) == []
+    root = record(tmp_path / "a")
+    (root / "data/chunk-000/notes.pkl").write_bytes(b"\x80\x04.")
+    (root / "meta/.part-abc").write_bytes(b"half")
+    (root / "meta/stats.json").unlink()
+    shutil.copy(root / "data/chunk-000/file-000.parquet", root / "data/chunk-000/file-002.parquet")
+    wrong = "\n".join(check(root))
+    assert "notes.pkl is no file of a dataset; it was not opened" in wrong
+    assert ".part-abc was left by a recording" in wrong
+    assert "stats.json is missing" in wrong
+    assert "episode 2: " in wrong and "is damaged" in wrong

@@ -1,0 +1,84 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+import torch
+from toy_data import SEEING, record
+
+from bricksrl.data import load
+from bricksrl.data.export import export_minari, export_numpy, export_parquet
+from bricksrl.data.replay import replay
+from bricksrl.data.summary import plot, summarise
+from bricksrl.errors import DataError
+
+
+def test_numpy_has_everything_and_no_pickle(tmp_path: Path) -> None:
+    episodes = load(record(tmp_path / "set", description=SEEING))
+    export_numpy(tmp_path / "set", tmp_path / "set.npz")
+    with np.load(tmp_path / "set.npz", allow_pickle=False) as found:
+        for name in ("observation", "action", "reward", "next_observation", "truncated", "episode", "image", "next_image"):
+            assert np.array_equal(found[name], getattr(episodes, name)), name
+        assert "Toy-v0" in str(found["description"])
+    with pytest.raises(DataError, match="exists already"):
+        export_numpy(tmp_path / "set", tmp_path / "set.npz")
+
+
+def test_parquet_names_its_columns_after_the_channels(tmp_path: Path) -> None:
+    episodes = load(record(tmp_path / "set"))
+    export_parquet(tmp_path / "set", tmp_path / "set.parquet")
+    table = pq.read_table(tmp_path / "set.parquet")
+    assert table["distance"].to_pylist() == episodes.observation[:, 1].tolist()
+    assert table["next_angle"].to_pylist() == episodes.next_observation[:, 0].tolist()
+    assert table["action_motor"].to_pylist() == episodes.action[:, 0].tolist()
+    assert table["reward"].to_pylist() == episodes.reward.tolist()
+
+
+@pytest.mark.filterwarnings("ignore")  # of Minari's own
+def test_minari_reads_what_was_exported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    import minari
+
+    episodes = load(record(tmp_path / "set", (3, 5)))
+    export_minari(tmp_path / "set", tmp_path / "minari/bricksrl/toy-v0")
+    monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path / "minari"))
+    dataset = minari.load_dataset("bricksrl/toy-v0")
+    assert (dataset.total_episodes, dataset.total_steps) == (2, 8)
+    second = dataset[1]
+    at = episodes.episode == 1
+    assert np.array_equal(second.observations[:-1], episodes.observation[at])
+    assert np.array_equal(second.observations[-1], episodes.next_observation[at][-1])
+    assert np.array_equal(second.actions, episodes.action[at]) and np.allclose(second.rewards, episodes.reward[at])
+    assert second.truncations.tolist() == episodes.truncated[at].tolist()
+    with pytest.raises(DataError, match="end the path like"):
+        export_minari(tmp_path / "set", tmp_path / "minari/bricksrl/no version")
+
+
+def test_torchrl_samples_from_it(tmp_path: Path) -> None:
+    episodes = load(record(tmp_path / "set", (6, 8)))
+    torch.manual_seed(0)
+    batch = replay(tmp_path / "set", batch_size=64).sample()
+    assert batch["observation"].shape == (64, 2) and batch["action"].shape == (64, 1)
+    assert batch["next", "reward"].shape == batch["next", "done"].shape == batch["next", "terminated"].shape == (64, 1)
+    rows = [int((episodes.observation == row).all(1).nonzero()) for row in batch["observation"]]
+    assert torch.equal(batch["episode"], episodes.episode[rows])
+    assert len(set(rows)) == 14
+    assert torch.equal(batch["next", "observation"], episodes.next_observation[rows])
+    assert torch.equal(batch["next", "reward"][:, 0], episodes.reward[rows])
+    runs = replay(tmp_path / "set", batch_size=12, slice_len=4).sample()
+    starts = runs["observation"].view(3, 4, 2)
+    assert torch.equal(starts[:, 1:], runs["next", "observation"].view(3, 4, 2)[:, :-1])
+
+
+def test_a_summary_counts_what_is_there(tmp_path: Path) -> None:
+    episodes = load(record(tmp_path / "set", (3, 5, 4)))
+    summary = summarise(tmp_path / "set")
+    assert (summary.episodes, summary.transitions, summary.policies) == (3, 12, {"random": 3})
+    assert summary.return_mean == pytest.approx(episodes.returns().mean()) and summary.success_rate == pytest.approx(2 / 3)
+    assert summary.interventions == int(episodes.intervention.sum()) and summary.age_mean_s == pytest.approx(0.02)
+
+
+def test_a_picture_is_drawn(tmp_path: Path) -> None:
+    plot(record(tmp_path / "set"), tmp_path / "set.png")
+    assert (tmp_path / "set.png").read_bytes().startswith(b"\x89PNG")

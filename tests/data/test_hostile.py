@@ -1,0 +1,148 @@
+"""Damaged, truncated, foreign and hostile datasets: one error of ours, nothing executed, nothing written."""
+
+from __future__ import annotations
+
+import io
+import json
+import pickle
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from test_edit import same
+from toy_data import TOY, record
+
+from bricksrl.data import Episodes, Recorder, load
+from bricksrl.data.edit import merge
+from bricksrl.errors import DataError
+
+EXPLODED = Path(__file__).with_name("exploded")
+INFO, ROWS, DATA = "meta/info.json", "meta/episodes/chunk-000/file-001.parquet", "data/chunk-000/file-001.parquet"
+
+
+class Bomb:
+    def __reduce__(self):
+        return (Path.touch, (EXPLODED,))
+
+
+@pytest.fixture(scope="module")
+def sound(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Episodes]:
+    root = record(tmp_path_factory.mktemp("sound") / "set")
+    return root, load(root)
+
+
+def contents(root: Path) -> dict[str, bytes]:
+    return {str(path.relative_to(root)): path.read_bytes() for path in root.rglob("*") if path.is_file()}
+
+
+def is_prefix(ours: Episodes, theirs: Episodes) -> bool:
+    n = len(ours)
+    return np.array_equal(ours.observation, theirs.observation[:n]) and np.array_equal(ours.reward, theirs.reward[:n])
+
+
+@settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(st.sampled_from([DATA, ROWS, INFO, "meta/bricksrl.json"]), st.integers(0, 10**9), st.integers(1, 255), st.booleans())
+def test_a_truncated_or_flipped_file_never_gives_wrong_data(tmp_path_factory, sound, name, place, mask, cut) -> None:
+    root, wanted = sound
+    damaged = tmp_path_factory.mktemp("damaged") / "set"
+    shutil.copytree(root, damaged)
+    data = bytearray((damaged / name).read_bytes())
+    if cut:
+        del data[place % len(data) :]
+    else:
+        data[place % len(data)] ^= mask
+    (damaged / name).write_bytes(data)
+    before = contents(damaged)
+    try:
+        found = load(damaged)
+    except DataError:
+        pass
+    else:
+        # The index may count fewer episodes now, and names and ranges are texts and numbers as good as others.
+        assert is_prefix(found, wanted) if name == INFO else np.array_equal(found.observation, wanted.observation)
+        assert same(found, wanted) or name != DATA
+    assert contents(damaged) == before
+    shutil.rmtree(damaged)
+
+
+def bomb_as_type() -> bytes:
+    """An Arrow extension type whose metadata is a pickle, which old readers of Arrow executed."""
+    sink = io.BytesIO()
+    metadata = {b"ARROW:extension:name": b"arrow.py_extension_type", b"ARROW:extension:metadata": pickle.dumps(Bomb())}
+    field = pa.field("index", pa.int64(), metadata=metadata)
+    pq.write_table(pa.Table.from_arrays([pa.array([1])], schema=pa.schema([field])), sink)
+    return sink.getvalue()
+
+
+@pytest.mark.parametrize("content", [pickle.dumps(Bomb()), b"", b"\0" * 1000, bomb_as_type(), b'{"a": 1}', b"[" * 100_000])
+@pytest.mark.parametrize("name", [DATA, ROWS, INFO, "meta/bricksrl.json"])
+def test_a_foreign_file_is_one_error_and_is_not_executed(tmp_path: Path, name: str, content: bytes) -> None:
+    root = record(tmp_path / "set")
+    (root / name).write_bytes(content)
+    before = contents(root)
+    for act in (load, lambda path: merge([path], tmp_path / "out")):
+        with pytest.raises(DataError) as error:
+            act(root)
+        assert "\n" not in str(error.value)
+    if name != DATA:  # the recorder reads no data
+        with pytest.raises(DataError):
+            Recorder(root, TOY)
+    assert contents(root) == before
+    assert not EXPLODED.exists() and not (tmp_path / "out").exists()
+
+
+def edit_rows(root: Path, **cells: object) -> None:
+    table = pq.read_table(root / ROWS)
+    for name, value in cells.items():
+        column = table.schema.get_field_index(name)
+        table = table.set_column(column, table.schema.field(column), pa.array([value], table.schema.field(column).type))
+    pq.write_table(table, root / ROWS)
+
+
+@pytest.mark.parametrize(
+    "cells",
+    [
+        {"length": 10**15},
+        {"length": -1},
+        {"dataset_from_index": 0},
+        {"data/file_index": 0},
+        {"data/file_index": -1},
+        {"episode_index": 7},
+        {"versions": "no json"},
+        {"versions": "[" * 50_000},
+    ],
+)
+def test_rows_that_lie_are_noticed(tmp_path: Path, cells: dict[str, object]) -> None:
+    root = record(tmp_path / "set")
+    edit_rows(root, **cells)
+    with pytest.raises(DataError):
+        load(root)
+
+
+def test_paths_in_the_index_lead_nowhere_else(tmp_path: Path) -> None:
+    root = record(tmp_path / "set")
+    info = json.loads((root / INFO).read_text())
+    (root / INFO).write_text(json.dumps({**info, "data_path": "../../secret/{chunk_index}{file_index}"}))
+    with pytest.raises(DataError, match="disagree"):
+        load(root)
+
+
+@pytest.mark.parametrize(
+    ("make", "told"),
+    [
+        (lambda root: None, "there is no dataset"),
+        (lambda root: (root / "meta").mkdir(parents=True), "there is no dataset"),
+        (lambda root: (record(root), (root / "meta/bricksrl.json").unlink()), "not made by BricksRL"),
+        (lambda root: (record(root), (root / DATA).unlink()), "cannot read"),
+        (lambda root: (record(root), (root / ROWS).unlink()), "counts 3 episodes and meta/episodes holds 1"),
+    ],
+)
+def test_what_is_missing_is_named(tmp_path: Path, make, told: str) -> None:
+    make(tmp_path / "set")
+    with pytest.raises(DataError, match=told):
+        load(tmp_path / "set")

@@ -1,0 +1,126 @@
+from __future__ import annotations
+
+import json
+import pickle
+from pathlib import Path
+
+import pytest
+import torch
+from tensordict import TensorDict
+
+from bricksrl.data import load
+from bricksrl.data.check import check
+from bricksrl.data.importing import import_paper
+from bricksrl.envs import get_task
+from bricksrl.errors import DataError
+
+
+def save(folder: Path, observation: torch.Tensor, action: torch.Tensor, reward: torch.Tensor, done: torch.Tensor, **more) -> None:
+    """As the released code saves its buffer: ``observation`` ``[steps + 1, n]`` of episodes that end where ``done`` is set."""
+    n = len(action)
+    root = {"observation": observation[:-1].clone(), **{key: value[:-1].clone() for key, value in more.items()}}
+    after = {"observation": observation[1:].clone(), **{key: value[1:].clone() for key, value in more.items()}}
+    for i in done.nonzero().flatten().tolist():  # each episode starts anew
+        if i + 1 < n:
+            root["observation"][i + 1] += 1.0
+    flag = done[:, None]
+    data = TensorDict(
+        {
+            **root,
+            "action": action,
+            "index": torch.arange(n),
+            "done": torch.zeros_like(flag),
+            "terminated": torch.zeros_like(flag),
+            "next": TensorDict({**after, "reward": reward[:, None], "done": flag, "terminated": flag}, [n]),
+        },
+        [n],
+    )
+    data.memmap(folder)
+
+
+def test_the_walkers_data_come_in_our_order(tmp_path: Path) -> None:
+    observation = torch.tensor([[-170.0, 10, 20, 179, 1, 2, 300 + i] for i in range(131)])
+    action = torch.rand(130, 4)
+    done = torch.zeros(130, dtype=torch.bool)
+    done[99] = done[119] = True
+    save(tmp_path / "Walker/expert_data", observation, action, torch.full((130,), -0.5), done)
+    imported = import_paper(tmp_path, tmp_path / "ours")
+    assert [found.out.name for found in imported] == ["Walker-v0-expert"]
+    episodes = load(tmp_path / "ours/Walker-v0-expert")
+    assert [row.length for row in episodes.rows] == [100, 20, 10]
+    assert episodes.observation[0].tolist() == [190.0, 10.0, 20.0, 179.0, 1.0, 2.0, 300.0]
+    assert torch.equal(episodes.action, action[:, [0, 2, 1, 3]])
+    ends = [(bool(episodes.terminated[i]), bool(episodes.truncated[i])) for i in (99, 119, 129)]
+    assert ends == [(False, True), (True, False), (False, True)]  # time limit; fall; the buffer ends in an episode
+    assert [row.about.whole for row in episodes.rows] == [True, True, False]
+    assert [c.name for c in episodes.description.observation] == [e.name for e in get_task("Walker-v0").entries]
+    assert check(tmp_path / "ours/Walker-v0-expert") == []
+
+
+def test_an_acceleration_is_not_called_a_distance(tmp_path: Path) -> None:
+    observation = torch.tensor([[0.0, 0, 0, 0, 0, 0, -900.0 + i] for i in range(11)])
+    save(tmp_path / "old", observation, torch.zeros(10, 4), torch.zeros(10), torch.zeros(10, dtype=torch.bool))
+    import_paper(tmp_path / "old", tmp_path / "ours", env="Walker-v0")
+    assert load(tmp_path / "ours").description.observation[-1].name == "acceleration_x"
+
+
+def test_all_four_tasks_expert_and_random(tmp_path: Path) -> None:
+    sizes = {"Walker": (7, 4), "RoboArm": (4, 4), "2Wheeler/RunAway": (5, 1), "2Wheeler/Spinning": (6, 2)}
+    for name, (n, m) in sizes.items():
+        for policy in ("expert_data", "random_data"):
+            goal = {"goal_observation": torch.tensor([[-100.0, -70, 40, -90]]).repeat(21, 1)} if name == "RoboArm" else {}
+            done = torch.arange(20) % 10 == 9
+            save(tmp_path / "paper" / name / policy, 10 + torch.rand(21, n), torch.rand(20, m), torch.rand(20), done, **goal)
+    imported = import_paper(tmp_path / "paper", tmp_path / "ours")
+    tasks = ("RoboArm-v0", "RunAway-v0", "Spinning-v0", "Walker-v0")
+    assert sorted(found.out.name for found in imported) == [
+        f"{task}-{policy}" for task in tasks for policy in ("expert", "random")
+    ]
+    arm = load(tmp_path / "ours/RoboArm-v0-random")
+    assert arm.observation.shape == (20, 8) and arm.observation[0, 4:].tolist() == [270.0, 40.0, -70.0, -100.0]
+    assert [row.length for row in arm.rows] == [10, 10] and bool(arm.terminated[9])
+
+
+class Bomb:
+    def __reduce__(self):
+        return (Path.touch, (Path(__file__).with_name("exploded"),))
+
+
+@pytest.mark.parametrize(
+    ("damage", "told"),
+    [
+        (lambda root: (root / "meta.json").write_text("{"), "no JSON"),
+        (lambda root: (root / "meta.json").write_text("[1]"), "describes no tensors"),
+        (lambda root: (root / "action.memmap").write_bytes(b"1234"), "has 4 bytes"),
+        (lambda root: (root / "action.memmap").unlink(), "cannot read"),
+        (lambda root: (root / "meta.json").write_bytes(pickle.dumps(Bomb())), "no JSON"),
+        (lambda root: (root / "next/meta.json").write_text("{}"), "no tensor observation"),
+        (lambda root: replace_in(root / "meta.json", '"action"', '"../../secret"'), "none of the paper's"),
+        (lambda root: replace_in(root / "meta.json", "torch.float32", "torch.complex64"), "none of the paper's"),
+    ],
+)
+def test_damaged_and_hostile_folders_are_one_error(tmp_path: Path, damage, told) -> None:
+    root = tmp_path / "RunAway"
+    save(root, torch.rand(5, 5), torch.rand(4, 1), torch.rand(4), torch.zeros(4, dtype=torch.bool))
+    (root / "other.pickle").write_bytes(pickle.dumps(Bomb()))
+    damage(root)
+    with pytest.raises(DataError, match=told):
+        import_paper(root, tmp_path / "ours")
+    assert not (tmp_path / "ours").exists() and not Path(__file__).with_name("exploded").exists()
+
+
+def replace_in(path: Path, old: str, new: str) -> None:
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new))
+
+
+def test_a_task_that_nothing_tells_is_asked_for(tmp_path: Path) -> None:
+    save(tmp_path / "buffer", torch.rand(5, 5), torch.rand(4, 1), torch.rand(4), torch.zeros(4, dtype=torch.bool))
+    with pytest.raises(DataError, match="--env"):
+        import_paper(tmp_path / "buffer", tmp_path / "ours")
+    with pytest.raises(DataError, match="observes 5 numbers"):
+        import_paper(tmp_path / "buffer", tmp_path / "ours", env="Spinning-v0")
+    with pytest.raises(DataError, match="there is no dataset"):
+        import_paper(tmp_path / "nowhere", tmp_path / "ours")
+    assert json.loads((tmp_path / "buffer/meta.json").read_text())
