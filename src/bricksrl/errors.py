@@ -61,3 +61,7 @@ class CheckpointError(RunError):
 
 class DataError(BricksError):
     """A dataset that is missing, damaged, of another kind, or in the way."""
+
+
+class LearnerError(BricksError):
+    """The process that learns beside a robot failed or died."""

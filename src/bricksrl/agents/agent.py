@@ -45,7 +45,7 @@ class Transitions:
         return len(self.reward)
 
 
-def look(agent: Agent, state: TensorDictBase) -> Tensor:
+def look(agent: object, state: TensorDictBase) -> Tensor:
     """What of an environment's state an agent gets: the observation ``[n]``, and the image where it sees.
 
     The two then come as a TensorDict of ``observation`` and ``image``, uint8 ``[side, side, 3]``.

@@ -16,7 +16,7 @@ from bricksrl.twin.physics import Physics
 
 @dataclass(frozen=True)
 class TrainConfig:
-    """A training run. Two runs with equal configs on the virtual hub end bit-identical."""
+    """A training run. Two synchronous runs with equal configs on the virtual hub end bit-identical."""
 
     env: str
     """Environment, by id, or a task of your own as `bricksrl.make` takes it."""
@@ -30,6 +30,11 @@ class TrainConfig:
     """How to reach the robot."""
     realtime: bool = False
     """Let a virtual robot take as long as a real one."""
+    asynchronous: bool | None = None
+    """Learn beside the robot, in a process of its own, rather than while the robot waits; without a word, where the robot takes
+    real time. Synchronous runs are repeatable, asynchronous ones are not."""
+    patience_s: float = 300.0
+    """How long to try to reach a robot again whose link broke; 0 gives up at once."""
     randomize: bool = False
     """Draw another physics of the virtual robot for each episode."""
     physics: Physics | None = None
@@ -46,6 +51,10 @@ class TrainConfig:
             raise RunError(f"seed is {self.seed}; give 0 or more")
         if self.randomize and self.physics is not None:
             raise RunError("the physics is given and is to be random too; choose one of the two")
+        if not self.patience_s >= 0:
+            raise RunError(f"patience_s is {self.patience_s}; give 0 or more seconds")
+        if self.asynchronous is None:
+            object.__setattr__(self, "asynchronous", self.realtime or self.hub != "virtual")
         if self.settings is None and self.agent in AGENTS:
             # written down, whatever a later version has
             object.__setattr__(self, "settings", settings_for(self.env, "default", self.agent))

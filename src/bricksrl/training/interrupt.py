@@ -56,6 +56,16 @@ class Interruption:
         finally:
             self._held_back = False
 
+    def wait(self, duration_s: float) -> None:
+        """Wait, for less time where the run is to end meanwhile.
+
+        Raises:
+            KeyboardInterrupt: it is.
+        """
+        with self.at_once():
+            if self._stop.wait(duration_s):
+                raise KeyboardInterrupt
+
     def _on_interrupt(self, *_: object) -> None:
         again = self._stop.is_set()
         self._stop.set()

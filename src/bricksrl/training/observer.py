@@ -33,6 +33,9 @@ class Episode:
         return_: sum of its rewards.
         success: whether the task calls it one; ``None`` where the environment has no notion of it.
         losses: mean over its updates, by name; empty where nothing was learned.
+        link_lost: whether it ended because the link to the robot broke.
+        updates_per_step: updates that the run had made by its end, for each of the steps that asked for some; ``None`` before
+            there was one. Below what the settings say where learning goes on beside the robot and is late.
         seconds: time of the run up to its end, interruptions left out.
     """
 
@@ -44,6 +47,8 @@ class Episode:
     success: bool | None
     losses: dict[str, float] = field(default_factory=dict)
     seconds: float = 0.0
+    link_lost: bool = False
+    updates_per_step: float | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values, fit for a checkpoint."""
@@ -66,11 +71,21 @@ class Progress:
 
 @dataclass(frozen=True)
 class RunResult:
-    """How a run ended: its folder, all its episodes, and whether it was interrupted (it can then be resumed)."""
+    """How a run ended.
+
+    Attributes:
+        run_dir, episodes: its folder, and all its episodes.
+        interrupted: whether it was, so that it can be resumed.
+        updates_per_step: updates that were made while the robot was at work, for each of the steps that asked for some, by this
+            and all earlier parts of the run; ``None`` where nothing learned.
+        caught_up: updates that were made after the robot was done.
+    """
 
     run_dir: Path
     episodes: tuple[Episode, ...]
     interrupted: bool
+    updates_per_step: float | None = None
+    caught_up: int = 0
 
 
 class Observer:
@@ -94,7 +109,10 @@ class Observer:
         to reach the robot again. `on_episode` follows where there was at least one step."""
 
     def on_episode(self, episode: Episode, progress: Progress) -> None:
-        """An episode ended and everything about it is on the disk."""
+        """An episode ended and everything about it is on the disk, or about to be where learning goes on beside the robot."""
+
+    def on_catching_up(self, updates: int) -> None:
+        """The robot is done, and so many updates are still to be made."""
 
     def on_end(self, result: RunResult) -> None:
         """The run ended or was interrupted; its files are in order."""

@@ -5,13 +5,15 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Protocol
 
 import torch
 from tensordict import TensorDictBase
 from torch import Tensor
 from torchrl.envs import EnvBase
 
-from bricksrl.agents.agent import Agent, Transition, look
+from bricksrl.agents.agent import Transition, look
+from bricksrl.errors import HubError
 from bricksrl.training.observer import Phase
 from bricksrl.training.reproducible import derive_seed
 
@@ -22,13 +24,37 @@ OnTransition = Callable[[int, TensorDictBase], None]
 """Told the number of a step, from 1, and what the environment gave for it, before it is learned from."""
 
 
+class Player(Protocol):
+    """What `run_episode` asks of an agent, or of a learner that has one."""
+
+    def act(self, observation: Tensor, *, explore: bool) -> Tensor:
+        """As `Agent.act`."""
+
+    def remember(self, transition: Transition) -> None:
+        """As `Agent.remember`."""
+
+    def end_episode(self) -> None:
+        """As `Agent.end_episode`."""
+
+    def update(self) -> dict[str, float]:
+        """As `Agent.update`."""
+
+
 @dataclass(frozen=True)
 class Rollout:
-    """One whole episode: rewards ``[length]``, the observations ``[length, n]`` that followed its steps, mean losses by name."""
+    """One episode.
+
+    Attributes:
+        rewards: ``[length]``.
+        observations: those ``[length, n]`` that followed its steps.
+        losses: means by name.
+        link_error: how the link to the robot broke; ``None`` for a whole episode.
+    """
 
     rewards: Tensor
     observations: Tensor
     losses: dict[str, float]
+    link_error: HubError | None = None
 
     @property
     def length(self) -> int:
@@ -58,7 +84,7 @@ class EpisodeStoppedError(Exception):
 
 def run_episode(
     env: EnvBase,
-    agent: Agent,
+    agent: Player,
     state: TensorDictBase,
     phase: Phase | None,
     on_step: OnStep | None = None,
@@ -69,13 +95,18 @@ def run_episode(
     In PREFILL actions are uniform, in TRAIN the agent explores and learns after each step; without a phase it does its best
     and neither keeps nor learns anything.
 
+    Where the link to the robot breaks while it learns, the episode ends with the step before: what was remembered of it stays,
+    and nothing across the gap is ever remembered.
+
     Raises:
+        HubError: the link broke, and there is no phase.
         EpisodeStoppedError: ``on_step`` asked to stop before the end.
     """
     rewards: list[float] = []
     observations: list[Tensor] = []
     losses: defaultdict[str, list[float]] = defaultdict(list)
     action_size = int(env.action_spec.shape[-1])
+    link_error: HubError | None = None
     done = False
     while not done:
         observation = look(agent, state)
@@ -84,7 +115,15 @@ def run_episode(
         else:
             action = agent.act(observation, explore=phase is Phase.TRAIN)
         state["action"] = action
-        state = env.step(state)
+        try:
+            state = env.step(state)
+        except HubError as error:
+            if phase is None:
+                raise
+            if rewards:
+                agent.end_episode()
+            link_error = error
+            break
         if on_transition is not None:
             on_transition(len(rewards) + 1, state)
         outcome = state["next"]
@@ -100,7 +139,8 @@ def run_episode(
             raise EpisodeStoppedError
         state = env.step_mdp(state)
     means = {name: sum(values) / len(values) for name, values in losses.items()}
-    return Rollout(torch.tensor(rewards), torch.stack(observations), means)
+    seen = torch.stack(observations) if observations else torch.empty(0, 0)
+    return Rollout(torch.tensor(rewards), seen, means, link_error)
 
 
 def is_success(env: EnvBase, rollout: Rollout) -> bool | None:

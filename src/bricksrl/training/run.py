@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import io
+import itertools
 import json
 import platform
 import re
+import shutil
+import tempfile
 from collections.abc import Iterable
 from dataclasses import dataclass
 from importlib import metadata
@@ -19,7 +23,7 @@ from bricksrl.training.files import write_atomically
 from bricksrl.training.observer import Episode, Phase
 
 LOSSES = ("critic_loss", "value_loss", "gap", "actor_loss", "entropy", "alpha")
-COLUMNS = ("episode", "phase", "steps", "length", "return", "success", *LOSSES, "seconds")
+COLUMNS = ("episode", "phase", "steps", "length", "return", "success", *LOSSES, "seconds", "updates_per_step", "link_lost")
 
 
 @dataclass(frozen=True)
@@ -49,26 +53,38 @@ class RunFolder:
         return self.path / "evaluation.json"
 
     @classmethod
-    def create(cls, config: TrainConfig) -> RunFolder:
-        """A new folder, holding the config.
+    def create(cls, config: TrainConfig, state: dict[str, Any]) -> RunFolder:
+        """A new folder, holding the config and a first checkpoint; it is there whole or not at all.
 
         Raises:
             RunError: the folder exists, or cannot be made.
         """
-        path = config.run_dir
+        from bricksrl.training.checkpoint import save_checkpoint
+
+        wanted = config.run_dir
+        parent = Path("runs") if wanted is None else wanted.parent
+        temporary = None
         try:
-            if path is not None:
-                path.mkdir(parents=True)
-            else:
-                path = _next_free(Path("runs"), f"{file_name(config.env)}-{config.agent}")
+            parent.mkdir(parents=True, exist_ok=True)
+            temporary = cls(Path(tempfile.mkdtemp(dir=parent, prefix=".new-")))
+            temporary.path.chmod(0o755)
+            temporary.write_config(config)
+            temporary.write_episodes([])
+            save_checkpoint(temporary.checkpoint_path, state)
+            return cls(_settle(temporary.path, wanted or parent / f"{file_name(config.env)}-{config.agent}", wanted is None))
         except FileExistsError:
-            raise RunError(f"{path} exists already; resume that run or choose another folder") from None
+            raise RunError(f"{wanted} exists already; resume that run or choose another folder") from None
         except OSError as error:
-            raise RunError(f"cannot make the folder {path} ({error.strerror}); choose another one") from None
-        folder = cls(path)
-        folder.write_config(config)
-        folder.write_episodes([])
-        return folder
+            raise RunError(f"cannot make the folder {wanted or parent} ({error.strerror}); choose another one") from None
+        finally:
+            if temporary is not None:
+                shutil.rmtree(temporary.path, ignore_errors=True)
+
+    def clean(self) -> None:
+        """Remove what a process that was killed left half written."""
+        for path in (self.config_path, self.metrics_path, self.checkpoint_path, self.curve_path):
+            for remnant in self.path.glob(f".{path.name}.*"):
+                remnant.unlink(missing_ok=True)
 
     def write_config(self, config: TrainConfig) -> None:
         """Write the config, with the versions that the run is made with."""
@@ -120,24 +136,28 @@ def file_name(env_id: str) -> str:
     return re.sub(r"[^\w.-]+", "-", env_id).strip("-.")
 
 
-def _next_free(parent: Path, name: str) -> Path:
-    parent.mkdir(parents=True, exist_ok=True)
-    number = 1
-    while True:
-        path = parent / f"{name}-{number}"
-        try:
-            path.mkdir()
-        except FileExistsError:
-            number += 1
-        else:
-            return path
+def _settle(folder: Path, path: Path, numbered: bool) -> Path:
+    """Rename ``folder`` to ``path``, or to the first free ``path``-1, -2, ...; returns what it became.
+
+    Raises:
+        FileExistsError: ``path`` is taken, and not ``numbered``.
+    """
+    for number in itertools.count(1):
+        free = path.with_name(f"{path.name}-{number}") if numbered else path
+        if not free.exists():
+            with contextlib.suppress(OSError):  # somebody else may have taken it in this moment
+                return folder.rename(free)
+        if not numbered:
+            raise FileExistsError(path)
+    raise AssertionError
 
 
 def _row(episode: Episode) -> list[Any]:
     losses = [repr(episode.losses[name]) if name in episode.losses else "" for name in LOSSES]
     success = "" if episode.success is None else int(episode.success)
     head = [episode.episode, episode.phase.value, episode.steps, episode.length, repr(episode.return_), success]
-    return [*head, *losses, f"{episode.seconds:.3f}"]
+    ratio = "" if episode.updates_per_step is None else f"{episode.updates_per_step:.4g}"
+    return [*head, *losses, f"{episode.seconds:.3f}", ratio, int(episode.link_lost)]
 
 
 def _episode(row: dict[str, str]) -> Episode:
@@ -150,6 +170,8 @@ def _episode(row: dict[str, str]) -> Episode:
         success=bool(int(row["success"])) if row["success"] else None,
         losses={name: float(row[name]) for name in LOSSES if row.get(name)},
         seconds=float(row["seconds"]),
+        updates_per_step=float(row["updates_per_step"]) if row.get("updates_per_step") else None,
+        link_lost=row.get("link_lost") == "1",
     )
 
 

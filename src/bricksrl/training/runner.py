@@ -3,59 +3,66 @@
 from __future__ import annotations
 
 import threading
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bricksrl.agents import AGENTS, make_agent
 from bricksrl.errors import BricksError, CheckpointError, RunError, UnknownNameError
 from bricksrl.training.config import TrainConfig
-from bricksrl.training.curve import draw_learning_curve
 from bricksrl.training.interrupt import Interruption
-from bricksrl.training.observer import Episode, Observer, Phase, Progress, RunResult
+from bricksrl.training.learner import InTheLoop, Learner, Pace
+from bricksrl.training.observer import Episode, Observer, RunResult
 from bricksrl.training.run import RunFolder
+from bricksrl.training.session import Session, reset, run_state
 
 if TYPE_CHECKING:
-    from tensordict import TensorDictBase
     from torchrl.envs import EnvBase
 
     from bricksrl.agents.agent import Agent
-
-RATE_WINDOW = 5
-"""Episodes that the rate of a run is taken over."""
+    from bricksrl.envs.env import Placement
 
 
 def train(
-    config: TrainConfig, observer: Observer | None = None, *, env: EnvBase | None = None, stop: threading.Event | None = None
+    config: TrainConfig,
+    observer: Observer | None = None,
+    *,
+    env: EnvBase | None = None,
+    place: Placement | None = None,
+    stop: threading.Event | None = None,
 ) -> RunResult:
     """Train an agent from nothing, into a new folder, which is made once the robot has answered.
 
     Ctrl-C, or ``stop`` set from another thread, ends the run after the step at hand; its files are then in order, and `resume`
-    goes on from the end of the last whole episode.
+    goes on from the end of the last whole episode. Where the link to the robot breaks, the running episode ends there, and the
+    run goes on by itself when the robot answers again.
 
     Args:
         env: an environment of your own, which stays open; without one, ``config.env`` is made and closed at the end.
+        place: puts a real robot where an episode starts, as `bricksrl.make` takes it.
 
     Raises:
         RunError: the folder exists already.
         UnknownNameError: there is no such environment, hub or agent.
-        HubError: the link to the robot failed; what was learned until then is saved.
+        HubError: the robot cannot be reached, or could not be reached again; what was learned until then is saved.
+        LearnerError: the process that learns beside the robot failed; what was saved until then stays.
         KeyboardInterrupt: Ctrl-C before the robot has answered; nothing was made.
     """
     if config.agent not in AGENTS:
         raise UnknownNameError(f"there is no agent '{config.agent}'; choose one of {', '.join(AGENTS)}")
     if config.run_dir is not None and config.run_dir.exists():
         raise RunError(f"{config.run_dir} exists already; resume that run or choose another folder")
-    with _prepared(config, env, stop) as (ready, agent, interruption):
-        state = _reset(ready, config, 1, interruption)
-        with interruption.held_back():
-            folder = RunFolder.create(config)
-            run = _Run(config, folder, ready, agent, observer or Observer(), interruption)
-            run.save()
-        return run.go_on(state)
+    with _prepared(config, env, place, stop) as (ready, agent, interruption):
+        state = {"agent": agent.state_dict(), "pace": Pace().to_dict()}
+        with _learning(config, ready, agent, state, interruption) as learner:
+            start = reset(ready, config, 1, interruption)
+            identity = _identity(config, ready)
+            with interruption.held_back():
+                folder = RunFolder.create(config, {**run_state(identity, []), **state})
+            session = _session(config, folder, ready, learner, identity, observer, interruption, [])
+            return session.go_on(start)
 
 
 def resume(
@@ -64,31 +71,40 @@ def resume(
     *,
     episodes: int | None = None,
     env: EnvBase | None = None,
+    place: Placement | None = None,
     stop: threading.Event | None = None,
 ) -> RunResult:
-    """Go on with a run where its last whole episode ended; it ends bit-identical to one that was never interrupted.
+    """Go on with a run where its last whole episode ended; a synchronous one ends bit-identical to one never interrupted.
 
     Args:
         episodes: train up to this many in all, where that is more than the run was started with.
-        env: as in `train`.
+        env, place: as in `train`.
 
     Raises:
         RunError: there is no run in the folder.
         CheckpointError: its checkpoint is damaged or belongs to another run.
-        HubError: as in `train`.
+        HubError, LearnerError: as in `train`.
     """
+    import torch
+
     folder = RunFolder(run_dir)
     config = folder.read_config()
     if episodes is not None and episodes < config.episodes:
         raise RunError(f"the run in {run_dir} is for {config.episodes} episodes already; give that many or more, not {episodes}")
     config = replace(config, episodes=episodes or config.episodes)
-    with _prepared(config, env, stop) as (ready, agent, interruption):
-        run = _Run(config, folder, ready, agent, observer or Observer(), interruption)
-        run.restore()
-        state = None
-        if len(run.episodes) < config.episodes:
-            state = _reset(ready, config, len(run.episodes) + 1, interruption)
-        return run.go_on(state)
+    with _prepared(config, env, place, stop) as (ready, agent, interruption):
+        state = _load(folder, config, ready)
+        with _learning(config, ready, agent, state, interruption) as learner:
+            del state["agent"]  # it may be large
+            torch.set_rng_state(state["generator"])
+            done = [Episode.from_dict(data) for data in state["episodes"]]
+            with interruption.held_back():
+                folder.clean()
+                folder.write_episodes(done)
+                folder.write_config(config)
+            session = _session(config, folder, ready, learner, state["identity"], observer, interruption, done)
+            left = len(done) < config.episodes
+            return session.go_on(reset(ready, config, len(done) + 1, interruption) if left else None)
 
 
 @dataclass(frozen=True)
@@ -115,13 +131,13 @@ def load_agent(run_dir: Path, env: EnvBase) -> Trained:
 
 @contextmanager
 def _prepared(
-    config: TrainConfig, env: EnvBase | None, stop: threading.Event | None
+    config: TrainConfig, env: EnvBase | None, place: Placement | None, stop: threading.Event | None
 ) -> Iterator[tuple[EnvBase, Agent, Interruption]]:
     """Everything that a run needs: repeatable randomness, Ctrl-C in our hands, an open environment, a fresh agent."""
     from bricksrl.training.reproducible import derive_seed, reproducible
 
     own = env is None
-    ready = make_env(config) if env is None else env
+    ready = make_env(config, place) if env is None else env
     interruption = Interruption(stop or threading.Event())
     try:
         with reproducible(derive_seed(config.seed, "agent")), interruption:
@@ -131,8 +147,57 @@ def _prepared(
             ready.close(raise_if_closed=False)
 
 
-def make_env(config: TrainConfig) -> EnvBase:
-    """The environment that a config names.
+@contextmanager
+def _learning(
+    config: TrainConfig, env: EnvBase, agent: Agent, state: dict[str, Any], interruption: Interruption
+) -> Iterator[Learner]:
+    """A learner that goes on from a checkpoint's state: ``agent`` itself, or one in a process of its own."""
+    pace = Pace(**state["pace"])
+    if not config.asynchronous or config.agent == "random":
+        agent.load_state_dict(state["agent"])
+        yield InTheLoop(agent, pace)
+        return
+    from bricksrl.agents.layout import layout_of
+    from bricksrl.training.beside import BesideTheRobot
+    from bricksrl.training.reproducible import derive_seed
+
+    begin = {
+        "config": config.to_dict(),
+        "has_task": getattr(env, "task", None) is not None,
+        "layout": layout_of(env).to_dict(),
+        "action_size": int(env.action_spec.shape[-1]),
+        "seed": derive_seed(config.seed, "learner", pace.asked),
+    }
+    patient = config.hub == "virtual" and not config.realtime
+    learner = BesideTheRobot(agent, begin, state["agent"], pace, patient=patient)
+    try:
+        with interruption.at_once():
+            learner.wait_until_ready()
+        yield learner
+        learner.close()
+    except BricksError:
+        learner.close()
+        raise
+    finally:
+        learner.kill()
+
+
+def _session(
+    config: TrainConfig,
+    folder: RunFolder,
+    env: EnvBase,
+    learner: Learner,
+    identity: dict[str, Any],
+    observer: Observer | None,
+    interruption: Interruption,
+    done: list[Episode],
+) -> Session:
+    updates = 0 if config.settings is None or config.agent == "random" else config.settings.updates_per_step
+    return Session(config, folder, env, learner, updates, identity, observer or Observer(), interruption, done)
+
+
+def make_env(config: TrainConfig, place: Placement | None = None) -> EnvBase:
+    """The environment that a config names; ``place`` puts a real robot where an episode starts.
 
     Raises:
         UnknownNameError: there is no such environment or hub.
@@ -141,7 +206,7 @@ def make_env(config: TrainConfig) -> EnvBase:
     from bricksrl.twin.physics import RandomPhysics
 
     physics = RandomPhysics() if config.randomize else config.physics
-    return make(config.env, hub=config.hub, seed=config.seed, realtime=config.realtime, physics=physics)
+    return make(config.env, hub=config.hub, seed=config.seed, realtime=config.realtime, physics=physics, place=place)
 
 
 def _make_agent(config: TrainConfig, env: EnvBase) -> Agent:
@@ -149,14 +214,6 @@ def _make_agent(config: TrainConfig, env: EnvBase) -> Agent:
 
     task = getattr(env, "task", None)
     return make_agent(config.agent, layout_of(env), int(env.action_spec.shape[-1]), config.settings, task)
-
-
-def _reset(env: EnvBase, config: TrainConfig, episode: int, interruption: Interruption) -> TensorDictBase:
-    from bricksrl.training.online import seed_episode
-
-    seed_episode(env, config.seed, "episode", episode)
-    with interruption.at_once():  # a reset may wait for a hub or for a hand, and nothing is lost in it
-        return env.reset()
 
 
 def _identity(config: TrainConfig, env: EnvBase) -> dict[str, Any]:
@@ -176,106 +233,3 @@ def _load(folder: RunFolder, config: TrainConfig, env: EnvBase) -> dict[str, Any
         path = folder.checkpoint_path
         raise CheckpointError(f"{path} belongs to another config or environment; use those that it was made with")
     return state
-
-
-@dataclass
-class _Run:
-    """A run under way."""
-
-    config: TrainConfig
-    folder: RunFolder
-    env: EnvBase
-    agent: Agent
-    observer: Observer
-    interruption: Interruption
-    episodes: list[Episode] = field(default_factory=list)
-
-    def go_on(self, state: TensorDictBase | None) -> RunResult:
-        """Train from ``state``, the reset of the next episode, to the last episode or to an interruption."""
-        self.observer.on_start(self.config, self.folder.path, len(self.episodes))
-        try:
-            while state is not None and self._one_episode(state):
-                state = None
-                if len(self.episodes) < self.config.episodes:
-                    state = _reset(self.env, self.config, len(self.episodes) + 1, self.interruption)
-        except (KeyboardInterrupt, BricksError):
-            if not self.interruption.requested:
-                raise
-        finally:
-            with self.interruption.held_back():
-                title = f"{self.config.env} · {self.config.agent} · seed {self.config.seed}"
-                draw_learning_curve(self.folder.curve_path, self.episodes, title)
-        result = RunResult(self.folder.path, tuple(self.episodes), interrupted=len(self.episodes) < self.config.episodes)
-        self.observer.on_end(result)
-        return result
-
-    def _one_episode(self, state: TensorDictBase) -> bool:
-        """Run an episode and save it; false when it was interrupted, and then nothing of it stays."""
-        from bricksrl.training.online import EpisodeStoppedError, is_success, run_episode
-
-        started = time.perf_counter()
-        number = len(self.episodes) + 1
-        phase = Phase.PREFILL if number <= self.agent.prefill_episodes else Phase.TRAIN
-
-        def on_step(step: int) -> bool:
-            self.observer.on_step(number, step, phase)
-            return not self.interruption.requested
-
-        def on_transition(step: int, transition: TensorDictBase) -> None:
-            self.observer.on_transition(number, step, phase, transition)
-
-        try:
-            rollout = run_episode(self.env, self.agent, state, phase, on_step, on_transition)
-        except EpisodeStoppedError:
-            return False
-        before = self.episodes[-1] if self.episodes else None
-        episode = Episode(
-            episode=number,
-            phase=phase,
-            steps=rollout.length + (before.steps if before else 0),
-            length=rollout.length,
-            return_=rollout.return_,
-            success=is_success(self.env, rollout),
-            losses=rollout.losses,
-            seconds=time.perf_counter() - started + (before.seconds if before else 0.0),
-        )
-        with self.interruption.held_back():
-            self.episodes.append(episode)
-            self.folder.append(episode)
-            self.save()
-        self.observer.on_episode(episode, self._progress())
-        return not self.interruption.requested
-
-    def _progress(self) -> Progress:
-        recent = self.episodes[-RATE_WINDOW - 1 :]
-        first_seconds, first_steps = (recent[0].seconds, recent[0].steps) if len(self.episodes) > RATE_WINDOW else (0.0, 0)
-        counted = min(len(self.episodes), RATE_WINDOW)
-        seconds = max(recent[-1].seconds - first_seconds, 1e-9)
-        left = self.config.episodes - len(self.episodes)
-        return Progress(self.config.episodes, (recent[-1].steps - first_steps) / seconds, left * seconds / counted)
-
-    def save(self) -> None:
-        """Write the checkpoint."""
-        import torch
-
-        from bricksrl.training.checkpoint import save_checkpoint
-
-        state = {
-            "identity": _identity(self.config, self.env),
-            "episodes": [episode.to_dict() for episode in self.episodes],
-            "generator": torch.get_rng_state(),
-            "agent": self.agent.state_dict(),
-        }
-        save_checkpoint(self.folder.checkpoint_path, state)
-
-    def restore(self) -> None:
-        """Take over the checkpoint, and bring the other files to where it is."""
-        import torch
-
-        state = _load(self.folder, self.config, self.env)
-        self.agent.load_state_dict(state["agent"])
-        torch.set_rng_state(state["generator"])
-        with self.interruption.held_back():
-            self.episodes = [Episode.from_dict(data) for data in state["episodes"]]
-            self.folder.write_episodes(self.episodes)
-            self.folder.write_config(self.config)
