@@ -9,10 +9,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeAlias
 
-from bricksrl.errors import HubError
+from bricksrl.errors import HubError, HubProtocolError
 from bricksrl.hub.event_loop import EventLoopThread
 from bricksrl.hub.failures import AmbiguousHubError, BluetoothUnavailableError, HubNotFoundError, bleak_errors
-from bricksrl.hub.pybricks_profile import SERVICE_UUID
+from bricksrl.hub.pybricks_profile import PNP_ID_UUID, SERVICE_UUID, parse_hub_kind
+from bricksrl.robots import HubKind
 
 if TYPE_CHECKING:
     from bleak.backends.adapter import BaseBleakAdapter
@@ -43,11 +44,13 @@ class FoundHub:
         name: that its owner gave it.
         address: of its radio; on macOS one that only this computer knows.
         rssi_dbm: strength of its signal; -60 is near, -90 is far.
+        kind: of hub, where its firmware or this computer tells.
     """
 
     name: str
     address: str
     rssi_dbm: int
+    kind: HubKind | None = None
 
 
 _Seen: TypeAlias = "dict[str, tuple[BLEDevice, FoundHub]]"
@@ -138,7 +141,12 @@ def _wanted(seen: _Seen, name: str | None, address: str | None) -> list[tuple[BL
 
 
 def _found(device: BLEDevice, advertisement: AdvertisementData) -> FoundHub:
-    return FoundHub(advertisement.local_name or device.name or "", device.address, advertisement.rssi)
+    pnp_id = (advertisement.service_data or {}).get(PNP_ID_UUID)
+    kind = None
+    if pnp_id is not None:
+        with contextlib.suppress(HubProtocolError):  # something else that has Pybricks' service
+            kind = parse_hub_kind(pnp_id)
+    return FoundHub(advertisement.local_name or device.name or "", device.address, advertisement.rssi, kind)
 
 
 def _not_found(wanted: str | None, others: list[FoundHub], timeout_s: float) -> HubError:
