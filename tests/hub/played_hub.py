@@ -210,7 +210,7 @@ class PlayedHub:
     async def _switch_on(self) -> None:
         self._device = self.radio.device(self.name, self.address)
         read, readable = Characteristic.Properties.READ, Characteristic.READABLE
-        product = struct.pack("<BHHH", 1, profile.LEGO_COMPANY_ID, _PRODUCT_IDS[self.machine.robot.hub], 0)
+        self._product = product = struct.pack("<BHHH", 1, profile.LEGO_COMPANY_ID, _PRODUCT_IDS[self.machine.robot.hub], 0)
         self._characteristic = Characteristic(
             UUID(profile.COMMAND_EVENT_UUID),
             Characteristic.Properties.WRITE | Characteristic.Properties.NOTIFY,
@@ -244,10 +244,14 @@ class PlayedHub:
 
     async def _advertise(self) -> None:
         uuids = AdvertisingData.INCOMPLETE_LIST_OF_128_BIT_SERVICE_CLASS_UUIDS
+        response = [
+            (AdvertisingData.COMPLETE_LOCAL_NAME, self.name.encode()),
+            (AdvertisingData.SERVICE_DATA_16_BIT_UUID, bytes(UUID.from_16_bits(0x2A50)) + self._product),
+        ]
         advertisement = [(AdvertisingData.FLAGS, b"\x06"), (uuids, bytes(UUID(profile.SERVICE_UUID)))]
         await self._device.start_advertising(
             advertising_data=bytes(AdvertisingData(advertisement)),
-            scan_response_data=bytes(AdvertisingData([(AdvertisingData.COMPLETE_LOCAL_NAME, self.name.encode())])),
+            scan_response_data=bytes(AdvertisingData(response)),
             advertising_interval_min=50,
             advertising_interval_max=50,
         )

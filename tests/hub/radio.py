@@ -210,7 +210,8 @@ class RadioScanner(BaseBleakScanner):
             for uuid in data.get(kind) or []
         ]
         name = data.get(AdvertisingData.COMPLETE_LOCAL_NAME)
-        found = AdvertisementData(name, {}, {}, uuids, None, advertisement.rssi, ())
+        service_data = {_uuid_text(uuid): bytes(value) for uuid, value in data.get_all(AdvertisingData.SERVICE_DATA_16_BIT_UUID)}
+        found = AdvertisementData(name, {}, service_data, uuids, None, advertisement.rssi, ())
         self._host.call_soon_threadsafe(self._report, advertisement.address, found)
 
     def _report(self, address: Address, found: AdvertisementData) -> None:

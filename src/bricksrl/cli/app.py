@@ -18,8 +18,10 @@ import bricksrl
 from bricksrl.cli import data
 from bricksrl.cli.check import Check
 from bricksrl.cli.console import print_error, print_line
+from bricksrl.cli.doctor import Doctor
 from bricksrl.cli.evaluate import Evaluate
 from bricksrl.cli.hub import Program, Run
+from bricksrl.cli.hub_tools import Calibrate, CheckHub, Latency, Rename, Scan, Stop
 from bricksrl.cli.listing import List
 from bricksrl.cli.record import Record as RecordDataset
 from bricksrl.cli.train import Resume, Train
@@ -37,8 +39,8 @@ Examples:
   bricksrl train --help
   bricksrl --version
 """
-_HUB = "The program of a hub: print it, or run one of your own on a virtual hub."
 _DATA = "Datasets: look at them, mend, join and split them, bring them in and out, share them."
+_HUB = "A hub: find, check, calibrate and stop it; its program; programs of your own on a virtual hub."
 
 _TWIN = "The twin of a robot: record what a robot does, fit the twin to it."
 
@@ -90,6 +92,12 @@ def _commands(arguments: Sequence[str]) -> SubcommandApp:
         app.command(name=name, help=text if name in arguments else text.partition("\n")[0])(command)
 
     hub = SubcommandApp()
+    add(hub, "scan", Scan)
+    add(hub, "check", CheckHub)
+    add(hub, "latency", Latency)
+    add(hub, "calibrate", Calibrate)
+    add(hub, "stop", Stop)
+    add(hub, "rename", Rename)
     add(hub, "program", Program)
     add(hub, "run", Run)
     app = SubcommandApp()
@@ -99,6 +107,7 @@ def _commands(arguments: Sequence[str]) -> SubcommandApp:
     add(app, "evaluate", Evaluate)
     add(app, "record", RecordDataset)
     add(app, "check", Check)
+    add(app, "doctor", Doctor)
     app.command(hub, name="hub", help=_HUB)
     datasets = SubcommandApp()
     for name, command in data.COMMANDS.items():

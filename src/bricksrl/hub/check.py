@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import enum
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +10,7 @@ from numpy.typing import NDArray
 from bricksrl.errors import HubError
 from bricksrl.hub.devices import NOTHING, device_id, device_name, turns_alike
 from bricksrl.hub.diagnosis import Survey, survey
+from bricksrl.hub.finding import Finding, Outcome
 from bricksrl.hub.interface import Command, DriveStraight, Interface, MotorAngle
 from bricksrl.hub.latency import Latency, advice, measure
 from bricksrl.hub.link import HubLink
@@ -30,24 +29,6 @@ _TEST_MOVE_READS = 40
 _LITHIUM_MV = (6800, 6000)
 _CELLS_MV = (5400, 4800)
 _LITHIUM_HUBS = (HubKind.PRIME, HubKind.ESSENTIAL)
-
-
-class Outcome(enum.Enum):
-    """Of one finding."""
-
-    OK = "ok"
-    WARNING = "warning"
-    ERROR = "error"
-    SKIPPED = "skipped"
-
-
-@dataclass(frozen=True)
-class Finding:
-    """One thing that was looked at; ``detail`` says what was found and, where it is not well, what to do."""
-
-    name: str
-    outcome: Outcome
-    detail: str
 
 
 def check_robot(
@@ -106,7 +87,7 @@ def _with_program(
                 for index in range(len(interface.commands)):
                     yield _check_move(link, robot, interface, index, is_right)
             else:
-                yield Finding("directions", Outcome.SKIPPED, "nothing was moved, as you wished")
+                yield Finding("directions", Outcome.SKIPPED, "nothing was moved, because nobody said yes")
     except HubError as error:
         yield Finding("program", Outcome.ERROR, str(error))
 

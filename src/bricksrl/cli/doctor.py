@@ -1,0 +1,236 @@
+"""``bricksrl doctor``: whether this computer has what BricksRL needs."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+import platform
+import shutil
+import subprocess
+import sys
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib import metadata
+from pathlib import Path
+from typing import Annotated
+
+from tyro.conf import arg
+
+from bricksrl.cli.console import print_line
+from bricksrl.errors import DescriptionError
+from bricksrl.hub.finding import Finding, Outcome
+
+_OLDEST_PYTHON = (3, 11)
+_LITTLE_ROOM_GB, _NO_ROOM_GB = 5.0, 0.5
+_SCAN_S = 1.0
+_BLUETOOTH_FOLDER = Path("/sys/class/bluetooth")
+_RFKILL_FOLDER = Path("/sys/class/rfkill")
+_SYSTEM_BUS = Path("/run/dbus/system_bus_socket")
+_DRAW = """
+from bricksrl import robots
+from bricksrl.twin.bodies import make_body
+from bricksrl.twin.rendering import Renderer
+with Renderer(make_body(robots.get("two-wheeler")), 32, 24) as renderer:
+    renderer.render()
+"""
+_DRAW_S = 45.0
+_WITHOUT_ROBOT = "the virtual hub needs none of it"
+
+Answer = tuple[Outcome, str]
+
+
+@dataclass(frozen=True)
+class Doctor:
+    """Look at this computer: Python, packages, compiler, physics, OpenGL, OpenCV, Bluetooth, USB, disk.
+
+    A line each, with what to do; exit code 1 when something is missing that everything needs.
+
+    Examples:
+      bricksrl doctor
+      bricksrl doctor --json
+    """
+
+    timeout_s: Annotated[float, arg(metavar="SECONDS")] = 60.0
+    """How long one of them may take."""
+    json: bool = False
+    """One JSON object on standard output and nothing else."""
+
+    def execute(self) -> int:
+        """Look and print."""
+        if self.timeout_s <= 0:
+            raise DescriptionError(f"timeout-s is {self.timeout_s:g}; give a positive number")
+        findings = []
+        for name, look in LOOKS.items():
+            finding = bounded(name, look, self.timeout_s)
+            findings.append(finding)
+            if not self.json:
+                print_line(f"{finding.outcome.value:9}{finding.name:12}{finding.detail}")
+        errors = [finding for finding in findings if finding.outcome is Outcome.ERROR]
+        if self.json:
+            told = [{**dataclasses.asdict(finding), "outcome": finding.outcome.value} for finding in findings]
+            print_line(json.dumps({"ok": not errors, "findings": told}))
+        return 1 if errors else 0
+
+
+def bounded(name: str, look: Callable[[], Answer], timeout_s: float) -> Finding:
+    """What a look finds; one that takes too long, or raises, is a finding too. It is left behind, in a thread."""
+    answers: list[Answer] = []
+
+    def run() -> None:
+        try:
+            answers.append(look())
+        except BaseException as error:  # noqa: BLE001  a broken package may raise anything, and that is what is to be told
+            answers.append((Outcome.ERROR, f"{type(error).__name__}: {' '.join(str(error).split())}; install bricksrl again"))
+
+    thread = threading.Thread(target=run, daemon=True)
+    thread.start()
+    thread.join(timeout_s)
+    outcome, detail = answers[0] if answers else (Outcome.WARNING, f"no answer within {timeout_s:g} s; look at it by itself")
+    return Finding(name, outcome, detail)
+
+
+def look_at_python() -> Answer:
+    """Version and system."""
+    here = f"{platform.python_version()}, {platform.system()} {platform.machine()}"
+    if sys.version_info < _OLDEST_PYTHON:
+        return Outcome.ERROR, f"{here}; install Python 3.11 or later"
+    return Outcome.OK, here
+
+
+def look_at_packages() -> Answer:
+    """What bricksrl requires, and whether it is there in a version that will do."""
+    from packaging.requirements import Requirement
+
+    there, wrong = [], []
+    for text in metadata.requires("bricksrl") or []:
+        requirement = Requirement(text)
+        if requirement.marker is not None and not requirement.marker.evaluate({"extra": ""}):
+            continue
+        try:
+            version = metadata.version(requirement.name)
+        except metadata.PackageNotFoundError:
+            wrong.append(f"{requirement.name} is missing")
+            continue
+        there.append(requirement.name)
+        if not requirement.specifier.contains(version, prereleases=True):
+            wrong.append(f"{requirement.name} {version} is not {requirement.specifier}")
+    if wrong:
+        return Outcome.ERROR, f"{'; '.join(wrong)}; run `pip install bricksrl` again"
+    main = ", ".join(f"{name} {metadata.version(name)}" for name in ("bricksrl", "torch", "torchrl", "mujoco", "bleak"))
+    return Outcome.OK, f"{main}, and {len(there) - 4} more"
+
+
+def look_at_compiler() -> Answer:
+    """Whether hub programs can be compiled."""
+    from bricksrl.hub.compile import compile_mpy
+
+    return Outcome.OK, f"mpy-cross makes {len(compile_mpy('print(1)'))} bytes of one line"
+
+
+def look_at_physics() -> Answer:
+    """Whether MuJoCo moves something."""
+    from bricksrl.twin.bodies import check_mujoco
+
+    check_mujoco()
+    import mujoco
+
+    model = mujoco.MjModel.from_xml_string("<mujoco><worldbody><body><freejoint/><geom size='1'/></body></worldbody></mujoco>")
+    data = mujoco.MjData(model)
+    mujoco.mj_step(model, data, 10)
+    if not data.qpos[2] < 0.0:
+        return Outcome.ERROR, "MuJoCo loads, but nothing falls; install mujoco again"
+    return Outcome.OK, f"MuJoCo {mujoco.__version__}"
+
+
+def look_at_opengl() -> Answer:
+    """Whether pictures can be drawn: in a process of its own, because a broken driver takes its process down."""
+    try:
+        done = subprocess.run([sys.executable, "-c", _DRAW], capture_output=True, text=True, timeout=_DRAW_S, check=False)  # noqa: S603
+    except subprocess.TimeoutExpired:
+        return Outcome.WARNING, f"nothing was drawn within {_DRAW_S:g} s; all but pictures and videos works"
+    if done.returncode == 0:
+        return Outcome.OK, f"draws ({os.environ.get('MUJOCO_GL', 'the library that was found')})"
+    last = (done.stderr.strip().splitlines() or [f"exit code {done.returncode}"])[-1]
+    return Outcome.WARNING, f"no pictures and videos: {last.rpartition('Error: ')[2]}; all the rest works without"
+
+
+def look_at_opencv() -> Answer:
+    """Whether cameras can be read."""
+    try:
+        import cv2
+    except ImportError as error:
+        return Outcome.WARNING, f"none ({error}); `pip install bricksrl[vision]` where a task has a real camera"
+    return Outcome.OK, f"OpenCV {cv2.__version__}"
+
+
+def look_at_bluetooth() -> Answer:
+    """Whether hubs can be looked for, and on Linux why not."""
+    from bricksrl.hub.failures import BluetoothUnavailableError
+    from bricksrl.hub.scan import scan
+
+    reason = _no_bluetooth_on_linux() if sys.platform == "linux" else None
+    if reason is not None:
+        return Outcome.WARNING, f"{reason}; {_WITHOUT_ROBOT}"
+    try:
+        hubs = scan(_SCAN_S)
+    except BluetoothUnavailableError as error:
+        return Outcome.WARNING, f"{error}; {_WITHOUT_ROBOT}"
+    names = ", ".join(hub.name for hub in hubs) or "no hub in reach right now"
+    return Outcome.OK, f"can look for hubs: {names}"
+
+
+def _no_bluetooth_on_linux() -> str | None:
+    """Why there cannot be any, from the outside in: adapter, switch, service."""
+    adapters = sorted(path.name for path in _BLUETOOTH_FOLDER.glob("hci*")) if _BLUETOOTH_FOLDER.is_dir() else []
+    if not adapters:
+        return "this computer has no Bluetooth adapter; plug one in"
+    for switch in _RFKILL_FOLDER.glob("rfkill*"):
+        if _text(switch / "type") == "bluetooth" and "1" in (_text(switch / "soft"), _text(switch / "hard")):
+            return "Bluetooth is switched off; run `rfkill unblock bluetooth`, or use the switch of this computer"
+    if not _SYSTEM_BUS.exists() and "DBUS_SYSTEM_BUS_ADDRESS" not in os.environ:
+        return "the system bus (D-Bus) does not run; start dbus and bluetooth, `systemctl start dbus bluetooth`"
+    return None
+
+
+def _text(path: Path) -> str:
+    try:
+        return path.read_text(encoding="ascii").strip()
+    except OSError:
+        return ""
+
+
+def look_at_usb() -> Answer:
+    """Serial ports, one of which a hub at a cable would be."""
+    from serial.tools.list_ports import comports
+
+    ports = sorted(port.device for port in comports())
+    return Outcome.OK, f"serial ports: {', '.join(ports) or 'none'}"
+
+
+def look_at_disk() -> Answer:
+    """Room for runs where we are, and whether we may write there."""
+    here = Path.cwd()
+    free_gb = shutil.disk_usage(here).free / 1e9
+    room = f"{free_gb:.1f} GB free in {here}"
+    if not os.access(here, os.W_OK):
+        return Outcome.WARNING, f"{here} cannot be written to; go to another folder, or give --run a path elsewhere"
+    if free_gb < _NO_ROOM_GB:
+        return Outcome.ERROR, f"{room}; make room, a run takes some hundred megabytes"
+    if free_gb < _LITTLE_ROOM_GB:
+        return Outcome.WARNING, f"{room}; runs with pictures take several gigabytes"
+    return Outcome.OK, room
+
+
+LOOKS: dict[str, Callable[[], Answer]] = {
+    "python": look_at_python,
+    "packages": look_at_packages,
+    "compiler": look_at_compiler,
+    "physics": look_at_physics,
+    "opengl": look_at_opengl,
+    "opencv": look_at_opencv,
+    "bluetooth": look_at_bluetooth,
+    "usb": look_at_usb,
+    "disk": look_at_disk,
+}

@@ -1,0 +1,334 @@
+"""``bricksrl hub``: the owner's tools around a hub, real or virtual."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from tyro.conf import Positional, arg
+
+from bricksrl.cli.asking import is_terminal, yes
+from bricksrl.cli.console import print_line
+from bricksrl.errors import BricksError, DescriptionError, HubError
+
+if TYPE_CHECKING:
+    from bricksrl.envs.task import Task
+    from bricksrl.hub.calibration import Calibration
+    from bricksrl.hub.transport import Transport
+    from bricksrl.robots import Robot
+
+_NAME_BYTES = 15
+_SCAN_S = 5.0
+
+Env = Annotated[Positional[str], arg(metavar="ENV")]
+Hub = Annotated[str, arg(metavar="HUB")]
+Folder = Annotated[Path | None, arg(metavar="DIR")]
+
+
+@dataclass(frozen=True)
+class Scan:
+    """Show the Pybricks hubs that advertise themselves: name, address, signal, kind.
+
+    A hub does not advertise itself while it runs a program, or while a computer is connected to it.
+
+    Examples:
+      bricksrl hub scan
+      bricksrl hub scan --seconds 10 --json
+      bricksrl hub scan --hub virtual
+    """
+
+    hub: Hub = "ble"
+    """Where to look: ble, or virtual for the hub that everybody has."""
+    seconds: Annotated[float, arg(metavar="SECONDS")] = _SCAN_S
+    """How long to listen."""
+    json: bool = False
+    """A JSON list on standard output and nothing else."""
+
+    def execute(self) -> int:
+        """Listen and print; exit code 1 when no hub is there."""
+        from bricksrl.hub.scan import FoundHub, scan
+        from bricksrl.robots import HubKind
+
+        if self.hub not in ("ble", "virtual"):
+            raise DescriptionError(f"nothing can be scanned for on '{self.hub}'; choose ble or virtual")
+        if not 0 < self.seconds <= 600:
+            raise DescriptionError(f"seconds is {self.seconds:g}; give a number from 0 to 600")
+        virtual = [FoundHub("virtual hub", "virtual", 0, HubKind.PRIME)]
+        hubs = virtual if self.hub == "virtual" else scan(self.seconds)
+        if self.json:
+            print_line(json.dumps([{**dataclasses.asdict(hub), "kind": hub.kind and hub.kind.value} for hub in hubs], indent=2))
+        elif hubs:
+            print_line(f"{'name':16}  {'address':36}  {'signal':>8}  kind")
+        for hub in [] if self.json else hubs:
+            kind = hub.kind.value if hub.kind else "unknown"
+            print_line(f"{hub.name:16}  {hub.address:36}  {hub.rssi_dbm:>4} dBm  {kind}")
+        if not hubs and not self.json:
+            print_line("no hub with Pybricks advertises itself; switch one on, end its program, and disconnect it elsewhere")
+        return 0 if hubs else 1
+
+
+@dataclass(frozen=True)
+class Rename:
+    """Tell how a hub gets another name: Pybricks takes it only when the firmware is installed.
+
+    Examples:
+      bricksrl hub rename Rover
+    """
+
+    name: Annotated[Positional[str], arg(metavar="NAME")]
+    """The new name, 15 bytes at most."""
+
+    def execute(self) -> int:
+        """Say what to do; exit code 2, because nothing was renamed."""
+        size = len(self.name.encode())
+        if not 1 <= size <= _NAME_BYTES or not self.name.isprintable():
+            raise DescriptionError(f"a hub's name has 1 to {_NAME_BYTES} bytes, this one {size}; choose another")
+        raise HubError(
+            "the firmware of Pybricks has no command that renames a hub, it takes a name only when it is installed; install it "
+            f"again on code.pybricks.com with the name '{self.name}', or with `pybricksdev flash --name '{self.name}' FILE.zip`"
+        )
+
+
+@dataclass(frozen=True)
+class Stop:
+    """Stop the program on a hub at once, whose ever it is, and with it the motors.
+
+    A hub whose program runs while no computer is connected to it cannot be reached: press its button.
+
+    Examples:
+      bricksrl hub stop
+      bricksrl hub stop --hub ble:Rover
+    """
+
+    hub: Hub = "ble"
+    """Which hub: ble, ble:NAME, ble:ADDRESS, usb, usb:PORT, or virtual."""
+
+    def execute(self) -> int:
+        """Stop it."""
+        from bricksrl.hub.address import parse_hub
+        from bricksrl.hub.failures import HubNotFoundError
+        from bricksrl.hub.pybricks_profile import Status
+
+        address = parse_hub(self.hub)
+        if address.is_virtual:
+            print_line("a virtual hub lives in the command that uses it; none runs here")
+            return 0
+        transport = address.transport()
+        try:
+            transport.open()
+            status, identity = transport.status, transport.identity
+            transport.stop()
+        except HubNotFoundError as error:
+            raise HubNotFoundError(f"{error}; a hub whose program runs without a computer hears only its button") from None
+        finally:
+            transport.close()
+        ran = status is not None and Status.USER_PROGRAM_RUNNING in status.flags
+        name = identity.name if identity else "the hub"
+        print_line(f"{name}: {'the program was stopped' if ran else 'no program ran'}, no motor is driven")
+        return 0
+
+
+@dataclass(frozen=True)
+class Latency:
+    """Measure how fast the link to a robot is. Moves nothing.
+
+    Examples:
+      bricksrl hub latency Walker-v1
+      bricksrl hub latency RunAway-v0 --hub virtual --json
+    """
+
+    env: Env
+    """Environment, whose program runs on the hub."""
+    hub: Hub = "ble"
+    """Which hub: ble, ble:NAME, ble:ADDRESS, usb, usb:PORT, or virtual."""
+    exchanges: Annotated[int, arg(metavar="N")] = 100
+    """Readings to measure."""
+    json: bool = False
+    """One JSON object on standard output and nothing else."""
+
+    def execute(self) -> int:
+        """Measure and print."""
+        from bricksrl.hub.latency import advice, measure
+        from bricksrl.hub.link import HubLink
+
+        if self.exchanges < 1:
+            raise DescriptionError(f"exchanges is {self.exchanges}; measure at least 1")
+        task = _task(self.env)
+        with HubLink(_transport(self.hub, task), task.robot, task.interface) as link:
+            found = measure(link, task.interface, self.exchanges)
+        if self.json:
+            print_line(json.dumps(dataclasses.asdict(found)))
+            return 0
+        print_line(f"round trip           p50 {found.p50_ms:.1f} ms, p99 {found.p99_ms:.1f} ms, of {found.exchanges} exchanges")
+        if found.link_share is not None:
+            print_line(f"of a step            {found.link_share:.0%} is the link")
+        print_line(f"connection interval  {found.interval_ms:g} ms (inferred: half a round trip)")
+        if found.is_slow:
+            print_line(f"faster               {advice()}")
+        return 0
+
+
+@dataclass(frozen=True)
+class CheckHub:
+    """Check a robot before it learns: hub, ports, battery, IMU, angles, round trip, and the direction of each motor.
+
+    The test moves are asked for first. Exit code 1 when something is wrong.
+
+    Examples:
+      bricksrl hub check Walker-v1
+      bricksrl hub check RunAway-v0 --hub virtual --yes
+      bricksrl hub check RoboArm-v0 --hub ble:Arm --json
+    """
+
+    env: Env
+    """Environment; `bricksrl list` shows them."""
+    hub: Hub = "ble"
+    """Which hub: ble, ble:NAME, ble:ADDRESS, usb, usb:PORT, or virtual."""
+    yes: bool = False
+    """Make the test moves without asking, and do not ask whether they were right."""
+    calibrations: Folder = None
+    """Folder of calibrations; without it the user's own."""
+    json: bool = False
+    """One JSON object on standard output and nothing else."""
+
+    def execute(self) -> int:
+        """Check and print, a line a finding."""
+        from bricksrl.hub.calibration import calibration_of
+        from bricksrl.hub.check import check_robot
+        from bricksrl.hub.finding import Outcome
+
+        task = _task(self.env)
+        transport = _transport(self.hub, task)
+        findings = []
+        watched = not self.yes and is_terminal()
+        for finding in check_robot(
+            transport,
+            task.robot,
+            task.interface,
+            may_move=lambda: self.yes or yes(f"The {task.robot.name} will move each motor a little. Is there room, and may it?"),
+            is_right=(lambda did: yes(f"{did}: was it that one, the way that the plan says?")) if watched else None,
+            calibrate=calibration_of(lambda: _hub_id(transport), self.calibrations),
+        ):
+            findings.append(finding)
+            if not self.json:
+                print_line(f"{finding.outcome.value:9}{finding.name:18}{finding.detail}")
+        errors = [finding for finding in findings if finding.outcome is Outcome.ERROR]
+        if self.json:
+            told = [{**dataclasses.asdict(finding), "outcome": finding.outcome.value} for finding in findings]
+            print_line(json.dumps({"env": task.id, "hub": self.hub, "ok": not errors, "findings": told}))
+        else:
+            print_line("not ready: see the errors above" if errors else f"ready for {task.id}")
+        return 1 if errors else 0
+
+
+@dataclass(frozen=True)
+class Calibrate:
+    """Find the zeros of a robot's motors, and keep them for its hub.
+
+    Joints with a range are turned to their stops. The zeros of all other motors are where they stand now, with `--by-hand`.
+
+    Examples:
+      bricksrl hub calibrate RoboArm-v0
+      bricksrl hub calibrate Walker-v1 --by-hand
+      bricksrl hub calibrate RunAway-v0 --reverse left right
+      bricksrl hub calibrate RoboArm-v0 --forget
+    """
+
+    env: Env
+    """Environment; `bricksrl list` shows them."""
+    hub: Hub = "ble"
+    """Which hub: ble, ble:NAME, ble:ADDRESS, usb, usb:PORT, or virtual."""
+    by_hand: bool = False
+    """Motors without a range stand at their zero now; put legs and turntable there first."""
+    reverse: Annotated[tuple[str, ...], arg(metavar="MOTOR ...")] = ()
+    """Motors that turn the other way round than they did; nothing else is calibrated then."""
+    forget: bool = False
+    """Forget what is known about the robot."""
+    yes: bool = False
+    """Move without asking."""
+    calibrations: Folder = None
+    """Folder to write to; without it the user's own."""
+
+    def execute(self) -> int:
+        """Calibrate and write."""
+        from bricksrl.hub.calibration import Calibration, forget_calibration, load_calibration, save_calibration
+
+        task = _task(self.env)
+        for name in self.reverse:
+            task.robot.motor(name)  # raises where there is none
+        transport = _transport(self.hub, task)
+        try:
+            transport.open()
+            hub_id = _hub_id(transport)
+            if self.forget:
+                forget_calibration(hub_id, task.robot, self.calibrations)
+                print_line(f"{task.robot.name} on {hub_id}: as described")
+                return 0
+            known = load_calibration(hub_id, task.robot, self.calibrations)
+            if self.reverse:
+                found = Calibration(known.zeros_deg, known.reversed ^ set(self.reverse))
+            else:
+                zeros = self._zeros(transport, task.robot, known)
+                found = Calibration(known.zeros_deg | zeros, known.reversed)
+        finally:
+            transport.close()
+        path = save_calibration(hub_id, task.robot, found, self.calibrations)
+        for name, zero in sorted(found.zeros_deg.items()):
+            print_line(f"zero     {name:12}{zero} deg")
+        for name in sorted(found.reversed):
+            print_line(f"reversed {name}")
+        print_line(f"kept in  {path}")
+        return 0
+
+    def _zeros(self, transport: Transport, robot: Robot, known: Calibration) -> dict[str, int]:
+        from bricksrl.hub.calibration import CalibrationError, calibrated, zero_between
+        from bricksrl.hub.diagnosis import find_stops, survey
+
+        turned = calibrated(robot, dataclasses.replace(known, zeros_deg={}))
+        joints = [motor for motor in turned.motors if motor.range_deg is not None]
+        if not joints and not self.by_hand:
+            raise CalibrationError(f"no motor of '{robot.name}' has stops; put its motors at their zeros and add --by-hand")
+        shown = survey(transport, turned).angles_deg if self.by_hand else {}
+        zeros = {motor.name: shown[motor.name] for motor in turned.motors if motor.range_deg is None and motor.name in shown}
+        if not joints:
+            return zeros
+        names = ", ".join(motor.name for motor in joints)
+        if not self.yes and not yes(f"The joints {names} will turn slowly to their stops. Is there room, and may they?"):
+            raise CalibrationError("nothing was moved and nothing calibrated; clear the way and say yes, or add --yes")
+        for name, stops in find_stops(transport, turned).items():
+            if stops is None:
+                raise CalibrationError(f"motor '{name}' meets no stops; look whether it drives its joint")
+            zeros[name] = zero_between(stops, turned.motor(name))
+        return zeros
+
+
+def _task(env_id: str) -> Task:
+    from bricksrl.envs.registry import get_task
+
+    return get_task(env_id)
+
+
+def _transport(hub: str, task: Task) -> Transport:
+    """A transport to the hub, not open yet."""
+    from bricksrl.hub.address import parse_hub
+
+    address = parse_hub(hub)
+    if not address.is_virtual:
+        return address.transport()
+    from bricksrl.twin.virtual_hub import VirtualHub
+
+    return VirtualHub(task.robot, scene=task.scene)
+
+
+def _hub_id(transport: Transport) -> str:
+    """What calibrations are kept under; known when the hub is connected."""
+    identity = getattr(transport, "identity", None)
+    if identity is None:
+        return "virtual"
+    address: str = identity.address
+    if not address:
+        raise BricksError("the hub does not say its address; connect it over Bluetooth")
+    return address

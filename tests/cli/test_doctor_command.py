@@ -1,0 +1,110 @@
+"""``bricksrl doctor``."""
+
+from __future__ import annotations
+
+import json
+import time
+from pathlib import Path
+
+import pytest
+
+from bricksrl.cli import doctor, main
+from bricksrl.errors import HubError
+from bricksrl.hub.failures import BluetoothUnavailableError
+from bricksrl.hub.finding import Outcome
+
+
+def test_every_line_is_an_answer_and_this_computer_will_do(capfd) -> None:
+    code = main(("doctor",))
+    written = capfd.readouterr()
+    lines = written.out.splitlines()
+    assert (code, written.err) == (0, "")
+    assert [line.split()[1] for line in lines] == list(doctor.LOOKS)
+    assert {line.split()[0] for line in lines} <= {"ok", "warning"}
+    assert lines[0].startswith("ok ") and lines[1].startswith("ok ")
+
+
+def test_json(capfd, monkeypatch) -> None:
+    monkeypatch.setattr(doctor, "LOOKS", {"disk": doctor.look_at_disk, "bad": lambda: (Outcome.ERROR, "it is; mend it")})
+    assert main(("doctor", "--json")) == 1
+    told = json.loads(capfd.readouterr().out)
+    assert told["ok"] is False
+    assert told["findings"][1] == {"name": "bad", "outcome": "error", "detail": "it is; mend it"}
+
+
+def test_it_never_hangs_and_never_shows_a_traceback(capfd, monkeypatch) -> None:
+    def broken() -> doctor.Answer:
+        raise RuntimeError("a library\nof another time")
+
+    monkeypatch.setattr(doctor, "LOOKS", {"slow": lambda: time.sleep(20), "broken": broken})
+    start_s = time.monotonic()
+    assert main(("doctor", "--timeout-s", "0.3")) == 1
+    assert time.monotonic() - start_s < 5.0
+    slow, bad = capfd.readouterr().out.splitlines()
+    assert slow.startswith("warning") and "no answer within 0.3 s" in slow
+    assert bad.startswith("error") and "RuntimeError: a library of another time; install" in bad
+
+
+def test_a_time_limit_that_is_none(fails) -> None:
+    fails("doctor", "--timeout-s", "0", says="give a positive number")
+
+
+@pytest.fixture
+def linux(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A computer with everything."""
+    for folder in ("bluetooth/hci0", "rfkill/rfkill0"):
+        (tmp_path / folder).mkdir(parents=True)
+    for name, text in (("type", "bluetooth"), ("soft", "0"), ("hard", "0")):
+        (tmp_path / "rfkill/rfkill0" / name).write_text(f"{text}\n")
+    (tmp_path / "bus").write_text("")
+    monkeypatch.setattr(doctor, "_BLUETOOTH_FOLDER", tmp_path / "bluetooth")
+    monkeypatch.setattr(doctor, "_RFKILL_FOLDER", tmp_path / "rfkill")
+    monkeypatch.setattr(doctor, "_SYSTEM_BUS", tmp_path / "bus")
+    monkeypatch.setattr("sys.platform", "linux")
+    monkeypatch.delenv("DBUS_SYSTEM_BUS_ADDRESS", raising=False)
+    return tmp_path
+
+
+def fail(error: HubError):
+    def scan(seconds: float) -> None:
+        raise error
+
+    return scan
+
+
+def test_bluetooth_is_looked_at_from_the_outside_in(linux: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("bricksrl.hub.scan.scan", lambda seconds: [])
+    assert doctor.look_at_bluetooth() == (Outcome.OK, "can look for hubs: no hub in reach right now")
+    monkeypatch.setattr("bricksrl.hub.scan.scan", fail(BluetoothUnavailableError("access denied; join the group bluetooth")))
+    outcome, detail = doctor.look_at_bluetooth()
+    assert outcome is Outcome.WARNING and "access denied" in detail and "virtual hub" in detail
+    (linux / "bus").unlink()
+    assert "start dbus" in doctor.look_at_bluetooth()[1]
+    (linux / "rfkill/rfkill0/soft").write_text("1\n")
+    assert "rfkill unblock bluetooth" in doctor.look_at_bluetooth()[1]
+    (linux / "bluetooth/hci0").rmdir()
+    assert "no Bluetooth adapter" in doctor.look_at_bluetooth()[1]
+
+
+def test_packages_that_are_missing_or_old(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(
+        "importlib.metadata.requires", lambda name: ["numpy>=99", "nowhere-to-be-found", "extra-thing; extra == 'x'"]
+    )
+    outcome, detail = doctor.look_at_packages()
+    assert outcome is Outcome.ERROR
+    assert "is not >=99; nowhere-to-be-found is missing; run `pip install" in detail and "extra-thing" not in detail
+
+
+def test_a_driver_that_takes_its_process_down_is_a_warning(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(doctor, "_DRAW", "import os, signal; os.kill(os.getpid(), signal.SIGTERM)")
+    outcome, detail = doctor.look_at_opengl()
+    assert outcome is Outcome.WARNING and "all the rest works" in detail
+    monkeypatch.setattr(doctor, "_DRAW", "import time; time.sleep(20)")
+    monkeypatch.setattr(doctor, "_DRAW_S", 0.3)
+    assert "nothing was drawn within 0.3 s" in doctor.look_at_opengl()[1]
+
+
+@pytest.mark.parametrize(("free", "outcome"), [(10**8, Outcome.ERROR), (10**9, Outcome.WARNING), (10**11, Outcome.OK)])
+def test_room_on_the_disk(monkeypatch: pytest.MonkeyPatch, free: int, outcome: Outcome) -> None:
+    monkeypatch.setattr("shutil.disk_usage", lambda path: type("Usage", (), {"free": free}))
+    assert doctor.look_at_disk()[0] is outcome
