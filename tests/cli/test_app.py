@@ -10,7 +10,8 @@ import pytest
 import bricksrl as package
 from bricksrl.cli.app import one_line
 
-COMMANDS = ("list", "train", "resume", "evaluate", "hub", "hub program", "hub run")
+HUB_TOOLS = ("hub scan", "hub check", "hub latency", "hub calibrate", "hub stop", "hub rename")
+COMMANDS = ("list", "train", "resume", "evaluate", "doctor", "hub", "hub program", "hub run", *HUB_TOOLS)
 HEAVY = ("torch", "torchrl", "tensordict", "mujoco", "matplotlib", "scipy")
 
 

@@ -20,10 +20,10 @@ if TYPE_CHECKING:
 class Evaluate:
     """Let a trained agent do its best, without exploring and without learning, and count.
 
-      Examples:
-        bricksrl evaluate runs/spin
-        bricksrl evaluate runs/spin --episodes 20 --seed 7 --json
-    bricksrl evaluate runs/spin --hub ble
+    Examples:
+      bricksrl evaluate runs/spin
+      bricksrl evaluate runs/spin --episodes 20 --seed 7 --json
+      bricksrl evaluate runs/spin --hub ble
     """
 
     run: Annotated[Positional[Path], arg(metavar="RUN")]
