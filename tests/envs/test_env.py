@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 
 import pytest
 import torch
@@ -311,3 +312,17 @@ def test_a_walker_whose_way_stays_blocked_gives_up(monkeypatch: pytest.MonkeyPat
     env.reset()
     with pytest.raises(HubError, match="clear it"):
         env.step(TensorDict({"action": torch.zeros(4)}))
+
+
+def test_a_step_tells_when_it_happened() -> None:
+    env = bricksrl.make("Spinning-v0", seed=0)
+    state = env.reset()
+    with pytest.raises(BricksError, match="no step yet"):
+        _ = env.timing
+    times_s = []
+    for _ in range(5):
+        state = env.step(state.set("action", torch.zeros(2)))["next"]
+        times_s.append(env.timing.hub_time_s)
+        assert 0.0 < env.timing.age_s < 0.1  # it came over a radio that takes milliseconds
+    assert all(0.1 <= later - sooner < 0.2 for sooner, later in itertools.pairwise(times_s))
+    env.close()

@@ -58,6 +58,19 @@ class Connection:
     camera: Camera | None = None
 
 
+@dataclass(frozen=True)
+class Timing:
+    """When a step happened.
+
+    Attributes:
+        age_s: how old the observation was that the action answered, when the action left.
+        hub_time_s: the hub's clock when it measured the observation that followed.
+    """
+
+    age_s: float
+    hub_time_s: float
+
+
 @dataclass(slots=True)
 class _Episode:
     """What changes from step to step; apart from the environment, where every assignment costs ten microseconds.
@@ -67,14 +80,19 @@ class _Episode:
         watch: what the camera shows; ``None`` for a task without one.
         judged: every observation that followed a step, as the task's functions get it; only where there is a camera.
         is_cut: whether a pause ended the episode.
+        measured_s: the link's clock when the last observation was measured; ``hub_time_s`` the hub's.
+        age_s: of the observation that the last action answered.
     """
 
     drawn: NDArray[np.float32]
     observation: torch.Tensor
+    measured_s: float
     step_count: int = 0
     watch: Watch | None = None
     judged: list[torch.Tensor] = field(default_factory=list)
     is_cut: bool = False
+    hub_time_s: float = 0.0
+    age_s: float = 0.0
 
 
 class HubEnv(EnvBase):  # type: ignore[misc]
@@ -183,6 +201,7 @@ class HubEnv(EnvBase):  # type: ignore[misc]
 
     def _reset(self, _tensordict: TensorDictBase | None = None, **_kwargs: Any) -> TensorDictBase:
         reading = self._guarded(self._start)
+        measured_s = self._robot().link.now_s() - reading.age_s
         self.is_closed = False
         drawn = np.array([entry.draw(self._host_rng) for entry in self.task.host_entries], dtype=np.float32)
         measured = np.zeros(len(self.task.measured_entries), dtype=np.float32)
@@ -195,7 +214,7 @@ class HubEnv(EnvBase):  # type: ignore[misc]
             watch = Watch(self.task.camera, self._host_rng, self._guarded(self._camera.frame))
             observation = _with_numbers(observation, watch)
             out["image"] = torch.from_numpy(watch.image)
-        self._episode = _Episode(drawn, observation, watch=watch)
+        self._episode = _Episode(drawn, observation, measured_s, watch=watch)
         return TensorDict(out, batch_size=())
 
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
@@ -206,6 +225,7 @@ class HubEnv(EnvBase):  # type: ignore[misc]
             raise BricksError(f"{task.id} has no episode to step; reset the environment first")
         link = self._robot().link
         self._wait_while_blocked(episode)
+        episode.age_s = link.now_s() - episode.measured_s
         observation = self._measure(self._guarded(lambda: link.act(commands)), episode)
         reward = task.reward(episode.observation, action, observation)
         terminated = task.terminated(observation)
@@ -249,6 +269,8 @@ class HubEnv(EnvBase):  # type: ignore[misc]
 
     def _measure(self, reading: Reading, episode: _Episode) -> torch.Tensor:
         """What the task's functions get after a step; asks odometer and camera only where somebody wants to know."""
+        episode.measured_s = self._robot().link.now_s() - reading.age_s
+        episode.hub_time_s = reading.hub_time_ms / 1000
         forward_mm: list[float] = []
         if self.task.walks or self.task.measured_entries:
             forward_mm = [self._odometer.forward_mm(self._robot().link.now_s(), reading.values)]
@@ -273,6 +295,17 @@ class HubEnv(EnvBase):  # type: ignore[misc]
         if len(judged) != len(observations):
             raise BricksError(f"{self.task.id} judges an episode before the next reset, and not {len(observations)} other steps")
         return torch.stack(judged)
+
+    @property
+    def timing(self) -> Timing:
+        """Of the last step.
+
+        Raises:
+            BricksError: none was made.
+        """
+        if self._episode is None or not self._episode.step_count:
+            raise BricksError(f"{self.task.id} has made no step yet; make one first")
+        return Timing(self._episode.age_s, self._episode.hub_time_s)
 
     def walk_metrics(self) -> dict[str, float]:
         """Metres walked in this episode, speed and straightness, where the task walks and the robot is virtual."""
