@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import enum
 from dataclasses import dataclass
-from typing import NamedTuple
-
 from bricksrl.twin.firmware import trajectory as trajectories
 from bricksrl.twin.firmware.integrators import LOOPS_PER_S, PositionIntegrator, SpeedIntegrator
-from bricksrl.twin.firmware.settings import ControlSettings, by_gain, gain_times
+from bricksrl.twin.firmware.settings import ControlSettings, gain_times
 from bricksrl.twin.firmware.trajectory import FOREVER_MS, Command, Reference, Trajectory
 
 _FOREVER = FOREVER_MS * 10
@@ -54,12 +52,11 @@ class State:
     speed_estimate: int
 
 
-class Action(NamedTuple):
-    """What a controller wants: a torque (uNm), or to be stopped in a passive way."""
+Action = tuple[int, int, int, OnCompletion | None, bool]
+"""What a controller wants: torque (uNm), the reference's speed and acceleration, a passive way to be stopped or ``None``, and
+whether it is at its limit and had to pause."""
 
-    torque: int
-    reference: Reference
-    passive: OnCompletion | None
+_POSITION, _TIMED = ControlType.POSITION, ControlType.TIMED
 
 
 def _sign(value: int) -> int:
@@ -79,6 +76,7 @@ class Controller:
         self._torque_limit = settings.max_torque
         self._stalled = False
         self._complete = True
+        self._goes_on = False  # when complete, this controller does what it does
         self._position = PositionIntegrator(settings, 0)
         self._speed = SpeedIntegrator(settings)
 
@@ -197,50 +195,61 @@ class Controller:
 
     # ---- the loop
 
-    def update(self, time: int, state: State, paused_by_other: bool = False) -> tuple[Action, bool]:
-        """One loop: what to do, and whether this controller is at its limit and had to pause."""
-        s, limit = self.settings, self._torque_limit
-        is_position = self.type is ControlType.POSITION
-        integrator = self._position if is_position else self._speed
-        ref = self.trajectory.reference(self._position.trajectory_time(time) if is_position else time)
-        end = self.trajectory.end
-        error = ref.position - state.position
-        if is_position:
-            target_error = end.position - state.position
-            integral = self._position.update(error, target_error)
-            used_error = error
+    def update(self, time: int, position: int, speed: int, speed_estimate: int, paused_by_other: bool = False) -> Action:
+        """One loop. This and what it calls are the hottest lines of a virtual robot, so they are written out.
+
+        Args:
+            position, speed: measured, mdeg and mdeg/s.
+            speed_estimate: the observer's.
+            paused_by_other: the other controller of a drive base waits.
+        """
+        s, limit, trajectory = self.settings, self._torque_limit, self.trajectory
+        end = trajectory.end
+        integrator: PositionIntegrator | SpeedIntegrator
+        if self.type is _POSITION:
+            integrator = self._position
+            reference_time = integrator.trajectory_time(time)
+            reference, reference_speed, acceleration = trajectory.at(reference_time)
+            used_error = error = reference - position
+            target_error = end.position - position
+            integral = integrator.update(error, target_error)
         else:
-            target_error, integral = _UNBOUNDED, 0
-            used_error = self._speed.error(error)
-        # gain_times, written out: this is the hottest line of a virtual robot.
-        proportional = int(self._kp(error, target_error) * used_error / 1000)
-        torque = proportional + int(s.kd * (ref.speed - state.speed_estimate) / 1000)
+            integrator, reference_time = self._speed, time
+            reference, reference_speed, acceleration = trajectory.at(time)
+            error, target_error, integral = reference - position, _UNBOUNDED, 0
+            used_error = integrator.error(error)
+        is_firm = error == 0 or abs(trajectory.wu) * 100 >= s.kp_low_speed
+        proportional = int((s.kp if is_firm else self._soft_kp(error, target_error)) * used_error / 1000)
+        torque = proportional + int(s.kd * (reference_speed - speed_estimate) / 1000)
         if integral:
-            torque += gain_times(integral, s.ki)
+            torque += int(integral * s.ki / 1000)
         torque = limit if torque > limit else -limit if torque < -limit else torque
-        at_limit = abs(proportional) >= limit and self._is_winding_up(proportional, state.speed, ref)
-        pause = at_limit or paused_by_other
-        if pause is integrator.running:
-            self._pause_or_resume(pause, time, error)
-        self._stalled = integrator.is_stalled(time, state.speed, ref.speed)
-        self._complete = self._check_complete(ref.time, state, end)
+        at_limit = abs(proportional) >= limit and self._is_winding_up(proportional, speed, reference_speed, acceleration)
+        if integrator.running is (at_limit or paused_by_other):
+            self._pause_or_resume(integrator.running, time, error)
+        self._stalled = integrator.is_stalled(time, speed, reference_speed)
         self.pid_average = int((self.pid_average * 95 + torque * 5) / 100)
-        passive = None
-        if self._complete and not self.on_completion.is_active:
-            holds = self.on_completion.is_smart and ref.time - end.time < s.smart_hold_time
-            if not holds:
-                passive = self.on_completion.passive
-                torque = 0
-                self.stop()
-        if self._complete and self.type is ControlType.TIMED and self.on_completion is OnCompletion.HOLD:
-            self.start_hold(time, s.position_from_unit(s.position_to_unit(state.position)))
-        return Action(torque, ref, passive), at_limit
+        self._complete = self._check_complete(reference_time, position, speed, end)
+        if not self._complete or self._goes_on:
+            return torque, reference_speed, acceleration, None, at_limit
+        return self._end(time, position, reference_time - end.time, (torque, reference_speed, acceleration, None, at_limit))
+
+    def _end(self, time: int, position: int, since: int, action: Action) -> Action:
+        """What becomes of an action where the move is complete for ``since`` ticks."""
+        s, then = self.settings, self.on_completion
+        if then.is_active:  # TIMED and HOLD
+            self.start_hold(time, s.position_from_unit(s.position_to_unit(position)))
+        elif not then.is_smart or since >= s.smart_hold_time:
+            self.stop()
+            return 0, *action[1:3], then.passive, action[4]
+        return action
 
     def _trajectory_time(self, time: int) -> int:
         return self._position.trajectory_time(time) if self.type is ControlType.POSITION else time
 
     def _set_type(self, new: ControlType, time: int, then: OnCompletion, until_stalled: bool = False) -> None:
         self.on_completion = then
+        self._goes_on = then.is_active and (new is _POSITION or then is OnCompletion.CONTINUE)
         self._torque_limit = self.settings.max_torque
         self._complete = False
         if (self.type, self._until_stalled) == (new, until_stalled):
@@ -252,15 +261,13 @@ class Controller:
             self._speed = SpeedIntegrator(self.settings)
         self.type, self._until_stalled = new, until_stalled
 
-    def _kp(self, error: int, target_error: int) -> int:
-        """The position gain: softer for small errors on slow moves, firm near the target."""
+    def _soft_kp(self, error: int, target_error: int) -> int:
+        """The position gain of a slow move: softer for small errors, firm near the target."""
         s = self.settings
-        if self.trajectory.command_speed >= s.kp_low_speed or error == 0:
-            return s.kp
         error, target_error = abs(error), abs(target_error)
         low = s.kp * s.kp_low_pct // 100
         piecewise = low if error <= s.kp_low_error else s.kp - s.kp_low_error * (s.kp - low) // error
-        near = by_gain(s.max_torque, s.kp)
+        near = s.saturation_error
         far = near * 100 // s.kp_low_pct
         if target_error < near:
             return s.kp
@@ -269,7 +276,7 @@ class Controller:
         blend = low + s.kp * (100 - s.kp_low_pct) * (far - target_error) // (far - near) // 100
         return max(piecewise, blend)
 
-    def _is_winding_up(self, proportional: int, speed: int, ref: Reference) -> bool:
+    def _is_winding_up(self, proportional: int, speed: int, reference_speed: int, acceleration: int) -> bool:
         """Whether the position error alone asks for more than the motor has, and reversing would not help."""
         s = self.settings
         margin = int(abs(speed) / LOOPS_PER_S) * 2
@@ -277,7 +284,7 @@ class Controller:
             return False
         moving = 0 if abs(speed) < s.stall_speed else speed
         sign = _sign(proportional)
-        return sign != -_sign(ref.speed - moving) and sign != -_sign(ref.acceleration)
+        return sign != -_sign(reference_speed - moving) and sign != -_sign(acceleration)
 
     def _pause_or_resume(self, pause: bool, time: int, error: int) -> None:
         if self.type is ControlType.POSITION:
@@ -290,19 +297,18 @@ class Controller:
         else:
             self._speed.resume(error)
 
-    def _check_complete(self, time: int, state: State, end: Reference) -> bool:
+    def _check_complete(self, time: int, position: int, speed: int, end: Reference) -> bool:
         if self._until_stalled:
             return self._stalled
-        in_time = time >= end.time
-        if self.type is ControlType.TIMED:
-            return in_time or self.trajectory.t3 >= _FOREVER
-        if not in_time:
+        if self.type is _TIMED:
+            return time >= end.time or self.trajectory.t3 >= _FOREVER
+        if time < end.time:
             return False
-        remaining = end.position - state.position
+        remaining = end.position - position
         if end.speed != 0:
             return _sign(remaining) != _sign(end.speed)
         s = self.settings
-        return abs(state.speed) <= s.speed_tolerance and abs(remaining) <= s.position_tolerance
+        return abs(speed) <= s.speed_tolerance and abs(remaining) <= s.position_tolerance
 
 
 def _from_vertex(command: Command, vertex: Reference) -> Command:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import errno
 from typing import TYPE_CHECKING
 
-from bricksrl.twin.firmware.control import Action, Controller, OnCompletion, State
+from bricksrl.twin.firmware.control import Controller, OnCompletion, State
 from bricksrl.twin.firmware.servo import Servo
 from bricksrl.twin.firmware.settings import ControlSettings, drive_base_settings
 from bricksrl.twin.firmware.trajectory import validate_acceleration, validate_speed
@@ -161,23 +161,19 @@ class DriveBaseControl:
         if not (self._distance.is_active and self._heading.is_active):
             return
         time = self._machine.time_ticks
-        distance_state, heading_state = self._state()
-        distance, distance_at_limit = self._distance.update(time, distance_state, self._paused)
-        heading, heading_at_limit = self._heading.update(time, heading_state, self._paused)
+        distance, heading = self._state()
+        action = self._distance.update(time, distance.position, distance.speed, distance.speed_estimate, self._paused)
+        torque, speed, acceleration, end_of_distance, distance_at_limit = action
+        action = self._heading.update(time, heading.position, heading.speed, heading.speed_estimate, self._paused)
+        turn_torque, turn_speed, turn_acceleration, end_of_heading, heading_at_limit = action
         # Both wait while one of them is at its limit, so that they arrive together.
         self._paused = distance_at_limit or heading_at_limit
-        for action in (distance, heading):
-            if action.passive is not None:
-                self.stop(action.passive)
+        for end in (end_of_distance, end_of_heading):
+            if end is not None:
+                self.stop(end)
                 return
-        self._actuate(self.left, distance, heading, 1)
-        self._actuate(self.right, distance, heading, -1)
-
-    @staticmethod
-    def _actuate(servo: Servo, distance: Action, heading: Action, sign: int) -> None:
-        d, h = distance.reference, heading.reference
-        forward = servo.feedforward(d.speed + sign * h.speed, d.acceleration + sign * h.acceleration)
-        servo.actuate(distance.torque + sign * heading.torque + forward)
+        self.left.actuate(torque + turn_torque, speed + turn_speed, acceleration + turn_acceleration)
+        self.right.actuate(torque - turn_torque, speed - turn_speed, acceleration - turn_acceleration)
 
     def _state(self) -> tuple[State, State]:
         """Mean of both motors, and what the left one is ahead of it."""

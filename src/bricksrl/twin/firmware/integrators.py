@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from bricksrl.twin.firmware.settings import ControlSettings, by_gain
+from bricksrl.twin.firmware.settings import ControlSettings
 
 LOOPS_PER_S = 200
 
@@ -32,26 +32,25 @@ class PositionIntegrator:
 
     def update(self, error: int, target_error: int) -> int:
         """Add one loop's error where that helps, and return the integral (mdeg s)."""
-        s = self._settings
+        s, integral = self._settings, self.integral
         change = int(error / LOOPS_PER_S)
-        shrinks = abs(self.integral + change) < abs(self.integral)
-        if self.running or shrinks:
-            if not shrinks:
-                error = max(-s.integral_rate, min(s.integral_rate, error))
-                change = int(error / LOOPS_PER_S)
-                shrinks = abs(self.integral + change) < abs(self.integral)
-            away = abs(target_error)
-            if shrinks or (away >= s.integral_deadzone and away <= by_gain(s.max_torque, s.kp) * 2):
-                limit = by_gain(s.max_torque, s.ki)
-                self.integral = max(-limit, min(limit, self.integral + change))
-        return self.integral
+        shrinks = abs(integral + change) < abs(integral)
+        if not shrinks:
+            if not self.running:
+                return integral
+            rate = s.integral_rate
+            if not -rate <= error <= rate:
+                change = int((rate if error > 0 else -rate) / LOOPS_PER_S)
+                shrinks = abs(integral + change) < abs(integral)
+        if shrinks or s.integral_deadzone <= abs(target_error) <= s.saturation_error * 2:
+            integral, limit = integral + change, s.max_integral
+            self.integral = integral = limit if integral > limit else -limit if integral < -limit else integral
+        return integral
 
     def is_stalled(self, time: int, speed: int, reference_speed: int) -> bool:
         if self.running:
-            if self.integral == 0:
-                return False
-            limit = by_gain(self._settings.max_torque, self._settings.ki)
-            if limit == 0 or abs(self.integral) < limit:
+            limit = self._settings.max_integral
+            if limit == 0 or -limit < self.integral < limit:
                 return False
         return _stalls(self._settings, self.pause_began, time, speed, reference_speed)
 

@@ -41,12 +41,16 @@ class MotorModel:
     def torque_unm(self, voltage_mv: int) -> int:
         return int(PRESCALE_VOLTAGE * _clamp(voltage_mv, MAX_VOLTAGE_MV) / self.torque_by_voltage)
 
-    def feedforward_unm(self, speed: int, acceleration: int) -> int:
-        """Torque that a reference needs: half the friction, back-EMF, inertia."""
-        friction = 0 if speed == 0 else self.friction_unm // 2 if speed > 0 else -(self.friction_unm // 2)
-        back_emf = int(PRESCALE_SPEED * _clamp(speed, MAX_SPEED) / self.torque_by_speed)
-        inertia = int(PRESCALE_ACCELERATION * _clamp(acceleration, MAX_ACCELERATION) / self.torque_by_acceleration)
-        return _clamp(friction + back_emf + inertia, MAX_TORQUE_UNM)
+    def drive_mv(self, torque_unm: int, speed: int, acceleration: int) -> int:
+        """Voltage for a torque on top of what a reference needs: half the friction, back-EMF, inertia."""
+        speed, acceleration = _clamp(speed, MAX_SPEED), _clamp(acceleration, MAX_ACCELERATION)
+        forward = int(PRESCALE_SPEED * speed / self.torque_by_speed)
+        if speed:
+            forward += self.friction_unm // 2 if speed > 0 else -(self.friction_unm // 2)
+        if acceleration:
+            forward += int(PRESCALE_ACCELERATION * acceleration / self.torque_by_acceleration)
+        torque = _clamp(torque_unm + _clamp(forward, MAX_TORQUE_UNM), MAX_TORQUE_UNM)
+        return int(PRESCALE_TORQUE * torque / self.voltage_by_torque)
 
 
 @dataclass(frozen=True, slots=True)

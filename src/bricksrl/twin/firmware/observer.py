@@ -15,7 +15,7 @@ from bricksrl.twin.firmware.motor_model import (
     MotorType,
 )
 
-_SPEED_WINDOW = 20  # ticks of 5 ms: 100 ms
+_WINDOW_START = -21  # the first of 20 ticks of 5 ms: 100 ms
 _HISTORY = 60  # ticks that a program may ask Motor.speed(window) for: 300 ms
 _GAIN_THRESHOLD_MDEG = 20_000
 _HIGH_GAIN_FACTOR = 7
@@ -32,10 +32,14 @@ class Observer:
     """
 
     def __init__(self, motor: MotorType, stall_speed: int, stall_time: int) -> None:
-        self._model = motor.model
+        model = motor.model
         self._gain = motor.observer_gain
         self._stall_speed, self._stall_time = stall_speed, stall_time
-        self._negligible_mv = int(self._model.voltage_mv(self._model.friction_unm) * 5 / 2)
+        self._negligible_mv = int(model.voltage_mv(model.friction_unm) * 5 / 2)
+        self._rows = model.angle[:3], model.speed[:3], model.current[:3]
+        self._friction_unm = model.friction_unm
+        self._friction_columns = model.angle[3], model.speed[3], model.current[3]
+        self._full_friction = self._friction(model.friction_unm)
         self._history: deque[int] = deque(maxlen=_HISTORY + 1)
         self.reset(0)
 
@@ -60,37 +64,35 @@ class Observer:
         """One 5 ms step with the voltage that is applied and the angle that is measured."""
         history = self._history
         history.append(angle)
-        self.measured_speed = (angle - history[-1 - _SPEED_WINDOW]) * 10
-        feedback = self.feedback_mv(angle)
-        if feedback and voltage_mv:
+        self.measured_speed = (angle - history[_WINDOW_START]) * 10
+        speed, feedback = self.speed, self.feedback_mv(angle)
+        if feedback and voltage_mv and (feedback < 0) is (voltage_mv > 0):
             self._check_stall(time, voltage_mv, feedback)
         else:
             self._stalled_since = None
         voltage = voltage_mv + feedback
         voltage = MAX_VOLTAGE_MV if voltage > MAX_VOLTAGE_MV else -MAX_VOLTAGE_MV if voltage < -MAX_VOLTAGE_MV else voltage
-        speed, model = self.speed, self._model
-        torque = model.friction_unm
-        if abs(speed) <= _FRICTION_CUTOFF:
-            torque = int(abs(speed) * torque / _FRICTION_CUTOFF)
+        if -_FRICTION_CUTOFF <= speed <= _FRICTION_CUTOFF:
+            slip, friction, drop = self._friction(int(abs(speed) * self._friction_unm / _FRICTION_CUTOFF))
+        else:
+            slip, friction, drop = self._full_friction
         if speed < 0:
-            torque = -torque
-        ps, pc, pv, pt = (
-            PRESCALE_SPEED * speed,
-            PRESCALE_CURRENT * self._current,
-            PRESCALE_VOLTAGE * voltage,
-            PRESCALE_TORQUE * torque,
-        )
-        a, b, c, d = model.angle
-        self.angle += int(ps / a) + int(pc / b) + int(pv / c) + int(pt / d)
-        a, b, c, d = model.speed
-        friction = int(pt / d)
-        next_speed = int(ps / a) + int(pc / b) + int(pv / c) + friction
-        a, b, c, d = model.current
-        current = int(ps / a) + int(pc / b) + int(pv / c) + int(pt / d)
-        if (speed < 0) != (next_speed < 0):
+            slip, friction, drop = -slip, -friction, -drop
+        ps, pc, pv = PRESCALE_SPEED * speed, PRESCALE_CURRENT * self._current, PRESCALE_VOLTAGE * voltage
+        (a0, a1, a2), (s0, s1, s2), (c0, c1, c2) = self._rows
+        self.angle += int(ps / a0) + int(pc / a1) + int(pv / a2) + slip
+        next_speed = int(ps / s0) + int(pc / s1) + int(pv / s2) + friction
+        current = int(ps / c0) + int(pc / c1) + int(pv / c2) + drop
+        if (speed < 0) is not (next_speed < 0):
             next_speed -= friction  # friction brakes to rest, not beyond
         self.speed = MAX_SPEED if next_speed > MAX_SPEED else -MAX_SPEED if next_speed < -MAX_SPEED else next_speed
         self._current = MAX_CURRENT if current > MAX_CURRENT else -MAX_CURRENT if current < -MAX_CURRENT else current
+
+    def _friction(self, torque_unm: int) -> tuple[int, int, int]:
+        """What a torque against the motion does to angle, speed and current."""
+        torque = PRESCALE_TORQUE * torque_unm
+        angle, speed, current = self._friction_columns
+        return int(torque / angle), int(torque / speed), int(torque / current)
 
     def window_speed(self, window_ms: int) -> int:
         """Average measured speed over a window, mdeg/s.
@@ -107,10 +109,11 @@ class Observer:
         return self._stalled_since is not None and time - self._stalled_since > self._stall_time
 
     def _check_stall(self, time: int, voltage: int, feedback: int) -> None:
+        """For a feedback against the voltage; along with it nothing stalls."""
         speed = self.speed
         if voltage < 0:
             speed, voltage, feedback = -speed, -voltage, -feedback
-        pushed_back = feedback < 0 and -feedback * 100 > voltage * _STALL_RATIO_PCT
+        pushed_back = -feedback * 100 > voltage * _STALL_RATIO_PCT
         if speed < self._stall_speed and pushed_back and voltage > self._negligible_mv:
             if self._stalled_since is None:
                 self._stalled_since = time

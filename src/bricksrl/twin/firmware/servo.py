@@ -6,7 +6,7 @@ import errno
 from typing import TYPE_CHECKING, Protocol
 
 from bricksrl.robots import Direction, MotorKind
-from bricksrl.twin.firmware.control import Controller, OnCompletion, State
+from bricksrl.twin.firmware.control import Controller, ControlType, OnCompletion, State
 from bricksrl.twin.firmware.motor_model import MOTOR_TYPES
 from bricksrl.twin.firmware.observer import Observer
 from bricksrl.twin.firmware.settings import ControlSettings, servo_settings
@@ -34,6 +34,7 @@ class Servo:
         self.kind = kind
         self.port = port
         self.type = MOTOR_TYPES[kind]
+        self._drive_mv = self.type.model.drive_mv
         self.is_open = False
         self.parent: Parent | None = None
         self._machine = machine
@@ -92,7 +93,7 @@ class Servo:
 
     def position(self) -> int:
         """Angle of the motor's shaft in mdeg, in the direction and from the zero that the program set."""
-        return self._raw_mdeg() - self._zero_mdeg
+        return self._body.angle_mdeg(self.port) * self._sign - self._zero_mdeg
 
     def state(self) -> State:
         return State(self.position(), self.observer.measured_speed, self.observer.speed)
@@ -209,28 +210,30 @@ class Servo:
         """One control loop: controller, voltage, observer."""
         if not self.is_open:
             return
-        time, state = self._machine.time_ticks, self.state()
-        if self.control.is_active:
-            action, _ = self.control.update(time, state)
-            if action.passive is None:
-                self.actuate(action.torque + self.feedforward(action.reference.speed, action.reference.acceleration))
+        time, position = self._machine.time_ms * 10, self.position()
+        control, observer = self.control, self.observer
+        if control.type is not ControlType.NONE:
+            action = control.update(time, position, observer.measured_speed, observer.speed)
+            torque, speed, acceleration, passive, _ = action
+            if passive is None:
+                self.actuate(torque, speed, acceleration)
             else:
-                self.set_voltage(None if action.passive is OnCompletion.COAST else 0)
-        self.observer.update(time, state.position, self._voltage_mv or 0)
+                self.set_voltage(None if passive is OnCompletion.COAST else 0)
+        observer.update(time, position, self._voltage_mv or 0)
 
-    def feedforward(self, speed: int, acceleration: int) -> int:
-        """Torque (uNm) that a reference (mdeg/s, mdeg/s2) needs without load."""
-        return self.type.model.feedforward_unm(speed, acceleration)
-
-    def actuate(self, torque_unm: int) -> None:
-        self.set_voltage(self.type.model.voltage_mv(torque_unm))
+    def actuate(self, torque_unm: int, speed: int, acceleration: int) -> None:
+        """Exert a torque on top of what a reference (mdeg/s, mdeg/s2) needs without load."""
+        self.set_voltage(self._drive_mv(torque_unm, speed, acceleration))
 
     def set_voltage(self, voltage_mv: int | None) -> None:
         """Electrically only; controllers are not asked."""
-        if voltage_mv is not None:
-            voltage_mv = max(-self._max_voltage_mv, min(self._max_voltage_mv, voltage_mv))
-        self._voltage_mv = voltage_mv
-        self._body.set_voltage(self.port, None if voltage_mv is None else voltage_mv * self._sign)
+        if voltage_mv is None:
+            self._voltage_mv = None
+            self._body.set_voltage(self.port, None)
+            return
+        limit = self._max_voltage_mv
+        self._voltage_mv = voltage_mv = limit if voltage_mv > limit else -limit if voltage_mv < -limit else voltage_mv
+        self._body.set_voltage(self.port, voltage_mv * self._sign)
 
     def _take_over(self) -> None:
         if self.parent is not None:

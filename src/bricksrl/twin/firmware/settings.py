@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from bricksrl.twin.firmware.motor_model import MAX_TORQUE_UNM, MotorType
 from bricksrl.twin.firmware.trajectory import validate_acceleration, validate_speed
@@ -13,7 +13,12 @@ _INT32_MAX = 2**31 - 1
 
 @dataclass(slots=True)
 class ControlSettings:
-    """Limits, gains and tolerances; ``steps_per_unit`` control steps (mdeg) make one unit of the program."""
+    """Limits, gains and tolerances; ``steps_per_unit`` control steps (mdeg) make one unit of the program.
+
+    Attributes:
+        saturation_error: position error at which the proportional part alone asks for all torque.
+        max_integral: integral at which its part alone does.
+    """
 
     steps_per_unit: int
     max_speed: int
@@ -34,6 +39,11 @@ class ControlSettings:
     stall_speed: int
     stall_time: int
     smart_hold_time: int
+    saturation_error: int = field(init=False)
+    max_integral: int = field(init=False)
+
+    def __post_init__(self) -> None:
+        self._derive()
 
     def to_unit(self, value: int) -> int:
         """A speed or a small angle in the program's units, truncated."""
@@ -70,6 +80,7 @@ class ControlSettings:
         self.max_speed = self.from_unit(speed)
         self.acceleration, self.deceleration = self.from_unit(acceleration), self.from_unit(deceleration)
         self.max_torque = torque_mnm * 1000
+        self._derive()
 
     def pid(self) -> tuple[int, int, int, int, int]:
         """kp, ki, kd in control units; integral deadzone and integral rate in the program's units."""
@@ -83,6 +94,7 @@ class ControlSettings:
         self._validate_position(integral_deadzone)
         self.kp, self.ki, self.kd = kp, ki, kd
         self.integral_deadzone, self.integral_rate = self.from_unit(integral_deadzone), self.from_unit(integral_rate)
+        self._derive()
 
     def target_tolerances(self) -> tuple[int, int]:
         """Speed and position within which a move counts as done."""
@@ -102,6 +114,10 @@ class ControlSettings:
         """Raises ValueError for values that the firmware refuses."""
         validate_speed(self.steps_per_unit, speed)
         self.stall_speed, self.stall_time = self.from_unit(speed), time_ms * 10
+
+    def _derive(self) -> None:
+        self.saturation_error = by_gain(self.max_torque, self.kp)
+        self.max_integral = by_gain(self.max_torque, self.ki)
 
     def _validate_position(self, value: int) -> None:
         if not 0 <= value <= self.to_unit(_INT32_MAX):

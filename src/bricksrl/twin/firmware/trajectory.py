@@ -84,25 +84,29 @@ class Trajectory:
 
     def reference(self, time: int) -> Reference:
         """Where the motor should be at a time."""
+        return Reference(time, *self.at(time))
+
+    def at(self, time: int) -> tuple[int, int, int]:
+        """Position, speed and acceleration at a time; what every control loop asks."""
         t = time - self.time
         if t < self.t1 or t == self.t1 == 0:
             a = self.a0
             gain = int(a * t / 1000)
-            w = self.w0 + gain
             th = int(self.w0 * t / 100) + int(int(gain * t / 100) / 2)
-        elif t < self.t2:
-            w, a = self.w1, 0
-            th = self.th1 + int(w * (t - self.t1) / 100)
-        elif t < self.t3:
+            return self.position + th, (self.w0 + gain) * 100, a * 1000
+        if t < self.t2:
+            w = self.w1
+            return self.position + self.th1 + int(w * (t - self.t1) / 100), w * 100, 0
+        if t < self.t3:
             t -= self.t2
-            a = self.a2
+            a, w = self.a2, self.w1
             gain = int(a * t / 1000)
-            w = self.w1 + gain
-            th = self.th2 + int(self.w1 * t / 100) + int(int(gain * t / 100) / 2)
-        else:
-            w, a = self.w3, 0
-            th = self.th3 + int(w * (t - self.t3) / 100)
-        return Reference(time, self.position + th, w * 100, a * 1000)
+            th = self.th2 + int(w * t / 100) + int(int(gain * t / 100) / 2)
+            return self.position + th, (w + gain) * 100, a * 1000
+        w = self.w3
+        if not w:
+            return self.position + self.th3, 0, 0
+        return self.position + self.th3 + int(w * (t - self.t3) / 100), w * 100, 0
 
     def stretch(self, leader: Trajectory) -> None:
         """Cover the same angle with the phases of a longer trajectory, so that both end together."""
