@@ -93,12 +93,11 @@ class MujocoBody:
         """Look up every name and array once."""
         model, data = self.model, self.data
         joints = {port: model.joint(f"motor_{port}") for port in self.motors}
-        self._shaft = {port: int(joint.qposadr[0]) for port, joint in joints.items()}
         self._shaft_dofs = [int(joint.dofadr[0]) for joint in joints.values()]
-        self._actuator = {port: int(model.actuator(f"motor_{port}").id) for port in self.motors}
-        self._gears = {port: float(model.actuator_gear[index, 0]) for port, index in self._actuator.items()}
-        self._shaft_mdeg = {port: gear * math.degrees(1000.0) for port, gear in self._gears.items()}
-        self._circuit = {port: 1 << int(model.actuator_group[index]) for port, index in self._actuator.items()}
+        actuators = {port: int(model.actuator(f"motor_{port}").id) for port in self.motors}
+        self._gears = {port: float(model.actuator_gear[index, 0]) for port, index in actuators.items()}
+        self._shaft = {port: (int(joints[port].qposadr[0]), gear * math.degrees(1000.0)) for port, gear in self._gears.items()}
+        self._terminals = {port: (index, 1 << int(model.actuator_group[index])) for port, index in actuators.items()}
         self._open_circuits = 0
         self._backlash = [joint for joint in range(model.njnt) if model.joint(joint).name.startswith("backlash_")]
         self._feet = [geom for geom in range(model.ngeom) if model.geom(geom).name.startswith("foot_")]
@@ -149,7 +148,7 @@ class MujocoBody:
         self._standing_height_m = float(self._qpos[2])
         self._standing_quaternion = self._qpos[3:7].copy()
         self._qpos[self.model.jnt_qposadr[self._backlash]] = 0.0
-        self._qpos[list(self._shaft.values())] = 0.0
+        self._qpos[[address for address, _ in self._shaft.values()]] = 0.0
 
     def reset(self, rng: np.random.Generator) -> None:
         """The human hand: put the robot where an episode starts; motors keep their angles, clock and program run on.
@@ -236,23 +235,20 @@ class MujocoBody:
 
     def angle_mdeg(self, port: str) -> int:
         """Angle of a motor's shaft in whole steps of its rotation sensor, clockwise positive."""
+        address, mdeg = self._shaft[port]
         step = self._encoder_step_mdeg
-        angle: float = self._qpos.item(self._shaft[port])
-        return math.floor(angle * self._shaft_mdeg[port] / step + 0.5) * step
+        return math.floor(self._qpos.item(address) * mdeg / step + 0.5) * step
 
     def set_voltage(self, port: str, voltage_mv: int | None) -> None:
         """Apply a voltage, at most the battery's; 0 shorts the motor (brake), ``None`` opens the circuit (coast)."""
-        circuit = self._circuit[port]
-        if voltage_mv is None:
-            if not self._open_circuits & circuit:
-                self._open_circuits |= circuit
-                self.model.opt.disableactuator = self._open_circuits
-            return
-        if self._open_circuits & circuit:
-            self._open_circuits &= ~circuit
+        actuator, circuit = self._terminals[port]
+        if (voltage_mv is None) is not bool(self._open_circuits & circuit):
+            self._open_circuits ^= circuit
             self.model.opt.disableactuator = self._open_circuits
-        limit = self.battery_mv
-        self._ctrl[self._actuator[port]] = min(max(voltage_mv, -limit), limit) * 0.001
+        if voltage_mv is not None:
+            limit = self.battery_mv
+            voltage_mv = limit if voltage_mv > limit else -limit if voltage_mv < -limit else voltage_mv
+            self._ctrl[actuator] = voltage_mv * 0.001
 
     # ---------------------------------------------------------------- sensors
 

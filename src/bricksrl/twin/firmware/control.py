@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import enum
 from dataclasses import dataclass
+from math import trunc
+
 from bricksrl.twin.firmware import trajectory as trajectories
 from bricksrl.twin.firmware.integrators import LOOPS_PER_S, PositionIntegrator, SpeedIntegrator
 from bricksrl.twin.firmware.settings import ControlSettings, gain_times
@@ -76,7 +78,8 @@ class Controller:
         self._torque_limit = settings.max_torque
         self._stalled = False
         self._complete = True
-        self._goes_on = False  # when complete, this controller does what it does
+        self._is_fast = False
+        self._goes_on = False  # when complete, as before
         self._position = PositionIntegrator(settings, 0)
         self._speed = SpeedIntegrator(settings)
 
@@ -105,7 +108,7 @@ class Controller:
     def reference(self, time: int, state: State) -> Reference:
         """The reference now, without the shifts that load has caused."""
         ref = self.trajectory.reference(self._trajectory_time(time))
-        if self.type is ControlType.TIMED:
+        if self.type is _TIMED:
             error = ref.position - state.position
             shift = self._speed.error(error) - error
             return Reference(ref.time, ref.position + shift, ref.speed, ref.acceleration)
@@ -132,12 +135,11 @@ class Controller:
             end=target,
         )
         new = trajectories.to_angle(command)
-        if self.type is ControlType.POSITION and allow_shift and new.a0 == start.acceleration:
+        if self.type is _POSITION and allow_shift and new.a0 == start.acceleration:
             # The new way goes on as the old one did: start it where that phase began, so that commands in a
             # tight loop do not add up rounding errors.
             new = trajectories.to_angle(_from_vertex(command, self.trajectory.last_vertex(start.time)))
-        self.trajectory = new
-        self._set_type(ControlType.POSITION, time, then)
+        self._follow(_POSITION, new, time, then)
 
     def start_relative(
         self, time: int, state: State, distance: int, speed: int, then: OnCompletion, allow_shift: bool = True
@@ -154,8 +156,7 @@ class Controller:
 
     def start_hold(self, time: int, position: int) -> None:
         """Go to a position at once and stay there."""
-        self.trajectory = Trajectory(self._trajectory_time(time), position)
-        self._set_type(ControlType.POSITION, time, OnCompletion.HOLD)
+        self._follow(_POSITION, Trajectory(self._trajectory_time(time), position), time, OnCompletion.HOLD)
 
     def start_timed(
         self, time: int, state: State, duration: int, speed: int, then: OnCompletion, until_stalled: bool = False
@@ -180,10 +181,9 @@ class Controller:
             duration=duration,
         )
         new = trajectories.for_time(command)
-        if self.type is ControlType.TIMED and new.a0 == start.acceleration:
+        if self.type is _TIMED and new.a0 == start.acceleration:
             new = trajectories.for_time(_from_vertex(command, self.trajectory.last_vertex(time)))
-        self.trajectory = new
-        self._set_type(ControlType.TIMED, time, then, until_stalled)
+        self._follow(_TIMED, new, time, then, until_stalled)
 
     def start_forever(self, time: int, state: State, speed: int) -> None:
         self.start_timed(time, state, _FOREVER, speed, OnCompletion.CONTINUE)
@@ -203,36 +203,39 @@ class Controller:
             speed_estimate: the observer's.
             paused_by_other: the other controller of a drive base waits.
         """
-        s, limit, trajectory = self.settings, self._torque_limit, self.trajectory
-        end = trajectory.end
+        s, limit = self.settings, self._torque_limit
+        end_time, end_position, end_speed, _ = self.trajectory.end
         integrator: PositionIntegrator | SpeedIntegrator
         if self.type is _POSITION:
             integrator = self._position
             reference_time = integrator.trajectory_time(time)
-            reference, reference_speed, acceleration = trajectory.at(reference_time)
+            reference, reference_speed, acceleration = self.trajectory.at(reference_time)
             used_error = error = reference - position
-            target_error = end.position - position
+            target_error = end_position - position
             integral = integrator.update(error, target_error)
         else:
             integrator, reference_time = self._speed, time
-            reference, reference_speed, acceleration = trajectory.at(time)
+            reference, reference_speed, acceleration = self.trajectory.at(time)
             error, target_error, integral = reference - position, _UNBOUNDED, 0
             used_error = integrator.error(error)
-        is_firm = error == 0 or abs(trajectory.wu) * 100 >= s.kp_low_speed
-        proportional = int((s.kp if is_firm else self._soft_kp(error, target_error)) * used_error / 1000)
-        torque = proportional + int(s.kd * (reference_speed - speed_estimate) / 1000)
+        kp = s.kp if self._is_fast or error == 0 else self._soft_kp(error, target_error)
+        proportional = trunc(kp * used_error / 1000)
+        torque = proportional + trunc(s.kd * (reference_speed - speed_estimate) / 1000)
         if integral:
-            torque += int(integral * s.ki / 1000)
+            torque += trunc(integral * s.ki / 1000)
         torque = limit if torque > limit else -limit if torque < -limit else torque
         at_limit = abs(proportional) >= limit and self._is_winding_up(proportional, speed, reference_speed, acceleration)
         if integrator.running is (at_limit or paused_by_other):
             self._pause_or_resume(integrator.running, time, error)
         self._stalled = integrator.is_stalled(time, speed, reference_speed)
-        self.pid_average = int((self.pid_average * 95 + torque * 5) / 100)
-        self._complete = self._check_complete(reference_time, position, speed, end)
+        self.pid_average = trunc((self.pid_average * 95 + torque * 5) / 100)
+        action = torque, reference_speed, acceleration, None, at_limit
+        self._complete = reference_time >= end_time and self._has_arrived(end_position - position, end_speed, speed)
+        if self.type is _TIMED and not self._complete:
+            self._complete = self._stalled if self._until_stalled else self.trajectory.t3 >= _FOREVER
         if not self._complete or self._goes_on:
-            return torque, reference_speed, acceleration, None, at_limit
-        return self._end(time, position, reference_time - end.time, (torque, reference_speed, acceleration, None, at_limit))
+            return action
+        return self._end(time, position, reference_time - end_time, action)
 
     def _end(self, time: int, position: int, since: int, action: Action) -> Action:
         """What becomes of an action where the move is complete for ``since`` ticks."""
@@ -245,9 +248,13 @@ class Controller:
         return action
 
     def _trajectory_time(self, time: int) -> int:
-        return self._position.trajectory_time(time) if self.type is ControlType.POSITION else time
+        return self._position.trajectory_time(time) if self.type is _POSITION else time
 
-    def _set_type(self, new: ControlType, time: int, then: OnCompletion, until_stalled: bool = False) -> None:
+    def _follow(
+        self, new: ControlType, trajectory: Trajectory, time: int, then: OnCompletion, until_stalled: bool = False
+    ) -> None:
+        self.trajectory = trajectory
+        self._is_fast = abs(trajectory.wu) * 100 >= self.settings.kp_low_speed
         self.on_completion = then
         self._goes_on = then.is_active and (new is _POSITION or then is OnCompletion.CONTINUE)
         self._torque_limit = self.settings.max_torque
@@ -255,7 +262,7 @@ class Controller:
         if (self.type, self._until_stalled) == (new, until_stalled):
             return
         self._stalled = False
-        if new is ControlType.POSITION:
+        if new is _POSITION:
             self._position = PositionIntegrator(self.settings, time)
         else:
             self._speed = SpeedIntegrator(self.settings)
@@ -264,13 +271,12 @@ class Controller:
     def _soft_kp(self, error: int, target_error: int) -> int:
         """The position gain of a slow move: softer for small errors, firm near the target."""
         s = self.settings
-        error, target_error = abs(error), abs(target_error)
-        low = s.kp * s.kp_low_pct // 100
-        piecewise = low if error <= s.kp_low_error else s.kp - s.kp_low_error * (s.kp - low) // error
-        near = s.saturation_error
-        far = near * 100 // s.kp_low_pct
+        target_error, near = abs(target_error), s.saturation_error
         if target_error < near:
             return s.kp
+        error, low = abs(error), s.kp * s.kp_low_pct // 100
+        piecewise = low if error <= s.kp_low_error else s.kp - s.kp_low_error * (s.kp - low) // error
+        far = near * 100 // s.kp_low_pct
         if target_error > far:
             return max(piecewise, low)
         blend = low + s.kp * (100 - s.kp_low_pct) * (far - target_error) // (far - near) // 100
@@ -279,7 +285,7 @@ class Controller:
     def _is_winding_up(self, proportional: int, speed: int, reference_speed: int, acceleration: int) -> bool:
         """Whether the position error alone asks for more than the motor has, and reversing would not help."""
         s = self.settings
-        margin = int(abs(speed) / LOOPS_PER_S) * 2
+        margin = trunc(abs(speed) / LOOPS_PER_S) * 2
         if abs(proportional) < self._torque_limit + gain_times(margin, s.kp):
             return False
         moving = 0 if abs(speed) < s.stall_speed else speed
@@ -287,7 +293,7 @@ class Controller:
         return sign != -_sign(reference_speed - moving) and sign != -_sign(acceleration)
 
     def _pause_or_resume(self, pause: bool, time: int, error: int) -> None:
-        if self.type is ControlType.POSITION:
+        if self.type is _POSITION:
             if pause:
                 self._position.pause(time)
             else:
@@ -297,16 +303,12 @@ class Controller:
         else:
             self._speed.resume(error)
 
-    def _check_complete(self, time: int, position: int, speed: int, end: Reference) -> bool:
-        if self._until_stalled:
-            return self._stalled
+    def _has_arrived(self, remaining: int, end_speed: int, speed: int) -> bool:
+        """Whether the end is reached, once its time has come."""
         if self.type is _TIMED:
-            return time >= end.time or self.trajectory.t3 >= _FOREVER
-        if time < end.time:
-            return False
-        remaining = end.position - position
-        if end.speed != 0:
-            return _sign(remaining) != _sign(end.speed)
+            return not self._until_stalled
+        if end_speed != 0:
+            return _sign(remaining) != _sign(end_speed)
         s = self.settings
         return abs(speed) <= s.speed_tolerance and abs(remaining) <= s.position_tolerance
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+from math import trunc
 from typing import TYPE_CHECKING
 
 from bricksrl.twin.firmware.control import Controller, OnCompletion, State
@@ -68,18 +69,18 @@ class DriveBaseControl:
 
     def curve(self, radius_mm: int, angle_deg: int, then: OnCompletion) -> None:
         """Turn by an angle along an arc; radius 0 turns in place, a negative one drives backwards."""
-        length_mm = int(10 * abs(angle_deg) * radius_mm / 573)
+        length_mm = trunc(10 * abs(angle_deg) * radius_mm / 573)
         self._drive_relative(length_mm, -angle_deg if radius_mm < 0 else angle_deg, then)
 
     def arc_distance(self, radius_mm: int, distance_mm: int, then: OnCompletion) -> None:
         """Drive a distance along an arc, to the right for a positive radius. Raises ValueError for radius 0."""
         if radius_mm == 0:
             raise ValueError("an arc with a distance needs a radius")
-        self._drive_relative(distance_mm, int(distance_mm * 573 / (10 * radius_mm)), then)
+        self._drive_relative(distance_mm, trunc(distance_mm * 573 / (10 * radius_mm)), then)
 
     def arc_angle(self, radius_mm: int, angle_deg: int, then: OnCompletion) -> None:
         """Turn by an angle along an arc, to the right for a positive radius; a negative angle drives backwards."""
-        length_mm = int(10 * angle_deg * abs(radius_mm) / 573)
+        length_mm = trunc(10 * angle_deg * abs(radius_mm) / 573)
         self._drive_relative(length_mm, -angle_deg if radius_mm < 0 else angle_deg, then)
 
     def drive(self, speed_mm_s: int, turn_rate_deg_s: int) -> None:
@@ -178,15 +179,15 @@ class DriveBaseControl:
     def _state(self) -> tuple[State, State]:
         """Mean of both motors, and what the left one is ahead of it."""
         left, right = self.left.state(), self.right.state()
-        position = int((left.position + right.position) / 2)
-        speed = int((left.speed + right.speed) / 2)
-        estimate = int((left.speed_estimate + right.speed_estimate) / 2)
+        position = trunc((left.position + right.position) / 2)
+        speed = trunc((left.speed + right.speed) / 2)
+        estimate = trunc((left.speed_estimate + right.speed_estimate) / 2)
         distance = State(position - self._distance_zero, speed, estimate)
         heading = State(position - right.position, speed - right.speed, estimate - right.speed_estimate)
         if self._uses_gyro:
             body, steps = self._machine.body, self.heading_settings.steps_per_unit
-            heading.position = int(body.heading_deg() * steps)
-            heading.speed = int(-body.angular_velocity_deg_s()[2] * steps)
+            heading.position = trunc(body.heading_deg() * steps)
+            heading.speed = trunc(-body.angular_velocity_deg_s()[2] * steps)
         heading.position -= self._heading_zero
         return distance, heading
 

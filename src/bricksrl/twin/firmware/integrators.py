@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from math import trunc
+
 from bricksrl.twin.firmware.settings import ControlSettings
 
 LOOPS_PER_S = 200
@@ -33,14 +35,14 @@ class PositionIntegrator:
     def update(self, error: int, target_error: int) -> int:
         """Add one loop's error where that helps, and return the integral (mdeg s)."""
         s, integral = self._settings, self.integral
-        change = int(error / LOOPS_PER_S)
+        change = trunc(error / LOOPS_PER_S)
         shrinks = abs(integral + change) < abs(integral)
         if not shrinks:
             if not self.running:
                 return integral
             rate = s.integral_rate
             if not -rate <= error <= rate:
-                change = int((rate if error > 0 else -rate) / LOOPS_PER_S)
+                change = trunc((rate if error > 0 else -rate) / LOOPS_PER_S)
                 shrinks = abs(integral + change) < abs(integral)
         if shrinks or s.integral_deadzone <= abs(target_error) <= s.saturation_error * 2:
             integral, limit = integral + change, s.max_integral

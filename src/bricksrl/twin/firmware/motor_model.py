@@ -7,6 +7,7 @@ denominator: ``PRESCALE[column] * value / entry`` is the contribution of a colum
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import trunc
 
 from bricksrl.robots import MotorKind
 
@@ -36,21 +37,21 @@ class MotorModel:
     friction_unm: int
 
     def voltage_mv(self, torque_unm: int) -> int:
-        return int(PRESCALE_TORQUE * _clamp(torque_unm, MAX_TORQUE_UNM) / self.voltage_by_torque)
+        return trunc(PRESCALE_TORQUE * _clamp(torque_unm, MAX_TORQUE_UNM) / self.voltage_by_torque)
 
     def torque_unm(self, voltage_mv: int) -> int:
-        return int(PRESCALE_VOLTAGE * _clamp(voltage_mv, MAX_VOLTAGE_MV) / self.torque_by_voltage)
+        return trunc(PRESCALE_VOLTAGE * _clamp(voltage_mv, MAX_VOLTAGE_MV) / self.torque_by_voltage)
 
     def drive_mv(self, torque_unm: int, speed: int, acceleration: int) -> int:
         """Voltage for a torque on top of what a reference needs: half the friction, back-EMF, inertia."""
         speed, acceleration = _clamp(speed, MAX_SPEED), _clamp(acceleration, MAX_ACCELERATION)
-        forward = int(PRESCALE_SPEED * speed / self.torque_by_speed)
+        forward = trunc(PRESCALE_SPEED * speed / self.torque_by_speed)
         if speed:
             forward += self.friction_unm // 2 if speed > 0 else -(self.friction_unm // 2)
         if acceleration:
-            forward += int(PRESCALE_ACCELERATION * acceleration / self.torque_by_acceleration)
+            forward += trunc(PRESCALE_ACCELERATION * acceleration / self.torque_by_acceleration)
         torque = _clamp(torque_unm + _clamp(forward, MAX_TORQUE_UNM), MAX_TORQUE_UNM)
-        return int(PRESCALE_TORQUE * torque / self.voltage_by_torque)
+        return trunc(PRESCALE_TORQUE * torque / self.voltage_by_torque)
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from math import trunc
 
 from bricksrl.twin.firmware.motor_model import (
     MAX_CURRENT,
@@ -35,7 +36,7 @@ class Observer:
         model = motor.model
         self._gain = motor.observer_gain
         self._stall_speed, self._stall_time = stall_speed, stall_time
-        self._negligible_mv = int(model.voltage_mv(model.friction_unm) * 5 / 2)
+        self._negligible_mv = trunc(model.voltage_mv(model.friction_unm) * 5 / 2)
         self._rows = model.angle[:3], model.speed[:3], model.current[:3]
         self._friction_unm = model.friction_unm
         self._friction_columns = model.angle[3], model.speed[3], model.current[3]
@@ -55,7 +56,7 @@ class Observer:
         """Voltage that pulls the model towards a measured angle; opposes unmodelled load."""
         error = angle - self.angle
         if -_GAIN_THRESHOLD_MDEG <= error <= _GAIN_THRESHOLD_MDEG:
-            return int(error * self._gain / 1000)
+            return trunc(error * self._gain / 1000)
         beyond = (abs(error) - _GAIN_THRESHOLD_MDEG) * _HIGH_GAIN_FACTOR
         voltage = min((_GAIN_THRESHOLD_MDEG + beyond) * self._gain // 1000, MAX_VOLTAGE_MV)
         return voltage if error > 0 else -voltage
@@ -73,16 +74,16 @@ class Observer:
         voltage = voltage_mv + feedback
         voltage = MAX_VOLTAGE_MV if voltage > MAX_VOLTAGE_MV else -MAX_VOLTAGE_MV if voltage < -MAX_VOLTAGE_MV else voltage
         if -_FRICTION_CUTOFF <= speed <= _FRICTION_CUTOFF:
-            slip, friction, drop = self._friction(int(abs(speed) * self._friction_unm / _FRICTION_CUTOFF))
+            slip, friction, drop = self._friction(trunc(abs(speed) * self._friction_unm / _FRICTION_CUTOFF))
         else:
             slip, friction, drop = self._full_friction
         if speed < 0:
             slip, friction, drop = -slip, -friction, -drop
         ps, pc, pv = PRESCALE_SPEED * speed, PRESCALE_CURRENT * self._current, PRESCALE_VOLTAGE * voltage
         (a0, a1, a2), (s0, s1, s2), (c0, c1, c2) = self._rows
-        self.angle += int(ps / a0) + int(pc / a1) + int(pv / a2) + slip
-        next_speed = int(ps / s0) + int(pc / s1) + int(pv / s2) + friction
-        current = int(ps / c0) + int(pc / c1) + int(pv / c2) + drop
+        self.angle += trunc(ps / a0) + trunc(pc / a1) + trunc(pv / a2) + slip
+        next_speed = trunc(ps / s0) + trunc(pc / s1) + trunc(pv / s2) + friction
+        current = trunc(ps / c0) + trunc(pc / c1) + trunc(pv / c2) + drop
         if (speed < 0) is not (next_speed < 0):
             next_speed -= friction  # friction brakes to rest, not beyond
         self.speed = MAX_SPEED if next_speed > MAX_SPEED else -MAX_SPEED if next_speed < -MAX_SPEED else next_speed
@@ -92,7 +93,7 @@ class Observer:
         """What a torque against the motion does to angle, speed and current."""
         torque = PRESCALE_TORQUE * torque_unm
         angle, speed, current = self._friction_columns
-        return int(torque / angle), int(torque / speed), int(torque / current)
+        return trunc(torque / angle), trunc(torque / speed), trunc(torque / current)
 
     def window_speed(self, window_ms: int) -> int:
         """Average measured speed over a window, mdeg/s.
@@ -103,7 +104,7 @@ class Observer:
         ticks = (window_ms + 2) // 5
         if not 1 <= ticks <= _HISTORY:
             raise ValueError("the window is out of range")
-        return int((self._history[-1] - self._history[-1 - ticks]) * 1000 / (ticks * 5))
+        return trunc((self._history[-1] - self._history[-1 - ticks]) * 1000 / (ticks * 5))
 
     def is_stalled(self, time: int) -> bool:
         return self._stalled_since is not None and time - self._stalled_since > self._stall_time

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+from math import trunc
 from typing import TYPE_CHECKING, Protocol
 
 from bricksrl.robots import Direction, MotorKind
@@ -110,8 +111,8 @@ class Servo:
         if self._voltage_mv is None:
             return 0
         if self.control.is_active:
-            return int(-self.control.pid_average / 1000)
-        return int(self.type.model.torque_unm(self.observer.feedback_mv(self.position())) / 1000)
+            return trunc(-self.control.pid_average / 1000)
+        return trunc(self.type.model.torque_unm(self.observer.feedback_mv(self.position())) / 1000)
 
     def is_done(self) -> bool:
         return self.control.is_done
@@ -140,7 +141,7 @@ class Servo:
     def dc(self, duty_pct: int) -> None:
         """Apply a share of the battery's voltage, -100..100."""
         self._end_control()
-        self.set_voltage(int(max(-100, min(100, duty_pct)) * self._body.battery_mv / 100))
+        self.set_voltage(trunc(max(-100, min(100, duty_pct)) * self._body.battery_mv / 100))
 
     def coast(self) -> None:
         self._end_control()
@@ -177,7 +178,7 @@ class Servo:
         self._take_over()
         limit = self.settings.max_torque
         if duty_limit_pct is not None:
-            limit = self.type.model.torque_unm(int(duty_limit_pct * self._body.battery_mv / 100))
+            limit = self.type.model.torque_unm(trunc(duty_limit_pct * self._body.battery_mv / 100))
         speed = self.settings.from_unit(speed)
         self.control.start_until_stalled(self._machine.time_ticks, self.state(), speed, limit, then)
 

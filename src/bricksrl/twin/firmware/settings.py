@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from math import trunc
 
 from bricksrl.twin.firmware.motor_model import MAX_TORQUE_UNM, MotorType
 from bricksrl.twin.firmware.trajectory import validate_acceleration, validate_speed
@@ -47,14 +48,14 @@ class ControlSettings:
 
     def to_unit(self, value: int) -> int:
         """A speed or a small angle in the program's units, truncated."""
-        return int(value / self.steps_per_unit)
+        return trunc(value / self.steps_per_unit)
 
     def position_to_unit(self, position: int) -> int:
         """A position in the program's units: whole turns truncated, the rest rounded, as the firmware does."""
-        turns = int(position / _MDEG_PER_TURN)
+        turns = trunc(position / _MDEG_PER_TURN)
         rest = position - turns * _MDEG_PER_TURN
         half = self.steps_per_unit // 2 if rest >= 0 else -(self.steps_per_unit // 2)
-        return int(turns * _MDEG_PER_TURN / self.steps_per_unit) + int((rest + half) / self.steps_per_unit)
+        return trunc(turns * _MDEG_PER_TURN / self.steps_per_unit) + trunc((rest + half) / self.steps_per_unit)
 
     def from_unit(self, value: int) -> int:
         return max(-_INT32_MAX, min(_INT32_MAX, value * self.steps_per_unit))
@@ -62,7 +63,7 @@ class ControlSettings:
     def position_from_unit(self, value: int) -> int:
         """The inverse of :meth:`position_to_unit`; a turn counts as a whole number of units."""
         units_per_turn = _MDEG_PER_TURN // self.steps_per_unit
-        turns = int(value / units_per_turn)
+        turns = trunc(value / units_per_turn)
         return turns * _MDEG_PER_TURN + (value - turns * units_per_turn) * self.steps_per_unit
 
     def limits(self) -> tuple[int, int, int, int]:
@@ -126,12 +127,12 @@ class ControlSettings:
 
 def gain_times(value: int, gain: int) -> int:
     """mdeg (or mdeg/s, mdeg s) times uNm per degree: uNm."""
-    return int(gain * value / 1000)
+    return trunc(gain * value / 1000)
 
 
 def by_gain(torque: int, gain: int) -> int:
     """uNm by uNm per degree: mdeg; 0 for a gain of 0."""
-    return int(torque * 1000 / gain) if gain > 0 else 0
+    return trunc(torque * 1000 / gain) if gain > 0 else 0
 
 
 def servo_settings(motor: MotorType, gear_ratio_milli: int, profile_deg: int) -> ControlSettings:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from math import trunc
 from typing import NamedTuple
 
 FOREVER_MS = 60_000
@@ -46,9 +47,12 @@ class Reference(NamedTuple):
 
 
 class Trajectory:
-    """Three phases after a start: until t1 with a0, until t2 at speed w1, until t3 with a2, then at speed w3."""
+    """Three phases after a start: until t1 with a0, until t2 at speed w1, until t3 with a2, then at speed w3.
 
-    __slots__ = ("_end", "a0", "a2", "position", "t1", "t2", "t3", "th1", "th2", "th3", "time", "w0", "w1", "w3", "wu")
+    ``wu`` is the speed that was asked for, whether reached or not.
+    """
+
+    __slots__ = ("a0", "a2", "end", "position", "t1", "t2", "t3", "th1", "th2", "th3", "time", "w0", "w1", "w3", "wu")
 
     def __init__(self, time: int, position: int, speed: int = 0) -> None:
         """A constant trajectory; ``speed`` in ddeg/s."""
@@ -57,19 +61,7 @@ class Trajectory:
         self.th1 = self.th2 = self.th3 = 0
         self.w0 = self.w1 = self.wu = self.w3 = speed
         self.a0 = self.a2 = 0
-        self._end: Reference | None = None
-
-    @property
-    def command_speed(self) -> int:
-        """The speed that was asked for, whether reached or not, in mdeg/s."""
-        return abs(self.wu) * 100
-
-    @property
-    def end(self) -> Reference:
-        """The endpoint. It is remembered: a trajectory changes only while it is being made, and in ``stretch``."""
-        if self._end is None:
-            self._end = self._point(self.t3, self.th3, self.w3, 0)
-        return self._end
+        self.end = self._endpoint()
 
     def last_vertex(self, time: int) -> Reference:
         """Where the phase began that is under way at a time."""
@@ -91,40 +83,44 @@ class Trajectory:
         t = time - self.time
         if t < self.t1 or t == self.t1 == 0:
             a = self.a0
-            gain = int(a * t / 1000)
-            th = int(self.w0 * t / 100) + int(int(gain * t / 100) / 2)
+            gain = trunc(a * t / 1000)
+            th = trunc(self.w0 * t / 100) + trunc(trunc(gain * t / 100) / 2)
             return self.position + th, (self.w0 + gain) * 100, a * 1000
         if t < self.t2:
             w = self.w1
-            return self.position + self.th1 + int(w * (t - self.t1) / 100), w * 100, 0
+            return self.position + self.th1 + trunc(w * (t - self.t1) / 100), w * 100, 0
         if t < self.t3:
             t -= self.t2
             a, w = self.a2, self.w1
-            gain = int(a * t / 1000)
-            th = self.th2 + int(w * t / 100) + int(int(gain * t / 100) / 2)
+            gain = trunc(a * t / 1000)
+            th = self.th2 + trunc(w * t / 100) + trunc(trunc(gain * t / 100) / 2)
             return self.position + th, (w + gain) * 100, a * 1000
         w = self.w3
         if not w:
             return self.position + self.th3, 0, 0
-        return self.position + self.th3 + int(w * (t - self.t3) / 100), w * 100, 0
+        return self.position + self.th3 + trunc(w * (t - self.t3) / 100), w * 100, 0
 
     def stretch(self, leader: Trajectory) -> None:
         """Cover the same angle with the phases of a longer trajectory, so that both end together."""
-        self._end = None
         self.t1, self.t2, self.t3 = leader.t1, leader.t2, leader.t3
         if self.t3 == 0:
+            self.end = self._endpoint()
             return
         braking = self.t3 - self.t2
         way = 2 * self.th3 - _angle(self.w0, self.t1) - _angle(self.w3, braking)
-        self.w1 = int(way * 100 / (self.t3 + self.t2 - self.t1))
-        self.a0 = int((self.w1 - self.w0) * 1000 / self.t1) if self.t1 else 0
-        self.a2 = int((self.w3 - self.w1) * 1000 / braking) if braking else 0
+        self.w1 = trunc(way * 100 / (self.t3 + self.t2 - self.t1))
+        self.a0 = trunc((self.w1 - self.w0) * 1000 / self.t1) if self.t1 else 0
+        self.a2 = trunc((self.w3 - self.w1) * 1000 / braking) if braking else 0
         self.w3 = 0 if braking else self.w1
         self.th1 = _angle(self.w0, self.t1) + _angle_gain(self.a0, self.t1)
         self.th2 = self.th1 + _angle(self.w1, self.t2 - self.t1)
+        self.end = self._endpoint()
 
     def _point(self, t: int, th: int, w: int, a: int) -> Reference:
         return Reference(self.time + t, self.position + th, w * 100, a * 1000)
+
+    def _endpoint(self) -> Reference:
+        return self._point(self.t3, self.th3, self.w3, 0)
 
     def _mirror(self) -> None:
         self.th1, self.th2, self.th3 = -self.th1, -self.th2, -self.th3
@@ -152,6 +148,7 @@ def to_angle(command: Command) -> Trajectory:
     trajectory = _forward_angle(forward)
     if distance < 0:
         trajectory._mirror()
+    trajectory.end = trajectory._endpoint()
     return trajectory
 
 
@@ -172,6 +169,7 @@ def for_time(command: Command) -> Trajectory:
     trajectory = _forward_time(forward)
     if backward:
         trajectory._mirror()
+    trajectory.end = trajectory._endpoint()
     return trajectory
 
 
@@ -189,37 +187,37 @@ def validate_acceleration(steps_per_unit: int, acceleration: int) -> None:
 
 
 def _speed_gain(a: int, t: int) -> int:
-    return int(a * t / 1000)
+    return trunc(a * t / 1000)
 
 
 def _angle(w: int, t: int) -> int:
-    return int(w * t / 100)
+    return trunc(w * t / 100)
 
 
 def _angle_gain(a: int, t: int) -> int:
-    return int(_angle(_speed_gain(a, t), t) / 2)
+    return trunc(_angle(_speed_gain(a, t), t) / 2)
 
 
 def _ramp_angle(w_end: int, w_start: int, a: int) -> int:
     """Angle turned while the speed changes."""
-    return int((w_end * w_end - w_start * w_start) * 5 / a)
+    return trunc((w_end * w_end - w_start * w_start) * 5 / a)
 
 
 def _ramp_time(w: int, a: int) -> int:
-    return int(w * 1000 / a)
+    return trunc(w * 1000 / a)
 
 
 def _start_speed(w_end: int, a: int, th: int) -> int:
     """Speed from which ``a`` leads to ``w_end`` within an angle."""
-    return math.isqrt(max(0, w_end * w_end + int(a * th / 5)))
+    return math.isqrt(max(0, w_end * w_end + trunc(a * th / 5)))
 
 
 def _bounded_speed(speed: int) -> int:
-    return max(-_SPEED_MAX, min(_SPEED_MAX, int(speed / 100)))
+    return max(-_SPEED_MAX, min(_SPEED_MAX, trunc(speed / 100)))
 
 
 def _bounded_acceleration(acceleration: int) -> int:
-    return max(_ACCELERATION_MIN, min(_ACCELERATION_MAX, int(acceleration / 1000)))
+    return max(_ACCELERATION_MIN, min(_ACCELERATION_MAX, trunc(acceleration / 1000)))
 
 
 def _start(command: Command) -> tuple[Trajectory, int, int, int]:
@@ -243,7 +241,7 @@ def _forward_angle(command: Command) -> Trajectory:
         target = _start_speed(tr.w3, decel, way)
     if target == 0:
         return Trajectory(command.time, command.position)
-    if int(way * 100 / target) + (_ramp_time(-tr.w0, accel) if tr.w0 < 0 else 0) > _TIME_MAX:
+    if trunc(way * 100 / target) + (_ramp_time(-tr.w0, accel) if tr.w0 < 0 else 0) > _TIME_MAX:
         raise ValueError("the move would take too long")
     tr.a0 = accel if tr.w0 < target else -accel
     tr.a2 = -decel
@@ -254,7 +252,7 @@ def _forward_angle(command: Command) -> Trajectory:
     tr.w1 = target
     if tr.th2 < tr.th1:
         _join_ramps(tr, origin, accel, command.keep_running)
-    cruise = 0 if tr.th2 == tr.th1 else int((tr.th2 - tr.th1) * 100 / tr.w1)
+    cruise = 0 if tr.th2 == tr.th1 else trunc((tr.th2 - tr.th1) * 100 / tr.w1)
     tr.t1 = _ramp_time(tr.w1 - tr.w0, tr.a0)
     if tr.t1 == 0:
         tr.w0 = tr.w1
@@ -276,7 +274,7 @@ def _join_ramps(tr: Trajectory, origin: int, accel: int, keep_running: bool) -> 
         if tr.th3 == origin:
             tr.th1 = origin
         else:
-            tr.th1 = origin + int((tr.th3 - origin) * tr.a2 / (tr.a2 - tr.a0))
+            tr.th1 = origin + trunc((tr.th3 - origin) * tr.a2 / (tr.a2 - tr.a0))
         tr.th2 = tr.th1
         tr.w1 = _start_speed(0, tr.a0, tr.th1 - origin)
         # Rounding may have put the peak on the other side of the start speed.
