@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -27,7 +25,7 @@ distances = st.integers(-(10**6), 10**6)
 
 @given(commands, distances)
 def test_an_angle_command_ends_at_its_target(command: Command, distance: int) -> None:
-    command = replace(command, end=command.position + distance)
+    command = command._replace(end=command.position + distance)
     trajectory = to_angle(command)
     assert trajectory.end.position == command.end
     assert 0 <= trajectory.t1 <= trajectory.t2 <= trajectory.t3
@@ -37,7 +35,7 @@ def test_an_angle_command_ends_at_its_target(command: Command, distance: int) ->
 
 @given(commands, distances)
 def test_the_reference_has_no_jumps_and_keeps_the_speed_limit(command: Command, distance: int) -> None:
-    trajectory = to_angle(replace(command, end=command.position + distance))
+    trajectory = to_angle(command._replace(end=command.position + distance))
     fastest = max(abs(trajectory.w0), abs(trajectory.w1)) * 100
     before = trajectory.reference(command.time)
     for time in range(command.time + 10, command.time + trajectory.t3 + 500, 50):
@@ -50,16 +48,16 @@ def test_the_reference_has_no_jumps_and_keeps_the_speed_limit(command: Command, 
 
 @given(commands, st.integers(1, FOREVER_MS * 10))
 def test_a_timed_command_lasts_its_duration(command: Command, duration: int) -> None:
-    trajectory = for_time(replace(command, duration=duration))
+    trajectory = for_time(command._replace(duration=duration))
     assert trajectory.t3 == duration
     assert 0 <= trajectory.t1 <= trajectory.t2 <= trajectory.t3
 
 
 @given(commands, distances, distances)
 def test_a_stretched_trajectory_ends_with_its_leader(command: Command, short: int, long: int) -> None:
-    command = replace(command, speed=0, keep_running=False)
-    one = to_angle(replace(command, end=command.position + short))
-    other = to_angle(replace(command, end=command.position + long))
+    command = command._replace(speed=0, keep_running=False)
+    one = to_angle(command._replace(end=command.position + short))
+    other = to_angle(command._replace(end=command.position + long))
     leader, follower = (one, other) if one.t3 > other.t3 else (other, one)
     end = follower.end.position
     follower.stretch(leader)
@@ -77,6 +75,6 @@ def test_a_move_that_is_too_long_is_refused() -> None:
     with pytest.raises(ValueError, match="too large"):
         to_angle(command)
     with pytest.raises(ValueError, match="too long"):
-        to_angle(replace(command, end=10**9, target_speed=10_000))
+        to_angle(command._replace(end=10**9, target_speed=10_000))
     with pytest.raises(ValueError, match="too long"):
-        for_time(replace(command, duration=10**8))
+        for_time(command._replace(duration=10**8))

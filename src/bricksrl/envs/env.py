@@ -17,7 +17,7 @@ from torchrl.envs import EnvBase
 from bricksrl.envs.camera import Camera, Watch
 from bricksrl.envs.nominal import NominalBounded
 from bricksrl.envs.odometer import Odometer
-from bricksrl.envs.task import Task
+from bricksrl.envs.task import Task, never
 from bricksrl.envs.wish import Wish
 from bricksrl.errors import BricksError, CameraError, HubError, StoppedError
 
@@ -248,13 +248,17 @@ class HubEnv(EnvBase):  # type: ignore[misc]
             out["image"] = torch.from_numpy(episode.watch.image)
         return TensorDict(out, batch_size=())
 
+    def _step_proc_data(self, next_tensordict_out: TensorDictBase) -> TensorDictBase:
+        """Nothing to complete or to reshape: ``_step`` gives every entry as the specs say."""
+        return next_tensordict_out
+
     def _wait_while_blocked(self, episode: _Episode) -> None:
         """Read on, without moving, until nothing is in the way; reading keeps the hub from letting go of its motors.
 
         Raises:
             HubError: it is still there after two minutes.
         """
-        if not bool(self.task.blocked(episode.observation)):
+        if self.task.blocked is never or not self.task.blocked(episode.observation):
             return
         link = self._robot().link
         _log.warning("%s: something is in the robot's way; it waits until that is gone", self.task.id)

@@ -237,7 +237,8 @@ class MujocoBody:
         """Angle of a motor's shaft in whole steps of its rotation sensor, clockwise positive."""
         address, mdeg = self._shaft[port]
         step = self._encoder_step_mdeg
-        return math.floor(self._qpos.item(address) * mdeg / step + 0.5) * step
+        angle: float = self._qpos.item(address)
+        return math.floor(angle * mdeg / step + 0.5) * step
 
     def set_voltage(self, port: str, voltage_mv: int | None) -> None:
         """Apply a voltage, at most the battery's; 0 shorts the motor (brake), ``None`` opens the circuit (coast)."""

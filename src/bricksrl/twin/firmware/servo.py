@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from bricksrl.twin.machine import Machine
 
 _TURN_MDEG = 360_000
+_NONE = ControlType.NONE
 
 
 class Parent(Protocol):
@@ -213,7 +214,7 @@ class Servo:
             return
         time, position = self._machine.time_ms * 10, self.position()
         control, observer = self.control, self.observer
-        if control.type is not ControlType.NONE:
+        if control.type is not _NONE:
             action = control.update(time, position, observer.measured_speed, observer.speed)
             torque, speed, acceleration, passive, _ = action
             if passive is None:

@@ -7,7 +7,6 @@ from them.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
 from math import trunc
 from typing import NamedTuple
 
@@ -18,8 +17,7 @@ _ACCELERATION_MIN, _ACCELERATION_MAX = 50, 20_000
 _TIME_MAX = _ANGLE_MAX_MDEG // (_SPEED_MAX * 100) * 10_000
 
 
-@dataclass(frozen=True, slots=True)
-class Command:
+class Command(NamedTuple):
     """What a trajectory starts from and where it goes; control units.
 
     ``end`` is the target position of an angle command, ``duration`` the ticks of a timed one.
@@ -139,8 +137,7 @@ def to_angle(command: Command) -> Trajectory:
         raise ValueError("the angle is too large for one move")
     if command.target_speed == 0 or distance == 0:
         return Trajectory(command.time, command.position)
-    forward = replace(
-        command,
+    forward = command._replace(
         target_speed=min(abs(command.target_speed), command.max_speed),
         end=command.position + abs(distance),
         speed=command.speed if distance > 0 else -command.speed,
@@ -161,8 +158,7 @@ def for_time(command: Command) -> Trajectory:
     if command.duration == 0:
         return Trajectory(command.time, command.position)
     backward = command.target_speed < 0
-    forward = replace(
-        command,
+    forward = command._replace(
         target_speed=min(abs(command.target_speed), command.max_speed),
         speed=-command.speed if backward else command.speed,
     )
