@@ -16,6 +16,7 @@ from tyro.extras import SubcommandApp
 
 import bricksrl
 from bricksrl.cli import data
+from bricksrl.cli.camera import CalibrateCamera
 from bricksrl.cli.check import Check
 from bricksrl.cli.console import print_error, print_line
 from bricksrl.cli.doctor import Doctor
@@ -41,6 +42,7 @@ Examples:
 """
 _DATA = "Datasets: look at them, mend, join and split them, bring them in and out, share them."
 _HUB = "A hub: find, check, calibrate and stop it; its program; programs of your own on a virtual hub."
+_CAMERA = "The camera of a task: find out what counts as red before it."
 
 _TWIN = "The twin of a robot: record what a robot does, fit the twin to it."
 
@@ -113,6 +115,9 @@ def _commands(arguments: Sequence[str]) -> SubcommandApp:
     for name, command in data.COMMANDS.items():
         add(datasets, name, command)
     app.command(datasets, name="data", help=_DATA)
+    camera = SubcommandApp()
+    add(camera, "calibrate", CalibrateCamera)
+    app.command(camera, name="camera", help=_CAMERA)
     twin = SubcommandApp()
     add(twin, "record", Record)
     add(twin, "fit", Fit)

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from tyro.conf import Positional, arg
 
 from bricksrl.cli.console import INTERRUPTED, print_interrupted, print_line
 from bricksrl.cli.loading import load_learning
-from bricksrl.errors import BricksError
+from bricksrl.errors import BricksError, DescriptionError
 
 if TYPE_CHECKING:
     from bricksrl.training import Observer, RunResult
@@ -53,6 +54,8 @@ class Train:
     """Draw another physics of the virtual robot (battery, friction, masses, noise, link) for each episode."""
     physics: Annotated[Path | None, arg(metavar="FILE")] = None
     """Physics of the virtual robot: a JSON file such as `bricksrl twin fit` writes."""
+    option: Annotated[tuple[str, ...], arg(metavar="NAME=VALUE")] = ()
+    """Options of the environment's task: sparse=true, threshold_deg=20, calibration=red.json."""
 
     def execute(self) -> int:
         """Train, evaluate, draw."""
@@ -71,6 +74,7 @@ class Train:
             realtime=self.realtime,
             randomize=self.randomize,
             physics=None if self.physics is None else read_physics(self.physics),
+            options=dict(map(parse_option, self.option)),
             settings=settings_for(self.env, self.preset, self.agent),
             run_dir=self.run or Path("runs") / f"{file_name(self.env)}-{self.agent}-{self.seed}-{time}",
         )
@@ -96,6 +100,21 @@ class Resume:
         from bricksrl.training import resume
 
         return _see_through(lambda observer: resume(self.run, observer, episodes=self.episodes))
+
+
+def parse_option(text: str) -> tuple[str, Any]:
+    """``NAME=VALUE`` as a name and a number, true or false, or else a text.
+
+    Raises:
+        DescriptionError: there is no value.
+    """
+    name, equals, value = text.partition("=")
+    if not (name.isidentifier() and equals):
+        raise DescriptionError(f"'{text}' is no option; give NAME=VALUE, such as sparse=true")
+    try:
+        return name, json.loads(value)
+    except ValueError:
+        return name, value
 
 
 def _see_through(start: Callable[[Observer], RunResult]) -> int:

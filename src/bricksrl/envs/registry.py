@@ -6,7 +6,7 @@ import difflib
 import functools
 import logging
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import gymnasium
@@ -132,6 +132,8 @@ def make(
 
     if address.is_virtual:
         return _on_twin(task, link_to, seed, realtime, physics)
+    if "calibration" not in options:
+        task = _with_saved_red(task)
     return _on_robot(task, address.transport(), link_to, seed, place)
 
 
@@ -155,6 +157,17 @@ def _on_twin(
         return Connection(link_to(twin), twin.reset, odometer, twin, camera)
 
     return HubEnv(task, connect, seed=seed)
+
+
+def _with_saved_red(task: Task) -> Task:
+    """The task with what counts as red before its camera, where that was calibrated."""
+    from bricksrl.envs.red import saved_red
+
+    view = task.camera
+    if view is None or view.goal is None:
+        return task
+    red = saved_red(view.device)
+    return task if red is None else replace(task, camera=replace(view, goal=replace(view.goal, red=red)))
 
 
 def _on_robot(task: Task, transport: ProfileTransport, link_to: MakeLink, seed: int | None, place: Placement | None) -> HubEnv:

@@ -104,8 +104,9 @@ def evaluate(
     if env is None or isinstance(env, str):
         if physics is None and not randomize and env in (None, config.env):
             physics = config.physics
+        options = config.options if env in (None, config.env) else {}
         config = replace(config, env=env or config.env, hub=hub or config.hub, realtime=realtime)
-        config = replace(config, randomize=randomize, physics=physics)
+        config = replace(config, randomize=randomize, physics=physics, options=options)
         env = own = make_env(config)
     try:
         with reproducible(derive_seed(seed, "evaluation")):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import types
 import typing
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -39,6 +39,8 @@ class TrainConfig:
     """Draw another physics of the virtual robot for each episode."""
     physics: Physics | None = None
     """Physics of the virtual robot, such as a fitted one; without it a freshly charged robot on a smooth floor."""
+    options: dict[str, Any] = field(default_factory=dict)
+    """Options of the environment's task, such as ``{"sparse": True}``; plain values."""
     settings: Settings | None = None
     """Settings of the agent; without them those of its preset "default"."""
     run_dir: Path | None = None

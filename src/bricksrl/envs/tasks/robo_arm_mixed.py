@@ -52,6 +52,8 @@ stream.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bricksrl.envs.camera import CameraView, VisualGoal
@@ -85,13 +87,23 @@ INTERFACE = Interface(
 )
 
 
-def robo_arm_mixed(env_id: str, *, sparse: bool = False, camera: int | str = 0) -> Task:
+def robo_arm_mixed(env_id: str, *, sparse: bool = False, camera: int | str = 0, calibration: str | Path | None = None) -> Task:
     """The task with its options.
 
     Args:
         sparse: pay only for having arrived.
         camera: beside a real robot, as OpenCV numbers it, or an address of a stream.
+        calibration: file that `bricksrl camera calibrate` wrote, of what counts as red. Without one a real robot takes what was
+            saved for its camera.
+
+    Raises:
+        CameraError: the calibration cannot be read.
     """
+    goal = GOAL
+    if calibration is not None:
+        from bricksrl.envs.red import read_red
+
+        goal = replace(GOAL, red=read_red(Path(calibration)))
 
     def terminated(seen: Tensor) -> Tensor:
         return seen[..., -1:] <= REACHED_PX
@@ -116,5 +128,5 @@ def robo_arm_mixed(env_id: str, *, sparse: bool = False, camera: int | str = 0) 
         metrics=metrics,
         terminated=terminated,
         scene=Scene(ball=True),
-        camera=CameraView("webcam", camera, _WIDTH_PX, _HEIGHT_PX, goal=GOAL),
+        camera=CameraView("webcam", camera, _WIDTH_PX, _HEIGHT_PX, goal=goal),
     )

@@ -1,0 +1,95 @@
+"""``bricksrl camera``: what a camera sees, and what counts as red there."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from tyro.conf import Positional, arg
+
+from bricksrl.cli.console import print_line
+from bricksrl.errors import CameraError
+
+if TYPE_CHECKING:
+    from bricksrl.envs.camera import Camera, CameraView
+    from bricksrl.envs.red import FoundRed
+    from bricksrl.envs.task import Task
+
+
+@dataclass(frozen=True)
+class CalibrateCamera:
+    """Find out which colours the red ball has before this camera, in this light.
+
+    Put the ball into the picture. Without --at it is the largest of the most strongly red regions. The PNG shows what was found:
+    a line around the ball, and beside it all that counts as red. A robot's camera finds its calibration by itself; for a file of
+    your own, and for a virtual robot, say `--option calibration=FILE` when you train.
+
+    Examples:
+      bricksrl camera calibrate
+      bricksrl camera calibrate --camera 1 --at 320 400
+      bricksrl camera calibrate --twin --out red.json
+    """
+
+    env: Annotated[Positional[str], arg(metavar="ENV")] = "RoboArm_mixed-v0"
+    """Environment whose camera it is."""
+    camera: Annotated[str, arg(metavar="N")] = "0"
+    """Camera beside the robot, as OpenCV numbers it, or the address of a stream."""
+    twin: bool = False
+    """Take the frames from the virtual robot instead."""
+    at: Annotated[tuple[int, int] | None, arg(metavar="X Y")] = None
+    """A point of the ball, in px from the upper left."""
+    frames: Annotated[int, arg(metavar="N")] = 5
+    """Frames to look at; a camera needs some to get used to the light."""
+    out: Annotated[Path | None, arg(metavar="FILE")] = None
+    """File to write; without it the user's settings, where environments look for it."""
+
+    def execute(self) -> int:
+        """Look, print, write."""
+        from matplotlib.image import imsave
+
+        from bricksrl.envs.camera import find_red
+        from bricksrl.envs.red import FoundRed, calibrate_red, picture, saved_path, spanning, write_red
+        from bricksrl.envs.registry import get_task
+
+        if self.frames < 1:
+            raise CameraError(f"frames is {self.frames}; look at 1 or more")
+        if self.twin and self.out is None:
+            raise CameraError("a virtual robot finds no calibration by itself; name a file with --out")
+        task = get_task(self.env)
+        if task.camera is None:
+            raise CameraError(f"{self.env} has no camera; choose an environment that has one")
+        device = int(self.camera) if self.camera.isdecimal() else self.camera
+        view = replace(task.camera, device=device)
+        camera = self._open(task, view)
+        try:
+            frames = [camera.frame() for _ in range(self.frames)]
+        finally:
+            camera.close()
+        found = [calibrate_red(frame, self.at) for frame in frames[len(frames) // 2 :]]
+        last = FoundRed(spanning([one.window for one in found]), found[-1].mask)
+        path = self.out or saved_path(device)
+        write_red(path, last.window)
+        imsave(path.with_suffix(".png"), picture(frames[-1], last))
+        self._print(last, len(find_red(frames[-1], last.window)))
+        print_line(f"saved    {path}")
+        print_line(f"picture  {path.with_suffix('.png')}")
+        return 0
+
+    def _open(self, task: Task, view: CameraView) -> Camera:
+        from bricksrl.envs.camera import TwinCamera, VideoCamera
+
+        if not self.twin:
+            return VideoCamera(view)
+        from bricksrl.twin.bodies import make_body
+
+        return TwinCamera(make_body(task.robot, scene=task.scene), view)
+
+    @staticmethod
+    def _print(found: FoundRed, things: int) -> None:
+        window, (x, y) = found.window, found.middle
+        print_line(f"ball     at {x}, {y}, {int(found.mask.sum())} px")
+        print_line(f"hue      {window.hue_deg[0]:g} to {window.hue_deg[1]:g} degrees")
+        print_line(f"from     saturation {window.saturation:.2f}, value {window.value:.2f}")
+        if things > 1:
+            print_line(f"beware   {things} things in the picture count as red; take the others away, or name a point with --at")
