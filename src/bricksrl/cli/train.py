@@ -9,7 +9,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from tyro.conf import Positional, arg
+from tyro.conf import Positional, UseAppendAction, arg
 
 from bricksrl.cli.console import INTERRUPTED, print_interrupted, print_line
 from bricksrl.cli.loading import load_learning
@@ -54,8 +54,8 @@ class Train:
     """Draw another physics of the virtual robot (battery, friction, masses, noise, link) for each episode."""
     physics: Annotated[Path | None, arg(metavar="FILE")] = None
     """Physics of the virtual robot: a JSON file such as `bricksrl twin fit` writes."""
-    option: Annotated[tuple[str, ...], arg(metavar="NAME=VALUE")] = ()
-    """Options of the environment's task: sparse=true, threshold_deg=20, calibration=red.json."""
+    option: Annotated[UseAppendAction[tuple[str, ...]], arg(metavar="NAME=VALUE")] = ()
+    """Option of the environment's task, as often as needed: sparse=true, threshold_deg=20, calibration=red.json."""
 
     def execute(self) -> int:
         """Train, evaluate, draw."""

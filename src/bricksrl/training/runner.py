@@ -206,8 +206,8 @@ def make_env(config: TrainConfig, place: Placement | None = None) -> EnvBase:
     from bricksrl.twin.physics import RandomPhysics
 
     physics = RandomPhysics() if config.randomize else config.physics
-    given = {"hub": config.hub, "seed": config.seed, "realtime": config.realtime, "physics": physics, "place": place}
-    return make(config.env, **given, **config.options)
+    options: dict[str, Any] = {**config.options, "physics": physics, "place": place}
+    return make(config.env, hub=config.hub, seed=config.seed, realtime=config.realtime, **options)
 
 
 def _make_agent(config: TrainConfig, env: EnvBase) -> Agent:
