@@ -24,6 +24,7 @@ from bricksrl.cli.evaluate import Evaluate
 from bricksrl.cli.hub import Program, Run
 from bricksrl.cli.hub_tools import Calibrate, CheckHub, Latency, Rename, Scan, Stop
 from bricksrl.cli.listing import List
+from bricksrl.cli.offline import TrainOffline
 from bricksrl.cli.record import Record as RecordDataset
 from bricksrl.cli.train import Resume, Train
 from bricksrl.cli.twin import Fit, Record
@@ -105,6 +106,7 @@ def _commands(arguments: Sequence[str]) -> SubcommandApp:
     app = SubcommandApp()
     add(app, "list", List)
     add(app, "train", Train)
+    add(app, "train-offline", TrainOffline)
     add(app, "resume", Resume)
     add(app, "evaluate", Evaluate)
     add(app, "record", RecordDataset)

@@ -32,14 +32,16 @@ class Train:
       bricksrl train RunAway-v0
       bricksrl train Spinning-v0 --episodes 15 --seed 3 --run runs/spin
       bricksrl train RunAway-v0 --preset paper
+      bricksrl train Walker-v0 --data datasets/walker
+      bricksrl train Walker-v0 --from runs/first
     """
 
     env: Annotated[Positional[str], arg(metavar="ENV")]
     """Environment; `bricksrl list` shows them. A task of your own: my_task.py, my_task.py:TASK or module:TASK."""
-    agent: Annotated[str, arg(metavar="NAME")] = "sac"
-    """Agent; `bricksrl list` shows them."""
-    preset: Annotated[str, arg(metavar="NAME")] = "default"
-    """Settings of the agent: default, or paper, those of the BricksRL paper."""
+    agent: Annotated[str | None, arg(metavar="NAME")] = None
+    """Agent; `bricksrl list` shows them. Without a name sac, or that of --from."""
+    preset: Annotated[str | None, arg(metavar="NAME")] = None
+    """Settings of the agent: default, or paper, those of the BricksRL paper. Without a name default, or those of --from."""
     hub: Literal["virtual"] = "virtual"
     """How to reach the robot."""
     episodes: Annotated[int, arg(metavar="N")] = 40
@@ -56,18 +58,28 @@ class Train:
     """Physics of the virtual robot: a JSON file such as `bricksrl twin fit` writes."""
     option: Annotated[UseAppendAction[tuple[str, ...]], arg(metavar="NAME=VALUE")] = ()
     """Option of the environment's task, as often as needed: sparse=true, threshold_deg=20, calibration=red.json."""
+    data: Annotated[Path | None, arg(metavar="DIR")] = None
+    """Learn from this dataset too: half of each batch is drawn from it."""
+    start: Annotated[Path | None, arg(name="from", metavar="RUN")] = None
+    """Folder of a run whose agent goes on learning here, from where it was."""
 
     def execute(self) -> int:
         """Train, evaluate, draw."""
-        from bricksrl.training import TrainConfig, train
+        from bricksrl.training import RunFolder, TrainConfig, train
         from bricksrl.training.config import settings_for
         from bricksrl.training.run import file_name
         from bricksrl.twin.physics import read_physics
 
+        before = None if self.start is None else RunFolder(self.start).read_config()
+        agent = self.agent or ("sac" if before is None else before.agent)
+        if before is not None and self.preset is None and before.agent == agent:
+            settings = before.settings
+        else:
+            settings = settings_for(self.env, self.preset or "default", agent)
         time = datetime.now().astimezone().strftime("%Y%m%d-%H%M%S")
         config = TrainConfig(
             env=self.env,
-            agent=self.agent,
+            agent=agent,
             episodes=self.episodes,
             seed=self.seed,
             hub=self.hub,
@@ -75,10 +87,12 @@ class Train:
             randomize=self.randomize,
             physics=None if self.physics is None else read_physics(self.physics),
             options=dict(map(parse_option, self.option)),
-            settings=settings_for(self.env, self.preset, self.agent),
-            run_dir=self.run or Path("runs") / f"{file_name(self.env)}-{self.agent}-{self.seed}-{time}",
+            settings=settings,
+            data=None if self.data is None else str(self.data.absolute()),
+            start=None if self.start is None else str(self.start.absolute()),
+            run_dir=self.run or Path("runs") / f"{file_name(self.env)}-{agent}-{self.seed}-{time}",
         )
-        return _see_through(lambda observer: train(config, observer))
+        return see_through(lambda observer: train(config, observer))
 
 
 @dataclass(frozen=True)
@@ -99,7 +113,7 @@ class Resume:
         """Train on, evaluate, draw."""
         from bricksrl.training import resume
 
-        return _see_through(lambda observer: resume(self.run, observer, episodes=self.episodes))
+        return see_through(lambda observer: resume(self.run, observer, episodes=self.episodes))
 
 
 def parse_option(text: str) -> tuple[str, Any]:
@@ -117,7 +131,7 @@ def parse_option(text: str) -> tuple[str, Any]:
         return name, value
 
 
-def _see_through(start: Callable[[Observer], RunResult]) -> int:
+def see_through(start: Callable[[Observer], RunResult]) -> int:
     """A run from its first step to its video; returns the exit code."""
     from bricksrl.cli.progress import make_progress
 

@@ -43,6 +43,13 @@ class TrainConfig:
     """Options of the environment's task, such as ``{"sparse": True}``; plain values."""
     settings: Settings | None = None
     """Settings of the agent; without them those of its preset "default"."""
+    data: str | None = None
+    """Dataset to learn from too, or a run that recorded one: its folder. Half of each batch is drawn from it."""
+    updates: int = 0
+    """Updates from the data alone, without the robot, spread over the episodes, in which the agent shows what it has learned;
+    0 learns on the robot."""
+    start: str | None = None
+    """Run whose agent goes on learning here, from where it was: its folder."""
     run_dir: Path | None = None
     """Folder of the run, which must not exist yet; without one the next free ``runs/<env>-<agent>-<number>`` is taken."""
 
@@ -57,6 +64,12 @@ class TrainConfig:
             raise RunError(f"patience_s is {self.patience_s}; give 0 or more seconds")
         if self.asynchronous is None:
             object.__setattr__(self, "asynchronous", self.realtime or self.hub != "virtual")
+        if self.updates < 0:
+            raise RunError(f"updates is {self.updates}; give 0 or more")
+        if self.updates and self.data is None:
+            raise RunError(f"there are to be {self.updates} updates from data, but no data; give the folder of a dataset")
+        if self.updates and self.updates < self.episodes:
+            raise RunError(f"{self.updates} updates cannot be spread over {self.episodes} episodes; give fewer episodes")
         if self.settings is None and self.agent in AGENTS:
             # written down, whatever a later version has
             object.__setattr__(self, "settings", settings_for(self.env, "default", self.agent))

@@ -16,10 +16,12 @@ if TYPE_CHECKING:
 
 
 class Phase(StrEnum):
-    """What the agent does in an episode: act at random to fill the replay buffer, or act itself and learn."""
+    """What the agent does in an episode: act at random to fill the replay buffer, or act itself and learn, or neither."""
 
     PREFILL = "prefill"
     TRAIN = "train"
+    OFFLINE = "offline"
+    """It has learned from a dataset, does its best, and keeps nothing of what it sees."""
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ from bricksrl.training.config import TrainConfig
 from bricksrl.training.interrupt import Interruption
 from bricksrl.training.learner import InTheLoop, Learner, Pace
 from bricksrl.training.observer import Episode, Observer, RunResult
+from bricksrl.training.offline import study, take_over, train_offline
 from bricksrl.training.run import RunFolder
 from bricksrl.training.session import Session, reset, run_state
 
@@ -55,10 +56,13 @@ def train(
     if config.run_dir is not None and config.run_dir.exists():
         raise RunError(f"{config.run_dir} exists already; resume that run or choose another folder")
     with _prepared(config, env, place, stop) as (ready, agent, interruption):
+        take_over(config, agent, ready)
+        if config.updates:
+            return train_offline(config, agent, ready, observer or Observer(), interruption)
         state = {"agent": agent.state_dict(), "pace": Pace().to_dict()}
         with _learning(config, ready, agent, state, interruption) as learner:
             start = reset(ready, config, 1, interruption)
-            identity = _identity(config, ready)
+            identity = identity_of(config, ready)
             with interruption.held_back():
                 folder = RunFolder.create(config, {**run_state(identity, []), **state})
             session = _session(config, folder, ready, learner, identity, observer, interruption, [])
@@ -91,9 +95,13 @@ def resume(
     config = folder.read_config()
     if episodes is not None and episodes < config.episodes:
         raise RunError(f"the run in {run_dir} is for {config.episodes} episodes already; give that many or more, not {episodes}")
+    if config.updates and episodes not in (None, config.episodes):
+        raise RunError(f"the run in {run_dir} learned from data; train on the robot from there with start='{run_dir}'")
     config = replace(config, episodes=episodes or config.episodes)
     with _prepared(config, env, place, stop) as (ready, agent, interruption):
-        state = _load(folder, config, ready)
+        if config.updates:
+            return train_offline(config, agent, ready, observer or Observer(), interruption, folder)
+        state = load_state(folder, config, ready)
         with _learning(config, ready, agent, state, interruption) as learner:
             del state["agent"]  # it may be large
             torch.set_rng_state(state["generator"])
@@ -124,7 +132,7 @@ def load_agent(run_dir: Path, env: EnvBase) -> Trained:
     folder = RunFolder(run_dir)
     config = folder.read_config()
     agent = _make_agent(config, env)
-    state = _load(folder, config, env)
+    state = load_state(folder, config, env)
     agent.load_state_dict(state["agent"])
     return Trained(agent, len(state["episodes"]))
 
@@ -141,7 +149,9 @@ def _prepared(
     interruption = Interruption(stop or threading.Event())
     try:
         with reproducible(derive_seed(config.seed, "agent")), interruption:
-            yield ready, _make_agent(config, ready), interruption
+            agent = _make_agent(config, ready)
+            study(config, agent, ready)
+            yield ready, agent, interruption
     finally:
         if own:
             ready.close(raise_if_closed=False)
@@ -217,7 +227,7 @@ def _make_agent(config: TrainConfig, env: EnvBase) -> Agent:
     return make_agent(config.agent, layout_of(env), int(env.action_spec.shape[-1]), config.settings, task)
 
 
-def _identity(config: TrainConfig, env: EnvBase) -> dict[str, Any]:
+def identity_of(config: TrainConfig, env: EnvBase) -> dict[str, Any]:
     """What must be equal for a checkpoint to belong to a run."""
     from bricksrl.agents.layout import layout_of
 
@@ -226,11 +236,11 @@ def _identity(config: TrainConfig, env: EnvBase) -> dict[str, Any]:
     return {**run, "layout": layout_of(env).to_dict(), "action_size": int(env.action_spec.shape[-1])}
 
 
-def _load(folder: RunFolder, config: TrainConfig, env: EnvBase) -> dict[str, Any]:
+def load_state(folder: RunFolder, config: TrainConfig, env: EnvBase) -> dict[str, Any]:
     from bricksrl.training.checkpoint import load_checkpoint
 
     state = load_checkpoint(folder.checkpoint_path)
-    if state.get("identity") != _identity(config, env):
+    if state.get("identity") != identity_of(config, env):
         path = folder.checkpoint_path
         raise CheckpointError(f"{path} belongs to another config or environment; use those that it was made with")
     return state

@@ -1,0 +1,214 @@
+"""Runs that learn from a dataset, and runs that go on with an earlier agent."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+from test_train import Recorder as Listener
+from test_train import assert_same_run, ctrl_c, names, rows
+from toys import Cart
+
+from bricksrl.agents import make_agent, preset
+from bricksrl.agents.off_policy import OffPolicyAgent
+from bricksrl.data import Recorder, describe
+from bricksrl.data.collect import collect, random_policy
+from bricksrl.errors import CheckpointError, DataError, RunError
+from bricksrl.evaluation import evaluate
+from bricksrl.training import Phase, RunFolder, TrainConfig, load_agent, resume, train
+from bricksrl.training.checkpoint import load_checkpoint
+
+
+def recorded(root: Path, policy: Any = None, episodes: int = 12) -> str:
+    """A dataset of the cart."""
+    env = Cart()
+    with Recorder(root, describe(env)) as recorder:
+        collect(env, policy or random_policy(env, 7), recorder, episodes, name="random")
+    return str(root)
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory: pytest.TempPathFactory) -> str:
+    return recorded(tmp_path_factory.mktemp("data") / "cart", episodes=40)
+
+
+def small(agent: str, **changes: Any) -> Any:
+    return replace(preset("default", agent), **{"hidden": (32, 32), "batch_size": 32, **changes})
+
+
+@pytest.fixture
+def config(tmp_path: Path, data: str) -> TrainConfig:
+    return TrainConfig("Cart", "iql", 3, seed=4, settings=small("iql"), data=data, updates=100, run_dir=tmp_path / "run")
+
+
+def test_a_run_from_data_leaves_the_files_of_any_run(config: TrainConfig) -> None:
+    listener = Listener()
+    result = train(config, listener, env=Cart())
+    assert not result.interrupted
+    assert names(result.run_dir) == ["checkpoint.bin", "config.json", "learning_curve.png", "metrics.csv"]
+    folder = RunFolder(result.run_dir)
+    assert folder.read_config() == config
+    assert [episode.phase for episode in folder.read_episodes()] == [Phase.OFFLINE] * 3
+    assert set(result.episodes[0].losses) == {"critic_loss", "value_loss", "actor_loss"}
+    assert listener.calls == ["start 0", "episode 1", "episode 2", "episode 3", "end"]
+    found = evaluate(result.run_dir, Cart(), episodes=2)
+    assert (found.agent, found.episodes) == ("iql", 2)
+    state = load_checkpoint(folder.checkpoint_path)["agent"]
+    assert state["updates"] == 100
+    assert len(state["replay"]["rows"]) == 0  # nothing of what it showed was kept
+
+
+def test_equal_seeds_give_equal_runs(config: TrainConfig, tmp_path: Path) -> None:
+    train(config, env=Cart())
+    torch.rand(3)
+    train(replace(config, run_dir=tmp_path / "again"), env=Cart())
+    assert_same_run(tmp_path / "run", tmp_path / "again")
+    train(replace(config, run_dir=tmp_path / "other", seed=5), env=Cart())
+    assert rows(tmp_path / "run") != rows(tmp_path / "other")
+
+
+class Breaking(Cart):
+    """Ctrl-C comes in its second episode; the third lesson sees it."""
+
+    def _reset(self, *args: Any, **kwargs: Any) -> Any:
+        if self.resets == 1:
+            ctrl_c()
+        return super()._reset()
+
+
+def test_interrupted_and_resumed_run_ends_bit_identical(config: TrainConfig, tmp_path: Path) -> None:
+    train(replace(config, run_dir=tmp_path / "whole"), env=Cart())
+    result = train(config, env=Breaking())
+    assert result.interrupted
+    assert len(result.episodes) == len(rows(result.run_dir)) == 2
+    assert not resume(result.run_dir, env=Cart()).interrupted
+    assert_same_run(tmp_path / "whole", tmp_path / "run")
+    with pytest.raises(RunError, match="learned from data; train on the robot from there"):
+        resume(result.run_dir, episodes=9, env=Cart())
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({"data": None}, "100 updates from data, but no data"),
+        ({"updates": -1}, "updates is -1"),
+        ({"updates": 2}, "2 updates cannot be spread over 3 episodes"),
+    ],
+)
+def test_impossible_configs_are_refused(config: TrainConfig, changes: dict[str, Any], says: str) -> None:
+    with pytest.raises(RunError, match=says):
+        replace(config, **changes)
+
+
+def test_what_cannot_learn_from_the_data_leaves_no_folder(config: TrainConfig, tmp_path: Path) -> None:
+    with pytest.raises(RunError, match="bc does as a dataset does, and has none"):
+        train(TrainConfig("Cart", "bc", run_dir=tmp_path / "run"), env=Cart())
+    with pytest.raises(RunError, match="random learns from no dataset"):
+        train(replace(config, agent="random", settings=None), env=Cart())
+    with pytest.raises(DataError, match="nowhere"):
+        train(replace(config, data=str(tmp_path / "nowhere")), env=Cart())
+    with pytest.raises(DataError, match=r"is of Cart: its observation is \[observation_0, observation_1\], not \[left_angle, "):
+        train(TrainConfig("RunAway-v0", "iql", data=config.data, run_dir=tmp_path / "run"))
+    assert names(tmp_path) == []
+
+
+@pytest.mark.parametrize(
+    ("agent", "least", "most"), [("bc", -3, 3), ("iql", 3, 8), ("cql", 5, 9), ("td3bc", 5, 9), ("sac", 5, 9)]
+)
+def test_learns_from_the_data_what_the_data_can_teach(tmp_path: Path, data: str, agent: str, least: int, most: int) -> None:
+    """Random steps lead away from the wall by chance; a policy that wants to gets 7 dm in 8 steps.
+
+    BC can but imitate, and IQL imitates the better half: the mean of its actions stays below the best one.
+    """
+    changes = {"sampled_actions": 4} if agent == "cql" else {}
+    settings = small(agent, **changes)
+    config = TrainConfig("Cart", agent, 1, settings=settings, data=data, updates=400, run_dir=tmp_path / "run")
+    train(config, env=Cart())
+    found = evaluate(tmp_path / "run", Cart(), episodes=10).return_mean
+    assert least < found < (3 if agent == "bc" else 9)
+
+
+def test_a_dataset_is_learned_from_on_the_robot_too(config: TrainConfig, tmp_path: Path) -> None:
+    online = replace(config, agent="sac", settings=small("sac", prefill_episodes=1), updates=0, episodes=4)
+    train(online, env=Cart())
+    train(replace(online, data=None, run_dir=tmp_path / "without"), env=Cart())
+    assert rows(tmp_path / "run") != rows(tmp_path / "without")
+    assert [episode.phase for episode in RunFolder(tmp_path / "run").read_episodes()] == [Phase.PREFILL] + [Phase.TRAIN] * 3
+    train(replace(online, episodes=2, run_dir=tmp_path / "part"), env=Cart())
+    resume(tmp_path / "part", episodes=4, env=Cart())
+    assert_same_run(tmp_path / "run", tmp_path / "part")
+
+
+@pytest.mark.parametrize("agent", ["sac", "td3", "iql"])
+def test_a_learned_agent_goes_on_from_where_it_was(tmp_path: Path, data: str, agent: str) -> None:
+    """It acts at once as well as before, and stays as good while it learns on."""
+    settings = small(agent)
+    first = TrainConfig("Cart", agent, 1, settings=settings, data=data, updates=400, run_dir=tmp_path / "first")
+    train(first, env=Cart())
+    before = evaluate(tmp_path / "first", Cart(), episodes=10).return_mean
+    start = str(tmp_path / "first")
+    second = TrainConfig("Cart", agent, 8, settings=settings, start=start, run_dir=tmp_path / "second")
+    result = train(second, env=Cart())
+    assert {episode.phase for episode in result.episodes} == {Phase.TRAIN}
+    assert load_agent(tmp_path / "second", Cart()).agent.state_dict()["updates"] > 400
+    returns = [episode.return_ for episode in result.episodes]
+    assert sum(returns) / 8 > before - 2.5  # it explores
+    assert min(returns) > 1.5
+    assert evaluate(tmp_path / "second", Cart(), episodes=10).return_mean > before - 1.0
+
+
+def test_the_whole_agent_is_taken_over(tmp_path: Path) -> None:
+    """Critics, targets, temperature, optimiser and memory: without them learning on spoils a policy."""
+    settings = small("sac", prefill_episodes=1)
+    first = TrainConfig("Cart", episodes=3, settings=settings, run_dir=tmp_path / "first")
+    train(first, env=Cart())
+    state = load_checkpoint(tmp_path / "first" / "checkpoint.bin")["agent"]
+    taken: list[dict[str, Any]] = []
+
+    class Looking(Listener):
+        def on_start(self, config: TrainConfig, run_dir: Path, episodes_done: int) -> None:
+            taken.append(load_checkpoint(run_dir / "checkpoint.bin")["agent"])
+
+    second = replace(first, start=str(tmp_path / "first"), episodes=1, run_dir=tmp_path / "second")
+    train(second, Looking(), env=Cart())
+    fresh = make_agent("sac", *_made_for(Cart()), settings)
+    assert isinstance(fresh, OffPolicyAgent)
+    assert taken[0].keys() == state.keys() == fresh.state_dict().keys()
+    for name, value in state.items():
+        torch.testing.assert_close(taken[0][name], value, rtol=0, atol=0)
+    assert len(state["replay"]["rows"]) > 10
+
+
+def _made_for(env: Cart) -> tuple[Any, int]:
+    from bricksrl.agents.layout import layout_of
+
+    return layout_of(env), 1
+
+
+def test_another_agent_or_other_settings_cannot_go_on(config: TrainConfig, tmp_path: Path) -> None:
+    train(config, env=Cart())
+    start = str(tmp_path / "run")
+    wanted = TrainConfig("Cart", "iql", settings=config.settings, start=start, run_dir=tmp_path / "next")
+    with pytest.raises(RunError, match="the agent of .* is iql, not sac"):
+        train(replace(wanted, agent="sac", settings=small("sac")), env=Cart())
+    with pytest.raises(CheckpointError, match="has other settings"):
+        train(replace(wanted, settings=small("iql", gamma=0.5)), env=Cart())
+    with pytest.raises(RunError, match="no run in"):
+        train(replace(wanted, start=str(tmp_path / "nowhere")), env=Cart())
+    assert names(tmp_path) == ["run"]
+
+
+def test_the_process_that_learns_beside_the_robot_knows_the_data_too(config: TrainConfig, tmp_path: Path) -> None:
+    beside = replace(config, updates=0, episodes=3, asynchronous=True)
+    fast = small("iql", prefill_episodes=0)
+    result = train(replace(beside, settings=fast), env=Cart())
+    steps = result.episodes[-1].steps
+    state = load_checkpoint(tmp_path / "run" / "checkpoint.bin")["agent"]
+    assert len(state["replay"]["rows"]) == steps
+    assert state["updates"] > 0
+    broken = replace(beside, run_dir=tmp_path / "next", data=str(tmp_path / "nowhere"))
+    with pytest.raises(DataError, match="nowhere"):
+        train(broken, env=Cart())
