@@ -11,7 +11,7 @@ import bricksrl as package
 from bricksrl.cli.app import one_line
 
 HUB_TOOLS = ("hub scan", "hub check", "hub latency", "hub calibrate", "hub stop", "hub rename")
-COMMANDS = ("list", "train", "resume", "evaluate", "doctor", "hub", "hub program", "hub run", *HUB_TOOLS)
+COMMANDS = ("list", "train", "train-offline", "resume", "evaluate", "doctor", "hub", "hub program", "hub run", *HUB_TOOLS)
 HEAVY = ("torch", "torchrl", "tensordict", "mujoco", "matplotlib", "scipy")
 
 
@@ -39,7 +39,7 @@ def test_help_loads_nothing_heavy(command):
 
 def test_help_names_every_command(bricksrl):
     done = bricksrl("--help")
-    for command in ("list", "train", "resume", "evaluate", "hub"):
+    for command in ("list", "train", "train-offline", "resume", "evaluate", "hub"):
         assert f"• {command} " in done.stdout
 
 
