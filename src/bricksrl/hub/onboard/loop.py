@@ -115,7 +115,7 @@ class Server:
 
     def turn(self):
         """One turn of the loop. False ends the program."""
-        frame = self.reader.frame(max(0, self.idle_until() - self.clock.time()))
+        frame = self.reader.frame(self.patience_ms())
         now = self.clock.time()
         if frame:
             self.heard_ms = now
@@ -139,13 +139,15 @@ class Server:
             return False
         return True
 
-    def idle_until(self):
-        """Time until which nothing but a frame matters."""
-        if self.streams():
-            return self.sent_ms + self.stream_ms
+    def patience_ms(self):
+        """How long nothing but a frame matters."""
         if not self.moving:
-            return self.heard_ms + self.watchdog_ms + (1 if self.armed else END_MS + 1)
-        return self.clock.time() + 1 if UNTIL_DONE else self.started_ms + SETTLE_MS
+            until = self.heard_ms + self.watchdog_ms + (1 if self.armed else END_MS + 1)
+        elif UNTIL_DONE:
+            return 1
+        else:
+            until = self.started_ms + SETTLE_MS
+        return max(0, until - self.clock.time())
 
     def command(self, seq, payload):
         if seq != self.seq:

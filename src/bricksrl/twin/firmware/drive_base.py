@@ -161,7 +161,7 @@ class DriveBaseControl:
         """One control loop, before those of the servos."""
         if not (self._distance.is_active and self._heading.is_active):
             return
-        time = self._machine.time_ticks
+        time = self._machine.time_ms * 10
         distance, heading = self._state()
         action = self._distance.update(time, distance.position, distance.speed, distance.speed_estimate, self._paused)
         torque, speed, acceleration, end_of_distance, distance_at_limit = action

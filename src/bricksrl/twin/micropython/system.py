@@ -153,7 +153,12 @@ class Poll:
         return iter(self.poll(timeout, flags))
 
     def _ready(self) -> list[tuple[FileIO, int]]:
-        return [(stream, events) for stream, mask in self._streams.values() if (events := stream.events() & mask)]
+        ready = []
+        for stream, mask in self._streams.values():
+            events = stream.events() & mask
+            if events:
+                ready.append((stream, events))
+        return ready
 
 
 Poll.__name__ = Poll.__qualname__ = "poll"

@@ -131,8 +131,8 @@ class Motor:
         self._check_open()
         return self._servo.is_stalled()
 
-    @charged
     def done(self) -> bool:
+        self._machine.charge_call()
         return self._servo.is_done()
 
     # ---- commands that are over at once

@@ -124,8 +124,8 @@ class DriveBase:
         self._check_open()
         return self._base.state()
 
-    @charged
     def done(self) -> bool:
+        self._machine.charge_call()
         return self._base.is_done()
 
     @charged
