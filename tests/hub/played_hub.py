@@ -1,164 +1,28 @@
-"""A Pybricks hub, played over Bumble: the profile with its errors, buffers and advertising, and a program that really runs.
-
-What the host downloads is bytecode. The hub knows the sources that it may belong to, and runs that one in the virtual
-hub's language, on a machine whose simulated time keeps pace with the clock on the wall.
-"""
+"""A Pybricks hub over Bluetooth, played over Bumble: the profile's services, and when it advertises itself."""
 
 from __future__ import annotations
 
 import asyncio
-import struct
-import threading
-import time
+from collections.abc import Coroutine
 from typing import Any
 
 from bumble.att import ATT_Error
 from bumble.core import UUID, AdvertisingData
 from bumble.gatt import Characteristic, CharacteristicValue, Service
+from hub_firmware import PlayedFirmware, Refusal
 from radio import Radio
 
 from bricksrl.hub import pybricks_profile as profile
-from bricksrl.hub.compile import MAIN_FILE, compile_mpy
-from bricksrl.hub.pybricks_profile import Command, CommandError, Event, Status
-from bricksrl.robots import HubKind, Robot
-from bricksrl.twin import language
-from bricksrl.twin.bench import BenchBody
-from bricksrl.twin.machine import Machine
-from bricksrl.twin.micropython.system import ProgramInterrupt
-from bricksrl.twin.pybricks import modules
-
-STDOUT_BYTES = 41
-NOTIFIED_BYTES = 19
-_PRODUCT_IDS = {HubKind.MOVE: 0x40, HubKind.CITY: 0x41, HubKind.TECHNIC: 0x80, HubKind.PRIME: 0x81, HubKind.ESSENTIAL: 0x83}
-_PROGRAM_HEAD_BYTES = 4 + len(b"__main__\0")
+from bricksrl.robots import Robot
 
 
-class _Stopped(BaseException):
-    """Thrown into the program when it is stopped; no program catches it."""
-
-
-class ProgramRun:
-    """One run of a program, in a thread."""
-
-    def __init__(self, hub: PlayedHub, source: str) -> None:
-        self._hub, self._source, self._machine = hub, source, hub.machine
-        self._lock = threading.Lock()
-        self._stdin, self._stdout = bytearray(), bytearray()
-        self._stop = False
-        self._start_s = time.monotonic() - self._machine.time_ms / 1000
-        self._thread = threading.Thread(target=self._run, name="hub program", daemon=True)
-        self._thread.start()
-
-    def stop(self) -> None:
-        self._stop = True
-
-    def join(self) -> None:
-        self._thread.join(5)
-
-    def deliver(self, data: bytes) -> None:
-        """Bytes from the host; all of them or none."""
-        with self._lock:
-            if len(self._stdin) + len(data) > self._hub.machine.robot.hub.model.stdin_bytes:
-                raise ATT_Error(CommandError.BUSY)
-            self._stdin += data
-
-    def take(self) -> bytes:
-        """What fits into the next notification."""
-        with self._lock:
-            data = bytes(self._stdout[:NOTIFIED_BYTES])
-            del self._stdout[:NOTIFIED_BYTES]
-            return data
-
-    # ---- the console of the program
-
-    def available(self) -> int:
-        return len(self._stdin)
-
-    def read(self, n: int) -> bytes:
-        while len(self._stdin) < n:
-            self._machine.advance(1)
-        with self._lock:
-            data = bytes(self._stdin[:n])
-            del self._stdin[:n]
-            return data
-
-    def write(self, data: bytes) -> None:
-        if not self._hub.is_connected:
-            return
-        while data:
-            with self._lock:
-                room = STDOUT_BYTES - len(self._stdout)
-                self._stdout += data[:room]
-            data = data[room:]
-            self._hub.request_flush()
-            if data:
-                self._machine.advance(1)
-
-    # ---- the thread
-
-    def _run(self) -> None:
-        self._machine.on_alarm = self._keep_pace
-        self._machine.alarm_ms = self._machine.time_ms
-        words = ""
-        try:
-            language.execute(self._source, MAIN_FILE, modules(self._machine, self), self)
-        except (SystemExit, _Stopped):
-            words = "\nThe program was stopped (SystemExit).\n"
-        except (Exception, ProgramInterrupt) as error:  # noqa: BLE001  a program may raise anything
-            words = language.format_traceback(error, MAIN_FILE)
-        self._machine.alarm_ms = None
-        self._machine.stop_motors()
-        with self._lock:
-            self._stdout += words.replace("\n", "\r\n").encode()
-        self._hub.radio.submit(self._hub.program_ended(self))
-
-    def _keep_pace(self) -> None:
-        if self._stop:
-            raise _Stopped
-        self._machine.alarm_ms = self._machine.time_ms + 1
-        ahead_s = self._start_s + self._machine.time_ms / 1000 - time.monotonic()
-        if ahead_s > 0:
-            time.sleep(ahead_s)
-
-
-class WatchedBody(BenchBody):
-    """Remembers what the firmware applies to the motors."""
-
-    def __init__(self, robot: Robot) -> None:
-        super().__init__(robot)
-        self.voltages_mv = dict.fromkeys(self.motors, 0)
-
-    def set_voltage(self, port: str, voltage_mv: int | None) -> None:
-        super().set_voltage(port, voltage_mv)
-        self.voltages_mv[port] = voltage_mv or 0
-
-
-class PlayedHub:
-    """A hub that is switched on.
-
-    Attributes:
-        library: programs that it recognises.
-        faults: codes with which it refuses the next commands of each kind.
-        commands: kinds of all commands that arrived.
-        size: of the program on it; 0 for none.
-        flushes_late: whether it says that a program has ended before it has sent the rest of its output.
-    """
+class PlayedHub(PlayedFirmware):
+    """A hub that is switched on, within reach of a radio."""
 
     def __init__(self, radio: Radio, robot: Robot, name: str = "Pybricks Hub", address: str = "C0:01:02:03:04:05") -> None:
-        self.radio, self.name = radio, name
-        self.body = WatchedBody(robot)
-        self.machine = Machine(robot, self.body)
-        self.library: list[str] = []
-        self.faults: dict[Command, list[int]] = {}
-        self.commands: list[int] = []
-        self.profile_version = "1.5.0"
-        self.battery = Status(0)
-        self.size = 0
-        self.flushes_late = False
-        self._ram = bytearray(robot.hub.model.program_bytes)
-        self._run: ProgramRun | None = None
+        super().__init__(robot, name)
+        self.radio, self.address = radio, address
         self._connection: Any = None
-        self.address = address
         radio.run(self._switch_on())
 
     @property
@@ -166,26 +30,18 @@ class PlayedHub:
         return self._connection is not None
 
     @property
-    def is_running(self) -> bool:
-        return self._run is not None
+    def can_send(self) -> bool:
+        return self.radio.link.in_range
 
-    @property
-    def is_driven(self) -> bool:
-        """Whether a motor is under voltage."""
-        return any(self.body.voltages_mv.values())
+    def submit(self, coroutine: Coroutine[Any, Any, Any]) -> Any:
+        return self.radio.submit(coroutine)
 
-    def wait_until(self, attribute: str, value: object, timeout_s: float = 5.0) -> float:
-        """How long it took until an attribute had a value, in seconds; fails when it does not."""
-        start_s = time.monotonic()
-        while getattr(self, attribute) != value:
-            assert time.monotonic() - start_s < timeout_s, f"{attribute} is not {value} after {timeout_s} s"
-            time.sleep(0.005)
-        return time.monotonic() - start_s
+    async def notify(self, event: bytes) -> None:
+        await self._device.notify_subscribers(self._characteristic, event)
 
-    def press_button(self) -> None:
-        """The user stops the program."""
-        if self._run is not None:
-            self._run.stop()
+    async def settle(self) -> None:
+        if not self.is_connected:
+            await self._advertise()
 
     def reboot(self) -> None:
         """The battery came loose for a moment: link, program and memory are gone."""
@@ -196,28 +52,18 @@ class PlayedHub:
             run.stop()
             run.join()
 
-    def close(self) -> None:
-        run = self._run
-        if run is not None:
-            run.stop()
-            run.join()
-
-    def request_flush(self) -> None:
-        self.radio.submit(self._flush())
-
     # ---- in the radio's thread
 
     async def _switch_on(self) -> None:
         self._device = self.radio.device(self.name, self.address)
         read, readable = Characteristic.Properties.READ, Characteristic.READABLE
-        self._product = product = struct.pack("<BHHH", 1, profile.LEGO_COMPANY_ID, _PRODUCT_IDS[self.machine.robot.hub], 0)
         self._characteristic = Characteristic(
             UUID(profile.COMMAND_EVENT_UUID),
             Characteristic.Properties.WRITE | Characteristic.Properties.NOTIFY,
             Characteristic.WRITEABLE,
             CharacteristicValue(write=self._on_command),
         )
-        self._characteristic.on(Characteristic.EVENT_SUBSCRIPTION, lambda *_: asyncio.ensure_future(self._send_status()))
+        self._characteristic.on(Characteristic.EVENT_SUBSCRIPTION, lambda *_: asyncio.ensure_future(self.send_status()))
         version = CharacteristicValue(read=lambda _: self.profile_version.encode())
         capabilities = CharacteristicValue(read=self._capabilities)
         self._device.add_service(
@@ -226,7 +72,7 @@ class PlayedHub:
                 [
                     Characteristic(UUID.from_16_bits(0x2A26), read, readable, b"4.0.1"),
                     Characteristic(UUID.from_16_bits(0x2A28), read, readable, version),
-                    Characteristic(UUID.from_16_bits(0x2A50), read, readable, product),
+                    Characteristic(UUID.from_16_bits(0x2A50), read, readable, self.product),
                 ],
             )
         )
@@ -240,13 +86,13 @@ class PlayedHub:
         self._device.on("connection", self._on_connection)
         await self._device.power_on()
         await self._advertise()
-        self._report = asyncio.create_task(self._report_for_ever())
+        self._report = asyncio.create_task(self.report_for_ever())
 
     async def _advertise(self) -> None:
         uuids = AdvertisingData.INCOMPLETE_LIST_OF_128_BIT_SERVICE_CLASS_UUIDS
         response = [
             (AdvertisingData.COMPLETE_LOCAL_NAME, self.name.encode()),
-            (AdvertisingData.SERVICE_DATA_16_BIT_UUID, bytes(UUID.from_16_bits(0x2A50)) + self._product),
+            (AdvertisingData.SERVICE_DATA_16_BIT_UUID, bytes(UUID.from_16_bits(0x2A50)) + self.product),
         ]
         advertisement = [(AdvertisingData.FLAGS, b"\x06"), (uuids, bytes(UUID(profile.SERVICE_UUID)))]
         await self._device.start_advertising(
@@ -257,8 +103,7 @@ class PlayedHub:
         )
 
     def _capabilities(self, connection: Any) -> bytes:
-        program_bytes = self.machine.robot.hub.model.program_bytes
-        return struct.pack("<HIIB", min(connection.att_mtu - 3, 512), profile.Feature.MPY_V6 | 1, program_bytes, 5)
+        return self.capabilities(min(connection.att_mtu - 3, 512))
 
     def _on_connection(self, connection: Any) -> None:
         self._connection = connection
@@ -270,69 +115,10 @@ class PlayedHub:
             self._later = asyncio.ensure_future(self._advertise())
 
     async def _on_command(self, _connection: Any, value: bytes) -> None:
-        self.commands.append(value[0])
-        refusals = self.faults.get(Command(value[0]) if value[0] in set(Command) else Command.START_REPL)
-        if refusals:
-            raise ATT_Error(refusals.pop(0))
-        kind, payload = value[0], value[1:]
-        if kind == Command.STOP_USER_PROGRAM:
-            self.press_button()
-        elif kind == Command.WRITE_STDIN:
-            if self._run is not None:
-                self._run.deliver(payload)
-        elif kind in (Command.START_USER_PROGRAM, Command.WRITE_USER_PROGRAM_META, Command.WRITE_USER_RAM):
-            if self._run is not None:
-                raise ATT_Error(CommandError.BUSY)
-            await self._change_program(kind, payload)
-        elif kind != Command.WRITE_APP_DATA:
-            raise ATT_Error(CommandError.INVALID_COMMAND)
-
-    async def _change_program(self, kind: int, payload: bytes) -> None:
-        if kind == Command.START_USER_PROGRAM:
-            source = self._source()
-            if source is None:
-                raise ATT_Error(CommandError.INVALID_COMMAND)
-            self._run = ProgramRun(self, source)
-            await self._send_status()
-            return
-        number = struct.unpack("<I", payload[:4])[0]
-        if number + len(payload) - 4 > len(self._ram):
-            raise ATT_Error(CommandError.VALUE_NOT_ALLOWED)
-        if kind == Command.WRITE_USER_PROGRAM_META:
-            self.size = number
-        else:
-            self._ram[number : number + len(payload) - 4] = payload[4:]
-
-    def _source(self) -> str | None:
-        """Of the program that lies in memory."""
-        mpy = bytes(self._ram[_PROGRAM_HEAD_BYTES : self.size])
-        return next((source for source in self.library if compile_mpy(source) == mpy), None)
-
-    async def program_ended(self, run: ProgramRun) -> None:
-        if not self.flushes_late:
-            await self._flush()
-        self._run = None
-        await self._send_status()
-        if self.flushes_late:
-            await asyncio.sleep(0.1)
-            await self._flush(run)
-        if not self.is_connected:
-            await self._advertise()
-
-    async def _flush(self, run: ProgramRun | None = None) -> None:
-        run = run or self._run
-        while run is not None and (data := run.take()):
-            await self._device.notify_subscribers(self._characteristic, bytes((Event.WRITE_STDOUT,)) + data)
-
-    async def _send_status(self) -> None:
-        flags = self.battery | (Status.USER_PROGRAM_RUNNING if self._run is not None else 0)
-        report = struct.pack("<BIBB", Event.STATUS_REPORT, flags, 0, 0)
-        await self._device.notify_subscribers(self._characteristic, report)
-
-    async def _report_for_ever(self) -> None:
-        while True:
-            await asyncio.sleep(profile.STATUS_PERIOD_S)
-            await self._send_status()
+        try:
+            await self.command(value)
+        except Refusal as refusal:
+            raise ATT_Error(refusal.code) from None
 
 
 def _uart_service() -> Service:

@@ -141,6 +141,15 @@ def test_a_program_that_raises_later(world: World) -> None:
     bounded(lambda: transport.write(b"x"), HubError)
 
 
+def test_a_program_that_raises_in_a_step_is_told_with_the_hubs_text_and_its_line(world: World) -> None:
+    link = world.link()
+    link.open()
+    world.hub.machine.servos.pop("E").close()  # the motor is pulled out
+    error = bounded(lambda: [link.act([100]) for _ in range(3)], HubProgramError)
+    assert "EPERM" in str(error) and "at line" in str(error) and "motor_left.run_angle(400" in str(error)
+    assert link.state is LinkState.FAULT
+
+
 def test_the_button_ends_the_program(world: World) -> None:
     link = world.link()
     link.open()

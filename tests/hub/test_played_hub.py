@@ -12,8 +12,6 @@ from radio import Radio
 from bricksrl.hub.compile import compile_mpy, program_blob
 from bricksrl.robots import TWO_WHEELER, HubKind
 
-pytest.importorskip("pybricksdev")
-
 ECHO = """
 from micropython import kbd_intr
 from usys import stdin, stdout

@@ -76,9 +76,9 @@ def test_a_city_hub_has_no_imu(channel: Pitch | YawRate) -> None:
         validate(robot, Interface((LEFT,), (channel,), Wait(10)))
 
 
-def test_a_move_hub_is_refused_for_now() -> None:
+def test_a_move_hub_is_refused() -> None:
     robot = Robot("vernie", HubKind.MOVE, motors=(Motor("left", "A"),))
-    with pytest.raises(ProgramError, match="AppData is not supported yet"):
+    with pytest.raises(ProgramError, match="is not supported; choose a prime"):
         generate(robot, Interface((LEFT,), (MotorAngle("left"),), Wait(10)))
 
 

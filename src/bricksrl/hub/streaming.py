@@ -31,6 +31,9 @@ from bricksrl.robots import Robot
 PERIOD_MS = 10
 """Between two observations: 100 Hz."""
 _SENDS_PER_WATCHDOG = 3
+_TICK_S = 0.0005
+"""Half a millisecond: what a simulated clock, which ticks in milliseconds, takes for no time."""
+_WAITS_PER_STEP = 100_000
 
 
 class StreamingLink(HubLink):
@@ -106,11 +109,14 @@ class StreamingLink(HubLink):
         give_up_s = self._due_s + self._timeout_s
         newest: Reading | None = None
         next_send_s = started_s
-        while (now_s := self.now_s()) < self._due_s or newest is None:
+        for _ in range(_WAITS_PER_STEP):  # should the transport's clock stand still
+            now_s = self.now_s() + _TICK_S
+            if newest is not None and now_s >= self._due_s:
+                return replace(newest, age_s=self._clock.age_s(newest.hub_time_ms, self.now_s()))
             if now_s >= give_up_s:
-                raise HubTimeoutError(self._listener.silence("the hub sent no observation", give_up_s - started_s))
+                break
             if now_s >= next_send_s:
-                if newest is None and now_s > started_s:  # the command was lost, or the wish for observations
+                if newest is None and next_send_s > started_s:  # the command was lost, or the wish for observations
                     self._meter.resends += 1
                     self._ask()
                 self._transport.write(frame)
@@ -120,4 +126,4 @@ class StreamingLink(HubLink):
             if isinstance(found, DataFrame):
                 reading = self._reading(found, started_s, 0.0)
                 newest = reading if newest is None else replace(reading, round_trip_s=newest.round_trip_s)
-        return replace(newest, age_s=self._clock.age_s(newest.hub_time_ms, self.now_s()))
+        raise HubTimeoutError(self._listener.silence("the hub sent no observation", give_up_s - started_s))

@@ -23,8 +23,8 @@ def validate(robot: Robot, interface: Interface) -> None:
     model = robot.hub.model
     if model.stdin_bytes == 0:
         raise ProgramError(
-            f"robot '{robot.name}': the {robot.hub.value} hub has no standard input, and AppData is not supported yet; "
-            "choose a prime, essential, technic or city hub"
+            f"robot '{robot.name}': a {robot.hub.value} hub has neither standard input nor floating point numbers nor ustruct, "
+            "and is not supported; choose a prime, essential, technic or city hub"
         )
     _check_commands(robot, interface)
     _check_channels(robot, interface)

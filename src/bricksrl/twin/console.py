@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 
 class Console(Protocol):
@@ -16,3 +16,17 @@ class Console(Protocol):
 
     def write(self, data: bytes) -> None:
         """Send these bytes as they are."""
+
+
+@runtime_checkable
+class AppDataConsole(Protocol):
+    """A console whose listener takes AppData too.
+
+    Attributes:
+        inbox: what the listener writes into; the program makes it as large as it likes.
+    """
+
+    inbox: bytearray
+
+    def write_app_data(self, data: bytes) -> None:
+        """Send these bytes; raises OSError when nobody listens."""

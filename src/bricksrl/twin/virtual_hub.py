@@ -6,6 +6,7 @@ waits for; so no thread is needed, and a run is reproducible. Bytes travel at co
 
 from __future__ import annotations
 
+import itertools
 import math
 import threading
 import time
@@ -16,8 +17,9 @@ from greenlet import getcurrent, greenlet
 
 from bricksrl.errors import HubError, HubProgramError
 from bricksrl.hub.compile import MAIN_FILE
+from bricksrl.hub.protocol import app_data_slot
 from bricksrl.hub.traceback import describe_traceback
-from bricksrl.hub.transport import HubProgram
+from bricksrl.hub.transport import HubProgram, Pipe
 from bricksrl.robots import Robot
 from bricksrl.twin import language
 from bricksrl.twin.bodies import make_body
@@ -43,6 +45,7 @@ class _Wire:
         self._hub = hub
         self._room = stdin_bytes
         self._stdin = bytearray()
+        self.inbox = bytearray()
         self.outbox: deque[tuple[float, bytes]] = deque()
 
     def available(self) -> int:
@@ -60,6 +63,15 @@ class _Wire:
         due_ms = self._hub.next_event_ms()
         self.outbox.append((due_ms, data))
         self._hub.wake_at(due_ms)
+
+    def write_app_data(self, data: bytes) -> None:
+        self.write(data)
+
+    def deliver_app_data(self, data: bytes) -> None:
+        """Put the host's bytes over what it wrote before."""
+        if len(data) > len(self.inbox):
+            raise HubError("the program on the hub has no room for AppData; let it make one")
+        self.inbox[: len(data)] = data
 
     def deliver(self, data: bytes) -> None:
         """Put the host's bytes into the ring; a write that does not fit is refused whole, as by the firmware."""
@@ -98,6 +110,8 @@ class VirtualHub:
         self._thread = threading.get_ident()
         self._is_to_stop = False
         self._error: str | None = None
+        self._pipe = Pipe.STDIN
+        self._counts = itertools.cycle(range(1, 256))
         self._wall_start_s = time.monotonic() if realtime else None
 
     def open(self) -> None:
@@ -106,6 +120,7 @@ class VirtualHub:
     def start(self, program: HubProgram) -> None:
         """Start a program; one that runs is stopped first."""
         self.stop()
+        self._pipe = program.pipe
         self._is_to_stop = False  # whoever asked for that meant the program before
         self._error = None
         self._wire = _Wire(self, self.robot.hub.model.stdin_bytes)
@@ -125,7 +140,10 @@ class VirtualHub:
         self._keep_pace()
         self._run_until(math.ceil(self.next_event_ms()))
         self._check()
-        self._wire.deliver(data)
+        if self._pipe is Pipe.APP_DATA:
+            self._wire.deliver_app_data(app_data_slot(next(self._counts), data))
+        else:
+            self._wire.deliver(data)
 
     def read(self, timeout_s: float) -> bytes:
         """The program's next output, when it has arrived here; ``b""`` when none came within the (simulated) time.

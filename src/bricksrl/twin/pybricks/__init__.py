@@ -22,6 +22,7 @@ from bricksrl.twin.micropython.system import (
 from bricksrl.twin.pybricks.context import Context
 from bricksrl.twin.pybricks.hubs import hubs_module
 from bricksrl.twin.pybricks.iodevices import iodevices_module
+from bricksrl.twin.pybricks.messaging import messaging_module
 from bricksrl.twin.pybricks.parameters import Parameters
 from bricksrl.twin.pybricks.pupdevices import pupdevices_module
 from bricksrl.twin.pybricks.robotics import robotics_module
@@ -56,6 +57,7 @@ def modules(machine: Machine, console: Console) -> Modules:
         "iodevices": iodevices_module(context, parameters),
         "robotics": robotics_module(context, hub.model.has_imu),
         "tools": tools_module(context, console, has_display),
+        "messaging": messaging_module(machine, console),
     }
     found = {f"pybricks.{name}": part for name, part in pybricks.items()}
     found["pybricks"] = module("pybricks", {**pybricks, "version": (f"{hub.value}hub", FIRMWARE_VERSION)})
