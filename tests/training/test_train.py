@@ -94,7 +94,7 @@ def test_a_run_leaves_its_files_in_order(config: TrainConfig) -> None:
     assert not result.interrupted
     assert len(result.episodes) == 6
     folder = RunFolder(result.run_dir)
-    assert names(result.run_dir) == ["checkpoint.bin", "config.json", "learning_curve.png", "metrics.csv"]
+    assert names(result.run_dir) == ["checkpoint.bin", "config.json", "data", "learning_curve.png", "metrics.csv"]
     assert folder.read_config() == config
     assert "torchrl" in json.loads(folder.config_path.read_text())["versions"]
     assert folder.metrics_path.read_text().splitlines()[0] == ",".join(COLUMNS)

@@ -6,11 +6,12 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from tyro.conf import Positional, arg
+from tyro.conf import Positional, UseAppendAction, arg
 
 from bricksrl.cli.console import INTERRUPTED, print_interrupted, print_line
+from bricksrl.cli.hands import HANDS, driving
 from bricksrl.cli.loading import load_learning
 from bricksrl.errors import DataError, DescriptionError
 
@@ -18,10 +19,7 @@ if TYPE_CHECKING:
     from torchrl.envs import EnvBase
 
     from bricksrl.data.collect import Collected, Driver, Policy
-    from bricksrl.data.description import Description
     from bricksrl.data.recorder import Recorder
-
-_HANDS = ("keyboard", "gamepad")
 
 
 @dataclass(frozen=True)
@@ -58,6 +56,8 @@ class Record:
     """Let a virtual robot take as long as a real one; always so with a human at the keys."""
     physics: Annotated[Path | None, arg(metavar="FILE")] = None
     """Physics of the virtual robot: a JSON file such as `bricksrl twin fit` writes."""
+    option: Annotated[UseAppendAction[tuple[str, ...]], arg(metavar="NAME=VALUE")] = ()
+    """Option of the environment's task, as often as needed: sparse=true, threshold_deg=20."""
 
     def execute(self) -> int:
         """Record, a line an episode."""
@@ -76,7 +76,7 @@ class Record:
             print_line(f"episode {count}/{self.episodes}  return {episode.return_:.4g}  {episode.length} steps{by_hand}")
 
         try:
-            with self._environment() as env, Recorder(self.out, describe(env)) as recorder:
+            with self._environment() as env, Recorder(self.out, describe(env, self._options())) as recorder:
                 self._collect(env, recorder, tell)
         except KeyboardInterrupt:
             print_interrupted(f"{count} whole episodes are in {self.out}")
@@ -85,19 +85,25 @@ class Record:
         print_line(f"look at it      bricksrl data info {self.out}")
         return 0
 
+    def _options(self) -> dict[str, Any]:
+        from bricksrl.cli.train import parse_option
+
+        return dict(map(parse_option, self.option))
+
     @contextmanager
     def _environment(self) -> Iterator[EnvBase]:
         from bricksrl.envs import make
         from bricksrl.twin.physics import read_physics
 
         physics = None if self.physics is None else read_physics(self.physics)
-        by_hand = self.hub == "virtual" and (self.policy in _HANDS or self.take_over is not None)
+        options = self._options()
+        by_hand = self.hub == "virtual" and (self.policy in HANDS or self.take_over is not None)
         try:
-            env = make(self.env, self.hub, seed=self.seed, realtime=self.realtime or by_hand, physics=physics)
+            env = make(self.env, self.hub, seed=self.seed, realtime=self.realtime or by_hand, physics=physics, **options)
         except DescriptionError:
             if not by_hand or self.realtime:
                 raise
-            env = make(self.env, self.hub, seed=self.seed, physics=physics)  # without a robot there is no time, see _driver
+            env = make(self.env, self.hub, seed=self.seed, physics=physics, **options)  # without a robot: paced below
         try:
             yield env
         finally:
@@ -105,13 +111,18 @@ class Record:
 
     def _collect(self, env: EnvBase, recorder: Recorder, tell: Callable[[Collected], None]) -> None:
         from bricksrl.data.collect import collect, random_policy
-        from bricksrl.data.hands import rest
+        from bricksrl.data.hands import Paced, rest
 
-        with self._driver(env, recorder.description) as driver:
+        in_charge = self.policy in HANDS
+        hands = self.policy if in_charge else self.take_over
+        with driving(hands, recorder.description, in_charge=in_charge) as human:
+            driver: Driver | None = human
+            if human is not None and not hasattr(env, "twin"):
+                driver = Paced(human, recorder.description.rate_hz)
             policy: Policy
             if self.policy == "random":
                 policy = random_policy(env, self.seed)
-            elif self.policy in _HANDS:
+            elif self.policy in HANDS:
                 still = rest(recorder.description.action)
                 policy = lambda _: still  # noqa: E731  a human gives back: the robot rests
             else:
@@ -127,25 +138,6 @@ class Record:
                 driver=driver,
                 on_episode=tell,
             )
-
-    @contextmanager
-    def _driver(self, env: EnvBase, description: Description) -> Iterator[Driver | None]:
-        """The human, at the keys or at the sticks; in charge from the start where nobody else acts."""
-        from bricksrl.data.gamepad import GamepadDriver
-        from bricksrl.data.hands import Paced, legend
-        from bricksrl.data.keyboard import KeyboardDriver
-
-        in_charge = self.policy in _HANDS
-        hands = self.policy if in_charge else self.take_over
-        if hands is None:
-            yield None
-            return
-        kind = KeyboardDriver if hands == "keyboard" else GamepadDriver
-        with kind(description.action, in_charge=in_charge) as driver:
-            if hands == "keyboard":
-                for line in legend(description.action):
-                    print_line(line)
-            yield driver if hasattr(env, "twin") else Paced(driver, description.rate_hz)
 
 
 def _run_policy(run_dir: Path, env: EnvBase, *, explore: bool) -> Policy:

@@ -62,6 +62,10 @@ class Train:
     """Learn from this dataset too: half of each batch is drawn from it."""
     start: Annotated[Path | None, arg(name="from", metavar="RUN")] = None
     """Folder of a run whose agent goes on learning here, from where it was."""
+    no_record: bool = False
+    """Do not keep the transitions; else they are a dataset, in the folder data of the run."""
+    take_over: Literal["keyboard", "gamepad"] | None = None
+    """Let a human take over from the agent, and give back; the agent learns from these steps too, and the data marks them."""
 
     def execute(self) -> int:
         """Train, evaluate, draw."""
@@ -83,7 +87,8 @@ class Train:
             episodes=self.episodes,
             seed=self.seed,
             hub=self.hub,
-            realtime=self.realtime,
+            realtime=self.realtime or self.take_over is not None,
+            record=not self.no_record,
             randomize=self.randomize,
             physics=None if self.physics is None else read_physics(self.physics),
             options=dict(map(parse_option, self.option)),
@@ -92,7 +97,14 @@ class Train:
             start=None if self.start is None else str(self.start.absolute()),
             run_dir=self.run or Path("runs") / f"{file_name(self.env)}-{agent}-{self.seed}-{time}",
         )
-        return see_through(lambda observer: train(config, observer))
+        if self.take_over is None:
+            return see_through(lambda observer: train(config, observer))
+        from bricksrl.cli.hands import driving
+        from bricksrl.data.description import describe_task
+        from bricksrl.envs import get_task
+
+        with driving(self.take_over, describe_task(get_task(self.env, **config.options)), in_charge=False) as driver:
+            return see_through(lambda observer: train(config, observer, driver=driver))
 
 
 @dataclass(frozen=True)

@@ -148,7 +148,7 @@ def describe_task(task: Task, options: dict[str, Any] | None = None) -> Descript
             Channel(c.name, "mm" if isinstance(c, DriveStraight) else "deg", c.low, c.high) for c in task.interface.commands
         ),
         robot=_plain(task.robot),
-        options=options or {},
+        options=_plain(options or {}),
         camera=None if camera is None else camera.name,
         image_px=0 if camera is None else camera.image_px,
     )
@@ -162,7 +162,7 @@ def _describe_specs(env: EnvBase, options: dict[str, Any]) -> Description:
         return tuple(Channel(f"{name}_{i}", "", low[i], high[i]) for i in range(n))
 
     observation = channels(env.observation_spec["observation"], "observation")
-    return Description(type(env).__name__, 1.0, observation, channels(env.action_spec, "action"), {}, options)
+    return Description(type(env).__name__, 1.0, observation, channels(env.action_spec, "action"), {}, _plain(options))
 
 
 def _finite(value: float) -> float | None:
@@ -175,6 +175,8 @@ def _plain(value: Any) -> Any:
         return {f.name: _plain(getattr(value, f.name)) for f in dataclasses.fields(value)}
     if isinstance(value, enum.Enum):
         return _plain(value.value)
+    if isinstance(value, dict):
+        return {str(key): _plain(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):
         return [_plain(item) for item in value]
     return value

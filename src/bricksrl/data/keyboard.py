@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import signal
 import sys
 from collections.abc import Sequence
 from types import TracebackType
@@ -46,16 +47,12 @@ class KeyboardDriver:
         self._held = contextlib.ExitStack()
 
     def __call__(self, observation: Tensor) -> Tensor | None:
-        """What was pressed since the last call, as an action ``[m]``; ``None`` while the policy is in charge.
-
-        Raises:
-            KeyboardInterrupt: Ctrl-C was pressed.
-        """
+        """What was pressed since the last call, as an action ``[m]``; ``None`` while the policy is in charge."""
         pushes = torch.zeros_like(self._rest)
         for press in self._source.read_keys():
             key = str(getattr(press.key, "value", press.key))
             if key == "c-c":
-                raise KeyboardInterrupt
+                signal.raise_signal(signal.SIGINT)  # as the terminal would do were the keys not ours
             if key == " ":
                 self.in_charge = not self.in_charge
             if key.lower() in self._keys:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from datetime import UTC, datetime
 from importlib import metadata
 from typing import TYPE_CHECKING, Any
@@ -14,6 +15,9 @@ if TYPE_CHECKING:
     from tensordict import TensorDictBase
     from torch import Tensor
     from torchrl.envs import EnvBase
+
+    from bricksrl.hub.interface import Interface
+    from bricksrl.robots import Robot
 
 _PACKAGES = ("torch", "torchrl", "mujoco")
 
@@ -58,8 +62,6 @@ def about(env: EnvBase, policy: str, *, seed: int | None = None, hub: str = "vir
         seed: of the episode.
         hub: how the robot is reached; left out where there is none.
     """
-    from bricksrl.hub.program import generate
-
     task = getattr(env, "task", None)
     on_hub = hasattr(env, "twin")
     return About(
@@ -67,10 +69,22 @@ def about(env: EnvBase, policy: str, *, seed: int | None = None, hub: str = "vir
         seed=seed,
         started=datetime.now(UTC).astimezone().isoformat(timespec="milliseconds"),
         hub=hub if on_hub else "",
-        program_hash=generate(task.robot, task.interface).hash if on_hub and task is not None else None,
-        versions={"bricksrl": bricksrl.__version__, **{name: metadata.version(name) for name in _PACKAGES}},
+        program_hash=_program_hash(task.robot, task.interface) if on_hub and task is not None else None,
+        versions=dict(_versions()),
         physics=_physics(env) if on_hub and hub == "virtual" else {},
     )
+
+
+@functools.lru_cache(maxsize=16)
+def _program_hash(robot: Robot, interface: Interface) -> int:
+    from bricksrl.hub.program import generate
+
+    return generate(robot, interface).hash
+
+
+@functools.lru_cache(maxsize=1)
+def _versions() -> tuple[tuple[str, str], ...]:
+    return ("bricksrl", bricksrl.__version__), *((name, metadata.version(name)) for name in _PACKAGES)
 
 
 def _physics(env: EnvBase) -> dict[str, float]:

@@ -50,6 +50,8 @@ class TrainConfig:
     0 learns on the robot."""
     start: str | None = None
     """Run whose agent goes on learning here, from where it was: its folder."""
+    record: bool = True
+    """Keep every transition as a dataset, in the folder ``data`` of the run."""
     run_dir: Path | None = None
     """Folder of the run, which must not exist yet; without one the next free ``runs/<env>-<agent>-<number>`` is taken."""
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import torch
 from tensordict import TensorDictBase
@@ -16,6 +16,9 @@ from bricksrl.agents.agent import Transition, look
 from bricksrl.errors import HubError
 from bricksrl.training.observer import Phase
 from bricksrl.training.reproducible import derive_seed
+
+if TYPE_CHECKING:
+    from bricksrl.data.collect import Driver
 
 OnStep = Callable[[int], bool]
 """Told the number of the step that was made, from 1; returns whether to go on."""
@@ -89,11 +92,15 @@ def run_episode(
     phase: Phase | None,
     on_step: OnStep | None = None,
     on_transition: OnTransition | None = None,
+    driver: Driver | None = None,
 ) -> Rollout:
     """One episode from ``state``, which a reset gave, to its end.
 
     In PREFILL actions are uniform, in TRAIN the agent explores and learns after each step; without a phase it does its best
     and neither keeps nor learns anything.
+
+    A ``driver`` is asked first at each step; where it chooses the action, the agent learns from that one, and the step's entry
+    "intervention" says so.
 
     Where the link to the robot breaks while it learns, the episode ends with the step before: what was remembered of it stays,
     and nothing across the gap is ever remembered.
@@ -110,11 +117,16 @@ def run_episode(
     done = False
     while not done:
         observation = look(agent, state)
-        if phase is Phase.PREFILL:
+        chosen = None if driver is None else driver(state["observation"])
+        if chosen is not None:
+            action = chosen
+        elif phase is Phase.PREFILL:
             action = 2.0 * torch.rand(action_size) - 1.0
         else:
             action = agent.act(observation, explore=phase is Phase.TRAIN)
         state["action"] = action
+        if driver is not None:
+            state["intervention"] = torch.tensor(chosen is not None)
         try:
             state = env.step(state)
         except HubError as error:

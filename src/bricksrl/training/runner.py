@@ -16,6 +16,7 @@ from bricksrl.training.interrupt import Interruption
 from bricksrl.training.learner import InTheLoop, Learner, Pace
 from bricksrl.training.observer import Episode, Observer, RunResult
 from bricksrl.training.offline import study, take_over, train_offline
+from bricksrl.training.recording import recorded
 from bricksrl.training.run import RunFolder
 from bricksrl.training.session import Session, reset, run_state
 
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from torchrl.envs import EnvBase
 
     from bricksrl.agents.agent import Agent
+    from bricksrl.data.collect import Driver
     from bricksrl.envs.env import Placement
 
 
@@ -33,6 +35,7 @@ def train(
     env: EnvBase | None = None,
     place: Placement | None = None,
     stop: threading.Event | None = None,
+    driver: Driver | None = None,
 ) -> RunResult:
     """Train an agent from nothing, into a new folder, which is made once the robot has answered.
 
@@ -43,6 +46,7 @@ def train(
     Args:
         env: an environment of your own, which stays open; without one, ``config.env`` is made and closed at the end.
         place: puts a real robot where an episode starts, as `bricksrl.make` takes it.
+        driver: who may take over from the agent at any step, and give back.
 
     Raises:
         RunError: the folder exists already.
@@ -65,8 +69,10 @@ def train(
             identity = identity_of(config, ready)
             with interruption.held_back():
                 folder = RunFolder.create(config, {**run_state(identity, []), **state})
-            session = _session(config, folder, ready, learner, identity, observer, interruption, [])
-            return session.go_on(start)
+            with recorded(config, ready, folder.path, observer or Observer()) as watching:
+                session = _session(config, folder, ready, learner, identity, watching, interruption, [])
+                session.driver = driver
+                return session.go_on(start)
 
 
 def resume(
@@ -77,12 +83,13 @@ def resume(
     env: EnvBase | None = None,
     place: Placement | None = None,
     stop: threading.Event | None = None,
+    driver: Driver | None = None,
 ) -> RunResult:
     """Go on with a run where its last whole episode ended; a synchronous one ends bit-identical to one never interrupted.
 
     Args:
         episodes: train up to this many in all, where that is more than the run was started with.
-        env, place: as in `train`.
+        env, place, driver: as in `train`.
 
     Raises:
         RunError: there is no run in the folder.
@@ -110,9 +117,11 @@ def resume(
                 folder.clean()
                 folder.write_episodes(done)
                 folder.write_config(config)
-            session = _session(config, folder, ready, learner, state["identity"], observer, interruption, done)
             left = len(done) < config.episodes
-            return session.go_on(reset(ready, config, len(done) + 1, interruption) if left else None)
+            with recorded(config, ready, folder.path, observer or Observer()) as watching:
+                session = _session(config, folder, ready, learner, state["identity"], watching, interruption, done)
+                session.driver = driver
+                return session.go_on(reset(ready, config, len(done) + 1, interruption) if left else None)
 
 
 @dataclass(frozen=True)
@@ -198,12 +207,12 @@ def _session(
     env: EnvBase,
     learner: Learner,
     identity: dict[str, Any],
-    observer: Observer | None,
+    observer: Observer,
     interruption: Interruption,
     done: list[Episode],
 ) -> Session:
     updates = 0 if config.settings is None or config.agent == "random" else config.settings.updates_per_step
-    return Session(config, folder, env, learner, updates, identity, observer or Observer(), interruption, done)
+    return Session(config, folder, env, learner, updates, identity, observer, interruption, done)
 
 
 def make_env(config: TrainConfig, place: Placement | None = None) -> EnvBase:

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from tensordict import TensorDictBase
     from torchrl.envs import EnvBase
 
+    from bricksrl.data.collect import Driver
     from bricksrl.training.learner import Learner
     from bricksrl.training.online import Rollout
 
@@ -46,6 +47,7 @@ class Session:
     Attributes:
         updates_per_step: what the settings ask for; 0 for an agent that does not learn.
         identity: what must be equal for a checkpoint to belong to the run.
+        driver: who may choose the action in the place of the agent.
     """
 
     config: TrainConfig
@@ -57,6 +59,7 @@ class Session:
     observer: Observer
     interruption: Interruption
     episodes: list[Episode] = field(default_factory=list)
+    driver: Driver | None = None
     _gap: _Gap | None = None
 
     def go_on(self, state: TensorDictBase | None) -> RunResult:
@@ -106,7 +109,7 @@ class Session:
             self.observer.on_transition(number, step, phase, transition)
 
         try:
-            rollout = run_episode(self.env, self.learner, state, phase, on_step, on_transition)
+            rollout = run_episode(self.env, self.learner, state, phase, on_step, on_transition, self.driver)
         except EpisodeStoppedError:
             return False
         error = rollout.link_error

@@ -1,0 +1,38 @@
+"""A human at the keys or at the sticks, for commands that let one drive."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+from bricksrl.cli.console import print_line
+
+if TYPE_CHECKING:
+    from bricksrl.data.description import Description
+    from bricksrl.data.gamepad import GamepadDriver
+    from bricksrl.data.keyboard import KeyboardDriver
+
+HANDS = ("keyboard", "gamepad")
+
+
+@contextmanager
+def driving(hands: str | None, description: Description, *, in_charge: bool) -> Iterator[KeyboardDriver | GamepadDriver | None]:
+    """The driver, after telling what the keys do; ``None`` for no hands.
+
+    Raises:
+        DataError: there is no such thing to drive with here.
+    """
+    from bricksrl.data.gamepad import GamepadDriver
+    from bricksrl.data.hands import legend
+    from bricksrl.data.keyboard import KeyboardDriver
+
+    if hands is None:
+        yield None
+        return
+    kind = KeyboardDriver if hands == "keyboard" else GamepadDriver
+    with kind(description.action, in_charge=in_charge) as driver:
+        if hands == "keyboard":
+            for line in legend(description.action):
+                print_line(line)
+        yield driver
