@@ -126,14 +126,15 @@ def _difference(ours: tuple[Channel, ...], theirs: tuple[Channel, ...]) -> str:
     return f"with another unit or range of {', '.join(changed)}"
 
 
-def describe(env: EnvBase, options: dict[str, Any] | None = None) -> Description:
+def describe(env: EnvBase, options: dict[str, Any] | None = None, *, name: str | None = None) -> Description:
     """The description of an environment, ours or any other with one observation and one action vector.
 
     Args:
         options: what it was made with.
+        name: of one that has no task and so no id; by default that of its class.
     """
     task: Task | None = getattr(env, "task", None)
-    return _describe_specs(env, options or {}) if task is None else describe_task(task, options)
+    return _describe_specs(env, options or {}, name or type(env).__name__) if task is None else describe_task(task, options)
 
 
 def describe_task(task: Task, options: dict[str, Any] | None = None) -> Description:
@@ -154,15 +155,15 @@ def describe_task(task: Task, options: dict[str, Any] | None = None) -> Descript
     )
 
 
-def _describe_specs(env: EnvBase, options: dict[str, Any]) -> Description:
-    def channels(spec: Any, name: str) -> tuple[Channel, ...]:
+def _describe_specs(env: EnvBase, options: dict[str, Any], name: str) -> Description:
+    def channels(spec: Any, prefix: str) -> tuple[Channel, ...]:
         space, n = getattr(spec, "space", None), int(spec.shape[-1])
         ends = [getattr(space, end, None) for end in ("low", "high")]
         low, high = ([None] * n if end is None else [_finite(x) for x in end.flatten().tolist()] for end in ends)
-        return tuple(Channel(f"{name}_{i}", "", low[i], high[i]) for i in range(n))
+        return tuple(Channel(f"{prefix}_{i}", "", low[i], high[i]) for i in range(n))
 
     observation = channels(env.observation_spec["observation"], "observation")
-    return Description(type(env).__name__, 1.0, observation, channels(env.action_spec, "action"), {}, _plain(options))
+    return Description(name, 1.0, observation, channels(env.action_spec, "action"), {}, _plain(options))
 
 
 def _finite(value: float) -> float | None:

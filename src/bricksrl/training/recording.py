@@ -37,7 +37,7 @@ def recorded(config: TrainConfig, env: EnvBase, run_dir: Path, observer: Observe
     from bricksrl.data.description import describe
     from bricksrl.data.recorder import Recorder
 
-    with Recorder(run_dir / DATA_FOLDER, describe(env, config.options)) as recorder:
+    with Recorder(run_dir / DATA_FOLDER, describe(env, config.options, name=config.env)) as recorder:
         yield _RunRecorder(config, env, recorder, observer)
 
 
