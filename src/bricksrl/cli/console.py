@@ -19,6 +19,11 @@ def print_error(message: str) -> None:
     sys.stderr.write(f"error: {' '.join(message.split())}\n")
 
 
+def print_note(line: str) -> None:
+    """A line for the human, beside the results."""
+    sys.stderr.write(f"{line}\n")
+
+
 def print_interrupted(saved: str) -> None:
     """What Ctrl-C left."""
     sys.stderr.write(f"interrupted: {saved}\n")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,8 +10,9 @@ from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import Positional, arg
 
-from bricksrl.cli.console import print_line
+from bricksrl.cli.console import INTERRUPTED, print_interrupted, print_line, print_note
 from bricksrl.cli.loading import load_learning
+from bricksrl.errors import StoppedError
 
 if TYPE_CHECKING:
     from bricksrl.evaluation import EvaluationResult
@@ -47,6 +49,7 @@ class Evaluate:
 
     def execute(self) -> int:
         """Evaluate and print."""
+        from bricksrl.cli.hand import Hand
         from bricksrl.evaluation import evaluate
         from bricksrl.twin.physics import read_physics
 
@@ -56,17 +59,23 @@ class Evaluate:
             if not self.json:
                 print_line(f"episode {episode}/{self.episodes}  return {return_:.4g}")
 
-        result = evaluate(
-            self.run,
-            self.env,
-            episodes=self.episodes,
-            seed=self.seed,
-            hub=self.hub,
-            realtime=self.realtime,
-            randomize=self.randomize,
-            physics=None if self.physics is None else read_physics(self.physics),
-            on_episode=tell,
-        )
+        try:
+            with Hand(threading.Event(), print_note) as hand:
+                result = evaluate(
+                    self.run,
+                    self.env,
+                    episodes=self.episodes,
+                    seed=self.seed,
+                    hub=self.hub,
+                    realtime=self.realtime,
+                    randomize=self.randomize,
+                    physics=None if self.physics is None else read_physics(self.physics),
+                    on_episode=tell,
+                    on_env=hand.take,
+                )
+        except StoppedError:
+            print_interrupted("nothing was counted")
+            return INTERRUPTED
         for line in [result.to_json()] if self.json else describe(result):
             print_line(line)
         return 0

@@ -59,4 +59,4 @@ class TrainOffline:
             updates=self.updates,
             run_dir=self.run or Path("runs") / f"{file_name(self.env)}-{self.agent}-{self.seed}-{time}",
         )
-        return see_through(lambda observer: train(config, observer))
+        return see_through(lambda observer, stop: train(config, observer, stop=stop))

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bricksrl.cli.console import print_line
+from bricksrl.cli.console import print_line, print_note
 from bricksrl.training.observer import Episode, Observer, Phase, Progress, RunResult
 
 if TYPE_CHECKING:
+    from torchrl.envs import EnvBase
+
     from bricksrl.training.config import TrainConfig
 
 _BARS = "▁▂▃▄▅▆▇█"
@@ -22,11 +25,16 @@ class LineProgress(Observer):
     Attributes:
         run_dir: where the run writes; ``None`` before it began.
         episodes_done: whole episodes that are in the folder.
+        on_ready: gets the environment, before anything moves in it.
     """
 
     def __init__(self) -> None:
         self.run_dir: Path | None = None
         self.episodes_done = 0
+        self.on_ready: Callable[[EnvBase], None] = lambda env: None
+
+    def on_env(self, env: EnvBase) -> None:
+        self.on_ready(env)
 
     def on_start(self, config: TrainConfig, run_dir: Path, episodes_done: int) -> None:
         self.run_dir, self.episodes_done = run_dir, episodes_done
@@ -42,6 +50,10 @@ class LineProgress(Observer):
 
     def on_end(self, result: RunResult) -> None:
         self.close()
+
+    def tell(self, line: str) -> None:
+        """A line for the human, beside the results."""
+        print_note(line)
 
     def saved(self) -> str:
         """What is left when the run ends now."""
@@ -85,6 +97,9 @@ class LiveProgress(LineProgress):
             spark=sparkline(self._returns[-_SPARKLINE_EPISODES:]),
             rate=f"{progress.steps_per_s:.3g} steps/s  {clock(progress.remaining_s)} left",
         )
+
+    def tell(self, line: str) -> None:
+        self._bar.console.print(line, markup=False, highlight=False)
 
     def close(self) -> None:
         self._bar.stop()

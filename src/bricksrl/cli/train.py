@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import threading
 from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import datetime
@@ -13,9 +14,10 @@ from tyro.conf import Positional, UseAppendAction, arg
 
 from bricksrl.cli.console import INTERRUPTED, print_interrupted, print_line
 from bricksrl.cli.loading import load_learning
-from bricksrl.errors import BricksError, DescriptionError
+from bricksrl.errors import BricksError, DescriptionError, StoppedError
 
 if TYPE_CHECKING:
+    from bricksrl.cli.hand import Hand
     from bricksrl.training import Observer, RunResult
 
 _EVALUATED_EPISODES = 5
@@ -26,7 +28,8 @@ class Train:
     """Train an agent on a robot, by default a virtual one.
 
     The run folder gets the configuration, the metrics, a checkpoint, the learning curve, an evaluation and, where OpenGL is
-    there, a video. Ctrl-C ends the training early and keeps what was learned.
+    there, a video. Ctrl-C ends the training early and keeps what was learned. In a terminal, space, q or Esc stops the robot at
+    once, and p pauses it; the signals SIGUSR1 and SIGTERM (Windows: Ctrl-Break) stop it too.
 
     Examples:
       bricksrl train RunAway-v0
@@ -98,13 +101,16 @@ class Train:
             run_dir=self.run or Path("runs") / f"{file_name(self.env)}-{agent}-{self.seed}-{time}",
         )
         if self.take_over is None:
-            return see_through(lambda observer: train(config, observer))
+            return see_through(lambda observer, stop: train(config, observer, stop=stop))
         from bricksrl.cli.hands import driving
         from bricksrl.data.description import describe_task
         from bricksrl.envs import get_task
 
         with driving(self.take_over, describe_task(get_task(self.env, **config.options)), in_charge=False) as driver:
-            return see_through(lambda observer: train(config, observer, driver=driver))
+            by_keys = self.take_over == "keyboard"  # who drives by keys needs them all
+            return see_through(
+                lambda observer, stop: train(config, observer, driver=driver, stop=stop), keys=False if by_keys else None
+            )
 
 
 @dataclass(frozen=True)
@@ -125,7 +131,7 @@ class Resume:
         """Train on, evaluate, draw."""
         from bricksrl.training import resume
 
-        return see_through(lambda observer: resume(self.run, observer, episodes=self.episodes))
+        return see_through(lambda observer, stop: resume(self.run, observer, episodes=self.episodes, stop=stop))
 
 
 def parse_option(text: str) -> tuple[str, Any]:
@@ -143,19 +149,22 @@ def parse_option(text: str) -> tuple[str, Any]:
         return name, value
 
 
-def see_through(start: Callable[[Observer], RunResult]) -> int:
-    """A run from its first step to its video; returns the exit code."""
+def see_through(start: Callable[[Observer, threading.Event], RunResult], *, keys: bool | None = None) -> int:
+    """A run from its first step to its video; returns the exit code. ``keys`` as :class:`Hand` takes it."""
+    from bricksrl.cli.hand import Hand
     from bricksrl.cli.progress import make_progress
 
-    progress = make_progress()
+    progress, stop = make_progress(), threading.Event()
     try:
         load_learning()
-        result = start(progress)
-        progress.close()
-        if not result.interrupted:
-            _show(result)
-            return 0
-    except KeyboardInterrupt:  # before the training, after it, or for the second time
+        with Hand(stop, progress.tell, keys=keys) as hand:
+            progress.on_ready = hand.take
+            result = start(progress, stop)
+            progress.close()
+            if not result.interrupted:
+                _show(result, hand)
+                return 0
+    except (KeyboardInterrupt, StoppedError):  # before the training, after it, or for the second time
         pass
     finally:
         progress.close()
@@ -163,7 +172,7 @@ def see_through(start: Callable[[Observer], RunResult]) -> int:
     return INTERRUPTED
 
 
-def _show(result: RunResult) -> None:
+def _show(result: RunResult, hand: Hand) -> None:
     """Evaluate, film, and say where everything is."""
     from bricksrl.cli.evaluate import describe
     from bricksrl.cli.video import record
@@ -172,7 +181,7 @@ def _show(result: RunResult) -> None:
 
     last = result.episodes[-1]
     print_line(f"trained {last.episode} episodes, {last.steps} steps, in {last.seconds:.0f} s; evaluating")
-    for line in describe(evaluate(result.run_dir, episodes=_EVALUATED_EPISODES)):
+    for line in describe(evaluate(result.run_dir, episodes=_EVALUATED_EPISODES, on_env=hand.take)):
         print_line(line)
     try:
         video = str(record(result.run_dir))

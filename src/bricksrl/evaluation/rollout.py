@@ -78,6 +78,7 @@ def evaluate(
     physics: Physics | None = None,
     save: bool = True,
     on_episode: OnEpisode | None = None,
+    on_env: Callable[[EnvBase], None] | None = None,
 ) -> EvaluationResult:
     """Let the agent of a run do its best, as its last checkpoint has it.
 
@@ -89,6 +90,7 @@ def evaluate(
         randomize: draw another physics of a virtual robot for each episode; off, however the agent was trained.
         physics: of a virtual robot; without it, and where it was trained, as in training.
         save: write the result into the run's ``evaluation.json``, over an earlier one.
+        on_env: gets the environment before anything moves in it: whoever may stop or pause the robot keeps it.
 
     Raises:
         RunError: there is no run in the folder, or ``episodes`` is below 1.
@@ -109,6 +111,8 @@ def evaluate(
         config = replace(config, randomize=randomize, physics=physics, options=options)
         env = own = make_env(config)
     try:
+        if on_env is not None:
+            on_env(env)
         with reproducible(derive_seed(seed, "evaluation")):
             trained = load_agent(run_dir, env)
             judged = _roll_out(env, trained.agent, episodes, seed, on_episode)
@@ -136,8 +140,10 @@ def _roll_out(env: EnvBase, agent: Agent, episodes: int, seed: int, on_episode: 
 
     judged = []
     for episode in range(1, episodes + 1):
-        seed_episode(env, seed, "evaluation", episode)
-        rollout = run_episode(env, agent, env.reset(), None)
+        rollout = None
+        while rollout is None or getattr(env, "is_cut", False):  # a pause cuts an episode short: it does not count
+            seed_episode(env, seed, "evaluation", episode)
+            rollout = run_episode(env, agent, env.reset(), None)
         judged.append(_Judged(rollout, is_success(env, rollout), task_metrics(env, rollout)))
         if on_episode is not None:
             on_episode(episode, rollout.return_)

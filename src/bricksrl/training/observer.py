@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from tensordict import TensorDictBase
+    from torchrl.envs import EnvBase
 
     from bricksrl.errors import BricksError
     from bricksrl.training.config import TrainConfig
@@ -92,6 +93,9 @@ class RunResult:
 
 class Observer:
     """Listens to a run. Override what you need; each call returns quickly, the robot waits for it."""
+
+    def on_env(self, env: EnvBase) -> None:
+        """The environment of the run, before anything moves in it: whoever may stop or pause the robot keeps it."""
 
     def on_start(self, config: TrainConfig, run_dir: Path, episodes_done: int) -> None:
         """The robot answers and the run begins, or goes on after ``episodes_done`` episodes."""

@@ -63,6 +63,7 @@ def train(
         take_over(config, agent, ready)
         if config.updates:
             return train_offline(config, agent, ready, observer or Observer(), interruption)
+        (observer or Observer()).on_env(ready)
         state = {"agent": agent.state_dict(), "pace": Pace().to_dict()}
         with _learning(config, ready, agent, state, interruption) as learner:
             start = reset(ready, config, 1, interruption)
@@ -108,6 +109,7 @@ def resume(
     with _prepared(config, env, place, stop) as (ready, agent, interruption):
         if config.updates:
             return train_offline(config, agent, ready, observer or Observer(), interruption, folder)
+        (observer or Observer()).on_env(ready)
         state = load_state(folder, config, ready)
         with _learning(config, ready, agent, state, interruption) as learner:
             del state["agent"]  # it may be large
