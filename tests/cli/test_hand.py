@@ -70,15 +70,16 @@ def test_keys_have_names() -> None:
     assert not [thread for thread in threading.enumerate() if thread.name == "bricksrl-keys"]
 
 
-def wait_for_ctrl_c() -> None:
-    with pytest.raises(KeyboardInterrupt):
+def makes_ctrl_c(press: Callable[[], object]) -> None:
+    """Expect Ctrl-C of a key. It may come as soon as the key is pressed."""
+    with pytest.raises(KeyboardInterrupt):  # noqa: PT012
+        press()
         eventually(lambda: False)
 
 
 def test_ctrl_c_stays_what_it_is() -> None:
     with create_pipe_input() as source, KeyListener(lambda key: None, source):
-        source.send_text("\x03")
-        wait_for_ctrl_c()
+        makes_ctrl_c(lambda: source.send_text("\x03"))
 
 
 @pytest.mark.parametrize("key", [" ", "q", "\x1b"])
@@ -123,8 +124,7 @@ def test_where_nothing_moves_to_stop_is_ctrl_c() -> None:
     with laid_on(object()) as (stop, told, press):
         press("p")
         eventually(lambda: told[-1] == "nothing to pause here")
-        press("q")
-        wait_for_ctrl_c()
+        makes_ctrl_c(lambda: press("q"))
         assert not stop.is_set()
 
 
