@@ -65,5 +65,6 @@ def learned(agent: str, settings: Settings | None = None, updates: int = 3) -> O
 def tensors(agent: OffPolicyAgent) -> list[Tensor]:
     """All tensors of its state but the memory."""
     state = agent.state_dict()
-    del state["replay"], state["optimiser"]
-    return [value for part in state.values() if isinstance(part, dict) for value in part.values()]
+    del state["replay"]
+    parts = [part.values() for part in state.values() if isinstance(part, dict)]
+    return [value for values in parts for value in values if isinstance(value, Tensor)]

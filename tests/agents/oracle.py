@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
+import pytest
 import torch
 from tensordict import TensorDict, TensorDictParams
 from torch import Tensor, nn
 
+from bricksrl.agents.lean.flat import Flat, Learned
 from bricksrl.agents.networks import StackedCritics
 from bricksrl.agents.off_policy import Batch, OffPolicyAgent
 
@@ -62,3 +65,34 @@ def gradients_of(critics: StackedCritics, loss: Tensor, params: TensorDictParams
         their_loss, [params.get(("module", *name.split("."))) for name, _ in parameters], retain_graph=True
     )
     return tuple(as_theirs(name, value) for (name, _), value in zip(parameters, ours, strict=True)), theirs
+
+
+def frozen(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let nothing move, so that gradients can be looked at: no step of Adam, no target that follows."""
+    monkeypatch.setattr(Learned, "step", lambda self: None)
+    monkeypatch.setattr(Flat, "follow", lambda self, other, share: None)
+
+
+def written(learned: Learned, module: nn.Module) -> tuple[Tensor, ...]:
+    """Gradients that were written by hand."""
+    return tuple(learned.gradient(parameter).clone() for parameter in module.parameters())
+
+
+def written_for_critics(learned: Learned, critics: StackedCritics) -> tuple[Tensor, ...]:
+    """The same for critics, in TorchRL's shape."""
+    return tuple(as_theirs(name, learned.gradient(parameter)) for name, parameter in critics.named_parameters())
+
+
+def of_critics(critics: StackedCritics, params: TensorDictParams) -> list[Tensor]:
+    """TorchRL's parameters, in the order of ours."""
+    return [params.get(("module", *name.split("."))) for name, _ in critics.named_parameters()]
+
+
+def of_actor(actor: nn.Module, params: TensorDictParams, prefix: tuple[str, ...]) -> list[Tensor]:
+    """TorchRL's parameters of an actor, in the order of ours."""
+    return [params.get((*prefix, *name.split("."))) for name, _ in actor.named_parameters()]
+
+
+def assert_close(ours: Iterable[Tensor], theirs: Iterable[Tensor], rtol: float = 1e-4, atol: float = 1e-5) -> None:
+    for one, other in zip(ours, theirs, strict=True):
+        torch.testing.assert_close(one.detach(), other.detach(), rtol=rtol, atol=atol)

@@ -8,7 +8,18 @@ from collections.abc import Iterator
 import pytest
 import torch
 from learning import fresh, learned, small
-from oracle import batch_of, copy_critics, gradients_of, separate, to_torchrl
+from oracle import (
+    assert_close,
+    batch_of,
+    copy_critics,
+    frozen,
+    of_actor,
+    of_critics,
+    separate,
+    to_torchrl,
+    written,
+    written_for_critics,
+)
 from torch import nn
 from torchrl.data import Bounded
 from torchrl.modules import ValueOperator
@@ -35,11 +46,12 @@ def critic(size: int) -> nn.Sequential:
 
 
 def test_losses_and_gradients_equal_torchrls(monkeypatch: pytest.MonkeyPatch) -> None:
-    agent = learned("crossq", small("crossq"), updates=4)
+    n = 64
+    agent = learned("crossq", small("crossq", batch_size=n), updates=4)
     assert isinstance(agent, CrossQAgent)
-    raw = batch_of(agent, 64)
+    raw = batch_of(agent, n)
     oracle = CrossQLoss(
-        make_policy(copy.deepcopy(agent.actor), 4, in_key="features"),  # a copy: running statistics move with each loss
+        make_policy(copy.deepcopy(agent.actor), 4, in_key="features"),
         ValueOperator(separate(critic(agent.encoder.size + 4)), in_keys=["features", "action"]),
         num_qvalue_nets=2,
         loss_function="l2",
@@ -50,29 +62,27 @@ def test_losses_and_gradients_equal_torchrls(monkeypatch: pytest.MonkeyPatch) ->
     copy_critics(agent.critics, oracle.qvalue_network_params)
     before = {name: value.clone() for name, value in agent.critics.named_buffers()}
 
-    noise = torch.randn(64, 4)
-    monkeypatch.setattr(torch, "randn_like", lambda like: noise)
-    critic_loss = agent.critic_loss(raw)
-    actor_loss, entropy = agent.actor_loss(raw)
-    alpha_loss = agent.temperature.loss(entropy)
-    ours = torch.autograd.grad(actor_loss, list(agent.actor.parameters()))
-    monkeypatch.undo()
+    noise = torch.randn(2 * n, 4)
+    with monkeypatch.context() as patched:
+        frozen(patched)
+        patched.setattr(torch, "randn", lambda *shape: noise)
+        critic_loss, actor_loss, entropy, _ = agent.learn(raw, actor=True)
 
-    monkeypatch.setattr(torch.distributions.normal, "_standard_normal", lambda *args, **kw: noise)
-    monkeypatch.setattr(torch, "normal", lambda loc, scale: loc + scale * noise)
+    order = iter(noise.split(n))
+    monkeypatch.setattr(torch.distributions.normal, "_standard_normal", lambda *args, **kw: next(order))
+    monkeypatch.setattr(torch, "normal", lambda loc, scale: loc + scale * next(order))
     oracle.train()
     oracle.actor_network.eval()  # as the authors of CrossQ have it; TorchRL leaves it to the caller
-    of_critics, _ = oracle.qvalue_loss(to_torchrl(raw))
+    of_values, _ = oracle.qvalue_loss(to_torchrl(raw))
     oracle.actor_network.train()
-    of_actor, found = oracle.actor_loss(to_torchrl(raw))
-    torch.testing.assert_close(critic_loss, of_critics, rtol=1e-5, atol=1e-5)
-    torch.testing.assert_close(actor_loss, of_actor, rtol=1e-5, atol=1e-5)
-    torch.testing.assert_close(alpha_loss, oracle.alpha_loss(found["log_prob"]), rtol=1e-5, atol=1e-5)
-    mine, theirs = gradients_of(agent.critics, critic_loss, oracle.qvalue_network_params, of_critics)
-    torch.testing.assert_close(mine, theirs, rtol=1e-4, atol=1e-5)
-    names = [name for name, _ in agent.actor.named_parameters()]
-    of_theirs = [oracle.actor_network_params.get(("module", "0", "module", *name.split("."))) for name in names]
-    torch.testing.assert_close(ours, torch.autograd.grad(of_actor, of_theirs), rtol=1e-4, atol=1e-5)
+    climbed, found = oracle.actor_loss(to_torchrl(raw))
+    of_alpha = oracle.alpha_loss(found["log_prob"])
+    assert_close((critic_loss, actor_loss, entropy), (of_values, climbed, -found["log_prob"].mean()), rtol=1e-5)
+    assert_close(written(agent.learned_actor, agent.temperature), torch.autograd.grad(of_alpha, [oracle.log_alpha]))
+    params = of_critics(agent.critics, oracle.qvalue_network_params)
+    assert_close(written_for_critics(agent.learned_critics, agent.critics), torch.autograd.grad(of_values, params))
+    params = of_actor(agent.actor, oracle.actor_network_params, ("module", "0", "module"))
+    assert_close(written(agent.learned_actor, agent.actor), torch.autograd.grad(climbed, params))
     for name, value in agent.critics.named_buffers():
         assert not torch.equal(value, before[name])
         their = oracle.qvalue_network_params.get(("module", *name.split(".")))

@@ -53,6 +53,7 @@ CHANGES: dict[str, Any] = {
     "drawn_actions": 0,
     "imitation_updates": 2,
     "value_weight": 0.5,
+    "precision": "bfloat16",
 }
 OPPOSITE = ("layer_norm",)
 ELSEWHERE = ("prefill_episodes", "exploration_noise")
@@ -67,7 +68,8 @@ ELSEWHERE = ("prefill_episodes", "exploration_noise")
         if field.name not in ELSEWHERE
     ],
 )
-def test_no_setting_is_dead(agent: str, name: str) -> None:
+def test_no_setting_is_dead(agent: str, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(torch.cpu, "get_capabilities", lambda: {"bf16": True})  # what a processor has not, it does slowly
     usual = small(agent)
     value = not getattr(usual, name) if name in OPPOSITE else CHANGES[name]
     assert value != getattr(usual, name)
@@ -168,11 +170,11 @@ def test_droq_learns_as_its_authors_have_it() -> None:
     made = fresh("droq", small("droq", updates_per_step=20, actor_delay=20))
     for one in transitions(30):
         made.remember(one)
-    calls: list[bool] = []
-    learn = made.learn
-    made.learn = lambda batch, *, actor: calls.append(actor) or learn(batch, actor=actor)  # type: ignore[method-assign, func-returns-value]
+    calls: list[tuple[int, bool]] = []
+    learn = made.learn_in_turn
+    made.learn_in_turn = lambda batches, *, actor: calls.append((len(batches), actor)) or learn(batches, actor=actor)  # type: ignore[method-assign, func-returns-value]
     made.update()
-    assert calls == [False] * 19 + [True]
+    assert calls == [(20, True)]
 
 
 def test_more_noise_explores_more() -> None:
@@ -184,6 +186,26 @@ def test_more_noise_explores_more() -> None:
 
     assert spread(0.0) == pytest.approx(0.0, abs=1e-6)
     assert spread(0.3) > 2 * spread(0.1) > 0.1
+
+
+@pytest.mark.parametrize("agent", ["sac", "td3", "crossq"])
+def test_bfloat16_goes_on_bit_for_bit_too(agent: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(torch.cpu, "get_capabilities", lambda: {"bf16": True})
+    one = learned(agent, small(agent, precision="bfloat16"))
+    other = fresh(agent, small(agent, precision="bfloat16"), seed=5)
+    other.load_state_dict(one.state_dict())
+    for each in (one, other):
+        torch.manual_seed(1)
+        for transition in transitions(30):
+            each.remember(transition)
+        each.update()
+    assert all(torch.equal(a, b) for a, b in zip(tensors(one), tensors(other), strict=True))
+
+
+def test_a_processor_without_bfloat16_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(torch.cpu, "get_capabilities", dict)
+    with pytest.raises(DescriptionError, match="no arithmetic in bfloat16"):
+        fresh("sac", small("sac", precision="bfloat16"))
 
 
 def test_settings_of_another_agent_are_refused() -> None:

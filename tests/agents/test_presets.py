@@ -115,6 +115,7 @@ OF_ONE = [
     (SACSettings(), {"critics": 0}),
     (SACSettings(), {"target_critics": 3}),
     (SACSettings(), {"actor_value": "max"}),
+    (SACSettings(), {"precision": "float16"}),
     (TD3Settings(), {"tau": 0.0}),
     (TD3Settings(), {"exploration_noise": -0.1}),
     (TD3Settings(), {"target_noise": -0.1}),

@@ -1,24 +1,42 @@
+"""SAC's losses, gradients and whole updates against TorchRL's."""
+
 from __future__ import annotations
 
+import copy
 from collections.abc import Iterator
 from dataclasses import replace
 from itertools import pairwise
+from typing import Any
 
 import pytest
 import torch
+from oracle import (
+    as_theirs,
+    assert_close,
+    copy_critics,
+    frozen,
+    of_actor,
+    of_critics,
+    separate,
+    to_torchrl,
+    written,
+    written_for_critics,
+)
 from tensordict import TensorDict
 from tensordict.nn import TensorDictModule
 from torch import Tensor, nn
 from torchrl.data import Bounded
+from torchrl.envs.utils import ExplorationType, set_exploration_type
 from torchrl.modules import ValueOperator
 from torchrl.objectives import SACLoss, SoftUpdate
 
-from bricksrl.agents import SACSettings, make_agent
+from bricksrl.agents import SACSettings, make_agent, sac
 from bricksrl.agents.agent import Transition
 from bricksrl.agents.layout import ObservationLayout
 from bricksrl.agents.networks import make_policy
 from bricksrl.agents.off_policy import Batch
-from bricksrl.agents.sac import SACAgent, sample_action
+from bricksrl.agents.sac import SACAgent
+from bricksrl.agents.soft import sample_action
 from bricksrl.training.reproducible import reproducible
 
 LAYOUT = ObservationLayout((0.0, -1.0, 0.0), (360.0, 1.0, 2000.0), (True, False, False))
@@ -55,92 +73,159 @@ def learned(settings: SACSettings, updates: int = 3) -> SACAgent:
     return agent
 
 
-class SeparateCritic(nn.Module):
-    """A critic of ordinary layers, as TorchRL's loss wants it."""
-
-    def __init__(self, agent: SACAgent) -> None:
-        super().__init__()
-        sizes = (agent.encoder.size + 2, *agent.settings.hidden)
-        layers: list[nn.Module] = []
-        for a, b in pairwise(sizes):
-            layers += [nn.Linear(a, b), nn.LayerNorm(b), nn.ReLU()]
-        self.layers = nn.Sequential(*layers, nn.Linear(sizes[-1], 1))
-
-    def forward(self, features: Tensor, action: Tensor) -> Tensor:
-        value: Tensor = self.layers(torch.cat((features, action), -1))
-        return value
+POLICY = ("module", "0", "module")
 
 
-def oracle_of(agent: SACAgent) -> SACLoss:
-    """TorchRL's SACLoss with the agent's own weights."""
+def critic_of(agent: SACAgent) -> nn.Sequential:
+    sizes = (agent.encoder.size + 2, *agent.settings.hidden)
+    layers: list[nn.Module] = []
+    for a, b in pairwise(sizes):
+        layers += [nn.Linear(a, b), *([nn.LayerNorm(b)] if agent.settings.layer_norm else []), nn.ReLU()]
+    return nn.Sequential(*layers, nn.Linear(sizes[-1], 1))
+
+
+def oracle_of(agent: SACAgent) -> tuple[SACLoss, SoftUpdate]:
+    """TorchRL's SACLoss with weights like the agent's."""
     oracle = SACLoss(
-        make_policy(agent.actor, 2, in_key="features"),
-        ValueOperator(SeparateCritic(agent), in_keys=["features", "action"]),
-        num_qvalue_nets=2,
+        make_policy(copy.deepcopy(agent.actor), 2, in_key="features"),
+        ValueOperator(separate(critic_of(agent)), in_keys=["features", "action"]),
+        num_qvalue_nets=agent.settings.critics,
         loss_function="l2",
-        alpha_init=agent.settings.initial_alpha,
+        alpha_init=float(agent.temperature.alpha()),
         action_spec=Bounded(-1.0, 1.0, (2,)),
     )
     oracle.make_value_estimator(gamma=agent.settings.gamma)
-    SoftUpdate(oracle, tau=agent.settings.tau)
-    for params, critics in (
-        (oracle.qvalue_network_params, agent.critics),
-        (oracle.target_qvalue_network_params, agent.target_critics),
-    ):
-        for name, value in critics.named_parameters():
-            stacked = value.detach().squeeze(1) if name.endswith("bias") or value.shape[1] == 1 else value.detach().mT
-            params.get(("module", *name.split("."))).data.copy_(stacked)
-    return oracle
+    targets = SoftUpdate(oracle, tau=agent.settings.tau)
+    copy_critics(agent.critics, oracle.qvalue_network_params)
+    copy_critics(agent.target_critics, oracle.target_qvalue_network_params)
+    return oracle, targets
 
 
-def test_losses_and_gradients_equal_torchrls(monkeypatch: pytest.MonkeyPatch) -> None:
-    agent = learned(replace(SMALL, initial_alpha=0.3, tau=0.5), updates=4)
-    n = 64
+def batch_for(agent: SACAgent, n: int) -> Batch:
     size = agent.encoder.size
-    raw = Batch(torch.randn(n, size), torch.rand(n, 2) * 2 - 1, torch.randn(n), torch.randn(n, size), torch.rand(n) < 0.3)
-    with torch.no_grad():
-        agent.temperature.log_alpha.fill_(torch.tensor(0.3).log())
-    noise = {"now": torch.randn(n, 2), "next": torch.randn(n, 2)}
-    order = iter(("next", "now"))
-    monkeypatch.setattr(torch, "randn_like", lambda like: noise[next(order)])
-    critic_loss, actor_loss, alpha_loss, entropy = agent.losses(raw)
-    actor_gradient = torch.autograd.grad(actor_loss, list(agent.actor.parameters()), retain_graph=True)
-    critic_gradient = torch.autograd.grad(critic_loss, list(agent.critics.parameters()), retain_graph=True)
-    monkeypatch.undo()
+    return Batch(torch.randn(n, size), torch.rand(n, 2) * 2 - 1, torch.randn(n), torch.randn(n, size), torch.rand(n) < 0.3)
 
-    oracle = oracle_of(agent)
-    theirs_order = iter(("next", "now"))
-    monkeypatch.setattr(torch.distributions.normal, "_standard_normal", lambda *args, **kw: noise[next(theirs_order)])
-    done = raw.terminated[:, None]
-    theirs = oracle(
-        TensorDict(
-            {
-                "features": raw.features,
-                "action": raw.action,
-                "next": {
-                    "features": raw.next_features,
-                    "reward": raw.reward[:, None],
-                    "terminated": done,
-                    "done": done,
-                },
-            },
-            [n],
-        )
-    )
-    torch.testing.assert_close(critic_loss, theirs["loss_qvalue"], rtol=1e-4, atol=1e-5)
-    torch.testing.assert_close(actor_loss, theirs["loss_actor"], rtol=1e-4, atol=1e-5)
-    torch.testing.assert_close(alpha_loss, theirs["loss_alpha"], rtol=1e-4, atol=1e-5)
-    torch.testing.assert_close(entropy, theirs["entropy"], rtol=1e-4, atol=1e-5)
-    oracle.zero_grad()  # the actor is shared with the agent, which has learned before
-    (theirs["loss_actor"] + theirs["loss_qvalue"]).backward()
-    for (name, _), ours in zip(agent.actor.named_parameters(), actor_gradient, strict=True):
-        their = oracle.actor_network_params.get(("module", "0", "module", *name.split("."))).grad
-        torch.testing.assert_close(ours, their, rtol=1e-3, atol=1e-5)
-    names = [name for name, _ in agent.critics.named_parameters()]
-    for name, ours in zip(names, critic_gradient, strict=True):
-        their = oracle.qvalue_network_params.get(("module", *name.split("."))).grad
-        stacked = ours.squeeze(1) if name.endswith("bias") or ours.shape[1] == 1 else ours.mT
-        torch.testing.assert_close(stacked, their, rtol=1e-3, atol=1e-5)
+
+OPTIONS: list[dict[str, Any]] = [
+    {},
+    {"layer_norm": False},
+    {"critics": 3, "target_critics": 3},
+    {"hidden": (8,), "min_scale": 0.8},
+    {"hidden": (12, 10, 8)},
+]
+
+
+@pytest.mark.parametrize("options", OPTIONS)
+def test_losses_and_gradients_equal_torchrls(options: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:
+    n = 64
+    agent = learned(replace(SMALL, **{"initial_alpha": 0.3, "tau": 0.5, "batch_size": n, **options}), updates=4)
+    batch, noise = batch_for(agent, n), torch.randn(2 * n, 2)
+    oracle, _ = oracle_of(agent)
+    with monkeypatch.context() as patched:
+        frozen(patched)
+        patched.setattr(torch, "randn", lambda *shape: noise)
+        critic_loss, actor_loss, entropy, alpha = agent.learn(batch, actor=True)
+
+    order = iter(noise.split(n))
+    monkeypatch.setattr(torch.distributions.normal, "_standard_normal", lambda *args, **kw: next(order))
+    theirs = oracle(to_torchrl(batch))
+    names = ("loss_qvalue", "loss_actor", "entropy", "alpha")
+    assert_close((critic_loss, actor_loss, entropy, alpha), [theirs[name] for name in names])
+    of_alpha = torch.autograd.grad(theirs["loss_alpha"], [oracle.log_alpha])
+    assert_close(written(agent.learned_actor, agent.temperature), of_alpha)
+    params = of_actor(agent.actor, oracle.actor_network_params, POLICY)
+    assert_close(written(agent.learned_actor, agent.actor), torch.autograd.grad(theirs["loss_actor"], params))
+    params = of_critics(agent.critics, oracle.qvalue_network_params)
+    assert_close(written_for_critics(agent.learned_critics, agent.critics), torch.autograd.grad(theirs["loss_qvalue"], params))
+
+
+@pytest.mark.parametrize("delay", [1, 2, 3])
+def test_whole_updates_end_where_torchrls_end(delay: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    n, updates = 32, 6
+    agent = learned(replace(SMALL, tau=0.2, batch_size=n, learning_rate=3e-3, actor_delay=delay), updates=0)
+    oracle, targets = oracle_of(agent)
+    optimiser = torch.optim.Adam(oracle.parameters(), lr=3e-3)
+    batches, noise = [batch_for(agent, n) for _ in range(updates)], torch.randn(updates, 2, n, 2)
+    monkeypatch.setattr(agent, "draw_batches", lambda count: batches)
+    turns = iter(range(0, updates, delay))
+
+    def of_turn(rows: int, _: int) -> Tensor:
+        first = next(turns)
+        drawn = torch.cat((*noise[first : first + delay, 0], noise[first + delay - 1, 1]))
+        assert len(drawn) == rows
+        return drawn
+
+    with monkeypatch.context() as patched:
+        patched.setattr(torch, "randn", of_turn)
+        agent.update(updates)
+
+    order = iter(noise.flatten(0, 1))
+    monkeypatch.setattr(torch.distributions.normal, "_standard_normal", lambda *args, **kw: next(order))
+    for number, batch in enumerate(batches, 1):
+        found = oracle(to_torchrl(batch))
+        total = found["loss_qvalue"]
+        if number % delay == 0:
+            total = total + found["loss_actor"] + found["loss_alpha"]
+        optimiser.zero_grad()
+        total.backward()
+        optimiser.step()
+        targets.step()
+    assert_close(agent.actor.parameters(), of_actor(agent.actor, oracle.actor_network_params, POLICY), atol=1e-4)
+    assert_close([agent.temperature.log_alpha], [oracle.log_alpha])
+    for critics, params in (
+        (agent.critics, oracle.qvalue_network_params),
+        (agent.target_critics, oracle.target_qvalue_network_params),
+    ):
+        ours = [as_theirs(name, value) for name, value in critics.named_parameters()]
+        assert_close(ours, of_critics(critics, params), atol=1e-4)
+
+
+def value_of(values: Tensor, agent: SACAgent) -> Tensor:
+    """What the actor climbs, of values ``[k, batch]``."""
+    return values.amin(0) if agent.settings.actor_value == "min" else values.mean(0)
+
+
+@pytest.mark.parametrize(
+    "options", [{"actor_value": "mean", "critics": 4}, {"dropout": 0.2}, {"dropout": 0.2, "layer_norm": False}]
+)
+def test_what_torchrl_has_not_equals_autograds(options: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:
+    n = 16
+    agent = learned(replace(SMALL, batch_size=n, tau=0.5, **options), updates=3)
+    batch = batch_for(agent, n)
+    with monkeypatch.context() as patched:
+        frozen(patched)
+        torch.manual_seed(9)
+        critic_loss, actor_loss, *_ = agent.learn(batch, actor=True)
+    torch.manual_seed(9)
+    noise = iter(torch.randn(2 * n, 2).split(n))
+    monkeypatch.setattr(torch, "randn_like", lambda like: next(noise))
+    alpha = agent.temperature.alpha()
+    next_action, next_log_prob = sample_action(*agent.actor(batch.next_features))
+    action, log_prob = sample_action(*agent.actor(batch.features))
+    if agent.settings.target_critics < agent.settings.critics:
+        chosen = torch.randperm(agent.settings.critics)[:2]
+        next_values = agent.target_critics(batch.next_features, next_action)[chosen]
+    else:
+        next_values = agent.target_critics(batch.next_features, next_action)
+    next_value = next_values.amin(0) - alpha * next_log_prob
+    target = (batch.reward + agent.settings.gamma * torch.where(batch.terminated, 0.0, next_value)).detach()
+    of_critics = (agent.critics(batch.features, batch.action) - target).square().mean(-1).sum()
+    of_actor = (alpha * log_prob - value_of(agent.critics(batch.features, action), agent)).mean()
+    assert_close((critic_loss, actor_loss), (of_critics, of_actor))
+    for learner, module, loss in (
+        (agent.learned_critics, agent.critics, of_critics),
+        (agent.learned_actor, agent.actor, of_actor),
+    ):
+        assert_close(written(learner, module), torch.autograd.grad(loss, list(module.parameters()), retain_graph=True))
+
+
+def test_bfloat16_learns_nearly_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sac, "working_type", lambda precision: getattr(torch, precision))
+    one, other = (learned(replace(SMALL, precision=precision)) for precision in ("float32", "bfloat16"))
+    for (name, mine), its in zip(one.critics.named_parameters(), other.critics.parameters(), strict=True):
+        assert its.dtype is torch.float32, name
+        assert not torch.equal(mine, its), name
+        torch.testing.assert_close(mine, its, rtol=0, atol=0.02)
 
 
 def test_log_probability_is_that_of_torchrls_tanh_normal() -> None:
@@ -173,3 +258,8 @@ def test_policy_module_shares_the_actor() -> None:
     policy = make_policy(agent.actor, 2, in_key="features")
     assert isinstance(policy.module[0], TensorDictModule)
     assert next(iter(policy.parameters())) is next(iter(agent.actor.parameters()))
+    agent.update()
+    observation = transitions(1)[0].observation
+    with torch.no_grad(), set_exploration_type(ExplorationType.DETERMINISTIC):
+        action = policy(TensorDict({"features": agent.encoder(observation)}))["action"]
+    torch.testing.assert_close(action, agent.act(observation, explore=False))

@@ -2,90 +2,77 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import functools
+from typing import TYPE_CHECKING, Any
 
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 
 from bricksrl.agents.layout import ObservationLayout
+from bricksrl.agents.lean.flat import Learned, working_type
+from bricksrl.agents.lean.passes import Pass
 from bricksrl.agents.networks import StackedCritics, make_normalised_actor
-from bricksrl.agents.off_policy import Batch, OffPolicyAgent, step
+from bricksrl.agents.off_policy import Batch
 from bricksrl.agents.presets import CrossQSettings
-from bricksrl.agents.sac import Temperature, sample_action
+from bricksrl.agents.soft import SoftAgent, Temperature
 
 if TYPE_CHECKING:
     from bricksrl.envs.task import Task
 
 
-class CrossQAgent(OffPolicyAgent):
+class CrossQAgent(SoftAgent):
     """CrossQ for one robot; see `CrossQSettings`.
 
-    Between updates actor and critics are in evaluation: they normalise by running statistics. The critics learn from this step
-    and the next in one batch, so that one statistic serves both.
+    Actions are chosen by running statistics. The critics learn from this step and the next in one batch, so that one statistic
+    serves both; what the actor climbs are the critics by their running statistics.
     """
 
-    loss_names = ("critic_loss", "actor_loss", "entropy", "alpha")
+    settings: CrossQSettings
 
     def __init__(self, layout: ObservationLayout, action_size: int, settings: CrossQSettings, task: Task | None = None) -> None:
         super().__init__(layout, action_size, settings, task)
         self.settings = settings
-        size, momentum = self.encoder.size, settings.momentum
-        self.actor = make_normalised_actor(size, action_size, settings.hidden, settings.min_scale, momentum).eval()
-        self.critics = StackedCritics(size, action_size, settings.hidden, batch_norm=momentum).eval()
+        size, hidden, momentum = self.encoder.size, settings.hidden, settings.momentum
+        self.actor = make_normalised_actor(size, action_size, hidden, settings.min_scale, momentum).eval()
+        self.critics = StackedCritics(size, action_size, hidden, batch_norm=momentum).eval()
         self.temperature = Temperature(settings.initial_alpha, settings.entropy * action_size)
-        self._critic_parameters: list[Tensor] = list(self.critics.parameters())
-        self._actor_parameters: list[Tensor] = list(self.actor.parameters())
-        parameters = [*self._critic_parameters, *self._actor_parameters, self.temperature.log_alpha]
-        betas = (settings.adam_beta, 0.999)
-        self._optimiser = torch.optim.Adam(parameters, lr=settings.learning_rate, betas=betas, fused=True)
 
-    def act(self, observation: Tensor, *, explore: bool) -> Tensor:
-        """A drawn action ``[m]`` with ``explore``, else the mode of the policy."""
-        with torch.no_grad():
-            loc, scale = self.actor(self.encoder(observation)[None])
-            x = torch.addcmul(loc, scale, torch.randn_like(loc)) if explore else loc
-            return x[0].tanh()
+        dtype = working_type(settings.precision)
+        learned = functools.partial(Learned, learning_rate=settings.learning_rate, adam_beta=settings.adam_beta, dtype=dtype)
+        self.learned_actor, self.learned_critics = learned(self.actor, self.temperature), learned(self.critics)
+        self.flats = self.learned_actor, self.learned_critics
+        self.make_passes()
+        self._judging = Pass(self.critics, 2 * settings.batch_size, self.learned_critics)
+        self._leading = Pass(self.critics, settings.batch_size, self.learned_critics, training=False)
 
-    def critic_loss(self, batch: Batch) -> Tensor:
-        """Loss of the critics on a batch; their running statistics move with it."""
-        n = batch.features.shape[0]
-        with torch.no_grad():
-            next_action, next_log_prob = sample_action(*self.actor(batch.next_features))
-        self.critics.train()
-        both = self.critics(torch.cat((batch.features, batch.next_features)), torch.cat((batch.action, next_action)))
-        self.critics.eval()
-        next_value = both[:, n:].detach().amin(0) - self.temperature.alpha() * next_log_prob
+    def descend_critics(self, batch: Batch, next_action: Tensor, next_log_prob: Tensor) -> Tensor:
+        """Gradients of the critics' squared errors, and their running statistics; returns the sum of the errors."""
+        now, following = torch.cat((batch.features, batch.action), -1), torch.cat((batch.next_features, next_action), -1)
+        rows = len(now)
+        values = self._judging.forward(torch.cat((now, following)))[..., 0]
+        next_value = values[:, rows:].amin(0) - self.temperature.alpha() * next_log_prob
         target = batch.reward + self.settings.gamma * torch.where(batch.terminated, 0.0, next_value)
-        loss: Tensor = (both[:, :n] - target).square().mean(-1).sum()
-        return loss
+        errors = values[:, :rows] - target
+        of_values = torch.cat((errors * (2.0 / rows), torch.zeros_like(errors)), 1)
+        self._judging.backward(of_values[..., None])
+        return errors.square().sum() / rows
 
-    def actor_loss(self, batch: Batch) -> tuple[Tensor, Tensor]:
-        """Loss of the actor on a batch, whose running statistics move with it, and its entropy there, a constant."""
-        self.actor.train()
-        action, log_prob = sample_action(*self.actor(batch.features))
-        self.actor.eval()
-        value = self.critics(batch.features, action).amin(0)
-        return (self.temperature.alpha() * log_prob - value).mean(), -log_prob.detach().mean()
+    def climb(self, features: Tensor, action: Tensor) -> tuple[Tensor, Tensor]:
+        """The lesser of the critics' values and its gradient by the actions."""
+        values = self._leading.forward(torch.cat((features, action), -1))
+        value = values.amin(0)
+        of_inputs = self._leading.backward((values == value) * (-1.0 / len(action)), weights=False, inputs=True)
+        return value.mean(), of_inputs[..., features.shape[-1] :].sum(0)
 
-    def learn(self, batch: Batch, *, actor: bool) -> tuple[Tensor, ...]:
-        """One update; the numbers are those of `loss_names`, without ``actor`` only the first."""
-        critic_loss = self.critic_loss(batch)
-        if not actor:
-            step(self._optimiser, (critic_loss, self._critic_parameters))
-            return (critic_loss.detach(),)
-        actor_loss, entropy = self.actor_loss(batch)
-        step(
-            self._optimiser,
-            (critic_loss, self._critic_parameters),
-            (actor_loss, self._actor_parameters),
-            (self.temperature.loss(entropy), [self.temperature.log_alpha]),
-        )
-        return critic_loss.detach(), actor_loss.detach(), entropy, self.temperature.alpha()
+    def move_critics(self) -> None:
+        """A step of the critics."""
+        self.learned_critics.step()
 
-    def _parts(self) -> dict[str, nn.Module | torch.optim.Optimizer]:
+    def _parts(self) -> dict[str, Any]:
         return {
             "actor": self.actor,
             "critics": self.critics,
             "temperature": self.temperature,
-            "optimiser": self._optimiser,
+            "adam_of_actor": self.learned_actor,
+            "adam_of_critics": self.learned_critics,
         }

@@ -9,7 +9,7 @@ from bricksrl.agents.image_agent import ImageAgent, SightBatch, step
 from bricksrl.agents.image_presets import ImageSACSettings
 from bricksrl.agents.layout import ObservationLayout
 from bricksrl.agents.networks import StackedCritics, make_actor
-from bricksrl.agents.sac import Temperature, sample_action
+from bricksrl.agents.soft import Temperature, sample_action
 
 
 class ImageSACAgent(ImageAgent):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -64,9 +65,13 @@ class OffPolicyAgent(ABC):
     def learn(self, batch: Batch, *, actor: bool) -> tuple[Tensor, ...]:
         """One update of the critics, and with ``actor`` of the actor; returns the numbers that `loss_names` names."""
 
+    def learn_in_turn(self, batches: Sequence[Batch], *, actor: bool) -> list[tuple[Tensor, ...]]:
+        """An update with each batch under one actor, which learns in the last one only."""
+        return [self.learn(batch, actor=actor and batch is batches[-1]) for batch in batches]
+
     @abstractmethod
-    def _parts(self) -> dict[str, nn.Module | torch.optim.Optimizer]:
-        """Networks and optimisers by name: all that learning changes."""
+    def _parts(self) -> dict[str, Any]:
+        """Networks and optimisers by name: all that learning changes. Each has a ``state_dict`` and can load it."""
 
     def remember(self, transition: Transition) -> None:
         """Keep a transition, in physical units."""
@@ -106,10 +111,13 @@ class OffPolicyAgent(ABC):
         """All updates of one robot step, or ``count``; returns the mean of each number that `loss_names` names."""
         if not self._sources():
             return {}
+        batches = self.draw_batches(count or self._common.updates_per_step)
         found = []
-        for batch in self.draw_batches(count or self._common.updates_per_step):
-            self._updates += 1
-            found.append(self.learn(batch, actor=self._updates % self._common.actor_delay == 0))
+        while batches:
+            turns = self._common.actor_delay - self._updates % self._common.actor_delay  # until the actor learns
+            some, batches = batches[:turns], batches[turns:]
+            self._updates += len(some)
+            found += self.learn_in_turn(some, actor=len(some) == turns)
         means = {}
         for place, name in enumerate(self.loss_names):
             values = [numbers[place] for numbers in found if len(numbers) > place]

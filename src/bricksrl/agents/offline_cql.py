@@ -22,7 +22,7 @@ from bricksrl.agents.layout import ObservationLayout
 from bricksrl.agents.networks import StackedCritics, make_actor
 from bricksrl.agents.off_policy import Batch, OffPolicyAgent, step
 from bricksrl.agents.presets import CQLSettings
-from bricksrl.agents.sac import Temperature, sample_action
+from bricksrl.agents.soft import Temperature, sample_action
 
 if TYPE_CHECKING:
     from bricksrl.envs.task import Task

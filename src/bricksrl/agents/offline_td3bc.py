@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from torch import Tensor
-from torch.nn import functional
 
 from bricksrl.agents.layout import ObservationLayout
 from bricksrl.agents.off_policy import Batch
@@ -23,10 +22,9 @@ class TD3BCAgent(TD3Agent):
         super().__init__(layout, action_size, settings, task)
         self._value_weight = settings.value_weight
 
-    def actor_loss(self, batch: Batch) -> Tensor:
-        """What the first critic thinks of the actor's actions, against how far they are from those of the data."""
-        action = self.actor(batch.features)
-        value = self.critics(batch.features, action, first=1)
-        weight = self._value_weight / value.detach().abs().mean()
-        loss: Tensor = functional.mse_loss(action, batch.action) - weight * value.mean()
-        return loss
+    def actor_loss(self, batch: Batch, action: Tensor) -> tuple[Tensor, Tensor]:
+        """What the first critic thinks of the actor's actions, against how far they are from those of the data; its gradient."""
+        values, of_action = self.values(batch.features, action)
+        weight = self._value_weight / values.abs().mean()
+        away = action - batch.action
+        return away.square().mean() - weight * values.mean(), away * (2.0 / away.numel()) - weight * of_action

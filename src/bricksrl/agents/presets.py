@@ -87,7 +87,20 @@ class OffPolicySettings(LearnerSettings):
 
 
 @dataclass(frozen=True)
-class SACSettings(OffPolicySettings):
+class LeanSettings(OffPolicySettings):
+    """What the agents have in common whose gradients are written by hand."""
+
+    precision: Literal["float32", "bfloat16"] = "float32"
+    """What the networks compute in while they learn: bfloat16 is coarser, and quicker on a processor that has it."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.precision not in ("float32", "bfloat16"):
+            raise DescriptionError(f"precision is '{self.precision}'; choose float32 or bfloat16")
+
+
+@dataclass(frozen=True)
+class SACSettings(LeanSettings):
     """Soft actor-critic, and with other numbers DroQ and REDQ."""
 
     tau: float = 0.005
@@ -122,7 +135,7 @@ class SACSettings(OffPolicySettings):
 
 
 @dataclass(frozen=True)
-class TD3Settings(OffPolicySettings):
+class TD3Settings(LeanSettings):
     """Twin delayed deep deterministic policy gradient."""
 
     learning_rate: float = 5e-4
@@ -150,7 +163,7 @@ class TD3Settings(OffPolicySettings):
 
 
 @dataclass(frozen=True)
-class CrossQSettings(OffPolicySettings):
+class CrossQSettings(LeanSettings):
     """CrossQ: batch normalisation in place of target networks."""
 
     adam_beta: float = 0.5

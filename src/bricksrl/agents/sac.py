@@ -1,137 +1,94 @@
-"""Soft actor-critic with a learned temperature, written out; DroQ and REDQ are settings of it.
+"""Soft actor-critic with a learned temperature, gradients by hand; DroQ and REDQ are settings of it.
 
-TorchRL's ``SACLoss`` computes the same losses (the tests hold the two together) in more than twice the time for networks of this
-size. The robot waits for its agent to learn, so this one is lean: critics side by side, three gradients, one fused Adam.
+TorchRL's ``SACLoss`` is its oracle: from the same batches and noise come the same losses, gradients and networks.
 """
 
 from __future__ import annotations
 
-import math
-from typing import TYPE_CHECKING
+import functools
+from typing import TYPE_CHECKING, Any
 
 import torch
-from torch import Tensor, nn
-from torch.nn import functional
+from torch import Tensor
 
 from bricksrl.agents.layout import ObservationLayout
+from bricksrl.agents.lean.flat import Flat, Learned, working_type
+from bricksrl.agents.lean.passes import Pass
 from bricksrl.agents.networks import StackedCritics, make_actor
-from bricksrl.agents.off_policy import Batch, OffPolicyAgent, step
+from bricksrl.agents.off_policy import Batch
 from bricksrl.agents.presets import SACSettings
+from bricksrl.agents.soft import SoftAgent, Temperature
 
 if TYPE_CHECKING:
     from bricksrl.envs.task import Task
 
 
-def sample_action(loc: Tensor, scale: Tensor) -> tuple[Tensor, Tensor]:
-    """A reparametrised draw ``[*batch, m]`` from a tanh-squashed normal, and its log-probability ``[*batch]``."""
-    noise = torch.randn_like(loc)
-    x = torch.addcmul(loc, scale, noise)
-    log_normal = -0.5 * noise.square() - scale.log() - 0.5 * math.log(2 * math.pi)
-    # log(1 - tanh(x)^2), written so that it stays finite where tanh saturates
-    log_slope = 2.0 * (math.log(2.0) - x - functional.softplus(-2.0 * x))
-    return x.tanh(), (log_normal - log_slope).sum(-1)
-
-
-class Temperature(nn.Module):
-    """The weight of the entropy, learned so that the entropy stays at ``target_entropy``."""
-
-    def __init__(self, initial: float, target_entropy: float) -> None:
-        super().__init__()
-        self.log_alpha = nn.Parameter(torch.tensor(math.log(initial)))
-        self.target_entropy = target_entropy
-
-    def alpha(self) -> Tensor:
-        """The temperature, as a constant."""
-        return self.log_alpha.detach().exp()
-
-    def loss(self, entropy: Tensor) -> Tensor:
-        """What to descend for an entropy, a constant."""
-        return self.log_alpha * (entropy - self.target_entropy)
-
-
-class SACAgent(OffPolicyAgent):
+class SACAgent(SoftAgent):
     """SAC for one robot; see `SACSettings`."""
 
-    loss_names = ("critic_loss", "actor_loss", "entropy", "alpha")
+    settings: SACSettings
 
     def __init__(self, layout: ObservationLayout, action_size: int, settings: SACSettings, task: Task | None = None) -> None:
         super().__init__(layout, action_size, settings, task)
         self.settings = settings
-        self.actor = make_actor(self.encoder.size, action_size, settings.hidden, settings.min_scale)
-        self.critics, self.target_critics = (
-            StackedCritics(
-                self.encoder.size,
-                action_size,
-                settings.hidden,
-                layer_norm=settings.layer_norm,
-                dropout=settings.dropout,
-                k=settings.critics,
-            )
-            for _ in range(2)
-        )
+        size, hidden, count = self.encoder.size, settings.hidden, settings.critics
+        self.actor = make_actor(size, action_size, hidden, settings.min_scale)
+        options: dict[str, Any] = {"layer_norm": settings.layer_norm, "dropout": settings.dropout, "k": count}
+        self.critics, self.target_critics = (StackedCritics(size, action_size, hidden, **options) for _ in range(2))
         self.target_critics.load_state_dict(self.critics.state_dict())
-        self.target_critics.requires_grad_(False)
         self.temperature = Temperature(settings.initial_alpha, settings.entropy * action_size)
-        self._critic_parameters: list[Tensor] = list(self.critics.parameters())
-        self._target_parameters: list[Tensor] = list(self.target_critics.parameters())
-        self._actor_parameters: list[Tensor] = list(self.actor.parameters())
-        parameters = [*self._critic_parameters, *self._actor_parameters, self.temperature.log_alpha]
-        betas = (settings.adam_beta, 0.999)
-        self._optimiser = torch.optim.Adam(parameters, lr=settings.learning_rate, betas=betas, fused=True)
 
-    def act(self, observation: Tensor, *, explore: bool) -> Tensor:
-        """A drawn action ``[m]`` with ``explore``, else the mode of the policy."""
-        with torch.no_grad():
-            loc, scale = self.actor(self.encoder(observation))
-            x = torch.addcmul(loc, scale, torch.randn_like(loc)) if explore else loc
-            return x.tanh()
+        dtype = working_type(settings.precision)
+        learned = functools.partial(Learned, learning_rate=settings.learning_rate, adam_beta=settings.adam_beta, dtype=dtype)
+        self.learned_actor, self.learned_critics = learned(self.actor, self.temperature), learned(self.critics)
+        self._targets = Flat(self.target_critics, dtype=dtype)
+        self.flats = self.learned_actor, self.learned_critics, self._targets
+        self.make_passes()
+        self._judging = Pass(self.critics, settings.batch_size, self.learned_critics)
+        nets = [slice(None)] if settings.target_critics == count else [slice(net, net + 1) for net in range(count)]
+        self._aiming = [Pass(self.target_critics, settings.batch_size, self._targets, nets=one) for one in nets]
 
-    def losses(self, batch: Batch) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-        """Losses of critics, actor and temperature on a batch, and the policy's entropy there (all without shape)."""
-        critic_loss = self.critic_loss(batch)
-        action, log_prob = sample_action(*self.actor(batch.features))
-        values = self.critics(batch.features, action)
-        value = values.amin(0) if self.settings.actor_value == "min" else values.mean(0)
-        actor_loss = (self.temperature.alpha() * log_prob - value).mean()
-        entropy = -log_prob.detach().mean()
-        return critic_loss, actor_loss, self.temperature.loss(entropy), entropy
+    def target(self, batch: Batch, next_action: Tensor, next_log_prob: Tensor) -> Tensor:
+        """What the critics are to say ``[batch]``: the reward and the soft value of what follows."""
+        inputs = torch.cat((batch.next_features, next_action), -1)
+        chosen = self._aiming
+        if len(chosen) > 1:
+            chosen = [chosen[net] for net in torch.randperm(len(chosen))[: self.settings.target_critics].tolist()]
+        next_values = torch.cat([critics.forward(inputs) for critics in chosen])
+        next_value = next_values.amin(0)[:, 0] - self.temperature.alpha() * next_log_prob
+        return batch.reward + self.settings.gamma * torch.where(batch.terminated, 0.0, next_value)
 
-    def critic_loss(self, batch: Batch) -> Tensor:
-        """Loss of the critics alone."""
-        with torch.no_grad():
-            next_action, next_log_prob = sample_action(*self.actor(batch.next_features))
-            next_values = self.target_critics(batch.next_features, next_action)
-            if self.settings.target_critics < self.settings.critics:
-                next_values = next_values[torch.randperm(self.settings.critics)[: self.settings.target_critics]]
-            next_value = next_values.amin(0) - self.temperature.alpha() * next_log_prob
-            target = batch.reward + self.settings.gamma * torch.where(batch.terminated, 0.0, next_value)
-        loss: Tensor = (self.critics(batch.features, batch.action) - target).square().mean(-1).sum()
-        return loss
+    def descend_critics(self, batch: Batch, next_action: Tensor, next_log_prob: Tensor) -> Tensor:
+        """Gradients of the critics' squared errors; returns their sum."""
+        target = self.target(batch, next_action, next_log_prob)
+        values = self._judging.forward(torch.cat((batch.features, batch.action), -1))
+        errors = values - target[:, None]
+        self._judging.backward(errors * (2.0 / len(target)))
+        return errors.square().sum() / len(target)
 
-    def learn(self, batch: Batch, *, actor: bool) -> tuple[Tensor, ...]:
-        """One update; the numbers are those of `loss_names`, without ``actor`` only the first."""
-        if actor:
-            critic_loss, actor_loss, alpha_loss, entropy = self.losses(batch)
-            step(
-                self._optimiser,
-                (critic_loss, self._critic_parameters),
-                (actor_loss, self._actor_parameters),  # it passes through the critics and must not move them
-                (alpha_loss, [self.temperature.log_alpha]),
-            )
-            numbers: tuple[Tensor, ...] = (critic_loss, actor_loss, entropy, self.temperature.alpha())
+    def climb(self, features: Tensor, action: Tensor) -> tuple[Tensor, Tensor]:
+        """The least of the critics' values, or the mean, and its gradient by the actions."""
+        values = self._judging.forward(torch.cat((features, action), -1))
+        if self.settings.actor_value == "min":
+            value = values.amin(0)
+            of_values = (values == value) * (-1.0 / len(action))
         else:
-            critic_loss = self.critic_loss(batch)
-            step(self._optimiser, (critic_loss, self._critic_parameters))
-            numbers = (critic_loss,)
-        with torch.no_grad():
-            torch._foreach_lerp_(self._target_parameters, self._critic_parameters, self.settings.tau)
-        return tuple(number.detach() for number in numbers)
+            value = values.mean(0)
+            of_values = torch.full_like(values, -1.0 / values.numel())
+        of_inputs = self._judging.backward(of_values, weights=False, inputs=True)
+        return value.mean(), of_inputs[..., features.shape[-1] :].sum(0)
 
-    def _parts(self) -> dict[str, nn.Module | torch.optim.Optimizer]:
+    def move_critics(self) -> None:
+        """A step of the critics, and a smaller one of their targets after them."""
+        self.learned_critics.step()
+        self._targets.follow(self.learned_critics, self.settings.tau)
+
+    def _parts(self) -> dict[str, Any]:
         return {
             "actor": self.actor,
             "critics": self.critics,
             "target_critics": self.target_critics,
             "temperature": self.temperature,
-            "optimiser": self._optimiser,
+            "adam_of_actor": self.learned_actor,
+            "adam_of_critics": self.learned_critics,
         }

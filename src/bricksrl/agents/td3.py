@@ -1,22 +1,27 @@
-"""Twin delayed deep deterministic policy gradient, lean as our SAC; TorchRL's ``TD3Loss`` is its oracle."""
+"""Twin delayed deep deterministic policy gradient, gradients by hand as in our SAC; TorchRL's ``TD3Loss`` is its oracle."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import functools
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
 
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 
 from bricksrl.agents.layout import ObservationLayout
+from bricksrl.agents.lean.agent import LeanAgent
+from bricksrl.agents.lean.flat import Flat, Learned, working_type
+from bricksrl.agents.lean.passes import Pass
 from bricksrl.agents.networks import StackedCritics, make_deterministic_actor
-from bricksrl.agents.off_policy import Batch, OffPolicyAgent, step
+from bricksrl.agents.off_policy import Batch
 from bricksrl.agents.presets import TD3Settings
 
 if TYPE_CHECKING:
     from bricksrl.envs.task import Task
 
 
-class TD3Agent(OffPolicyAgent):
+class TD3Agent(LeanAgent):
     """TD3 for one robot; see `TD3Settings`."""
 
     loss_names = ("critic_loss", "actor_loss")
@@ -24,64 +29,94 @@ class TD3Agent(OffPolicyAgent):
     def __init__(self, layout: ObservationLayout, action_size: int, settings: TD3Settings, task: Task | None = None) -> None:
         super().__init__(layout, action_size, settings, task)
         self.settings = settings
-        size = self.encoder.size
-        self.actor, self.target_actor = (make_deterministic_actor(size, action_size, settings.hidden) for _ in range(2))
+        size, hidden = self.encoder.size, settings.hidden
+        self.actor, self.target_actor = (make_deterministic_actor(size, action_size, hidden) for _ in range(2))
         self.critics, self.target_critics = (
-            StackedCritics(size, action_size, settings.hidden, layer_norm=settings.layer_norm) for _ in range(2)
+            StackedCritics(size, action_size, hidden, layer_norm=settings.layer_norm) for _ in range(2)
         )
-        for network, target in ((self.actor, self.target_actor), (self.critics, self.target_critics)):
-            target.load_state_dict(network.state_dict())
-            target.requires_grad_(False)
-        self._critic_parameters: list[Tensor] = list(self.critics.parameters())
-        self._actor_parameters: list[Tensor] = list(self.actor.parameters())
-        self._target_parameters: list[Tensor] = [*self.target_critics.parameters(), *self.target_actor.parameters()]
-        parameters = [*self._critic_parameters, *self._actor_parameters]
-        betas = (settings.adam_beta, 0.999)
-        self._optimiser = torch.optim.Adam(parameters, lr=settings.learning_rate, betas=betas, fused=True)
+        self.target_actor.load_state_dict(self.actor.state_dict())
+        self.target_critics.load_state_dict(self.critics.state_dict())
+
+        dtype = working_type(settings.precision)
+        learned = functools.partial(Learned, learning_rate=settings.learning_rate, adam_beta=settings.adam_beta, dtype=dtype)
+        self.learned_critics, self.learned_actor = learned(self.critics), learned(self.actor)
+        self._targets, self._target = Flat(self.target_critics, dtype=dtype), Flat(self.target_actor, dtype=dtype)
+        self.flats = self.learned_critics, self.learned_actor, self._targets, self._target
+        rows, body = settings.batch_size, self.actor.body
+        self._acting = Pass(body, 1)
+        self._foreseeing = functools.cache(functools.partial(Pass, self.target_actor.body, flat=self._target))
+        self._aiming = functools.cache(functools.partial(Pass, self.target_critics, flat=self._targets))
+        self._judging = Pass(self.critics, rows, self.learned_critics)
+        self._climbing = Pass(body, rows, self.learned_actor)
+        self._leading = Pass(self.critics, rows, self.learned_critics, nets=slice(1))
 
     def act(self, observation: Tensor, *, explore: bool) -> Tensor:
         """The actor's action ``[m]``, with noise on it when it is to ``explore``."""
         with torch.no_grad():
-            action: Tensor = self.actor(self.encoder(observation))
+            action = self._acting.forward(self.encoder.forward(observation)[None])[0, 0].tanh()
             if explore:
                 action += self.settings.exploration_noise * torch.randn_like(action)
             return action.clamp_(-1.0, 1.0)
 
-    def critic_loss(self, batch: Batch) -> Tensor:
-        """Loss of the critics on a batch."""
+    @torch.no_grad()
+    def learn_in_turn(self, batches: Sequence[Batch], *, actor: bool) -> list[tuple[Tensor, ...]]:
+        """An update of the critics with each batch, of the actor and all targets with the last."""
+        targets = self.targets(batches)
+        found = [self.descend_critics(batch, target) for batch, target in zip(batches, targets, strict=True)]
+        if actor:
+            found[-1] += self.descend_actor(batches[-1])
+            self._targets.follow(self.learned_critics, self.settings.tau)
+            self._target.follow(self.learned_actor, self.settings.tau)
+        return found
+
+    def targets(self, batches: Sequence[Batch]) -> Sequence[Tensor]:
+        """What the critics are to say of each batch, ``[batch]``: all at once, as the targets wait for the actor too."""
         settings = self.settings
-        with torch.no_grad():
-            noise = (settings.target_noise * torch.randn_like(batch.action)).clamp_(
-                -settings.target_noise_limit, settings.target_noise_limit
-            )
-            next_action = (self.target_actor(batch.next_features) + noise).clamp_(-1.0, 1.0)
-            next_value = self.target_critics(batch.next_features, next_action).amin(0)
-            target = batch.reward + settings.gamma * torch.where(batch.terminated, 0.0, next_value)
-        loss: Tensor = (self.critics(batch.features, batch.action) - target).square().mean(-1).sum()
-        return loss
+        features = torch.cat([batch.next_features for batch in batches])
+        action = self._foreseeing(len(features)).forward(features)[0].tanh_()
+        noise = (settings.target_noise * torch.randn_like(action)).clamp_(
+            -settings.target_noise_limit, settings.target_noise_limit
+        )
+        action = (action + noise).clamp_(-1.0, 1.0)
+        values = self._aiming(len(features)).forward(torch.cat((features, action), -1)).amin(0)
+        return [
+            batch.reward + settings.gamma * torch.where(batch.terminated, 0.0, value)
+            for batch, value in zip(batches, values.view(len(batches), -1), strict=True)
+        ]
 
-    def actor_loss(self, batch: Batch) -> Tensor:
-        """Loss of the actor on a batch: what the first critic thinks of its actions."""
-        loss: Tensor = -self.critics(batch.features, self.actor(batch.features), first=1).mean()
-        return loss
+    def descend_critics(self, batch: Batch, target: Tensor) -> tuple[Tensor, ...]:
+        """A step of the critics down their squared errors; returns the sum of these."""
+        values = self._judging.forward(torch.cat((batch.features, batch.action), -1))
+        errors = values - target[:, None]
+        self._judging.backward(errors * (2.0 / len(target)))
+        self.learned_critics.step()
+        return (errors.square().sum() / len(target),)
 
-    def learn(self, batch: Batch, *, actor: bool) -> tuple[Tensor, ...]:
-        """One update; the numbers are those of `loss_names`, without ``actor`` only the first."""
-        critic_loss = self.critic_loss(batch)
-        if not actor:
-            step(self._optimiser, (critic_loss, self._critic_parameters))
-            return (critic_loss.detach(),)
-        actor_loss = self.actor_loss(batch)
-        step(self._optimiser, (critic_loss, self._critic_parameters), (actor_loss, self._actor_parameters))
-        with torch.no_grad():
-            torch._foreach_lerp_(self._target_parameters, [*self._critic_parameters, *self._actor_parameters], self.settings.tau)
-        return critic_loss.detach(), actor_loss.detach()
+    def descend_actor(self, batch: Batch) -> tuple[Tensor, ...]:
+        """A step of the actor down its loss; returns that."""
+        action = self._climbing.forward(batch.features)[0].tanh_()
+        loss, of_action = self.actor_loss(batch, action)
+        self._climbing.backward((of_action * (1.0 - action.square()))[None])
+        self.learned_actor.step()
+        return (loss,)
 
-    def _parts(self) -> dict[str, nn.Module | torch.optim.Optimizer]:
+    def actor_loss(self, batch: Batch, action: Tensor) -> tuple[Tensor, Tensor]:
+        """Loss of the actor for actions ``[batch, m]``, and its gradient by them: what the first critic thinks of them."""
+        values, of_action = self.values(batch.features, action)
+        return -values.mean(), -of_action
+
+    def values(self, features: Tensor, action: Tensor) -> tuple[Tensor, Tensor]:
+        """The first critic's values ``[batch]``, and the gradient ``[batch, m]`` of their mean by the actions."""
+        values = self._leading.forward(torch.cat((features, action), -1))
+        of_inputs = self._leading.backward(torch.full_like(values, 1.0 / len(action)), weights=False, inputs=True)
+        return values[0, :, 0], of_inputs[0, :, features.shape[-1] :]
+
+    def _parts(self) -> dict[str, Any]:
         return {
             "actor": self.actor,
             "target_actor": self.target_actor,
             "critics": self.critics,
             "target_critics": self.target_critics,
-            "optimiser": self._optimiser,
+            "adam_of_actor": self.learned_actor,
+            "adam_of_critics": self.learned_critics,
         }

@@ -35,7 +35,7 @@ class Flat:
 
     def __init__(self, *modules: nn.Module, dtype: torch.dtype | None = None) -> None:
         parameters = [parameter for module in modules for parameter in module.parameters()]
-        self.values = torch.cat([parameter.detach().flatten() for parameter in parameters])
+        self.values = torch.cat([_along_memory(parameter.detach()).flatten() for parameter in parameters])
         self._working = self.values.to(dtype)  # the same one where the type is
         ends = torch.tensor([parameter.numel() for parameter in parameters]).cumsum(0).tolist()
         self._places = {p: (end - p.numel(), end) for p, end in zip(parameters, ends, strict=True)}
@@ -63,7 +63,14 @@ class Flat:
 
     def _view(self, vector: Tensor, parameter: nn.Parameter) -> Tensor:
         start, end = self._places[parameter]
-        return vector[start:end].view(parameter.shape)
+        along = _along_memory(parameter)
+        view = vector[start:end].view(along.shape)
+        return view if along is parameter else view.mT
+
+
+def _along_memory(tensor: Tensor) -> Tensor:
+    """The tensor itself, or transposed if that is how it lies in memory."""
+    return tensor.mT if tensor.ndim > 1 and tensor.stride(-1) > tensor.stride(-2) else tensor
 
 
 class Learned(Flat):

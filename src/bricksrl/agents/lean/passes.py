@@ -1,6 +1,6 @@
 """The way through a `StackedMLP` and back, by hand, in memory that is kept from one time to the next.
 
-What comes out lies in that memory: it holds until the next time.
+What comes out lies in that memory: it holds until the next time. It has the type of what went in, whatever it is computed in.
 """
 
 from __future__ import annotations
@@ -34,14 +34,15 @@ class Pass:
         self.k = len(range(network.k)[nets])
         self.rows = rows
         room = _Room(rows, self.k, nets, flat)
+        self._dtype = room.dtype
         self._steps = list(_steps(network, room, training=training))
 
     def forward(self, x: Tensor) -> Tensor:
         """Outputs ``[k, rows, out]`` for inputs ``[rows, in]``, the same for all, or ``[k, rows, in]``."""
-        x = x.expand(self.k, *x.shape[-2:])
+        out = x.to(self._dtype).expand(self.k, *x.shape[-2:])
         for step in self._steps:
-            x = step.forward(x)
-        return x
+            out = step.forward(out)
+        return out.to(x.dtype)
 
     def backward(self, slope: Tensor, *, weights: bool = True, inputs: bool = False) -> Tensor:
         """From the gradient by the outputs of the last `forward`, which is written over, back.
@@ -50,9 +51,10 @@ class Pass:
             weights: write the gradients by the parameters to where they belong.
             inputs: go on to the gradient ``[k, rows, in]`` by the inputs; else what comes out means nothing.
         """
+        back = slope.to(self._dtype)
         for place in range(len(self._steps) - 1, -1, -1):
-            slope = self._steps[place].backward(slope, weights=weights, further=inputs or place > 0)
-        return slope
+            back = self._steps[place].backward(back, weights=weights, further=inputs or place > 0)
+        return back.to(slope.dtype)
 
 
 class _Room:
@@ -60,11 +62,11 @@ class _Room:
 
     def __init__(self, rows: int, k: int, nets: slice, flat: Flat | None) -> None:
         self._rows, self._k, self.nets, self._flat = rows, k, nets, flat
-        self._dtype = torch.float32 if flat is None else flat.dtype
+        self.dtype = torch.float32 if flat is None else flat.dtype
 
-    def space(self, size: int) -> Tensor:
-        """Memory ``[k, rows, size]``."""
-        return torch.empty(self._k, self._rows, size, dtype=self._dtype)
+    def space(self, size: int, *, lying: bool = False) -> Tensor:
+        """Memory ``[k, rows, size]``, or ``[k, size, rows]``."""
+        return torch.empty(self._k, *((size, self._rows) if lying else (self._rows, size)), dtype=self.dtype)
 
     def working(self, parameter: nn.Parameter) -> Tensor:
         """The parameter's part for the networks of this pass."""
@@ -87,7 +89,7 @@ def _steps(network: StackedMLP, room: _Room, *, training: bool) -> Iterator[_Ste
     layers = [None, *network.layers, None]
     for before, layer, following in zip(layers, layers[1:-1], layers[2:], strict=False):
         if isinstance(layer, StackedLinear):
-            yield _Linear(layer, room, following.scale if isinstance(following, Dropout) else 1.0)
+            yield _Linear(layer, room, following.scale if isinstance(following, Dropout) else 1.0, lowest=before is None)
         elif isinstance(layer, Dropout):
             yield _Drop(layer)
         elif isinstance(layer, StackedLayerNorm):
@@ -99,16 +101,19 @@ def _steps(network: StackedMLP, room: _Room, *, training: bool) -> Iterator[_Ste
 
 
 class _Linear:
-    """A product with a matrix for each network; ``scale`` is that of a dropout behind it, which costs nothing here."""
+    """A product with a matrix for each network; ``scale`` is that of a dropout behind it, which costs nothing here.
 
-    def __init__(self, layer: StackedLinear, room: _Room, scale: float) -> None:
+    Products are turned so that what is written lies along its longer side.
+    """
+
+    def __init__(self, layer: StackedLinear, room: _Room, scale: float, *, lowest: bool) -> None:
         self._weight, self._bias = room.working(layer.weight), room.working(layer.bias)
         self._of_weight, self._of_bias = room.gradient(layer.weight), room.gradient(layer.bias)
-        self._transposed = self._weight.mT
         self._scale = scale
         _, in_size, out_size = self._weight.shape
+        self._narrowing, self._lying = out_size < in_size, lowest and out_size > in_size
         self._out = room.space(out_size)
-        self._back = room.space(in_size)
+        self._back = room.space(in_size, lying=self._lying)
 
     def forward(self, x: Tensor) -> Tensor:
         self._x = x
@@ -118,13 +123,18 @@ class _Linear:
         if self._scale != 1.0:
             slope *= self._scale
         if weights and self._of_weight is not None and self._of_bias is not None:
-            torch.bmm(self._x.mT, slope, out=self._of_weight)
             torch.sum(slope, 1, keepdim=True, out=self._of_bias)
+            if self._narrowing:
+                torch.bmm(slope.mT, self._x, out=self._of_weight.mT)
+            else:
+                torch.bmm(self._x.mT, slope, out=self._of_weight)
         if not further:
             return slope
+        if self._lying:
+            return torch.bmm(self._weight, slope.mT, out=self._back).mT
         if slope.shape[-1] == 1:
-            return torch.mul(slope, self._transposed, out=self._back)
-        return torch.bmm(slope, self._transposed, out=self._back)
+            return torch.mul(slope, self._weight.mT, out=self._back)
+        return torch.bmm(slope, self._weight.mT, out=self._back)
 
 
 class _ReLU:

@@ -1,0 +1,63 @@
+"""Actions drawn from a tanh-squashed normal, their log-probabilities, and the way back to what the normal was made of."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+from torch.nn import functional
+
+LEAST_SCALE = 0.01
+SCALE_SHIFT = math.log(math.expm1(1.0 - LEAST_SCALE))
+"""An output of 0 is a scale of 1, as in tensordict's ``NormalParamExtractor``."""
+
+
+@dataclass(frozen=True)
+class Draw:
+    """Actions ``[rows, m]``, their log-probabilities ``[rows]``, and what the way back needs, each ``[rows, m]``."""
+
+    action: Tensor
+    log_prob: Tensor
+    noise: Tensor
+    scale: Tensor
+    raw_scale: Tensor
+
+    def last(self, rows: int) -> Draw:
+        """The last ones only."""
+        return Draw(*(part[-rows:] for part in (self.action, self.log_prob, self.noise, self.scale, self.raw_scale)))
+
+    def backward(self, of_action: Tensor, of_log_prob: Tensor) -> Tensor:
+        """The gradient ``[rows, 2 m]`` by a network's outputs, from those by the actions and by each log-probability."""
+        # the slope of log(1 - tanh(x)^2) is -2 tanh(x), and for a given noise the normal's own density knows its scale only
+        of_x = torch.addcmul(2.0 * of_log_prob * self.action, of_action, 1.0 - self.action.square())
+        of_scale = of_x * self.noise - of_log_prob / self.scale
+        slope = torch.where(_soft(self.raw_scale) < self.scale, 0.0, (self.raw_scale + SCALE_SHIFT).sigmoid())
+        return torch.cat((of_x, of_scale * slope), -1)
+
+
+def draw(out: Tensor, min_scale: float, noise: Tensor) -> Draw:
+    """What the outputs ``[rows, 2 m]`` of a network make of standard normal ``noise`` ``[rows, m]``."""
+    loc, raw_scale = out.chunk(2, -1)
+    scale = _soft(raw_scale).clamp_min_(min_scale)
+    x = torch.addcmul(loc, scale, noise)
+    log_prob = (-0.5 * noise.square() - scale.log() - log_slope(x)).sum(-1) - 0.5 * math.log(2 * math.pi) * loc.shape[-1]
+    return Draw(x.tanh(), log_prob, noise, scale, raw_scale)
+
+
+def log_slope(x: Tensor) -> Tensor:
+    """log(1 - tanh(x)^2), written so that it stays finite where tanh saturates."""
+    return 2.0 * (math.log(2.0) - x - functional.softplus(-2.0 * x))
+
+
+def act(out: Tensor, min_scale: float, *, explore: bool) -> Tensor:
+    """An action ``[m]`` for the outputs ``[2 m]``: drawn with ``explore``, else the mode."""
+    loc, raw_scale = out.chunk(2)
+    if explore:
+        loc = torch.addcmul(loc, _soft(raw_scale).clamp_min_(min_scale), torch.randn_like(loc))
+    return loc.tanh()
+
+
+def _soft(raw_scale: Tensor) -> Tensor:
+    return functional.softplus(raw_scale + SCALE_SHIFT).add_(LEAST_SCALE)
