@@ -12,9 +12,11 @@ import imageio_ffmpeg
 import numpy as np
 import pytest
 
-from bricksrl.cli.progress import clock, sparkline
+from bricksrl.cli.app import parse
+from bricksrl.cli.progress import LineProgress, clock, sparkline
+from bricksrl.cli.train import Train
 from bricksrl.cli.video import record
-from bricksrl.errors import RenderingUnavailableError
+from bricksrl.errors import RenderingUnavailableError, RunError
 from bricksrl.training import RunFolder
 
 
@@ -59,6 +61,42 @@ def test_with_opengl_there_is_a_video(trained, tmp_path):
     assert abs(images[-1] - images[0]).mean() > 1
 
 
+@pytest.mark.parametrize(
+    ("env", "episodes"), [("RunAway-v0", 40), ("Spinning-v0", 15), ("Walker-v1", 75), ("RoboArmSim-v0", 250)]
+)
+def test_episodes_default_to_what_the_environment_needs(env, episodes):
+    assert Train(env).config(env).episodes == episodes
+    assert Train(env, episodes=3).config(env).episodes == 3
+
+
+def test_options_reach_the_run(tmp_path):
+    (tmp_path / "best.json").write_text('{"settings": {"gamma": 0.9, "hidden": [32, 32]}}')
+    train = parse(
+        ("train", "Walker-v0", "--settings", str(tmp_path / "best.json"), "--set", "gamma=0.8", "--set", "tau=0.5", "--realtime")
+    )
+    config = train.config("Walker-v0")
+    assert (config.settings.gamma, config.settings.tau, config.settings.hidden) == (0.8, 0.5, (32, 32))
+    assert config.asynchronous
+    for option, asynchronous in (("--synchronous", False), ("--asynchronous", True)):
+        assert parse(("train", "Walker-v0", "--realtime", option)).config("Walker-v0").asynchronous is asynchronous
+    config = parse(("train", "Walker-v0", "--hub", "ble:Robbie", "--patience", "7", "--log", "wandb")).config("Walker-v0")
+    assert (config.hub, config.asynchronous, config.patience_s, config.log) == ("ble:Robbie", True, 7.0, "wandb")
+
+
+def test_the_owner_is_asked_to_place_the_robot(monkeypatch):
+    asked = []
+    monkeypatch.setattr("builtins.input", asked.append)
+    LineProgress().place(np.random.default_rng())
+    assert "Enter" in asked[0]
+
+    def nobody(_):
+        raise EOFError
+
+    monkeypatch.setattr("builtins.input", nobody)
+    with pytest.raises(RunError, match="terminal"):
+        LineProgress().place(np.random.default_rng())
+
+
 def test_an_existing_folder_stays_as_it_is(fails, trained):
     run_dir, _ = trained
     before = {path.name: path.read_bytes() for path in run_dir.iterdir()}
@@ -73,6 +111,15 @@ def test_an_existing_folder_stays_as_it_is(fails, trained):
         (("RunAway-v0", "--agent", "sca"), "sca"),
         (("RunAway-v0", "--preset", "papr"), "paper"),
         (("RunAway-v0", "--episodes", "0"), "episodes"),
+        (("RunAway-v0", "--set", "learning_rat=1"), "learning_rate"),
+        (("RunAway-v0", "--set", "gamma=big"), "gamma"),
+        (("RunAway-v0", "--settings", "no-such-file.json"), "no-such-file.json"),
+        (("RunAway-v0", "--hub", "wifi"), "wifi"),
+        (("RunAway-v0", "--synchronous", "--asynchronous"), "choose one"),
+        (("RunAway-v0", "--patience", "-1"), "patience"),
+        (("RunAway-v0", "--seeds", "1"), "seeds"),
+        (("RunAway-v0", "--resume", "runs/spin"), "--resume"),
+        ((), "environment"),
     ],
 )
 def test_wrong_names_and_numbers_are_one_line(fails, tmp_path, arguments, says):
@@ -102,7 +149,7 @@ def test_ctrl_c_keeps_what_was_learned_and_resume_goes_on(start, fails, tmp_path
 def test_resume_trains_a_finished_run_for_longer(bricksrl, trained, tmp_path):
     run_dir = tmp_path / "run"
     shutil.copytree(trained[0], run_dir)
-    done = bricksrl("resume", str(run_dir), "--episodes", "5")
+    done = bricksrl("train", "--resume", str(run_dir), "--episodes", "5")
     assert (done.returncode, done.stderr) == (0, "")
     assert re.findall(r"^episode (\d/\d)", done.stdout, re.MULTILINE) == ["5/5"]
     assert len(RunFolder(run_dir).read_episodes()) == 5

@@ -27,6 +27,7 @@ from bricksrl.cli.listing import List
 from bricksrl.cli.offline import TrainOffline
 from bricksrl.cli.record import Record as RecordDataset
 from bricksrl.cli.train import Resume, Train
+from bricksrl.cli.tune import Tune
 from bricksrl.cli.twin import Fit, Record
 from bricksrl.errors import BricksError
 
@@ -108,6 +109,7 @@ def _commands(arguments: Sequence[str]) -> SubcommandApp:
     add(app, "train", Train)
     add(app, "train-offline", TrainOffline)
     add(app, "resume", Resume)
+    add(app, "tune", Tune)
     add(app, "evaluate", Evaluate)
     add(app, "record", RecordDataset)
     add(app, "check", Check)

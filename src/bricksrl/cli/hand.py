@@ -6,7 +6,7 @@ import contextlib
 import queue
 import signal
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from types import FrameType, TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
@@ -49,6 +49,7 @@ class Hand:
         self._keys = can_listen() if keys is None else keys
         self._source = source
         self._held = contextlib.ExitStack()
+        self._listener = contextlib.ExitStack()
 
     def take(self, env: EnvBase) -> None:
         """What the hand lies on from now on; where it is no robot, but a simulation, to stop is the same as Ctrl-C."""
@@ -62,14 +63,25 @@ class Hand:
             for number in STOP_SIGNALS:
                 self._held.callback(signal.signal, number, signal.signal(number, self._on_signal))
         if self._keys:
-            self._held.enter_context(KeyListener(self._on_key, self._source))
+            self._listener.enter_context(KeyListener(self._on_key, self._source))
             self._tell(LEGEND)
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self._listener.close()
         self._held.close()
         self._wishes.put("end")
         self._worker.join(_END_S)
+
+    @contextlib.contextmanager
+    def quiet(self) -> Iterator[None]:
+        """Inside, keys are an answer to what the terminal asks, and not meant for the robot."""
+        self._listener.close()
+        try:
+            yield
+        finally:
+            if self._keys:
+                self._listener.enter_context(KeyListener(self._on_key, self._source))
 
     def _on_signal(self, _number: int, _frame: FrameType | None) -> None:
         self._wishes.put("stop")

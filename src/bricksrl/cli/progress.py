@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,8 +12,10 @@ from bricksrl.cli.console import print_line, print_note
 from bricksrl.training.observer import Episode, Observer, Phase, Progress, RunResult
 
 if TYPE_CHECKING:
+    import numpy as np
     from torchrl.envs import EnvBase
 
+    from bricksrl.errors import BricksError
     from bricksrl.training.config import TrainConfig
 
 _BARS = "▁▂▃▄▅▆▇█"
@@ -32,12 +35,15 @@ class LineProgress(Observer):
         self.run_dir: Path | None = None
         self.episodes_done = 0
         self.on_ready: Callable[[EnvBase], None] = lambda env: None
+        self.quiet: Callable[[], AbstractContextManager[None]] = nullcontext
+        self._asynchronous = False
 
     def on_env(self, env: EnvBase) -> None:
         self.on_ready(env)
 
     def on_start(self, config: TrainConfig, run_dir: Path, episodes_done: int) -> None:
         self.run_dir, self.episodes_done = run_dir, episodes_done
+        self._asynchronous = bool(config.asynchronous)
         print_line(f"{config.agent} on {config.env}, seed {config.seed}: {run_dir}")
 
     def on_episode(self, episode: Episode, progress: Progress) -> None:
@@ -46,7 +52,35 @@ class LineProgress(Observer):
             f"episode {episode.episode}/{progress.episodes_total}  return {episode.return_:.4g}  "
             f"{progress.steps_per_s:.3g} steps/s  {clock(progress.remaining_s)} left"
             + ("  (random start)" if episode.phase is Phase.PREFILL else "")
+            + self._learning(episode)
         )
+
+    def _learning(self, episode: Episode) -> str:
+        """How learning follows, where it goes on beside the robot."""
+        if not self._asynchronous or episode.updates_per_step is None:
+            return ""
+        return f"  {episode.updates_per_step:.3g} updates/step"
+
+    def on_link_lost(self, episode: int, length: int, error: BricksError) -> None:
+        after = f"the link broke in episode {episode} after {length} steps" if length else "the robot is out of reach"
+        print_line(f"{after} ({error}); trying to reach it again")
+
+    def on_catching_up(self, updates: int) -> None:
+        print_line(f"the robot is done; {updates} updates are left to learn, Ctrl-C leaves them out")
+
+    def place(self, _rng: np.random.Generator) -> None:
+        """Ask the owner of a real robot to put it where an episode starts, and wait for it.
+
+        Raises:
+            BricksError: nobody is there to ask.
+        """
+        from bricksrl.errors import RunError
+
+        try:
+            with self.quiet():
+                input("put the robot where an episode starts, then press Enter ")
+        except EOFError:
+            raise RunError("nobody can be asked to place the robot: standard input is no terminal; start this in one") from None
 
     def on_end(self, result: RunResult) -> None:
         self.close()
@@ -95,11 +129,19 @@ class LiveProgress(LineProgress):
             completed=episode.episode,
             value=f"{episode.return_:.4g}",
             spark=sparkline(self._returns[-_SPARKLINE_EPISODES:]),
-            rate=f"{progress.steps_per_s:.3g} steps/s  {clock(progress.remaining_s)} left",
+            rate=f"{progress.steps_per_s:.3g} steps/s  {clock(progress.remaining_s)} left{self._learning(episode)}",
         )
 
     def tell(self, line: str) -> None:
         self._bar.console.print(line, markup=False, highlight=False)
+
+    def place(self, _rng: np.random.Generator) -> None:
+        self._bar.stop()  # the line that is asked on stays readable
+        try:
+            super().place(_rng)
+        finally:
+            if self.run_dir is not None:
+                self._bar.start()
 
     def close(self) -> None:
         self._bar.stop()

@@ -18,7 +18,8 @@ from bricksrl.errors import BricksError, DescriptionError, StoppedError
 
 if TYPE_CHECKING:
     from bricksrl.cli.hand import Hand
-    from bricksrl.training import Observer, RunResult
+    from bricksrl.cli.progress import LineProgress
+    from bricksrl.training import RunResult, TrainConfig
 
 _EVALUATED_EPISODES = 5
 
@@ -37,20 +38,30 @@ class Train:
       bricksrl train RunAway-v0 --preset paper
       bricksrl train Walker-v0 --data datasets/walker
       bricksrl train Walker-v0 --from runs/first
+      bricksrl train Walker-v0 --set learning_rate=3e-4 --set hidden=128,128
+      bricksrl train Walker-v0 --hub ble
+      bricksrl train WalkerSim-v0 --seeds 5
+      bricksrl train --resume runs/spin
     """
 
-    env: Annotated[Positional[str], arg(metavar="ENV")]
+    env: Annotated[Positional[str | None], arg(metavar="ENV")] = None
     """Environment; `bricksrl list` shows them. A task of your own: my_task.py, my_task.py:TASK or module:TASK."""
     agent: Annotated[str | None, arg(metavar="NAME")] = None
     """Agent; `bricksrl list` shows them. Without a name sac, or that of --from."""
     preset: Annotated[str | None, arg(metavar="NAME")] = None
     """Settings of the agent: default, or paper, those of the BricksRL paper. Without a name default, or those of --from."""
-    hub: Literal["virtual"] = "virtual"
-    """How to reach the robot."""
-    episodes: Annotated[int, arg(metavar="N")] = 40
-    """Episodes to train for."""
+    settings: Annotated[Path | None, arg(metavar="FILE")] = None
+    """Settings in place of those of the preset: a JSON file such as `bricksrl tune` writes."""
+    changes: Annotated[UseAppendAction[tuple[str, ...]], arg(name="set", metavar="NAME=VALUE")] = ()
+    """A single setting, such as learning_rate=3e-4 or hidden=128,128. May be given several times."""
+    hub: Annotated[str, arg(metavar="HUB")] = "virtual"
+    """How to reach the robot: virtual, ble or usb; ble:NAME, ble:ADDRESS or usb:PORT where there are several."""
+    episodes: Annotated[int | None, arg(metavar="N")] = None
+    """Episodes to train for; without it as many as suit the environment."""
     seed: Annotated[int, arg(metavar="N")] = 0
     """Of everything random: the same seed gives the same run."""
+    seeds: Annotated[int | None, arg(metavar="N")] = None
+    """Train so many times, with as many seeds from --seed on, side by side, and sum up."""
     run: Annotated[Path | None, arg(metavar="DIR")] = None
     """Folder to write to, which must not exist; without it runs/<env>-<agent>-<seed>-<time>."""
     realtime: bool = False
@@ -70,38 +81,34 @@ class Train:
     take_over: Literal["keyboard", "gamepad"] | None = None
     """Let a human take over from the agent, and give back; the agent learns from these steps too, and the data marks them."""
 
+    asynchronous: bool = False
+    """Learn beside the robot, which never waits; so it is on a real robot and with --realtime."""
+    synchronous: bool = False
+    """Learn while the robot waits, on a real robot too; runs on a virtual one are then repeatable."""
+    patience: Annotated[float, arg(metavar="SECONDS")] = 300.0
+    """How long to try to reach a robot again whose link broke."""
+    log: Annotated[Literal["none", "tensorboard", "wandb", "trackio"], arg(metavar="NAME")] = "none"
+    """Also tell tensorboard, wandb or trackio; metrics.csv is always written."""
+    resume: Annotated[Path | None, arg(metavar="RUN")] = None
+    """Go on with that run, as `bricksrl resume` does, in place of a new one."""
+
     def execute(self) -> int:
         """Train, evaluate, draw."""
-        from bricksrl.training import RunFolder, TrainConfig, train
-        from bricksrl.training.config import settings_for
-        from bricksrl.training.run import file_name
-        from bricksrl.twin.physics import read_physics
+        if self.resume is not None:
+            if self.env is not None:
+                raise DescriptionError("a run that is resumed has an environment; leave ENV or --resume away")
+            return Resume(self.resume, self.episodes).execute()
+        if self.env is None:
+            raise DescriptionError("name an environment to train in, or a run to --resume; `bricksrl list` shows environments")
+        config = self.config(self.env)
+        if self.seeds is not None:
+            from bricksrl.cli.seeds import train_seeds
 
-        before = None if self.start is None else RunFolder(self.start).read_config()
-        agent = self.agent or ("sac" if before is None else before.agent)
-        if before is not None and self.preset is None and before.agent == agent:
-            settings = before.settings
-        else:
-            settings = settings_for(self.env, self.preset or "default", agent)
-        time = datetime.now().astimezone().strftime("%Y%m%d-%H%M%S")
-        config = TrainConfig(
-            env=self.env,
-            agent=agent,
-            episodes=self.episodes,
-            seed=self.seed,
-            hub=self.hub,
-            realtime=self.realtime or self.take_over is not None,
-            record=not self.no_record,
-            randomize=self.randomize,
-            physics=None if self.physics is None else read_physics(self.physics),
-            options=dict(map(parse_option, self.option)),
-            settings=settings,
-            data=None if self.data is None else str(self.data.absolute()),
-            start=None if self.start is None else str(self.start.absolute()),
-            run_dir=self.run or Path("runs") / f"{file_name(self.env)}-{agent}-{self.seed}-{time}",
-        )
+            return train_seeds(config, self.seeds)
+        from bricksrl.training import train
+
         if self.take_over is None:
-            return see_through(lambda observer, stop: train(config, observer, stop=stop))
+            return see_through(lambda progress, stop: train(config, progress, place=progress.place, stop=stop))
         from bricksrl.cli.hands import driving
         from bricksrl.data.description import describe_task
         from bricksrl.envs import get_task
@@ -109,8 +116,49 @@ class Train:
         with driving(self.take_over, describe_task(get_task(self.env, **config.options)), in_charge=False) as driver:
             by_keys = self.take_over == "keyboard"  # who drives by keys needs them all
             return see_through(
-                lambda observer, stop: train(config, observer, driver=driver, stop=stop), keys=False if by_keys else None
+                lambda progress, stop: train(config, progress, place=progress.place, driver=driver, stop=stop),
+                keys=False if by_keys else None,
             )
+
+    def config(self, env: str) -> TrainConfig:
+        """What all this says about a run."""
+        from bricksrl.envs.registry import training_episodes
+        from bricksrl.training import RunFolder, TrainConfig
+        from bricksrl.training.config import settings_for
+        from bricksrl.training.run import file_name
+        from bricksrl.training.settings import read_settings, with_changes
+        from bricksrl.twin.physics import read_physics
+
+        if self.asynchronous and self.synchronous:
+            raise DescriptionError("a run is synchronous or asynchronous; choose one of the two")
+        before = None if self.start is None else RunFolder(self.start).read_config()
+        agent = self.agent or ("sac" if before is None else before.agent)
+        if before is not None and self.preset is None and before.agent == agent:
+            settings = before.settings
+        else:
+            settings = settings_for(env, self.preset or "default", agent)
+        if self.settings is not None:
+            settings = read_settings(self.settings, settings)
+        time = datetime.now().astimezone().strftime("%Y%m%d-%H%M%S")
+        return TrainConfig(
+            env=env,
+            agent=agent,
+            episodes=training_episodes(env) if self.episodes is None else self.episodes,
+            seed=self.seed,
+            hub=self.hub,
+            realtime=self.realtime or self.take_over is not None,
+            record=not self.no_record,
+            randomize=self.randomize,
+            physics=None if self.physics is None else read_physics(self.physics),
+            options=dict(map(parse_option, self.option)),
+            asynchronous=True if self.asynchronous else False if self.synchronous else None,
+            patience_s=self.patience,
+            log=self.log,
+            settings=with_changes(settings, self.changes),
+            data=None if self.data is None else str(self.data.absolute()),
+            start=None if self.start is None else str(self.start.absolute()),
+            run_dir=self.run or Path("runs") / f"{file_name(env)}-{agent}-{self.seed}-{time}",
+        )
 
 
 @dataclass(frozen=True)
@@ -131,7 +179,9 @@ class Resume:
         """Train on, evaluate, draw."""
         from bricksrl.training import resume
 
-        return see_through(lambda observer, stop: resume(self.run, observer, episodes=self.episodes, stop=stop))
+        return see_through(
+            lambda progress, stop: resume(self.run, progress, episodes=self.episodes, place=progress.place, stop=stop)
+        )
 
 
 def parse_option(text: str) -> tuple[str, Any]:
@@ -149,7 +199,7 @@ def parse_option(text: str) -> tuple[str, Any]:
         return name, value
 
 
-def see_through(start: Callable[[Observer, threading.Event], RunResult], *, keys: bool | None = None) -> int:
+def see_through(start: Callable[[LineProgress, threading.Event], RunResult], *, keys: bool | None = None) -> int:
     """A run from its first step to its video; returns the exit code. ``keys`` as :class:`Hand` takes it."""
     from bricksrl.cli.hand import Hand
     from bricksrl.cli.progress import make_progress
@@ -158,7 +208,7 @@ def see_through(start: Callable[[Observer, threading.Event], RunResult], *, keys
     try:
         load_learning()
         with Hand(stop, progress.tell, keys=keys) as hand:
-            progress.on_ready = hand.take
+            progress.on_ready, progress.quiet = hand.take, hand.quiet
             result = start(progress, stop)
             progress.close()
             if not result.interrupted:
@@ -180,7 +230,12 @@ def _show(result: RunResult, hand: Hand) -> None:
     from bricksrl.training import RunFolder
 
     last = result.episodes[-1]
-    print_line(f"trained {last.episode} episodes, {last.steps} steps, in {last.seconds:.0f} s; evaluating")
+    print_line(f"trained {last.episode} episodes, {last.steps} steps, in {last.seconds:.0f} s")
+    if result.caught_up:
+        print_line(
+            f"learning made {result.updates_per_step:.3g} updates a step while the robot was at work, {result.caught_up} after it"
+        )
+    print_line("evaluating")
     for line in describe(evaluate(result.run_dir, episodes=_EVALUATED_EPISODES, on_env=hand.take)):
         print_line(line)
     try:

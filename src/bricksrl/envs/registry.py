@@ -49,22 +49,24 @@ class _Offer:
     Attributes:
         build: the task, from its options.
         kinematics: how it is simulated without a robot; ``None`` where a robot, real or virtual, carries it out.
+        episodes: how long to train for: the paper's budget, where it has one.
     """
 
     build: Callable[..., Task]
     kinematics: Kinematics | None = None
+    episodes: int = 40
 
 
 _OWN = {
     "RunAway-v0": _Offer(lambda: RUN_AWAY),
-    "Spinning-v0": _Offer(lambda: SPINNING),
-    "Walker-v0": _Offer(functools.partial(walker, "Walker-v0")),
-    "Walker-v1": _Offer(lambda: WALKER_FORWARD),
-    "WalkerSim-v0": _Offer(functools.partial(walker, "WalkerSim-v0"), Kinematics(noise=0.1)),
-    "WalkerSim-v1": _Offer(functools.partial(walker, "WalkerSim-v1"), Kinematics(noise=0.02, motion="firmware")),
-    "RoboArm-v0": _Offer(functools.partial(robo_arm, "RoboArm-v0")),
-    "RoboArm_mixed-v0": _Offer(functools.partial(robo_arm_mixed, "RoboArm_mixed-v0")),
-    "RoboArmSim-v0": _Offer(functools.partial(robo_arm, "RoboArmSim-v0"), Kinematics(noise=0.05)),
+    "Spinning-v0": _Offer(lambda: SPINNING, episodes=15),
+    "Walker-v0": _Offer(functools.partial(walker, "Walker-v0"), episodes=75),
+    "Walker-v1": _Offer(lambda: WALKER_FORWARD, episodes=75),
+    "WalkerSim-v0": _Offer(functools.partial(walker, "WalkerSim-v0"), Kinematics(noise=0.1), episodes=75),
+    "WalkerSim-v1": _Offer(functools.partial(walker, "WalkerSim-v1"), Kinematics(noise=0.02, motion="firmware"), episodes=75),
+    "RoboArm-v0": _Offer(functools.partial(robo_arm, "RoboArm-v0"), episodes=250),
+    "RoboArm_mixed-v0": _Offer(functools.partial(robo_arm_mixed, "RoboArm_mixed-v0"), episodes=250),
+    "RoboArmSim-v0": _Offer(functools.partial(robo_arm, "RoboArmSim-v0"), Kinematics(noise=0.05), episodes=250),
 }
 _offers = dict(_OWN)
 
@@ -184,6 +186,15 @@ def _on_robot(task: Task, transport: ProfileTransport, link_to: MakeLink, seed: 
     link = link_to(transport, calibrate)
     connection = Connection(link, place or put_back, SonarOdometer(task.interface), camera=camera)
     return HubEnv(task, lambda _seed: connection, seed=seed)
+
+
+def training_episodes(env_id: str) -> int:
+    """For how many episodes to train there, unless somebody knows better.
+
+    Raises:
+        UnknownNameError: there is no environment of that name.
+    """
+    return _offer(env_id).episodes
 
 
 def list_envs() -> dict[str, str]:

@@ -3,8 +3,20 @@
 from __future__ import annotations
 
 from bricksrl.training.config import TrainConfig
-from bricksrl.training.observer import Episode, Observer, Phase, Progress, RunResult
+from bricksrl.training.observer import Episode, Observer, Phase, Progress, RunResult, Together
 from bricksrl.training.run import RunFolder
 from bricksrl.training.runner import load_agent, resume, train
 
-__all__ = ["Episode", "Observer", "Phase", "Progress", "RunFolder", "RunResult", "TrainConfig", "load_agent", "resume", "train"]
+__all__ = [
+    "Episode",
+    "Observer",
+    "Phase",
+    "Progress",
+    "RunFolder",
+    "RunResult",
+    "Together",
+    "TrainConfig",
+    "load_agent",
+    "resume",
+    "train",
+]

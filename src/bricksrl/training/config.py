@@ -41,6 +41,8 @@ class TrainConfig:
     """Physics of the virtual robot, such as a fitted one; without it a freshly charged robot on a smooth floor."""
     options: dict[str, Any] = field(default_factory=dict)
     """Options of the environment's task, such as ``{"sparse": True}``; plain values."""
+    log: str = "none"
+    """Who else is told how the run goes, beside the CSV: tensorboard, wandb or trackio."""
     settings: Settings | None = None
     """Settings of the agent; without them those of its preset "default"."""
     data: str | None = None

@@ -51,7 +51,7 @@ def make_learning_agent(begin: dict[str, Any]) -> Agent:
     from bricksrl.training.offline import study
 
     config = TrainConfig.from_dict(begin["config"])
-    task = get_task(config.env) if begin["has_task"] else None
+    task = get_task(config.env, **config.options) if begin["has_task"] else None
     layout = ObservationLayout.from_dict(begin["layout"])
     agent = make_agent(config.agent, layout, begin["action_size"], config.settings, task)
     agent.load_state_dict(begin["state"])

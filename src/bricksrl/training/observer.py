@@ -122,3 +122,42 @@ class Observer:
 
     def on_end(self, result: RunResult) -> None:
         """The run ended or was interrupted; its files are in order."""
+
+
+class Together(Observer):
+    """Several observers as one; each is told everything, in their order."""
+
+    def __init__(self, *observers: Observer) -> None:
+        self._observers = observers
+
+    def on_env(self, env: EnvBase) -> None:
+        for observer in self._observers:
+            observer.on_env(env)
+
+    def on_start(self, config: TrainConfig, run_dir: Path, episodes_done: int) -> None:
+        for observer in self._observers:
+            observer.on_start(config, run_dir, episodes_done)
+
+    def on_step(self, episode: int, step: int, phase: Phase) -> None:
+        for observer in self._observers:
+            observer.on_step(episode, step, phase)
+
+    def on_transition(self, episode: int, step: int, phase: Phase, transition: TensorDictBase) -> None:
+        for observer in self._observers:
+            observer.on_transition(episode, step, phase, transition)
+
+    def on_link_lost(self, episode: int, length: int, error: BricksError) -> None:
+        for observer in self._observers:
+            observer.on_link_lost(episode, length, error)
+
+    def on_episode(self, episode: Episode, progress: Progress) -> None:
+        for observer in self._observers:
+            observer.on_episode(episode, progress)
+
+    def on_catching_up(self, updates: int) -> None:
+        for observer in self._observers:
+            observer.on_catching_up(updates)
+
+    def on_end(self, result: RunResult) -> None:
+        for observer in self._observers:
+            observer.on_end(result)

@@ -14,7 +14,7 @@ from bricksrl.errors import BricksError, CheckpointError, RunError, UnknownNameE
 from bricksrl.training.config import TrainConfig
 from bricksrl.training.interrupt import Interruption
 from bricksrl.training.learner import InTheLoop, Learner, Pace
-from bricksrl.training.observer import Episode, Observer, RunResult
+from bricksrl.training.observer import Episode, Observer, RunResult, Together
 from bricksrl.training.offline import study, take_over, train_offline
 from bricksrl.training.recording import recorded
 from bricksrl.training.run import RunFolder
@@ -59,18 +59,19 @@ def train(
         raise UnknownNameError(f"there is no agent '{config.agent}'; choose one of {', '.join(AGENTS)}")
     if config.run_dir is not None and config.run_dir.exists():
         raise RunError(f"{config.run_dir} exists already; resume that run or choose another folder")
+    listener = _listening(config, observer)
     with _prepared(config, env, place, stop) as (ready, agent, interruption):
         take_over(config, agent, ready)
         if config.updates:
-            return train_offline(config, agent, ready, observer or Observer(), interruption)
-        (observer or Observer()).on_env(ready)
+            return train_offline(config, agent, ready, listener, interruption)
+        listener.on_env(ready)
         state = {"agent": agent.state_dict(), "pace": Pace().to_dict()}
         with _learning(config, ready, agent, state, interruption) as learner:
             start = reset(ready, config, 1, interruption)
             identity = identity_of(config, ready)
             with interruption.held_back():
                 folder = RunFolder.create(config, {**run_state(identity, []), **state})
-            with recorded(config, ready, folder.path, observer or Observer()) as watching:
+            with recorded(config, ready, folder.path, listener) as watching:
                 session = _session(config, folder, ready, learner, identity, watching, interruption, [])
                 session.driver = driver
                 return session.go_on(start)
@@ -106,10 +107,11 @@ def resume(
     if config.updates and episodes not in (None, config.episodes):
         raise RunError(f"the run in {run_dir} learned from data; train on the robot from there with start='{run_dir}'")
     config = replace(config, episodes=episodes or config.episodes)
+    listener = _listening(config, observer)
     with _prepared(config, env, place, stop) as (ready, agent, interruption):
         if config.updates:
-            return train_offline(config, agent, ready, observer or Observer(), interruption, folder)
-        (observer or Observer()).on_env(ready)
+            return train_offline(config, agent, ready, listener, interruption, folder)
+        listener.on_env(ready)
         state = load_state(folder, config, ready)
         with _learning(config, ready, agent, state, interruption) as learner:
             del state["agent"]  # it may be large
@@ -120,7 +122,7 @@ def resume(
                 folder.write_episodes(done)
                 folder.write_config(config)
             left = len(done) < config.episodes
-            with recorded(config, ready, folder.path, observer or Observer()) as watching:
+            with recorded(config, ready, folder.path, listener) as watching:
                 session = _session(config, folder, ready, learner, state["identity"], watching, interruption, done)
                 session.driver = driver
                 return session.go_on(reset(ready, config, len(done) + 1, interruption) if left else None)
@@ -201,6 +203,15 @@ def _learning(
         raise
     finally:
         learner.kill()
+
+
+def _listening(config: TrainConfig, observer: Observer | None) -> Observer:
+    """The observer, and the log that the config names."""
+    if config.log == "none":
+        return observer or Observer()
+    from bricksrl.training.loggers import Tracking
+
+    return Together(observer or Observer(), Tracking(config.log))
 
 
 def _session(

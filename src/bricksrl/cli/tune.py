@@ -1,0 +1,67 @@
+"""``bricksrl tune``: better settings for an agent, by experiment."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+from tyro.conf import Positional, arg
+
+from bricksrl.cli.console import INTERRUPTED, print_interrupted, print_line
+from bricksrl.cli.loading import load_learning
+
+
+@dataclass(frozen=True)
+class Tune:
+    """Look for settings of an agent that learn more in as many robot steps.
+
+    Optuna proposes settings; each is trained with some seeds and evaluated, in simulation. The folder gets the study, with which
+    the same command goes on, from several terminals at a time too, and best.json, which `bricksrl train --settings` takes.
+
+    Examples:
+      bricksrl tune WalkerSim-v0 --agent sac --trials 50
+      bricksrl train WalkerSim-v0 --settings tuning/WalkerSim-v0-sac/best.json
+    """
+
+    env: Annotated[Positional[str], arg(metavar="ENV")]
+    """Environment; `bricksrl list` shows them. The simulations are the fastest."""
+    agent: Annotated[str, arg(metavar="NAME")] = "sac"
+    """Agent; `bricksrl list` shows them."""
+    trials: Annotated[int, arg(metavar="N")] = 20
+    """Settings to try in this command."""
+    steps: Annotated[int, arg(metavar="N")] = 2000
+    """Robot steps of each training."""
+    seeds: Annotated[int, arg(metavar="N")] = 2
+    """Trainings of each settings; hopeless ones are ended after the first."""
+    episodes: Annotated[int, arg(metavar="N")] = 10
+    """Episodes of each evaluation."""
+    seed: Annotated[int, arg(metavar="N")] = 0
+    """Of the proposals."""
+    folder: Annotated[Path | None, arg(metavar="DIR")] = None
+    """Folder of the study; without it tuning/<env>-<agent>."""
+
+    def execute(self) -> int:
+        """Tune, and say what is best."""
+        from bricksrl.errors import RunError
+        from bricksrl.evaluation.tuning import BEST, Tuning, tune
+        from bricksrl.training.run import file_name
+
+        if self.trials < 1:
+            raise RunError(f"trials is {self.trials}; give 1 or more")
+        tuning = Tuning(self.env, self.agent, self.steps, self.seeds, self.episodes)
+        folder = self.folder or Path("tuning") / f"{file_name(self.env)}-{self.agent}"
+
+        def tell(trial: int, value: float | None, best: float | None) -> None:
+            shown = "ended early" if value is None else f"return {value:.4g}"
+            print_line(f"trial {trial}  {shown}" + ("" if best is None else f"  best {best:.4g}"))
+
+        try:
+            load_learning()
+            best = tune(tuning, folder, self.trials, seed=self.seed, on_trial=tell)
+        except KeyboardInterrupt:
+            print_interrupted(f"the study is in {folder}; the same command goes on with it")
+            return INTERRUPTED
+        print_line(f"best of {best.trials} finished trials: return {best.value:.4g}")
+        print_line(f"train with it   bricksrl train {self.env} --agent {self.agent} --settings {folder / BEST}")
+        return 0

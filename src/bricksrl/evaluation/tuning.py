@@ -1,0 +1,233 @@
+"""Hyperparameters by experiment: Optuna proposes settings, each is trained with a few seeds for so many steps, and evaluated.
+
+The study is an SQLite file in a folder, so that it can be gone on with, and several commands may work on it at a time.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import logging
+import tempfile
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from bricksrl.agents.presets import Settings
+from bricksrl.errors import RunError
+from bricksrl.training.config import TrainConfig, settings_for
+from bricksrl.training.files import write_atomically
+from bricksrl.training.observer import Episode, Observer, Progress
+
+if TYPE_CHECKING:
+    import optuna
+
+STUDY = "study.db"
+BEST = "best.json"
+
+_NUMBERS: dict[str, tuple[float, float, bool]] = {
+    "learning_rate": (1e-4, 3e-3, True),
+    "gamma": (0.9, 0.995, False),
+    "tau": (2e-3, 5e-2, True),
+    "initial_alpha": (0.02, 1.0, True),
+    "entropy": (-2.0, 0.0, False),
+    "min_scale": (0.01, 0.3, True),
+    "momentum": (3e-3, 0.1, True),
+    "dropout": (0.0, 0.1, False),
+    "exploration_noise": (0.05, 0.5, False),
+    "target_noise": (0.05, 0.4, False),
+}
+"""Least and greatest value, and whether the scale is logarithmic."""
+
+_OF_GOALS: dict[str, tuple[float, float, bool]] = {"hindsight": (0.0, 0.5, False), "new_goals": (0.0, 0.5, False)}
+"""The same, only in a task with goals."""
+
+_CHOICES: dict[str, tuple[Any, ...]] = {
+    "hidden": ("64,64", "128,128", "256,256"),
+    "batch_size": (64, 128, 256, 512),
+    "updates_per_step": (1, 2, 4, 8, 20),
+    "actor_delay": (1, 2, 3),
+    "prefill_episodes": (1, 2, 3),
+    "adam_beta": (0.5, 0.9),
+    "layer_norm": (True, False),
+}
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """What a study is about.
+
+    Attributes:
+        steps: robot steps of each training; it ends with the episode in which they are reached.
+        seeds: trainings of each settings; the objective is the mean of their evaluations.
+        episodes: of each evaluation.
+    """
+
+    env: str
+    agent: str
+    steps: int = 2000
+    seeds: int = 2
+    episodes: int = 10
+
+    def __post_init__(self) -> None:
+        for name in ("steps", "seeds", "episodes"):
+            if getattr(self, name) < 1:
+                raise RunError(f"{name} is {getattr(self, name)}; give 1 or more")
+
+
+@dataclass(frozen=True)
+class Best:
+    """The best settings so far: the mean return of their evaluations, and out of how many finished trials."""
+
+    settings: Settings
+    value: float
+    trials: int
+
+
+OnTrial = Callable[[int, float | None, float | None], None]
+"""Told a trial's number, its value (``None`` where it was ended early), and the best value so far."""
+
+
+def propose(trial: optuna.trial.BaseTrial, start: Settings, *, goals: bool) -> Settings:
+    """Settings that differ from ``start`` in what the trial proposes."""
+    names = {field.name for field in dataclasses.fields(start)}
+    values: dict[str, Any] = {}
+    for name, (low, high, log) in {**_NUMBERS, **(_OF_GOALS if goals else {})}.items():
+        if name in names:
+            values[name] = trial.suggest_float(name, low, high, log=log)
+    for name, choices in _CHOICES.items():
+        if name in names:
+            values[name] = trial.suggest_categorical(name, list(choices))
+    if "hidden" in values:
+        values["hidden"] = tuple(int(part) for part in values["hidden"].split(","))
+    proposed: Settings = replace(start, **values)
+    return proposed
+
+
+def tune(tuning: Tuning, folder: Path, trials: int, *, seed: int = 0, on_trial: OnTrial = lambda *_: None) -> Best:
+    """Make ``trials`` more trials, and write the best settings so far to ``best.json``.
+
+    Raises:
+        RunError: Optuna is not installed, or the folder holds a study of something else.
+        UnknownNameError: there is no such environment or agent.
+    """
+    try:
+        import optuna
+    except ImportError:
+        raise RunError("optuna is not installed; run `pip install optuna`") from None
+    start = settings_for(tuning.env, "default", tuning.agent)
+    goals = _has_goals(tuning.env)
+    optuna.logging.set_verbosity(logging.WARNING)
+    folder.mkdir(parents=True, exist_ok=True)
+    study = optuna.create_study(
+        study_name=f"{tuning.env} {tuning.agent}",
+        storage=f"sqlite:///{(folder / STUDY).absolute()}",
+        direction="maximize",
+        load_if_exists=True,
+        pruner=optuna.pruners.MedianPruner(n_startup_trials=5),
+    )
+    _check_same(study, tuning, folder)
+    study.sampler = optuna.samplers.TPESampler(seed=seed + len(study.trials))
+    if not study.trials:
+        study.enqueue_trial(_as_proposed(start, goals=goals))  # what there is has to be beaten
+
+    def objective(trial: optuna.Trial) -> float:
+        settings = propose(trial, start, goals=goals)
+        values: list[float] = []
+        for one in range(tuning.seeds):
+            values.append(_train_and_evaluate(tuning, settings, one))
+            mean = sum(values) / len(values)
+            trial.report(mean, one)
+            if one + 1 < tuning.seeds and trial.should_prune():
+                raise optuna.TrialPruned
+        return mean
+
+    def told(study: optuna.Study, trial: optuna.trial.FrozenTrial) -> None:
+        done = trial.state == optuna.trial.TrialState.COMPLETE
+        _write_best(study, tuning, start, folder, goals=goals)
+        on_trial(trial.number, trial.value if done else None, study.best_value)
+
+    study.optimize(objective, n_trials=trials, callbacks=[told])
+    return _write_best(study, tuning, start, folder, goals=goals)
+
+
+class _StopAt(Observer):
+    """Ends a run with the episode in which so many steps are made."""
+
+    def __init__(self, steps: int) -> None:
+        self.stop = threading.Event()
+        self._steps = steps
+
+    def on_episode(self, episode: Episode, progress: Progress) -> None:
+        if episode.steps >= self._steps:
+            self.stop.set()
+
+
+def _train_and_evaluate(tuning: Tuning, settings: Settings, seed: int) -> float:
+    from bricksrl.evaluation.rollout import evaluate
+    from bricksrl.training.runner import train
+
+    with tempfile.TemporaryDirectory() as folder:
+        run_dir = Path(folder) / "run"
+        observer = _StopAt(tuning.steps)
+        config = TrainConfig(
+            tuning.env, tuning.agent, episodes=tuning.steps, seed=seed, settings=settings, run_dir=run_dir, asynchronous=False
+        )
+        result = train(config, observer, stop=observer.stop)
+        if result.interrupted and not (result.episodes and result.episodes[-1].steps >= tuning.steps):
+            raise KeyboardInterrupt
+        return evaluate(run_dir, episodes=tuning.episodes, save=False).return_mean
+
+
+def _has_goals(env: str) -> bool:
+    from bricksrl.envs.registry import get_task
+
+    return any(entry.name.endswith("_goal") for entry in get_task(env).entries)
+
+
+def _as_proposed(settings: Settings, *, goals: bool) -> dict[str, Any]:
+    """The parameters of a trial that proposes these settings, where they are within the ranges."""
+    found: dict[str, Any] = {}
+    for name, (low, high, _) in {**_NUMBERS, **(_OF_GOALS if goals else {})}.items():
+        value = getattr(settings, name, None)
+        if value is not None and low <= value <= high:
+            found[name] = value
+    for name, choices in _CHOICES.items():
+        value = getattr(settings, name, None)
+        value = ",".join(map(str, value)) if isinstance(value, tuple) else value
+        if value in choices:
+            found[name] = value
+    return found
+
+
+def _check_same(study: optuna.Study, tuning: Tuning, folder: Path) -> None:
+    known = study.user_attrs.get("tuning")
+    if known is None:
+        study.set_user_attr("tuning", dataclasses.asdict(tuning))
+    elif known != dataclasses.asdict(tuning):
+        raise RunError(f"{folder} holds a study of {known}; give the same, or another folder")
+
+
+def _write_best(study: optuna.Study, tuning: Tuning, start: Settings, folder: Path, *, goals: bool) -> Best:
+    import optuna
+
+    finished = [trial for trial in study.trials if trial.state == optuna.trial.TrialState.COMPLETE]
+    if not finished:
+        raise RunError(f"no trial of {folder} was finished; give more --trials")
+    best = study.best_trial
+    settings = propose(optuna.trial.FixedTrial(best.params), start, goals=goals)
+    found = Best(settings, float(study.best_value), len(finished))
+    data = {
+        "settings": dataclasses.asdict(settings),
+        "provenance": {
+            "found_by": f"bricksrl tune {tuning.env} --agent {tuning.agent}",
+            **dataclasses.asdict(tuning),
+            "trials": len(study.trials),
+            "trial": best.number,
+            "return_mean": found.value,
+        },
+    }
+    write_atomically(folder / BEST, (json.dumps(data, indent=2) + "\n").encode())
+    return found

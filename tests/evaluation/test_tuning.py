@@ -1,0 +1,61 @@
+"""Hyperparameters by experiment."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from bricksrl.agents import preset
+from bricksrl.errors import RunError, UnknownNameError
+from bricksrl.evaluation import tuning
+from bricksrl.evaluation.tuning import BEST, Tuning, tune
+from bricksrl.training.settings import read_settings
+
+optuna = pytest.importorskip("optuna")
+
+
+def test_a_study_is_gone_on_with_and_its_best_can_be_trained_with(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    about = Tuning("RoboArmSim-v0", "sac", steps=100, seeds=1)
+
+    def score(_: Tuning, settings: object, seed: int) -> float:
+        return -abs(settings.learning_rate - 2e-3)  # type: ignore[attr-defined]
+
+    monkeypatch.setattr(tuning, "_train_and_evaluate", score)
+    first = tune(about, tmp_path, 2)
+    assert first.value >= -1e-3, "what there is was tried first"
+    told: list[int] = []
+    best = tune(about, tmp_path, 4, on_trial=lambda number, *_: told.append(number))
+    assert told == [2, 3, 4, 5]
+    assert best.trials == 6 and best.value >= first.value
+    assert read_settings(tmp_path / BEST, preset("paper", "sac")) == best.settings
+    assert json.loads((tmp_path / BEST).read_text())["provenance"]["trials"] == 6
+    with pytest.raises(RunError, match="holds a study of"):
+        tune(Tuning("RoboArmSim-v0", "sac", steps=200, seeds=1), tmp_path, 1)
+
+
+def test_a_trial_trains_and_evaluates(tmp_path: Path) -> None:
+    best = tune(Tuning("RoboArmSim-v0", "td3", steps=30, seeds=1, episodes=1), tmp_path, 1)
+    assert best.settings == preset("default", "td3")
+    assert best.value < 0
+
+
+def test_hopeless_settings_are_ended_early(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    seeds_of: dict[float, list[int]] = {}
+
+    def score(_: Tuning, settings: object, seed: int) -> float:
+        seeds_of.setdefault(settings.learning_rate, []).append(seed)  # type: ignore[attr-defined]
+        return -float(len(seeds_of))
+
+    monkeypatch.setattr(tuning, "_train_and_evaluate", score)
+    tune(Tuning("WalkerSim-v0", "crossq", seeds=2), tmp_path, 8)
+    tried = list(seeds_of.values())
+    assert tried[0] == [0, 1] and [0] in tried[5:]
+
+
+def test_wrong_names_are_told(tmp_path: Path) -> None:
+    with pytest.raises(UnknownNameError, match="WalkerSim-v0"):
+        tune(Tuning("WalkerSmi-v0", "sac"), tmp_path, 1)
+    with pytest.raises(UnknownNameError, match="ppo"):
+        tune(Tuning("WalkerSim-v0", "ppo"), tmp_path, 1)
