@@ -1,8 +1,8 @@
-"""How fast the camera task is: steps a second with the picture drawn, searched and made small, on one core.
+"""How fast the camera task is, drawn with OpenGL and by rays, on one core, and what its replay and its learning cost.
 
     python benchmarks/camera_speed.py
 
-Random actions, several runs; the median counts. Needs half a minute. MUJOCO_GL chooses what draws.
+Random actions, several runs; the median counts. Needs a minute. MUJOCO_GL chooses what draws.
 """
 
 from __future__ import annotations
@@ -12,18 +12,25 @@ import statistics
 import time
 from collections.abc import Callable
 from typing import Any
+from unittest import mock
 
 import torch
 from machine import write
+from tensordict import TensorDict
 
 import bricksrl
+from bricksrl.agents import make_agent, preset
+from bricksrl.agents.agent import Transition
+from bricksrl.agents.image_agent import ImageAgent
+from bricksrl.agents.layout import layout_of
 from bricksrl.envs.camera import CameraView, TwinCamera, find_red, shrink
 from bricksrl.envs.env import HubEnv
 from bricksrl.envs.tasks.robo_arm_mixed import GOAL
+from bricksrl.errors import RenderingUnavailableError
 
 ENV = "RoboArm_mixed-v0"
 RUNS, STEPS, REPEATS = 5, 60, 30
-REPLAY_STEPS = 7500
+REPLAY_STEPS, EPISODE_STEPS = 7500, 30
 
 
 def steps_per_second(env: HubEnv) -> tuple[float, float]:
@@ -36,52 +43,85 @@ def steps_per_second(env: HubEnv) -> tuple[float, float]:
     return STEPS / (time.perf_counter() - started_s), STEPS / (time.process_time() - cpu_s)
 
 
-def cpu_ms(work: Callable[[], Any]) -> float:
+def cpu_ms(work: Callable[[], Any], repeats: int = REPEATS) -> float:
     """Milliseconds of this process's time that it takes."""
     work()
     started_s = time.process_time()
-    for _ in range(REPEATS):
+    for _ in range(repeats):
         work()
-    return (time.process_time() - started_s) / REPEATS * 1000
+    return round((time.process_time() - started_s) / repeats * 1000, 2)
 
 
-def parts(env: HubEnv) -> dict[str, float]:
-    """What a frame costs."""
+def moving(env: HubEnv) -> Callable[[], None]:
+    """Moves the arm a little, so that no picture is the one before."""
     assert env.twin is not None
-    camera = TwinCamera(env.twin.body, CameraView())
+    body, angle = env.twin.body, env.twin.body.model.jnt_qposadr[0]  # type: ignore[attr-defined]
+
+    def move() -> None:
+        body.data.qpos[angle] += 0.05  # type: ignore[attr-defined]
+
+    return move
+
+
+def speed() -> dict[str, Any]:
+    """Steps a second, and what a frame costs."""
+    env = bricksrl.make(ENV, seed=0)
+    assert isinstance(env, HubEnv)
+    steps_per_second(env)  # the first run warms up
+    runs = [steps_per_second(env) for _ in range(RUNS)]
+    assert env.twin is not None
+    camera, move = TwinCamera(env.twin.body, CameraView()), moving(env)
     frame = camera.frame()
-    goal = GOAL.places[0]
-    work: dict[str, Callable[[], Any]] = {
-        "draw_cpu_ms": camera.frame,
-        "find_red_cpu_ms": lambda: find_red(frame, GOAL.red),
-        "goal_and_image_cpu_ms": lambda: shrink(frame, 64, (goal, GOAL.radius_px)),
+    found = {
+        "steps_per_s": round(statistics.median(run[0] for run in runs), 1),
+        "steps_per_cpu_s": round(statistics.median(run[1] for run in runs), 1),
+        "runs": [round(run[0], 1) for run in runs],
+        "draw_cpu_ms": cpu_ms(lambda: (move(), camera.frame())),
+        "find_red_cpu_ms": cpu_ms(lambda: find_red(frame, GOAL.red)),
+        "goal_and_image_cpu_ms": cpu_ms(lambda: shrink(frame, 64, (GOAL.places[0], GOAL.radius_px))),
     }
-    costs = {name: round(cpu_ms(one), 2) for name, one in work.items()}
     camera.close()
-    return costs
+    env.close()
+    return found
+
+
+def unavailable(*_args: Any, **_kwargs: Any) -> None:
+    """In place of OpenGL."""
+    raise RenderingUnavailableError("left away to measure without")
+
+
+def learning(name: str) -> dict[str, float]:
+    """What one update and one action of SAC cost, and the memory of a replay buffer of the paper's run."""
+    env = bricksrl.make(ENV, seed=0)
+    agent = make_agent("sac", layout_of(env), 3, preset(name, "sac", images=True), env.task)
+    assert isinstance(agent, ImageAgent)
+    generator = torch.Generator().manual_seed(0)
+
+    def seen() -> TensorDict:
+        image = torch.randint(0, 256, (64, 64, 3), dtype=torch.uint8, generator=generator)
+        return TensorDict({"observation": torch.rand(3, generator=generator), "image": image}, batch_size=())
+
+    before = seen()
+    for step in range(1, REPLAY_STEPS + 1):
+        after, last = seen(), step % EPISODE_STEPS == 0
+        agent.remember(Transition(before, torch.zeros(3), -1.0, after, False, last))
+        before = seen() if last else after
+    return {
+        "update_cpu_ms": cpu_ms(agent.update, 20),
+        "act_cpu_ms": cpu_ms(lambda: agent.act(before, explore=True)),
+        "replay_steps": len(agent.replay),
+        "replay_megabytes": round(agent.replay.bytes_used / 1e6, 1),
+    }
 
 
 def main() -> None:
     """Measure and write."""
     torch.set_num_threads(1)
     torch.manual_seed(0)
-    env = bricksrl.make(ENV, seed=0)
-    assert isinstance(env, HubEnv)
-    steps_per_second(env)  # the first run warms up
-    runs = [steps_per_second(env) for _ in range(RUNS)]
-    wall, cpu = (statistics.median(run[i] for run in runs) for i in range(2))
-    step = env.rollout(1)[0]
-    held = sum(step[key].numel() * step[key].element_size() for key in ("image", ("next", "image")))
-    result = {
-        "env": ENV,
-        "drawn_with": os.environ.get("MUJOCO_GL", ""),
-        "steps_per_s": round(wall, 1),
-        "steps_per_cpu_s": round(cpu, 1),
-        "runs": [round(run[0], 1) for run in runs],
-        **parts(env),
-        "images_of_replay": {"steps": REPLAY_STEPS, "megabytes": round(held * REPLAY_STEPS / 1e6, 1)},
-    }
-    env.close()
+    result: dict[str, Any] = {"env": ENV, "opengl": {**speed(), "drawn_with": os.environ.get("MUJOCO_GL", "")}}
+    with mock.patch("bricksrl.twin.rendering.Renderer", unavailable):
+        result["rays"] = speed()
+    result["sac"] = {name: learning(name) for name in ("default", "paper")}
     print(result)
     print(write("camera_speed", result))
 

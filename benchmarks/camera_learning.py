@@ -1,0 +1,104 @@
+"""How fast agents learn to bring the ball to the disc that only the camera shows: success against episodes, steps and time.
+
+    python benchmarks/camera_learning.py --seeds 5
+    python benchmarks/camera_learning.py --preset paper --marks 100 250 --seeds 3
+
+Episodes of random actions at the start count. Each agent trains in one process on one thread, pauses at each mark, and is
+evaluated there on ``EVALUATED_EPISODES`` deterministic episodes. Medians and ranges over the seeds; times are those of training.
+"""
+
+from __future__ import annotations
+
+import argparse
+import statistics
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import torch
+from machine import write
+
+from bricksrl.agents import preset
+from bricksrl.evaluation import evaluate
+from bricksrl.training import RunResult, TrainConfig, resume, train
+
+ENV = "RoboArm_mixed-v0"
+EVALUATED_EPISODES = 40
+GOAL = 0.8
+"""Success that counts as learned; the paper's agents reach 0.68 after 250 episodes."""
+
+
+def run(agent: str, name: str, seed: int, folder: Path, marks: list[int]) -> dict[str, Any]:
+    """Train one agent from mark to mark."""
+    found: list[dict[str, Any]] = []
+    cpu_s = wall_s = 0.0
+    result: RunResult | None = None
+    for mark in marks:
+        cpu, wall = time.process_time(), time.perf_counter()
+        if result is None:
+            settings = preset(name, agent, images=True)
+            result = train(TrainConfig(ENV, agent, episodes=mark, seed=seed, settings=settings, run_dir=folder))
+        else:
+            result = resume(folder, episodes=mark)
+        cpu_s, wall_s = cpu_s + time.process_time() - cpu, wall_s + time.perf_counter() - wall
+        outcome = evaluate(folder, episodes=EVALUATED_EPISODES, save=False)
+        found.append(
+            {
+                "episodes": mark,
+                "steps": result.episodes[-1].steps,
+                "success_rate": outcome.success_rate,
+                "return_mean": round(outcome.return_mean, 2),
+                "steps_to_goal_mean": round(statistics.mean(outcome.lengths), 1),
+                "cpu_s": round(cpu_s, 1),
+                "wall_s": round(wall_s, 1),
+            }
+        )
+        print(agent, name, seed, found[-1], flush=True)
+    assert result is not None
+    return {"seed": seed, "marks": found, "train_success": [int(bool(one.success)) for one in result.episodes]}
+
+
+def summary(runs: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Medians and ranges at each mark."""
+    found = []
+    for at_mark in zip(*(one["marks"] for one in runs), strict=True):
+        rates = [one["success_rate"] for one in at_mark]
+        found.append(
+            {
+                "episodes": at_mark[0]["episodes"],
+                "success_median": statistics.median(rates),
+                "success_range": [min(rates), max(rates)],
+                **{
+                    f"{key}_median": statistics.median(one[key] for one in at_mark)
+                    for key in ("steps", "return_mean", "steps_to_goal_mean", "cpu_s", "wall_s")
+                },
+            }
+        )
+    return found
+
+
+def main() -> None:
+    """Train all and write the results."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--agents", nargs="+", default=["sac"], choices=["sac", "td3"])
+    parser.add_argument("--preset", default="default")
+    parser.add_argument("--seeds", type=int, default=3)
+    parser.add_argument("--marks", type=int, nargs="+", default=[10, 25, 50, 100])
+    chosen = parser.parse_args()
+    torch.set_num_threads(1)
+    results: dict[str, Any] = {}
+    for agent in chosen.agents:
+        with tempfile.TemporaryDirectory() as folder:
+            runs = [
+                run(agent, chosen.preset, seed, Path(folder) / str(seed), sorted(chosen.marks)) for seed in range(chosen.seeds)
+            ]
+        marks = summary(runs)
+        learned = next((mark["episodes"] for mark in marks if mark["success_median"] >= GOAL), None)
+        results[agent] = {"learned_after_episodes": learned, "summary": marks, "seeds": runs}
+    name = "camera_learning" if chosen.preset == "default" else f"camera_learning_{chosen.preset}"
+    print(write(name, {"env": ENV, "preset": chosen.preset, "evaluated_episodes": EVALUATED_EPISODES, "agents": results}))
+
+
+if __name__ == "__main__":
+    main()
