@@ -51,6 +51,10 @@ class CameraError(BricksError):
     """A real camera that shows nothing, or cannot be read here."""
 
 
+class EncoderError(BricksError):
+    """An image encoder whose weights are not here."""
+
+
 class RunError(BricksError):
     """A run folder that is missing, unreadable, or in the way."""
 

@@ -37,7 +37,7 @@ def test_from_a_calibration_to_a_training(
     assert matplotlib.image.imread(path.with_suffix(".png")).shape[:2] == (480, 1280)
     told: list[TrainConfig] = []
 
-    def note(config: TrainConfig, _observer: object) -> None:
+    def note(config: TrainConfig, _observer: object, **_more: object) -> None:
         told.append(config)
         raise RunError("this is enough")
 

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import runpy
+import sys
 from pathlib import Path
 
 import pytest
 
 from bricksrl.envs.check import Outcome, check_env
+from bricksrl.envs.registry import _OWN
 from bricksrl.training import TrainConfig, train
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -78,3 +80,13 @@ def test_batched_simulation(main, capsys) -> None:
 def test_evaluate_elsewhere(main, capsys) -> None:
     main("08_evaluate_elsewhere")(episodes=1)
     assert "Walker-v0: return" in capsys.readouterr().out
+
+
+def test_camera(main, capsys, monkeypatch) -> None:
+    monkeypatch.setattr("bricksrl.envs.registry._offers", dict(_OWN))
+    monkeypatch.setitem(sys.modules, "torchvision", None)  # where it is there, weights would be fetched
+    main("09_camera")()
+    said = capsys.readouterr().out
+    assert "on the robot: torch.uint8 [64, 64, 3]" in said
+    assert "stacked: [6, 6, 64, 64]" in said
+    assert "encoded: no, r3m needs torchvision" in said
