@@ -1,4 +1,7 @@
-"""LEGO parts, drawn from our own measures in millimetres; one module of a beam is 8 mm. Looks only."""
+"""LEGO parts, drawn from our own measures in millimetres; one module of a beam is 8 mm. Looks only.
+
+Where an LDraw library is installed, the parts that it has are drawn from it.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +10,7 @@ from collections.abc import Sequence
 
 import mujoco
 
+from bricksrl.twin.models.looks import dressed
 from bricksrl.twin.models.shapes import (
     X_AXIS,
     Y_AXIS,
@@ -55,7 +59,8 @@ def beam(holes: int, colour: str) -> Part:
     length = holes * MODULE
     bar = extruded(rounded_rectangle(length - 0.2, 7.6, 3.2, arc=5), 7.4, bevel=0.5)
     centres = [(index - (holes - 1) / 2) * MODULE for index in range(holes)]
-    return Part(((colour, bar), ("dim", merge([discs(2.5, 7.5).at(x, 0, 0) for x in centres]))))
+    ours = Part(((colour, bar), ("dim", merge([discs(2.5, 7.5).at(x, 0, 0) for x in centres]))))
+    return dressed(f"beam {holes}", colour, ours)
 
 
 def hub() -> Part:
@@ -77,7 +82,7 @@ def hub() -> Part:
     usb = box(1.2, 9, 3.6, radius=0.5).at(43.8, 0, 5)
     holes = [discs(2.5, 55.2).along(Y_AXIS).at(x, 0, -10.5) for x in (-32, -24, -16, 16, 24, 32)]
     speaker = [discs(1.0, 88.4, 6).along(X_AXIS).at(-0.1, y, z) for y in (-8, -4, 0, 4, 8) for z in (3, 7)]
-    return Part(
+    ours = Part(
         (
             ("white", merge([upper, button, *steering])),
             ("turquoise", lower),
@@ -87,6 +92,7 @@ def hub() -> Part:
             ("azure", merge([light, bluetooth])),
         )
     )
+    return dressed("hub", "white", ours)
 
 
 def medium_motor() -> Part:
@@ -97,7 +103,7 @@ def medium_motor() -> Part:
     stripe = box(26, 32, 6, radius=0.8).at(-28, 0, 3)
     collar = cylinder(10.8, 33, bevel=0.6).along(Y_AXIS)
     holes = [discs(2.5, 32.2).along(Y_AXIS).at(x, 0, z) for x in (-16, -40) for z in (-7,)]
-    return Part(
+    ours = Part(
         (
             ("white", merge([front, housing])),
             ("dark_grey", merge([cap, collar])),
@@ -105,6 +111,7 @@ def medium_motor() -> Part:
             ("dim", merge(holes)),
         )
     )
+    return dressed("motor", "white", ours)
 
 
 def motor_output() -> Part:
@@ -128,13 +135,14 @@ def wheel(diameter: float) -> Part:
     rim = [ring(inner, inner - 3.2, 12.6), cylinder(6.4, 13, bevel=0.8)]
     spokes = [box(inner - 5, 4.2, 9.4, radius=0.8).at((inner + 3) / 2, 0, 0).turned(Z_AXIS, 60 * step) for step in range(6)]
     shade = cylinder(inner - 1, 3)
-    return Part(
+    ours = Part(
         (
             ("black", merge([tyre, *treads]).along(Y_AXIS)),
             ("light_grey", merge([*rim, *spokes]).along(Y_AXIS)),
             ("dim", shade.along(Y_AXIS)),
         )
     )
+    return dressed("wheel", "light_grey", ours)
 
 
 def ultrasonic_sensor() -> Part:
@@ -145,13 +153,14 @@ def ultrasonic_sensor() -> Part:
     membrane = turned([(0, 1.6), (3.5, 1.2), (7.8, 0), (7.8, -1), (0, -1)], 24).along(X_AXIS)
     membranes = [membrane.at(11.2, side * 15.5, 0) for side in (1, -1)]
     pupils = [cylinder(2.6, 1.0, bevel=0.3).along(X_AXIS).at(12.6, side * 15.5, 0) for side in (1, -1)]
-    return Part(
+    ours = Part(
         (
             ("white", merge([case, *rims])),
             ("black", merge([face, *pupils])),
             ("dim", merge(membranes)),
         )
     )
+    return dressed("ultrasonic", "white", ours)
 
 
 def ball_caster(radius: float) -> Part:
@@ -159,7 +168,8 @@ def ball_caster(radius: float) -> Part:
     angles = [math.radians(step) for step in range(0, 181, 20)]
     ball = turned([(radius * math.sin(angle), radius * math.cos(angle)) for angle in angles], 16)
     socket = turned([(0, 16), (10, 16), (radius + 3.4, 11), (radius + 3.4, 1), (radius + 2, -1.5), (radius, -1.5), (0, 4)], 24)
-    return Part((("light_grey", ball), ("dark_grey", socket)))
+    ours = Part((("light_grey", ball), ("dark_grey", socket)))
+    return dressed("caster", "dark_grey", ours)
 
 
 def cable(points: Sequence[Triple]) -> Part:

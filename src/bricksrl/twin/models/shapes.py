@@ -202,13 +202,15 @@ class Part:
 def draw(spec: mujoco.MjSpec, body: mujoco.MjsBody, parts: Sequence[Part]) -> None:
     """Put parts, in millimetres of the body's frame, onto it: one mesh for each colour, without mass or contact.
 
-    The materials of the model are named like the colours.
+    The materials of the model are named like the colours; that of a colour in numbers, ``"#rrggbbaa"``, is made here.
     """
     by_colour: dict[str, list[Shape]] = {}
     for part in parts:
         for colour, shape in part.shapes:
             by_colour.setdefault(colour, []).append(shape)
     for colour, shapes in by_colour.items():
+        if colour.startswith("#") and spec.material(colour) is None:
+            spec.add_material(name=colour, rgba=[part / 255 for part in bytes.fromhex(colour[1:])], specular=0.35, shininess=0.5)
         shape, name = merge(shapes), f"{body.name}_{colour}"
         spec.add_mesh(
             name=name,

@@ -1,0 +1,217 @@
+"""Reads parts of an LDraw library (https://www.ldraw.org) that is installed on this computer, as triangles.
+
+The formats are those of the LDraw.org file format, its colour definition (``LDConfig.ldr``) and back face culling extensions.
+A part is a tree of files; whatever in it cannot be read is left away, and nothing outside the library is opened.
+"""
+
+from __future__ import annotations
+
+import functools
+import logging
+import math
+import os
+import re
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path, PurePosixPath
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bricksrl.errors import TwinError
+
+Floats = NDArray[np.float64]
+Triangles = dict[int, Floats]
+"""Colour code to triangles [n, 3, 3], each counter-clockwise seen from outside."""
+
+MM_PER_UNIT = 0.4
+MAIN_COLOUR = 16
+"""The code of the colour that whoever uses a part gives to it."""
+
+_SYSTEM_FOLDERS = ("/usr/share/ldraw", "/usr/local/share/ldraw", "/Library/LDraw", "C:/LDraw")
+_DIRECT_COLOUR = 0x2000000
+_MAX_DEPTH = 24
+_MAX_FILE_BYTES = 8_000_000
+_MAX_TRIANGLES, _MAX_VISITS = 400_000, 20_000
+_CORNERS = {"3": 3, "4": 4}
+_COLOUR = re.compile(r"0 !COLOUR\s+\S+\s+CODE\s+(\d{1,9})\s+VALUE\s+#([0-9A-Fa-f]{6})\b")
+_ALPHA = re.compile(r"\bALPHA\s+(\d{1,3})\b")
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Reference:
+    """A line that puts another file here: its colour, a matrix [3, 3], an offset [3], and whether it is turned inside out."""
+
+    colour: int
+    matrix: Floats
+    offset: Floats
+    name: str
+    inverted: bool
+
+
+@dataclass(frozen=True)
+class _File:
+    references: tuple[Reference, ...]
+    triangles: Triangles
+
+
+def folder() -> Path | None:
+    """Where an LDraw library is installed: what ``LDRAWDIR`` says, else the system's folder; ``None`` where there is none."""
+    given = os.environ.get("LDRAWDIR")
+    if given and not _is_library(Path(given)):
+        _log.warning("LDRAWDIR=%s is no LDraw library (a folder with LDConfig.ldr, parts and p); drawing our own parts", given)
+        return None
+    candidates = (given,) if given else _SYSTEM_FOLDERS
+    return next((Path(candidate) for candidate in candidates if _is_library(Path(candidate))), None)
+
+
+def _is_library(path: Path) -> bool:
+    return (path / "LDConfig.ldr").is_file() and (path / "parts").is_dir()
+
+
+@functools.lru_cache(maxsize=2)
+def library(root: Path) -> Library:
+    """The library in a folder, with what was read from it before."""
+    return Library(root)
+
+
+class Library:
+    """Parts and colours below a folder."""
+
+    def __init__(self, root: Path) -> None:
+        self._root = root
+        self._colours = _read_colours(root / "LDConfig.ldr")
+        self._files: dict[str, _File] = {}
+
+    def rgba(self, code: int) -> tuple[float, float, float, float]:
+        """A colour, each component 0..1; medium grey for a code that is not defined."""
+        if code >= _DIRECT_COLOUR:
+            return (code >> 16 & 255) / 255, (code >> 8 & 255) / 255, (code & 255) / 255, 1.0
+        return self._colours.get(code, (0.5, 0.5, 0.5, 1.0))
+
+    def part(self, name: str) -> Triangles:
+        """Triangles of a part, such as ``"37316.dat"``, in LDraw units: 0.4 mm, y downwards.
+
+        Raises:
+            TwinError: the library does not have it, or there is nothing, or far too much, in it.
+        """
+        if self._path(name) is None:
+            raise TwinError(f"the LDraw library in {self._root} has no part '{name}'; install a newer one")
+        harvest = _Harvest(self._file)
+        with np.errstate(all="ignore"):
+            harvest.collect(name, MAIN_COLOUR, np.eye(3), np.zeros(3), False, ())
+        merged = {colour: np.concatenate(pieces) for colour, pieces in harvest.pieces.items()}
+        if harvest.is_full or not merged or not all(np.isfinite(triangles).all() for triangles in merged.values()):
+            raise TwinError(f"'{name}' of the LDraw library in {self._root} cannot be drawn; install the library anew")
+        return merged
+
+    def _file(self, name: str) -> _File:
+        if name not in self._files:
+            path = self._path(name)
+            self._files[name] = _File((), {}) if path is None else parse(_text(path))
+        return self._files[name]
+
+    def _path(self, name: str) -> Path | None:
+        """Where a file lies; ``None`` where there is none, or its name leads out of the library."""
+        parts = PurePosixPath(name).parts
+        if not parts or any(part == ".." or ":" in part or part.startswith("/") for part in parts):
+            return None
+        places = (self._root / place / Path(*parts) for place in ("parts", "p"))
+        return next((path for path in places if path.is_file()), None)
+
+
+@dataclass
+class _Harvest:
+    """The triangles of a part, gathered from its files. Bounded, whatever refers to what."""
+
+    file: Callable[[str], _File]
+    pieces: dict[int, list[Floats]] = field(default_factory=dict)
+    triangles: int = 0
+    visits: int = 0
+
+    @property
+    def is_full(self) -> bool:
+        return self.triangles > _MAX_TRIANGLES or self.visits > _MAX_VISITS
+
+    def collect(self, name: str, colour: int, matrix: Floats, offset: Floats, inverted: bool, above: tuple[str, ...]) -> None:
+        """Add a file's triangles and those of the files below it, moved by ``matrix`` [3, 3] and ``offset`` [3]."""
+        self.visits += 1
+        if self.is_full or name in above or len(above) >= _MAX_DEPTH:
+            return
+        file = self.file(name)
+        flipped = inverted != bool(np.linalg.det(matrix) < 0)
+        for own, triangles in file.triangles.items():
+            moved = triangles @ matrix.T + offset
+            self.triangles += len(moved)
+            self.pieces.setdefault(colour if own == MAIN_COLOUR else own, []).append(moved[:, ::-1] if flipped else moved)
+        for ref in file.references:
+            own = colour if ref.colour == MAIN_COLOUR else ref.colour
+            moved, place = matrix @ ref.matrix, matrix @ ref.offset + offset
+            self.collect(ref.name, own, moved, place, inverted != ref.inverted, (*above, name))
+
+
+def parse(text: str) -> _File:
+    """One file: its own triangles, and what it refers to. Lines that are malformed are skipped."""
+    references: list[Reference] = []
+    triangles: dict[int, list[Floats]] = {}
+    certified, clockwise, inverted = False, False, False
+    for line in text.splitlines():
+        words = line.split()
+        if words[:2] == ["0", "BFC"]:
+            certified = "NOCERTIFY" not in words and (certified or bool({"CERTIFY", "CW", "CCW"} & set(words)))
+            clockwise = "CW" in words or (clockwise and "CCW" not in words)
+            inverted = "INVERTNEXT" in words
+            continue
+        if words and words[0] in ("1", "3", "4"):
+            _read_line(words, references, triangles, certified, clockwise, inverted)
+        inverted = inverted and not words  # only the next line
+    return _File(tuple(references), {colour: np.concatenate(pieces) for colour, pieces in triangles.items()})
+
+
+def _read_line(
+    words: list[str],
+    references: list[Reference],
+    triangles: dict[int, list[Floats]],
+    certified: bool,
+    clockwise: bool,
+    inverted: bool,
+) -> None:
+    try:
+        colour = int(words[1], 0)
+        count = 12 if words[0] == "1" else 3 * _CORNERS[words[0]]
+        numbers = [float(word) for word in words[2 : 2 + count]]
+    except (ValueError, IndexError):
+        return
+    if len(numbers) < count or not all(map(math.isfinite, numbers)):
+        return
+    if words[0] == "1":
+        name = " ".join(words[14:]).replace("\\", "/").lower()
+        references.append(Reference(colour, np.array(numbers[3:]).reshape(3, 3), np.array(numbers[:3]), name, inverted))
+        return
+    corners = np.array(numbers).reshape(-1, 3)
+    faces = corners[None, :] if len(corners) == 3 else corners[[[0, 1, 2], [0, 2, 3]]]
+    if clockwise:
+        faces = faces[:, ::-1]
+    if not certified:  # nobody knows which side is outside
+        faces = np.concatenate([faces, faces[:, ::-1]])
+    triangles.setdefault(colour, []).append(faces)
+
+
+def _text(path: Path) -> str:
+    try:
+        with path.open(encoding="utf-8", errors="replace") as file:
+            return file.read(_MAX_FILE_BYTES)
+    except OSError:
+        return ""
+
+
+def _read_colours(path: Path) -> dict[int, tuple[float, float, float, float]]:
+    colours = {}
+    for line in _text(path).splitlines():
+        if match := _COLOUR.match(line):
+            red, green, blue = bytes.fromhex(match[2])
+            alpha = _ALPHA.search(line)
+            opacity = min(int(alpha[1]), 255) / 255 if alpha else 1.0
+            colours[int(match[1])] = (red / 255, green / 255, blue / 255, opacity)
+    return colours

@@ -1,0 +1,114 @@
+"""Our parts as an LDraw library has them, where one is installed. Looks only: the physics never sees them.
+
+A part of the library is turned into the frame of ours and put where ours is. One whose size is another than ours is not what we
+take it for, and ours stays.
+"""
+
+from __future__ import annotations
+
+import functools
+import logging
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bricksrl.errors import TwinError
+from bricksrl.twin import ldraw
+from bricksrl.twin.models.shapes import Floats, Part, Shape, merge
+
+_log = logging.getLogger(__name__)
+_SHARP = np.cos(np.radians(38.0))
+"""Cosine of the angle between two faces from which on their edge is drawn sharp."""
+_SIZE_MM, _SIZE_RATIO = 6.0, 0.15
+
+
+@dataclass(frozen=True)
+class _Look:
+    """Files that show a part, the best first; which of their axes, with a sign, are our x, y, z (1 is their x); and whether ours
+    and theirs share their lowest point instead of their middle."""
+
+    files: tuple[str, ...]
+    axes: tuple[int, int, int]
+    stands: bool = False
+
+
+_FLAT = (-1, -3, -2)
+_BEAM = (3, -1, -2)
+_LOOKS = {
+    "hub": _Look(("67718p01.dat", "67718.dat"), _FLAT),
+    "motor": _Look(("u9364c02.dat", "54696p02.dat"), (-3, -2, -1)),
+    "ultrasonic": _Look(("37316.dat",), (-3, 1, -2)),
+    "wheel": _Look(("39367p02.dat", "39367p01.dat"), _FLAT),
+    "caster": _Look(("39370c01.dat",), (3, -1, -2), stands=True),
+    "beam 3": _Look(("32523.dat",), _BEAM),
+    "beam 5": _Look(("32316.dat",), _BEAM),
+    "beam 7": _Look(("32524.dat",), _BEAM),
+    "beam 9": _Look(("40490.dat",), _BEAM),
+    "beam 11": _Look(("32525.dat",), _BEAM),
+    "beam 13": _Look(("41239.dat",), _BEAM),
+    "beam 15": _Look(("32278.dat",), _BEAM),
+}
+
+
+def dressed(kind: str, colour: str, ours: Part) -> Part:
+    """A part as the installed LDraw library has it, with ``colour`` as its main colour; ``ours`` where it has not."""
+    root, look = ldraw.folder(), _LOOKS.get(kind)
+    if root is None or look is None:
+        return ours
+    points = np.concatenate([shape.points for _, shape in ours.shapes])
+    low, high = points.min(axis=0), points.max(axis=0)
+    for name in look.files:
+        try:
+            shapes = _shapes(root, name, look.axes)
+        except TwinError as error:
+            _log.debug("%s", error)
+            continue
+        theirs = np.concatenate([shape.points for _, shape in shapes])
+        their_low, their_high = theirs.min(axis=0), theirs.max(axis=0)
+        size = high - low
+        if np.any(np.abs((their_high - their_low) - size) > _SIZE_MM + _SIZE_RATIO * size):
+            _log.warning("'%s' of the LDraw library in %s has an unknown size; drawing our own", name, root)
+            continue
+        x, y, z = ((low + high) - (their_low + their_high)) / 2
+        if look.stands:
+            z = low[2] - their_low[2]
+        return Part(tuple((own or colour, shape) for own, shape in shapes)).at(float(x), float(y), float(z))
+    return ours
+
+
+@functools.lru_cache(maxsize=64)
+def _shapes(root: Path, name: str, axes: tuple[int, int, int]) -> tuple[tuple[str, Shape], ...]:
+    """A part of the library in mm and our axes: the name of each colour ("" for the main one) with its shape."""
+    library = ldraw.library(root)
+    turn = np.zeros((3, 3))
+    for row, axis in enumerate(axes):
+        turn[row, abs(axis) - 1] = np.sign(axis)
+    by_colour: dict[str, list[Shape]] = {}
+    for code, triangles in library.part(name).items():
+        colour = "" if code == ldraw.MAIN_COLOUR else "#" + "".join(f"{round(part * 255):02x}" for part in library.rgba(code))
+        if (shape := _shape(triangles @ turn.T * ldraw.MM_PER_UNIT)) is not None:
+            by_colour.setdefault(colour, []).append(shape)
+    if not by_colour:
+        raise TwinError(f"'{name}' of the LDraw library in {root} has no surface; install the library anew")
+    return tuple((colour, merge(shapes)) for colour, shapes in by_colour.items())
+
+
+def _shape(triangles: Floats) -> Shape | None:
+    """A mesh of triangles [n, 3, 3], round where they meet at small angles; ``None`` when none has an area."""
+    across = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    area = np.linalg.norm(across, axis=1)
+    triangles, across, area = triangles[area > 1e-6], across[area > 1e-6], area[area > 1e-6]
+    if not len(triangles):
+        return None
+    points = triangles.reshape(-1, 3)
+    flat = np.repeat(across / area[:, None], 3, axis=0)
+    _, corner = np.unique(np.round(points, 3), axis=0, return_inverse=True)
+    mean = np.zeros((corner.max() + 1, 3))
+    np.add.at(mean, corner.ravel(), np.repeat(across, 3, axis=0))
+    length = np.linalg.norm(mean, axis=1, keepdims=True)
+    smooth = (mean / np.maximum(length, 1e-12))[corner.ravel()]
+    is_smooth = np.einsum("ij,ij->i", smooth, flat) > _SHARP
+    faces: NDArray[np.int32] = np.arange(len(points), dtype=np.int32).reshape(-1, 3)
+    return Shape(points, np.where(is_smooth[:, None], smooth, flat), faces)
