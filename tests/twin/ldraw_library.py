@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 COLOURS = "0 !COLOUR White CODE 15 VALUE #FFFFFF EDGE 0\n0 !COLOUR Glass CODE 47 VALUE #10C020 EDGE 0 ALPHA 128\n"
-HALF_SIZES = {"67718p01": (110, 40, 70), "37316": (70, 30, 32), "54696p02": (30, 40, 90)}
+HALF_SIZES = {"67718p01": (70, 40, 110), "37316": (70, 30, 32), "54696p02": (30, 40, 90)}
 """Along x, y, z in LDraw units of 0.4 mm."""
 
 _SIDES = """0 BFC CERTIFY CCW

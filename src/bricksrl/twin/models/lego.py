@@ -168,8 +168,7 @@ def ball_caster(radius: float) -> Part:
     angles = [math.radians(step) for step in range(0, 181, 20)]
     ball = turned([(radius * math.sin(angle), radius * math.cos(angle)) for angle in angles], 16)
     socket = turned([(0, 16), (10, 16), (radius + 3.4, 11), (radius + 3.4, 1), (radius + 2, -1.5), (radius, -1.5), (0, 4)], 24)
-    ours = Part((("light_grey", ball), ("dark_grey", socket)))
-    return dressed("caster", "dark_grey", ours)
+    return Part((("light_grey", ball), ("dark_grey", socket)))
 
 
 def cable(points: Sequence[Triple]) -> Part:

@@ -26,22 +26,18 @@ _SIZE_MM, _SIZE_RATIO = 6.0, 0.15
 
 @dataclass(frozen=True)
 class _Look:
-    """Files that show a part, the best first; which of their axes, with a sign, are our x, y, z (1 is their x); and whether ours
-    and theirs share their lowest point instead of their middle."""
+    """Files that show a part, the best first, and which of their axes, with a sign, are our x, y and z (1 is their x)."""
 
     files: tuple[str, ...]
     axes: tuple[int, int, int]
-    stands: bool = False
 
 
-_FLAT = (-1, -3, -2)
 _BEAM = (3, -1, -2)
 _LOOKS = {
-    "hub": _Look(("67718p01.dat", "67718.dat"), _FLAT),
+    "hub": _Look(("67718p01.dat", "67718.dat"), (3, -1, -2)),
     "motor": _Look(("u9364c02.dat", "54696p02.dat"), (-3, -2, -1)),
     "ultrasonic": _Look(("37316.dat",), (-3, 1, -2)),
-    "wheel": _Look(("39367p02.dat", "39367p01.dat"), _FLAT),
-    "caster": _Look(("39370c01.dat",), (3, -1, -2), stands=True),
+    "wheel": _Look(("39367p02.dat", "39367p01.dat"), (-1, -3, -2)),
     "beam 3": _Look(("32523.dat",), _BEAM),
     "beam 5": _Look(("32316.dat",), _BEAM),
     "beam 7": _Look(("32524.dat",), _BEAM),
@@ -72,8 +68,6 @@ def dressed(kind: str, colour: str, ours: Part) -> Part:
             _log.warning("'%s' of the LDraw library in %s has an unknown size; drawing our own", name, root)
             continue
         x, y, z = ((low + high) - (their_low + their_high)) / 2
-        if look.stands:
-            z = low[2] - their_low[2]
         return Part(tuple((own or colour, shape) for own, shape in shapes)).at(float(x), float(y), float(z))
     return ours
 
