@@ -16,6 +16,7 @@ from bricksrl.hub.failures import HubDisconnectedError
 from bricksrl.hub.interface import Interface, MotorAngle, RunAngle, Wait
 from bricksrl.hub.link import HubLink
 from bricksrl.hub.states import LinkState
+from bricksrl.hub.streaming import StreamingLink
 from bricksrl.robots import TWO_WHEELER
 from bricksrl.twin.virtual_hub import VirtualHub
 
@@ -133,6 +134,23 @@ def test_a_virtual_hub_stops_for_another_thread(virtual: HubLink) -> None:
     virtual.release()
     virtual.open()
     virtual.act([100, 100])
+
+
+def test_a_streaming_link_is_stopped_and_rests_too() -> None:
+    hub = VirtualHub(TWO_WHEELER)
+    with StreamingLink(hub, TWO_WHEELER, SPINNING) as link:
+        link.act([100, 100])
+        link.rest()
+        assert not any(servo.control.is_active for servo in hub.machine.servos.values())
+        link.act([100, 100])
+        thread = threading.Thread(target=link.emergency_stop)
+        thread.start()
+        thread.join(BOUND_S)
+        with pytest.raises(StoppedError):
+            link.act([100, 100])
+        link.release()
+        link.open()
+        link.act([100, 100])
 
 
 def test_a_stop_on_the_way_of_the_answer(virtual: HubLink) -> None:

@@ -141,7 +141,9 @@ class Server:
 
     def patience_ms(self):
         """How long nothing but a frame matters."""
-        if not self.moving:
+        if self.streams():
+            until = self.sent_ms + self.stream_ms
+        elif not self.moving:
             until = self.heard_ms + self.watchdog_ms + (1 if self.armed else END_MS + 1)
         elif UNTIL_DONE:
             return 1
