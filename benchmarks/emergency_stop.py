@@ -1,0 +1,95 @@
+"""How long the motors go on after an emergency stop, over Bluetooth played by Bumble at several connection intervals.
+
+    python benchmarks/emergency_stop.py
+
+Two moments: in the middle of a step, when the computer waits for the answer; and any moment of steps that follow each other
+at once, where a write may still wait for its acknowledgement: Bluetooth lets no other write pass it, so that the stop may take
+two intervals more. Needs the packages of the extra ``dev``.
+"""
+
+from __future__ import annotations
+
+import random
+import statistics
+import sys
+import tempfile
+import threading
+import time
+from pathlib import Path
+
+from machine import write
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "hub"))
+from ble_world import World  # type: ignore[import-not-found]
+
+from bricksrl.errors import StoppedError
+from bricksrl.hub.interface import Interface, MotorAngle, RunAngle, Wait
+from bricksrl.hub.link import HubLink
+
+INTERVALS_MS = (7.5, 15.0, 30.0, 45.0)
+TRIALS = 30
+MOMENTS = {"in the middle of a step": 3000, "at any moment of short steps": 10}
+"""Milliseconds that a step takes."""
+
+
+def interface(step_ms: int) -> Interface:
+    return Interface((RunAngle("left", -3000, 3000, 400),), (MotorAngle("left"),), Wait(step_ms))
+
+
+def trial(world: World, link: HubLink, rng: random.Random) -> float:
+    """Milliseconds from the call to motors without voltage."""
+    link.open()
+
+    def step() -> None:
+        try:
+            while True:
+                link.act([3000])
+        except StoppedError:
+            pass
+
+    stepping = threading.Thread(target=step)
+    stepping.start()
+    world.hub.wait_until("is_driven", True)
+    time.sleep(0.1 + 0.1 * rng.random())
+    stopper = threading.Thread(target=link.emergency_stop)
+    start_s = time.perf_counter()
+    stopper.start()
+    while world.hub.is_driven:
+        time.sleep(0.0002)
+    took_s = time.perf_counter() - start_s
+    for thread in (stopper, stepping):
+        thread.join()
+    link.release()
+    return 1000 * took_s
+
+
+def main() -> None:
+    """Measure, print, and write the results."""
+    rng, results = random.Random(0), []
+    for interval_ms in INTERVALS_MS:
+        for moment, step_ms in MOMENTS.items():
+            with tempfile.TemporaryDirectory() as folder:
+                world = World(Path(folder))
+                try:
+                    link = world.link(interface(step_ms), timeout_s=20.0, answer_timeout_s=2.0)
+                    link.open()
+                    world.set_interval(interval_ms)
+                    took_ms = [trial(world, link, rng) for _ in range(TRIALS)]
+                finally:
+                    world.close()
+            row = {
+                "interval_ms": interval_ms,
+                "moment": moment,
+                "trials": TRIALS,
+                "median_ms": round(statistics.median(took_ms), 1),
+                "max_ms": round(max(took_ms), 1),
+                "median_intervals": round(statistics.median(took_ms) / interval_ms, 2),
+                "max_intervals": round(max(took_ms) / interval_ms, 2),
+            }
+            results.append(row)
+            sys.stdout.write(f"{row}\n")
+    write("emergency_stop", {"results": results})
+
+
+if __name__ == "__main__":
+    main()
