@@ -1,0 +1,175 @@
+"""The paper's table of offline learning, made anew on the twins: what agents learn from datasets, beside the paper's numbers.
+
+    python benchmarks/datasets.py
+    python benchmarks/offline.py --seeds 5
+
+Each agent learns from each dataset with the paper's settings and number of updates, and is evaluated on ``EVALUATED`` episodes of
+the twin. Finished runs are kept in ``--work`` and not made again, so that the command can be stopped and goes on. One thread a
+process; the most expensive runs come first. Means over the seeds of the mean returns, with 95 % bootstrap intervals over seeds.
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import json
+import multiprocessing
+import statistics
+import tempfile
+import time
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import torch
+from machine import write
+
+from bricksrl.agents import preset
+from bricksrl.agents.presets import OFFLINE_UPDATES
+from bricksrl.evaluation import evaluate
+from bricksrl.evaluation.statistics import mean, stratified_bootstrap_interval
+from bricksrl.training import TrainConfig, train
+
+EVALUATED = 10
+AGENTS = ("cql", "sac", "iql", "td3bc", "td3", "bc")
+KINDS = ("expert", "random")
+PAPER: dict[tuple[str, str], dict[str, float]] = {
+    ("Walker-v0", "random"): {"td3": -79.71, "sac": -66.91, "bc": -202.46, "iql": -136.13, "cql": -72.75},
+    ("Walker-v0", "expert"): {"td3": -153.45, "sac": -255.41, "bc": -85.65, "iql": -74.80, "cql": -77.93},
+    ("RoboArm-v0", "random"): {"td3": -124.22, "sac": -54.67, "bc": -117.72, "iql": -76.89, "cql": -46.91},
+    ("RoboArm-v0", "expert"): {"td3": -201.94, "sac": -218.76, "bc": -7.34, "iql": -3.10, "cql": -17.41},
+    ("RunAway-v0", "random"): {"td3": 19.86, "sac": 14.74, "bc": -0.27, "iql": 14.07, "cql": 19.60},
+    ("RunAway-v0", "expert"): {"td3": 9.06, "sac": 10.80, "bc": 18.13, "iql": 18.80, "cql": 19.74},
+    ("Spinning-v0", "random"): {"td3": 6160.25, "sac": 5416.11, "bc": 35.55, "iql": 4544.28, "cql": 4509.31},
+    ("Spinning-v0", "expert"): {"td3": 6168.28, "sac": 9349.52, "bc": 9150.02, "iql": 9096.60, "cql": 9099.03},
+}
+
+
+@dataclass(frozen=True)
+class Job:
+    """One agent that learns from one dataset."""
+
+    env: str
+    kind: str
+    agent: str
+    seed: int
+    preset: str
+    data: str
+    updates: int
+
+    @property
+    def name(self) -> str:
+        """Of the file of its result."""
+        return f"{self.preset}-{self.env}-{self.kind}-{self.agent}-{self.updates}-{self.seed}"
+
+
+def carry_out(job: Job) -> dict[str, Any]:
+    """Train and evaluate."""
+    torch.set_num_threads(1)
+    with tempfile.TemporaryDirectory() as folder:
+        run_dir = Path(folder) / "run"
+        config = TrainConfig(
+            job.env,
+            job.agent,
+            episodes=1,
+            seed=job.seed,
+            settings=preset(job.preset, job.agent),
+            data=job.data,
+            updates=job.updates,
+            run_dir=run_dir,
+        )
+        started_s = time.process_time()
+        train(config)
+        cpu_s = time.process_time() - started_s
+        found = evaluate(run_dir, episodes=EVALUATED)
+    return {
+        **asdict(job),
+        "return_mean": found.return_mean,
+        "returns": list(found.returns),
+        "success_rate": found.success_rate,
+        "cpu_ms_per_update": 1e3 * cpu_s / job.updates,
+    }
+
+
+def keep(work: Path, job: Job) -> dict[str, Any]:
+    """The result of a job, made now or earlier."""
+    path = work / f"{job.name}.json"
+    if not path.exists():
+        result = carry_out(job)
+        temporary = path.with_suffix(".part")
+        temporary.write_text(json.dumps(result))
+        temporary.rename(path)
+        print(f"{job.env} {job.kind} {job.agent} seed {job.seed}: {result['return_mean']:.4g}", flush=True)
+    found: dict[str, Any] = json.loads(path.read_text())
+    return found
+
+
+def summary(runs: list[dict[str, Any]]) -> dict[str, Any]:
+    """One cell of the table."""
+    means = [one["return_mean"] for one in runs]
+    interval = stratified_bootstrap_interval([means], mean)
+    paper = PAPER[runs[0]["env"], runs[0]["kind"]].get(runs[0]["agent"])
+    return {
+        "return_mean": round(statistics.fmean(means), 2),
+        "interval": [round(interval.low, 2), round(interval.high, 2)],
+        "return_std": round(statistics.pstdev(means), 2),
+        "paper": paper,
+        "seeds": [round(one, 2) for one in means],
+        "updates": runs[0]["updates"],
+        "cpu_ms_per_update": round(statistics.median(one["cpu_ms_per_update"] for one in runs), 2),
+    }
+
+
+def table(cells: dict[str, dict[str, dict[str, Any]]]) -> str:
+    """The results in Markdown: mean, interval, and in brackets the paper's mean."""
+    lines = ["| | " + " | ".join(cells) + " |", "|---" * (len(cells) + 1) + "|"]
+    for agent in sorted({agent for of_data in cells.values() for agent in of_data}):
+        row = []
+        for of_data in cells.values():
+            cell = of_data.get(agent)
+            low, high = cell["interval"] if cell else (0.0, 0.0)
+            paper = f" ({cell['paper']:.4g})" if cell and cell["paper"] is not None else ""
+            row.append(f"{cell['return_mean']:.4g} [{low:.4g}, {high:.4g}]{paper}" if cell else "")
+        lines.append(f"| {agent} | " + " | ".join(row) + " |")
+    return "\n".join(lines)
+
+
+def main() -> None:
+    """Make all runs and write the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--data", type=Path, default=Path("datasets"), help="folder with the datasets <env>-<kind>")
+    parser.add_argument("--work", type=Path, default=Path("runs/offline-benchmark"), help="folder for finished runs")
+    parser.add_argument("--envs", nargs="+", default=list(OFFLINE_UPDATES), choices=list(OFFLINE_UPDATES))
+    parser.add_argument("--kinds", nargs="+", default=KINDS, choices=KINDS)
+    parser.add_argument("--agents", nargs="+", default=AGENTS, choices=AGENTS)
+    parser.add_argument("--preset", default="paper")
+    parser.add_argument("--seeds", type=int, default=5)
+    parser.add_argument("--share", type=float, default=1.0, help="share of the updates, for a quick look")
+    parser.add_argument("--processes", type=int, default=2)
+    chosen = parser.parse_args()
+    chosen.work.mkdir(parents=True, exist_ok=True)
+    jobs = [
+        Job(
+            env=env,
+            kind=kind,
+            agent=agent,
+            seed=seed,
+            preset=chosen.preset,
+            data=str((chosen.data / f"{env}-{kind}").absolute()),
+            updates=max(1, round(chosen.share * OFFLINE_UPDATES[env][kind])),
+        )
+        for agent, env, kind, seed in itertools.product(chosen.agents, chosen.envs, chosen.kinds, range(chosen.seeds))
+    ]
+    with multiprocessing.get_context("spawn").Pool(chosen.processes) as pool:
+        results = pool.starmap(keep, [(chosen.work, job) for job in jobs], chunksize=1)
+    cells: dict[str, dict[str, dict[str, Any]]] = {}
+    for (env, kind, agent), runs in itertools.groupby(results, key=lambda one: (one["env"], one["kind"], one["agent"])):
+        cells.setdefault(f"{env} {kind}", {})[agent] = summary(list(runs))
+    print(table(cells))
+    name = "offline" if chosen.preset == "paper" else f"offline_{chosen.preset}"
+    setup = {"preset": chosen.preset, "seeds": chosen.seeds, "share": chosen.share, "evaluated_episodes": EVALUATED}
+    print(write(name, {**setup, "datasets": cells}))
+
+
+if __name__ == "__main__":
+    main()
