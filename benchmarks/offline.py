@@ -1,6 +1,6 @@
 """The paper's table of offline learning, made anew on the twins: what agents learn from datasets, beside the paper's numbers.
 
-    python benchmarks/datasets.py
+    python benchmarks/datasets.py --out runs/datasets
     python benchmarks/offline.py --seeds 5
 
 Each agent learns from each dataset with the paper's settings and number of updates, and is evaluated on ``EVALUATED`` episodes of
@@ -137,7 +137,7 @@ def table(cells: dict[str, dict[str, dict[str, Any]]]) -> str:
 def main() -> None:
     """Make all runs and write the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--data", type=Path, default=Path("datasets"), help="folder with the datasets <env>-<kind>")
+    parser.add_argument("--data", type=Path, default=Path("runs/datasets"), help="folder with the datasets <env>-<kind>")
     parser.add_argument("--work", type=Path, default=Path("runs/offline-benchmark"), help="folder for finished runs")
     parser.add_argument("--envs", nargs="+", default=list(OFFLINE_UPDATES), choices=list(OFFLINE_UPDATES))
     parser.add_argument("--kinds", nargs="+", default=KINDS, choices=KINDS)
