@@ -55,6 +55,6 @@ def recover(root: Path, *, anew: bool = False) -> Recovery:
     check_order(rows, len(rows), layout)
     if not layout.tasks.exists():
         write_durably(layout.tasks, tasks_table(sentence(description)))
-    if anew or len(rows) > committed or not layout.stats.exists():
+    if rows and (anew or len(rows) > committed or not layout.stats.exists()):
         write_index(layout, description, rows)
     return Recovery(Index(layout, description, tuple(rows), last), len(rows) - committed, unfinished)

@@ -1,0 +1,154 @@
+"""What is left of a recording whose process is killed with SIGKILL at a random moment.
+
+    python benchmarks/record_kill.py --kills 200
+
+A process records episodes of known content, one after the other, and says after each commit that it has ended. It is killed,
+everything is opened again and compared, and another process goes on recording into the same folder: ``KILLS_PER_FOLDER`` kills a
+folder, every second folder with images. Lost is an episode that was said to be committed and is not there any more, or not as it
+was recorded. Opened with our reader, with pyarrow alone, and with LeRobot where it is installed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib.util
+import random
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bricksrl.data.description import Channel, Description
+from bricksrl.data.episode import About, Step
+
+KILLS_PER_FOLDER = 20
+LONGEST_S = 0.5
+STEPS = 20
+_CHANNELS = (Channel("angle", "deg", 0.0, 360.0, wraps=True), Channel("distance", "mm"))
+BLIND = Description("Toy-v0", 4.0, _CHANNELS, (Channel("motor", "deg", -100.0, 100.0),), {"name": "toy"})
+SEEING = Description(BLIND.env, 4.0, _CHANNELS, BLIND.action, BLIND.robot, camera="webcam", image_px=32)
+
+
+def steps(number: int, side: int) -> list[Step]:
+    """Those of episode ``number``; from the number alone."""
+    rng = np.random.default_rng(number)
+    states = rng.normal(size=(STEPS + 1, 2)).astype(np.float32)
+    images = rng.integers(0, 256, (STEPS + 1, side, side, 3), dtype=np.uint8)
+    return [
+        Step(
+            observation=states[i],
+            action=states[i, :1],
+            reward=float(number),
+            next_observation=states[i + 1],
+            terminated=False,
+            truncated=i == STEPS - 1,
+            image=images[i] if side else None,
+            next_image=images[i + 1] if side else None,
+        )
+        for i in range(STEPS)
+    ]
+
+
+def record(root: Path, description: Description) -> None:
+    """Record for ever, and say the number of episodes that are committed, first when it is ready."""
+    from bricksrl.data.recorder import Recorder
+
+    with Recorder(root, description) as recorder:
+        while True:
+            print(recorder.episodes, flush=True)
+            recorder.begin(About(policy="known"))
+            for step in steps(recorder.episodes, description.image_px):
+                recorder.add(step)
+            recorder.commit()
+
+
+def killed_after(root: Path, kind: str, delay_s: float) -> int:
+    """Let a process record, kill it after this time, and return how many episodes it said are committed."""
+    command = [sys.executable, __file__, "--record", str(root), "--kind", kind]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:  # noqa: S603
+        assert process.stdout is not None
+        said = process.stdout.readline()
+        if not said:
+            raise RuntimeError("the recording process did not begin")
+        time.sleep(delay_s)
+        process.kill()
+        lines = (said + process.stdout.read()).split("\n")[:-1]  # the last line counts only if it is whole
+    return int(lines[-1])
+
+
+def opened(root: Path, committed: int) -> dict[str, Any]:
+    """What is found: episodes beyond those that were committed, lost or wrong ones, and who could open it."""
+    if not committed and not (root / "meta/info.json").exists():
+        return {"episodes": 0, "lost": 0, "beyond": 0, "pyarrow": True}
+    import pyarrow.dataset
+    import pyarrow.parquet
+
+    from bricksrl.data import load
+
+    found = load(root)
+    wrong = 0
+    for number in range(len(found.rows)):
+        wanted, at = steps(number, found.description.image_px), found.episode == number
+        same = [np.array_equal(found.observation[at], np.stack([np.asarray(step.observation) for step in wanted]))]
+        same.append(bool((found.reward[at] == number).all()))
+        if found.image is not None and found.next_image is not None:
+            same.append(np.array_equal(found.image[at], np.stack([step.image for step in wanted if step.image is not None])))
+            same.append(np.array_equal(found.next_image[at][-1], np.asarray(wanted[-1].next_image)))
+        wrong += not all(same)
+    table = pyarrow.dataset.dataset(root / "data").to_table()
+    rows = sum(pyarrow.parquet.read_table(path).num_rows for path in (root / "meta/episodes").rglob("*.parquet"))
+    return {
+        "episodes": len(found.rows),
+        "lost": wrong + max(0, committed - len(found.rows)),
+        "beyond": len(found.rows) - committed,
+        "pyarrow": table.num_rows >= len(found) and rows >= len(found.rows),
+    }
+
+
+def measure(kills: int, seed: int) -> dict[str, Any]:
+    """Kill so often, at moments drawn from ``seed``."""
+    rng = random.Random(seed)
+    results: list[dict[str, Any]] = []
+    with tempfile.TemporaryDirectory() as folder:
+        for kill in range(kills):
+            series = kill // KILLS_PER_FOLDER
+            root, kind = Path(folder) / str(series), ("blind", "seeing")[series % 2]
+            committed = killed_after(root, kind, rng.uniform(0.0, LONGEST_S))
+            results.append(opened(root, committed))
+            if not (kill + 1) % KILLS_PER_FOLDER:
+                print(f"{kill + 1} kills, {sum(r['lost'] for r in results)} episodes lost", flush=True)
+    return {
+        "kills": kills,
+        "seed": seed,
+        "recorded_episodes": sum(
+            r["episodes"] for i, r in enumerate(results) if (i + 1) % KILLS_PER_FOLDER == 0 or i + 1 == kills
+        ),
+        "lost_committed_episodes": sum(r["lost"] for r in results),
+        "kills_after_which_our_reader_opened_it": len(results),
+        "kills_after_which_pyarrow_opened_it": sum(r["pyarrow"] for r in results),
+        "kills_between_the_last_word_and_the_index": sum(r["beyond"] > 0 for r in results),
+        "lerobot": "installed" if importlib.util.find_spec("lerobot") else "not installed: it needs a torchvision for this torch",
+    }
+
+
+def main() -> None:
+    """Run from the command line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--kills", type=int, default=200)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--record", type=Path, help="be the process that is killed, in this folder")
+    parser.add_argument("--kind", choices=("blind", "seeing"), default="blind")
+    arguments = parser.parse_args()
+    if arguments.record is not None:
+        record(arguments.record, BLIND if arguments.kind == "blind" else SEEING)
+    from machine import write
+
+    print(write("record_kill", measure(arguments.kills, arguments.seed)))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,132 @@
+"""Sharing datasets and policies by way of the Hugging Face hub.
+
+Whoever sets ``HF_ENDPOINT`` shares by way of another server. What is fetched is checked before it gets its name, and nothing in
+it is executed: a policy is a safetensors file and two JSON files.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from bricksrl.data.cards import dataset_card
+from bricksrl.data.check import check
+from bricksrl.data.files import LOCK, TEMPORARY_PREFIX
+from bricksrl.data.layout import CODEBASE_VERSION
+from bricksrl.data.reading import dataset_folder
+from bricksrl.data.summary import summarise
+from bricksrl.errors import DataError
+
+if TYPE_CHECKING:
+    from huggingface_hub import HfApi
+
+CARD = "README.md"
+_PATTERNS = ["meta/*", "meta/**", "data/**", "videos/**", CARD]
+
+
+def push_dataset(path: Path, repo: str, *, private: bool = False, licence: str = "mit") -> str:
+    """Put a dataset on the hub, with a card that is written here, and with the tag that LeRobot looks for; returns its address.
+
+    Args:
+        repo: ``name/dataset``.
+
+    Raises:
+        DataError: the dataset is not sound, huggingface_hub is not installed, or the hub is out of reach or refuses.
+    """
+    root = dataset_folder(path)
+    wrong = check(root)
+    if wrong:
+        raise DataError(f"{root} is not sound: {wrong[0]}; see `bricksrl data check {root}`")
+    card = dataset_card(summarise(root), licence)
+    with reaching(repo) as api:
+        api.create_repo(repo, repo_type="dataset", private=private, exist_ok=True)
+        ignored = [f"{TEMPORARY_PREFIX}*", f"**/{TEMPORARY_PREFIX}*", LOCK, CARD]
+        api.upload_folder(repo_id=repo, repo_type="dataset", folder_path=str(root), ignore_patterns=ignored)
+        api.upload_file(path_or_fileobj=card.encode(), path_in_repo=CARD, repo_id=repo, repo_type="dataset")
+        api.create_tag(repo, tag=CODEBASE_VERSION, repo_type="dataset", exist_ok=True)
+        return f"{api.endpoint}/datasets/{repo}"
+
+
+def pull_dataset(repo: str, out: Path, *, revision: str | None = None) -> Path:
+    """Fetch a dataset from the hub into the folder ``out``.
+
+    Args:
+        revision: branch, tag or commit; the newest without it.
+
+    Raises:
+        DataError: ``out`` exists, there is no such dataset, it is none of ours or damaged, or the hub is out of reach.
+    """
+    with fetched(repo, "dataset", out, _PATTERNS, revision) as folder:
+        wrong = [line for line in check(folder) if "is no file of a dataset" not in line]
+        if wrong:
+            raise DataError(f"{repo} is not sound: {wrong[0].replace(str(folder), repo)}; ask its owner, or take another revision")
+    return out
+
+
+@contextmanager
+def fetched(repo: str, kind: str, out: Path, patterns: list[str], revision: str | None) -> Iterator[Path]:
+    """A repository's files in a folder that becomes ``out`` when all is well inside, and is removed otherwise."""
+    if out.exists():
+        raise DataError(f"{out} exists already; choose a new folder")
+    out.parent.mkdir(parents=True, exist_ok=True)
+    folder = Path(tempfile.mkdtemp(dir=out.parent, prefix=TEMPORARY_PREFIX))
+    try:
+        with reaching(repo) as api:
+            api.snapshot_download(
+                repo, repo_type=kind, revision=revision, local_dir=str(folder), allow_patterns=patterns, max_workers=2
+            )
+        shutil.rmtree(folder / ".cache", ignore_errors=True)
+        yield folder
+        folder.chmod(0o755)
+        folder.rename(out)
+    except BaseException:
+        shutil.rmtree(folder, ignore_errors=True)
+        raise
+
+
+@contextmanager
+def reaching(repo: str) -> Iterator[HfApi]:
+    """The hub; inside, its errors become ours.
+
+    Raises:
+        DataError: huggingface_hub is not installed, the hub is out of reach, or it refuses.
+    """
+    try:
+        from huggingface_hub import HfApi
+        from huggingface_hub.errors import HfHubHTTPError, HFValidationError, RepositoryNotFoundError, RevisionNotFoundError
+        from huggingface_hub.errors import LocalTokenNotFoundError, OfflineModeIsEnabled
+        from huggingface_hub.utils import disable_progress_bars
+    except ImportError as error:
+        raise DataError("no huggingface_hub is here to share with; install it: pip install 'bricksrl[data]'") from error
+    import httpx
+
+    disable_progress_bars()
+    api = HfApi(endpoint=os.environ.get("HF_ENDPOINT"))
+    try:
+        yield api
+    except LocalTokenNotFoundError:
+        raise DataError("the hub does not know who you are; log in with `hf auth login`, or set HF_TOKEN") from None
+    except HFValidationError:
+        raise DataError(f"'{repo}' is no name on the hub; give one like name/dataset") from None
+    except (RepositoryNotFoundError, RevisionNotFoundError):
+        raise DataError(f"the hub shows no {repo} to you; check its name and revision, or log in with `hf auth login`") from None
+    except HfHubHTTPError as error:
+        raise DataError(_refusal(repo, error)) from None
+    except (OfflineModeIsEnabled, httpx.TransportError, OSError) as error:
+        raise DataError(f"the hub at {api.endpoint} cannot be reached ({_first_line(error)}); try again with a network") from None
+
+
+def _refusal(repo: str, error: Any) -> str:
+    status = getattr(getattr(error, "response", None), "status_code", None)
+    if status in (401, 403):
+        return f"the hub does not let you at {repo}; log in with `hf auth login` or set HF_TOKEN, as somebody who may"
+    return f"the hub refuses {repo} ({_first_line(error)}); try again later"
+
+
+def _first_line(error: Exception) -> str:
+    return (str(error).strip() or type(error).__name__).splitlines()[0]

@@ -1,0 +1,30 @@
+"""A recording that is killed loses the running episode at most; `benchmarks/record_kill.py` kills more often."""
+
+from __future__ import annotations
+
+import random
+import runpy
+import signal
+import sys
+from pathlib import Path
+
+import pytest
+
+from bricksrl.data import load
+from bricksrl.data.check import check
+from bricksrl.data.repair import recover
+
+KILL = runpy.run_path(str(Path(__file__).parents[2] / "benchmarks/record_kill.py"), run_name="kill")
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason=f"there is no signal {int(signal.SIGINT)} like SIGKILL")
+def test_killed_at_random_moments_it_loses_nothing_that_was_committed(tmp_path: Path) -> None:
+    rng = random.Random(1)
+    for _ in range(6):
+        committed = KILL["killed_after"](tmp_path / "set", "blind", rng.uniform(0.0, 0.3))
+        found = KILL["opened"](tmp_path / "set", committed)
+        assert found["lost"] == 0 and 0 <= found["beyond"] <= 1 and found["pyarrow"], (committed, found)
+    before = len(load(tmp_path / "set").rows)
+    recover(tmp_path / "set")
+    assert before <= len(load(tmp_path / "set").rows) <= before + 1
+    assert check(tmp_path / "set") == []
