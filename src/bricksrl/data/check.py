@@ -9,7 +9,7 @@ import numpy as np
 
 from bricksrl.data.edit import read_episodes
 from bricksrl.data.files import LOCK, TEMPORARY_PREFIX
-from bricksrl.data.index import Index, read_all_rows, read_index
+from bricksrl.data.index import Index, left_over, read_all_rows, read_index
 from bricksrl.data.layout import NEXT, OBSERVATION, FileIndex
 from bricksrl.errors import DataError
 
@@ -60,13 +60,14 @@ def _files(index: Index) -> Iterator[str]:
     for missing in sorted(path for path in (layout.stats, layout.tasks) if not path.exists()):
         yield f"{missing} is missing; run `bricksrl data repair {layout.root}`"
     beyond = len(read_all_rows(layout, index.description)[0]) - len(index.rows)
+    unfinished = left_over(layout, index.description, index.last_file)
     if beyond:
         yield f"{beyond} recorded episodes are not in the index; run `bricksrl data repair {layout.root}`"
     for path in sorted(layout.root.rglob("*")):
         inside = path.relative_to(layout.root)
         if path.is_dir() or path in known or any(part.startswith(".") and part != path.name for part in inside.parts):
             continue
-        if path.name.startswith(TEMPORARY_PREFIX):
+        if path.name.startswith(TEMPORARY_PREFIX) or path in unfinished:
             yield f"{inside} was left by a recording that was killed; run `bricksrl data repair {layout.root}`"
         elif not (beyond and inside.parts[0] in ("data", "videos")):
             yield f"{inside} is no file of a dataset; it was not opened"

@@ -97,6 +97,15 @@ def read_all_rows(layout: Layout, description: Description) -> tuple[list[Episod
     return rows, last
 
 
+def left_over(layout: Layout, description: Description, last: FileIndex | None) -> list[Path]:
+    """Files of an episode that no row tells of: its writer was killed before that."""
+    at = FileIndex() if last is None else last.next()
+    if layout.data(at.next()).exists() or layout.episodes(at.next()).exists():
+        return []  # a writer leaves one at most: here something else is missing
+    paths = [layout.data(at)] if description.image_key is None else [layout.data(at), layout.video(description.image_key, at)]
+    return [path for path in paths if path.exists()]
+
+
 def check_order(rows: Sequence[EpisodeRow], episodes: int, layout: Layout) -> None:
     """Raise DataError unless the rows are those of ``episodes`` episodes, one after the other."""
     start = 0

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from bricksrl.data.files import remove_unfinished, write_durably
-from bricksrl.data.index import Index, check_order, read_all_rows, read_description, read_episode_count, write_index
+from bricksrl.data.index import Index, check_order, left_over, read_all_rows, read_description, read_episode_count, write_index
 from bricksrl.data.layout import Layout
 from bricksrl.data.rows import sentence
 from bricksrl.data.tables import tasks_table
@@ -53,6 +53,9 @@ def recover(root: Path, *, anew: bool = False) -> Recovery:
     if len(rows) < committed:
         raise DataError(f"{root} has lost rows: {len(rows)} of {committed} episodes are left; restore it from a copy")
     check_order(rows, len(rows), layout)
+    for path in left_over(layout, description, last):
+        path.unlink()
+        unfinished += 1
     if not layout.tasks.exists():
         write_durably(layout.tasks, tasks_table(sentence(description)))
     if rows and (anew or len(rows) > committed or not layout.stats.exists()):

@@ -64,7 +64,9 @@ def pull_dataset(repo: str, out: Path, *, revision: str | None = None) -> Path:
     with fetched(repo, "dataset", out, _PATTERNS, revision) as folder:
         wrong = [line for line in check(folder) if "is no file of a dataset" not in line]
         if wrong:
-            raise DataError(f"{repo} is not sound: {wrong[0].replace(str(folder), repo)}; ask its owner, or take another revision")
+            raise DataError(
+                f"{repo} is not sound: {wrong[0].replace(str(folder), repo)}; ask its owner, or take another revision"
+            )
     return out
 
 
@@ -98,9 +100,15 @@ def reaching(repo: str) -> Iterator[HfApi]:
     """
     try:
         from huggingface_hub import HfApi
-        from huggingface_hub.errors import HfHubHTTPError, HFValidationError, RepositoryNotFoundError, RevisionNotFoundError
-        from huggingface_hub.errors import LocalTokenNotFoundError, OfflineModeIsEnabled
-        from huggingface_hub.utils import disable_progress_bars
+        from huggingface_hub.errors import (
+            HfHubHTTPError,
+            HFValidationError,
+            LocalTokenNotFoundError,
+            OfflineModeIsEnabled,
+            RepositoryNotFoundError,
+            RevisionNotFoundError,
+        )
+        from huggingface_hub.utils.tqdm import disable_progress_bars
     except ImportError as error:
         raise DataError("no huggingface_hub is here to share with; install it: pip install 'bricksrl[data]'") from error
     import httpx

@@ -1,0 +1,123 @@
+"""The datasets of the paper, made anew on the twins, and their table beside the paper's.
+
+    python benchmarks/datasets.py --out runs/datasets
+
+For each of the four tasks a SAC agent is trained, and two datasets are recorded: of the trained agent (expert) and of random
+actions, ``--episodes`` each. They lie in ``<out>/<task>-expert`` and ``<out>/<task>-random``, the runs in ``<out>/<task>-sac``;
+what is there already is not made again. Tasks run beside each other, one a core.
+"""
+
+from __future__ import annotations
+
+import argparse
+import multiprocessing
+import os
+import time
+from pathlib import Path
+from typing import Any
+
+from machine import write
+
+TASKS = {"Walker-v0": 75, "RoboArm-v0": 250, "RunAway-v0": 40, "Spinning-v0": 15}
+"""Episodes of training, as many as the paper's."""
+PAPER: dict[str, dict[str, float]] = {
+    "Walker-v0": {"mean_reward": -69.12, "expert_transitions": 9244, "random_transitions": 10000},
+    "RoboArm-v0": {"mean_reward": -9.87, "expert_transitions": 1297, "random_transitions": 10000},
+    "RunAway-v0": {"mean_reward": 18.04, "expert_transitions": 1987, "random_transitions": 1612},
+    "Spinning-v0": {"mean_reward": 8981.19, "expert_transitions": 5000, "random_transitions": 5000},
+}
+"""Its table of datasets; 100 episodes each."""
+SEED = 0
+
+
+def make(env_id: str, out: Path, episodes: int, trained: int) -> dict[str, Any]:
+    """Train, record both, and count."""
+    from bricksrl.data.summary import summarise
+    from bricksrl.training import TrainConfig, train
+
+    started_s, cpu_s = time.perf_counter(), time.process_time()
+    run = out / f"{env_id}-sac"
+    if not run.exists():
+        train(TrainConfig(env_id, "sac", episodes=trained, seed=SEED, run_dir=run, record=False))
+    found: dict[str, Any] = {"trained_episodes": trained}
+    for kind in ("expert", "random"):
+        path = out / f"{env_id}-{kind}"
+        if not path.exists():
+            record(env_id, path, run if kind == "expert" else None, episodes)
+        summary = summarise(path)
+        found[kind] = {
+            "mean_reward": summary.return_mean,
+            "std_reward": summary.return_std,
+            "transitions": summary.transitions,
+            "episodes": summary.episodes,
+            "success_rate": summary.success_rate,
+        }
+    return {**found, "seconds": time.perf_counter() - started_s, "cpu_seconds": time.process_time() - cpu_s}
+
+
+def record(env_id: str, path: Path, run: Path | None, episodes: int) -> None:
+    """A dataset of a run's agent, or of random actions; it gets its name when it is whole."""
+    import bricksrl
+    from bricksrl.data import Recorder, describe
+    from bricksrl.data.collect import collect, random_policy
+    from bricksrl.training import load_agent
+
+    env = bricksrl.make(env_id, seed=SEED)
+    unfinished = path.with_name(f"{path.name}-unfinished-{os.getpid()}")
+    try:
+        agent = None if run is None else load_agent(run, env).agent
+        policy = random_policy(env, SEED) if agent is None else lambda state: agent.act(state["observation"], explore=False)
+        with Recorder(unfinished, describe(env)) as recorder:
+            collect(env, policy, recorder, episodes, name="random" if run is None else "sac", seed=SEED)
+    finally:
+        env.close(raise_if_closed=False)
+    unfinished.rename(path)
+
+
+def _job(job: tuple[str, Path, int, int]) -> tuple[str, dict[str, Any]]:
+    return job[0], make(*job)
+
+
+def table(results: dict[str, dict[str, Any]]) -> list[str]:
+    """The paper's table and ours, a line a task."""
+    lines = [f"{'task':13}{'mean reward':>24}{'expert transitions':>22}{'random transitions':>22}{'random reward':>15}"]
+    for env_id, ours in results.items():
+        paper = PAPER[env_id]
+        cells = [
+            f"{ours['expert']['mean_reward']:.4g} ({paper['mean_reward']:.4g})",
+            f"{ours['expert']['transitions']} ({paper['expert_transitions']:.0f})",
+            f"{ours['random']['transitions']} ({paper['random_transitions']:.0f})",
+        ]
+        lines.append(f"{env_id:13}{cells[0]:>24}{cells[1]:>22}{cells[2]:>22}{ours['random']['mean_reward']:>15.4g}")
+    return lines
+
+
+def main() -> None:
+    """Run from the command line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--out", type=Path, default=Path("runs/datasets"))
+    parser.add_argument("--tasks", nargs="+", choices=sorted(TASKS), default=list(TASKS))
+    parser.add_argument("--episodes", type=int, default=100, help="of each dataset")
+    parser.add_argument("--trained", type=int, help="episodes of training, in place of the paper's")
+    parser.add_argument("--processes", type=int, default=os.cpu_count())
+    parser.add_argument("--no-result", action="store_true", help="print the table and leave results/datasets.json as it is")
+    arguments = parser.parse_args()
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    jobs = [(task, arguments.out, arguments.episodes, arguments.trained or TASKS[task]) for task in arguments.tasks]
+    started_s = time.perf_counter()
+    results: dict[str, dict[str, Any]] = {}
+    with multiprocessing.get_context("spawn").Pool(arguments.processes, maxtasksperchild=1) as pool:
+        for env_id, found in pool.imap_unordered(_job, jobs, chunksize=1):
+            results[env_id] = found
+            print(f"{env_id}: {found['seconds']:.0f} s", flush=True)
+    results = {task: results[task] for task in arguments.tasks}
+    for line in table(results):
+        print(line)
+    print("in brackets: the paper's")
+    if not arguments.no_result:
+        print(write("datasets", {"seed": SEED, "tasks": results, "paper": PAPER, "seconds": time.perf_counter() - started_s}))
+
+
+if __name__ == "__main__":
+    main()
