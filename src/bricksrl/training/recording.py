@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 from bricksrl.errors import BricksError
 from bricksrl.training.config import TrainConfig
 from bricksrl.training.observer import Episode, Observer, Phase, Progress, RunResult
-from bricksrl.training.reproducible import derive_seed
 
 if TYPE_CHECKING:
     from tensordict import TensorDictBase
@@ -56,6 +55,8 @@ class _RunRecorder(Observer):
 
         if step == 1:
             policy = "random" if phase is Phase.PREFILL else self._config.agent
+            from bricksrl.training.reproducible import derive_seed
+
             seed = derive_seed(self._config.seed, "episode", episode)
             self._recorder.begin(about(self._env, policy, seed=seed, hub=self._config.hub))
         by_hand = bool(transition.get("intervention", False))
