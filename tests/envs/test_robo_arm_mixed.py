@@ -22,6 +22,7 @@ from torchrl.envs import check_env_specs
 
 import bricksrl
 from bricksrl.agents import ImageSACSettings, preset
+from bricksrl.cli.record import _run_policy
 from bricksrl.envs import get_task
 from bricksrl.envs.env import HubEnv
 from bricksrl.envs.tasks.robo_arm_mixed import GOAL
@@ -181,10 +182,24 @@ def test_a_run_in_two_parts_ends_as_one_in_a_single_part(agent: str, tmp_path: P
     train(replace(whole, episodes=2, run_dir=tmp_path / "parts"), env=short())
     other = resume(tmp_path / "parts", episodes=3, env=short())
     assert [episode.return_ for episode in one.episodes] == [episode.return_ for episode in other.episodes]
+    env = short()
+    assert _run_policy(one.run_dir, env, explore=False)(env.reset()).shape == (3,)  # `bricksrl record` sees too
     states = [load_checkpoint(path / "checkpoint.bin")["agent"] for path in (one.run_dir, other.run_dir)]
     for part in ("encoder", "actor", "replay"):
         for a, b in zip(*(state[part].values() for state in states), strict=True):
             assert torch.equal(torch.as_tensor(a), torch.as_tensor(b))
+
+
+@pytest.mark.slow
+def test_it_learns_beside_the_robot_too(tmp_path: Path) -> None:
+    settings = replace(preset("default", "sac", images=True), hidden=(16,), batch_size=8, prefill_episodes=1)
+    config = TrainConfig(ID, episodes=3, settings=settings, asynchronous=True, run_dir=tmp_path / "run")
+    result = train(config, env=short())
+    assert result.episodes[-1].losses
+    state = load_checkpoint(result.run_dir / "checkpoint.bin")["agent"]
+    assert 0 < state["updates"] <= sum(episode.length for episode in result.episodes[1:])
+    assert len(state["replay"]["images"]) == result.episodes[-1].steps + 3
+    evaluate(result.run_dir, short(), episodes=1)
 
 
 def test_the_settings_for_images_are_taken_and_written_down(tmp_path: Path) -> None:

@@ -141,7 +141,8 @@ class Record:
 
 
 def _run_policy(run_dir: Path, env: EnvBase, *, explore: bool) -> Policy:
+    from bricksrl.agents.agent import look
     from bricksrl.training import load_agent
 
     agent = load_agent(run_dir, env).agent
-    return lambda state: agent.act(state["observation"], explore=explore)
+    return lambda state: agent.act(look(agent, state), explore=explore)
