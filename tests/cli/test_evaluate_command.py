@@ -9,6 +9,7 @@ import shutil
 import pytest
 
 from bricksrl.cli import main
+from bricksrl.hub.failures import HubNotFoundError
 
 
 def test_json_is_all_that_stands_on_standard_output(bricksrl, trained):
@@ -71,3 +72,17 @@ def test_no_run_is_one_line(fails, tmp_path):
 
 def test_another_environment_that_does_not_fit_is_one_line(fails, trained):
     fails("evaluate", str(trained[0]), "--env", "Spinning-v0", says="environment")
+
+
+def test_the_robot_is_reached_as_told(fails, trained, monkeypatch):
+    fails("evaluate", str(trained[0]), "--hub", "wifi", says="choose 'virtual', 'ble' or 'usb'")
+    asked = []
+
+    def make_env(config):
+        asked.append(config.hub)
+        raise HubNotFoundError("no hub; switch it on")
+
+    monkeypatch.setattr("bricksrl.evaluation.rollout.make_env", make_env)
+    for hub in ("ble", "ble:Rover", "usb"):
+        fails("evaluate", str(trained[0]), "--hub", hub, says="no hub; switch it on")
+    assert asked == ["ble", "ble:Rover", "usb"]

@@ -51,6 +51,7 @@ class ProgramRun:
         self._lock = threading.Lock()
         self._stdin, self._stdout = bytearray(), bytearray()
         self.inbox = bytearray()
+        self._heard_ms = self._machine.time_ms
         self._stop = False
         self._start_s = time.monotonic() - self._machine.time_ms / 1000
         self._thread = threading.Thread(target=self._run, name="hub program", daemon=True)
@@ -68,6 +69,7 @@ class ProgramRun:
             if len(self._stdin) + len(data) > self._hub.machine.robot.hub.model.stdin_bytes:
                 raise Refusal(CommandError.BUSY)
             self._stdin += data
+            self._heard_ms = self._machine.time_ms
 
     def deliver_app_data(self, offset: int, data: bytes) -> None:
         """Bytes that replace what the host wrote there before."""
@@ -132,7 +134,10 @@ class ProgramRun:
     def _keep_pace(self) -> None:
         if self._stop:
             raise _Stopped
-        self._machine.alarm_ms = self._machine.time_ms + 1
+        now_ms = self._machine.time_ms
+        self._machine.alarm_ms = now_ms + 1
+        if self._hub.is_driven:
+            self._hub.longest_silent_drive_ms = max(self._hub.longest_silent_drive_ms, now_ms - self._heard_ms)
         ahead_s = self._start_s + self._machine.time_ms / 1000 - time.monotonic()
         if ahead_s > 0:
             time.sleep(ahead_s)
@@ -158,6 +163,8 @@ class PlayedFirmware(ABC):
         faults: codes with which it refuses the next commands of each kind.
         commands: kinds of all commands that arrived.
         size: of the program on it; 0 for none.
+        runs: how many programs were started.
+        longest_silent_drive_ms: hub time for which a motor was under voltage although the host was silent, at the most.
         flushes_late: whether it says that a program has ended before it has sent the rest of its output.
     """
 
@@ -171,6 +178,8 @@ class PlayedFirmware(ABC):
         self.profile_version = "1.5.0"
         self.battery = Status(0)
         self.size = 0
+        self.runs = 0
+        self.longest_silent_drive_ms = 0
         self.flushes_late = False
         self._ram = bytearray(robot.hub.model.program_bytes)
         self._run: ProgramRun | None = None
@@ -265,6 +274,7 @@ class PlayedFirmware(ABC):
             source = self._source()
             if source is None:
                 raise Refusal(CommandError.INVALID_COMMAND)
+            self.runs += 1
             self._run = ProgramRun(self, source)
             await self.send_status()
             return

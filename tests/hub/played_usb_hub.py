@@ -101,14 +101,24 @@ class PlayedUsbHub(PlayedFirmware):
         return SocketSerial(theirs)
 
     def attach_terminal(self) -> str:
-        """A pseudo terminal with the hub at its other end; the name to open."""
+        """A pseudo terminal with the hub at its other end; the name to open, once."""
         import tty
 
         master, slave = os.openpty()
         tty.setraw(slave)
-        name = os.ttyname(slave)
-        self._attach(lambda size: os.read(master, size), lambda data: os.write(master, data), lambda: os.close(master))
-        self._unplug = lambda: os.close(slave)  # when the host has closed it too, the hub reads its end
+        name, ours = os.ttyname(slave), [slave]
+
+        def let_go() -> None:
+            while ours:
+                os.close(ours.pop())
+
+        def read(size: int) -> bytes:
+            data = os.read(master, size)
+            let_go()  # from now on the host alone holds it open, as it holds DTR: when it dies, this side reads the end
+            return data
+
+        self._attach(read, lambda data: os.write(master, data), lambda: os.close(master))
+        self._unplug = let_go
         return name
 
     def pull_the_cable(self) -> None:

@@ -319,7 +319,8 @@ def test_close_never_raises(caplog: pytest.LogCaptureFixture) -> None:
         link.close()
         link.close()
     assert hub.closes == 2 and link.state is LinkState.DISCONNECTED
-    assert "could not stop" in caplog.text and "could not disconnect" in caplog.text
+    assert "could not stop (gone)" in caplog.text and "could not disconnect" in caplog.text
+    assert [record.exc_info is not None and record.exc_info is not False for record in caplog.records[:2]] == [False, True]
 
 
 def test_an_error_of_the_transport_is_a_fault() -> None:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import errno
 import os
 import random
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -170,6 +172,40 @@ def test_a_pulled_cable_stops_the_motors_and_the_same_hub_is_found_again(cable: 
     assert link.state is LinkState.FAULT
     assert cable.hub.wait_until("is_driven", False) < 0.6
     threading.Timer(0.3, lambda: setattr(cable.hub, "is_plugged_in", True)).start()
+    link.open()
+    link.act([100])
+
+
+HOST = """
+import sys
+from ble_world import LONG_RUN
+from bricksrl.hub import program
+from bricksrl.hub.link import HubLink
+from bricksrl.hub.usb import UsbTransport
+from bricksrl.robots import TWO_WHEELER
+from pathlib import Path
+program.END_MS = 500
+link = HubLink(UsbTransport(sys.argv[1], record=Path(sys.argv[2])), TWO_WHEELER, LONG_RUN)
+link.open()
+while True:
+    link.act([3000])
+"""
+
+
+@pytest.mark.skipif(os.name != "posix", reason="pseudo terminals and SIGKILL are things of POSIX")
+def test_a_host_process_that_is_killed(cable: Cable) -> None:
+    link = cable.link()
+    command = [sys.executable, "-c", HOST, cable.hub.attach_terminal(), str(cable.record)]
+    host = subprocess.Popen(command, env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)})
+    try:
+        cable.hub.wait_until("is_driven", True, 60.0)
+        time.sleep(0.2)
+    finally:
+        host.kill()
+        host.wait(5)
+    assert cable.hub.wait_until("is_driven", False) < 0.6
+    assert cable.hub.longest_silent_drive_ms < program.WATCHDOG_MS + 40
+    cable.hub.wait_until("is_running", False, 2.0)
     link.open()
     link.act([100])
 

@@ -104,7 +104,8 @@ def evaluate(
     config = folder.read_config()
     own: EnvBase | None = None
     if env is None or isinstance(env, str):
-        if physics is None and not randomize and env in (None, config.env):
+        is_virtual = (hub or config.hub) == "virtual"
+        if physics is None and not randomize and env in (None, config.env) and is_virtual:
             physics = config.physics
         options = config.options if env in (None, config.env) else {}
         config = replace(config, env=env or config.env, hub=hub or config.hub, realtime=realtime)

@@ -208,8 +208,9 @@ class HubLink:
         for name, step in (("stop", self.stop), ("disconnect", self._transport.close)):
             try:
                 step()
-            except Exception:  # noqa: BLE001  closing goes on, and the hub stops by itself
-                _log.warning("closing the link to the hub: could not %s", name, exc_info=True)
+            except Exception as error:  # noqa: BLE001  closing goes on, and the hub stops by itself
+                is_ours = isinstance(error, HubError)
+                _log.warning("closing the link to the hub: could not %s (%s)", name, error, exc_info=not is_ours)
         self._transport_is_open = self._has_started = False
         self.state = after(self.state, Cause.STOPPED)
 

@@ -1,0 +1,71 @@
+"""Seeded faults on the link while a robot over the played radio is being trained; ends with an error at the first that harms.
+
+    python benchmarks/link_faults.py --faults 1000
+    python benchmarks/link_faults.py --faults 3 --end-ms 10000 --workers 1      # with the second stage of a real hub
+
+Everything runs in real time: about two seconds a fault, and several hubs at once. The hub ends its program half a second
+after it has stopped its motors, not ten seconds as a real one, so that a thousand faults take minutes.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import sys
+import tempfile
+import time
+from collections import Counter
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+from machine import write
+
+TESTS = Path(__file__).parent.parent / "tests" / "hub"
+_COUNTED = ("faults", "phases", "errors")
+_SUMMED = ("transitions", "updates")
+_LONGEST = ("longest_call_s", "longest_recovery_s", "longest_silent_drive_ms", "watchdog_ms")
+
+
+def course(job: tuple[int, int, int]) -> dict[str, Any]:
+    """Faults on one hub, in a process of its own."""
+    faults, seed, end_ms = job
+    sys.path.insert(0, str(TESTS))
+    program = importlib.import_module("bricksrl.hub.program")
+    program.END_MS = end_ms  # type: ignore[attr-defined]
+    with tempfile.TemporaryDirectory() as folder:
+        return dict(vars(importlib.import_module("fault_course").run_course(Path(folder), faults, seed)))
+
+
+def main() -> None:
+    """Run the courses and write what they saw."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
+    parser.add_argument("--faults", type=int, default=1000)
+    parser.add_argument("--workers", type=int, default=4)
+    parser.add_argument("--course", type=int, default=25, help="faults on one hub, after each other")
+    parser.add_argument("--end-ms", type=int, default=500)
+    parser.add_argument("--seed", type=int, default=0)
+    args = parser.parse_args()
+    sizes = [min(args.course, args.faults - start) for start in range(0, args.faults, args.course)]
+    jobs = [(size, args.seed + number, args.end_ms) for number, size in enumerate(sizes)]
+    start_s = time.monotonic()
+    reports = []
+    with ProcessPoolExecutor(args.workers, mp_context=get_context("spawn")) as pool:
+        for report in pool.map(course, jobs):
+            reports.append(report)
+            print(f"{len(reports)}/{len(jobs)} courses, {time.monotonic() - start_s:.0f} s", flush=True)
+    result: dict[str, Any] = {"faults_in_all": args.faults, "seed": args.seed, "second_stage_ms": args.end_ms}
+    for name in _COUNTED:
+        total: Counter[str] = sum((report[name] for report in reports), Counter())
+        result[name] = dict(sorted(total.items()))
+    result |= {name: sum(report[name] for report in reports) for name in _SUMMED}
+    result |= {name: round(max(report[name] for report in reports), 3) for name in _LONGEST}
+    result["wall_s"] = round(time.monotonic() - start_s)
+    name = "link_faults" if args.end_ms == 500 else "link_faults_real_second_stage"
+    print(result)
+    print(write(name, result))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,135 @@
+"""Rates of the link: lock-step and streaming over the played radio, and our own overhead without a radio.
+
+    python benchmarks/link_rates.py
+
+Takes about a minute. The hub is played (Bumble delivers at connection events; the generated program runs inside), so this
+measures our side and the protocol; on a real hub the radio's own losses come on top.
+"""
+
+from __future__ import annotations
+
+import importlib
+import statistics
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from machine import write
+
+from bricksrl.envs import get_task
+from bricksrl.hub.link import HubLink
+from bricksrl.hub.protocol import Up, control_frame, data_frame, hello_payload
+from bricksrl.hub.streaming import StreamingLink
+from bricksrl.hub.transport import HubProgram
+from bricksrl.robots import TWO_WHEELER, WALKER
+
+TESTS = Path(__file__).parent.parent / "tests" / "hub"
+INTERVALS_MS = (7.5, 15.0, 30.0, 45.0)
+SECONDS = 4.0
+OVERHEAD_EXCHANGES = 5000
+
+
+class EchoTransport:
+    """A hub without a radio and without a program: each frame is answered at once. What remains is our own work."""
+
+    def __init__(self, link_wire: Any, hello: bytes) -> None:
+        self._wire, self._hello = link_wire, hello
+        self._out = bytearray()
+
+    def open(self) -> None: ...
+
+    def start(self, program: HubProgram) -> None:
+        self._out += self._hello
+
+    def write(self, data: bytes) -> None:
+        seq = data[1] or data[3]  # of a data frame, or of READ
+        values = [0.0] * len(self._wire.channel_names)
+        self._out += data_frame(seq, self._wire.encode_answer(int(time.monotonic() * 1000), values))
+
+    def read(self, timeout_s: float) -> bytes:
+        data = bytes(self._out)
+        self._out.clear()
+        return data
+
+    def stop(self) -> None: ...
+
+    def close(self) -> None: ...
+
+    def now_s(self) -> float:
+        return time.monotonic()
+
+
+def spread(values_ms: list[float]) -> dict[str, float]:
+    p50, p99 = np.percentile(values_ms, (50, 99))
+    return {"p50_ms": round(float(p50), 3), "p99_ms": round(float(p99), 3)}
+
+
+def lock_step(world: Any, link: HubLink, interval_ms: float) -> dict[str, Any]:
+    """Readings, one after the other: nothing but the link."""
+    world.set_interval(interval_ms)
+    link.read()
+    times_ms: list[float] = []
+    start_s = time.monotonic()
+    while time.monotonic() - start_s < SECONDS:
+        times_ms.append(1000 * link.read().round_trip_s)
+    rate_hz = len(times_ms) / (time.monotonic() - start_s)
+    over_ms = statistics.median(times_ms) - 2 * interval_ms
+    return {"rate_hz": round(rate_hz, 1), **spread(times_ms), "over_two_intervals_ms": round(over_ms, 3)}
+
+
+def stream(world: Any, link: StreamingLink, interval_ms: float) -> dict[str, Any]:
+    """Steps of the Spinning task at their own rate of 10 Hz."""
+    world.set_interval(interval_ms)
+    link.act([0.0, 0.0])
+    start_s = time.monotonic()
+    ages_ms = [1000 * link.act([10.0, -10.0]).age_s for _ in range(int(SECONDS * 10))]
+    return {"steps_hz": round(len(ages_ms) / (time.monotonic() - start_s), 2), "age": spread(ages_ms)}
+
+
+def overhead() -> dict[str, Any]:
+    """Our own time for one exchange, from the numbers of an action to those of an observation."""
+    task = get_task("Walker-v0")
+    probe = HubLink(EchoTransport(None, b""), WALKER, task.interface)
+    hello = control_frame(Up.HELLO, hello_payload(probe.program.hash))
+    link = HubLink(EchoTransport(probe.wire, hello), WALKER, task.interface)
+    wall_ms, cpu_ms = [], []
+    with link:
+        for _ in range(OVERHEAD_EXCHANGES):
+            start_s, cpu_start_s = time.perf_counter(), time.thread_time()
+            link.act([-10.0, -20.0, -30.0, -40.0])
+            wall_ms.append(1000 * (time.perf_counter() - start_s))
+            cpu_ms.append(1000 * (time.thread_time() - cpu_start_s))
+    return {"exchanges": OVERHEAD_EXCHANGES, "wall": spread(wall_ms), "cpu": spread(cpu_ms)}
+
+
+def main() -> None:
+    """Measure and write."""
+    sys.path.insert(0, str(TESTS))
+    ble_world = importlib.import_module("ble_world")
+    result: dict[str, Any] = {"overhead_without_radio": overhead(), "lock_step": {}, "streaming": {}}
+    print(result)
+    with tempfile.TemporaryDirectory() as folder:
+        world = ble_world.World(Path(folder), WALKER)
+        walker = get_task("Walker-v0").interface
+        with world.link(walker) as link:
+            for interval_ms in INTERVALS_MS:
+                result["lock_step"][f"{interval_ms:g} ms"] = lock_step(world, link, interval_ms)
+                print(interval_ms, result["lock_step"][f"{interval_ms:g} ms"])
+        world.close()
+    with tempfile.TemporaryDirectory() as folder:
+        world = ble_world.World(Path(folder), TWO_WHEELER)
+        streaming = StreamingLink(world.transport(), TWO_WHEELER, get_task("Spinning-v0").interface)
+        world.hub.library.append(streaming.program.source)
+        with streaming as link:
+            for interval_ms in INTERVALS_MS:
+                result["streaming"][f"{interval_ms:g} ms"] = stream(world, link, interval_ms)
+                print(interval_ms, result["streaming"][f"{interval_ms:g} ms"])
+        world.close()
+    print(write("link_rates", result))
+
+
+if __name__ == "__main__":
+    main()

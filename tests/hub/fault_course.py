@@ -1,0 +1,248 @@
+"""Seeded faults, one after the other, while a robot over the played radio is being trained.
+
+Each fault hits one phase: the search for the hub, the download, the start, a step, a reset, or closing. The training is
+the project's own loop (``run_episode``), with a learner that checks what it is given.
+"""
+
+from __future__ import annotations
+
+import itertools
+import random
+import time
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import torch
+from ble_world import LONG_RUN, World
+from radio import ATT_NOTIFICATION, ATT_WRITE_REQUEST, ATT_WRITE_RESPONSE, Fault
+
+from bricksrl.agents.agent import Transition
+from bricksrl.envs.env import Connection, HubEnv
+from bricksrl.envs.odometer import SonarOdometer
+from bricksrl.envs.task import Task
+from bricksrl.errors import HubError
+from bricksrl.hub.pybricks_profile import Command, CommandError, Event
+from bricksrl.robots import TWO_WHEELER
+from bricksrl.training.observer import Phase
+from bricksrl.training.online import run_episode
+
+ATT_READ_REQUEST = 0x0A
+STEPS = 3
+CALL_BOUND_S = 12.0
+RECOVERY_BOUND_S = 15.0
+STOP_TOLERANCE_MS = 40
+"""The step itself (10 ms), its answer, and the grain of the control loop, beyond the time of the watchdog."""
+_PHASES = ("scan", "download", "start", "step", "reset", "close")
+_TASK = Task(
+    "Course-v0",
+    "A wheel turns.",
+    TWO_WHEELER,
+    LONG_RUN,
+    STEPS,
+    reward=lambda before, action, after: after[..., :1] - before[..., :1],
+    success=lambda observations: observations[..., 0].amax(-1) > 0,
+    metrics=lambda observations: {},
+)
+
+
+@dataclass
+class Report:
+    """What a course has seen; it fails at the first thing that must not be."""
+
+    faults: Counter[str] = field(default_factory=Counter)
+    phases: Counter[str] = field(default_factory=Counter)
+    errors: Counter[str] = field(default_factory=Counter)
+    transitions: int = 0
+    updates: int = 0
+    longest_call_s: float = 0.0
+    longest_recovery_s: float = 0.0
+    longest_silent_drive_ms: int = 0
+    watchdog_ms: int = 400
+
+
+class CheckingLearner:
+    """Takes the place of an agent in the training loop."""
+
+    def __init__(self, world: World, rng: random.Random, report: Report) -> None:
+        self._world, self._rng, self._report = world, rng, report
+        self._run = 0
+        self._last: torch.Tensor | None = None
+
+    def act(self, observation: torch.Tensor, *, explore: bool) -> torch.Tensor:
+        self._run = self._world.hub.runs
+        return torch.tensor([self._rng.uniform(-1.0, 1.0)])
+
+    def remember(self, transition: Transition) -> None:
+        assert self._world.hub.runs == self._run, "a transition reaches across a gap"
+        assert self._last is None or torch.equal(transition.observation, self._last), "a transition reaches across a gap"
+        for observation in (transition.observation, transition.next_observation):
+            left_deg, right_deg = observation.tolist()
+            assert right_deg == 0 and 0 <= left_deg < 360, "a motor that nobody moves has moved: a frame was decoded wrongly"
+        self._last = None if transition.last else transition.next_observation
+        self._report.transitions += 1
+
+    def end_episode(self) -> None:
+        self._last = None
+
+    def update(self) -> dict[str, float]:
+        self._report.updates += 1
+        return {}
+
+
+class Course:
+    """Faults on one hub."""
+
+    def __init__(self, world: World, seed: int) -> None:
+        self.world, self.rng = world, random.Random(seed)
+        self.report = Report()
+        self.link = world.link(LONG_RUN, timeout_s=4.0)
+        connection = Connection(self.link, lambda _: None, SonarOdometer(LONG_RUN))
+        self.env = HubEnv(_TASK, lambda _: connection, seed=seed)
+
+    def run(self, faults: int) -> Report:
+        self._train()
+        for _ in range(faults):
+            self._one_fault()
+        self.env.close(raise_if_closed=False)
+        self.report.longest_silent_drive_ms = self.world.hub.longest_silent_drive_ms
+        return self.report
+
+    def _one_fault(self) -> None:
+        rng, world, report = self.rng, self.world, self.report
+        phase = rng.choice(_PHASES)
+        kind, inflict = rng.choice(list(self._kinds(phase).items()))
+        report.phases[phase] += 1
+        report.faults[kind] += 1
+        if phase in ("scan", "download", "start"):
+            self.env.close(raise_if_closed=False)
+            if phase == "download":
+                world.hub.size = 0
+        before_runs = world.hub.runs
+        inflict()
+        broken = self._use(phase)
+        world.fault(None)
+        world.hub.faults.clear()
+        world.radio.come_back()
+        start_s = time.monotonic()
+        if broken:
+            world.hub.wait_until("is_driven", False, report.watchdog_ms / 1000 + 1.0)
+        while not self._train():
+            assert time.monotonic() - start_s < RECOVERY_BOUND_S, f"no training again after {kind} in {phase}"
+        took_s = time.monotonic() - start_s
+        report.longest_recovery_s = max(report.longest_recovery_s, took_s)
+        report.watchdog_ms = max(report.watchdog_ms, round(self.link.statistics.watchdog_s * 1000))
+        assert took_s < RECOVERY_BOUND_S, f"{took_s:.1f} s until training went on after {kind} in {phase}"
+        assert world.hub.longest_silent_drive_ms <= report.watchdog_ms + STOP_TOLERANCE_MS, f"motors ran on, {kind} in {phase}"
+        assert world.hub.runs >= before_runs
+
+    def _use(self, phase: str) -> bool:
+        """What the training does in the phase; whether it failed."""
+        try:
+            if phase == "close":
+                self._timed(lambda: self.env.close(raise_if_closed=False))
+                return False
+            if phase == "reset":
+                self._timed(self.env.reset)
+                return False
+        except HubError as error:
+            self._note(error)
+            return True
+        return not self._train()
+
+    def _train(self) -> bool:
+        """An episode; whether it was a whole one."""
+        learner = CheckingLearner(self.world, self.rng, self.report)
+        try:
+            state = self._timed(self.env.reset)
+        except HubError as error:
+            self._note(error)
+            return False
+        rollout = run_episode(self.env, learner, state, Phase.TRAIN)
+        if rollout.link_error is not None:
+            self._note(rollout.link_error)
+        return rollout.length == STEPS
+
+    def _note(self, error: HubError) -> None:
+        assert "\n" not in str(error), "one line"
+        self.report.errors[type(error).__name__] += 1
+
+    def _timed(self, call: Callable[[], object]) -> object:
+        start_s = time.monotonic()
+        try:
+            return call()
+        finally:
+            took_s = time.monotonic() - start_s
+            self.report.longest_call_s = max(self.report.longest_call_s, took_s)
+            assert took_s < CALL_BOUND_S, f"a call took {took_s:.1f} s"
+
+    # ---- the faults
+
+    def _kinds(self, phase: str) -> dict[str, Callable[[], object]]:
+        world = self.world
+        kinds: dict[str, Callable[[], object]] = {
+            "lost notifications": lambda: world.fault(self._some((ATT_NOTIFICATION,), lambda _: 0)),
+            "duplicated notifications": lambda: world.fault(self._some((ATT_NOTIFICATION,), lambda _: 2)),
+            "flipped bits": lambda: world.fault(self._flip()),
+            "writes never acknowledged": lambda: world.fault(self._some((ATT_WRITE_RESPONSE,), lambda _: 0)),
+            "lost commands": lambda: world.fault(self._some((ATT_WRITE_REQUEST,), lambda _: 0)),
+            "busy answers": lambda: self._refuse(CommandError.BUSY),
+            "invalid answers": lambda: self._refuse(CommandError.INVALID_COMMAND),
+            "disconnection": lambda: world.fault(self._cut(phase)),
+            "out of reach": world.radio.leave,
+        }
+        if phase in ("step", "reset", "close"):
+            kinds |= {"reboot": world.hub.reboot, "button": world.hub.press_button, "program raises": self._unplug}
+        return kinds
+
+    def _some(self, opcodes: tuple[int, ...], result: Callable[[bytes], int | bytes]) -> Fault:
+        """Treats a third of the packets of some kinds so."""
+        return lambda opcode, data: result(data) if opcode in opcodes and self.rng.random() < 1 / 3 else 1
+
+    def _flip(self) -> Fault:
+        """Flips one bit in a third of the program's output."""
+
+        def rule(opcode: int, data: bytes) -> int | bytes:
+            is_output = opcode == ATT_NOTIFICATION and len(data) > 4 and data[3] == Event.WRITE_STDOUT
+            if not is_output or self.rng.random() > 1 / 3:
+                return 1
+            place = self.rng.randrange(4, len(data))
+            return data[:place] + bytes((data[place] ^ 1 << self.rng.randrange(8),)) + data[place + 1 :]
+
+        return rule
+
+    def _cut(self, phase: str) -> Fault:
+        """Breaks the link at a packet of the phase."""
+        wanted = {
+            "scan": (ATT_READ_REQUEST, None),
+            "download": (ATT_WRITE_REQUEST, Command.WRITE_USER_RAM),
+            "start": (ATT_WRITE_REQUEST, Command.START_USER_PROGRAM),
+            "close": (ATT_WRITE_REQUEST, Command.STOP_USER_PROGRAM),
+        }.get(phase, (ATT_WRITE_REQUEST, Command.WRITE_STDIN))
+        left = itertools.count(self.rng.randrange(1, 4), -1)
+
+        def rule(opcode: int, data: bytes) -> int:
+            command = data[3] if len(data) > 3 else None
+            if opcode == wanted[0] and wanted[1] in (None, command) and next(left) == 1:
+                self.world.radio.disconnect()
+                return 0
+            return 1
+
+        return rule
+
+    def _refuse(self, code: CommandError) -> None:
+        self.world.hub.faults[self.rng.choice(list(Command))] = [code] * self.rng.choice([1, 3, 100])
+
+    def _unplug(self) -> None:
+        """A motor is pulled out and put back: the program's next command to it raises."""
+        self.world.hub.machine.servos["E"].close()
+
+
+def run_course(folder: Path, faults: int, seed: int) -> Report:
+    """A hub, and that many faults on it."""
+    world = World(folder)
+    try:
+        return Course(world, seed).run(faults)
+    finally:
+        world.close()
