@@ -1,30 +1,51 @@
-"""How fast agents learn in the simulations: returns and success of what was learned after so many episodes, or steps, in all.
+"""How fast agents learn in the simulations: what was learned after so many robot steps in all, in how much time.
 
-    python benchmarks/learning.py --agents sac td3 --seeds 10
+    python benchmarks/learning.py --agents sac td3 --seeds 10 --episodes 25
 
-Episodes of random actions at the start count. Each agent trains with its default preset in one process on one thread, pauses at
-each mark, and is evaluated there on ``EVALUATED_EPISODES`` deterministic episodes. Medians and ranges over the seeds.
+Episodes of random actions at the start count. Each run pauses at each mark, at the end of the episode that reaches it, is
+evaluated there on ``EVALUATED_EPISODES`` deterministic episodes, and goes on as if nothing had been: it is resumed from its
+checkpoint, bit for bit. Runs go through one process for each core, with one thread each. Intervals are 95 % bootstrap intervals
+of the mean over the seeds. Beside the JSON there is a picture: return against robot steps, CPU time and wall time.
 """
 
 from __future__ import annotations
 
 import argparse
-import statistics
+import multiprocessing
+import os
 import tempfile
 import threading
 import time
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import torch
-from machine import write
+from machine import RESULTS, write
 
-from bricksrl.agents import preset
-from bricksrl.evaluation import evaluate
+from bricksrl.agents import AGENTS, preset
 from bricksrl.training import Episode, Observer, Progress, TrainConfig, resume, train
 
-MARKS = {"WalkerSim-v0": ("episodes", (5, 10, 25, 75)), "RoboArmSim-v0": ("steps", (250, 500, 1000))}
+LENGTH = 100
+"""Steps of an episode at most, in all of these environments."""
+MARKS = {
+    "WalkerSim-v0": (300, 500, 1000, 1500, 2000, 2500, 5000, 7500),
+    "WalkerSim-v1": (300, 500, 1000, 1500, 2000, 2500, 5000, 7500),
+    "RoboArmSim-v0": (100, 250, 500, 750, 1000, 2000, 4000),
+}
 EVALUATED_EPISODES = 40
+ONE_THREAD = {"OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
+
+
+@dataclass(frozen=True)
+class Job:
+    """One run."""
+
+    env: str
+    agent: str
+    preset: str
+    seed: int
+    marks: tuple[int, ...]
 
 
 class StopAt(Observer):
@@ -39,76 +60,137 @@ class StopAt(Observer):
             self.stop.set()
 
 
-def run(env_id: str, agent: str, name: str, seed: int, folder: Path, marks: tuple[int, ...]) -> list[dict[str, Any]]:
-    """Train one agent from mark to mark."""
-    unit, _ = MARKS[env_id]
+def run(job: Job) -> list[dict[str, Any]]:
+    """Train one agent from mark to mark; what it was worth at each, and the time that learning took until there."""
+    from bricksrl.evaluation import evaluate
+
     found: list[dict[str, Any]] = []
-    cpu_s = 0.0
-    for mark in marks:
-        observer = StopAt(mark if unit == "steps" else 10**9)
-        episodes = mark if unit == "episodes" else 10 * mark
-        started_s = time.process_time()
-        if found:
-            result = resume(folder, observer, episodes=episodes, stop=observer.stop)
-        else:
-            config = TrainConfig(env_id, agent, episodes=episodes, seed=seed, settings=preset(name, agent), run_dir=folder)
-            result = train(config, observer, stop=observer.stop)
-        cpu_s += time.process_time() - started_s
-        last = result.episodes[-1]
-        outcome = evaluate(folder, episodes=EVALUATED_EPISODES, save=False)
-        found.append(
-            {
-                unit: mark,
-                "steps_made": last.steps,
-                "return_mean": round(outcome.return_mean, 2),
-                "success_rate": outcome.success_rate,
-                "cpu_s": round(cpu_s, 1),
-            }
-        )
-    print(env_id, agent, name, seed, [(one[unit], one["return_mean"], one["success_rate"]) for one in found], flush=True)
+    cpu_s = wall_s = 0.0
+    with tempfile.TemporaryDirectory() as parent:
+        folder = Path(parent) / "run"
+        for mark in job.marks:
+            observer = StopAt(mark)
+            started = time.process_time(), time.perf_counter()
+            if found:
+                result = resume(folder, observer, stop=observer.stop)
+            else:
+                settings = preset(job.preset, job.agent)
+                config = TrainConfig(job.env, job.agent, job.marks[-1], job.seed, settings=settings, record=False, run_dir=folder)
+                result = train(config, observer, stop=observer.stop)
+            cpu_s, wall_s = cpu_s + time.process_time() - started[0], wall_s + time.perf_counter() - started[1]
+            outcome = evaluate(folder, episodes=EVALUATED_EPISODES, save=False)
+            last = result.episodes[-1]
+            found.append(
+                {
+                    "mark": mark,
+                    "steps": last.steps,
+                    "episodes": last.episode,
+                    "return": round(outcome.return_mean, 2),
+                    "success_rate": outcome.success_rate,
+                    "cpu_s": round(cpu_s, 1),
+                    "wall_s": round(wall_s, 1),
+                }
+            )
     return found
 
 
-def summary(runs: list[list[dict[str, Any]]], unit: str) -> list[dict[str, Any]]:
-    """Medians and ranges at each mark."""
+def summary(runs: list[list[dict[str, Any]]]) -> list[dict[str, Any]]:
+    """Over the seeds at each mark."""
+    from bricksrl.evaluation.statistics import mean, stratified_bootstrap_interval
+
     found = []
     for at_mark in zip(*runs, strict=True):
-        returns, successes = ([one[key] for one in at_mark] for key in ("return_mean", "success_rate"))
+        returns = [float(one["return"]) for one in at_mark]
+        interval = stratified_bootstrap_interval([returns], mean)
+        means = {key: sum(one[key] for one in at_mark) / len(at_mark) for key in ("steps", "episodes", "cpu_s", "wall_s")}
+        successes = [one["success_rate"] for one in at_mark]
         found.append(
             {
-                unit: at_mark[0][unit],
-                "return_median": statistics.median(returns),
+                "mark": at_mark[0]["mark"],
+                **{key: round(value, 1) for key, value in means.items()},
+                "return_mean": round(sum(returns) / len(returns), 2),
+                "return_interval": [round(interval.low, 2), round(interval.high, 2)],
                 "return_range": [min(returns), max(returns)],
-                "success_median": statistics.median(successes),
-                "success_least": min(successes),
-                "cpu_s_median": statistics.median(one["cpu_s"] for one in at_mark),
+                "success_mean": None if None in successes else round(sum(successes) / len(successes), 3),
+                "success_least": None if None in successes else min(successes),
             }
         )
     return found
+
+
+def draw(path: Path, environments: dict[str, Any]) -> None:
+    """Curves of all agents with their intervals: a row an environment, against steps, CPU time and wall time."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(13, 4.2 * len(environments)), layout="constrained")
+    FigureCanvasAgg(figure)
+    rows = figure.subplots(len(environments), 3, sharey="row", squeeze=False)
+    for (env, agents), row in zip(environments.items(), rows, strict=True):
+        for axes, key, label in zip(
+            row, ("steps", "cpu_s", "wall_s"), ("robot steps", "CPU time / s", "wall time / s"), strict=True
+        ):
+            for agent, found in agents.items():
+                points = found["summary"]
+                x = [one[key] for one in points]
+                (line,) = axes.plot(x, [one["return_mean"] for one in points], "o-", markersize=3, label=agent)
+                low, high = zip(*(one["return_interval"] for one in points), strict=True)
+                axes.fill_between(x, low, high, color=line.get_color(), alpha=0.2, linewidth=0)
+            axes.set_xlabel(label)
+            axes.grid(alpha=0.3)
+        row[0].set_ylabel(f"{env}: return")
+        row[0].legend(loc="lower right")
+    figure.savefig(path, dpi=110)
+
+
+def pin(cores: Any) -> None:
+    """Keep this process on a core of its own, with one thread."""
+    import torch
+
+    torch.set_num_threads(1)
+    core = cores.get()
+    if hasattr(os, "sched_setaffinity"):
+        os.sched_setaffinity(0, {core})
+
+
+def cores_here() -> list[int]:
+    """The cores that this process may use."""
+    return sorted(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else list(range(os.cpu_count() or 1))
 
 
 def main() -> None:
     """Train all and write the results."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--agents", nargs="+", default=["sac"])
+    parser.add_argument("--envs", nargs="+", default=["WalkerSim-v0", "RoboArmSim-v0"], choices=list(MARKS))
+    parser.add_argument("--agents", nargs="+", default=["sac"], choices=AGENTS)
     parser.add_argument("--preset", default="default")
-    parser.add_argument("--envs", nargs="+", default=list(MARKS), choices=list(MARKS))
     parser.add_argument("--seeds", type=int, default=10)
-    parser.add_argument("--marks", type=int, help="only so many marks")
+    parser.add_argument("--episodes", type=int, default=25, help=f"as many times {LENGTH} steps, those of the start included")
     chosen = parser.parse_args()
-    torch.set_num_threads(1)
-    results: dict[str, Any] = {}
-    for env_id in chosen.envs:
-        unit, marks = MARKS[env_id]
-        for agent in chosen.agents:
-            with tempfile.TemporaryDirectory() as folder:
-                runs = [
-                    run(env_id, agent, chosen.preset, seed, Path(folder) / str(seed), marks[: chosen.marks])
-                    for seed in range(chosen.seeds)
-                ]
-            results.setdefault(env_id, {})[agent] = {"summary": summary(runs, unit), "seeds": runs}
+    os.environ.update(ONE_THREAD)  # before torch is loaded, in the processes
+    end = chosen.episodes * LENGTH
+    jobs = [
+        Job(env, agent, chosen.preset, seed, (*(mark for mark in MARKS[env] if mark < end), end))
+        for env in chosen.envs
+        for agent in chosen.agents
+        for seed in range(chosen.seeds)
+    ]
+    context = multiprocessing.get_context("spawn")
+    cores = context.Queue()
+    for core in cores_here():
+        cores.put(core)
+    environments: dict[str, Any] = {env: {agent: {"seeds": []} for agent in chosen.agents} for env in chosen.envs}
+    with ProcessPoolExecutor(len(cores_here()), context, pin, (cores,)) as pool:
+        for job, found in zip(jobs, pool.map(run, jobs), strict=True):
+            environments[job.env][job.agent]["seeds"].append(found)
+            print(job.env, job.agent, job.seed, [(one["steps"], one["return"], one["success_rate"]) for one in found], flush=True)
+    for agents in environments.values():
+        for of_agent in agents.values():
+            of_agent["summary"] = summary(of_agent["seeds"])
     name = "learning" if chosen.preset == "default" else f"learning_{chosen.preset}"
-    print(write(name, {"preset": chosen.preset, "seeds": chosen.seeds, "environments": results}))
+    setup = {"preset": chosen.preset, "seeds": chosen.seeds, "evaluated_episodes": EVALUATED_EPISODES}
+    print(write(name, {"setup": setup, "environments": environments}))
+    draw(RESULTS / f"{name}.png", environments)
 
 
 if __name__ == "__main__":

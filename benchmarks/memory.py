@@ -1,0 +1,76 @@
+"""How much memory a training run takes: the peak of a short run, and of an agent whose replay buffer is full.
+
+    python benchmarks/memory.py
+
+Each in a process of its own, in MiB of resident memory. A full buffer is a million transitions, and is saved once.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import resource
+import sys
+import tempfile
+from collections.abc import Callable
+from multiprocessing.connection import Connection
+from pathlib import Path
+
+from machine import write
+
+ENV = "WalkerSim-v0"
+
+
+def short_run() -> None:
+    """Three episodes, from nothing to the last checkpoint."""
+    from bricksrl.training import TrainConfig, train
+
+    with tempfile.TemporaryDirectory() as folder:
+        train(TrainConfig(ENV, "sac", 3, run_dir=Path(folder) / "run"))
+
+
+def full_buffer() -> None:
+    """The default buffer, filled; an update from it, and a checkpoint of it."""
+    import torch
+
+    import bricksrl
+    from bricksrl.agents import make_agent
+    from bricksrl.agents.agent import Transition
+    from bricksrl.agents.layout import layout_of
+    from bricksrl.agents.off_policy import OffPolicyAgent
+    from bricksrl.training.checkpoint import save_checkpoint
+
+    env = bricksrl.make(ENV)
+    agent = make_agent("sac", layout_of(env), int(env.action_spec.shape[-1]), task=env.task)
+    assert isinstance(agent, OffPolicyAgent)
+    state = env.rand_step(env.reset())
+    seen, following = state["observation"], state["next", "observation"]
+    for step in range(1_000_000):
+        agent.remember(Transition(seen, state["action"], 0.0, following, False, step % 100 == 99))
+    agent.update()
+    with tempfile.TemporaryDirectory() as folder:
+        save_checkpoint(Path(folder) / "checkpoint.bin", {"agent": agent.state_dict(), "generator": torch.get_rng_state()})
+
+
+def peak(what: Callable[[], None], ours: Connection) -> None:
+    """Do it, and tell the peak of resident memory in MiB."""
+    what()
+    unit = 1 if sys.platform == "darwin" else 1024
+    ours.send(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 2**20)
+
+
+def main() -> None:
+    """Measure both and write them."""
+    context = multiprocessing.get_context("spawn")
+    found: dict[str, int] = {}
+    for what in (short_run, full_buffer):
+        there, ours = context.Pipe()
+        process = context.Process(target=peak, args=(what, ours))
+        process.start()
+        found[f"{what.__name__}_mib"] = round(there.recv())
+        process.join()
+        print(what.__name__, found[f"{what.__name__}_mib"], "MiB", flush=True)
+    print(write("memory", {"environment": ENV, "peak": found}))
+
+
+if __name__ == "__main__":
+    main()
