@@ -1,0 +1,86 @@
+"""A run that was interrupted and resumed again and again, on top of one that never was.
+
+    python benchmarks/resume.py
+
+Trains SAC on `WalkerSim-v0` twice with one seed: in one go, and stopped in the middle of an episode three times. The returns must
+be equal to the last bit; both curves are drawn into `results/resume.png`.
+"""
+
+from __future__ import annotations
+
+import tempfile
+import threading
+from pathlib import Path
+
+import torch
+from machine import RESULTS, write
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from bricksrl.training import Observer, Phase, TrainConfig, resume, train
+from bricksrl.training.checkpoint import load_checkpoint
+
+ENV, EPISODES = "WalkerSim-v0", 10
+STOPS = ((3, 57), (5, 2), (8, 99))
+
+
+class StopAt(Observer):
+    """Interrupts a run at a step."""
+
+    def __init__(self, at: tuple[int, int] | None) -> None:
+        self.stop = threading.Event()
+        self._at = at
+
+    def on_step(self, episode: int, step: int, phase: Phase) -> None:
+        if (episode, step) == self._at:
+            self.stop.set()
+
+
+def weights(run_dir: Path) -> list[torch.Tensor]:
+    """The actor's, at the end."""
+    actor = load_checkpoint(run_dir / "checkpoint.bin")["agent"]["actor"]
+    return [tensor for tensor in actor.values() if isinstance(tensor, torch.Tensor)]
+
+
+def draw(path: Path, whole: list[float], parts: list[float]) -> None:
+    """Both curves, and where the second was interrupted."""
+    figure = Figure(figsize=(8, 4.5), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.add_subplot()
+    episodes = range(1, len(whole) + 1)
+    axes.plot(episodes, whole, color="#9fb8dc", linewidth=6, label="uninterrupted")
+    axes.plot(episodes, parts, "o-", color="#0b5cad", linewidth=1.2, markersize=4, label="interrupted and resumed")
+    for number, (episode, step) in enumerate(STOPS):
+        axes.axvline(episode - 1 + step / 100, color="#6b7280", linestyle=":", label=None if number else "interruption")
+    axes.set_xlabel("episode")
+    axes.set_ylabel("return (sum of rewards)")
+    axes.set_title(f"{ENV} · sac", loc="left", fontweight="bold")
+    axes.legend(frameon=False)
+    axes.spines[["top", "right"]].set_visible(False)
+    figure.savefig(path, dpi=150)
+
+
+def main() -> None:
+    """Train both and write the results."""
+    with tempfile.TemporaryDirectory() as folder:
+        one, other = Path(folder) / "whole", Path(folder) / "parts"
+        config = {"env": ENV, "episodes": EPISODES, "record": False}
+        whole = train(TrainConfig(**config, run_dir=one))  # type: ignore[arg-type]
+        first = StopAt(STOPS[0])
+        train(TrainConfig(**config, run_dir=other), first, stop=first.stop)  # type: ignore[arg-type]
+        for at in (*STOPS[1:], None):
+            observer = StopAt(at)
+            parts = resume(other, observer, stop=observer.stop)
+        returns = [[episode.return_ for episode in result.episodes] for result in (whole, parts)]
+        same = all(torch.equal(a, b) for a, b in zip(weights(one), weights(other), strict=True))
+    difference = max(abs(a - b) for a, b in zip(*returns, strict=True))
+    RESULTS.mkdir(exist_ok=True)
+    draw(RESULTS / "resume.png", *returns)
+    result = {"environment": ENV, "episodes": EPISODES, "interrupted_at": STOPS}
+    outcome = {"largest_difference_of_returns": difference, "weights_are_equal": same}
+    print(outcome, write("resume", {**result, **outcome, "returns": returns}))
+    assert same and difference == 0.0
+
+
+if __name__ == "__main__":
+    main()

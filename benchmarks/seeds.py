@@ -1,0 +1,91 @@
+"""Many seeds at once: one program that trains stacked networks, or processes side by side?
+
+    python benchmarks/seeds.py
+
+Part one: updates of three networks of two layers of 256 (two critics and an actor, as in SAC) on batches of 256, for five seeds:
+one after the other, and as one batched matrix product for all; on one thread and on all. The products are most of an update.
+Part two: five seeds of SAC on `WalkerSim-v0`, a process for each, as many at a time as there are cores, against one at a time.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import statistics
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import torch
+from machine import write
+from torch import Tensor
+
+from bricksrl.evaluation.seeds import train_seeds
+from bricksrl.training import TrainConfig
+
+SEEDS, NETWORKS, INPUTS, HIDDEN, BATCH = 5, 3, 12, 256, 256
+ROUNDS, UPDATES = 7, 10
+
+
+def updates_of(stacked: int) -> Callable[[], None]:
+    """``UPDATES`` updates of so many stacked networks."""
+    shapes = [(stacked, a, b) for a, b in ((INPUTS, HIDDEN), (HIDDEN, HIDDEN), (HIDDEN, 1))]
+    weights = [(torch.randn(shape) / shape[1] ** 0.5).requires_grad_() for shape in shapes]
+    optimiser = torch.optim.Adam(weights, fused=True)
+    inputs, target = torch.randn(stacked, BATCH, INPUTS), torch.randn(stacked, BATCH, 1)
+
+    def forward() -> Tensor:
+        x = inputs
+        for weight in weights[:-1]:
+            x = torch.bmm(x, weight).relu()
+        return torch.bmm(x, weights[-1])
+
+    def update() -> None:
+        for _ in range(UPDATES):
+            loss = (forward() - target).square().mean((1, 2)).sum()
+            optimiser.zero_grad()
+            torch.autograd.backward(loss)
+            optimiser.step()
+
+    return update
+
+
+def stacked_or_not(threads: int) -> dict[str, float]:
+    """Milliseconds on the wall for an update of all seeds: one after the other, and stacked."""
+    torch.set_num_threads(threads)
+    singles, together = [updates_of(NETWORKS) for _ in range(SEEDS)], updates_of(SEEDS * NETWORKS)
+    found: dict[str, list[float]] = {"one_after_the_other_ms": [], "stacked_ms": []}
+    for _ in range(ROUNDS):
+        for name, work in (("one_after_the_other_ms", singles), ("stacked_ms", [together])):
+            started_s = time.perf_counter()
+            for update in work:
+                update()
+            found[name].append((time.perf_counter() - started_s) * 1e3 / UPDATES)
+    return {name: round(statistics.median(values), 2) for name, values in found.items()}
+
+
+def processes(jobs: int, episodes: int) -> float:
+    """Seconds on the wall for all seeds."""
+    with tempfile.TemporaryDirectory() as folder:
+        config = TrainConfig("WalkerSim-v0", episodes=episodes, record=False, run_dir=Path(folder) / "all")
+        started_s = time.perf_counter()
+        train_seeds(config, SEEDS, jobs=jobs)
+        return time.perf_counter() - started_s
+
+
+def main() -> None:
+    """Measure both and write the results."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--episodes", type=int, default=10)
+    chosen = parser.parse_args()
+    cores = os.cpu_count() or 1
+    updates: dict[str, Any] = {f"{threads}_threads": stacked_or_not(threads) for threads in sorted({1, cores})}
+    wall_s = {f"{jobs}_at_a_time_s": round(processes(jobs, chosen.episodes), 1) for jobs in sorted({1, cores})}
+    setup = {"seeds": SEEDS, "networks": NETWORKS, "hidden": HIDDEN, "batch_size": BATCH, "episodes": chosen.episodes}
+    print(updates, wall_s, write("seeds", {"setup": setup, "updates": updates, "processes": wall_s}))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,72 @@
+"""Runs whose process is killed with -9, at moments drawn from a seed."""
+
+from __future__ import annotations
+
+import os
+import random
+import re
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from test_train import assert_same_run
+
+from bricksrl.agents import preset
+from bricksrl.training import RunFolder, TrainConfig, resume, train
+from bricksrl.training.checkpoint import load_checkpoint
+
+EPISODES = 30
+SETTINGS = ("--set", "hidden=16", "--set", "batch_size=16", "--set", "updates_per_step=1")
+
+
+def start(*arguments: str) -> subprocess.Popen[str]:
+    command = [sys.executable, "-m", "bricksrl.cli", *arguments]
+    pipe = subprocess.PIPE
+    return subprocess.Popen(command, env={**os.environ, "MUJOCO_GL": "disable"}, stdout=pipe, stderr=pipe, text=True)
+
+
+def kill_in(process: subprocess.Popen[str], episode: int, delay_s: float) -> int:
+    """Kill it some time after an episode; returns the last episode that it told of."""
+    assert process.stdout is not None
+    told = 0
+    for line in process.stdout:
+        if found := re.match(r"episode (\d+)/", line):
+            told = int(found[1])
+            if told >= episode:
+                break
+    time.sleep(delay_s)
+    process.kill()
+    rest, stderr = process.communicate(timeout=60)  # ends when nobody holds the pipes any more
+    assert (process.returncode, stderr) == (-9, "")
+    return max([told, *(int(number) for number in re.findall(r"^episode (\d+)/", rest, re.MULTILINE))])
+
+
+@pytest.mark.slow
+def test_a_run_killed_again_and_again_loses_at_most_an_episode_and_ends_as_one_that_was_not(tmp_path: Path) -> None:
+    rng = random.Random(7)
+    settings = replace(preset("default", "sac"), hidden=(16,), batch_size=16, updates_per_step=1)
+    config = TrainConfig("RoboArmSim-v0", episodes=EPISODES, seed=5, settings=settings, run_dir=tmp_path / "whole")
+    train(config)
+    run_dir = tmp_path / "run"
+    new = ("train", "RoboArmSim-v0", "--episodes", str(EPISODES), "--seed", "5", *SETTINGS, "--run", str(run_dir))
+    saved = 0
+    for arguments in (new, ("resume", str(run_dir)), ("train", "--resume", str(run_dir))):
+        told = kill_in(start(*arguments), saved + rng.randint(2, 7), rng.uniform(0.0, 0.1))
+        saved = len(load_checkpoint(run_dir / "checkpoint.bin")["episodes"])
+        assert told <= saved <= told + 2, "what was told of is on the disk"
+    assert saved < EPISODES
+    resume(run_dir)
+    assert_same_run(tmp_path / "whole", run_dir)
+    assert not list(run_dir.glob(".*")), "nothing half written is left"
+
+
+@pytest.mark.slow
+def test_the_learner_of_a_killed_run_writes_what_it_was_told_to_and_goes(tmp_path: Path) -> None:
+    run_dir = tmp_path / "run"
+    child = start("train", "RoboArmSim-v0", "--episodes", "500", *SETTINGS, "--run", str(run_dir), "--asynchronous")
+    told = kill_in(child, 3, 0.05)  # it waits until the learner has gone too
+    assert len(load_checkpoint(run_dir / "checkpoint.bin")["episodes"]) >= told
+    assert len(RunFolder(run_dir).read_episodes()) >= told
