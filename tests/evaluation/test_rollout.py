@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 import torch
+from tensordict import TensorDictBase
 from toys import Cart
 
 from bricksrl.agents import SACSettings
@@ -101,3 +102,22 @@ def test_missing_run_and_no_episodes_are_refused(run_dir: Path, tmp_path: Path) 
         evaluate(tmp_path)
     with pytest.raises(RunError, match="at least 1"):
         evaluate(run_dir, Cart(), episodes=0)
+
+
+class PausedCart(Cart):
+    """Somebody pauses it in its second episode: that one ends after three steps."""
+
+    @property
+    def is_cut(self) -> bool:
+        return self.resets == 2 and self.step_count >= 3
+
+    def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
+        out = super()._step(tensordict)
+        return out.update({"truncated": out["truncated"] | self.is_cut, "done": out["done"] | self.is_cut})
+
+
+def test_an_episode_that_a_pause_cut_short_does_not_count(run_dir: Path) -> None:
+    env, seen = PausedCart(), []
+    paused = evaluate(run_dir, env, episodes=3, save=False, on_env=seen.append)
+    assert env.resets == 4 and seen == [env]
+    assert paused.returns == evaluate(run_dir, Cart(), episodes=3, save=False).returns, "it was made again, from the same start"
