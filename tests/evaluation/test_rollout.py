@@ -80,10 +80,10 @@ def test_evaluation_repeats_and_another_seed_starts_elsewhere(run_dir: Path) -> 
 
 def test_evaluation_changes_nothing_but_its_file(run_dir: Path) -> None:
     (run_dir / "evaluation.json").unlink(missing_ok=True)
-    before = {path.name: path.read_bytes() for path in run_dir.iterdir()}
+    before = {path: path.read_bytes() for path in run_dir.rglob("*") if path.is_file()}
     state = torch.get_rng_state()
     evaluate(run_dir, Cart(), episodes=1, save=False)
-    assert {path.name: path.read_bytes() for path in run_dir.iterdir()} == before
+    assert {path: path.read_bytes() for path in run_dir.rglob("*") if path.is_file()} == before
     assert torch.equal(torch.get_rng_state(), state)
 
 
