@@ -12,6 +12,7 @@ from torchrl.envs import (
     CatFrames,
     Compose,
     DoubleToFloat,
+    EnvBase,
     ObservationNorm,
     RewardSum,
     StepCounter,
@@ -238,6 +239,27 @@ def test_a_robot_that_a_hand_places_keeps_its_link_when_seeded() -> None:
     assert [env.reset()["observation"][5].item() for _ in range(10)] == directions
     assert len(placed) == 20
     assert env.step(act(1.0, -1.0))["next", "observation"][4] < 0
+
+
+@IDS
+def test_a_step_leaves_torchrl_nothing_to_complete(env_id: str) -> None:
+    env = bricksrl.make(env_id, seed=0)
+    env.reset()
+    mine = env._step(TensorDict({"action": env.action_spec.rand()}, batch_size=()))
+    theirs = EnvBase._step_proc_data(env, mine.clone())
+    assert set(theirs.keys()) == set(env._step_proc_data(mine.clone()).keys())
+    assert (theirs == mine).all()
+    env.close()
+
+
+def test_a_task_with_rewards_of_another_shape() -> None:
+    task = dataclasses.replace(
+        SPINNING, reward=lambda previous, action, observation: SPINNING.reward(previous, action, observation)[0]
+    )
+    env = bricksrl.make("Spinning-v0", seed=0)
+    env.task = task
+    assert env.rollout(2)["next", "reward"].shape == (2, 1)
+    env.close()
 
 
 def test_step_and_maybe_reset() -> None:

@@ -249,8 +249,10 @@ class HubEnv(EnvBase):  # type: ignore[misc]
         return TensorDict(out, batch_size=())
 
     def _step_proc_data(self, next_tensordict_out: TensorDictBase) -> TensorDictBase:
-        """Nothing to complete or to reshape: ``_step`` gives every entry as the specs say."""
-        return next_tensordict_out
+        """``_step`` leaves nothing to complete; where a task's own functions give other shapes, TorchRL puts them right."""
+        if next_tensordict_out.get("reward").shape == next_tensordict_out.get("terminated").shape == (1,):
+            return next_tensordict_out
+        return super()._step_proc_data(next_tensordict_out)
 
     def _wait_while_blocked(self, episode: _Episode) -> None:
         """Read on, without moving, until nothing is in the way; reading keeps the hub from letting go of its motors.
