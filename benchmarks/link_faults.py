@@ -3,8 +3,8 @@
     python benchmarks/link_faults.py --faults 1000
     python benchmarks/link_faults.py --faults 3 --end-ms 10000 --workers 1      # with the second stage of a real hub
 
-Everything runs in real time: about two seconds a fault, and several hubs at once. The hub ends its program half a second
-after it has stopped its motors, not ten seconds as a real one, so that a thousand faults take minutes.
+Everything runs in real time: some seconds a fault, and several hubs at once; the result is written after each of them. The hub
+ends its program half a second after it has stopped its motors, not ten seconds as a real one, so that a thousand take minutes.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import sys
 import tempfile
 import time
 from collections import Counter
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
@@ -50,21 +50,26 @@ def main() -> None:
     sizes = [min(args.course, args.faults - start) for start in range(0, args.faults, args.course)]
     jobs = [(size, args.seed + number, args.end_ms) for number, size in enumerate(sizes)]
     start_s = time.monotonic()
-    reports = []
+    reports: list[dict[str, Any]] = []
+    name = "link_faults" if args.end_ms == 500 else "link_faults_real_second_stage"
     with ProcessPoolExecutor(args.workers, mp_context=get_context("spawn")) as pool:
-        for report in pool.map(course, jobs):
-            reports.append(report)
+        for done in as_completed([pool.submit(course, job) for job in jobs]):
+            reports.append(done.result())
+            result = {"seed": args.seed, "second_stage_ms": args.end_ms, **summary(reports)}
+            path = write(name, result | {"wall_s": round(time.monotonic() - start_s)})
             print(f"{len(reports)}/{len(jobs)} courses, {time.monotonic() - start_s:.0f} s", flush=True)
-    result: dict[str, Any] = {"faults_in_all": args.faults, "seed": args.seed, "second_stage_ms": args.end_ms}
+    print(result)
+    print(path)
+
+
+def summary(reports: list[dict[str, Any]]) -> dict[str, Any]:
+    """All courses so far, in numbers."""
+    result: dict[str, Any] = {"faults_in_all": sum(report["faults"].total() for report in reports)}
     for name in _COUNTED:
         total: Counter[str] = sum((report[name] for report in reports), Counter())
         result[name] = dict(sorted(total.items()))
     result |= {name: sum(report[name] for report in reports) for name in _SUMMED}
-    result |= {name: round(max(report[name] for report in reports), 3) for name in _LONGEST}
-    result["wall_s"] = round(time.monotonic() - start_s)
-    name = "link_faults" if args.end_ms == 500 else "link_faults_real_second_stage"
-    print(result)
-    print(write(name, result))
+    return result | {name: round(max(report[name] for report in reports), 3) for name in _LONGEST}
 
 
 if __name__ == "__main__":

@@ -6,6 +6,7 @@ Everything of the radio runs in a thread of its own, as an operating system's Bl
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import dataclasses
 import threading
 from collections.abc import Callable, Coroutine
@@ -317,7 +318,8 @@ class RadioClient(BaseBleakClient):
     def _on_disconnection(self, *_: Any) -> None:
         self._connection = None
         if self._disconnected_callback is not None:
-            self._host.call_soon_threadsafe(self._disconnected_callback)
+            with contextlib.suppress(RuntimeError):  # whoever asked to be told is gone
+                self._host.call_soon_threadsafe(self._disconnected_callback)
 
 
 async def _in_radio(radio: Radio, coroutine: Coroutine[Any, Any, T]) -> T:

@@ -13,7 +13,7 @@ from fault_course import RECOVERY_BOUND_S, run_course
 
 from bricksrl.hub import program
 
-FAULTS = int(os.environ.get("BRICKSRL_FAULTS", "10"))
+FAULTS = int(os.environ.get("BRICKSRL_FAULTS", "6"))
 
 
 @pytest.fixture
@@ -21,6 +21,7 @@ def short_second_stage(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(program, "END_MS", 500)
 
 
+@pytest.mark.slow
 def test_a_training_goes_on_through_faults(tmp_path: Path, short_second_stage: None) -> None:
     report = run_course(tmp_path, FAULTS, seed=5)
     assert report.faults.total() == FAULTS and len(report.phases) > 1
