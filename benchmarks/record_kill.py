@@ -26,7 +26,8 @@ from bricksrl.data.description import Channel, Description
 from bricksrl.data.episode import About, Step
 
 KILLS_PER_FOLDER = 20
-LONGEST_S = 0.5
+LONGEST_S = 0.15
+"""An episode takes about as long to record."""
 STEPS = 20
 _CHANNELS = (Channel("angle", "deg", 0.0, 360.0, wraps=True), Channel("distance", "mm"))
 BLIND = Description("Toy-v0", 4.0, _CHANNELS, (Channel("motor", "deg", -100.0, 100.0),), {"name": "toy"})
@@ -66,14 +67,14 @@ def record(root: Path, description: Description) -> None:
             recorder.commit()
 
 
-def killed_after(root: Path, kind: str, delay_s: float) -> int:
-    """Let a process record, kill it after this time, and return how many episodes it said are committed."""
+def killed_after(root: Path, kind: str, commits: int, delay_s: float) -> int:
+    """Let a process record, kill it so long after so many commits, and return how many episodes it said are committed."""
     command = [sys.executable, __file__, "--record", str(root), "--kind", kind]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:  # noqa: S603
         assert process.stdout is not None
-        said = process.stdout.readline()
-        if not said:
-            raise RuntimeError("the recording process did not begin")
+        said = "".join(process.stdout.readline() for _ in range(1 + commits))
+        if not said.endswith("\n"):
+            raise RuntimeError("the recording process ended by itself")
         time.sleep(delay_s)
         process.kill()
         lines = (said + process.stdout.read()).split("\n")[:-1]  # the last line counts only if it is whole
@@ -117,7 +118,7 @@ def measure(kills: int, seed: int) -> dict[str, Any]:
         for kill in range(kills):
             series = kill // KILLS_PER_FOLDER
             root, kind = Path(folder) / str(series), ("blind", "seeing")[series % 2]
-            committed = killed_after(root, kind, rng.uniform(0.0, LONGEST_S))
+            committed = killed_after(root, kind, rng.randrange(3), rng.uniform(0.0, LONGEST_S))
             results.append(opened(root, committed))
             if not (kill + 1) % KILLS_PER_FOLDER:
                 print(f"{kill + 1} kills, {sum(r['lost'] for r in results)} episodes lost", flush=True)

@@ -21,7 +21,7 @@ KILL = runpy.run_path(str(Path(__file__).parents[2] / "benchmarks/record_kill.py
 def test_killed_at_random_moments_it_loses_nothing_that_was_committed(tmp_path: Path) -> None:
     rng = random.Random(1)
     for _ in range(6):
-        committed = KILL["killed_after"](tmp_path / "set", "blind", rng.uniform(0.0, 0.3))
+        committed = KILL["killed_after"](tmp_path / "set", "blind", rng.randrange(3), rng.uniform(0.0, 0.15))
         found = KILL["opened"](tmp_path / "set", committed)
         assert found["lost"] == 0 and 0 <= found["beyond"] <= 1 and found["pyarrow"], (committed, found)
     before = len(load(tmp_path / "set").rows)

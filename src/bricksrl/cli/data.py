@@ -245,6 +245,66 @@ class Export:
         return 0
 
 
+@dataclass(frozen=True)
+class Push:
+    """Put a dataset, or the policy of a run, on the Hugging Face hub, with a card.
+
+    Log in first: `hf auth login`, or set HF_TOKEN.
+
+    Examples:
+      bricksrl data push datasets/walker_expert me/walker-expert
+      bricksrl data push runs/walker me/walker-sac --policy
+    """
+
+    folder: Annotated[Positional[Path], arg(metavar="DIR")]
+    """Folder of the dataset, or of the run."""
+    repo: Annotated[Positional[str], arg(metavar="REPO")]
+    """Its name on the hub: name/dataset."""
+    policy: bool = False
+    """Share the policy of the run rather than its data: a safetensors file, never a pickle."""
+    private: bool = False
+    """Show it to nobody else."""
+
+    def execute(self) -> int:
+        """Push and print its address."""
+        from bricksrl.data.share import push_dataset
+        from bricksrl.training.sharing import push_policy
+
+        load_learning()
+        push = push_policy if self.policy else push_dataset
+        print_line(push(self.folder, self.repo, private=self.private))
+        return 0
+
+
+@dataclass(frozen=True)
+class Pull:
+    """Fetch a dataset, or a policy, from the Hugging Face hub. It is checked before it gets its name.
+
+    Examples:
+      bricksrl data pull me/walker-expert --out datasets/walker_expert
+      bricksrl data pull me/walker-sac --policy --out policies/walker
+    """
+
+    repo: Annotated[Positional[str], arg(metavar="REPO")]
+    """Its name on the hub: name/dataset."""
+    out: Annotated[Path, arg(metavar="DIR")]
+    """Folder to write to, which must not exist."""
+    policy: bool = False
+    """Fetch a policy."""
+    revision: Annotated[str | None, arg(metavar="NAME")] = None
+    """Branch, tag or commit; the newest without it."""
+
+    def execute(self) -> int:
+        """Pull and say where it is."""
+        from bricksrl.data.share import pull_dataset
+        from bricksrl.training.sharing import pull_policy
+
+        load_learning()
+        pull = pull_policy if self.policy else pull_dataset
+        print_line(str(pull(self.repo, self.out, revision=self.revision)))
+        return 0
+
+
 def _some(paths: tuple[Path, ...]) -> tuple[Path, ...]:
     if not paths:
         raise DataError("no dataset is named; give its folder")
@@ -260,4 +320,6 @@ COMMANDS: dict[str, type] = {
     "plot": Plot,
     "import": Import,
     "export": Export,
+    "push": Push,
+    "pull": Pull,
 }

@@ -41,7 +41,7 @@ class Record:
     out: Annotated[Path, arg(metavar="DIR")]
     """Folder of the dataset: a new one, or one that goes on."""
     policy: Annotated[str, arg(metavar="POLICY")] = "random"
-    """What acts: random, keyboard, gamepad, or the folder of a run."""
+    """What acts: random, keyboard, gamepad, or the folder of a run or of a policy that was shared."""
     take_over: Literal["keyboard", "gamepad"] | None = None
     """Let a human take over from the policy, and give back; these steps are marked in the data."""
     episodes: Annotated[int, arg(metavar="N")] = 10
@@ -143,6 +143,7 @@ class Record:
 def _run_policy(run_dir: Path, env: EnvBase, *, explore: bool) -> Policy:
     from bricksrl.agents.agent import look
     from bricksrl.training import load_agent
+    from bricksrl.training.sharing import is_policy, load_policy
 
-    agent = load_agent(run_dir, env).agent
+    agent = load_policy(run_dir, env) if is_policy(run_dir) else load_agent(run_dir, env).agent
     return lambda state: agent.act(look(agent, state), explore=explore)

@@ -79,7 +79,7 @@ Trained with BricksRL on {json.dumps(env)} for {episodes} episodes. {found}
 `policy.safetensors` holds the tensors that the policy acts with, `policy.json` what they belong to.
 
 ```
-bricksrl policy pull <this repository> --out policy
+bricksrl data pull <this repository> --policy --out policy
 bricksrl record {env} --policy policy --out dataset
 ```
 """

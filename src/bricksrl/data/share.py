@@ -99,7 +99,7 @@ def reaching(repo: str) -> Iterator[HfApi]:
         DataError: huggingface_hub is not installed, the hub is out of reach, or it refuses.
     """
     try:
-        from huggingface_hub import HfApi
+        from huggingface_hub import HfApi, errors
         from huggingface_hub.errors import (
             HfHubHTTPError,
             HFValidationError,
@@ -111,9 +111,8 @@ def reaching(repo: str) -> Iterator[HfApi]:
         from huggingface_hub.utils.tqdm import disable_progress_bars
     except ImportError as error:
         raise DataError("no huggingface_hub is here to share with; install it: pip install 'bricksrl[data]'") from error
-    import httpx
-
     disable_progress_bars()
+    transport_error: type[Exception] = vars(errors)["HTTPError"]  # of the HTTP client that this version has
     api = HfApi(endpoint=os.environ.get("HF_ENDPOINT"))
     try:
         yield api
@@ -125,7 +124,7 @@ def reaching(repo: str) -> Iterator[HfApi]:
         raise DataError(f"the hub shows no {repo} to you; check its name and revision, or log in with `hf auth login`") from None
     except HfHubHTTPError as error:
         raise DataError(_refusal(repo, error)) from None
-    except (OfflineModeIsEnabled, httpx.TransportError, OSError) as error:
+    except (OfflineModeIsEnabled, transport_error, OSError) as error:
         raise DataError(f"the hub at {api.endpoint} cannot be reached ({_first_line(error)}); try again with a network") from None
 
 

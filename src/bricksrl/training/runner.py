@@ -144,7 +144,7 @@ def load_agent(run_dir: Path, env: EnvBase) -> Trained:
     """
     folder = RunFolder(run_dir)
     config = folder.read_config()
-    agent = _make_agent(config, env)
+    agent = make_agent_for(config, env)
     state = load_state(folder, config, env)
     agent.load_state_dict(state["agent"])
     return Trained(agent, len(state["episodes"]))
@@ -162,7 +162,7 @@ def _prepared(
     interruption = Interruption(stop or threading.Event())
     try:
         with reproducible(derive_seed(config.seed, "agent")), interruption:
-            agent = _make_agent(config, ready)
+            agent = make_agent_for(config, ready)
             study(config, agent, ready)
             yield ready, agent, interruption
     finally:
@@ -242,7 +242,8 @@ def make_env(config: TrainConfig, place: Placement | None = None) -> EnvBase:
     return make(config.env, hub=config.hub, seed=config.seed, realtime=config.realtime, **options)
 
 
-def _make_agent(config: TrainConfig, env: EnvBase) -> Agent:
+def make_agent_for(config: TrainConfig, env: EnvBase) -> Agent:
+    """A fresh agent as a config names it, to act in ``env``."""
     from bricksrl.agents.layout import layout_of
 
     task = getattr(env, "task", None)

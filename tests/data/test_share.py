@@ -1,0 +1,95 @@
+from __future__ import annotations
+
+import json
+import socket
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from hub_server import TOKEN, Hub, serving
+from toy_data import SEEING, record
+
+import bricksrl
+from bricksrl.agents import preset
+from bricksrl.data import load
+from bricksrl.data.share import pull_dataset, push_dataset
+from bricksrl.errors import CheckpointError, DataError
+from bricksrl.training import TrainConfig, load_agent, train
+from bricksrl.training.sharing import load_policy, pull_policy, push_policy
+
+
+@pytest.fixture
+def hub(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
+    monkeypatch.setenv("HF_TOKEN", TOKEN)
+    monkeypatch.setenv("HF_HUB_DISABLE_XET", "1")
+    with serving() as server:
+        monkeypatch.setenv("HF_ENDPOINT", server.address)
+        yield server
+
+
+def test_a_dataset_goes_to_the_hub_and_comes_back(hub: Hub, tmp_path: Path) -> None:
+    root = record(tmp_path / "set", (3, 4), SEEING)
+    (root / "meta/.part-x").unlink(missing_ok=True)
+    assert push_dataset(root, "me/toy") == f"{hub.address}/datasets/me/toy"
+    files = hub.files["datasets/me/toy"]
+    assert {"meta/info.json", "meta/bricksrl.json", "data/chunk-000/file-001.parquet", "README.md"} <= files.keys()
+    assert ".lock" not in files and hub.tags == ["v3.0"]
+    card = files["README.md"].decode()
+    assert "- LeRobot" in card and "| transitions | 7 |" in card and "observation.state`: angle, distance" in card
+    pull_dataset("me/toy", tmp_path / "fetched")
+    ours, theirs = load(root), load(tmp_path / "fetched")
+    assert np.array_equal(ours.observation, theirs.observation) and np.array_equal(ours.image, theirs.image)
+    with pytest.raises(DataError, match="exists already"):
+        pull_dataset("me/toy", tmp_path / "fetched")
+
+
+def test_what_is_damaged_on_the_way_gets_no_name(hub: Hub, tmp_path: Path) -> None:
+    push_dataset(record(tmp_path / "set"), "me/toy")
+    name = "data/chunk-000/file-001.parquet"
+    hub.files["datasets/me/toy"][name] = hub.files["datasets/me/toy"][name][::-1]
+    with pytest.raises(DataError, match="me/toy is not sound"):
+        pull_dataset("me/toy", tmp_path / "fetched")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["set"]
+
+
+def test_refusals_are_one_line(hub: Hub, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    root = record(tmp_path / "set")
+    with pytest.raises(DataError, match="shows no me/nothing"):
+        pull_dataset("me/nothing", tmp_path / "out")
+    with pytest.raises(DataError, match="no name on the hub"):
+        pull_dataset("a name/of/three", tmp_path / "out")
+    monkeypatch.setenv("HF_TOKEN", "hf_unknown")
+    with pytest.raises(DataError, match="hf auth login"):
+        push_dataset(root, "me/toy")
+    with socket.socket() as nobody:
+        nobody.bind(("127.0.0.1", 0))
+        monkeypatch.setenv("HF_ENDPOINT", f"http://127.0.0.1:{nobody.getsockname()[1]}")
+        with pytest.raises(DataError, match="cannot be reached"):
+            push_dataset(root, "me/toy")
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_policy_goes_to_the_hub_and_acts_as_before(hub: Hub, tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    train(TrainConfig("WalkerSim-v0", episodes=1, run_dir=run, settings=preset("default", "sac"), record=False))
+    push_policy(run, "me/policy")
+    files = hub.files["models/me/policy"]
+    assert sorted(files) == ["README.md", "policy.json", "policy.safetensors"]
+    assert (
+        json.loads(files["policy.json"])["config"]["env"] == "WalkerSim-v0" and str(tmp_path) not in files["policy.json"].decode()
+    )
+    pull_policy("me/policy", tmp_path / "policy")
+    env = bricksrl.make("WalkerSim-v0", seed=0)
+    observation = env.reset()["observation"]
+    actions = [
+        agent.act(observation, explore=False) for agent in (load_agent(run, env).agent, load_policy(tmp_path / "policy", env))
+    ]
+    assert torch.equal(*actions)
+    with pytest.raises(CheckpointError, match="observes or acts otherwise"):
+        load_policy(tmp_path / "policy", bricksrl.make("RoboArmSim-v0", seed=0))
+    for content in (b"\x80\x04cos\nsystem\n.", b"", files["policy.safetensors"][:-9]):
+        files["policy.safetensors"] = content
+        with pytest.raises(CheckpointError, match="no sound safetensors"):
+            pull_policy("me/policy", tmp_path / "bad")
+    assert not (tmp_path / "bad").exists()
