@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from torchrl.envs import EnvBase
 
     from bricksrl.data.collect import Driver
-    from bricksrl.training.learner import Learner
+    from bricksrl.training.learner import Learner, Pace
     from bricksrl.training.online import Rollout
 
 RATE_WINDOW = 5
@@ -61,6 +61,7 @@ class Session:
     episodes: list[Episode] = field(default_factory=list)
     driver: Driver | None = None
     _gap: _Gap | None = None
+    _saved_at: Pace | None = None
 
     def go_on(self, state: TensorDictBase | None) -> RunResult:
         """Train from ``state``, the reset of the next episode, to the last episode or to an interruption.
@@ -74,8 +75,9 @@ class Session:
         try:
             while state is not None and self._one_episode(state):
                 state = self._next_start() if len(self.episodes) < self.config.episodes else None
-            reached = self._reached()
-            caught_up = self._catch_up()
+            pace = self.learner.pace  # once: learning goes on meanwhile
+            reached = self._reached(pace)
+            caught_up = self._catch_up(pace)
         except (KeyboardInterrupt, BricksError):
             if not self.interruption.requested:
                 raise
@@ -90,6 +92,7 @@ class Session:
 
     def save(self) -> None:
         """Have the checkpoint written."""
+        self._saved_at = self.learner.pace
         self.learner.save(self.folder.checkpoint_path, run_state(self.identity, self.episodes))
 
     def _one_episode(self, state: TensorDictBase) -> bool:
@@ -137,7 +140,7 @@ class Session:
             losses=rollout.losses,
             seconds=seconds + (before.seconds if before else 0.0),
             link_lost=lost,
-            updates_per_step=self._reached(),
+            updates_per_step=self._reached(self.learner.pace),
         )
         with self.interruption.held_back():
             self.episodes.append(episode)
@@ -164,19 +167,19 @@ class Session:
             raise error
         self.interruption.wait(pause_s)
 
-    def _reached(self) -> float | None:
-        share = self.learner.pace.share
+    def _reached(self, pace: Pace) -> float | None:
+        share = pace.share
         return None if share is None or not self.updates_per_step else share * self.updates_per_step
 
-    def _catch_up(self) -> int:
+    def _catch_up(self, before: Pace) -> int:
         """Have what is due made and written; returns the number of updates."""
-        before = self.learner.pace
         due = (before.asked - before.done) * self.updates_per_step
         if due and not self.interruption.requested:
             self.observer.on_catching_up(due)
         self.learner.finish(lambda: not self.interruption.requested)
         made = (self.learner.pace.done - before.done) * self.updates_per_step
-        if made:
+        whole = len(self.episodes) == self.config.episodes  # else the learner knows steps of an episode that does not count
+        if whole and self.learner.pace != self._saved_at:
             self.save()
             self.learner.finish(lambda: False)
         return made
