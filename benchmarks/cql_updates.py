@@ -9,14 +9,17 @@ and an action of 4, one thread. All take turns for ``ROUNDS`` rounds in one proc
 from __future__ import annotations
 
 import statistics
+import time
 from collections.abc import Callable
 from dataclasses import replace
 
 import torch
 from machine import write
-from torchrl.modules import ValueOperator
+from tensordict import TensorDict
+from torch import Tensor, nn
+from torchrl.data import Bounded, LazyTensorStorage, TensorDictReplayBuffer
+from torchrl.modules import MLP, ValueOperator
 from torchrl.objectives import CQLLoss, SoftUpdate
-from updates import ACTION, HIDDEN, OBSERVATION, SPEC, STORED, UPDATES, Critic, measure, stored
 
 from bricksrl.agents import CQLSettings, make_agent, preset
 from bricksrl.agents.agent import Transitions
@@ -25,6 +28,41 @@ from bricksrl.agents.networks import make_actor, make_policy
 from bricksrl.agents.off_policy import OffPolicyAgent
 
 ROUNDS = 3
+UPDATES = 20
+OBSERVATION, ACTION, HIDDEN, BATCH = 8, 4, (256, 256), 256
+STORED = 10_000
+SPEC = Bounded(-1.0, 1.0, (ACTION,))
+
+
+class Critic(nn.Module):
+    """An action value, from ordinary layers."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.layers = MLP(OBSERVATION + ACTION, 1, num_cells=list(HIDDEN), activation_class=nn.ReLU)
+
+    def forward(self, observation: Tensor, action: Tensor) -> Tensor:
+        """The value ``[*batch, 1]``."""
+        value: Tensor = self.layers(torch.cat((observation, action), -1))
+        return value
+
+
+def stored() -> TensorDictReplayBuffer:
+    """TorchRL's replay buffer, full of random transitions."""
+    buffer = TensorDictReplayBuffer(storage=LazyTensorStorage(STORED), batch_size=BATCH)
+    done = torch.zeros(STORED, 1, dtype=torch.bool)
+    one, other = (torch.rand(2, STORED, OBSERVATION) * 2 - 1).unbind()
+    after = {"observation": other, "reward": one.sum(-1, keepdim=True), "done": done, "terminated": done.clone()}
+    data = {"observation": one, "action": torch.rand(STORED, ACTION) * 2 - 1, "next": TensorDict(after, [STORED])}
+    buffer.extend(TensorDict(data, [STORED]))
+    return buffer
+
+
+def measure(update: Callable[[], object]) -> float:
+    """CPU milliseconds of one update."""
+    started_s = time.process_time()
+    update()
+    return (time.process_time() - started_s) * 1e3 / UPDATES
 
 
 def ours(drawn_actions: int) -> Callable[[], object]:
@@ -80,7 +118,7 @@ def main() -> None:
     runs: dict[str, list[float]] = {name: [] for name in contestants}
     for _ in range(ROUNDS):
         for name, update in contestants.items():
-            runs[name].append(measure(update)[0])
+            runs[name].append(measure(update))
     cpu_ms = {name: round(statistics.median(values), 2) for name, values in runs.items()}
     found = {"cpu_ms": cpu_ms, "updates_per_cpu_s": {name: round(1e3 / value, 1) for name, value in cpu_ms.items()}}
     print(found)
