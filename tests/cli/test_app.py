@@ -54,10 +54,10 @@ def test_help_of_a_command_has_examples(bricksrl):
     [
         ("", "Expected one of"),
         ("trian RunAway-v0", "trian"),
-        ("train", "ENV"),
+        ("train", "name an environment"),
         ("train RunAway-v0 --agnet sac", "--agnet"),
         ("train RunAway-v0 --seed x", "--seed"),
-        ("train RunAway-v0 --hub ble", "--hub"),
+        ("train RunAway-v0 --hub telepathy", "telepathy"),
         ("train RunAway-v0 Spinning-v0", "Spinning-v0"),
         ("hub", "program, run"),
         ("hub run", "FILE"),
@@ -69,7 +69,7 @@ def test_wrong_arguments_are_one_line(fails, arguments, says):
 
 
 def test_an_error_in_the_arguments_names_whose_help_to_read(bricksrl):
-    assert bricksrl("train", "RunAway-v0", "--hub", "ble").stderr.endswith("; see `bricksrl train --help`\n")
+    assert bricksrl("train", "RunAway-v0", "--agnet", "sac").stderr.endswith("; see `bricksrl train --help`\n")
 
 
 def test_a_reader_that_goes_away_is_no_error():
