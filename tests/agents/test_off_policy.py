@@ -148,10 +148,10 @@ def test_values_go_on_through_a_time_limit_and_end_at_a_termination(agent: str) 
         made = fresh(agent, small(agent, **changes, **extra, **small_alpha))
         for one in transitions(30):
             made.remember(Transition(one.observation, one.action, 1.0, one.next_observation, terminated, True))
-        for _ in range(200):
+        for _ in range(300):
             made.update()
-        one = transitions(1)[0]
-        return float(made.critics(made.encoder(one.observation)[None], one.action[None]).detach().mean())  # type: ignore[attr-defined]
+        observation, action = (torch.stack([getattr(one, name) for one in transitions(30)]) for name in ("observation", "action"))
+        return float(made.critics(made.encoder(observation), action).detach().mean())  # type: ignore[attr-defined]
 
     assert value(terminated=True) == pytest.approx(1.0, abs=0.3)
     assert value(terminated=False) > 2.5

@@ -68,7 +68,7 @@ def regret(agent: Any) -> float:
     """How much less than the best the agent gets, from all starts."""
     x, total = STARTS, torch.zeros(41)
     for step in range(40):
-        x = move(x, agent.act(x[:, None], explore=False)[:, 0])
+        x = move(x, torch.cat([agent.act(one[None], explore=False) for one in x]))
         total -= GAMMA**step * x.square()
     return float((value_at(BEST, STARTS) - total).mean())
 

@@ -99,9 +99,9 @@ def test_the_owner_is_asked_to_place_the_robot(monkeypatch):
 
 def test_an_existing_folder_stays_as_it_is(fails, trained):
     run_dir, _ = trained
-    before = {path.name: path.read_bytes() for path in run_dir.iterdir()}
+    before = {path: path.read_bytes() for path in run_dir.rglob("*") if path.is_file()}
     fails("train", "RunAway-v0", "--run", str(run_dir), says="exists already")
-    assert {path.name: path.read_bytes() for path in run_dir.iterdir()} == before
+    assert {path: path.read_bytes() for path in run_dir.rglob("*") if path.is_file()} == before
 
 
 @pytest.mark.parametrize(

@@ -74,7 +74,7 @@ WRONG_TABLES = [
         ({"success": lambda o: o[..., -1, 4:5] > 0}, "functions", "success has the shape"),
         ({"success": lambda o: o[..., -1, 4]}, "functions", "success is not bool"),
         ({"metrics": lambda o: {"end": o[..., -1, :]}}, "functions", "end has the shape"),
-        ({"robot": Robot("two-wheeler", HubKind.MOVE)}, "hub program", "AppData"),
+        ({"robot": Robot("two-wheeler", HubKind.MOVE)}, "hub program", "not supported"),
     ],
 )
 def test_what_is_wrong_is_found(change: dict[str, object], name: str, says: str) -> None:

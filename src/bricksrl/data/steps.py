@@ -88,7 +88,7 @@ def _versions() -> tuple[tuple[str, str], ...]:
 
 
 def _physics(env: EnvBase) -> dict[str, float]:
-    physics = getattr(env.twin.body, "physics", None)
+    physics = None if env.twin is None else getattr(env.twin.body, "physics", None)
     return {} if physics is None else dataclasses.asdict(physics)
 
 

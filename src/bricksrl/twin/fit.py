@@ -42,6 +42,7 @@ _WIDE, _NARROW = 0.15, 0.06  # of a parameter's range
 _LOOKS, _LONG, _SHORT = 21, 20, 16  # replays for each parameter
 _OFF = 0.25  # of the range that robots differ in: a parameter is told when being off by this much
 _LEAST_RISE = 0.15  # raises the error by this share or more
+_EXACT = 0.01  # an error, in roughnesses, as good as none
 _LEAST_REST = 4
 _SOFT = 3.0  # differences beyond this many roughnesses count by their size rather than by its square
 _NOISES = tuple(name for name in PARAMETERS if "noise" in name)
@@ -208,7 +209,7 @@ class _Search:
 
     def rises(self, best: Physics, names: tuple[str, ...]) -> dict[str, float]:
         """By what share the error rises, on average, when one parameter is off to either side."""
-        lowest, found = self.error(best), {}
+        lowest, found = max(self.error(best), _EXACT), {}
         for name in names:
             away, (low, high) = _OFF * np.ptp(PARAMETERS[name].drawn), PARAMETERS[name].accepted
             beside = [getattr(best, name) + side * away for side in (-1.0, 1.0)]
