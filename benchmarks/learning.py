@@ -5,12 +5,14 @@
 Episodes of random actions at the start count. Each run pauses at each mark, at the end of the episode that reaches it, is
 evaluated there on ``EVALUATED_EPISODES`` deterministic episodes, and goes on as if nothing had been: it is resumed from its
 checkpoint, bit for bit. Runs go through one process for each core, with one thread each. Intervals are 95 % bootstrap intervals
-of the mean over the seeds. Beside the JSON there is a picture: return against robot steps, CPU time and wall time.
+of the mean over the seeds. Beside the JSON there is a picture: return against robot steps, CPU time and wall time. What was
+found earlier about other agents and environments stays in both.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import multiprocessing
 import os
 import tempfile
@@ -188,9 +190,12 @@ def main() -> None:
         for of_agent in agents.values():
             of_agent["summary"] = summary(of_agent["seeds"])
     name = "learning" if chosen.preset == "default" else f"learning_{chosen.preset}"
-    setup = {"preset": chosen.preset, "seeds": chosen.seeds, "evaluated_episodes": EVALUATED_EPISODES}
-    print(write(name, {"setup": setup, "environments": environments}))
-    draw(RESULTS / f"{name}.png", environments)
+    path = RESULTS / f"{name}.json"
+    known: dict[str, Any] = json.loads(path.read_text())["environments"] if path.exists() else {}
+    for env, agents in environments.items():
+        known.setdefault(env, {}).update(agents)
+    print(write(name, {"setup": {"preset": chosen.preset, "evaluated_episodes": EVALUATED_EPISODES}, "environments": known}))
+    draw(path.with_suffix(".png"), known)
 
 
 if __name__ == "__main__":
