@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from bricksrl.agents.layout import ObservationLayout
+from bricksrl.agents.lean.critics import climb_least
 from bricksrl.agents.lean.flat import Learned, working_type
 from bricksrl.agents.lean.passes import Pass
 from bricksrl.agents.networks import StackedCritics, make_normalised_actor
@@ -59,10 +60,8 @@ class CrossQAgent(SoftAgent):
 
     def climb(self, features: Tensor, action: Tensor) -> tuple[Tensor, Tensor]:
         """The lesser of the critics' values and its gradient by the actions."""
-        values = self._leading.forward(torch.cat((features, action), -1))
-        value = values.amin(0)
-        of_inputs = self._leading.backward((values == value) * (-1.0 / len(action)), weights=False, inputs=True)
-        return value.mean(), of_inputs[..., features.shape[-1] :].sum(0)
+        value, of_inputs = climb_least(self._leading, torch.cat((features, action), -1))
+        return value, of_inputs[:, features.shape[-1] :]
 
     def move_critics(self) -> None:
         """A step of the critics."""

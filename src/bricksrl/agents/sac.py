@@ -12,6 +12,7 @@ import torch
 from torch import Tensor
 
 from bricksrl.agents.layout import ObservationLayout
+from bricksrl.agents.lean.critics import climb_least, climb_mean, descend
 from bricksrl.agents.lean.flat import Flat, Learned, working_type
 from bricksrl.agents.lean.passes import Pass
 from bricksrl.agents.networks import StackedCritics, make_actor
@@ -54,29 +55,21 @@ class SACAgent(SoftAgent):
         chosen = self._aiming
         if len(chosen) > 1:
             chosen = [chosen[net] for net in torch.randperm(len(chosen))[: self.settings.target_critics].tolist()]
-        next_values = torch.cat([critics.forward(inputs) for critics in chosen])
-        next_value = next_values.amin(0)[:, 0] - self.temperature.alpha() * next_log_prob
-        return batch.reward + self.settings.gamma * torch.where(batch.terminated, 0.0, next_value)
+        values = [critics.forward(inputs) for critics in chosen]
+        next_value = (values[0] if len(values) == 1 else torch.cat(values)).amin(0)[:, 0]
+        soft_value = torch.sub(next_value, next_log_prob, alpha=self.temperature.alpha().item())
+        return torch.where(batch.terminated, batch.reward, torch.add(batch.reward, soft_value, alpha=self.settings.gamma))
 
     def descend_critics(self, batch: Batch, next_action: Tensor, next_log_prob: Tensor) -> Tensor:
         """Gradients of the critics' squared errors; returns their sum."""
         target = self.target(batch, next_action, next_log_prob)
-        values = self._judging.forward(torch.cat((batch.features, batch.action), -1))
-        errors = values - target[:, None]
-        self._judging.backward(errors * (2.0 / len(target)))
-        return errors.square().sum() / len(target)
+        return descend(self._judging, torch.cat((batch.features, batch.action), -1), target)
 
     def climb(self, features: Tensor, action: Tensor) -> tuple[Tensor, Tensor]:
         """The least of the critics' values, or the mean, and its gradient by the actions."""
-        values = self._judging.forward(torch.cat((features, action), -1))
-        if self.settings.actor_value == "min":
-            value = values.amin(0)
-            of_values = (values == value) * (-1.0 / len(action))
-        else:
-            value = values.mean(0)
-            of_values = torch.full_like(values, -1.0 / values.numel())
-        of_inputs = self._judging.backward(of_values, weights=False, inputs=True)
-        return value.mean(), of_inputs[..., features.shape[-1] :].sum(0)
+        climb = climb_least if self.settings.actor_value == "min" else climb_mean
+        value, of_inputs = climb(self._judging, torch.cat((features, action), -1))
+        return value, of_inputs[:, features.shape[-1] :]
 
     def move_critics(self) -> None:
         """A step of the critics, and a smaller one of their targets after them."""

@@ -75,7 +75,7 @@ class SoftAgent(LeanAgent):
         outs = [self._foreseeing(rows * len(batches)).forward(torch.cat([batch.next_features for batch in batches]))]
         if actor:
             outs.append(self._climbing.forward(batches[-1].features))
-        out = torch.cat(outs, 1)[0]
+        out = outs[0][0] if len(outs) == 1 else torch.cat([out[0].mT for out in outs], -1).mT
         drawn = gaussian.draw(out, self.settings.min_scale, torch.randn(len(out), self._action_size))
         found = []
         for place, batch in enumerate(batches):
@@ -103,7 +103,7 @@ class SoftAgent(LeanAgent):
         """Gradients of actor and temperature, for a draw from the actor's last outputs; returns the loss and the entropy."""
         value, of_action = self.climb(batch.features, drawn.action)
         alpha, log_prob = self.temperature.alpha(), drawn.log_prob.mean()
-        self._climbing.backward(drawn.backward(of_action, alpha / len(drawn.action))[None])
+        self._climbing.backward(drawn.backward(of_action, alpha.item() / len(drawn.action))[None])
         self.learned_actor.gradient(self.temperature.log_alpha).copy_(-log_prob - self.temperature.target_entropy)
         return alpha * log_prob - value, -log_prob
 

@@ -11,6 +11,7 @@ from torch import Tensor
 
 from bricksrl.agents.layout import ObservationLayout
 from bricksrl.agents.lean.agent import LeanAgent
+from bricksrl.agents.lean.critics import descend
 from bricksrl.agents.lean.flat import Flat, Learned, working_type
 from bricksrl.agents.lean.passes import Pass
 from bricksrl.agents.networks import StackedCritics, make_deterministic_actor
@@ -86,11 +87,9 @@ class TD3Agent(LeanAgent):
 
     def descend_critics(self, batch: Batch, target: Tensor) -> tuple[Tensor, ...]:
         """A step of the critics down their squared errors; returns the sum of these."""
-        values = self._judging.forward(torch.cat((batch.features, batch.action), -1))
-        errors = values - target[:, None]
-        self._judging.backward(errors * (2.0 / len(target)))
+        loss = descend(self._judging, torch.cat((batch.features, batch.action), -1), target)
         self.learned_critics.step()
-        return (errors.square().sum() / len(target),)
+        return (loss,)
 
     def descend_actor(self, batch: Batch) -> tuple[Tensor, ...]:
         """A step of the actor down its loss; returns that."""

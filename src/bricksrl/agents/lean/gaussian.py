@@ -9,6 +9,8 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
+_ops = torch.ops.aten
+
 LEAST_SCALE = 0.01
 SCALE_SHIFT = math.log(math.expm1(1.0 - LEAST_SCALE))
 """An output of 0 is a scale of 1, as in tensordict's ``NormalParamExtractor``."""
@@ -23,32 +25,44 @@ class Draw:
     noise: Tensor
     scale: Tensor
     raw_scale: Tensor
+    min_scale: float
 
     def last(self, rows: int) -> Draw:
         """The last ones only."""
-        return Draw(*(part[-rows:] for part in (self.action, self.log_prob, self.noise, self.scale, self.raw_scale)))
+        action, log_prob, noise, scale, raw_scale = (
+            part[-rows:] for part in (self.action, self.log_prob, self.noise, self.scale, self.raw_scale)
+        )
+        return Draw(action, log_prob, noise, scale, raw_scale, self.min_scale)
 
-    def backward(self, of_action: Tensor, of_log_prob: Tensor) -> Tensor:
+    def backward(self, of_action: Tensor, of_log_prob: float) -> Tensor:
         """The gradient ``[rows, 2 m]`` by a network's outputs, from those by the actions and by each log-probability."""
         # the slope of log(1 - tanh(x)^2) is -2 tanh(x), and for a given noise the normal's own density knows its scale only
-        of_x = torch.addcmul(2.0 * of_log_prob * self.action, of_action, 1.0 - self.action.square())
-        of_scale = of_x * self.noise - of_log_prob / self.scale
-        slope = torch.where(_soft(self.raw_scale) < self.scale, 0.0, (self.raw_scale + SCALE_SHIFT).sigmoid())
-        return torch.cat((of_x, of_scale * slope), -1)
+        of_x = torch.add(_ops.tanh_backward(of_action, self.action), self.action, alpha=2.0 * of_log_prob)
+        of_scale = torch.sub(of_x * self.noise, self.scale.reciprocal(), alpha=of_log_prob)
+        of_scale *= (self.raw_scale + SCALE_SHIFT).sigmoid_()
+        of_scale = _ops.threshold_backward(of_scale, self.scale, self.min_scale)
+        return torch.cat((of_x.mT, of_scale.mT)).mT
 
 
 def draw(out: Tensor, min_scale: float, noise: Tensor) -> Draw:
     """What the outputs ``[rows, 2 m]`` of a network make of standard normal ``noise`` ``[rows, m]``."""
     loc, raw_scale = out.chunk(2, -1)
+    noise = noise.mT.contiguous().mT  # as the outputs lie
     scale = _soft(raw_scale).clamp_min_(min_scale)
     x = torch.addcmul(loc, scale, noise)
-    log_prob = (-0.5 * noise.square() - scale.log() - log_slope(x)).sum(-1) - 0.5 * math.log(2 * math.pi) * loc.shape[-1]
-    return Draw(x.tanh(), log_prob, noise, scale, raw_scale)
+    parts = _bend(x).addcmul_(noise, noise, value=0.125).add_(scale.log(), alpha=0.25)
+    log_prob = parts.sum(-1).mul_(-4.0).sub_((0.5 * math.log(2 * math.pi) + 2.0 * math.log(2.0)) * loc.shape[-1])
+    return Draw(x.tanh(), log_prob, noise, scale, raw_scale, min_scale)
 
 
 def log_slope(x: Tensor) -> Tensor:
     """log(1 - tanh(x)^2), written so that it stays finite where tanh saturates."""
-    return 2.0 * (math.log(2.0) - x - functional.softplus(-2.0 * x))
+    return 4.0 * _bend(x) + 2.0 * math.log(2.0)
+
+
+def _bend(x: Tensor) -> Tensor:
+    """A quarter of log((1 - tanh(x)^2) / 4): -(x + softplus(-2 x)) / 2."""
+    return torch.sub(functional.softplus(x, -2.0), x, alpha=0.5)
 
 
 def act(out: Tensor, min_scale: float, *, explore: bool) -> Tensor:

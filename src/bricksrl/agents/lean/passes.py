@@ -6,8 +6,10 @@ What comes out lies in that memory: it holds until the next time. It has the typ
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import pairwise
 from typing import Protocol
 
+import numpy as np
 import torch
 from torch import Tensor, nn
 
@@ -39,10 +41,10 @@ class Pass:
 
     def forward(self, x: Tensor) -> Tensor:
         """Outputs ``[k, rows, out]`` for inputs ``[rows, in]``, the same for all, or ``[k, rows, in]``."""
-        out = x.to(self._dtype).expand(self.k, *x.shape[-2:])
+        out = _as(x, self._dtype).expand(self.k, *x.shape[-2:])
         for step in self._steps:
             out = step.forward(out)
-        return out.to(x.dtype)
+        return _as(out, x.dtype)
 
     def backward(self, slope: Tensor, *, weights: bool = True, inputs: bool = False) -> Tensor:
         """From the gradient by the outputs of the last `forward`, which is written over, back.
@@ -51,10 +53,40 @@ class Pass:
             weights: write the gradients by the parameters to where they belong.
             inputs: go on to the gradient ``[k, rows, in]`` by the inputs; else what comes out means nothing.
         """
-        back = slope.to(self._dtype)
+        back = _as(slope, self._dtype)
         for place in range(len(self._steps) - 1, -1, -1):
             back = self._steps[place].backward(back, weights=weights, further=inputs or place > 0)
-        return back.to(slope.dtype)
+        return _as(back, slope.dtype)
+
+    def backward_through(self, choice: Choice, slope: Tensor) -> Tensor:
+        """Each sample back through one network only: gradients ``[rows, in]`` by inputs from those ``[rows, out]`` by outputs.
+
+        Not through batch normalisations that normalise by the batch, where every sample has to do with every other.
+        """
+        back = _as(slope.index_select(0, choice.order), self._dtype)
+        for step in reversed(self._steps):
+            back = step.backward_through(choice, back)
+        return _as(torch.empty_like(back).index_copy_(0, choice.order, back), slope.dtype)
+
+
+class Choice:
+    """One of ``k`` networks for each sample, ``nets`` ``[rows]``; samples are put in the order of their networks."""
+
+    def __init__(self, nets: Tensor, k: int) -> None:
+        of_row = nets.numpy()  # short arrays: NumPy takes a tenth of torch's time
+        order = of_row.argsort(kind="stable")
+        self.order, self._places = torch.from_numpy(order), torch.from_numpy(of_row[order] * len(order) + order)
+        ends = [0, *np.bincount(of_row, minlength=k).cumsum().tolist()]
+        self.parts = [(net, slice(start, end)) for net, (start, end) in enumerate(pairwise(ends)) if end > start]
+        """Which network has which of the samples so ordered."""
+
+    def of(self, kept: Tensor) -> Tensor:
+        """Of what is kept ``[k, rows, size]`` that of the chosen networks ``[rows, size]``, in order."""
+        return kept.view(-1, kept.shape[-1]).index_select(0, self._places)
+
+
+def _as(tensor: Tensor, dtype: torch.dtype) -> Tensor:
+    return tensor if tensor.dtype is dtype else tensor.to(dtype)
 
 
 class _Room:
@@ -84,12 +116,16 @@ class _Step(Protocol):
     def backward(self, slope: Tensor, *, weights: bool, further: bool) -> Tensor:
         """The gradient by ``x``, if it is to go ``further``, and those by the ``weights``; ``slope`` may be written over."""
 
+    def backward_through(self, choice: Choice, slope: Tensor) -> Tensor:
+        """The gradient by the samples of ``x``, ordered, from that by what came of them, which may be written over."""
+
 
 def _steps(network: StackedMLP, room: _Room, *, training: bool) -> Iterator[_Step]:
     layers = [None, *network.layers, None]
     for before, layer, following in zip(layers, layers[1:-1], layers[2:], strict=False):
         if isinstance(layer, StackedLinear):
-            yield _Linear(layer, room, following.scale if isinstance(following, Dropout) else 1.0, lowest=before is None)
+            scale = following.scale if isinstance(following, Dropout) else 1.0
+            yield _Linear(layer, room, scale, lowest=before is None, highest=following is None)
         elif isinstance(layer, Dropout):
             yield _Drop(layer)
         elif isinstance(layer, StackedLayerNorm):
@@ -106,35 +142,58 @@ class _Linear:
     Products are turned so that what is written lies along its longer side.
     """
 
-    def __init__(self, layer: StackedLinear, room: _Room, scale: float, *, lowest: bool) -> None:
+    def __init__(self, layer: StackedLinear, room: _Room, scale: float, *, lowest: bool, highest: bool) -> None:
         self._weight, self._bias = room.working(layer.weight), room.working(layer.bias)
         self._of_weight, self._of_bias = room.gradient(layer.weight), room.gradient(layer.bias)
-        self._scale = scale
+        self._scale, self._highest = scale, highest
         _, in_size, out_size = self._weight.shape
         self._narrowing, self._lying = out_size < in_size, lowest and out_size > in_size
-        self._out = room.space(out_size)
+        self._out = room.space(out_size, lying=highest)
+        self._out = self._out.mT if highest else self._out
         self._back = room.space(in_size, lying=self._lying)
+        # views take time to make
+        self._turned, self._each, self._each_turned = self._weight.mT, list(self._weight), list(self._weight.mT)
+        self._of_turned = None if self._of_weight is None else self._of_weight.mT
+        self._of_x = self._back.mT if self._lying else self._back
+        self._x = self._x_turned = self._out
 
     def forward(self, x: Tensor) -> Tensor:
-        self._x = x
+        if x is not self._x:
+            self._x, self._x_turned = x, x.mT
+        if self._highest:
+            torch.baddbmm(self._bias.mT, self._turned, self._x_turned, out=self._out.mT)
+            return self._out
         return torch.baddbmm(self._bias, x, self._weight, beta=self._scale, alpha=self._scale, out=self._out)
 
     def backward(self, slope: Tensor, *, weights: bool, further: bool) -> Tensor:
         if self._scale != 1.0:
             slope *= self._scale
-        if weights and self._of_weight is not None and self._of_bias is not None:
+        if weights and self._of_weight is not None and self._of_turned is not None and self._of_bias is not None:
             torch.sum(slope, 1, keepdim=True, out=self._of_bias)
             if self._narrowing:
-                torch.bmm(slope.mT, self._x, out=self._of_weight.mT)
+                torch.bmm(slope.mT, self._x, out=self._of_turned)
             else:
-                torch.bmm(self._x.mT, slope, out=self._of_weight)
+                torch.bmm(self._x_turned, slope, out=self._of_weight)
         if not further:
             return slope
         if self._lying:
-            return torch.bmm(self._weight, slope.mT, out=self._back).mT
-        if slope.shape[-1] == 1:
-            return torch.mul(slope, self._weight.mT, out=self._back)
-        return torch.bmm(slope, self._weight.mT, out=self._back)
+            torch.bmm(self._weight, slope.mT, out=self._back)
+        elif slope.shape[-1] == 1:
+            torch.mul(slope, self._turned, out=self._back)
+        else:
+            torch.bmm(slope, self._turned, out=self._back)
+        return self._of_x
+
+    def backward_through(self, choice: Choice, slope: Tensor) -> Tensor:
+        if self._scale != 1.0:
+            slope *= self._scale
+        back, product = self._back[0], torch.mul if slope.shape[-1] == 1 else torch.mm
+        for net, part in choice.parts:
+            if self._lying:
+                torch.mm(self._each[net], slope[part].mT, out=back[:, part])
+            else:
+                product(slope[part], self._each_turned[net], out=back[part])
+        return self._of_x[0]
 
 
 class _ReLU:
@@ -146,6 +205,9 @@ class _ReLU:
 
     def backward(self, slope: Tensor, *, weights: bool, further: bool) -> Tensor:
         return _through_relu(slope, self._out)
+
+    def backward_through(self, choice: Choice, slope: Tensor) -> Tensor:
+        return _through_relu(slope, choice.of(self._out))
 
 
 def _through_relu(slope: Tensor, out: Tensor) -> Tensor:
@@ -161,13 +223,18 @@ class _Drop:
         self._layer = layer
 
     def forward(self, x: Tensor) -> Tensor:
-        self._places = self._layer.places(x.numel())
+        self._shape, self._places = x.shape, self._layer.places(x.numel())
         x.view(-1).index_fill_(0, self._places, 0.0)
         return x
 
     def backward(self, slope: Tensor, *, weights: bool, further: bool) -> Tensor:
         slope.view(-1).index_fill_(0, self._places, 0.0)
         return slope
+
+    def backward_through(self, choice: Choice, slope: Tensor) -> Tensor:
+        kept = torch.ones(self._shape, dtype=slope.dtype)
+        kept.view(-1).index_fill_(0, self._places, 0.0)
+        return slope.mul_(choice.of(kept))
 
 
 class _RectifiedLayerNorm:
@@ -200,6 +267,14 @@ class _RectifiedLayerNorm:
                 self._of_gain[place].copy_(of_gain)
                 self._of_shift[place].copy_(of_shift)
         return self._back
+
+    def backward_through(self, choice: Choice, slope: Tensor) -> Tensor:
+        slope, x = _through_relu(slope, choice.of(self._out)), choice.of(self._x)
+        mean, rstd = (choice.of(torch.stack(moment)) for moment in zip(*self._moments, strict=True))
+        for net, part in choice.parts:
+            given = slope[part], x[part], self._shape, mean[part], rstd[part], *self._affine[net], [True, False, False]
+            slope[part] = torch.ops.aten.native_layer_norm_backward(*given)[0]
+        return slope
 
 
 class _BatchNorm:
@@ -241,3 +316,11 @@ class _BatchNorm:
             return torch.mul(slope, factor, out=self._back)
         torch.addcmul(total * factor * (-1.0 / n), slope, factor, out=self._back)
         return self._back.addcmul_(self._centred, along * self._scale * factor, value=-1.0 / n)
+
+    def backward_through(self, choice: Choice, slope: Tensor) -> Tensor:
+        if self._training:
+            raise RuntimeError("a sample of a batch that is normalised has no gradient of its own")
+        factor = self._scale * self._gain
+        for net, part in choice.parts:
+            slope[part] *= factor[net]
+        return slope
