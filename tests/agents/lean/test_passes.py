@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from torch import Tensor
 
 from bricksrl.agents.lean.flat import Flat, Learned
-from bricksrl.agents.lean.passes import Pass
+from bricksrl.agents.lean.passes import Choice, Pass
 from bricksrl.agents.networks import StackedMLP
 
 SHAPES: dict[str, Any] = {
@@ -71,6 +71,39 @@ def test_forward_and_backward_equal_autograds(
     ours = [learned.gradient(parameter) for parameter in made.parameters()]
     torch.testing.assert_close(ours, gradients, rtol=1e-6, atol=1e-8)
     torch.testing.assert_close(dict(made.named_buffers()), dict(other.named_buffers()))
+
+
+@settings(max_examples=40)
+@given(**SHAPES, dropout=st.sampled_from((0.0, 0.3)), norms=NORMS)
+def test_back_through_one_network_for_each_sample_is_back_through_all_with_slopes_for_that_one(
+    hidden: tuple[int, ...],
+    in_size: int,
+    out_size: int,
+    k: int,
+    rows: int,
+    seed: int,
+    dropout: float,
+    norms: dict[str, Any],
+) -> None:
+    torch.manual_seed(seed)
+    made = network(in_size, hidden, out_size, k, dropout=dropout, **norms).double().eval()
+    nets, slope = torch.randint(k, (rows,)), torch.randn(rows, out_size, dtype=torch.float64)
+    of_each = torch.zeros(k, rows, out_size, dtype=torch.float64)
+    of_each[nets, torch.arange(rows)] = slope
+    with torch.no_grad():
+        way = Pass(made, rows, Learned(made, learning_rate=1.0), training=False)
+        way.forward(torch.randn(rows, in_size, dtype=torch.float64))
+        expected = way.backward(of_each, weights=False, inputs=True).sum(0)
+        torch.testing.assert_close(way.backward_through(Choice(nets, k), slope), expected, rtol=1e-6, atol=1e-8)
+
+
+def test_samples_of_a_batch_that_is_normalised_have_no_way_back_of_their_own() -> None:
+    with torch.no_grad():
+        made = network(4, (8,), 1, 2, batch_norm=0.1)
+        way = Pass(made, 5, Learned(made, learning_rate=1.0))
+        way.forward(torch.randn(5, 4))
+        with pytest.raises(RuntimeError, match="of its own"):
+            way.backward_through(Choice(torch.zeros(5, dtype=torch.int64), 2), torch.ones(5, 1))
 
 
 @pytest.mark.parametrize("norms", [{}, {"layer_norm": True}, {"batch_norm": 0.2}])
