@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import os
 import pty
+import signal
 import struct
 import sys
 import time
@@ -48,8 +49,10 @@ class TestKeyboard:
             os.write(hand, b"S ")
             assert driver(NOTHING).tolist() == [1.0, -1.0]
             os.write(hand, b"\x03")
+            before = signal.signal(signal.SIGINT, signal.default_int_handler)  # in the background it may be ignored
             with pytest.raises(KeyboardInterrupt):
                 driver(NOTHING)
+            signal.signal(signal.SIGINT, before)
         self.terminal.close()
         os.close(hand)
 
