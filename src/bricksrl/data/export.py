@@ -71,7 +71,7 @@ def export_minari(path: Path, out: Path) -> None:
         import minari
         from minari.data_collector import EpisodeBuffer
     except ImportError as error:
-        raise DataError("no Minari is here to write its format; install it: pip install 'minari[hdf5]'") from error
+        raise DataError("no Minari is here to write its format; install it: pip install 'bricksrl[data]'") from error
     _refuse_existing(out)
     episodes = load(path)
     name = f"{out.parent.name}/{out.name}"
