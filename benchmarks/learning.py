@@ -16,17 +16,18 @@ import json
 import multiprocessing
 import os
 import tempfile
-import threading
 import time
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from machine import RESULTS, write
+from stopping import StopWhen
 
 from bricksrl.agents import AGENTS, preset
-from bricksrl.training import Episode, Observer, Progress, TrainConfig, resume, train
+from bricksrl.training import Episode, TrainConfig, resume, train
 
 LENGTH = 100
 """Steps of an episode at most, in all of these environments."""
@@ -50,16 +51,9 @@ class Job:
     marks: tuple[int, ...]
 
 
-class StopAt(Observer):
-    """Stops a run at the end of the episode in which it has made so many steps."""
-
-    def __init__(self, steps: int) -> None:
-        self.stop = threading.Event()
-        self._steps = steps
-
-    def on_episode(self, episode: Episode, progress: Progress) -> None:
-        if episode.steps >= self._steps:
-            self.stop.set()
+def has_made(steps: int, episode: Episode) -> bool:
+    """Whether a run has made so many robot steps."""
+    return episode.steps >= steps
 
 
 def run(job: Job) -> list[dict[str, Any]]:
@@ -71,7 +65,7 @@ def run(job: Job) -> list[dict[str, Any]]:
     with tempfile.TemporaryDirectory() as parent:
         folder = Path(parent) / "run"
         for mark in job.marks:
-            observer = StopAt(mark)
+            observer = StopWhen(partial(has_made, mark))
             started = time.process_time(), time.perf_counter()
             if found:
                 result = resume(folder, observer, stop=observer.stop)

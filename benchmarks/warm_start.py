@@ -13,32 +13,21 @@ from __future__ import annotations
 import argparse
 import statistics
 import tempfile
-import threading
 from pathlib import Path
 from typing import Any
 
 from machine import write
+from stopping import StopWhen
 
-from bricksrl.training import Episode, Observer, Progress, TrainConfig, train
+from bricksrl.training import TrainConfig, train
 
 ENV, GOAL = "Walker-v0", -25.0
 WAYS = ("alone", "data", "start")
 
 
-class StopAtGoal(Observer):
-    """Stops a run after the first episode that is good enough."""
-
-    def __init__(self) -> None:
-        self.stop = threading.Event()
-
-    def on_episode(self, episode: Episode, progress: Progress) -> None:
-        if episode.return_ >= GOAL:
-            self.stop.set()
-
-
 def run(way: str, data: str, seed: int, episodes: int, updates: int) -> dict[str, Any]:
     """Train until the goal."""
-    observer = StopAtGoal()
+    observer = StopWhen(lambda episode: episode.return_ >= GOAL)
     with tempfile.TemporaryDirectory() as folder:
         start, run_dir = Path(folder) / "start", Path(folder) / "run"
         if way == "start":

@@ -1,0 +1,99 @@
+"""Where the default settings come from: each taken back by itself to what the paper trained with.
+
+    python benchmarks/ablation.py
+
+An agent trains in a simulation with the default preset, with the paper's, and with the default one in which a single setting is
+the paper's, for `STEPS` robot steps in all. Means over the seeds of ``EVALUATED_EPISODES`` deterministic episodes, with 95 %
+bootstrap intervals over the seeds; the same seeds for each. What was found earlier about others stays in the file.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import multiprocessing
+import os
+import statistics
+import tempfile
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+from machine import RESULTS, write
+from stopping import StopWhen
+
+from bricksrl.agents import AGENTS, preset
+from bricksrl.agents.presets import Settings
+from bricksrl.training import TrainConfig, train
+
+STEPS = {"WalkerSim-v0": 1000, "RoboArmSim-v0": 400}
+EVALUATED_EPISODES = 40
+FOR_GOALS = ("goals", "hindsight", "new_goals")
+"""Settings without effect in a task without goals."""
+
+
+def variants(env: str, agent: str) -> dict[str, Settings]:
+    """Settings by what of the paper's they have."""
+    default, paper = preset("default", agent), preset("paper", agent)
+    found: dict[str, Settings] = {"default": default}
+    for name, theirs in asdict(paper).items():
+        if theirs != getattr(default, name) and not (env == "WalkerSim-v0" and name in FOR_GOALS):
+            found[name] = replace(default, **{name: theirs})
+    return {**found, "paper": paper}
+
+
+def run(env: str, agent: str, settings: Settings, seed: int) -> tuple[float, float | None]:
+    """Return and success of one agent after its training."""
+    import torch
+
+    from bricksrl.evaluation import evaluate
+
+    torch.set_num_threads(1)
+    observer = StopWhen(lambda episode: episode.steps >= STEPS[env])
+    with tempfile.TemporaryDirectory() as parent:
+        folder = Path(parent) / "run"
+        config = TrainConfig(env, agent, STEPS[env], seed, settings=settings, record=False, run_dir=folder)
+        train(config, observer, stop=observer.stop)
+        found = evaluate(folder, episodes=EVALUATED_EPISODES, save=False)
+    return found.return_mean, found.success_rate
+
+
+def summary(outcomes: list[tuple[float, float | None]]) -> dict[str, Any]:
+    """Over the seeds."""
+    from bricksrl.evaluation.statistics import mean, stratified_bootstrap_interval
+
+    returns, successes = [one for one, _ in outcomes], [success for _, success in outcomes if success is not None]
+    interval = stratified_bootstrap_interval([returns], mean)
+    return {
+        "return_mean": round(statistics.fmean(returns), 2),
+        "return_interval": [round(interval.low, 2), round(interval.high, 2)],
+        "success_mean": round(statistics.fmean(successes), 3) if successes else None,
+        "returns": [round(one, 2) for one in returns],
+    }
+
+
+def main() -> None:
+    """Train all and write the results."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--envs", nargs="+", default=list(STEPS), choices=list(STEPS))
+    parser.add_argument("--agent", default="sac", choices=AGENTS)
+    parser.add_argument("--seeds", type=int, default=5)
+    parser.add_argument("--processes", type=int, default=os.cpu_count())
+    chosen = parser.parse_args()
+    os.environ.update({"OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"})  # before torch is loaded, in the processes
+    path = RESULTS / "ablation.json"
+    known: dict[str, Any] = json.loads(path.read_text())["environments"] if path.exists() else {}
+    with multiprocessing.get_context("spawn").Pool(chosen.processes, maxtasksperchild=1) as pool:
+        for env in chosen.envs:
+            found: dict[str, Any] = {}
+            for name, settings in variants(env, chosen.agent).items():
+                jobs = [(env, chosen.agent, settings, seed) for seed in range(chosen.seeds)]
+                value = asdict(settings) if name in ("default", "paper") else {name: getattr(settings, name)}
+                found[name] = {"setting": value, **summary(pool.starmap(run, jobs, chunksize=1))}
+                print(env, name, found[name]["return_mean"], found[name]["return_interval"], flush=True)
+            known.setdefault(env, {})[chosen.agent] = {"steps": STEPS[env], "variants": found}
+            print(write("ablation", {"evaluated_episodes": EVALUATED_EPISODES, "environments": known}), flush=True)
+
+
+if __name__ == "__main__":
+    main()

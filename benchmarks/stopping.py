@@ -1,0 +1,20 @@
+"""Ends a training run at the end of the first episode that fulfils a condition."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+
+from bricksrl.training import Episode, Observer, Progress
+
+
+class StopWhen(Observer):
+    """Give it to a run as its observer, and its ``stop`` as the run's."""
+
+    def __init__(self, fulfilled: Callable[[Episode], bool]) -> None:
+        self.stop = threading.Event()
+        self._fulfilled = fulfilled
+
+    def on_episode(self, episode: Episode, progress: Progress) -> None:
+        if self._fulfilled(episode):
+            self.stop.set()
