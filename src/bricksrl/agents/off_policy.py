@@ -14,8 +14,8 @@ from bricksrl.agents.agent import Transition, Transitions
 from bricksrl.agents.hindsight import HORIZON, GoalExchange
 from bricksrl.agents.layout import ObservationLayout
 from bricksrl.agents.networks import ObservationEncoder
-from bricksrl.agents.presets import LearnerSettings
 from bricksrl.agents.replay import ReplayRing
+from bricksrl.agents.settings import LearnerSettings
 from bricksrl.errors import CheckpointError, DataError
 
 if TYPE_CHECKING:

@@ -7,83 +7,24 @@ from dataclasses import dataclass, fields, replace
 from typing import Literal, TypeAlias
 
 from bricksrl.agents.image_presets import IMAGE_PRESETS, ImageSACSettings, ImageTD3Settings
+from bricksrl.agents.settings import EntropySettings, LearnerSettings, NoiseSettings, ReplaySettings, TargetSettings
 from bricksrl.errors import DescriptionError, UnknownNameError
 
 
 @dataclass(frozen=True)
-class LearnerSettings:
-    """What all agents have in common that learn. The defaults are tuned for few robot steps."""
+class OffPolicySettings(ReplaySettings, LearnerSettings):
+    """What all agents have in common that learn values from a replay buffer, without images."""
 
-    hidden: tuple[int, ...] = (256, 256)
-    """Units of each hidden layer, of the actor and of the critics."""
-    learning_rate: float = 1e-3
-    """Adam's step size."""
-    adam_beta: float = 0.9
-    """Share of the past in Adam's mean of the gradients."""
-    batch_size: int = 256
-    """Transitions in one update."""
-    updates_per_step: int = 2
-    """Updates of the critics for each step of the robot."""
-    angles: Literal["phases", "sincos", "raw"] = "phases"
-    """How the networks see angles that wrap: as sine and cosine, with those of their differences too, or scaled to -1..1."""
-    goals: Literal["difference", "plain"] = "difference"
-    """What the networks see of a goal: also how far it is from what it is a goal for, or itself only."""
-
-    # What an agent does that learns from a dataset alone; others have settings of these names.
-    prefill_episodes = 0
-    replay_size = 1
-    actor_delay = 1
-    hindsight = 0.0
-    new_goals = 0.0
-
-    def __post_init__(self) -> None:
-        self._above_zero("learning_rate", "batch_size", "updates_per_step")
-        self._share("adam_beta")
-        if self.adam_beta == 1.0:
-            raise DescriptionError("adam_beta is 1, which learns nothing; give a number below 1")
-        if not self.hidden or min(self.hidden) < 1:
-            raise DescriptionError(f"hidden is {self.hidden}; give the units of at least one layer, as in (256, 256)")
-        if self.angles not in ("phases", "sincos", "raw"):
-            raise DescriptionError(f"angles is '{self.angles}'; choose phases, sincos or raw")
-        if self.goals not in ("difference", "plain"):
-            raise DescriptionError(f"goals is '{self.goals}'; choose difference or plain")
-
-    def _above_zero(self, *names: str) -> None:
-        for name in names:
-            if not getattr(self, name) > 0:
-                raise DescriptionError(f"{name} is {getattr(self, name)}; give a number above zero")
-
-    def _share(self, *names: str) -> None:
-        for name in names:
-            if not 0 <= getattr(self, name) <= 1:
-                raise DescriptionError(f"{name} is {getattr(self, name)}; give a number from 0 to 1")
-
-
-@dataclass(frozen=True)
-class OffPolicySettings(LearnerSettings):
-    """What all agents have in common that learn values from a replay buffer."""
-
-    gamma: float = 0.95
-    """Discount of the next step's value."""
-    actor_delay: int = 1
-    """The actor learns in every n-th update of the critics."""
-    prefill_episodes: int = 1
-    """Episodes of uniform actions at the start."""
     hindsight: float = 0.3
     """In a task with goals: share of each batch that pretends to have aimed at what was reached a few steps later."""
     new_goals: float = 0.3
     """In a task with goals: share of each batch that gets goals drawn anew from their range."""
-    replay_size: int = 1_000_000
-    """Transitions kept; the oldest go first."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        self._above_zero("actor_delay", "replay_size")
-        self._share("gamma", "hindsight", "new_goals")
+        self._share("hindsight", "new_goals")
         if self.hindsight + self.new_goals > 1:
             raise DescriptionError(f"hindsight and new_goals add up to {self.hindsight + self.new_goals}; give shares of up to 1")
-        if self.prefill_episodes < 0:
-            raise DescriptionError(f"prefill_episodes is {self.prefill_episodes}; give 0 or more")
 
 
 @dataclass(frozen=True)
@@ -95,24 +36,13 @@ class LeanSettings(OffPolicySettings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.precision not in ("float32", "bfloat16"):
-            raise DescriptionError(f"precision is '{self.precision}'; choose float32 or bfloat16")
+        self._one_of("precision", "float32", "bfloat16")
 
 
 @dataclass(frozen=True)
-class SACSettings(LeanSettings):
+class SACSettings(EntropySettings, TargetSettings, LeanSettings):
     """Soft actor-critic, and with other numbers DroQ and REDQ."""
 
-    tau: float = 0.005
-    """Share of the critics that goes into the target critics at each update."""
-    initial_alpha: float = 0.2
-    """Temperature (weight of the entropy) at the start; it is learned from there."""
-    entropy: float = -1.0
-    """Entropy for each entry of an action that the temperature is learned for; uniform actions have 0.69."""
-    min_scale: float = 0.1
-    """Lower limit of the standard deviation of an action before the tanh."""
-    layer_norm: bool = True
-    """Layer normalisation in the critics."""
     dropout: float = 0.0
     """Dropout rate in the critics."""
     critics: int = 2
@@ -124,62 +54,37 @@ class SACSettings(LeanSettings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        self._above_zero("tau", "initial_alpha", "min_scale", "critics", "target_critics")
-        self._share("tau", "dropout")
+        self._above_zero("critics", "target_critics")
+        self._share("dropout")
         if self.dropout == 1:
             raise DescriptionError("dropout is 1, which leaves nothing; give a number below 1")
         if self.target_critics > self.critics:
             raise DescriptionError(f"target_critics is {self.target_critics}; there are only {self.critics} critics")
-        if self.actor_value not in ("min", "mean"):
-            raise DescriptionError(f"actor_value is '{self.actor_value}'; choose min or mean")
+        self._one_of("actor_value", "min", "mean")
 
 
 @dataclass(frozen=True)
-class TD3Settings(LeanSettings):
-    """Twin delayed deep deterministic policy gradient."""
+class TD3Settings(NoiseSettings, TargetSettings, LeanSettings):
+    """Twin delayed deep deterministic policy gradient; the targets learn when the actor does."""
 
     learning_rate: float = 5e-4
     updates_per_step: int = 4
     actor_delay: int = 2
-    """Actor and targets learn in every n-th update of the critics."""
-    tau: float = 0.005
-    """Share of the networks that goes into their targets, as often as the actor learns."""
-    layer_norm: bool = True
-    """Layer normalisation in the critics."""
-    exploration_noise: float = 0.3
-    """Standard deviation of the noise on the actions while learning; actions are in -1..1."""
-    target_noise: float = 0.1
-    """Standard deviation of the noise on the target actor's actions."""
-    target_noise_limit: float = 0.5
-    """Limit of that noise to either side."""
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self._above_zero("tau", "target_noise_limit")
-        self._share("tau")
-        for name in ("exploration_noise", "target_noise"):
-            if getattr(self, name) < 0:
-                raise DescriptionError(f"{name} is {getattr(self, name)}; give 0 or more")
 
 
 @dataclass(frozen=True)
-class CrossQSettings(LeanSettings):
+class CrossQSettings(EntropySettings, LeanSettings):
     """CrossQ: batch normalisation in place of target networks."""
 
     adam_beta: float = 0.5
     actor_delay: int = 3
     initial_alpha: float = 0.1
-    """Temperature (weight of the entropy) at the start; it is learned from there."""
-    entropy: float = -1.0
-    """Entropy for each entry of an action that the temperature is learned for; uniform actions have 0.69."""
-    min_scale: float = 0.1
-    """Lower limit of the standard deviation of an action before the tanh."""
     momentum: float = 0.01
     """Share of a batch in the running statistics that normalise when the agent acts."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        self._above_zero("initial_alpha", "min_scale", "momentum")
+        self._above_zero("momentum")
         self._share("momentum")
 
 
@@ -199,42 +104,25 @@ class BCSettings(LearnerSettings):
 
 
 @dataclass(frozen=True)
-class IQLSettings(OffPolicySettings):
+class IQLSettings(TargetSettings, OffPolicySettings):
     """Implicit Q-learning: values of actions that the data has, and the better of them imitated."""
 
-    tau: float = 0.005
-    """Share of the critics that goes into the target critics at each update."""
     expectile: float = 0.8
     """Where between the worst (0) and the best (1) action of the data the value of a state lies; 0.5 is the mean."""
     temperature: float = 3.0
     """How much an action's advantage counts when it is imitated; 0 imitates all alike."""
-    layer_norm: bool = True
-    """Layer normalisation in the critics."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        self._above_zero("tau")
-        self._share("tau")
         if not 0 < self.expectile < 1:
             raise DescriptionError(f"expectile is {self.expectile}; give a number between 0 and 1")
-        if self.temperature < 0:
-            raise DescriptionError(f"temperature is {self.temperature}; give 0 or more")
+        self._zero_or_more("temperature")
 
 
 @dataclass(frozen=True)
-class CQLSettings(OffPolicySettings):
+class CQLSettings(EntropySettings, TargetSettings, OffPolicySettings):
     """Conservative Q-learning: soft actor-critic whose critics are pressed down where the data has no actions."""
 
-    tau: float = 0.005
-    """Share of the critics that goes into the target critics at each update."""
-    initial_alpha: float = 0.2
-    """Temperature (weight of the entropy) at the start; it is learned from there."""
-    entropy: float = -1.0
-    """Entropy for each entry of an action that the temperature is learned for; uniform actions have 0.69."""
-    min_scale: float = 0.1
-    """Lower limit of the standard deviation of an action before the tanh."""
-    layer_norm: bool = True
-    """Layer normalisation in the critics."""
     min_q_weight: float = 1.0
     """Weight of the pressure; with a threshold what it is multiplied with is learned too."""
     lagrange_threshold: float | None = None
@@ -248,11 +136,8 @@ class CQLSettings(OffPolicySettings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        self._above_zero("tau", "initial_alpha", "min_scale", "sampled_actions")
-        self._share("tau")
-        for name in ("min_q_weight", "drawn_actions", "imitation_updates"):
-            if getattr(self, name) < 0:
-                raise DescriptionError(f"{name} is {getattr(self, name)}; give 0 or more")
+        self._above_zero("sampled_actions")
+        self._zero_or_more("min_q_weight", "drawn_actions", "imitation_updates")
 
 
 @dataclass(frozen=True)
