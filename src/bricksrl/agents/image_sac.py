@@ -5,10 +5,12 @@ from __future__ import annotations
 import torch
 from torch import Tensor, nn
 
-from bricksrl.agents.image_agent import ImageAgent, SightBatch, step
+from bricksrl.agents.image_agent import ImageAgent
 from bricksrl.agents.image_presets import ImageSACSettings
 from bricksrl.agents.layout import ObservationLayout
+from bricksrl.agents.learner import step
 from bricksrl.agents.networks import StackedCritics, make_actor
+from bricksrl.agents.off_policy import Batch
 from bricksrl.agents.soft import Temperature, sample_action
 
 
@@ -41,7 +43,7 @@ class ImageSACAgent(ImageAgent):
         loc, scale = self.actor(features)
         return (torch.addcmul(loc, scale, torch.randn_like(loc)) if explore else loc).tanh()
 
-    def critic_loss(self, batch: SightBatch) -> Tensor:
+    def critic_loss(self, batch: Batch) -> Tensor:
         """Loss of the critics, and of the encoder."""
         with torch.no_grad():
             next_action, next_log_prob = sample_action(*self.actor(batch.next_features))
@@ -51,14 +53,14 @@ class ImageSACAgent(ImageAgent):
         loss: Tensor = (self.critics(batch.features, batch.action) - target).square().mean(-1).sum()
         return loss
 
-    def actor_loss(self, batch: SightBatch) -> tuple[Tensor, Tensor]:
+    def actor_loss(self, batch: Batch) -> tuple[Tensor, Tensor]:
         """Loss of the actor, which leaves the encoder as it is, and the policy's entropy, a constant."""
         features = batch.features.detach()
         action, log_prob = sample_action(*self.actor(features))
         value = self.critics(features, action).amin(0)
         return (self.temperature.alpha() * log_prob - value).mean(), -log_prob.detach().mean()
 
-    def learn(self, batch: SightBatch, *, actor: bool) -> tuple[Tensor, ...]:
+    def learn(self, batch: Batch, *, actor: bool) -> tuple[Tensor, ...]:
         """One update; the numbers are those of `loss_names`, without ``actor`` only the first."""
         critic_loss = self.critic_loss(batch)
         seeing = (critic_loss, [*self._encoder_parameters, *self._critic_parameters])
@@ -76,6 +78,7 @@ class ImageSACAgent(ImageAgent):
 
     def _parts(self) -> dict[str, nn.Module | torch.optim.Optimizer]:
         return {
+            "encoder": self.encoder,
             "actor": self.actor,
             "critics": self.critics,
             "target_critics": self.target_critics,

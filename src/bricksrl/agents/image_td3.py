@@ -5,10 +5,12 @@ from __future__ import annotations
 import torch
 from torch import Tensor, nn
 
-from bricksrl.agents.image_agent import ImageAgent, SightBatch, step
+from bricksrl.agents.image_agent import ImageAgent
 from bricksrl.agents.image_presets import ImageTD3Settings
 from bricksrl.agents.layout import ObservationLayout
+from bricksrl.agents.learner import step
 from bricksrl.agents.networks import StackedCritics, make_deterministic_actor
+from bricksrl.agents.off_policy import Batch
 
 
 class ImageTD3Agent(ImageAgent):
@@ -42,7 +44,7 @@ class ImageTD3Agent(ImageAgent):
             action = action + self.settings.exploration_noise * torch.randn_like(action)
         return action.clamp(-1.0, 1.0)
 
-    def critic_loss(self, batch: SightBatch) -> Tensor:
+    def critic_loss(self, batch: Batch) -> Tensor:
         """Loss of the critics, and of the encoder."""
         settings = self.settings
         with torch.no_grad():
@@ -54,13 +56,13 @@ class ImageTD3Agent(ImageAgent):
         loss: Tensor = (self.critics(batch.features, batch.action) - target).square().mean(-1).sum()
         return loss
 
-    def actor_loss(self, batch: SightBatch) -> Tensor:
+    def actor_loss(self, batch: Batch) -> Tensor:
         """Loss of the actor, which leaves the encoder as it is: what the first critic thinks of its actions."""
         features = batch.features.detach()
         loss: Tensor = -self.critics(features, self.actor(features), first=1).mean()
         return loss
 
-    def learn(self, batch: SightBatch, *, actor: bool) -> tuple[Tensor, ...]:
+    def learn(self, batch: Batch, *, actor: bool) -> tuple[Tensor, ...]:
         """One update; the numbers are those of `loss_names`, without ``actor`` only the first."""
         critic_loss = self.critic_loss(batch)
         seeing = (critic_loss, [*self._encoder_parameters, *self._critic_parameters])
@@ -75,6 +77,7 @@ class ImageTD3Agent(ImageAgent):
 
     def _parts(self) -> dict[str, nn.Module | torch.optim.Optimizer]:
         return {
+            "encoder": self.encoder,
             "actor": self.actor,
             "target_actor": self.target_actor,
             "critics": self.critics,

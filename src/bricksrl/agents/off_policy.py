@@ -1,22 +1,23 @@
-"""What all agents share that learn from a replay buffer: remembering, drawing batches, the order of updates, and their state."""
+"""What all agents share that learn from observations in a replay buffer: remembering, drawing batches, the order of updates."""
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 
 from bricksrl.agents.agent import Transition, Transitions
 from bricksrl.agents.hindsight import HORIZON, GoalExchange
 from bricksrl.agents.layout import ObservationLayout
+from bricksrl.agents.learner import Learner
 from bricksrl.agents.networks import ObservationEncoder
 from bricksrl.agents.replay import ReplayRing
 from bricksrl.agents.settings import LearnerSettings
-from bricksrl.errors import CheckpointError, DataError
+from bricksrl.errors import DataError
 
 if TYPE_CHECKING:
     from bricksrl.envs.task import Task
@@ -34,16 +35,14 @@ class Batch:
     """Bool."""
 
 
-class OffPolicyAgent(ABC):
+class OffPolicyAgent(Learner):
     """A learner from a replay buffer, for one robot. Networks are made from torch's global generator.
 
     Args:
         task: where it has goals, the agent learns from other goals too, as its settings say.
     """
 
-    actor: nn.Module
-    loss_names: tuple[str, ...]
-    """Names of what `learn` returns."""
+    replay: ReplayRing
 
     def __init__(self, layout: ObservationLayout, action_size: int, settings: LearnerSettings, task: Task | None) -> None:
         self._common = settings
@@ -53,9 +52,8 @@ class OffPolicyAgent(ABC):
         self._goals = GoalExchange(layout, task) if task is not None and layout.goals else None
         n = len(layout)
         self._widths = [n, action_size, n, 2]
-        self._replay = ReplayRing(settings.replay_size, sum(self._widths))
+        self.replay = ReplayRing(settings.replay_size, sum(self._widths))
         self._data: ReplayRing | None = None
-        self._updates = 0
 
     @abstractmethod
     def act(self, observation: Tensor, *, explore: bool) -> Tensor:
@@ -69,27 +67,11 @@ class OffPolicyAgent(ABC):
         """An update with each batch under one actor, which learns in the last one only."""
         return [self.learn(batch, actor=actor and batch is batches[-1]) for batch in batches]
 
-    @abstractmethod
-    def _parts(self) -> dict[str, Any]:
-        """Networks and optimisers by name: all that learning changes. Each has a ``state_dict`` and can load it."""
-
     def remember(self, transition: Transition) -> None:
         """Keep a transition, in physical units."""
         outcome = torch.tensor((transition.reward, float(transition.terminated)))
         parts = (transition.observation, transition.action, transition.next_observation, outcome)
-        self._replay.add(parts, last=transition.last)
-
-    def end_episode(self) -> None:
-        """What was remembered last is the last of its episode."""
-        self._replay.end_episode()
-
-    def policy_state(self) -> dict[str, Tensor]:
-        """The actor's tensors, copied."""
-        return {name: tensor.clone() for name, tensor in self.actor.state_dict().items()}
-
-    def load_policy_state(self, state: dict[str, Tensor]) -> None:
-        """Act as the agent whose `policy_state` this is."""
-        self.actor.load_state_dict(state)
+        self.replay.add(parts, last=transition.last)
 
     def study(self, data: Transitions) -> None:
         """Learn from a dataset too: half of each batch is drawn from it, the whole as long as there is nothing of one's own.
@@ -118,15 +100,10 @@ class OffPolicyAgent(ABC):
             some, batches = batches[:turns], batches[turns:]
             self._updates += len(some)
             found += self.learn_in_turn(some, actor=len(some) == turns)
-        means = {}
-        for place, name in enumerate(self.loss_names):
-            values = [numbers[place] for numbers in found if len(numbers) > place]
-            if values:
-                means[name] = float(torch.stack(values).mean())
-        return means
+        return self._means(found)
 
     def _sources(self) -> list[ReplayRing]:
-        return [ring for ring in (self._replay, self._data) if ring is not None and len(ring)]
+        return [ring for ring in (self.replay, self._data) if ring is not None and len(ring)]
 
     def draw_batches(self, count: int) -> list[Batch]:
         """``count`` batches out of the replay buffer and the dataset, some of their goals exchanged."""
@@ -153,33 +130,3 @@ class OffPolicyAgent(ABC):
                     observation[:, :end], action[:, :end], next_observation[:, :end], goals
                 )
         return [observation, action, reward, next_observation, terminated]
-
-    def state_dict(self) -> dict[str, Any]:
-        """Networks, optimisers, the filled part of the replay buffer, and the number of updates."""
-        parts = {name: part.state_dict() for name, part in self._parts().items()}
-        return {**parts, "replay": self._replay.state_dict(), "updates": self._updates}
-
-    def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Go on from `state_dict`, into an agent that has learned nothing yet.
-
-        Raises:
-            CheckpointError: the state belongs to networks of another shape.
-        """
-        try:
-            for name, part in self._parts().items():
-                part.load_state_dict(state[name])
-            self._replay.load_state_dict(state["replay"])
-            self._updates = state["updates"]
-        except (KeyError, RuntimeError, ValueError) as error:
-            reason = str(error).splitlines()[0]
-            raise CheckpointError(f"the checkpoint does not fit this agent ({reason}); resume with the settings it had") from None
-
-
-def step(optimiser: torch.optim.Optimizer, *losses: tuple[Tensor, list[Tensor]]) -> None:
-    """One step down each loss for its own parameters only; parameters without a loss stay."""
-    gradients = [torch.autograd.grad(loss, parameters) for loss, parameters in losses]
-    optimiser.zero_grad()
-    for (_, parameters), of_loss in zip(losses, gradients, strict=True):
-        for parameter, gradient in zip(parameters, of_loss, strict=True):
-            parameter.grad = gradient
-    optimiser.step()

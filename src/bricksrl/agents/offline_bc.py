@@ -10,8 +10,9 @@ from torch.nn import functional
 
 from bricksrl.agents.agent import Transition
 from bricksrl.agents.layout import ObservationLayout
+from bricksrl.agents.learner import step
 from bricksrl.agents.networks import Dropout
-from bricksrl.agents.off_policy import Batch, OffPolicyAgent, step
+from bricksrl.agents.off_policy import Batch, OffPolicyAgent
 from bricksrl.agents.presets import BCSettings
 
 if TYPE_CHECKING:

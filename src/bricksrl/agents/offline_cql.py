@@ -19,8 +19,9 @@ import torch
 from torch import Tensor, nn
 
 from bricksrl.agents.layout import ObservationLayout
+from bricksrl.agents.learner import step
 from bricksrl.agents.networks import StackedCritics, make_actor
-from bricksrl.agents.off_policy import Batch, OffPolicyAgent, step
+from bricksrl.agents.off_policy import Batch, OffPolicyAgent
 from bricksrl.agents.presets import CQLSettings
 from bricksrl.agents.soft import Temperature, sample_action
 

@@ -13,8 +13,9 @@ import torch
 from torch import Tensor, nn
 
 from bricksrl.agents.layout import ObservationLayout
+from bricksrl.agents.learner import step
 from bricksrl.agents.networks import StackedCritics, make_deterministic_actor
-from bricksrl.agents.off_policy import Batch, OffPolicyAgent, step
+from bricksrl.agents.off_policy import Batch, OffPolicyAgent
 from bricksrl.agents.presets import IQLSettings
 
 if TYPE_CHECKING:
