@@ -34,6 +34,13 @@ def test_imports_go_one_way():
     assert done.returncode == 0, done.stdout
 
 
+def test_published_tables_are_what_the_results_say():
+    done = subprocess.run(
+        [sys.executable, "benchmarks/tables.py", "--check"], cwd=ROOT, capture_output=True, text=True, timeout=60, check=False
+    )
+    assert done.returncode == 0, done.stderr
+
+
 def test_every_dependency_is_pinned():
     pinned = {line.split("==")[0].lower().replace("_", "-") for line in _constraints()}
     extras = PROJECT["project"]["optional-dependencies"]

@@ -1,0 +1,301 @@
+"""The tables of docs/results.md and of the README, written from the results in `benchmarks/results/`.
+
+    python benchmarks/tables.py            # write them
+    python benchmarks/tables.py --check    # say whether they are what the results say
+
+What was not measured yet has no table.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import re
+import sys
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any, TypeAlias
+
+from machine import RESULTS
+
+Result: TypeAlias = dict[str, Any]
+ROOT = Path(__file__).parent.parent
+PAGE = ROOT / "docs" / "results.md"
+README = ROOT / "README.md"
+SHOWN_MARKS = (250, 500, 1000, 2500, 7500)
+"""Robot steps at which the page shows what was learned; the results have more."""
+BLOCK = re.compile(r"(?<=<!-- benchmarks/tables.py -->\n).*?(?=<!-- end -->)", re.DOTALL)
+HEAD = """# Results
+
+This page is written by `python benchmarks/tables.py` from `benchmarks/results/`, where each result lies with the processor and
+the versions it was measured with. Square brackets are 95 % bootstrap intervals over seeds (for rates: Wilson intervals). All
+robots are virtual; nobody here has run this on LEGO's yet.
+"""
+
+
+def number(value: float | None) -> str:
+    """Three or four digits that count; nothing for what is not there."""
+    if value is None:
+        return ""
+    return f"{value:.0f}" if abs(value) >= 1000 else f"{value:.3g}"
+
+
+def percent(rate: float | None) -> str:
+    """A share as whole percents."""
+    return "" if rate is None else f"{100 * rate:.0f} %"
+
+
+def within(value: float, interval: Iterable[float]) -> str:
+    """A mean and its interval."""
+    low, high = interval
+    return f"{number(value)} [{number(low)}, {number(high)}]"
+
+
+def table(head: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
+    """Markdown."""
+    columns = list(head)
+    lines = [columns, ["---"] * len(columns), *rows]
+    return "\n".join("| " + " | ".join(line) + " |" for line in lines) + "\n"
+
+
+def robots(result: Result) -> str:
+    """What SAC learned on each robot."""
+    rows = []
+    for env, found in result["environments"].items():
+        summary, paper, first = found["summary"], found["paper"] or {}, found["seeds"][0]
+        theirs = paper.get(result["agent"])
+        metrics = summary["metrics"]
+        speed = f"walks {metrics['forward_speed_m_s']:.3f} m/s" if "forward_speed_m_s" in metrics else ""
+        success = ""
+        if summary.get("success_rate") is not None and not speed:
+            low, high = summary["success_interval"]
+            success = f"success {percent(summary['success_rate'])} [{100 * low:.0f}, {100 * high:.0f}]"
+            if "sac_success_rate" in paper:
+                success += f", the paper's {percent(paper['sac_success_rate'])}"
+        rows.append(
+            [
+                f"`{env}`",
+                str(len(found["seeds"])),
+                f"{found['episodes']} ({first['steps']} steps)",
+                within(summary["return_mean"], summary["return_interval"]),
+                "" if theirs is None else f"{theirs[0]:.4g} ± {theirs[1]:.3g}",
+                speed or success,
+                f"{summary['training_s_median']:.0f} s",
+            ]
+        )
+    head = ["environment", "seeds", "episodes", "return", "the paper's SAC", "and", "training"]
+    return table(head, rows)
+
+
+def baselines(result: Result) -> str:
+    """Random actions and controllers written by hand."""
+    rows = []
+    for env, found in result["environments"].items():
+        cells = []
+        for kind in ("random", "scripted"):
+            success = found[kind].get("success_rate")
+            cell = within(found[kind]["return_mean"], found[kind]["return_interval"])
+            cells.append(cell if success is None else f"{cell}, {percent(success)}")
+        paper = found["paper"] or {}
+        theirs = "" if "random" not in paper else f"{paper['random'][0]:.4g}"
+        if "random_success" in paper:
+            theirs += f", {percent(paper['random_success'])}"
+        rows.append([f"`{env}`", *cells, theirs, found.get("why_they_differ", "")])
+    return table(["environment", "random", "scripted", "the paper's random", "why they differ"], rows)
+
+
+def learning(result: Result) -> str:
+    """Return and success after so many robot steps in the simulations."""
+    rows = []
+    for env, agents in result["environments"].items():
+        for agent, found in agents.items():
+            rows += [
+                [
+                    f"`{env}`",
+                    agent,
+                    str(len(found["seeds"])),
+                    f"{one['mark']}",
+                    within(one["return_mean"], one["return_interval"]),
+                    percent(one["success_mean"]) if env.startswith("RoboArm") else "",
+                    f"{one['cpu_s']:.0f} s",
+                ]
+                for one in found["summary"]
+                if one["mark"] in SHOWN_MARKS
+            ]
+    return table(["environment", "agent", "seeds", "robot steps in all", "return", "success", "CPU time"], rows)
+
+
+def camera(result: Result) -> str:
+    """Success of the camera task."""
+    rows = []
+    for agent, found in result["agents"].items():
+        for one in found["summary"]:
+            low, high = one["success_range"]
+            success = f"{percent(one['success_median'])} ({100 * low:.0f} to {100 * high:.0f})"
+            rows.append([agent, str(len(found["seeds"])), str(one["episodes"]), success, f"{one['cpu_s_median']:.0f} s"])
+    return table(["agent", "seeds", "episodes in all", "success: median (range)", "CPU time"], rows)
+
+
+def ablation(result: Result) -> str:
+    """Each default setting taken back to the paper's."""
+    rows = []
+    for env, agents in result["environments"].items():
+        for agent, found in agents.items():
+            for name, one in found["variants"].items():
+                what = f"`{name}`" if name in ("default", "paper") else f"`{name}={one['setting'][name]}`"
+                cell = within(one["return_mean"], one["return_interval"])
+                success = percent(one["success_mean"]) if env.startswith("RoboArm") else ""
+                rows.append([f"`{env}`", agent, str(found["steps"]), what, cell, success])
+    return table(["environment", "agent", "robot steps", "settings", "return", "success"], rows)
+
+
+def datasets(result: Result) -> str:
+    """Of 100 episodes each."""
+    rows = []
+    for env, ours in result["tasks"].items():
+        paper = result["paper"][env]
+        rows.append(
+            [
+                f"`{env}`",
+                f"{number(ours['expert']['mean_reward'])} ({number(paper['mean_reward'])})",
+                f"{ours['expert']['transitions']} ({paper['expert_transitions']})",
+                number(ours["random"]["mean_reward"]),
+                f"{ours['random']['transitions']} ({paper['random_transitions']})",
+            ]
+        )
+    return table(["task (paper)", "expert: mean return", "transitions", "random: mean return", "transitions"], rows)
+
+
+def offline(result: Result) -> str:
+    """What agents learned from datasets alone."""
+    agents = sorted({agent for found in result["datasets"].values() for agent in found})
+    rows = []
+    for data, found in result["datasets"].items():
+        cells = []
+        for agent in agents:
+            cell = found.get(agent)
+            if cell is None:
+                cells.append("")
+                continue
+            paper = "" if cell["paper"] is None else f" ({number(cell['paper'])})"
+            cells.append(f"{within(cell['return_mean'], cell['interval'])}{paper}, n={len(cell['seeds'])}")
+        rows.append([data, *cells])
+    return table(["dataset", *(f"{agent} (paper)" for agent in agents)], rows)
+
+
+def warm_start(result: Result) -> str:
+    """Episodes until the goal."""
+    ways = {
+        "alone": "SAC from nothing",
+        "data": "SAC, half of each batch from the dataset",
+        "start": "from IQL that learned from it",
+    }
+    rows = [
+        [
+            ways[way],
+            str(len(found["seeds"])),
+            f"{found['episodes_median']:g}",
+            ", ".join(str(one["episodes"]) for one in found["seeds"]),
+        ]
+        for way, found in result["ways"].items()
+    ]
+    return table(["way", "seeds", "episodes to -25: median", "each"], rows)
+
+
+def updates(result: Result) -> str:
+    """CPU milliseconds of an update."""
+    rows = []
+    for agent, found in result["agents"].items():
+        others = [
+            f"{found[peer]['cpu_ms']:.2f} ({found[peer]['cpu_times_ours']:.2f} x)" if peer in found else ""
+            for peer in ("torchrl", "sb3", "sbx")
+        ]
+        rows.append([agent, f"{found['ours']['cpu_ms']:.2f}", *others])
+    return table(["CPU ms an update", "ours", "TorchRL", "Stable-Baselines3", "SBX"], rows)
+
+
+def realtime_learning(result: Result) -> str:
+    """A robot that learns while it moves."""
+    rows = [
+        [agent, f"{one['wall_over_motion']:.2f}", f"{one['updates_per_step_reached']:g} of {one['updates_per_step_asked']}"]
+        for agent, one in result["agents"].items()
+    ]
+    return table(["agent", "wall time over motion time", "updates a step reached"], rows)
+
+
+def realtime_factor(result: Result) -> str:
+    """Virtual robots on one core."""
+    rows = [
+        [f"`{env}`", f"{one['realtime_factor']:.0f}", f"{one['steps_per_cpu_s']:.0f}"]
+        for env, one in result["environments"].items()
+    ]
+    return table(["environment", "times real time", "steps a CPU-second"], rows)
+
+
+def simulation_speed(result: Result) -> str:
+    """Batched simulations."""
+    rows = [
+        [f"`{env}`", str(one["batch_size"]), str(one["threads"]), f"{one['steps_per_s']:,}"]
+        for env, found in result["environments"].items()
+        for one in found
+    ]
+    return table(["environment", "batch", "threads", "steps a second"], rows)
+
+
+def link_rates(result: Result) -> str:
+    """Over a simulated radio."""
+    rows = [
+        [interval, f"{one['p50_ms']:.1f} ms", f"{one['p99_ms']:.1f} ms", f"{one['rate_hz']:.1f} Hz"]
+        for interval, one in result["lock_step"].items()
+    ]
+    return table(["connection interval", "an exchange: median", "p99", "rate"], rows)
+
+
+SECTIONS: dict[str, tuple[str, Callable[[Result], str]]] = {
+    "robots": ("What SAC learns on each robot, in the paper's number of episodes", robots),
+    "baselines": ("Random actions and controllers written by hand (return, success)", baselines),
+    "learning": ("Learning in the simulations, evaluated without exploring", learning),
+    "camera_learning": ("The camera task", camera),
+    "ablation": ("Where the default settings come from: each taken back by itself to the paper's", ablation),
+    "datasets": ("Datasets of 100 episodes", datasets),
+    "offline": ("Learned from datasets alone, with the paper's settings and number of updates", offline),
+    "warm_start": ("Warm start on Walker-v0", warm_start),
+    "updates": ("What an update costs", updates),
+    "realtime_learning": ("Learning beside a robot that takes real time", realtime_learning),
+    "realtime_factor": ("Speed of the virtual robots, hub program and environment included", realtime_factor),
+    "simulation_speed": ("Speed of the batched simulations", simulation_speed),
+    "link_rates": ("The link, over a simulated radio", link_rates),
+}
+
+
+def page() -> str:
+    """All of docs/results.md."""
+    parts = [HEAD]
+    for name, (title, made) in SECTIONS.items():
+        path = RESULTS / f"{name}.json"
+        if path.exists():
+            parts.append(f"## {title}\n\n`python benchmarks/{name}.py`\n\n{made(json.loads(path.read_text()))}")
+    return "\n".join(parts)
+
+
+def readme(text: str) -> str:
+    """The README with the table of the robots as the results have it now."""
+    made = robots(json.loads((RESULTS / "robots.json").read_text()))
+    return BLOCK.sub(lambda _: f"\n{made}\n", text)
+
+
+def main() -> None:
+    """Write, or check."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--check", action="store_true")
+    chosen = parser.parse_args()
+    wanted = {PAGE: page(), README: readme(README.read_text(encoding="utf-8"))}
+    for path, text in wanted.items():
+        if not chosen.check:
+            path.write_text(text, encoding="utf-8")
+        elif not path.exists() or path.read_text(encoding="utf-8") != text:
+            sys.exit(f"error: {path.relative_to(ROOT)} is not what the results say; run python benchmarks/tables.py")
+
+
+if __name__ == "__main__":
+    main()
