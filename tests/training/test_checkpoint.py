@@ -10,8 +10,8 @@ import torch
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from bricksrl.data import files
 from bricksrl.errors import CheckpointError
-from bricksrl.training import files
 from bricksrl.training.checkpoint import MAGIC, load_checkpoint, save_checkpoint
 
 STATE: dict[str, Any] = {"numbers": [1, 2.5, "three", None, True], "tensor": torch.arange(6.0).view(2, 3)}

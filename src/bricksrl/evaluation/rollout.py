@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bricksrl.data.files import write_durably
 from bricksrl.errors import RunError
 from bricksrl.evaluation.statistics import Interval, interquartile_mean, mean, stratified_bootstrap_interval, wilson_interval
-from bricksrl.training.files import write_atomically
 from bricksrl.training.run import RunFolder
 from bricksrl.training.runner import load_agent, make_env
 
@@ -122,7 +122,7 @@ def evaluate(
         if own is not None:
             own.close(raise_if_closed=False)
     if save:
-        write_atomically(folder.evaluation_path, (result.to_json() + "\n").encode())
+        write_durably(folder.evaluation_path, (result.to_json() + "\n").encode())
     return result
 
 

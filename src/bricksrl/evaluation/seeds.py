@@ -21,9 +21,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from bricksrl.data.files import write_durably
 from bricksrl.errors import RunError
 from bricksrl.evaluation.statistics import Interval, interquartile_mean, stratified_bootstrap_interval
-from bricksrl.training.files import write_atomically
 from bricksrl.training.run import RunFolder
 
 if TYPE_CHECKING:
@@ -100,7 +100,7 @@ def train_seeds(
         seed, error = errors[0]
         raise RunError(f"{len(errors)} of {count} seeds failed; seed {seed}: {error}")
     summary = summarise([seed_folder(folder, seed) for seed in seeds])
-    write_atomically(folder / "summary.json", (summary.to_json() + "\n").encode())
+    write_durably(folder / "summary.json", (summary.to_json() + "\n").encode())
     draw(folder / "learning_curves.png", summary)
     return summary
 
@@ -197,4 +197,4 @@ def draw(path: Path, summary: SeedsSummary) -> None:
     axes.legend(frameon=False)
     png = io.BytesIO()
     figure.savefig(png, format="png", dpi=150)
-    write_atomically(path, png.getvalue())
+    write_durably(path, png.getvalue())

@@ -16,9 +16,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bricksrl.agents.presets import Settings
+from bricksrl.data.files import write_durably
 from bricksrl.errors import RunError
 from bricksrl.training.config import TrainConfig, settings_for
-from bricksrl.training.files import write_atomically
 from bricksrl.training.observer import Episode, Observer, Progress
 
 if TYPE_CHECKING:
@@ -229,5 +229,5 @@ def _write_best(study: optuna.Study, tuning: Tuning, start: Settings, folder: Pa
             "return_mean": found.value,
         },
     }
-    write_atomically(folder / BEST, (json.dumps(data, indent=2) + "\n").encode())
+    write_durably(folder / BEST, (json.dumps(data, indent=2) + "\n").encode())
     return found

@@ -15,8 +15,8 @@ from typing import Any
 
 import torch
 
+from bricksrl.data.files import write_durably
 from bricksrl.errors import CheckpointError
-from bricksrl.training.files import write_atomically
 
 MAGIC = b"BricksRL checkpoint 1\n"
 _DIGEST_SIZE = hashlib.sha256().digest_size
@@ -27,7 +27,7 @@ def save_checkpoint(path: Path, state: dict[str, Any]) -> None:
     buffer = io.BytesIO()
     torch.save(state, buffer)
     payload = buffer.getvalue()
-    write_atomically(path, MAGIC + hashlib.sha256(payload).digest() + payload)
+    write_durably(path, MAGIC + hashlib.sha256(payload).digest() + payload)
 
 
 def load_checkpoint(path: Path) -> dict[str, Any]:

@@ -6,7 +6,7 @@ import io
 from collections.abc import Sequence
 from pathlib import Path
 
-from bricksrl.training.files import write_atomically
+from bricksrl.data.files import write_durably
 from bricksrl.training.observer import Episode, Phase
 
 WINDOW = 5
@@ -65,4 +65,4 @@ def draw_learning_curve(path: Path, episodes: Sequence[Episode], title: str) -> 
     axes.tick_params(colors=_MUTED, length=0)
     png = io.BytesIO()
     figure.savefig(png, format="png", dpi=150)
-    write_atomically(path, png.getvalue())
+    write_durably(path, png.getvalue())

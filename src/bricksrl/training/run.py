@@ -17,9 +17,9 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
+from bricksrl.data.files import TEMPORARY_PREFIX, write_durably
 from bricksrl.errors import RunError
 from bricksrl.training.config import TrainConfig
-from bricksrl.training.files import write_atomically
 from bricksrl.training.observer import Episode, Phase
 
 LOSSES = ("critic_loss", "value_loss", "gap", "actor_loss", "entropy", "alpha")
@@ -82,14 +82,13 @@ class RunFolder:
 
     def clean(self) -> None:
         """Remove what a process that was killed left half written."""
-        for path in (self.config_path, self.metrics_path, self.checkpoint_path, self.curve_path):
-            for remnant in self.path.glob(f".{path.name}.*"):
-                remnant.unlink(missing_ok=True)
+        for remnant in self.path.glob(f"{TEMPORARY_PREFIX}*"):
+            remnant.unlink(missing_ok=True)
 
     def write_config(self, config: TrainConfig) -> None:
         """Write the config, with the versions that the run is made with."""
         data = {"bricksrl_run": 1, "config": config.to_dict(), "versions": _versions()}
-        write_atomically(self.config_path, (json.dumps(data, indent=2) + "\n").encode())
+        write_durably(self.config_path, (json.dumps(data, indent=2) + "\n").encode())
 
     def read_config(self) -> TrainConfig:
         """The config of the run.
@@ -128,7 +127,7 @@ class RunFolder:
 
     def write_episodes(self, episodes: Iterable[Episode]) -> None:
         """Replace the metrics by these episodes: after a crash they may hold one that the checkpoint does not know."""
-        write_atomically(self.metrics_path, _csv([COLUMNS, *map(_row, episodes)]))
+        write_durably(self.metrics_path, _csv([COLUMNS, *map(_row, episodes)]))
 
 
 def file_name(env_id: str) -> str:
