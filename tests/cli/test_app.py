@@ -68,8 +68,21 @@ def test_wrong_arguments_are_one_line(fails, arguments, says):
     fails(*arguments.split(), says=says)
 
 
-def test_an_error_in_the_arguments_names_whose_help_to_read(bricksrl):
-    assert bricksrl("train", "RunAway-v0", "--agnet", "sac").stderr.endswith("; see `bricksrl train --help`\n")
+@pytest.mark.parametrize(
+    ("arguments", "command"),
+    [
+        ("train RunAway-v0 --agnet sac", "bricksrl train"),
+        ("train RunAway-v0 --seed x", "bricksrl train"),
+        ("evaluate runs/spin --episodes many", "bricksrl evaluate"),
+        ("hub latency Walker-v1 --exchanges x", "bricksrl hub latency"),
+        ("data split", "bricksrl data split"),
+        ("hub scam", "bricksrl hub"),
+        ("trian RunAway-v0", "bricksrl"),
+        ("", "bricksrl"),
+    ],
+)
+def test_an_error_in_the_arguments_names_whose_help_to_read(fails, arguments, command):
+    fails(*arguments.split(), says=f"; see `{command} --help`\n")
 
 
 def test_a_reader_that_goes_away_is_no_error():
@@ -84,10 +97,10 @@ def test_one_line_keeps_the_message_and_whose_help_to_read():
         "│ Error parsing --seed: │\n"
         "│ not a number.         │\n"
         "│ ───────────────────── │\n"
-        "│ For full helptext, see bricksrl train --help │\n"
+        "│ For full helptext, see bricksrl --help │\n"
         "╰──────────────────────╯\n"
     )
-    assert one_line(box) == "Error parsing --seed: not a number; see `bricksrl train --help`"
+    assert one_line(box, "bricksrl train") == "Error parsing --seed: not a number; see `bricksrl train --help`"
 
 
 def test_one_line_of_something_unknown_is_still_a_line():

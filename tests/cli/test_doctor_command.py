@@ -10,6 +10,7 @@ import pytest
 
 from bricksrl.cli import doctor, main
 from bricksrl.errors import HubError
+from bricksrl.hub import adapter
 from bricksrl.hub.failures import BluetoothUnavailableError
 from bricksrl.hub.finding import Outcome
 
@@ -57,9 +58,9 @@ def linux(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     for name, text in (("type", "bluetooth"), ("soft", "0"), ("hard", "0")):
         (tmp_path / "rfkill/rfkill0" / name).write_text(f"{text}\n")
     (tmp_path / "bus").write_text("")
-    monkeypatch.setattr(doctor, "_BLUETOOTH_FOLDER", tmp_path / "bluetooth")
-    monkeypatch.setattr(doctor, "_RFKILL_FOLDER", tmp_path / "rfkill")
-    monkeypatch.setattr(doctor, "_SYSTEM_BUS", tmp_path / "bus")
+    monkeypatch.setattr(adapter, "_BLUETOOTH_FOLDER", tmp_path / "bluetooth")
+    monkeypatch.setattr(adapter, "_RFKILL_FOLDER", tmp_path / "rfkill")
+    monkeypatch.setattr(adapter, "_SYSTEM_BUS", tmp_path / "bus")
     monkeypatch.setattr("sys.platform", "linux")
     monkeypatch.delenv("DBUS_SYSTEM_BUS_ADDRESS", raising=False)
     return tmp_path

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import re
 import shutil
@@ -9,7 +10,12 @@ import shutil
 import pytest
 
 from bricksrl.cli import main
+from bricksrl.envs import get_task
+from bricksrl.envs.env import Connection, HubEnv
+from bricksrl.envs.odometer import SonarOdometer
 from bricksrl.hub.failures import HubNotFoundError
+from bricksrl.hub.link import HubLink
+from bricksrl.twin.virtual_hub import VirtualHub
 
 
 def test_json_is_all_that_stands_on_standard_output(bricksrl, trained):
@@ -78,7 +84,7 @@ def test_the_robot_is_reached_as_told(fails, trained, monkeypatch):
     fails("evaluate", str(trained[0]), "--hub", "wifi", says="choose 'virtual', 'ble' or 'usb'")
     asked = []
 
-    def make_env(config):
+    def make_env(config, place):
         asked.append(config.hub)
         raise HubNotFoundError("no hub; switch it on")
 
@@ -86,3 +92,23 @@ def test_the_robot_is_reached_as_told(fails, trained, monkeypatch):
     for hub in ("ble", "ble:Rover", "usb"):
         fails("evaluate", str(trained[0]), "--hub", hub, says="no hub; switch it on")
     assert asked == ["ble", "ble:Rover", "usb"]
+
+
+def test_whoever_has_the_robot_is_asked_to_place_it_before_each_episode(fails, trained, monkeypatch, capfd):
+    task = get_task("RunAway-v0")
+
+    def make_env(config, place):
+        """A robot that is placed by hand, as over Bluetooth."""
+        twin = VirtualHub(task.robot, scene=task.scene)
+        link = HubLink(twin, task.robot, task.interface)
+        return HubEnv(task, lambda _seed: Connection(link, place, SonarOdometer(task.interface)), seed=0)
+
+    monkeypatch.setattr("bricksrl.evaluation.rollout.make_env", make_env)
+    monkeypatch.setattr("sys.stdin", io.StringIO("\n\n"))
+    assert main(["evaluate", str(trained[0]), "--episodes", "2", "--hub", "ble", "--json"]) == 0
+    written = capfd.readouterr()
+    assert written.err.count("press Enter") == 2
+    assert json.loads(written.out)["episodes"] == 2
+    monkeypatch.setattr("sys.stdin", io.StringIO(""))
+    assert main(["evaluate", str(trained[0]), "--hub", "ble"]) == 2
+    assert "nobody can be asked" in capfd.readouterr().err

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import re
 import shutil
 import signal
@@ -12,12 +13,17 @@ import imageio_ffmpeg
 import numpy as np
 import pytest
 
+from bricksrl.cli import main
 from bricksrl.cli.app import parse
 from bricksrl.cli.progress import LineProgress, clock, sparkline
 from bricksrl.cli.train import Train
 from bricksrl.cli.video import record
+from bricksrl.data import load
 from bricksrl.errors import RenderingUnavailableError, RunError
+from bricksrl.hub.failures import HubNotFoundError
+from bricksrl.hub.transport import Pipe
 from bricksrl.training import RunFolder
+from bricksrl.twin.virtual_hub import VirtualHub
 
 
 def test_a_run_says_how_it_goes(trained):
@@ -83,18 +89,68 @@ def test_options_reach_the_run(tmp_path):
     assert (config.hub, config.asynchronous, config.patience_s, config.log) == ("ble:Robbie", True, 7.0, "wandb")
 
 
-def test_the_owner_is_asked_to_place_the_robot(monkeypatch):
-    asked = []
-    monkeypatch.setattr("builtins.input", asked.append)
+def test_the_owner_is_asked_to_place_the_robot(monkeypatch, capsys):
+    monkeypatch.setattr("sys.stdin", io.StringIO("\n"))
     LineProgress().place(np.random.default_rng())
-    assert "Enter" in asked[0]
-
-    def nobody(_):
-        raise EOFError
-
-    monkeypatch.setattr("builtins.input", nobody)
+    written = capsys.readouterr()
+    assert "Enter" in written.err and not written.out
     with pytest.raises(RunError, match="terminal"):
         LineProgress().place(np.random.default_rng())
+
+
+def test_the_owner_is_asked_when_a_real_robot_is_recorded(tmp_path, monkeypatch, capsys):
+    def make(env_id, hub, *, place, **options):
+        place(np.random.default_rng())
+        raise HubNotFoundError(f"no hub at {hub}; switch it on")
+
+    monkeypatch.setattr("bricksrl.envs.make", make)
+    for answer, says in (("", "nobody can be asked"), ("\n", "no hub at usb:COM3")):
+        monkeypatch.setattr("sys.stdin", io.StringIO(answer))
+        assert main(("record", "Spinning-v0", "--hub", "usb:COM3", "--out", str(tmp_path / "data"))) == 2
+        written = capsys.readouterr().err
+        assert "press Enter" in written and says in written
+
+
+def timing(dataset):
+    """Mean age of the observations in it, and the hub's time from step to step; seconds."""
+    data = load(dataset)
+    clock = data.hub_time_s[data.episode == 0]
+    return data.age_s.mean().item(), (clock[1:] - clock[:-1]).mean().item()
+
+
+@pytest.fixture
+def pipes(monkeypatch):
+    """How the programs that are started are spoken to."""
+    started, start = [], VirtualHub.start
+    monkeypatch.setattr(VirtualHub, "start", lambda self, program: (started.append(program.pipe), start(self, program)))
+    return started
+
+
+def test_streaming_and_app_data_show_in_what_is_recorded(tmp_path, pipes):
+    found = {}
+    for option in ("--policy=random", "--streaming", "--app-data"):
+        assert main(["record", "Spinning-v0", "--episodes", "1", "--out", str(tmp_path / option), option]) == 0
+        found[option] = timing(tmp_path / option)
+    (age_s, period_s), (streamed_age_s, streamed_period_s), over_app_data = found.values()
+    assert period_s > 0.115, "100 ms, and the link"
+    assert streamed_period_s == pytest.approx(0.1, abs=0.001), "100 ms"
+    assert 0.001 < age_s < 0.016 and 0.001 < streamed_age_s < 0.026, "a connection interval, and 10 ms between observations"
+    assert over_app_data == (age_s, period_s)
+    assert pipes == [Pipe.STDIN, Pipe.STDIN, Pipe.APP_DATA]
+
+
+def test_a_run_streams(tmp_path, pipes, monkeypatch):
+    monkeypatch.setattr("bricksrl.cli.train._show", lambda result, hand: None)
+    run_dir = tmp_path / "run"
+    options = ("--agent", "random", "--episodes", "1", "--streaming", "--app-data", "--run", str(run_dir))
+    assert main(["train", "Spinning-v0", *options]) == 0
+    assert timing(run_dir)[1] == pytest.approx(0.1, abs=0.001) and pipes == [Pipe.APP_DATA]
+    config = RunFolder(run_dir).read_config()
+    assert config.streaming and config.app_data, "evaluated and resumed alike"
+
+
+def test_what_cannot_be_streamed_is_one_line(fails, tmp_path):
+    fails("train", "RunAway-v0", "--streaming", "--run", str(tmp_path / "run"), says="leave streaming away")
 
 
 def test_an_existing_folder_stays_as_it_is(fails, trained):

@@ -56,6 +56,17 @@ class TestKeyboard:
         self.terminal.close()
         os.close(hand)
 
+    def test_a_question_is_answered_with_the_enter_key(self) -> None:
+        driver, hand = self.keyboard()
+        with driver:
+            with driver.quiet():
+                os.write(hand, b"\r")  # what the key sends; raw, it would end no line
+                assert self.terminal.readline() == "\n"
+            os.write(hand, b"a")
+            assert driver(NOTHING).tolist() == [-1.0, 0.0]
+        self.terminal.close()
+        os.close(hand)
+
     def test_the_policy_is_in_charge_until_somebody_takes_over(self) -> None:
         driver, hand = self.keyboard(in_charge=False)
         with driver:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import os
-import re
 import sys
 from collections.abc import Sequence
 from contextlib import redirect_stderr
@@ -42,11 +41,33 @@ Examples:
   bricksrl train --help
   bricksrl --version
 """
-_DATA = "Datasets: look at them, mend, join and split them, bring them in and out, share them."
-_HUB = "A hub: find, check, calibrate and stop it; its program; programs of your own on a virtual hub."
-_CAMERA = "The camera of a task: find out what counts as red before it."
-
-_TWIN = "The twin of a robot: record what a robot does, fit the twin to it."
+_COMMANDS: dict[str, type] = {
+    "list": List,
+    "train": Train,
+    "train-offline": TrainOffline,
+    "resume": Resume,
+    "tune": Tune,
+    "evaluate": Evaluate,
+    "record": RecordDataset,
+    "check": Check,
+    "doctor": Doctor,
+}
+_HUB: dict[str, type] = {
+    "scan": Scan,
+    "check": CheckHub,
+    "latency": Latency,
+    "calibrate": Calibrate,
+    "stop": Stop,
+    "rename": Rename,
+    "program": Program,
+    "run": Run,
+}
+_GROUPS: dict[str, tuple[str, dict[str, type]]] = {
+    "hub": ("A hub: find, check, calibrate and stop it; its program; programs of your own on a virtual hub.", _HUB),
+    "data": ("Datasets: look at them, mend, join and split them, bring them in and out, share them.", data.COMMANDS),
+    "camera": ("The camera of a task: find out what counts as red before it.", {"calibrate": CalibrateCamera}),
+    "twin": ("The twin of a robot: record what a robot does, fit the twin to it.", {"record": Record, "fit": Fit}),
+}
 
 
 class Command(Protocol):
@@ -84,7 +105,7 @@ def parse(arguments: Sequence[str]) -> Command:
             )
     except SystemExit as end:
         if end.code:
-            print_error(one_line(complaint.getvalue()))
+            print_error(one_line(complaint.getvalue(), addressed(arguments)))
         raise
     return cast(Command, parsed)
 
@@ -95,43 +116,30 @@ def _commands(arguments: Sequence[str]) -> SubcommandApp:
         # All of it in the command's own help, its first line in the list of commands.
         app.command(name=name, help=text if name in arguments else text.partition("\n")[0])(command)
 
-    hub = SubcommandApp()
-    add(hub, "scan", Scan)
-    add(hub, "check", CheckHub)
-    add(hub, "latency", Latency)
-    add(hub, "calibrate", Calibrate)
-    add(hub, "stop", Stop)
-    add(hub, "rename", Rename)
-    add(hub, "program", Program)
-    add(hub, "run", Run)
     app = SubcommandApp()
-    add(app, "list", List)
-    add(app, "train", Train)
-    add(app, "train-offline", TrainOffline)
-    add(app, "resume", Resume)
-    add(app, "tune", Tune)
-    add(app, "evaluate", Evaluate)
-    add(app, "record", RecordDataset)
-    add(app, "check", Check)
-    add(app, "doctor", Doctor)
-    app.command(hub, name="hub", help=_HUB)
-    datasets = SubcommandApp()
-    for name, command in data.COMMANDS.items():
-        add(datasets, name, command)
-    app.command(datasets, name="data", help=_DATA)
-    camera = SubcommandApp()
-    add(camera, "calibrate", CalibrateCamera)
-    app.command(camera, name="camera", help=_CAMERA)
-    twin = SubcommandApp()
-    add(twin, "record", Record)
-    add(twin, "fit", Fit)
-    app.command(twin, name="twin", help=_TWIN)
+    for name, command in _COMMANDS.items():
+        add(app, name, command)
+    for name, (text, commands) in _GROUPS.items():
+        group = SubcommandApp()
+        for part, command in commands.items():
+            add(group, part, command)
+        app.command(group, name=name, help=text)
     return app
 
 
-def one_line(box: str) -> str:
+def addressed(arguments: Sequence[str]) -> str:
+    """The command that is meant, as far as there is one: ``bricksrl``, ``bricksrl train`` or ``bricksrl hub scan``."""
+    words = ["bricksrl"]
+    if arguments and arguments[0] in {*_COMMANDS, *_GROUPS}:
+        words.append(arguments[0])
+        group = _GROUPS.get(arguments[0])
+        if group and arguments[1:] and arguments[1] in group[1]:
+            words.append(arguments[1])
+    return " ".join(words)
+
+
+def one_line(box: str, command: str = "bricksrl") -> str:
     """What tyro says in a box of several lines, as one: its first paragraph, and whose help to read."""
     lines = [line.strip("│╭╮╰╯─ ") for line in box.splitlines()[1:]]
-    message, _, rest = "\n".join(lines).partition("\n\n")
-    found = re.search(r"(bricksrl[a-z ]*?) --help", rest)
-    return f"{' '.join(message.split()).removesuffix('.')}; see `{found[1] if found else 'bricksrl'} --help`"
+    message = "\n".join(lines).partition("\n\n")[0]
+    return f"{' '.join(message.split()).removesuffix('.')}; see `{command} --help`"

@@ -25,9 +25,6 @@ from bricksrl.hub.finding import Finding, Outcome
 _OLDEST_PYTHON = (3, 11)
 _LITTLE_ROOM_GB, _NO_ROOM_GB = 5.0, 0.5
 _SCAN_S = 1.0
-_BLUETOOTH_FOLDER = Path("/sys/class/bluetooth")
-_RFKILL_FOLDER = Path("/sys/class/rfkill")
-_SYSTEM_BUS = Path("/run/dbus/system_bus_socket")
 _DRAW = """
 from bricksrl import robots
 from bricksrl.twin.bodies import make_body
@@ -167,10 +164,11 @@ def look_at_opencv() -> Answer:
 
 def look_at_bluetooth() -> Answer:
     """Whether hubs can be looked for, and on Linux why not."""
+    from bricksrl.hub.adapter import lack_of_bluetooth
     from bricksrl.hub.failures import BluetoothUnavailableError
     from bricksrl.hub.scan import scan
 
-    reason = _no_bluetooth_on_linux() if sys.platform == "linux" else None
+    reason = lack_of_bluetooth()
     if reason is not None:
         return Outcome.WARNING, f"{reason}; {_WITHOUT_ROBOT}"
     try:
@@ -179,26 +177,6 @@ def look_at_bluetooth() -> Answer:
         return Outcome.WARNING, f"{error}; {_WITHOUT_ROBOT}"
     names = ", ".join(hub.name for hub in hubs) or "no hub in reach right now"
     return Outcome.OK, f"can look for hubs: {names}"
-
-
-def _no_bluetooth_on_linux() -> str | None:
-    """Why there cannot be any, from the outside in: adapter, switch, service."""
-    adapters = sorted(path.name for path in _BLUETOOTH_FOLDER.glob("hci*")) if _BLUETOOTH_FOLDER.is_dir() else []
-    if not adapters:
-        return "this computer has no Bluetooth adapter; plug one in"
-    for switch in _RFKILL_FOLDER.glob("rfkill*"):
-        if _text(switch / "type") == "bluetooth" and "1" in (_text(switch / "soft"), _text(switch / "hard")):
-            return "Bluetooth is switched off; run `rfkill unblock bluetooth`, or use the switch of this computer"
-    if not _SYSTEM_BUS.exists() and "DBUS_SYSTEM_BUS_ADDRESS" not in os.environ:
-        return "the system bus (D-Bus) does not run; start dbus and bluetooth, `systemctl start dbus bluetooth`"
-    return None
-
-
-def _text(path: Path) -> str:
-    try:
-        return path.read_text(encoding="ascii").strip()
-    except OSError:
-        return ""
 
 
 def look_at_usb() -> Answer:

@@ -72,6 +72,7 @@ class Evaluate:
                     physics=None if self.physics is None else read_physics(self.physics),
                     on_episode=tell,
                     on_env=hand.take,
+                    place=hand.place,
                 )
         except StoppedError:
             print_interrupted("nothing was counted")

@@ -10,11 +10,13 @@ from collections.abc import Callable, Iterator
 from types import FrameType, TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
+from bricksrl.cli.asking import place_robot
 from bricksrl.cli.console import print_error
 from bricksrl.cli.keys import KeyListener, can_listen, interrupt_main
 from bricksrl.errors import BricksError
 
 if TYPE_CHECKING:
+    import numpy as np
     from prompt_toolkit.input import Input
     from torchrl.envs import EnvBase
 
@@ -82,6 +84,11 @@ class Hand:
         finally:
             if self._keys:
                 self._listener.enter_context(KeyListener(self._on_key, self._source))
+
+    def place(self, rng: np.random.Generator) -> None:
+        """Have the robot put where an episode starts, as :func:`place_robot`."""
+        with self.quiet():
+            place_robot(rng)
 
     def _on_signal(self, _number: int, _frame: FrameType | None) -> None:
         self._wishes.put("stop")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from typing import TYPE_CHECKING
 
 from bricksrl.cli.console import print_line
@@ -36,3 +36,10 @@ def driving(hands: str | None, description: Description, *, in_charge: bool) -> 
             for line in legend(description.action):
                 print_line(line)
         yield driver
+
+
+def quiet(driver: object) -> AbstractContextManager[None]:
+    """Inside, keys are an answer to what the terminal asks, and do not drive."""
+    from bricksrl.data.keyboard import KeyboardDriver
+
+    return driver.quiet() if isinstance(driver, KeyboardDriver) else nullcontext()

@@ -8,6 +8,7 @@ from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from bricksrl.cli.asking import place_robot
 from bricksrl.cli.console import print_line, print_note
 from bricksrl.training.observer import Episode, Observer, Phase, Progress, RunResult
 
@@ -69,18 +70,9 @@ class LineProgress(Observer):
         print_line(f"the robot is done; {updates} updates are left to learn, Ctrl-C leaves them out")
 
     def place(self, _rng: np.random.Generator) -> None:
-        """Ask the owner of a real robot to put it where an episode starts, and wait for it.
-
-        Raises:
-            BricksError: nobody is there to ask.
-        """
-        from bricksrl.errors import RunError
-
-        try:
-            with self.quiet():
-                input("put the robot where an episode starts, then press Enter ")
-        except EOFError:
-            raise RunError("nobody can be asked to place the robot: standard input is no terminal; start this in one") from None
+        """As :func:`place_robot`."""
+        with self.quiet():
+            place_robot(_rng)
 
     def on_end(self, result: RunResult) -> None:
         self.close()

@@ -10,12 +10,14 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from tyro.conf import Positional, UseAppendAction, arg
 
+from bricksrl.cli.asking import place_robot
 from bricksrl.cli.console import INTERRUPTED, print_interrupted, print_line
-from bricksrl.cli.hands import HANDS, driving
+from bricksrl.cli.hands import HANDS, driving, quiet
 from bricksrl.cli.loading import load_learning
 from bricksrl.errors import DataError, DescriptionError
 
 if TYPE_CHECKING:
+    import numpy as np
     from torchrl.envs import EnvBase
 
     from bricksrl.data.collect import Collected, Driver, Policy
@@ -50,8 +52,12 @@ class Record:
     """Of the episodes and of random actions."""
     explore: bool = False
     """Let the agent of a run explore, as it does in training; without it, it does its best."""
-    hub: Literal["virtual", "ble"] = "virtual"
-    """How to reach the robot."""
+    hub: Annotated[str, arg(metavar="HUB")] = "virtual"
+    """How to reach the robot: virtual, ble or usb; ble:NAME, ble:ADDRESS or usb:PORT where there are several."""
+    streaming: bool = False
+    """Have the hub send observations 100 times a second, and take the latest command: steps then last their own time only."""
+    app_data: bool = False
+    """Speak to the program over AppData, where a new command replaces an old one, instead of its standard input."""
     realtime: bool = False
     """Let a virtual robot take as long as a real one; always so with a human at the keys."""
     physics: Annotated[Path | None, arg(metavar="FILE")] = None
@@ -61,8 +67,9 @@ class Record:
 
     def execute(self) -> int:
         """Record, a line an episode."""
-        from bricksrl.data.description import describe
+        from bricksrl.data.description import describe, describe_task
         from bricksrl.data.recorder import Recorder
+        from bricksrl.envs import get_task
 
         if self.episodes < 1:
             raise DataError(f"episodes is {self.episodes}; record at least 1")
@@ -75,9 +82,15 @@ class Record:
             by_hand = f"  {episode.interventions} steps by hand" if episode.interventions else ""
             print_line(f"episode {count}/{self.episodes}  return {episode.return_:.4g}  {episode.length} steps{by_hand}")
 
+        hands = self.policy if self.policy in HANDS else self.take_over
+        task = get_task(self.env, **self._options())
         try:
-            with self._environment() as env, Recorder(self.out, describe(env, self._options())) as recorder:
-                self._collect(env, recorder, tell)
+            with (
+                driving(hands, describe_task(task), in_charge=self.policy in HANDS) as human,
+                self._environment(human) as env,
+                Recorder(self.out, describe(env, self._options())) as recorder,
+            ):
+                self._collect(env, recorder, human, tell)
         except KeyboardInterrupt:
             print_interrupted(f"{count} whole episodes are in {self.out}")
             return INTERRUPTED
@@ -91,53 +104,54 @@ class Record:
         return dict(map(parse_option, self.option))
 
     @contextmanager
-    def _environment(self) -> Iterator[EnvBase]:
+    def _environment(self, human: Driver | None) -> Iterator[EnvBase]:
         from bricksrl.envs import make
         from bricksrl.twin.physics import read_physics
 
+        def place(rng: np.random.Generator) -> None:
+            with quiet(human):
+                place_robot(rng)
+
         physics = None if self.physics is None else read_physics(self.physics)
-        options = self._options()
+        options = {**self._options(), "physics": physics, "streaming": self.streaming, "app_data": self.app_data, "place": place}
         by_hand = self.hub == "virtual" and (self.policy in HANDS or self.take_over is not None)
         try:
-            env = make(self.env, self.hub, seed=self.seed, realtime=self.realtime or by_hand, physics=physics, **options)
+            env = make(self.env, self.hub, seed=self.seed, realtime=self.realtime or by_hand, **options)
         except DescriptionError:
             if not by_hand or self.realtime:
                 raise
-            env = make(self.env, self.hub, seed=self.seed, physics=physics, **options)  # without a robot: paced below
+            env = make(self.env, self.hub, seed=self.seed, **options)  # without a robot: paced below
         try:
             yield env
         finally:
             env.close(raise_if_closed=False)
 
-    def _collect(self, env: EnvBase, recorder: Recorder, tell: Callable[[Collected], None]) -> None:
+    def _collect(self, env: EnvBase, recorder: Recorder, human: Driver | None, tell: Callable[[Collected], None]) -> None:
         from bricksrl.data.collect import collect, random_policy
         from bricksrl.data.hands import Paced, rest
 
-        in_charge = self.policy in HANDS
-        hands = self.policy if in_charge else self.take_over
-        with driving(hands, recorder.description, in_charge=in_charge) as human:
-            driver: Driver | None = human
-            if human is not None and not hasattr(env, "twin"):
-                driver = Paced(human, recorder.description.rate_hz)
-            policy: Policy
-            if self.policy == "random":
-                policy = random_policy(env, self.seed)
-            elif self.policy in HANDS:
-                still = rest(recorder.description.action)
-                policy = lambda _: still  # noqa: E731  a human gives back: the robot rests
-            else:
-                policy = _run_policy(Path(self.policy), env, explore=self.explore)
-            collect(
-                env,
-                policy,
-                recorder,
-                self.episodes,
-                name=self.policy,
-                seed=self.seed,
-                hub=self.hub,
-                driver=driver,
-                on_episode=tell,
-            )
+        driver = human
+        if human is not None and not hasattr(env, "twin"):
+            driver = Paced(human, recorder.description.rate_hz)
+        policy: Policy
+        if self.policy == "random":
+            policy = random_policy(env, self.seed)
+        elif self.policy in HANDS:
+            still = rest(recorder.description.action)
+            policy = lambda _: still  # noqa: E731  a human gives back: the robot rests
+        else:
+            policy = _run_policy(Path(self.policy), env, explore=self.explore)
+        collect(
+            env,
+            policy,
+            recorder,
+            self.episodes,
+            name=self.policy,
+            seed=self.seed,
+            hub=self.hub,
+            driver=driver,
+            on_episode=tell,
+        )
 
 
 def _run_policy(run_dir: Path, env: EnvBase, *, explore: bool) -> Policy:

@@ -17,6 +17,8 @@ from bricksrl.cli.loading import load_learning
 from bricksrl.errors import BricksError, DescriptionError, StoppedError
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from bricksrl.cli.hand import Hand
     from bricksrl.cli.progress import LineProgress
     from bricksrl.training import RunResult, TrainConfig
@@ -56,6 +58,10 @@ class Train:
     """A single setting, such as learning_rate=3e-4 or hidden=128,128. May be given several times."""
     hub: Annotated[str, arg(metavar="HUB")] = "virtual"
     """How to reach the robot: virtual, ble or usb; ble:NAME, ble:ADDRESS or usb:PORT where there are several."""
+    streaming: bool = False
+    """Have the hub send observations 100 times a second, and take the latest command: steps then last their own time only."""
+    app_data: bool = False
+    """Speak to the program over AppData, where a new command replaces an old one, instead of its standard input."""
     episodes: Annotated[int | None, arg(metavar="N")] = None
     """Episodes to train for; without it as many as suit the environment."""
     seed: Annotated[int, arg(metavar="N")] = 0
@@ -109,16 +115,21 @@ class Train:
 
         if self.take_over is None:
             return see_through(lambda progress, stop: train(config, progress, place=progress.place, stop=stop))
-        from bricksrl.cli.hands import driving
+        from bricksrl.cli.hands import driving, quiet
         from bricksrl.data.description import describe_task
         from bricksrl.envs import get_task
 
         with driving(self.take_over, describe_task(get_task(self.env, **config.options)), in_charge=False) as driver:
+
+            def start(progress: LineProgress, stop: threading.Event) -> RunResult:
+                def place(rng: np.random.Generator) -> None:
+                    with quiet(driver):
+                        progress.place(rng)
+
+                return train(config, progress, place=place, driver=driver, stop=stop)
+
             by_keys = self.take_over == "keyboard"  # who drives by keys needs them all
-            return see_through(
-                lambda progress, stop: train(config, progress, place=progress.place, driver=driver, stop=stop),
-                keys=False if by_keys else None,
-            )
+            return see_through(start, keys=False if by_keys else None)
 
     def config(self, env: str) -> TrainConfig:
         """What all this says about a run."""
@@ -147,6 +158,8 @@ class Train:
             seed=self.seed,
             hub=self.hub,
             realtime=self.realtime or self.take_over is not None,
+            streaming=self.streaming,
+            app_data=self.app_data,
             record=not self.no_record,
             randomize=self.randomize,
             physics=None if self.physics is None else read_physics(self.physics),
@@ -236,7 +249,7 @@ def _show(result: RunResult, hand: Hand) -> None:
             f"learning made {result.updates_per_step:.3g} updates a step while the robot was at work, {result.caught_up} after it"
         )
     print_line("evaluating")
-    for line in describe(evaluate(result.run_dir, episodes=_EVALUATED_EPISODES, on_env=hand.take)):
+    for line in describe(evaluate(result.run_dir, episodes=_EVALUATED_EPISODES, on_env=hand.take, place=hand.place)):
         print_line(line)
     try:
         video = str(record(result.run_dir))

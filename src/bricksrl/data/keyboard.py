@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import signal
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
@@ -59,6 +59,12 @@ class KeyboardDriver:
                 place, push = self._keys[key.lower()]
                 pushes[place] = push
         return reach(pushes, self._rest) if self.in_charge else None
+
+    @contextlib.contextmanager
+    def quiet(self) -> Iterator[None]:
+        """Inside, the terminal is as it was, for a question and its answer."""
+        with self._source.cooked_mode():
+            yield
 
     def __enter__(self) -> Self:
         self._held.enter_context(self._source.raw_mode())

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from torchrl.envs import EnvBase
 
     from bricksrl.agents.agent import Agent
+    from bricksrl.envs.env import Placement
     from bricksrl.training.config import TrainConfig
     from bricksrl.training.online import Rollout
     from bricksrl.twin.physics import Physics
@@ -79,6 +80,7 @@ def evaluate(
     save: bool = True,
     on_episode: OnEpisode | None = None,
     on_env: Callable[[EnvBase], None] | None = None,
+    place: Placement | None = None,
 ) -> EvaluationResult:
     """Let the agent of a run do its best, as its last checkpoint has it.
 
@@ -91,6 +93,7 @@ def evaluate(
         physics: of a virtual robot; without it, and where it was trained, as in training.
         save: write the result into the run's ``evaluation.json``, over an earlier one.
         on_env: gets the environment before anything moves in it: whoever may stop or pause the robot keeps it.
+        place: puts a real robot where an episode starts and returns when it is there.
 
     Raises:
         RunError: there is no run in the folder, or ``episodes`` is below 1.
@@ -110,7 +113,7 @@ def evaluate(
         options = config.options if env in (None, config.env) else {}
         config = replace(config, env=env or config.env, hub=hub or config.hub, realtime=realtime)
         config = replace(config, randomize=randomize, physics=physics, options=options)
-        env = own = make_env(config)
+        env = own = make_env(config, place)
     try:
         if on_env is not None:
             on_env(env)

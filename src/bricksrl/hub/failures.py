@@ -6,9 +6,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from bricksrl.errors import HubError, HubTimeoutError
+from bricksrl.hub.adapter import lack_of_bluetooth, remedy
 from bricksrl.hub.pybricks_profile import CommandError
 
-_BLUETOOTH_REMEDY = "switch this computer's Bluetooth on, and allow this program to use it"
 _HUB_REMEDY = "switch the hub on and bring it near"
 
 
@@ -67,14 +67,20 @@ def bleak_errors(what: str, otherwise: type[HubError]) -> Iterator[None]:
     except BleakGATTProtocolError as error:
         raise refusal(what, int(error.code)) from error
     except BleakBluetoothNotAvailableError as error:
-        raise BluetoothUnavailableError(f"could not {what} ({_one_line(error)}); {_BLUETOOTH_REMEDY}") from error
+        raise no_bluetooth(what, error) from error
     except BleakDeviceNotFoundError as error:
         raise HubNotFoundError(f"could not {what}: it is not in reach any more; {_HUB_REMEDY}") from error
     except TimeoutError as error:
         raise HubTimeoutError(f"could not {what} in time; {_HUB_REMEDY}") from error
     except (BleakError, OSError, EOFError) as error:
-        remedy = _BLUETOOTH_REMEDY if otherwise is BluetoothUnavailableError else _HUB_REMEDY
-        raise otherwise(f"could not {what} ({_one_line(error)}); {remedy}") from error
+        if otherwise is BluetoothUnavailableError:
+            raise no_bluetooth(what, error) from error
+        raise otherwise(f"could not {what} ({_one_line(error)}); {_HUB_REMEDY}") from error
+
+
+def no_bluetooth(what: str, error: BaseException) -> BluetoothUnavailableError:
+    """What this computer lacks, or else what the error says."""
+    return BluetoothUnavailableError(f"could not {what}: {lack_of_bluetooth() or f'{_one_line(error)}; {remedy()}'}")
 
 
 def refusal(what: str, code: int) -> HubError:

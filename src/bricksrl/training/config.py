@@ -30,6 +30,10 @@ class TrainConfig:
     """How to reach the robot."""
     realtime: bool = False
     """Let a virtual robot take as long as a real one."""
+    streaming: bool = False
+    """Have the hub send its observations all the time; steps then follow one another at a fixed rate."""
+    app_data: bool = False
+    """Speak to the program on the hub over AppData instead of its standard input."""
     asynchronous: bool | None = None
     """Learn beside the robot, in a process of its own, rather than while the robot waits; without a word, where the robot takes
     real time. Synchronous runs are repeatable, asynchronous ones are not."""

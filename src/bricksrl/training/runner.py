@@ -239,6 +239,7 @@ def make_env(config: TrainConfig, place: Placement | None = None) -> EnvBase:
 
     physics = RandomPhysics() if config.randomize else config.physics
     options: dict[str, Any] = {**config.options, "physics": physics, "place": place}
+    options |= {"streaming": config.streaming, "app_data": config.app_data}
     return make(config.env, hub=config.hub, seed=config.seed, realtime=config.realtime, **options)
 
 
