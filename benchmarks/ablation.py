@@ -9,7 +9,6 @@ bootstrap intervals over the seeds; the same seeds for each. What was found earl
 
 from __future__ import annotations
 
-import argparse
 import json
 import multiprocessing
 import os
@@ -19,7 +18,7 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
-from machine import RESULTS, write
+from machine import RESULTS, command, write
 from stopping import StopWhen
 
 from bricksrl.agents import AGENTS, preset
@@ -74,7 +73,7 @@ def summary(outcomes: list[tuple[float, float | None]]) -> dict[str, Any]:
 
 def main() -> None:
     """Train all and write the results."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = command(__doc__)
     parser.add_argument("--envs", nargs="+", default=list(STEPS), choices=list(STEPS))
     parser.add_argument("--agent", default="sac", choices=AGENTS)
     parser.add_argument("--seeds", type=int, default=5)

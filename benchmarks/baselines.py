@@ -8,13 +8,12 @@ and 3); those of its simulations come from the same robots.
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import torch
-from machine import write
+from machine import command, write
 from scripted import CONTROLLERS
 from tensordict import TensorDictBase
 from torch import Tensor
@@ -83,7 +82,7 @@ def measure(env_id: str, policy: Callable[[TensorDictBase], Tensor], episodes: i
 
 def main() -> None:
     """Measure and write."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = command(__doc__)
     parser.add_argument("--envs", nargs="+", default=list(CONTROLLERS), choices=list(CONTROLLERS))
     parser.add_argument("--episodes", type=int, default=50)
     chosen = parser.parse_args()

@@ -9,7 +9,6 @@ evaluated there on ``EVALUATED_EPISODES`` deterministic episodes. Medians and ra
 
 from __future__ import annotations
 
-import argparse
 import statistics
 import tempfile
 import time
@@ -17,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from machine import write
+from machine import command, write
 
 from bricksrl.agents import preset
 from bricksrl.evaluation import evaluate
@@ -80,7 +79,7 @@ def summary(runs: list[dict[str, Any]]) -> list[dict[str, Any]]:
 
 def main() -> None:
     """Train all and write the results."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = command(__doc__)
     parser.add_argument("--agents", nargs="+", default=["sac"], choices=["sac", "td3"])
     parser.add_argument("--preset", default="default")
     parser.add_argument("--seeds", type=int, default=3)

@@ -15,7 +15,7 @@ from typing import Any
 from unittest import mock
 
 import torch
-from machine import write
+from machine import command, write
 from tensordict import TensorDict
 
 import bricksrl
@@ -116,6 +116,7 @@ def learning(name: str) -> dict[str, float]:
 
 def main() -> None:
     """Measure and write."""
+    command(__doc__).parse_args()
     torch.set_num_threads(1)
     torch.manual_seed(0)
     result: dict[str, Any] = {"env": ENV, "opengl": {**speed(), "drawn_with": os.environ.get("MUJOCO_GL", "")}}

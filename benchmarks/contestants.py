@@ -61,8 +61,8 @@ def torchrl(agent: str, *, parts: bool = False) -> Update:
         return _torchrl_td3()
     if agent == "crossq":
         return _torchrl_crossq()
-    critics = {"layer_norm": True, "dropout": 0.01} if agent == "droq" else {}
-    return _torchrl_sac(critics, count=10 if agent == "redq" else 2, delay=1 if agent == "sac" else UPDATES, parts=parts)
+    kind = {"layer_norm": True, "dropout": 0.01} if agent == "droq" else {}
+    return _torchrl_sac(kind, count=10 if agent == "redq" else 2, delay=1 if agent == "sac" else UPDATES, parts=parts)
 
 
 def torchrl_parts(agent: str) -> Update:
@@ -70,7 +70,8 @@ def torchrl_parts(agent: str) -> Update:
     return torchrl(agent, parts=True)
 
 
-def _critic(*, layer_norm: bool = False, dropout: float = 0.0, batch_norm: bool = False) -> Any:
+def critic(*, layer_norm: bool = False, dropout: float = 0.0, batch_norm: bool = False) -> Any:
+    """TorchRL's critic."""
     import torch
     from torch import Tensor, nn
     from torchrl.modules import MLP, ValueOperator
@@ -113,7 +114,7 @@ def _torchrl_actor(*, batch_norm: bool = False) -> Any:
     return make_policy(nn.Sequential(*first, mlp, NormalParamExtractor(scale_lb=0.1)), ACTION)
 
 
-def _stored() -> TensorDictReplayBuffer:
+def stored() -> TensorDictReplayBuffer:
     """TorchRL's replay buffer, full of random transitions."""
     import torch
     from tensordict import TensorDict
@@ -128,20 +129,21 @@ def _stored() -> TensorDictReplayBuffer:
     return buffer
 
 
-def _spec() -> Any:
+def spec() -> Any:
+    """Of the actions."""
     from torchrl.data import Bounded
 
     return Bounded(-1.0, 1.0, (ACTION,))
 
 
-def _torchrl_sac(critic: dict[str, Any], *, count: int, delay: int, parts: bool) -> Update:
+def _torchrl_sac(kind: dict[str, Any], *, count: int, delay: int, parts: bool) -> Update:
     """SAC, or DroQ and REDQ where the actor learns in every ``delay``-th update."""
     import torch
     from torchrl.objectives import SACLoss, SoftUpdate
 
-    loss = SACLoss(_torchrl_actor(), _critic(**critic), num_qvalue_nets=count, loss_function="l2", action_spec=_spec())
+    loss = SACLoss(_torchrl_actor(), critic(**kind), num_qvalue_nets=count, loss_function="l2", action_spec=spec())
     loss.make_value_estimator(gamma=0.99)
-    targets, optimiser, buffer = SoftUpdate(loss, tau=0.005), torch.optim.Adam(loss.parameters(), lr=3e-4), _stored()
+    targets, optimiser, buffer = SoftUpdate(loss, tau=0.005), torch.optim.Adam(loss.parameters(), lr=3e-4), stored()
 
     def update() -> None:
         for i in range(1, UPDATES + 1):
@@ -171,9 +173,9 @@ def _torchrl_td3() -> Update:
 
     mlp = MLP(OBSERVATION, ACTION, num_cells=list(HIDDEN), activation_class=nn.ReLU)
     actor = TensorDictModule(nn.Sequential(mlp, nn.Tanh()), ["observation"], ["action"])
-    loss = TD3Loss(actor, _critic(), action_spec=_spec(), loss_function="l2")
+    loss = TD3Loss(actor, critic(), action_spec=spec(), loss_function="l2")
     loss.make_value_estimator(gamma=0.99)
-    targets, buffer = SoftUpdate(loss, tau=0.005), _stored()
+    targets, buffer = SoftUpdate(loss, tau=0.005), stored()
     for_critics = torch.optim.Adam(list(loss.qvalue_network_params.flatten_keys().values()), lr=3e-4)
     for_actor = torch.optim.Adam(list(loss.actor_network_params.flatten_keys().values()), lr=3e-4)
 
@@ -200,9 +202,9 @@ def _torchrl_crossq() -> Update:
     from torchrl.objectives import CrossQLoss
 
     actor = _torchrl_actor(batch_norm=True)
-    loss = CrossQLoss(actor, _critic(batch_norm=True), num_qvalue_nets=2, loss_function="l2", action_spec=_spec())
+    loss = CrossQLoss(actor, critic(batch_norm=True), num_qvalue_nets=2, loss_function="l2", action_spec=spec())
     loss.make_value_estimator(gamma=0.99)
-    optimiser, buffer = torch.optim.Adam(loss.parameters(), lr=1e-3, betas=(0.5, 0.999)), _stored()
+    optimiser, buffer = torch.optim.Adam(loss.parameters(), lr=1e-3, betas=(0.5, 0.999)), stored()
 
     def update() -> None:
         for i in range(1, UPDATES + 1):

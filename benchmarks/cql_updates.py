@@ -10,15 +10,11 @@ from __future__ import annotations
 
 import statistics
 import time
-from collections.abc import Callable
 from dataclasses import replace
 
 import torch
-from machine import write
-from tensordict import TensorDict
-from torch import Tensor, nn
-from torchrl.data import Bounded, LazyTensorStorage, TensorDictReplayBuffer
-from torchrl.modules import MLP, ValueOperator
+from contestants import ACTION, HIDDEN, OBSERVATION, STORED, UPDATES, Update, critic, spec, stored
+from machine import command, write
 from torchrl.objectives import CQLLoss, SoftUpdate
 
 from bricksrl.agents import CQLSettings, make_agent, preset
@@ -28,44 +24,16 @@ from bricksrl.agents.networks import make_actor, make_policy
 from bricksrl.agents.off_policy import OffPolicyAgent
 
 ROUNDS = 3
-UPDATES = 20
-OBSERVATION, ACTION, HIDDEN, BATCH = 8, 4, (256, 256), 256
-STORED = 10_000
-SPEC = Bounded(-1.0, 1.0, (ACTION,))
 
 
-class Critic(nn.Module):
-    """An action value, from ordinary layers."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.layers = MLP(OBSERVATION + ACTION, 1, num_cells=list(HIDDEN), activation_class=nn.ReLU)
-
-    def forward(self, observation: Tensor, action: Tensor) -> Tensor:
-        """The value ``[*batch, 1]``."""
-        value: Tensor = self.layers(torch.cat((observation, action), -1))
-        return value
-
-
-def stored() -> TensorDictReplayBuffer:
-    """TorchRL's replay buffer, full of random transitions."""
-    buffer = TensorDictReplayBuffer(storage=LazyTensorStorage(STORED), batch_size=BATCH)
-    done = torch.zeros(STORED, 1, dtype=torch.bool)
-    one, other = (torch.rand(2, STORED, OBSERVATION) * 2 - 1).unbind()
-    after = {"observation": other, "reward": one.sum(-1, keepdim=True), "done": done, "terminated": done.clone()}
-    data = {"observation": one, "action": torch.rand(STORED, ACTION) * 2 - 1, "next": TensorDict(after, [STORED])}
-    buffer.extend(TensorDict(data, [STORED]))
-    return buffer
-
-
-def measure(update: Callable[[], object]) -> float:
+def measure(update: Update) -> float:
     """CPU milliseconds of one update."""
     started_s = time.process_time()
     update()
     return (time.process_time() - started_s) * 1e3 / UPDATES
 
 
-def ours(drawn_actions: int) -> Callable[[], object]:
+def ours(drawn_actions: int) -> Update:
     """``UPDATES`` updates in one call."""
     settings = preset("paper", "cql")
     assert isinstance(settings, CQLSettings)
@@ -78,15 +46,14 @@ def ours(drawn_actions: int) -> Callable[[], object]:
     return lambda: agent.update(UPDATES)
 
 
-def torchrls() -> Callable[[], None]:
+def torchrls() -> Update:
     """The same with TorchRL's loss, eagerly."""
     actor = make_policy(make_actor(OBSERVATION, ACTION, HIDDEN, 0.1), ACTION)
-    value = ValueOperator(Critic(), in_keys=["observation", "action"])
     loss = CQLLoss(
         actor,
-        value,
+        critic(),
         loss_function="l2",
-        action_spec=SPEC,
+        action_spec=spec(),
         deterministic_backup=False,
         num_random=10,
         with_lagrange=True,
@@ -112,6 +79,7 @@ def torchrls() -> Callable[[], None]:
 
 def main() -> None:
     """Measure in turns and write the medians."""
+    command(__doc__).parse_args()
     torch.set_num_threads(1)
     torch.manual_seed(0)
     contestants = {"ours": ours(1), "ours, full gradient": ours(0), "torchrl": torchrls()}

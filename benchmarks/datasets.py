@@ -9,14 +9,13 @@ what is there already is not made again. Tasks run beside each other, one a core
 
 from __future__ import annotations
 
-import argparse
 import multiprocessing
 import os
 import time
 from pathlib import Path
 from typing import Any
 
-from machine import write
+from machine import command, write
 
 TASKS = {"Walker-v0": 75, "RoboArm-v0": 250, "RunAway-v0": 40, "Spinning-v0": 15}
 """Episodes of training, as many as the paper's."""
@@ -95,7 +94,7 @@ def table(results: dict[str, dict[str, Any]]) -> list[str]:
 
 def main() -> None:
     """Run from the command line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = command(__doc__)
     parser.add_argument("--out", type=Path, default=Path("runs/datasets"))
     parser.add_argument("--tasks", nargs="+", choices=sorted(TASKS), default=list(TASKS))
     parser.add_argument("--episodes", type=int, default=100, help="of each dataset")

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from machine import write
+from machine import command, write
 
 from bricksrl.evaluation import evaluate
 from bricksrl.training import TrainConfig, train
@@ -45,6 +45,7 @@ def run(env_id: str, episodes: int, seed: int, folder: Path) -> dict[str, Any]:
 
 def main() -> None:
     """Run all seeds and write them with their medians."""
+    command(__doc__).parse_args()
     torch.set_num_threads(1)
     environments: dict[str, Any] = {}
     with tempfile.TemporaryDirectory() as folder:

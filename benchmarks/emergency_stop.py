@@ -17,7 +17,7 @@ import threading
 import time
 from pathlib import Path
 
-from machine import write
+from machine import command, write
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "hub"))
 from ble_world import World  # type: ignore[import-not-found]
@@ -65,6 +65,7 @@ def trial(world: World, link: HubLink, rng: random.Random) -> float:
 
 def main() -> None:
     """Measure, print, and write the results."""
+    command(__doc__).parse_args()
     rng, results = random.Random(0), []
     for interval_ms in INTERVALS_MS:
         for moment, step_ms in MOMENTS.items():

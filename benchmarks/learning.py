@@ -11,7 +11,6 @@ found earlier about other agents and environments stays in both.
 
 from __future__ import annotations
 
-import argparse
 import json
 import multiprocessing
 import os
@@ -23,7 +22,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from machine import RESULTS, write
+from machine import RESULTS, command, write
 from stopping import StopWhen
 
 from bricksrl.agents import AGENTS, preset
@@ -156,7 +155,7 @@ def cores_here() -> list[int]:
 
 def main() -> None:
     """Train all and write the results."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = command(__doc__)
     parser.add_argument("--envs", nargs="+", default=["WalkerSim-v0", "RoboArmSim-v0"], choices=list(MARKS))
     parser.add_argument("--agents", nargs="+", default=["sac"], choices=AGENTS)
     parser.add_argument("--preset", default="default")

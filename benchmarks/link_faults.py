@@ -9,7 +9,6 @@ ends its program half a second after it has stopped its motors, not ten seconds 
 
 from __future__ import annotations
 
-import argparse
 import importlib
 import sys
 import tempfile
@@ -20,7 +19,7 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
-from machine import write
+from machine import command, write
 
 TESTS = Path(__file__).parent.parent / "tests" / "hub"
 _COUNTED = ("faults", "phases", "errors")
@@ -40,7 +39,7 @@ def course(job: tuple[int, int, int]) -> dict[str, Any]:
 
 def main() -> None:
     """Run the courses and write what they saw."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
+    parser = command(__doc__)
     parser.add_argument("--faults", type=int, default=1000)
     parser.add_argument("--workers", type=int, default=4)
     parser.add_argument("--course", type=int, default=25, help="faults on one hub, after each other")

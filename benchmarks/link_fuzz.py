@@ -8,12 +8,11 @@ places, about one frame in 256 candidates passes; they are counted. One flipped 
 
 from __future__ import annotations
 
-import argparse
 import random
 import time
 from collections import Counter
 
-from machine import write
+from machine import command, write
 
 from bricksrl.errors import HubProtocolError
 from bricksrl.hub import cobs
@@ -106,7 +105,7 @@ def fuzz_profile(rng: random.Random, counts: Counter[str]) -> None:
 
 def main() -> None:
     """Fuzz for some time."""
-    parser = argparse.ArgumentParser()
+    parser = command(__doc__)
     parser.add_argument("--seconds", type=float, default=60.0)
     parser.add_argument("--seed", type=int, default=0)
     args = parser.parse_args()

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from machine import write
+from machine import command, write
 
 from bricksrl.envs import get_task
 from bricksrl.hub.link import HubLink
@@ -107,6 +107,7 @@ def overhead() -> dict[str, Any]:
 
 def main() -> None:
     """Measure and write."""
+    command(__doc__).parse_args()
     sys.path.insert(0, str(TESTS))
     ble_world = importlib.import_module("ble_world")
     result: dict[str, Any] = {"overhead_without_radio": overhead(), "lock_step": {}, "streaming": {}}

@@ -1,7 +1,11 @@
-"""What a result was measured with: enough to judge a time by, nothing that names a machine or a person."""
+"""What all benchmarks share: the command line, and what a result was measured with.
+
+That is enough to judge a time by, and nothing that names a machine or a person.
+"""
 
 from __future__ import annotations
 
+import argparse
 import json
 import os
 import platform
@@ -12,6 +16,11 @@ from typing import Any
 
 RESULTS = Path(__file__).parent / "results"
 _PACKAGES = ("bricksrl", "torch", "torchrl", "tensordict", "mujoco", "numpy", "greenlet")
+
+
+def command(about: str | None) -> argparse.ArgumentParser:
+    """A command line whose ``--help`` is what a benchmark's file says at its top."""
+    return argparse.ArgumentParser(description=about, formatter_class=argparse.RawDescriptionHelpFormatter)
 
 
 def describe() -> dict[str, Any]:

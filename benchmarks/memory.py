@@ -8,14 +8,13 @@ Each in a process of its own, in MiB of resident memory. A full buffer is a mill
 from __future__ import annotations
 
 import multiprocessing
-import resource
 import sys
 import tempfile
 from collections.abc import Callable
 from multiprocessing.connection import Connection
 from pathlib import Path
 
-from machine import write
+from machine import command, write
 
 ENV = "WalkerSim-v0"
 
@@ -53,6 +52,8 @@ def full_buffer() -> None:
 
 def peak(what: Callable[[], None], ours: Connection) -> None:
     """Do it, and tell the peak of resident memory in MiB."""
+    import resource  # Windows has none
+
     what()
     unit = 1 if sys.platform == "darwin" else 1024
     ours.send(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 2**20)
@@ -60,6 +61,7 @@ def peak(what: Callable[[], None], ours: Connection) -> None:
 
 def main() -> None:
     """Measure both and write them."""
+    command(__doc__).parse_args()
     context = multiprocessing.get_context("spawn")
     found: dict[str, int] = {}
     for what in (short_run, full_buffer):

@@ -10,7 +10,6 @@ process; the most expensive runs come first. Means over the seeds of the mean re
 
 from __future__ import annotations
 
-import argparse
 import itertools
 import json
 import multiprocessing
@@ -22,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from machine import write
+from machine import command, write
 
 from bricksrl.agents import preset
 from bricksrl.agents.presets import OFFLINE_UPDATES
@@ -136,7 +135,7 @@ def table(cells: dict[str, dict[str, dict[str, Any]]]) -> str:
 
 def main() -> None:
     """Make all runs and write the table."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = command(__doc__)
     parser.add_argument("--data", type=Path, default=Path("runs/datasets"), help="folder with the datasets <env>-<kind>")
     parser.add_argument("--work", type=Path, default=Path("runs/offline-benchmark"), help="folder for finished runs")
     parser.add_argument("--envs", nargs="+", default=list(OFFLINE_UPDATES), choices=list(OFFLINE_UPDATES))

@@ -12,7 +12,7 @@ import time
 from typing import TYPE_CHECKING, Any
 
 import torch
-from machine import write
+from machine import command, write
 
 import bricksrl
 from bricksrl.envs import list_envs
@@ -39,6 +39,7 @@ def measure(env: HubEnv) -> dict[str, float]:
 
 def main() -> None:
     """Measure every environment and write the medians."""
+    command(__doc__).parse_args()
     torch.set_num_threads(1)
     results: dict[str, Any] = {}
     for env_id in list_envs():

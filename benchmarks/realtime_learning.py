@@ -9,7 +9,6 @@ of its command and its answer. Updates are counted until the robot's last step; 
 
 from __future__ import annotations
 
-import argparse
 import statistics
 import tempfile
 import time
@@ -17,7 +16,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from machine import write
+from machine import command, write
 
 from bricksrl import make
 from bricksrl.training import Observer, Phase, RunResult, TrainConfig, train
@@ -79,7 +78,7 @@ def run(agent: str, episodes: int, motion: float) -> dict[str, Any]:
 
 def main() -> None:
     """Measure all and write the results."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = command(__doc__)
     parser.add_argument("--agents", nargs="+", default=list(AGENTS))
     parser.add_argument("--episodes", type=int, default=4)
     chosen = parser.parse_args()

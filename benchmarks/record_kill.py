@@ -10,7 +10,6 @@ was recorded. Opened with our reader, with pyarrow alone, and with LeRobot where
 
 from __future__ import annotations
 
-import argparse
 import importlib.util
 import random
 import subprocess
@@ -138,7 +137,9 @@ def measure(kills: int, seed: int) -> dict[str, Any]:
 
 def main() -> None:
     """Run from the command line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    from machine import command, write
+
+    parser = command(__doc__)
     parser.add_argument("--kills", type=int, default=200)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--record", type=Path, help="be the process that is killed, in this folder")
@@ -146,8 +147,6 @@ def main() -> None:
     arguments = parser.parse_args()
     if arguments.record is not None:
         record(arguments.record, BLIND if arguments.kind == "blind" else SEEING)
-    from machine import write
-
     print(write("record_kill", measure(arguments.kills, arguments.seed)))
 
 

@@ -13,7 +13,7 @@ import threading
 from pathlib import Path
 
 import torch
-from machine import RESULTS, write
+from machine import RESULTS, command, write
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
@@ -62,6 +62,7 @@ def draw(path: Path, whole: list[float], parts: list[float]) -> None:
 
 def main() -> None:
     """Train both and write the results."""
+    command(__doc__).parse_args()
     with tempfile.TemporaryDirectory() as folder:
         one, other = Path(folder) / "whole", Path(folder) / "parts"
         config = {"env": ENV, "episodes": EPISODES, "record": False}

@@ -9,7 +9,6 @@ learned is then evaluated on episodes that no training saw. Results of other env
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import statistics
@@ -21,7 +20,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from machine import RESULTS, write
+from machine import RESULTS, command, write
 
 from bricksrl.evaluation import evaluate
 from bricksrl.evaluation.statistics import interquartile_mean, mean, stratified_bootstrap_interval, wilson_interval
@@ -93,7 +92,7 @@ def summary(runs: list[dict[str, Any]]) -> dict[str, Any]:
 
 def main() -> None:
     """Train all and write the results."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = command(__doc__)
     parser.add_argument("--envs", nargs="+", default=list(EPISODES), choices=list(EPISODES))
     parser.add_argument("--agent", default="sac")
     parser.add_argument("--seeds", type=int, default=5)

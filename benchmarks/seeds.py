@@ -9,7 +9,6 @@ Part two: five seeds of SAC on `WalkerSim-v0`, a process for each, as many at a 
 
 from __future__ import annotations
 
-import argparse
 import os
 import statistics
 import tempfile
@@ -19,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from machine import write
+from machine import command, write
 from torch import Tensor
 
 from bricksrl.evaluation.seeds import train_seeds
@@ -77,7 +76,7 @@ def processes(jobs: int, episodes: int) -> float:
 
 def main() -> None:
     """Measure both and write the results."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = command(__doc__)
     parser.add_argument("--episodes", type=int, default=10)
     chosen = parser.parse_args()
     cores = os.cpu_count() or 1

@@ -14,7 +14,7 @@ import time
 from typing import Any
 
 import torch
-from machine import write
+from machine import command, write
 from torchrl.envs import EnvBase
 
 import bricksrl
@@ -53,6 +53,7 @@ def measure_batch(env_id: str, batch_size: int, threads: int) -> dict[str, Any]:
 
 def main() -> None:
     """Measure both simulations and write the medians."""
+    command(__doc__).parse_args()
     threads = sorted({1, os.cpu_count() or 1})
     results = {
         env_id: [measure_batch(env_id, size, count) for count in threads for size in BATCH_SIZES] for env_id in ENVIRONMENTS

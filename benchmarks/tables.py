@@ -8,7 +8,6 @@ What was not measured yet has no table.
 
 from __future__ import annotations
 
-import argparse
 import json
 import re
 import sys
@@ -16,7 +15,7 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any, TypeAlias
 
-from machine import RESULTS
+from machine import RESULTS, command
 
 Result: TypeAlias = dict[str, Any]
 ROOT = Path(__file__).parent.parent
@@ -286,7 +285,7 @@ def readme(text: str) -> str:
 
 def main() -> None:
     """Write, or check."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = command(__doc__)
     parser.add_argument("--check", action="store_true")
     chosen = parser.parse_args()
     wanted = {PAGE: page(), README: readme(README.read_text(encoding="utf-8"))}

@@ -9,7 +9,6 @@ do the medians of each round's ratios. An update is one of the critics; DroQ and
 
 from __future__ import annotations
 
-import argparse
 import importlib.util
 import multiprocessing
 import os
@@ -123,13 +122,14 @@ def race(agent: str, names: list[str], rounds: int) -> dict[str, Any]:
 
 def main() -> None:
     """Race all agents and write the medians."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    from machine import command, write
+
+    parser = command(__doc__)
     parser.add_argument("--agents", nargs="+", default=AGENTS, choices=AGENTS)
     parser.add_argument("--rounds", type=int, default=9)
     chosen = parser.parse_args()
     os.environ.update(ONE_THREAD)  # before torch or JAX is loaded, here and in the processes
     from contestants import ACTION, BATCH, HIDDEN, OBSERVATION
-    from machine import write
 
     names = able()
     agents: dict[str, Any] = {}

@@ -10,13 +10,12 @@ counts; an agent that does not get there counts with ``--episodes`` and one more
 
 from __future__ import annotations
 
-import argparse
 import statistics
 import tempfile
 from pathlib import Path
 from typing import Any
 
-from machine import write
+from machine import command, write
 from stopping import StopWhen
 
 from bricksrl.training import TrainConfig, train
@@ -50,7 +49,7 @@ def run(way: str, data: str, seed: int, episodes: int, updates: int) -> dict[str
 
 def main() -> None:
     """Make all runs and write them."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = command(__doc__)
     parser.add_argument("--data", type=Path, default=Path("runs/datasets/Walker-v0-expert"))
     parser.add_argument("--ways", nargs="+", default=WAYS, choices=WAYS)
     parser.add_argument("--seeds", type=int, default=5)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import runpy
 import shlex
 import subprocess
 import sys
@@ -39,6 +40,17 @@ def test_published_tables_are_what_the_results_say():
         [sys.executable, "benchmarks/tables.py", "--check"], cwd=ROOT, capture_output=True, text=True, timeout=60, check=False
     )
     assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "benchmarks").glob("*.py")), ids=lambda path: path.stem)
+def test_benchmarks_say_what_they_are_before_they_measure(path, monkeypatch, capsys):
+    if "__main__" not in (text := path.read_text(encoding="utf-8")):
+        return
+    monkeypatch.setattr(sys, "path", [str(path.parent), *sys.path])
+    monkeypatch.setattr(sys, "argv", [path.name, "--help"])
+    with pytest.raises(SystemExit, match="^0$"):
+        runpy.run_path(str(path), run_name="__main__")
+    assert text.splitlines()[0].strip('"') in capsys.readouterr().out
 
 
 def test_every_dependency_is_pinned():
