@@ -62,10 +62,10 @@ class Walking:
         return tilt
 
     def loop_error_mm(self) -> float:
-        data = self.body.data
-        open_by = data.efc_pos[data.efc_type == mujoco.mjtConstraint.mjCNSTR_EQUALITY]
-        assert len(open_by) == 12
-        return float(np.abs(open_by).max()) * 1000
+        """How much a rocker's pins are too near or too far apart; one step behind the joints."""
+        sites = self.body.data.site
+        apart = [np.linalg.norm(sites(f"rod_{port}_far").xpos - sites(f"rod_{port}_near").xpos) for port in "ABCD"]
+        return float(np.abs(np.array(apart) - 0.032).max()) * 1000
 
 
 def speed_m_s(phases: Phases, physics: Physics = QUIET, angle: int = -100, steps: int = 12) -> float:
@@ -92,7 +92,10 @@ class TestModel:
     def test_the_loops_are_closed_as_built(self) -> None:
         data = mujoco.MjData(model())
         mujoco.mj_forward(model(), data)
-        assert np.abs(data.efc_pos[data.efc_type == mujoco.mjtConstraint.mjCNSTR_EQUALITY]).max() < 1e-9
+        open_by = data.efc_pos[data.efc_type == mujoco.mjtConstraint.mjCNSTR_EQUALITY]
+        assert len(open_by) == 4
+        assert np.abs(open_by).max() < 1e-9
+        assert Walking().loop_error_mm() < 1e-6
 
     def test_only_feet_and_frame_touch_and_only_the_floor(self) -> None:
         assert not model().geom_conaffinity[model().geom_bodyid != 0].any()
@@ -160,6 +163,24 @@ class TestLegs:
         assert low[2] == pytest.approx(-0.064, abs=0.002)
         assert high[2] - low[2] == pytest.approx(0.016, abs=0.003)
         assert back[0] < low[0] - 0.01 < low[0] + 0.01 < front[0]
+
+    def test_a_foot_goes_where_crank_and_rocker_take_it(self) -> None:
+        robot, worst_mm = self.hanging(), 0.0
+        robot.servos[0].run(-300)
+        for _ in range(260):
+            robot.machine.advance(5)
+            foot = self.foot(robot, "D") - robot.body.model.body("rotor_D").pos
+            data = robot.body.data
+            turn = float(data.joint("motor_D").qpos[0] + data.joint("backlash_D").qpos[0])
+            # About the crank's axis, x and z: the leg's upper end is 40 mm from the crank's pin and 32 mm from the rocker's.
+            crank, rocker = -0.008 * np.array([math.sin(turn), math.cos(turn)]), np.array([-0.032, 0.040])
+            distance, across = np.linalg.norm(rocker - crank), (rocker - crank)[::-1] * (1, -1)
+            along = (distance**2 + 0.040**2 - 0.032**2) / (2 * distance)
+            end = ((rocker - crank) * along + across * math.sqrt(0.040**2 - along**2)) / distance
+            expected = crank - end * 56 / 40
+            worst_mm = max(worst_mm, 1000 * float(np.linalg.norm(foot[[0, 2]] - expected)))
+        assert robot.angles()[0] < -360
+        assert worst_mm < 0.1
 
     def test_the_other_legs_stay_where_they_are(self) -> None:
         robot = self.hanging()
@@ -282,7 +303,18 @@ class TestPhysics:
         assert turned(0.7) > 1.15 * turned(1.5) > 0
 
     def test_a_load_slows_the_legs_down(self) -> None:
-        assert speed_m_s(TROT, quiet(mass_scale=3.0)) < 0.9 * speed_m_s(TROT)
+        def turned(mass_scale: float) -> list[int]:
+            robot = Walking(quiet(mass_scale=mass_scale))
+            robot.pose_legs(tuple(-phase for phase in TROT))
+            robot.put_down()
+            before = robot.angles()
+            for servo in robot.servos:
+                servo.dc(-50)
+            robot.machine.advance(2000)
+            return [start - end for start, end in zip(before, robot.angles(), strict=True)]
+
+        for heavy, light in zip(turned(3.0), turned(1.0), strict=True):
+            assert 0 < heavy < 0.8 * light
 
     def test_an_empty_battery_makes_the_legs_slow(self) -> None:
         def turned(battery_v: float) -> int:

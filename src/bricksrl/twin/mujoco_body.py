@@ -14,6 +14,7 @@ from bricksrl.robots import MotorKind, Robot, UltrasonicSensor
 from bricksrl.twin.carrier import FixedCarrier, FreeCarrier, Vector
 from bricksrl.twin.models import robo_arm, two_wheeler, walker
 from bricksrl.twin.models.parts import OBSTACLE_GROUP, motor_constants
+from bricksrl.twin.models.rods import Rods
 from bricksrl.twin.physics import Physics, RandomPhysics
 from bricksrl.twin.scene import Scene
 from bricksrl.twin.standing import standing_pose
@@ -103,6 +104,7 @@ class MujocoBody:
         self._feet = [geom for geom in range(model.ngeom) if model.geom(geom).name.startswith("foot_")]
         self._moves = bool(model.jnt_type[0] == mujoco.mjtJoint.mjJNT_FREE)
         self._carrier = FreeCarrier(model, data) if self._moves else FixedCarrier(model, data)
+        self._rods = Rods(model)
         self._sonar = {port: model.site(f"ultrasonic_{port}").pos.copy() for port in sonars}
         rays = [(math.cos(math.radians(angle)), math.sin(math.radians(angle)), 0.0) for angle in _CONE_DEG]
         self._rays = np.array(rays)
@@ -210,6 +212,12 @@ class MujocoBody:
         self._look_at_heading()
         x_m, y_m, _ = self._carrier.position().tolist()
         return Pose(x_m, y_m, self._heading_deg)
+
+    def pose_looks(self) -> None:
+        """Bring what is drawn up to the joints, behind which steps leave it; for whoever draws."""
+        mujoco.mj_kinematics(self.model, self.data)
+        self._rods.turn(self.model, self.data)
+        mujoco.mj_camlight(self.model, self.data)
 
     # ---------------------------------------------------------------- time
 

@@ -64,10 +64,8 @@ class RayCaster:
         Returns:
             uint8 [height, width, 3], red, green, blue.
         """
-        model, data = self._body.model, self._body.data
-        # Steps leave positions one step behind the joints.
-        mujoco.mj_kinematics(model, data)
-        mujoco.mj_camlight(model, data)
+        data = self._body.data
+        self._body.pose_looks()
         if self._moving is not None:
             self._stale |= self._moving.mask(data, self._spot_px)
         rays = self._rays[self._stale] @ data.cam_xmat[self._camera].reshape(3, 3).T

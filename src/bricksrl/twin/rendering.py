@@ -89,10 +89,8 @@ class Renderer:
         """
         if not self._free.alive:
             raise TwinError("this renderer is closed; make a new one")
-        model, data = self._body.model, self._body.data
-        # Steps leave positions one step behind the joints.
-        mujoco.mj_kinematics(model, data)
-        mujoco.mj_camlight(model, data)
+        data = self._body.data
+        self._body.pose_looks()
         self._gl.make_current()
         if self._moving is None:
             return self._draw(self._whole, mujoco.mjtCatBit.mjCAT_ALL).copy()

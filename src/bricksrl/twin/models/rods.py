@@ -1,0 +1,59 @@
+"""Rods: bars with a pin at either end. To the physics a rod is the distance between its pins, which never changes.
+
+That costs a fraction of a body with two joints, one of which closes a loop. What is drawn of a rod is a body without mass,
+fixed to the one pin and turned towards the other when somebody looks.
+"""
+
+from __future__ import annotations
+
+import mujoco
+
+from bricksrl.twin.models.parts import SHAPE_GROUP, Triple
+
+_PREFIX = "rod_"
+
+
+def add_rod(
+    spec: mujoco.MjSpec,
+    name: str,
+    near: tuple[mujoco.MjsBody, Triple],
+    far: tuple[mujoco.MjsBody, Triple],
+    *,
+    mass_kg: float,
+) -> mujoco.MjsBody:
+    """Join two bodies, each given with the place of its pin, by a rod as long as its pins are apart in the model as built.
+
+    Half of its mass moves with either pin.
+
+    Returns:
+        The body that it is drawn on: its origin is the near pin, its z axis points to the far one.
+    """
+    name = _PREFIX + name
+    length = spec.add_tendon(name=name, group=SHAPE_GROUP)
+    for end, (body, pin) in {"near": near, "far": far}.items():
+        shape = {"size": [0.004, 0.0, 0.0], "group": SHAPE_GROUP, "contype": 0, "conaffinity": 0}
+        body.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, pos=list(pin), mass=mass_kg / 2, **shape)
+        length.wrap_site(body.add_site(name=f"{name}_{end}", pos=list(pin), group=SHAPE_GROUP).name)
+    kept = spec.add_equality(name=name, type=mujoco.mjtEq.mjEQ_TENDON, objtype=mujoco.mjtObj.mjOBJ_TENDON)
+    kept.name1, kept.data[:5] = name, 0.0
+    # Stiff: MuJoCo's default lets the ends of a light rod come apart by fractions of a millimetre.
+    kept.solref, kept.solimp = [2 * spec.option.timestep, 1.0], [0.99, 0.99, 0.001, 0.5, 2.0]
+    drawn: mujoco.MjsBody = near[0].add_body(name=name, pos=list(near[1]))
+    return drawn
+
+
+class Rods:
+    """The rods of a model, as they are drawn."""
+
+    def __init__(self, model: mujoco.MjModel) -> None:
+        names = {body: model.body(body).name for body in range(model.nbody)}
+        self._ends = [(body, int(model.site(f"{name}_far").id)) for body, name in names.items() if name.startswith(_PREFIX)]
+
+    def turn(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        """Point each to its far pin; positions must be up to date, and are so afterwards."""
+        if not self._ends:
+            return
+        for body, far in self._ends:
+            frame = data.xmat[model.body_parentid[body]].reshape(3, 3)
+            mujoco.mju_quatZ2Vec(model.body_quat[body], (data.site_xpos[far] - data.xpos[body]) @ frame)
+        mujoco.mj_kinematics(model, data)

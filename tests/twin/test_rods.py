@@ -1,0 +1,74 @@
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import pytest
+
+from bricksrl.twin.models.rods import Rods, add_rod
+
+
+def swing() -> mujoco.MjModel:
+    """A pendulum of 0.1 m on a frame that lies on its side, and a sledge that a rod of 0.25 m couples to its bob."""
+    spec = mujoco.MjSpec()
+    spec.option.gravity, spec.option.timestep = [-9.81, 3.0, 0.0], 0.0005
+    frame = spec.worldbody.add_body(name="frame", quat=[0.5, 0.5, 0.5, 0.5])
+    sledge = frame.add_body(name="sledge", pos=[0.0, 0.0, -0.2])
+    sledge.add_joint(type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[1, 0, 0])
+    bob = frame.add_body(name="bob", pos=[0.15, 0.0, 0.1])
+    bob.add_joint(type=mujoco.mjtJoint.mjJNT_HINGE, axis=[0, 1, 0])
+    for body in (sledge, bob):
+        body.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[0.01, 0, 0], mass=0.1)
+    rod = add_rod(spec, "arm", (sledge, (0.0, 0.0, 0.0)), (bob, (0.0, 0.0, -0.1)), mass_kg=0.02)
+    rod.add_geom(type=mujoco.mjtGeom.mjGEOM_CAPSULE, fromto=[0, 0, 0, 0, 0, 0.25], size=[0.003, 0, 0], mass=0)
+    return spec.compile()
+
+
+def tip(data: mujoco.MjData) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+    """Where the drawn rod ends."""
+    end: np.ndarray[tuple[int], np.dtype[np.float64]] = data.body("rod_arm").xmat.reshape(3, 3)[:, 2] * 0.25
+    return data.body("rod_arm").xpos + end
+
+
+class TestRod:
+    def test_its_length_stays_while_its_ends_move(self) -> None:
+        model = swing()
+        data, seen, lengths = mujoco.MjData(model), [], []
+        for _ in range(500):
+            mujoco.mj_step(model, data)
+            seen.append(data.qpos.copy())
+            lengths.append(float(np.linalg.norm(data.site("rod_arm_far").xpos - data.site("rod_arm_near").xpos)))
+        assert np.ptp(seen, axis=0).min() > 0.05
+        assert lengths == pytest.approx([0.25] * 500, abs=1e-4)
+
+    def test_half_of_its_mass_is_at_either_end(self) -> None:
+        model = swing()
+        assert model.body("sledge").mass == pytest.approx(0.11)
+        assert model.body("bob").mass == pytest.approx(0.11)
+        assert model.body("rod_arm").mass == 0.0
+
+    def test_it_is_drawn_from_pin_to_pin(self) -> None:
+        model = swing()
+        data, rods = mujoco.MjData(model), Rods(model)
+        for _ in range(5):
+            mujoco.mj_step(model, data, 60)
+            mujoco.mj_kinematics(model, data)
+            rods.turn(model, data)
+            assert data.body("rod_arm").xpos == pytest.approx(data.site("rod_arm_near").xpos, abs=1e-9)
+            assert tip(data) == pytest.approx(data.site("rod_arm_far").xpos, abs=1e-4)
+
+    def test_drawing_it_leaves_the_motion_as_it_is(self) -> None:
+        def motion(draws: bool) -> bytes:
+            model = swing()
+            data, rods = mujoco.MjData(model), Rods(model)
+            for _ in range(20):
+                mujoco.mj_step(model, data, 10)
+                if draws:
+                    mujoco.mj_kinematics(model, data)
+                    rods.turn(model, data)
+            return data.qpos.tobytes()
+
+        assert motion(True) == motion(False)
+
+    def test_a_model_without_rods_is_left_alone(self) -> None:
+        model = mujoco.MjSpec().compile()
+        Rods(model).turn(model, mujoco.MjData(model))
