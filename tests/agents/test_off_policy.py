@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 import torch
 from learning import LAYOUT, LEARNERS, TASK, fresh, learned, small, tensors, transitions
+from torch import Tensor
 
 from bricksrl.agents import make_agent, preset
 from bricksrl.agents.agent import Transition
@@ -141,20 +142,21 @@ def test_learns_the_action_that_pays(agent: str) -> None:
 
 @pytest.mark.parametrize("agent", ["sac", "td3", "crossq"])
 def test_values_go_on_through_a_time_limit_and_end_at_a_termination(agent: str) -> None:
-    def value(*, terminated: bool) -> float:
+    def values(*, terminated: bool) -> Tensor:
         changes = {"gamma": 0.8, "learning_rate": 3e-3, "hindsight": 0.0, "new_goals": 0.0, "batch_size": 32}
         extra = {"tau": 0.1} if agent != "crossq" else {"momentum": 0.1}
         small_alpha = {} if agent == "td3" else {"initial_alpha": 1e-4}
         made = fresh(agent, small(agent, **changes, **extra, **small_alpha))
         for one in transitions(30):
             made.remember(Transition(one.observation, one.action, 1.0, one.next_observation, terminated, True))
-        for _ in range(300):
+        for _ in range(500 if agent == "crossq" else 200):  # CrossQ's values come slower
             made.update()
         observation, action = (torch.stack([getattr(one, name) for one in transitions(30)]) for name in ("observation", "action"))
-        return float(made.critics(made.encoder(observation), action).detach().mean())  # type: ignore[attr-defined]
+        of_each: Tensor = made.critics(made.encoder(observation), action).detach().mean(0)  # type: ignore[attr-defined]
+        return of_each
 
-    assert value(terminated=True) == pytest.approx(1.0, abs=0.3)
-    assert value(terminated=False) > 2.5
+    assert (values(terminated=True) - 1.0).abs().max() < 0.3
+    assert values(terminated=False).min() > 2.5
 
 
 @pytest.mark.parametrize("agent", LEARNERS)
