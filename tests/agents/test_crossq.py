@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Iterator
 
 import pytest
 import torch
@@ -27,13 +26,6 @@ from torchrl.objectives import CrossQLoss
 
 from bricksrl.agents.crossq import CrossQAgent
 from bricksrl.agents.networks import make_policy
-from bricksrl.training.reproducible import reproducible
-
-
-@pytest.fixture(autouse=True)
-def seeded() -> Iterator[None]:
-    with reproducible(3):
-        yield
 
 
 def norm(size: int) -> nn.BatchNorm1d:

@@ -1,7 +1,5 @@
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import pytest
 import torch
 from learning import LAYOUT, TASK, fresh, small, transitions
@@ -10,13 +8,6 @@ from bricksrl.agents import make_agent
 from bricksrl.agents.hindsight import HORIZON, GoalExchange
 from bricksrl.agents.off_policy import OffPolicyAgent
 from bricksrl.agents.replay import ReplayRing
-from bricksrl.training.reproducible import reproducible
-
-
-@pytest.fixture(autouse=True)
-def seeded() -> Iterator[None]:
-    with reproducible(3):
-        yield
 
 
 def test_goals_of_the_arm_belong_to_its_joints() -> None:

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import io
-from collections.abc import Iterator
 from dataclasses import fields, replace
 from typing import Any
 
 import pytest
 import torch
+from learning import assert_go_on_alike, saved, taught, tensors
 from oracle import frozen
 from tensordict import TensorDict
 from torch import Tensor
@@ -26,19 +25,12 @@ from bricksrl.agents.sac import SACAgent
 from bricksrl.agents.td3 import TD3Agent
 from bricksrl.envs import get_task
 from bricksrl.errors import CheckpointError, DescriptionError, UnknownNameError
-from bricksrl.training.reproducible import reproducible
 
 TASK = get_task("RoboArm_mixed-v0")
 LAYOUT = ObservationLayout(
     tuple(entry.low for entry in TASK.entries), tuple(entry.high for entry in TASK.entries), tuple(e.wraps for e in TASK.entries)
 )
 LEARNERS = ("sac", "td3")
-
-
-@pytest.fixture(autouse=True)
-def seeded() -> Iterator[None]:
-    with reproducible(3):
-        yield
 
 
 def small(agent: str, **changes: Any) -> Settings:
@@ -73,19 +65,7 @@ def fresh(agent: str, settings: Settings | None = None, seed: int = 11) -> Image
 
 
 def learned(agent: str, settings: Settings | None = None, updates: int = 3) -> ImageAgent:
-    made = fresh(agent, settings)
-    for transition in transitions(20):
-        made.remember(transition)
-    for _ in range(updates):
-        made.update()
-    return made
-
-
-def tensors(agent: ImageAgent) -> list[Tensor]:
-    """All tensors of its state but the memory."""
-    state = agent.state_dict()
-    del state["replay"], state["optimiser"]
-    return [value for part in state.values() if isinstance(part, dict) for value in part.values()]
+    return taught(fresh(agent, settings), transitions(20), updates)
 
 
 CHANGES: dict[str, Any] = {
@@ -156,18 +136,9 @@ def test_impossible_settings_are_refused_in_one_line(wrong: dict[str, Any]) -> N
 def test_state_survives_a_file_and_learning_goes_on_bit_for_bit(agent: str, replay_size: int) -> None:
     settings = small(agent, replay_size=replay_size, actor_delay=2, shift_px=2)
     one = learned(agent, settings)
-    file = io.BytesIO()
-    torch.save(one.state_dict(), file)
-    file.seek(0)
     other = fresh(agent, settings, seed=5)
-    other.load_state_dict(torch.load(file, weights_only=True))
-    for each in (one, other):
-        torch.manual_seed(1)
-        for transition in transitions(8):
-            each.remember(transition)
-            each.update()
-    assert all(torch.equal(a, b) for a, b in zip(tensors(one), tensors(other), strict=True))
-    assert torch.equal(one.act(sight(9), explore=False), other.act(sight(9), explore=False))
+    other.load_state_dict(saved(one))
+    assert_go_on_alike(one, other, transitions(8))
 
 
 @pytest.mark.parametrize("agent", LEARNERS)
@@ -225,10 +196,7 @@ def test_losses_are_those_of_the_agent_without_eyes(agent: str, monkeypatch: pyt
 @pytest.mark.parametrize("agent", LEARNERS)
 def test_learns_to_act_towards_what_it_sees(agent: str) -> None:
     made = fresh(agent, small(agent, gamma=0.0, hidden=(32, 32), batch_size=32))
-    for transition in transitions(150):
-        made.remember(transition)
-    for _ in range(150):
-        made.update()
+    taught(made, transitions(150), updates=150)
     assert made.act(sight(54), explore=False)[0] > 0.5
     assert made.act(sight(4), explore=False)[0] < -0.5
 

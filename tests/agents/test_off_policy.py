@@ -1,26 +1,16 @@
 from __future__ import annotations
 
-import io
-from collections.abc import Iterator
 from dataclasses import fields
 from typing import Any
 
 import pytest
 import torch
-from learning import LAYOUT, LEARNERS, TASK, fresh, learned, small, tensors, transitions
+from learning import LAYOUT, LEARNERS, TASK, assert_go_on_alike, fresh, learned, saved, small, tensors, transitions
 from torch import Tensor
 
 from bricksrl.agents import make_agent, preset
 from bricksrl.agents.agent import Transition
 from bricksrl.errors import CheckpointError, DescriptionError
-from bricksrl.training.reproducible import reproducible
-
-
-@pytest.fixture(autouse=True)
-def seeded() -> Iterator[None]:
-    with reproducible(3):
-        yield
-
 
 CHANGES: dict[str, Any] = {
     "hidden": (16,),
@@ -93,19 +83,9 @@ def test_without_experience_there_is_nothing_to_update(agent: str) -> None:
 @pytest.mark.parametrize("replay_size", [1000, 22])
 def test_state_survives_a_file_and_learning_goes_on_bit_for_bit(agent: str, replay_size: int) -> None:
     one = learned(agent, small(agent, replay_size=replay_size, actor_delay=2))
-    file = io.BytesIO()
-    torch.save(one.state_dict(), file)
-    file.seek(0)
     other = fresh(agent, small(agent, replay_size=replay_size, actor_delay=2), seed=5)
-    other.load_state_dict(torch.load(file, weights_only=True))
-    for each in (one, other):
-        torch.manual_seed(1)
-        for transition in transitions(15):
-            each.remember(transition)
-            each.update()
-    assert all(torch.equal(a, b) for a, b in zip(tensors(one), tensors(other), strict=True))
-    observation = transitions(1)[0].observation
-    assert torch.equal(one.act(observation, explore=False), other.act(observation, explore=False))
+    other.load_state_dict(saved(one))
+    assert_go_on_alike(one, other, transitions(15))
 
 
 @pytest.mark.parametrize("agent", LEARNERS)
@@ -196,12 +176,7 @@ def test_bfloat16_goes_on_bit_for_bit_too(agent: str, monkeypatch: pytest.Monkey
     one = learned(agent, small(agent, precision="bfloat16"))
     other = fresh(agent, small(agent, precision="bfloat16"), seed=5)
     other.load_state_dict(one.state_dict())
-    for each in (one, other):
-        torch.manual_seed(1)
-        for transition in transitions(30):
-            each.remember(transition)
-        each.update()
-    assert all(torch.equal(a, b) for a, b in zip(tensors(one), tensors(other), strict=True))
+    assert_go_on_alike(one, other, transitions(30))
 
 
 def test_a_processor_without_bfloat16_says_so(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -24,15 +24,8 @@ from bricksrl.agents.offline_bc import BCAgent
 from bricksrl.agents.offline_cql import CQLAgent, draw_places
 from bricksrl.agents.offline_iql import IQLAgent
 from bricksrl.agents.offline_td3bc import TD3BCAgent
-from bricksrl.training.reproducible import reproducible
 
 CLOSE = {"rtol": 1e-5, "atol": 1e-5}
-
-
-@pytest.fixture(autouse=True)
-def seeded() -> Iterator[None]:
-    with reproducible(3):
-        yield
 
 
 def learner(name: str, **changes: Any) -> Any:

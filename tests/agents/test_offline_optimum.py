@@ -6,7 +6,7 @@ policy that goes the right way too timidly and with much noise. Values are compu
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -80,12 +80,6 @@ def learned(name: str, updates: int = 500, **changes: Any) -> Any:
     agent.study(made_data())
     agent.update(updates)
     return agent
-
-
-@pytest.fixture(autouse=True)
-def seeded() -> Iterator[None]:
-    with reproducible(3):
-        yield
 
 
 @pytest.fixture(scope="module")

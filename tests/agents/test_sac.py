@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Iterator
 from dataclasses import replace
 from itertools import pairwise
 from typing import Any
@@ -37,16 +36,9 @@ from bricksrl.agents.networks import make_policy
 from bricksrl.agents.off_policy import Batch
 from bricksrl.agents.sac import SACAgent
 from bricksrl.agents.soft import sample_action
-from bricksrl.training.reproducible import reproducible
 
 LAYOUT = ObservationLayout((0.0, -1.0, 0.0), (360.0, 1.0, 2000.0), (True, False, False))
 SMALL = SACSettings(hidden=(16, 16), batch_size=8, updates_per_step=1)
-
-
-@pytest.fixture(autouse=True)
-def seeded() -> Iterator[None]:
-    with reproducible(3):
-        yield
 
 
 def transitions(count: int, *, reward: float | None = None, terminated: bool = False) -> list[Transition]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import fields, replace
 from typing import Any
 
@@ -14,13 +13,6 @@ from bricksrl.agents import preset
 from bricksrl.agents.agent import Transition, Transitions
 from bricksrl.agents.off_policy import OffPolicyAgent
 from bricksrl.errors import DataError
-from bricksrl.training.reproducible import reproducible
-
-
-@pytest.fixture(autouse=True)
-def seeded() -> Iterator[None]:
-    with reproducible(3):
-        yield
 
 
 def stacked(steps: list[Transition]) -> Transitions:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Iterator
 from itertools import pairwise
 
 import pytest
@@ -29,13 +28,6 @@ from torchrl.modules import ValueOperator
 from torchrl.objectives import SoftUpdate, TD3Loss
 
 from bricksrl.agents.td3 import TD3Agent
-from bricksrl.training.reproducible import reproducible
-
-
-@pytest.fixture(autouse=True)
-def seeded() -> Iterator[None]:
-    with reproducible(3):
-        yield
 
 
 def critic(sizes: tuple[int, ...]) -> nn.Sequential:
