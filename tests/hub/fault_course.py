@@ -70,6 +70,9 @@ class CheckingLearner:
         self._run = 0
         self._last: torch.Tensor | None = None
 
+    def start_acting(self) -> None:
+        pass
+
     def act(self, observation: torch.Tensor, *, explore: bool) -> torch.Tensor:
         self._run = self._world.hub.runs
         return torch.tensor([self._rng.uniform(-1.0, 1.0)])

@@ -60,6 +60,12 @@ class Agent(Protocol):
     prefill_episodes: int
     """Episodes at the start whose actions are drawn uniformly, before the agent acts and learns."""
 
+    def start_acting(self) -> None:
+        """What is seen next does not follow from the last action: an episode starts, or a human has given the robot back.
+
+        Whatever acts has to say so. An agent that plans ahead forgets its plan here.
+        """
+
     def act(self, observation: Tensor, *, explore: bool) -> Tensor:
         """An action ``[m]`` in -1..1 for an observation ``[n]``; without ``explore`` the agent's best one."""
 

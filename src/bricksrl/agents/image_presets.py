@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from bricksrl.agents.settings import CommonSettings, EntropySettings, NoiseSettings, ReplaySettings, TargetSettings
+from bricksrl.agents.settings import CommonSettings, EntropySettings, LayerSettings, NoiseSettings, ReplaySettings, TargetSettings
 from bricksrl.errors import DescriptionError
 
 
 @dataclass(frozen=True)
-class ImageSettings(TargetSettings, ReplaySettings, CommonSettings):
+class ImageSettings(TargetSettings, ReplaySettings, LayerSettings, CommonSettings):
     """What all agents have in common that learn from images. The defaults are tuned for few robot steps on one processor core."""
 
     hidden: tuple[int, ...] = (128, 128)

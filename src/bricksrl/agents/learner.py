@@ -32,6 +32,9 @@ class Learner(ABC):
         """All that acting depends on."""
         return self.actor
 
+    def start_acting(self) -> None:  # noqa: B027  most have nothing in mind but their weights
+        """Nothing is kept from one action to the next."""
+
     def end_episode(self) -> None:
         """What was remembered last is the last of its episode."""
         self.replay.end_episode()

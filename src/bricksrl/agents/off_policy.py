@@ -1,4 +1,4 @@
-"""What all agents share that learn from observations in a replay buffer: remembering, drawing batches, the order of updates."""
+"""What all agents share that learn from single steps in a replay buffer: drawing batches, the order of updates."""
 
 from __future__ import annotations
 
@@ -10,14 +10,11 @@ from typing import TYPE_CHECKING
 import torch
 from torch import Tensor
 
-from bricksrl.agents.agent import Transition, Transitions
 from bricksrl.agents.hindsight import HORIZON, GoalExchange
 from bricksrl.agents.layout import ObservationLayout
-from bricksrl.agents.learner import Learner
-from bricksrl.agents.networks import ObservationEncoder
 from bricksrl.agents.replay import ReplayRing
 from bricksrl.agents.settings import LearnerSettings
-from bricksrl.errors import DataError
+from bricksrl.agents.student import Student
 
 if TYPE_CHECKING:
     from bricksrl.envs.task import Task
@@ -35,29 +32,16 @@ class Batch:
     """Bool."""
 
 
-class OffPolicyAgent(Learner):
+class OffPolicyAgent(Student):
     """A learner from a replay buffer, for one robot. Networks are made from torch's global generator.
 
     Args:
         task: where it has goals, the agent learns from other goals too, as its settings say.
     """
 
-    replay: ReplayRing
-
     def __init__(self, layout: ObservationLayout, action_size: int, settings: LearnerSettings, task: Task | None) -> None:
-        self._common = settings
-        self._action_size = action_size
-        self.prefill_episodes = settings.prefill_episodes
-        self.encoder = ObservationEncoder(layout, settings.angles, settings.goals)
+        super().__init__(layout, action_size, settings)
         self._goals = GoalExchange(layout, task) if task is not None and layout.goals else None
-        n = len(layout)
-        self._widths = [n, action_size, n, 2]
-        self.replay = ReplayRing(settings.replay_size, sum(self._widths))
-        self._data: ReplayRing | None = None
-
-    @abstractmethod
-    def act(self, observation: Tensor, *, explore: bool) -> Tensor:
-        """An action ``[m]`` in -1..1 for an observation ``[n]``; without ``explore`` the agent's best one."""
 
     @abstractmethod
     def learn(self, batch: Batch, *, actor: bool) -> tuple[Tensor, ...]:
@@ -67,43 +51,16 @@ class OffPolicyAgent(Learner):
         """An update with each batch under one actor, which learns in the last one only."""
         return [self.learn(batch, actor=actor and batch is batches[-1]) for batch in batches]
 
-    def remember(self, transition: Transition) -> None:
-        """Keep a transition, in physical units."""
-        outcome = torch.tensor((transition.reward, float(transition.terminated)))
-        parts = (transition.observation, transition.action, transition.next_observation, outcome)
-        self.replay.add(parts, last=transition.last)
-
-    def study(self, data: Transitions) -> None:
-        """Learn from a dataset too: half of each batch is drawn from it, the whole as long as there is nothing of one's own.
-
-        That is the symmetric sampling of RLPD (Ball et al. 2023). The dataset is no part of `state_dict`.
-
-        Raises:
-            DataError: there is nothing in it, or its observations or actions are those of another environment.
-        """
-        shapes = [list(part.shape[1:]) for part in (data.observation, data.action, data.next_observation)]
-        if len(data) == 0 or shapes != [[width] for width in self._widths[:3]]:
-            wanted = f"{self._widths[0]} numbers observed and {self._action_size} given"
-            raise DataError(f"{len(data)} steps of {shapes[0]} numbers observed and {shapes[1]} given; the agent needs {wanted}")
-        outcome = torch.stack((data.reward, data.terminated.float()), -1)
-        self._data = ReplayRing(len(data), sum(self._widths))
-        self._data.fill(torch.cat((data.observation, data.action, data.next_observation, outcome), -1), data.last)
-
-    def update(self, count: int | None = None) -> dict[str, float]:
-        """All updates of one robot step, or ``count``; returns the mean of each number that `loss_names` names."""
-        if not self._sources():
-            return {}
-        batches = self.draw_batches(count or self._common.updates_per_step)
+    def make_updates(self, count: int) -> list[tuple[Tensor, ...]]:
+        """``count`` updates of the critics; in every n-th of all that were ever made the actor learns too."""
+        batches = self.draw_batches(count)
         found = []
         while batches:
             turns = self._common.actor_delay - self._updates % self._common.actor_delay  # until the actor learns
             some, batches = batches[:turns], batches[turns:]
             self._updates += len(some)
             found += self.learn_in_turn(some, actor=len(some) == turns)
-        return self._means(found)
-
-    def _sources(self) -> list[ReplayRing]:
-        return [ring for ring in (self.replay, self._data) if ring is not None and len(ring)]
+        return found
 
     def draw_batches(self, count: int) -> list[Batch]:
         """``count`` batches out of the replay buffer and the dataset, some of their goals exchanged."""

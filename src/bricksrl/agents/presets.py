@@ -7,12 +7,19 @@ from dataclasses import dataclass, fields, replace
 from typing import Literal, TypeAlias
 
 from bricksrl.agents.image_presets import IMAGE_PRESETS, ImageSACSettings, ImageTD3Settings
-from bricksrl.agents.settings import EntropySettings, LearnerSettings, NoiseSettings, ReplaySettings, TargetSettings
+from bricksrl.agents.settings import (
+    EntropySettings,
+    LayerSettings,
+    LearnerSettings,
+    NoiseSettings,
+    ReplaySettings,
+    TargetSettings,
+)
 from bricksrl.errors import DescriptionError, UnknownNameError
 
 
 @dataclass(frozen=True)
-class OffPolicySettings(ReplaySettings, LearnerSettings):
+class OffPolicySettings(ReplaySettings, LayerSettings, LearnerSettings):
     """What all agents have in common that learn values from a replay buffer, without images."""
 
     hindsight: float = 0.3
@@ -89,7 +96,7 @@ class CrossQSettings(EntropySettings, LeanSettings):
 
 
 @dataclass(frozen=True)
-class BCSettings(LearnerSettings):
+class BCSettings(LayerSettings, LearnerSettings):
     """Behaviour cloning: do as the dataset does. It learns from nothing else."""
 
     layer_norm: bool = True

@@ -18,6 +18,9 @@ class RandomAgent:
     def __init__(self, action_size: int) -> None:
         self._action_size = action_size
 
+    def start_acting(self) -> None:
+        """Nothing is kept from one action to the next."""
+
     def act(self, observation: Tensor, *, explore: bool) -> Tensor:
         """A uniform action ``[m]``."""
         del observation, explore

@@ -53,11 +53,15 @@ class ReplayRing:
 
     def later(self, places: Tensor, horizon: int) -> Tensor:
         """For each place one of the ``horizon`` places that follow it; the place itself where its episode ends before."""
-        there = places + torch.randint(1, horizon + 1, places.shape)
-        if len(self) == self.capacity:
-            there %= self.capacity
-        known = there.clamp(max=len(self) - 1)
-        return torch.where((there == known) & (self._episodes[known] == self._episodes[places]), known, places)
+        there, known = self.after(places, torch.randint(1, horizon + 1, places.shape))
+        return torch.where(known, there, places)
+
+    def after(self, places: Tensor, steps: Tensor) -> tuple[Tensor, Tensor]:
+        """The place so many ``steps`` after each place, and whether it is known and of the same episode."""
+        oldest = self._added % self.capacity if len(self) == self.capacity else 0
+        age = (places - oldest) % self.capacity + steps
+        there = (oldest + age) % self.capacity
+        return there, (age < len(self)) & (self._episodes[there] == self._episodes[places])
 
     def state_dict(self) -> dict[str, Any]:
         """The filled part."""

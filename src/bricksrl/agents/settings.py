@@ -43,8 +43,6 @@ class Checked:
 class CommonSettings(Checked):
     """What all agents have in common that learn. The defaults are tuned for few robot steps."""
 
-    hidden: tuple[int, ...] = (256, 256)
-    """Units of each hidden layer, of the actor and of the critics."""
     learning_rate: float = 1e-3
     """Adam's step size."""
     adam_beta: float = 0.9
@@ -62,9 +60,20 @@ class CommonSettings(Checked):
         self._share("adam_beta")
         if self.adam_beta == 1.0:
             raise DescriptionError("adam_beta is 1, which learns nothing; give a number below 1")
+        self._one_of("angles", "phases", "sincos", "raw")
+
+
+@dataclass(frozen=True)
+class LayerSettings(Checked):
+    """For multilayer perceptrons."""
+
+    hidden: tuple[int, ...] = (256, 256)
+    """Units of each hidden layer, of the actor and of the critics."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
         if not self.hidden or min(self.hidden) < 1:
             raise DescriptionError(f"hidden is {self.hidden}; give the units of at least one layer, as in (256, 256)")
-        self._one_of("angles", "phases", "sincos", "raw")
 
 
 @dataclass(frozen=True)

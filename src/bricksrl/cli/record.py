@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     import numpy as np
     from torchrl.envs import EnvBase
 
+    from bricksrl.agents.agent import Agent
     from bricksrl.data.collect import Collected, Driver, Policy
     from bricksrl.data.recorder import Recorder
 
@@ -127,6 +128,7 @@ class Record:
             env.close(raise_if_closed=False)
 
     def _collect(self, env: EnvBase, recorder: Recorder, human: Driver | None, tell: Callable[[Collected], None]) -> None:
+        from bricksrl.agents.agent import look
         from bricksrl.data.collect import collect, random_policy
         from bricksrl.data.hands import Paced, rest
 
@@ -134,13 +136,16 @@ class Record:
         if human is not None and not hasattr(env, "twin"):
             driver = Paced(human, recorder.description.rate_hz)
         policy: Policy
+        start_acting = None
         if self.policy == "random":
             policy = random_policy(env, self.seed)
         elif self.policy in HANDS:
             still = rest(recorder.description.action)
             policy = lambda _: still  # noqa: E731  a human gives back: the robot rests
         else:
-            policy = _run_policy(Path(self.policy), env, explore=self.explore)
+            agent = _load_agent(Path(self.policy), env)
+            policy = lambda state: agent.act(look(agent, state), explore=self.explore)  # noqa: E731
+            start_acting = agent.start_acting
         collect(
             env,
             policy,
@@ -150,14 +155,13 @@ class Record:
             seed=self.seed,
             hub=self.hub,
             driver=driver,
+            start_acting=start_acting,
             on_episode=tell,
         )
 
 
-def _run_policy(run_dir: Path, env: EnvBase, *, explore: bool) -> Policy:
-    from bricksrl.agents.agent import look
+def _load_agent(run_dir: Path, env: EnvBase) -> Agent:
     from bricksrl.training import load_agent
     from bricksrl.training.sharing import is_policy, load_policy
 
-    agent = load_policy(run_dir, env) if is_policy(run_dir) else load_agent(run_dir, env).agent
-    return lambda state: agent.act(look(agent, state), explore=explore)
+    return load_policy(run_dir, env) if is_policy(run_dir) else load_agent(run_dir, env).agent

@@ -72,6 +72,7 @@ def _film(env: EnvBase, agent: Agent, renderer: Renderer) -> Iterator[Image]:
     camera = _Camera(machine.body, renderer, machine.time_ms)
     machine.body = camera
     done = False
+    agent.start_acting()
     while not done:
         state["action"] = agent.act(look(agent, state), explore=False)
         outcome = env.step(state)["next"]

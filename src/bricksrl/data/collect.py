@@ -57,6 +57,7 @@ def collect(
     seed: int = 0,
     hub: str = "virtual",
     driver: Driver | None = None,
+    start_acting: Callable[[], None] | None = None,
     on_episode: Callable[[Collected], None] | None = None,
 ) -> list[Collected]:
     """Record whole episodes. One that breaks off, by an error or Ctrl-C, is recorded as far as it went.
@@ -66,6 +67,8 @@ def collect(
         seed: of the episodes, which depend on it, their number in the dataset and the actions only.
         hub: how the robot is reached, for the record.
         driver: asked first at each step.
+        start_acting: told when what the policy sees next does not follow from its last action: an episode starts, or the
+            driver has chosen one.
 
     Raises:
         HubError: the link to the robot failed.
@@ -78,7 +81,7 @@ def collect(
         state = env.reset()
         recorder.begin(about(env, name, seed=episode_seed, hub=hub))
         try:
-            collected = _episode(env, policy, recorder, state, driver)
+            collected = _episode(env, policy, recorder, state, driver, start_acting or (lambda: None))
         except BaseException:
             recorder.commit(whole=False)
             raise
@@ -88,11 +91,21 @@ def collect(
     return done
 
 
-def _episode(env: EnvBase, policy: Policy, recorder: Recorder, state: TensorDictBase, driver: Driver | None) -> Collected:
+def _episode(
+    env: EnvBase,
+    policy: Policy,
+    recorder: Recorder,
+    state: TensorDictBase,
+    driver: Driver | None,
+    start_acting: Callable[[], None],
+) -> Collected:
     observations, return_, interventions = [], 0.0, 0
     done = False
+    start_acting()
     while not done:
         chosen = None if driver is None else driver(state["observation"])
+        if chosen is not None:
+            start_acting()
         state["action"] = policy(state) if chosen is None else chosen
         state = env.step(state)
         step = step_of(state, env, intervention=chosen is not None)

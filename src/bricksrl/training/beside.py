@@ -82,6 +82,10 @@ class BesideTheRobot:
         """Wait for the process to be there."""
         self._wait(lambda: self._ready)
 
+    def start_acting(self) -> None:
+        """As `Agent.start_acting`."""
+        self._agent.start_acting()
+
     def act(self, observation: Tensor, *, explore: bool) -> Tensor:
         """As the newest weights have it."""
         with self._changed:

@@ -87,7 +87,8 @@ class TrainConfig:
         data = dataclasses.asdict(self)
         del data["run_dir"]
         if self.settings is not None:
-            data["settings"]["hidden"] = list(self.settings.hidden)
+            values = data["settings"].items()
+            data["settings"] = {name: list(value) if isinstance(value, tuple) else value for name, value in values}
         return data
 
     @classmethod

@@ -47,6 +47,9 @@ class Learner(Protocol):
     def pace(self) -> Pace:
         """How far learning has come."""
 
+    def start_acting(self) -> None:
+        """As `Agent.start_acting`."""
+
     def act(self, observation: Tensor, *, explore: bool) -> Tensor:
         """As `Agent.act`."""
 
@@ -74,7 +77,8 @@ class InTheLoop:
 
     def __init__(self, agent: Agent, pace: Pace) -> None:
         self._agent, self._steps = agent, pace.asked
-        self.act, self.remember, self.end_episode = agent.act, agent.remember, agent.end_episode
+        self.start_acting, self.act = agent.start_acting, agent.act
+        self.remember, self.end_episode = agent.remember, agent.end_episode
         self.prefill_episodes, self.sees_images = agent.prefill_episodes, getattr(agent, "sees_images", False)
 
     @property

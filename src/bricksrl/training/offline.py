@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from torchrl.envs import EnvBase
 
     from bricksrl.agents.agent import Agent, Transitions
-    from bricksrl.agents.off_policy import OffPolicyAgent
+    from bricksrl.agents.student import Student
     from bricksrl.data import Episodes
     from bricksrl.training.config import TrainConfig
     from bricksrl.training.interrupt import Interruption
@@ -98,10 +98,10 @@ def take_over(config: TrainConfig, agent: Agent, env: EnvBase) -> None:
     agent.load_state_dict(load_state(folder, before, env)["agent"])
 
 
-def _learner(config: TrainConfig, agent: Agent) -> OffPolicyAgent:
-    from bricksrl.agents.off_policy import OffPolicyAgent
+def _learner(config: TrainConfig, agent: Agent) -> Student:
+    from bricksrl.agents.student import Student
 
-    if not isinstance(agent, OffPolicyAgent):
+    if not isinstance(agent, Student):
         raise RunError(f"the agent {config.agent} learns from no dataset here; take another agent, or leave the data away")
     return agent
 
@@ -207,7 +207,7 @@ def _share(config: TrainConfig, number: int) -> int:
     return config.updates * number // config.episodes - config.updates * (number - 1) // config.episodes
 
 
-def _learn(agent: OffPolicyAgent, updates: int, go_on: Callable[[], bool]) -> dict[str, float] | None:
+def _learn(agent: Student, updates: int, go_on: Callable[[], bool]) -> dict[str, float] | None:
     """Make updates; the means of what they tell, or ``None`` when ``go_on`` said no."""
     sums: defaultdict[str, float] = defaultdict(float)
     made: defaultdict[str, int] = defaultdict(int)

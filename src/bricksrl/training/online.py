@@ -30,6 +30,9 @@ OnTransition = Callable[[int, TensorDictBase], None]
 class Player(Protocol):
     """What `run_episode` asks of an agent, or of a learner that has one."""
 
+    def start_acting(self) -> None:
+        """As `Agent.start_acting`."""
+
     def act(self, observation: Tensor, *, explore: bool) -> Tensor:
         """As `Agent.act`."""
 
@@ -115,11 +118,13 @@ def run_episode(
     action_size = int(env.action_spec.shape[-1])
     link_error: HubError | None = None
     done = False
+    agent.start_acting()
     while not done:
         observation = look(agent, state)
         chosen = None if driver is None else driver(state["observation"])
         if chosen is not None:
             action = chosen
+            agent.start_acting()
         elif phase is Phase.PREFILL:
             action = 2.0 * torch.rand(action_size) - 1.0
         else:

@@ -22,7 +22,7 @@ from bricksrl.errors import RunError
 from bricksrl.training.config import TrainConfig
 from bricksrl.training.observer import Episode, Phase
 
-LOSSES = ("critic_loss", "value_loss", "gap", "actor_loss", "entropy", "alpha")
+LOSSES = ("critic_loss", "value_loss", "gap", "actor_loss", "kl", "entropy", "alpha")
 COLUMNS = ("episode", "phase", "steps", "length", "return", "success", *LOSSES, "seconds", "updates_per_step", "link_lost")
 
 
