@@ -12,7 +12,7 @@ from bricksrl.twin.bench import BenchBody
 from bricksrl.twin.firmware.control import OnCompletion
 from bricksrl.twin.firmware.drive_base import DriveBaseControl
 from bricksrl.twin.firmware.servo import Servo
-from bricksrl.twin.machine import Machine
+from bricksrl.twin.machine import CONTROL_LOOP_MS, Machine
 
 FIRMWARE = json.loads((Path(__file__).parents[1] / "data" / "firmware_motion.json").read_text())
 # The firmware's answers were taken one millisecond after a control tick.
@@ -64,6 +64,17 @@ def test_one_move_takes_the_firmwares_time(move: dict[str, int]) -> None:
     servo.run_angle(move["speed"], move["angle"], OnCompletion.HOLD)
     assert wait_ms(machine, servo) == pytest.approx(move["time_ms"], rel=0.02)
     assert servo.angle_deg() == pytest.approx(move["angle_at_end"], abs=1)
+
+
+@pytest.mark.parametrize("move", FIRMWARE["run_angle_blocking"], ids=lambda m: f"{m['angle']}@{m['speed']}")
+def test_one_move_takes_the_firmwares_number_of_control_ticks(move: dict[str, int]) -> None:
+    """The firmware was asked from a program, whose own steps took it two milliseconds after the tick before."""
+    machine, servo = motor()
+    machine.advance(1)
+    servo.run_angle(move["speed"], move["angle"], OnCompletion.HOLD)
+    since_tick_ms = machine.time_ms % CONTROL_LOOP_MS
+    assert since_tick_ms == 2
+    assert (wait_ms(machine, servo) + since_tick_ms) // CONTROL_LOOP_MS == -(-move["time_ms"] // CONTROL_LOOP_MS)
 
 
 @pytest.mark.parametrize("moves", FIRMWARE["run_angle_repeated"], ids=lambda m: f"{m['angle']}@{m['speed']}")

@@ -7,6 +7,8 @@ from hub_programs import output
 
 from bricksrl import robots
 from bricksrl.robots import HubKind, Motor, Robot, UltrasonicSensor
+from bricksrl.twin.firmware.trajectory import InfeasibleMoveError
+from bricksrl.twin.pybricks.context import refusals
 
 HEAD = """
 from pybricks.pupdevices import *
@@ -121,6 +123,8 @@ for m in (a, b, c):
         ("motor.control.limits(speed=100000000)", "ValueError Invalid argument"),
         ("motor.control.limits(acceleration=(1, 2, 3))", "ValueError Invalid argument"),
         ("motor.settings(20000)", "ValueError Invalid argument"),
+        ("motor.run_time(100, 10000000)", "ValueError Invalid argument"),
+        ("motor.run_angle(100, 2000000)", "ValueError Invalid argument"),
         ("motor.turn(5)", "AttributeError 'Motor' object has no attribute 'turn'"),
         ("Motor('A')", "TypeError can't convert str to Port"),
         ("Motor(Port.B, gears=5)", "TypeError object 'int' isn't a tuple or list"),
@@ -135,6 +139,11 @@ def test_refusals(call: str, error: str) -> None:
     kind, _, message = error.partition(" ")
     source = f"try:\n    {call}\nexcept {kind} as e:\n    print(e)"
     assert output(MOTOR + source) == message
+
+
+def test_a_move_that_rounding_leaves_no_trajectory_for_is_an_unknown_error() -> None:
+    with pytest.raises(RuntimeError, match="^Unknown error$"), refusals():
+        raise InfeasibleMoveError
 
 
 def test_floats_are_cut_off() -> None:

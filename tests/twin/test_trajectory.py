@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bricksrl.twin.firmware.trajectory import FOREVER_MS, Command, Trajectory, for_time, to_angle
+from bricksrl.twin.firmware.trajectory import FOREVER_MS, Command, InfeasibleMoveError, Trajectory, for_time, to_angle
 
 SPEEDS = st.integers(-1_000_000, 1_000_000)
 commands = st.builds(
@@ -48,10 +48,28 @@ def test_the_reference_has_no_jumps_and_keeps_the_speed_limit(command: Command, 
 
 @given(commands, st.integers(1, FOREVER_MS * 10))
 def test_a_timed_command_lasts_its_duration(command: Command, duration: int) -> None:
-    # Where the two rates are almost but not quite equal, the firmware's rounding may put the ramps beyond the end.
-    trajectory = for_time(command._replace(duration=duration, deceleration=command.acceleration))
+    try:
+        trajectory = for_time(command._replace(duration=duration))
+    except InfeasibleMoveError:
+        assert command.acceleration != command.deceleration, "only rates that differ can leave no trajectory"
+        return
     assert trajectory.t3 == duration
-    assert 0 <= trajectory.t1 <= trajectory.t2 <= trajectory.t3 + 2
+    assert 0 <= trajectory.t1 <= trajectory.t2 <= trajectory.t3
+
+
+def test_a_timed_command_without_a_trajectory_is_refused() -> None:
+    """Slowing down at 1000, then at 999 deg/s2: the ramps meet at a division by their difference, beyond the end."""
+    command = Command(0, 0, 953_188, 946_637, 1_000_000, 1_000_000, 999_000, keep_running=False, duration=5331)
+    with pytest.raises(InfeasibleMoveError):
+        for_time(command)
+    assert for_time(command._replace(deceleration=1_000_000)).t3 == 5331
+
+
+def test_a_stretched_way_of_many_turns_loses_digits_as_on_the_hub() -> None:
+    command = Command(0, 0, 0, 1_000_000, 1_000_000, 2_000_000, 2_000_000, keep_running=False, end=21_475_000)
+    leader, follower = to_angle(command), to_angle(command)
+    follower.stretch(leader)
+    assert follower.w1 % 100 == 0 and leader.w1 == 10_000
 
 
 @given(commands, distances, distances)

@@ -8,7 +8,7 @@ from math import trunc
 
 from bricksrl.twin.firmware import trajectory as trajectories
 from bricksrl.twin.firmware.integrators import LOOPS_PER_S, PositionIntegrator, SpeedIntegrator
-from bricksrl.twin.firmware.settings import ControlSettings, gain_times
+from bricksrl.twin.firmware.settings import ControlSettings, gain_times, wrapped
 from bricksrl.twin.firmware.trajectory import FOREVER_MS, Command, Reference, Trajectory
 
 _FOREVER = FOREVER_MS * 10
@@ -136,8 +136,8 @@ class Controller:
         )
         new = trajectories.to_angle(command)
         if self.type is _POSITION and allow_shift and new.a0 == start.acceleration:
-            # The new way goes on as the old one did: start it where that phase began, so that commands in a
-            # tight loop do not add up rounding errors.
+            # Start where the phase began that is under way, so that commands in a tight loop do not add up rounding errors.
+            # The firmware compares deg/s2 with mdeg/s2, so this happens only where neither accelerates.
             new = trajectories.to_angle(_from_vertex(command, self.trajectory.last_vertex(start.time)))
         self._follow(_POSITION, new, time, then)
 
@@ -279,8 +279,9 @@ class Controller:
         far = near * 100 // s.kp_low_pct
         if target_error > far:
             return max(piecewise, low)
-        blend = low + s.kp * (100 - s.kp_low_pct) * (far - target_error) // (far - near) // 100
-        return max(piecewise, blend)
+        # The firmware's 32 bits do not hold this product, and what is left of it is what counts.
+        product = wrapped(s.kp * (100 - s.kp_low_pct) * (far - target_error))
+        return max(piecewise, low + trunc(trunc(product / (far - near)) / 100))
 
     def _is_winding_up(self, proportional: int, speed: int, reference_speed: int, acceleration: int) -> bool:
         """Whether the position error alone asks for more than the motor has, and reversing would not help."""

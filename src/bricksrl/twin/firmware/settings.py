@@ -130,6 +130,11 @@ def gain_times(value: int, gain: int) -> int:
     return trunc(gain * value / 1000)
 
 
+def wrapped(value: int) -> int:
+    """What remains of a value in 32 bits with sign."""
+    return (value + 2**31) % 2**32 - 2**31
+
+
 def by_gain(torque: int, gain: int) -> int:
     """uNm by uNm per degree: mdeg; 0 for a gain of 0."""
     return trunc(torque * 1000 / gain) if gain > 0 else 0

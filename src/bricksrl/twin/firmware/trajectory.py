@@ -15,6 +15,13 @@ _ANGLE_MAX_MDEG = (2**31 - 1) // 2
 _SPEED_MAX = 20_000
 _ACCELERATION_MIN, _ACCELERATION_MAX = 50, 20_000
 _TIME_MAX = _ANGLE_MAX_MDEG // (_SPEED_MAX * 100) * 10_000
+_TURN_MDEG = 360_000
+_TURNS_MAX = _ANGLE_MAX_MDEG // _TURN_MDEG - 1
+_INT32_MAX = 2**31 - 1
+
+
+class InfeasibleMoveError(ArithmeticError):
+    """Rounding put the phases of a move out of order; the firmware refuses the command."""
 
 
 class Command(NamedTuple):
@@ -106,7 +113,7 @@ class Trajectory:
             return
         braking = self.t3 - self.t2
         way = 2 * self.th3 - _angle(self.w0, self.t1) - _angle(self.w3, braking)
-        self.w1 = trunc(way * 100 / (self.t3 + self.t2 - self.t1))
+        self.w1 = _mean_speed(way, self.t3 + self.t2 - self.t1)
         self.a0 = trunc((self.w1 - self.w0) * 1000 / self.t1) if self.t1 else 0
         self.a2 = trunc((self.w3 - self.w1) * 1000 / braking) if braking else 0
         self.w3 = 0 if braking else self.w1
@@ -120,6 +127,10 @@ class Trajectory:
     def _endpoint(self) -> Reference:
         return self._point(self.t3, self.th3, self.w3, 0)
 
+    def _check_order(self) -> None:
+        if not 0 <= self.t1 <= self.t2 <= self.t3:
+            raise InfeasibleMoveError("the phases of the move are not in order")
+
     def _mirror(self) -> None:
         self.th1, self.th2, self.th3 = -self.th1, -self.th2, -self.th3
         self.wu, self.w0, self.w1, self.w3 = -self.wu, -self.w0, -self.w1, -self.w3
@@ -131,9 +142,10 @@ def to_angle(command: Command) -> Trajectory:
 
     Raises:
         ValueError: the way is too long or would take too long.
+        InfeasibleMoveError: rounding leaves no trajectory.
     """
     distance = command.end - command.position
-    if abs(distance) >= _ANGLE_MAX_MDEG:
+    if (abs(distance) - 1) // _TURN_MDEG >= _TURNS_MAX:
         raise ValueError("the angle is too large for one move")
     if command.target_speed == 0 or distance == 0:
         return Trajectory(command.time, command.position)
@@ -143,6 +155,9 @@ def to_angle(command: Command) -> Trajectory:
         speed=command.speed if distance > 0 else -command.speed,
     )
     trajectory = _forward_angle(forward)
+    trajectory._check_order()
+    if not trajectory.th1 <= trajectory.th2 <= trajectory.th3:
+        raise InfeasibleMoveError("the phases of the move are not in order")
     if distance < 0:
         trajectory._mirror()
     trajectory.end = trajectory._endpoint()
@@ -154,6 +169,7 @@ def for_time(command: Command) -> Trajectory:
 
     Raises:
         ValueError: the duration is too long.
+        InfeasibleMoveError: rounding leaves no trajectory, as with accelerations that are almost but not quite equal.
     """
     if command.duration == 0:
         return Trajectory(command.time, command.position)
@@ -163,6 +179,7 @@ def for_time(command: Command) -> Trajectory:
         speed=-command.speed if backward else command.speed,
     )
     trajectory = _forward_time(forward)
+    trajectory._check_order()
     if backward:
         trajectory._mirror()
     trajectory.end = trajectory._endpoint()
@@ -192,6 +209,13 @@ def _angle(w: int, t: int) -> int:
 
 def _angle_gain(a: int, t: int) -> int:
     return trunc(_angle(_speed_gain(a, t), t) / 2)
+
+
+def _mean_speed(th: int, t: int) -> int:
+    """Speed over an angle in a time; an angle that would overflow 32 bits loses digits first, as in the firmware."""
+    if abs(th) < _INT32_MAX // 100:
+        return trunc(th * 100 / t)
+    return trunc(th / t) * 100
 
 
 def _ramp_angle(w_end: int, w_start: int, a: int) -> int:

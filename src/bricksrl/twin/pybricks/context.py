@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any, TypeVar
 
+from bricksrl.twin.firmware.trajectory import InfeasibleMoveError
 from bricksrl.twin.machine import Machine
 from bricksrl.twin.micropython.errors import HubOSError
 
@@ -48,6 +49,8 @@ def refusals() -> Iterator[None]:
         yield
     except HubOSError:
         raise
+    except InfeasibleMoveError:
+        raise RuntimeError("Unknown error") from None
     except ValueError:
         raise ValueError("Invalid argument") from None
     except OSError as error:

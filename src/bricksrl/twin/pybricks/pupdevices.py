@@ -181,7 +181,8 @@ class Motor:
     @charged
     def run(self, speed: Any) -> None:
         self._check_open()
-        self._servo.run(get_int(speed))
+        with refusals():
+            self._servo.run(get_int(speed))
         self._cancel()
 
     @charged
@@ -195,7 +196,8 @@ class Motor:
     @charged
     def run_time(self, speed: Any, time: Any, then: Any = Stop.HOLD, wait: Any = True) -> Any:
         self._check_open()
-        self._servo.run_time(get_int(speed), max(0, get_int(time)), completion(then))
+        with refusals():
+            self._servo.run_time(get_int(speed), max(0, get_int(time)), completion(then))
         return self._finish() if wait else None
 
     @charged
@@ -216,7 +218,8 @@ class Motor:
     def run_until_stalled(self, speed: Any, then: Any = Stop.COAST, duty_limit: Any = None) -> Any:
         self._check_open()
         limit = None if duty_limit is None else max(0, min(100, get_int(duty_limit)))
-        self._servo.run_until_stalled(get_int(speed), completion(then), limit)
+        with refusals():
+            self._servo.run_until_stalled(get_int(speed), completion(then), limit)
         return self._finish(returns_angle=True)
 
     def _check_open(self) -> None:

@@ -97,7 +97,8 @@ class DriveBase:
         self._check_open()
         rates = get_int(speed), get_int(turn_rate)
         self._cancel()
-        self._base.drive(*rates)
+        with refusals():
+            self._base.drive(*rates)
 
     @charged
     def stop(self) -> None:
