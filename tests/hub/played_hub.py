@@ -30,6 +30,10 @@ class PlayedHub(PlayedFirmware):
         return self._connection is not None
 
     @property
+    def is_advertising(self) -> bool:
+        return bool(self._device.is_advertising)
+
+    @property
     def can_send(self) -> bool:
         return self.radio.link.in_range
 

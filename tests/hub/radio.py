@@ -27,6 +27,7 @@ from bumble.device import Device, Peer
 from bumble.hci import HCI_CONNECTION_TIMEOUT_ERROR, Address
 from bumble.host import Host
 from bumble.link import LocalLink
+from bumble.transport.common import StreamPacketSink, StreamPacketSource
 
 from bricksrl.hub.scan import BleBackend
 
@@ -37,7 +38,7 @@ ATT_WRITE_REQUEST = 0x12
 ATT_WRITE_RESPONSE = 0x13
 SUPERVISION_TIMEOUT_S = 0.42
 _ATT_OPCODE = 4  # its place in an L2CAP packet
-_CENTRAL = "F0:F1:F2:F3:F4:F5"
+_CENTRAL, _OTHER_CENTRAL = "F0:F1:F2:F3:F4:F5", "F0:F1:F2:F3:F4:F6"
 _PROPERTIES = ("broadcast", "read", "write-without-response", "write", "notify", "indicate")
 
 Fault = Callable[[int, bytes], int | bytes]
@@ -52,6 +53,7 @@ class IntervalLink(LocalLink):  # type: ignore[misc]
         self.interval_ms = 0.0
         self.fault: Fault = lambda opcode, data: 1
         self.in_range = True
+        self.deaf: set[Controller] = set()
         self._queue: list[tuple[Controller, Address, PhysicalTransport, bytes]] = []
         self._events: asyncio.Task[None] | None = None
 
@@ -81,7 +83,8 @@ class IntervalLink(LocalLink):  # type: ignore[misc]
         queue, self._queue = self._queue, []
         if self.in_range:
             for packet in queue:
-                super().send_acl_data(*packet)
+                if packet[0] not in self.deaf and self.find_le_controller(packet[1]) not in self.deaf:
+                    super().send_acl_data(*packet)
 
     async def _hold_events(self) -> None:
         loop = asyncio.get_running_loop()
@@ -93,15 +96,28 @@ class IntervalLink(LocalLink):  # type: ignore[misc]
         self._events = None
 
 
-class Radio:
-    """The air, this computer's Bluetooth, and the thread that both run in."""
+class Bluetooth:
+    """A computer's Bluetooth, and the thread that it runs in.
 
-    def __init__(self) -> None:
+    Args:
+        port: of this computer, where the radio of another process lends a controller.
+    """
+
+    def __init__(self, port: int) -> None:
+        self._start_thread()
+        self.central = self.run(self._power_on(port))
+
+    def _start_thread(self) -> None:
         self._loop = asyncio.new_event_loop()
         self._thread = threading.Thread(target=self._loop.run_forever, name="radio", daemon=True)
         self._thread.start()
-        self.link = IntervalLink()
-        self.central = self.run(self._power_on())
+
+    async def _power_on(self, port: int) -> Device:
+        transport, source = await self._loop.create_connection(StreamPacketSource, "127.0.0.1", port)
+        host = Host(controller_source=source, controller_sink=StreamPacketSink(transport))
+        central = Device("another computer", address=Address(_OTHER_CENTRAL), host=host)
+        await central.power_on()
+        return central
 
     def run(self, coroutine: Coroutine[Any, Any, T], timeout_s: float = 10.0) -> T:
         return self.submit(coroutine).result(timeout_s)
@@ -117,11 +133,62 @@ class Radio:
 
         self.run(run())
 
+    def backend(self) -> BleBackend:
+        """What bleak needs to use this radio."""
+        radio = self
+
+        class Scanner(RadioScanner):
+            RADIO = radio
+
+        class Client(RadioClient):
+            RADIO = radio
+
+        class Adapter(RadioAdapter):
+            RADIO = radio
+
+        return BleBackend(Scanner, Client, Adapter)
+
+    def close(self) -> None:
+        self.run(self._cancel_all())
+        self._loop.call_soon_threadsafe(self._loop.stop)
+        self._thread.join(5)
+        self._loop.close()
+
+    async def _cancel_all(self) -> None:
+        tasks = [task for task in asyncio.all_tasks() if task is not asyncio.current_task()]
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+
+
+class Radio(Bluetooth):
+    """The air, and this computer's Bluetooth in it."""
+
+    def __init__(self) -> None:
+        self._start_thread()
+        self.link = IntervalLink()
+        self._lent: list[asyncio.Server] = []
+        self.central = self.run(self._power_on())
+
     def device(self, name: str, address: str) -> Device:
         """A new Bluetooth device; to be called in the radio's thread."""
         host = Host()
         host.controller = Controller(name, link=self.link)
         return Device(name, address=Address(address), host=host)
+
+    def lend(self, *, says_good_bye: bool) -> int:
+        """Have a controller in this air for the process that comes to the port that is returned.
+
+        When that process dies, its link ends at once where its system ``says_good_bye``, as a system does that goes on; else the
+        air falls silent, as when the whole computer dies, and the hub notices after the supervision timeout.
+        """
+
+        async def serve() -> int:
+            server = await self._loop.create_server(lambda: LentController(self, says_good_bye), "127.0.0.1", 0)
+            self._lent.append(server)
+            return int(server.sockets[0].getsockname()[1])
+
+        return self.run(serve())
 
     def disconnect(self) -> None:
         """The link breaks and both sides know at once, as when a hub is switched off by its button."""
@@ -145,41 +212,45 @@ class Radio:
     def come_back(self) -> None:
         self.call(lambda: setattr(self.link, "in_range", True))
 
-    def backend(self) -> BleBackend:
-        """What bleak needs to use this radio."""
-        radio = self
-
-        class Scanner(RadioScanner):
-            RADIO = radio
-
-        class Client(RadioClient):
-            RADIO = radio
-
-        class Adapter(RadioAdapter):
-            RADIO = radio
-
-        return BleBackend(Scanner, Client, Adapter)
-
     def close(self) -> None:
-        self.run(self._cancel_all())
-        self._loop.call_soon_threadsafe(self._loop.stop)
-        self._thread.join(5)
-        self._loop.close()
+        for server in self._lent:
+            self.call(server.close)
+        super().close()
 
-    async def _power_on(self) -> Device:
+    async def _power_on(self) -> Device:  # type: ignore[override]
         central = self.device("central", _CENTRAL)
         await central.power_on()
         return central
 
-    async def _cancel_all(self) -> None:
-        tasks = [task for task in asyncio.all_tasks() if task is not asyncio.current_task()]
-        for task in tasks:
-            task.cancel()
-        await asyncio.gather(*tasks, return_exceptions=True)
+
+class LentController(StreamPacketSource):  # type: ignore[misc]
+    """A controller in the air of this process whose host is another process, at the other end of a socket."""
+
+    def __init__(self, radio: Radio, says_good_bye: bool) -> None:
+        super().__init__()
+        self._radio, self._says_good_bye = radio, says_good_bye
+
+    def connection_made(self, transport: Any) -> None:
+        sink = StreamPacketSink(transport)
+        self._controller = Controller("lent", host_source=self, host_sink=sink, link=self._radio.link)
+
+    def connection_lost(self, error: Exception | None) -> None:
+        """The process is gone."""
+        self._controller.host = None
+        if self._says_good_bye:
+            self._end()
+        else:
+            self._radio.link.deaf.add(self._controller)
+            asyncio.get_running_loop().call_later(SUPERVISION_TIMEOUT_S, self._end)
+
+    def _end(self) -> None:
+        for connection in list(self._controller.le_connections.values()):
+            connection.send_ll_control_pdu(ll.TerminateInd(HCI_CONNECTION_TIMEOUT_ERROR))
+        self._radio.link.remove_controller(self._controller)
 
 
 class RadioScanner(BaseBleakScanner):
-    RADIO: Radio
+    RADIO: Bluetooth
 
     def __init__(self, detection_callback: Any, service_uuids: list[str] | None, scanning_mode: str, **_: Any) -> None:
         super().__init__(detection_callback, service_uuids)
@@ -223,7 +294,7 @@ class RadioScanner(BaseBleakScanner):
 
 
 class RadioAdapter(BaseBleakAdapter):
-    RADIO: Radio
+    RADIO: Bluetooth
 
     @classmethod
     async def get(cls, **_: Any) -> Self:
@@ -235,7 +306,7 @@ class RadioAdapter(BaseBleakAdapter):
 
 
 class RadioClient(BaseBleakClient):
-    RADIO: Radio
+    RADIO: Bluetooth
 
     def __init__(self, device: BLEDevice, *, disconnected_callback: Any, timeout: float, **_: Any) -> None:
         super().__init__(device, disconnected_callback=disconnected_callback, timeout=timeout)
@@ -322,7 +393,7 @@ class RadioClient(BaseBleakClient):
                 self._host.call_soon_threadsafe(self._disconnected_callback)
 
 
-async def _in_radio(radio: Radio, coroutine: Coroutine[Any, Any, T]) -> T:
+async def _in_radio(radio: Bluetooth, coroutine: Coroutine[Any, Any, T]) -> T:
     """Await something of the radio's thread, and turn Bumble's errors into bleak's."""
 
     async def run() -> T:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import random
 import struct
+from dataclasses import replace
 
 import pytest
 from stand_in import RUN_AWAY, SPINNING, WALKER_INTERFACE, StandInHub
@@ -153,16 +154,30 @@ def test_a_hello_request_starts_a_new_session(spinning: Session) -> None:
 
 def test_silence_stops_the_motors_and_later_the_program(spinning: Session) -> None:
     spinning.send(spinning.command(1, 100, 100))
-    spinning.run_ms(110)
     motors = spinning.hub.motors.values()
-    spinning.run_ms(WATCHDOG_MS - 20)
+    assert len(spinning.run_ms(WATCHDOG_MS - 2)) == 1, "the answer"
     assert not any(motor.stops for motor in motors)
-    spinning.run_ms(40)
-    assert [motor.stops for motor in motors] == [1, 1]
-    spinning.run_ms(END_MS - 100)
+    spinning.run_ms(2)
+    assert [motor.stops for motor in motors] == [1, 1], "counted from the host's last frame, not from the hub's answer"
+    spinning.run_ms(END_MS - 2)
     assert spinning.hub.running and [motor.stops for motor in motors] == [1, 1]
-    assert spinning.run_ms(200) == [ControlFrame(Up.BYE, bytes([ByeReason.SILENCE]))]
+    assert spinning.run_ms(2) == [ControlFrame(Up.BYE, bytes([ByeReason.SILENCE]))]
     assert not spinning.hub.running
+
+
+@pytest.mark.parametrize("settle", [Wait(2000), UntilDone()])
+def test_silence_in_the_middle_of_a_step_breaks_it_off(settle: Wait | UntilDone) -> None:
+    session = Session(TWO_WHEELER, replace(RUN_AWAY, settle=settle))
+    session.hub.motors["A"].blocked = True
+    session.send(session.command(1, 60))
+    for _ in range(4):
+        assert session.run_ms(WATCHDOG_MS - 2) == []
+        assert session.hub.motors["A"].stops == 0
+        session.send(control_frame(Down.WATCHDOG, struct.pack("<H", WATCHDOG_MS)))  # a sign of life
+    assert session.run_ms(WATCHDOG_MS - 2) == []
+    assert session.hub.motors["A"].stops == 0
+    assert session.run_ms(2) == [ControlFrame(Up.BYE, bytes([ByeReason.SILENCE]))], "and no answer"
+    assert not session.hub.running and not session.hub.motors["A"].moving
 
 
 def test_noise_does_not_feed_the_watchdog(spinning: Session) -> None:
@@ -273,9 +288,9 @@ def test_a_blocked_move_is_stopped_at_its_timeout_while_control_frames_are_serve
     session = Session(TWO_WHEELER, RUN_AWAY)
     session.hub.motors["A"].blocked = True
     session.send(session.command(1, 60))
-    session.run_ms(1000)
-    session.send(control_frame(Down.WATCHDOG, struct.pack("<H", 500)))
-    assert session.run_ms(1900) == []
+    for _ in range(10):
+        assert session.run_ms(290) == []
+        session.send(control_frame(Down.WATCHDOG, struct.pack("<H", 500)))
     (answer,) = session.run_ms(200)
     assert isinstance(answer, DataFrame)
     assert not any(motor.moving for motor in session.hub.motors.values())
@@ -284,12 +299,12 @@ def test_a_blocked_move_is_stopped_at_its_timeout_while_control_frames_are_serve
 def test_only_the_blocked_motor_is_stopped() -> None:
     robot = Robot("pair", HubKind.CITY, motors=(Motor("one", "A"), Motor("two", "B")))
     interface = Interface(
-        (RunAngle("one", -90, 90, 500), RunAngle("two", -90, 90, 500)), (MotorAngle("one"), MotorAngle("two")), UntilDone(800)
+        (RunAngle("one", -90, 90, 500), RunAngle("two", -90, 90, 500)), (MotorAngle("one"), MotorAngle("two")), UntilDone(300)
     )
     session = Session(robot, interface)
     session.hub.motors["A"].blocked = True
     session.send(session.command(1, 60, 60))
-    assert session.run_ms(790) == []
+    assert session.run_ms(290) == []
     (answer,) = session.run_ms(20)
     assert session.values(answer) == [0, 60]
     assert [motor.stops for motor in session.hub.motors.values()] == [1, 0]

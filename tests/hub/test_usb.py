@@ -204,7 +204,7 @@ def test_a_host_process_that_is_killed(cable: Cable) -> None:
         host.kill()
         host.wait(5)
     assert cable.hub.wait_until("is_driven", False) < 0.6
-    assert cable.hub.longest_silent_drive_ms < program.WATCHDOG_MS + 40
+    assert cable.hub.longest_silent_drive_ms <= program.WATCHDOG_MS
     cable.hub.wait_until("is_running", False, 2.0)
     link.open()
     link.act([100])

@@ -3,7 +3,8 @@
 What happens when something is lost. The host sends the same frame again after a quarter of its timeout. The hub knows
 a sequence number that comes again: it sends its last answer again, or goes on with the move that is under way, so
 a command is never carried out twice. Answers to other sequence numbers are ignored. When nothing came in time, the
-link is in FAULT until ``open`` is called; the hub stops its motors by itself.
+link is in FAULT until ``open`` is called; the hub stops its motors by itself. While a step takes its time, the host
+tells the hub now and then that it lives (``signs_of_life.py``).
 When the host has been silent for so long that the program on the hub ended, ``read`` starts it again; ``act`` does
 not, because the robot has let go of its position in the meantime. ``states.py`` has all of this as a table.
 
@@ -41,6 +42,7 @@ from bricksrl.hub.protocol import (
     next_seq,
 )
 from bricksrl.hub.reading import Reading, check_hello, good_bye, is_hello
+from bricksrl.hub.signs_of_life import signs_of_life_s
 from bricksrl.hub.states import Cause, LinkState, after, cause_of
 from bricksrl.hub.statistics import LinkMeter, LinkStatistics
 from bricksrl.hub.transport import Pipe, Transport
@@ -302,7 +304,7 @@ class HubLink:
         with self._explained():
             self._adapt_watchdog()
             started_s, resends = self.now_s(), self._meter.resends
-            answer = self._send_and_wait(frame, started_s + longest_move_s + self._timeout_s)
+            answer = self._send_and_wait(frame, longest_move_s, known_move_s)
             if answer is None:
                 raise HubTimeoutError(self._listener.silence("the hub did not answer", longest_move_s + self._timeout_s))
             reading = self._reading(answer, started_s, known_move_s or 0.0)
@@ -330,15 +332,29 @@ class HubLink:
                 self._listener.look_for_last_words()
                 raise
 
-    def _send_and_wait(self, frame: bytes, deadline_s: float) -> DataFrame | None:
+    def _send_and_wait(self, frame: bytes, longest_move_s: float, known_move_s: float | None) -> DataFrame | None:
+        started_s = self.now_s()
+        deadline_s = started_s + longest_move_s + self._timeout_s
         window_s = self._timeout_s / _SENDS_PER_TIMEOUT
-        sends = int((deadline_s - self.now_s()) / window_s) + 1
-        for attempt in range(sends):
+        for attempt in range(int((deadline_s - started_s) / window_s) + 1):
             self._meter.resends += attempt > 0
+            move_s = None if known_move_s is None else max(0.0, started_s + known_move_s - self.now_s())
             self._transport.write(frame)
-            answer = self._listener.wait_for(self._is_answer, min(window_s, deadline_s - self.now_s()))
+            answer = self._await_answer(min(window_s, deadline_s - self.now_s()), move_s)
+            if answer is not None:
+                return answer
+        return None
+
+    def _await_answer(self, window_s: float, move_s: float | None) -> DataFrame | None:
+        """The answer, if it comes in time. Meanwhile the hub hears, before its watchdog bites, that this computer lives."""
+        started_s = self.now_s()
+        for sign_s in signs_of_life_s(move_s, self._watchdog_ms / 1000):
+            answer = self._listener.wait_for(self._is_answer, started_s + min(sign_s, window_s) - self.now_s())
             if isinstance(answer, DataFrame):
                 return answer
+            if sign_s >= window_s:
+                break
+            self._set_watchdog(self._watchdog_ms)
         return None
 
     def _is_answer(self, frame: Frame) -> bool:

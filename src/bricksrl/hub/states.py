@@ -44,7 +44,7 @@ class Cause(enum.Enum):
     REFUSED = "the hub refuses a command, or answers what is not ours"
     RAISED = "the program raised"
     ENDED = "the program was stopped on the hub, by its button"
-    SILENCE = "the program ended because it had not heard from this computer"
+    SILENCE = "the program ended because it had not heard from this computer, for 0.4 s in mid-step or 10 s more between steps"
     NOT_FOUND = "the hub is not found, or this computer has no Bluetooth or serial port"
     UNKNOWN = "anything else that the transport reports"
 
@@ -73,7 +73,7 @@ class Transition:
     hub: str
 
 
-_WATCHDOG = "stops its motors after 0.4 s of silence; ends the program 10 s later and advertises again"
+_WATCHDOG = "stops its motors after 0.4 s of silence; ends its program (in mid-step at once, else 10 s later) and advertises"
 
 TABLE: dict[Cause, Transition] = {
     Cause.OPENED: Transition(

@@ -3,8 +3,8 @@
 The names in capitals, ``start_moves`` and ``read_channels`` are those of the robot's part; ``listen``, ``receive`` and
 ``put`` come from ``stdio.py`` or ``app_data.py``. A command is carried out once: when its sequence number comes again,
 the answer is sent again and nothing moves. A new command replaces one that is still under way. After STREAM the
-channels are sent all the time, under the number of the latest command. Whoever changes this file changes every
-program's hash.
+channels are sent all the time, under the number of the latest command. Only what the host sends counts as a sign of
+life, in the middle of a step too. Whoever changes this file changes every program's hash.
 """
 # mypy: ignore-errors
 # ruff: noqa: F821
@@ -104,7 +104,7 @@ class Server:
         self.clock = StopWatch()
         self.reader = Reader()
         self.watchdog_ms = WATCHDOG_MS
-        self.heard_ms = 0  # time of the last valid frame or answer
+        self.heard_ms = 0  # time of the last valid frame
         self.armed = False  # motors may be running on the host's word
         self.moving = False
         self.started_ms = 0
@@ -123,32 +123,34 @@ class Server:
                 self.command(frame[1], frame[2:-1])
                 return True
             return self.control(frame[2], frame[3:-1])
+        silent_ms = now - self.heard_ms + 1  # at most: the clock tells whole milliseconds
+        if self.armed and silent_ms >= self.watchdog_ms:
+            if self.moving:  # an answer would look like that of a whole step
+                self.bye(SILENCE)
+                return False
+            self.disarm()
         if self.moving:
             if self.settled(now - self.started_ms):
                 self.moving = False
-                self.reply()
+                self.observe()
             return True
         if self.streams() and now - self.sent_ms >= self.stream_ms:
             self.sent_ms = max(self.sent_ms + self.stream_ms, now - self.stream_ms)
             self.observe()
-        silent_ms = now - self.heard_ms
-        if self.armed and silent_ms > self.watchdog_ms:
-            self.disarm()
-        if silent_ms > self.watchdog_ms + END_MS:
+        if silent_ms >= self.watchdog_ms + END_MS:
             self.bye(SILENCE)
             return False
         return True
 
     def patience_ms(self):
         """How long nothing but a frame matters."""
-        if self.streams():
-            until = self.sent_ms + self.stream_ms
-        elif not self.moving:
-            until = self.heard_ms + self.watchdog_ms + (1 if self.armed else END_MS + 1)
-        elif UNTIL_DONE:
+        if self.moving and UNTIL_DONE:
             return 1
-        else:
-            until = self.started_ms + SETTLE_MS
+        until = self.heard_ms + self.watchdog_ms - 1 + (0 if self.armed else END_MS)
+        if self.streams():
+            until = min(until, self.sent_ms + self.stream_ms)
+        elif self.moving:
+            until = min(until, self.started_ms + SETTLE_MS)
         return max(0, until - self.clock.time())
 
     def command(self, seq, payload):
@@ -174,7 +176,7 @@ class Server:
         elif kind == READ:
             self.seq = payload[0]
             self.moving = False
-            self.reply()
+            self.observe()
         elif kind == WATCHDOG:
             self.watchdog_ms = ustruct.unpack("<H", payload)[0]
         elif kind == STREAM:
@@ -198,10 +200,6 @@ class Server:
     def observe(self):
         self.answer = bytes([MAGIC, self.seq]) + read_channels(self.clock.time() & 0xFFFF)
         send(self.answer)
-
-    def reply(self):
-        self.observe()
-        self.heard_ms = self.clock.time()
 
     def disarm(self):
         stop_motors()
