@@ -44,14 +44,14 @@ class CrossQAgent(SoftAgent):
         self.flats = self.learned_actor, self.learned_critics
         self.make_passes()
         self._judging = Pass(self.critics, 2 * settings.batch_size, self.learned_critics)
-        self._leading = Pass(self.critics, settings.batch_size, self.learned_critics, training=False)
+        self._leading = Pass(self.critics, settings.batch_size, self.learned_critics, training=False, sought=slice(size, None))
 
     def descend_critics(self, batch: Batch, next_action: Tensor, next_log_prob: Tensor) -> Tensor:
         """Gradients of the critics' squared errors, and their running statistics; returns the sum of the errors."""
-        now, following = torch.cat((batch.features, batch.action), -1), torch.cat((batch.next_features, next_action), -1)
-        rows = len(now)
-        values = self._judging.forward(torch.cat((now, following)))[..., 0]
-        next_value = values[:, rows:].amin(0) - self.temperature.alpha() * next_log_prob
+        features, action = torch.cat((batch.features, batch.next_features)), torch.cat((batch.action, next_action))
+        rows = len(batch.reward)
+        values = self._judging.forward(features, action)[..., 0]
+        next_value = torch.sub(values[:, rows:].amin(0), next_log_prob, alpha=self.temperature.weight())
         target = batch.reward + self.settings.gamma * torch.where(batch.terminated, 0.0, next_value)
         errors = values[:, :rows] - target
         of_values = torch.cat((errors * (2.0 / rows), torch.zeros_like(errors)), 1)
@@ -60,8 +60,7 @@ class CrossQAgent(SoftAgent):
 
     def climb(self, features: Tensor, action: Tensor) -> tuple[Tensor, Tensor]:
         """The lesser of the critics' values and its gradient by the actions."""
-        value, of_inputs = climb_least(self._leading, torch.cat((features, action), -1))
-        return value, of_inputs[:, features.shape[-1] :]
+        return climb_least(self._leading, features, action)
 
     def move_critics(self) -> None:
         """A step of the critics."""

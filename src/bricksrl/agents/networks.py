@@ -166,12 +166,13 @@ class Dropout(nn.Module):
         self._draws_per_entry = -math.log1p(-rate)
         self.scale = 1.0 / (1.0 - rate)
 
-    def places(self, count: int) -> Tensor:
-        """Where to drop, of ``count`` entries."""
-        return torch.randint(count, (round(count * self._draws_per_entry),))
+    def places(self, count: int, k: int = 1) -> Tensor:
+        """Where to drop, of ``count`` entries, ``k`` times: ``[k, places]``."""
+        return torch.randint(count, (k, round(count * self._draws_per_entry)))
 
     def forward(self, x: Tensor) -> Tensor:
-        return (x * self.scale).view(-1).index_fill_(0, self.places(x.numel()), 0.0).view(x.shape)
+        k = len(x) if x.ndim > 2 else 1  # networks side by side
+        return (x * self.scale).view(k, -1).scatter(1, self.places(x.numel() // k, k), 0.0).view(x.shape)
 
 
 class StackedBatchNorm(nn.Module):

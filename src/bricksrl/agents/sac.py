@@ -45,31 +45,29 @@ class SACAgent(SoftAgent):
         self._targets = Flat(self.target_critics, dtype=dtype)
         self.flats = self.learned_actor, self.learned_critics, self._targets
         self.make_passes()
-        self._judging = Pass(self.critics, settings.batch_size, self.learned_critics)
+        self._judging = Pass(self.critics, settings.batch_size, self.learned_critics, sought=slice(size, None))
         nets = [slice(None)] if settings.target_critics == count else [slice(net, net + 1) for net in range(count)]
         self._aiming = [Pass(self.target_critics, settings.batch_size, self._targets, nets=one) for one in nets]
 
     def target(self, batch: Batch, next_action: Tensor, next_log_prob: Tensor) -> Tensor:
         """What the critics are to say ``[batch]``: the reward and the soft value of what follows."""
-        inputs = torch.cat((batch.next_features, next_action), -1)
         chosen = self._aiming
         if len(chosen) > 1:
             chosen = [chosen[net] for net in torch.randperm(len(chosen))[: self.settings.target_critics].tolist()]
-        values = [critics.forward(inputs) for critics in chosen]
+        values = [critics.forward(batch.next_features, next_action) for critics in chosen]
         next_value = (values[0] if len(values) == 1 else torch.cat(values)).amin(0)[:, 0]
-        soft_value = torch.sub(next_value, next_log_prob, alpha=self.temperature.alpha().item())
+        soft_value = torch.sub(next_value, next_log_prob, alpha=self.temperature.weight())
         return torch.where(batch.terminated, batch.reward, torch.add(batch.reward, soft_value, alpha=self.settings.gamma))
 
     def descend_critics(self, batch: Batch, next_action: Tensor, next_log_prob: Tensor) -> Tensor:
         """Gradients of the critics' squared errors; returns their sum."""
         target = self.target(batch, next_action, next_log_prob)
-        return descend(self._judging, torch.cat((batch.features, batch.action), -1), target)
+        return descend(self._judging, batch.features, batch.action, target)
 
     def climb(self, features: Tensor, action: Tensor) -> tuple[Tensor, Tensor]:
         """The least of the critics' values, or the mean, and its gradient by the actions."""
         climb = climb_least if self.settings.actor_value == "min" else climb_mean
-        value, of_inputs = climb(self._judging, torch.cat((features, action), -1))
-        return value, of_inputs[:, features.shape[-1] :]
+        return climb(self._judging, features, action)
 
     def move_critics(self) -> None:
         """A step of the critics, and a smaller one of their targets after them."""

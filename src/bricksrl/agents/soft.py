@@ -31,6 +31,10 @@ class Temperature(nn.Module):
         """The temperature, as a constant."""
         return self.log_alpha.detach().exp()
 
+    def weight(self) -> float:
+        """The same as a number."""
+        return math.exp(self.log_alpha.item())
+
     def loss(self, entropy: Tensor) -> Tensor:
         """What to descend for an entropy, a constant."""
         return self.log_alpha * (entropy - self.target_entropy)
@@ -61,6 +65,7 @@ class SoftAgent(LeanAgent):
         self._acting = Pass(body, 1, training=False)
         self._foreseeing = functools.cache(functools.partial(Pass, body, flat=self.learned_actor, training=False))
         self._climbing = Pass(body, rows, self.learned_actor)
+        self._of_log_alpha = self.learned_actor.gradient(self.temperature.log_alpha)
 
     def act(self, observation: Tensor, *, explore: bool) -> Tensor:
         """A drawn action ``[m]`` with ``explore``, else the mode of the policy."""
@@ -102,10 +107,10 @@ class SoftAgent(LeanAgent):
     def descend_actor(self, batch: Batch, drawn: gaussian.Draw) -> tuple[Tensor, Tensor]:
         """Gradients of actor and temperature, for a draw from the actor's last outputs; returns the loss and the entropy."""
         value, of_action = self.climb(batch.features, drawn.action)
-        alpha, log_prob = self.temperature.alpha(), drawn.log_prob.mean()
-        self._climbing.backward(drawn.backward(of_action, alpha.item() / len(drawn.action))[None])
-        self.learned_actor.gradient(self.temperature.log_alpha).copy_(-log_prob - self.temperature.target_entropy)
-        return alpha * log_prob - value, -log_prob
+        alpha, entropy = self.temperature.weight(), -drawn.log_prob.mean()
+        self._climbing.backward(drawn.backward(of_action, alpha / len(drawn.action))[None])
+        torch.sub(entropy, self.temperature.target_entropy, out=self._of_log_alpha)
+        return torch.add(value, entropy, alpha=alpha).neg_(), entropy
 
     def _move_actor(self, batch: Batch, drawn: gaussian.Draw) -> tuple[Tensor, ...]:
         numbers = self.descend_actor(batch, drawn)

@@ -49,7 +49,7 @@ class TD3Agent(LeanAgent):
         self._aiming = functools.cache(functools.partial(Pass, self.target_critics, flat=self._targets))
         self._judging = Pass(self.critics, rows, self.learned_critics)
         self._climbing = Pass(body, rows, self.learned_actor)
-        self._leading = Pass(self.critics, rows, self.learned_critics, nets=slice(1))
+        self._leading = Pass(self.critics, rows, self.learned_critics, nets=slice(1), sought=slice(size, None))
 
     def act(self, observation: Tensor, *, explore: bool) -> Tensor:
         """The actor's action ``[m]``, with noise on it when it is to ``explore``."""
@@ -79,7 +79,7 @@ class TD3Agent(LeanAgent):
             -settings.target_noise_limit, settings.target_noise_limit
         )
         action = (action + noise).clamp_(-1.0, 1.0)
-        values = self._aiming(len(features)).forward(torch.cat((features, action), -1)).amin(0)
+        values = self._aiming(len(features)).forward(features, action).amin(0)
         return [
             batch.reward + settings.gamma * torch.where(batch.terminated, 0.0, value)
             for batch, value in zip(batches, values.view(len(batches), -1), strict=True)
@@ -87,7 +87,7 @@ class TD3Agent(LeanAgent):
 
     def descend_critics(self, batch: Batch, target: Tensor) -> tuple[Tensor, ...]:
         """A step of the critics down their squared errors; returns the sum of these."""
-        loss = descend(self._judging, torch.cat((batch.features, batch.action), -1), target)
+        loss = descend(self._judging, batch.features, batch.action, target)
         self.learned_critics.step()
         return (loss,)
 
@@ -106,9 +106,9 @@ class TD3Agent(LeanAgent):
 
     def values(self, features: Tensor, action: Tensor) -> tuple[Tensor, Tensor]:
         """The first critic's values ``[batch]``, and the gradient ``[batch, m]`` of their mean by the actions."""
-        values = self._leading.forward(torch.cat((features, action), -1))
-        of_inputs = self._leading.backward(torch.full_like(values, 1.0 / len(action)), weights=False, inputs=True)
-        return values[0, :, 0], of_inputs[0, :, features.shape[-1] :]
+        values = self._leading.forward(features, action)
+        of_action = self._leading.backward(torch.full_like(values, 1.0 / len(action)), weights=False, inputs=True)
+        return values[0, :, 0], of_action[0]
 
     def _parts(self) -> dict[str, Any]:
         return {

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from torch import Tensor
 
 from bricksrl.agents.lean.flat import Flat, Learned
-from bricksrl.agents.lean.passes import Choice, Pass
+from bricksrl.agents.lean.passes import Pass
 from bricksrl.agents.networks import StackedMLP
 
 SHAPES: dict[str, Any] = {
@@ -37,7 +37,7 @@ def network(in_size: int, hidden: tuple[int, ...], out_size: int, k: int, **opti
 def by_autograd(made: StackedMLP, x: Tensor, slope: Tensor, seed: int) -> tuple[Tensor, list[Tensor], Tensor]:
     """Outputs and gradients as `torch.autograd` has them."""
     torch.manual_seed(seed)
-    x = x.clone().requires_grad_()
+    x = x.expand(len(slope), *x.shape).clone().requires_grad_()
     out = made(x)
     *gradients, of_x = torch.autograd.grad(out, [*made.parameters(), x], slope)
     return out.detach(), gradients, of_x
@@ -59,7 +59,7 @@ def test_forward_and_backward_equal_autograds(
     torch.manual_seed(seed)
     made = network(in_size, hidden, out_size, k, dropout=dropout, **norms).double().train(training)
     other = copy.deepcopy(made)
-    x, slope = (torch.randn(k, rows, size, dtype=torch.float64) for size in (in_size, out_size))
+    x, slope = torch.randn(rows, in_size, dtype=torch.float64), torch.randn(k, rows, out_size, dtype=torch.float64)
     expected, gradients, of_x = by_autograd(other, x, slope, seed)
     with torch.no_grad():
         learned = Learned(made, learning_rate=1.0)
@@ -94,7 +94,7 @@ def test_back_through_one_network_for_each_sample_is_back_through_all_with_slope
         way = Pass(made, rows, Learned(made, learning_rate=1.0), training=False)
         way.forward(torch.randn(rows, in_size, dtype=torch.float64))
         expected = way.backward(of_each, weights=False, inputs=True).sum(0)
-        torch.testing.assert_close(way.backward_through(Choice(nets, k), slope), expected, rtol=1e-6, atol=1e-8)
+        torch.testing.assert_close(way.backward_through(nets, slope), expected, rtol=1e-6, atol=1e-8)
 
 
 def test_samples_of_a_batch_that_is_normalised_have_no_way_back_of_their_own() -> None:
@@ -103,7 +103,7 @@ def test_samples_of_a_batch_that_is_normalised_have_no_way_back_of_their_own() -
         way = Pass(made, 5, Learned(made, learning_rate=1.0))
         way.forward(torch.randn(5, 4))
         with pytest.raises(RuntimeError, match="of its own"):
-            way.backward_through(Choice(torch.zeros(5, dtype=torch.int64), 2), torch.ones(5, 1))
+            way.backward_through(torch.zeros(5, dtype=torch.int64), torch.ones(5, 1))
 
 
 @pytest.mark.parametrize("norms", [{}, {"layer_norm": True}, {"batch_norm": 0.2}])
@@ -115,7 +115,7 @@ def test_a_second_pass_over_the_same_memory_is_as_good_as_the_first(norms: dict[
         for _ in range(2):
             way.forward(torch.randn(5, 4))
             way.backward(torch.randn(3, 5, 2), inputs=True)
-    x, slope = torch.randn(3, 5, 4), torch.randn(3, 5, 2)
+    x, slope = torch.randn(5, 4), torch.randn(3, 5, 2)
     expected, gradients, of_x = by_autograd(made, x, slope, 0)
     with torch.no_grad():
         torch.testing.assert_close(way.forward(x), expected)
@@ -140,7 +140,7 @@ def test_some_of_the_networks_alone() -> None:
 
 def test_without_weights_only_the_inputs_get_a_gradient() -> None:
     made = network(4, (8,), 1, 2, layer_norm=True)
-    x, slope = torch.randn(2, 5, 4), torch.randn(2, 5, 1)
+    x, slope = torch.randn(5, 4), torch.randn(2, 5, 1)
     _, _, of_x = by_autograd(made, x, slope, 0)
     with torch.no_grad():
         learned = Learned(made, learning_rate=1.0)
@@ -152,7 +152,7 @@ def test_without_weights_only_the_inputs_get_a_gradient() -> None:
 
 def test_bfloat16_is_near_float32() -> None:
     made = network(6, (32, 32), 1, 2, layer_norm=True)
-    x, slope = torch.randn(2, 64, 6), torch.randn(2, 64, 1)
+    x, slope = torch.randn(64, 6), torch.randn(2, 64, 1)
     expected, gradients, of_x = by_autograd(made, x, slope, 0)
     with torch.no_grad():
         learned = Learned(made, learning_rate=1.0, dtype=torch.bfloat16)

