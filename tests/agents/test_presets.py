@@ -91,6 +91,8 @@ def test_every_preset_makes_every_agent(name: str, agent: str) -> None:
 
 OF_ALL = [
     {"learning_rate": 0.0},
+    {"learning_rate": float("inf")},
+    {"gamma": float("nan")},
     {"batch_size": 0},
     {"gamma": 1.1},
     {"adam_beta": 1.0},

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import shlex
 import subprocess
 import sys
 
 import pytest
 
 import bricksrl as package
-from bricksrl.cli.app import one_line
+from bricksrl.cli.app import one_line, run
 
 HUB_TOOLS = ("hub scan", "hub check", "hub latency", "hub calibrate", "hub stop", "hub rename")
 COMMANDS = ("list", "train", "train-offline", "resume", "evaluate", "doctor", "hub", "hub program", "hub run", *HUB_TOOLS)
@@ -66,6 +67,39 @@ def test_help_of_a_command_has_examples(bricksrl):
 )
 def test_wrong_arguments_are_one_line(fails, arguments, says):
     fails(*arguments.split(), says=says)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        ("data split no --out a --rest b --share nan", "share is nan"),
+        ("data split no --out a --rest b --share inf", "share is inf"),
+        ("data split no --out a --rest b --seed -1", "seed is -1"),
+        ("record WalkerSim-v0 --out a --seed -1", "seed is -1"),
+        ("tune WalkerSim-v0 --seed -1 --folder a", "seed is -1"),
+        ("twin record two-wheeler --out a --steps 0", "steps is 0"),
+        ("twin record two-wheeler --out a --seed -1", "seed -1"),
+        ("train-offline WalkerSim-v0 --data no --updates 0", "updates is 0"),
+        ("train WalkerSim-v0 --set entropy=nan --run a", "entropy is nan"),
+        ("train TD --set entropy=nan --run a", "no environment 'TD'"),
+        ("train RoboArm-v0 --option threshold=5 --run a", "no option threshold; it has sparse, threshold_deg"),
+        ('train RoboArm-v0 --option threshold_deg="x" --run a', "cannot be made with"),
+        ("train RoboArm-v0 --option threshold_deg=NaN --run a", "never reached"),
+        ("hub run main.py --time-limit-s nan", "time limit is nan"),
+        ("hub run main.py --time-limit-s inf", "time limit is inf"),
+        ("hub run main.py --time-limit-s -1", "time limit is -1"),
+        ("hub run other.py", "(No such file or directory)"),
+        ("twin fit other.jsonl", "(No such file or directory)"),
+        ("evaluate no --physics other.json", "other.json (No such file or directory)"),
+    ],
+)
+def test_impossible_values_are_one_line(arguments, says, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "main.py").write_text("print(1)")
+    assert run(shlex.split(arguments, posix=False)) == 2
+    told = capsys.readouterr()
+    assert told.out == "" and told.err.count("\n") == 1 and says in told.err
+    assert [path.name for path in tmp_path.iterdir()] == ["main.py"], "nothing was made"
 
 
 @pytest.mark.parametrize(

@@ -52,6 +52,13 @@ def test_data_of_another_kind_cannot_join(tmp_path: Path) -> None:
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a", "b"]
 
 
+def test_two_parts_cannot_go_to_one_folder(tmp_path: Path) -> None:
+    source = record(tmp_path / "a", (3, 5))
+    with pytest.raises(DataError, match="each a folder of its own"):
+        split(source, tmp_path / "x", tmp_path / "y" / ".." / "x", 0.5, 0)
+    assert not (tmp_path / "x").exists()
+
+
 def test_nothing_is_overwritten(tmp_path: Path) -> None:
     source = record(tmp_path / "a")
     (tmp_path / "there").mkdir()

@@ -12,6 +12,7 @@ import pytest
 from toy_data import SEEING, TOY, record, record_episode, steps
 
 from bricksrl.data import About, Channel, Recorder, load
+from bricksrl.data.check import check
 from bricksrl.errors import DataError
 
 
@@ -140,6 +141,22 @@ def test_an_episode_that_was_broken_off_is_kept_as_such(tmp_path: Path) -> None:
     episodes = load(tmp_path / "set")
     assert [(row.length, row.about.whole) for row in episodes.rows] == [(4, True), (2, False)]
     assert episodes.truncated.tolist() == [False, False, False, True, False, True]
+
+
+def test_an_index_that_cannot_be_written_costs_no_episode(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    recorder = Recorder(tmp_path / "set", TOY)
+    record_episode(recorder, 0, 4)
+    with monkeypatch.context() as patched:
+        patched.setattr("bricksrl.data.recorder.write_index", full)
+        with pytest.raises(OSError, match="No space"):
+            record_episode(recorder, 1, 3)
+    record_episode(recorder, 2, 2)
+    recorder.close()
+    assert [row.length for row in load(tmp_path / "set").rows] == [4, 3, 2]
+    assert check(tmp_path / "set") == []
 
 
 def test_nothing_recorded_leaves_nothing(tmp_path: Path) -> None:

@@ -6,7 +6,8 @@ a dataclass takes the default of the part that is named first.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, fields
 from typing import Literal
 
 from bricksrl.errors import DescriptionError
@@ -56,6 +57,10 @@ class CommonSettings(Checked):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if isinstance(value, float) and not math.isfinite(value):
+                raise DescriptionError(f"{field.name} is {value}; give a finite number")
         self._above_zero("learning_rate", "batch_size", "updates_per_step")
         self._share("adam_beta")
         if self.adam_beta == 1.0:

@@ -48,7 +48,7 @@ class Run:
     file: Annotated[Positional[Path], arg(metavar="FILE")]
     """Pybricks program."""
     robot: Annotated[str, arg(metavar="ROBOT")] = "two-wheeler"
-    """Robot that the hub sits in: two-wheeler, or bench, a motor without load on every port."""
+    """Robot that the hub sits in: two-wheeler, walker, robo-arm, or bench, a motor without load on every port."""
     time_limit_s: Annotated[float | None, arg(metavar="SECONDS")] = None
     """Simulated time after which the program is stopped; that is no error."""
 

@@ -10,6 +10,7 @@ from typing import Annotated
 from tyro.conf import Positional, arg
 
 from bricksrl.cli.train import see_through
+from bricksrl.errors import RunError
 
 
 @dataclass(frozen=True)
@@ -48,6 +49,8 @@ class TrainOffline:
         from bricksrl.training.config import settings_for
         from bricksrl.training.run import file_name
 
+        if self.updates < 1:
+            raise RunError(f"updates is {self.updates}; make at least 1")
         time = datetime.now().astimezone().strftime("%Y%m%d-%H%M%S")
         config = TrainConfig(
             env=self.env,

@@ -74,6 +74,8 @@ class Record:
 
         if self.episodes < 1:
             raise DataError(f"episodes is {self.episodes}; record at least 1")
+        if self.seed < 0:
+            raise DataError(f"seed is {self.seed}; give 0 or more")
         load_learning()
         count = 0
 

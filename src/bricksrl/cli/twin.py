@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from tyro.conf import Positional, arg
 
 from bricksrl.cli.console import print_line
+from bricksrl.errors import TwinError
 
 # Written out here, because the fit itself takes a second to import.
 FITTED = ("battery_v", "friction_scale", "motor_friction_scale", "mass_scale", "backlash_deg")
@@ -52,6 +53,8 @@ class Record:
         from bricksrl.twin.physics import read_physics
         from bricksrl.twin.virtual_hub import VirtualHub
 
+        if self.steps < 1 or self.seed < 0:
+            raise TwinError(f"steps is {self.steps} and seed {self.seed}; give at least 1 step, and a seed of 0 or more")
         robot = robots.get(self.robot)
         interface = identification_interface(robot)
         commands = identification_commands(interface, self.steps, np.random.default_rng(self.seed))

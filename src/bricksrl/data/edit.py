@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
+import math
 import shutil
 import tempfile
 from collections.abc import Iterable, Iterator, Sequence
@@ -61,8 +62,12 @@ def split(source: Path, first: Path, second: Path, share: float, seed: int) -> t
     """Write a random share of the episodes to ``first`` and the others to ``second``, each in their order.
 
     Raises:
-        DataError: the source is damaged, a target exists, or one of them would be empty.
+        DataError: the source is damaged, a target exists, one of them would be empty, or the seed is negative.
     """
+    if not math.isfinite(share):
+        raise DataError(f"share is {share:g}; give a number between 0 and 1")
+    if seed < 0:
+        raise DataError(f"seed is {seed}; give 0 or more")
     index = read_index(source)
     count = round(share * len(index.rows))
     if not 0 < count < len(index.rows):
@@ -71,6 +76,8 @@ def split(source: Path, first: Path, second: Path, share: float, seed: int) -> t
     parts = [[row for row in index.rows if (row.episode in chosen) is taken] for taken in (True, False)]
     for target in (first, second):
         _refuse_existing(target)
+    if first.resolve() == second.resolve():
+        raise DataError(f"both parts are to go to {first}; give each a folder of its own")
     written = [
         write_dataset(target, index.description, read_episodes(index, rows))
         for target, rows in zip((first, second), parts, strict=True)

@@ -104,9 +104,9 @@ class Recorder:
             self._create()
         row = self._write(replace(self._about, success=success, whole=whole))
         self._rows.append(row)
-        write_index(self._layout, self.description, self._rows)
         self._next = self._next.next()
-        self._steps.clear()
+        self._steps.clear()  # the row is on the disk: whatever becomes of the index, the episode is not written a second time
+        write_index(self._layout, self.description, self._rows)
 
     def _create(self) -> None:
         self._held.enter_context(only_writer(self.root))

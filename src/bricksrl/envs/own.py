@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import importlib
 import importlib.util
 import sys
@@ -45,6 +46,7 @@ def load_builder(reference: str) -> Callable[..., Task]:
     if not callable(found):
         raise DescriptionError(f"{reference} is a {type(found).__name__} and no task; name a bricksrl.envs.Task")
 
+    @functools.wraps(found)
     def build(**options: object) -> Task:
         task = found(**options)
         if not isinstance(task, Task):

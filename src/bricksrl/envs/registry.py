@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import functools
+import inspect
 import logging
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -213,10 +214,14 @@ def get_task(env_id: str, **options: Any) -> Task:
 
 
 def _build(env_id: str, offer: _Offer, options: dict[str, Any]) -> Task:
+    parameters = inspect.signature(offer.build).parameters
+    unknown = [name for name in options if name not in parameters]
+    if unknown and not any(one.kind is one.VAR_KEYWORD for one in parameters.values()):
+        raise DescriptionError(f"{env_id} has no option {', '.join(unknown)}; it has {', '.join(parameters) or 'none'}")
     try:
         return offer.build(**options)
     except TypeError as error:
-        raise DescriptionError(f"{env_id} has no option {', '.join(options)}; see its description") from error
+        raise DescriptionError(f"{env_id} cannot be made with {options} ({error}); see its description") from error
 
 
 def _offer(env_id: str) -> _Offer:

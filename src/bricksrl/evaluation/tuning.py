@@ -110,13 +110,15 @@ def tune(tuning: Tuning, folder: Path, trials: int, *, seed: int = 0, on_trial: 
     """Make ``trials`` more trials, and write the best settings so far to ``best.json``.
 
     Raises:
-        RunError: Optuna is not installed, or the folder holds a study of something else.
+        RunError: Optuna is not installed, the seed is negative, or the folder holds a study of something else.
         UnknownNameError: there is no such environment or agent.
     """
     try:
         import optuna
     except ImportError:
         raise RunError("optuna is not installed; run `pip install optuna`") from None
+    if seed < 0:
+        raise RunError(f"seed is {seed}; give 0 or more")
     start = settings_for(tuning.env, "default", tuning.agent)
     goals = _has_goals(tuning.env)
     optuna.logging.set_verbosity(logging.WARNING)

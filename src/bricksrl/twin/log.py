@@ -178,7 +178,9 @@ def read_log(path: Path) -> RunLog:
         )
         if not np.isfinite(log.channels).all() or (np.diff(log.times_ms) < 0).any():
             raise ValueError("a number is missing or time runs backwards")
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except OSError as error:
+        raise TwinError(f"cannot read the log {path} ({error.strerror}); give a file that `bricksrl twin record` wrote") from None
+    except (ValueError, KeyError, TypeError) as error:
         raise TwinError(f"cannot read the log {path} ({error}); give a file that `bricksrl twin record` wrote") from None
     return log
 

@@ -82,7 +82,8 @@ class Physics:
         for name, parameter in PARAMETERS.items():
             value, (low, high) = getattr(self, name), parameter.accepted
             if not (math.isfinite(value) and low <= value <= high):
-                raise TwinError(f"physics: {name} is {value} {parameter.unit}; give a value from {low} to {high}")
+                unit = "" if parameter.unit == "1" else f" {parameter.unit}"
+                raise TwinError(f"physics: {name} is {value}{unit}; give a value from {low} to {high}")
 
     @classmethod
     def from_dict(cls, data: object) -> Physics:
@@ -109,8 +110,12 @@ def read_physics(path: Path) -> Physics:
     """
     try:
         data = json.loads(path.read_bytes())
-    except (OSError, ValueError) as error:
-        raise TwinError(f"cannot read the physics in {path} ({error}); give a JSON file that `bricksrl twin fit` wrote") from None
+    except OSError as error:
+        raise TwinError(
+            f"cannot read the physics in {path} ({error.strerror}); give a JSON file that `bricksrl twin fit` wrote"
+        ) from None
+    except ValueError:
+        raise TwinError(f"{path} is no JSON; give a file that `bricksrl twin fit` wrote") from None
     return Physics.from_dict(data)
 
 

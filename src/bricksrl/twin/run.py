@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from functools import cached_property
 from pathlib import Path
 from typing import BinaryIO, TextIO
@@ -60,7 +61,7 @@ def run_file(
 
     Args:
         path: the program; it can import others from its folder.
-        robot_name: the robot that it runs on, ``"two-wheeler"`` or ``"bench"``.
+        robot_name: the robot that it runs on, or ``"bench"``.
         stdout: gets what the program prints.
         stderr: gets the traceback when it raises, as a hub prints it.
         stdin: what the program can read; read to its end at once. ``None`` for nothing.
@@ -71,7 +72,7 @@ def run_file(
 
     Raises:
         UnknownNameError: there is no such robot.
-        ProgramError: the file cannot be read.
+        ProgramError: the file cannot be read, or the time limit is no time.
         TwinError: the robot has no twin.
     """
     from bricksrl.twin.bodies import make_body
@@ -80,10 +81,14 @@ def run_file(
     path = Path(path)
     try:
         source = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise ProgramError(f"cannot read the program '{path}': {error}; give the path of a Python file") from error
+    except OSError as error:
+        raise ProgramError(f"cannot read the program '{path}' ({error.strerror}); give the path of a Python file") from error
+    except UnicodeDecodeError as error:
+        raise ProgramError(f"the program '{path}' is no text ({error.reason}); give the path of a Python file") from error
     machine = Machine(robot, make_body(robot))
     if time_limit_s is not None:
+        if not 0 < time_limit_s < math.inf:
+            raise ProgramError(f"the time limit is {time_limit_s} s; give a number above zero, or none")
         machine.alarm_ms = round(time_limit_s * 1000)
         machine.on_alarm = _stop
     console = StreamConsole(machine, stdin, stdout)

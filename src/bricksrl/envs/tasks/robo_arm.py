@@ -84,7 +84,7 @@ def robo_arm(env_id: str, *, sparse: bool = False, threshold_deg: float = THRESH
     Raises:
         DescriptionError: the threshold is not positive.
     """
-    if threshold_deg <= 0:
+    if not threshold_deg > 0:
         raise DescriptionError(f"{env_id}: a threshold of {threshold_deg} degrees is never reached; give a positive one")
 
     def terminated(observation: Tensor) -> Tensor:
