@@ -117,7 +117,7 @@ def test_long_literal_is_refused_before_anything_runs() -> None:
         ("'{:10}|{:<5}|{:^5}|{:+d}|{:x}|{}'.format('a', 1, 4, 5, 255, [0.1])", "a         |1    |  4  |+5|ff|[0.1]"),
         ("'%5.2f|%-5d|%05d|%x|%s|%r|%%' % (3.14159, 3, 4, 255, None, 'a')", " 3.14|3    |00004|ff|None|'a'|%"),
         ("'%d %s' % (1.9, [1.0, (2,)])", "1 [1.0, (2,)]"),
-        ("\"it's\", b'a\\n\\xff', 'a\\tb\\u00e9'", "(\"it's\", b'a\\n\\xff', 'a\\tb\u00e9')"),
+        ("\"it's\", b'a\\n\\xff', 'a\\tb\\u00e9'", "(\"it's\", b'a\\n\\xff', 'a\\tb\\xe9')"),
         ("range(3), range(0, 6, 2), set(), {1: 0.5}", "(range(0, 3), range(0, 6, 2), set(), {1: 0.5})"),
         ("bytearray(b'x'), True, None, ...", "(bytearray(b'x'), True, None, Ellipsis)"),
         ("ValueError('x'), ValueError(), OSError(19)", "(ValueError('x',), ValueError(), OSError(19,))"),
@@ -177,6 +177,35 @@ print(str(A())[:13])
         ("(5).bit_length()", "AttributeError: 'int' object has no attribute 'bit_length'"),
         ("open('x')", "OSError: 2"),
         ("class C(int, str): pass", "NotImplementedError: multiple inheritance not supported"),
+        ("range(1, 2, 0)", "ValueError: zero step"),
+        ("bytes(-1)", "ValueError: "),
+        ("1 in 'abc'", "TypeError: can't convert 'int' object to str implicitly"),
+        ("'x'.join([1])", "TypeError: join expects a list of str/bytes objects consistent with self object"),
+        ("chr('a')", "TypeError: can't convert str to int"),
+        ("min()", "TypeError: function missing 1 required positional arguments"),
+        ("len()", "TypeError: function takes 1 positional arguments but 0 were given"),
+        ("[].append()", "TypeError: function takes 2 positional arguments but 1 were given"),
+        ("next(iter([]), 1)", "TypeError: function takes 1 positional arguments but 2 were given"),
+        ("isinstance(1, 1)", "TypeError: issubclass() arg 2 must be a class or a tuple of classes"),
+        ("int('1', 1)", "ValueError: int() arg 2 must be >= 2 and <= 36"),
+        ("(300).to_bytes(1, 'little')", "OverflowError: buffer too small"),
+        ("pow(2, 3, 4)", "NotImplementedError: "),
+        ("round(1234, -2)", "NotImplementedError: "),
+        ("'{:z}'.format(1.5)", "ValueError: invalid format specifier"),
+        ("b = bytearray(3)\nb[1:2] = b'x'", "TypeError: 'bytearray' object doesn't support item assignment"),
+        ("(1).__class__", "AttributeError: 'int' object has no attribute '__class__'"),
+        ("getattr('a', 'encode')", "AttributeError: 'str' object has no attribute 'encode'"),
+        ("f = lambda a: a\nf()", "TypeError: <lambda>() takes 1 positional arguments but 0 were given"),
+        ("def f(a, b): pass\nf(b=1)", "TypeError: function missing required positional argument #0"),
+        (
+            "def f():\n    def g(a): pass\n    g()\nf()",
+            "TypeError: g() takes 1 positional arguments but 0 were given",
+        ),
+        (
+            "class A:\n    def __lt__(self, other): return True\nA() > A()",
+            "TypeError: unsupported types for __gt__: 'A', 'A'",
+        ),
+        ("class E(Exception):\n    def __str__(self): return 'x'\nraise E(7)", "E: 7"),
     ],
 )
 def test_errors_have_the_words_of_a_hub(statement: str, message: str) -> None:
@@ -218,6 +247,31 @@ def test_traceback_shows_the_lines_of_the_program() -> None:
         '  File "main.py", line 3, in f\n'
         "TypeError: can't multiply sequence by non-int of type 'NoneType'\n"
     )
+
+
+def test_an_error_before_the_first_line_has_no_traceback() -> None:
+    assert traceback_of("print(1 << 30)") == "OverflowError: long int not supported in this build\n"
+
+
+@pytest.mark.parametrize(
+    ("expression", "expected"),
+    [
+        (
+            "isinstance(True, int), isinstance(True, (int, str)), isinstance(True, bool), issubclass(bool, int)",
+            "False False True False",
+        ),
+        ("'{:<3}|{:3}|{}'.format(True, True, True), f'{False:>2}'", "1  |  1|True  0"),
+        ("(-1).to_bytes(2, 'little'), (5).to_bytes(2, 'big')", "b'\\xff\\xff' b'\\x00\\x05'"),
+        ("type(len), type(lambda: 0)", "<class 'function'> <class 'function'>"),
+        ("hasattr('', 'encode'), hasattr('', 'upper'), getattr(b'', 'hex', 5)", "False True 5"),
+    ],
+)
+def test_what_differs_from_cpython(expression: str, expected: str) -> None:
+    assert printed(f"print({expression})") == expected
+
+
+def test_classes_have_no_slots_and_take_any_arguments_without_init() -> None:
+    assert printed("class A:\n    __slots__ = ('x',)\na = A(1, b=2)\na.y = 5\nprint(a.y)") == "5"
 
 
 def test_syntax_is_that_of_the_hubs_compiler() -> None:

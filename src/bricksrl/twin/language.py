@@ -16,7 +16,7 @@ import mpy_cross_v6
 from bricksrl.twin.console import Console
 from bricksrl.twin.micropython.builtins import builtin_names
 from bricksrl.twin.micropython.errors import class_name, reword
-from bricksrl.twin.micropython.text import text
+from bricksrl.twin.micropython.text import uncaught
 from bricksrl.twin.micropython.transform import transform
 
 
@@ -76,17 +76,19 @@ def execute(source: str, filename: str, modules: dict[str, ModuleType], console:
 
 def format_traceback(error: BaseException, filename: str) -> str:
     """The error as a hub prints it: the lines of the program only, ending with a newline."""
-    lines = ["Traceback (most recent call last):"]
+    lines = []
     for frame, line in traceback.walk_tb(error.__traceback__):
         if "@n" in frame.f_builtins:
             lines.append(f'  File "{frame.f_code.co_filename}", line {line}, in {frame.f_code.co_name}')
     if isinstance(error, SyntaxError):
         if error.lineno is not None:
             lines.append(f'  File "{error.filename or filename}", line {error.lineno}')
-        lines.append(f"{class_name(type(error))}: {error.msg}")
+        last = f"{class_name(type(error))}: {error.msg}"
     else:
-        lines.append(f"{class_name(type(error))}: {text(error)}")
-    return "\n".join(lines) + "\n"
+        last = uncaught(error)
+    if lines:
+        lines.insert(0, "Traceback (most recent call last):")
+    return "\n".join([*lines, last]) + "\n"
 
 
 def _nothing() -> None:

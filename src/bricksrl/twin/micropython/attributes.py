@@ -51,7 +51,7 @@ _HIDDEN_SPECIAL = frozenset(
         "__context__",
     ]
 )
-HIDDEN_NAMES = frozenset().union(*_HIDDEN.values(), _HIDDEN_SPECIAL)
+HIDDEN_NAMES = frozenset(["__class__"]).union(*_HIDDEN.values(), _HIDDEN_SPECIAL)
 
 
 def visible_attribute(value: Any, name: str) -> Any:
@@ -64,7 +64,7 @@ def visible_attribute(value: Any, name: str) -> Any:
         owner, message = value, f"type object '{value.__name__}' has no attribute '{name}'"
     else:
         owner, message = type(value), f"'{type(value).__name__}' object has no attribute '{name}'"
-    if name in _HIDDEN.get(owner, ()):
+    if name in _HIDDEN.get(owner, ()) or name == "__class__":
         raise AttributeError(message)
     if name in _HIDDEN_SPECIAL and isinstance(value, type | FunctionType | BaseException):
         raise AttributeError(message)

@@ -11,7 +11,7 @@ from types import ModuleType
 from typing import Any
 
 from bricksrl.twin.console import Console
-from bricksrl.twin.micropython.attributes import visible_attribute
+from bricksrl.twin.micropython.attributes import HIDDEN_NAMES, visible_attribute
 from bricksrl.twin.micropython.errors import EXCEPTIONS, HubOSError
 from bricksrl.twin.micropython.operators import int_from_float, operators, to_float, to_int, to_str
 from bricksrl.twin.micropython.text import representation, text
@@ -32,19 +32,14 @@ _AS_THEY_ARE = [
     "dir",
     "enumerate",
     "float",
-    "getattr",
-    "hasattr",
     "hash",
     "hex",
     "int",
-    "isinstance",
-    "issubclass",
     "iter",
     "len",
     "list",
     "max",
     "min",
-    "next",
     "object",
     "oct",
     "ord",
@@ -85,6 +80,7 @@ def builtin_names(
     result["__import__"] = _importer(find_module)
     result.update(_number_functions(result["@n"], result["@pow"]))
     result.update(_stream_functions(console))
+    result.update(_attribute_functions())
     result.update(_program_functions())
     return result
 
@@ -92,7 +88,29 @@ def builtin_names(
 def _build_class(body: Any, name: str, *bases: Any, **keywords: Any) -> Any:
     if len(bases) > 1:
         raise NotImplementedError("multiple inheritance not supported")
-    return builtins.__build_class__(body, name, *bases, **keywords)
+    made = builtins.__build_class__(body, name, *bases, **keywords)
+    for method, mirrored in _MIRRORED.items():
+        if getattr(made, mirrored) is not getattr(object, mirrored) and getattr(made, method) is getattr(object, method):
+            setattr(made, method, _refusal(method))
+    if made.__init__ is object.__init__ and made.__new__ is object.__new__:
+        made.__init__ = _take_anything
+    return made
+
+
+def _take_anything(self: Any, *args: Any, **kwargs: Any) -> None:
+    """A class without ``__init__`` takes any arguments on a hub, and forgets them."""
+
+
+_MIRRORED = {"__lt__": "__gt__", "__gt__": "__lt__", "__le__": "__ge__", "__ge__": "__le__"}
+
+
+def _refusal(method: str) -> Callable[[Any, Any], Any]:
+    """A comparison that a class lacks; CPython would ask the other operand the other way round, a hub does not."""
+
+    def refuse(self: Any, other: Any) -> Any:
+        raise TypeError(f"unsupported types for {method}: '{type(self).__name__}', '{type(other).__name__}'")
+
+    return refuse
 
 
 def _importer(find_module: Callable[[str], ModuleType]) -> Callable[..., ModuleType]:
@@ -117,7 +135,7 @@ def _number_functions(normalize: Callable[[Any], Any], power: Callable[[Any, Any
         if digits is None:
             return int_from_float(round(value)) if math.isfinite(value) else int_from_float(value)
         if isinstance(value, int):
-            return round(value, digits)
+            raise NotImplementedError
         scale = 10.0**digits
         return normalize(round(normalize(value * scale)) / scale) if math.isfinite(value) else value
 
@@ -126,14 +144,27 @@ def _number_functions(normalize: Callable[[Any], Any], power: Callable[[Any, Any
         return normalize(quotient), normalize(rest)
 
     def pow_(a: Any, b: Any, modulus: int | None = None) -> Any:
-        return power(a, b) if modulus is None else pow(a, b, modulus)
+        if modulus is not None:
+            raise NotImplementedError
+        return power(a, b)
 
     def map_(function: Any, *values: Iterable[Any]) -> Any:
         conversions: dict[Any, Callable[..., Any]] = {int: to_int, float: to_float, str: to_str}
         convert = conversions.get(function) if isinstance(function, type) else None
         return map(function, *values) if convert is None else map(lambda *args: convert(function, *args), *values)
 
-    return {"abs": lambda value: normalize(abs(value)), "sum": sum_, "round": round_, "divmod": divmod_, "pow": pow_, "map": map_}
+    def next_(values: Any) -> Any:
+        return next(values)
+
+    numbers = {
+        "abs": lambda value: normalize(abs(value)),
+        "sum": sum_,
+        "round": round_,
+        "divmod": divmod_,
+        "pow": pow_,
+        "map": map_,
+    }
+    return numbers | {"next": next_}
 
 
 def _stream_functions(console: Console) -> dict[str, Any]:
@@ -158,6 +189,35 @@ def _stream_functions(console: Console) -> dict[str, Any]:
         raise HubOSError(2)
 
     return {"print": print_, "input": input_, "open": open_, "repr": representation, "id": lambda value: id(value) & 0x3FFFFFFF}
+
+
+def _attribute_functions() -> dict[str, Any]:
+    def getattr_(value: Any, name: str, *default: Any) -> Any:
+        try:
+            return visible_attribute(value, name) if name in HIDDEN_NAMES else getattr(value, name)
+        except AttributeError:
+            if default:
+                return default[0]
+            raise
+
+    def hasattr_(value: Any, name: str) -> bool:
+        missing = object()
+        return getattr_(value, name, missing) is not missing
+
+    def isinstance_(value: Any, kinds: Any) -> bool:
+        return isinstance(value, _without_int(kinds) if type(value) is bool else kinds)
+
+    def issubclass_(kind: Any, kinds: Any) -> bool:
+        return issubclass(kind, _without_int(kinds) if kind is bool else kinds)
+
+    return {"getattr": getattr_, "hasattr": hasattr_, "isinstance": isinstance_, "issubclass": issubclass_}
+
+
+def _without_int(kinds: Any) -> Any:
+    """On a hub ``True`` is no integer."""
+    if isinstance(kinds, tuple):
+        return tuple(kind for kind in kinds if kind is not int)
+    return () if kinds is int else kinds
 
 
 def _program_functions() -> dict[str, Any]:

@@ -91,6 +91,25 @@ _RULES: tuple[_Rule, ...] = (
     (ValueError, r"list.remove\(x\): x not in list|.* is not in list|tuple.index.*", lambda m: "object not in sequence"),
     (ValueError, r"(?:max|min)\(\) arg is an empty sequence", lambda m: "arg is an empty sequence"),
     (ValueError, r"bytes? must be in range\(0, 256\)", lambda m: "bytes value out of range"),
+    (ValueError, r"range\(\) arg 3 must not be zero", lambda m: "zero step"),
+    (ValueError, r"negative count", lambda m: ""),
+    (ValueError, r"Invalid format specifier.*|.* not allowed .*in string format specifier|Cannot specify .*",
+     lambda m: "invalid format specifier"),
+    (TypeError, r"is(?:instance|subclass)\(\) arg 2 must be .*",
+     lambda m: "issubclass() arg 2 must be a class or a tuple of classes"),
+    (TypeError, r"(?:min|max) expected at least 1 argument, got 0", lambda m: "function missing 1 required positional arguments"),
+    (TypeError, r"sequence item \d+: expected .*",
+     lambda m: "join expects a list of str/bytes objects consistent with self object"),
+    (TypeError, r"'(.*)' object cannot be interpreted as an integer", lambda m: f"can't convert {m[1]} to int"),
+    (TypeError, r"must be str or None, not (.*)", lambda m: f"can't convert '{m[1]}' object to str implicitly"),
+    (TypeError, r"(\w+)\(\) takes exactly one argument \((\d+) given\)",
+     lambda m: f"function takes 1 positional arguments but {m[2]} were given"),
+    (TypeError, r"\w+\.\w+\(\) takes exactly one argument \((\d+) given\)",
+     lambda m: f"function takes 2 positional arguments but {int(m[1]) + 1} were given"),
+    (TypeError, r"\w+\.\w+\(\) takes no arguments \((\d+) given\)",
+     lambda m: f"function takes 1 positional arguments but {int(m[1]) + 1} were given"),
+    (TypeError, r"'in <string>' requires string as left operand, not (.*)",
+     lambda m: f"can't convert '{m[1]}' object to str implicitly"),
     (ImportError, r"cannot import name '(.*?)' .*", lambda m: f"can't import name {m[1]}"),
     (RecursionError, r".*", lambda m: "maximum recursion depth exceeded"),
 )  # fmt: skip
@@ -103,22 +122,33 @@ def reword(error: BaseException, names: Mapping[str, object]) -> BaseException:
     message = error.args[0]
     for kind, pattern, text in _RULES:
         if isinstance(error, kind) and (match := re.fullmatch(pattern, message, re.DOTALL)):
-            error.args = (text(match),)
+            worded = text(match)
+            error.args = (worded,) if worded else ()
             if isinstance(error, ImportError):
-                error.msg = error.args[0]
+                error.msg = worded
             return error
     if isinstance(error, TypeError) and "()" in message:
-        error.args = (_call_message(message, names),)
+        error.args = (_call_message(message, names, _locals_within(error)),)
     return error
 
 
-def _call_message(message: str, names: Mapping[str, object]) -> str:
+def _locals_within(error: BaseException) -> list[object]:
+    """The values of all local names where the error came through."""
+    values: list[object] = []
+    trace = error.__traceback__
+    while trace is not None:
+        values += trace.tb_frame.f_locals.values()
+        trace = trace.tb_next
+    return values
+
+
+def _call_message(message: str, names: Mapping[str, object], values: list[object]) -> str:
     """A call with wrong arguments: functions of the program and those of the firmware are worded differently."""
     match = re.fullmatch(r"(.*?)\(\) (.*)", message)
     if match is None:
         return message
     name, problem = match[1], match[2]
-    function = _find(name, names)
+    function = _find(name, names) or _find_among(name, names, values)
     if multiple := re.fullmatch(r"got multiple values for argument '(.*)'", problem):
         return f"function got multiple values for argument '{multiple[1]}'"
     if function is None:
@@ -131,8 +161,11 @@ def _call_message(message: str, names: Mapping[str, object]) -> str:
     required = total - len(function.__defaults__ or ())
     if given := re.search(r"but (\d+) (?:positional arguments? .*)?(?:was|were) given", problem):
         return f"{function.__name__}() takes {total} positional arguments but {given[1]} were given"
-    if missing := re.match(r"missing (\d+) required positional", problem):
+    if missing := re.match(r"missing (\d+) required positional arguments?: '(\w+)'", problem):
         count = required - int(missing[1])
+        place = function.__code__.co_varnames.index(missing[2])
+        if place < count or function.__kwdefaults__:  # keywords are in play, and the firmware looks for each argument by itself
+            return f"function missing required positional argument #{place}"
         return f"{function.__name__}() takes {required} positional arguments but {count} were given"
     return message
 
@@ -161,6 +194,14 @@ def _find(qualified_name: str, names: Mapping[str, object]) -> FunctionType | No
         found = found.__dict__.get("__init__")
     is_own = isinstance(found, FunctionType) and found.__globals__ is names
     return found if is_own else None  # type: ignore[return-value]
+
+
+def _find_among(qualified_name: str, names: Mapping[str, object], values: list[object]) -> FunctionType | None:
+    """A function without a place in the program's globals: a lambda, or one that another function made."""
+    for value in (*values, *names.values()):
+        if isinstance(value, FunctionType) and value.__qualname__ == qualified_name and value.__globals__ is names:
+            return value
+    return None
 
 
 def class_name(kind: type) -> str:

@@ -32,12 +32,14 @@ def _as_float(value: Any) -> float:
 def math_module() -> ModuleType:
     def rounded(function: Callable[..., float]) -> Callable[..., float]:
         def call(*args: Any) -> float:
+            values = [_as_float(value) for value in args]
             try:
-                return to_single(function(*map(_as_float, args)))
-            except OverflowError:
-                return math.inf
-            except ValueError:
+                result = to_single(function(*values))
+            except (OverflowError, ValueError):
                 raise ValueError("math domain error") from None
+            if math.isinf(result) and not any(map(math.isinf, values)):
+                raise ValueError("math domain error")
+            return result
 
         return call
 

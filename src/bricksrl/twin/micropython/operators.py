@@ -87,6 +87,8 @@ def to_int(kind: type, *args: Any) -> Any:
         value = int(*args)
     except ValueError:
         base = args[1] if len(args) > 1 else 10
+        if base != 0 and not 2 <= base <= 36:
+            raise ValueError("int() arg 2 must be >= 2 and <= 36") from None
         raise ValueError(f"invalid syntax for integer with base {base}: {representation(args[0])}") from None
     except TypeError:
         raise TypeError(f"can't convert {type(args[0]).__name__} to int") from None
@@ -112,11 +114,28 @@ def to_str(kind: type, *args: Any, **kwargs: Any) -> Any:
     return text(args[0]) if kind is str and len(args) == 1 and not kwargs else kind(*args, **kwargs)
 
 
+def _to_bytes(value: Any, *args: Any, **kwargs: Any) -> Any:
+    """``value.to_bytes(...)``; a negative integer is written as its two's complement."""
+    if not isinstance(value, int):
+        return value.to_bytes(*args, **kwargs)
+    try:
+        return value.to_bytes(*args, signed=value < 0)
+    except OverflowError:
+        raise OverflowError("buffer too small") from None
+
+
 def _slice(container: Any, start: Any, stop: Any, step: Any) -> Any:
     """``container[start:stop:step]``; only lists can be read with a step."""
     if step is not None and step != 1 and isinstance(container, str | bytes | bytearray | tuple):
         raise NotImplementedError("only slices with step=1 (aka None) are supported")
     return container[start:stop:step]
+
+
+def _sliced(container: Any) -> Any:
+    """``container``, when a slice of it can be replaced."""
+    if isinstance(container, bytearray | memoryview):
+        raise TypeError(f"'{type(container).__name__}' object doesn't support item assignment")
+    return container
 
 
 def operators(names: Mapping[str, object]) -> dict[str, Any]:
@@ -171,8 +190,10 @@ def operators(names: Mapping[str, object]) -> dict[str, Any]:
         "@float": to_float,
         "@str": to_str,
         "@format": format_call,
+        "@to_bytes": _to_bytes,
         "@f": f_string,
         "@slice": _slice,
+        "@sliced": _sliced,
         "@any": (Exception, SystemExit, KeyboardInterrupt, GeneratorExit),
         "@reword": lambda error: reword(error, names),
     }

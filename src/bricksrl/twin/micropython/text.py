@@ -5,7 +5,15 @@ from __future__ import annotations
 import re
 import string
 from collections.abc import Callable, Iterable, Mapping
-from types import BuiltinFunctionType, FunctionType, GeneratorType, MethodType, ModuleType
+from types import (
+    BuiltinFunctionType,
+    FunctionType,
+    GeneratorType,
+    MethodDescriptorType,
+    MethodType,
+    ModuleType,
+    WrapperDescriptorType,
+)
 from typing import Any
 
 from bricksrl.twin.micropython.errors import ERROR_NAMES, class_name
@@ -38,14 +46,34 @@ def representation(value: object) -> str:
     if isinstance(value, BaseException) and kind.__repr__ is BaseException.__repr__:
         return f"{class_name(kind)}{representation(value.args)}"
     if isinstance(value, type):
-        return f"<class '{class_name(value) if issubclass(value, BaseException) else value.__name__}'>"
+        return f"<class '{type_name(value)}'>"
     if kind.__repr__ is object.__repr__:
         return f"<{kind.__name__} object at {_address(value)}>"
     return repr(value)
 
 
+_TYPE_NAMES: dict[type, str] = {
+    BuiltinFunctionType: "function",
+    MethodType: "bound_method",
+    MethodDescriptorType: "function",
+    WrapperDescriptorType: "function",
+}
+
+
+def type_name(kind: type) -> str:
+    """What a hub calls a class."""
+    return class_name(kind) if issubclass(kind, BaseException) else _TYPE_NAMES.get(kind, kind.__name__)
+
+
 def _address(value: object) -> str:
     return f"{0x20000000 + id(value) % 0x50000:x}"
+
+
+def uncaught(error: BaseException) -> str:
+    """The last line of a traceback: a hub does not ask the class for its ``__str__`` there, but for its ``__repr__``."""
+    if type(error).__repr__ is not BaseException.__repr__:
+        return repr(error)
+    return f"{class_name(type(error))}: {_exception_text(error)}"
 
 
 def _exception_text(error: BaseException) -> str:
@@ -64,12 +92,12 @@ def _quoted(codes: Iterable[int], quote: str, is_text: bool) -> str:
             out.append("\\" + quote)
         elif code in _ESCAPES:
             out.append(_ESCAPES[code])
-        elif 32 <= code < 127 or (is_text and code >= 160):
+        elif 32 <= code < 127:
             out.append(chr(code))
         elif code < 256:
             out.append(f"\\x{code:02x}")
         else:
-            out.append(f"\\u{code:04x}")
+            out.append(f"\\u{code:04x}" if code < 0x10000 else f"\\U{code:08x}")
     return quote + "".join(out) + quote
 
 
@@ -121,9 +149,9 @@ _REPRESENTATIONS: dict[type, Callable[[Any], str]] = {
     type({}.values()): lambda v: f"dict_values([{_joined(v)}])",
     type({}.items()): lambda v: f"dict_items([{_joined(v)}])",
     GeneratorType: lambda v: f"<generator object '{v.__name__}' at {_address(v)}>",
-    FunctionType: lambda v: "<function>" if v.__module__ != "__main__" else f"<function {v.__name__} at 0x{_address(v)}>",
+    FunctionType: lambda v: "<function>",
     BuiltinFunctionType: lambda v: "<function>",
-    MethodType: lambda v: "<bound_method>",
+    MethodType: lambda v: f"<bound_method {_address(v)} {representation(v.__self__)}.<function>>",
     ModuleType: lambda v: f"<module '{v.__name__}'>",
     memoryview: lambda v: "<memoryview>",
 }
@@ -142,7 +170,7 @@ def format_value(value: object, spec: str) -> str:
         value = text(value)
     code = spec[-1] if spec[-1] in "bcdeEfFgGnosxX%" else ""
     if isinstance(value, bool):
-        value = int(value) if code else text(value)
+        value = int(value)
     if isinstance(value, str):
         if code not in ("", "s"):
             raise ValueError(f"unknown format code '{code}' for object of type 'str'")

@@ -28,6 +28,7 @@ _WRAPPED = (ast.Add, ast.Sub, ast.Mult, ast.LShift)
 _CALLED = {ast.Div: "@div", ast.FloorDiv: "@floordiv", ast.Mod: "@mod", ast.Pow: "@pow"}
 _IN_PLACE = {ast.Add: "@iadd", ast.Sub: "@isub", ast.Mult: "@imul", ast.LShift: "@ilshift", **_CALLED}
 _CONVERSIONS = ("int", "float", "str")
+_METHODS = ("format", "to_bytes")
 _EMITTERS = ("native", "viper", "bytecode")
 
 
@@ -116,10 +117,10 @@ class _Transformer(ast.NodeTransformer):
             node.args.insert(0, function)
             node.func = ast.copy_location(ast.Name("@" + function.id, ast.Load()), function)
             return node
-        if isinstance(function, ast.Attribute) and function.attr == "format":
+        if isinstance(function, ast.Attribute) and function.attr in _METHODS:
             self.generic_visit(node)
             node.args.insert(0, function.value)
-            node.func = ast.copy_location(ast.Name("@format", ast.Load()), function)
+            node.func = ast.copy_location(ast.Name("@" + function.attr, ast.Load()), function)
             return node
         self.generic_visit(node)
         return node
@@ -136,6 +137,14 @@ class _Transformer(ast.NodeTransformer):
         if isinstance(node.ctx, ast.Load) and isinstance(s, ast.Slice) and s.step is not None:
             bounds = [bound or ast.Constant(None) for bound in (s.lower, s.upper, s.step)]
             return _call("@slice", node.value, *bounds, at=node)
+        return node
+
+    def visit_Assign(self, node: ast.Assign) -> ast.AST:
+        """Only lists take a slice."""
+        self.generic_visit(node)
+        for target in node.targets:
+            if isinstance(target, ast.Subscript) and isinstance(target.slice, ast.Slice):
+                target.value = _call("@sliced", target.value, at=target)
         return node
 
     def visit_JoinedStr(self, node: ast.JoinedStr) -> ast.expr:
@@ -176,6 +185,15 @@ class _Transformer(ast.NodeTransformer):
         assign = ast.copy_location(ast.Assign([node.target], node.value), node)
         self.generic_visit(assign)
         return assign
+
+    def visit_ClassDef(self, node: ast.ClassDef) -> ast.AST:
+        """``__slots__`` are for CPython; a hub gives every object a dictionary."""
+        self.generic_visit(node)
+        for statement in node.body:
+            for target in statement.targets if isinstance(statement, ast.Assign) else ():
+                if isinstance(target, ast.Name) and target.id == "__slots__":
+                    target.id = "@slots"
+        return node
 
     def visit_FunctionDef(self, node: ast.FunctionDef) -> ast.AST:
         self._strip_emitters(node)
