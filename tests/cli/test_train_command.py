@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import os
 import re
 import shutil
 import signal
@@ -109,6 +110,17 @@ def test_the_owner_is_asked_when_a_real_robot_is_recorded(tmp_path, monkeypatch,
         assert main(("record", "Spinning-v0", "--hub", "usb:COM3", "--out", str(tmp_path / "data"))) == 2
         written = capsys.readouterr().err
         assert "press Enter" in written and says in written
+
+
+@pytest.mark.skipif(os.name != "posix", reason="SIGUSR1 is a thing of POSIX")
+def test_a_signal_stops_a_robot_that_is_recorded(start, tmp_path):
+    out = tmp_path / "data"
+    recording = start("record", "Spinning-v0", "--realtime", "--episodes", "90", "--out", str(out))
+    assert recording.stdout.readline().startswith("episode 1/90")
+    recording.send_signal(signal.SIGUSR1)
+    rest, said = recording.communicate(timeout=20)
+    assert recording.returncode == 130 and "whole episodes are in" in said and "dataset" not in rest
+    assert len(load(out).rows) >= 1
 
 
 def timing(dataset):

@@ -18,13 +18,14 @@ from pathlib import Path
 import torch
 from ble_world import LONG_RUN, World
 from host_process import START_S, host_process
-from radio import ATT_NOTIFICATION, ATT_WRITE_REQUEST, ATT_WRITE_RESPONSE, Fault
+from radio import ATT_NOTIFICATION, ATT_WRITE_REQUEST, ATT_WRITE_RESPONSE, SUPERVISION_TIMEOUT_S, Fault
 
 from bricksrl.agents.agent import Transition
 from bricksrl.envs.env import Connection, HubEnv
 from bricksrl.envs.odometer import SonarOdometer
 from bricksrl.envs.task import Task
 from bricksrl.errors import HubError
+from bricksrl.hub import program
 from bricksrl.hub.pybricks_profile import Command, CommandError, Event
 from bricksrl.robots import TWO_WHEELER
 from bricksrl.training.observer import Phase
@@ -34,6 +35,8 @@ ATT_READ_REQUEST = 0x0A
 STEPS = 3
 CALL_BOUND_S = 12.0
 RECOVERY_BOUND_S = 15.0
+ADVERTISING_SLACK_S = 2.0
+"""The thread of a hub may have to wait for a loaded machine."""
 _PHASES = ("scan", "download", "start", "step", "reset", "close")
 _KILLED = "host killed"
 _TASK = Task(
@@ -60,6 +63,7 @@ class Report:
     longest_call_s: float = 0.0
     longest_recovery_s: float = 0.0
     longest_silent_drive_ms: int = 0
+    longest_until_advertising_s: float = 0.0
     watchdog_ms: int = 400
 
 
@@ -238,6 +242,9 @@ class Course:
             self.world.fault(_at(phase, count, process.kill))
             process.wait(START_S)
             assert process.returncode == -signal.SIGKILL, f"the host ended with {process.returncode}"
+        silence_s = SUPERVISION_TIMEOUT_S + (self.report.watchdog_ms + program.END_MS) / 1000
+        took_s = self.world.hub.wait_until("is_advertising", True, silence_s + ADVERTISING_SLACK_S)
+        self.report.longest_until_advertising_s = max(self.report.longest_until_advertising_s, took_s)
         return True
 
     def _cut(self, phase: str) -> Fault:

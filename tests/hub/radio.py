@@ -53,6 +53,7 @@ class IntervalLink(LocalLink):  # type: ignore[misc]
         self.interval_ms = 0.0
         self.fault: Fault = lambda opcode, data: 1
         self.in_range = True
+        self.is_held = False
         self.deaf: set[Controller] = set()
         self._queue: list[tuple[Controller, Address, PhysicalTransport, bytes]] = []
         self._events: asyncio.Task[None] | None = None
@@ -74,10 +75,22 @@ class IntervalLink(LocalLink):  # type: ignore[misc]
             data, arrives = data[:_ATT_OPCODE] + arrives, 1
         for _ in range(arrives):
             self._queue.append((sender, destination, transport, data))
+        if self.is_held:
+            return
         if not self.interval_ms:
             self._deliver()
         elif self._events is None:
             self._events = asyncio.get_running_loop().create_task(self._hold_events())
+
+    def waits(self, command: int) -> bool:
+        """Whether a write of this kind of command waits for the next connection event."""
+        return any(
+            packet[3][_ATT_OPCODE] == ATT_WRITE_REQUEST and packet[3][_ATT_OPCODE + 3] == command for packet in self._queue
+        )
+
+    def connection_event(self) -> None:
+        """While events are held: let one happen."""
+        self._deliver()
 
     def _deliver(self) -> None:
         queue, self._queue = self._queue, []
@@ -92,7 +105,8 @@ class IntervalLink(LocalLink):  # type: ignore[misc]
         while self.interval_ms:
             next_s += self.interval_ms / 1000
             await asyncio.sleep(max(0.0, next_s - loop.time()))
-            self._deliver()
+            if not self.is_held:
+                self._deliver()
         self._events = None
 
 

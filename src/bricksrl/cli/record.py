@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -10,17 +11,17 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from tyro.conf import Positional, UseAppendAction, arg
 
-from bricksrl.cli.asking import place_robot
-from bricksrl.cli.console import INTERRUPTED, print_interrupted, print_line
+from bricksrl.cli.console import INTERRUPTED, print_interrupted, print_line, print_note
 from bricksrl.cli.hands import HANDS, driving, quiet
 from bricksrl.cli.loading import load_learning
-from bricksrl.errors import DataError, DescriptionError
+from bricksrl.errors import DataError, DescriptionError, StoppedError
 
 if TYPE_CHECKING:
     import numpy as np
     from torchrl.envs import EnvBase
 
     from bricksrl.agents.agent import Agent
+    from bricksrl.cli.hand import Hand
     from bricksrl.data.collect import Collected, Driver, Policy
     from bricksrl.data.recorder import Recorder
 
@@ -29,8 +30,9 @@ if TYPE_CHECKING:
 class Record:
     """Record episodes of a policy or of a human as a dataset that LeRobot and everybody else can read.
 
-    Each episode is on the disk when its line appears. Ctrl-C ends the recording and keeps what there is. A dataset that is
-    there already goes on, if it is of the same robot, environment and shape.
+    Each episode is on the disk when its line appears. Ctrl-C ends the recording and keeps what there is; keys and signals stop
+    and pause the robot as in training. A dataset that is there already goes on, if it is of the same robot, environment and
+    shape.
 
     Examples:
       bricksrl record RunAway-v0 --policy random --episodes 100 --out datasets/run_away_random
@@ -68,6 +70,7 @@ class Record:
 
     def execute(self) -> int:
         """Record, a line an episode."""
+        from bricksrl.cli.hand import Hand
         from bricksrl.data.description import describe, describe_task
         from bricksrl.data.recorder import Recorder
         from bricksrl.envs import get_task
@@ -89,12 +92,14 @@ class Record:
         task = get_task(self.env, **self._options())
         try:
             with (
+                Hand(threading.Event(), print_note, keys=False if hands == "keyboard" else None) as hand,
                 driving(hands, describe_task(task), in_charge=self.policy in HANDS) as human,
-                self._environment(human) as env,
+                self._environment(human, hand) as env,
                 Recorder(self.out, describe(env, self._options())) as recorder,
             ):
+                hand.take(env)
                 self._collect(env, recorder, human, tell)
-        except KeyboardInterrupt:
+        except (KeyboardInterrupt, StoppedError):
             print_interrupted(f"{count} whole episodes are in {self.out}")
             return INTERRUPTED
         print_line(f"dataset         {self.out}")
@@ -107,13 +112,13 @@ class Record:
         return dict(map(parse_option, self.option))
 
     @contextmanager
-    def _environment(self, human: Driver | None) -> Iterator[EnvBase]:
+    def _environment(self, human: Driver | None, hand: Hand) -> Iterator[EnvBase]:
         from bricksrl.envs import make
         from bricksrl.twin.physics import read_physics
 
         def place(rng: np.random.Generator) -> None:
             with quiet(human):
-                place_robot(rng)
+                hand.place(rng)
 
         physics = None if self.physics is None else read_physics(self.physics)
         options = {**self._options(), "physics": physics, "streaming": self.streaming, "app_data": self.app_data, "place": place}
