@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+import math
 import pickle
 from pathlib import Path
 
@@ -97,6 +98,11 @@ class Bomb:
         (lambda root: (root / "next/meta.json").write_text("{}"), "no tensor observation"),
         (lambda root: replace_in(root / "meta.json", '"action"', '"../../secret"'), "none of the paper's"),
         (lambda root: replace_in(root / "meta.json", "torch.float32", "torch.complex64"), "none of the paper's"),
+        (lambda root: reshape(root, "observation", []), "no steps in its tensor observation"),
+        (lambda root: reshape(root, "observation", [0, 5]), "no steps in its tensor observation"),
+        (lambda root: reshape(root, "action", [9]), "shapes that are not those"),
+        (lambda root: reshape(root, "action", [3, 1]), "shapes that are not those"),
+        (lambda root: reshape(root, "observation", [4, 6]), "observes 6 numbers"),
     ],
 )
 def test_damaged_and_hostile_folders_are_one_error(tmp_path: Path, damage, told) -> None:
@@ -107,6 +113,29 @@ def test_damaged_and_hostile_folders_are_one_error(tmp_path: Path, damage, told)
     with pytest.raises(DataError, match=told):
         import_paper(root, tmp_path / "ours")
     assert not (tmp_path / "ours").exists() and not Path(__file__).with_name("exploded").exists()
+
+
+def test_goals_without_their_steps_are_one_error(tmp_path: Path) -> None:
+    root = tmp_path / "RoboArm"
+    save(
+        root,
+        torch.rand(5, 4),
+        torch.rand(4, 4),
+        torch.rand(4),
+        torch.zeros(4, dtype=torch.bool),
+        goal_observation=torch.rand(5, 4),
+    )
+    reshape(root, "goal_observation", [3, 4])
+    with pytest.raises(DataError, match="different numbers of steps"):
+        import_paper(root, tmp_path / "ours")
+
+
+def reshape(root: Path, name: str, shape: list[int]) -> None:
+    """Let a tensor have another shape, all zeros."""
+    meta = json.loads((root / "meta.json").read_text())
+    meta[name]["shape"] = shape
+    (root / "meta.json").write_text(json.dumps(meta))
+    (root / f"{name}.memmap").write_bytes(bytes(4 * math.prod(shape)))
 
 
 def replace_in(path: Path, old: str, new: str) -> None:

@@ -107,7 +107,7 @@ def _import_one(folder: Path, out: Path, env: str, policy: str) -> Index:
     _require(now, ("observation", "action"), folder)
     _require(after, ("observation", "reward", "done"), folder / "next")
     observation, following = (_observations(arrays, task, folder) for arrays in (now, after))
-    action = now["action"].reshape(len(observation), -1)
+    action = _rows(now, "action", folder)
     rows = (len(observation), len(following), len(action), after["reward"].size, after["done"].size)
     if len(set(rows)) != 1 or action.shape[1] != len(_ORDERS[env].action):
         raise DataError(f"{folder} holds tensors of shapes that are not those of {env}; name its task with --env")
@@ -154,17 +154,28 @@ def _require(arrays: Arrays, names: tuple[str, ...], folder: Path) -> None:
         raise DataError(f"{folder} has no tensor {', '.join(missing)}; it is no dataset of the paper")
 
 
+def _rows(arrays: Arrays, name: str, folder: Path) -> NDArray[Any]:
+    """A tensor as ``[N, n]``."""
+    array = arrays[name]
+    if array.size == 0 or array.ndim == 0:
+        raise DataError(f"{folder} has no steps in its tensor {name}; restore it from a copy")
+    return array.reshape(len(array), -1)
+
+
 def _observations(arrays: Arrays, task: Task, folder: Path) -> NDArray[np.float32]:
     """``[N, n]`` in our order and ranges."""
     env = task.id
-    parts = [arrays["observation"]]
+    parts = [_rows(arrays, "observation", folder)]
     if env == "RoboArm-v0":
         _require(arrays, ("goal_observation",), folder)
-        parts.append(arrays["goal_observation"])
-    joined = np.concatenate([part.reshape(len(part), -1) for part in parts], axis=1).astype(np.float32)
+        parts.append(_rows(arrays, "goal_observation", folder))
     order = list(_ORDERS[env].observation)
-    if joined.shape[1] != len(order):
-        raise DataError(f"{folder} observes {joined.shape[1]} numbers and {env} has {len(order)}; name its task with --env")
+    width = sum(part.shape[1] for part in parts)
+    if width != len(order):
+        raise DataError(f"{folder} observes {width} numbers and {env} has {len(order)}; name its task with --env")
+    if len({len(part) for part in parts}) != 1:
+        raise DataError(f"{folder} has observations and goals of different numbers of steps; restore it from a copy")
+    joined = np.concatenate(parts, axis=1).astype(np.float32)
     ordered: NDArray[np.float32] = joined[:, order]
     for i, entry in enumerate(task.entries):
         if entry.wraps:
