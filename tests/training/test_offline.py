@@ -14,6 +14,7 @@ from toys import Cart
 
 from bricksrl.agents import make_agent, preset
 from bricksrl.agents.off_policy import OffPolicyAgent
+from bricksrl.agents.offline_act import ACTAgent
 from bricksrl.data import Recorder, describe
 from bricksrl.data.collect import collect, random_policy
 from bricksrl.errors import CheckpointError, DataError, RunError
@@ -201,9 +202,14 @@ def test_another_agent_or_other_settings_cannot_go_on(config: TrainConfig, tmp_p
     assert names(tmp_path) == ["run"]
 
 
-def test_the_process_that_learns_beside_the_robot_knows_the_data_too(config: TrainConfig, tmp_path: Path) -> None:
-    """BC has nothing else to learn from."""
-    beside = replace(config, agent="bc", settings=small("bc"), updates=0, episodes=3, asynchronous=True)
+def test_the_process_that_learns_beside_the_robot_knows_the_data_too(
+    config: TrainConfig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """ACT has nothing else to learn from; the agent that acts is told where episodes start."""
+    starts: list[ACTAgent] = []
+    monkeypatch.setattr(ACTAgent, "start_acting", lambda self: starts.append(self))  # noqa: PLW0108  append is no method
+    beside = replace(config, agent="act", settings=preset("default", "act"), updates=0, episodes=3, asynchronous=True)
     result = train(beside, env=Cart())
     state = load_checkpoint(tmp_path / "run" / "checkpoint.bin")["agent"]
+    assert len(starts) == 3
     assert 0 < state["updates"] <= 2 * result.episodes[-1].steps  # it does not wait for the last ones

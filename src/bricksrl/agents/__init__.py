@@ -9,6 +9,7 @@ from bricksrl.agents.image_presets import ImageSACSettings, ImageTD3Settings
 from bricksrl.agents.presets import (
     AGENTS,
     PRESETS,
+    ACTSettings,
     BCSettings,
     CQLSettings,
     CrossQSettings,
@@ -31,6 +32,7 @@ _CLASSES = {
     "td3": "td3:TD3Agent",
     "crossq": "crossq:CrossQAgent",
     "bc": "offline_bc:BCAgent",
+    "act": "offline_act:ACTAgent",
     "iql": "offline_iql:IQLAgent",
     "cql": "offline_cql:CQLAgent",
     "td3bc": "offline_td3bc:TD3BCAgent",
@@ -87,6 +89,7 @@ def _class_of(name: str) -> Any:
 __all__ = [
     "AGENTS",
     "PRESETS",
+    "ACTSettings",
     "BCSettings",
     "CQLSettings",
     "CrossQSettings",

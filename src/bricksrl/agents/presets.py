@@ -111,6 +111,49 @@ class BCSettings(LayerSettings, LearnerSettings):
 
 
 @dataclass(frozen=True)
+class ACTSettings(LearnerSettings):
+    """Action chunking with transformers: do as the dataset does over several steps. It learns from nothing else."""
+
+    learning_rate: float = 5e-4
+    batch_size: int = 32
+    chunk: int = 8
+    """Actions that are predicted at once, one a step."""
+    executed: int = 1
+    """Steps after which the next chunk is predicted."""
+    ensemble: float | None = 0.01
+    """Chunks that overlap are averaged, the older ones with the more weight the larger this is; ``None`` takes the newest."""
+    width: int = 64
+    """Numbers in a token of the transformers."""
+    feedforward: int = 128
+    """Units between two tokens in each layer."""
+    heads: int = 4
+    """Heads of attention; the width is shared among them."""
+    encoder_layers: int = 1
+    """Layers that look at the observation, and as many that read what was done."""
+    decoder_layers: int = 1
+    """Layers that make the chunk."""
+    dropout: float = 0.1
+    """Dropout rate in the transformers while they learn."""
+    latent: int = 8
+    """Numbers that tell apart what was meant where the same was seen; 0 learns without them."""
+    kl_weight: float = 10.0
+    """Weight of what these numbers tell."""
+    weight_decay: float = 1e-4
+    """Share of the weights, times the step size, that each step takes off them."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._above_zero("chunk", "executed", "width", "feedforward", "heads", "encoder_layers", "decoder_layers")
+        self._zero_or_more("latent", "kl_weight", "weight_decay", *(() if self.ensemble is None else ("ensemble",)))
+        if not 0 <= self.dropout < 1:
+            raise DescriptionError(f"dropout is {self.dropout}; give a number from 0 to below 1")
+        if self.executed > self.chunk:
+            raise DescriptionError(f"executed is {self.executed}; a chunk has only {self.chunk} actions")
+        if self.width % self.heads:
+            raise DescriptionError(f"heads is {self.heads}, which does not divide the width {self.width}; choose another")
+
+
+@dataclass(frozen=True)
 class IQLSettings(TargetSettings, OffPolicySettings):
     """Implicit Q-learning: values of actions that the data has, and the better of them imitated."""
 
@@ -159,7 +202,7 @@ class TD3BCSettings(TD3Settings):
         self._above_zero("value_weight")
 
 
-VectorSettings: TypeAlias = SACSettings | TD3Settings | CrossQSettings | BCSettings | IQLSettings | CQLSettings
+VectorSettings: TypeAlias = SACSettings | TD3Settings | CrossQSettings | BCSettings | ACTSettings | IQLSettings | CQLSettings
 Settings: TypeAlias = VectorSettings | ImageSACSettings | ImageTD3Settings
 
 _PAPER = SACSettings(
@@ -179,6 +222,27 @@ _PAPER = SACSettings(
 _DROQ = SACSettings(layer_norm=True, dropout=0.01, updates_per_step=20, actor_delay=20, actor_value="mean")
 _REDQ = replace(_DROQ, layer_norm=False, dropout=0.0, critics=10)
 
+# Zhao et al. 2023, appendix; the ensemble's number, the latent's size and the weight decay are those of the code they released
+_ACT = ACTSettings(
+    learning_rate=1e-5,
+    batch_size=8,
+    updates_per_step=1,
+    angles="raw",
+    goals="plain",
+    chunk=100,
+    executed=1,
+    ensemble=0.01,
+    width=512,
+    feedforward=3200,
+    heads=8,
+    encoder_layers=4,
+    decoder_layers=7,
+    dropout=0.1,
+    latent=32,
+    kl_weight=10.0,
+    weight_decay=1e-4,
+)
+
 
 def _as_in_the_paper(settings: VectorSettings) -> VectorSettings:
     """The settings with what the paper says about every agent."""
@@ -197,6 +261,7 @@ _DEFAULT: dict[str, VectorSettings] = {
     "redq": _REDQ,
     "crossq": CrossQSettings(),
     "bc": BCSettings(),
+    "act": ACTSettings(),
     "iql": IQLSettings(),
     "cql": CQLSettings(),
     "td3bc": TD3BCSettings(),
@@ -208,6 +273,7 @@ _AS_PUBLISHED: dict[str, VectorSettings] = {
     "redq": _as_in_the_paper(_REDQ),
     "crossq": replace(_as_in_the_paper(CrossQSettings(updates_per_step=1)), learning_rate=1e-3),
     "bc": _as_in_the_paper(BCSettings(updates_per_step=1)),
+    "act": _ACT,
     "iql": _as_in_the_paper(IQLSettings(updates_per_step=1, expectile=0.5, temperature=1.0, layer_norm=False)),
     "cql": _as_in_the_paper(
         CQLSettings(updates_per_step=1, layer_norm=False, lagrange_threshold=5.0, imitation_updates=1000),
@@ -225,9 +291,12 @@ PRESETS: dict[str, dict[str, VectorSettings]] = {"default": _DEFAULT, "paper": _
 """Settings by name of the preset and of the agent.
 
 ``default`` is tuned for few robot steps. ``paper`` has what the BricksRL paper trained with; for REDQ, CrossQ and TD3+BC, which
-it does not have, that of their authors (with the paper's networks) where the paper says nothing about every agent.
+it does not have, that of their authors (with the paper's networks) where the paper says nothing about every agent; for ACT all
+that its authors had.
 """
 
+IMITATORS = ("bc", "act")
+"""Agents that learn from a dataset and from nothing else."""
 AGENTS = (*_DEFAULT, "random")
 """Agents by name; ``random`` has nothing to set."""
 

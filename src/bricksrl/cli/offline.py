@@ -31,7 +31,7 @@ class TrainOffline:
     data: Annotated[Path, arg(metavar="DIR")]
     """Folder of the dataset, or of a run that recorded one."""
     agent: Annotated[str, arg(metavar="NAME")] = "iql"
-    """Agent: bc, iql, cql, td3bc; or one that is made for learning on the robot, as sac and td3."""
+    """Agent: bc, act, iql, cql, td3bc; or one that is made for learning on the robot, as sac and td3."""
     preset: Annotated[str, arg(metavar="NAME")] = "default"
     """Settings of the agent: default, or paper, those of the BricksRL paper."""
     updates: Annotated[int, arg(metavar="N")] = 5000

@@ -12,6 +12,7 @@ from collections import defaultdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from bricksrl.agents.presets import IMITATORS
 from bricksrl.errors import BricksError, CheckpointError, DataError, RunError
 from bricksrl.training.curve import draw_learning_curve
 from bricksrl.training.observer import Episode, Observer, Phase, Progress, RunResult
@@ -70,8 +71,8 @@ def study(config: TrainConfig, agent: Agent, env: EnvBase | None = None) -> None
         DataError: the dataset cannot be used.
         RunError: the agent learns from no dataset, or from nothing else and there is none.
     """
-    if config.agent == "bc" and config.data is None:
-        raise RunError("bc does as a dataset does, and has none; give the folder of one as data")
+    if config.agent in IMITATORS and config.data is None:
+        raise RunError(f"{config.agent} does as a dataset does, and has none; give the folder of one as data")
     if config.start is not None:
         agent.prefill_episodes = 0  # it knows better than to act at random
     if config.data is not None:

@@ -53,7 +53,7 @@ def export_policy(run_dir: Path, out: Path, *, licence: str = "mit") -> Path:
     about = {
         "bricksrl_policy": _VERSION,
         "episodes": trained.episodes,
-        "config": replace(config, data=None, start=None).to_dict(),
+        "config": replace(config, data=None, updates=0, start=None).to_dict(),
     }
     out.mkdir(parents=True)
     write_durably(out / TENSORS, save(tensors))
