@@ -91,8 +91,24 @@ def test_refusals(call: str, error: str) -> None:
     assert hub(f"try:\n    {call}\nexcept {kind} as e:\n    print(e)") == message
 
 
-def test_the_radio_says_that_it_is_not_there() -> None:
-    assert hub("try:\n    hub.ble.broadcast(1)\nexcept OSError as e:\n    print(e.errno)") == "95"
+def test_the_radio_sends_and_hears_nobody() -> None:
+    source = """
+from pybricks.messaging import BLERadio
+hub = PrimeHub(broadcast_channel=5, observe_channels=[7])
+for radio in (hub.ble, BLERadio(5, [7])):
+    print(radio.broadcast((1, 2.5, 'a', True)), radio.broadcast(None), radio.observe(7), radio.signal_strength(7))
+    for call in (lambda: radio.observe(8), lambda: radio.broadcast(bytes(25)), lambda: radio.broadcast({})):
+        try:
+            call()
+        except (ValueError, TypeError) as e:
+            print(type(e))
+try:
+    BLERadio().broadcast(1)
+except RuntimeError as e:
+    print(e)
+"""
+    one = "None None None -128\n<class 'ValueError'>\n<class 'ValueError'>\n<class 'TypeError'>\n"
+    assert hub(source) == one + one + "broadcast channel not configured"
 
 
 def test_display_sounds_and_lights_take_their_time() -> None:

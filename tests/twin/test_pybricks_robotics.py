@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import pytest
-from hub_programs import output
+from hub_programs import Console, output
 
-from bricksrl.robots import HubKind, Motor, Robot
+from bricksrl.robots import BENCH, HubKind, Motor, Robot
+from bricksrl.twin.bench import BenchBody
+from bricksrl.twin.language import execute
+from bricksrl.twin.machine import Machine
+from bricksrl.twin.pybricks import modules
 
 HEAD = """
 from pybricks.pupdevices import Motor
@@ -89,6 +93,89 @@ print(base.distance_control.limits()[0] > 0, base.heading_control.pid()[0] > 0)
 def test_refusals(call: str, error: str) -> None:
     kind, _, message = error.partition(" ")
     assert output(HEAD + f"try:\n    {call}\nexcept {kind} as e:\n    print(e)") == message
+
+
+def test_absolute_headings_and_places() -> None:
+    source = """
+base.turn(50)
+base.turn(90, absolute=True)
+print(abs(base.angle() - 90) < 2)
+base.turn(90, absolute=True)
+print(abs(base.angle() - 90) < 2)
+base.turn(300)
+base.reset(0, 30)
+base.move_by(0, 100)
+print(abs(base.angle() + 90) < 2, abs(base.distance() - 100) <= 2)
+async def main():
+    await base.move_by(-50, 0)
+    print(abs(base.distance() - 150) <= 3, round(abs(base.angle()) / 10))
+run_task(main())
+base.drive(100, 0)
+wait(300)
+base.hold()
+wait(500)
+print(base.state()[1], base.done())
+try:
+    base.move_by(30001, 0)
+except ValueError as e:
+    print(e)
+"""
+    expected = "True\nTrue\nTrue True\nTrue 18\n0 True\nInvalid argument"
+    assert output(HEAD + source) == expected
+
+
+class Steering(BenchBody):
+    """Motor C steers between -60 and 100 degrees."""
+
+    def advance_to(self, time_ms: int) -> None:
+        for moment_ms in range(self._time_ms + 1, time_ms + 1):
+            super().advance_to(moment_ms)
+            motor = self._motors["C"]
+            if not -60_000 <= motor.angle <= 100_000:
+                motor.angle, motor.speed = min(max(motor.angle, -60_000), 100_000), 0.0
+
+
+CAR = """
+from pybricks.pupdevices import Motor
+from pybricks.parameters import Port
+from pybricks.robotics import Car
+from pybricks.tools import wait
+steer, drive = Motor(Port.C), Motor(Port.D)
+"""
+
+
+def test_a_car_finds_the_middle_of_its_steering() -> None:
+    machine = Machine(BENCH, Steering(BENCH))
+    console = Console(machine, {})
+    source = """
+car = Car(steer, drive, torque_limit=50)
+print(steer.angle())
+car.drive_speed(400)
+wait(800)
+print(abs(drive.speed() - 400) < 20)
+car.drive_power(50)
+wait(500)
+print(drive.speed() > 450)
+car.drive_power(5)
+wait(1000)
+print(drive.speed())
+"""
+    execute(CAR + source, "main.py", modules(machine, console), console)
+    assert console.written.decode().split() == ["80", "True", "True", "0"]
+
+
+@pytest.mark.parametrize(
+    ("call", "error"),
+    [
+        ("Car(steer, steer)", "ValueError drive_motors and steer_motor must be different"),
+        ("Car(steer, [drive, drive])", "ValueError drive_motors must be unique"),
+        ("Car(steer, [])", "ValueError drive_motors must be a list of 1 to 5 motors"),
+        ("Car(steer, drive)", "RuntimeError The steering mechanism has no end stop. Did you build a car yet?"),
+    ],
+)
+def test_a_car_that_cannot_be(call: str, error: str) -> None:
+    kind, _, message = error.partition(" ")
+    assert output(CAR + f"try:\n    {call}\nexcept {kind} as e:\n    print(e)") == message
 
 
 def test_a_motor_of_its_own_ends_the_drive() -> None:

@@ -72,6 +72,13 @@ class DriveBaseControl:
         length_mm = trunc(10 * abs(angle_deg) * radius_mm / 573)
         self._drive_relative(length_mm, -angle_deg if radius_mm < 0 else angle_deg, then)
 
+    def turn_to(self, angle_deg: int, then: OnCompletion) -> None:
+        """Turn in place until the heading is this angle."""
+        heading = self._state()[1].position
+        if self._heading.is_active:
+            heading = self._heading.reference(self._machine.time_ticks, self._state()[1]).position
+        self._move_relative(0, self.heading_settings.position_from_unit(angle_deg) - heading, then)
+
     def arc_distance(self, radius_mm: int, distance_mm: int, then: OnCompletion) -> None:
         """Drive a distance along an arc, to the right for a positive radius. Raises ValueError for radius 0."""
         if radius_mm == 0:
@@ -197,8 +204,11 @@ class DriveBaseControl:
         return self._state()
 
     def _drive_relative(self, distance_mm: int, angle_deg: int, then: OnCompletion) -> None:
-        distance, heading, time = *self._begin(), self._machine.time_ticks
         way, turn = self.distance_settings.position_from_unit(distance_mm), self.heading_settings.position_from_unit(angle_deg)
+        self._move_relative(way, turn, then)
+
+    def _move_relative(self, way: int, turn: int, then: OnCompletion) -> None:
+        distance, heading, time = *self._begin(), self._machine.time_ticks
         self._distance.start_relative(time, distance, way, 0, then, allow_shift=False)
         self._heading.start_relative(time, heading, turn, 0, then, allow_shift=False)
         leader, follower = self._heading.trajectory, self._distance.trajectory

@@ -176,10 +176,14 @@ class Servo:
         self.control.start_timed(self._machine.time_ticks, self.state(), time_ms * 10, self.settings.from_unit(speed), then)
 
     def run_until_stalled(self, speed: int, then: OnCompletion, duty_limit_pct: int | None) -> None:
-        self._take_over()
         limit = self.settings.max_torque
         if duty_limit_pct is not None:
             limit = self.type.model.torque_unm(trunc(duty_limit_pct * self._body.battery_mv / 100))
+        self.run_until_stalled_with(speed, then, limit)
+
+    def run_until_stalled_with(self, speed: int, then: OnCompletion, limit: int) -> None:
+        """Like :meth:`run_until_stalled`, with the limit as a torque in uNm."""
+        self._take_over()
         speed = self.settings.from_unit(speed)
         self.control.start_until_stalled(self._machine.time_ticks, self.state(), speed, limit, then)
 

@@ -57,7 +57,7 @@ def modules(machine: Machine, console: Console) -> Modules:
         "iodevices": iodevices_module(context, parameters),
         "robotics": robotics_module(context, hub.model.has_imu),
         "tools": tools_module(context, console, has_display),
-        "messaging": messaging_module(machine, console),
+        "messaging": messaging_module(context, console),
     }
     found = {f"pybricks.{name}": part for name, part in pybricks.items()}
     found["pybricks"] = module("pybricks", {**pybricks, "version": (f"{hub.value}hub", FIRMWARE_VERSION)})

@@ -7,11 +7,10 @@ from collections.abc import Iterator
 from typing import Any
 
 from bricksrl.twin.machine import Machine
-from bricksrl.twin.pybricks.context import Async, Context, charged, expect_type, get_int, os_error
+from bricksrl.twin.pybricks.context import Context, charged, expect_type, get_int
 from bricksrl.twin.pybricks.matrix import Matrix
 from bricksrl.twin.pybricks.parameters import Color, Side
 
-_EOPNOTSUPP = 95
 _STORAGE_BYTES = 512
 _IDLE_CURRENT_MA = 100
 
@@ -221,22 +220,3 @@ class System(_Part):
     @charged
     def reset_storage(self) -> None:
         self._storage[:] = bytes(_STORAGE_BYTES)
-
-
-class BLE(_Part):
-    """The radio between hubs: a virtual hub has none, and says so."""
-
-    def broadcast(self, data: Any) -> Async:
-        raise os_error(_EOPNOTSUPP)
-
-    def observe(self, channel: Any) -> None:
-        raise os_error(_EOPNOTSUPP)
-
-    def observe_enable(self, enable: Any) -> None:
-        raise os_error(_EOPNOTSUPP)
-
-    def signal_strength(self, channel: Any) -> int:
-        raise os_error(_EOPNOTSUPP)
-
-    def version(self) -> str:
-        raise os_error(_EOPNOTSUPP)

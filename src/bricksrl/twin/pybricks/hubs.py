@@ -8,11 +8,12 @@ from typing import Any
 from bricksrl.robots import HubKind
 from bricksrl.twin.micropython.numbers import module
 from bricksrl.twin.pybricks.context import Context
-from bricksrl.twin.pybricks.hub_parts import BLE, Battery, Charger, ColorLight, Keypad, LightMatrix, Speaker, System
+from bricksrl.twin.pybricks.hub_parts import Battery, Charger, ColorLight, Keypad, LightMatrix, Speaker, System
 from bricksrl.twin.pybricks.imu import IMU
 from bricksrl.twin.pybricks.parameters import Axis
+from bricksrl.twin.pybricks.radio import Radio
 
-_COMMON: dict[str, Any] = {"battery": Battery, "buttons": Keypad, "light": ColorLight, "system": System, "ble": BLE}
+_COMMON: dict[str, Any] = {"battery": Battery, "buttons": Keypad, "light": ColorLight, "system": System, "ble": Radio}
 _PARTS: dict[HubKind, dict[str, Any]] = {
     HubKind.PRIME: {**_COMMON, "charger": Charger, "display": LightMatrix, "speaker": Speaker, "imu": IMU},
     HubKind.ESSENTIAL: {**_COMMON, "charger": Charger, "imu": IMU},
@@ -29,6 +30,7 @@ class _Hub:
 
     def __init__(self, broadcast_channel: Any = None, observe_channels: Any = ()) -> None:
         self.__dict__.update(self._parts)
+        self._parts["ble"].tune(broadcast_channel, observe_channels)
 
 
 class _OrientedHub(_Hub):

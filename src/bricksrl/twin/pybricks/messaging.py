@@ -1,4 +1,4 @@
-"""``pybricks.messaging``: AppData, as of Pybricks 4.0."""
+"""``pybricks.messaging``: AppData and the radio, as of Pybricks 4.0."""
 
 from __future__ import annotations
 
@@ -6,16 +6,18 @@ from types import ModuleType
 from typing import Any
 
 from bricksrl.twin.console import AppDataConsole, Console
-from bricksrl.twin.machine import Machine
 from bricksrl.twin.micropython.numbers import module
-from bricksrl.twin.pybricks.context import os_error
+from bricksrl.twin.pybricks.context import Context, os_error
+from bricksrl.twin.pybricks.radio import radio_class
 
 _EOPNOTSUPP = 95
 _MAX_EVENT_BYTES = 19
 _SET_UP, _CONFIGURE = 0, 1
 
 
-def messaging_module(machine: Machine, console: Console) -> ModuleType:
+def messaging_module(context: Context, console: Console) -> ModuleType:
+    machine = context.machine
+
     class AppData:
         """Bytes beside the standard streams: what the host writes replaces what was there."""
 
@@ -59,4 +61,4 @@ def messaging_module(machine: Machine, console: Console) -> ModuleType:
         def close(self) -> None:
             self._console.inbox = bytearray()
 
-    return module("pybricks.messaging", {"AppData": AppData})
+    return module("pybricks.messaging", {"AppData": AppData, "BLERadio": radio_class(context)})

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import errno
+import math
+from collections.abc import Callable
 from types import ModuleType
 from typing import Any
 
@@ -11,6 +13,7 @@ from bricksrl.twin.firmware.drive_base import DriveBaseControl
 from bricksrl.twin.machine import Machine
 from bricksrl.twin.micropython.floats import to_single
 from bricksrl.twin.micropython.numbers import module
+from bricksrl.twin.pybricks.car import Car
 from bricksrl.twin.pybricks.context import (
     Async,
     Context,
@@ -26,6 +29,8 @@ from bricksrl.twin.pybricks.context import (
 from bricksrl.twin.pybricks.control import Control, acceleration_pair, acceleration_value, magnitude
 from bricksrl.twin.pybricks.parameters import Stop
 from bricksrl.twin.pybricks.pupdevices import Motor, completion
+
+_FARTHEST_MM = 30_000
 
 
 class DriveBase:
@@ -66,11 +71,29 @@ class DriveBase:
         return self._finish() if wait else None
 
     @charged
-    def turn(self, angle: Any, then: Any = Stop.HOLD, wait: Any = True) -> Any:
+    def turn(self, angle: Any, then: Any = Stop.HOLD, wait: Any = True, absolute: Any = False) -> Any:
         self._check_open()
         with refusals():
-            self._base.curve(0, get_int(angle), completion(then))
+            if absolute:
+                self._base.turn_to(get_int(angle), completion(then))
+            else:
+                self._base.curve(0, get_int(angle), completion(then))
         return self._finish() if wait else None
+
+    @charged
+    def move_by(self, dx: Any, dy: Any, then: Any = Stop.HOLD) -> Any:
+        """Turn towards a place, x ahead of the heading zero and y to its left, the shorter way round; then drive there."""
+        self._check_open()
+        x, y, end = get_int(dx), get_int(dy), completion(then)
+        if max(abs(x), abs(y)) > _FARTHEST_MM:
+            raise ValueError("Invalid argument")
+        if not (x or y):
+            return self._loop.done()
+        now = self._base.angle_deg()
+        heading = now + (-math.degrees(math.atan2(y, x)) - now + 180) % 360 - 180
+        with refusals():
+            self._base.turn_to(round(heading), OnCompletion.HOLD)
+        return self._finish(lambda: self._base.straight(round(math.hypot(x, y)), end))
 
     @charged
     def curve(self, radius: Any, angle: Any, then: Any = Stop.HOLD, wait: Any = True) -> Any:
@@ -107,6 +130,10 @@ class DriveBase:
     @charged
     def brake(self) -> None:
         self._end(OnCompletion.BRAKE)
+
+    @charged
+    def hold(self) -> None:
+        self._end(OnCompletion.HOLD)
 
     # ---- state
 
@@ -189,9 +216,20 @@ class DriveBase:
         self._cancel()
         self._base.stop(then)
 
-    def _finish(self) -> Any:
+    def _finish(self, *others: Callable[[], None]) -> Any:
+        """Wait for the move that was started, and for others that each start when the one before is over."""
         self._cancel()
-        result = self._loop.finish(self._is_done, None, lambda: self._base.stop(OnCompletion.COAST))
+        following = iter(others)
+
+        def is_done() -> bool:
+            if not self._is_done():
+                return False
+            start = next(following, None)
+            if start is not None:
+                start()
+            return start is None
+
+        result = self._loop.finish(is_done, None, lambda: self._base.stop(OnCompletion.COAST))
         if isinstance(result, Async):
             self._last = result
         return result
@@ -205,4 +243,4 @@ class DriveBase:
 def robotics_module(context: Context, has_imu: bool) -> ModuleType:
     own: Any = bound(DriveBase, context)
     own._has_imu = has_imu
-    return module("pybricks.robotics", {"DriveBase": own})
+    return module("pybricks.robotics", {"DriveBase": own, "Car": bound(Car, context)})
