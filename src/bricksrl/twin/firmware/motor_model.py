@@ -44,14 +44,15 @@ class MotorModel:
 
     def drive_mv(self, torque_unm: int, speed: int, acceleration: int) -> int:
         """Voltage for a torque on top of what a reference needs: half the friction, back-EMF, inertia."""
-        speed, acceleration = _clamp(speed, MAX_SPEED), _clamp(acceleration, MAX_ACCELERATION)
-        forward = trunc(PRESCALE_SPEED * speed / self.torque_by_speed)
+        forward = 0
         if speed:
-            forward += self.friction_unm // 2 if speed > 0 else -(self.friction_unm // 2)
+            half_friction = self.friction_unm // 2
+            forward = trunc(PRESCALE_SPEED * _clamp(speed, MAX_SPEED) / self.torque_by_speed)
+            forward += half_friction if speed > 0 else -half_friction
         if acceleration:
-            forward += trunc(PRESCALE_ACCELERATION * acceleration / self.torque_by_acceleration)
-        torque = _clamp(torque_unm + _clamp(forward, MAX_TORQUE_UNM), MAX_TORQUE_UNM)
-        return trunc(PRESCALE_TORQUE * torque / self.voltage_by_torque)
+            forward += trunc(PRESCALE_ACCELERATION * _clamp(acceleration, MAX_ACCELERATION) / self.torque_by_acceleration)
+        torque = torque_unm + _clamp(forward, MAX_TORQUE_UNM)
+        return trunc(PRESCALE_TORQUE * _clamp(torque, MAX_TORQUE_UNM) / self.voltage_by_torque)
 
 
 @dataclass(frozen=True, slots=True)
