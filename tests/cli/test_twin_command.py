@@ -18,7 +18,7 @@ def test_the_command_looks_for_what_motion_tells():
 @pytest.fixture
 def log(tmp_path):
     (tmp_path / "hidden.json").write_text('{"battery_v": 6.9}')
-    path = tmp_path / "robot.jsonl"
+    path = tmp_path / "logs" / "robot.jsonl"
     arguments = ["--steps", "60", "--physics", str(tmp_path / "hidden.json")]
     assert main(["twin", "record", "bench", "--out", str(path), *arguments]) == 0
     return path

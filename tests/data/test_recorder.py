@@ -33,6 +33,15 @@ def test_what_is_recorded_is_what_is_read(tmp_path: Path) -> None:
     ]
 
 
+def test_transitions_as_torchrl_has_them(tmp_path: Path) -> None:
+    episodes = load(record(tmp_path / "set", (3, 5), SEEING))
+    data = episodes.to_tensordict()
+    assert data.batch_size == (8,)
+    assert np.array_equal(data["next", "observation"], episodes.next_observation)
+    assert np.array_equal(data["next", "image"], episodes.next_image)
+    assert data["next", "done"].shape == (8, 1) and data["next", "done"].flatten().nonzero().flatten().tolist() == [2, 7]
+
+
 def test_images_come_back_as_they_were(tmp_path: Path) -> None:
     episodes = load(record(tmp_path / "set", (3, 4), SEEING))
     wanted = [*steps(0, 3, SEEING), *steps(1, 4, SEEING)]

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import time
+from pathlib import Path
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from ble_world import NAME, World
 
@@ -20,6 +22,7 @@ from bricksrl.hub.pybricks_profile import Command
 from bricksrl.hub.scan import scan
 from bricksrl.hub.transport import HubProgram
 from bricksrl.robots import TWO_WHEELER, HubKind
+from bricksrl.twin.log import identification_interface, read_log
 
 SPINNING = get_task("Spinning-v0").interface
 
@@ -53,6 +56,18 @@ def test_the_connection_interval_is_inferred(world: World, interval_ms: float, i
         found = measure(link, SPINNING, 15)
     assert found.interval_ms == pytest.approx(interval_ms, abs=2.5)
     assert found.is_slow is is_slow
+
+
+def test_a_robot_is_recorded_for_its_twin(world: World, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    interface = identification_interface(TWO_WHEELER)
+    world.link(interface)
+    monkeypatch.setattr(HubAddress, "transport", lambda self: world.transport())
+    path = tmp_path / "robot.jsonl"
+    assert main(("twin", "record", "two-wheeler", "--hub", "ble", "--yes", "--steps", "30", "--out", str(path))) == 0
+    log = read_log(path)
+    assert log.interface == interface and log.commands.shape == (30, 2)
+    assert np.abs(np.diff(log.channels[:, 0])).max() > 5, "it moved"
+    assert not world.hub.is_driven and not world.hub.is_running
 
 
 def test_any_program_is_stopped(world: World, monkeypatch: pytest.MonkeyPatch, capsys) -> None:

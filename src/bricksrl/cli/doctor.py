@@ -25,6 +25,7 @@ from bricksrl.hub.finding import Finding, Outcome
 _OLDEST_PYTHON = (3, 11)
 _LITTLE_ROOM_GB, _NO_ROOM_GB = 5.0, 0.5
 _SCAN_S = 1.0
+_LONGEST_S = 3600.0
 _DRAW = """
 from bricksrl import robots
 from bricksrl.twin.bodies import make_body
@@ -56,8 +57,8 @@ class Doctor:
 
     def execute(self) -> int:
         """Look and print."""
-        if self.timeout_s <= 0:
-            raise DescriptionError(f"timeout-s is {self.timeout_s:g}; give a positive number")
+        if not 0 < self.timeout_s <= _LONGEST_S:
+            raise DescriptionError(f"timeout-s is {self.timeout_s:g}; give a positive number of up to {_LONGEST_S:g}")
         findings = []
         for name, look in LOOKS.items():
             finding = bounded(name, look, self.timeout_s)

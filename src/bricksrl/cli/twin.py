@@ -5,10 +5,11 @@ from __future__ import annotations
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import Positional, arg
 
+from bricksrl.cli.asking import yes
 from bricksrl.cli.console import print_line
 from bricksrl.errors import TwinError
 
@@ -16,6 +17,9 @@ from bricksrl.errors import TwinError
 FITTED = ("battery_v", "friction_scale", "motor_friction_scale", "mass_scale", "backlash_deg")
 
 if TYPE_CHECKING:
+    from bricksrl.hub.interface import Interface
+    from bricksrl.hub.link import HubLink
+    from bricksrl.robots import Robot
     from bricksrl.twin.fit import Fit as FitResult
 
 
@@ -24,9 +28,11 @@ class Record:
     """Let a robot make the moves that tell the most about it, and write what its hub answers.
 
     Give it a metre of free floor: it stands still for a second, jerks, then runs at full speed, about ten seconds in all.
+    Ctrl-C stops it.
 
     Examples:
       bricksrl twin record two-wheeler --out robot.jsonl
+      bricksrl twin record two-wheeler --hub ble --out robot.jsonl
       bricksrl twin record walker --steps 200 --out walker.jsonl
     """
 
@@ -34,8 +40,10 @@ class Record:
     """Robot; `bricksrl list` shows them."""
     out: Annotated[Path, arg(metavar="FILE")]
     """File to write."""
-    hub: Literal["virtual"] = "virtual"
-    """How to reach the robot."""
+    hub: Annotated[str, arg(metavar="HUB")] = "virtual"
+    """How to reach the robot: virtual, ble, ble:NAME, ble:ADDRESS, usb or usb:PORT."""
+    yes: bool = False
+    """Let a real robot move without asking."""
     steps: Annotated[int, arg(metavar="N")] = 120
     """Commands, twenty a second."""
     seed: Annotated[int, arg(metavar="N")] = 0
@@ -48,23 +56,41 @@ class Record:
         import numpy as np
 
         from bricksrl import robots
-        from bricksrl.hub.link import HubLink
         from bricksrl.twin.log import identification_commands, identification_interface, record, write_log
-        from bricksrl.twin.physics import read_physics
-        from bricksrl.twin.virtual_hub import VirtualHub
 
         if self.steps < 1 or self.seed < 0:
             raise TwinError(f"steps is {self.steps} and seed {self.seed}; give at least 1 step, and a seed of 0 or more")
+        if self.out.is_dir():
+            raise TwinError(f"{self.out} is a folder; name a file to write")
         robot = robots.get(self.robot)
         interface = identification_interface(robot)
         commands = identification_commands(interface, self.steps, np.random.default_rng(self.seed))
-        physics = None if self.physics is None else read_physics(self.physics)
-        with HubLink(VirtualHub(robot, physics=physics, seed=self.seed), robot, interface) as link:
+        with self._link(robot, interface) as link:
             log = record(link, robot, interface, commands)
         write_log(self.out, log)
         seconds = (log.times_ms[-1] - log.times_ms[0]) / 1000
         print_line(f"{len(log.commands)} commands in {seconds:.1f} s of {robot.name}: {self.out}")
         return 0
+
+    def _link(self, robot: Robot, interface: Interface) -> HubLink:
+        """A link to the robot, not open yet; a real one was allowed to move."""
+        from bricksrl.hub.address import parse_hub
+        from bricksrl.hub.calibration import calibration_of
+        from bricksrl.hub.link import HubLink
+        from bricksrl.twin.physics import read_physics
+        from bricksrl.twin.virtual_hub import VirtualHub
+
+        address = parse_hub(self.hub)
+        if address.is_virtual:
+            physics = None if self.physics is None else read_physics(self.physics)
+            return HubLink(VirtualHub(robot, physics=physics, seed=self.seed), robot, interface)
+        if self.physics is not None:
+            raise TwinError("a real robot has a physics of its own; leave --physics away")
+        if not (self.yes or yes(f"The {robot.name} will move at full speed. Has it a metre of room, and may it?")):
+            raise TwinError(f"nobody said that the {robot.name} may move; answer y in a terminal, or give --yes")
+        transport = address.transport()
+        calibrate = calibration_of(lambda: transport.identity.address if transport.identity else "")
+        return HubLink(transport, robot, interface, calibrate=calibrate)
 
 
 @dataclass(frozen=True)

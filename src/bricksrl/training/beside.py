@@ -73,11 +73,6 @@ class BesideTheRobot:
         """As last heard."""
         return Pace(self._asked, self._done)
 
-    @property
-    def process_id(self) -> int:
-        """Of the process that learns."""
-        return self._process.pid
-
     def wait_until_ready(self) -> None:
         """Wait for the process to be there."""
         self._wait(lambda: self._ready)

@@ -128,7 +128,7 @@ def identification_commands(interface: Interface, steps: int, rng: np.random.Gen
 
 
 def write_log(path: Path, log: RunLog) -> None:
-    """Write a log to a file; one that is there is replaced."""
+    """Write a log to a file, whose folder is made; one that is there is replaced."""
     header = {
         "bricksrl_log": _FORMAT,
         "robot": log.robot,
@@ -147,6 +147,7 @@ def write_log(path: Path, log: RunLog) -> None:
                 "channels": channels.tolist(),
             }
         )
+    path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text("".join(json.dumps(line) + "\n" for line in lines), encoding="utf-8")
 
 
