@@ -208,3 +208,29 @@ for make in (lambda: UARTDevice(Port.A), XboxController, Remote):
         print(e.errno)
 """
     assert hub(source) == "19\n110\n110"
+
+
+def test_the_colors_are_a_dictionary_that_a_program_changes_for_itself() -> None:
+    source = """
+Color.GREEN = Color(h=125)
+Color['PINK'] = Color(330, 50)
+print(Color.GREEN, Color['PINK'], Color['BLUE'] is Color.BLUE, 'PINK' in [name for name in Color])
+print(isinstance(Color.RED, Color), isinstance(Color(5) >> 5, Color), str(Color)[:35])
+hub.light.on(Color['PINK'])
+for call in (lambda: Color['NO'], lambda: setattr(Color, 'X', 5)):
+    try:
+        call()
+    except (KeyError, TypeError) as e:
+        print(repr(e))
+"""
+    assert hub(source) == (
+        "Color(h=125, s=100, v=100) Color(h=330, s=50, v=100) True True\nTrue True {'NONE': Color.NONE, 'BLACK': Color\n"
+        "KeyError('NO',)\nTypeError(\"can't convert int to Color\",)"
+    )
+    assert hub("print(Color.GREEN, hasattr(Color, 'PINK'))") == "Color.GREEN False"
+
+
+def test_memory_is_reported_as_on_a_hub() -> None:
+    assert (
+        hub("import micropython\nmicropython.mem_info()\nmicropython.qstr_info(True)").splitlines()[1].startswith("GC: total: ")
+    )

@@ -199,3 +199,19 @@ run_task(main())
 """
     with pytest.raises(RuntimeError, match="before multitasking starts"):
         output(source, robot=robots.BENCH)
+
+
+def test_letting_others_go_first_takes_next_to_no_time() -> None:
+    source = """
+from pybricks.tools import wait, run_task, multitask, StopWatch
+watch = StopWatch()
+async def polite():
+    for i in range(1000):
+        await wait(0)
+    print(watch.time() <= 10)
+async def patient():
+    await wait(50)
+    print(watch.time())
+run_task(multitask(polite(), patient()))
+"""
+    assert output(source) == "True\n50"

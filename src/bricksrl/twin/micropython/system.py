@@ -20,6 +20,7 @@ from bricksrl.twin.micropython.text import text
 _POLLIN, _POLLOUT, _POLLERR, _POLLHUP = 1, 4, 8, 16
 _CTRL_C = 3
 _ENOENT = 2
+_STACK_BYTES, _BLOCK_BYTES = 8 * 1024, 16
 _FOREVER_MS = 1000  # then it looks again, and dozes on
 
 
@@ -195,7 +196,8 @@ def select_module(doze: Callable[[int], int]) -> ModuleType:
     return module("select", {"poll": lambda: Poll(doze), **flags})
 
 
-def micropython_module(keyboard: Keyboard) -> ModuleType:
+def micropython_module(keyboard: Keyboard, console: Console, heap_bytes: int) -> ModuleType:
+    """Memory of this computer is not that of a hub: all of its heap counts as free."""
     state = {"level": 0, "locks": 0}
 
     def kbd_intr(character: int) -> None:
@@ -214,7 +216,24 @@ def micropython_module(keyboard: Keyboard) -> ModuleType:
         state["locks"] = max(0, state["locks"] - 1)
         return state["locks"]
 
-    names: dict[str, Any] = {"const": lambda value: value, "kbd_intr": kbd_intr, "opt_level": opt_level}
+    def mem_info(verbose: Any = None) -> None:
+        lines = (
+            f"stack: 0 out of {_STACK_BYTES}",
+            f"GC: total: {heap_bytes}, used: 0, free: {heap_bytes}",
+            f" No. of 1-blocks: 0, 2-blocks: 0, max blk sz: 0, max free sz: {heap_bytes // _BLOCK_BYTES}",
+        )
+        console.write(cooked("".join(f"{line}\n" for line in lines).encode()))
+
+    def qstr_info(verbose: Any = None) -> None:
+        console.write(cooked(b"qstr pool: n_pool=0, n_qstr=0, n_str_data_bytes=0, n_total_bytes=0\n"))
+
+    names: dict[str, Any] = {
+        "mem_info": mem_info,
+        "qstr_info": qstr_info,
+        "const": lambda value: value,
+        "kbd_intr": kbd_intr,
+        "opt_level": opt_level,
+    }
     return module("micropython", {**names, "heap_lock": heap_lock, "heap_unlock": heap_unlock, "stack_use": lambda: 0})
 
 

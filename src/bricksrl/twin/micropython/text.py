@@ -46,6 +46,8 @@ def representation(value: object) -> str:
     if isinstance(value, BaseException) and kind.__repr__ is BaseException.__repr__:
         return f"{class_name(kind)}{representation(value.args)}"
     if isinstance(value, type):
+        if kind.__repr__ is not type.__repr__:
+            return repr(value)
         return f"<class '{type_name(value)}'>"
     if kind.__repr__ is object.__repr__:
         return f"<{kind.__name__} object at {_address(value)}>"

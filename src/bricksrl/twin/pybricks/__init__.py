@@ -70,7 +70,8 @@ def modules(machine: Machine, console: Console) -> Modules:
 def _language_modules(machine: Machine, console: Console) -> dict[str, ModuleType]:
     hub = machine.robot.hub
     keyboard = Keyboard()
-    found = {"errno": errno_module(), "micropython": micropython_module(keyboard)}
+    heap_bytes = _HEAP_BYTES.get(hub, 16 * 1024)
+    found = {"errno": errno_module(), "micropython": micropython_module(keyboard, console, heap_bytes)}
     if hub is HubKind.MOVE:
         return found
     return found | {
@@ -79,7 +80,7 @@ def _language_modules(machine: Machine, console: Console) -> dict[str, ModuleTyp
         "struct": struct_module(),
         "json": json_module(),
         "io": io_module(),
-        "gc": gc_module(_HEAP_BYTES.get(hub, 16 * 1024)),
+        "gc": gc_module(heap_bytes),
         "select": select_module(machine.doze),
         "sys": sys_module(console, keyboard, machine.charge_call, FIRMWARE_VERSION, _MACHINES[hub]),
     }

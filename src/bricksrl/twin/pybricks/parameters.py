@@ -8,6 +8,7 @@ from typing import Any
 
 from bricksrl.robots import HubModel
 from bricksrl.twin.micropython.numbers import module
+from bricksrl.twin.micropython.text import representation
 from bricksrl.twin.pybricks.context import expect_type, get_int
 from bricksrl.twin.pybricks.icons import icons
 from bricksrl.twin.pybricks.matrix import Matrix, vector
@@ -116,6 +117,40 @@ for _name, _hsv in _COLORS.items():
     setattr(Color, _name, Color(*_hsv))
 
 
+class _Palette(type):
+    """``Color`` as a program has it: also a dictionary of the named colors, which the program may change for itself."""
+
+    def __getitem__(cls, name: str) -> Any:
+        if name not in cls._names:
+            raise KeyError(name)
+        return getattr(cls, name)
+
+    def __setitem__(cls, name: str, color: Any) -> None:
+        setattr(cls, name, color)
+
+    def __setattr__(cls, name: str, color: Any) -> None:
+        expect_type(color, Color)
+        if name not in cls._names:
+            cls._names.append(name)
+        super().__setattr__(name, color)
+
+    def __iter__(cls) -> Iterator[str]:
+        return iter(list(cls._names))
+
+    def __instancecheck__(cls, value: object) -> bool:
+        return isinstance(value, Color)
+
+    def __repr__(cls) -> str:
+        return representation({name: cls[name] for name in cls})
+
+    _names: list[str]
+
+
+def palette() -> type[Any]:
+    """A class ``Color`` for one program."""
+    return _Palette("Color", (Color,), {"__slots__": (), "_names": list(_COLORS)})
+
+
 class Axis:
     """Unit vectors of the robot's frame."""
 
@@ -137,7 +172,7 @@ class Parameters:
         return str(port._name)
 
     def module(self) -> ModuleType:
-        names: dict[str, Any] = {"Button": Button, "Color": Color, "Direction": Direction, "Port": self.Port, "Side": Side}
+        names: dict[str, Any] = {"Button": Button, "Color": palette(), "Direction": Direction, "Port": self.Port, "Side": Side}
         names.update({"Stop": Stop, "Axis": Axis})
         if self._has_display:
             names["Icon"] = type("Icon", (), {name: Matrix(rows) for name, rows in icons().items()})

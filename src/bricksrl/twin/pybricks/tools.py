@@ -106,8 +106,7 @@ def tools_module(context: Context, console: Console, has_display: bool) -> Modul
                 machine.charge_call()
             return None
         if duration == 0:
-            looks = iter((False, True))
-            return Async(lambda: next(looks), None, None)
+            return loop.yield_once()
         end_ms = machine.time_ms + duration
         return Async(lambda: machine.time_ms >= end_ms, None, None)
 
@@ -120,7 +119,7 @@ def tools_module(context: Context, console: Console, has_display: bool) -> Modul
         try:
             iterator = iter(task)
             while next(iterator, _DONE) is not _DONE:
-                machine.advance(1)
+                loop.turn_over()
         finally:
             loop.is_active = False
         return None
