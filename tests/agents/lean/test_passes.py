@@ -150,8 +150,9 @@ def test_without_weights_only_the_inputs_get_a_gradient() -> None:
     assert all((learned.gradient(parameter) == 0).all() for parameter in made.parameters())
 
 
-def test_bfloat16_is_near_float32() -> None:
-    made = network(6, (32, 32), 1, 2, layer_norm=True)
+@pytest.mark.parametrize("norms", [{"layer_norm": True}, {"batch_norm": 0.2}])
+def test_bfloat16_is_near_float32(norms: dict[str, Any]) -> None:
+    made = network(6, (32, 32), 1, 2, **norms)
     x, slope = torch.randn(64, 6), torch.randn(2, 64, 1)
     expected, gradients, of_x = by_autograd(made, x, slope, 0)
     with torch.no_grad():
