@@ -4,8 +4,9 @@
     python benchmarks/offline.py --seeds 5
 
 Each agent learns from each dataset with the paper's settings and number of updates, and is evaluated on ``EVALUATED`` episodes of
-the twin. Finished runs are kept in ``--work`` and not made again, so that the command can be stopped and goes on. One thread a
-process; the most expensive runs come first. Means over the seeds of the mean returns, with 95 % bootstrap intervals over seeds.
+the twin. Finished runs are kept in ``--work`` and not made again, so that the command can be stopped and goes on, or called for
+a part at a time: the table has all of them. One thread a process; the most expensive runs come first. Means over the seeds of the
+mean returns, with 95 % bootstrap intervals over seeds.
 """
 
 from __future__ import annotations
@@ -103,6 +104,24 @@ def keep(work: Path, job: Job) -> dict[str, Any]:
     return found
 
 
+def updates_of(env: str, kind: str, share: float) -> int:
+    """So many updates as the paper made, or a share of them."""
+    return max(1, round(share * OFFLINE_UPDATES[env][kind]))
+
+
+def cell_of(run: dict[str, Any]) -> tuple[str, str, str]:
+    """Where in the table a run belongs."""
+    return run["env"], run["kind"], run["agent"]
+
+
+def finished(work: Path, preset: str, share: float) -> list[dict[str, Any]]:
+    """All runs of these settings that are there, of this call and of earlier ones, in the order of the table."""
+    runs = [json.loads(path.read_text()) for path in work.glob(f"{preset}-*.json")]
+    wanted = [one for one in runs if one["updates"] == updates_of(one["env"], one["kind"], share)]
+    tasks = list(OFFLINE_UPDATES)
+    return sorted(wanted, key=lambda one: (tasks.index(one["env"]), one["kind"], one["agent"], one["seed"]))
+
+
 def summary(runs: list[dict[str, Any]]) -> dict[str, Any]:
     """One cell of the table."""
     means = [one["return_mean"] for one in runs]
@@ -155,18 +174,18 @@ def main() -> None:
             seed=seed,
             preset=chosen.preset,
             data=str((chosen.data / f"{env}-{kind}").absolute()),
-            updates=max(1, round(chosen.share * OFFLINE_UPDATES[env][kind])),
+            updates=updates_of(env, kind, chosen.share),
         )
         for agent, env, kind, seed in itertools.product(chosen.agents, chosen.envs, chosen.kinds, range(chosen.seeds))
     ]
     with multiprocessing.get_context("spawn").Pool(chosen.processes) as pool:
-        results = pool.starmap(keep, [(chosen.work, job) for job in jobs], chunksize=1)
+        pool.starmap(keep, [(chosen.work, job) for job in jobs], chunksize=1)
     cells: dict[str, dict[str, dict[str, Any]]] = {}
-    for (env, kind, agent), runs in itertools.groupby(results, key=lambda one: (one["env"], one["kind"], one["agent"])):
+    for (env, kind, agent), runs in itertools.groupby(finished(chosen.work, chosen.preset, chosen.share), key=cell_of):
         cells.setdefault(f"{env} {kind}", {})[agent] = summary(list(runs))
     print(table(cells))
     name = "offline" if chosen.preset == "paper" else f"offline_{chosen.preset}"
-    setup = {"preset": chosen.preset, "seeds": chosen.seeds, "share": chosen.share, "evaluated_episodes": EVALUATED}
+    setup = {"preset": chosen.preset, "share": chosen.share, "evaluated_episodes": EVALUATED}
     print(write(name, {**setup, "datasets": cells}))
 
 
