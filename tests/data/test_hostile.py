@@ -108,6 +108,7 @@ def edit_rows(root: Path, **cells: object) -> None:
     "cells",
     [
         {"length": 10**15},
+        {"length": 2**62},
         {"length": -1},
         {"dataset_from_index": 0},
         {"data/file_index": 0},

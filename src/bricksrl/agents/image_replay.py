@@ -118,7 +118,9 @@ class ImageReplay:
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Take over what `state_dict` of a ring of this capacity gave."""
-        self._added, self._open = state["added"], state["open"]
+        self._added, self._open = int(state["added"]), bool(state["open"])
         used = min(self._added, self.capacity)
         for name, part in self._parts().items():
+            if self._added < 0 or part[:used].shape != state[name].shape:
+                raise ValueError(f"memory of shape {tuple(part[:used].shape)} here and {tuple(state[name].shape)} there")
             part[:used] = state[name]

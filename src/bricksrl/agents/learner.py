@@ -62,9 +62,9 @@ class Learner(ABC):
             for name, part in self._parts().items():
                 part.load_state_dict(state[name])
             self.replay.load_state_dict(state["replay"])
-            self._updates = state["updates"]
-        except (KeyError, RuntimeError, ValueError) as error:
-            reason = str(error).splitlines()[0]
+            self._updates = int(state["updates"])
+        except (AttributeError, LookupError, OverflowError, RuntimeError, TypeError, ValueError) as error:
+            reason = (str(error) or type(error).__name__).splitlines()[0]
             raise CheckpointError(f"the checkpoint does not fit this agent ({reason}); resume with the settings it had") from None
 
     def _means(self, found: Sequence[tuple[Tensor, ...]]) -> dict[str, float]:

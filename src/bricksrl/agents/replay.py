@@ -75,7 +75,14 @@ class ReplayRing:
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Take over what `state_dict` of a ring of this capacity gave."""
-        self._added, self._episode = state["added"], state["episode"]
-        self._rows[: len(self)] = state["rows"]
-        self._episodes[: len(self)] = state["episodes"]
+        """Take over what `state_dict` of a ring of this capacity gave.
+
+        Raises:
+            ValueError: the state is that of another memory.
+        """
+        self._added, self._episode = int(state["added"]), int(state["episode"])
+        filled = self._rows[: len(self)], self._episodes[: len(self)]
+        for mine, its in zip(filled, (state["rows"], state["episodes"]), strict=True):
+            if self._added < 0 or mine.shape != its.shape:
+                raise ValueError(f"memory of shape {tuple(mine.shape)} here and {tuple(its.shape)} there")
+            mine.copy_(its)

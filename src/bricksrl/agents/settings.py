@@ -12,6 +12,9 @@ from typing import Literal
 
 from bricksrl.errors import DescriptionError
 
+LARGEST, MOST_UNITS = 2**24, 2**14
+"""Of any setting, and of a layer: settings come from files too, and one that fills the memory is a mistake or worse."""
+
 
 class Checked:
     """A part of settings: its ``__post_init__`` checks what it has, and calls that of the part after it."""
@@ -21,13 +24,13 @@ class Checked:
 
     def _above_zero(self, *names: str) -> None:
         for name in names:
-            if not getattr(self, name) > 0:
-                raise DescriptionError(f"{name} is {getattr(self, name)}; give a number above zero")
+            if not 0 < getattr(self, name) <= LARGEST:
+                raise DescriptionError(f"{name} is {getattr(self, name)}; give a number above zero, and up to {LARGEST:,}")
 
     def _zero_or_more(self, *names: str) -> None:
         for name in names:
-            if not getattr(self, name) >= 0:
-                raise DescriptionError(f"{name} is {getattr(self, name)}; give 0 or more")
+            if not 0 <= getattr(self, name) <= LARGEST:
+                raise DescriptionError(f"{name} is {getattr(self, name)}; give 0 or more, and up to {LARGEST:,}")
 
     def _share(self, *names: str) -> None:
         for name in names:
@@ -77,8 +80,9 @@ class LayerSettings(Checked):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not self.hidden or min(self.hidden) < 1:
-            raise DescriptionError(f"hidden is {self.hidden}; give the units of at least one layer, as in (256, 256)")
+        if not self.hidden or min(self.hidden) < 1 or max(self.hidden) > MOST_UNITS:
+            wanted = f"the units of at least one layer, up to {MOST_UNITS:,} in each"
+            raise DescriptionError(f"hidden is {self.hidden}; give {wanted}, as in (256, 256)")
 
 
 @dataclass(frozen=True)

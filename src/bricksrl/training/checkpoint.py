@@ -10,6 +10,7 @@ import hashlib
 import io
 import pickle
 import struct
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -48,7 +49,8 @@ def load_checkpoint(path: Path) -> dict[str, Any]:
     if hashlib.sha256(payload).digest() != digest:
         raise CheckpointError(f"the checkpoint {path} is damaged; restore it from a copy or train anew")
     try:
-        state = torch.load(io.BytesIO(payload), map_location="cpu", weights_only=True)
+        with warnings.catch_warnings(action="ignore"):  # what is odd about a foreign pickle, and it is refused anyway
+            state = torch.load(io.BytesIO(payload), map_location="cpu", weights_only=True)
     except (pickle.UnpicklingError, struct.error, AttributeError, EOFError, LookupError, RuntimeError, TypeError, ValueError):
         state = None
     if not isinstance(state, dict):

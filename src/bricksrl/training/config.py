@@ -103,12 +103,12 @@ class TrainConfig:
             raise RunError("'settings' in the config is no table of names and values; restore the file")
         physics = data.get("physics")
         try:
-            _check_types(cls, data)
+            check_types(cls, data)
             settings = None
             if given is not None:
                 kind: type[Any] = type(preset("default", data.get("agent", cls.agent), images="encoder" in given))
                 values = {key: tuple(value) if isinstance(value, list) else value for key, value in given.items()}
-                _check_types(kind, values)
+                check_types(kind, values)
                 settings = kind(**values)
             data = {**data, "settings": settings, "physics": None if physics is None else Physics.from_dict(physics)}
             return cls(**data, run_dir=run_dir)
@@ -131,7 +131,8 @@ def settings_for(env: str, name: str, agent: str) -> Settings:
     return preset(name, agent, images=images)
 
 
-def _check_types(cls: type, data: dict[str, Any]) -> None:
+def check_types(cls: type, data: dict[str, Any]) -> None:
+    """Raise TypeError where a value is not of the type that the dataclass has for its name; unions are not looked at."""
     for name, expected in typing.get_type_hints(cls).items():
         if name not in data or typing.get_origin(expected) in (typing.Literal, types.UnionType):
             continue

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from bricksrl.agents import AGENTS, make_agent
 from bricksrl.errors import BricksError, CheckpointError, RunError, UnknownNameError
-from bricksrl.training.config import TrainConfig
+from bricksrl.training.config import TrainConfig, check_types
 from bricksrl.training.interrupt import Interruption
 from bricksrl.training.learner import InTheLoop, Learner, Pace
 from bricksrl.training.observer import Episode, Observer, RunResult, Together
@@ -244,11 +244,21 @@ def make_env(config: TrainConfig, place: Placement | None = None) -> EnvBase:
 
 
 def make_agent_for(config: TrainConfig, env: EnvBase) -> Agent:
-    """A fresh agent as a config names it, to act in ``env``."""
+    """A fresh agent as a config names it, to act in ``env``.
+
+    Raises:
+        RunError: there is not enough memory for it.
+    """
     from bricksrl.agents.layout import layout_of
 
     task = getattr(env, "task", None)
-    return make_agent(config.agent, layout_of(env), int(env.action_spec.shape[-1]), config.settings, task)
+    layout, action_size = layout_of(env), int(env.action_spec.shape[-1])
+    try:
+        return make_agent(config.agent, layout, action_size, config.settings, task)
+    except RuntimeError as error:
+        if "memory" not in str(error):
+            raise
+        raise RunError(f"there is not enough memory for the agent {config.agent}; give it smaller networks or memory") from None
 
 
 def identity_of(config: TrainConfig, env: EnvBase) -> dict[str, Any]:
@@ -263,8 +273,30 @@ def identity_of(config: TrainConfig, env: EnvBase) -> dict[str, Any]:
 def load_state(folder: RunFolder, config: TrainConfig, env: EnvBase) -> dict[str, Any]:
     from bricksrl.training.checkpoint import load_checkpoint
 
-    state = load_checkpoint(folder.checkpoint_path)
-    if state.get("identity") != identity_of(config, env):
-        path = folder.checkpoint_path
+    path = folder.checkpoint_path
+    state = load_checkpoint(path)
+    try:
+        is_same = bool(state.get("identity") == identity_of(config, env))
+    except RuntimeError:  # tensors in the place of numbers
+        is_same = False
+    if not is_same:
         raise CheckpointError(f"{path} belongs to another config or environment; use those that it was made with")
+    try:
+        _check_state(state)
+    except (AttributeError, LookupError, OverflowError, RuntimeError, TypeError, ValueError):
+        raise CheckpointError(f"{path} lacks a part of a run's state; restore it from a copy or train anew") from None
     return state
+
+
+def _check_state(state: dict[str, Any]) -> None:
+    """Raise some error unless whatever goes on from it finds what it needs; the agent sees to its own part."""
+    import torch
+
+    for data in state["episodes"]:
+        episode = Episode.from_dict(data)
+        check_types(Episode, vars(episode))
+        for value in (*episode.losses.values(), episode.updates_per_step or 0.0):
+            float(value)
+    check_types(Pace, vars(Pace(**state["pace"])))
+    torch.Generator().set_state(state["generator"])
+    state["agent"].keys()
