@@ -15,10 +15,11 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from test_edit import same
-from toy_data import TOY, record
+from toy_data import TOY, record, record_episode
 
 from bricksrl.data import Episodes, Recorder, load
 from bricksrl.data.edit import merge
+from bricksrl.data.repair import recover
 from bricksrl.errors import DataError
 
 EXPLODED = Path(__file__).with_name("exploded")
@@ -123,6 +124,43 @@ def test_rows_that_lie_are_noticed(tmp_path: Path, cells: dict[str, object]) -> 
     edit_rows(root, **cells)
     with pytest.raises(DataError):
         load(root)
+
+
+@pytest.mark.parametrize(
+    ("column", "value"),
+    [
+        ("stats/frame_index/mean", "null"),
+        ("stats/action/min", {"a": 1}),
+        ("stats/action/min", [1.0, 2.0]),
+        ("stats/index/count", "[1]"),
+        ("stats/index/count", [0]),
+        ("length", [3]),
+    ],
+)
+def test_cells_of_another_type_or_shape_are_noticed(tmp_path: Path, column: str, value: object) -> None:
+    """Those who join the statistics of all episodes write a new index only when they are sound."""
+    root = record(tmp_path / "set")
+    table = pq.read_table(root / ROWS)
+    pq.write_table(table.set_column(table.schema.get_field_index(column), column, pa.array([value])), root / ROWS)
+    before = contents(root)
+    for act in (load, lambda path: recover(path, anew=True), lambda path: merge([path], tmp_path / "out")):
+        with pytest.raises(DataError, match="rows that are not ours"):
+            act(root)
+    assert contents(root) == before and not (tmp_path / "out").exists()
+
+
+def test_a_link_out_of_the_dataset_is_not_written_through(tmp_path: Path) -> None:
+    """Whatever is written replaces a link, and leaves alone what it leads to."""
+    root = record(tmp_path / "set")
+    outside = tmp_path / "outside.json"
+    outside.write_bytes((root / INFO).read_bytes())
+    before = outside.read_bytes()
+    (root / INFO).unlink()
+    (root / INFO).symlink_to(outside)
+    with Recorder(root, TOY) as recorder:
+        record_episode(recorder, 9, 2)
+    assert outside.read_bytes() == before
+    assert len(load(root).rows) == 4
 
 
 def test_paths_in_the_index_lead_nowhere_else(tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pyarrow as pa
 
 from bricksrl.data.description import Description
@@ -142,7 +143,14 @@ def _dictionary(text: str) -> dict[str, Any]:
 
 
 def _statistics(record: dict[str, Any], description: Description) -> Statistics:
-    return {name: {stat: list(record[f"stats/{name}/{stat}"]) for stat in _STATS} for name in features(description)}
+    found = {}
+    for name, feature in features(description).items():
+        found[name] = {stat: list(record[f"stats/{name}/{stat}"]) for stat in _STATS}
+        wanted = (3, 1, 1) if feature["dtype"] == "video" else tuple(feature["shape"])
+        shapes = [np.shape(np.array(found[name][stat], np.float64)) for stat in _STATS]
+        if shapes != [wanted] * 4 + [(1,)] or not found[name]["count"][0] > 0:
+            raise ValueError("statistics of something else")
+    return found
 
 
 def moved(row: EpisodeRow, episode: int, start: int) -> EpisodeRow:
