@@ -153,3 +153,15 @@ def test_a_task_that_nothing_tells_is_asked_for(tmp_path: Path) -> None:
     with pytest.raises(DataError, match="there is no dataset"):
         import_paper(tmp_path / "nowhere", tmp_path / "ours")
     assert json.loads((tmp_path / "buffer/meta.json").read_text())
+
+
+@pytest.mark.parametrize("name", ["observation", "next/observation", "action", "next/reward"])
+@pytest.mark.parametrize("bits", [0x7FC00000, 0x7F800001, 0x7F800000], ids=["nan", "signalling nan", "infinite"])
+def test_numbers_that_are_none_are_refused(tmp_path: Path, name: str, bits: int) -> None:
+    done = torch.tensor([False, True])
+    save(tmp_path / "RunAway", torch.rand(3, 5), torch.rand(2, 1), torch.rand(2), done)
+    path = tmp_path / "RunAway" / f"{name}.memmap"
+    path.write_bytes(bits.to_bytes(4, "little") + path.read_bytes()[4:])
+    with pytest.raises(DataError, match=rf"numbers in its tensor {Path(name).name} that are none"):
+        import_paper(tmp_path / "RunAway", tmp_path / "ours")
+    assert not (tmp_path / "ours").exists()

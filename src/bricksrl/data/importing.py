@@ -152,6 +152,11 @@ def _require(arrays: Arrays, names: tuple[str, ...], folder: Path) -> None:
     missing = [name for name in names if name not in arrays]
     if missing:
         raise DataError(f"{folder} has no tensor {', '.join(missing)}; it is no dataset of the paper")
+    for name in names:
+        with np.errstate(all="ignore"):
+            sound = np.isfinite(arrays[name].astype(np.float32)).all()
+        if not sound:
+            raise DataError(f"{folder} has numbers in its tensor {name} that are none, or too large; restore it from a copy")
 
 
 def _rows(arrays: Arrays, name: str, folder: Path) -> NDArray[Any]:
