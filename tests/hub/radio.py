@@ -51,6 +51,7 @@ class IntervalLink(LocalLink):  # type: ignore[misc]
     def __init__(self) -> None:
         super().__init__()
         self.interval_ms = 0.0
+        self.events = 0
         self.fault: Fault = lambda opcode, data: 1
         self.in_range = True
         self.is_held = False
@@ -106,6 +107,7 @@ class IntervalLink(LocalLink):  # type: ignore[misc]
             next_s += self.interval_ms / 1000
             await asyncio.sleep(max(0.0, next_s - loop.time()))
             if not self.is_held:
+                self.events += 1
                 self._deliver()
         self._events = None
 
