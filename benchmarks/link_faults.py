@@ -23,8 +23,15 @@ from machine import command, write
 
 TESTS = Path(__file__).parent.parent / "tests" / "hub"
 _COUNTED = ("faults", "phases", "errors")
-_SUMMED = ("transitions", "updates")
-_LONGEST = ("longest_call_s", "longest_recovery_s", "longest_until_advertising_s", "longest_silent_drive_ms", "watchdog_ms")
+_SUMMED = ("transitions", "updates", "grown")
+_LONGEST = (
+    "longest_call_s",
+    "longest_recovery_s",
+    "longest_until_advertising_s",
+    "longest_silent_drive_ms",
+    "longest_grown_drive_ms",
+    "watchdog_ms",
+)
 
 
 def course(job: tuple[int, int, int]) -> dict[str, Any]:

@@ -26,6 +26,7 @@ from bricksrl.envs.odometer import SonarOdometer
 from bricksrl.envs.task import Task
 from bricksrl.errors import HubError
 from bricksrl.hub import program
+from bricksrl.hub.program import WATCHDOG_MS
 from bricksrl.hub.pybricks_profile import Command, CommandError, Event
 from bricksrl.robots import TWO_WHEELER
 from bricksrl.training.observer import Phase
@@ -53,7 +54,14 @@ _TASK = Task(
 
 @dataclass
 class Report:
-    """What a course has seen; it fails at the first thing that must not be."""
+    """What a course has seen; it fails at the first thing that must not be.
+
+    Attributes:
+        longest_silent_drive_ms: hub time for which motors ran on in silence, with the watchdog that a program starts with.
+        longest_grown_drive_ms: the same with a watchdog that has grown with the delay of the link, as on a loaded machine.
+        watchdog_ms: the longest that was ever set.
+        grown: faults with such a watchdog.
+    """
 
     faults: Counter[str] = field(default_factory=Counter)
     phases: Counter[str] = field(default_factory=Counter)
@@ -63,8 +71,10 @@ class Report:
     longest_call_s: float = 0.0
     longest_recovery_s: float = 0.0
     longest_silent_drive_ms: int = 0
+    longest_grown_drive_ms: int = 0
+    grown: int = 0
     longest_until_advertising_s: float = 0.0
-    watchdog_ms: int = 400
+    watchdog_ms: int = WATCHDOG_MS
 
 
 class CheckingLearner:
@@ -111,10 +121,12 @@ class Course:
         self.env = HubEnv(_TASK, lambda _: connection, seed=seed)
 
     def _watch_the_watchdog(self) -> None:
-        """The longest that was ever set: a new program starts with the shortest again."""
+        """The longest that was ever set, and since the last fault: a new program starts with the shortest again."""
         told = self.link._set_watchdog
+        self._in_force_ms = WATCHDOG_MS
 
         def tell(watchdog_ms: int) -> None:
+            self._in_force_ms = max(self._in_force_ms, watchdog_ms)
             self.report.watchdog_ms = max(self.report.watchdog_ms, watchdog_ms)
             told(watchdog_ms)
 
@@ -125,7 +137,6 @@ class Course:
         for _ in range(faults):
             self._one_fault()
         self.env.close(raise_if_closed=False)
-        self.report.longest_silent_drive_ms = self.world.hub.longest_silent_drive_ms
         return self.report
 
     def _one_fault(self) -> None:
@@ -156,9 +167,20 @@ class Course:
         took_s = time.monotonic() - start_s
         report.longest_recovery_s = max(report.longest_recovery_s, took_s)
         assert took_s < RECOVERY_BOUND_S, f"{took_s:.1f} s until training went on after {kind} in {phase}"
-        drive_ms = world.hub.longest_silent_drive_ms
-        assert drive_ms <= report.watchdog_ms, f"motors ran on for {drive_ms} ms ({kind} in {phase})"
+        self._look_at_the_motors(f"{kind} in {phase}")
         assert world.hub.runs >= before_runs
+
+    def _look_at_the_motors(self, fault: str) -> None:
+        """How long they ran on in silence, by the hub's own clock."""
+        drive_ms, self.world.hub.longest_silent_drive_ms = self.world.hub.longest_silent_drive_ms, 0
+        in_force_ms, self._in_force_ms = self._in_force_ms, self.link._watchdog_ms
+        assert drive_ms <= in_force_ms, f"motors ran on for {drive_ms} ms, {in_force_ms} ms allowed ({fault})"
+        report = self.report
+        if in_force_ms == WATCHDOG_MS:
+            report.longest_silent_drive_ms = max(report.longest_silent_drive_ms, drive_ms)
+        else:
+            report.longest_grown_drive_ms = max(report.longest_grown_drive_ms, drive_ms)
+            report.grown += 1
 
     def _use(self, phase: str) -> bool:
         """What the training does in the phase; whether it failed."""

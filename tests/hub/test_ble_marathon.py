@@ -12,6 +12,7 @@ import pytest
 from fault_course import RECOVERY_BOUND_S, run_course
 
 from bricksrl.hub import program
+from bricksrl.hub.program import WATCHDOG_MS
 
 FAULTS = int(os.environ.get("BRICKSRL_FAULTS", "6"))
 
@@ -27,3 +28,4 @@ def test_a_training_goes_on_through_faults(tmp_path: Path, short_second_stage: N
     assert report.faults.total() == FAULTS and len(report.phases) > 1
     assert report.updates == report.transitions >= 3 * FAULTS
     assert report.longest_recovery_s < RECOVERY_BOUND_S
+    assert 0 < report.longest_silent_drive_ms <= WATCHDOG_MS
