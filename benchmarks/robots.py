@@ -109,7 +109,8 @@ def main() -> None:
             runs = [one.result() for one in waiting]
         known[env_id] = {"episodes": episodes, "summary": summary(runs), "paper": PAPER.get(env_id), "seeds": runs}
         print(env_id, known[env_id]["summary"], flush=True)
-        print(write(name, {"agent": chosen.agent, "preset": "default", "environments": known}), flush=True)
+        ordered = {env: known[env] for env in EPISODES if env in known}
+        print(write(name, {"agent": chosen.agent, "preset": "default", "environments": ordered}), flush=True)
 
 
 if __name__ == "__main__":
