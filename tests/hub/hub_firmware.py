@@ -72,7 +72,9 @@ class ProgramRun:
             self._heard_ms = self._machine.time_ms
 
     def deliver_app_data(self, offset: int, data: bytes) -> None:
-        """Bytes that replace what the host wrote there before."""
+        """Bytes that replace what the host wrote there before; where the program wants none, they go nowhere."""
+        if not self.inbox:
+            return
         if offset + len(data) > len(self.inbox):
             raise Refusal(CommandError.VALUE_NOT_ALLOWED)
         self.inbox[offset : offset + len(data)] = data
@@ -245,7 +247,11 @@ class PlayedFirmware(ABC):
 
     def capabilities(self, max_write_bytes: int) -> bytes:
         program_bytes = self.machine.robot.hub.model.program_bytes
-        return struct.pack("<HIIB", max_write_bytes, profile.Feature.MPY_V6 | 1, program_bytes, 5)
+        value = struct.pack("<HIIB", max_write_bytes, profile.Feature.MPY_V6 | 1, program_bytes, 5)
+        return value if self._speaks(1, 5) else value[:-1]
+
+    def _speaks(self, major: int, minor: int) -> bool:
+        return profile.parse_version(self.profile_version.encode()) >= (major, minor)
 
     async def command(self, value: bytes) -> None:
         """One command; raises what it is refused with."""
@@ -259,11 +265,15 @@ class PlayedFirmware(ABC):
         elif kind == Command.WRITE_STDIN:
             if self._run is not None:
                 self._run.deliver(payload)
+        elif kind == Command.START_USER_PROGRAM and len(payload) > 1:
+            raise Refusal(CommandError.VALUE_NOT_ALLOWED)
         elif kind in (Command.START_USER_PROGRAM, Command.WRITE_USER_PROGRAM_META, Command.WRITE_USER_RAM):
             if self._run is not None:
                 raise Refusal(CommandError.BUSY)
             await self._change_program(kind, payload)
         elif kind == Command.WRITE_APP_DATA:
+            if self._run is not None and self._run.inbox and len(payload) <= 2:
+                raise Refusal(CommandError.VALUE_NOT_ALLOWED)
             if self._run is not None:
                 self._run.deliver_app_data(struct.unpack("<H", payload[:2])[0], payload[2:])
         else:
@@ -309,7 +319,7 @@ class PlayedFirmware(ABC):
     async def send_status(self) -> None:
         flags = self.battery | (Status.USER_PROGRAM_RUNNING if self._run is not None else 0)
         report = struct.pack("<BIBB", Event.STATUS_REPORT, flags, 0, 0)
-        await self.notify(report)
+        await self.notify(report[: 7 if self._speaks(1, 5) else 6 if self._speaks(1, 4) else 5])
 
     async def report_for_ever(self) -> None:
         while True:

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import asyncio
+import struct
+from collections.abc import Iterator
 
 import bleak
 import pytest
+from hub_firmware import Refusal
 from played_hub import PlayedHub
 from radio import Radio
 
 from bricksrl.hub.compile import compile_mpy, program_blob
+from bricksrl.hub.pybricks_profile import Command, CommandError, Status, StatusReport, parse_capabilities, parse_event
 from bricksrl.robots import TWO_WHEELER, HubKind
 
 ECHO = """
@@ -70,3 +74,54 @@ def test_pybricksdev_takes_it_for_a_hub(monkeypatch: pytest.MonkeyPatch) -> None
     finally:
         hub.close()
         radio.close()
+
+
+@pytest.fixture
+def hub() -> Iterator[PlayedHub]:
+    radio = Radio()
+    played = PlayedHub(radio, TWO_WHEELER)
+    yield played
+    played.close()
+    radio.close()
+
+
+@pytest.mark.parametrize(
+    ("command", "code"),
+    [
+        (bytes((Command.START_USER_PROGRAM, 0, 0)), CommandError.VALUE_NOT_ALLOWED),
+        (bytes((Command.START_USER_PROGRAM,)), CommandError.INVALID_COMMAND),  # there is none
+        (struct.pack("<BI", Command.WRITE_USER_PROGRAM_META, 10**8), CommandError.VALUE_NOT_ALLOWED),
+        (struct.pack("<BI", Command.WRITE_USER_RAM, 272 * 1024 - 1) + b"ab", CommandError.VALUE_NOT_ALLOWED),
+        (bytes((99,)), CommandError.INVALID_COMMAND),
+        (bytes((Command.STOP_USER_PROGRAM,)), None),  # nothing to stop is no error
+        (bytes((Command.WRITE_STDIN, 1, 2)), None),
+        (bytes((Command.WRITE_APP_DATA, 0, 0, 5)), None),
+    ],
+)
+def test_commands_are_refused_as_by_the_firmware(hub: PlayedHub, command: bytes, code: int | None) -> None:
+    if code is None:
+        asyncio.run(hub.command(command))
+        return
+    with pytest.raises(Refusal) as caught:
+        asyncio.run(hub.command(command))
+    assert caught.value.code == code
+
+
+@pytest.mark.parametrize(
+    ("version", "capability_bytes", "report_bytes"), [("1.3.0", 10, 5), ("1.4.0", 10, 6), ("1.5.0", 11, 7), ("1.6.0", 11, 7)]
+)
+def test_what_a_hub_says_grew_with_the_profile(
+    hub: PlayedHub, monkeypatch: pytest.MonkeyPatch, version: str, capability_bytes: int, report_bytes: int
+) -> None:
+    reports: list[bytes] = []
+
+    async def keep(event: bytes) -> None:
+        reports.append(event)
+
+    hub.profile_version = version
+    monkeypatch.setattr(hub, "notify", keep)
+    asyncio.run(hub.send_status())
+    assert len(hub.capabilities(100)) == capability_bytes
+    assert parse_capabilities(hub.capabilities(100)).slots == (5 if capability_bytes == 11 else 0)
+    assert len(reports[0]) == report_bytes
+    assert parse_event(reports[0]) == StatusReport(Status(0), 0, 0)

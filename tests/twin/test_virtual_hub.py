@@ -176,3 +176,36 @@ def test_the_bench_has_a_hub_too() -> None:
     virtual = VirtualHub(BENCH)
     virtual.start(HubProgram(ECHO, 0))
     assert virtual.read(1.0) == b"hello"
+
+
+APP_DATA = """
+from pybricks.messaging import AppData
+for modes in ([(300, 2)], ((0, 2),), [(0, 2), (0, 3)]):
+    try:
+        AppData(modes)
+    except (TypeError, ValueError) as e:
+        print(e)
+app = AppData([(1, 3), (0, 2)])
+for call in (lambda: app.write_bytes(bytes(20)), lambda: app.get_bytes(7), lambda: app.get_bytes(1, 3), lambda: AppData([])):
+    try:
+        call()
+    except (ValueError, RuntimeError) as e:
+        print(e)
+print(app.get_bytes(1), app.get_bytes(0, 1))
+"""
+
+
+def test_app_data_is_refused_as_on_a_hub() -> None:
+    virtual = hub(APP_DATA, 0.0)
+    output = b"".join(iter(lambda: virtual.read(0.1) if virtual._wire.outbox else b"", b""))
+    lines = output.replace(bytes((0, 0, 1)), b"").decode().splitlines()
+    assert lines == [
+        "modes must be a list of (mode, size) tuples",
+        "modes must be a list of (mode, size) tuples",
+        "mode numbers must be unique",
+        "Invalid argument",
+        "invalid mode",
+        "index out of range",
+        "host rx_buffer already allocated",
+        "b'\\x00\\x00\\x00' 0",
+    ]

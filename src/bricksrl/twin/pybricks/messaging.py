@@ -15,6 +15,10 @@ _MAX_EVENT_BYTES = 19
 _SET_UP, _CONFIGURE = 0, 1
 
 
+def _is_mode(pair: Any) -> bool:
+    return isinstance(pair, tuple | list) and len(pair) == 2 and pair[0] <= 255
+
+
 def messaging_module(context: Context, console: Console) -> ModuleType:
     machine = context.machine
 
@@ -24,9 +28,10 @@ def messaging_module(context: Context, console: Console) -> ModuleType:
         def __init__(self, modes: Any) -> None:
             if not isinstance(console, AppDataConsole):
                 raise os_error(_EOPNOTSUPP)
+            context.loop.assert_blocking()
             if console.inbox:
                 raise RuntimeError("host rx_buffer already allocated")
-            if not isinstance(modes, list) or not all(isinstance(pair, tuple) and len(pair) == 2 for pair in modes):
+            if not isinstance(modes, list) or not all(map(_is_mode, modes)):
                 raise TypeError("modes must be a list of (mode, size) tuples")
             self._places: dict[int, tuple[int, int]] = {}
             start = 0
@@ -52,7 +57,7 @@ def messaging_module(context: Context, console: Console) -> ModuleType:
 
         def write_bytes(self, data: Any) -> None:
             if len(data) > _MAX_EVENT_BYTES:
-                raise os_error(22)
+                raise ValueError("Invalid argument")
             self._console.write_app_data(bytes(data))
 
         def configure(self, mode: int, parameter: int, value: Any) -> None:
