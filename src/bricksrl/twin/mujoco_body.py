@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import copy
+import functools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
 import mujoco
 import numpy as np
 
 from bricksrl.errors import TwinError
 from bricksrl.robots import MotorKind, Robot, UltrasonicSensor
+from bricksrl.twin import ldraw
 from bricksrl.twin.carrier import FixedCarrier, FreeCarrier, Vector
 from bricksrl.twin.models import robo_arm, two_wheeler, walker
 from bricksrl.twin.models.parts import OBSTACLE_GROUP, motor_constants
@@ -48,6 +52,12 @@ class Pose:
     heading_deg: float
 
 
+@functools.lru_cache(maxsize=8)
+def _compiled(robot: Robot, scene: Scene, _looks: Path | None) -> mujoco.MjModel:
+    """The model, kept because every episode of a training takes a new body: ten times as long as a copy. Copy before use."""
+    return MODELS[robot.name](robot, scene).compile()
+
+
 class MujocoBody:
     """A robot in MuJoCo; implements :class:`bricksrl.twin.machine.Body`.
 
@@ -76,7 +86,7 @@ class MujocoBody:
         sonars = [sensor.port for sensor in robot.sensors if isinstance(sensor, UltrasonicSensor)]
         self.distance_sensors = frozenset(sonars)
         self.scene = scene
-        self.model = MODELS[robot.name](robot, scene).compile()
+        self.model = copy.copy(_compiled(robot, scene, ldraw.folder()))
         self.data = mujoco.MjData(self.model)
         self._random_physics = physics if isinstance(physics, RandomPhysics) else None
         self._bind(sonars)
