@@ -364,6 +364,5 @@ def test_a_body_leaves_the_next_one_of_its_robot_as_it_would_be_alone() -> None:
     nominal = first.model.body_mass.copy()
     heavy = body(physics=quiet(mass_scale=1.2))
     assert np.allclose(heavy.model.body_mass, 1.2 * nominal)
-    again = body()
     assert np.array_equal(first.model.body_mass, nominal)
     assert np.array_equal(body().model.body_mass, nominal)
