@@ -83,11 +83,10 @@ class IntervalLink(LocalLink):  # type: ignore[misc]
         elif self._events is None:
             self._events = asyncio.get_running_loop().create_task(self._hold_events())
 
-    def waits(self, command: int) -> bool:
-        """Whether a write of this kind of command waits for the next connection event."""
-        return any(
-            packet[3][_ATT_OPCODE] == ATT_WRITE_REQUEST and packet[3][_ATT_OPCODE + 3] == command for packet in self._queue
-        )
+    def waits(self, opcode: int, command: int | None = None) -> bool:
+        """Whether such a packet, a write of this kind of command, waits for the next connection event."""
+        packets = [packet[3][_ATT_OPCODE:] for packet in list(self._queue)]
+        return any(packet[0] == opcode and command in (None, *packet[3:4]) for packet in packets)
 
     def connection_event(self) -> None:
         """While events are held: let one happen."""

@@ -8,7 +8,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 import pytest
-from ble_world import BOUND_S, LONG_RUN, World, bounded
+from ble_world import BOUND_S, World, bounded
+from radio import ATT_WRITE_REQUEST, ATT_WRITE_RESPONSE
 from stand_in import SPINNING
 
 from bricksrl.errors import StoppedError
@@ -52,11 +53,11 @@ def held(world: World) -> Iterator[Callable[[], None]]:
         world.radio.call(air.connection_event)
 
 
-def eventually(world: World, command: Command) -> None:
-    """Wait until a command lies ready for the next connection event."""
+def eventually(world: World, opcode: int, command: Command | None = None) -> None:
+    """Wait until a packet, or a command, lies ready for the next connection event."""
     start_s = time.monotonic()
-    while not world.radio.link.waits(command):
-        assert time.monotonic() - start_s < BOUND_S, command
+    while not world.radio.link.waits(opcode, command):
+        assert time.monotonic() - start_s < BOUND_S, (opcode, command)
         time.sleep(0.002)
 
 
@@ -77,7 +78,7 @@ def test_motors_stop_with_the_next_connection_event(world: World) -> None:
     with held(world) as connection_event:
         stopper = threading.Thread(target=link.emergency_stop)
         stopper.start()
-        eventually(world, Command.STOP_USER_PROGRAM)
+        eventually(world, ATT_WRITE_REQUEST, Command.STOP_USER_PROGRAM)
         assert world.hub.is_driven
         connection_event()
         world.hub.wait_until("is_driven", False)
@@ -90,18 +91,19 @@ def test_motors_stop_with_the_next_connection_event(world: World) -> None:
 
 def test_a_stop_behind_a_write_leaves_with_its_acknowledgement(world: World) -> None:
     """Bluetooth lets one write wait at a time: it arrives, it is acknowledged, and the next event brings the stop."""
-    link = patient_link(world, LONG_RUN)
-    link.act([3000])
+    link = patient_link(world, SLOW_STEP)
     with held(world) as connection_event:
         step = Act(link)
-        eventually(world, Command.WRITE_STDIN)
+        eventually(world, ATT_WRITE_REQUEST, Command.WRITE_STDIN)
         stopper = threading.Thread(target=link.emergency_stop)
         stopper.start()
         time.sleep(0.05)
-        for _ in range(2):
-            assert not world.radio.link.waits(Command.STOP_USER_PROGRAM)
-            connection_event()
-        eventually(world, Command.STOP_USER_PROGRAM)
+        connection_event()
+        world.hub.wait_until("is_driven", True)
+        eventually(world, ATT_WRITE_RESPONSE)
+        assert not world.radio.link.waits(ATT_WRITE_REQUEST, Command.STOP_USER_PROGRAM)
+        connection_event()
+        eventually(world, ATT_WRITE_REQUEST, Command.STOP_USER_PROGRAM)
         assert world.hub.is_driven
         connection_event()
         world.hub.wait_until("is_driven", False)
