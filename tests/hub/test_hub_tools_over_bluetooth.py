@@ -63,9 +63,9 @@ def test_a_robot_is_recorded_for_its_twin(world: World, monkeypatch: pytest.Monk
     world.link(interface)
     monkeypatch.setattr(HubAddress, "transport", lambda self: world.transport())
     path = tmp_path / "robot.jsonl"
-    assert main(("twin", "record", "two-wheeler", "--hub", "ble", "--yes", "--steps", "30", "--out", str(path))) == 0
+    assert main(("twin", "record", "two-wheeler", "--hub", "ble", "--yes", "--steps", "60", "--out", str(path))) == 0
     log = read_log(path)
-    assert log.interface == interface and log.commands.shape == (30, 2)
+    assert log.interface == interface and log.commands.shape == (60, 2)
     assert np.abs(np.diff(log.channels[:, 0])).max() > 5, "it moved"
     assert not world.hub.is_driven and not world.hub.is_running
 
