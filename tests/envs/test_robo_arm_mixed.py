@@ -22,7 +22,8 @@ from torchrl.envs import check_env_specs
 
 import bricksrl
 from bricksrl.agents import ImageSACSettings, preset
-from bricksrl.cli.record import _run_policy
+from bricksrl.cli import main
+from bricksrl.data.summary import summarise
 from bricksrl.envs import get_task
 from bricksrl.envs.env import HubEnv
 from bricksrl.envs.tasks.robo_arm_mixed import GOAL
@@ -182,8 +183,9 @@ def test_a_run_in_two_parts_ends_as_one_in_a_single_part(agent: str, tmp_path: P
     train(replace(whole, episodes=2, run_dir=tmp_path / "parts"), env=short())
     other = resume(tmp_path / "parts", episodes=3, env=short())
     assert [episode.return_ for episode in one.episodes] == [episode.return_ for episode in other.episodes]
-    env = short()
-    assert _run_policy(one.run_dir, env, explore=False)(env.reset()).shape == (3,)  # `bricksrl record` sees too
+    recorded = tmp_path / "recorded"
+    assert main(("record", ID, "--policy", str(one.run_dir), "--episodes", "1", "--out", str(recorded))) == 0  # it sees too
+    assert summarise(recorded).episodes == 1
     states = [load_checkpoint(path / "checkpoint.bin")["agent"] for path in (one.run_dir, other.run_dir)]
     for part in ("encoder", "actor", "replay"):
         for a, b in zip(*(state[part].values() for state in states), strict=True):

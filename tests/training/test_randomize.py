@@ -85,9 +85,9 @@ def test_evaluation_does_not_randomise_unless_told_to(trained_with, evaluated_wi
     assert RunFolder(Path(tmp_path / "run")).read_config() == replace(config, **trained_with)
     used = []
 
-    def noting(config: TrainConfig) -> object:
+    def noting(config: TrainConfig, *place: object) -> object:
         used.append((config.randomize, config.physics))
-        return make_env(config)
+        return make_env(config, *place)
 
     monkeypatch.setattr(rollout, "make_env", noting)
     evaluate(tmp_path / "run", episodes=1, **evaluated_with)
