@@ -8,12 +8,13 @@ and 3); those of its simulations come from the same robots.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import torch
-from machine import command, write
+from machine import RESULTS, command, write
 from scripted import CONTROLLERS
 from tensordict import TensorDictBase
 from torch import Tensor
@@ -81,7 +82,7 @@ def measure(env_id: str, policy: Callable[[TensorDictBase], Tensor], episodes: i
 
 
 def main() -> None:
-    """Measure and write."""
+    """Measure and write; results of other environments stay in the file."""
     parser = command(__doc__)
     parser.add_argument("--envs", nargs="+", default=list(CONTROLLERS), choices=list(CONTROLLERS))
     parser.add_argument("--episodes", type=int, default=50)
@@ -100,7 +101,10 @@ def main() -> None:
         if env_id in REASONS:
             table[env_id]["why_they_differ"] = REASONS[env_id]
         print(env_id, table[env_id], flush=True)
-    print(write("baselines", {"environments": table}))
+    path = RESULTS / "baselines.json"
+    known: dict[str, Any] = json.loads(path.read_text())["environments"] if path.exists() else {}
+    known.update(table)
+    print(write("baselines", {"environments": {env_id: known[env_id] for env_id in CONTROLLERS if env_id in known}}))
 
 
 if __name__ == "__main__":
