@@ -69,10 +69,10 @@ class LineProgress(Observer):
     def on_catching_up(self, updates: int) -> None:
         print_line(f"the robot is done; {updates} updates are left to learn, Ctrl-C leaves them out")
 
-    def place(self, _rng: np.random.Generator) -> None:
+    def place(self, rng: np.random.Generator) -> None:
         """As :func:`place_robot`."""
         with self.quiet():
-            place_robot(_rng)
+            place_robot(rng)
 
     def on_end(self, result: RunResult) -> None:
         self.close()
@@ -127,10 +127,10 @@ class LiveProgress(LineProgress):
     def tell(self, line: str) -> None:
         self._bar.console.print(line, markup=False, highlight=False)
 
-    def place(self, _rng: np.random.Generator) -> None:
+    def place(self, rng: np.random.Generator) -> None:
         self._bar.stop()  # the line that is asked on stays readable
         try:
-            super().place(_rng)
+            super().place(rng)
         finally:
             if self.run_dir is not None:
                 self._bar.start()
