@@ -4,7 +4,8 @@
     python benchmarks/robots.py --envs Walker-v1 --seeds 3
 
 Each seed trains with the default preset in a process of its own, on one thread, as many at once as there are cores; what was
-learned is then evaluated on episodes that no training saw. Results of other environments stay in the file.
+learned is then evaluated on episodes that no training saw. Results of other environments stay in the file, and with ``--keep``
+those of the same environment's seeds too.
 """
 
 from __future__ import annotations
@@ -98,15 +99,18 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=5)
     parser.add_argument("--episodes", type=int, help="instead of the paper's")
     parser.add_argument("--processes", type=int, default=os.cpu_count())
+    parser.add_argument("--keep", action="store_true", help="train only the seeds that the file does not have yet")
     chosen = parser.parse_args()
     name = "robots" if chosen.agent == "sac" else f"robots_{chosen.agent}"
     path = RESULTS / f"{name}.json"
     known: dict[str, Any] = json.loads(path.read_text())["environments"] if path.exists() else {}
     for env_id in chosen.envs:
         episodes = chosen.episodes or EPISODES[env_id]
+        kept = known.get(env_id, {}).get("seeds", []) if chosen.keep else []
+        seeds = sorted(set(range(chosen.seeds)) - {one["seed"] for one in kept})
         with tempfile.TemporaryDirectory() as folder, ProcessPoolExecutor(chosen.processes, get_context("spawn")) as pool:
-            waiting = [pool.submit(run, env_id, chosen.agent, episodes, seed, folder) for seed in range(chosen.seeds)]
-            runs = [one.result() for one in waiting]
+            waiting = [pool.submit(run, env_id, chosen.agent, episodes, seed, folder) for seed in seeds]
+            runs = sorted([*kept, *(one.result() for one in waiting)], key=lambda one: int(one["seed"]))
         known[env_id] = {"episodes": episodes, "summary": summary(runs), "paper": PAPER.get(env_id), "seeds": runs}
         print(env_id, known[env_id]["summary"], flush=True)
         ordered = {env: known[env] for env in EPISODES if env in known}

@@ -248,7 +248,7 @@ def test_the_soft_maximum_is_over_all_sampled_actions() -> None:
 
 
 def test_the_drawn_gradient_is_on_average_the_full_one() -> None:
-    full, drawn = (learner("cql", sampled_actions=4, drawn_actions=d, hidden=(8,)) for d in (0, 2))
+    full, drawn = (learner("cql", sampled_actions=4, drawn_actions=d, hidden=(8,), batch_size=8) for d in (0, 2))
     drawn.load_state_dict(full.state_dict())
     with torch.no_grad():
         full.critics.layers[-1].weight.mul_(20.0)  # so that the weights of actions differ
@@ -268,6 +268,15 @@ def test_the_drawn_gradient_is_on_average_the_full_one() -> None:
     assert spread < 0.05 * exact.norm()
     assert error < 2.0 * spread
     assert many.std(0).norm() > 0.05 * exact.norm()  # it does vary: the test can fail
+
+
+@pytest.mark.parametrize("sampled", [1, 2])
+def test_scores_are_the_critics_values(sampled: int) -> None:
+    agent = learner("cql", sampled_actions=sampled, batch_size=8, layer_norm=True)
+    batch = batch_of(agent, 8)
+    actions, _ = agent.sampled(batch)
+    expected = [agent.critics(batch.features, action) for action in actions]
+    torch.testing.assert_close(agent.scores(batch.features, actions), torch.stack(expected, 1), **CLOSE)
 
 
 def test_places_come_up_by_their_weights() -> None:

@@ -5,9 +5,10 @@ points it differs from the paper, and we do not: it takes the soft maximum over 
 (with one sampled action of each kind that is the same), it values the next step's actions in the next state and not in this one,
 and what is learned as the factor of the pressure multiplies nothing.
 
-Nearly all of the work is in the values of the sampled actions, 30 for each state of the batch. They are computed in one product,
-without what a gradient needs. The gradient of a soft maximum is the mean of the gradients under its own weights: it is taken at
-a few actions drawn by these weights, which has the same mean at less than half of the cost.
+Nearly all of the work is in the values of the sampled actions, 30 for each state of the batch. They are computed a few at a time,
+so that what is worked on stays near the processor, and without what a gradient needs. The gradient of a soft maximum is the mean
+of the gradients under its own weights: it is taken at a few actions drawn by these weights, which has the same mean at less than
+half of the cost.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ import torch
 from torch import Tensor, nn
 
 from bricksrl.agents.layout import ObservationLayout
+from bricksrl.agents.lean.passes import Pass
 from bricksrl.agents.learner import step
 from bricksrl.agents.networks import StackedCritics, make_actor
 from bricksrl.agents.off_policy import Batch, OffPolicyAgent
@@ -51,6 +53,8 @@ class CQLAgent(OffPolicyAgent):
         self.target_critics.requires_grad_(False)
         self.temperature = Temperature(settings.initial_alpha, settings.entropy * action_size)
         self.pressure = Pressure()
+        self._at_once = 2 - 3 * settings.sampled_actions % 2
+        self._scoring = Pass(self.critics, self._at_once * settings.batch_size)
         self._critic_parameters: list[Tensor] = list(self.critics.parameters())
         self._target_parameters: list[Tensor] = list(self.target_critics.parameters())
         self._actor_parameters: list[Tensor] = list(self.actor.parameters())
@@ -90,14 +94,12 @@ class CQLAgent(OffPolicyAgent):
         actions, densities = self.sampled(batch)
         k, drawn, n = self.critics.k, self.settings.drawn_actions, len(target)
         inputs = torch.cat((batch.features, batch.action), -1).expand(k, 1, n, -1)
-        chosen = torch.cat((batch.features.expand(*actions.shape[:2], -1), actions), -1).expand(k, *actions.shape[:2], -1)
         if drawn:
-            with torch.no_grad():
-                scores = self._values(chosen) - densities
-                soft_maximum = scores.logsumexp(1)
-                places = draw_places(scores.softmax(1), drawn)
-                chosen = chosen.gather(1, places[..., None].expand(*places.shape, chosen.shape[-1]))
-        both = self._values(torch.cat((inputs, chosen), 1))
+            scores = self.scores(batch.features, actions) - densities
+            soft_maximum = scores.logsumexp(1)
+            actions = actions[draw_places(scores.softmax(1), drawn), torch.arange(n)]
+        chosen = torch.cat((batch.features.expand(*actions.shape[:-1], -1), actions), -1)
+        both = self._values(torch.cat((inputs, chosen.expand(k, -1, n, -1)), 1))
         values, others = both[:, 0], both[:, 1:]
         pressed = others.mean(1) if drawn else (others - densities).logsumexp(1)
         if not drawn:
@@ -105,6 +107,13 @@ class CQLAgent(OffPolicyAgent):
         loss = (values - target).square().mean(-1).sum()
         gap = (soft_maximum - values.detach()).mean()
         return loss, self.settings.min_q_weight * (pressed - values).mean(-1).sum(), self.settings.min_q_weight * gap
+
+    @torch.no_grad()
+    def scores(self, features: Tensor, actions: Tensor) -> Tensor:
+        """Values ``[k, samples, batch]`` of actions ``[samples, batch, m]`` in the states ``[batch, f]``, as constants."""
+        states, groups = features.repeat(self._at_once, 1), actions.view(-1, len(features) * self._at_once, actions.shape[-1])
+        values = [self._scoring.forward(states, group).clone() for group in groups]
+        return torch.cat(values, 1).view(self.critics.k, *actions.shape[:-1])
 
     def _values(self, inputs: Tensor) -> Tensor:
         """Values ``[k, samples, batch]`` of features and actions ``[k, samples, batch, f + m]``, for each critic its own."""
