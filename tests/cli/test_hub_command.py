@@ -63,7 +63,7 @@ def test_run_ends_at_its_time_limit(bricksrl, tmp_path):
     path = tmp_path / "main.py"
     path.write_text("from pybricks.tools import wait\nprint('on')\nwhile True:\n    wait(100)\n")
     done = bricksrl("hub", "run", str(path), "--robot", "bench", "--time-limit-s", "5")
-    assert (done.returncode, done.stdout, done.stderr) == (0, "on\n", "")
+    assert (done.returncode, done.stdout, done.stderr) == (0, "on\n", "The program was stopped (SystemExit).\n")
 
 
 def test_run_feeds_the_program_from_standard_input(tmp_path):

@@ -53,7 +53,9 @@ def test_an_error_shows_where_it_was(tmp_path: Path) -> None:
 
 
 def test_a_program_may_end_itself(tmp_path: Path) -> None:
-    assert run(tmp_path, "print(1)\nraise SystemExit\nprint(2)") == (0, "1\n", "")
+    source = "print(1)\nclass Over(SystemExit):\n    pass\nraise {}\nprint(2)"
+    assert run(tmp_path, source.format("SystemExit(3)")) == (0, "1\n", "The program was stopped (SystemExit).\n")
+    assert run(tmp_path, source.format("Over")) == (0, "1\n", "The program was stopped (Over).\n")
 
 
 @pytest.mark.parametrize(
@@ -62,7 +64,7 @@ def test_a_program_may_end_itself(tmp_path: Path) -> None:
 )
 def test_the_time_limit_stops_any_loop(tmp_path: Path, loop: str) -> None:
     source = f"from pybricks.tools import wait, StopWatch\nwatch = StopWatch()\nprint('go')\nwhile True:\n    {loop}\n"
-    assert run(tmp_path, source, time_limit_s=0.5) == (0, "go\n", "")
+    assert run(tmp_path, source, time_limit_s=0.5) == (0, "go\n", "The program was stopped (SystemExit).\n")
 
 
 def test_input_is_what_was_given(tmp_path: Path) -> None:

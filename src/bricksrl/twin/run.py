@@ -11,11 +11,12 @@ from bricksrl import robots
 from bricksrl.errors import ProgramError
 from bricksrl.twin.language import execute, format_traceback
 from bricksrl.twin.machine import Machine
+from bricksrl.twin.micropython.errors import class_name
 from bricksrl.twin.pybricks import modules
 
 
 class _TimeIsUp(BaseException):
-    """Ends a program from within, past its own handlers of exceptions."""
+    """Ends a program from within, past its own handlers of exceptions. On a hub the button raises SystemExit."""
 
 
 class StreamConsole:
@@ -63,7 +64,7 @@ def run_file(
         path: the program; it can import others from its folder.
         robot_name: the robot that it runs on, or ``"bench"``.
         stdout: gets what the program prints.
-        stderr: gets the traceback when it raises, as a hub prints it.
+        stderr: gets the traceback when it raises, as a hub prints it, or that it was stopped.
         stdin: what the program can read; read to its end at once. ``None`` for nothing.
         time_limit_s: simulated seconds after which the program is stopped, as with the button of a hub.
 
@@ -96,8 +97,9 @@ def run_file(
         importable = modules(machine, console)
         importable.find_source = lambda name: _source_beside(path, name)
         execute(source, path.name, importable, console)
-    except (SystemExit, _TimeIsUp):
-        pass
+    except (SystemExit, _TimeIsUp) as end:
+        name = class_name(type(end)) if isinstance(end, SystemExit) else SystemExit.__name__
+        stderr.write(f"The program was stopped ({name}).\n")
     except (Exception, KeyboardInterrupt) as error:  # noqa: BLE001 - whatever a program raises
         stderr.write(format_traceback(error, path.name))
         return 1
