@@ -6,7 +6,7 @@ from bricksrl import robots
 from bricksrl.robots import Robot
 from bricksrl.twin.bench import BenchBody
 from bricksrl.twin.language import execute
-from bricksrl.twin.machine import Machine
+from bricksrl.twin.machine import Body, Machine
 from bricksrl.twin.pybricks import modules
 
 
@@ -41,8 +41,8 @@ class Console:
         self.written += data
 
 
-def output(source: str, arrivals: dict[int, bytes] | None = None, robot: Robot = robots.BENCH) -> str:
-    machine = Machine(robot, BenchBody(robot))
+def output(source: str, arrivals: dict[int, bytes] | None = None, robot: Robot = robots.BENCH, body: Body | None = None) -> str:
+    machine = Machine(robot, body or BenchBody(robot))
     console = Console(machine, arrivals or {})
     execute(source, "main.py", modules(machine, console), console)
     return console.written.decode("latin-1").replace("\r\n", "\n").removesuffix("\n")

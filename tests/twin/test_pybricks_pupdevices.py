@@ -7,6 +7,7 @@ from hub_programs import output
 
 from bricksrl import robots
 from bricksrl.robots import HubKind, Motor, Robot, UltrasonicSensor
+from bricksrl.twin.bench import BenchBody
 from bricksrl.twin.firmware.trajectory import InfeasibleMoveError
 from bricksrl.twin.pybricks.context import refusals
 
@@ -91,6 +92,39 @@ print(motor.control.target_tolerances(), motor.control.stall_tolerances())
     assert output(source) == (
         "(1000, 2000, 199) (50, 11) (20, 200)\nNone (1000, (1500, 1000), 199)\n(500, 1000, 100) 10000 20\n(50, 5) (20, 300)"
     )
+
+
+def test_the_model_of_a_motor_follows_it() -> None:
+    source = (
+        HEAD
+        + """
+motor = Motor(Port.A, gears=[12, 36])
+motor.run(100)
+wait(1000)
+angle, speed, current, stalled = motor.model.state()
+print(abs(angle - 3 * motor.angle()) < 10, 270 < speed < 330, 0 < current < 300, stalled, type(angle) is float)
+motor.stop()
+wait(1000)
+_, speed, current, stalled = motor.model.state()
+print(abs(speed) < 30, abs(current) < 20, stalled)
+"""
+    )
+    assert output(source) == "True True True False True\nTrue True False"
+
+
+def test_the_model_of_a_blocked_motor_stalls_at_once() -> None:
+    class Blocked(BenchBody):
+        def angle_mdeg(self, port: str) -> int:
+            return 0
+
+    source = MOTOR + "motor.dc(100)\nwait(150)\nprint(motor.model.state()[3], motor.stalled())\nwait(200)\nprint(motor.stalled())"
+    assert output(source, body=Blocked(robots.BENCH)) == "True False\nTrue"
+
+
+def test_a_move_hub_has_no_model_of_its_motors() -> None:
+    robot = Robot("small", HubKind.MOVE, motors=(Motor("m", "A"),))
+    source = MOTOR + "try:\n    motor.model\nexcept AttributeError as e:\n    print(e)"
+    assert output(source, robot=robot) == "'Motor' object has no attribute 'model'"
 
 
 def test_direction_gears_and_text() -> None:

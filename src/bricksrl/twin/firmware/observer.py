@@ -106,6 +106,16 @@ class Observer:
             raise ValueError("the window is out of range")
         return trunc((self._history[-1] - self._history[-1 - ticks]) * 1000 / (ticks * 5))
 
+    @property
+    def current(self) -> int:
+        """The model's current, 0.1 mA."""
+        return self._current
+
+    @property
+    def is_pushed_back(self) -> bool:
+        """Whether the motor stalls now; after the stall time it counts as stalled."""
+        return self._stalled_since is not None
+
     def is_stalled(self, time: int) -> bool:
         return self._stalled_since is not None and time - self._stalled_since > self._stall_time
 

@@ -13,6 +13,7 @@ from bricksrl.twin.machine import Machine, SensingBody
 from bricksrl.twin.micropython.numbers import module
 from bricksrl.twin.pybricks.context import Async, Context, RunLoop, bound, charged, expect_type, get_int, os_error, refusals
 from bricksrl.twin.pybricks.control import Control
+from bricksrl.twin.pybricks.motor_model import MotorModel
 from bricksrl.twin.pybricks.parameters import Direction, Parameters, Stop
 
 COMPLETIONS = {
@@ -99,6 +100,7 @@ class Motor:
         self._servo = servo
         self._last: Async | None = None
         self._control = Control(lambda: servo.settings, self._machine)
+        self._model = MotorModel(lambda: servo.observer, self._machine)
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}(Port.{self._letter}, {self._direction!r})"
@@ -106,6 +108,12 @@ class Motor:
     @property
     def control(self) -> Control:
         return self._control
+
+    @property
+    def model(self) -> MotorModel:
+        if not self._machine.robot.hub.model.has_float:
+            raise AttributeError(f"'{type(self).__name__}' object has no attribute 'model'")
+        return self._model
 
     # ---- reading
 
