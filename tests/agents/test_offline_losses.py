@@ -10,7 +10,19 @@ from typing import Any
 import pytest
 import torch
 from learning import LAYOUT, fresh
-from oracle import assert_close, batch_of, copy_critics, frozen, gradients_of, separate, to_torchrl, written
+from oracle import (
+    assert_close,
+    batch_of,
+    copy_critics,
+    frozen,
+    gradients_of,
+    of_actor,
+    of_critics,
+    separate,
+    to_torchrl,
+    written,
+    written_for_critics,
+)
 from tensordict.nn import TensorDictModule, TensorDictSequential
 from torch import Tensor, nn
 from torchrl.data import Bounded
@@ -144,24 +156,21 @@ def test_td3bc_equals_torchrls(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 class Noise:
-    """The same normal draws for both, in the order in which each asks for them."""
+    """The same draws for both, in the order in which each asks for them."""
 
     def __init__(self, batch: int) -> None:
-        self.of_target, self.of_actor = torch.randn(batch, 4), torch.randn(batch, 4)
-        self.here, self.later = torch.randn(2, batch, 4).unbind()
+        self.of_target, self.of_actor, self.here, self.later = torch.randn(4, batch, 4).unbind()
         self.uniform = torch.rand(batch, 4) * 2 - 1
 
-    def __iter__(self) -> Iterator[Tensor]:
-        return iter((self.of_target, self.here, self.later, self.of_actor, self.of_actor))
+    def for_ours(self, patched: pytest.MonkeyPatch) -> None:
+        order = iter((torch.cat((self.of_target, self.of_actor)), torch.cat((self.here, self.later))))
+        patched.setattr(torch, "randn", lambda *shape: next(order))
+        patched.setattr(torch, "rand", lambda *shape: (self.uniform[None] + 1) / 2)
 
-
-def losses_of(agent: CQLAgent, batch: Batch, noise: Noise, monkeypatch: pytest.MonkeyPatch) -> list[Tensor]:
-    both = torch.stack((noise.here, noise.later))[None]
-    order = iter((noise.of_target, both, noise.of_actor))
-    with monkeypatch.context() as patched:
-        patched.setattr(torch, "randn_like", lambda like: next(order))
-        patched.setattr(torch, "rand", lambda *shape: (noise.uniform[None] + 1) / 2)
-        return [*agent.critic_loss(batch), *agent.actor_loss(batch)]
+    def for_theirs(self, patched: pytest.MonkeyPatch) -> None:
+        order = iter((self.of_target, self.here, self.later, self.of_actor, self.of_actor))
+        patched.setattr(torch.distributions.normal, "_standard_normal", lambda *args, **kw: next(order))
+        patched.setattr(Tensor, "uniform_", lambda it, *_: it.copy_(self.uniform))
 
 
 def oracle_of(agent: CQLAgent) -> CQLLoss:
@@ -173,7 +182,7 @@ def oracle_of(agent: CQLAgent) -> CQLLoss:
         action_spec=Bounded(-1.0, 1.0, (4,)),
         deterministic_backup=False,
         num_random=1,
-        min_q_weight=0.7,
+        min_q_weight=agent.settings.min_q_weight,
         with_lagrange=True,
         lagrange_thresh=5.0,
     )
@@ -194,75 +203,87 @@ def double() -> Iterator[None]:
 
 
 @pytest.mark.usefixtures("double")
-@pytest.mark.parametrize(("imitating", "staying"), [(True, False), (False, False), (False, True)])
-def test_cql_equals_torchrls(monkeypatch: pytest.MonkeyPatch, imitating: bool, staying: bool) -> None:
-    settings = {"tau": 0.4, "min_q_weight": 0.7, "sampled_actions": 1, "drawn_actions": 0}
+@pytest.mark.parametrize(("imitating", "pressing"), [(True, False), (False, False), (False, True)])
+def test_cql_equals_torchrls(monkeypatch: pytest.MonkeyPatch, imitating: bool, pressing: bool) -> None:
+    settings = {"tau": 0.4, "min_q_weight": 0.7 if pressing else 0.0, "sampled_actions": 1, "drawn_actions": 0, "batch_size": 64}
     agent = learner("cql", **settings, imitation_updates=100 if imitating else 0)
     assert isinstance(agent, CQLAgent)
     batch = replace(batch_of(agent, 64), action=batch_of(agent, 64).action * 0.99)
-    if staying:  # TorchRL values the next step's actions in the next state, its paper and we in this one
+    if pressing:  # TorchRL values the next step's actions in the next state, its paper and we in this one
         batch = replace(batch, next_features=batch.features)
-    noise = Noise(64)
-    critic, pressure, gap, actor, entropy = losses_of(agent, batch, noise, monkeypatch)
-    oracle, data, order = oracle_of(agent), to_torchrl(batch), iter(noise)
+    noise, oracle, data = Noise(64), oracle_of(agent), to_torchrl(batch)
     with monkeypatch.context() as patched:
-        patched.setattr(torch.distributions.normal, "_standard_normal", lambda *args, **kw: next(order))
-        patched.setattr(Tensor, "uniform_", lambda self, *_: self.copy_(noise.uniform))
-        of_critics, _ = oracle.q_loss(data)
+        frozen(patched)
+        noise.for_ours(patched)
+        critic, gap, actor, entropy, _ = agent.learn(batch, actor=True)
+    with monkeypatch.context() as patched:
+        noise.for_theirs(patched)
+        of_critic, _ = oracle.q_loss(data)
         of_pressure, _ = oracle.cql_loss(data)
         of_factor, _ = oracle.alpha_prime_loss(data)
-        of_actor, found = oracle.actor_bc_loss(data) if imitating else oracle.actor_loss(data)
-    torch.testing.assert_close(critic, of_critics, **CLOSE)
-    params, compared = oracle.qvalue_network_params, [(critic, of_critics)]
-    if staying:
-        torch.testing.assert_close(pressure, of_pressure, **CLOSE)
-        torch.testing.assert_close(agent.pressure.loss(gap, 5.0), of_factor, **CLOSE)
-        compared.append((pressure, of_pressure))
-    torch.testing.assert_close(actor, of_actor, **CLOSE)
+        of_policy, found = oracle.actor_bc_loss(data) if imitating else oracle.actor_loss(data)
+    torch.testing.assert_close(critic, of_critic, **CLOSE)
+    torch.testing.assert_close(actor, of_policy, **CLOSE)
+    total = of_critic + oracle.log_alpha_prime.exp().detach() * of_pressure
+    theirs = torch.autograd.grad(total, of_critics(agent.critics, oracle.qvalue_network_params))
+    assert_close(written_for_critics(agent.learned_critics, agent.critics), theirs)
+    params = of_actor(agent.actor, oracle.actor_network_params, ("module", "0", "module"))
+    assert_close(written(agent.learned_actor, agent.actor), torch.autograd.grad(of_policy, params))
+    if pressing:
+        torch.testing.assert_close(agent.pressure.log_factor.exp() * (5.0 - gap), of_factor, **CLOSE)
+        theirs = torch.autograd.grad(of_factor, [oracle.log_alpha_prime])
+        assert_close(written(agent.learned_pressure, agent.pressure), theirs)
     if not imitating:
         torch.testing.assert_close(entropy, -found["_log_prob"].mean(), **CLOSE)
-        torch.testing.assert_close(agent.temperature.loss(entropy), oracle.alpha_loss(found)[0], **CLOSE)
-    for ours, theirs in compared:
-        one, other = gradients_of(agent.critics, ours, params, theirs)
-        torch.testing.assert_close(one, other, rtol=1e-4, atol=1e-5)
-    prefix = ("module", "0", "module")
-    assert_same_gradients(agent.actor, actor, of_actor, oracle.actor_network_params, prefix)
+        theirs = torch.autograd.grad(oracle.alpha_loss(found)[0], [oracle.log_alpha])
+        assert_close(written(agent.learned_actor, agent.temperature), theirs)
+
+
+def pressure_gradient(agent: CQLAgent, batch: Batch) -> Tensor:
+    """What the pressure adds to the gradient of the critics."""
+    found = []
+    for log_factor in (agent.pressure.log_factor.detach().clone(), torch.tensor(-torch.inf)):
+        agent.pressure.log_factor.data.copy_(log_factor)
+        with torch.no_grad():
+            agent.descend_critics(batch, torch.zeros_like(batch.action), torch.zeros(len(batch.reward)))
+        found.append(torch.cat([part.flatten() for part in written(agent.learned_critics, agent.critics)]))
+    agent.pressure.log_factor.data.fill_(0.0)
+    return found[0] - found[1]
 
 
 def test_the_soft_maximum_is_over_all_sampled_actions() -> None:
-    agent = learner("cql", sampled_actions=3, drawn_actions=0)
+    agent = learner("cql", sampled_actions=3, drawn_actions=0, batch_size=5, min_q_weight=0.5)
     batch = batch_of(agent, 5)
     actions, densities = agent.sampled(batch)
     assert actions.shape == (9, 5, 4)
     assert torch.equal(densities[:3], torch.full((3, 5), 4 * torch.tensor(0.5).log().item()))
     agent.sampled = lambda _: (actions, densities)
-    _, pressure, gap = agent.critic_loss(batch)
+    agent.pressure.log_factor.data.fill_(0.0)
     expected = torch.zeros(())
     for k in range(2):
         for i in range(5):
             here = batch.features[i : i + 1]
             scores = [agent.critics(here, actions[j, i : i + 1])[k, 0] - densities[j, i] for j in range(9)]
-            expected += (torch.stack(scores).exp().sum().log() - agent.critics(here, batch.action[i : i + 1])[k, 0]) / 5
-    torch.testing.assert_close(pressure, expected, **CLOSE)
-    torch.testing.assert_close(gap, expected / 2, **CLOSE)
+            expected += 0.5 * (torch.stack(scores).exp().sum().log() - agent.critics(here, batch.action[i : i + 1])[k, 0]) / 5
+    with torch.no_grad():
+        _, gap = agent.descend_critics(batch, torch.zeros_like(batch.action), torch.zeros(5))
+    torch.testing.assert_close(gap, expected.detach() / 2, **CLOSE)
+    theirs = torch.autograd.grad(expected, list(agent.critics.parameters()))
+    ours = pressure_gradient(agent, batch)
+    torch.testing.assert_close(ours, torch.cat([part.flatten() for part in theirs]), rtol=1e-4, atol=1e-5)
 
 
 def test_the_drawn_gradient_is_on_average_the_full_one() -> None:
     full, drawn = (learner("cql", sampled_actions=4, drawn_actions=d, hidden=(8,), batch_size=8) for d in (0, 2))
-    drawn.load_state_dict(full.state_dict())
     with torch.no_grad():
         full.critics.layers[-1].weight.mul_(20.0)  # so that the weights of actions differ
-        drawn.critics.load_state_dict(full.critics.state_dict())
+    full.pressure.log_factor.data.fill_(0.0)
+    drawn.load_state_dict(full.state_dict())
     batch = batch_of(full, 8)
     actions, densities = full.sampled(batch)
     full.sampled = drawn.sampled = lambda _: (actions, densities)
-
-    def gradient(agent: CQLAgent) -> Tensor:
-        found = torch.autograd.grad(agent.critic_loss(batch)[1], agent._critic_parameters)
-        return torch.cat([part.flatten() for part in found])
-
-    exact = gradient(full)
-    many = torch.stack([gradient(drawn) for _ in range(1000)])
+    exact = pressure_gradient(full, batch)
+    many = torch.stack([pressure_gradient(drawn, batch) for _ in range(1000)])
     error = (many.mean(0) - exact).norm()
     spread = many.std(0).norm() / 1000**0.5
     assert spread < 0.05 * exact.norm()
@@ -276,7 +297,8 @@ def test_scores_are_the_critics_values(sampled: int) -> None:
     batch = batch_of(agent, 8)
     actions, _ = agent.sampled(batch)
     expected = [agent.critics(batch.features, action) for action in actions]
-    torch.testing.assert_close(agent.scores(batch.features, actions), torch.stack(expected, 1), **CLOSE)
+    with torch.no_grad():
+        torch.testing.assert_close(agent.scores(batch.features, actions), torch.stack(expected, 1), **CLOSE)
 
 
 def test_places_come_up_by_their_weights() -> None:

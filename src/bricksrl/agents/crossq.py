@@ -46,7 +46,7 @@ class CrossQAgent(SoftAgent):
         self._judging = Pass(self.critics, 2 * settings.batch_size, self.learned_critics)
         self._leading = Pass(self.critics, settings.batch_size, self.learned_critics, training=False, sought=slice(size, None))
 
-    def descend_critics(self, batch: Batch, next_action: Tensor, next_log_prob: Tensor) -> Tensor:
+    def descend_critics(self, batch: Batch, next_action: Tensor, next_log_prob: Tensor) -> tuple[Tensor, ...]:
         """Gradients of the critics' squared errors, and their running statistics; returns the sum of the errors."""
         features, action = torch.cat((batch.features, batch.next_features)), torch.cat((batch.action, next_action))
         rows = len(batch.reward)
@@ -56,7 +56,7 @@ class CrossQAgent(SoftAgent):
         errors = values[:, :rows] - target
         of_values = torch.cat((errors * (2.0 / rows), torch.zeros_like(errors)), 1)
         self._judging.backward(of_values[..., None])
-        return errors.square().sum() / rows
+        return (errors.square().sum() / rows,)
 
     def climb(self, features: Tensor, action: Tensor) -> tuple[Tensor, Tensor]:
         """The lesser of the critics' values and its gradient by the actions."""

@@ -14,148 +14,101 @@ half of the cost.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import torch
 from torch import Tensor, nn
 
 from bricksrl.agents.layout import ObservationLayout
+from bricksrl.agents.lean import gaussian
+from bricksrl.agents.lean.flat import Learned
 from bricksrl.agents.lean.passes import Pass
-from bricksrl.agents.learner import step
-from bricksrl.agents.networks import StackedCritics, make_actor
-from bricksrl.agents.off_policy import Batch, OffPolicyAgent
+from bricksrl.agents.off_policy import Batch
 from bricksrl.agents.presets import CQLSettings
-from bricksrl.agents.soft import Temperature, sample_action
+from bricksrl.agents.sac import SACAgent
 
 if TYPE_CHECKING:
     from bricksrl.envs.task import Task
 
 MAX_PRESSURE = 1e6
 """Limit of the learned factor of the pressure, as its authors have it."""
-NEAR_ONE = 0.999
-"""Actions of the data are imitated as if they did not go beyond: the tanh of no finite number does."""
 
 
-class CQLAgent(OffPolicyAgent):
+class CQLAgent(SACAgent):
     """CQL for one robot; see `CQLSettings`."""
 
     loss_names = ("critic_loss", "gap", "actor_loss", "entropy", "alpha")
+    settings: CQLSettings
 
     def __init__(self, layout: ObservationLayout, action_size: int, settings: CQLSettings, task: Task | None = None) -> None:
         super().__init__(layout, action_size, settings, task)
-        self.settings = settings
-        size, hidden = self.encoder.size, settings.hidden
-        self.actor = make_actor(size, action_size, hidden, settings.min_scale)
-        self.critics, self.target_critics = (
-            StackedCritics(size, action_size, hidden, layer_norm=settings.layer_norm) for _ in range(2)
-        )
-        self.target_critics.load_state_dict(self.critics.state_dict())
-        self.target_critics.requires_grad_(False)
-        self.temperature = Temperature(settings.initial_alpha, settings.entropy * action_size)
         self.pressure = Pressure()
-        self._at_once = 2 - 3 * settings.sampled_actions % 2
-        self._scoring = Pass(self.critics, self._at_once * settings.batch_size)
-        self._critic_parameters: list[Tensor] = list(self.critics.parameters())
-        self._target_parameters: list[Tensor] = list(self.target_critics.parameters())
-        self._actor_parameters: list[Tensor] = list(self.actor.parameters())
-        alone = [self.temperature.log_alpha, self.pressure.log_factor]
-        betas = (settings.adam_beta, 0.999)
-        parameters = [*self._critic_parameters, *self._actor_parameters, *alone]
-        self._optimiser = torch.optim.Adam(parameters, lr=settings.learning_rate, betas=betas, fused=True)
-
-    def act(self, observation: Tensor, *, explore: bool) -> Tensor:
-        """A drawn action ``[m]`` with ``explore``, else the mode of the policy."""
-        with torch.no_grad():
-            loc, scale = self.actor(self.encoder(observation))
-            x = torch.addcmul(loc, scale, torch.randn_like(loc)) if explore else loc
-            return x.tanh()
-
-    def target(self, batch: Batch) -> Tensor:
-        """What the critics are to say ``[batch]``."""
-        with torch.no_grad():
-            next_action, next_log_prob = sample_action(*self.actor(batch.next_features))
-            next_value = self.target_critics(batch.next_features, next_action).amin(0)
-            next_value -= self.temperature.alpha() * next_log_prob
-            return batch.reward + self.settings.gamma * torch.where(batch.terminated, 0.0, next_value)
+        self.learned_pressure = Learned(self.pressure, learning_rate=settings.learning_rate, adam_beta=settings.adam_beta)
+        self.flats = *self.flats, self.learned_pressure
+        sampled, rows = 3 * settings.sampled_actions, settings.batch_size
+        self._chosen = settings.drawn_actions or sampled
+        nets = [slice(net, net + 1) for net in range(settings.critics)]
+        self._pressing = [Pass(self.critics, (1 + self._chosen) * rows, self.learned_critics, nets=one) for one in nets]
+        self._at_once = 2 - sampled % 2
+        self._scoring = Pass(self.critics, self._at_once * rows, self.learned_critics)
 
     def sampled(self, batch: Batch) -> tuple[Tensor, Tensor]:
         """Actions ``[samples, batch, m]`` to compare with those of the data, and their log-densities ``[samples, batch]``."""
-        count = self.settings.sampled_actions
-        with torch.no_grad():
-            uniform = torch.rand(count, *batch.action.shape) * 2.0 - 1.0
-            density = uniform.new_full(uniform.shape[:-1], -math.log(2.0) * batch.action.shape[-1])
-            loc, scale = self.actor(torch.stack((batch.features, batch.next_features)))
-            action, log_prob = sample_action(*(part.expand(count, *part.shape) for part in (loc, scale)))
-            return torch.cat((uniform, *action.unbind(1))), torch.cat((density, *log_prob.unbind(1)))
+        count, (rows, size) = self.settings.sampled_actions, batch.action.shape
+        uniform = torch.rand(count, rows, size) * 2.0 - 1.0
+        density = uniform.new_full((count, rows), -math.log(2.0) * size)
+        out = self._foreseeing(2 * rows).forward(torch.cat((batch.features, batch.next_features)))[0]
+        drawn = gaussian.draw(out.mT.repeat(1, count).mT, self.settings.min_scale, torch.randn(2 * count * rows, size))
+        action, log_prob = drawn.action.view(count, 2, rows, size), drawn.log_prob.view(count, 2, rows)
+        return torch.cat((uniform, *action.unbind(1))), torch.cat((density, *log_prob.unbind(1)))
 
-    def critic_loss(self, batch: Batch) -> tuple[Tensor, Tensor, Tensor]:
-        """The critics' loss, the pressure on them (not yet multiplied with its factor), and the gap, a constant."""
-        target = self.target(batch)
-        actions, densities = self.sampled(batch)
-        k, drawn, n = self.critics.k, self.settings.drawn_actions, len(target)
-        inputs = torch.cat((batch.features, batch.action), -1).expand(k, 1, n, -1)
-        if drawn:
-            scores = self.scores(batch.features, actions) - densities
-            soft_maximum = scores.logsumexp(1)
-            actions = actions[draw_places(scores.softmax(1), drawn), torch.arange(n)]
-        chosen = torch.cat((batch.features.expand(*actions.shape[:-1], -1), actions), -1)
-        both = self._values(torch.cat((inputs, chosen.expand(k, -1, n, -1)), 1))
-        values, others = both[:, 0], both[:, 1:]
-        pressed = others.mean(1) if drawn else (others - densities).logsumexp(1)
-        if not drawn:
-            soft_maximum = pressed.detach()
-        loss = (values - target).square().mean(-1).sum()
-        gap = (soft_maximum - values.detach()).mean()
-        return loss, self.settings.min_q_weight * (pressed - values).mean(-1).sum(), self.settings.min_q_weight * gap
-
-    @torch.no_grad()
     def scores(self, features: Tensor, actions: Tensor) -> Tensor:
-        """Values ``[k, samples, batch]`` of actions ``[samples, batch, m]`` in the states ``[batch, f]``, as constants."""
+        """Values ``[k, samples, batch]`` of actions ``[samples, batch, m]`` in the states ``[batch, f]``."""
         states, groups = features.repeat(self._at_once, 1), actions.view(-1, len(features) * self._at_once, actions.shape[-1])
         values = [self._scoring.forward(states, group).clone() for group in groups]
         return torch.cat(values, 1).view(self.critics.k, *actions.shape[:-1])
 
-    def _values(self, inputs: Tensor) -> Tensor:
-        """Values ``[k, samples, batch]`` of features and actions ``[k, samples, batch, f + m]``, for each critic its own."""
-        values: Tensor = self.critics.layers(inputs.flatten(1, 2))
-        return values.view(inputs.shape[:-1])
-
-    def actor_loss(self, batch: Batch) -> tuple[Tensor, Tensor]:
-        """Loss of the actor, and its entropy, a constant."""
-        loc, scale = self.actor(batch.features)
-        action, log_prob = sample_action(loc, scale)
-        if self._updates <= self.settings.imitation_updates:
-            climbed = log_prob_of(batch.action, loc, scale)
+    def descend_critics(self, batch: Batch, next_action: Tensor, next_log_prob: Tensor) -> tuple[Tensor, ...]:
+        """Gradients of the critics, and of the pressure on them; returns the sum of their squared errors, and the gap."""
+        target = self.target(batch, next_action, next_log_prob)
+        actions, densities = self.sampled(batch)
+        scores = self.scores(batch.features, actions) - densities
+        shares = scores.softmax(1)
+        if self.settings.drawn_actions:
+            actions = actions[draw_places(shares, self._chosen), torch.arange(len(target))]
+            shares = torch.full(actions.shape[:-1], 1.0 / self._chosen)
         else:
-            climbed = self.critics(batch.features, action).amin(0)
-        return (self.temperature.alpha() * log_prob - climbed).mean(), -log_prob.detach().mean()
-
-    def learn(self, batch: Batch, *, actor: bool) -> tuple[Tensor, ...]:
-        """One update; the numbers are those of `loss_names`, without ``actor`` the first two."""
-        critic, pressure, gap = self.critic_loss(batch)
-        descended: list[tuple[Tensor, list[Tensor]]] = [(critic + self.pressure.factor() * pressure, self._critic_parameters)]
-        numbers: tuple[Tensor, ...] = (critic, gap)
+            actions = actions.expand(len(shares), *actions.shape)
+        states, weight = batch.features.repeat(1 + self._chosen, 1), self.settings.min_q_weight * self.pressure.weight()
+        found = []
+        for critic, chosen, share in zip(self._pressing, actions, shares, strict=True):
+            values = critic.forward(states, torch.cat((batch.action, chosen.flatten(0, 1))))[0, : len(target), 0]
+            errors = values - target
+            slope = torch.cat((2.0 * errors - weight, (weight * share).flatten())) / len(target)
+            critic.backward(slope[None, :, None])
+            found.append(torch.stack((errors.square().mean(), values.mean())))
+        loss, value = torch.stack(found, 1)
+        gap = self.settings.min_q_weight * (scores.logsumexp(1).mean() - value.mean())
         if self.settings.lagrange_threshold is not None:
-            descended.append((self.pressure.loss(gap, self.settings.lagrange_threshold), [self.pressure.log_factor]))
-        if actor:
-            loss, entropy = self.actor_loss(batch)
-            descended.append((loss, self._actor_parameters))
-            descended.append((self.temperature.loss(entropy), [self.temperature.log_alpha]))
-            numbers = (*numbers, loss, entropy, self.temperature.alpha())
-        step(self._optimiser, *descended)
-        with torch.no_grad():
-            torch._foreach_lerp_(self._target_parameters, self._critic_parameters, self.settings.tau)
-        return tuple(number.detach() for number in numbers)
+            slope = self.pressure.slope(gap, self.settings.lagrange_threshold)
+            self.learned_pressure.gradient(self.pressure.log_factor).copy_(slope)
+        return loss.sum(), gap
 
-    def _parts(self) -> dict[str, nn.Module | torch.optim.Optimizer]:
-        return {
-            "actor": self.actor,
-            "critics": self.critics,
-            "target_critics": self.target_critics,
-            "temperature": self.temperature,
-            "pressure": self.pressure,
-            "optimiser": self._optimiser,
-        }
+    def lead(self, batch: Batch, drawn: gaussian.Draw, of_log_prob: float) -> tuple[Tensor, Tensor]:
+        """What the actor is to raise beside its entropy, in the first updates how probable the actions of the data are."""
+        if self._updates > self.settings.imitation_updates:
+            return super().lead(batch, drawn, of_log_prob)
+        log_prob, of_outputs = drawn.imitate(batch.action)
+        return log_prob, of_outputs + drawn.backward(torch.zeros_like(drawn.action), of_log_prob)
+
+    def move_critics(self) -> None:
+        """A step of the critics and of the pressure, and a smaller one of the targets after the critics."""
+        super().move_critics()
+        if self.settings.lagrange_threshold is not None:
+            self.learned_pressure.step()
+
+    def _parts(self) -> dict[str, Any]:
+        return {**super()._parts(), "pressure": self.pressure, "adam_of_pressure": self.learned_pressure}
 
 
 class Pressure(nn.Module):
@@ -165,13 +118,14 @@ class Pressure(nn.Module):
         super().__init__()
         self.log_factor = nn.Parameter(torch.zeros(()))
 
-    def factor(self) -> Tensor:
-        """The factor, as a constant."""
-        return self.log_factor.detach().exp().clamp_max(MAX_PRESSURE)
+    def weight(self) -> float:
+        """The factor."""
+        return self.log_factor.detach().exp().clamp_max(MAX_PRESSURE).item()
 
-    def loss(self, gap: Tensor, threshold: float) -> Tensor:
-        """What to descend for a gap, a constant."""
-        return self.log_factor.exp().clamp_max(MAX_PRESSURE) * (threshold - gap)
+    def slope(self, gap: Tensor, threshold: float) -> Tensor:
+        """The gradient, by the logarithm of the factor, of the factor times what the gap lacks of the threshold."""
+        weight = self.weight()
+        return (threshold - gap) * (weight if weight < MAX_PRESSURE else 0.0)
 
 
 def draw_places(weights: Tensor, count: int) -> Tensor:
@@ -184,11 +138,3 @@ def draw_places(weights: Tensor, count: int) -> Tensor:
     heights = weights.cumsum(1).transpose(1, 2).contiguous()
     at = (torch.arange(count) + torch.rand(k, batch, 1)) / count
     return torch.searchsorted(heights, at * heights[..., -1:]).clamp_max(samples - 1).transpose(1, 2)
-
-
-def log_prob_of(action: Tensor, loc: Tensor, scale: Tensor) -> Tensor:
-    """Log-probability ``[*batch]`` of given actions ``[*batch, m]`` under a tanh-squashed normal."""
-    inside = action.clamp(-NEAR_ONE, NEAR_ONE)
-    z = (inside.atanh() - loc) / scale
-    log_slope = torch.log1p(-inside.square())
-    return (-0.5 * z.square() - scale.log() - 0.5 * math.log(2 * math.pi) - log_slope).sum(-1)

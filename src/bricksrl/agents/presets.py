@@ -170,7 +170,7 @@ class IQLSettings(TargetSettings, OffPolicySettings):
 
 
 @dataclass(frozen=True)
-class CQLSettings(EntropySettings, TargetSettings, OffPolicySettings):
+class CQLSettings(SACSettings):
     """Conservative Q-learning: soft actor-critic whose critics are pressed down where the data has no actions."""
 
     min_q_weight: float = 1.0

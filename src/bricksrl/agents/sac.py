@@ -59,10 +59,10 @@ class SACAgent(SoftAgent):
         soft_value = torch.sub(next_value, next_log_prob, alpha=self.temperature.weight())
         return torch.where(batch.terminated, batch.reward, torch.add(batch.reward, soft_value, alpha=self.settings.gamma))
 
-    def descend_critics(self, batch: Batch, next_action: Tensor, next_log_prob: Tensor) -> Tensor:
+    def descend_critics(self, batch: Batch, next_action: Tensor, next_log_prob: Tensor) -> tuple[Tensor, ...]:
         """Gradients of the critics' squared errors; returns their sum."""
         target = self.target(batch, next_action, next_log_prob)
-        return descend(self._judging, batch.features, batch.action, target)
+        return (descend(self._judging, batch.features, batch.action, target),)
 
     def climb(self, features: Tensor, action: Tensor) -> tuple[Tensor, Tensor]:
         """The least of the critics' values, or the mean, and its gradient by the actions."""

@@ -51,7 +51,7 @@ def sample_action(loc: Tensor, scale: Tensor) -> tuple[Tensor, Tensor]:
 class SoftAgent(LeanAgent):
     """An agent with such an actor."""
 
-    loss_names = ("critic_loss", "actor_loss", "entropy", "alpha")
+    loss_names: tuple[str, ...] = ("critic_loss", "actor_loss", "entropy", "alpha")
     settings: SACSettings | CrossQSettings
     actor: Actor
     temperature: Temperature
@@ -85,7 +85,7 @@ class SoftAgent(LeanAgent):
         found = []
         for place, batch in enumerate(batches):
             of_batch = slice(place * rows, (place + 1) * rows)
-            numbers: tuple[Tensor, ...] = (self.descend_critics(batch, drawn.action[of_batch], drawn.log_prob[of_batch]),)
+            numbers = self.descend_critics(batch, drawn.action[of_batch], drawn.log_prob[of_batch])
             if actor and place == len(batches) - 1:
                 numbers += self._move_actor(batch, drawn.last(rows))  # by the critics as they were before this update
             self.move_critics()
@@ -93,8 +93,8 @@ class SoftAgent(LeanAgent):
         return found
 
     @abstractmethod
-    def descend_critics(self, batch: Batch, next_action: Tensor, next_log_prob: Tensor) -> Tensor:
-        """Gradients of the critics, for an action ``[batch, m]`` after each step; returns their loss."""
+    def descend_critics(self, batch: Batch, next_action: Tensor, next_log_prob: Tensor) -> tuple[Tensor, ...]:
+        """Gradients of the critics, for an action ``[batch, m]`` after each step; returns their loss, and what else to tell."""
 
     @abstractmethod
     def climb(self, features: Tensor, action: Tensor) -> tuple[Tensor, Tensor]:
@@ -106,11 +106,16 @@ class SoftAgent(LeanAgent):
 
     def descend_actor(self, batch: Batch, drawn: gaussian.Draw) -> tuple[Tensor, Tensor]:
         """Gradients of actor and temperature, for a draw from the actor's last outputs; returns the loss and the entropy."""
-        value, of_action = self.climb(batch.features, drawn.action)
         alpha, entropy = self.temperature.weight(), -drawn.log_prob.mean()
-        self._climbing.backward(drawn.backward(of_action, alpha / len(drawn.action))[None])
+        value, of_outputs = self.lead(batch, drawn, alpha / len(drawn.action))
+        self._climbing.backward(of_outputs[None])
         torch.sub(entropy, self.temperature.target_entropy, out=self._of_log_alpha)
         return torch.add(value, entropy, alpha=alpha).neg_(), entropy
+
+    def lead(self, batch: Batch, drawn: gaussian.Draw, of_log_prob: float) -> tuple[Tensor, Tensor]:
+        """What the actor is to raise beside its entropy, and the gradient ``[batch, 2 m]`` of both by its outputs."""
+        value, of_action = self.climb(batch.features, drawn.action)
+        return value, drawn.backward(of_action, of_log_prob)
 
     def _move_actor(self, batch: Batch, drawn: gaussian.Draw) -> tuple[Tensor, ...]:
         numbers = self.descend_actor(batch, drawn)

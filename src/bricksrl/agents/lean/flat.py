@@ -14,13 +14,13 @@ ADAM_BETA2, ADAM_EPS = 0.999, 1e-8
 
 
 def working_type(precision: str) -> torch.dtype:
-    """The type that networks compute in, for the name of a precision.
+    """The type that networks compute in, for the name of a precision: for float32 that of new parameters.
 
     Raises:
         DescriptionError: this processor computes in that type only by way of another, slower than in float32.
     """
     if precision == "float32":
-        return torch.float32
+        return torch.get_default_dtype()
     able = torch.cpu.get_capabilities()
     if not any(able.get(name) for name in ("avx512_bf16", "amx_bf16", "bf16")):
         raise DescriptionError("this processor has no arithmetic in bfloat16, it would be slower with it; take precision float32")

@@ -27,7 +27,7 @@ class Pass:
 
     Args:
         rows: how many samples go through at once.
-        flat: where the network's parameters lie; without one the pass goes forward only, and computes in float32.
+        flat: where the network's parameters lie; without one the pass goes forward only, and computes in their own type.
         nets: which of the networks that stand side by side.
         training: whether batch normalisations normalise by the batch, and their running statistics learn from it.
         sought: the inputs whose gradient is of interest.
@@ -45,8 +45,8 @@ class Pass:
     ) -> None:
         chosen = range(network.k)[nets]
         self.rows, self.k = rows, len(chosen)
-        dtype = torch.float32 if flat is None else flat.dtype
         linear = [layer for layer in network.layers if isinstance(layer, StackedLinear)]
+        dtype = linear[0].weight.dtype if flat is None else flat.dtype
         in_size, out_size = linear[0].weight.shape[1], linear[-1].weight.shape[2]
         self._inputs = torch.empty(rows, in_size, dtype=dtype)
         # both are written along their longer side
