@@ -9,10 +9,21 @@ import pytest
 from stand_in import RUN_AWAY, SPINNING
 
 from bricksrl.errors import BricksError, DescriptionError, ProgramError
-from bricksrl.hub.interface import Distance, DriveStraight, Interface, MotorAngle, Pitch, RunAngle, UntilDone, Wait, YawRate
+from bricksrl.hub.interface import (
+    Distance,
+    DriveStraight,
+    Interface,
+    MotorAngle,
+    Pitch,
+    RunAngle,
+    SensorReading,
+    UntilDone,
+    Wait,
+    YawRate,
+)
 from bricksrl.hub.program import generate
 from bricksrl.hub.validation import validate
-from bricksrl.robots import TWO_WHEELER, DriveBase, HubKind, Motor, Robot
+from bricksrl.robots import TWO_WHEELER, DriveBase, HubKind, Motor, PoweredUpSensor, Robot, SensorKind
 from bricksrl.robots.robo_arm import ROBO_ARM
 
 LEFT = RunAngle("left", -100, 100, 400)
@@ -55,6 +66,20 @@ def test_more_commands_than_a_write_holds_are_refused() -> None:
     commands = tuple(RunAngle(f"m{index}", -1, 1, 10) for index in range(9))
     with pytest.raises(DescriptionError, match="at most 8"):
         validate(TWO_WHEELER, changed(commands=commands))
+
+
+@pytest.mark.parametrize(
+    ("reading", "message"),
+    [
+        (SensorReading("light", "hsv", 0, 100), "hsv.. is 3 numbers; give as part one of hue, saturation, value"),
+        (SensorReading("light", "hsv", 0, 100, part="pitch"), "one of hue, saturation, value"),
+        (SensorReading("light", "reflection", 0, 100, part="hue"), "reflection.. is one number"),
+    ],
+)
+def test_a_reading_names_one_number(reading: SensorReading, message: str) -> None:
+    robot = Robot("seer", HubKind.PRIME, sensors=(PoweredUpSensor("light", "B", SensorKind.COLOR),))
+    with pytest.raises(DescriptionError, match=message):
+        validate(robot, Interface((), (reading,), Wait(100)))
 
 
 def test_a_drive_base_is_needed_to_drive() -> None:

@@ -25,7 +25,7 @@ ROBOT = Robot(
 )
 CHANNELS = (MotorAngle("crank", -1000, 1000), SensorReading("light", "reflection", 0, 100, "%"), Distance("eyes"))
 INTERFACE = Interface((RunAngle("crank", -90, 90, 500),), CHANNELS, Wait(1200))
-SCENE = Scene(readings={"light": lambda angles: angles["crank"] / 2, "eyes": lambda angles: 500 + angles["crank"]})
+SCENE = Scene(readings={"light": lambda angles: 50 + angles["crank"] / 10, "eyes": lambda angles: 500 + angles["crank"]})
 
 
 def readings(scene: Scene, command: float) -> list[float]:
@@ -37,7 +37,7 @@ def readings(scene: Scene, command: float) -> list[float]:
 def test_sensors_read_what_the_scene_says_at_the_motors_angles(command: float) -> None:
     angle, light, distance = readings(SCENE, command)
     assert angle == pytest.approx(command, abs=2), "through direction and gears"
-    assert light == pytest.approx(angle / 2, abs=0.6)
+    assert light == pytest.approx(50 + angle / 10, abs=0.6)
     assert distance == pytest.approx(500 + angle, abs=1.5)
 
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from bricksrl.envs.camera import CameraView
 from bricksrl.errors import DescriptionError
-from bricksrl.hub.interface import Channel, Interface, MotorAngle, YawRate
+from bricksrl.hub.interface import Channel, Interface, MotorAngle, SensorReading, YawRate
 from bricksrl.robots import Robot
 from bricksrl.twin.scene import OPEN_FLOOR, Scene
 
@@ -175,5 +175,5 @@ def _channel_entry(channel: Channel) -> Entry:
     # A gyroscope turns faster than the table says, and a joint gives way beyond the angle that it is held at.
     if isinstance(channel, YawRate) or (isinstance(channel, MotorAngle) and not channel.wraps):
         limits = (-_WIRE_MAX / channel.scale, _WIRE_MAX / channel.scale)
-    wraps = isinstance(channel, MotorAngle) and channel.wraps
+    wraps = isinstance(channel, MotorAngle | SensorReading) and channel.wraps
     return Entry(channel.name, channel.low, channel.high, channel.unit, limits, wraps)

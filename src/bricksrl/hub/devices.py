@@ -5,6 +5,8 @@ Source: the firmware's list of devices (``lego_device_type_id_t``), Pybricks 4.
 
 from __future__ import annotations
 
+import re
+
 from bricksrl.robots import Motor, MotorKind, PoweredUpSensor, Sensor, SensorKind
 
 MOTOR_IDS = {
@@ -17,7 +19,15 @@ MOTOR_IDS = {
     MotorKind.TECHNIC_M_ANGULAR: 75,
     MotorKind.TECHNIC_L_ANGULAR: 76,
 }
-SENSOR_IDS = {SensorKind.INFRARED: 35, SensorKind.COLOR_DISTANCE: 37, SensorKind.COLOR: 61, SensorKind.FORCE: 63}
+SENSOR_IDS = {
+    SensorKind.LIGHT: 8,
+    SensorKind.TILT: 34,
+    SensorKind.INFRARED: 35,
+    SensorKind.COLOR_DISTANCE: 37,
+    SensorKind.COLOR: 61,
+    SensorKind.FORCE: 63,
+    SensorKind.COLOR_LIGHT_MATRIX: 64,
+}
 ULTRASONIC_ID = 62
 NOTHING = 0
 """No device, or one that does not present itself."""
@@ -25,15 +35,12 @@ NOTHING = 0
 _OTHERS = {
     1: "medium linear motor without angle",
     2: "train motor",
-    8: "light",
-    34: "tilt sensor",
     ULTRASONIC_ID: "ultrasonic sensor",
-    64: "3x3 matrix",
     NOTHING: "nothing",
 }
 _NAMES = (
     {number: f"motor {kind.value}" for kind, number in MOTOR_IDS.items()}
-    | {number: f"{kind.name.lower().replace('_', ' ')} sensor" for kind, number in SENSOR_IDS.items()}
+    | {number: re.sub("(?<!^)([A-Z])", r" \1", kind.value).lower() for kind, number in SENSOR_IDS.items()}
     | _OTHERS
 )
 

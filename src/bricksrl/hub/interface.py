@@ -121,20 +121,34 @@ class Distance:
         return "distance"
 
 
+PARTS = {"hsv": ("hue", "saturation", "value"), "tilt": ("pitch", "roll")}
+"""Methods of sensors that return several numbers at once, and what these are."""
+
+
 @dataclass(frozen=True)
 class SensorReading:
-    """The number that a method of a sensor returns, such as ``ColorSensor.reflection()``; the range is that of the method."""
+    """A number that a method of a sensor returns, such as ``ColorSensor.reflection()``; the range is that of the number.
+
+    Attributes:
+        part: which one, where the method returns several, such as ``"hue"`` of ``"hsv"``: see ``PARTS``. The hub calls the
+            method once for all of them.
+    """
 
     sensor: str
     method: str
     low: float
     high: float
     unit: str = ""
+    part: str | None = None
     scale: ClassVar[int] = 10
 
     @property
     def name(self) -> str:
-        return f"{self.sensor}_{self.method}"
+        return f"{self.sensor}_{self.part or self.method}"
+
+    @property
+    def wraps(self) -> bool:
+        return (self.low, self.high, self.unit) == (0.0, 360.0, "deg")
 
 
 Channel = MotorAngle | Pitch | Roll | YawRate | Distance | SensorReading

@@ -10,6 +10,7 @@ import hashlib
 from importlib import resources
 
 from bricksrl.hub.interface import (
+    PARTS,
     Channel,
     Command,
     Distance,
@@ -274,6 +275,9 @@ def _read_channels(interface: Interface) -> str:
     ]
     if any(isinstance(channel, (Pitch, Roll)) for channel in interface.channels):
         lines.append("    pitch, roll = hub.imu.tilt()")
+    several = [channel for channel in interface.channels if isinstance(channel, SensorReading) and channel.part is not None]
+    for sensor, method in dict.fromkeys((channel.sensor, channel.method) for channel in several):
+        lines.append(f"    read_{sensor}_{method} = sensor_{sensor}.{method}()")
     lines += ["    return ustruct.pack(", "        ANSWER_FORMAT,", "        time_ms,"]
     lines += [f"        wire({_reading(channel)} * {channel.scale})," for channel in interface.channels]
     lines.append("    )")
@@ -286,6 +290,8 @@ def _reading(channel: Channel) -> str:
         return f"motor_{channel.motor}.angle()" + (" % 360" if channel.wraps else "")
     if isinstance(channel, Distance):
         return f"sensor_{channel.sensor}.distance()"
+    if isinstance(channel, SensorReading) and channel.part is not None:
+        return f"read_{channel.sensor}_{channel.method}[{PARTS[channel.method].index(channel.part)}]"
     if isinstance(channel, SensorReading):
         return f"sensor_{channel.sensor}.{channel.method}()"
     if isinstance(channel, YawRate):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 
 from bricksrl.errors import DescriptionError, ProgramError
-from bricksrl.hub.interface import Distance, DriveStraight, Interface, MotorAngle, RunAngle, SensorReading, UntilDone
+from bricksrl.hub.interface import PARTS, Distance, DriveStraight, Interface, MotorAngle, RunAngle, SensorReading, UntilDone
 from bricksrl.hub.protocol import MAX_ACTIONS
 from bricksrl.robots import PoweredUpSensor, Robot, UltrasonicSensor
 
@@ -85,11 +85,24 @@ def _check_channels(robot: Robot, interface: Interface) -> None:
                 raise DescriptionError(
                     f"channel '{channel.name}': '{channel.method}' is no method; give a name such as 'reflection'"
                 )
+            _check_part(channel)
         elif not robot.hub.model.has_imu:
             raise DescriptionError(
                 f"channel '{channel.name}' needs an IMU, which the {robot.hub.value} hub lacks; "
                 "choose a prime, essential or technic hub, or leave the channel out"
             )
+
+
+def _check_part(reading: SensorReading) -> None:
+    parts = PARTS.get(reading.method)
+    if parts is None and reading.part is not None:
+        raise DescriptionError(
+            f"channel '{reading.name}': {reading.method}() is one number; leave the part '{reading.part}' away"
+        )
+    if parts is not None and reading.part not in parts:
+        raise DescriptionError(
+            f"channel '{reading.name}': {reading.method}() is {len(parts)} numbers; give as part one of {', '.join(parts)}"
+        )
 
 
 def _check_unique(kind: str, names: list[str]) -> None:

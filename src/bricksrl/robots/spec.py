@@ -132,12 +132,15 @@ class UltrasonicSensor:
 
 
 class SensorKind(enum.Enum):
-    """Sensors for which a hub has a class of that name in ``pybricks.pupdevices``."""
+    """Sensors, and lights, for which a hub has a class of that name in ``pybricks.pupdevices``."""
 
     COLOR = "ColorSensor"
     COLOR_DISTANCE = "ColorDistanceSensor"
     FORCE = "ForceSensor"
     INFRARED = "InfraredSensor"
+    TILT = "TiltSensor"
+    LIGHT = "Light"
+    COLOR_LIGHT_MATRIX = "ColorLightMatrix"
 
 
 @dataclass(frozen=True)

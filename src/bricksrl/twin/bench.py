@@ -12,7 +12,8 @@ import numpy as np
 from bricksrl.errors import TwinError
 from bricksrl.robots import Motor, PoweredUpSensor, Robot, UltrasonicSensor
 from bricksrl.twin.physics import Physics, RandomPhysics
-from bricksrl.twin.scene import OPEN_FLOOR, Reading, Scene
+from bricksrl.twin.scene import OPEN_FLOOR, Scene
+from bricksrl.twin.senses import UNSAID, Reading, Sense, Sensed, number, senses
 
 _FRICTION_UNM = 21413.268
 _FRICTION_FADES_BELOW_MDEG_S = 2000.0
@@ -64,7 +65,7 @@ class BenchBody:
         self._apply(physics if isinstance(physics, Physics) else Physics())
         if physics is None:
             self.battery_mv = _BENCH_BATTERY_MV
-        self._readings = _by_port(robot, scene)
+        self._readings = _by_sense(robot, scene)
         self._outputs = [(motor.name, motor.port, _mdeg_per_deg(motor)) for motor in robot.motors]
         self._motors = {port: _BenchMotor() for port in self.motors}
         self._time_ms = 0
@@ -93,14 +94,17 @@ class BenchBody:
         duty = max(-_MAX_DUTY, min(_MAX_DUTY, duty))
         self._motors[port].voltage = int(duty * self.battery_mv / _MAX_DUTY)
 
-    def reading(self, port: str) -> float:
-        """What the scene lets a sensor read at the present angles."""
-        return float(self._readings[port]({name: self.angle_mdeg(p) / scale for name, p, scale in self._outputs}))
+    def sensed(self, port: str, sense: Sense) -> Sensed:
+        """What the scene lets a sensor sense at the present angles."""
+        reading = self._readings.get((port, sense))
+        if reading is None:
+            return UNSAID[sense]
+        return reading({name: self.angle_mdeg(p) / scale for name, p, scale in self._outputs})
 
     def distance_mm(self, port: str) -> int:
-        if port not in self._readings:
+        if (port, Sense.DISTANCE) not in self._readings:
             return _FARTHEST_MM
-        return min(max(round(self.reading(port)), _NEAREST_MM), _FARTHEST_MM)
+        return min(max(round(number(self.sensed(port, Sense.DISTANCE))), _NEAREST_MM), _FARTHEST_MM)
 
     def tilt_deg(self) -> tuple[float, float]:
         return 0.0, 0.0
@@ -121,15 +125,18 @@ def _mdeg_per_deg(motor: Motor) -> float:
     return 1000.0 * ratio * motor.direction.value
 
 
-def _by_port(robot: Robot, scene: Scene) -> dict[str, Reading]:
-    ports = {sensor.name: sensor.port for sensor in robot.sensors}
-    strangers = sorted(set(scene.readings) - set(ports))
-    if strangers:
-        raise TwinError(f"robot '{robot.name}' has no sensor '{strangers[0]}'; its sensors are {', '.join(ports) or 'none'}")
+def _by_sense(robot: Robot, scene: Scene) -> dict[tuple[str, Sense], Reading]:
+    places = {}
     for sensor in robot.sensors:
-        if isinstance(sensor, PoweredUpSensor) and sensor.name not in scene.readings:
+        for index, sense in enumerate(senses(sensor)):
+            places[f"{sensor.name}.{sense}" if index else sensor.name] = (sensor.port, sense)
+    strangers = sorted(set(scene.readings) - set(places))
+    if strangers:
+        raise TwinError(f"robot '{robot.name}' has no sensor '{strangers[0]}'; it senses {', '.join(places) or 'nothing'}")
+    for sensor in robot.sensors:
+        if isinstance(sensor, PoweredUpSensor) and senses(sensor) and sensor.name not in scene.readings:
             raise TwinError(
                 f"nothing says what '{sensor.name}' of robot '{robot.name}' reads; "
                 f"give the task Scene(readings={{'{sensor.name}': a function of the motors' angles}})"
             )
-    return {ports[name]: reading for name, reading in scene.readings.items()}
+    return {places[name]: reading for name, reading in scene.readings.items()}

@@ -14,6 +14,7 @@ from bricksrl.robots import MotorKind, Robot
 from bricksrl.twin.firmware.drive_base import DriveBaseControl
 from bricksrl.twin.firmware.servo import Servo
 from bricksrl.twin.physics import Physics
+from bricksrl.twin.senses import Sense, Sensed
 
 CONTROL_LOOP_MS = 5
 # A program that polls without waiting would stand still in simulated time for ever. On a hub each call costs
@@ -66,10 +67,10 @@ class Body(Protocol):
 
 @runtime_checkable
 class SensingBody(Protocol):
-    """A body with sensors that the hub reads by a method's name."""
+    """A body with other sensors than those."""
 
-    def reading(self, port: str) -> float:
-        """What the sensor on this port reads now, whatever method asks."""
+    def sensed(self, port: str, sense: Sense) -> Sensed:
+        """What the sensor on this port senses now."""
 
 
 class Machine:

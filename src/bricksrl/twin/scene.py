@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from bricksrl.errors import TwinError
+from bricksrl.twin.senses import Reading
 
 _MOST_HEADING_AT_WALL_DEG = 60.0
-
-
-Reading = Callable[[Mapping[str, float]], float]
-"""A sensor's reading from the angles of the motors."""
 
 
 @dataclass(frozen=True)
@@ -25,8 +22,9 @@ class Scene:
         heading_deg: lowest and highest heading at the start, drawn uniformly, clockwise positive; 0 looks straight at
             the wall.
         ball: a red ball in the gripper, for robots that have one.
-        readings: for a robot that has no MuJoCo model: what its sensors read, by the sensor's name, as a function of the angles
-            of its motors (deg at the output, by the motor's name).
+        readings: for a robot that has no MuJoCo model: what its sensors sense, as a function of the angles of its motors (deg at
+            the output, by the motor's name). The name of a sensor, such as ``"light"``, stands for the first thing that it
+            senses, ``"light.ambient"`` for another one; see ``twin/senses.py``.
 
     Raises:
         TwinError: at construction, when the robot cannot be placed so.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import errno
 import functools
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, TypeVar
 
@@ -68,6 +68,28 @@ def get_int(value: Any) -> int:
     if isinstance(value, int | float):
         return int(value)
     raise TypeError(f"can't convert {type(value).__name__} to int")
+
+
+def get_number(value: Any) -> float:
+    """A number as a float.
+
+    Raises:
+        TypeError: it is none.
+    """
+    if not isinstance(value, int | float):
+        raise TypeError(f"can't convert {type(value).__name__} to float")
+    return float(value)
+
+
+def get_array(value: Any) -> Sequence[Any]:
+    """A tuple or list as it is.
+
+    Raises:
+        TypeError: it is something else.
+    """
+    if not isinstance(value, list | tuple):
+        raise TypeError(f"object '{type(value).__name__}' isn't a tuple or list")
+    return value
 
 
 def get_scaled(value: Any, scale: int) -> int:

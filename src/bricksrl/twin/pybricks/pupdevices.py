@@ -1,4 +1,4 @@
-"""``pybricks.pupdevices``: motors and the ultrasonic sensor; of all other devices none is plugged in."""
+"""``pybricks.pupdevices``: the motors; sensors and lights are in ``pupsensors.py``."""
 
 from __future__ import annotations
 
@@ -7,14 +7,25 @@ from types import ModuleType
 from typing import Any
 
 from bricksrl.robots import Direction as MotorDirection
-from bricksrl.robots import PoweredUpSensor
 from bricksrl.twin.firmware.control import OnCompletion
-from bricksrl.twin.machine import Machine, SensingBody
+from bricksrl.twin.machine import Machine
 from bricksrl.twin.micropython.numbers import module
-from bricksrl.twin.pybricks.context import Async, Context, RunLoop, bound, charged, expect_type, get_int, os_error, refusals
+from bricksrl.twin.pybricks.context import (
+    Async,
+    Context,
+    RunLoop,
+    bound,
+    charged,
+    expect_type,
+    get_array,
+    get_int,
+    os_error,
+    refusals,
+)
 from bricksrl.twin.pybricks.control import Control
 from bricksrl.twin.pybricks.motor_model import MotorModel
 from bricksrl.twin.pybricks.parameters import Direction, Parameters, Stop
+from bricksrl.twin.pybricks.pupsensors import DEVICES, PFMotor
 
 COMPLETIONS = {
     Stop.COAST: OnCompletion.COAST,
@@ -36,22 +47,16 @@ def _gear_ratio_milli(gears: Any) -> int:
     """1000 times the motor's turns for one of the output, from ``(12, 36)`` or ``((12, 20), (20, 40))``."""
     if gears is None:
         return 1000
-    trains = _teeth(gears)
+    trains = get_array(gears)
     if isinstance(trains[0], int) and isinstance(trains[-1], int):
         trains = (trains,)
     first = last = 1
-    for train in map(_teeth, trains):
+    for train in map(get_array, trains):
         first *= get_int(train[0])
         last *= get_int(train[-1])
     if first < 1 or last < 1:
         raise ZeroDivisionError("Gears must be positive integers.")
     return 1000 * last // first
-
-
-def _teeth(gears: Any) -> Any:
-    if not isinstance(gears, list | tuple):
-        raise TypeError(f"object '{type(gears).__name__}' isn't a tuple or list")
-    return gears
 
 
 class DCMotor:
@@ -253,92 +258,6 @@ class Motor:
         return self._servo.is_done()
 
 
-class _OtherSensor:
-    """A sensor of which only the described readings are simulated; where none is described, the port is empty."""
-
-    _machine: Machine
-    _loop: RunLoop
-    _parameters: Parameters
-
-    def __init__(self, port: Any) -> None:
-        self._loop.assert_blocking()
-        self._letter = self._parameters.port_letter(port)
-        body, kind = self._machine.body, type(self).__name__
-        described = [s for s in self._machine.robot.sensors if isinstance(s, PoweredUpSensor) and s.kind.value == kind]
-        if not isinstance(body, SensingBody) or self._letter not in {sensor.port for sensor in described}:
-            raise os_error(errno.ENODEV)
-        self._body = body
-
-    def _read(self) -> Any:
-        self._machine.charge_call()
-        return self._loop.value(lambda: self._body.reading(self._letter))
-
-
-# Methods that return a number or a truth value.
-_OTHER_SENSORS = {
-    "ColorSensor": ("ambient", "reflection"),
-    "ColorDistanceSensor": ("ambient", "distance", "reflection"),
-    "ForceSensor": ("distance", "force", "pressed", "touched"),
-    "InfraredSensor": ("count", "distance", "reflection"),
-    "TiltSensor": (),
-    "ColorLightMatrix": (),
-    "Light": (),
-}
-
-
-class LightArray:
-    """The four lights around the eyes of the ultrasonic sensor: nobody sees them, but values are checked."""
-
-    def __init__(self, loop: RunLoop, count: int) -> None:
-        self._loop = loop
-        self._count = count
-
-    def on(self, brightness: Any = 100) -> Any:
-        values = brightness if isinstance(brightness, list | tuple) else (brightness,) * self._count
-        if len(values) != self._count:
-            raise ValueError(f"expected 1 number or tuple of {self._count} values")
-        for value in values:
-            get_int(value)
-        return self._loop.done()
-
-    def off(self) -> Any:
-        return self._loop.done()
-
-
-class UltrasonicSensor:
-    """Distance in mm, 2000 when nothing is near."""
-
-    _machine: Machine
-    _loop: RunLoop
-    _parameters: Parameters
-
-    def __init__(self, port: Any) -> None:
-        self._loop.assert_blocking()
-        self._letter = self._parameters.port_letter(port)
-        if self._letter not in self._machine.body.distance_sensors:
-            raise os_error(errno.ENODEV)
-        self.lights = LightArray(self._loop, 4)
-
-    def distance(self) -> Any:
-        self._machine.charge_call()
-        return self._loop.value(self._distance_mm)
-
-    def presence(self) -> Any:
-        """Whether another ultrasonic sensor is heard: there is none."""
-        self._machine.charge_call()
-        return self._loop.value(lambda: False)
-
-    def _distance_mm(self) -> int:
-        return self._machine.body.distance_mm(self._letter)
-
-
-class PFMotor:
-    """An infrared motor behind a colour and distance sensor, which no virtual robot has."""
-
-    def __init__(self, sensor: Any, channel: Any, color: Any, positive_direction: Any = Direction.CLOCKWISE) -> None:
-        raise TypeError(f"can't convert {type(sensor).__name__} to ColorDistanceSensor")
-
-
 class _NoRadio:
     """A device that connects over Bluetooth; none is near."""
 
@@ -351,8 +270,7 @@ class _NoRadio:
 
 def pupdevices_module(context: Context, parameters: Parameters) -> ModuleType:
     names: dict[str, Any] = {"PFMotor": PFMotor}
-    others = [type(name, (_OtherSensor,), dict.fromkeys(methods, _OtherSensor._read)) for name, methods in _OTHER_SENSORS.items()]
-    for kind in (Motor, DCMotor, UltrasonicSensor, type("Remote", (_NoRadio,), {}), *others):
+    for kind in (Motor, DCMotor, *DEVICES, type("Remote", (_NoRadio,), {})):
         own: Any = bound(kind, context)
         own._parameters = parameters
         names[kind.__name__] = own
