@@ -15,6 +15,7 @@ from bricksrl.cli.console import INTERRUPTED, print_interrupted, print_line, pri
 from bricksrl.cli.hands import HANDS, driving, quiet
 from bricksrl.cli.loading import load_learning
 from bricksrl.errors import DataError, DescriptionError, StoppedError
+from bricksrl.seed import check_seed
 
 if TYPE_CHECKING:
     import numpy as np
@@ -77,8 +78,7 @@ class Record:
 
         if self.episodes < 1:
             raise DataError(f"episodes is {self.episodes}; record at least 1")
-        if self.seed < 0:
-            raise DataError(f"seed is {self.seed}; give 0 or more")
+        check_seed(self.seed)
         load_learning()
         count = 0
 

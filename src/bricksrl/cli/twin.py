@@ -12,6 +12,7 @@ from tyro.conf import Positional, arg
 from bricksrl.cli.asking import yes
 from bricksrl.cli.console import print_line
 from bricksrl.errors import TwinError
+from bricksrl.seed import check_seed
 
 # Written out here, because the fit itself takes a second to import.
 FITTED = ("battery_v", "friction_scale", "motor_friction_scale", "mass_scale", "backlash_deg")
@@ -58,8 +59,9 @@ class Record:
         from bricksrl import robots
         from bricksrl.twin.log import identification_commands, identification_interface, record, write_log
 
-        if self.steps < 1 or self.seed < 0:
-            raise TwinError(f"steps is {self.steps} and seed {self.seed}; give at least 1 step, and a seed of 0 or more")
+        if self.steps < 1:
+            raise TwinError(f"steps is {self.steps}; give at least 1")
+        check_seed(self.seed)
         if self.out.is_dir():
             raise TwinError(f"{self.out} is a folder; name a file to write")
         robot = robots.get(self.robot)

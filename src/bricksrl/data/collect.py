@@ -10,6 +10,7 @@ import numpy as np
 import torch
 
 from bricksrl.data.steps import about, step_of, success_of
+from bricksrl.seed import check_seed
 
 if TYPE_CHECKING:
     from tensordict import TensorDictBase
@@ -41,7 +42,12 @@ class Collected:
 
 
 def random_policy(env: EnvBase, seed: int) -> Policy:
-    """Uniform actions; their seed is theirs alone."""
+    """Uniform actions; their seed is theirs alone.
+
+    Raises:
+        DescriptionError: it cannot be one.
+    """
+    check_seed(seed)
     generator = torch.Generator().manual_seed(seed)
     size = int(env.action_spec.shape[-1])
     return lambda _: 2.0 * torch.rand(size, generator=generator) - 1.0
@@ -73,7 +79,9 @@ def collect(
     Raises:
         HubError: the link to the robot failed.
         DataError: the episode cannot be recorded.
+        DescriptionError: the seed cannot be one.
     """
+    check_seed(seed)
     done = []
     for _ in range(episodes):
         episode_seed = int(np.random.SeedSequence([seed, recorder.episodes]).generate_state(1)[0] >> 1)

@@ -29,6 +29,7 @@ from bricksrl.data.reading import check_digest, read_file
 from bricksrl.data.rows import read_rows, rows_table, sentence
 from bricksrl.data.tables import from_table, statistics, tasks_table, to_parquet, to_table
 from bricksrl.errors import DataError
+from bricksrl.seed import check_seed
 
 STEPS_PER_FILE = 20_000
 """Where a new file begins."""
@@ -62,12 +63,12 @@ def split(source: Path, first: Path, second: Path, share: float, seed: int) -> t
     """Write a random share of the episodes to ``first`` and the others to ``second``, each in their order.
 
     Raises:
-        DataError: the source is damaged, a target exists, one of them would be empty, or the seed is negative.
+        DataError: the source is damaged, a target exists, or one of them would be empty.
+        DescriptionError: the seed cannot be one.
     """
     if not math.isfinite(share):
         raise DataError(f"share is {share:g}; give a number between 0 and 1")
-    if seed < 0:
-        raise DataError(f"seed is {seed}; give 0 or more")
+    check_seed(seed)
     index = read_index(source)
     count = round(share * len(index.rows))
     if not 0 < count < len(index.rows):

@@ -25,6 +25,7 @@ from bricksrl.errors import DescriptionError, UnknownNameError
 from bricksrl.hub.address import parse_hub
 from bricksrl.hub.transport import Pipe, Transport
 from bricksrl.robots import Robot
+from bricksrl.seed import check_seed
 from bricksrl.twin.bodies import check_mujoco
 
 if TYPE_CHECKING:
@@ -108,8 +109,10 @@ def make(
 
     Raises:
         UnknownNameError: there is no such environment or no such kind of hub.
-        DescriptionError: the environment has no such option, or a step of it has no fixed time and cannot be streamed.
+        DescriptionError: the environment has no such option, a step of it has no fixed time and cannot be streamed, or the seed
+            cannot be one.
     """
+    check_seed(seed)
     address = parse_hub(hub)
     offer = _offer(env_id)
     task = _build(env_id, offer, options)

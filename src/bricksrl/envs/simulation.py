@@ -112,7 +112,7 @@ class SimulatedEnv(EnvBase):  # type: ignore[misc]
         self.done_spec = Composite(done=flag, terminated=flag.clone(), truncated=flag.clone(), shape=shape)
 
     def _set_seed(self, seed: int | None) -> None:
-        self._rng.manual_seed(0 if seed is None else seed)
+        self._rng.manual_seed(int(seed or 0))  # it takes no NumPy integers
 
     def maybe_reset(self, tensordict: TensorDictBase) -> TensorDictBase:
         """Start those copies anew that are done. The others are not touched: that is most of the work at most steps."""

@@ -14,6 +14,7 @@ import numpy as np
 from bricksrl.data.files import write_durably
 from bricksrl.errors import RunError
 from bricksrl.evaluation.statistics import Interval, interquartile_mean, mean, stratified_bootstrap_interval, wilson_interval
+from bricksrl.seed import check_seed
 from bricksrl.training.run import RunFolder
 from bricksrl.training.runner import load_agent, make_env
 
@@ -97,10 +98,12 @@ def evaluate(
 
     Raises:
         RunError: there is no run in the folder, or ``episodes`` is below 1.
+        DescriptionError: the seed cannot be one.
         CheckpointError: its checkpoint is damaged, or ``env`` observes or acts otherwise than what the agent was trained in.
     """
     if episodes < 1:
         raise RunError(f"episodes is {episodes}; evaluate at least 1")
+    check_seed(seed)
     from bricksrl.training.reproducible import derive_seed, reproducible
 
     folder = RunFolder(run_dir)

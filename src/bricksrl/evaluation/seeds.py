@@ -24,6 +24,7 @@ import numpy as np
 from bricksrl.data.files import write_durably
 from bricksrl.errors import RunError
 from bricksrl.evaluation.statistics import Interval, interquartile_mean, stratified_bootstrap_interval
+from bricksrl.seed import check_seed
 from bricksrl.training.run import RunFolder
 
 if TYPE_CHECKING:
@@ -73,11 +74,13 @@ def train_seeds(
 
     Raises:
         RunError: the folder exists, the robot is a real one, or a seed failed; the others are then trained all the same.
+        DescriptionError: the last seed cannot be one.
     """
     if count < 2:
         raise RunError(f"seeds is {count}; give 2 or more, or leave --seeds away")
     if config.hub != "virtual":
         raise RunError("there is one robot and several seeds want it at once; train them one after the other with --seed")
+    check_seed(config.seed + count - 1)
     folder = config.run_dir
     if folder is None or folder.exists():
         raise RunError(f"{folder} exists already; choose another folder")

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 from bricksrl.agents.presets import Settings
 from bricksrl.data.files import write_durably
 from bricksrl.errors import RunError
+from bricksrl.seed import LARGEST_SEED, check_seed
 from bricksrl.training.config import TrainConfig, settings_for
 from bricksrl.training.observer import Episode, Observer, Progress
 
@@ -110,15 +111,15 @@ def tune(tuning: Tuning, folder: Path, trials: int, *, seed: int = 0, on_trial: 
     """Make ``trials`` more trials, and write the best settings so far to ``best.json``.
 
     Raises:
-        RunError: Optuna is not installed, the seed is negative, or the folder holds a study of something else.
+        RunError: Optuna is not installed, or the folder holds a study of something else.
+        DescriptionError: the seed cannot be one.
         UnknownNameError: there is no such environment or agent.
     """
     try:
         import optuna
     except ImportError:
         raise RunError("optuna is not installed; run `pip install optuna`") from None
-    if seed < 0:
-        raise RunError(f"seed is {seed}; give 0 or more")
+    check_seed(seed)
     start = settings_for(tuning.env, "default", tuning.agent)
     goals = _has_goals(tuning.env)
     optuna.logging.set_verbosity(logging.WARNING)
@@ -131,7 +132,7 @@ def tune(tuning: Tuning, folder: Path, trials: int, *, seed: int = 0, on_trial: 
         pruner=optuna.pruners.MedianPruner(n_startup_trials=5),
     )
     _check_same(study, tuning, folder)
-    study.sampler = optuna.samplers.TPESampler(seed=seed + len(study.trials))
+    study.sampler = optuna.samplers.TPESampler(seed=(seed + len(study.trials)) % (LARGEST_SEED + 1))
     if not study.trials:
         study.enqueue_trial(_as_proposed(start, goals=goals))  # what there is has to be beaten
 

@@ -11,6 +11,7 @@ from typing import Any
 
 from bricksrl.agents.presets import AGENTS, Settings, preset
 from bricksrl.errors import BricksError, RunError
+from bricksrl.seed import check_seed
 from bricksrl.twin.physics import Physics
 
 
@@ -64,8 +65,7 @@ class TrainConfig:
     def __post_init__(self) -> None:
         if self.episodes < 1:
             raise RunError(f"episodes is {self.episodes}; train for at least 1")
-        if self.seed < 0:
-            raise RunError(f"seed is {self.seed}; give 0 or more")
+        check_seed(self.seed)
         if self.randomize and self.physics is not None:
             raise RunError("the physics is given and is to be random too; choose one of the two")
         if not self.patience_s >= 0:

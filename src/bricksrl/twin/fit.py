@@ -20,6 +20,7 @@ from bricksrl.errors import TwinError
 from bricksrl.hub.interface import Distance, MotorAngle, Pitch, Roll, UntilDone, YawRate
 from bricksrl.hub.link import HubLink
 from bricksrl.robots import Robot
+from bricksrl.seed import check_seed
 from bricksrl.twin.log import RunLog
 from bricksrl.twin.physics import PARAMETERS, Physics
 from bricksrl.twin.scene import Scene
@@ -111,7 +112,9 @@ def fit(
 
     Raises:
         TwinError: a parameter is none that motion tells, or the log is too short.
+        DescriptionError: the seed cannot be one.
     """
+    check_seed(seed)
     wrong = sorted(set(names) - set(FITTED))
     if wrong or not names:
         raise TwinError(f"motion does not tell {', '.join(wrong) or 'nothing'}; choose from {', '.join(FITTED)}")
