@@ -59,3 +59,24 @@ def test_wrong_names_are_told(tmp_path: Path) -> None:
         tune(Tuning("WalkerSmi-v0", "sac"), tmp_path, 1)
     with pytest.raises(UnknownNameError, match="ppo"):
         tune(Tuning("WalkerSim-v0", "ppo"), tmp_path, 1)
+
+
+def test_a_study_goes_on_whose_first_trials_were_not_finished(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    outcomes: list[float | Exception] = [BrokenPipeError(), optuna.TrialPruned(), optuna.TrialPruned(), -2.0, -1.0]
+
+    def score(*_: object) -> float:
+        outcome = outcomes.pop(0)
+        if isinstance(outcome, Exception):
+            raise outcome
+        return outcome
+
+    monkeypatch.setattr(tuning, "_train_and_evaluate", score)
+    about, told = Tuning("WalkerSim-v0", "sac", seeds=1), []
+    with pytest.raises(BrokenPipeError):
+        tune(about, tmp_path, 1)
+    with pytest.raises(RunError, match="no trial of .* was finished; give more --trials"):
+        tune(about, tmp_path, 1)
+    assert not (tmp_path / BEST).exists()
+    assert tune(about, tmp_path, 3, on_trial=lambda *trial: told.append(trial)).trials == 2
+    assert told == [(2, None, None), (3, -2.0, -2.0), (4, -1.0, -1.0)]
+    assert json.loads((tmp_path / BEST).read_text())["provenance"]["trial"] == 4

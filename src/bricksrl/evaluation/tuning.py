@@ -111,7 +111,7 @@ def tune(tuning: Tuning, folder: Path, trials: int, *, seed: int = 0, on_trial: 
     """Make ``trials`` more trials, and write the best settings so far to ``best.json``.
 
     Raises:
-        RunError: Optuna is not installed, or the folder holds a study of something else.
+        RunError: Optuna is not installed, the folder holds a study of something else, or no trial was finished.
         DescriptionError: the seed cannot be one.
         UnknownNameError: there is no such environment or agent.
     """
@@ -149,11 +149,14 @@ def tune(tuning: Tuning, folder: Path, trials: int, *, seed: int = 0, on_trial: 
 
     def told(study: optuna.Study, trial: optuna.trial.FrozenTrial) -> None:
         done = trial.state == optuna.trial.TrialState.COMPLETE
-        _write_best(study, tuning, start, folder, goals=goals)
-        on_trial(trial.number, trial.value if done else None, study.best_value)
+        best = _write_best(study, tuning, start, folder, goals=goals)
+        on_trial(trial.number, trial.value if done else None, None if best is None else best.value)
 
     study.optimize(objective, n_trials=trials, callbacks=[told])
-    return _write_best(study, tuning, start, folder, goals=goals)
+    best = _write_best(study, tuning, start, folder, goals=goals)
+    if best is None:
+        raise RunError(f"no trial of {folder} was finished; give more --trials")
+    return best
 
 
 class _StopAt(Observer):
@@ -213,12 +216,13 @@ def _check_same(study: optuna.Study, tuning: Tuning, folder: Path) -> None:
         raise RunError(f"{folder} holds a study of {known}; give the same, or another folder")
 
 
-def _write_best(study: optuna.Study, tuning: Tuning, start: Settings, folder: Path, *, goals: bool) -> Best:
+def _write_best(study: optuna.Study, tuning: Tuning, start: Settings, folder: Path, *, goals: bool) -> Best | None:
+    """Write what is best so far; ``None`` as long as no trial was finished."""
     import optuna
 
     finished = [trial for trial in study.trials if trial.state == optuna.trial.TrialState.COMPLETE]
     if not finished:
-        raise RunError(f"no trial of {folder} was finished; give more --trials")
+        return None
     best = study.best_trial
     settings = propose(optuna.trial.FixedTrial(best.params), start, goals=goals)
     found = Best(settings, float(study.best_value), len(finished))
