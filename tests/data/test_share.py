@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import errno
 import json
 import socket
 from pathlib import Path
@@ -14,9 +15,9 @@ import bricksrl
 from bricksrl.agents import preset
 from bricksrl.data import load
 from bricksrl.data.share import pull_dataset, push_dataset
-from bricksrl.errors import CheckpointError, DataError
-from bricksrl.training import TrainConfig, load_agent, train
-from bricksrl.training.sharing import load_policy, pull_policy, push_policy
+from bricksrl.errors import CheckpointError, DataError, RunError
+from bricksrl.training import TrainConfig, load_agent, sharing, train
+from bricksrl.training.sharing import export_policy, is_policy, load_policy, pull_policy, push_policy
 
 
 @pytest.fixture
@@ -93,3 +94,25 @@ def test_a_policy_goes_to_the_hub_and_acts_as_before(hub: Hub, tmp_path: Path) -
         with pytest.raises(CheckpointError, match="no sound safetensors"):
             pull_policy("me/policy", tmp_path / "bad")
     assert not (tmp_path / "bad").exists()
+
+
+@pytest.mark.parametrize("written", [0, 1, 2])
+def test_a_policy_is_exported_whole_or_not_at_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, written: int) -> None:
+    """Whenever the process is killed, nothing has the policy's name; where the disk is full, nothing is left at all."""
+    run, out = tmp_path / "run", tmp_path / "new" / "policy"
+    train(TrainConfig("WalkerSim-v0", "random", episodes=1, run_dir=run, record=False))
+    write, names = sharing.write_durably, []
+
+    def write_while_there_is_room(path: Path, data: bytes) -> None:
+        assert not out.exists()
+        if len(names) == written:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        write(path, data)
+        names.append(path.name)
+
+    monkeypatch.setattr(sharing, "write_durably", write_while_there_is_room)
+    with pytest.raises(RunError, match=r"cannot write the policy to .*policy \(No space left on device\); make room"):
+        export_policy(run, out)
+    assert len(names) == written and list(out.parent.iterdir()) == []
+    monkeypatch.setattr(sharing, "write_durably", write)
+    assert is_policy(export_policy(run, out))

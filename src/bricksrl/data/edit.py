@@ -8,8 +8,6 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import math
-import shutil
-import tempfile
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,7 +19,7 @@ from numpy.typing import NDArray
 
 from bricksrl.data.description import Description
 from bricksrl.data.episode import EpisodeRow
-from bricksrl.data.files import TEMPORARY_PREFIX, write_durably
+from bricksrl.data.files import whole_folder, write_durably
 from bricksrl.data.images import decode, encode
 from bricksrl.data.index import Index, read_description, read_index, write_index
 from bricksrl.data.layout import FileIndex, Layout, numbers
@@ -158,9 +156,7 @@ def write_dataset(out: Path, description: Description, episodes: Iterable[Whole]
         DataError: ``out`` exists, or there are no episodes.
     """
     _refuse_existing(out)
-    out.parent.mkdir(parents=True, exist_ok=True)
-    folder = Path(tempfile.mkdtemp(dir=out.parent, prefix=TEMPORARY_PREFIX))
-    try:
+    with whole_folder(out) as folder:
         rows: list[EpisodeRow] = []
         layout = Layout(folder)
         at = FileIndex()
@@ -173,11 +169,6 @@ def write_dataset(out: Path, description: Description, episodes: Iterable[Whole]
         write_durably(layout.tasks, tasks_table(sentence(description)))
         write_durably(layout.episodes(FileIndex()), to_parquet(rows_table(rows, description, FileIndex())))
         write_index(layout, description, rows)
-        folder.chmod(0o755)
-        folder.rename(out)
-    except BaseException:
-        shutil.rmtree(folder, ignore_errors=True)
-        raise
     return Index(Layout(out), description, tuple(rows), FileIndex())
 
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import os
 import shutil
-import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -16,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from bricksrl.data.cards import dataset_card
 from bricksrl.data.check import check
-from bricksrl.data.files import LOCK, TEMPORARY_PREFIX
+from bricksrl.data.files import LOCK, TEMPORARY_PREFIX, whole_folder
 from bricksrl.data.layout import CODEBASE_VERSION
 from bricksrl.data.reading import dataset_folder
 from bricksrl.data.summary import summarise
@@ -75,20 +74,13 @@ def fetched(repo: str, kind: str, out: Path, patterns: list[str], revision: str 
     """A repository's files in a folder that becomes ``out`` when all is well inside, and is removed otherwise."""
     if out.exists():
         raise DataError(f"{out} exists already; choose a new folder")
-    out.parent.mkdir(parents=True, exist_ok=True)
-    folder = Path(tempfile.mkdtemp(dir=out.parent, prefix=TEMPORARY_PREFIX))
-    try:
+    with whole_folder(out) as folder:
         with reaching(repo) as api:
             api.snapshot_download(
                 repo, repo_type=kind, revision=revision, local_dir=str(folder), allow_patterns=patterns, max_workers=2
             )
         shutil.rmtree(folder / ".cache", ignore_errors=True)
         yield folder
-        folder.chmod(0o755)
-        folder.rename(out)
-    except BaseException:
-        shutil.rmtree(folder, ignore_errors=True)
-        raise
 
 
 @contextmanager

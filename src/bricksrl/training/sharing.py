@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bricksrl.data.cards import policy_card
-from bricksrl.data.files import write_durably
+from bricksrl.data.files import whole_folder, write_durably
 from bricksrl.data.share import CARD, fetched, reaching
 from bricksrl.errors import CheckpointError, RunError
 from bricksrl.training.config import TrainConfig
@@ -30,10 +30,10 @@ def is_policy(path: Path) -> bool:
 
 
 def export_policy(run_dir: Path, out: Path, *, licence: str = "mit") -> Path:
-    """Write what the agent of a run acts with into the folder ``out``: `TENSORS`, `ABOUT` and a card.
+    """Write what the agent of a run acts with into the folder ``out``: `TENSORS`, `ABOUT` and a card, all of them or none.
 
     Raises:
-        RunError: ``out`` exists, or there is no run.
+        RunError: ``out`` exists or cannot be written, or there is no run.
         CheckpointError: the run's checkpoint is damaged.
     """
     from safetensors.torch import save
@@ -55,11 +55,14 @@ def export_policy(run_dir: Path, out: Path, *, licence: str = "mit") -> Path:
         "episodes": trained.episodes,
         "config": replace(config, data=None, updates=0, start=None).to_dict(),
     }
-    out.mkdir(parents=True)
-    write_durably(out / TENSORS, save(tensors))
-    write_durably(out / ABOUT, (json.dumps(about, indent=1, default=str) + "\n").encode())
     card = policy_card(config.env, config.agent, trained.episodes, _evaluation(folder), licence)
-    write_durably(out / CARD, card.encode())
+    try:
+        with whole_folder(out) as new:
+            write_durably(new / TENSORS, save(tensors))
+            write_durably(new / ABOUT, (json.dumps(about, indent=1, default=str) + "\n").encode())
+            write_durably(new / CARD, card.encode())
+    except OSError as error:
+        raise RunError(f"cannot write the policy to {out} ({error.strerror}); make room or choose another folder") from None
     return out
 
 
