@@ -16,7 +16,7 @@ from bricksrl.hub.diagnosis import Survey
 from bricksrl.hub.finding import Finding, Outcome
 from bricksrl.hub.interface import RunAngle, UntilDone, Wait
 from bricksrl.hub.latency import advice, latency
-from bricksrl.robots import ROBO_ARM, TWO_WHEELER, WALKER, HubKind, MotorKind
+from bricksrl.robots import ROBO_ARM, TWO_WHEELER, WALKER, HubKind, MotorKind, PoweredUpSensor, SensorKind
 from bricksrl.twin.virtual_hub import VirtualHub
 
 GOOD = Survey(
@@ -51,6 +51,15 @@ def test_another_motor_is_a_warning() -> None:
 def test_every_described_device_has_a_number_and_a_name() -> None:
     for kind in MotorKind:
         assert device_name(MOTOR_IDS[kind]) == f"motor {kind.value}"
+    assert {device_name(device_id(PoweredUpSensor("it", "A", kind))) for kind in SensorKind} == {
+        "color sensor",
+        "color distance sensor",
+        "force sensor",
+        "infrared sensor",
+        "tilt sensor",
+        "light",
+        "color light matrix",
+    }
     numbers = [device_id(device) for robot in (TWO_WHEELER, WALKER, ROBO_ARM) for device in (*robot.motors, *robot.sensors)]
     assert set(numbers) == {48, 62}
 

@@ -72,6 +72,16 @@ print(it.color())
     )
 
 
+def test_a_program_may_make_a_sensor_of_its_own() -> None:
+    source = """
+class Eye(ColorSensor):
+    def is_dark(self):
+        return self.reflection() < 20
+print(Eye(Port.B).is_dark())
+"""
+    assert told(SensorKind.COLOR, source, it=10) == "True"
+
+
 def test_its_lights_take_one_brightness_or_three() -> None:
     source = "it.lights.on(100)\nit.lights.on([0, 100, 50.5])\nit.lights.off()\nprint(it.reflection())"
     assert told(SensorKind.COLOR, source, it=10) == "10"

@@ -6,7 +6,7 @@ import errno
 from collections.abc import Callable
 from typing import Any
 
-from bricksrl.robots import PoweredUpSensor
+from bricksrl.robots import PoweredUpSensor, SensorKind
 from bricksrl.twin.machine import Machine, SensingBody
 from bricksrl.twin.micropython.floats import to_single
 from bricksrl.twin.pybricks.colors import nearest
@@ -32,6 +32,7 @@ class Device:
     _machine: Machine
     _loop: RunLoop
     _parameters: Parameters
+    _kind: SensorKind
     _mode = ""
     _switch_ms = 0
 
@@ -42,9 +43,8 @@ class Device:
             raise os_error(errno.ENODEV)
 
     def _is_there(self) -> bool:
-        kind = type(self).__name__
         described = (s for s in self._machine.robot.sensors if isinstance(s, PoweredUpSensor) and s.port == self._letter)
-        return isinstance(self._machine.body, SensingBody) and any(sensor.kind.value == kind for sensor in described)
+        return isinstance(self._machine.body, SensingBody) and any(sensor.kind is self._kind for sensor in described)
 
     def _sensed(self, sense: Sense) -> Sensed:
         body: Any = self._machine.body  # a SensingBody, or nothing would be there
@@ -155,6 +155,8 @@ class _SeesColors(Device):
 class ColorSensor(_SeesColors):
     """The SPIKE color sensor, which can switch its light off."""
 
+    _kind = SensorKind.COLOR
+
     def __init__(self, port: Any) -> None:
         super().__init__(port)
         self.lights = LightArray(self, 3)
@@ -171,6 +173,8 @@ class ColorSensor(_SeesColors):
 
 class ColorDistanceSensor(_SeesColors):
     """The Powered Up (BOOST) color and distance sensor."""
+
+    _kind = SensorKind.COLOR_DISTANCE
 
     def __init__(self, port: Any) -> None:
         super().__init__(port)
@@ -196,6 +200,8 @@ class ColorDistanceSensor(_SeesColors):
 class ForceSensor(Device):
     """A button on a spring, which is pushed in all the way at 10 N."""
 
+    _kind = SensorKind.FORCE
+
     def force(self) -> Any:
         return self._measure("FRAW", lambda: to_single(self._force_mn() / 1000))
 
@@ -218,6 +224,8 @@ class ForceSensor(Device):
 
 class InfraredSensor(Device):
     """The WeDo 2.0 motion sensor: the more light comes back, the nearer the thing (``pb_type_pupdevices_infraredsensor.c``)."""
+
+    _kind = SensorKind.INFRARED
 
     def __init__(self, port: Any) -> None:
         super().__init__(port)
@@ -243,6 +251,8 @@ class InfraredSensor(Device):
 class TiltSensor(Device):
     """The WeDo 2.0 tilt sensor, up to 45 degrees each way."""
 
+    _kind = SensorKind.TILT
+
     def tilt(self) -> Any:
         return self._measure("ANGLE", self._tilt)
 
@@ -255,6 +265,8 @@ class TiltSensor(Device):
 class Light(Device):
     """A lamp, which nobody sees."""
 
+    _kind = SensorKind.LIGHT
+
     def on(self, brightness: Any = 100) -> None:
         self._machine.charge_call()
         get_int(brightness)
@@ -265,6 +277,8 @@ class Light(Device):
 
 class ColorLightMatrix(Device):
     """Three rows of three lights, which nobody sees."""
+
+    _kind = SensorKind.COLOR_LIGHT_MATRIX
 
     def on(self, colors: Any) -> Any:
         pixels = iter((colors,) * 9 if isinstance(colors, Color) else colors)
