@@ -98,9 +98,20 @@ class TestModel:
         assert Walking().loop_error_mm() < 1e-6
 
     def test_only_feet_and_frame_touch_and_only_the_floor(self) -> None:
-        assert not model().geom_conaffinity[model().geom_bodyid != 0].any()
-        touching = [model().geom(index).name for index in range(model().ngeom) if model().geom_contype[index]]
-        assert {f"foot_{port}" for port in "ABCD"} <= set(touching)
+        assert not (model().geom_contype.any() or model().geom_conaffinity.any())
+        below, above = model().pair_geom1, model().pair_geom2
+        assert {model().geom(index).name for index in below} == {"floor"}
+        bodies = {model().body(body).name for body in model().geom_bodyid[above]}
+        assert bodies == {"chassis", *(f"leg_{port}" for port in "ABCD")}
+        assert {f"foot_{port}" for port in "ABCD"} <= {model().geom(index).name for index in above}
+
+    def test_what_touches_does_so_as_its_shapes_say(self) -> None:
+        model = walker.build(WALKER, Scene(wall_distance_mm=(100, 100))).compile()
+        assert {model.geom(index).name for index in model.pair_geom1} == {"floor", "wall"}
+        for above, friction, solref in zip(model.pair_geom2, model.pair_friction, model.pair_solref, strict=True):
+            shape = model.geom(above)
+            assert friction.tolist() == shape.friction[[0, 0, 1, 2, 2]].tolist()
+            assert solref.tolist() == shape.solref.tolist()
 
     def test_another_robot_is_refused(self) -> None:
         with pytest.raises(TwinError, match="no Walker"):

@@ -126,7 +126,7 @@ class MujocoBody:
 
     def _remember_nominal(self) -> None:
         model = self.model
-        self._nominal_friction = model.geom_friction.copy()
+        self._nominal_friction, self._nominal_pair_friction = model.geom_friction.copy(), model.pair_friction.copy()
         self._nominal_mass, self._nominal_inertia = model.body_mass.copy(), model.body_inertia.copy()
         self._nominal_frictionloss = model.dof_frictionloss[self._shaft_dofs].copy()
         friction = [motor_constants(kind).friction_nm * abs(self._gears[port]) for port, kind in self.motors.items()]
@@ -138,6 +138,7 @@ class MujocoBody:
         self.battery_mv = round(physics.battery_v * 1000)
         self._encoder_step_mdeg = round(physics.encoder_resolution_deg * 1000)
         model.geom_friction[:] = self._nominal_friction * physics.friction_scale
+        model.pair_friction[:] = self._nominal_pair_friction * physics.friction_scale
         model.body_mass[:] = self._nominal_mass * physics.mass_scale
         model.body_inertia[:] = self._nominal_inertia * physics.mass_scale
         more_friction = (physics.motor_friction_scale - 1.0) * self._motor_friction

@@ -37,7 +37,7 @@ class Observer:
         self._gain = motor.observer_gain
         self._stall_speed, self._stall_time = stall_speed, stall_time
         self._negligible_mv = trunc(model.voltage_mv(model.friction_unm) * 5 / 2)
-        self._rows = model.angle[:3], model.speed[:3], model.current[:3]
+        self._rows = *model.angle[:3], *model.speed[:3], *model.current[:3]
         self._friction_unm = model.friction_unm
         self._friction_columns = model.angle[3], model.speed[3], model.current[3]
         self._full_friction = self._friction(model.friction_unm)
@@ -67,8 +67,8 @@ class Observer:
         history.append(angle)
         self.measured_speed = (angle - history[_WINDOW_START]) * 10
         speed, feedback = self.speed, self.feedback_mv(angle)
-        if feedback and voltage_mv and (feedback < 0) is (voltage_mv > 0):
-            self._check_stall(time, voltage_mv, feedback)
+        if voltage_mv * feedback < 0 and (speed if voltage_mv > 0 else -speed) < self._stall_speed:
+            self._check_stall(time, abs(voltage_mv), abs(feedback))
         else:
             self._stalled_since = None
         voltage = voltage_mv + feedback
@@ -80,7 +80,7 @@ class Observer:
         if speed < 0:
             slip, friction, drop = -slip, -friction, -drop
         ps, pc, pv = PRESCALE_SPEED * speed, PRESCALE_CURRENT * self._current, PRESCALE_VOLTAGE * voltage
-        (a0, a1, a2), (s0, s1, s2), (c0, c1, c2) = self._rows
+        a0, a1, a2, s0, s1, s2, c0, c1, c2 = self._rows
         self.angle += trunc(ps / a0) + trunc(pc / a1) + trunc(pv / a2) + slip
         next_speed = trunc(ps / s0) + trunc(pc / s1) + trunc(pv / s2) + friction
         current = trunc(ps / c0) + trunc(pc / c1) + trunc(pv / c2) + drop
@@ -120,12 +120,8 @@ class Observer:
         return self._stalled_since is not None and time - self._stalled_since > self._stall_time
 
     def _check_stall(self, time: int, voltage: int, feedback: int) -> None:
-        """For a feedback against the voltage; along with it nothing stalls."""
-        speed = self.speed
-        if voltage < 0:
-            speed, voltage, feedback = -speed, -voltage, -feedback
-        pushed_back = -feedback * 100 > voltage * _STALL_RATIO_PCT
-        if speed < self._stall_speed and pushed_back and voltage > self._negligible_mv:
+        """For a motor that does not turn as its voltage wants and a feedback against it; magnitudes."""
+        if feedback * 100 > voltage * _STALL_RATIO_PCT and voltage > self._negligible_mv:
             if self._stalled_since is None:
                 self._stalled_since = time
         else:

@@ -216,13 +216,12 @@ class Servo:
         """One control loop: controller, voltage, observer."""
         if not self.is_open:
             return
-        time, position = self._machine.time_ms * 10, self.position()
+        time, position = self._machine.time_ms * 10, self._body.angle_mdeg(self.port) * self._sign - self._zero_mdeg
         control, observer = self.control, self.observer
         if control.type is not _NONE:
-            action = control.update(time, position, observer.measured_speed, observer.speed)
-            torque, speed, acceleration, passive, _ = action
+            torque, speed, acceleration, passive, _ = control.update(time, position, observer.measured_speed, observer.speed)
             if passive is None:
-                self.actuate(torque, speed, acceleration)
+                self.set_voltage(self._drive_mv(torque, speed, acceleration))
             else:
                 self.set_voltage(None if passive is OnCompletion.COAST else 0)
         observer.update(time, position, self._voltage_mv or 0)

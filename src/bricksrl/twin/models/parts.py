@@ -6,6 +6,7 @@ Geoms are grouped: what ultrasound meets, what else collides around the robot, l
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import mujoco
@@ -153,6 +154,24 @@ def add_surroundings(spec: mujoco.MjSpec, scene: Scene) -> None:
         )
     sight, distance_m = ((-0.62, 0.1, 0.0), 1.95) if scene.wall_distance_mm is not None else ((0.0, 0.0, 0.0), 1.1)
     add_camera(world, "overview", sight, (-0.18, -1.0, 0.72), distance_m)
+
+
+def pair_contacts(spec: mujoco.MjSpec) -> None:
+    """Put what may touch what into a list, once everything is in place: each shape of the robot and each of the surroundings.
+
+    MuJoCo then looks at these pairs alone. To find them itself, in each step, takes it a tenth of the time.
+    """
+    surroundings = [geom for geom in spec.geoms if geom.conaffinity]
+    shapes = [geom for geom in spec.geoms if geom.contype]
+    for number, shape in enumerate(shapes):
+        shape.name = shape.name or f"shape_{number}"
+        for other in surroundings:
+            pair = spec.add_pair(geomname1=other.name, geomname2=shape.name)
+            pair.condim = shape.condim if shape.priority > other.priority else max(shape.condim, other.condim)
+            # What is no number follows from the two, as it does without a list.
+            pair.friction, pair.solref, pair.solimp = [math.nan] * 5, [math.nan] * 2, [math.nan] * 5
+    for geom in (*surroundings, *shapes):
+        geom.contype = geom.conaffinity = 0
 
 
 def add_camera(body: mujoco.MjsBody, name: str, sight: Triple, direction: Triple, distance_m: float) -> None:

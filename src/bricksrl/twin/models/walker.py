@@ -15,7 +15,16 @@ import mujoco
 from bricksrl.errors import TwinError
 from bricksrl.robots import Motor, Robot, UltrasonicSensor
 from bricksrl.twin.models import lego
-from bricksrl.twin.models.parts import SHAPE_GROUP, add_box, add_camera, add_light, add_motor, add_surroundings, new_spec
+from bricksrl.twin.models.parts import (
+    SHAPE_GROUP,
+    add_box,
+    add_camera,
+    add_light,
+    add_motor,
+    add_surroundings,
+    new_spec,
+    pair_contacts,
+)
 from bricksrl.twin.models.rods import add_rod
 from bricksrl.twin.models.shapes import X_AXIS, Y_AXIS, Z_AXIS, Part, draw
 from bricksrl.twin.scene import Scene
@@ -74,6 +83,7 @@ def build(robot: Robot, scene: Scene) -> mujoco.MjSpec:
         _add_leg(spec, chassis, motor, _CORNERS[motor.name])
     lego.add_colours(spec)
     _draw_chassis(spec, chassis)
+    pair_contacts(spec)
     add_light(chassis)
     add_camera(chassis, "chase", (0.0, 0.0, -0.02), (-0.45, -0.80, 0.50), 0.52)
     add_camera(chassis, "portrait", (0.004, 0.0, -0.018), (0.72, -0.62, 0.36), 0.42)
