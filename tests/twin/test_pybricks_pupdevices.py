@@ -112,13 +112,76 @@ print(abs(speed) < 30, abs(current) < 20, stalled)
     assert output(source) == "True True True False True\nTrue True False"
 
 
-def test_the_model_of_a_blocked_motor_stalls_at_once() -> None:
-    class Blocked(BenchBody):
-        def angle_mdeg(self, port: str) -> int:
-            return 0
+class Blocked(BenchBody):
+    def angle_mdeg(self, port: str) -> int:
+        return 0
 
+
+def test_the_model_of_a_blocked_motor_stalls_at_once() -> None:
     source = MOTOR + "motor.dc(100)\nwait(150)\nprint(motor.model.state()[3], motor.stalled())\nwait(200)\nprint(motor.stalled())"
     assert output(source, body=Blocked(robots.BENCH)) == "True False\nTrue"
+
+
+STALL = "m = motor.model\n{}\nmotor.dc(100)\nwait({})\nprint(m.state()[3], motor.stalled())"
+
+
+@pytest.mark.parametrize(
+    ("change", "time_ms", "seen"),
+    [
+        ("", 900, "True True"),
+        ("s[1] = 20000", 900, "True False"),  # later
+        ("s[2] = 8000", 900, "False False"),  # such a voltage is nothing yet
+        ("s[3] = 110", 900, "False False"),  # of such a voltage the feedback is not enough
+        ("s[0] = -5000000", 900, "False False"),  # nothing is slow
+    ],
+)
+def test_settings_of_the_model_decide_what_is_a_stall(change: str, time_ms: int, seen: str) -> None:
+    change = f"s = list(m.settings())\n{change}\nm.settings(s)"
+    assert output(MOTOR + STALL.format(change, time_ms), body=Blocked(robots.BENCH)) == seen
+
+
+@pytest.mark.parametrize(("setting", "value"), [(4, 10), (5, 2000), (6, 1000)])
+def test_gains_of_the_model_pull_it_to_the_measured_angle(setting: int, value: int) -> None:
+    ends = []
+    for change in ("", f"s[{setting}] = {value}\nmotor.model.settings(tuple(s))\n"):
+        source = f"s = list(motor.model.settings())\n{change}motor.dc(100)\nwait(1000)\nprint(motor.model.state()[0])"
+        ends.append(float(output(MOTOR + source, body=Blocked(robots.BENCH))))
+    usual, tuned = ends
+    assert usual > 1
+    assert (tuned > usual + 1) if value == 10 else (tuned < usual - 1)
+
+
+def test_friction_of_the_model_fades_below_its_cutoff() -> None:
+    source = "s = list(motor.model.settings())\ns[7] = {}\nmotor.model.settings(s)\nmotor.dc(50)\nwait(1000)\n"
+    source += "print(motor.model.state()[0] - motor.angle())"
+    usual, without = (float(output(MOTOR + source.format(cutoff))) for cutoff in (500, 5_000_000))
+    assert without > usual + 5, "without friction the model runs ahead of the motor"
+
+
+def test_settings_of_the_model_are_eight_whole_numbers() -> None:
+    source = (
+        MOTOR
+        + """
+m = motor.model
+print(m.settings())
+for bad in ((1, 2), 5, ['a'] * 8):
+    try:
+        m.settings(bad)
+    except (TypeError, ValueError) as e:
+        print(e)
+m.settings((1, 2, 3, 4, 5, 6, 7, 0))
+print(m.settings())
+motor.run(100)
+wait(100)
+"""
+    )
+    assert output(source).splitlines() == [
+        "(20000, 2000, 2412, 75, 45, 315, 20000, 500)",
+        "Invalid argument",
+        "object 'int' isn't a tuple or list",
+        "can't convert str to int",
+        "(1, 2, 3, 4, 5, 6, 7, 0)",
+    ]
 
 
 def test_a_move_hub_has_no_model_of_its_motors() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from math import trunc
+from typing import NamedTuple
 
 from bricksrl.twin.firmware.motor_model import (
     MAX_CURRENT,
@@ -20,8 +21,27 @@ _WINDOW_START = -21  # the first of 20 ticks of 5 ms: 100 ms
 _HISTORY = 60  # ticks that a program may ask Motor.speed(window) for: 300 ms
 _GAIN_THRESHOLD_MDEG = 20_000
 _HIGH_GAIN_FACTOR = 7
-_FRICTION_CUTOFF = 500  # mdeg/s below which the modelled friction fades
+_FRICTION_CUTOFF = 500
 _STALL_RATIO_PCT = 75
+
+
+class ObserverSettings(NamedTuple):
+    """What a program may tune, in the firmware's order (``pbio_observer_settings_t``).
+
+    A motor stalls while it turns slower than ``stall_speed`` (mdeg/s) and the feedback is more than ``stall_ratio_pct`` of a
+    voltage that is more than ``negligible_mv``; after ``stall_time`` (ticks of 0.1 ms) it counts as stalled. The feedback has
+    ``gain_low`` (mV/deg) up to ``gain_threshold`` (mdeg), and ``gain_high`` beyond. Below ``friction_cutoff`` (mdeg/s) the
+    modelled friction fades.
+    """
+
+    stall_speed: int
+    stall_time: int
+    negligible_mv: int
+    stall_ratio_pct: int
+    gain_low: int
+    gain_high: int
+    gain_threshold: int
+    friction_cutoff: int
 
 
 class Observer:
@@ -30,13 +50,14 @@ class Observer:
     Attributes:
         angle, speed: the model's state, mdeg and mdeg/s.
         measured_speed: difference of the measured angle over 100 ms, mdeg/s.
+        settings: what :meth:`tune` changes.
     """
 
     def __init__(self, motor: MotorType, stall_speed: int, stall_time: int) -> None:
         model = motor.model
-        self._gain = motor.observer_gain
-        self._stall_speed, self._stall_time = stall_speed, stall_time
-        self._negligible_mv = trunc(model.voltage_mv(model.friction_unm) * 5 / 2)
+        gain, negligible_mv = motor.observer_gain, trunc(model.voltage_mv(model.friction_unm) * 5 / 2)
+        stall = (stall_speed, stall_time, negligible_mv, _STALL_RATIO_PCT)
+        self.tune(ObserverSettings(*stall, gain, gain * _HIGH_GAIN_FACTOR, _GAIN_THRESHOLD_MDEG, _FRICTION_CUTOFF))
         self._rows = *model.angle[:3], *model.speed[:3], *model.current[:3]
         self._friction_unm = model.friction_unm
         self._friction_columns = model.angle[3], model.speed[3], model.current[3]
@@ -52,13 +73,21 @@ class Observer:
         self._history.clear()
         self._history.extend([angle] * (_HISTORY + 1))
 
+    def tune(self, settings: ObserverSettings) -> None:
+        """Observe with these settings from now on."""
+        self.settings = settings
+        self._stall_speed, self._stall_time, self._negligible_mv, self._stall_ratio_pct, *gains, cutoff = settings
+        self._gain, self._high_gain, self._threshold = gains
+        self._friction_cutoff = max(cutoff, 1)
+
     def feedback_mv(self, angle: int) -> int:
         """Voltage that pulls the model towards a measured angle; opposes unmodelled load."""
         error = angle - self.angle
-        if -_GAIN_THRESHOLD_MDEG <= error <= _GAIN_THRESHOLD_MDEG:
+        threshold = self._threshold
+        if -threshold <= error <= threshold:
             return trunc(error * self._gain / 1000)
-        beyond = (abs(error) - _GAIN_THRESHOLD_MDEG) * _HIGH_GAIN_FACTOR
-        voltage = min((_GAIN_THRESHOLD_MDEG + beyond) * self._gain // 1000, MAX_VOLTAGE_MV)
+        beyond = (abs(error) - threshold) * self._high_gain
+        voltage = min((threshold * self._gain + beyond) // 1000, MAX_VOLTAGE_MV)
         return voltage if error > 0 else -voltage
 
     def update(self, time: int, angle: int, voltage_mv: int) -> None:
@@ -73,8 +102,9 @@ class Observer:
             self._stalled_since = None
         voltage = voltage_mv + feedback
         voltage = MAX_VOLTAGE_MV if voltage > MAX_VOLTAGE_MV else -MAX_VOLTAGE_MV if voltage < -MAX_VOLTAGE_MV else voltage
-        if -_FRICTION_CUTOFF <= speed <= _FRICTION_CUTOFF:
-            slip, friction, drop = self._friction(trunc(abs(speed) * self._friction_unm / _FRICTION_CUTOFF))
+        cutoff = self._friction_cutoff
+        if -cutoff <= speed <= cutoff:
+            slip, friction, drop = self._friction(trunc(abs(speed) * self._friction_unm / cutoff))
         else:
             slip, friction, drop = self._full_friction
         if speed < 0:
@@ -121,7 +151,7 @@ class Observer:
 
     def _check_stall(self, time: int, voltage: int, feedback: int) -> None:
         """For a motor that does not turn as its voltage wants and a feedback against it; magnitudes."""
-        if feedback * 100 > voltage * _STALL_RATIO_PCT and voltage > self._negligible_mv:
+        if feedback * 100 > voltage * self._stall_ratio_pct and voltage > self._negligible_mv:
             if self._stalled_since is None:
                 self._stalled_since = time
         else:

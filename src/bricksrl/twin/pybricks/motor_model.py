@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
-from bricksrl.twin.firmware.observer import Observer
+from bricksrl.twin.firmware.observer import Observer, ObserverSettings
 from bricksrl.twin.machine import Machine
 from bricksrl.twin.micropython.floats import to_single
-from bricksrl.twin.pybricks.context import charged
+from bricksrl.twin.pybricks.context import charged, get_array, get_int
 
 
 class MotorModel:
@@ -23,3 +24,14 @@ class MotorModel:
         observer = self._observer()
         numbers = (observer.angle / 1000, observer.speed / 1000, observer.current / 10)
         return (*map(to_single, numbers), observer.is_pushed_back)  # type: ignore[return-value]
+
+    @charged
+    def settings(self, values: Any = None) -> tuple[int, ...] | None:
+        """The eight ``ObserverSettings``, or set them all."""
+        observer = self._observer()
+        if values is None:
+            return tuple(observer.settings)
+        if len(get_array(values)) != len(ObserverSettings._fields):
+            raise ValueError("Invalid argument")
+        observer.tune(ObserverSettings(*map(get_int, values)))
+        return None
