@@ -3,9 +3,10 @@
     python benchmarks/datasets.py --out runs/datasets
     python benchmarks/warm_start.py --data runs/datasets/Walker-v0-expert
 
-Three ways, each from ``--seeds`` seeds, on the twin: SAC from nothing; SAC with half of each batch from the dataset; IQL that has
-learned from the dataset alone before and goes on. The first episode whose own return (the agent explores in it) is -25 or more
-counts; an agent that does not get there counts with ``--episodes`` and one more.
+Four ways, each from ``--seeds`` seeds, on the twin: SAC from nothing; SAC with half of each batch from the dataset; IQL that has
+learned from the dataset alone before and goes on; SAC that goes on from the policy of a BC that has, with the dataset beside it.
+The first episode whose own return (the agent explores in it) is -25 or more counts; an agent that does not get there counts with
+``--episodes`` and one more.
 """
 
 from __future__ import annotations
@@ -18,10 +19,13 @@ from typing import Any
 from machine import command, write
 from stopping import StopWhen
 
+from bricksrl.agents import preset
 from bricksrl.training import TrainConfig, train
+from bricksrl.training.offline import settings_like
 
 ENV, GOAL = "Walker-v0", -25.0
-WAYS = ("alone", "data", "start")
+WAYS = {"alone": ("sac", None), "data": ("sac", None), "start": ("iql", "iql"), "policy": ("sac", "bc")}
+"""Who learns on the robot, and from whom it goes on."""
 
 
 def run(way: str, data: str, seed: int, episodes: int, updates: int) -> dict[str, Any]:
@@ -29,15 +33,20 @@ def run(way: str, data: str, seed: int, episodes: int, updates: int) -> dict[str
     observer = StopWhen(lambda episode: episode.return_ >= GOAL)
     with tempfile.TemporaryDirectory() as folder:
         start, run_dir = Path(folder) / "start", Path(folder) / "run"
-        if way == "start":
-            train(TrainConfig(ENV, "iql", 1, seed=seed, data=data, updates=updates, run_dir=start))
+        agent, teacher = WAYS[way]
+        settings = preset("default", agent)
+        if teacher is not None:
+            before = TrainConfig(ENV, teacher, 1, seed=seed, data=data, updates=updates, run_dir=start)
+            train(before)
+            settings = settings_like(before, settings)
         config = TrainConfig(
             ENV,
-            "iql" if way == "start" else "sac",
+            agent,
             episodes,
             seed=seed,
+            settings=settings,
             data=None if way == "alone" else data,
-            start=str(start) if way == "start" else None,
+            start=None if teacher is None else str(start),
             run_dir=run_dir,
             record=False,
         )
@@ -51,10 +60,10 @@ def main() -> None:
     """Make all runs and write them."""
     parser = command(__doc__)
     parser.add_argument("--data", type=Path, default=Path("runs/datasets/Walker-v0-expert"))
-    parser.add_argument("--ways", nargs="+", default=WAYS, choices=WAYS)
+    parser.add_argument("--ways", nargs="+", default=list(WAYS), choices=list(WAYS))
     parser.add_argument("--seeds", type=int, default=5)
     parser.add_argument("--episodes", type=int, default=40)
-    parser.add_argument("--updates", type=int, default=5000, help="of IQL, from the dataset alone")
+    parser.add_argument("--updates", type=int, default=5000, help="of IQL and of BC, from the dataset alone")
     chosen = parser.parse_args()
     found: dict[str, Any] = {}
     for way in chosen.ways:

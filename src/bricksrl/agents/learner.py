@@ -59,13 +59,16 @@ class Learner(ABC):
             CheckpointError: the state belongs to networks of another shape.
         """
         try:
-            for name, part in self._parts().items():
-                part.load_state_dict(state[name])
+            self._take_parts(state)
             self.replay.load_state_dict(state["replay"])
             self._updates = int(state["updates"])
         except (AttributeError, LookupError, OverflowError, RuntimeError, TypeError, ValueError) as error:
             reason = (str(error) or type(error).__name__).splitlines()[0]
             raise CheckpointError(f"the checkpoint does not fit this agent ({reason}); resume with the settings it had") from None
+
+    def _take_parts(self, state: dict[str, Any]) -> None:
+        for name, part in self._parts().items():
+            part.load_state_dict(state[name])
 
     def _means(self, found: Sequence[tuple[Tensor, ...]]) -> dict[str, float]:
         """The mean of each number that `loss_names` names, over the updates that have it."""

@@ -75,14 +75,22 @@ class Actor(nn.Module):
     """Features ``[*batch, f]`` to what ``head`` makes of a multilayer perceptron's output ``[*batch, out]``.
 
     Args:
+        layer_norm: whether each hidden layer is normalised.
         batch_norm: momentum of batch normalisations before each layer; ``None`` for none.
     """
 
     def __init__(
-        self, feature_size: int, out_size: int, hidden: tuple[int, ...], head: nn.Module, *, batch_norm: float | None = None
+        self,
+        feature_size: int,
+        out_size: int,
+        hidden: tuple[int, ...],
+        head: nn.Module,
+        *,
+        layer_norm: bool = False,
+        batch_norm: float | None = None,
     ) -> None:
         super().__init__()
-        self.body = StackedMLP(feature_size, hidden, out_size, k=1, batch_norm=batch_norm)
+        self.body = StackedMLP(feature_size, hidden, out_size, k=1, layer_norm=layer_norm, batch_norm=batch_norm)
         self.head = head
 
     def forward(self, features: Tensor) -> Any:
@@ -90,14 +98,16 @@ class Actor(nn.Module):
         return self.head(out.view(*features.shape[:-1], out.shape[-1]))
 
 
-def make_actor(feature_size: int, action_size: int, hidden: tuple[int, ...], min_scale: float) -> Actor:
+def make_actor(
+    feature_size: int, action_size: int, hidden: tuple[int, ...], min_scale: float, *, layer_norm: bool = False
+) -> Actor:
     """A network from features ``[*batch, f]`` to location and scale ``[*batch, m]`` of a `TanhNormal`."""
-    return Actor(feature_size, 2 * action_size, hidden, NormalParamExtractor(scale_lb=min_scale))
+    return Actor(feature_size, 2 * action_size, hidden, NormalParamExtractor(scale_lb=min_scale), layer_norm=layer_norm)
 
 
-def make_deterministic_actor(feature_size: int, action_size: int, hidden: tuple[int, ...]) -> Actor:
+def make_deterministic_actor(feature_size: int, action_size: int, hidden: tuple[int, ...], *, layer_norm: bool = False) -> Actor:
     """A network from features ``[*batch, f]`` to actions ``[*batch, m]`` in -1..1."""
-    return Actor(feature_size, action_size, hidden, nn.Tanh())
+    return Actor(feature_size, action_size, hidden, nn.Tanh(), layer_norm=layer_norm)
 
 
 def make_normalised_actor(

@@ -8,6 +8,7 @@ from typing import Literal, TypeAlias
 
 from bricksrl.agents.image_presets import IMAGE_PRESETS, ImageSACSettings, ImageTD3Settings
 from bricksrl.agents.settings import (
+    ActorSettings,
     EntropySettings,
     LayerSettings,
     LearnerSettings,
@@ -47,7 +48,7 @@ class LeanSettings(OffPolicySettings):
 
 
 @dataclass(frozen=True)
-class SACSettings(EntropySettings, TargetSettings, LeanSettings):
+class SACSettings(ActorSettings, EntropySettings, TargetSettings, LeanSettings):
     """Soft actor-critic, and with other numbers DroQ and REDQ."""
 
     dropout: float = 0.0
@@ -71,7 +72,7 @@ class SACSettings(EntropySettings, TargetSettings, LeanSettings):
 
 
 @dataclass(frozen=True)
-class TD3Settings(NoiseSettings, TargetSettings, LeanSettings):
+class TD3Settings(ActorSettings, NoiseSettings, TargetSettings, LeanSettings):
     """Twin delayed deep deterministic policy gradient; the targets learn when the actor does."""
 
     learning_rate: float = 5e-4

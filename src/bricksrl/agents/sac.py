@@ -33,7 +33,7 @@ class SACAgent(SoftAgent):
         super().__init__(layout, action_size, settings, task)
         self.settings = settings
         size, hidden, count = self.encoder.size, settings.hidden, settings.critics
-        self.actor = make_actor(size, action_size, hidden, settings.min_scale)
+        self.actor = make_actor(size, action_size, hidden, settings.min_scale, layer_norm=settings.actor_layer_norm)
         options: dict[str, Any] = {"layer_norm": settings.layer_norm, "dropout": settings.dropout, "k": count}
         self.critics, self.target_critics = (StackedCritics(size, action_size, hidden, **options) for _ in range(2))
         self.target_critics.load_state_dict(self.critics.state_dict())

@@ -140,6 +140,14 @@ class TargetSettings(Checked):
 
 
 @dataclass(frozen=True)
+class ActorSettings(Checked):
+    """For actors that may be taken from an agent that imitates."""
+
+    actor_layer_norm: bool = False
+    """Layer normalisation in the actor."""
+
+
+@dataclass(frozen=True)
 class EntropySettings(Checked):
     """For actors that are as random as the entropy asks for."""
 

@@ -79,7 +79,8 @@ class SoftAgent(LeanAgent):
         rows = self.settings.batch_size
         outs = [self._foreseeing(rows * len(batches)).forward(torch.cat([batch.next_features for batch in batches]))]
         if actor:
-            outs.append(self._climbing.forward(batches[-1].features))
+            self._outputs = self._climbing.forward(batches[-1].features)
+            outs.append(self._outputs)
         out = outs[0][0] if len(outs) == 1 else torch.cat([out[0].mT for out in outs], -1).mT
         drawn = gaussian.draw(out, self.settings.min_scale, torch.randn(len(out), self._action_size))
         found = []
@@ -108,6 +109,7 @@ class SoftAgent(LeanAgent):
         """Gradients of actor and temperature, for a draw from the actor's last outputs; returns the loss and the entropy."""
         alpha, entropy = self.temperature.weight(), -drawn.log_prob.mean()
         value, of_outputs = self.lead(batch, drawn, alpha / len(drawn.action))
+        self.pull(batch.features, self._outputs[0], of_outputs)
         self._climbing.backward(of_outputs[None])
         torch.sub(entropy, self.temperature.target_entropy, out=self._of_log_alpha)
         return torch.add(value, entropy, alpha=alpha).neg_(), entropy

@@ -32,6 +32,11 @@ class Student(Learner):
         self.replay = ReplayRing(settings.replay_size, sum(self._widths))
         self._data: ReplayRing | None = None
 
+    @property
+    def sight(self) -> str:
+        """What its networks see of an observation, in words."""
+        return f"{self._common.angles} angles and {self._common.goals} goals"
+
     @abstractmethod
     def act(self, observation: Tensor, *, explore: bool) -> Tensor:
         """An action ``[m]`` in -1..1 for an observation ``[n]``; without ``explore`` the agent's best one."""

@@ -31,7 +31,9 @@ class TD3Agent(LeanAgent):
         super().__init__(layout, action_size, settings, task)
         self.settings = settings
         size, hidden = self.encoder.size, settings.hidden
-        self.actor, self.target_actor = (make_deterministic_actor(size, action_size, hidden) for _ in range(2))
+        self.actor, self.target_actor = (
+            make_deterministic_actor(size, action_size, hidden, layer_norm=settings.actor_layer_norm) for _ in range(2)
+        )
         self.critics, self.target_critics = (
             StackedCritics(size, action_size, hidden, layer_norm=settings.layer_norm) for _ in range(2)
         )
@@ -50,6 +52,11 @@ class TD3Agent(LeanAgent):
         self._judging = Pass(self.critics, rows, self.learned_critics)
         self._climbing = Pass(body, rows, self.learned_actor)
         self._leading = Pass(self.critics, rows, self.learned_critics, nets=slice(1), sought=slice(size, None))
+
+    def begin_with_actor(self) -> None:
+        """As any agent, and the target begins with it too."""
+        self.target_actor.load_state_dict(self.actor.state_dict())
+        super().begin_with_actor()
 
     def act(self, observation: Tensor, *, explore: bool) -> Tensor:
         """The actor's action ``[m]``, with noise on it when it is to ``explore``."""
@@ -93,9 +100,12 @@ class TD3Agent(LeanAgent):
 
     def descend_actor(self, batch: Batch) -> tuple[Tensor, ...]:
         """A step of the actor down its loss; returns that."""
-        action = self._climbing.forward(batch.features)[0].tanh_()
+        outputs = self._climbing.forward(batch.features)[0]
+        action = outputs.tanh()
         loss, of_action = self.actor_loss(batch, action)
-        self._climbing.backward((of_action * (1.0 - action.square()))[None])
+        of_outputs = of_action * (1.0 - action.square())
+        self.pull(batch.features, outputs, of_outputs)
+        self._climbing.backward(of_outputs[None])
         self.learned_actor.step()
         return (loss,)
 

@@ -18,7 +18,8 @@ class TrainOffline:
     """Train an agent from a dataset alone, without the robot.
 
     Now and then the agent shows in an episode what it has learned. The run folder is that of `bricksrl train`; what was
-    learned goes on learning on the robot with `bricksrl train ENV --from RUN`.
+    learned goes on learning on the robot with `bricksrl train ENV --from RUN`, by
+    the same agent or, with `--agent sac`, by another one from its policy.
 
     Examples:
       bricksrl train-offline Walker-v0 --data datasets/walker

@@ -40,6 +40,7 @@ class Train:
       bricksrl train RunAway-v0 --preset paper
       bricksrl train Walker-v0 --data datasets/walker
       bricksrl train Walker-v0 --from runs/first
+      bricksrl train Walker-v0 --agent sac --from runs/bc --data datasets/walker
       bricksrl train Walker-v0 --set learning_rate=3e-4 --set hidden=128,128
       bricksrl train Walker-v0 --hub ble
       bricksrl train WalkerSim-v0 --seeds 5
@@ -81,7 +82,7 @@ class Train:
     data: Annotated[Path | None, arg(metavar="DIR")] = None
     """Learn from this dataset too: half of each batch is drawn from it."""
     start: Annotated[Path | None, arg(name="from", metavar="RUN")] = None
-    """Folder of a run whose agent goes on learning here, from where it was."""
+    """Folder of a run whose agent goes on learning here, from where it was; with another --agent, whose policy that one takes."""
     no_record: bool = False
     """Do not keep the transitions; else they are a dataset, in the folder data of the run."""
     take_over: Literal["keyboard", "gamepad"] | None = None
@@ -136,6 +137,7 @@ class Train:
         from bricksrl.envs.registry import training_episodes
         from bricksrl.training import RunFolder, TrainConfig
         from bricksrl.training.config import settings_for
+        from bricksrl.training.offline import settings_like
         from bricksrl.training.run import file_name
         from bricksrl.training.settings import read_settings, with_changes
         from bricksrl.twin.physics import read_physics
@@ -148,6 +150,7 @@ class Train:
             settings = before.settings
         else:
             settings = settings_for(env, self.preset or "default", agent)
+            settings = settings if before is None or before.agent == agent else settings_like(before, settings)
         if self.settings is not None:
             settings = read_settings(self.settings, settings)
         time = datetime.now().astimezone().strftime("%Y%m%d-%H%M%S")

@@ -56,7 +56,8 @@ class TrainConfig:
     """Updates from the data alone, without the robot, spread over the episodes, in which the agent shows what it has learned;
     0 learns on the robot."""
     start: str | None = None
-    """Run whose agent goes on learning here, from where it was: its folder."""
+    """Run whose agent goes on learning here, from where it was: its folder. From a run of another agent its policy is taken;
+    `bricksrl.training.offline.settings_like` gives settings that it fits."""
     record: bool = True
     """Keep every transition as a dataset, in the folder ``data`` of the run."""
     run_dir: Path | None = None

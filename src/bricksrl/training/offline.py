@@ -7,12 +7,13 @@ steps, and the agent of an earlier run to start with.
 
 from __future__ import annotations
 
+import dataclasses
 import time
 from collections import defaultdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from bricksrl.agents.presets import IMITATORS
+from bricksrl.agents.presets import IMITATORS, BCSettings, Settings
 from bricksrl.errors import BricksError, CheckpointError, DataError, RunError
 from bricksrl.training.curve import draw_learning_curve
 from bricksrl.training.observer import Episode, Observer, Phase, Progress, RunResult
@@ -82,21 +83,40 @@ def study(config: TrainConfig, agent: Agent, env: EnvBase | None = None) -> None
 def take_over(config: TrainConfig, agent: Agent, env: EnvBase) -> None:
     """Make a fresh agent that of the run which the config starts from: networks, targets, temperature, optimiser, replay.
 
+    Of another agent only the policy is taken, see `take_policy`.
+
     Raises:
-        RunError: there is no such run, or it has another agent.
-        CheckpointError: its agent sees or does something else, or has other settings.
+        RunError: there is no such run.
+        CheckpointError: its agent sees or does something else, or has other settings or another form of policy.
     """
-    from bricksrl.training.runner import load_state
+    from bricksrl.agents.taking import PolicyFormError, take_policy
+    from bricksrl.training.runner import load_agent, load_state
 
     if config.start is None:
         return
     folder = RunFolder(Path(config.start))
     before = folder.read_config()
     if before.agent != config.agent:
-        raise RunError(f"the agent of {config.start} is {before.agent}, not {config.agent}; choose that one")
+        try:
+            take_policy(agent, load_agent(folder.path, env).agent)
+        except PolicyFormError as error:
+            found = f"the policy of {config.start}, which is {before.agent}'s, does not fit {config.agent}: {error}"
+            raise CheckpointError(f"{found}; choose an agent and settings that it fits") from None
+        return
     if before.settings != config.settings:
         raise CheckpointError(f"the agent of {config.start} has other settings; go on with its own")
     agent.load_state_dict(load_state(folder, before, env)["agent"])
+
+
+def settings_like(before: TrainConfig, settings: Settings) -> Settings:
+    """The settings of another agent that is to go on from the policy of ``before``: with a network of the same form."""
+    theirs = before.settings
+    normalised = theirs.layer_norm if isinstance(theirs, BCSettings) else getattr(theirs, "actor_layer_norm", False)
+    form = {name: getattr(theirs, name) for name in ("hidden", "angles", "goals") if hasattr(theirs, name)}
+    own = {field.name for field in dataclasses.fields(settings)}
+    form = {**form, "actor_layer_norm": normalised}
+    alike: Settings = dataclasses.replace(settings, **{name: value for name, value in form.items() if name in own})
+    return alike
 
 
 def _learner(config: TrainConfig, agent: Agent) -> Student:

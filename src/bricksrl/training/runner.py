@@ -276,7 +276,7 @@ def load_state(folder: RunFolder, config: TrainConfig, env: EnvBase) -> dict[str
     path = folder.checkpoint_path
     state = load_checkpoint(path)
     try:
-        is_same = bool(state.get("identity") == identity_of(config, env))
+        is_same = bool(_with_later_settings(state.get("identity"), config) == identity_of(config, env))
     except RuntimeError:  # tensors in the place of numbers
         is_same = False
     if not is_same:
@@ -286,6 +286,14 @@ def load_state(folder: RunFolder, config: TrainConfig, env: EnvBase) -> dict[str
     except (AttributeError, LookupError, OverflowError, RuntimeError, TypeError, ValueError):
         raise CheckpointError(f"{path} lacks a part of a run's state; restore it from a copy or train anew") from None
     return state
+
+
+def _with_later_settings(identity: Any, config: TrainConfig) -> Any:
+    """The identity in a checkpoint, and the settings that there were not yet when it was written, as they are without a word."""
+    if config.settings is None or not isinstance(identity, dict) or not isinstance(identity.get("settings"), dict):
+        return identity
+    usual = replace(config, settings=type(config.settings)()).to_dict()["settings"]
+    return {**identity, "settings": {**usual, **identity["settings"]}}
 
 
 def _check_state(state: dict[str, Any]) -> None:
