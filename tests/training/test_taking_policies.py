@@ -83,7 +83,7 @@ def test_it_is_the_same_policy(runs: dict[str, str], before: str, after: str) ->
 
 @pytest.mark.parametrize(("agent", "beside"), [("sac", True), ("sac", False), ("td3", True)])
 def test_it_does_not_collapse(runs: dict[str, str], data: str, tmp_path: Path, agent: str, beside: bool) -> None:
-    """Its critics are new: without being held the policy is lost within a few episodes, which then return -10 to -90."""
+    """Its critics are new, and an actor that follows them at once may lose what it could do."""
     before = evaluate(Path(runs["bc"]), episodes=20).return_mean
     config = going_on(runs["bc"], agent, tmp_path / "run", episodes=20, data=data if beside else None)
     returns = torch.tensor([episode.return_ for episode in train(config).episodes])
