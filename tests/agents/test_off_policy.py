@@ -46,7 +46,7 @@ CHANGES: dict[str, Any] = {
     "value_weight": 0.5,
     "precision": "bfloat16",
 }
-OPPOSITE = ("layer_norm",)
+OPPOSITE = ("layer_norm", "actor_layer_norm")
 ELSEWHERE = ("prefill_episodes", "exploration_noise")
 
 
