@@ -190,6 +190,7 @@ def warm_start(result: Result) -> str:
         "alone": "SAC from nothing",
         "data": "SAC, half of each batch from the dataset",
         "start": "from IQL that learned from it",
+        "policy": "SAC from the policy of BC that learned from it, the dataset beside",
     }
     rows = [
         [
@@ -213,6 +214,12 @@ def updates(result: Result) -> str:
         ]
         rows.append([agent, f"{found['ours']['cpu_ms']:.2f}", *others])
     return table(["CPU ms an update", "ours", "TorchRL", "Stable-Baselines3", "SBX"], rows)
+
+
+def cql_updates(result: Result) -> str:
+    """CPU milliseconds of an update of CQL."""
+    rows = [[name, f"{cpu_ms:.1f}", f"{1e3 / cpu_ms:.1f}"] for name, cpu_ms in result["cpu_ms"].items()]
+    return table(["CQL", "CPU ms an update", "updates a CPU-second"], rows)
 
 
 def realtime_learning(result: Result) -> str:
@@ -263,6 +270,7 @@ SECTIONS: dict[str, tuple[str, Callable[[Result], str]]] = {
     "offline_default": ("The same with the default settings", offline),
     "warm_start": ("Warm start on Walker-v0", warm_start),
     "updates": ("What an update costs", updates),
+    "cql_updates": ("What an update of CQL costs", cql_updates),
     "realtime_learning": ("Learning beside a robot that takes real time", realtime_learning),
     "realtime_factor": ("Speed of the virtual robots, hub program and environment included", realtime_factor),
     "simulation_speed": ("Speed of the batched simulations", simulation_speed),
