@@ -152,7 +152,7 @@ def test_an_agent_that_does_not_fit_into_the_memory_is_one_error(run: Path, monk
     def make(*_: Any) -> None:
         torch.empty(2**60)
 
-    monkeypatch.setattr("bricksrl.training.runner.make_agent", make)
+    monkeypatch.setattr("bricksrl.training.saved.make_agent", make)
     with pytest.raises(RunError, match="not enough memory for the agent sac"):
         load_agent(run, Cart())
 

@@ -16,7 +16,8 @@ from bricksrl.errors import RunError
 from bricksrl.evaluation.statistics import Interval, interquartile_mean, mean, stratified_bootstrap_interval, wilson_interval
 from bricksrl.seed import check_seed
 from bricksrl.training.run import RunFolder
-from bricksrl.training.runner import load_agent, make_env
+from bricksrl.training.runner import make_env
+from bricksrl.training.saved import load_agent
 
 if TYPE_CHECKING:
     from torchrl.envs import EnvBase

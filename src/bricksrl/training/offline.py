@@ -18,6 +18,7 @@ from bricksrl.errors import BricksError, CheckpointError, DataError, RunError
 from bricksrl.training.curve import draw_learning_curve
 from bricksrl.training.observer import Episode, Observer, Phase, Progress, RunResult
 from bricksrl.training.run import RunFolder
+from bricksrl.training.saved import identity_of, load_agent, load_state
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -90,7 +91,6 @@ def take_over(config: TrainConfig, agent: Agent, env: EnvBase) -> None:
         CheckpointError: its agent sees or does something else, or has other settings or another form of policy.
     """
     from bricksrl.agents.taking import PolicyFormError, take_policy
-    from bricksrl.training.runner import load_agent, load_state
 
     if config.start is None:
         return
@@ -175,7 +175,6 @@ def train_offline(
 def _state(config: TrainConfig, agent: Agent, env: EnvBase, done: list[Episode]) -> dict[str, Any]:
     """All of a checkpoint."""
     from bricksrl.training.learner import Pace
-    from bricksrl.training.runner import identity_of
     from bricksrl.training.session import run_state
 
     return {**run_state(identity_of(config, env), done), "agent": agent.state_dict(), "pace": Pace().to_dict()}
@@ -183,8 +182,6 @@ def _state(config: TrainConfig, agent: Agent, env: EnvBase, done: list[Episode])
 
 def _restore(folder: RunFolder, config: TrainConfig, agent: Agent, env: EnvBase) -> list[Episode]:
     import torch
-
-    from bricksrl.training.runner import load_state
 
     state = load_state(folder, config, env)
     agent.load_state_dict(state["agent"])

@@ -38,7 +38,8 @@ def export_policy(run_dir: Path, out: Path, *, licence: str = "mit") -> Path:
     """
     from safetensors.torch import save
 
-    from bricksrl.training.runner import load_agent, make_env
+    from bricksrl.training.runner import make_env
+    from bricksrl.training.saved import load_agent
 
     if out.exists():
         raise RunError(f"{out} exists already; choose a new folder")
@@ -116,7 +117,7 @@ def load_policy(path: Path, env: EnvBase) -> Agent:
     Raises:
         CheckpointError: there is none, it is damaged, or it acts in another kind of environment.
     """
-    from bricksrl.training.runner import make_agent_for
+    from bricksrl.training.saved import make_agent_for
 
     shared = read_policy(path)
     agent = make_agent_for(shared.config, env)
