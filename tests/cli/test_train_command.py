@@ -224,9 +224,12 @@ def test_resume_trains_a_finished_run_for_longer(bricksrl, trained, tmp_path):
 
 
 @pytest.mark.parametrize("delay_s", [0.5, 2.0])
-def test_ctrl_c_before_the_first_episode_leaves_one_line(start, tmp_path, delay_s):
+def test_ctrl_c_before_the_first_episode_leaves_one_line(bricksrl, start, tmp_path, delay_s):
+    began_s = time.perf_counter()
+    assert bricksrl("--help").returncode == 0
+    until_it_runs_s = time.perf_counter() - began_s  # before that Ctrl-C meets the interpreter, not the command
     child = start("train", "RunAway-v0", "--episodes", "500", "--run", str(tmp_path / "run"))
-    time.sleep(delay_s)  # while modules are loaded; later on a fast computer
+    time.sleep(max(delay_s, until_it_runs_s))  # while modules are loaded; later on a fast computer
     child.send_signal(signal.SIGINT)
     _, stderr = child.communicate(timeout=60)
     assert child.returncode == 130
