@@ -23,6 +23,14 @@ def acted(env: SimulatedEnv, action: torch.Tensor) -> TensorDictBase:
     return env.step(TensorDict({"action": action}, env.batch_size))["next"]
 
 
+def test_batches_are_written_as_torchrl_writes_them_too() -> None:
+    assert bricksrl.make("WalkerSim-v0", batch_size=[3]).batch_size == torch.Size([3])
+    assert bricksrl.make("WalkerSim-v0", batch_size=torch.Size([])).batch_size == torch.Size([])
+    for wrong in (-1, [0], [2, 3], [1.5], "many"):
+        with pytest.raises(DescriptionError, match="give a number of copies"):
+            bricksrl.make("WalkerSim-v0", batch_size=wrong)
+
+
 @pytest.mark.parametrize("env_id", SIMULATIONS)
 @pytest.mark.parametrize("batch_size", [0, 1, 7])
 def test_specs(env_id: str, batch_size: int) -> None:

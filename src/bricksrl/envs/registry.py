@@ -6,7 +6,7 @@ import difflib
 import functools
 import inspect
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -80,7 +80,7 @@ def make(
     seed: int | None = None,
     realtime: bool = False,
     physics: Physics | RandomPhysics | None = None,
-    batch_size: int = 0,
+    batch_size: int | Sequence[int] = 0,
     device: str = "cpu",
     kinematics: Kinematics | None = None,
     streaming: bool = False,
@@ -98,8 +98,8 @@ def make(
         realtime: let a virtual robot take as long as a real one.
         physics: of the virtual robot: ``None`` for a freshly charged one on a smooth floor; a ``RandomPhysics`` draws
             another one for every episode.
-        batch_size, device: of a simulation without a robot: number of copies, 0 for one without a batch dimension, and where
-            its tensors live.
+        batch_size, device: of a simulation without a robot: number of copies (``8``, or ``[8]`` as TorchRL writes it), 0 for one
+            without a batch dimension, and where its tensors live.
         kinematics: of a simulation without a robot: its noise, in place of the task's own.
         streaming: have the hub send its observations all the time, and take the latest command; steps then follow one another
             at a fixed rate, and the age of each observation is in the link's readings and statistics.

@@ -9,6 +9,7 @@ that is twice as fast. What leaves is the transposed view.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import torch
@@ -31,12 +32,12 @@ class SimulatedEnv(EnvBase):  # type: ignore[misc]
     Args:
         task: all its commands turn motors, and all its motor channels are commanded.
         kinematics: the noise.
-        batch_size: number of copies; 0 for one without a batch dimension.
+        batch_size: number of copies, plain or as TorchRL writes it (``[8]``); 0 or ``[]`` for one without a batch dimension.
         device: where the tensors live.
         seed: of starts, goals and noise.
 
     Raises:
-        DescriptionError: the task has commands or motors that kinematics cannot move.
+        DescriptionError: the task has commands or motors that kinematics cannot move, or the batch has no such size.
     """
 
     def __init__(
@@ -44,18 +45,19 @@ class SimulatedEnv(EnvBase):  # type: ignore[misc]
         task: Task,
         kinematics: Kinematics,
         *,
-        batch_size: int = 0,
+        batch_size: int | Sequence[int] = 0,
         device: str | torch.device = "cpu",
         seed: int | None = None,
     ) -> None:
-        super().__init__(batch_size=(batch_size,) if batch_size else (), device=torch.device(device))
+        shape = _shape(batch_size)
+        super().__init__(batch_size=shape, device=torch.device(device))
         self.task = task
         self._kinematics = kinematics
         self._rng = torch.Generator(self.device)
         self._plan(task)
         self._make_specs()
         self.set_seed(seed if seed is not None else int(torch.seed() % 2**31))
-        self._copies = max(batch_size, 1)
+        self._copies = shape.numel()
         self._state = torch.zeros(len(task.entries), self._copies, device=self.device)
         self._steps = torch.zeros(self._copies, 1, dtype=torch.int32, device=self.device)
         self._speed = torch.zeros(len(task.interface.commands), self._copies, device=self.device)
@@ -178,6 +180,13 @@ class SimulatedEnv(EnvBase):  # type: ignore[misc]
 
     def _out(self, batch: Tensor) -> Tensor:
         return batch if self.batch_size else batch[0]
+
+
+def _shape(batch_size: int | Sequence[int]) -> torch.Size:
+    sizes = list(batch_size) if isinstance(batch_size, Sequence) else [batch_size] if batch_size else []
+    if len(sizes) > 1 or not all(isinstance(size, int) and size > 0 for size in sizes):
+        raise DescriptionError(f"batch_size is {batch_size}; give a number of copies, or 0 for one without a batch dimension")
+    return torch.Size(sizes)
 
 
 def _time_s(task: Task, kinematics: Kinematics) -> float | None:

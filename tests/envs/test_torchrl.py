@@ -1,0 +1,55 @@
+"""TorchRL's own tools over our environments: several at once, in processes, collected, transformed."""
+
+from __future__ import annotations
+
+import functools
+from typing import Any
+
+import pytest
+import torch
+from torchrl.envs import CatFrames, Compose, EnvBase, ParallelEnv, RewardSum, SerialEnv, StepCounter, TransformedEnv
+from torchrl.envs.utils import check_env_specs
+
+import bricksrl
+
+MAKE = functools.partial(bricksrl.make, "RunAway-v0")
+
+
+def returns(envs: EnvBase) -> list[float]:
+    """Of four steps of two environments, all the way back, from one seed."""
+    envs.set_seed(3)
+    steps = envs.rollout(4, policy=lambda td: td.set("action", torch.full((2, 1), -1.0)))
+    envs.close()
+    assert steps.batch_size == (2, 4)
+    found: list[float] = steps["next", "reward"].sum((1, 2)).tolist()
+    return found
+
+
+@pytest.mark.slow
+def test_several_robots_in_one_process_and_in_many_do_the_same() -> None:
+    here, there = returns(SerialEnv(2, MAKE)), returns(ParallelEnv(2, MAKE))
+    assert here == there
+    assert all(one > 0 for one in here)
+
+
+@pytest.mark.filterwarnings("ignore:Creating .*WeightUpdater:DeprecationWarning")  # TorchRL's own, when it is loaded
+@pytest.mark.parametrize(("env_id", "frames"), [("RunAway-v0", 50), ("WalkerSim-v0", 150)])
+def test_a_collector_goes_on_over_the_ends_of_episodes(env_id: str, frames: int) -> None:
+    from torchrl.collectors import Collector
+
+    collector = Collector(bricksrl.make(env_id, seed=0), None, frames_per_batch=frames, total_frames=2 * frames)
+    batches = list(collector)
+    collector.shutdown()
+    assert [len(batch) for batch in batches] == [frames, frames]
+    assert sum(int(batch["next", "done"].sum()) for batch in batches) >= 2
+
+
+def test_transforms() -> None:
+    transforms: list[Any] = [RewardSum(), StepCounter(12), CatFrames(N=3, dim=-1, in_keys=["observation"])]
+    env = TransformedEnv(bricksrl.make("RoboArm-v0", seed=0), Compose(*transforms))
+    check_env_specs(env)
+    steps = env.rollout(20)
+    env.close()
+    assert len(steps) <= 12
+    assert steps["observation"].shape == (len(steps), 3 * 8)
+    assert torch.allclose(steps["next", "episode_reward"], steps["next", "reward"].cumsum(0))
