@@ -1,6 +1,6 @@
 """What is left of a recording whose process is killed with SIGKILL at a random moment.
 
-    python benchmarks/record_kill.py --kills 200
+    python benchmarks/record_kill.py --kills 200 [--lerobot PYTHON]
 
 A process records episodes of known content, one after the other, and says after each commit that it has ended. It is killed,
 everything is opened again and compared, and another process goes on recording into the same folder: ``KILLS_PER_FOLDER`` kills a
@@ -10,16 +10,20 @@ was recorded. Opened with our reader, with pyarrow alone, and with LeRobot where
 
 from __future__ import annotations
 
-import importlib.util
+import json
+import os
 import random
 import subprocess
 import sys
 import tempfile
 import time
+from contextlib import nullcontext
 from pathlib import Path
+from types import TracebackType
 from typing import Any
 
 import numpy as np
+from lerobot_reader import digest
 
 from bricksrl.data.description import Channel, Description
 from bricksrl.data.episode import About, Step
@@ -109,7 +113,61 @@ def opened(root: Path, committed: int) -> dict[str, Any]:
     }
 
 
-def measure(kills: int, seed: int) -> dict[str, Any]:
+class LeRobot:
+    """Its reader, in the process of a Python that has it."""
+
+    def __init__(self, python: str) -> None:
+        command = [python, "-I", str(Path(__file__).with_name("lerobot_reader.py"))]  # our modules are not its
+        environment = {**os.environ, "HF_HUB_OFFLINE": "1"}
+        self._process = subprocess.Popen(  # noqa: S603
+            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment
+        )
+        self.versions = self._answer()
+        self.errors: list[str] = []
+
+    def __enter__(self) -> LeRobot:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self._process.communicate(timeout=30)
+
+    def opens(self, root: Path, committed: int) -> bool:
+        """Whether it finds the committed episodes, and all that it finds as they were recorded."""
+        assert self._process.stdin is not None
+        self._process.stdin.write(f"{root}\n")
+        self._process.stdin.flush()
+        answer = self._answer()
+        if "error" in answer:
+            self.errors.append(answer["error"])
+            return False
+        found = answer["episodes"]
+        side = SEEING.image_px if found and "image" in found[0] else 0
+        same = all(one == recorded(number, side) for number, one in enumerate(found))
+        return same and len(found) == answer["counted"] >= committed
+
+    def _answer(self) -> dict[str, Any]:
+        assert self._process.stdout is not None
+        line = self._process.stdout.readline()
+        if not line:
+            raise RuntimeError("LeRobot's process ended; what it said is above")
+        answer: dict[str, Any] = json.loads(line)
+        return answer
+
+
+def recorded(number: int, side: int) -> dict[str, str]:
+    """What LeRobot's reader should say of episode ``number``."""
+    wanted = steps(number, side)
+    found = {
+        "observation.state": digest(np.stack([np.asarray(step.observation) for step in wanted])),
+        "action": digest(np.stack([np.asarray(step.action)[0] for step in wanted])),
+        "next.reward": digest(np.array([step.reward for step in wanted], np.float32)),
+    }
+    if side:
+        found["image"] = digest(np.stack([step.image for step in wanted if step.image is not None]))
+    return found
+
+
+def measure(kills: int, seed: int, lerobot: LeRobot | None) -> dict[str, Any]:
     """Kill so often, at moments drawn from ``seed``."""
     rng = random.Random(seed)
     results: list[dict[str, Any]] = []
@@ -119,6 +177,8 @@ def measure(kills: int, seed: int) -> dict[str, Any]:
             root, kind = Path(folder) / str(series), ("blind", "seeing")[series % 2]
             committed = killed_after(root, kind, rng.randrange(3), rng.uniform(0.0, LONGEST_S))
             results.append(opened(root, committed))
+            begun = (root / "meta/info.json").exists()
+            results[-1]["lerobot"] = lerobot is not None and (not begun or lerobot.opens(root, committed))
             if not (kill + 1) % KILLS_PER_FOLDER:
                 print(f"{kill + 1} kills, {sum(r['lost'] for r in results)} episodes lost", flush=True)
     return {
@@ -131,7 +191,15 @@ def measure(kills: int, seed: int) -> dict[str, Any]:
         "kills_after_which_our_reader_opened_it": len(results),
         "kills_after_which_pyarrow_opened_it": sum(r["pyarrow"] for r in results),
         "kills_between_the_last_word_and_the_index": sum(r["beyond"] > 0 for r in results),
-        "lerobot": "installed" if importlib.util.find_spec("lerobot") else "not installed: it needs a torchvision for this torch",
+        **(_of(lerobot, results) if lerobot else {}),
+    }
+
+
+def _of(lerobot: LeRobot, results: list[dict[str, Any]]) -> dict[str, Any]:
+    return {
+        "kills_after_which_lerobot_opened_it": sum(r["lerobot"] for r in results),
+        "errors_of_lerobot": sorted(set(lerobot.errors)),
+        "lerobot": lerobot.versions,
     }
 
 
@@ -142,12 +210,14 @@ def main() -> None:
     parser = command(__doc__)
     parser.add_argument("--kills", type=int, default=200)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--lerobot", metavar="PYTHON", help="the Python of an environment that has LeRobot")
     parser.add_argument("--record", type=Path, help="be the process that is killed, in this folder")
     parser.add_argument("--kind", choices=("blind", "seeing"), default="blind")
     arguments = parser.parse_args()
     if arguments.record is not None:
         record(arguments.record, BLIND if arguments.kind == "blind" else SEEING)
-    print(write("record_kill", measure(arguments.kills, arguments.seed)))
+    with LeRobot(arguments.lerobot) if arguments.lerobot else nullcontext() as lerobot:
+        print(write("record_kill", measure(arguments.kills, arguments.seed, lerobot)))
 
 
 if __name__ == "__main__":

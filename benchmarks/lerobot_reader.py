@@ -1,0 +1,73 @@
+"""LeRobot's own reader, in the environment where it is installed; `record_kill.py --lerobot` asks it.
+
+Reads the folder of a dataset from each line of its standard input, and answers with a line of JSON: what `LeRobotDataset` made of
+it, frame for frame, or the error that it raised.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import sys
+from typing import Any
+
+import numpy as np
+import torch
+
+NUMBERS = ("observation.state", "action", "next.reward")
+
+
+def declare_operators() -> None:
+    """Let a torchvision be imported that was built for another torch: its operators do not load then; none is used here."""
+    try:
+        import torchvision  # noqa: F401
+    except RuntimeError:
+        for name in [name for name in sys.modules if name.startswith("torchvision")]:
+            del sys.modules[name]
+        for name in ("nms", "qnms"):
+            torch.library.define(f"torchvision::{name}", "(Tensor dets, Tensor scores, float iou_threshold) -> Tensor")
+
+
+def digest(values: Any) -> str:
+    """Of the bytes of an array."""
+    return hashlib.sha256(np.ascontiguousarray(values).tobytes()).hexdigest()
+
+
+def read(root: str) -> dict[str, Any]:
+    """Every frame of every episode: digests of states, actions and rewards, and of images as bytes."""
+    from lerobot.datasets.lerobot_dataset import LeRobotDataset
+
+    dataset = LeRobotDataset("local/dataset", root=root)
+    episodes: dict[int, list[Any]] = {}
+    for place in range(len(dataset)):
+        frame = dataset[place]
+        episodes.setdefault(int(frame["episode_index"]), []).append(frame)
+    found = []
+    for frames in episodes.values():
+        of = {
+            name: digest(torch.stack([frame[name] for frame in frames]))
+            for name in ("observation.state", "action", "next.reward")
+        }
+        for camera in dataset.meta.camera_keys:
+            images = torch.stack([frame[camera] for frame in frames])
+            of["image"] = digest((images * 255).round().byte().permute(0, 2, 3, 1))
+        found.append(of)
+    return {"counted": dataset.num_episodes, "episodes": found}
+
+
+def main() -> None:
+    """Answer until the input ends."""
+    declare_operators()
+    from importlib import metadata
+
+    print(json.dumps({"lerobot": metadata.version("lerobot"), "torchvision": metadata.version("torchvision")}), flush=True)
+    for line in sys.stdin:
+        try:
+            answer = read(line.strip())
+        except Exception as error:  # noqa: BLE001 whatever it raises is the answer
+            answer = {"error": f"{type(error).__name__}: {error}"}
+        print(json.dumps(answer), flush=True)
+
+
+if __name__ == "__main__":
+    main()
