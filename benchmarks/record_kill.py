@@ -23,7 +23,6 @@ from types import TracebackType
 from typing import Any
 
 import numpy as np
-from lerobot_reader import digest
 
 from bricksrl.data.description import Channel, Description
 from bricksrl.data.episode import About, Step
@@ -156,6 +155,8 @@ class LeRobot:
 
 def recorded(number: int, side: int) -> dict[str, str]:
     """What LeRobot's reader should say of episode ``number``."""
+    from lerobot_reader import digest
+
     wanted = steps(number, side)
     found = {
         "observation.state": digest(np.stack([np.asarray(step.observation) for step in wanted])),
