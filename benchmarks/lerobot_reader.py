@@ -6,6 +6,7 @@ it, frame for frame, or the error that it raised.
 
 from __future__ import annotations
 
+import argparse
 import hashlib
 import json
 import sys
@@ -57,6 +58,7 @@ def read(root: str) -> dict[str, Any]:
 
 def main() -> None:
     """Answer until the input ends."""
+    argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
     declare_operators()
     from importlib import metadata
 
