@@ -1,12 +1,16 @@
-"""Single precision floats and how a hub prints them."""
+"""Single precision floats, and how a hub reads them."""
 
 from __future__ import annotations
 
 import math
+import re
 import struct
 
-_SINGLE = struct.Struct("<f")
-_FEWEST_DIGITS, _MOST_DIGITS = 6, 9
+_SINGLE, _BITS = struct.Struct("<f"), struct.Struct("<I")
+_EXPONENT_BITS = 0x7F800000
+_EXACT_POWERS_OF_FIVE = 10
+_FULL_MANTISSA = 0x19999998
+_DECIMAL = re.compile(r"(\d*)(?:\.(\d*))?(?:e([+-]?\d+))?", re.IGNORECASE)
 
 
 def to_single(x: float) -> float:
@@ -17,22 +21,42 @@ def to_single(x: float) -> float:
         return math.copysign(math.inf, x)
 
 
-def float_text(x: float) -> str:
-    """``str`` and ``repr`` of a float: the shortest text that reads back as the same 32-bit float, as firmware 4.1 prints it.
+def scaled(x: float, exponent: int) -> float:
+    """``x * 10**exponent`` with the errors of single precision: by a power of two, in the bits, then by one of five."""
+    if exponent == 0 or x == 0:
+        return x
+    (bits,) = _BITS.unpack(_SINGLE.pack(x))
+    bits = bits & ~_EXPONENT_BITS | bits + (exponent << 23) & _EXPONENT_BITS
+    (x,) = _SINGLE.unpack(_BITS.pack(bits))
+    if -_EXACT_POWERS_OF_FIVE <= exponent < 0:
+        return to_single(x / 5.0**-exponent)
+    return to_single(x * to_single(5.0**exponent))
 
-    Exponents appear from 1e16 on and below 1e-4, as in CPython.
+
+def read_digits(digits: int, exponent: int) -> float:
+    """What a hub reads from ``digits`` times ten to the power of ``exponent``."""
+    while digits and digits % 10 == 0:
+        digits, exponent = digits // 10, exponent + 1
+    return scaled(to_single(digits), exponent)
+
+
+def read_float(text: str) -> float:
+    """A float as a hub reads it: the digits that fit into 32 bits, then :func:`scaled`.
+
+    Raises:
+        ValueError: it is no number.
     """
-    if not math.isfinite(x):
-        return f"{x:g}"
-    for digits in range(_FEWEST_DIGITS, _MOST_DIGITS + 1):
-        shortest = float(f"{x:.{digits}g}")
-        if to_single(shortest) == x:
+    value = float(text)
+    unsigned = text.strip().lstrip("+-").replace("_", "")
+    match = _DECIMAL.fullmatch(unsigned)
+    if match is None:  # inf, nan
+        return value
+    whole, fraction = match[1], match[2] or ""
+    exponent = int(match[3] or 0) - len(fraction)
+    digits = 0
+    for index, digit in enumerate(whole + fraction):
+        if digits >= _FULL_MANTISSA:
+            exponent += len(whole + fraction) - index
             break
-    return repr(shortest)
-
-
-def halves_up(x: float, digits: int) -> float:
-    """What ``%f`` with these decimals has to print so that halves round away from zero, as on the hub."""
-    if digits < 16 and math.isfinite(x) and (abs(x) * 10**digits) % 1 == 0.5:
-        return math.nextafter(x, math.copysign(math.inf, x))
-    return x
+        digits = 10 * digits + int(digit)
+    return math.copysign(read_digits(digits, exponent), value)

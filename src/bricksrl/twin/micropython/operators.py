@@ -11,8 +11,9 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from bricksrl.twin.micropython.errors import reword
-from bricksrl.twin.micropython.floats import to_single
-from bricksrl.twin.micropython.text import format_text, format_value, percent, representation, text
+from bricksrl.twin.micropython.floats import read_float, to_single
+from bricksrl.twin.micropython.formatting import format_text, format_value, percent, to_number
+from bricksrl.twin.micropython.text import representation, text
 
 SMALL_MAX = 2**30 - 1
 SMALL_MIN = -(2**30)
@@ -82,8 +83,6 @@ def to_int(kind: type, *args: Any) -> Any:
     try:
         if args and isinstance(args[0], bytes | bytearray):
             args = (args[0].decode(), *args[1:])
-        if args and isinstance(args[0], str) and "_" in args[0]:
-            raise ValueError
         value = int(*args)
     except ValueError:
         base = args[1] if len(args) > 1 else 10
@@ -101,12 +100,15 @@ def to_float(kind: type, *args: Any) -> Any:
     """``float(...)`` as called under the name of ``kind``."""
     if kind is not float:
         return kind(*args)
+    if len(args) != 1:
+        return float(*args)
+    value = args[0]
+    if not isinstance(value, str | bytes | bytearray):
+        return to_single(float(to_number(value, "float")))
     try:
-        return to_single(float(*args))
+        return read_float(value if isinstance(value, str) else value.decode())
     except ValueError:
         raise ValueError("invalid syntax for number") from None
-    except TypeError:
-        raise TypeError(f"can't convert {type(args[0]).__name__} to float") from None
 
 
 def to_str(kind: type, *args: Any, **kwargs: Any) -> Any:

@@ -12,7 +12,7 @@ from typing import Any
 from bricksrl.twin.console import Console
 from bricksrl.twin.micropython.builtins import cooked
 from bricksrl.twin.micropython.errors import ERROR_NAMES, HubOSError, class_name
-from bricksrl.twin.micropython.floats import to_single
+from bricksrl.twin.micropython.floats import read_float
 from bricksrl.twin.micropython.numbers import module
 from bricksrl.twin.micropython.operators import small
 from bricksrl.twin.micropython.text import text
@@ -274,7 +274,7 @@ def json_module() -> ModuleType:
 
     def loads(source: str | bytes) -> Any:
         try:
-            return json.loads(source, parse_float=lambda s: to_single(float(s)), parse_int=lambda s: small(int(s)))
+            return json.loads(source, parse_float=read_float, parse_int=lambda s: small(int(s)))
         except json.JSONDecodeError:
             raise ValueError("syntax error in JSON") from None
 

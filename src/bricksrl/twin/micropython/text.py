@@ -1,10 +1,8 @@
-"""How a hub turns values into text: ``str``, ``repr``, ``%`` and ``str.format``."""
+"""How a hub turns values into text: ``str`` and ``repr``."""
 
 from __future__ import annotations
 
-import re
-import string
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from types import (
     BuiltinFunctionType,
     FunctionType,
@@ -17,7 +15,7 @@ from types import (
 from typing import Any
 
 from bricksrl.twin.micropython.errors import ERROR_NAMES, class_name
-from bricksrl.twin.micropython.floats import float_text, halves_up, to_single
+from bricksrl.twin.micropython.float_text import float_text, shortest_text
 
 _ESCAPES = {ord("\n"): "\\n", ord("\r"): "\\r", ord("\t"): "\\t", ord("\\"): "\\\\"}
 
@@ -128,8 +126,10 @@ def _range(value: Any) -> str:
 
 
 def _complex(value: complex) -> str:
-    sign = "+" if value.imag >= 0 else "-"
-    return f"({float_text(value.real)}{sign}{float_text(abs(value.imag))}j)"
+    if value.real == 0:
+        return shortest_text(value.imag) + "j"
+    sign = "" if value.imag < 0 else "+"
+    return f"({shortest_text(value.real)}{sign}{shortest_text(value.imag)}j)"
 
 
 _REPRESENTATIONS: dict[type, Callable[[Any], str]] = {
@@ -158,123 +158,3 @@ _REPRESENTATIONS: dict[type, Callable[[Any], str]] = {
     memoryview: lambda v: "<memoryview>",
 }
 _PRIVATE = (type, FunctionType, ModuleType)
-
-
-def _is_number(value: object) -> bool:
-    return isinstance(value, int | float)
-
-
-def format_value(value: object, spec: str) -> str:
-    """``format(value, spec)``; the hub does not ask the value's class."""
-    if not spec:
-        return text(value)
-    if not isinstance(value, int | float | str):
-        value = text(value)
-    code = spec[-1] if spec[-1] in "bcdeEfFgGnosxX%" else ""
-    if isinstance(value, bool):
-        value = int(value)
-    if isinstance(value, str):
-        if code not in ("", "s"):
-            raise ValueError(f"unknown format code '{code}' for object of type 'str'")
-        return format(value, spec)
-    if isinstance(value, float):
-        if code in ("b", "c", "d", "n", "o", "s", "x", "X"):
-            raise ValueError(f"unknown format code '{code}' for object of type 'float'")
-        if not code and "." not in spec:
-            sign = "+" if "+" in spec and value >= 0 else ""
-            padding = spec.replace("+", "")
-            return format(sign + float_text(value), padding if re.search("[<>^=]", padding) else ">" + padding)
-        return _fixed(value, spec, code)
-    if code == "s":
-        raise ValueError("unknown format code 's' for object of type 'int'")
-    return _fixed(to_single(value), spec, code) if code and code in "eEfFgG%" else format(value, spec)
-
-
-def _fixed(value: float, spec: str, code: str) -> str:
-    if code in ("f", "F"):
-        precision = re.search(r"\.(\d+)", spec)
-        value = halves_up(value, int(precision[1]) if precision else 6)
-    return format(value, spec)
-
-
-class _Formatter(string.Formatter):
-    def get_field(self, field_name: str, args: Any, kwargs: Any) -> Any:
-        if "." in field_name or "[" in field_name:
-            raise NotImplementedError("attributes not supported")
-        return super().get_field(field_name, args, kwargs)
-
-    def format_field(self, value: Any, format_spec: str) -> str:
-        return format_value(value, format_spec)
-
-    def convert_field(self, value: Any, conversion: str | None) -> Any:
-        if conversion is None:
-            return value
-        return representation(value) if conversion == "r" else text(value)
-
-    def get_value(self, key: int | str, args: Any, kwargs: Any) -> Any:
-        if isinstance(key, int) and key >= len(args):
-            raise IndexError("tuple index out of range")
-        return args[key] if isinstance(key, int) else kwargs[key]
-
-
-def format_text(template: str, args: tuple[object, ...], kwargs: Mapping[str, object]) -> str:
-    """``template.format(*args, **kwargs)``."""
-    return _Formatter().vformat(template, args, kwargs)
-
-
-_PERCENT = re.compile(
-    r"%(?:\((?P<key>[^)]*)\))?(?P<flags>[-+ #0]*)(?P<width>\*|\d+)?(?:\.(?P<precision>\*|\d+))?(?P<code>.)?", re.DOTALL
-)
-
-
-def percent(template: Any, values: object) -> Any:
-    """``template % values`` for text and bytes."""
-    if isinstance(template, bytes):
-        return percent(template.decode("latin-1"), values).encode("latin-1")
-    queue = list(values) if isinstance(values, tuple) else [values]
-
-    def take() -> Any:
-        if not queue:
-            raise TypeError("format string needs more arguments")
-        return queue.pop(0)
-
-    def replace(match: re.Match[str]) -> str:
-        code = match["code"]
-        if code == "%":
-            return "%"
-        if code is None:
-            raise ValueError("incomplete format")
-        width, precision = (str(take()) if match[name] == "*" else match[name] for name in ("width", "precision"))
-        if match["key"] is not None:
-            queue.clear()
-            if not isinstance(values, dict):
-                raise TypeError("format needs a dict")
-            value = values[match["key"]]
-        else:
-            value = take()
-        return _percent_one(value, code, match["flags"], width or "", precision)
-
-    result = _PERCENT.sub(replace, template)
-    if queue and not isinstance(values, dict):
-        raise TypeError("format string didn't convert all arguments")
-    return result
-
-
-def _percent_one(value: Any, code: str, flags: str, width: str, precision: str | None) -> str:
-    spec = f"%{flags}{width}" + (f".{precision}" if precision is not None else "")
-    if code in "sr":
-        return (spec + "s") % (text(value) if code == "s" else representation(value))
-    if code == "c" and isinstance(value, int | str):
-        return (spec + "c") % value
-    if code in "diuxXo":
-        if not _is_number(value):
-            raise TypeError(f"can't convert {type(value).__name__} to int")
-        return (spec + code) % int(value)
-    if code in "eEfFgG":
-        if not _is_number(value):
-            raise TypeError(f"can't convert {type(value).__name__} to float")
-        value = to_single(value)
-        if code in "fF":
-            value = halves_up(value, int(precision or 6))
-        return str((spec + code) % value)
-    raise ValueError(f"unsupported format character '{code}' (0x{ord(code):x}) at index 0")

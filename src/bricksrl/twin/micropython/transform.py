@@ -11,7 +11,7 @@ import operator
 from typing import Any
 
 from bricksrl.twin.micropython.attributes import HIDDEN_NAMES
-from bricksrl.twin.micropython.floats import to_single
+from bricksrl.twin.micropython.floats import read_float
 from bricksrl.twin.micropython.operators import SMALL_MAX, SMALL_MIN
 
 _FOLDED = {
@@ -52,7 +52,7 @@ def _is_int(node: ast.expr) -> bool:
 class _Transformer(ast.NodeTransformer):
     def visit_Constant(self, node: ast.Constant) -> ast.expr:
         if type(node.value) is float:
-            node.value = to_single(node.value)
+            node.value = read_float(repr(node.value))
         elif type(node.value) is int and not SMALL_MIN <= node.value <= SMALL_MAX:
             raise OverflowError("long int not supported in this build")
         return node
