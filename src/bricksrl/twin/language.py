@@ -2,22 +2,16 @@
 
 from __future__ import annotations
 
-import ast
-import functools
-import re
 import traceback
-import warnings
 from collections.abc import Callable
-from types import CodeType, ModuleType
+from types import ModuleType
 from typing import Any
-
-import mpy_cross_v6
 
 from bricksrl.twin.console import Console
 from bricksrl.twin.micropython.builtins import builtin_names
+from bricksrl.twin.micropython.compiler import compiled
 from bricksrl.twin.micropython.errors import class_name, reword
 from bricksrl.twin.micropython.text import uncaught
-from bricksrl.twin.micropython.transform import transform
 
 
 class Modules(dict[str, ModuleType]):
@@ -49,7 +43,7 @@ def execute(source: str, filename: str, modules: dict[str, ModuleType], console:
         SyntaxError: the hub's compiler refuses the program.
         OverflowError: it holds a number that needs more than 31 bits.
     """
-    code = _compiled(source, filename)
+    code = compiled(source, filename)
     if isinstance(modules, Modules):
         tick, has_memoryview = modules.tick, modules.has_memoryview
     else:
@@ -63,7 +57,7 @@ def execute(source: str, filename: str, modules: dict[str, ModuleType], console:
                 raise ImportError(f"no module named '{name}'")
             modules[name] = ModuleType(name)
             modules[name].__dict__.update(__builtins__=names["__builtins__"])
-            exec(_compiled(beside, f"{name}.py"), modules[name].__dict__)
+            exec(compiled(beside, f"{name.replace('.', '/')}.py"), modules[name].__dict__)
         return modules[name]
 
     names["__builtins__"] = builtin_names(names, find_module, console, tick, has_memoryview)
@@ -93,23 +87,3 @@ def format_traceback(error: BaseException, filename: str) -> str:
 
 def _nothing() -> None:
     pass
-
-
-@functools.lru_cache(maxsize=16)
-def _compiled(source: str, filename: str) -> CodeType:
-    _check_with_hub_compiler(source, filename)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", SyntaxWarning)
-        warnings.simplefilter("ignore", DeprecationWarning)
-        return compile(transform(ast.parse(source, filename)), filename, "exec", dont_inherit=True)
-
-
-def _check_with_hub_compiler(source: str, filename: str) -> None:
-    process, _ = mpy_cross_v6.mpy_cross_compile(filename, source, extra_args=["-msmall-int-bits=31"])
-    if process.returncode == 0:
-        return
-    report = process.stderr.decode()
-    line = re.search(r'File "<stdin>", line (\d+)', report)
-    kind, _, message = report.strip().splitlines()[-1].partition(": ")
-    error = IndentationError if kind == "IndentationError" else SyntaxError
-    raise error(message or kind, (filename, int(line[1]) if line else None, None, None))

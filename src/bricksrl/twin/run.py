@@ -100,7 +100,7 @@ def run_file(
     except (SystemExit, _TimeIsUp) as end:
         name = class_name(type(end)) if isinstance(end, SystemExit) else SystemExit.__name__
         stderr.write(f"The program was stopped ({name}).\n")
-    except (Exception, KeyboardInterrupt) as error:  # noqa: BLE001 - whatever a program raises
+    except BaseException as error:  # noqa: BLE001 - whatever a program raises
         stderr.write(format_traceback(error, path.name))
         return 1
     finally:
@@ -110,8 +110,11 @@ def run_file(
 
 
 def _source_beside(path: Path, name: str) -> str | None:
-    beside = path.with_name(f"{name}.py")
-    return beside.read_text(encoding="utf-8") if beside.is_file() else None
+    beside = path.parent.joinpath(*name.split("."))
+    for source in (beside.with_name(f"{beside.name}.py"), beside / "__init__.py"):
+        if source.is_file():
+            return source.read_text(encoding="utf-8")
+    return None
 
 
 def _stop() -> None:

@@ -13,7 +13,7 @@ import time
 from collections import deque
 
 import numpy as np
-from greenlet import getcurrent, greenlet
+from greenlet import GreenletExit, getcurrent, greenlet
 
 from bricksrl.errors import HubError, HubProgramError
 from bricksrl.hub.compile import MAIN_FILE
@@ -241,7 +241,11 @@ class VirtualHub:
             language.execute(source, MAIN_FILE, modules(self.machine, self._wire), self._wire)
         except (SystemExit, _Stopped):
             pass
-        except (Exception, ProgramInterrupt) as error:  # noqa: BLE001 - a program may raise anything; the host gets to know
+        except GreenletExit:
+            raise
+        except BaseException as error:
+            if isinstance(error, KeyboardInterrupt) and not isinstance(error, ProgramInterrupt):
+                raise  # somebody at this computer
             self._error = describe_traceback(language.format_traceback(error, MAIN_FILE), source)
         self.machine.stop_motors()
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import builtins
 import math
 import sys
@@ -11,11 +10,12 @@ from types import ModuleType
 from typing import Any
 
 from bricksrl.twin.console import Console
-from bricksrl.twin.micropython.attributes import HIDDEN_NAMES, visible_attribute
+from bricksrl.twin.micropython.attributes import HIDDEN_NAMES, directory, store_attribute, visible_attribute, with_keywords
+from bricksrl.twin.micropython.classes import HubSuper, build_class
+from bricksrl.twin.micropython.compiler import compiled
 from bricksrl.twin.micropython.errors import EXCEPTIONS, HubOSError
 from bricksrl.twin.micropython.operators import int_from_float, operators, to_float, to_int, to_str
 from bricksrl.twin.micropython.text import representation, text
-from bricksrl.twin.micropython.transform import transform
 
 _AS_THEY_ARE = [
     "all",
@@ -29,7 +29,6 @@ _AS_THEY_ARE = [
     "classmethod",
     "complex",
     "dict",
-    "dir",
     "enumerate",
     "float",
     "hash",
@@ -51,7 +50,6 @@ _AS_THEY_ARE = [
     "sorted",
     "staticmethod",
     "str",
-    "super",
     "tuple",
     "type",
     "zip",
@@ -75,8 +73,9 @@ def builtin_names(
     if has_memoryview:
         result["memoryview"] = memoryview
     result.update(operators(names))
-    result.update({"@tick": tick, "@attr": visible_attribute, "Ellipsis": ..., "__debug__": True, "OSError": HubOSError})
-    result["__build_class__"] = _build_class
+    result.update({"@tick": tick, "@attr": visible_attribute, "@store": store_attribute, "@keywords": with_keywords})
+    result.update({"Ellipsis": ..., "__debug__": True, "OSError": HubOSError, "super": HubSuper})
+    result["__build_class__"] = build_class
     result["__import__"] = _importer(find_module)
     result.update(_number_functions(result["@n"], result["@pow"]))
     result.update(_stream_functions(console))
@@ -85,51 +84,22 @@ def builtin_names(
     return result
 
 
-def _build_class(body: Any, name: str, *bases: Any, **keywords: Any) -> Any:
-    if len(bases) > 1:
-        raise NotImplementedError("multiple inheritance not supported")
-    made = builtins.__build_class__(body, name, *bases, **keywords)
-    for method, mirrored in _MIRRORED.items():
-        if getattr(made, mirrored) is not getattr(object, mirrored) and getattr(made, method) is getattr(object, method):
-            setattr(made, method, _refusal(method))
-    if made.__init__ is object.__init__ and made.__new__ is object.__new__:
-        made.__init__ = _take_anything
-    return made
-
-
-def _take_anything(self: Any, *args: Any, **kwargs: Any) -> None:
-    """A class without ``__init__`` takes any arguments on a hub, and forgets them."""
-
-
-_MIRRORED = {"__lt__": "__gt__", "__gt__": "__lt__", "__le__": "__ge__", "__ge__": "__le__"}
-
-
-def _refusal(method: str) -> Callable[[Any, Any], Any]:
-    """A comparison that a class lacks; CPython would ask the other operand the other way round, a hub does not."""
-
-    def refuse(self: Any, other: Any) -> Any:
-        raise TypeError(f"unsupported types for {method}: '{type(self).__name__}', '{type(other).__name__}'")
-
-    return refuse
-
-
 def _importer(find_module: Callable[[str], ModuleType]) -> Callable[..., ModuleType]:
     def find(name: str, globals: object = None, locals: object = None, fromlist: object = (), level: int = 0) -> ModuleType:
         if level:
             raise NotImplementedError("relative import")
-        found = find_module(name)
-        return found if fromlist or "." not in name else find_module(name.partition(".")[0])
+        return find_module(name)
 
     return find
 
 
 def _number_functions(normalize: Callable[[Any], Any], power: Callable[[Any, Any], Any]) -> dict[str, Any]:
-    def sum_(values: Iterable[Any], start: Any = 0) -> Any:
+    def sum_(values: Iterable[Any], start: Any = 0, /) -> Any:
         for value in values:
             start = normalize(start + value)
         return start
 
-    def round_(value: Any, digits: int | None = None) -> Any:
+    def round_(value: Any, digits: int | None = None, /) -> Any:
         if not isinstance(value, int | float):
             raise TypeError(f"can't convert {type(value).__name__} to float")
         if digits is None:
@@ -139,13 +109,13 @@ def _number_functions(normalize: Callable[[Any], Any], power: Callable[[Any, Any
         scale = 10.0**digits
         return normalize(round(normalize(value * scale)) / scale) if math.isfinite(value) else value
 
-    def divmod_(a: Any, b: Any) -> tuple[Any, Any]:
+    def divmod_(a: Any, b: Any, /) -> tuple[Any, Any]:
         quotient, rest = divmod(a, b)
         return normalize(quotient), normalize(rest)
 
-    def pow_(a: Any, b: Any, modulus: int | None = None) -> Any:
+    def pow_(a: Any, b: Any, modulus: int | None = None, /) -> Any:
         if modulus is not None:
-            raise NotImplementedError
+            raise NotImplementedError("3-arg pow() not supported")
         return power(a, b)
 
     def map_(function: Any, *values: Iterable[Any]) -> Any:
@@ -153,11 +123,11 @@ def _number_functions(normalize: Callable[[Any], Any], power: Callable[[Any, Any
         convert = conversions.get(function) if isinstance(function, type) else None
         return map(function, *values) if convert is None else map(lambda *args: convert(function, *args), *values)
 
-    def next_(values: Any) -> Any:
+    def next_(values: Any, /) -> Any:
         return next(values)
 
     numbers = {
-        "abs": lambda value: normalize(abs(value)),
+        "abs": lambda value, /: normalize(abs(value)),
         "sum": sum_,
         "round": round_,
         "divmod": divmod_,
@@ -200,6 +170,11 @@ def _attribute_functions() -> dict[str, Any]:
                 return default[0]
             raise
 
+    def dir_(*values: Any) -> list[str]:
+        if not values:
+            return sorted(name for name in sys._getframe(1).f_locals if "@" not in name and name != "__builtins__")
+        return directory(values[0])
+
     def hasattr_(value: Any, name: str) -> bool:
         missing = object()
         return getattr_(value, name, missing) is not missing
@@ -210,7 +185,7 @@ def _attribute_functions() -> dict[str, Any]:
     def issubclass_(kind: Any, kinds: Any) -> bool:
         return issubclass(kind, _without_int(kinds) if kind is bool else kinds)
 
-    return {"getattr": getattr_, "hasattr": hasattr_, "isinstance": isinstance_, "issubclass": issubclass_}
+    return {"dir": dir_, "getattr": getattr_, "hasattr": hasattr_, "isinstance": isinstance_, "issubclass": issubclass_}
 
 
 def _without_int(kinds: Any) -> Any:
@@ -228,13 +203,16 @@ def _program_functions() -> dict[str, Any]:
         globals.setdefault("__builtins__", frame.f_globals["__builtins__"])
         return globals, globals if locals is None else locals
 
-    def eval_(source: str, globals: dict[str, Any] | None = None, locals: Any = None) -> Any:
-        spaces = namespaces(globals, locals)
-        return eval(compile(transform(ast.parse(source.strip(), "<string>", "eval")), "<string>", "eval"), *spaces)
+    def decoded(source: Any) -> str:
+        return source if isinstance(source, str) else bytes(source).decode()
 
-    def exec_(source: str, globals: dict[str, Any] | None = None, locals: Any = None) -> None:
+    def eval_(source: Any, globals: dict[str, Any] | None = None, locals: Any = None) -> Any:
         spaces = namespaces(globals, locals)
-        exec(compile(transform(ast.parse(source, "<string>", "exec")), "<string>", "exec"), *spaces)
+        return eval(compiled(decoded(source).strip(), "<string>", "eval"), *spaces)
+
+    def exec_(source: Any, globals: dict[str, Any] | None = None, locals: Any = None) -> None:
+        spaces = namespaces(globals, locals)
+        exec(compiled(decoded(source), "<string>"), *spaces)
 
     def globals_() -> dict[str, Any]:
         return sys._getframe(1).f_globals

@@ -69,6 +69,10 @@ def _types(operator: str, left: str, right: str) -> str:
 
 _Rule = tuple[type[BaseException], str, Callable[["re.Match[str]"], str]]
 _RULES: tuple[_Rule, ...] = (
+    (AttributeError, r"(?:partially initialized )?module '.*' has no attribute '(\w+)'.*",
+     lambda m: f"'module' object has no attribute '{m[1]}'"),
+    (TypeError, r".*takes no keyword arguments|.*positional-only arguments passed as keyword.*",
+     lambda m: "function doesn't take keyword arguments"),
     (ZeroDivisionError, r".*(zero|modulo|negative power|divmod).*", lambda m: "divide by zero"),
     (UnboundLocalError, r".*", lambda m: "local variable referenced before assignment"),
     (NameError, r"name '(.*)' is not defined", lambda m: f"name '{m[1]}' isn't defined"),
@@ -79,7 +83,7 @@ _RULES: tuple[_Rule, ...] = (
     (TypeError, r"bad operand type for (?:unary )?(.*): '(.*)'", lambda m: f"unsupported type for {_UNARY[m[1]]}: '{m[2]}'"),
     (TypeError, r"cannot unpack non-iterable (.*) object", lambda m: f"'{m[1]}' object isn't iterable"),
     (TypeError, r"(.*) indices must be integers or slices, not (.*)", lambda m: f"{m[1]} indices must be integers, not {m[2]}"),
-    (TypeError, r"string indices must be integers, not '(.*)'", lambda m: f"str indices must be integers, not {m[1]}"),
+    (TypeError, r"string indices must be integers, not '(.*)'", lambda m: f"string indices must be integers, not {m[1]}"),
     (TypeError, r"('.*' object) is not (callable|iterable|subscriptable|an iterator)", lambda m: f"{m[1]} isn't {m[2]}"),
     (TypeError, r"('.*' object) does(?: not|n't) support item (.*)", lambda m: f"{m[1]} doesn't support item {m[2]}"),
     (TypeError, r"unhashable type: '(.*)'", lambda m: f"unsupported type for __hash__: '{m[1]}'"),

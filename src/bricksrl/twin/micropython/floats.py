@@ -9,6 +9,7 @@ import struct
 _SINGLE, _BITS = struct.Struct("<f"), struct.Struct("<I")
 _EXPONENT_BITS = 0x7F800000
 _EXACT_POWERS_OF_FIVE = 10
+_INFINITE_POWER = 60
 _FULL_MANTISSA = 0x19999998
 _DECIMAL = re.compile(r"(\d*)(?:\.(\d*))?(?:e([+-]?\d+))?", re.IGNORECASE)
 
@@ -30,7 +31,7 @@ def scaled(x: float, exponent: int) -> float:
     (x,) = _SINGLE.unpack(_BITS.pack(bits))
     if -_EXACT_POWERS_OF_FIVE <= exponent < 0:
         return to_single(x / 5.0**-exponent)
-    return to_single(x * to_single(5.0**exponent))
+    return to_single(x * to_single(5.0 ** min(exponent, _INFINITE_POWER)))
 
 
 def read_digits(digits: int, exponent: int) -> float:

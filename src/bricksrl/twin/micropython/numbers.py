@@ -10,6 +10,7 @@ from types import ModuleType
 from typing import Any
 
 from bricksrl.twin.micropython.floats import to_single
+from bricksrl.twin.micropython.formatting import to_number
 from bricksrl.twin.micropython.operators import int_from_float, small
 
 _MASK = 0xFFFFFFFF
@@ -24,9 +25,7 @@ def module(name: str, names: dict[str, Any]) -> ModuleType:
 
 
 def _as_float(value: Any) -> float:
-    if not isinstance(value, int | float):
-        raise TypeError(f"can't convert {type(value).__name__} to float")
-    return to_single(value)
+    return to_single(to_number(value, "float"))
 
 
 def math_module() -> ModuleType:
@@ -117,43 +116,52 @@ class _Yasmarang:
         return (self.next() & 0x7FFFFF) / 0x800000
 
 
+def _whole(*values: Any) -> None:
+    for value in values:
+        if not isinstance(value, int):
+            raise TypeError(f"can't convert {type(value).__name__} to int")
+
+
 def random_module(clock_us: int) -> ModuleType:
     """``clock_us``: what the hub seeds itself with when the program starts."""
     source = _Yasmarang(clock_us)
 
-    def getrandbits(k: int) -> int:
+    def getrandbits(k: int, /) -> int:
+        _whole(k)
         if not 0 <= k <= 32:
             raise ValueError("bits must be 32 or less")
         return small(source.next() & (_MASK >> (32 - k))) if k else 0
 
-    def randrange(start: int, stop: int | None = None, step: int = 1) -> int:
+    def randrange(start: int, stop: int | None = None, step: int = 1, /) -> int:
+        _whole(start, step, 0 if stop is None else stop)
         low, high = (0, start) if stop is None else (start, stop)
         count = (high - low + step - (1 if step > 0 else -1)) // step if step else 0
         if count <= 0:
             raise ValueError
         return low + step * source.below(count)
 
-    def randint(a: int, b: int) -> int:
+    def randint(a: int, b: int, /) -> int:
+        _whole(a, b)
         if a > b:
             raise ValueError
         return a + source.below(b - a + 1)
 
-    def choice(values: Sequence[Any]) -> Any:
+    def choice(values: Sequence[Any], /) -> Any:
         if not values:
             raise IndexError
         return values[source.below(len(values))]
 
-    def uniform(a: float, b: float) -> float:
+    def uniform(a: float, b: float, /) -> float:
         return to_single(a + to_single(to_single(b - a) * source.fraction()))
 
-    def seed(a: int | None = None) -> None:
+    def seed(a: int | None = None, /) -> None:
         source.seed(clock_us if a is None else a)
 
     names = {"getrandbits": getrandbits, "randrange": randrange, "randint": randint, "choice": choice, "uniform": uniform}
     return module("random", {**names, "seed": seed, "random": source.fraction})
 
 
-_CODES = re.compile(r"(\d*)([xcbBhHiIlLqQPnNOsSfd])")
+_CODES = re.compile(r"(\d*)([xbBhHiIlLqQPOsefd])")
 _WIDE = frozenset("iIlLqQd")
 
 
@@ -161,7 +169,7 @@ class _Layout:
     """A format string as the hub reads it: native ``l`` has 4 bytes; values are wrapped, not refused."""
 
     def __init__(self, text: str) -> None:
-        if not re.fullmatch(r"[@=<>!]?(\d*[xcbBhHiIlLqQPOsfd ])*", text):
+        if not re.fullmatch(r"[@=<>!]?(\d*[xbBhHiIlLqQPOsefd])*", text):
             raise ValueError("bad typecode")
         order = text[:1] if text[:1] in "@=<>!" and text[:1] else "@"
         codes = text.lstrip("@=<>!")
@@ -181,9 +189,9 @@ class _Layout:
 
     @staticmethod
     def _wrapped(code: str, value: Any) -> Any:
-        if code in "cs":
-            return value
-        if code in "fd":
+        if code == "s":
+            return value.encode() if isinstance(value, str) else value
+        if code in "efd":
             return to_single(_as_float(value))
         if isinstance(value, float) or not isinstance(value, int):
             raise TypeError(f"can't convert {type(value).__name__} to int")
@@ -206,30 +214,30 @@ def struct_module() -> ModuleType:
             found = layouts[text] = _Layout(text)
         return found
 
-    def pack(fmt: str, *values: Any) -> bytes:
+    def pack(fmt: str, /, *values: Any) -> bytes:
         chosen = layout(fmt)
         if len(values) != len(chosen.codes):
             values = (values + (0,) * len(chosen.codes))[: len(chosen.codes)]
         return chosen.pack(values)
 
-    def pack_into(fmt: str, buffer: bytearray, offset: int, *values: Any) -> None:
+    def pack_into(fmt: str, buffer: bytearray, offset: int, /, *values: Any) -> None:
         data = pack(fmt, *values)
         start = offset + len(buffer) if offset < 0 else offset
         if start < 0 or start + len(data) > len(buffer):
             raise ValueError("buffer too small")
         buffer[start : start + len(data)] = data
 
-    def unpack_from(fmt: str, data: bytes, offset: int = 0) -> tuple[Any, ...]:
+    def unpack_from(fmt: str, data: bytes, offset: int = 0, /) -> tuple[Any, ...]:
         chosen = layout(fmt)
         try:
             return chosen.checked(chosen.struct.unpack_from(data, offset))
         except struct.error:
             raise ValueError("buffer too small") from None
 
-    def unpack(fmt: str, data: bytes) -> tuple[Any, ...]:
+    def unpack(fmt: str, data: bytes, /) -> tuple[Any, ...]:
         return unpack_from(fmt, data)
 
-    def calcsize(fmt: str) -> int:
+    def calcsize(fmt: str, /) -> int:
         return layout(fmt).struct.size
 
     names = {"pack": pack, "pack_into": pack_into, "unpack": unpack, "unpack_from": unpack_from, "calcsize": calcsize}

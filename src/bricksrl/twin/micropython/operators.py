@@ -70,10 +70,11 @@ def int_from_float(value: float) -> int:
     return int(value)
 
 
-def to_int(kind: type, *args: Any) -> Any:
+def to_int(kind: type, *args: Any, **kwargs: Any) -> Any:
     """``int(...)`` as called under the name of ``kind``."""
     if kind is not int:
-        return kind(*args)
+        return kind(*args, **kwargs)
+    _refuse_keywords(kwargs)
     if len(args) == 1:
         value = args[0]
         if type(value) is float:
@@ -96,10 +97,11 @@ def to_int(kind: type, *args: Any) -> Any:
     return value
 
 
-def to_float(kind: type, *args: Any) -> Any:
+def to_float(kind: type, *args: Any, **kwargs: Any) -> Any:
     """``float(...)`` as called under the name of ``kind``."""
     if kind is not float:
-        return kind(*args)
+        return kind(*args, **kwargs)
+    _refuse_keywords(kwargs)
     if len(args) != 1:
         return float(*args)
     value = args[0]
@@ -113,17 +115,35 @@ def to_float(kind: type, *args: Any) -> Any:
 
 def to_str(kind: type, *args: Any, **kwargs: Any) -> Any:
     """``str(...)`` as called under the name of ``kind``."""
-    return text(args[0]) if kind is str and len(args) == 1 and not kwargs else kind(*args, **kwargs)
+    if kind is not str:
+        return kind(*args, **kwargs)
+    _refuse_keywords(kwargs)
+    return text(args[0]) if len(args) == 1 else str(*args)
+
+
+def _refuse_keywords(kwargs: Mapping[str, object]) -> None:
+    if kwargs:
+        raise TypeError("function doesn't take keyword arguments")
 
 
 def _to_bytes(value: Any, *args: Any, **kwargs: Any) -> Any:
     """``value.to_bytes(...)``; a negative integer is written as its two's complement."""
     if not isinstance(value, int):
         return value.to_bytes(*args, **kwargs)
+    _refuse_keywords(kwargs)
     try:
-        return value.to_bytes(*args, signed=value < 0)
+        return value.to_bytes(*args[:2], signed=value < 0)
     except OverflowError:
         raise OverflowError("buffer too small") from None
+
+
+def _from_bytes(kind: Any, *args: Any, **kwargs: Any) -> Any:
+    """``kind.from_bytes(...)``: no sign, and of more than four bytes those that count least."""
+    if kind is not int:
+        return kind.from_bytes(*args, **kwargs)
+    _refuse_keywords(kwargs)
+    is_little = args[1:] and args[1] == "little"
+    return small(int.from_bytes(args[0], "little" if is_little else "big") & 0xFFFFFFFF)
 
 
 def _slice(container: Any, start: Any, stop: Any, step: Any) -> Any:
@@ -133,11 +153,33 @@ def _slice(container: Any, start: Any, stop: Any, step: Any) -> Any:
     return container[start:stop:step]
 
 
-def _sliced(container: Any) -> Any:
-    """``container``, when a slice of it can be replaced."""
+def _sliced(container: Any, step: Any) -> Any:
+    """``container``, when a slice of it can be replaced or deleted: only in lists, and only one without a step."""
     if isinstance(container, bytearray | memoryview):
         raise TypeError(f"'{type(container).__name__}' object doesn't support item assignment")
+    if step is not None and isinstance(container, list):
+        raise NotImplementedError
     return container
+
+
+def _set_slice(value: Any, container: Any, start: Any, stop: Any, step: Any) -> None:
+    """``container[start:stop:step] = value``."""
+    if isinstance(_sliced(container, step), list) and not isinstance(value, list | tuple):
+        raise TypeError(f"object '{type(value).__name__}' isn't a tuple or list")
+    container[start:stop:step] = value
+
+
+def _bitwise(operation: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
+    """Truth values are numbers here, and dicts have no union."""
+
+    def operate(a: Any, b: Any) -> Any:
+        if type(a) is bool and type(b) is bool:
+            return int(operation(a, b))
+        if isinstance(a, dict) and isinstance(b, dict):
+            raise TypeError(f"unsupported types for __or__: '{type(a).__name__}', '{type(b).__name__}'")
+        return operation(a, b)
+
+    return operate
 
 
 def operators(names: Mapping[str, object]) -> dict[str, Any]:
@@ -188,14 +230,22 @@ def operators(names: Mapping[str, object]) -> dict[str, Any]:
         "@isub": in_place(operator.isub),
         "@imul": in_place(operator.imul),
         "@ilshift": in_place(operator.ilshift),
+        "@and": _bitwise(operator.and_),
+        "@or": _bitwise(operator.or_),
+        "@xor": _bitwise(operator.xor),
+        "@iand": _bitwise(operator.iand),
+        "@ior": _bitwise(operator.ior),
+        "@ixor": _bitwise(operator.ixor),
         "@int": to_int,
         "@float": to_float,
         "@str": to_str,
         "@format": format_call,
         "@to_bytes": _to_bytes,
+        "@from_bytes": _from_bytes,
         "@f": f_string,
         "@slice": _slice,
         "@sliced": _sliced,
+        "@setslice": _set_slice,
         "@any": (Exception, SystemExit, KeyboardInterrupt, GeneratorExit),
         "@reword": lambda error: reword(error, names),
     }

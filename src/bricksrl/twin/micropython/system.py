@@ -14,7 +14,7 @@ from bricksrl.twin.micropython.builtins import cooked
 from bricksrl.twin.micropython.errors import ERROR_NAMES, HubOSError, class_name
 from bricksrl.twin.micropython.floats import read_float
 from bricksrl.twin.micropython.numbers import module
-from bricksrl.twin.micropython.operators import small
+from bricksrl.twin.micropython.operators import SMALL_MAX, SMALL_MIN
 from bricksrl.twin.micropython.text import text
 
 _POLLIN, _POLLOUT, _POLLERR, _POLLHUP = 1, 4, 8, 16
@@ -126,9 +126,12 @@ class Poll:
         self._doze = doze
         self._streams: dict[int, tuple[FileIO, int]] = {}
 
+    def __repr__(self) -> str:
+        return "<poll>"
+
     def register(self, stream: Any, eventmask: int = _POLLIN | _POLLOUT) -> None:
         if not isinstance(stream, FileIO):
-            raise HubOSError(22)
+            raise HubOSError("stream operation not supported")
         self._streams[id(stream)] = (stream, eventmask)
 
     def unregister(self, stream: Any) -> None:
@@ -182,6 +185,8 @@ def sys_module(console: Console, keyboard: Keyboard, tick: Callable[[], None], v
             "stdin": TextIOWrapper(0, console, keyboard, tick),
             "stdout": stdout,
             "stderr": stdout,
+            "path": [""],
+            "argv": [],
             "version": f"3.4.0; Pybricks MicroPython v{version}",
             "version_info": (3, 4, 0),
             "implementation": ("micropython", (1, 26, 0, ""), machine, 0x2306),
@@ -239,6 +244,13 @@ def micropython_module(keyboard: Keyboard, console: Console, heap_bytes: int) ->
 
 def gc_module(heap_bytes: int) -> ModuleType:
     state = {"on": True}
+    limit = [-1]
+
+    def threshold(*size: int) -> int | None:
+        if not size:
+            return limit[0]
+        limit[:] = size
+        return None
 
     def switch(on: bool) -> Callable[[], None]:
         def call() -> None:
@@ -247,7 +259,8 @@ def gc_module(heap_bytes: int) -> ModuleType:
         return call
 
     names: dict[str, Any] = {"enable": switch(True), "disable": switch(False), "isenabled": lambda: state["on"]}
-    return module("gc", {**names, "collect": lambda: 0, "mem_alloc": lambda: 0, "mem_free": lambda: heap_bytes})
+    names["threshold"] = threshold
+    return module("gc", {**names, "collect": lambda: None, "mem_alloc": lambda: 0, "mem_free": lambda: heap_bytes})
 
 
 def errno_module() -> ModuleType:
@@ -259,26 +272,40 @@ def io_module() -> ModuleType:
 
 
 def json_module() -> ModuleType:
-    def dumps(value: Any, separators: tuple[str, str] = (", ", ": ")) -> str:
-        item, key = separators
-        if isinstance(value, dict):
-            pairs = (
-                f"{dumps(k if isinstance(k, str) else text(k), separators)}{key}{dumps(v, separators)}" for k, v in value.items()
-            )
-            return "{" + item.join(pairs) + "}"
-        if isinstance(value, list | tuple):
-            return "[" + item.join(dumps(v, separators) for v in value) + "]"
-        if value is None or isinstance(value, bool):
-            return json.dumps(value)
-        return json.dumps(value, ensure_ascii=False) if isinstance(value, str) else text(value)
+    def dumps(value: Any, /, *, separators: tuple[str, str] | None = None) -> str:
+        item, key = separators or (", ", ": ")
 
-    def loads(source: str | bytes) -> Any:
+        def write(value: Any) -> str:
+            if isinstance(value, dict):
+                return "{" + item.join(write_key(k) + key + write(v) for k, v in value.items()) + "}"
+            if isinstance(value, list | tuple):
+                return "[" + item.join(map(write, value)) + "]"
+            if value is None or isinstance(value, bool):
+                return json.dumps(value)
+            if isinstance(value, bytes):
+                value = value.decode()
+            return json.dumps(value, ensure_ascii=False) if isinstance(value, str) else text(value)
+
+        def write_key(name: Any) -> str:
+            return write(name) if isinstance(name, str) else f'"{write(name)}"'
+
+        return write(value)
+
+    def loads(source: str | bytes, /) -> Any:
+        if not isinstance(source, str | bytes | bytearray):
+            raise TypeError("object with buffer protocol required")
         try:
-            return json.loads(source, parse_float=read_float, parse_int=lambda s: small(int(s)))
+            return json.loads(source, parse_float=read_float, parse_int=whole)
         except json.JSONDecodeError:
             raise ValueError("syntax error in JSON") from None
 
-    def dump(value: Any, stream: Any, separators: tuple[str, str] = (", ", ": ")) -> None:
-        stream.write(dumps(value, separators))
+    def whole(digits: str) -> int:
+        value = int(digits)
+        if not SMALL_MIN <= value <= SMALL_MAX:
+            raise OverflowError("long int not supported in this build")
+        return value
+
+    def dump(value: Any, stream: Any, /, *, separators: tuple[str, str] | None = None) -> None:
+        stream.write(dumps(value, separators=separators))
 
     return module("json", {"dumps": dumps, "loads": loads, "dump": dump, "load": lambda stream: loads(stream.read())})

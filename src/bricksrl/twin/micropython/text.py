@@ -20,6 +20,9 @@ from bricksrl.twin.micropython.float_text import float_text, shortest_text
 _ESCAPES = {ord("\n"): "\\n", ord("\r"): "\\r", ord("\t"): "\\t", ord("\\"): "\\\\"}
 
 
+_PLAIN = (BaseException.__str__, OSError.__str__, KeyError.__str__, SyntaxError.__str__)
+
+
 def text(value: Any) -> str:
     """``str(value)``."""
     kind: Any = type(value)
@@ -29,7 +32,7 @@ def text(value: Any) -> str:
         return int.__repr__(value)
     if kind is float:
         return float_text(value)
-    if isinstance(value, BaseException) and kind.__str__ in (BaseException.__str__, OSError.__str__, KeyError.__str__):
+    if isinstance(value, BaseException) and kind.__str__ in _PLAIN:
         return _exception_text(value)
     if kind.__str__ is not object.__str__ and kind not in _REPRESENTATIONS and not isinstance(value, _PRIVATE):
         return str(value)
@@ -52,7 +55,14 @@ def representation(value: object) -> str:
     return repr(value)
 
 
+_ITERATORS: set[type] = {type(iter(kind())) for kind in (list, tuple, str, bytes, bytearray, dict, set)} | {
+    type(iter(range(0))), type(iter({}.values())), type(iter({}.items())), type(iter("\u00e4"))
+}  # fmt: skip
+_REVERSED: list[type] = [reversed, type(reversed([])), type(reversed({}))]
 _TYPE_NAMES: dict[type, str] = {
+    **dict.fromkeys(_ITERATORS, "iterator"),
+    **dict.fromkeys(_REVERSED, "reversed"),
+    **dict.fromkeys((type({}.keys()), type({}.values()), type({}.items())), "dict_view"),
     BuiltinFunctionType: "function",
     MethodType: "bound_method",
     MethodDescriptorType: "function",
@@ -77,7 +87,7 @@ def uncaught(error: BaseException) -> str:
 
 
 def _exception_text(error: BaseException) -> str:
-    args = error.args
+    args = (error.msg,) if isinstance(error, SyntaxError) else error.args
     if isinstance(error, OSError) and 0 < len(args) < 3 and args[0] in ERROR_NAMES:
         return f"[Errno {args[0]}] {ERROR_NAMES[args[0]]}" + (f": {text(args[1])}" if len(args) == 2 else "")
     if not args:
@@ -132,6 +142,10 @@ def _complex(value: complex) -> str:
     return f"({shortest_text(value.real)}{sign}{shortest_text(value.imag)}j)"
 
 
+def _method(value: Any) -> str:
+    return f"<bound_method {_address(value)} {representation(value.__self__)}.<function>>"
+
+
 _REPRESENTATIONS: dict[type, Callable[[Any], str]] = {
     str: _str,
     bytes: _bytes,
@@ -147,13 +161,15 @@ _REPRESENTATIONS: dict[type, Callable[[Any], str]] = {
     dict: _dict,
     set: lambda v: "{" + _joined(v) + "}" if v else "set()",
     range: _range,
+    object: lambda v: "<object>",
     type({}.keys()): lambda v: f"dict_keys([{_joined(v)}])",
     type({}.values()): lambda v: f"dict_values([{_joined(v)}])",
     type({}.items()): lambda v: f"dict_items([{_joined(v)}])",
     GeneratorType: lambda v: f"<generator object '{v.__name__}' at {_address(v)}>",
     FunctionType: lambda v: "<function>",
-    BuiltinFunctionType: lambda v: "<function>",
-    MethodType: lambda v: f"<bound_method {_address(v)} {representation(v.__self__)}.<function>>",
+    BuiltinFunctionType: lambda v: "<function>" if isinstance(v.__self__, ModuleType | None) else _method(v),
+    MethodType: _method,
+    **dict.fromkeys((zip, map, enumerate, *_REVERSED, *_ITERATORS), lambda v: f"<{type_name(type(v))}>"),
     ModuleType: lambda v: f"<module '{v.__name__}'>",
     memoryview: lambda v: "<memoryview>",
 }

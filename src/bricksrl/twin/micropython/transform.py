@@ -13,6 +13,7 @@ from typing import Any
 from bricksrl.twin.micropython.attributes import HIDDEN_NAMES
 from bricksrl.twin.micropython.floats import read_float
 from bricksrl.twin.micropython.operators import SMALL_MAX, SMALL_MIN
+from bricksrl.twin.micropython.transform_async import async_for, async_with
 
 _FOLDED = {
     ast.Add: operator.add,
@@ -25,10 +26,20 @@ _FOLDED = {
     ast.BitXor: operator.xor,
 }
 _WRAPPED = (ast.Add, ast.Sub, ast.Mult, ast.LShift)
-_CALLED = {ast.Div: "@div", ast.FloorDiv: "@floordiv", ast.Mod: "@mod", ast.Pow: "@pow"}
-_IN_PLACE = {ast.Add: "@iadd", ast.Sub: "@isub", ast.Mult: "@imul", ast.LShift: "@ilshift", **_CALLED}
+_ARITHMETIC = {ast.Div: "@div", ast.FloorDiv: "@floordiv", ast.Mod: "@mod", ast.Pow: "@pow"}
+_CALLED = {**_ARITHMETIC, ast.BitAnd: "@and", ast.BitOr: "@or", ast.BitXor: "@xor"}
+_IN_PLACE = {
+    **_ARITHMETIC,
+    ast.Add: "@iadd",
+    ast.Sub: "@isub",
+    ast.Mult: "@imul",
+    ast.LShift: "@ilshift",
+    ast.BitAnd: "@iand",
+    ast.BitOr: "@ior",
+    ast.BitXor: "@ixor",
+}
 _CONVERSIONS = ("int", "float", "str")
-_METHODS = ("format", "to_bytes")
+_METHODS = ("format", "to_bytes", "from_bytes")
 _EMITTERS = ("native", "viper", "bytecode")
 
 
@@ -100,8 +111,17 @@ class _Transformer(ast.NodeTransformer):
             statements.append(self._keep("@index", target.slice, node))
             index = ast.Name("@index", ast.Load())
             read, write = ast.Subscript(place, index, ast.Load()), ast.Subscript(place, index, ast.Store())
-        statements.append(ast.copy_location(ast.Assign([write], _call(helper, read, node.value, at=node)), node))
+        assign = ast.copy_location(ast.Assign([write], _call(helper, read, node.value, at=node)), node)
+        statements.append(self._stored(assign))
         return statements
+
+    @staticmethod
+    def _stored(node: ast.Assign) -> ast.stmt:
+        """``owner.name = value``, where the owner may be something that takes no attributes."""
+        if len(node.targets) > 1 or not isinstance(node.targets[0], ast.Attribute):
+            return node
+        target = node.targets[0]
+        return ast.copy_location(ast.Expr(_call("@store", node.value, target.value, ast.Constant(target.attr), at=node)), node)
 
     @staticmethod
     def _keep(name: str, value: ast.expr, at: ast.AST) -> ast.stmt:
@@ -123,6 +143,8 @@ class _Transformer(ast.NodeTransformer):
             node.func = ast.copy_location(ast.Name("@" + function.attr, ast.Load()), function)
             return node
         self.generic_visit(node)
+        if node.keywords:
+            node.func = _call("@keywords", node.func, at=node)
         return node
 
     def visit_Attribute(self, node: ast.Attribute) -> ast.expr:
@@ -140,12 +162,32 @@ class _Transformer(ast.NodeTransformer):
         return node
 
     def visit_Assign(self, node: ast.Assign) -> ast.AST:
-        """Only lists take a slice."""
+        self.generic_visit(node)
+        target = node.targets[0]
+        if len(node.targets) == 1 and isinstance(target, ast.Subscript) and isinstance(target.slice, ast.Slice):
+            bounds = [bound or ast.Constant(None) for bound in (target.slice.lower, target.slice.upper, target.slice.step)]
+            return ast.copy_location(ast.Expr(_call("@setslice", node.value, target.value, *bounds, at=node)), node)
+        return self._stored(node)
+
+    def visit_Delete(self, node: ast.Delete) -> ast.AST:
         self.generic_visit(node)
         for target in node.targets:
             if isinstance(target, ast.Subscript) and isinstance(target.slice, ast.Slice):
-                target.value = _call("@sliced", target.value, at=target)
+                target.value = _call("@sliced", target.value, target.slice.step or ast.Constant(None), at=target)
         return node
+
+    def visit_Import(self, node: ast.Import) -> ast.AST | list[ast.stmt]:
+        """``import a.b`` finds ``a.b`` itself on a hub, so ``as`` looks for another ``b`` in it."""
+        statements: list[ast.stmt] = []
+        for alias in node.names:
+            if alias.asname is None or "." not in alias.name:
+                statements.append(ast.copy_location(ast.Import([alias]), node))
+                continue
+            found: ast.expr = _call("__import__", ast.Constant(alias.name), at=node)
+            for part in alias.name.split(".")[1:]:
+                found = ast.copy_location(ast.Attribute(found, part, ast.Load()), node)
+            statements.append(ast.copy_location(ast.Assign([ast.Name(alias.asname, ast.Store())], found), node))
+        return statements
 
     def visit_JoinedStr(self, node: ast.JoinedStr) -> ast.expr:
         self.generic_visit(node)
@@ -208,6 +250,14 @@ class _Transformer(ast.NodeTransformer):
         never = ast.If(ast.Constant(False), [ast.Expr(ast.Yield(None))], [])
         function = ast.FunctionDef(node.name, node.args, [never, *node.body], node.decorator_list)
         return ast.copy_location(function, node)
+
+    def visit_AsyncFor(self, node: ast.AsyncFor) -> list[ast.stmt]:
+        self.generic_visit(node)
+        return async_for(node)
+
+    def visit_AsyncWith(self, node: ast.AsyncWith) -> list[ast.stmt]:
+        self.generic_visit(node)
+        return async_with(node)
 
     def visit_Await(self, node: ast.Await) -> ast.expr:
         self.generic_visit(node)
