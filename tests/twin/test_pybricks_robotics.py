@@ -203,3 +203,9 @@ def test_no_gyro_where_there_is_no_imu() -> None:
     robot = Robot("city", HubKind.CITY, motors=(Motor("a", "A"), Motor("b", "B")))
     with pytest.raises(AttributeError, match="use_gyro"):
         output(HEAD + "base.use_gyro(True)", robot=robot)
+
+
+def test_a_drive_base_counts_from_where_it_was_made() -> None:
+    turned = HEAD.replace("base =", "left.run_angle(500, 720)\nwait(200)\nbase =")
+    source = turned + "distance, _, angle, _ = base.state()\nprint(distance, angle, base)"
+    assert output(source) == "0 0 <DriveBase>"

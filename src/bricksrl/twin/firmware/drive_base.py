@@ -47,7 +47,7 @@ class DriveBaseControl:
         self._uses_gyro = False
         self._distance_zero = self._heading_zero = 0
         left.parent = right.parent = self
-        self.stop(OnCompletion.COAST)
+        self.reset(0, 0)
         machine.drive_bases.append(self)
 
     @property

@@ -126,9 +126,6 @@ class Poll:
         self._doze = doze
         self._streams: dict[int, tuple[FileIO, int]] = {}
 
-    def __repr__(self) -> str:
-        return "<poll>"
-
     def register(self, stream: Any, eventmask: int = _POLLIN | _POLLOUT) -> None:
         if not isinstance(stream, FileIO):
             raise HubOSError("stream operation not supported")

@@ -51,7 +51,8 @@ def representation(value: object) -> str:
             return repr(value)
         return f"<class '{type_name(value)}'>"
     if kind.__repr__ is object.__repr__:
-        return f"<{kind.__name__} object at {_address(value)}>"
+        is_native = kind.__module__.startswith("bricksrl.")
+        return f"<{kind.__name__}>" if is_native else f"<{kind.__name__} object at {_address(value)}>"
     return repr(value)
 
 
