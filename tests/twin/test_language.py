@@ -224,6 +224,16 @@ print(str(A())[:13])
             "TypeError: unsupported types for __gt__: 'A', 'A'",
         ),
         ("class E(Exception):\n    def __str__(self): return 'x'\nraise E(7)", "E: 7"),
+        (
+            "class A:\n    @classmethod\n    def c(cls, x): pass\nA.c()",
+            "TypeError: c() takes 2 positional arguments but 1 were given",
+        ),
+        ("list(map(lambda: 1, [1]))", "TypeError: <lambda>() takes 0 positional arguments but 1 were given"),
+        ("print(*5)", "TypeError: 'int' object isn't iterable"),
+        ("'x' in None", "TypeError: 'NoneType' object isn't iterable"),
+        ("'a'.replace(1, 2)", "TypeError: can't convert 'int' object to str implicitly"),
+        ("'{'.format()", "ValueError: unmatched '{' in format"),
+        ("[1][::0]", "ValueError: slice step can't be zero"),
     ],
 )
 def test_errors_have_the_words_of_a_hub(statement: str, message: str) -> None:

@@ -73,6 +73,14 @@ _RULES: tuple[_Rule, ...] = (
      lambda m: f"'module' object has no attribute '{m[1]}'"),
     (TypeError, r".*takes no keyword arguments|.*positional-only arguments passed as keyword.*",
      lambda m: "function doesn't take keyword arguments"),
+    (TypeError, r".*argument after \* must be an iterable, not (.*)|argument of type '(.*)' is not iterable",
+     lambda m: f"'{m[1] or m[2]}' object isn't iterable"),
+    (TypeError, r"\w+\(\) argument \d+ must be str, not (\w+)|ord\(\) expected string of length 1, but (\w+) found",
+     lambda m: f"can't convert '{m[1] or m[2]}' object to str implicitly"),
+    (ValueError, r"slice step cannot be zero", lambda m: "slice step can't be zero"),
+    (ValueError, r"Single '}' encountered in format string", lambda m: "single '}' encountered in format string"),
+    (ValueError, r"Single '{' encountered in format string|unmatched '{' in format spec|expected '}' before end of string",
+     lambda m: "unmatched '{' in format"),
     (ZeroDivisionError, r".*(zero|modulo|negative power|divmod).*", lambda m: "divide by zero"),
     (UnboundLocalError, r".*", lambda m: "local variable referenced before assignment"),
     (NameError, r"name '(.*)' is not defined", lambda m: f"name '{m[1]}' isn't defined"),
@@ -155,6 +163,8 @@ def _call_message(message: str, names: Mapping[str, object], values: list[object
     function = _find(name, names) or _find_among(name, names, values)
     if multiple := re.fullmatch(r"got multiple values for argument '(.*)'", problem):
         return f"function got multiple values for argument '{multiple[1]}'"
+    if function is None and name.endswith("<lambda>") and (given := re.match(r"takes (\d+) positional .* but (\d+) w", problem)):
+        return f"<lambda>() takes {given[1]} positional arguments but {given[2]} were given"
     if function is None:
         return _builtin_call_message(problem) or message
     if keyword := re.fullmatch(r"got an unexpected keyword argument '(.*)'", problem):
@@ -196,6 +206,7 @@ def _find(qualified_name: str, names: Mapping[str, object]) -> FunctionType | No
         found = getattr(found, part, None)
     if isinstance(found, type):
         found = found.__dict__.get("__init__")
+    found = getattr(found, "__func__", found)
     is_own = isinstance(found, FunctionType) and found.__globals__ is names
     return found if is_own else None  # type: ignore[return-value]
 

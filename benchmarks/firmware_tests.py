@@ -1,0 +1,89 @@
+"""Programs with their expected output through the virtual hub, for instance the tests of the firmware.
+
+    git clone https://github.com/pybricks/pybricks-micropython
+    python benchmarks/firmware_tests.py pybricks-micropython/tests/virtualhub
+
+Runs every program below the folder that has its expected output beside it (``x.py.exp`` or ``x.exp``), on the bench. What a
+program cannot show on a hub is counted apart, with the reason: it skips itself, or needs a module or long integers that no hub
+has. Other differences are listed by name, with the first line that differs. Two tests of the firmware need a motor with end
+stops, and some of MicroPython's own tests expect what is configured for a PC.
+"""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from collections import Counter, defaultdict
+from pathlib import Path
+
+from machine import command, write
+
+_RUN = """
+import sys
+from bricksrl.twin.run import run_file
+sys.exit(run_file(sys.argv[1], sys.argv[2], stdout=sys.stdout.buffer, stderr=sys.stderr, time_limit_s=float(sys.argv[3])))
+"""
+_REASONS = (
+    (r"(?m)^SKIP$", "skips itself"),
+    (r"ImportError: no module named '(.*)'", "needs the module {}"),
+    (r"OverflowError: (?:long int not supported|small int overflow)", "needs long integers"),
+)
+
+
+def expected_output(program: Path) -> Path | None:
+    """The file with what this program is to print."""
+    candidates = (program.with_name(f"{program.name}.exp"), program.with_suffix(".exp"))
+    return next((path for path in candidates if path.is_file()), None)
+
+
+def output(program: Path, robot: str, time_limit_s: float, timeout_s: float) -> str:
+    """What the program prints, and how it ends."""
+    arguments = [sys.executable, "-c", _RUN, str(program), robot, str(time_limit_s)]
+    try:
+        done = subprocess.run(  # noqa: S603 - the programs run in the virtual hub
+            arguments, stdin=subprocess.DEVNULL, capture_output=True, timeout=timeout_s, check=False
+        )
+    except subprocess.TimeoutExpired:
+        return f"no end within {timeout_s:g} s"
+    return (done.stdout + done.stderr).decode("utf-8", "replace").replace("\r\n", "\n")
+
+
+def verdict(printed: str, expected: str) -> str:
+    """``passed``, ``differs: <the first line>``, or why the program shows nothing on a hub."""
+    if printed.rstrip() == expected.rstrip():
+        return "passed"
+    for pattern, reason in _REASONS:
+        if found := re.search(pattern, printed):
+            return reason.format(*found.groups())
+    lines = zip([*printed.splitlines(), "(end)"], [*expected.splitlines(), "(end)"], strict=False)
+    ours, theirs = next(((ours, theirs) for ours, theirs in lines if ours != theirs), ("(end)", "(more)"))
+    return f"differs: {ours!r}, expected {theirs!r}"
+
+
+def main() -> None:
+    parser = command(__doc__)
+    parser.add_argument("folder", type=Path, help="where the programs are")
+    parser.add_argument("--robot", default="bench", help="the virtual robot that they run on (default: bench)")
+    parser.add_argument("--time-limit-s", type=float, default=60.0, help="simulated seconds for each (default: 60)")
+    parser.add_argument("--timeout-s", type=float, default=60.0, help="real seconds for each (default: 60)")
+    args = parser.parse_args()
+    folders: defaultdict[str, Counter[str]] = defaultdict(Counter)
+    differences: dict[str, str] = {}
+    for program in sorted(args.folder.rglob("*.py")):
+        exp = expected_output(program)
+        if exp is None:
+            continue
+        name = program.relative_to(args.folder)
+        found = verdict(output(program, args.robot, args.time_limit_s, args.timeout_s), exp.read_text(encoding="utf-8"))
+        if found.startswith("differs"):
+            differences[name.as_posix()] = found
+            print(f"{name.as_posix()} {found}")
+        folders[name.parent.as_posix()][found.partition(":")[0]] += 1
+    for folder, counts in folders.items():
+        print(folder, dict(counts))
+    print(write("firmware_tests", {"folders": {name: dict(c) for name, c in folders.items()}, "differences": differences}))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,42 @@
+"""`benchmarks/firmware_tests.py`: programs beside their expected output."""
+
+from __future__ import annotations
+
+import runpy
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
+
+
+@pytest.fixture
+def script(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
+    monkeypatch.syspath_prepend(BENCHMARKS)
+    return runpy.run_path(str(BENCHMARKS / "firmware_tests.py"), run_name="firmware_tests")
+
+
+@pytest.mark.parametrize(
+    ("printed", "expected", "verdict"),
+    [
+        ("a\nb\n", "a\nb", "passed"),
+        ("a\n", "a\nb\n", "differs: '(end)', expected 'b'"),
+        ("SKIP\nThe program was stopped (SystemExit).\n", "a\n", "skips itself"),
+        ("Traceback\nImportError: no module named 'array'\n", "a\n", "needs the module array"),
+        ("OverflowError: small int overflow\n", "1180591620717411303424\n", "needs long integers"),
+    ],
+)
+def test_a_verdict_says_why(script: dict[str, Any], printed: str, expected: str, verdict: str) -> None:
+    assert script["verdict"](printed, expected) == verdict
+
+
+def test_a_program_is_run_with_what_lies_beside_it(script: dict[str, Any], tmp_path: Path) -> None:
+    program = tmp_path / "main.py"
+    program.write_text("import part\nprint(part.VALUE / 3)\n1 / 0\n")
+    (tmp_path / "part.py").write_text("VALUE = 2\n")
+    (tmp_path / "main.exp").write_text("")
+    assert script["expected_output"](program) == tmp_path / "main.exp"
+    assert script["expected_output"](tmp_path / "part.py") is None
+    printed = script["output"](program, "bench", 60.0, 60.0)
+    assert printed.startswith("0.6666667\nTraceback") and printed.endswith("ZeroDivisionError: divide by zero\n")
