@@ -144,8 +144,8 @@ def ablation(result: Result) -> str:
                 what = f"`{name}`" if name in ("default", "paper") else f"`{name}={one['setting'][name]}`"
                 cell = within(one["return_mean"], one["return_interval"])
                 success = percent(one["success_mean"]) if env.startswith("RoboArm") else ""
-                rows.append([f"`{env}`", agent, str(found["steps"]), what, cell, success])
-    return table(["environment", "agent", "robot steps", "settings", "return", "success"], rows)
+                rows.append([f"`{env}`", agent, str(len(one["returns"])), str(found["steps"]), what, cell, success])
+    return table(["environment", "agent", "seeds", "robot steps", "settings", "return", "success"], rows)
 
 
 def datasets(result: Result) -> str:
