@@ -125,6 +125,12 @@ def test_functions_that_do_take_keywords() -> None:
     assert output(source) == "[-4, 3]|{'a': 1, 'b': 2}|[3, -4]|-4|7|1!"
 
 
+def test_what_is_built_in_does_not_become_a_method() -> None:
+    source = "from pybricks.tools import wait\nclass A:\n    size, pause, show = abs, wait, print\n"
+    source += "a = A()\na.pause(1)\na.show(a.size(-4), A.size(-5))"
+    assert output(source) == "4 5"
+
+
 def test_async_for_and_async_with() -> None:
     source = """
 class Count:

@@ -120,11 +120,19 @@ def test_smallest_and_largest_integers_work() -> None:
     assert printed("print(-1073741824, 0x3fffffff, -0x3fffffff - 1)") == "-1073741824 1073741823 -1073741824"
 
 
-def test_long_literal_is_refused_before_anything_runs() -> None:
+@pytest.mark.parametrize(
+    "number", ["1 << 40", "2 ** 31", "-2 ** 40", "(1, (2, 99999999999))", "(1, -0x40000000)", "0x7FFFFFFF if 0 else 1"]
+)
+def test_long_constant_is_refused_before_anything_runs(number: str) -> None:
     console = Recorder()
     with pytest.raises(OverflowError, match="long int not supported"):
-        execute("print(1)\nx = 1 << 40", "main.py", {}, console)
+        execute(f"print(1, 'text', b'bytes', 1.5)\ndef f():\n    return {number}", "main.py", {}, console)
     assert console.written == b""
+
+
+def test_other_constants_are_no_long_integers() -> None:
+    source = "x = ('text', b'bytes', 1.5, None, True, ..., (1, 2), 2j, 0x3FFFFFFF)\nprint(len(x), x[6], -0x40000000)"
+    assert printed(source) == "9 (1, 2) -1073741824"
 
 
 @pytest.mark.parametrize(

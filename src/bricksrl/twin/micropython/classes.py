@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import builtins
 from collections.abc import Callable
+from types import FunctionType
 from typing import Any
 
 _MIRRORED = {"__lt__": "__gt__", "__gt__": "__lt__", "__le__": "__ge__", "__ge__": "__le__"}
 _UNUSED = ("__setattr__", "__delattr__", "__getattribute__", "__del__", "__get__", "__set__", "__delete__", "__set_name__")
 
 
-def build_class(body: Any, name: str, *bases: Any, **keywords: Any) -> Any:
+def build_class(body: Any, class_name: str, *bases: Any, **keywords: Any) -> Any:
     """What a ``class`` statement calls.
 
     Raises:
@@ -18,10 +19,13 @@ def build_class(body: Any, name: str, *bases: Any, **keywords: Any) -> Any:
     """
     if len(bases) > 1:
         raise NotImplementedError("multiple inheritance not supported")
-    made = builtins.__build_class__(body, name, *bases, **keywords)
+    made = builtins.__build_class__(body, class_name, *bases, **keywords)
     for method in _UNUSED:
         if method in made.__dict__:
             delattr(made, method)
+    for name, value in list(made.__dict__.items()):
+        if isinstance(value, FunctionType) and value.__module__.startswith("bricksrl."):
+            setattr(made, name, staticmethod(value))  # what is built in does not become a method
     for method, mirrored in _MIRRORED.items():
         if getattr(made, mirrored) is not getattr(object, mirrored) and getattr(made, method) is getattr(object, method):
             setattr(made, method, _refusal(method))

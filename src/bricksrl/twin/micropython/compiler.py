@@ -11,6 +11,7 @@ from typing import Any
 
 import mpy_cross_v6
 
+from bricksrl.twin.micropython.operators import SMALL_MAX
 from bricksrl.twin.micropython.transform import transform
 
 
@@ -52,11 +53,52 @@ def _unmangled(code: CodeType, mangled: re.Pattern[str], written: frozenset[str]
 
 
 def _check_with_hub_compiler(source: str, filename: str) -> None:
-    process, _ = mpy_cross_v6.mpy_cross_compile(filename, source, extra_args=["-msmall-int-bits=31"])
-    if process.returncode == 0:
+    process, mpy = mpy_cross_v6.mpy_cross_compile(filename, source, extra_args=["-msmall-int-bits=31"])
+    if mpy is not None:
+        if _has_long_integer(mpy):
+            raise OverflowError("long int not supported in this build")
         return
     report = process.stderr.decode()
     line = re.search(r'File "<stdin>", line (\d+)', report)
     kind, _, message = report.strip().splitlines()[-1].partition(": ")
     error = IndentationError if kind == "IndentationError" else SyntaxError
     raise error(message or kind, (filename, int(line[1]) if line else None, None, None))
+
+
+_HEADER_BYTES = 4
+_TEXT, _INTEGER, _TUPLE = (5, 6), 7, 10
+_WITHOUT_DATA = 4
+
+
+def _has_long_integer(mpy: bytes) -> bool:
+    """Whether there is an integer among a program's constants, as the compiler has computed them, that a hub cannot read.
+
+    Format: version 6 of ``.mpy``, ``py/persistentcode.c``. Integers are written in decimal; small ones that are not in a tuple
+    are in the code itself. The hub reads the digits before it minds the sign, so its smallest integer is too long there.
+    """
+    place = _HEADER_BYTES
+
+    def number() -> int:
+        nonlocal place
+        value, more = 0, True
+        while more:
+            value, more = value << 7 | mpy[place] & 0x7F, bool(mpy[place] & 0x80)
+            place += 1
+        return value
+
+    names, constants = number(), number()
+    for _ in range(names):
+        length = number()
+        place += 0 if length & 1 else (length >> 1) + 1
+    while constants:
+        constants -= 1
+        kind = mpy[place]
+        place += 1
+        if kind == _TUPLE:
+            constants += number()
+        elif kind > _WITHOUT_DATA:
+            length = number()
+            if kind == _INTEGER and abs(int(mpy[place : place + length])) > SMALL_MAX:
+                return True
+            place += length + (kind in _TEXT)
+    return False
