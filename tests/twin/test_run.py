@@ -52,6 +52,12 @@ def test_an_error_shows_where_it_was(tmp_path: Path) -> None:
     )
 
 
+@pytest.mark.parametrize("base", ["BaseException", "KeyboardInterrupt", "GeneratorExit"])
+def test_whatever_a_program_raises_is_its_own(tmp_path: Path, base: str) -> None:
+    code, _, err = run(tmp_path, f"class Mine({base}):\n    pass\nraise Mine(3)")
+    assert (code, err.splitlines()[-1]) == (1, "Mine: 3")
+
+
 def test_a_program_may_end_itself(tmp_path: Path) -> None:
     source = "print(1)\nclass Over(SystemExit):\n    pass\nraise {}\nprint(2)"
     assert run(tmp_path, source.format("SystemExit(3)")) == (0, "1\n", "The program was stopped (SystemExit).\n")

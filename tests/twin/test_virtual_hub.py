@@ -130,6 +130,26 @@ def test_an_exception_on_the_hub_reaches_the_host_in_one_line() -> None:
     assert "\n" not in str(caught.value)
 
 
+def test_an_exception_of_the_programs_own_kind_reaches_the_host_too() -> None:
+    virtual = hub("class Mine(BaseException):\n    pass\nraise Mine(3)\n")
+    with pytest.raises(HubProgramError, match="Mine: 3"):
+        virtual.read(0.1)
+
+
+@pytest.mark.parametrize("kind", [KeyboardInterrupt, type("Ours", (BaseException,), {"__module__": "bricksrl.cli.hub"})])
+def test_what_somebody_at_this_computer_raises_is_not_the_programs(
+    kind: type[BaseException], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    virtual = hub(DRIVE)
+
+    def press(_seconds: object) -> None:
+        raise kind
+
+    monkeypatch.setattr(virtual.machine, "advance", press)
+    with pytest.raises(kind):
+        virtual.read(1.0)
+
+
 def test_a_program_can_be_started_again() -> None:
     virtual = hub(DRIVE)
     virtual.read(2.0)

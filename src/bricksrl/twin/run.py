@@ -12,6 +12,7 @@ from bricksrl.errors import ProgramError
 from bricksrl.twin.language import execute, format_traceback
 from bricksrl.twin.machine import Machine
 from bricksrl.twin.micropython.errors import class_name
+from bricksrl.twin.micropython.system import is_of_program
 from bricksrl.twin.pybricks import modules
 
 
@@ -100,7 +101,9 @@ def run_file(
     except (SystemExit, _TimeIsUp) as end:
         name = class_name(type(end)) if isinstance(end, SystemExit) else SystemExit.__name__
         stderr.write(f"The program was stopped ({name}).\n")
-    except BaseException as error:  # noqa: BLE001 - whatever a program raises
+    except BaseException as error:
+        if not (is_of_program(error) or isinstance(error, KeyboardInterrupt)):
+            raise
         stderr.write(format_traceback(error, path.name))
         return 1
     finally:

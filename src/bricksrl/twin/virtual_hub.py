@@ -13,7 +13,7 @@ import time
 from collections import deque
 
 import numpy as np
-from greenlet import GreenletExit, getcurrent, greenlet
+from greenlet import getcurrent, greenlet
 
 from bricksrl.errors import HubError, HubProgramError
 from bricksrl.hub.compile import MAIN_FILE
@@ -24,7 +24,7 @@ from bricksrl.robots import Robot
 from bricksrl.twin import language
 from bricksrl.twin.bodies import make_body
 from bricksrl.twin.machine import Machine
-from bricksrl.twin.micropython.system import ProgramInterrupt
+from bricksrl.twin.micropython.system import is_of_program
 from bricksrl.twin.physics import Physics, RandomPhysics
 from bricksrl.twin.pybricks import modules
 from bricksrl.twin.scene import Scene
@@ -241,11 +241,9 @@ class VirtualHub:
             language.execute(source, MAIN_FILE, modules(self.machine, self._wire), self._wire)
         except (SystemExit, _Stopped):
             pass
-        except GreenletExit:
-            raise
         except BaseException as error:
-            if isinstance(error, KeyboardInterrupt) and not isinstance(error, ProgramInterrupt):
-                raise  # somebody at this computer
+            if not is_of_program(error):
+                raise
             self._error = describe_traceback(language.format_traceback(error, MAIN_FILE), source)
         self.machine.stop_motors()
 

@@ -9,6 +9,8 @@ from collections.abc import Callable, Iterator
 from types import ModuleType
 from typing import Any
 
+from greenlet import GreenletExit
+
 from bricksrl.twin.console import Console
 from bricksrl.twin.micropython.builtins import cooked
 from bricksrl.twin.micropython.errors import ERROR_NAMES, HubOSError, class_name
@@ -29,6 +31,13 @@ class ProgramInterrupt(KeyboardInterrupt):
 
 
 ProgramInterrupt.__name__ = "KeyboardInterrupt"
+
+
+def is_of_program(error: BaseException) -> bool:
+    """Whether the program raised it, and not somebody who ends the program from outside: those have types of their own."""
+    if isinstance(error, Exception | ProgramInterrupt):
+        return True
+    return not isinstance(error, KeyboardInterrupt | GreenletExit) and not type(error).__module__.startswith("bricksrl.")
 
 
 class Keyboard:
