@@ -135,6 +135,21 @@ def camera(result: Result) -> str:
     return table(["agent", "seeds", "episodes in all", "success: median (range)", "CPU time"], rows)
 
 
+def seeds(result: Result) -> str:
+    """Many seeds at once: a process for each, or one program with stacked networks."""
+    at_a_time, rows = result["processes"], []
+    one_s = at_a_time["1_at_a_time_s"]
+    for name, wall_s in at_a_time.items():
+        count = name.split("_")[0]
+        rows.append(["training", f"a process for each seed, {count} at a time", f"{wall_s:.0f} s", f"{one_s / wall_s:.2f}"])
+    for name, found in result["updates"].items():
+        threads, alone_ms = name.split("_")[0], found["one_after_the_other_ms"]
+        rows.append(["updates", f"one after the other, threads: {threads}", f"{alone_ms:.1f} ms", "1"])
+        stacked_ms = found["stacked_ms"]
+        rows.append(["updates", f"stacked, threads: {threads}", f"{stacked_ms:.1f} ms", f"{alone_ms / stacked_ms:.2f}"])
+    return table(["what", "how", "wall time", "times as fast"], rows)
+
+
 def ablation(result: Result) -> str:
     """Each default setting taken back to the paper's."""
     rows = []
@@ -264,6 +279,7 @@ SECTIONS: dict[str, tuple[str, Callable[[Result], str]]] = {
     "baselines": ("Random actions and controllers written by hand (return, success)", baselines),
     "learning": ("Learning in the simulations, evaluated without exploring", learning),
     "camera_learning": ("The camera task", camera),
+    "seeds": ("Five seeds at once: processes side by side, or stacked networks", seeds),
     "ablation": ("Where the default settings come from: each taken back by itself to the paper's", ablation),
     "datasets": ("Datasets of 100 episodes", datasets),
     "offline": ("Learned from datasets alone, with the paper's settings and number of updates", offline),
