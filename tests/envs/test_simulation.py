@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 import torch
 from tensordict import TensorDict, TensorDictBase
@@ -25,6 +26,7 @@ def acted(env: SimulatedEnv, action: torch.Tensor) -> TensorDictBase:
 
 def test_batches_are_written_as_torchrl_writes_them_too() -> None:
     assert bricksrl.make("WalkerSim-v0", batch_size=[3]).batch_size == torch.Size([3])
+    assert bricksrl.make("WalkerSim-v0", batch_size=np.int64(3)).batch_size == torch.Size([3])
     assert bricksrl.make("WalkerSim-v0", batch_size=torch.Size([])).batch_size == torch.Size([])
     for wrong in (-1, [0], [2, 3], [1.5], "many"):
         with pytest.raises(DescriptionError, match="give a number of copies"):

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import struct
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from bricksrl.twin.language import Modules, execute, format_traceback
 from bricksrl.twin.micropython.float_text import float_text
-from bricksrl.twin.micropython.floats import read_float, to_single
+from bricksrl.twin.micropython.floats import to_single
+from bricksrl.twin.micropython.numbers import struct_module
 
 
 class Recorder:
@@ -71,9 +74,11 @@ def test_numbers(expression: str, expected: str) -> None:
 
 @given(st.floats(width=32, allow_nan=False, allow_infinity=False), st.floats(width=32, allow_nan=False, allow_infinity=False))
 def test_sums_and_products_are_single_precision(a: float, b: float) -> None:
-    source = f"a, b = float('{a!r}'), float('{b!r}')\nprint(a + b, a * b)"
-    a, b = read_float(repr(a)), read_float(repr(b))
-    assert printed(source) == f"{float_text(to_single(a + b))} {float_text(to_single(a * b))}"
+    given, wanted = struct.pack("<2f", a, b), struct.pack("<2f", to_single(a + b), to_single(a * b))
+    source = f"import struct\na, b = struct.unpack('<2f', {given!r})\nprint(struct.pack('<2f', a + b, a * b) == {wanted!r})"
+    console = Recorder()
+    execute(source, "main.py", {"struct": struct_module()}, console)
+    assert console.written == b"True\r\n"
 
 
 @pytest.mark.parametrize(
@@ -100,6 +105,14 @@ def test_text_of_a_float_is_one_again_and_close(x: float) -> None:
     text = float_text(x)
     assert float(text) == pytest.approx(x, rel=1e-6, abs=1e-44)
     assert set(text) & set(".en")
+
+
+@given(st.integers(1, 0x7FFFFF))
+def test_floats_below_the_normal_ones_stay_small(bits: int) -> None:
+    """A hub scales them by bits that they do not have: it writes another number, but none that matters."""
+    (x,) = struct.unpack("<f", struct.pack("<I", bits))
+    assert 0 < float(float_text(x)) < 2.0**-124
+    assert float_text(-x) == "-" + float_text(x)
 
 
 @pytest.mark.parametrize(

@@ -184,9 +184,9 @@ class SimulatedEnv(EnvBase):  # type: ignore[misc]
 
 def _shape(batch_size: int | Sequence[int]) -> torch.Size:
     sizes = list(batch_size) if isinstance(batch_size, Sequence) else [batch_size] if batch_size else []
-    if len(sizes) > 1 or not all(isinstance(size, int) and size > 0 for size in sizes):
+    if len(sizes) > 1 or not all(hasattr(size, "__index__") and size > 0 for size in sizes):
         raise DescriptionError(f"batch_size is {batch_size}; give a number of copies, or 0 for one without a batch dimension")
-    return torch.Size(sizes)
+    return torch.Size([int(size) for size in sizes])
 
 
 def _time_s(task: Task, kinematics: Kinematics) -> float | None:
