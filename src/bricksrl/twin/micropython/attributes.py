@@ -7,6 +7,7 @@ from types import BuiltinFunctionType, FunctionType, ModuleType
 from typing import Any
 
 from bricksrl.twin.micropython.classes import has_initializer
+from bricksrl.twin.micropython.containers import HubDict, HubSet
 
 _SEQUENCE_TEXT = (
     "count endswith find format index isalpha isdigit islower isspace isupper join lower lstrip replace rfind rindex rsplit "
@@ -22,8 +23,8 @@ _PRESENT: dict[type, str] = {
     complex: "real imag",
     list: "append clear copy count extend index insert pop remove reverse sort",
     tuple: "count index",
-    dict: "clear copy fromkeys get items keys pop popitem setdefault update values",
-    set: "add clear copy difference difference_update discard intersection intersection_update isdisjoint issubset issuperset "
+    HubDict: "clear copy fromkeys get items keys pop popitem setdefault update values",
+    HubSet: "add clear copy difference difference_update discard intersection intersection_update isdisjoint issubset issuperset "
     "pop remove symmetric_difference symmetric_difference_update union update",
 }
 _HIDDEN = {

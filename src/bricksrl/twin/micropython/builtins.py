@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import builtins
+import inspect
 import math
 import sys
 from collections.abc import Callable, Iterable
-from types import ModuleType
+from types import FrameType, ModuleType
 from typing import Any
 
 from bricksrl.twin.console import Console
 from bricksrl.twin.micropython.attributes import HIDDEN_NAMES, directory, store_attribute, visible_attribute, with_keywords
 from bricksrl.twin.micropython.classes import HubSuper, build_class
 from bricksrl.twin.micropython.compiler import compiled
+from bricksrl.twin.micropython.containers import HubDict, HubSet
 from bricksrl.twin.micropython.errors import EXCEPTIONS, HubOSError
-from bricksrl.twin.micropython.operators import int_from_float, operators, to_float, to_int, to_str
+from bricksrl.twin.micropython.hash_table import hash_of
+from bricksrl.twin.micropython.operators import SMALL_MAX, int_from_float, operators, to_float, to_int, to_str
 from bricksrl.twin.micropython.text import representation, text
 
 _AS_THEY_ARE = [
@@ -28,10 +31,8 @@ _AS_THEY_ARE = [
     "chr",
     "classmethod",
     "complex",
-    "dict",
     "enumerate",
     "float",
-    "hash",
     "hex",
     "int",
     "iter",
@@ -44,7 +45,6 @@ _AS_THEY_ARE = [
     "ord",
     "range",
     "reversed",
-    "set",
     "setattr",
     "slice",
     "sorted",
@@ -74,11 +74,12 @@ def builtin_names(
         result["memoryview"] = memoryview
     result.update(operators(names))
     result.update({"@tick": tick, "@attr": visible_attribute, "@store": store_attribute, "@keywords": with_keywords})
-    result.update({"Ellipsis": ..., "__debug__": True, "OSError": HubOSError, "super": HubSuper})
+    result.update({"Ellipsis": ..., "__debug__": True, "OSError": HubOSError, "super": HubSuper, "dict": HubDict, "set": HubSet})
     result["__build_class__"] = build_class
     result["__import__"] = _importer(find_module)
     result.update(_number_functions(result["@n"], result["@pow"]))
     result.update(_stream_functions(console))
+    result.update(_identity_functions())
     result.update(_attribute_functions())
     result.update(_program_functions())
     return result
@@ -158,7 +159,18 @@ def _stream_functions(console: Console) -> dict[str, Any]:
     def open_(*args: object, **kwargs: object) -> None:
         raise HubOSError(2)
 
-    return {"print": print_, "input": input_, "open": open_, "repr": representation, "id": lambda value: id(value) & 0x3FFFFFFF}
+    return {"print": print_, "input": input_, "open": open_}
+
+
+def _identity_functions() -> dict[str, Any]:
+    def id_(value: Any, /) -> int:
+        return id(value) & SMALL_MAX
+
+    def hash_(value: Any, /) -> int:
+        found = hash_of(value)
+        return hash(value) & SMALL_MAX if found is None else found
+
+    return {"repr": representation, "id": id_, "hash": hash_}
 
 
 def _attribute_functions() -> dict[str, Any]:
@@ -172,7 +184,7 @@ def _attribute_functions() -> dict[str, Any]:
 
     def dir_(*values: Any) -> list[str]:
         if not values:
-            return sorted(name for name in sys._getframe(1).f_locals if "@" not in name and name != "__builtins__")
+            return sorted(name for name in _namespace(sys._getframe(1)) if "@" not in name and name != "__builtins__")
         return directory(values[0])
 
     def hasattr_(value: Any, name: str) -> bool:
@@ -195,29 +207,41 @@ def _without_int(kinds: Any) -> Any:
     return () if kinds is int else kinds
 
 
+def _namespace(frame: FrameType) -> Any:
+    """The names of the module or class around a frame: a hub does not know the local ones of a function by name."""
+    return frame.f_globals if frame.f_code.co_flags & inspect.CO_OPTIMIZED else frame.f_locals
+
+
 def _program_functions() -> dict[str, Any]:
-    def namespaces(globals: dict[str, Any] | None, locals: Any) -> tuple[dict[str, Any], Any]:
+    def run(code: Any, globals: dict[str, Any] | None, locals: Any) -> Any:
         frame = sys._getframe(2)
+        if not (isinstance(globals, dict | None) and isinstance(locals, dict | None)):
+            raise TypeError
         if globals is None:
-            return frame.f_globals, frame.f_locals
-        globals.setdefault("__builtins__", frame.f_globals["__builtins__"])
-        return globals, globals if locals is None else locals
+            return eval(code, frame.f_globals, _namespace(frame) if locals is None else locals)
+        names = dict(globals) if isinstance(globals, HubDict) else globals
+        names.setdefault("__builtins__", frame.f_globals["__builtins__"])
+        try:
+            return eval(code, names, names if locals is None or locals is globals else locals)
+        finally:
+            if names is not globals:
+                for name in set(globals) - set(names):
+                    del globals[name]
+                globals.update((name, value) for name, value in names.items() if name != "__builtins__")
 
     def decoded(source: Any) -> str:
         return source if isinstance(source, str) else bytes(source).decode()
 
     def eval_(source: Any, globals: dict[str, Any] | None = None, locals: Any = None) -> Any:
-        spaces = namespaces(globals, locals)
-        return eval(compiled(decoded(source).strip(), "<string>", "eval"), *spaces)
+        return run(compiled(decoded(source).strip(), "<string>", "eval"), globals, locals)
 
     def exec_(source: Any, globals: dict[str, Any] | None = None, locals: Any = None) -> None:
-        spaces = namespaces(globals, locals)
-        exec(compiled(decoded(source), "<string>"), *spaces)
+        run(compiled(decoded(source), "<string>"), globals, locals)
 
     def globals_() -> dict[str, Any]:
         return sys._getframe(1).f_globals
 
-    def locals_() -> dict[str, Any]:
-        return sys._getframe(1).f_locals
+    def locals_() -> Any:
+        return _namespace(sys._getframe(1))
 
     return {"eval": eval_, "exec": exec_, "globals": globals_, "locals": locals_}

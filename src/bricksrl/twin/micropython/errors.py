@@ -67,6 +67,11 @@ def _types(operator: str, left: str, right: str) -> str:
     return f"unsupported types for {_OPERATORS.get(operator, operator)}: '{left}', '{right}'"
 
 
+def _counted(name: str, arguments: str) -> int:
+    """Of a function, or of a method, whose own object counts too."""
+    return int(arguments) + (not hasattr(builtins, name))
+
+
 _Rule = tuple[type[BaseException], str, Callable[["re.Match[str]"], str]]
 _RULES: tuple[_Rule, ...] = (
     (AttributeError, r"(?:partially initialized )?module '.*' has no attribute '(\w+)'.*",
@@ -109,7 +114,20 @@ _RULES: tuple[_Rule, ...] = (
      lambda m: "invalid format specifier"),
     (TypeError, r"is(?:instance|subclass)\(\) arg 2 must be .*",
      lambda m: "issubclass() arg 2 must be a class or a tuple of classes"),
-    (TypeError, r"(?:min|max) expected at least 1 argument, got 0", lambda m: "function missing 1 required positional arguments"),
+    (TypeError, r"\w+(?: expected|\(\) takes) at least (\d+) arguments?(?:, got | \()(\d+)(?: given\))?",
+     lambda m: f"function missing {int(m[1]) - int(m[2])} required positional arguments"),
+    (TypeError, r"(?!function )(\w+)(?: expected|\(\) takes) at most (\d+) arguments?(?:, got | \()(\d+)(?: given\))?",
+     lambda m: f"function expected at most {_counted(m[1], m[2])} arguments, got {_counted(m[1], m[3])}"),
+    (TypeError, r"(\w+) expected (\d+) arguments?, got (\d+)",
+     lambda m: f"function takes {_counted(m[1], m[2])} positional arguments but {_counted(m[1], m[3])} were given"),
+    (TypeError, r"Hub(?:Dict|Set)\.\w+\(\) takes from \d+ to (\d+) positional arguments but (\d+) were given",
+     lambda m: f"function expected at most {m[1]} arguments, got {m[2]}"),
+    (TypeError, r"Hub(?:Dict|Set)\.\w+\(\) takes (\d+) positional arguments? but (\d+) were given",
+     lambda m: f"function takes {m[1]} positional arguments but {m[2]} were given"),
+    (TypeError, r"HubDict\.(?:pop|setdefault|fromkeys)\(\) missing 1 required positional argument: .*",
+     lambda m: "function missing 1 required positional arguments"),
+    (TypeError, r"HubSet\.\w+\(\) missing 1 required positional argument: .*",
+     lambda m: "function takes 2 positional arguments but 1 were given"),
     (TypeError, r"sequence item \d+: expected .*",
      lambda m: "join expects a list of str/bytes objects consistent with self object"),
     (TypeError, r"'(.*)' object cannot be interpreted as an integer", lambda m: f"can't convert {m[1]} to int"),

@@ -10,6 +10,7 @@ import operator
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from bricksrl.twin.micropython.containers import HubDict, HubSet
 from bricksrl.twin.micropython.errors import reword
 from bricksrl.twin.micropython.floats import read_float, to_single
 from bricksrl.twin.micropython.formatting import format_text, format_value, percent, to_number
@@ -75,6 +76,8 @@ def to_int(kind: type, *args: Any, **kwargs: Any) -> Any:
     if kind is not int:
         return kind(*args, **kwargs)
     _refuse_keywords(kwargs)
+    if len(args) > 2:
+        raise TypeError(f"function expected at most 2 arguments, got {len(args)}")
     if len(args) == 1:
         value = args[0]
         if type(value) is float:
@@ -182,6 +185,26 @@ def _bitwise(operation: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
     return operate
 
 
+def _dict_display(*parts: Any) -> HubDict:
+    """``{key: value, ...}`` with as many slots as keys, from values and keys in turn: a hub computes the value first."""
+    values, keys = parts[::2], parts[1::2]
+    return HubDict.sized(len(keys), zip(keys, values, strict=True))
+
+
+def _dict_comprehension(pairs: list[tuple[Any, Any]]) -> HubDict:
+    """Of values and keys."""
+    return HubDict.sized(0, ((key, value) for value, key in pairs))
+
+
+def _set_display(*values: Any) -> HubSet:
+    return HubSet.sized(values, len(values))
+
+
+def _keyword_arguments(names: dict[str, Any]) -> HubDict:
+    """What arrives as ``**names``."""
+    return HubDict.sized(len(names), names.items())
+
+
 def operators(names: Mapping[str, object]) -> dict[str, Any]:
     """What the transformed program calls, by the names that no program can write. ``names``: the program's globals."""
     normalize = normalizer()
@@ -246,6 +269,11 @@ def operators(names: Mapping[str, object]) -> dict[str, Any]:
         "@slice": _slice,
         "@sliced": _sliced,
         "@setslice": _set_slice,
+        "@dict": _dict_display,
+        "@dictof": _dict_comprehension,
+        "@set": _set_display,
+        "@setof": HubSet,
+        "@named": _keyword_arguments,
         "@any": (Exception, SystemExit, KeyboardInterrupt, GeneratorExit),
         "@reword": lambda error: reword(error, names),
     }

@@ -13,6 +13,7 @@ from greenlet import GreenletExit
 
 from bricksrl.twin.console import Console
 from bricksrl.twin.micropython.builtins import cooked
+from bricksrl.twin.micropython.containers import HubDict
 from bricksrl.twin.micropython.errors import ERROR_NAMES, HubOSError, class_name
 from bricksrl.twin.micropython.floats import read_float
 from bricksrl.twin.micropython.numbers import module
@@ -270,7 +271,7 @@ def gc_module(heap_bytes: int) -> ModuleType:
 
 
 def errno_module() -> ModuleType:
-    return module("errno", {**{name: code for code, name in ERROR_NAMES.items()}, "errorcode": dict(ERROR_NAMES)})
+    return module("errno", {**{name: code for code, name in ERROR_NAMES.items()}, "errorcode": HubDict.in_order(ERROR_NAMES)})
 
 
 def io_module() -> ModuleType:
@@ -301,7 +302,7 @@ def json_module() -> ModuleType:
         if not isinstance(source, str | bytes | bytearray):
             raise TypeError("object with buffer protocol required")
         try:
-            return json.loads(source, parse_float=read_float, parse_int=whole)
+            return json.loads(source, parse_float=read_float, parse_int=whole, object_pairs_hook=HubDict)
         except json.JSONDecodeError:
             raise ValueError("syntax error in JSON") from None
 

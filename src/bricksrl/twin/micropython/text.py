@@ -14,8 +14,10 @@ from types import (
 )
 from typing import Any
 
+from bricksrl.twin.micropython.containers import DictView, HubDict, HubSet, Mapped
 from bricksrl.twin.micropython.errors import ERROR_NAMES, class_name
 from bricksrl.twin.micropython.float_text import float_text, shortest_text
+from bricksrl.twin.micropython.hash_table import TableIterator
 
 _ESCAPES = {ord("\n"): "\\n", ord("\r"): "\\r", ord("\t"): "\\t", ord("\\"): "\\\\"}
 
@@ -53,17 +55,19 @@ def representation(value: object) -> str:
     if kind.__repr__ is object.__repr__:
         is_native = kind.__module__.startswith("bricksrl.")
         return f"<{kind.__name__}>" if is_native else f"<{kind.__name__} object at {_address(value)}>"
-    return repr(value)
+    native: Any = next((base for base in _COPIES if isinstance(value, base)), None)
+    if native is None or kind.__repr__ is not native.__repr__:
+        return repr(value)
+    return _REPRESENTATIONS[native](_COPIES[native](value))
 
 
-_ITERATORS: set[type] = {type(iter(kind())) for kind in (list, tuple, str, bytes, bytearray, dict, set)} | {
-    type(iter(range(0))), type(iter({}.values())), type(iter({}.items())), type(iter("\u00e4"))
+_ITERATORS: set[type] = {type(iter(kind())) for kind in (list, tuple, str, bytes, bytearray)} | {
+    type(iter(range(0))), type(iter("\u00e4")), TableIterator, Mapped
 }  # fmt: skip
-_REVERSED: list[type] = [reversed, type(reversed([])), type(reversed({}))]
+_REVERSED: list[type] = [reversed, type(reversed([]))]
 _TYPE_NAMES: dict[type, str] = {
     **dict.fromkeys(_ITERATORS, "iterator"),
     **dict.fromkeys(_REVERSED, "reversed"),
-    **dict.fromkeys((type({}.keys()), type({}.values()), type({}.items())), "dict_view"),
     BuiltinFunctionType: "function",
     MethodType: "bound_method",
     MethodDescriptorType: "function",
@@ -159,13 +163,12 @@ _REPRESENTATIONS: dict[type, Callable[[Any], str]] = {
     type(...): lambda v: "Ellipsis",
     list: lambda v: f"[{_joined(v)}]",
     tuple: _tuple,
-    dict: _dict,
-    set: lambda v: "{" + _joined(v) + "}" if v else "set()",
+    HubDict: _dict,
+    dict: lambda v: _dict({name: value for name, value in v.items() if name not in ("__builtins__", "__doc__")}),
+    HubSet: lambda v: "{" + _joined(v) + "}" if v else "set()",
     range: _range,
     object: lambda v: "<object>",
-    type({}.keys()): lambda v: f"dict_keys([{_joined(v)}])",
-    type({}.values()): lambda v: f"dict_values([{_joined(v)}])",
-    type({}.items()): lambda v: f"dict_items([{_joined(v)}])",
+    DictView: lambda v: f"dict_{v.kind}([{_joined(v)}])",
     GeneratorType: lambda v: f"<generator object '{v.__name__}' at {_address(v)}>",
     FunctionType: lambda v: "<function>",
     BuiltinFunctionType: lambda v: "<function>" if isinstance(v.__self__, ModuleType | None) else _method(v),
@@ -174,4 +177,10 @@ _REPRESENTATIONS: dict[type, Callable[[Any], str]] = {
     ModuleType: lambda v: f"<module '{v.__name__}'>",
     memoryview: lambda v: "<memoryview>",
 }
+_COPIES: dict[type, Callable[[Any], Any]] = {
+    list: list.copy,
+    tuple: lambda v: tuple(tuple.__iter__(v)),
+    HubDict: HubDict.copy,
+    HubSet: HubSet.copy,
+}  # of an object of a class that a program made of them, whatever it has overridden
 _PRIVATE = (type, FunctionType, ModuleType)

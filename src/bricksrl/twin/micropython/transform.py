@@ -169,6 +169,41 @@ class _Transformer(ast.NodeTransformer):
             return ast.copy_location(ast.Expr(_call("@setslice", node.value, target.value, *bounds, at=node)), node)
         return self._stored(node)
 
+    def visit_Dict(self, node: ast.Dict) -> ast.expr:
+        self.generic_visit(node)
+        pairs = zip(node.values, node.keys, strict=True)
+        return _call("@dict", *(part for pair in pairs for part in pair if part is not None), at=node)
+
+    def visit_Set(self, node: ast.Set) -> ast.expr:
+        self.generic_visit(node)
+        return _call("@set", *node.elts, at=node)
+
+    def visit_DictComp(self, node: ast.DictComp) -> ast.expr:
+        self.generic_visit(node)
+        pairs = ast.ListComp(ast.Tuple([node.value, node.key], ast.Load()), node.generators)
+        return _call("@dictof", ast.copy_location(pairs, node), at=node)
+
+    def visit_SetComp(self, node: ast.SetComp) -> ast.expr:
+        self.generic_visit(node)
+        return _call("@setof", ast.copy_location(ast.ListComp(node.elt, node.generators), node), at=node)
+
+    def visit_Lambda(self, node: ast.Lambda) -> ast.expr:
+        self.generic_visit(node)
+        if node.args.kwarg is not None:
+            name = node.args.kwarg.arg
+            inner = ast.Lambda(ast.arguments([], [ast.arg(name)], None, [], [], None, []), node.body)
+            node.body = ast.copy_location(ast.Call(inner, [_call("@named", ast.Name(name, ast.Load()), at=node)], []), node)
+        return node
+
+    @staticmethod
+    def _named(args: ast.arguments, at: ast.AST) -> list[ast.stmt]:
+        """Keyword arguments arrive in a dict of the hub's."""
+        if args.kwarg is None:
+            return []
+        name = args.kwarg.arg
+        value = _call("@named", ast.Name(name, ast.Load()), at=at)
+        return [ast.copy_location(ast.Assign([ast.Name(name, ast.Store())], value), at)]
+
     def visit_Delete(self, node: ast.Delete) -> ast.AST:
         self.generic_visit(node)
         for target in node.targets:
@@ -241,6 +276,7 @@ class _Transformer(ast.NodeTransformer):
         self._strip_emitters(node)
         node.returns = None
         self.generic_visit(node)
+        node.body = [*self._named(node.args, node), *node.body]
         return node
 
     def visit_AsyncFunctionDef(self, node: ast.AsyncFunctionDef) -> ast.AST:
@@ -248,7 +284,7 @@ class _Transformer(ast.NodeTransformer):
         self._strip_emitters(node)
         self.generic_visit(node)
         never = ast.If(ast.Constant(False), [ast.Expr(ast.Yield(None))], [])
-        function = ast.FunctionDef(node.name, node.args, [never, *node.body], node.decorator_list)
+        function = ast.FunctionDef(node.name, node.args, [never, *self._named(node.args, node), *node.body], node.decorator_list)
         return ast.copy_location(function, node)
 
     def visit_AsyncFor(self, node: ast.AsyncFor) -> list[ast.stmt]:

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from bricksrl.twin.machine import Machine
+from bricksrl.twin.micropython.containers import HubDict
 from bricksrl.twin.pybricks.context import Context, charged, expect_type, get_int
 from bricksrl.twin.pybricks.matrix import Matrix
 from bricksrl.twin.pybricks.parameters import Color, Side
@@ -190,7 +191,7 @@ class System(_Part):
 
     @charged
     def info(self) -> dict[str, Any]:
-        return {
+        found = {
             "name": self.name(),
             "reset_reason": 0,
             "host_connected_ble": True,
@@ -198,6 +199,7 @@ class System(_Part):
             "program_start_type": 3,
             "program_id": 0,
         }
+        return HubDict.sized(len(found), found.items())
 
     def shutdown(self) -> None:
         raise SystemExit

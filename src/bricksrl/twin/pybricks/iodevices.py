@@ -9,6 +9,7 @@ from typing import Any
 from bricksrl.hub.devices import MOTOR_IDS, ULTRASONIC_ID, device_id
 from bricksrl.robots import PoweredUpSensor
 from bricksrl.twin.machine import Machine
+from bricksrl.twin.micropython.containers import HubDict
 from bricksrl.twin.micropython.numbers import module
 from bricksrl.twin.pybricks.context import Context, RunLoop, bound, charged, os_error
 from bricksrl.twin.pybricks.parameters import Parameters
@@ -30,7 +31,7 @@ class PUPDevice:
 
     @charged
     def info(self) -> dict[str, Any]:
-        return {"id": self._id}
+        return HubDict(id=self._id)
 
     def read(self, mode: Any) -> Any:
         raise os_error(errno.EOPNOTSUPP)

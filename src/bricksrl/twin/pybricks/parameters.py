@@ -89,7 +89,7 @@ class Color:
         return isinstance(other, Color) and tuple(self) == tuple(other)
 
     def __hash__(self) -> int:
-        return hash((self.h, self.s, self.v))
+        return self.h + self.s + self.v
 
     def __mul__(self, scale: float) -> Color:
         return Color(self.h, self.s, max(0, self.v * scale))
