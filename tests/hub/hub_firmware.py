@@ -16,8 +16,9 @@ from collections.abc import Coroutine
 from typing import Any
 
 from bricksrl.hub import pybricks_profile as profile
-from bricksrl.hub.compile import MAIN_FILE, compile_mpy
+from bricksrl.hub.compile import MAIN_FILE, MAIN_MODULE, compile_mpy
 from bricksrl.hub.pybricks_profile import Command, CommandError, Event, Status
+from bricksrl.hub.transport import HubModule
 from bricksrl.robots import HubKind, Robot
 from bricksrl.twin import language
 from bricksrl.twin.bench import BenchBody
@@ -28,7 +29,6 @@ from bricksrl.twin.pybricks import modules
 STDOUT_BYTES = 41
 NOTIFIED_BYTES = 19
 _PRODUCT_IDS = {HubKind.MOVE: 0x40, HubKind.CITY: 0x41, HubKind.TECHNIC: 0x80, HubKind.PRIME: 0x81, HubKind.ESSENTIAL: 0x83}
-_PROGRAM_HEAD_BYTES = 4 + len(b"__main__\0")
 
 
 class Refusal(Exception):
@@ -46,8 +46,8 @@ class _Stopped(BaseException):
 class ProgramRun:
     """One run of a program, in a thread."""
 
-    def __init__(self, hub: PlayedFirmware, source: str) -> None:
-        self._hub, self._source, self._machine = hub, source, hub.machine
+    def __init__(self, hub: PlayedFirmware, found: dict[str, HubModule]) -> None:
+        self._hub, self._found, self._machine = hub, found, hub.machine
         self._lock = threading.Lock()
         self._stdin, self._stdout = bytearray(), bytearray()
         self.inbox = bytearray()
@@ -121,12 +121,15 @@ class ProgramRun:
         self._machine.on_alarm = self._keep_pace
         self._machine.alarm_ms = self._machine.time_ms
         words = ""
+        main = self._found[MAIN_MODULE]
         try:
-            language.execute(self._source, MAIN_FILE, modules(self._machine, self), self)
+            importable = modules(self._machine, self)
+            importable.find_module = self._found.get
+            language.execute(main.source, main.file, importable, self)
         except (SystemExit, _Stopped):
             words = "\nThe program was stopped (SystemExit).\n"
         except (Exception, ProgramInterrupt) as error:  # noqa: BLE001  a program may raise anything
-            words = language.format_traceback(error, MAIN_FILE)
+            words = language.format_traceback(error, main.file)
         self._machine.alarm_ms = None
         self._machine.stop_motors()
         with self._lock:
@@ -162,6 +165,7 @@ class PlayedFirmware(ABC):
 
     Attributes:
         library: programs that it recognises.
+        files: by their names, other files that it recognises.
         faults: codes with which it refuses the next commands of each kind.
         commands: kinds of all commands that arrived.
         size: of the program on it; 0 for none.
@@ -175,6 +179,7 @@ class PlayedFirmware(ABC):
         self.body = WatchedBody(robot)
         self.machine = Machine(robot, self.body)
         self.library: list[str] = []
+        self.files: dict[str, str] = {}
         self.faults: dict[Command, list[int]] = {}
         self.commands: list[int] = []
         self.profile_version = "1.5.0"
@@ -281,11 +286,11 @@ class PlayedFirmware(ABC):
 
     async def _change_program(self, kind: int, payload: bytes) -> None:
         if kind == Command.START_USER_PROGRAM:
-            source = self._source()
-            if source is None:
+            found = self._recognised()
+            if MAIN_MODULE not in found:
                 raise Refusal(CommandError.INVALID_COMMAND)
             self.runs += 1
-            self._run = ProgramRun(self, source)
+            self._run = ProgramRun(self, found)
             await self.send_status()
             return
         number = struct.unpack("<I", payload[:4])[0]
@@ -296,10 +301,19 @@ class PlayedFirmware(ABC):
         else:
             self._ram[number : number + len(payload) - 4] = payload[4:]
 
-    def _source(self) -> str | None:
-        """Of the program that lies in memory."""
-        mpy = bytes(self._ram[_PROGRAM_HEAD_BYTES : self.size])
-        return next((source for source in self.library if compile_mpy(source) == mpy), None)
+    def _recognised(self) -> dict[str, HubModule]:
+        """The modules that lie in memory, by their names."""
+        known = [(MAIN_FILE, source) for source in self.library] + list(self.files.items())
+        found, place = {}, 0
+        while place < self.size:
+            (length,) = struct.unpack_from("<I", self._ram, place)
+            head, _, rest = bytes(self._ram[place + 4 : self.size]).partition(b"\0")
+            name = head.decode("utf-8", "replace")
+            for file, source in known:
+                if compile_mpy(source, file) == rest[:length]:
+                    found[name] = HubModule(name, file, source)
+            place += 4 + len(head) + 1 + length
+        return found
 
     async def program_ended(self, run: ProgramRun) -> None:
         if not self.flushes_late:

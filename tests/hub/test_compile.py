@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 
 from bricksrl.errors import ProgramError
-from bricksrl.hub.compile import compile_mpy, program_blob
+from bricksrl.hub.compile import compile_mpy, compile_program, program_blob
+from bricksrl.hub.transport import HubModule, HubProgram
 from bricksrl.robots import HubKind
 
 
@@ -36,13 +37,17 @@ def test_a_compiler_that_is_not_there_is_told(monkeypatch: pytest.MonkeyPatch, t
         compile_mpy("x = 1\n")
 
 
-def test_the_blob_is_one_module_named_main() -> None:
-    mpy = compile_mpy("x = 1\n")
-    assert program_blob(mpy, HubKind.PRIME) == struct.pack("<I", len(mpy)) + b"__main__\0" + mpy
+def test_the_blob_is_the_program_and_the_modules_beside_it() -> None:
+    modules = compile_program(
+        HubProgram("import arm.hand\n", 0, name="wave.py", beside=(HubModule("arm.hand", "arm/hand.py", "x = 1\n"),))
+    )
+    main, hand = compile_mpy("import arm.hand\n", "wave.py"), compile_mpy("x = 1\n", "arm/hand.py")
+    expected = struct.pack("<I", len(main)) + b"__main__\0" + main + struct.pack("<I", len(hand)) + b"arm.hand\0" + hand
+    assert program_blob(modules, HubKind.PRIME) == expected
 
 
 def test_a_program_that_does_not_fit_is_refused() -> None:
     largest = bytes(HubKind.CITY.model.program_bytes - 13)
-    assert program_blob(largest, HubKind.CITY)
+    assert program_blob({"__main__": largest}, HubKind.CITY)
     with pytest.raises(ProgramError, match="20481 bytes, the city hub takes 20480"):
-        program_blob(largest + b"x", HubKind.CITY)
+        program_blob({"__main__": largest + b"x"}, HubKind.CITY)

@@ -10,7 +10,7 @@ from ble_world import World, bounded
 from bricksrl import robots
 from bricksrl.errors import HubError, HubProgramError, HubTimeoutError
 from bricksrl.hub import diagnosis
-from bricksrl.hub.compile import compile_mpy, program_blob
+from bricksrl.hub.compile import compile_program, program_blob
 from bricksrl.hub.diagnosis import find_stops, parse_survey, run, stops_program, survey, survey_program
 from bricksrl.hub.lint import require_clean
 from bricksrl.hub.transport import HubProgram
@@ -23,7 +23,7 @@ def test_every_hub_can_run_the_programs(hub: HubKind) -> None:
     robot = Robot("any", hub, (Motor("one", "A", gears=(12, 20)), Motor("two", "B", range_deg=(0, 90))))
     for program in (survey_program(robot), stops_program(robot)):
         require_clean(program.source, hub)
-        program_blob(compile_mpy(program.source), hub)
+        program_blob(compile_program(program), hub)
 
 
 @pytest.mark.parametrize("name", robots.ROBOTS)

@@ -55,7 +55,7 @@ def test_pybricksdev_takes_it_for_a_hub(monkeypatch: pytest.MonkeyPatch) -> None
         client.print_output = False
         await client.connect()
         client.stdout_observable.subscribe(received.extend)
-        await client.download_user_program(program_blob(compile_mpy(ECHO), HubKind.PRIME))
+        await client.download_user_program(program_blob({"__main__": compile_mpy(ECHO)}, HubKind.PRIME))
         await client.start_user_program()
         await expect(b"ready")
         for data in (b"a", bytes(range(20)), bytes(63)):

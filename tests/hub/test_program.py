@@ -8,7 +8,7 @@ import dataclasses
 import pytest
 from stand_in import RUN_AWAY, SPINNING, WALKER_INTERFACE
 
-from bricksrl.hub.compile import compile_mpy, program_blob
+from bricksrl.hub.compile import compile_mpy, compile_program, program_blob
 from bricksrl.hub.interface import Distance, DriveStraight, Interface, MotorAngle, Pitch, RunAngle, UntilDone, Wait
 from bricksrl.hub.lint import lint
 from bricksrl.hub.program import generate
@@ -57,7 +57,7 @@ ALL = PAPER + [driver(kind, interface) for kind in KINDS for interface in (RUN_A
 def test_it_is_clean_and_fits_its_hub(robot: Robot, interface: Interface) -> None:
     program = generate(robot, interface)
     assert lint(program.source, robot.hub) == ()
-    blob = program_blob(compile_mpy(program.source), robot.hub)
+    blob = program_blob(compile_program(program), robot.hub)
     assert len(blob) < 4096
     assert max(map(len, program.source.splitlines())) <= 130
 

@@ -38,36 +38,57 @@ class Program:
 
 @dataclass(frozen=True)
 class Run:
-    """Run a Pybricks program on a virtual hub: its output, its traceback, exit code 1 when it raises.
+    """Run a Pybricks program on a hub, virtual or real: its output, its traceback, exit code 1 when it raises.
+
+    Files beside the program that it imports go with it. Standard input is what it reads. Ctrl-C stops it, and its motors.
 
     Examples:
       bricksrl hub run main.py --robot bench
       bricksrl hub run main.py --robot two-wheeler --time-limit-s 60
+      bricksrl hub run main.py --hub ble
     """
 
     file: Annotated[Positional[Path], arg(metavar="FILE")]
     """Pybricks program."""
     robot: Annotated[str, arg(metavar="ROBOT")] = "two-wheeler"
-    """Robot that the hub sits in: two-wheeler, walker, robo-arm, or bench, a motor without load on every port."""
+    """Robot that a virtual hub sits in: two-wheeler, walker, robo-arm, or bench, a motor without load on every port."""
+    hub: Annotated[str, arg(metavar="HUB")] = "virtual"
+    """Which hub: virtual, in simulated time, or ble, ble:NAME, ble:ADDRESS, usb, usb:PORT."""
     time_limit_s: Annotated[float | None, arg(metavar="SECONDS")] = None
-    """Simulated time after which the program is stopped; that is no error."""
+    """Time after which the program is stopped; that is no error."""
 
     def execute(self) -> int:
         """Run it."""
-        from bricksrl.twin.run import run_file
-
         # A Ctrl-C of ours, not one that the program sees: its own KeyboardInterrupt is an error like any other.
         before = signal.signal(signal.SIGINT, _interrupt)
-        stdin = None if sys.stdin is None or sys.stdin.isatty() else sys.stdin.buffer
         try:
-            return run_file(
-                self.file, self.robot, stdout=sys.stdout.buffer, stderr=sys.stderr, stdin=stdin, time_limit_s=self.time_limit_s
-            )
+            return self._run()
         except _Interrupted:
             print_interrupted("the program was stopped; there was nothing to save")
             return INTERRUPTED
         finally:
             signal.signal(signal.SIGINT, before)
+
+    def _run(self) -> int:
+        from bricksrl.hub.address import parse_hub
+        from bricksrl.hub.own_program import check_time_limit, own_program
+        from bricksrl.hub.run_program import run_program
+        from bricksrl.twin.run import run_file
+
+        check_time_limit(self.time_limit_s)
+        address = parse_hub(self.hub)
+        out, err, stdin = sys.stdout.buffer, sys.stderr, sys.stdin
+        if address.is_virtual:
+            read = None if stdin is None or stdin.isatty() else stdin.buffer
+            return run_file(self.file, self.robot, stdout=out, stderr=err, stdin=read, time_limit_s=self.time_limit_s)
+        program = own_program(self.file)
+        read = None if stdin is None else stdin.buffer
+        transport = address.transport()
+        try:
+            transport.open()
+            return run_program(transport, program, stdout=out, stderr=err, stdin=read, time_limit_s=self.time_limit_s)
+        finally:
+            transport.close()
 
 
 class _Interrupted(BaseException):

@@ -115,13 +115,13 @@ def _number(cell: str) -> float | str:
 
 
 def _program(task: Task) -> str:
-    from bricksrl.hub.compile import compile_mpy, program_blob
+    from bricksrl.hub.compile import compile_program, program_blob
     from bricksrl.hub.lint import require_clean
     from bricksrl.hub.program import generate
 
-    source = generate(task.robot, task.interface).source
-    require_clean(source, task.robot.hub)
-    size = len(program_blob(compile_mpy(source), task.robot.hub))
+    program = generate(task.robot, task.interface)
+    require_clean(program.source, task.robot.hub)
+    size = len(program_blob(compile_program(program), task.robot.hub))
     return f"{size} of the {task.robot.hub.value} hub's {task.robot.hub.model.program_bytes} bytes"
 
 

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import re
 import struct
+from collections.abc import Mapping
 
 from mpy_cross_v6 import mpy_cross_compile
 
 from bricksrl.errors import ProgramError
+from bricksrl.hub.transport import HubProgram
 from bricksrl.robots import HubKind
 
 _SMALL_INT_BITS = "-msmall-int-bits=31"
@@ -15,6 +17,7 @@ _SMALL_INT_BITS = "-msmall-int-bits=31"
 
 MAIN_FILE = "main.py"
 """Name of a program in its tracebacks."""
+MAIN_MODULE = "__main__"
 
 
 def compile_mpy(source: str, name: str = MAIN_FILE) -> bytes:
@@ -36,13 +39,23 @@ def compile_mpy(source: str, name: str = MAIN_FILE) -> bytes:
     return mpy
 
 
-def program_blob(mpy: bytes, hub: HubKind) -> bytes:
-    """What goes into a hub's program area: ``<I length> "__main__\\0" mpy``.
+def compile_program(program: HubProgram) -> dict[str, bytes]:
+    """The ``.mpy`` of a program and of the modules beside it, by their names on the hub.
+
+    Raises:
+        ProgramError: one of them is not MicroPython, or no compiler could be run.
+    """
+    beside = {module.name: compile_mpy(module.source, module.file) for module in program.beside}
+    return {MAIN_MODULE: compile_mpy(program.source, program.name), **beside}
+
+
+def program_blob(modules: Mapping[str, bytes], hub: HubKind) -> bytes:
+    """What goes into a hub's program area: ``<I length> name "\\0" mpy`` for each module, the program itself first.
 
     Raises:
         ProgramError: it is larger than the program area.
     """
-    blob = struct.pack("<I", len(mpy)) + b"__main__\0" + mpy
+    blob = b"".join(struct.pack("<I", len(mpy)) + name.encode() + b"\0" + mpy for name, mpy in modules.items())
     room = hub.model.program_bytes
     if len(blob) > room:
         raise ProgramError(f"the program has {len(blob)} bytes, the {hub.value} hub takes {room}; make it shorter")

@@ -16,7 +16,7 @@ from pathlib import Path
 
 from bricksrl.errors import HubError, HubProtocolError
 from bricksrl.hub import pybricks_profile as profile
-from bricksrl.hub.compile import compile_mpy, program_blob
+from bricksrl.hub.compile import compile_program, program_blob
 from bricksrl.hub.connection import HubConnection, HubIdentity, Port
 from bricksrl.hub.event_loop import EventLoopThread
 from bricksrl.hub.failures import AmbiguousHubError, HubDisconnectedError, MediumUnavailableError
@@ -92,12 +92,12 @@ class ProfileTransport(ABC):
             ProgramError: the program is wrong, or too large for the hub.
             HubError: the hub cannot be reached, or does not take the program.
         """
-        mpy = compile_mpy(program.source)
+        modules = compile_program(program)
         if self._loop is None:
             self.open()
         limit_s = self._timeout_s + _DOWNLOAD_S + _GRACE_S
         self._pipe = program.pipe
-        self._running_loop().run(self._start(program, mpy), limit_s, "start the program on the hub")
+        self._running_loop().run(self._start(program, modules), limit_s, "start the program on the hub")
 
     def write(self, data: bytes) -> None:
         """Write to the program; waits, for a time, while its buffer is full.
@@ -192,19 +192,19 @@ class ProfileTransport(ABC):
         _log.info("connected to the %s hub '%s', firmware %s", identity.kind.value, identity.name, identity.firmware)
         return connection
 
-    async def _start(self, program: HubProgram, mpy: bytes) -> None:
+    async def _start(self, program: HubProgram, modules: dict[str, bytes]) -> None:
         connection = await self._connected()
         kind, place = connection.identity.kind, connection.place
         if kind is HubKind.MOVE:
             raise HubProtocolError("a Move Hub cannot run our programs; use another hub")
-        blob = program_blob(mpy, kind)
+        blob = program_blob(modules, kind)
         if connection.is_running:
             await connection.stop_program()
-        if self._record.get(place) == program.hash and await _start_present(connection, program):
+        if program.says_hello and self._record.get(place) == program.hash and await _start_present(connection, program):
             return
         self._record.set(place, None)
         await connection.download(blob)
-        self._record.set(place, program.hash)
+        self._record.set(place, program.hash if program.says_hello else None)
         await connection.start_program()
 
     async def _close(self, connection: HubConnection) -> None:

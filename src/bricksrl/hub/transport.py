@@ -17,12 +17,32 @@ class Pipe(enum.Enum):
 
 
 @dataclass(frozen=True)
+class HubModule:
+    """A module that a program brings along: its name on the hub (``parts.arm``), its file (``parts/arm.py``), its source."""
+
+    name: str
+    file: str
+    source: str
+
+
+@dataclass(frozen=True)
 class HubProgram:
-    """A MicroPython program for a hub, the hash that its HELLO frame carries, and how to speak to it."""
+    """A MicroPython program for a hub, and how to speak to it.
+
+    Attributes:
+        source: of the program itself.
+        hash: of all of it; its HELLO frame carries it.
+        name: of its file, in tracebacks.
+        beside: modules of its own that it imports.
+        says_hello: whether it begins with that frame, by which a transport knows that it is on the hub already.
+    """
 
     source: str
     hash: int
     pipe: Pipe = Pipe.STDIN
+    name: str = "main.py"
+    beside: tuple[HubModule, ...] = ()
+    says_hello: bool = True
 
 
 class Transport(Protocol):

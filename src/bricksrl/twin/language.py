@@ -7,6 +7,7 @@ from collections.abc import Callable
 from types import ModuleType
 from typing import Any
 
+from bricksrl.hub.transport import HubModule
 from bricksrl.twin.console import Console
 from bricksrl.twin.micropython.builtins import builtin_names
 from bricksrl.twin.micropython.compiler import compiled
@@ -20,14 +21,14 @@ class Modules(dict[str, ModuleType]):
     Attributes:
         tick: called at every turn of a ``while`` loop, so that simulated time passes in one that does not wait.
         has_memoryview: whether the hub has that builtin.
-        find_source: another program that came along with the main one, by module name, or ``None``.
+        find_module: a module that came along with the program, by its name, or ``None``.
     """
 
     def __init__(self, modules: dict[str, ModuleType], tick: Callable[[], None], has_memoryview: bool) -> None:
         super().__init__(modules)
         self.tick = tick
         self.has_memoryview = has_memoryview
-        self.find_source: Callable[[str], str | None] = lambda name: None
+        self.find_module: Callable[[str], HubModule | None] = lambda name: None
 
 
 def execute(source: str, filename: str, modules: dict[str, ModuleType], console: Console) -> None:
@@ -52,12 +53,12 @@ def execute(source: str, filename: str, modules: dict[str, ModuleType], console:
 
     def find_module(name: str) -> ModuleType:
         if name not in modules:
-            beside = modules.find_source(name) if isinstance(modules, Modules) else None
+            beside = modules.find_module(name) if isinstance(modules, Modules) else None
             if beside is None:
                 raise ImportError(f"no module named '{name}'")
             modules[name] = ModuleType(name)
             modules[name].__dict__.update(__builtins__=names["__builtins__"])
-            exec(compiled(beside, f"{name.replace('.', '/')}.py"), modules[name].__dict__)
+            exec(compiled(beside.source, beside.file), modules[name].__dict__)
         return modules[name]
 
     names["__builtins__"] = builtin_names(names, find_module, console, tick, has_memoryview)

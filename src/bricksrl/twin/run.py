@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from functools import cached_property
 from pathlib import Path
 from typing import BinaryIO, TextIO
 
 from bricksrl import robots
-from bricksrl.errors import ProgramError
+from bricksrl.hub.own_program import check_time_limit, module_beside, read_program
 from bricksrl.twin.language import execute, format_traceback
 from bricksrl.twin.machine import Machine
 from bricksrl.twin.micropython.errors import class_name
@@ -81,22 +80,16 @@ def run_file(
 
     robot = robots.get(robot_name)
     path = Path(path)
-    try:
-        source = path.read_text(encoding="utf-8")
-    except OSError as error:
-        raise ProgramError(f"cannot read the program '{path}' ({error.strerror}); give the path of a Python file") from error
-    except UnicodeDecodeError as error:
-        raise ProgramError(f"the program '{path}' is no text ({error.reason}); give the path of a Python file") from error
+    source = read_program(path)
     machine = Machine(robot, make_body(robot))
+    check_time_limit(time_limit_s)
     if time_limit_s is not None:
-        if not 0 < time_limit_s < math.inf:
-            raise ProgramError(f"the time limit is {time_limit_s} s; give a number above zero, or none")
         machine.alarm_ms = round(time_limit_s * 1000)
         machine.on_alarm = _stop
     console = StreamConsole(machine, stdin, stdout)
     try:
         importable = modules(machine, console)
-        importable.find_source = lambda name: _source_beside(path, name)
+        importable.find_module = lambda name: module_beside(path, name)
         execute(source, path.name, importable, console)
     except (SystemExit, _TimeIsUp) as end:
         name = class_name(type(end)) if isinstance(end, SystemExit) else SystemExit.__name__
@@ -110,14 +103,6 @@ def run_file(
         machine.stop_motors()
         stdout.flush()
     return 0
-
-
-def _source_beside(path: Path, name: str) -> str | None:
-    beside = path.parent.joinpath(*name.split("."))
-    for source in (beside.with_name(f"{beside.name}.py"), beside / "__init__.py"):
-        if source.is_file():
-            return source.read_text(encoding="utf-8")
-    return None
 
 
 def _stop() -> None:
