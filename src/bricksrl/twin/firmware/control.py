@@ -8,6 +8,7 @@ from math import trunc
 
 from bricksrl.twin.firmware import trajectory as trajectories
 from bricksrl.twin.firmware.integrators import LOOPS_PER_S, PositionIntegrator, SpeedIntegrator
+from bricksrl.twin.firmware.logger import Logger
 from bricksrl.twin.firmware.settings import ControlSettings, gain_times, wrapped
 from bricksrl.twin.firmware.trajectory import FOREVER_MS, Command, Reference, Trajectory
 
@@ -47,17 +48,20 @@ class ControlType(enum.Enum):
 
 @dataclass(slots=True)
 class State:
-    """What a controller sees: measured position (mdeg) and speed (mdeg/s), and the observer's speed."""
+    """What a controller sees: measured position (mdeg) and speed (mdeg/s), and those of the observer."""
 
     position: int
     speed: int
     speed_estimate: int
+    position_estimate: int = 0
 
 
 Action = tuple[int, int, int, OnCompletion | None, bool]
 """What a controller wants: torque (uNm), the reference's speed and acceleration, a passive way to be stopped or ``None``, and
 whether it is at its limit and had to pause."""
 
+ACTUATIONS = {OnCompletion.COAST: 0, OnCompletion.BRAKE: 1, None: 3}
+"""Of a log, as the firmware numbers them; 2 is a voltage, 3 a torque."""
 _POSITION, _TIMED = ControlType.POSITION, ControlType.TIMED
 
 
@@ -82,6 +86,8 @@ class Controller:
         self._goes_on = False  # when complete, as before
         self._position = PositionIntegrator(settings, 0)
         self._speed = SpeedIntegrator(settings)
+        self.log = Logger()
+        self._terms = (0,) * 7
 
     @property
     def is_active(self) -> bool:
@@ -229,6 +235,10 @@ class Controller:
             self._pause_or_resume(integrator.running, time, error)
         self._stalled = integrator.is_stalled(time, speed, reference_speed)
         self.pid_average = trunc((self.pid_average * 95 + torque * 5) / 100)
+        if self.log.is_active:
+            derivative = trunc(s.kd * (reference_speed - speed_estimate) / 1000)
+            terms = proportional, trunc(integral * s.ki / 1000), derivative
+            self._terms = reference_time, reference + used_error - error, reference_speed, *terms, int(at_limit)
         action = torque, reference_speed, acceleration, None, at_limit
         self._complete = reference_time >= end_time and self._has_arrived(end_position - position, end_speed, speed)
         if self.type is _TIMED and not self._complete:
@@ -236,6 +246,27 @@ class Controller:
         if not self._complete or self._goes_on:
             return action
         return self._end(time, position, reference_time - end_time, action)
+
+    def log_row(self, time_ms: int, state: State, torque: int, passive: OnCompletion | None) -> None:
+        """Note down the update that was just made, with what came of it."""
+        s = self.settings
+        reference_time, reference, reference_speed, proportional, integral, derivative, at_limit = self._terms
+        actuation = ACTUATIONS[passive] | self._stalled << 2 | self._complete << 3 | at_limit << 4
+        self.log.add(
+            time_ms,
+            reference_time - self.trajectory.time,
+            s.position_to_unit(state.position),
+            s.to_unit(state.speed),
+            actuation,
+            torque,
+            s.position_to_unit(reference),
+            s.to_unit(reference_speed),
+            s.position_to_unit(state.position_estimate),
+            s.to_unit(state.speed_estimate),
+            proportional,
+            integral,
+            derivative,
+        )
 
     def _end(self, time: int, position: int, since: int, action: Action) -> Action:
         """What becomes of an action where the move is complete for ``since`` ticks."""

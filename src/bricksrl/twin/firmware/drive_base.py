@@ -7,6 +7,7 @@ from math import trunc
 from typing import TYPE_CHECKING
 
 from bricksrl.twin.firmware.control import Controller, OnCompletion, State
+from bricksrl.twin.firmware.logger import Logger
 from bricksrl.twin.firmware.servo import Servo
 from bricksrl.twin.firmware.settings import ControlSettings, drive_base_settings
 from bricksrl.twin.firmware.trajectory import validate_acceleration, validate_speed
@@ -57,6 +58,14 @@ class DriveBaseControl:
     @property
     def heading_settings(self) -> ControlSettings:
         return self._heading.settings
+
+    @property
+    def distance_log(self) -> Logger:
+        return self._distance.log
+
+    @property
+    def heading_log(self) -> Logger:
+        return self._heading.log
 
     def release(self) -> None:
         """Let both motors go."""
@@ -174,6 +183,10 @@ class DriveBaseControl:
         torque, speed, acceleration, end_of_distance, distance_at_limit = action
         action = self._heading.update(time, heading.position, heading.speed, heading.speed_estimate, self._paused)
         turn_torque, turn_speed, turn_acceleration, end_of_heading, heading_at_limit = action
+        if self._distance.log.is_active:
+            self._distance.log_row(self._machine.time_ms, distance, torque, end_of_distance)
+        if self._heading.log.is_active:
+            self._heading.log_row(self._machine.time_ms, heading, turn_torque, end_of_heading)
         # Both wait while one of them is at its limit, so that they arrive together.
         self._paused = distance_at_limit or heading_at_limit
         for end in (end_of_distance, end_of_heading):
@@ -189,8 +202,10 @@ class DriveBaseControl:
         position = trunc((left.position + right.position) / 2)
         speed = trunc((left.speed + right.speed) / 2)
         estimate = trunc((left.speed_estimate + right.speed_estimate) / 2)
-        distance = State(position - self._distance_zero, speed, estimate)
-        heading = State(position - right.position, speed - right.speed, estimate - right.speed_estimate)
+        angle = trunc((left.position_estimate + right.position_estimate) / 2)
+        distance = State(position - self._distance_zero, speed, estimate, angle - self._distance_zero)
+        turned = angle - right.position_estimate - self._heading_zero
+        heading = State(position - right.position, speed - right.speed, estimate - right.speed_estimate, turned)
         if self._uses_gyro:
             body, steps = self._machine.body, self.heading_settings.steps_per_unit
             heading.position = trunc(body.heading_deg() * steps)

@@ -43,7 +43,12 @@ class MotorModel:
         return trunc(PRESCALE_VOLTAGE * _clamp(voltage_mv, MAX_VOLTAGE_MV) / self.torque_by_voltage)
 
     def drive_mv(self, torque_unm: int, speed: int, acceleration: int) -> int:
-        """Voltage for a torque on top of what a reference needs: half the friction, back-EMF, inertia."""
+        """Voltage for a torque on top of what a reference needs."""
+        torque = torque_unm + self.feedforward_unm(speed, acceleration)
+        return trunc(PRESCALE_TORQUE * _clamp(torque, MAX_TORQUE_UNM) / self.voltage_by_torque)
+
+    def feedforward_unm(self, speed: int, acceleration: int) -> int:
+        """Torque that a reference needs: half the friction, back-EMF, inertia."""
         forward = 0
         if speed:
             half_friction = self.friction_unm // 2
@@ -51,8 +56,7 @@ class MotorModel:
             forward += half_friction if speed > 0 else -half_friction
         if acceleration:
             forward += trunc(PRESCALE_ACCELERATION * _clamp(acceleration, MAX_ACCELERATION) / self.torque_by_acceleration)
-        torque = torque_unm + _clamp(forward, MAX_TORQUE_UNM)
-        return trunc(PRESCALE_TORQUE * _clamp(torque, MAX_TORQUE_UNM) / self.voltage_by_torque)
+        return _clamp(forward, MAX_TORQUE_UNM)
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Protocol
 
 from bricksrl.robots import Direction, MotorKind
 from bricksrl.twin.firmware.control import Controller, ControlType, OnCompletion, State
+from bricksrl.twin.firmware.logger import Logger
 from bricksrl.twin.firmware.motor_model import MOTOR_TYPES
 from bricksrl.twin.firmware.observer import Observer
 from bricksrl.twin.firmware.settings import ControlSettings, servo_settings
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
 
 _TURN_MDEG = 360_000
 _NONE = ControlType.NONE
+_VOLTAGE = 2
 
 
 class Parent(Protocol):
@@ -47,6 +49,7 @@ class Servo:
         self._max_voltage_mv = self.type.max_voltage_mv
         self.control = Controller(servo_settings(self.type, 1000, 0))
         self.observer = self._new_observer()
+        self.log = Logger()
 
     @property
     def settings(self) -> ControlSettings:
@@ -98,7 +101,8 @@ class Servo:
         return self._body.angle_mdeg(self.port) * self._sign - self._zero_mdeg
 
     def state(self) -> State:
-        return State(self.position(), self.observer.measured_speed, self.observer.speed)
+        observer = self.observer
+        return State(self.position(), observer.measured_speed, observer.speed, observer.angle)
 
     def angle_deg(self) -> int:
         return self.settings.position_to_unit(self.position())
@@ -218,12 +222,17 @@ class Servo:
             return
         time, position = self._machine.time_ms * 10, self._body.angle_mdeg(self.port) * self._sign - self._zero_mdeg
         control, observer = self.control, self.observer
+        torque = speed = acceleration = 0
         if control.type is not _NONE:
             torque, speed, acceleration, passive, _ = control.update(time, position, observer.measured_speed, observer.speed)
             if passive is None:
                 self.set_voltage(self._drive_mv(torque, speed, acceleration))
             else:
                 self.set_voltage(None if passive is OnCompletion.COAST else 0)
+            if control.log.is_active:
+                control.log_row(self._machine.time_ms, self.state(), torque, passive)
+        if self.log.is_active:
+            self._log_row(position, torque, self.type.model.feedforward_unm(speed, acceleration))
         observer.update(time, position, self._voltage_mv or 0)
 
     def actuate(self, torque_unm: int, speed: int, acceleration: int) -> None:
@@ -239,6 +248,22 @@ class Servo:
         limit = self._max_voltage_mv
         self._voltage_mv = voltage_mv = limit if voltage_mv > limit else -limit if voltage_mv < -limit else voltage_mv
         self._body.set_voltage(self.port, voltage_mv * self._sign)
+
+    def _log_row(self, position: int, feedback_unm: int, feedforward_unm: int) -> None:
+        s, observer = self.settings, self.observer
+        self.log.add(
+            self._machine.time_ms,
+            self._machine.time_ticks,
+            s.position_to_unit(position),
+            s.to_unit(observer.measured_speed),
+            (0 if self._voltage_mv is None else _VOLTAGE) | self.is_stalled() << 2,
+            self._voltage_mv or 0,
+            s.position_to_unit(observer.angle),
+            s.to_unit(observer.speed),
+            feedback_unm,
+            feedforward_unm,
+            observer.feedback_mv(position),
+        )
 
     def _take_over(self) -> None:
         if self.parent is not None:

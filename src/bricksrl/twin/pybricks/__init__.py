@@ -47,7 +47,7 @@ def modules(machine: Machine, console: Console) -> Modules:
         Modules by name, as a dict; exactly those of the robot's kind of hub.
     """
     hub = machine.robot.hub
-    context = Context(machine)
+    context = Context(machine, console)
     has_display = hub is HubKind.PRIME
     parameters = Parameters(hub.model, has_display)
     pybricks = {
@@ -56,8 +56,8 @@ def modules(machine: Machine, console: Console) -> Modules:
         "pupdevices": pupdevices_module(context, parameters),
         "iodevices": iodevices_module(context, parameters),
         "robotics": robotics_module(context, hub.model.has_imu),
-        "tools": tools_module(context, console, has_display),
-        "messaging": messaging_module(context, console),
+        "tools": tools_module(context, has_display),
+        "messaging": messaging_module(context),
     }
     found = {f"pybricks.{name}": part for name, part in pybricks.items()}
     found["pybricks"] = module("pybricks", {**pybricks, "version": (f"{hub.value}hub", FIRMWARE_VERSION)})

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, TypeVar
 
+from bricksrl.twin.console import Console
 from bricksrl.twin.firmware.trajectory import InfeasibleMoveError
 from bricksrl.twin.machine import Machine
 from bricksrl.twin.micropython.errors import HubOSError
@@ -210,8 +211,9 @@ class RunLoop:
 class Context:
     """One program on one machine."""
 
-    def __init__(self, machine: Machine) -> None:
+    def __init__(self, machine: Machine, console: Console) -> None:
         self.machine = machine
+        self.console = console
         self.loop = RunLoop(machine)
         self.gyro_users: list[Any] = []
 

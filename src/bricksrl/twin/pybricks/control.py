@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+from bricksrl.twin.firmware.logger import Logger
 from bricksrl.twin.firmware.settings import ControlSettings
-from bricksrl.twin.machine import Machine
-from bricksrl.twin.pybricks.context import charged, get_int, refusals
+from bricksrl.twin.pybricks.context import Context, charged, get_int, refusals
+from bricksrl.twin.pybricks.log import Log
 
 
 def acceleration_value(up: int, down: int) -> Any:
@@ -35,9 +36,14 @@ def magnitude(value: Any, default: int) -> int:
 class Control:
     """Settings of one controller. Without arguments, each method returns what is set."""
 
-    def __init__(self, settings: Callable[[], ControlSettings], machine: Machine) -> None:
+    def __init__(self, settings: Callable[[], ControlSettings], logger: Callable[[], Logger], context: Context) -> None:
         self._settings = settings
-        self._machine = machine
+        self._machine = context.machine
+        self._log = Log(logger, context)
+
+    @property
+    def log(self) -> Log:
+        return self._log
 
     @charged
     def limits(self, speed: Any = None, acceleration: Any = None, torque: Any = None) -> tuple[Any, ...] | None:

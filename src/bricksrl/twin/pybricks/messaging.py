@@ -5,7 +5,7 @@ from __future__ import annotations
 from types import ModuleType
 from typing import Any
 
-from bricksrl.twin.console import AppDataConsole, Console
+from bricksrl.twin.console import AppDataConsole
 from bricksrl.twin.micropython.numbers import module
 from bricksrl.twin.pybricks.context import Context, os_error
 from bricksrl.twin.pybricks.radio import radio_class
@@ -19,7 +19,8 @@ def _is_mode(pair: Any) -> bool:
     return isinstance(pair, tuple | list) and len(pair) == 2 and pair[0] <= 255
 
 
-def messaging_module(context: Context, console: Console) -> ModuleType:
+def messaging_module(context: Context) -> ModuleType:
+    console = context.console
     machine = context.machine
 
     class AppData:

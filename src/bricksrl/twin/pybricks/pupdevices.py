@@ -23,6 +23,7 @@ from bricksrl.twin.pybricks.context import (
     refusals,
 )
 from bricksrl.twin.pybricks.control import Control
+from bricksrl.twin.pybricks.log import Log
 from bricksrl.twin.pybricks.motor_model import MotorModel
 from bricksrl.twin.pybricks.parameters import Direction, Parameters, Stop
 from bricksrl.twin.pybricks.pupsensors import DEVICES, PFMotor
@@ -104,7 +105,8 @@ class Motor:
         self._direction = positive_direction
         self._servo = servo
         self._last: Async | None = None
-        self._control = Control(lambda: servo.settings, self._machine)
+        self._control = Control(lambda: servo.settings, lambda: servo.control.log, self._context)
+        self._log = Log(lambda: servo.log, self._context)
         self._model = MotorModel(lambda: servo.observer, self._machine)
 
     def __repr__(self) -> str:
@@ -113,6 +115,10 @@ class Motor:
     @property
     def control(self) -> Control:
         return self._control
+
+    @property
+    def log(self) -> Log:
+        return self._log
 
     @property
     def model(self) -> MotorModel:

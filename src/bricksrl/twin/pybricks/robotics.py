@@ -50,8 +50,8 @@ class DriveBase:
         self._base = base
         self._motors = left_motor, right_motor
         self._last: Async | None = None
-        self._distance_control = Control(lambda: base.distance_settings, self._machine)
-        self._heading_control = Control(lambda: base.heading_settings, self._machine)
+        self._distance_control = Control(lambda: base.distance_settings, lambda: base.distance_log, self._context)
+        self._heading_control = Control(lambda: base.heading_settings, lambda: base.heading_log, self._context)
 
     @property
     def distance_control(self) -> Control:

@@ -7,7 +7,6 @@ from types import ModuleType
 from typing import Any
 
 from bricksrl.errors import TwinError
-from bricksrl.twin.console import Console
 from bricksrl.twin.machine import Machine
 from bricksrl.twin.micropython.numbers import module
 from bricksrl.twin.pybricks.context import Async, Context, bound, get_int, os_error
@@ -94,7 +93,7 @@ class AppData:
         raise os_error(_EOPNOTSUPP)
 
 
-def tools_module(context: Context, console: Console, has_display: bool) -> ModuleType:
+def tools_module(context: Context, has_display: bool) -> ModuleType:
     machine, loop = context.machine, context.loop
 
     def wait(time: Any) -> Any:
@@ -126,10 +125,10 @@ def tools_module(context: Context, console: Console, has_display: bool) -> Modul
 
     def read_input_byte(last: Any = False, chr: Any = False) -> int | str | None:
         machine.charge_call()
-        count = console.available()
+        count = context.console.available()
         if not count:
             return None
-        byte = console.read(count if last else 1)[-1]
+        byte = context.console.read(count if last else 1)[-1]
         if not chr:
             return byte
         return bytes((byte,)).decode() if 32 <= byte <= 126 else None
