@@ -210,6 +210,64 @@ for make in (lambda: UARTDevice(Port.A), XboxController, Remote):
     assert hub(source) == "19\n110\n110"
 
 
+def test_looking_for_a_device_takes_its_time() -> None:
+    source = """
+from pybricks.iodevices import LWP3Device, XboxController
+from pybricks.pupdevices import DuploTrain, MarioHub, Remote, TechnicMoveHub
+from pybricks.tools import StopWatch, multitask, run_task, wait
+watch = StopWatch()
+def code(call):
+    watch.reset()
+    try:
+        return call()
+    except OSError as e:
+        return e.errno, watch.time()
+print(code(lambda: Remote(timeout=500)), code(lambda: LWP3Device(32, 'x', 100)))
+remote, box = Remote(connect=False), XboxController(connect=False)
+print(code(remote.connect), remote.disconnect())
+print(code(remote.buttons.pressed), code(remote.light.off), code(remote.name), code(box.joystick_left), code(box.buttons.pressed))
+for kind in (TechnicMoveHub, MarioHub, DuploTrain):
+    print(code(kind))
+train = DuploTrain(connect=False, timeout=50)
+print(code(lambda: train.sound('horn')))
+async def look():
+    try:
+        await train.connect()
+    except OSError as e:
+        print('gave up', e.errno, watch.time())
+async def go_on():
+    await wait(20)
+    print('meanwhile', watch.time())
+watch.reset()
+run_task(multitask(look(), go_on()))
+forever = Remote(timeout=None, connect=False)
+async def look_for_ever():
+    await forever.connect()
+async def lose_patience():
+    await wait(3000)
+run_task(multitask(look_for_ever(), lose_patience(), race=True))
+print('raced')
+for call in (lambda: Remote('a' * 15), lambda: Remote(timeout=-5), lambda: LWP3Device(256), lambda: Remote(3)):
+    try:
+        call()
+    except (ValueError, TypeError) as e:
+        print(type(e))
+"""
+    refused = "<class 'ValueError'>"
+    assert hub(source).split("\n") == [
+        "(110, 501) (110, 101)",
+        "(110, 10001) None",
+        "(19, 0) (19, 0) (19, 0) (19, 0) (19, 0)",
+        *["(110, 10001)"] * 3,
+        "(19, 0)",
+        "meanwhile 20",
+        "gave up 110 51",
+        "raced",
+        *[refused] * 3,
+        "<class 'TypeError'>",
+    ]
+
+
 def test_the_colors_are_a_dictionary_that_a_program_changes_for_itself() -> None:
     source = """
 Color.GREEN = Color(h=125)

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from bricksrl.twin.machine import Machine
-from bricksrl.twin.micropython.containers import HubDict
+from bricksrl.twin.micropython.containers import HubDict, HubSet
 from bricksrl.twin.pybricks.context import Context, charged, expect_type, get_int
 from bricksrl.twin.pybricks.matrix import Matrix
 from bricksrl.twin.pybricks.parameters import Color, Side
@@ -143,7 +143,7 @@ class Keypad(_Part):
 
     @charged
     def pressed(self) -> set[Any]:
-        return set()
+        return HubSet()
 
 
 class Battery(_Part):

@@ -13,6 +13,7 @@ from bricksrl.twin.micropython.containers import HubDict
 from bricksrl.twin.micropython.numbers import module
 from bricksrl.twin.pybricks.context import Context, RunLoop, bound, charged, os_error
 from bricksrl.twin.pybricks.parameters import Parameters
+from bricksrl.twin.pybricks.wireless import LWP3Device, XboxController, wireless
 
 
 class PUPDevice:
@@ -62,20 +63,10 @@ class UARTDevice:
         raise os_error(errno.ENODEV)
 
 
-class _Wireless:
-    _loop: RunLoop
-
-    def __init__(self, *args: Any, **kwargs: Any) -> None:
-        self._loop.assert_blocking()
-        raise os_error(errno.ETIMEDOUT)
-
-
 def iodevices_module(context: Context, parameters: Parameters) -> ModuleType:
-    names: dict[str, Any] = {}
+    names: dict[str, Any] = wireless((LWP3Device, XboxController), context)
     for kind in (PUPDevice, UARTDevice):
         own: Any = bound(kind, context)
         own._parameters = parameters
         names[kind.__name__] = own
-    for name in ("LWP3Device", "XboxController"):
-        names[name] = bound(type(name, (_Wireless,), {}), context)
     return module("pybricks.iodevices", names)

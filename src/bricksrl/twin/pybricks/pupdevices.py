@@ -27,6 +27,7 @@ from bricksrl.twin.pybricks.log import Log
 from bricksrl.twin.pybricks.motor_model import MotorModel
 from bricksrl.twin.pybricks.parameters import Direction, Parameters, Stop
 from bricksrl.twin.pybricks.pupsensors import DEVICES, PFMotor
+from bricksrl.twin.pybricks.wireless import DuploTrain, MarioHub, Remote, TechnicMoveHub, wireless
 
 COMPLETIONS = {
     Stop.COAST: OnCompletion.COAST,
@@ -264,19 +265,9 @@ class Motor:
         return self._servo.is_done()
 
 
-class _NoRadio:
-    """A device that connects over Bluetooth; none is near."""
-
-    _loop: RunLoop
-
-    def __init__(self, *args: Any, **kwargs: Any) -> None:
-        self._loop.assert_blocking()
-        raise os_error(errno.ETIMEDOUT)
-
-
 def pupdevices_module(context: Context, parameters: Parameters) -> ModuleType:
-    names: dict[str, Any] = {"PFMotor": PFMotor}
-    for kind in (Motor, DCMotor, *DEVICES, type("Remote", (_NoRadio,), {})):
+    names: dict[str, Any] = {"PFMotor": PFMotor, **wireless((Remote, TechnicMoveHub, DuploTrain, MarioHub), context)}
+    for kind in (Motor, DCMotor, *DEVICES):
         own: Any = bound(kind, context)
         own._parameters = parameters
         names[kind.__name__] = own
