@@ -213,3 +213,21 @@ def test_refusals(statement: str, message: str) -> None:
         "try:\n" + "".join(f"    {line}\n" for line in statement.splitlines()) + "except Exception as error:\n    print(error)"
     )
     assert output(source) == message
+
+
+def test_objects_of_a_class_and_of_its_child_are_sorted() -> None:
+    source = """
+class Base:
+    def __init__(self, n):
+        self.n = n
+    def __lt__(self, other):
+        return self.n < other.n
+class Child(Base):
+    pass
+print([one.n for one in sorted([Child(3), Base(2), Child(1), Base(4)])], Base(1) < Child(2), Child(1) < Base(2))
+try:
+    Base(1) > Base(2)
+except TypeError as e:
+    print(e)
+"""
+    assert output(source) == "[1, 2, 3, 4] True True\nunsupported types for __gt__: 'Base', 'Base'"

@@ -160,6 +160,8 @@ def test_other_constants_are_no_long_integers() -> None:
         ("range(3), range(0, 6, 2), set(), {1: 0.5}", "(range(0, 3), range(0, 6, 2), set(), {1: 0.5})"),
         ("bytearray(b'x'), True, None, ...", "(bytearray(b'x'), True, None, Ellipsis)"),
         ("ValueError('x'), ValueError(), OSError(19)", "(ValueError('x',), ValueError(), OSError(19,))"),
+        ("OSError(5, 'a', 'b')", "(5, 'a', 'b')"),
+        ("OSError(5, 'a', 'b', 'c').args", "(5, 'a', 'b', 'c')"),
         ("int, type(None), ValueError", "(<class 'int'>, <class 'NoneType'>, <class 'ValueError'>)"),
     ],
 )

@@ -34,6 +34,14 @@ def test_math_is_single_precision() -> None:
     assert output(source) == "3.1415928 1.4142135 0.84147096 -2 2.3025852 (0.25, 1.0)"
 
 
+def test_angles_are_converted_by_the_factors_that_a_hub_has() -> None:
+    """Printed by MicroPython 1.26.1; the factors are quotients of single-precision numbers."""
+    source = (
+        "import umath\nprint(umath.degrees(1), umath.degrees(-2.5), umath.radians(77), umath.radians(-140), umath.degrees(3e38))"
+    )
+    assert output(source) == "57.295776 -143.23944 1.3439036 -2.443461 inf"
+
+
 @pytest.mark.parametrize(("call", "error"), [("sqrt(-1)", "math domain error"), ("log(0)", "math domain error")])
 def test_math_refuses(call: str, error: str) -> None:
     with pytest.raises(ValueError, match=error):

@@ -119,7 +119,7 @@ def directory(value: Any) -> list[str]:
 
 
 _WITH_KEYWORDS = frozenset(["sort", "update", "sorted", "max", "min"])
-_KINDS_WITHOUT_KEYWORDS = frozenset([bool, complex, enumerate, list, map, range, reversed, set, slice, tuple, type, zip])
+_KINDS_WITHOUT_KEYWORDS = frozenset([bool, complex, enumerate, HubSet, list, map, range, reversed, slice, tuple, type, zip])
 
 
 def with_keywords(function: Any) -> Any:

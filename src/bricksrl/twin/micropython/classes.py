@@ -39,9 +39,14 @@ def _take_anything(self: Any, *args: Any, **kwargs: Any) -> None:
 
 
 def _refusal(method: str) -> Callable[[Any, Any], Any]:
-    """A comparison that a class lacks; CPython would ask the other operand the other way round, a hub does not."""
+    """A comparison that a class lacks; CPython would ask the other operand the other way round, a hub does not.
+
+    Where the other operand is of a class above this one, CPython asks this one first, although the program wrote it second.
+    """
 
     def refuse(self: Any, other: Any) -> Any:
+        if isinstance(self, type(other)) and type(self) is not type(other):
+            return NotImplemented
         raise TypeError(f"unsupported types for {method}: '{type(self).__name__}', '{type(other).__name__}'")
 
     return refuse

@@ -45,7 +45,10 @@ ERROR_NAMES = {
 
 
 class HubOSError(OSError):
-    """``OSError`` of a hub: ``errno`` is the first argument, and it has no special children."""
+    """``OSError`` of a hub: ``errno`` is the first argument, all of them are kept, and it has no special children."""
+
+    def __init__(self, *args: object) -> None:
+        self.args = args
 
     @property
     def errno(self) -> object:  # type: ignore[override]

@@ -28,9 +28,18 @@ def _as_float(value: Any) -> float:
     return to_single(to_number(value, "float"))
 
 
+_PI = to_single(math.pi)
+_RADIANS, _DEGREES = to_single(_PI / 180), to_single(180 / _PI)  # of a turn's parts, as the hub's compiler works them out
+_OF_TWO = ("atan2", "pow", "fmod", "copysign")
+
+
 def math_module() -> ModuleType:
     def rounded(function: Callable[..., float]) -> Callable[..., float]:
+        count = 2 if function.__name__ in _OF_TWO else 1
+
         def call(*args: Any) -> float:
+            if len(args) != count:
+                raise TypeError(f"function takes {count} positional arguments but {len(args)} were given")
             values = [_as_float(value) for value in args]
             try:
                 result = to_single(function(*values))
@@ -59,24 +68,21 @@ def math_module() -> ModuleType:
             "acos",
             "tan",
             "atan",
-            "atan2",
-            "degrees",
-            "radians",
-            "pow",
             "exp",
             "sqrt",
-            "fmod",
             "fabs",
-            "copysign",
+            *_OF_TWO,
         ]
     }
     names.update({name: getattr(math, name) for name in ("isfinite", "isinf", "isnan")})
+    names["degrees"] = lambda x, /: to_single(_as_float(x) * _DEGREES)
+    names["radians"] = lambda x, /: to_single(_as_float(x) * _RADIANS)
     names["ldexp"] = lambda m, p: to_single(math.ldexp(_as_float(m), p))
     names["frexp"] = lambda x: math.frexp(_as_float(x))
     names["modf"] = lambda x: tuple(map(to_single, math.modf(_as_float(x))))
     for name in ("ceil", "floor", "trunc"):
         names[name] = _to_whole(getattr(math, name))
-    return module("math", {**names, "log": log, "e": to_single(math.e), "pi": to_single(math.pi)})
+    return module("math", {**names, "log": log, "e": to_single(math.e), "pi": _PI})
 
 
 def _to_whole(function: Callable[[float], int]) -> Callable[[Any], int]:
