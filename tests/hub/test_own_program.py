@@ -195,3 +195,9 @@ def test_the_command_runs_it(world: World, folder: Path, monkeypatch: pytest.Mon
     assert main(("hub", "run", str(folder / "main.py"), "--hub", "ble")) == 0
     assert capfdbinary.readouterr().out == b"42 1 2\n"
     assert not world.hub.is_connected
+
+
+def test_a_program_that_cannot_be_compiled_needs_no_hub(folder: Path, capsys) -> None:
+    (folder / "main.py").write_text("x =\n")
+    assert main(("hub", "run", str(folder / "main.py"), "--hub", "ble")) == 2
+    assert "main.py, line 1: SyntaxError" in capsys.readouterr().err

@@ -85,7 +85,6 @@ class Run:
         read = None if stdin is None else stdin.buffer
         transport = address.transport()
         try:
-            transport.open()
             return run_program(transport, program, stdout=out, stderr=err, stdin=read, time_limit_s=self.time_limit_s)
         finally:
             transport.close()

@@ -28,7 +28,7 @@ def run_program(
     stdin: BinaryIO | None = None,
     time_limit_s: float | None = None,
 ) -> int:
-    """Start a program over a transport that is open, and stay until it ends.
+    """Start a program over a transport, which connects where it has not yet, and stay until it ends.
 
     Args:
         transport: to the hub.
