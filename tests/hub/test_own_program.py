@@ -163,6 +163,16 @@ def test_it_reads_what_is_typed(world: World, folder: Path) -> None:
     assert code == 0 and out.endswith("\nsum 4950\n")
 
 
+def test_input_that_is_closed_is_no_input(world: World, folder: Path) -> None:
+    (folder / "main.py").write_text("print('runs')\n")
+    program = own_program(folder / "main.py")
+    world.hub.files[program.name] = program.source
+    closed, out = io.BytesIO(), io.BytesIO()
+    closed.close()
+    assert run_program(world.transport(), program, stdout=out, stderr=io.StringIO(), stdin=closed) == 0
+    assert out.getvalue() == b"runs\n"
+
+
 def test_it_is_stopped_in_time_and_its_motors_too(world: World, folder: Path) -> None:
     source = "from pybricks.parameters import Port\nfrom pybricks.pupdevices import Motor\nfrom pybricks.tools import wait\n"
     (folder / "main.py").write_text(source + "Motor(Port.A).run(500)\nprint('runs')\nwhile True:\n    wait(10)\n")
@@ -200,4 +210,4 @@ def test_the_command_runs_it(world: World, folder: Path, monkeypatch: pytest.Mon
 def test_a_program_that_cannot_be_compiled_needs_no_hub(folder: Path, capsys) -> None:
     (folder / "main.py").write_text("x =\n")
     assert main(("hub", "run", str(folder / "main.py"), "--hub", "ble")) == 2
-    assert "main.py, line 1: SyntaxError" in capsys.readouterr().err
+    assert "main.py, line 2: SyntaxError" in capsys.readouterr().err

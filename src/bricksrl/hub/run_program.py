@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import queue
 import re
 import threading
@@ -45,9 +46,9 @@ def run_program(
         ProgramError: the program is wrong, or too large for the hub.
         HubError: the hub cannot be reached, or the link was lost.
     """
-    typed = _Typed(stdin) if stdin is not None else None
     transcript = Transcript(stdout, stderr)
     transport.start(program)
+    typed = _Typed(stdin) if stdin is not None else None
     deadline_s = None if time_limit_s is None else transport.now_s() + time_limit_s
     try:
         while True:
@@ -75,8 +76,9 @@ class _Typed:
 
     def _read(self) -> None:
         read = getattr(self._stream, "read1", self._stream.read)
-        while data := read(WRITE_BYTES):
-            self._pieces.put(data)
+        with contextlib.suppress(OSError, ValueError):  # closed: nothing more is typed
+            while data := read(WRITE_BYTES):
+                self._pieces.put(data)
 
     def next(self) -> bytes:
         """The next bytes; ``b""`` while there are none."""
