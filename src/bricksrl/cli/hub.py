@@ -12,6 +12,7 @@ from typing import Annotated
 from tyro.conf import Positional, arg
 
 from bricksrl.cli.console import INTERRUPTED, print_interrupted, print_line
+from bricksrl.errors import DescriptionError
 
 
 @dataclass(frozen=True)
@@ -45,6 +46,7 @@ class Run:
     Examples:
       bricksrl hub run main.py --robot bench
       bricksrl hub run main.py --robot two-wheeler --time-limit-s 60
+      bricksrl hub run main.py --robot walker --video walk.mp4
       bricksrl hub run main.py --hub ble
     """
 
@@ -56,6 +58,8 @@ class Run:
     """Which hub: virtual, in simulated time, or ble, ble:NAME, ble:ADDRESS, usb, usb:PORT."""
     time_limit_s: Annotated[float | None, arg(metavar="SECONDS")] = None
     """Time after which the program is stopped; that is no error."""
+    video: Annotated[Path | None, arg(metavar="FILE")] = None
+    """Film the virtual robot into this mp4 file."""
 
     def execute(self) -> int:
         """Run it."""
@@ -80,7 +84,11 @@ class Run:
         out, err, stdin = sys.stdout.buffer, sys.stderr, sys.stdin
         if address.is_virtual:
             read = None if stdin is None or stdin.isatty() else stdin.buffer
-            return run_file(self.file, self.robot, stdout=out, stderr=err, stdin=read, time_limit_s=self.time_limit_s)
+            return run_file(
+                self.file, self.robot, stdout=out, stderr=err, stdin=read, time_limit_s=self.time_limit_s, video=self.video
+            )
+        if self.video is not None:
+            raise DescriptionError("only a virtual robot can be filmed; leave out --video or --hub")
         program = own_program(self.file)
         read = None if stdin is None else stdin.buffer
         transport = address.transport()

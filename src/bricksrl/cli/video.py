@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from bricksrl.errors import TwinError
 
@@ -15,7 +15,6 @@ if TYPE_CHECKING:
     from bricksrl.twin.rendering import Image, Renderer
 
 _FRAME_MS = 80
-_SIZE = (480, 360)
 _SEED = 1000
 
 
@@ -28,6 +27,7 @@ def record(run_dir: Path) -> Path:
     """
     from bricksrl.training import RunFolder, load_agent
     from bricksrl.training.runner import make_env
+    from bricksrl.twin.film import SIZE
     from bricksrl.twin.rendering import Renderer, write_video
 
     config = RunFolder(run_dir).read_config()
@@ -38,44 +38,25 @@ def record(run_dir: Path) -> Path:
         twin = getattr(env, "twin", None)
         if twin is None:
             raise TwinError(f"{config.env} has no virtual robot to film")
-        with Renderer(twin.body, *_SIZE) as renderer:
+        with Renderer(twin.body, *SIZE) as renderer:
             return write_video(run_dir / "video.mp4", _film(env, agent, renderer), 1000 / _FRAME_MS)
     finally:
         env.close(raise_if_closed=False)
 
 
-class _Camera:
-    """Stands in for a body and takes a picture whenever one is due in simulated time."""
-
-    def __init__(self, body: Any, renderer: Renderer, time_ms: int) -> None:
-        self._body = body
-        self._renderer = renderer
-        self._due_ms = time_ms
-        self.images: list[Image] = []
-
-    def advance_to(self, time_ms: int) -> None:
-        """Let the body move on; then look."""
-        self._body.advance_to(time_ms)
-        if time_ms >= self._due_ms:
-            self._due_ms += _FRAME_MS
-            self.images.append(self._renderer.render())
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._body, name)
-
-
 def _film(env: EnvBase, agent: Agent, renderer: Renderer) -> Iterator[Image]:
     from bricksrl.agents.agent import look
+    from bricksrl.twin.film import Filmed
 
     state = env.reset()
     machine = env.twin.machine
-    camera = _Camera(machine.body, renderer, machine.time_ms)
-    machine.body = camera
+    images: list[Image] = []
+    machine.body = Filmed(machine.body, renderer, _FRAME_MS, machine.time_ms, images.append)
     done = False
     agent.start_acting()
     while not done:
         state["action"] = agent.act(look(agent, state), explore=False)
         outcome = env.step(state)["next"]
-        yield from camera.images
-        camera.images.clear()
+        yield from images
+        images.clear()
         done, state = bool(outcome["done"]), outcome

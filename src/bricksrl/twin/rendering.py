@@ -121,8 +121,68 @@ class Renderer:
         self.close()
 
 
+class VideoWriter:
+    """An mp4 file (H.264) that browsers play, written image by image.
+
+    Args:
+        path: of the file; its folder is made.
+        fps: images a second.
+    """
+
+    def __init__(self, path: str | Path, fps: float) -> None:
+        self.path = Path(path)
+        self._fps = fps
+        self._file: Any = None
+        self._size: tuple[int, ...] = ()
+
+    def add(self, frame: Image) -> None:
+        """The next image, uint8 [height, width, 3].
+
+        Raises:
+            TwinError: it is of another size than the first.
+        """
+        if self._file is None:
+            self._open(frame)
+        if frame.shape != self._size or frame.dtype != np.uint8:
+            raise TwinError(f"a frame is {frame.dtype} {frame.shape}, the first was uint8 {self._size}; give frames of one size")
+        self._file.send(np.ascontiguousarray(frame))
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether there is no image yet, and no file."""
+        return not self._size
+
+    def _open(self, frame: Image) -> None:
+        import imageio_ffmpeg
+
+        self.path.parent.mkdir(parents=True, exist_ok=True)
+        self._size = frame.shape
+        self._file = imageio_ffmpeg.write_frames(
+            str(self.path),
+            (self._size[1], self._size[0]),
+            fps=self._fps,
+            codec="libx264",
+            quality=7,
+            macro_block_size=2,
+            ffmpeg_log_level="error",
+        )
+        self._file.send(None)
+
+    def close(self) -> None:
+        """Finish the file; closing twice does nothing."""
+        file, self._file = self._file, None
+        if file is not None:
+            file.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self.close()
+
+
 def write_video(path: str | Path, frames: Iterable[Image], fps: float) -> Path:
-    """Write images as an mp4 (H.264) that browsers play.
+    """Write images as an mp4; see :class:`VideoWriter`.
 
     Args:
         path: of the file; its folder is made.
@@ -135,35 +195,12 @@ def write_video(path: str | Path, frames: Iterable[Image], fps: float) -> Path:
     Raises:
         TwinError: there are no frames, or they differ in size.
     """
-    import imageio_ffmpeg
-
-    path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    writer: Any = None
-    size: tuple[int, ...] = ()
-    try:
+    with VideoWriter(path, fps) as video:
         for frame in frames:
-            if writer is None:
-                size = frame.shape
-                writer = imageio_ffmpeg.write_frames(
-                    str(path),
-                    (size[1], size[0]),
-                    fps=fps,
-                    codec="libx264",
-                    quality=7,
-                    macro_block_size=2,
-                    ffmpeg_log_level="error",
-                )
-                writer.send(None)
-            if frame.shape != size or frame.dtype != np.uint8:
-                raise TwinError(f"a frame is {frame.dtype} {frame.shape}, the first was uint8 {size}; give frames of one size")
-            writer.send(np.ascontiguousarray(frame))
-    finally:
-        if writer is not None:
-            writer.close()
-    if writer is None:
+            video.add(frame)
+    if video.is_empty:
         raise TwinError(f"there are no frames to write to {path}; render at least one")
-    return path
+    return video.path
 
 
 def _free_context(gl: Any, context: Any) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import AbstractContextManager, nullcontext
 from functools import cached_property
 from pathlib import Path
 from typing import BinaryIO, TextIO
@@ -57,6 +58,7 @@ def run_file(
     stderr: TextIO,
     stdin: BinaryIO | None = None,
     time_limit_s: float | None = None,
+    video: Path | None = None,
 ) -> int:
     """Run a hub program to its end, in simulated time.
 
@@ -67,6 +69,7 @@ def run_file(
         stderr: gets the traceback when it raises, as a hub prints it, or that it was stopped.
         stdin: what the program can read; read to its end at once. ``None`` for nothing.
         time_limit_s: simulated seconds after which the program is stopped, as with the button of a hub.
+        video: file to film the robot into, an mp4.
 
     Returns:
         Exit code: 1 when the program raises, 0 else; ``SystemExit`` and the time limit count as an end.
@@ -74,7 +77,8 @@ def run_file(
     Raises:
         UnknownNameError: there is no such robot.
         ProgramError: the file cannot be read, or the time limit is no time.
-        TwinError: the robot has no twin.
+        TwinError: the robot has no twin, or cannot be filmed.
+        RenderingUnavailableError: it is to be filmed, and no OpenGL library works here.
     """
     from bricksrl.twin.bodies import make_body
 
@@ -87,6 +91,11 @@ def run_file(
         machine.alarm_ms = round(time_limit_s * 1000)
         machine.on_alarm = _stop
     console = StreamConsole(machine, stdin, stdout)
+    with _film(machine, video):
+        return _run(source, path, machine, console, stdout, stderr)
+
+
+def _run(source: str, path: Path, machine: Machine, console: StreamConsole, stdout: BinaryIO, stderr: TextIO) -> int:
     try:
         importable = modules(machine, console)
         importable.find_module = lambda name: module_beside(path, name)
@@ -103,6 +112,14 @@ def run_file(
         machine.stop_motors()
         stdout.flush()
     return 0
+
+
+def _film(machine: Machine, video: Path | None) -> AbstractContextManager[None]:
+    if video is None:
+        return nullcontext()
+    from bricksrl.twin.film import filmed
+
+    return filmed(machine, video)
 
 
 def _stop() -> None:
