@@ -37,6 +37,26 @@ print("turned", motor.angle())
 """
 
 
+def test_run_in_the_surroundings_of_an_environment(bricksrl, tmp_path):
+    look = "from pybricks.parameters import Port\nfrom pybricks.pupdevices import UltrasonicSensor\n"
+    path = tmp_path / "look.py"
+    path.write_text(look + "print(UltrasonicSensor(Port.C).distance())")
+    distances = [int(bricksrl("hub", "run", str(path), "--robot", robot).stdout) for robot in ("RunAway-v0", "two-wheeler")]
+    assert 40 <= distances[0] <= 500 and distances[1] == 2000
+
+
+def test_run_on_a_robot_that_nobody_knows_is_one_line(fails, tmp_path):
+    (tmp_path / "look.py").write_text("print(1)")
+    fails(
+        "hub",
+        "run",
+        str(tmp_path / "look.py"),
+        "--robot",
+        "Nonsense",
+        says="no robot and no environment 'Nonsense'; choose two-wheeler",
+    )
+
+
 def test_run_prints_what_the_program_prints(bricksrl, tmp_path):
     path = tmp_path / "main.py"
     path.write_text(HELLO)

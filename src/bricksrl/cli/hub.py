@@ -7,12 +7,16 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import Positional, arg
 
 from bricksrl.cli.console import INTERRUPTED, print_interrupted, print_line
-from bricksrl.errors import DescriptionError
+from bricksrl.errors import DescriptionError, UnknownNameError
+
+if TYPE_CHECKING:
+    from bricksrl.robots import Robot
+    from bricksrl.twin.scene import Scene
 
 
 @dataclass(frozen=True)
@@ -53,7 +57,8 @@ class Run:
     file: Annotated[Positional[Path], arg(metavar="FILE")]
     """Pybricks program."""
     robot: Annotated[str, arg(metavar="ROBOT")] = "two-wheeler"
-    """Robot that a virtual hub sits in: two-wheeler, walker, robo-arm, or bench, a motor without load on every port."""
+    """Robot that a virtual hub sits in: two-wheeler, walker, robo-arm, or bench, a motor without load on every port. Or an
+    environment, such as RunAway-v0: its robot, in its surroundings."""
     hub: Annotated[str, arg(metavar="HUB")] = "virtual"
     """Which hub: virtual, in simulated time, or ble, ble:NAME, ble:ADDRESS, usb, usb:PORT."""
     time_limit_s: Annotated[float | None, arg(metavar="SECONDS")] = None
@@ -84,8 +89,16 @@ class Run:
         out, err, stdin = sys.stdout.buffer, sys.stderr, sys.stdin
         if address.is_virtual:
             read = None if stdin is None or stdin.isatty() else stdin.buffer
+            robot, scene = self._robot()
             return run_file(
-                self.file, self.robot, stdout=out, stderr=err, stdin=read, time_limit_s=self.time_limit_s, video=self.video
+                self.file,
+                robot,
+                scene=scene,
+                stdout=out,
+                stderr=err,
+                stdin=read,
+                time_limit_s=self.time_limit_s,
+                video=self.video,
             )
         if self.video is not None:
             raise DescriptionError("only a virtual robot can be filmed; leave out --video or --hub")
@@ -96,6 +109,21 @@ class Run:
             return run_program(transport, program, stdout=out, stderr=err, stdin=read, time_limit_s=self.time_limit_s)
         finally:
             transport.close()
+
+    def _robot(self) -> tuple[Robot, Scene | None]:
+        from bricksrl import robots
+
+        if self.robot in robots.ROBOTS:
+            return robots.get(self.robot), None
+        from bricksrl.envs import get_task
+
+        try:
+            task = get_task(self.robot)
+        except UnknownNameError:
+            raise UnknownNameError(
+                f"there is no robot and no environment '{self.robot}'; choose {', '.join(robots.ROBOTS)}, or see `bricksrl list`"
+            ) from None
+        return task.robot, task.scene
 
 
 class _Interrupted(BaseException):

@@ -9,11 +9,13 @@ from typing import BinaryIO, TextIO
 
 from bricksrl import robots
 from bricksrl.hub.own_program import check_time_limit, module_beside, read_program
+from bricksrl.robots import Robot
 from bricksrl.twin.language import execute, format_traceback
 from bricksrl.twin.machine import Machine
 from bricksrl.twin.micropython.errors import class_name
 from bricksrl.twin.micropython.system import is_of_program
 from bricksrl.twin.pybricks import modules
+from bricksrl.twin.scene import Scene
 
 
 class _TimeIsUp(BaseException):
@@ -52,8 +54,9 @@ class StreamConsole:
 
 def run_file(
     path: str | Path,
-    robot_name: str,
+    robot: str | Robot,
     *,
+    scene: Scene | None = None,
     stdout: BinaryIO,
     stderr: TextIO,
     stdin: BinaryIO | None = None,
@@ -64,7 +67,8 @@ def run_file(
 
     Args:
         path: the program; it can import others from its folder.
-        robot_name: the robot that it runs on, or ``"bench"``.
+        robot: the robot that it runs on, or its name; ``"bench"`` for a bare hub.
+        scene: what stands around it; ``None`` for an open floor.
         stdout: gets what the program prints.
         stderr: gets the traceback when it raises, as a hub prints it, or that it was stopped.
         stdin: what the program can read; read to its end at once. ``None`` for nothing.
@@ -82,11 +86,11 @@ def run_file(
     """
     from bricksrl.twin.bodies import make_body
 
-    robot = robots.get(robot_name)
+    robot = robots.get(robot) if isinstance(robot, str) else robot
     path = Path(path)
     source = read_program(path)
-    machine = Machine(robot, make_body(robot))
     check_time_limit(time_limit_s)
+    machine = Machine(robot, make_body(robot, scene=scene))
     if time_limit_s is not None:
         machine.alarm_ms = round(time_limit_s * 1000)
         machine.on_alarm = _stop
