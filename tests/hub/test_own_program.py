@@ -20,7 +20,7 @@ from bricksrl.hub.compile import compile_program, program_blob
 from bricksrl.hub.failures import HubDisconnectedError
 from bricksrl.hub.own_program import own_program
 from bricksrl.hub.run_program import Transcript, run_program
-from bricksrl.robots import HubKind
+from bricksrl.robots import HubKind, Motor, Robot
 
 FILES = {
     "main.py": "import parts.arm\nfrom leg import kick, step\nimport pybricks.tools\nprint(parts.reach(), kick, step)\n",
@@ -141,6 +141,15 @@ def test_it_runs_on_a_hub_over_bluetooth(world: World, folder: Path) -> None:
         "ZeroDivisionError: divide by zero",
     ]
     assert not world.hub.is_running
+
+
+def test_it_runs_on_a_hub_that_our_own_programs_do_not_fit(tmp_path: Path) -> None:
+    world = World(tmp_path, Robot("small", HubKind.MOVE, motors=(Motor("one", "A"),)))
+    try:
+        (tmp_path / "main.py").write_text("print(7 // 2)\n")
+        assert run(world, tmp_path / "main.py") == (0, "3\n", "")
+    finally:
+        world.close()
 
 
 def test_it_is_never_taken_for_one_that_is_there(world: World, folder: Path) -> None:

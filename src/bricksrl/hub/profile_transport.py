@@ -195,7 +195,7 @@ class ProfileTransport(ABC):
     async def _start(self, program: HubProgram, modules: dict[str, bytes]) -> None:
         connection = await self._connected()
         kind, place = connection.identity.kind, connection.place
-        if kind is HubKind.MOVE:
+        if kind is HubKind.MOVE and program.says_hello:
             raise HubProtocolError("a Move Hub cannot run our programs; use another hub")
         blob = program_blob(modules, kind)
         if connection.is_running:
