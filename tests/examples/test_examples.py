@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import runpy
 import sys
 from pathlib import Path
@@ -9,8 +10,9 @@ from pathlib import Path
 import pytest
 
 from bricksrl.envs.check import Outcome, check_env
-from bricksrl.envs.registry import _OWN
+from bricksrl.envs.registry import _OWN, get_task
 from bricksrl.training import TrainConfig, train
+from bricksrl.twin.run import run_file
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 OWN_LINES = 40  # what issue and README promise for a task or a robot of one's own
@@ -31,7 +33,7 @@ def main(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
 
 def test_each_is_one_screen() -> None:
     paths = sorted(EXAMPLES.glob("*.py"))
-    assert [path.name[:3] for path in paths] == [f"0{number}_" for number in range(1, len(paths) + 1)]
+    assert [path.name[:3] for path in paths] == [f"{number:02}_" for number in range(1, len(paths) + 1)]
     assert all(len(path.read_text(encoding="utf-8").splitlines()) <= 50 for path in paths)
 
 
@@ -90,3 +92,10 @@ def test_camera(main, capsys, monkeypatch) -> None:
     assert "on the robot: torch.uint8 [64, 64, 3]" in said
     assert "stacked: [6, 6, 64, 64]" in said
     assert "encoded: no, r3m needs torchvision" in said
+
+
+def test_hub_program() -> None:
+    out, task = io.BytesIO(), get_task("RunAway-v0")
+    code = run_file(EXAMPLES / "10_hub_program.py", task.robot, scene=task.scene, stdout=out, stderr=sys.stderr)
+    before, after = (int(line.split("is ")[1].split(" ")[0]) for line in out.getvalue().decode().splitlines())
+    assert code == 0 and before < 500 <= 800 <= after
