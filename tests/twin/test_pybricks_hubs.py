@@ -187,13 +187,13 @@ def test_what_is_plugged_in_says_what_it_is() -> None:
 from pybricks.iodevices import PUPDevice
 from pybricks.parameters import Port
 device = PUPDevice(Port.A)
-print(device.info())
+print(device.info(), device.reset())
 try:
     device.read(0)
 except OSError as e:
     print(e.errno)
 """
-    assert hub(source) == "{'id': 48}\n95"
+    assert hub(source) == "{'id': 48} None\n95"
 
 
 def test_devices_that_nobody_has() -> None:

@@ -34,6 +34,10 @@ class PUPDevice:
     def info(self) -> dict[str, Any]:
         return HubDict(id=self._id)
 
+    @charged
+    def reset(self) -> None:
+        """As if it had just been plugged in."""
+
     def read(self, mode: Any) -> Any:
         raise os_error(errno.EOPNOTSUPP)
 
