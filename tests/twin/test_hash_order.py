@@ -29,6 +29,12 @@ def test_refusals(call: str, printed: str) -> None:
     assert output(f"try:\n    {call}\nexcept Exception as e:\n    print(repr(e))") == printed
 
 
+def test_an_object_of_a_child_class_is_no_dict_to_copy_from() -> None:
+    """A hub goes through it as through anything else, and finds keys where it looks for pairs."""
+    source = "class D(dict): pass\nd = D()\nd['key'] = 1\ntry:\n    dict(d)\nexcept ValueError as e:\n    print(e)"
+    assert output(source) == "dict update sequence has wrong length"
+
+
 def test_the_order_is_the_same_in_every_process() -> None:
     program = "from bricksrl.twin.micropython.containers import HubSet; print(list(HubSet(['one', 'two', 'three', 'four'])))"
     outputs = {

@@ -97,7 +97,7 @@ class HubDict(dict[Any, Any]):
         return self[key]
 
     def update(self, other: Any = (), /, **named: Any) -> None:
-        pairs = other.items() if isinstance(other, HubDict) else map(_pair, other)
+        pairs = other.items() if type(other) is HubDict else map(_pair, other)
         for key, value in (*pairs, *named.items()):
             self[key] = value
 
