@@ -106,6 +106,49 @@ def test_json_round_trip() -> None:
         output("import ujson\nujson.loads('{')")
 
 
+@pytest.mark.parametrize(
+    ("text", "printed"),
+    [
+        ("[1,]", "[1]"),
+        ("{1: 2}", "{1: 2}"),
+        ("[1 2]", "[1, 2]"),
+        ('{"a" 1}', "{'a': 1}"),
+        ('{"a"}', "{}"),
+        ('[{"a"}, {"b": 1}]', "[{}, {'a': 'b'}]"),
+        ("[1}", "[1]"),
+        ('"\\u00e4\\n\\x"', "'\\xe4\\nx'"),
+        ("{", "ValueError('syntax error in JSON',)"),
+        ("nul", "ValueError('syntax error in JSON',)"),
+        ('"abc', "ValueError('syntax error in JSON',)"),
+        ("1 2", "ValueError('syntax error in JSON',)"),
+        ("]", "ValueError('syntax error in JSON',)"),
+        ("{[1]: 2}", "ValueError('syntax error in JSON',)"),
+        ("-", "ValueError(\"invalid syntax for integer with base 10: ''\",)"),
+        ("1.2.3", "ValueError('invalid syntax for number',)"),
+        ("-1073741824", "OverflowError('long int not supported in this build',)"),
+        ('{"zeta": 1, "alpha": [null, {}]}', "{'alpha': [None, {}], 'zeta': 1}"),
+    ],
+)
+def test_json_is_read_as_leniently_as_on_a_hub(text: str, printed: str) -> None:
+    """Printed by MicroPython 1.26.1."""
+    source = f"from ujson import loads\ntry:\n    print(repr(loads({text!r})))\nexcept Exception as e:\n    print(repr(e))"
+    assert output(source) == printed
+
+
+@pytest.mark.parametrize(
+    ("call", "printed"),
+    [
+        ("int('-1073741824')", "OverflowError('long int not supported in this build',)"),
+        ("int('-1073741823')", "-1073741823"),
+        ("int(' -3x')", "ValueError(\"invalid syntax for integer with base 10: '3x'\",)"),
+        ("int('0b2', 0)", "ValueError(\"invalid syntax for integer with base 2: '2'\",)"),
+        ("int('', 16)", "ValueError(\"invalid syntax for integer with base 16: ''\",)"),
+    ],
+)
+def test_integers_are_read_digit_by_digit(call: str, printed: str) -> None:
+    assert output(f"try:\n    print({call})\nexcept Exception as e:\n    print(repr(e))") == printed
+
+
 def test_poll_waits_for_input_in_simulated_time() -> None:
     source = """
 from usys import stdin, stdout

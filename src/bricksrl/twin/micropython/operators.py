@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 import operator
+import re
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -19,6 +20,7 @@ from bricksrl.twin.micropython.text import representation, text
 SMALL_MAX = 2**30 - 1
 SMALL_MIN = -(2**30)
 _EXACT = 2**24
+_BASES = {"0b": 2, "0o": 8, "0x": 16}
 _LARGEST = 3.4028234663852886e38
 
 
@@ -92,10 +94,14 @@ def to_int(kind: type, *args: Any, **kwargs: Any) -> Any:
         base = args[1] if len(args) > 1 else 10
         if base != 0 and not 2 <= base <= 36:
             raise ValueError("int() arg 2 must be >= 2 and <= 36") from None
-        raise ValueError(f"invalid syntax for integer with base {base}: {representation(args[0])}") from None
+        unread = re.sub(r"^\s*[-+]?", "", args[0])
+        if base == 0:
+            base = _BASES.get(unread[:2].lower(), 10)
+            unread = unread if base == 10 else unread[2:]
+        raise ValueError(f"invalid syntax for integer with base {base}: {representation(unread)}") from None
     except TypeError:
         raise TypeError(f"can't convert {type(args[0]).__name__} to int") from None
-    if not SMALL_MIN <= value <= SMALL_MAX:
+    if abs(value) > SMALL_MAX:  # the digits are read before the sign counts
         raise OverflowError("long int not supported in this build")
     return value
 

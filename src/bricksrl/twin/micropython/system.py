@@ -15,9 +15,8 @@ from bricksrl.twin.console import Console
 from bricksrl.twin.micropython.builtins import cooked
 from bricksrl.twin.micropython.containers import HubDict
 from bricksrl.twin.micropython.errors import ERROR_NAMES, HubOSError, class_name
-from bricksrl.twin.micropython.floats import read_float
+from bricksrl.twin.micropython.json_text import read_json
 from bricksrl.twin.micropython.numbers import module
-from bricksrl.twin.micropython.operators import SMALL_MAX, SMALL_MIN
 from bricksrl.twin.micropython.text import text
 
 _POLLIN, _POLLOUT, _POLLERR, _POLLHUP = 1, 4, 8, 16
@@ -301,16 +300,7 @@ def json_module() -> ModuleType:
     def loads(source: str | bytes, /) -> Any:
         if not isinstance(source, str | bytes | bytearray):
             raise TypeError("object with buffer protocol required")
-        try:
-            return json.loads(source, parse_float=read_float, parse_int=whole, object_pairs_hook=HubDict)
-        except json.JSONDecodeError:
-            raise ValueError("syntax error in JSON") from None
-
-    def whole(digits: str) -> int:
-        value = int(digits)
-        if not SMALL_MIN <= value <= SMALL_MAX:
-            raise OverflowError("long int not supported in this build")
-        return value
+        return read_json(source if isinstance(source, str) else bytes(source).decode())
 
     def dump(value: Any, stream: Any, /, *, separators: tuple[str, str] | None = None) -> None:
         stream.write(dumps(value, separators=separators))
