@@ -24,7 +24,7 @@ CHANGES: dict[str, Any] = {
     "angles": "raw",
     "goals": "plain",
     "hindsight": 0.0,
-    "new_goals": 0.0,
+    "new_goals": 0.2,
     "replay_size": 10,
     "initial_alpha": 0.9,
     "min_scale": 2.0,

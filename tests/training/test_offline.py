@@ -8,10 +8,12 @@ from typing import Any
 
 import pytest
 import torch
+from tensordict import TensorDictBase
 from test_train import Recorder as Listener
 from test_train import assert_same_run, ctrl_c, names, rows
 from toys import Cart
 
+import bricksrl
 from bricksrl.agents import make_agent, preset
 from bricksrl.agents.off_policy import OffPolicyAgent
 from bricksrl.agents.offline_act import ACTAgent
@@ -216,3 +218,20 @@ def test_the_process_that_learns_beside_the_robot_knows_the_data_too(
     state = load_checkpoint(tmp_path / "run" / "checkpoint.bin")["agent"]
     assert len(starts) == 3
     assert 0 < state["updates"] <= 2 * result.episodes[-1].steps  # it does not wait for the last ones
+
+
+def test_iql_reaches_the_goals_that_its_example_reaches(tmp_path: Path) -> None:
+    """With the default settings: an action that was done for one goal is not imitated for another."""
+
+    def reach(state: TensorDictBase) -> torch.Tensor:
+        lacks = state["observation"][4:] - state["observation"][:4]
+        lacks[0] = (lacks[0] + 180.0) % 360.0 - 180.0
+        return (lacks / torch.tensor([100.0, 30.0, 60.0, 25.0])).clamp(-1.0, 1.0)
+
+    env = bricksrl.make("RoboArmSim-v0", seed=0)
+    with Recorder(tmp_path / "data", describe(env)) as recorder:
+        collect(env, reach, recorder, 40, name="reach")
+    settings = replace(preset("default", "iql"), hidden=(64, 64))
+    config = TrainConfig("RoboArmSim-v0", "iql", 1, settings=settings, data=str(tmp_path / "data"), updates=800)
+    train(replace(config, run_dir=tmp_path / "run", record=False))
+    assert evaluate(tmp_path / "run", episodes=10).success_rate >= 0.9

@@ -162,6 +162,8 @@ class IQLSettings(TargetSettings, OffPolicySettings):
     """Where between the worst (0) and the best (1) action of the data the value of a state lies; 0.5 is the mean."""
     temperature: float = 3.0
     """How much an action's advantage counts when it is imitated; 0 imitates all alike."""
+    new_goals: float = 0.0
+    """As for other agents; none, because what was done for one goal is no example for another one that is drawn at random."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
