@@ -16,9 +16,9 @@ from collections.abc import Coroutine
 from typing import Any
 
 from bricksrl.hub import pybricks_profile as profile
-from bricksrl.hub.compile import MAIN_FILE, MAIN_MODULE, compile_mpy
+from bricksrl.hub.compile import MAIN_MODULE, compile_mpy
 from bricksrl.hub.pybricks_profile import Command, CommandError, Event, Status
-from bricksrl.hub.transport import HubModule
+from bricksrl.hub.transport import MAIN_FILE, HubModule
 from bricksrl.robots import HubKind, Robot
 from bricksrl.twin import language
 from bricksrl.twin.bench import BenchBody

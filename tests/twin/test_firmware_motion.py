@@ -51,8 +51,8 @@ def test_limits_are_the_firmwares() -> None:
     _, base = drive_base()
     expected = FIRMWARE["drivebase_settings"]
     for settings, speed, acceleration in (
-        (base.distance_settings, "straight_speed", "straight_acceleration"),
-        (base.heading_settings, "turn_rate", "turn_acceleration"),
+        (base.distance.settings, "straight_speed", "straight_acceleration"),
+        (base.heading.settings, "turn_rate", "turn_acceleration"),
     ):
         assert settings.to_unit(settings.default_speed) == expected[speed]
         assert settings.to_unit(settings.acceleration) == expected[acceleration]

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from bricksrl.errors import HubError, HubProgramError
-from bricksrl.hub.transport import HubProgram
+from bricksrl.hub.transport import HubModule, HubProgram
 from bricksrl.robots import BENCH, TWO_WHEELER
 from bricksrl.twin.physics import Physics
 from bricksrl.twin.scene import Scene
@@ -229,3 +229,14 @@ def test_app_data_is_refused_as_on_a_hub() -> None:
         "host rx_buffer already allocated",
         "b'\\x00\\x00\\x00' 0",
     ]
+
+
+def test_a_program_brings_its_modules_and_the_name_of_its_file() -> None:
+    virtual = VirtualHub(TWO_WHEELER)
+    arm = HubModule("arm", "arm.py", "def reach():\n    return 42\n")
+    source = "import arm\nfrom pybricks.tools import wait\nprint(arm.reach())\nwait(100)\n1 / 0\n"
+    virtual.start(HubProgram(source, 0, name="wave.py", beside=(arm,)))
+    assert virtual.read(1.0) == b"42\r\n"
+    with pytest.raises(HubProgramError, match=r"ZeroDivisionError.*at line 5 \(1 / 0\)"):
+        virtual.read(1.0)
+    virtual.close()

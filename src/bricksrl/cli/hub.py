@@ -80,11 +80,10 @@ class Run:
 
     def _run(self) -> int:
         from bricksrl.hub.address import parse_hub
-        from bricksrl.hub.own_program import check_time_limit, own_program
+        from bricksrl.hub.own_program import own_program
         from bricksrl.hub.run_program import run_program
         from bricksrl.twin.run import run_file
 
-        check_time_limit(self.time_limit_s)
         address = parse_hub(self.hub)
         out, err, stdin = sys.stdout.buffer, sys.stderr, sys.stdin
         if address.is_virtual:

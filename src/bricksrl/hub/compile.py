@@ -9,14 +9,12 @@ from collections.abc import Mapping
 from mpy_cross_v6 import mpy_cross_compile
 
 from bricksrl.errors import ProgramError
-from bricksrl.hub.transport import HubProgram
+from bricksrl.hub.transport import MAIN_FILE, HubProgram
 from bricksrl.robots import HubKind
 
 _SMALL_INT_BITS = "-msmall-int-bits=31"
 
 
-MAIN_FILE = "main.py"
-"""Name of a program in its tracebacks."""
 MAIN_MODULE = "__main__"
 
 

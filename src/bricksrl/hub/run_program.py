@@ -9,6 +9,7 @@ import threading
 from typing import BinaryIO, TextIO
 
 from bricksrl.hub.failures import HubBusyError, ProgramStoppedError
+from bricksrl.hub.own_program import check_time_limit
 from bricksrl.hub.protocol import WRITE_BYTES
 from bricksrl.hub.transport import HubProgram, Transport
 
@@ -43,9 +44,10 @@ def run_program(
         Exit code: 1 when the program raised, 0 else.
 
     Raises:
-        ProgramError: the program is wrong, or too large for the hub.
+        ProgramError: the program is wrong, or too large for the hub, or the time limit is no time.
         HubError: the hub cannot be reached, or the link was lost.
     """
+    check_time_limit(time_limit_s)
     transcript = Transcript(stdout, stderr)
     transport.start(program)
     typed = _Typed(stdin) if stdin is not None else None

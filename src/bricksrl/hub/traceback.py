@@ -4,20 +4,19 @@ from __future__ import annotations
 
 import re
 
-from bricksrl.hub.compile import MAIN_FILE
+from bricksrl.hub.transport import MAIN_FILE
 
-_LINE_NUMBER = re.compile(rf'File "{re.escape(MAIN_FILE)}", line (\d+)')
 _HINTS = {
     "ENODEV": "plug the device into the port that the robot's description names",
     "MemoryError": "use fewer commands and channels, or a larger hub",
 }
 
 
-def describe_traceback(text: str, source: str) -> str:
-    """One line from the hub's text: the last exception, the line of ``source`` that raised it, and a remedy."""
+def describe_traceback(text: str, source: str, name: str = MAIN_FILE) -> str:
+    """One line from the hub's text: the last exception, the line of ``source`` of file ``name`` that raised it, a remedy."""
     text = text[text.rfind("Traceback (") :]
     error = next((line.strip() for line in reversed(text.splitlines()) if _is_error(line)), "an unknown error")
-    numbers = _LINE_NUMBER.findall(text)
+    numbers = re.findall(rf'File "{re.escape(name)}", line (\d+)', text)
     lines = source.splitlines()
     where = ""
     if numbers and 1 <= int(numbers[-1]) <= len(lines):

@@ -6,6 +6,9 @@ import enum
 from dataclasses import dataclass
 from typing import Protocol
 
+MAIN_FILE = "main.py"
+"""Name of a program in its tracebacks, where it has no file."""
+
 
 class Pipe(enum.Enum):
     """How bytes get to a program and back."""
@@ -40,7 +43,7 @@ class HubProgram:
     source: str
     hash: int
     pipe: Pipe = Pipe.STDIN
-    name: str = "main.py"
+    name: str = MAIN_FILE
     beside: tuple[HubModule, ...] = ()
     says_hello: bool = True
 

@@ -16,7 +16,6 @@ import numpy as np
 from greenlet import getcurrent, greenlet
 
 from bricksrl.errors import HubError, HubProgramError
-from bricksrl.hub.compile import MAIN_FILE
 from bricksrl.hub.protocol import app_data_slot
 from bricksrl.hub.traceback import describe_traceback
 from bricksrl.hub.transport import HubProgram, Pipe
@@ -126,7 +125,7 @@ class VirtualHub:
         self._wire = _Wire(self, self.robot.hub.model.stdin_bytes)
         self._program = greenlet(self._run)
         self._thread = threading.get_ident()
-        self._run_until(self.machine.time_ms, program.source)
+        self._run_until(self.machine.time_ms, program)
 
     def write(self, data: bytes) -> None:
         """Send bytes; they arrive at the next connection event.
@@ -210,7 +209,7 @@ class VirtualHub:
         if alarm_ms is not None:
             self.machine.alarm_ms = min(alarm_ms, math.ceil(time_ms))
 
-    def _run_until(self, time_ms: int, source: str | None = None) -> None:
+    def _run_until(self, time_ms: int, to_start: HubProgram | None = None) -> None:
         """Let the program run until a simulated time, or until it has written something, or ended."""
         if self._is_to_stop:
             self.stop()
@@ -222,7 +221,7 @@ class VirtualHub:
         self._host = getcurrent()
         program.parent = self._host
         self.machine.alarm_ms = max(time_ms, self.machine.time_ms + 1)
-        program.switch(*(() if source is None else (source,)))
+        program.switch(*(() if to_start is None else (to_start,)))
         self.machine.alarm_ms = None
 
     def _run_on_until(self, time_ms: int) -> None:
@@ -235,16 +234,18 @@ class VirtualHub:
         if self._host is not None and getcurrent() is self._program:
             self._host.switch()
 
-    def _run(self, source: str) -> None:
+    def _run(self, program: HubProgram) -> None:
         """Body of the greenlet."""
+        importable = modules(self.machine, self._wire)
+        importable.find_module = {module.name: module for module in program.beside}.get
         try:
-            language.execute(source, MAIN_FILE, modules(self.machine, self._wire), self._wire)
+            language.execute(program.source, program.name, importable, self._wire)
         except (SystemExit, _Stopped):
             pass
         except BaseException as error:
             if not is_of_program(error):
                 raise
-            self._error = describe_traceback(language.format_traceback(error, MAIN_FILE), source)
+            self._error = describe_traceback(language.format_traceback(error, program.name), program.source, program.name)
         self.machine.stop_motors()
 
     def _check(self) -> None:

@@ -7,9 +7,8 @@ from math import trunc
 from typing import TYPE_CHECKING
 
 from bricksrl.twin.firmware.control import Controller, OnCompletion, State
-from bricksrl.twin.firmware.logger import Logger
 from bricksrl.twin.firmware.servo import Servo
-from bricksrl.twin.firmware.settings import ControlSettings, drive_base_settings
+from bricksrl.twin.firmware.settings import drive_base_settings
 from bricksrl.twin.firmware.trajectory import validate_acceleration, validate_speed
 
 if TYPE_CHECKING:
@@ -21,6 +20,10 @@ _INT32_MAX = 2**31 - 1
 
 class DriveBaseControl:
     """Distances in mm, headings in degrees (clockwise positive).
+
+    Attributes:
+        left, right: the motors.
+        distance, heading: what controls the mean of both, and what the left one is ahead of it.
 
     Raises:
         ValueError: the geometry is impossible, or both motors are the same, or their gears differ.
@@ -43,29 +46,13 @@ class DriveBaseControl:
         distance.steps_per_unit = steps * _TURN_MDEG_OVER_PI // wheel_diameter_um
         if not (heading.steps_per_unit and distance.steps_per_unit):
             raise ValueError("the wheel diameter is out of range")
-        self._distance, self._heading = Controller(distance), Controller(heading)
+        self.distance, self.heading = Controller(distance), Controller(heading)
         self._paused = False
         self._uses_gyro = False
         self._distance_zero = self._heading_zero = 0
         left.parent = right.parent = self
         self.reset(0, 0)
         machine.drive_bases.append(self)
-
-    @property
-    def distance_settings(self) -> ControlSettings:
-        return self._distance.settings
-
-    @property
-    def heading_settings(self) -> ControlSettings:
-        return self._heading.settings
-
-    @property
-    def distance_log(self) -> Logger:
-        return self._distance.log
-
-    @property
-    def heading_log(self) -> Logger:
-        return self._heading.log
 
     def release(self) -> None:
         """Let both motors go."""
@@ -84,9 +71,9 @@ class DriveBaseControl:
     def turn_to(self, angle_deg: int, then: OnCompletion) -> None:
         """Turn in place until the heading is this angle."""
         heading = self._state()[1].position
-        if self._heading.is_active:
-            heading = self._heading.reference(self._machine.time_ticks, self._state()[1]).position
-        self._move_relative(0, self.heading_settings.position_from_unit(angle_deg) - heading, then)
+        if self.heading.is_active:
+            heading = self.heading.reference(self._machine.time_ticks, self._state()[1]).position
+        self._move_relative(0, self.heading.settings.position_from_unit(angle_deg) - heading, then)
 
     def arc_distance(self, radius_mm: int, distance_mm: int, then: OnCompletion) -> None:
         """Drive a distance along an arc, to the right for a positive radius. Raises ValueError for radius 0."""
@@ -102,8 +89,8 @@ class DriveBaseControl:
     def drive(self, speed_mm_s: int, turn_rate_deg_s: int) -> None:
         """Drive on until another command."""
         distance, heading, time = *self._begin(), self._machine.time_ticks
-        self._distance.start_forever(time, distance, self.distance_settings.from_unit(speed_mm_s))
-        self._heading.start_forever(time, heading, self.heading_settings.from_unit(turn_rate_deg_s))
+        self.distance.start_forever(time, distance, self.distance.settings.from_unit(speed_mm_s))
+        self.heading.start_forever(time, heading, self.heading.settings.from_unit(turn_rate_deg_s))
 
     def stop(self, then: OnCompletion) -> None:
         if then is OnCompletion.HOLD:
@@ -117,7 +104,7 @@ class DriveBaseControl:
 
     def stop_from_servo(self) -> None:
         """A motor got a command of its own: stop controlling, let both coast."""
-        if self._distance.is_active and self._heading.is_active:
+        if self.distance.is_active and self.heading.is_active:
             self._stop_control()
             self.left.set_voltage(None)
             self.right.set_voltage(None)
@@ -126,8 +113,8 @@ class DriveBaseControl:
         """Count distance and heading from these values on; a running move stops."""
         self.stop(OnCompletion.COAST)
         distance, heading = self._state()
-        self._distance_zero += distance.position - self.distance_settings.position_from_unit(distance_mm)
-        self._heading_zero += heading.position - self.heading_settings.position_from_unit(angle_deg)
+        self._distance_zero += distance.position - self.distance.settings.position_from_unit(distance_mm)
+        self._heading_zero += heading.position - self.heading.settings.position_from_unit(angle_deg)
 
     def use_gyro(self, use: bool) -> None:
         """Take the heading from the hub's gyroscope instead of the wheels; a running move stops."""
@@ -138,7 +125,7 @@ class DriveBaseControl:
 
     def set_settings(self, speed: int, acceleration: tuple[int, int], turn_rate: int, turn_acceleration: tuple[int, int]) -> None:
         """Defaults for moves; accelerations as (up, down). Raises ValueError, and changes nothing, when refused."""
-        pairs = ((self.distance_settings, speed, acceleration), (self.heading_settings, turn_rate, turn_acceleration))
+        pairs = ((self.distance.settings, speed, acceleration), (self.heading.settings, turn_rate, turn_acceleration))
         for settings, rate, (up, down) in pairs:
             validate_speed(settings.steps_per_unit, rate)
             validate_acceleration(settings.steps_per_unit, up)
@@ -150,17 +137,17 @@ class DriveBaseControl:
     # ---- state
 
     def is_done(self) -> bool:
-        return self._distance.is_done and self._heading.is_done
+        return self.distance.is_done and self.heading.is_done
 
     def is_stalled(self) -> bool:
-        if self._distance.is_active and self._heading.is_active:
-            return self._distance.is_stalled or self._heading.is_stalled
+        if self.distance.is_active and self.heading.is_active:
+            return self.distance.is_stalled or self.heading.is_stalled
         return self.left.is_stalled() or self.right.is_stalled()
 
     def state(self) -> tuple[int, int, int, int]:
         """Distance (mm), speed (mm/s), heading (deg), turn rate (deg/s)."""
         distance, heading = self._state()
-        sd, sh = self.distance_settings, self.heading_settings
+        sd, sh = self.distance.settings, self.heading.settings
         return (
             sd.position_to_unit(distance.position),
             sd.to_unit(distance.speed),
@@ -169,24 +156,24 @@ class DriveBaseControl:
         )
 
     def angle_deg(self) -> float:
-        return self._state()[1].position / self.heading_settings.steps_per_unit
+        return self._state()[1].position / self.heading.settings.steps_per_unit
 
     # ---- the loop
 
     def update(self) -> None:
         """One control loop, before those of the servos."""
-        if not (self._distance.is_active and self._heading.is_active):
+        if not (self.distance.is_active and self.heading.is_active):
             return
         time = self._machine.time_ms * 10
         distance, heading = self._state()
-        action = self._distance.update(time, distance.position, distance.speed, distance.speed_estimate, self._paused)
+        action = self.distance.update(time, distance.position, distance.speed, distance.speed_estimate, self._paused)
         torque, speed, acceleration, end_of_distance, distance_at_limit = action
-        action = self._heading.update(time, heading.position, heading.speed, heading.speed_estimate, self._paused)
+        action = self.heading.update(time, heading.position, heading.speed, heading.speed_estimate, self._paused)
         turn_torque, turn_speed, turn_acceleration, end_of_heading, heading_at_limit = action
-        if self._distance.log.is_active:
-            self._distance.log_row(self._machine.time_ms, distance, torque, end_of_distance)
-        if self._heading.log.is_active:
-            self._heading.log_row(self._machine.time_ms, heading, turn_torque, end_of_heading)
+        if self.distance.log.is_active:
+            self.distance.log_row(self._machine.time_ms, distance, torque, end_of_distance)
+        if self.heading.log.is_active:
+            self.heading.log_row(self._machine.time_ms, heading, turn_torque, end_of_heading)
         # Both wait while one of them is at its limit, so that they arrive together.
         self._paused = distance_at_limit or heading_at_limit
         for end in (end_of_distance, end_of_heading):
@@ -207,7 +194,7 @@ class DriveBaseControl:
         turned = angle - right.position_estimate - self._heading_zero
         heading = State(position - right.position, speed - right.speed, estimate - right.speed_estimate, turned)
         if self._uses_gyro:
-            body, steps = self._machine.body, self.heading_settings.steps_per_unit
+            body, steps = self._machine.body, self.heading.settings.steps_per_unit
             heading.position = trunc(body.heading_deg() * steps)
             heading.speed = trunc(-body.angular_velocity_deg_s()[2] * steps)
         heading.position -= self._heading_zero
@@ -219,19 +206,19 @@ class DriveBaseControl:
         return self._state()
 
     def _drive_relative(self, distance_mm: int, angle_deg: int, then: OnCompletion) -> None:
-        way, turn = self.distance_settings.position_from_unit(distance_mm), self.heading_settings.position_from_unit(angle_deg)
+        way, turn = self.distance.settings.position_from_unit(distance_mm), self.heading.settings.position_from_unit(angle_deg)
         self._move_relative(way, turn, then)
 
     def _move_relative(self, way: int, turn: int, then: OnCompletion) -> None:
         distance, heading, time = *self._begin(), self._machine.time_ticks
-        self._distance.start_relative(time, distance, way, 0, then, allow_shift=False)
-        self._heading.start_relative(time, heading, turn, 0, then, allow_shift=False)
-        leader, follower = self._heading.trajectory, self._distance.trajectory
+        self.distance.start_relative(time, distance, way, 0, then, allow_shift=False)
+        self.heading.start_relative(time, heading, turn, 0, then, allow_shift=False)
+        leader, follower = self.heading.trajectory, self.distance.trajectory
         if follower.t3 > leader.t3:
             leader, follower = follower, leader
         follower.stretch(leader)
 
     def _stop_control(self) -> None:
-        self._distance.stop()
-        self._heading.stop()
+        self.distance.stop()
+        self.heading.stop()
         self._paused = False

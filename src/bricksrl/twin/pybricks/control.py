@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from bricksrl.twin.firmware.logger import Logger
-from bricksrl.twin.firmware.settings import ControlSettings
+from bricksrl.twin.firmware.control import Controller
 from bricksrl.twin.pybricks.context import Context, charged, get_int, refusals
 from bricksrl.twin.pybricks.log import Log
 
@@ -36,10 +35,10 @@ def magnitude(value: Any, default: int) -> int:
 class Control:
     """Settings of one controller. Without arguments, each method returns what is set."""
 
-    def __init__(self, settings: Callable[[], ControlSettings], logger: Callable[[], Logger], context: Context) -> None:
-        self._settings = settings
+    def __init__(self, controller: Callable[[], Controller], context: Context) -> None:
+        self._controller = controller
         self._machine = context.machine
-        self._log = Log(logger, context)
+        self._log = Log(lambda: controller().log, context)
 
     @property
     def log(self) -> Log:
@@ -47,7 +46,7 @@ class Control:
 
     @charged
     def limits(self, speed: Any = None, acceleration: Any = None, torque: Any = None) -> tuple[Any, ...] | None:
-        settings = self._settings()
+        settings = self._controller().settings
         now_speed, up, down, now_torque = settings.limits()
         if speed is None and acceleration is None and torque is None:
             return now_speed, acceleration_value(up, down), now_torque
@@ -61,7 +60,7 @@ class Control:
         self, kp: Any = None, ki: Any = None, kd: Any = None, integral_deadzone: Any = None, integral_rate: Any = None
     ) -> tuple[int, ...] | None:
         given = (kp, ki, kd, integral_deadzone, integral_rate)
-        settings = self._settings()
+        settings = self._controller().settings
         now = settings.pid()
         if all(value is None for value in given):
             return now
@@ -72,7 +71,7 @@ class Control:
 
     @charged
     def target_tolerances(self, speed: Any = None, position: Any = None) -> tuple[int, int] | None:
-        settings = self._settings()
+        settings = self._controller().settings
         now_speed, now_position = settings.target_tolerances()
         if speed is None and position is None:
             return now_speed, now_position
@@ -82,7 +81,7 @@ class Control:
 
     @charged
     def stall_tolerances(self, speed: Any = None, time: Any = None) -> tuple[int, int] | None:
-        settings = self._settings()
+        settings = self._controller().settings
         now_speed, now_time = settings.stall_tolerances()
         if speed is None and time is None:
             return now_speed, now_time

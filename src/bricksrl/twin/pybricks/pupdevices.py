@@ -106,7 +106,7 @@ class Motor:
         self._direction = positive_direction
         self._servo = servo
         self._last: Async | None = None
-        self._control = Control(lambda: servo.settings, lambda: servo.control.log, self._context)
+        self._control = Control(lambda: servo.control, self._context)
         self._log = Log(lambda: servo.log, self._context)
         self._model = MotorModel(lambda: servo.observer, self._machine)
 

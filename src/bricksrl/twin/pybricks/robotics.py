@@ -50,8 +50,8 @@ class DriveBase:
         self._base = base
         self._motors = left_motor, right_motor
         self._last: Async | None = None
-        self._distance_control = Control(lambda: base.distance_settings, lambda: base.distance_log, self._context)
-        self._heading_control = Control(lambda: base.heading_settings, lambda: base.heading_log, self._context)
+        self._distance_control = Control(lambda: base.distance, self._context)
+        self._heading_control = Control(lambda: base.heading, self._context)
 
     @property
     def distance_control(self) -> Control:
@@ -188,7 +188,7 @@ class DriveBase:
         turn_rate: Any = None,
         turn_acceleration: Any = None,
     ) -> tuple[Any, ...] | None:
-        distance, heading = self._base.distance_settings, self._base.heading_settings
+        distance, heading = self._base.distance.settings, self._base.heading.settings
         straight = distance.to_unit(distance.default_speed), *distance.limits()[1:3]
         turn = heading.to_unit(heading.default_speed), *heading.limits()[1:3]
         if all(value is None for value in (straight_speed, straight_acceleration, turn_rate, turn_acceleration)):
