@@ -1,15 +1,19 @@
-# make demo | test | check | format | clean. Each makes .venv by itself; PYTHON chooses the interpreter.
+# make demo | docs | test | check | format | booklets | clean. Each makes .venv by itself; PYTHON chooses the interpreter.
 PYTHON ?= python3
 BIN := .venv/bin
 INSTALLED := .venv/.installed
+# The live page, where there is a screen to see it on.
+PAGE := $(if $(DISPLAY)$(WAYLAND_DISPLAY)$(filter Darwin,$(shell uname -s)),--page)
 
-.PHONY: help demo test check format clean
+.PHONY: help demo docs test check format booklets clean
 
 help:
-	@echo "make demo    train the 2Wheeler to run away on a virtual hub, evaluate it, draw the learning curve"
+	@echo "make demo    a Walker learns to walk on a virtual hub: films before and after, a report"
+	@echo "make docs    the documentation site, into build/docs"
 	@echo "make test    everything that has to pass: make check, then the tests"
 	@echo "make check   ruff, mypy, import-linter"
 	@echo "make format  let ruff put the code in order"
+	@echo "make booklets the building booklets of our robots, docs/plans/*.pdf"
 	@echo "make clean   remove .venv, caches and build output (runs/ stays)"
 
 $(INSTALLED): pyproject.toml constraints.txt
@@ -20,7 +24,11 @@ $(INSTALLED): pyproject.toml constraints.txt
 	@touch $@
 
 demo: $(INSTALLED)
-	$(BIN)/bricksrl train RunAway-v0 --agent sac --episodes 40 --seed 0
+	$(BIN)/bricksrl train Walker-v1 --episodes 20 --seed 0 $(PAGE)
+
+docs: $(INSTALLED)
+	$(BIN)/python -m sphinx --fail-on-warning --keep-going -q -b html docs build/docs
+	@echo "build/docs/index.html"
 
 check: $(INSTALLED)
 	$(BIN)/ruff check --quiet .
@@ -29,11 +37,16 @@ check: $(INSTALLED)
 	$(BIN)/lint-imports --no-logo
 
 test: check
-	$(BIN)/python -m pytest --numprocesses auto
+	$(BIN)/python -m pytest --numprocesses auto -m 'not realtime'
+	$(BIN)/python -m pytest -m realtime --reruns 2
 
 format: $(INSTALLED)
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
+
+booklets: $(INSTALLED)
+	mkdir -p docs/plans
+	for robot in two_wheeler walker robo_arm; do $(BIN)/bricksrl plan steps plans/$$robot.ldr --out docs/plans/$$robot.pdf || exit 1; done
 
 clean:
 	rm -rf .venv build dist src/bricksrl.egg-info .mypy_cache .pytest_cache .ruff_cache .hypothesis .import_linter_cache

@@ -22,7 +22,7 @@ from machine import RESULTS, command, write
 from stopping import StopWhen
 
 from bricksrl.agents import AGENTS, preset
-from bricksrl.agents.presets import Settings
+from bricksrl.agents.settings import Settings
 from bricksrl.training import TrainConfig, train
 
 STEPS = {"WalkerSim-v0": 1000, "RoboArmSim-v0": 400}

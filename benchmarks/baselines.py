@@ -20,8 +20,8 @@ from tensordict import TensorDictBase
 from torch import Tensor
 
 import bricksrl
+from bricksrl.envs.rollout import seed_episode
 from bricksrl.evaluation.statistics import mean, stratified_bootstrap_interval, wilson_interval
-from bricksrl.training.online import seed_episode
 
 PAPER: dict[str, dict[str, Any]] = {
     "RunAway-v0": {"random": [-0.51, 1.84]},

@@ -19,13 +19,10 @@ from machine import command, write
 from tensordict import TensorDict
 
 import bricksrl
-from bricksrl.agents import make_agent, preset
-from bricksrl.agents.agent import Transition
-from bricksrl.agents.image_agent import ImageAgent
-from bricksrl.agents.layout import layout_of
-from bricksrl.envs.camera import CameraView, TwinCamera, find_red, shrink
+from bricksrl.agents import make_learner, preset
 from bricksrl.envs.env import HubEnv
 from bricksrl.envs.tasks.robo_arm_mixed import GOAL
+from bricksrl.envs.vision.camera import CameraView, TwinCamera, find_red, shrink
 from bricksrl.errors import RenderingUnavailableError
 
 ENV = "RoboArm_mixed-v0"
@@ -93,24 +90,27 @@ def unavailable(*_args: Any, **_kwargs: Any) -> None:
 def learning(name: str) -> dict[str, float]:
     """What one update and one action of SAC cost, and the memory of a replay buffer of the paper's run."""
     env = bricksrl.make(ENV, seed=0)
-    agent = make_agent("sac", layout_of(env), 3, preset(name, "sac", images=True), env.task)
-    assert isinstance(agent, ImageAgent)
+    learner = make_learner("sac", env, preset(name, "sac", images=True))
     generator = torch.Generator().manual_seed(0)
 
-    def seen() -> TensorDict:
-        image = torch.randint(0, 256, (64, 64, 3), dtype=torch.uint8, generator=generator)
-        return TensorDict({"observation": torch.rand(3, generator=generator), "image": image}, batch_size=())
+    def seen(steps: int) -> dict[str, torch.Tensor]:
+        image = torch.randint(0, 256, (steps, 64, 64, 3), dtype=torch.uint8, generator=generator)
+        return {"observation": torch.rand(steps, 3, generator=generator), "image": image}
 
-    before = seen()
-    for step in range(1, REPLAY_STEPS + 1):
-        after, last = seen(), step % EPISODE_STEPS == 0
-        agent.remember(Transition(before, torch.zeros(3), -1.0, after, False, last))
-        before = seen() if last else after
+    for _ in range(REPLAY_STEPS // EPISODE_STEPS):
+        done = torch.zeros(EPISODE_STEPS, 1, dtype=torch.bool)
+        after = {**seen(EPISODE_STEPS), "reward": -torch.ones(EPISODE_STEPS, 1), "terminated": done, "done": done.clone()}
+        after["done"][-1] = True
+        frames = {**seen(EPISODE_STEPS), "action": torch.zeros(EPISODE_STEPS, 3), "next": TensorDict(after, [EPISODE_STEPS])}
+        learner.remember(TensorDict(frames, [EPISODE_STEPS]))
+    before = TensorDict(seen(1), [1])[0]
+    assert learner.memory is not None
+    kept = learner.memory[:]
     return {
-        "update_cpu_ms": cpu_ms(agent.update, 20),
-        "act_cpu_ms": cpu_ms(lambda: agent.act(before, explore=True)),
-        "replay_steps": len(agent.replay),
-        "replay_megabytes": round(agent.replay.bytes_used / 1e6, 1),
+        "update_cpu_ms": cpu_ms(lambda: learner.make_updates(1), 20),
+        "act_cpu_ms": cpu_ms(lambda: learner.act(before, explore=True)),
+        "replay_steps": len(learner.memory),
+        "replay_megabytes": round(kept.bytes() / 1e6, 1),
     }
 
 
@@ -120,7 +120,7 @@ def main() -> None:
     torch.set_num_threads(1)
     torch.manual_seed(0)
     result: dict[str, Any] = {"env": ENV, "opengl": {**speed(), "drawn_with": os.environ.get("MUJOCO_GL", "")}}
-    with mock.patch("bricksrl.twin.rendering.Renderer", unavailable):
+    with mock.patch("bricksrl.twin.render.opengl.Renderer", unavailable):
         result["rays"] = speed()
     result["sac"] = {name: learning(name) for name in ("default", "paper")}
     print(result)

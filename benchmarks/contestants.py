@@ -11,6 +11,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from tensordict import TensorDict
     from torchrl.data import TensorDictReplayBuffer
 
 UPDATES = 20
@@ -21,53 +22,88 @@ Update = Callable[[], object]
 """``UPDATES`` updates."""
 
 
-def ours(agent: str, precision: str = "float32") -> Update:
-    """Our agent, with the paper's settings but for networks and batch; 20 updates in one call."""
+def bare_environment() -> Any:
+    """An environment that says only what there is to observe and to do."""
+    from torchrl.data import Bounded, Composite, Unbounded
+    from torchrl.envs import EnvBase
+
+    class Bare(EnvBase):  # type: ignore[misc]
+        """Specs alone: nothing is ever stepped."""
+
+        def __init__(self) -> None:
+            super().__init__(batch_size=())
+            self.observation_spec = Composite(observation=Bounded(-1.0, 1.0, (OBSERVATION,)))
+            self.action_spec = Bounded(-1.0, 1.0, (ACTION,))
+            self.reward_spec = Unbounded((1,))
+
+        def _reset(self, tensordict: Any = None, **_: Any) -> Any:
+            raise NotImplementedError
+
+        def _step(self, tensordict: Any) -> Any:
+            raise NotImplementedError
+
+        def _set_seed(self, seed: int | None) -> None:
+            raise NotImplementedError
+
+    return Bare()
+
+
+def learner_of(agent: str, **changes: Any) -> Any:
+    """Our learner with the paper's settings but for networks and batch, full of random transitions."""
     import torch
 
-    from bricksrl.agents import make_agent, preset
-    from bricksrl.agents.agent import Transition
-    from bricksrl.agents.layout import ObservationLayout
-    from bricksrl.agents.off_policy import OffPolicyAgent
+    from bricksrl.agents import make_learner, preset
+
+    usual = {"hidden": HIDDEN, "batch_size": BATCH, "buffer_size": STORED, **changes}
+    torch.manual_seed(0)
+    learner = make_learner(agent, bare_environment(), replace(preset("paper", agent), **usual))
+    learner.remember(transitions())
+    return learner
+
+
+def ours(agent: str) -> Update:
+    """Our agent; 20 updates in one call."""
+    import torch
 
     torch.set_num_threads(1)
-    torch.manual_seed(0)
-    changes: Any = {"hidden": HIDDEN, "batch_size": BATCH, "updates_per_step": UPDATES, "precision": precision}
-    layout = ObservationLayout((-1.0,) * OBSERVATION, (1.0,) * OBSERVATION, (False,) * OBSERVATION)
-    learner = make_agent(agent, layout, ACTION, replace(preset("paper", agent), **changes))
-    assert isinstance(learner, OffPolicyAgent)
-    for _ in range(STORED):
-        one, other = torch.rand(2, OBSERVATION) * 2 - 1
-        learner.remember(Transition(one, torch.rand(ACTION) * 2 - 1, float(one.sum()), other, False))
-    return learner.update
+    learner = learner_of(agent)
+    return lambda: learner.make_updates(UPDATES)
 
 
-def ours_bf16(agent: str) -> Update:
-    """The same, networks computed in bfloat16."""
-    return ours(agent, "bfloat16")
+def ours_compiled(agent: str) -> Update:
+    """Our agent, forward and backward pass in one graph, as with ``--compile``."""
+    import torch
+
+    from bricksrl.agents.compiled import compile_updates
+
+    torch.set_num_threads(1)
+    learner = learner_of(agent)
+    compile_updates(learner)
+    return lambda: learner.make_updates(UPDATES)
 
 
-def torchrl(agent: str, *, parts: bool = False) -> Update:
-    """The agent as TorchRL's own examples have it: its loss on each batch, one Adam, soft targets.
+def torchrl(agent: str, *, tuned: bool = False) -> Update:
+    """The agent as TorchRL's own examples have it: its loss on each batch, Adam, soft targets.
 
     Args:
-        parts: of SAC's loss, compute only the critics' where the actor does not learn; the examples compute all of it.
+        tuned: as somebody writes it who knows TorchRL: no vmap, fused Adam, one backward pass, and nothing of the actor's in
+            updates without it.
     """
     import torch
 
     torch.set_num_threads(1)
     torch.manual_seed(0)
     if agent == "td3":
-        return _torchrl_td3()
+        return _torchrl_td3(tuned=tuned)
     if agent == "crossq":
-        return _torchrl_crossq()
+        return _torchrl_crossq(tuned=tuned)
     kind = {"layer_norm": True, "dropout": 0.01} if agent == "droq" else {}
-    return _torchrl_sac(kind, count=10 if agent == "redq" else 2, delay=1 if agent == "sac" else UPDATES, parts=parts)
+    return _torchrl_sac(kind, count=10 if agent == "redq" else 2, delay=1 if agent == "sac" else UPDATES, tuned=tuned)
 
 
-def torchrl_parts(agent: str) -> Update:
-    """The agent as somebody writes it with TorchRL who leaves out what is not needed."""
-    return torchrl(agent, parts=True)
+def torchrl_tuned(agent: str) -> Update:
+    """TorchRL's losses at their fastest."""
+    return torchrl(agent, tuned=True)
 
 
 def critic(*, layer_norm: bool = False, dropout: float = 0.0, batch_norm: bool = False) -> Any:
@@ -100,32 +136,37 @@ def critic(*, layer_norm: bool = False, dropout: float = 0.0, batch_norm: bool =
 
 
 def _torchrl_actor(*, batch_norm: bool = False) -> Any:
-    from tensordict.nn import NormalParamExtractor
     from torch import nn
     from torchrl.modules import MLP
 
-    from bricksrl.agents.networks import make_policy
+    from bricksrl.agents.networks import gaussian_policy
 
     norm: dict[str, Any] = {}
     if batch_norm:
         norm = {"norm_class": nn.BatchNorm1d, "norm_kwargs": {"num_features": HIDDEN[0], "momentum": 0.01, "eps": 1e-3}}
     first = [nn.BatchNorm1d(OBSERVATION, momentum=0.01, eps=1e-3)] if batch_norm else []
     mlp = MLP(OBSERVATION, 2 * ACTION, num_cells=list(HIDDEN), activation_class=nn.ReLU, **norm)
-    return make_policy(nn.Sequential(*first, mlp, NormalParamExtractor(scale_lb=0.1)), ACTION)
+    return gaussian_policy(nn.Identity(), nn.Sequential(*first, mlp), spec())
 
 
-def stored() -> TensorDictReplayBuffer:
-    """TorchRL's replay buffer, full of random transitions."""
+def transitions() -> TensorDict:
+    """Random transitions."""
     import torch
     from tensordict import TensorDict
-    from torchrl.data import LazyTensorStorage, TensorDictReplayBuffer
 
-    buffer = TensorDictReplayBuffer(storage=LazyTensorStorage(STORED), batch_size=BATCH)
     done = torch.zeros(STORED, 1, dtype=torch.bool)
     observation, following = (torch.rand(2, STORED, OBSERVATION) * 2 - 1).unbind()
     after = {"observation": following, "reward": observation.sum(-1, keepdim=True), "done": done, "terminated": done.clone()}
     data = {"observation": observation, "action": torch.rand(STORED, ACTION) * 2 - 1, "next": TensorDict(after, [STORED])}
-    buffer.extend(TensorDict(data, [STORED]))
+    return TensorDict(data, [STORED])
+
+
+def stored() -> TensorDictReplayBuffer:
+    """TorchRL's replay buffer, full of random transitions."""
+    from torchrl.data import LazyTensorStorage, TensorDictReplayBuffer
+
+    buffer = TensorDictReplayBuffer(storage=LazyTensorStorage(STORED), batch_size=BATCH)
+    buffer.extend(transitions())
     return buffer
 
 
@@ -136,19 +177,20 @@ def spec() -> Any:
     return Bounded(-1.0, 1.0, (ACTION,))
 
 
-def _torchrl_sac(kind: dict[str, Any], *, count: int, delay: int, parts: bool) -> Update:
+def _torchrl_sac(kind: dict[str, Any], *, count: int, delay: int, tuned: bool) -> Update:
     """SAC, or DroQ and REDQ where the actor learns in every ``delay``-th update."""
     import torch
     from torchrl.objectives import SACLoss, SoftUpdate
 
-    loss = SACLoss(_torchrl_actor(), critic(**kind), num_qvalue_nets=count, loss_function="l2", action_spec=spec())
+    values = {"loss_function": "l2", "action_spec": spec(), "deactivate_vmap": tuned}
+    loss = SACLoss(_torchrl_actor(), critic(**kind), num_qvalue_nets=count, **values)
     loss.make_value_estimator(gamma=0.99)
-    targets, optimiser, buffer = SoftUpdate(loss, tau=0.005), torch.optim.Adam(loss.parameters(), lr=3e-4), stored()
+    targets, optimizer, buffer = SoftUpdate(loss, tau=0.005), torch.optim.Adam(loss.parameters(), lr=3e-4, fused=tuned), stored()
 
     def update() -> None:
         for i in range(1, UPDATES + 1):
             batch = buffer.sample()
-            if parts and i % delay:
+            if tuned and i % delay:
                 total, _ = loss.qvalue_v2_loss(batch)
             else:
                 found = loss(batch)
@@ -156,14 +198,14 @@ def _torchrl_sac(kind: dict[str, Any], *, count: int, delay: int, parts: bool) -
                 if i % delay == 0:
                     total = total + found["loss_actor"] + found["loss_alpha"]
             total.backward()
-            optimiser.step()
-            optimiser.zero_grad()
+            optimizer.step()
+            optimizer.zero_grad()
             targets.step()
 
     return update
 
 
-def _torchrl_td3() -> Update:
+def _torchrl_td3(*, tuned: bool) -> Update:
     """TD3 with an actor that learns in every second update."""
     import torch
     from tensordict.nn import TensorDictModule
@@ -173,38 +215,34 @@ def _torchrl_td3() -> Update:
 
     mlp = MLP(OBSERVATION, ACTION, num_cells=list(HIDDEN), activation_class=nn.ReLU)
     actor = TensorDictModule(nn.Sequential(mlp, nn.Tanh()), ["observation"], ["action"])
-    loss = TD3Loss(actor, critic(), action_spec=spec(), loss_function="l2")
+    loss = TD3Loss(actor, critic(), action_spec=spec(), loss_function="l2", deactivate_vmap=tuned)
     loss.make_value_estimator(gamma=0.99)
-    targets, buffer = SoftUpdate(loss, tau=0.005), stored()
-    for_critics = torch.optim.Adam(list(loss.qvalue_network_params.flatten_keys().values()), lr=3e-4)
-    for_actor = torch.optim.Adam(list(loss.actor_network_params.flatten_keys().values()), lr=3e-4)
+    targets, optimizer, buffer = SoftUpdate(loss, tau=0.005), torch.optim.Adam(loss.parameters(), lr=3e-4, fused=tuned), stored()
 
     def update() -> None:
         for i in range(1, UPDATES + 1):
             batch = buffer.sample()
-            of_critics, _ = loss.value_loss(batch)
-            of_critics.backward()
-            for_critics.step()
-            for_critics.zero_grad()
+            total, _ = loss.value_loss(batch)
             if i % 2 == 0:
-                of_actor, _ = loss.actor_loss(batch)
-                of_actor.backward()
-                for_actor.step()
-                for_actor.zero_grad()
+                total = total + loss.actor_loss(batch)[0]
+            total.backward()
+            optimizer.step()
+            optimizer.zero_grad()
+            if i % 2 == 0:
                 targets.step()
 
     return update
 
 
-def _torchrl_crossq() -> Update:
+def _torchrl_crossq(*, tuned: bool) -> Update:
     """CrossQ with an actor that learns in every third update."""
     import torch
     from torchrl.objectives import CrossQLoss
 
-    actor = _torchrl_actor(batch_norm=True)
-    loss = CrossQLoss(actor, critic(batch_norm=True), num_qvalue_nets=2, loss_function="l2", action_spec=spec())
+    values = {"loss_function": "l2", "action_spec": spec(), "deactivate_vmap": tuned}
+    loss = CrossQLoss(_torchrl_actor(batch_norm=True), critic(batch_norm=True), num_qvalue_nets=2, **values)
     loss.make_value_estimator(gamma=0.99)
-    optimiser, buffer = torch.optim.Adam(loss.parameters(), lr=1e-3, betas=(0.5, 0.999)), stored()
+    optimizer, buffer = torch.optim.Adam(loss.parameters(), lr=1e-3, betas=(0.5, 0.999), fused=tuned), stored()
 
     def update() -> None:
         for i in range(1, UPDATES + 1):
@@ -214,8 +252,8 @@ def _torchrl_crossq() -> Update:
                 of_actor, found = loss.actor_loss(batch)
                 total = total + of_actor + loss.alpha_loss(found["log_prob"])
             total.backward()
-            optimiser.step()
-            optimiser.zero_grad()
+            optimizer.step()
+            optimizer.zero_grad()
 
     return update
 
@@ -264,9 +302,9 @@ def _baseline(kind: Any, options: dict[str, Any], policy: dict[str, Any]) -> Upd
 
 CONTESTANTS: dict[str, tuple[Callable[[str], Update], tuple[str, ...]]] = {
     "ours": (ours, ("sac", "td3", "droq", "redq", "crossq")),
-    "ours_bf16": (ours_bf16, ("sac", "td3", "droq", "redq", "crossq")),
+    "ours_compiled": (ours_compiled, ("sac", "td3", "droq")),
+    "torchrl_tuned": (torchrl_tuned, ("sac", "td3", "droq", "redq", "crossq")),
     "torchrl": (torchrl, ("sac", "td3", "droq", "redq", "crossq")),
-    "torchrl_parts": (torchrl_parts, ("droq", "redq")),
     "sb3": (sb3, ("sac", "td3")),
     "sbx": (sbx, ("sac", "td3", "droq", "crossq")),
 }

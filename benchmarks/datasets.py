@@ -57,16 +57,14 @@ def make(env_id: str, out: Path, episodes: int, trained: int) -> dict[str, Any]:
 def record(env_id: str, path: Path, run: Path | None, episodes: int) -> None:
     """A dataset of a run's agent, or of random actions; it gets its name when it is whole."""
     import bricksrl
-    from bricksrl.agents.agent import look
     from bricksrl.data import Recorder, describe
     from bricksrl.data.collect import collect, random_policy
-    from bricksrl.training import load_agent
+    from bricksrl.policies import load_policy
 
     env = bricksrl.make(env_id, seed=SEED)
     unfinished = path.with_name(f"{path.name}-unfinished-{os.getpid()}")
     try:
-        agent = None if run is None else load_agent(run, env).agent
-        policy = random_policy(env, SEED) if agent is None else lambda state: agent.act(look(agent, state), explore=False)
+        policy = random_policy(env, SEED) if run is None else load_policy(run, env)
         with Recorder(unfinished, describe(env)) as recorder:
             collect(env, policy, recorder, episodes, name="random" if run is None else "sac", seed=SEED)
     finally:

@@ -25,7 +25,7 @@ from ble_world import World  # type: ignore[import-not-found]
 
 from bricksrl.errors import StoppedError
 from bricksrl.hub.interface import Interface, MotorAngle, RunAngle, Wait
-from bricksrl.hub.link import HubLink
+from bricksrl.hub.link.lockstep import HubLink
 
 INTERVALS_MS = (7.5, 15.0, 30.0, 45.0)
 TRIALS = 30

@@ -21,8 +21,10 @@ from machine import command, write
 
 _RUN = """
 import sys
-from bricksrl.twin.run import run_file
-sys.exit(run_file(sys.argv[1], sys.argv[2], stdout=sys.stdout.buffer, stderr=sys.stderr, time_limit_s=float(sys.argv[3])))
+from bricksrl import robots
+from bricksrl.twin.make_body import make_body
+from bricksrl.virtual_hub import run_file
+sys.exit(run_file(sys.argv[1], make_body(robots.get(sys.argv[2])), time_limit_s=float(sys.argv[3])))
 """
 _REASONS = (
     (r"(?m)^SKIP$", "skips itself"),

@@ -64,14 +64,14 @@ def run(job: Job) -> list[dict[str, Any]]:
     with tempfile.TemporaryDirectory() as parent:
         folder = Path(parent) / "run"
         for mark in job.marks:
-            observer = StopWhen(partial(has_made, mark))
+            callback = StopWhen(partial(has_made, mark))
             started = time.process_time(), time.perf_counter()
             if found:
-                result = resume(folder, observer, stop=observer.stop)
+                result = resume(folder, callback, stop=callback.stop)
             else:
                 settings = preset(job.preset, job.agent)
                 config = TrainConfig(job.env, job.agent, job.marks[-1], job.seed, settings=settings, record=False, run_dir=folder)
-                result = train(config, observer, stop=observer.stop)
+                result = train(config, callback, stop=callback.stop)
             cpu_s, wall_s = cpu_s + time.process_time() - started[0], wall_s + time.perf_counter() - started[1]
             outcome = evaluate(folder, episodes=EVALUATED_EPISODES, save=False)
             last = result.episodes[-1]
@@ -115,11 +115,9 @@ def summary(runs: list[list[dict[str, Any]]]) -> list[dict[str, Any]]:
 
 def draw(path: Path, environments: dict[str, Any]) -> None:
     """Curves of all agents with their intervals: a row an environment, against steps, CPU time and wall time."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
+    from bricksrl.plotting import new_figure, save
 
-    figure = Figure(figsize=(13, 4.2 * len(environments)), layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = new_figure(13, 4.2 * len(environments))
     rows = figure.subplots(len(environments), 3, sharey="row", squeeze=False)
     for (env, agents), row in zip(environments.items(), rows, strict=True):
         for axes, key, label in zip(
@@ -135,7 +133,7 @@ def draw(path: Path, environments: dict[str, Any]) -> None:
             axes.grid(alpha=0.3)
         row[0].set_ylabel(f"{env}: return")
         row[0].legend(loc="lower right")
-    figure.savefig(path, dpi=110)
+    save(figure, path, 110)
 
 
 def pin(cores: Any) -> None:

@@ -23,7 +23,7 @@ from machine import command, write
 
 TESTS = Path(__file__).parent.parent / "tests" / "hub"
 _COUNTED = ("faults", "phases", "errors")
-_SUMMED = ("transitions", "updates", "grown")
+_SUMMED = ("transitions", "grown")
 _LONGEST = (
     "longest_call_s",
     "longest_recovery_s",
@@ -38,7 +38,7 @@ def course(job: tuple[int, int, int]) -> dict[str, Any]:
     """Faults on one hub, in a process of its own."""
     faults, seed, end_ms = job
     sys.path.insert(0, str(TESTS))
-    program = importlib.import_module("bricksrl.hub.program")
+    program = importlib.import_module("bricksrl.hub.program.generate")
     program.END_MS = end_ms  # type: ignore[attr-defined]
     with tempfile.TemporaryDirectory() as folder:
         return dict(vars(importlib.import_module("fault_course").run_course(Path(folder), faults, seed)))

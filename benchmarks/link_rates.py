@@ -20,9 +20,9 @@ import numpy as np
 from machine import command, write
 
 from bricksrl.envs import get_task
-from bricksrl.hub.link import HubLink
+from bricksrl.hub.link.lockstep import HubLink
+from bricksrl.hub.link.streaming import StreamingLink
 from bricksrl.hub.protocol import Up, control_frame, data_frame, hello_payload
-from bricksrl.hub.streaming import StreamingLink
 from bricksrl.hub.transport import HubProgram
 from bricksrl.robots import TWO_WHEELER, WALKER
 

@@ -32,22 +32,19 @@ def full_buffer() -> None:
     import torch
 
     import bricksrl
-    from bricksrl.agents import make_agent
-    from bricksrl.agents.agent import Transition
-    from bricksrl.agents.layout import layout_of
-    from bricksrl.agents.off_policy import OffPolicyAgent
+    from bricksrl.agents import make_learner
     from bricksrl.training.checkpoint import save_checkpoint
 
     env = bricksrl.make(ENV)
-    agent = make_agent("sac", layout_of(env), int(env.action_spec.shape[-1]), task=env.task)
-    assert isinstance(agent, OffPolicyAgent)
-    state = env.rand_step(env.reset())
-    seen, following = state["observation"], state["next", "observation"]
-    for step in range(1_000_000):
-        agent.remember(Transition(seen, state["action"], 0.0, following, False, step % 100 == 99))
-    agent.update()
+    learner = make_learner("sac", env)
+    step = env.rand_step(env.reset())
+    frames = step.expand(100).clone()
+    frames["next", "done"][-1] = True
+    for _ in range(10_000):
+        learner.remember(frames)
+    learner.make_updates(1)
     with tempfile.TemporaryDirectory() as folder:
-        save_checkpoint(Path(folder) / "checkpoint.bin", {"agent": agent.state_dict(), "generator": torch.get_rng_state()})
+        save_checkpoint(Path(folder) / "checkpoint.bin", {"agent": learner.state_dict(), "generator": torch.get_rng_state()})
 
 
 def peak(what: Callable[[], None], ours: Connection) -> None:

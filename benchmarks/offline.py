@@ -25,7 +25,6 @@ import torch
 from machine import command, write
 
 from bricksrl.agents import preset
-from bricksrl.agents.presets import OFFLINE_UPDATES
 from bricksrl.evaluation import evaluate
 from bricksrl.evaluation.statistics import mean, stratified_bootstrap_interval
 from bricksrl.training import TrainConfig, train
@@ -33,6 +32,13 @@ from bricksrl.training import TrainConfig, train
 EVALUATED = 10
 AGENTS = ("cql", "sac", "iql", "td3bc", "td3", "bc")
 KINDS = ("expert", "random")
+OFFLINE_UPDATES = {
+    "RunAway-v0": {"expert": 2000, "random": 2000},
+    "Spinning-v0": {"expert": 5000, "random": 5000},
+    "Walker-v0": {"expert": 10_000, "random": 10_000},
+    "RoboArm-v0": {"expert": 5000, "random": 10_000},
+}
+"""Updates that the paper made from each of its datasets, by task and kind of dataset."""
 PAPER: dict[tuple[str, str], dict[str, float]] = {
     ("Walker-v0", "random"): {"td3": -79.71, "sac": -66.91, "bc": -202.46, "iql": -136.13, "cql": -72.75},
     ("Walker-v0", "expert"): {"td3": -153.45, "sac": -255.41, "bc": -85.65, "iql": -74.80, "cql": -77.93},

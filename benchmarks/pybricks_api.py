@@ -19,9 +19,9 @@ from typing import Any
 from machine import command, write
 
 from bricksrl.robots import HubKind, Robot
-from bricksrl.twin.bench import BenchBody
-from bricksrl.twin.machine import Machine
-from bricksrl.twin.pybricks import modules
+from bricksrl.virtual_hub.bench_body import BenchBody
+from bricksrl.virtual_hub.machine import Machine
+from bricksrl.virtual_hub.pybricks import modules
 
 MODULES = ("hubs", "pupdevices", "robotics", "tools", "parameters", "iodevices")
 HUBS = (HubKind.PRIME, HubKind.ESSENTIAL, HubKind.TECHNIC, HubKind.CITY)
@@ -106,7 +106,7 @@ def lacks(path: str, wanted: Documented, ours: Any) -> Iterator[str]:
 def compared(stubs: Stubs, kind: HubKind) -> tuple[int, list[str]]:
     """How many names are documented for a hub, and those that ours lacks."""
     robot = Robot("any", kind)
-    found = modules(Machine(robot, BenchBody(robot)), _Silence())
+    found = modules(Machine(BenchBody(robot)), _Silence())
     count, missing = 0, []
     for module in MODULES:
         ours = found[f"pybricks.{module}"]

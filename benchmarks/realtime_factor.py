@@ -1,18 +1,27 @@
 """How fast the virtual robot is: simulated seconds per CPU second on one core, hub program, link and environment included.
 
     python benchmarks/realtime_factor.py
+    python benchmarks/realtime_factor.py --envs Walker-v1 RunAway-v0
 
-Each environment runs with the same random actions several times; the median counts. Needs about a minute.
+Beside it stands how fast MuJoCo is alone in the same run: the very steps of ``mj_step``, from the same states and with the same
+voltages, done over again with nothing in between; and the ratio, what the whole costs for each second of its physics. Random
+actions, in pieces that are run and then done over at once, so that a computer that is busy with other things slows both down; the
+median of the pieces counts. Needs about a minute.
 """
 
 from __future__ import annotations
 
+import copy
 import statistics
 import time
 from typing import TYPE_CHECKING, Any
+from unittest import mock
 
+import mujoco
+import numpy as np
 import torch
 from machine import command, write
+from numpy.typing import NDArray
 
 import bricksrl
 from bricksrl.envs import list_envs
@@ -20,39 +29,105 @@ from bricksrl.envs import list_envs
 if TYPE_CHECKING:
     from bricksrl.envs.env import HubEnv
 
-RUNS = 7
-CPU_SECONDS = 2.0
+PIECES = 9
+PIECE_SIMULATED_S = 10.0
+_STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS | mujoco.mjtState.mjSTATE_WARMSTART
 
 
-def measure(env: HubEnv) -> dict[str, float]:
-    """Step for ``CPU_SECONDS`` of this process's time."""
-    assert env.twin is not None
+class Steps:
+    """What a body asked of ``mj_step``, to be done over again."""
+
+    def __init__(self, body: Any) -> None:
+        self._model, self._data = body.model, body.data
+        self._calls: list[tuple[NDArray[Any] | None, NDArray[Any], int, int]] = []
+        self._after: NDArray[Any] | None = None
+
+    def __call__(self, model: Any, data: Any, nstep: int = 1) -> None:
+        """In the place of ``mj_step``: notes down the state, where it is another than the last step left, and the voltages."""
+        before = self._state()
+        moved = self._after is None or not np.array_equal(before, self._after)
+        self._calls.append((before if moved else None, data.ctrl.copy(), model.opt.disableactuator, nstep))
+        _mj_step(model, data, nstep)
+        self._after = self._state()
+
+    def again(self) -> float:
+        """CPU seconds that the steps take with nothing in between."""
+        model, data = self._model, copy.copy(self._data)
+        control, open_circuits = data.ctrl, model.opt.disableactuator
+        started_s = time.process_time()
+        for state, voltages, model.opt.disableactuator, nstep in self._calls:
+            if state is not None:
+                mujoco.mj_setState(model, data, state, _STATE)
+            control[:] = voltages
+            _mj_step(model, data, nstep)
+        cpu_s = time.process_time() - started_s
+        model.opt.disableactuator = open_circuits
+        if not np.array_equal(data.qpos, self._data.qpos):
+            raise AssertionError("the steps done over again lead elsewhere")
+        return cpu_s
+
+    def _state(self) -> NDArray[Any]:
+        state = np.empty(mujoco.mj_stateSize(self._model, _STATE))
+        mujoco.mj_getState(self._model, self._data, state, _STATE)
+        return state
+
+
+_mj_step = mujoco.mj_step
+
+
+class Runner:
+    """An environment and its random actions; two of the same seed do the same, bit for bit."""
+
+    def __init__(self, env_id: str) -> None:
+        self.env: HubEnv = bricksrl.make(env_id, seed=0)
+        self._state = self.env.reset()
+        self.simulated_s = 0.0
+
+    def run(self, actions: list[torch.Tensor]) -> float:
+        """CPU seconds that it takes."""
+        assert self.env.twin is not None
+        started_s, simulated_s = time.process_time(), self.env.twin.now_s()
+        for action in actions:
+            self._state["action"] = action
+            _, self._state = self.env.step_and_maybe_reset(self._state)
+        self.simulated_s = self.env.twin.now_s() - simulated_s
+        return time.process_time() - started_s
+
+
+def measure(env_id: str) -> dict[str, Any]:
+    """Medians over the pieces, and the ratio of each."""
     torch.manual_seed(0)
-    state = env.reset()
-    steps, started_s, simulated_s = 0, time.process_time(), env.twin.now_s()
-    while (cpu_s := time.process_time() - started_s) < CPU_SECONDS:
-        state["action"] = env.action_spec.rand()
-        _, state = env.step_and_maybe_reset(state)
-        steps += 1
-    return {"realtime_factor": (env.twin.now_s() - simulated_s) / cpu_s, "steps_per_cpu_s": steps / cpu_s}
+    noted, timed = Runner(env_id), Runner(env_id)
+    draw, steps, pieces = noted.env.action_spec.rand, 10, []
+    for _ in range(PIECES + 1):
+        actions = [draw() for _ in range(steps)]
+        again = Steps(noted.env.twin.body)  # type: ignore[union-attr]
+        with mock.patch.object(mujoco, "mj_step", again):
+            noted.run(actions)
+        cpu_s, physics_s = timed.run(actions), again.again()
+        piece = (timed.simulated_s / cpu_s, steps / cpu_s, timed.simulated_s / physics_s, cpu_s / physics_s)
+        pieces.append(piece)
+        steps = round(steps * PIECE_SIMULATED_S / timed.simulated_s)
+    noted.env.close()
+    timed.env.close()
+    names = ("realtime_factor", "steps_per_cpu_s", "mj_step_factor", "ratio")
+    columns = dict(zip(names, zip(*pieces[1:], strict=True), strict=True))  # the first piece warms up
+    found: dict[str, Any] = {name: round(statistics.median(column), 2) for name, column in columns.items()}
+    return {**found, "ratios": [round(ratio, 2) for ratio in sorted(columns["ratio"])]}
 
 
 def main() -> None:
-    """Measure every environment and write the medians."""
-    command(__doc__).parse_args()
+    """Measure every environment and write what was found."""
+    virtual = [env_id for env_id in list_envs() if "Sim-" not in env_id]
+    parser = command(__doc__)
+    parser.add_argument("--envs", nargs="+", default=virtual, choices=virtual)
     torch.set_num_threads(1)
     results: dict[str, Any] = {}
-    for env_id in list_envs():
-        env = bricksrl.make(env_id, seed=0)
-        if getattr(env, "twin", None) is None:  # a simulation without a hub
-            continue
-        measure(env)  # the first run warms up
-        runs = [measure(env) for _ in range(RUNS)]
-        env.close()
-        results[env_id] = {name: round(statistics.median(run[name] for run in runs), 1) for name in runs[0]}
-        results[env_id]["runs"] = [round(run["realtime_factor"], 1) for run in runs]
-        print(env_id, results[env_id])
-    print(write("realtime_factor", {"environments": results}))
+    for env_id in parser.parse_args().envs:
+        results[env_id] = measure(env_id)
+        print(env_id, results[env_id], flush=True)
+    if list(results) == virtual:
+        print(write("realtime_factor", {"environments": results}))
 
 
 if __name__ == "__main__":

@@ -19,13 +19,13 @@ from typing import Any
 from machine import command, write
 
 from bricksrl import make
-from bricksrl.training import Observer, Phase, RunResult, TrainConfig, train
+from bricksrl.training import Callback, Phase, RunResult, TrainConfig, train
 
 ENV = "Walker-v0"
 AGENTS = ("sac", "td3", "crossq", "droq")
 
 
-class Clock(Observer):
+class Clock(Callback):
     """Notes when each step was made."""
 
     def __init__(self) -> None:

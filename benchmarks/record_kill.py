@@ -24,15 +24,16 @@ from typing import Any
 
 import numpy as np
 
-from bricksrl.data.description import Channel, Description
 from bricksrl.data.episode import About, Step
+from bricksrl.data.schema import Description
+from bricksrl.entry import Entry
 
 KILLS_PER_FOLDER = 20
 LONGEST_S = 0.15
 """An episode takes about as long to record."""
 STEPS = 20
-_CHANNELS = (Channel("angle", "deg", 0.0, 360.0, wraps=True), Channel("distance", "mm"))
-BLIND = Description("Toy-v0", 4.0, _CHANNELS, (Channel("motor", "deg", -100.0, 100.0),), {"name": "toy"})
+_CHANNELS = (Entry("angle", 0.0, 360.0, "deg", wraps=True), Entry("distance", unit="mm"))
+BLIND = Description("Toy-v0", 4.0, _CHANNELS, (Entry("motor", -100.0, 100.0, "deg"),), {"name": "toy"})
 SEEING = Description(BLIND.env, 4.0, _CHANNELS, BLIND.action, BLIND.robot, camera="webcam", image_px=32)
 
 

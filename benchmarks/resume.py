@@ -14,17 +14,16 @@ from pathlib import Path
 
 import torch
 from machine import RESULTS, command, write
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 
-from bricksrl.training import Observer, Phase, TrainConfig, resume, train
+from bricksrl.plotting import new_figure, save
+from bricksrl.training import Callback, Phase, TrainConfig, resume, train
 from bricksrl.training.checkpoint import load_checkpoint
 
 ENV, EPISODES = "WalkerSim-v0", 10
 STOPS = ((3, 57), (5, 2), (8, 99))
 
 
-class StopAt(Observer):
+class StopAt(Callback):
     """Interrupts a run at a step."""
 
     def __init__(self, at: tuple[int, int] | None) -> None:
@@ -38,14 +37,13 @@ class StopAt(Observer):
 
 def weights(run_dir: Path) -> list[torch.Tensor]:
     """The actor's, at the end."""
-    actor = load_checkpoint(run_dir / "checkpoint.bin")["agent"]["actor"]
+    actor = load_checkpoint(run_dir / "checkpoint.bin")["agent"]["policy"]
     return [tensor for tensor in actor.values() if isinstance(tensor, torch.Tensor)]
 
 
 def draw(path: Path, whole: list[float], parts: list[float]) -> None:
     """Both curves, and where the second was interrupted."""
-    figure = Figure(figsize=(8, 4.5), layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = new_figure()
     axes = figure.add_subplot()
     episodes = range(1, len(whole) + 1)
     axes.plot(episodes, whole, color="#9fb8dc", linewidth=6, label="uninterrupted")
@@ -57,7 +55,7 @@ def draw(path: Path, whole: list[float], parts: list[float]) -> None:
     axes.set_title(f"{ENV} · sac", loc="left", fontweight="bold")
     axes.legend(frameon=False)
     axes.spines[["top", "right"]].set_visible(False)
-    figure.savefig(path, dpi=150)
+    save(figure, path)
 
 
 def main() -> None:
@@ -70,8 +68,8 @@ def main() -> None:
         first = StopAt(STOPS[0])
         train(TrainConfig(**config, run_dir=other), first, stop=first.stop)  # type: ignore[arg-type]
         for at in (*STOPS[1:], None):
-            observer = StopAt(at)
-            parts = resume(other, observer, stop=observer.stop)
+            callback = StopAt(at)
+            parts = resume(other, callback, stop=callback.stop)
         returns = [[episode.return_ for episode in result.episodes] for result in (whole, parts)]
         same = all(torch.equal(a, b) for a, b in zip(weights(one), weights(other), strict=True))
     difference = max(abs(a - b) for a, b in zip(*returns, strict=True))

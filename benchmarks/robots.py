@@ -1,4 +1,4 @@
-"""What SAC learns on each robot in the paper's number of episodes, over seeds, beside the paper and beside random actions.
+"""What SAC learns on each robot, in the paper's number of episodes where it has the task, over seeds, beside the paper.
 
     python benchmarks/robots.py
     python benchmarks/robots.py --envs Walker-v1 --seeds 3
@@ -32,6 +32,8 @@ EPISODES = {
     "Spinning-v0": 15,
     "Walker-v0": 75,
     "Walker-v1": 75,
+    "LineFollow-v0": 30,
+    "Park-v0": 30,
     "RoboArm-v0": 250,
     "RoboArm_mixed-v0": 250,
 }

@@ -12,6 +12,7 @@ import torch
 from tensordict import TensorDictBase
 from torch import Tensor
 
+from bricksrl.envs.tasks.line_follow import EDGE_PCT
 from bricksrl.envs.tasks.walker import gait_reward
 
 Controller = Callable[[TensorDictBase], Tensor]
@@ -82,6 +83,27 @@ def bring(state: TensorDictBase) -> Tensor:
     return action.clamp(-1.0, 1.0)
 
 
+def follow(state: TensorDictBase) -> Tensor:
+    """Half speed; a turn in proportion to how far the brightness is from that of the line's edge."""
+    off_pct = state["observation"][0] - EDGE_PCT
+    action: Tensor = torch.stack([torch.zeros(()), 0.8 * off_pct / 45.0]).clamp(-1.0, 1.0)
+    return action
+
+
+def park(state: TensorDictBase) -> Tensor:
+    """Into the heading in which an arc of a circle begins that ends straight in the bay; along it; straight in the bay."""
+    ahead_mm, left_mm, turn_deg = state["observation"][:3]
+    left_to_go_mm = torch.hypot(ahead_mm, left_mm)
+    off_deg = _signed_deg(-2.0 * torch.atan2(left_mm, ahead_mm).rad2deg() - turn_deg)
+    speed = 1.5 * left_to_go_mm.clamp_max(100.0) * off_deg.deg2rad().cos().clamp_min(0.0)
+    along_deg_s = (2.0 * speed * (turn_deg.deg2rad() / 2).sin() / left_to_go_mm).rad2deg()
+    rate = 2.5 * off_deg + along_deg_s
+    if left_to_go_mm < 8.0:
+        speed, rate = torch.zeros(()), 2.0 * turn_deg
+    action: Tensor = torch.stack([speed.copysign(ahead_mm) / 150.0, rate / 90.0]).clamp(-1.0, 1.0)
+    return action
+
+
 CONTROLLERS: dict[str, Controller] = {
     "RunAway-v0": run_away,
     "Spinning-v0": spin,
@@ -89,6 +111,8 @@ CONTROLLERS: dict[str, Controller] = {
     "Walker-v1": trot,
     "WalkerSim-v0": into_step,
     "WalkerSim-v1": into_step,
+    "LineFollow-v0": follow,
+    "Park-v0": park,
     "RoboArm-v0": reach,
     "RoboArmSim-v0": reach,
     "RoboArm_mixed-v0": bring,

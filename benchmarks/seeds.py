@@ -21,7 +21,7 @@ import torch
 from machine import command, write
 from torch import Tensor
 
-from bricksrl.evaluation.seeds import train_seeds
+from bricksrl.evaluation.multi_seed import train_seeds
 from bricksrl.training import TrainConfig
 
 SEEDS, NETWORKS, INPUTS, HIDDEN, BATCH = 5, 3, 12, 256, 256

@@ -5,11 +5,11 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 
-from bricksrl.training import Episode, Observer, Progress
+from bricksrl.training import Callback, Episode, Progress
 
 
-class StopWhen(Observer):
-    """Give it to a run as its observer, and its ``stop`` as the run's."""
+class StopWhen(Callback):
+    """Give it to a run as its callback, and its ``stop`` as the run's."""
 
     def __init__(self, fulfilled: Callable[[Episode], bool]) -> None:
         self.stop = threading.Event()

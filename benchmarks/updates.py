@@ -1,6 +1,6 @@
 """What an update costs: our agents against TorchRL's losses, Stable-Baselines3 and SBX, in CPU time and wall time.
 
-    python benchmarks/updates.py [--agents sac td3] [--rounds 9]
+    python benchmarks/updates.py [--agents sac td3] [--contestants ours sb3] [--rounds 9]
 
 Every contestant runs in a process of its own with one thread, and all take turns for ``--rounds`` rounds; medians count, and so
 do the medians of each round's ratios. An update is one of the critics; DroQ and REDQ make 20 of them for one of the actor. What
@@ -83,20 +83,11 @@ def able() -> list[str]:
     """The contestants that can run here; says why the others cannot."""
     from contestants import CONTESTANTS
 
-    from bricksrl.agents.lean.flat import working_type
-    from bricksrl.errors import DescriptionError
-
     found = []
     for name in CONTESTANTS:
         if name in NEEDS and importlib.util.find_spec(NEEDS[name]) is None:
             print(f"{name} is left out: {NEEDS[name]} is missing; pip install 'bricksrl[benchmarks]'")
             continue
-        if name == "ours_bf16":
-            try:
-                working_type("bfloat16")
-            except DescriptionError as error:
-                print(f"{name} is left out: {error}")
-                continue
         found.append(name)
     return found
 
@@ -120,21 +111,40 @@ def race(agent: str, names: list[str], rounds: int) -> dict[str, Any]:
     return found
 
 
+def around(agent: str) -> float:
+    """Share of our updates' CPU time that goes into what surrounds them: drawing, relabelling and cutting batches."""
+    import torch
+    from contestants import UPDATES, learner_of
+
+    torch.set_num_threads(1)
+    learner, shares = learner_of(agent), []
+    for _ in range(9):
+        started_s = time.process_time()
+        batches = list(learner.batches(UPDATES))
+        drawn_s = time.process_time()
+        for batch in batches:
+            learner.update(batch)
+        shares.append((drawn_s - started_s) / (time.process_time() - started_s))
+    return round(statistics.median(shares), 3)
+
+
 def main() -> None:
     """Race all agents and write the medians."""
     from machine import command, write
 
     parser = command(__doc__)
     parser.add_argument("--agents", nargs="+", default=AGENTS, choices=AGENTS)
+    parser.add_argument("--contestants", nargs="+", help="all that can run here, unless given")
     parser.add_argument("--rounds", type=int, default=9)
     chosen = parser.parse_args()
     os.environ.update(ONE_THREAD)  # before torch or JAX is loaded, here and in the processes
     from contestants import ACTION, BATCH, HIDDEN, OBSERVATION
 
-    names = able()
+    names = [name for name in able() if chosen.contestants is None or name in ("ours", *chosen.contestants)]
     agents: dict[str, Any] = {}
     for agent in chosen.agents:
         agents[agent] = race(agent, names, chosen.rounds)
+        agents[agent]["ours"]["around_an_update"] = around(agent)
         for name, found in agents[agent].items():
             times = f"{found['cpu_times_ours']} times ours" if "cpu_times_ours" in found else ""
             first = found["to_first_update"]

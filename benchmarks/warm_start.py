@@ -30,7 +30,7 @@ WAYS = {"alone": ("sac", None), "data": ("sac", None), "start": ("iql", "iql"), 
 
 def run(way: str, data: str, seed: int, episodes: int, updates: int) -> dict[str, Any]:
     """Train until the goal."""
-    observer = StopWhen(lambda episode: episode.return_ >= GOAL)
+    callback = StopWhen(lambda episode: episode.return_ >= GOAL)
     with tempfile.TemporaryDirectory() as folder:
         start, run_dir = Path(folder) / "start", Path(folder) / "run"
         agent, teacher = WAYS[way]
@@ -50,7 +50,7 @@ def run(way: str, data: str, seed: int, episodes: int, updates: int) -> dict[str
             run_dir=run_dir,
             record=False,
         )
-        returns = [episode.return_ for episode in train(config, observer, stop=observer.stop).episodes]
+        returns = [episode.return_ for episode in train(config, callback, stop=callback.stop).episodes]
     reached = returns[-1] >= GOAL
     print(way, seed, [round(one, 1) for one in returns], flush=True)
     return {"seed": seed, "episodes": len(returns) + (not reached), "reached": reached, "returns": returns}

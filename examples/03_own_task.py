@@ -18,7 +18,7 @@ def error_mm(observation: Tensor) -> Tensor:
 
 
 PARK = Task(
-    id="Park-v0",
+    id="StopAtWall-v0",
     doc="The 2Wheeler stops at 400 mm from a wall.",
     robot=TWO_WHEELER,
     interface=Interface(commands=(DriveStraight(-100, 100),), channels=(Distance("eyes"),), settle=UntilDone()),

@@ -7,8 +7,8 @@ from torchrl.envs import CatFrames, Compose, FrameSkipTransform, ObservationNorm
 
 import bricksrl
 from bricksrl.envs import get_task
-from bricksrl.envs.camera import CameraView
-from bricksrl.envs.encoders import encode_images
+from bricksrl.envs.vision.camera import CameraView
+from bricksrl.envs.vision.encoders import encode_images
 from bricksrl.errors import EncoderError
 
 SEEN = replace(get_task("Spinning-v0"), id="SeenSpinning-v0", camera=CameraView("chase", width_px=128, height_px=96, image_px=64))

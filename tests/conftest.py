@@ -2,12 +2,24 @@
 
 from __future__ import annotations
 
+import atexit
 import os
+import shutil
+import signal
+import tempfile
+
+os.environ["XDG_CONFIG_HOME"] = tempfile.mkdtemp(prefix="bricksrl-settings-")  # tests leave the user's own settings alone
 
 # Before torch is imported, and inherited by the commands that tests start: tests share their cores.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
+# A shell's background jobs ignore Ctrl-C, and so would all that they start; tests send it.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+
 from hypothesis import settings
+
+atexit.register(shutil.rmtree, os.environ["XDG_CONFIG_HOME"], ignore_errors=True)
 
 # The same examples at every run, and no deadline on a loaded machine;
 # `pytest --hypothesis-profile=explore` looks for new ones.

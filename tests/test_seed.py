@@ -15,7 +15,7 @@ from bricksrl.data.edit import split
 from bricksrl.errors import DescriptionError
 from bricksrl.evaluation.tuning import Tuning, tune
 from bricksrl.seed import LARGEST_SEED, check_seed
-from bricksrl.twin.fit import fit
+from bricksrl.twin.system_id import fit
 
 NOWHERE = Path("nowhere")
 NOBODY: Any = None

@@ -9,6 +9,22 @@ from tensordict import TensorDict, TensorDictBase
 from torchrl.data import Binary, Bounded, Composite, Unbounded
 from torchrl.envs import EnvBase
 
+from bricksrl.envs.connection import Reconnect
+from bricksrl.errors import HubError, HubTimeoutError
+
+
+def assert_equal(a: object, b: object) -> None:
+    """The same tensors, numbers and texts under the same keys."""
+    assert type(a) is type(b)
+    if isinstance(a, dict) and isinstance(b, dict):
+        assert a.keys() == b.keys()
+        for key in a:
+            assert_equal(a[key], b[key])
+    elif isinstance(a, torch.Tensor) and isinstance(b, torch.Tensor):
+        assert torch.equal(a, b)
+    else:
+        assert a == b
+
 
 class Cart(EnvBase):
     """Position 0..1000 mm, moved by up to 100 mm a step with noise; reward is the way in decimetres; ends at 0 mm.
@@ -60,3 +76,35 @@ class Cart(EnvBase):
             },
             batch_size=(),
         )
+
+
+class LosingCart(Cart):
+    """A cart behind a link, as `HubEnv` tells of one: it breaks in step ``at`` of episode three, and ``failures`` resets fail."""
+
+    def __init__(self, at: int, failures: int = 0) -> None:
+        super().__init__()
+        self.observation_spec["link_lost"] = Binary(1, dtype=torch.bool)
+        self.reconnect, self.link_error = Reconnect(), HubError("no error yet")
+        self.at, self.failures = at, failures
+
+    def _reset(self, tensordict: TensorDictBase | None = None, **kwargs: Any) -> TensorDictBase:
+        while True:
+            self.reconnect.before_try()
+            if self.resets != 3 or not self.failures:
+                self.reconnect.answered(to_step=False)
+                return super()._reset().set("link_lost", torch.zeros(1, dtype=torch.bool))
+            self.failures -= 1
+            self.reconnect.failed(HubTimeoutError("the hub is not there; switch it on"))
+
+    def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
+        lost = torch.zeros(1, dtype=torch.bool)
+        if not self._is_lost():
+            self.reconnect.answered(to_step=True)
+            return super()._step(tensordict).set("link_lost", lost)
+        self.link_error = HubTimeoutError("the hub did not answer; switch it on")
+        self.reconnect.failed(self.link_error)
+        seen = {"observation": tensordict["observation"], "reward": torch.zeros(1), "terminated": lost}
+        return TensorDict({**seen, "truncated": ~lost, "done": ~lost, "link_lost": ~lost}, batch_size=())
+
+    def _is_lost(self) -> bool:
+        return (self.resets, self.step_count + 1) == (3, self.at)

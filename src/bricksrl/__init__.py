@@ -7,40 +7,42 @@ Whoever imports Gymnasium too, before or after, finds our environments there as 
 
 from __future__ import annotations
 
-import importlib
-import importlib.util
 import sys
-from importlib.abc import MetaPathFinder
-from typing import TYPE_CHECKING, Any
 
+TYPE_CHECKING = False  # typing's own costs more than all the rest here, and a Ctrl-C meanwhile ends in a traceback
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from importlib.machinery import ModuleSpec
     from types import ModuleType
+    from typing import Any
 
     from bricksrl import robots as robots
     from bricksrl.envs import list_envs as list_envs
     from bricksrl.envs import make as make
     from bricksrl.envs import register as register
     from bricksrl.evaluation import evaluate as evaluate
+    from bricksrl.policies import load_policy as load_policy
     from bricksrl.training import TrainConfig as TrainConfig
     from bricksrl.training import train as train
 
 __version__ = "0.1.0"
-__all__ = ["TrainConfig", "__version__", "evaluate", "list_envs", "make", "register", "robots", "train"]
+__all__ = ["TrainConfig", "__version__", "evaluate", "list_envs", "load_policy", "make", "register", "robots", "train"]
 
 _HOME = {
     "TrainConfig": "bricksrl.training",
     "evaluate": "bricksrl.evaluation",
     "list_envs": "bricksrl.envs",
+    "load_policy": "bricksrl.policies",
     "make": "bricksrl.envs",
     "register": "bricksrl.envs",
     "train": "bricksrl.training",
 }
-_PACKAGES = ("agents", "envs", "evaluation", "robots", "training")
+_PACKAGES = ("agents", "envs", "evaluation", "policies", "robots", "training")
 
 
 def __getattr__(name: str) -> Any:
+    import importlib
+
     if name in _HOME:
         return getattr(importlib.import_module(_HOME[name]), name)
     if name in _PACKAGES:
@@ -48,26 +50,39 @@ def __getattr__(name: str) -> Any:
     raise AttributeError(f"module 'bricksrl' has no attribute '{name}'")
 
 
-class _OfferToGymnasium(MetaPathFinder):
-    """Loads our environments, which registers them, right after Gymnasium; so that nobody else pays for importing it."""
+class _OfferToGymnasium:
+    """Registers our environments right after somebody has imported Gymnasium; so that nobody else pays for importing it."""
+
+    def __init__(self) -> None:
+        self._is_looking = False
 
     def find_spec(self, name: str, path: Sequence[str] | None, target: ModuleType | None = None) -> ModuleSpec | None:
-        if name != "gymnasium":
+        if name != "gymnasium" or self._is_looking:
             return None
-        sys.meta_path.remove(self)
-        spec = importlib.util.find_spec(name)
-        if spec is not None and spec.loader is not None:
+        from importlib import util
+
+        self._is_looking = True  # all other finders, without this one
+        try:
+            spec = util.find_spec(name)
+        finally:
+            self._is_looking = False
+        if spec is not None and spec.loader is not None:  # which is not loaded where somebody only asks whether it is there
             execute = spec.loader.exec_module
 
             def execute_and_offer(module: ModuleType) -> None:
+                import importlib
+
                 execute(module)
-                importlib.import_module("bricksrl.envs")
+                sys.meta_path.remove(self)
+                importlib.import_module("bricksrl.envs.registry").offer_to_gymnasium()
 
             spec.loader.exec_module = execute_and_offer  # type: ignore[method-assign]
         return spec
 
 
 if "gymnasium" in sys.modules:
-    importlib.import_module("bricksrl.envs")
+    import importlib
+
+    importlib.import_module("bricksrl.envs.registry").offer_to_gymnasium()
 else:
     sys.meta_path.insert(0, _OfferToGymnasium())

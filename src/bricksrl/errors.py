@@ -11,6 +11,10 @@ class DescriptionError(BricksError, ValueError):
     """A robot or an interface is described that cannot be built."""
 
 
+class PlanError(BricksError):
+    """A building plan that cannot be read or followed."""
+
+
 class UnknownNameError(BricksError, LookupError):
     """A name (environment, agent, robot, option) that nothing is registered under."""
 
@@ -43,6 +47,10 @@ class TwinError(BricksError):
     """The virtual robot cannot do what was asked."""
 
 
+class SceneError(TwinError):
+    """What a user's scene says could not be computed: no fault of the program on the hub that asked for it."""
+
+
 class RenderingUnavailableError(TwinError):
     """No OpenGL library is here to draw with."""
 
@@ -69,3 +77,7 @@ class DataError(BricksError):
 
 class LearnerError(BricksError):
     """The process that learns beside a robot failed or died."""
+
+
+class PageError(BricksError):
+    """The live page cannot be served, or cannot show something."""

@@ -1,6 +1,8 @@
-"""What can be a seed: what every generator of random numbers takes that is at work here."""
+"""Range of valid seeds: what every random generator that is at work here takes."""
 
 from __future__ import annotations
+
+import hashlib
 
 from bricksrl.errors import DescriptionError
 
@@ -16,3 +18,9 @@ def check_seed(seed: int | None) -> None:
     """
     if seed is not None and not (hasattr(seed, "__index__") and 0 <= seed <= LARGEST_SEED):
         raise DescriptionError(f"seed is {seed}; give a whole number from 0 to {LARGEST_SEED}")
+
+
+def derive_seed(seed: int, purpose: str, index: int = 0) -> int:
+    """A seed in 0..2**31-1 of its own for each purpose and index, as if drawn anew."""
+    digest = hashlib.sha256(f"{seed}/{purpose}/{index}".encode()).digest()
+    return int.from_bytes(digest[:4], "little") >> 1

@@ -1,98 +1,124 @@
-"""What the comparisons with TorchRL's losses share."""
+"""Networks, batches and noise that our losses and TorchRL's get alike, and their gradients in one form."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import copy
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 import pytest
 import torch
-from tensordict import TensorDict, TensorDictParams
+from tensordict import TensorDict
 from torch import Tensor, nn
+from torchrl.data import Bounded, TensorSpec
+from torchrl.modules import ProbabilisticActor, ValueOperator
 
-from bricksrl.agents.lean.flat import Flat, Learned
-from bricksrl.agents.networks import StackedCritics
-from bricksrl.agents.off_policy import Batch, OffPolicyAgent
+from bricksrl.agents.actor_critic import ActorCriticLoss, Critics
+from bricksrl.agents.networks import critic_operator, deterministic_policy, gaussian_policy, mlp
 
-
-class Separate(nn.Module):
-    """A critic of ordinary layers, as TorchRL's losses want it."""
-
-    def __init__(self, layers: nn.Sequential) -> None:
-        super().__init__()
-        self.layers = layers
-
-    def forward(self, features: Tensor, action: Tensor) -> Tensor:
-        value: Tensor = self.layers(torch.cat((features, action), -1))
-        return value
+SIZE, ACTION = 5, 3
+GAMMA = 0.9
+OF_GAUSSIAN = ("module", "0", "module", "body")
+OF_DETERMINISTIC = ("module", "body")
+"""Places of our actor's body in TorchRL's parameters."""
 
 
-def separate(layers: nn.Sequential) -> Separate:
-    """The layers as a critic."""
-    return Separate(layers)
+def action_spec() -> TensorSpec:
+    return Bounded(-1.0, 1.0, (ACTION,), dtype=torch.get_default_dtype())
 
 
-def batch_of(agent: OffPolicyAgent, n: int) -> Batch:
-    """Random transitions of 4 actions."""
-    size = agent.encoder.size
-    return Batch(torch.randn(n, size), torch.rand(n, 4) * 2 - 1, torch.randn(n), torch.randn(n, size), torch.rand(n) < 0.3)
+def actor(outputs: int, **kind: Any) -> nn.Sequential:
+    return mlp(SIZE, outputs, (16, 12), **kind)
 
 
-def to_torchrl(batch: Batch) -> TensorDict:
-    """The batch as TorchRL has it."""
-    n = len(batch.reward)
-    done = batch.terminated[:, None]
-    after = {"features": batch.next_features, "reward": batch.reward[:, None], "terminated": done, "done": done}
-    return TensorDict({"features": batch.features, "action": batch.action, "next": TensorDict(after, [n])}, [n])
+def critics(count: int = 2, hidden: tuple[int, ...] = (16, 12), **kind: Any) -> Critics:
+    return Critics([mlp(SIZE + ACTION, 1, hidden, **kind) for _ in range(count)])
 
 
-def as_theirs(name: str, value: Tensor) -> Tensor:
-    """A stacked parameter, or its gradient, in the shape that a stack of ordinary layers has."""
-    return value.mT if name.endswith("weight") and value.shape[1] > 1 else value.squeeze(1)
+def batch(n: int = 64, *, steps: bool = False) -> TensorDict:
+    """Random transitions, of which some end their episode in a goal or a fall, and others at the time limit."""
+    terminated, truncated = torch.rand(2, n, 1) < 0.3
+    after = {"observation": torch.randn(n, SIZE), "reward": torch.randn(n, 1), "terminated": terminated}
+    after["done"] = terminated | truncated
+    action = (torch.rand(n, ACTION) * 2.0 - 1.0) * 0.99
+    found = TensorDict({"observation": torch.randn(n, SIZE), "action": action, "next": TensorDict(after, [n])}, [n])
+    return found.set("steps_to_next_obs", torch.randint(1, 4, (n, 1))) if steps else found
 
 
-def copy_critics(critics: StackedCritics, params: TensorDictParams) -> None:
-    """Write the weights and running statistics of our critics into TorchRL's."""
-    for name, value in [*critics.named_parameters(), *critics.named_buffers()]:
-        params.get(("module", *name.split("."))).data.copy_(as_theirs(name, value.detach()))
+def moved(loss: ActorCriticLoss) -> Any:
+    """The loss, with targets that differ from the networks that they follow."""
+    for name, parameter in loss.named_parameters():
+        if name.startswith("target_"):
+            parameter.data += 0.1 * torch.randn_like(parameter)
+    return loss
 
 
-def gradients_of(critics: StackedCritics, loss: Tensor, params: TensorDictParams, their_loss: Tensor) -> Any:
-    """Gradients of the losses for our critics and for TorchRL's, in one shape."""
-    parameters = list(critics.named_parameters())
-    ours = torch.autograd.grad(loss, [value for _, value in parameters], retain_graph=True)
-    theirs = torch.autograd.grad(
-        their_loss, [params.get(("module", *name.split("."))) for name, _ in parameters], retain_graph=True
-    )
-    return tuple(as_theirs(name, value) for (name, _), value in zip(parameters, ours, strict=True)), theirs
+def their_gaussian(body: nn.Module, min_scale: float) -> ProbabilisticActor:
+    return gaussian_policy(nn.Identity(), copy.deepcopy(body), action_spec(), min_scale=min_scale)
 
 
-def frozen(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Let nothing move, so that gradients can be looked at: no step of Adam, no target that follows."""
-    monkeypatch.setattr(Learned, "step", lambda self: None)
-    monkeypatch.setattr(Flat, "follow", lambda self, other, share: None)
+def their_deterministic(body: nn.Module) -> Any:
+    return deterministic_policy(nn.Identity(), copy.deepcopy(body), action_spec(), noise=0.0)[0]
 
 
-def written(learned: Learned, module: nn.Module) -> tuple[Tensor, ...]:
-    """Gradients that were written by hand."""
-    return tuple(learned.gradient(parameter).clone() for parameter in module.parameters())
+def their_critic(ours: Critics) -> ValueOperator:
+    return critic_operator(nn.Identity(), copy.deepcopy(ours[0]).train())
 
 
-def written_for_critics(learned: Learned, critics: StackedCritics) -> tuple[Tensor, ...]:
-    """The same for critics, in TorchRL's shape."""
-    return tuple(as_theirs(name, learned.gradient(parameter)) for name, parameter in critics.named_parameters())
+def _theirs(params: Any, prefix: tuple[str, ...], names: Iterable[str]) -> list[Tensor]:
+    return [params.get((*prefix, *name.split("."))) for name in names]
 
 
-def of_critics(critics: StackedCritics, params: TensorDictParams) -> list[Tensor]:
-    """TorchRL's parameters, in the order of ours."""
-    return [params.get(("module", *name.split("."))) for name, _ in critics.named_parameters()]
+def copy_body(body: nn.Module, params: Any, prefix: tuple[str, ...]) -> None:
+    """Write an actor's parameters into TorchRL's."""
+    names, values = zip(*body.named_parameters(), strict=True)
+    for value, theirs in zip(values, _theirs(params, prefix, names), strict=True):
+        theirs.data.copy_(value.data)
 
 
-def of_actor(actor: nn.Module, params: TensorDictParams, prefix: tuple[str, ...]) -> list[Tensor]:
-    """TorchRL's parameters of an actor, in the order of ours."""
-    return [params.get((*prefix, *name.split("."))) for name, _ in actor.named_parameters()]
+def copy_critics(ours: Critics, params: Any) -> None:
+    """Write the parameters and running statistics of our critics into TorchRL's, which has them stacked."""
+    for number, body in enumerate(ours):
+        names, values = zip(*body.named_parameters(), *body.named_buffers(), strict=True)
+        for value, theirs in zip(values, _theirs(params, OF_DETERMINISTIC, names), strict=True):
+            theirs.data[number].copy_(value.data)
 
 
-def assert_close(ours: Iterable[Tensor], theirs: Iterable[Tensor], rtol: float = 1e-4, atol: float = 1e-5) -> None:
+def assert_same_actor_gradients(body: nn.Module, loss: Tensor, params: Any, prefix: tuple[str, ...], theirs: Tensor) -> None:
+    names, values = zip(*body.named_parameters(), strict=True)
+    one = torch.autograd.grad(loss, values, retain_graph=True)
+    other = torch.autograd.grad(theirs, _theirs(params, prefix, names), retain_graph=True)
+    assert_close(one, other)
+
+
+def assert_same_critic_gradients(ours: Critics, loss: Tensor, params: Any, theirs: Tensor) -> None:
+    names = [name for name, _ in ours[0].named_parameters()]
+    stacks = list(zip(*(tuple(body.parameters()) for body in ours), strict=True))
+    one = torch.autograd.grad(loss, [value for stack in stacks for value in stack], retain_graph=True)
+    other = torch.autograd.grad(theirs, _theirs(params, OF_DETERMINISTIC, names), retain_graph=True)
+    k = len(ours)
+    assert_close([torch.stack(one[i * k : (i + 1) * k]) for i in range(len(names))], other)
+
+
+def assert_close(ours: Iterable[Tensor], theirs: Iterable[Tensor]) -> None:
     for one, other in zip(ours, theirs, strict=True):
-        torch.testing.assert_close(one.detach(), other.detach(), rtol=rtol, atol=atol)
+        torch.testing.assert_close(one.detach(), other.detach().view(one.shape), rtol=1e-6, atol=1e-8)
+
+
+class Draws:
+    """Standard normal draws, the same for both, given out in the order in which each asks for them."""
+
+    def __init__(self, **by_name: Tensor) -> None:
+        self.by_name = by_name
+
+    def _order(self, names: tuple[str, ...]) -> Iterator[Tensor]:
+        return iter([self.by_name[name] for name in names])
+
+    def for_ours(self, patched: pytest.MonkeyPatch, *names: str) -> None:
+        order = self._order(names)
+        patched.setattr(torch, "randn", lambda *shape, **_: next(order))
+
+    def for_theirs(self, patched: pytest.MonkeyPatch, *names: str) -> None:
+        order = self._order(names)
+        patched.setattr(torch.distributions.normal, "_standard_normal", lambda *_, **__: next(order))
+        patched.setattr(torch, "normal", lambda loc, scale: loc + scale * next(order))

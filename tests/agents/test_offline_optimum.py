@@ -6,25 +6,41 @@ policy that goes the right way too timidly and with much noise. Values are compu
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
 import pytest
 import torch
+from tensordict import TensorDict
 from torch import Tensor
+from torchrl.data import Bounded, Composite, Unbounded
+from torchrl.envs import EnvBase
 
-from bricksrl.agents import make_agent, preset
-from bricksrl.agents.agent import Transitions
-from bricksrl.agents.layout import ObservationLayout
-from bricksrl.training.reproducible import reproducible
+from bricksrl.agents import make_learner, preset
+from bricksrl.agents.learner import Learner
+from bricksrl.agents.replay import EpisodicReplayBuffer
 
 GAMMA, REACH, GAIN, NOISE = 0.8, 0.3, 0.5, 0.6
 GRID = torch.linspace(-1.0, 1.0, 401)
 STARTS = torch.linspace(-1.0, 1.0, 41)
 QUANTILES = torch.distributions.Normal(0.0, 1.0).icdf((torch.arange(200) + 0.5) / 200)
-LAYOUT = ObservationLayout((-1.0,), (1.0,), (False,))
 SMALL = {"hidden": (32, 32), "batch_size": 128, "gamma": GAMMA, "learning_rate": 3e-3, "tau": 0.1, "sampled_actions": 4}
+
+
+class Line(EnvBase):
+    """Only the specs of the task."""
+
+    def __init__(self) -> None:
+        super().__init__(batch_size=())
+        self.observation_spec = Composite(observation=Bounded(-1.0, 1.0, (1,)))
+        self.action_spec = Bounded(-1.0, 1.0, (1,))
+        self.reward_spec = Unbounded((1,))
+
+    def _reset(self, tensordict: Any = None, **_: Any) -> Any: ...
+    def _step(self, tensordict: Any) -> Any: ...
+    def _set_seed(self, seed: int | None) -> None: ...
 
 
 def move(x: Tensor, action: Tensor) -> Tensor:
@@ -56,43 +72,61 @@ BEST = solve(torch.linspace(-1.0, 1.0, 201)[:, None].expand(-1, 401), lambda cho
 OF_BEHAVIOUR = solve(behaviour(GRID, QUANTILES[:, None]), lambda choices: choices.mean(0))
 
 
-def made_data(count: int = 4000) -> Transitions:
+def made_data(batch_size: int, count: int = 4000) -> EpisodicReplayBuffer:
     x = torch.rand(count) * 2.0 - 1.0
     action = behaviour(x, torch.randn(count))
-    after = move(x, action)
-    never = torch.zeros(count, dtype=torch.bool)
-    return Transitions(x[:, None], action[:, None], -after.square(), after[:, None], never, ~never)
+    after = move(x, action)[:, None]
+    never = torch.zeros(count, 1, dtype=torch.bool)
+    rows = {"observation": after, "reward": -after.square(), "terminated": never, "done": ~never}
+    memory = EpisodicReplayBuffer(count, batch_size, ("observation",))
+    frames = {"observation": x[:, None], "action": action[:, None], "next": TensorDict(rows, [count])}
+    memory.extend(TensorDict(frames, [count]))
+    return memory
 
 
-def regret(agent: Any) -> float:
-    """How much less than the best the agent gets, from all starts."""
+def acted(learner: Any, x: Tensor) -> Tensor:
+    action: Tensor = learner.act(TensorDict({"observation": x[:, None]}, [len(x)]), explore=False)[:, 0]
+    return action
+
+
+def regret(learner: Any) -> float:
+    """The difference to the best return, on average over all starts."""
     x, total = STARTS, torch.zeros(41)
-    for step in range(40):
-        x = move(x, torch.cat([agent.act(one[None], explore=False) for one in x]))
+    for step in range(25):
+        x = move(x, acted(learner, x))
         total -= GAMMA**step * x.square()
     return float((value_at(BEST, STARTS) - total).mean())
 
 
-def learned(name: str, updates: int = 500, **changes: Any) -> Any:
+def learned(name: str, updates: int = 500, **changes: Any) -> Learner:
     wanted = {**SMALL, **changes}
     usual = preset("default", name)
-    agent: Any = make_agent(name, LAYOUT, 1, replace(usual, **{key: wanted[key] for key in wanted if hasattr(usual, key)}))
-    agent.study(made_data())
-    agent.update(updates)
-    return agent
+    learner = make_learner(name, Line(), replace(usual, **{key: wanted[key] for key in wanted if hasattr(usual, key)}))
+    learner.study(made_data(SMALL["batch_size"]))
+    learner.make_updates(updates)
+    return learner
+
+
+def values_of(learner: Learner, x: Tensor) -> Tensor:
+    """IQL's values of states."""
+    loss: Any = learner.loss
+    with torch.no_grad(), loss.value_network_params.to_module(loss.value_network):
+        found: Tensor = loss.value_network(TensorDict({"observation": x[:, None]}, [len(x)]))["state_value"][:, 0]
+    return found
 
 
 @pytest.fixture(scope="module")
 def imitated() -> float:
     """The regret of imitation."""
-    with reproducible(4):
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(4)
         return regret(learned("bc", dropout=0.0))
 
 
 def test_the_task_leaves_room_to_improve(imitated: float) -> None:
     class Middle:
-        def act(self, observation: Tensor, *, explore: bool) -> Tensor:
-            return (-observation / REACH).clamp(-1.0, 1.0)
+        def act(self, state: TensorDict, *, explore: bool) -> Tensor:
+            return (-state["observation"] / REACH).clamp(-1.0, 1.0)
 
     assert regret(Middle()) == pytest.approx(0.0, abs=2e-3)
     assert float((BEST - OF_BEHAVIOUR).mean()) > 0.2
@@ -102,41 +136,43 @@ def test_the_task_leaves_room_to_improve(imitated: float) -> None:
 def test_bc_finds_the_mean_of_the_behaviour() -> None:
     agent = learned("bc", dropout=0.0)
     mean = behaviour(STARTS, QUANTILES[:, None]).mean(0)
-    torch.testing.assert_close(agent.act(STARTS[:, None], explore=False)[:, 0], mean, rtol=0.0, atol=0.12)
+    torch.testing.assert_close(acted(agent, STARTS), mean, rtol=0.0, atol=0.12)
+
+
+@functools.cache
+def bold_iql() -> Learner:
+    return learned("iql", 400, expectile=0.95, temperature=10.0)
 
 
 def test_iql_with_the_middle_expectile_finds_the_values_of_the_behaviour() -> None:
-    agent = learned("iql", expectile=0.5)
-    with torch.no_grad():
-        found = agent.value_of(agent.encoder(STARTS[:, None]))
+    agent = learned("iql", 400, expectile=0.5)
+    found = values_of(agent, STARTS)
     best, usual = value_at(BEST, STARTS), value_at(OF_BEHAVIOUR, STARTS)
     assert (found - usual).abs().mean() < 0.12  # of values down to -1.7
     assert (found - best).mean() < -0.2
 
 
 def test_iql_with_a_high_expectile_approaches_the_best_values() -> None:
-    agent = learned("iql", expectile=0.95)
-    with torch.no_grad():
-        found = agent.value_of(agent.encoder(STARTS[:, None]))
+    agent = bold_iql()
+    found = values_of(agent, STARTS)
     best, usual = value_at(BEST, STARTS), value_at(OF_BEHAVIOUR, STARTS)
     assert (best - found).abs().mean() < 0.4 * (best - usual).mean()
 
 
-@pytest.mark.parametrize(
-    ("agent", "share", "changes"), [("iql", 0.7, {"temperature": 10.0}), ("cql", 0.3, {}), ("td3bc", 0.5, {})]
-)
-def test_offline_agents_improve_on_the_data(imitated: float, agent: str, share: float, changes: dict[str, Any]) -> None:
-    assert regret(learned(agent, **changes)) < share * imitated
+@pytest.mark.parametrize(("agent", "share"), [("iql", 0.7), ("cql", 0.3), ("td3bc", 0.5)])
+def test_offline_agents_improve_on_the_data(imitated: float, agent: str, share: float) -> None:
+    assert regret(bold_iql() if agent == "iql" else learned(agent, 400)) < share * imitated
 
 
 def test_cql_believes_less_than_is_true_where_the_data_is_not() -> None:
     """Values of actions that the data never has are pressed down below those of the data, and below what they are worth."""
-    agent, bold = learned("cql", 250, min_q_weight=2.0), learned("sac", 250)
+    careful_one, bold = learned("cql", 250, min_q_weight=2.0), learned("sac", 250)
     x = torch.full((1, 1), 0.9)
-    features, away = agent.encoder(x), torch.ones(1, 1)  # to the right, where the behaviour hardly ever goes
+    away = torch.ones(1, 1)  # to the right, where the behaviour hardly ever goes
     after = move(x[:, 0], away[:, 0])
     true = -after.square() + GAMMA * value_at(BEST, after)
     with torch.no_grad():
-        careful, believed = (made.critics(features, away).amin() for made in (agent, bold))
+        losses: list[Any] = [careful_one.loss, bold.loss]
+        careful, believed = (loss.critics(loss.encoder(x), away).amin() for loss in losses)
     assert careful < true - 0.1
     assert careful < believed - 0.1

@@ -1,38 +1,293 @@
+"""Replay: which transition followed which, n-step sums, chunks, images, and a state that goes on where it was."""
+
 from __future__ import annotations
+
+import io
+from dataclasses import dataclass, field
+from typing import Any
 
 import pytest
 import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from tensordict import TensorDict
 
-from bricksrl.agents.replay import ReplayRing
+from bricksrl.agents.replay import EpisodicReplayBuffer
+from bricksrl.errors import DescriptionError
 
-
-def ring(capacity: int, lengths: tuple[int, ...]) -> ReplayRing:
-    """Episodes of these lengths; a row is its episode and its step."""
-    made = ReplayRing(capacity, 2)
-    for episode, length in enumerate(lengths):
-        for step in range(length):
-            made.add((torch.tensor([float(episode)]), torch.tensor([float(step)])), last=step == length - 1)
-    return made
+GAMMA = 0.9
 
 
-@pytest.mark.parametrize(
-    ("capacity", "lengths"), [(20, (5, 4, 6)), (15, (5, 4, 6)), (7, (5, 4, 6)), (8, (8,)), (8, (11,)), (6, (6, 1))]
+def numbered(
+    first: int, count: int, *, done: tuple[int, ...] = (), fell: tuple[int, ...] = (), lost: tuple[int, ...] = ()
+) -> Any:
+    """Transitions ``[count]`` that are numbered in their observation, action and reward; ``done`` and the others are numbers."""
+    number = torch.arange(first, first + count)
+
+    def among(which: tuple[int, ...]) -> torch.Tensor:
+        return torch.isin(number, torch.tensor(which, dtype=torch.int64))[:, None]
+
+    value = number[:, None].float()
+    after = {"observation": value + 0.5, "reward": value, "terminated": among(fell), "done": among((*done, *fell, *lost))}
+    after["link_lost"] = among(lost)
+    return TensorDict({"observation": value, "action": value.repeat(1, 2), "next": TensorDict(after, [count])}, [count])
+
+
+def memory(capacity: int = 100, batch_size: int = 50, **kind: Any) -> EpisodicReplayBuffer:
+    return EpisodicReplayBuffer(capacity, batch_size, ("observation",), **{"n_step": 2, "gamma": GAMMA, **kind})
+
+
+def followers(buffer: EpisodicReplayBuffer) -> dict[int, int | None]:
+    """For the number of each transition in the buffer that of the one that followed it."""
+    numbers = [int(one) for one in buffer[:]["observation"].flatten()]
+    places = [int(place) for place in buffer._successor[: len(numbers)]]
+    return {number: None if place == buffer._none else numbers[place] for number, place in zip(numbers, places, strict=True)}
+
+
+def test_steps_of_one_robot_follow_one_another_across_calls() -> None:
+    buffer = memory()
+    for first in range(0, 8, 2):
+        buffer.extend(numbered(first, 2, done=(3,)))
+    assert followers(buffer) == {0: 1, 1: 2, 2: 3, 3: None, 4: 5, 5: 6, 6: 7, 7: None}
+
+
+def test_steps_of_copies_follow_those_of_their_own() -> None:
+    buffer = memory()
+    for first in (0, 2):
+        buffer.extend(torch.stack([numbered(first, 2, done=(2,)), numbered(10 + first, 2), numbered(20 + first, 2, done=(21,))]))
+    assert followers(buffer) == {
+        0: 1,
+        1: 2,
+        2: None,
+        3: None,
+        10: 11,
+        11: 12,
+        12: 13,
+        13: None,
+        20: 21,
+        21: None,
+        22: 23,
+        23: None,
+    }
+
+
+def test_a_step_at_which_the_link_broke_is_dropped_and_nothing_reaches_across() -> None:
+    buffer = memory()
+    buffer.extend(torch.stack([numbered(0, 4, lost=(1,)), numbered(10, 4, lost=(13,))]))
+    buffer.extend(torch.stack([numbered(4, 2), numbered(14, 2, lost=(15,))]))
+    buffer.extend(torch.stack([numbered(6, 1), numbered(16, 1)]))
+    assert followers(buffer) == {0: None, 2: 3, 3: 4, 4: 5, 5: 6, 6: None, 10: 11, 11: 12, 12: None, 14: None, 16: None}
+
+
+def test_frames_all_of_which_are_lost_leave_nothing_and_end_what_was_before() -> None:
+    buffer = memory()
+    buffer.extend(numbered(0, 2))
+    assert len(buffer.extend(numbered(2, 1, lost=(2,)))) == 0
+    buffer.extend(numbered(3, 1))
+    assert followers(buffer) == {0: 1, 1: None, 3: None}
+
+
+def test_what_comes_after_the_end_of_episodes_does_not_follow() -> None:
+    buffer = memory()
+    buffer.extend(numbered(0, 2))
+    buffer.end_episodes()
+    buffer.extend(numbered(2, 2))
+    assert followers(buffer) == {0: 1, 1: None, 2: 3, 3: None}
+
+
+@pytest.mark.parametrize("parts", [(3, 5), (5, 3, 5), (4, 4, 4), (1,) * 13, (2, 5, 5, 5)])
+def test_the_oldest_are_overwritten_and_the_newest_is_followed_by_nothing(parts: tuple[int, ...]) -> None:
+    buffer, made = memory(capacity=5), 0
+    for count in parts:
+        buffer.extend(numbered(made, count))
+        made += count
+    assert followers(buffer) == {**{number: number + 1 for number in range(made - 5, made - 1)}, made - 1: None}
+
+
+def test_copies_overwrite_what_copies_made_last() -> None:
+    """A buffer with less than two steps of each copy: places of the last transitions are written anew at once."""
+    buffer = memory(capacity=5)
+    for step in range(6):
+        buffer.extend(torch.stack([numbered(100 * copy + step, 1) for copy in range(3)]))
+    assert followers(buffer) == {104: 105, 204: 205, 5: None, 105: None, 205: None}
+
+
+def test_more_than_fits_is_refused() -> None:
+    with pytest.raises(
+        DescriptionError, match="6 transitions at once do not fit into a replay buffer of 5; give buffer_size 6 or more"
+    ):
+        memory(capacity=5).extend(numbered(0, 6))
+
+
+@dataclass
+class Reference:
+    """A list of all transitions in their order, each with that which it followed."""
+
+    capacity: int
+    kept: list[int] = field(default_factory=list)
+    next_of: dict[int, int] = field(default_factory=dict)
+    last: dict[int, int | None] = field(default_factory=dict)
+
+    def add(self, copy: int, number: int, *, done: bool, lost: bool) -> None:
+        if lost:
+            self.last[copy] = None
+            return
+        before = self.last.get(copy)
+        if before is not None:
+            self.next_of[before] = number
+        self.kept.append(number)
+        self.last[copy] = None if done else number
+
+    def followers(self) -> dict[int, int | None]:
+        kept = self.kept[-self.capacity :]
+        return {number: self.next_of.get(number) for number in kept}
+
+
+CALLS = st.lists(
+    st.tuples(st.integers(1, 4), st.sets(st.integers(0, 11), max_size=3), st.sets(st.integers(0, 11), max_size=2), st.booleans()),
+    min_size=1,
+    max_size=8,
 )
-def test_what_comes_after_a_step_is_of_its_episode(capacity: int, lengths: tuple[int, ...]) -> None:
-    made = ring(capacity, lengths)
-    ends = torch.tensor([float(length) for length in lengths])
-    places, steps = torch.arange(len(made))[:, None], torch.arange(9)
-    there, known = made.after(places, steps)
-    before, after = made.rows(places.expand(-1, 9)), made.rows(there.where(known, 0))
-    assert torch.equal(known, before[..., 1] + steps < ends[before[..., 0].long()])
-    assert torch.equal((after - before)[known], torch.stack((torch.zeros(9), steps), -1).expand_as(before)[known])
 
 
-def test_later_is_drawn_from_what_comes_after() -> None:
-    """A ring that holds but one episode does not go on from its end to its start."""
-    made = ring(8, (8,))
-    torch.manual_seed(0)
-    places = torch.arange(8).repeat(50)
-    ahead = made.later(places, 3) - places
-    assert set(ahead.tolist()) == {0, 1, 2, 3}
-    assert set(ahead[places == 7].tolist()) == {0}
+@settings(max_examples=50)
+@given(capacity=st.integers(12, 30), copies=st.integers(1, 3), calls=CALLS)
+def test_followers_are_those_of_a_plain_list(
+    capacity: int, copies: int, calls: list[tuple[int, set[int], set[int], bool]]
+) -> None:
+    buffer, reference, made = memory(capacity=capacity), Reference(capacity), [1000 * copy for copy in range(copies)]
+    for count, done, lost, end in calls:
+        parts = []
+        for copy in range(copies):
+            ends = tuple(made[copy] + one - 4 * copy for one in done)
+            gaps = tuple(made[copy] + one - 4 * copy for one in lost)
+            parts.append(numbered(made[copy], count, done=ends, lost=gaps))
+            for number in range(made[copy], made[copy] + count):
+                reference.add(copy, number, done=number in ends, lost=number in gaps)
+            made[copy] += count
+        buffer.extend(torch.stack(parts))
+        if all(part["next", "link_lost"].all() for part in parts):
+            reference.last.clear()
+        if end:
+            buffer.end_episodes()
+            reference.last.clear()
+    assert len(buffer) == min(capacity, len(reference.kept))
+    if len(buffer):
+        assert followers(buffer) == reference.followers()
+
+
+def summed(number: int, n: int, followed: dict[int, int | None], fell: set[int]) -> tuple[float, int, int]:
+    """Reward, last number and count of steps from a number on, step by step."""
+    reward, steps, at = float(number), 1, number
+    while steps < n and at not in fell and followed[at] is not None:
+        at = followed[at]  # type: ignore[assignment]
+        reward += GAMMA**steps * at
+        steps += 1
+    return reward, at, steps
+
+
+@settings(max_examples=40)
+@given(
+    n=st.integers(2, 6),
+    done=st.sets(st.integers(0, 39), max_size=6),
+    fell=st.sets(st.integers(0, 39), max_size=6),
+    lost=st.sets(st.integers(0, 39), max_size=4),
+    capacity=st.integers(20, 50),
+)
+def test_n_step_sums_are_those_of_plain_python(n: int, done: set[int], fell: set[int], lost: set[int], capacity: int) -> None:
+    buffer = memory(capacity=capacity, n_step=n, batch_size=64)
+    fell = fell - lost
+    for first in range(0, 40, 10):
+        buffer.extend(numbered(first, 10, done=tuple(done), fell=tuple(fell), lost=tuple(lost)))
+    followed, batch = followers(buffer), buffer.sample()
+    for row in batch:
+        reward, last, steps = summed(int(row["observation"]), n, followed, fell)
+        assert float(row["next", "reward"]) == pytest.approx(reward, rel=1e-5)
+        assert float(row["next", "observation"]) == last + 0.5
+        assert int(row["steps_to_next_obs"]) == int(row["next", "steps_to_next_obs"]) == steps
+        assert bool(row["next", "terminated"]) == (last in fell)
+        assert float(row["action"][0]) == float(row["observation"])
+
+
+def test_one_step_has_no_count_of_steps() -> None:
+    buffer = memory(n_step=1)
+    buffer.extend(numbered(0, 10))
+    assert "steps_to_next_obs" not in buffer.sample().keys()  # noqa: SIM118  a TensorDict
+    assert buffer.sample().batch_size == (50,)
+    assert buffer.sample(7).batch_size == (7,)
+
+
+def test_all_that_is_in_it_comes_up_alike() -> None:
+    buffer = memory(capacity=5, n_step=1)
+    for first in (0, 4):
+        buffer.extend(numbered(first, 4))
+    counts = torch.bincount(buffer.sample(5000)["observation"].flatten().long(), minlength=8)
+    assert counts[:3].tolist() == [0, 0, 0]
+    assert counts[3:].float().std() < 100.0
+
+
+def test_chunks_are_the_actions_that_followed_and_the_last_one_again() -> None:
+    frames = numbered(0, 12, done=(4,))
+    expected = {0: [0, 1, 2, 3], 2: [2, 3, 4, 4], 4: [4, 4, 4, 4], 5: [5, 6, 7, 8], 9: [9, 10, 11, 11], 11: [11, 11, 11, 11]}
+    batch = EpisodicReplayBuffer.from_frames(frames, 32, ("observation",), chunk=4).sample(300)
+    assert batch["action"].shape == (300, 4, 2)
+    found = {int(row["observation"]): row["action"][:, 0].int().tolist() for row in batch}
+    assert {number: found[number] for number in expected} == expected
+    assert frames["action"].shape == (12, 2)  # they stay as they were
+
+
+def test_images_are_shifted_each_by_its_own_way() -> None:
+    images = torch.arange(16 * 16 * 3, dtype=torch.uint8).view(1, 16, 16, 3).repeat(8, 1, 1, 1)
+    frames = numbered(0, 8)
+    frames["image"], frames["next", "image"] = images, images.clone()
+    plain, shifted = (EpisodicReplayBuffer(8, 32, ("observation", "image"), shift_px=px) for px in (0, 2))
+    for buffer in (plain, shifted):
+        buffer.extend(frames)
+    assert (plain.sample()["image"] == images[0]).all()
+    batch = shifted.sample()
+    assert batch["image"].dtype is torch.uint8
+    ways = {bytes(image.flatten().tolist()) for image in batch["image"]}
+    assert len(ways) > 10
+    assert not torch.equal(batch["image"], batch["next", "image"])
+    assert (batch["image"][:, 4:-4, 4:-4] != images[0, 4:-4, 4:-4]).any()
+
+
+@pytest.mark.parametrize("memory_mapped", [False, True])
+@pytest.mark.parametrize("made", [0, 3, 12])
+def test_a_state_goes_on_where_it_was(made: int, memory_mapped: bool) -> None:
+    one = memory(capacity=8, memory_mapped=memory_mapped)
+    for first in range(made):
+        one.extend(numbered(first, 1, done=(2, 7)))
+    file = io.BytesIO()
+    torch.save(one.state_dict(), file)
+    file.seek(0)
+    state = torch.load(file, weights_only=True)
+    assert sum(len(rows) for rows in state["rows"].values()) == min(made, 8) * len(state["rows"])
+    other = memory(capacity=8)
+    other.load_state_dict(state)
+    for first in range(made, made + 6):
+        for buffer in (one, other):
+            buffer.extend(numbered(first, 1, done=(2, 7)))
+    assert followers(one) == followers(other)
+    batches = []
+    for buffer in (one, other):
+        torch.manual_seed(1)
+        batches.append(buffer.sample())
+    assert (batches[0] == batches[1]).all()
+
+
+def test_a_state_that_does_not_fit_is_refused() -> None:
+    full = memory(capacity=8)
+    full.extend(numbered(0, 8))
+    with pytest.raises(ValueError, match="8 transitions does not fit into one of 4"):
+        memory(capacity=4).load_state_dict(full.state_dict())
+
+
+def test_the_state_is_a_copy() -> None:
+    buffer = memory(capacity=4)
+    buffer.extend(numbered(0, 4))
+    state = buffer.state_dict()
+    buffer.extend(numbered(4, 4))
+    assert state["rows"]["observation"].flatten().tolist() == [0.0, 1.0, 2.0, 3.0]
+    assert state["successor"].tolist() == [1, 2, 3, 4]
+    assert state["last"].tolist() == [3]

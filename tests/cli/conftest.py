@@ -6,7 +6,7 @@ import os
 import re
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -53,17 +53,28 @@ def fails(capfd: pytest.CaptureFixture[str]) -> Callable[..., None]:
     return run
 
 
-@pytest.fixture(scope="session")
-def start(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., subprocess.Popen[str]]:
-    """Start ``bricksrl`` and go on."""
+@pytest.fixture
+def start(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[..., subprocess.Popen[str]]]:
+    """Start ``bricksrl`` and go on; what still runs at the end of the test is ended."""
     folder = tmp_path_factory.mktemp("cli-started")
+    started: list[subprocess.Popen[str]] = []
 
     def popen(*arguments: str) -> subprocess.Popen[str]:
         command = [EXECUTABLE, *arguments]
         environment = {**os.environ, "MUJOCO_GL": "disable"}
-        return subprocess.Popen(command, cwd=folder, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        pipe = subprocess.PIPE
+        started.append(subprocess.Popen(command, cwd=folder, env=environment, stdout=pipe, stderr=pipe, text=True))
+        return started[-1]
 
-    return popen
+    yield popen
+    for process in started:
+        if process.poll() is None:
+            process.terminate()  # first, so that it ends what it has started itself
+            try:
+                process.communicate(timeout=20)
+            except subprocess.TimeoutExpired:
+                process.kill()
+        process.communicate()
 
 
 @pytest.fixture(scope="session")

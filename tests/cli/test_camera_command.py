@@ -13,11 +13,11 @@ import torch
 
 from bricksrl import training
 from bricksrl.cli import main
-from bricksrl.envs.camera import Frame, RedWindow, VideoCamera
-from bricksrl.envs.red import read_red
+from bricksrl.envs.vision.camera import Frame, RedWindow, VideoCamera
+from bricksrl.envs.vision.color_calibration import read_red
 from bricksrl.errors import CameraError, RunError
 from bricksrl.training import TrainConfig
-from bricksrl.training.runner import make_env
+from bricksrl.training.run import make_env
 
 ID = "RoboArm_mixed-v0"
 
@@ -63,7 +63,7 @@ def test_a_webcam_is_asked_for_frames_and_the_last_ones_count(
         return made
 
     monkeypatch.setattr(VideoCamera, "frame", frame)
-    monkeypatch.setattr("bricksrl.envs.red.calibration_folder", lambda: tmp_path)
+    monkeypatch.setattr("bricksrl.envs.vision.color_calibration.calibration_folder", lambda: tmp_path)
     assert main(["camera", "calibrate", "--camera", "1", "--frames", "4", "--at", "220", "120"]) == 0
     assert taken == [1] * 4
     assert read_red(tmp_path / "camera-1.json").hue_deg[1] < 0

@@ -24,7 +24,7 @@ def test_a_task_of_ones_own_in_a_file(capsys, tmp_path):
     assert main(["check", str(path)]) == 0
     path.write_text(OWN.format(change=", reward=lambda p, a, o: o"))
     assert main(["check", f"{path}:MINE"]) == 1
-    assert "failed  functions    reward has the shape" in capsys.readouterr().out
+    assert "error   functions    reward has the shape" in capsys.readouterr().out
 
 
 def test_no_such_task_is_one_line(fails, tmp_path):

@@ -10,9 +10,9 @@ import pytest
 
 from bricksrl.cli import doctor, main
 from bricksrl.errors import HubError
-from bricksrl.hub import adapter
-from bricksrl.hub.failures import BluetoothUnavailableError
-from bricksrl.hub.finding import Outcome
+from bricksrl.finding import Outcome
+from bricksrl.hub.errors import BluetoothUnavailableError
+from bricksrl.hub.transports import bluetooth
 
 
 def test_every_line_is_an_answer_and_this_computer_will_do(capfd) -> None:
@@ -58,9 +58,9 @@ def linux(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     for name, text in (("type", "bluetooth"), ("soft", "0"), ("hard", "0")):
         (tmp_path / "rfkill/rfkill0" / name).write_text(f"{text}\n")
     (tmp_path / "bus").write_text("")
-    monkeypatch.setattr(adapter, "_BLUETOOTH_FOLDER", tmp_path / "bluetooth")
-    monkeypatch.setattr(adapter, "_RFKILL_FOLDER", tmp_path / "rfkill")
-    monkeypatch.setattr(adapter, "_SYSTEM_BUS", tmp_path / "bus")
+    monkeypatch.setattr(bluetooth, "_BLUETOOTH_FOLDER", tmp_path / "bluetooth")
+    monkeypatch.setattr(bluetooth, "_RFKILL_FOLDER", tmp_path / "rfkill")
+    monkeypatch.setattr(bluetooth, "_SYSTEM_BUS", tmp_path / "bus")
     monkeypatch.setattr("sys.platform", "linux")
     monkeypatch.delenv("DBUS_SYSTEM_BUS_ADDRESS", raising=False)
     return tmp_path
@@ -74,9 +74,11 @@ def fail(error: HubError):
 
 
 def test_bluetooth_is_looked_at_from_the_outside_in(linux: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("bricksrl.hub.scan.scan", lambda seconds: [])
+    monkeypatch.setattr("bricksrl.hub.transports.scan.scan", lambda seconds: [])
     assert doctor.look_at_bluetooth() == (Outcome.OK, "can look for hubs: no hub in reach right now")
-    monkeypatch.setattr("bricksrl.hub.scan.scan", fail(BluetoothUnavailableError("access denied; join the group bluetooth")))
+    monkeypatch.setattr(
+        "bricksrl.hub.transports.scan.scan", fail(BluetoothUnavailableError("access denied; join the group bluetooth"))
+    )
     outcome, detail = doctor.look_at_bluetooth()
     assert outcome is Outcome.WARNING and "access denied" in detail and "virtual hub" in detail
     (linux / "bus").unlink()

@@ -11,11 +11,13 @@ import pytest
 
 from bricksrl.cli import main
 from bricksrl.envs import get_task
-from bricksrl.envs.env import Connection, HubEnv
-from bricksrl.envs.odometer import SonarOdometer
-from bricksrl.hub.failures import HubNotFoundError
-from bricksrl.hub.link import HubLink
-from bricksrl.twin.virtual_hub import VirtualHub
+from bricksrl.envs.connection import Connection
+from bricksrl.envs.env import HubEnv
+from bricksrl.envs.odometry import SonarOdometer
+from bricksrl.hub.errors import HubNotFoundError
+from bricksrl.hub.link.lockstep import HubLink
+from bricksrl.twin.make_body import make_body
+from bricksrl.virtual_hub.transport import VirtualHub
 
 
 def test_json_is_all_that_stands_on_standard_output(bricksrl, trained):
@@ -88,7 +90,7 @@ def test_the_robot_is_reached_as_told(fails, trained, monkeypatch):
         asked.append(config.hub)
         raise HubNotFoundError("no hub; switch it on")
 
-    monkeypatch.setattr("bricksrl.evaluation.rollout.make_env", make_env)
+    monkeypatch.setattr("bricksrl.evaluation.evaluator.make_env", make_env)
     for hub in ("ble", "ble:Rover", "usb"):
         fails("evaluate", str(trained[0]), "--hub", hub, says="no hub; switch it on")
     assert asked == ["ble", "ble:Rover", "usb"]
@@ -99,11 +101,11 @@ def test_whoever_has_the_robot_is_asked_to_place_it_before_each_episode(fails, t
 
     def make_env(config, place):
         """A robot that is placed by hand, as over Bluetooth."""
-        twin = VirtualHub(task.robot, scene=task.scene)
+        twin = VirtualHub(make_body(task.robot, scene=task.scene))
         link = HubLink(twin, task.robot, task.interface)
         return HubEnv(task, lambda _seed: Connection(link, place, SonarOdometer(task.interface)), seed=0)
 
-    monkeypatch.setattr("bricksrl.evaluation.rollout.make_env", make_env)
+    monkeypatch.setattr("bricksrl.evaluation.evaluator.make_env", make_env)
     monkeypatch.setattr("sys.stdin", io.StringIO("\n\n"))
     assert main(["evaluate", str(trained[0]), "--episodes", "2", "--hub", "ble", "--json"]) == 0
     written = capfd.readouterr()

@@ -12,7 +12,7 @@ import time
 import pytest
 
 from bricksrl.envs import get_task
-from bricksrl.hub.program import generate
+from bricksrl.hub.program.generate import generate
 
 
 def test_program_is_the_one_that_the_hub_runs(bricksrl):
@@ -89,7 +89,7 @@ def test_run_ends_at_its_time_limit(bricksrl, tmp_path):
 def test_run_feeds_the_program_from_standard_input(tmp_path):
     path = tmp_path / "main.py"
     path.write_text("from usys import stdin\nprint(stdin.read(3))\n")
-    command = [sys.executable, "-m", "bricksrl.cli", "hub", "run", str(path), "--robot", "bench"]
+    command = [sys.executable, "-m", "bricksrl", "hub", "run", str(path), "--robot", "bench"]
     done = subprocess.run(command, input="abc", capture_output=True, text=True, timeout=60, check=False)
     assert (done.returncode, done.stdout, done.stderr) == (0, "abc\n", "")
 
@@ -97,7 +97,7 @@ def test_run_feeds_the_program_from_standard_input(tmp_path):
 def test_run_does_not_wait_for_input_that_the_program_does_not_read(tmp_path):
     path = tmp_path / "main.py"
     path.write_text("print('done')\n")
-    command = [sys.executable, "-m", "bricksrl.cli", "hub", "run", str(path), "--robot", "bench"]
+    command = [sys.executable, "-m", "bricksrl", "hub", "run", str(path), "--robot", "bench"]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as child:  # the pipe stays open
         assert child.wait(timeout=60) == 0
         assert child.stdout.read() == b"done\n"
@@ -117,3 +117,48 @@ def test_ctrl_c_stops_a_program(start, tmp_path):
 @pytest.mark.parametrize(("arguments", "says"), [(("nothing.py",), "nothing.py"), ((__file__, "--robot", "dog"), "dog")])
 def test_wrong_files_and_robots_are_one_line(fails, arguments, says):
     fails("hub", "run", *arguments, says=says)
+
+
+def test_run_fits_itself_to_the_program(bricksrl, tmp_path):
+    path = tmp_path / "main.py"
+    path.write_text(
+        "from pybricks.hubs import TechnicHub\nfrom pybricks.pupdevices import *\nfrom pybricks.parameters import *\n"
+        "from pybricks.tools import wait\nhub = TechnicHub()\narm, eye = Motor(Port.A), ColorSensor(Port.B)\n"
+        "hub.light.on(Color.RED)\nprint(eye.color(), arm.run_until_stalled(300, duty_limit=50))\nwait(10000)\n"
+    )
+    options = ("--reading", "B=red", "--end-stop", "A=-90..120", "--press", "center@5s", "--panel")
+    done = bricksrl("hub", "run", str(path), *options)
+    assert (done.returncode, done.stdout) == (0, "Color.RED 120\n")
+    assert "hue 0, 100 %, 100 %" in done.stderr and "stopped (SystemExit)" in done.stderr
+
+
+def test_run_takes_a_robot_from_a_file(bricksrl, tmp_path):
+    robot, program = tmp_path / "arm.py", tmp_path / "main.py"
+    robot.write_text(
+        "from bricksrl.robots import HubKind, Motor, Robot\nARM = Robot('arm', HubKind.CITY, motors=(Motor('joint', 'B'),))\n"
+    )
+    program.write_text(
+        "from pybricks.hubs import CityHub\nfrom pybricks.pupdevices import Motor\nfrom pybricks.parameters import Port\n"
+        "joint = Motor(Port.B)\njoint.run_angle(500, 90)\nprint(joint.angle() in (89, 90))\n"
+    )
+    for reference in (str(robot), f"{robot}:ARM"):
+        assert bricksrl("hub", "run", str(program), "--robot", reference).stdout == "True\n"
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        (("--press", "left"), "'left' is no press"),
+        (("--press", "up@1s"), "no button 'up'"),
+        (("--reading", "B"), "'B' is no reading"),
+        (("--end-stop", "C=10..20"), "starts at 0"),
+        (("--end-stop", "C"), "no pair of end stops"),
+        (("--robot", "nowhere.py"), "no file nowhere.py"),
+        (("--hub", "ble", "--press", "left@1s"), "leave out --hub"),
+        (("--robot", "walker", "--reading", "B=red"), "--robot bench"),
+    ],
+)
+def test_run_refuses_what_does_not_fit(fails, tmp_path, options, says):
+    path = tmp_path / "main.py"
+    path.write_text("")
+    fails("hub", "run", str(path), *options, says=says)

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from bricksrl.cli import main
-from bricksrl.twin import virtual_hub
+from bricksrl.virtual_hub import transport
+
+pytestmark = pytest.mark.realtime
 
 
 def told(capfd: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str]:
@@ -26,7 +29,7 @@ def test_scan_shows_the_virtual_hub(capfd) -> None:
 
 
 def test_scan_without_a_hub_says_what_to_do(capfd, monkeypatch) -> None:
-    monkeypatch.setattr("bricksrl.hub.scan.scan", lambda seconds: [])
+    monkeypatch.setattr("bricksrl.hub.transports.scan.scan", lambda seconds: [])
     code, out = told(capfd, "hub", "scan")
     assert code == 1 and "switch one on" in out
     assert told(capfd, "hub", "scan", "--json") == (1, "[]\n")
@@ -61,7 +64,7 @@ def test_a_good_robot_passes_the_check(capfd) -> None:
 
 def test_nothing_moves_where_nobody_can_say_yes(capfd, monkeypatch) -> None:
     moved = []
-    monkeypatch.setattr("bricksrl.hub.link.HubLink.act", lambda self, values: moved.append(values))
+    monkeypatch.setattr("bricksrl.hub.link.lockstep.HubLink.act", lambda self, values: moved.append(values))
     code, out = told(capfd, "hub", "check", "RunAway-v0", "--hub", "virtual")
     assert code == 0 and not moved and "skipped  directions" in out
 
@@ -80,17 +83,18 @@ def test_whoever_watches_is_asked_after_each_move(capfd, monkeypatch, answer: st
     assert ("calibrate --reverse left" in written.out) == (code == 1)
 
 
-class Unplugged(virtual_hub.VirtualHub):
+class Unplugged(transport.VirtualHub):
     """A robot whose right motor is in the wrong port."""
 
     def __init__(self, *args, **options) -> None:
         super().__init__(*args, **options)
-        self.body.motors["B"] = self.body.motors.pop("A")
+        motors = tuple(replace(motor, port="B") if motor.port == "A" else motor for motor in self.robot.motors)
+        self.machine.robot = replace(self.robot, motors=motors)
         del self.machine.servos["A"]
 
 
 def test_a_check_that_fails_refuses_with_a_remedy(capfd, monkeypatch) -> None:
-    monkeypatch.setattr(virtual_hub, "VirtualHub", Unplugged)
+    monkeypatch.setattr(transport, "VirtualHub", Unplugged)
     code, out = told(capfd, "hub", "check", "Spinning-v0", "--hub", "virtual", "--yes", "--json")
     found = json.loads(out)
     assert code == 1 and found["ok"] is False

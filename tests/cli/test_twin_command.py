@@ -8,7 +8,7 @@ import pytest
 
 from bricksrl.cli import main, twin
 from bricksrl.training import RunFolder
-from bricksrl.twin.fit import FITTED
+from bricksrl.twin.system_id import FITTED
 
 
 def test_the_command_looks_for_what_motion_tells():

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 import torch
+from tensordict import TensorDictBase
 
 import bricksrl
 from bricksrl.data import Recorder, describe, load
@@ -55,7 +56,7 @@ def test_a_driver_takes_over_and_gives_back_and_its_steps_are_marked(tmp_path: P
         return torch.tensor([0.25]) if next(calls) % 3 == 1 else None
 
     with Recorder(tmp_path / "set", describe(env)) as recorder:
-        told = collect(env, lambda _: torch.tensor([-0.5]), recorder, 2, name="policy", driver=driver)
+        told = collect(env, lambda state: state.set("action", torch.tensor([-0.5])), recorder, 2, name="policy", driver=driver)
     episodes = load(tmp_path / "set")
     assert torch.equal(episodes.action[:, 0] == 0.25, episodes.intervention)
     assert torch.equal(episodes.action[:, 0] == -0.5, ~episodes.intervention)
@@ -63,15 +64,18 @@ def test_a_driver_takes_over_and_gives_back_and_its_steps_are_marked(tmp_path: P
     assert sum(one.interventions for one in told) == int(episodes.intervention.sum()) > 0
 
 
-def test_a_link_that_breaks_leaves_what_was_recorded(tmp_path: Path, env) -> None:
+def test_a_link_that_breaks_leaves_what_was_recorded(tmp_path: Path, env, monkeypatch: pytest.MonkeyPatch) -> None:
     count = iter(range(100))
 
-    def policy(_: object) -> torch.Tensor:
+    def policy(state: TensorDictBase) -> TensorDictBase:
         if next(count) == 3:
-            raise HubError("gone")
-        return torch.zeros(1)
+            monkeypatch.setattr(env, "_act", gone)
+        return state.set("action", torch.zeros(1))
 
-    with Recorder(tmp_path / "set", describe(env)) as recorder, pytest.raises(HubError):
+    def gone(_: object) -> None:
+        raise HubError("gone")
+
+    with Recorder(tmp_path / "set", describe(env)) as recorder, pytest.raises(HubError, match="gone"):
         collect(env, policy, recorder, 2, name="policy")
     episodes = load(tmp_path / "set")
     assert len(episodes) == 3 and not episodes.rows[0].about.whole and bool(episodes.truncated[-1])

@@ -9,8 +9,8 @@ import pytest
 from toy_data import SEEING, TOY, record
 
 from bricksrl.data import Episodes, load
-from bricksrl.data.check import check
 from bricksrl.data.edit import merge, salvage, split
+from bricksrl.data.integrity import check
 from bricksrl.errors import DataError
 
 
@@ -54,7 +54,7 @@ def test_data_of_another_kind_cannot_join(tmp_path: Path) -> None:
 
 def test_two_parts_cannot_go_to_one_folder(tmp_path: Path) -> None:
     source = record(tmp_path / "a", (3, 5))
-    with pytest.raises(DataError, match="each a folder of its own"):
+    with pytest.raises(DataError, match="each a separate folder"):
         split(source, tmp_path / "x", tmp_path / "y" / ".." / "x", 0.5, 0)
     assert not (tmp_path / "x").exists()
 

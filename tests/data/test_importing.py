@@ -10,8 +10,8 @@ import torch
 from tensordict import TensorDict
 
 from bricksrl.data import load
-from bricksrl.data.check import check
 from bricksrl.data.importing import import_paper
+from bricksrl.data.integrity import check
 from bricksrl.envs import get_task
 from bricksrl.errors import DataError
 

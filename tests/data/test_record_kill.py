@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from bricksrl.data import load
-from bricksrl.data.check import check
+from bricksrl.data.integrity import check
 from bricksrl.data.repair import recover
 
 KILL = runpy.run_path(str(Path(__file__).parents[2] / "benchmarks/record_kill.py"), run_name="kill")

@@ -11,8 +11,9 @@ import pyarrow.parquet as pq
 import pytest
 from toy_data import SEEING, TOY, record, record_episode, steps
 
-from bricksrl.data import About, Channel, Recorder, load
-from bricksrl.data.check import check
+from bricksrl.data import About, Recorder, load
+from bricksrl.data.integrity import check
+from bricksrl.entry import Entry
 from bricksrl.errors import DataError
 
 
@@ -101,7 +102,7 @@ def test_recording_goes_on_where_it_ended(tmp_path: Path) -> None:
         (replace(TOY, env="Other-v0"), "env Other-v0 instead of Toy-v0"),
         (replace(TOY, options={"sparse": True}), "options"),
         (replace(TOY, observation=TOY.observation[:1]), r"observation \[angle\] instead of \[angle, distance\]"),
-        (replace(TOY, action=(Channel("motor", "mm", -100.0, 100.0),)), "another unit or range of motor"),
+        (replace(TOY, action=(Entry("motor", -100.0, 100.0, "mm"),)), "another unit or range of motor"),
         (SEEING, "camera webcam instead of None"),
     ],
 )

@@ -16,8 +16,9 @@ from bricksrl.agents import preset
 from bricksrl.data import load
 from bricksrl.data.share import pull_dataset, push_dataset
 from bricksrl.errors import CheckpointError, DataError, RunError
-from bricksrl.training import TrainConfig, load_agent, sharing, train
-from bricksrl.training.sharing import export_policy, is_policy, load_policy, pull_policy, push_policy
+from bricksrl.policies import load_policy, sharing
+from bricksrl.policies.sharing import export_policy, is_policy, pull_policy, push_policy
+from bricksrl.training import TrainConfig, train
 
 
 @pytest.fixture
@@ -83,10 +84,8 @@ def test_a_policy_goes_to_the_hub_and_acts_as_before(hub: Hub, tmp_path: Path) -
     pull_policy("me/policy", tmp_path / "policy")
     env = bricksrl.make("WalkerSim-v0", seed=0)
     observation = env.reset()["observation"]
-    actions = [
-        agent.act(observation, explore=False) for agent in (load_agent(run, env).agent, load_policy(tmp_path / "policy", env))
-    ]
-    assert torch.equal(*actions)
+    actions = [load_policy(path, env).act(observation) for path in (run, tmp_path / "policy", str(tmp_path / "policy"))]
+    assert torch.equal(actions[0], actions[1]) and torch.equal(actions[0], actions[2])
     with pytest.raises(CheckpointError, match="observes or acts otherwise"):
         load_policy(tmp_path / "policy", bricksrl.make("RoboArmSim-v0", seed=0))
     for content in (b"\x80\x04cos\nsystem\n.", b"", files["policy.safetensors"][:-9]):

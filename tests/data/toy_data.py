@@ -6,13 +6,14 @@ from pathlib import Path
 
 import numpy as np
 
-from bricksrl.data import About, Channel, Description, Recorder, Step
+from bricksrl.data import About, Description, Recorder, Step
+from bricksrl.entry import Entry
 
 TOY = Description(
     env="Toy-v0",
     rate_hz=4.0,
-    observation=(Channel("angle", "deg", 0.0, 360.0, wraps=True), Channel("distance", "mm", 0.0, 2000.0)),
-    action=(Channel("motor", "deg", -100.0, 100.0),),
+    observation=(Entry("angle", 0.0, 360.0, "deg", wraps=True), Entry("distance", 0.0, 2000.0, "mm")),
+    action=(Entry("motor", -100.0, 100.0, "deg"),),
     robot={"name": "toy", "motors": ["motor"]},
 )
 SEEING = Description(TOY.env, TOY.rate_hz, TOY.observation, TOY.action, TOY.robot, camera="webcam", image_px=16)

@@ -21,13 +21,15 @@ from torchrl.envs import (
 )
 
 import bricksrl
-from bricksrl.envs.env import Connection, HubEnv
-from bricksrl.envs.odometer import SonarOdometer
+from bricksrl.envs.connection import Connection
+from bricksrl.envs.env import HubEnv
+from bricksrl.envs.odometry import SonarOdometer
 from bricksrl.envs.tasks.run_away import RUN_AWAY
 from bricksrl.envs.tasks.spinning import SPINNING
 from bricksrl.errors import BricksError, HubError
-from bricksrl.hub.link import HubLink
-from bricksrl.twin.virtual_hub import VirtualHub
+from bricksrl.hub.link.lockstep import HubLink
+from bricksrl.twin.make_body import make_body
+from bricksrl.virtual_hub.transport import VirtualHub
 
 IDS = pytest.mark.parametrize("env_id", ["RunAway-v0", "Spinning-v0"])
 
@@ -44,7 +46,7 @@ def run_away_env(hub_class: type[VirtualHub] = VirtualHub, seed: int = 0) -> Hub
     """As ``make`` builds it, with another virtual hub."""
 
     def connect(twin_seed: int) -> Connection:
-        twin = hub_class(RUN_AWAY.robot, scene=RUN_AWAY.scene, seed=twin_seed)
+        twin = hub_class(make_body(RUN_AWAY.robot, scene=RUN_AWAY.scene, seed=twin_seed))
         return Connection(
             HubLink(twin, RUN_AWAY.robot, RUN_AWAY.interface, timeout_s=0.5), twin.reset, SonarOdometer(RUN_AWAY.interface), twin
         )
@@ -58,7 +60,7 @@ def test_specs_hold_for_random_and_for_ended_episodes(env_id: str) -> None:
     check_env_specs(env, break_when_any_done="both")
     steps = env.rollout(60, break_when_any_done=False)
     assert steps["next", "done"].any()
-    assert all(env.observation_spec.is_in(step) for step in steps["next"].select("observation"))
+    assert all(env.observation_spec.is_in(step) for step in steps["next"].select("observation", "link_lost"))
 
 
 def test_specs_are_those_of_the_tables() -> None:
@@ -206,30 +208,90 @@ def test_the_link_opens_at_the_first_reset_and_closes() -> None:
     assert Watched.calls[-1] == "open"
 
 
-def test_a_link_that_fails_raises_closes_and_opens_again() -> None:
-    class Deaf(VirtualHub):
-        hears = True
+class Deaf(VirtualHub):
+    """Its answers are lost while it does not hear."""
 
-        def read(self, timeout_s: float) -> bytes:
-            data = super().read(timeout_s)
-            return data if self.hears else b""
+    hears = True
 
+    def read(self, timeout_s: float) -> bytes:
+        data = super().read(timeout_s)
+        return data if self.hears else b""
+
+
+def deaf_env() -> tuple[HubEnv, Deaf]:
     env = run_away_env(Deaf)
     env.reset()
-    twin = env.twin
-    assert isinstance(twin, Deaf)
+    assert isinstance(env.twin, Deaf)
+    return env, env.twin
+
+
+def test_a_link_that_breaks_in_a_step_is_data() -> None:
+    env, twin = deaf_env()
+    before = env.step(act(-1.0))["next"]
+    assert not before["link_lost"] and before["reward"] == 1
     twin.hears = False
-    with pytest.raises(HubError, match="answer"):
-        env.step(act(-1.0))
+    lost = env.step(act(-1.0))["next"]
+    assert [bool(lost[key]) for key in ("link_lost", "truncated", "done", "terminated")] == [True, True, True, False]
+    assert torch.equal(lost["observation"], before["observation"]) and lost["reward"] == 0
+    assert env.observation_spec.is_in(lost.select(*env.observation_spec.keys()))
+    assert isinstance(env.link_error, HubError) and "answer" in str(env.link_error)
+    assert env._connection is not None and not env._connection.link.is_open, "the motors stop"
     with pytest.raises(BricksError, match="reset"):
         env.step(act(-1.0))
     twin.hears = True
-    env.reset()
+    assert not env.reset()["link_lost"]
     assert env.step(act(-1.0))["next", "reward"] == 1
 
 
+def test_a_reset_that_fails_raises_at_once_without_patience_and_may_be_tried_again() -> None:
+    env, twin = deaf_env()
+    twin.hears = False
+    for says in ("answer", "hello"):
+        with pytest.raises(HubError, match=says):
+            env.reset()
+    twin.hears = True
+    assert env.step(env.reset().set("action", torch.tensor([-1.0])))["next", "reward"] == 1
+
+
+def test_a_reset_tries_for_as_long_as_there_is_patience() -> None:
+    env, twin = deaf_env()
+    waits_s: list[float] = []
+    told: list[str] = []
+
+    def wait(duration_s: float) -> None:
+        waits_s.append(duration_s)
+        twin.hears = len(waits_s) == 3
+
+    env.reconnect.patience_s, env.reconnect.wait = 300.0, wait
+    env.reconnect.on_error = lambda error: told.append(str(error))
+    twin.hears = False
+    assert env.step(act(-1.0))["next", "link_lost"]
+    env.reset()
+    assert waits_s == [0.5, 1.0, 2.0], "at once, then after pauses that grow"
+    assert len(told) == 4 and "answer" in told[0] and all("hello" in text for text in told[1:])
+
+
+def test_a_robot_that_answers_only_to_resets_is_given_up() -> None:
+    env, twin = deaf_env()
+    now_s = [0.0]
+
+    def wait(duration_s: float) -> None:
+        now_s[0] += duration_s
+
+    env.reconnect.patience_s, env.reconnect.wait = 0.2, wait
+    lost = 0
+    while lost < 2:
+        twin.hears = False
+        lost += bool(env.step(act(-1.0))["next", "link_lost"])
+        twin.hears = True
+        if lost < 2:
+            env.reset()
+    with pytest.raises(HubError, match="answer"):
+        env.reset()
+
+
 def test_a_robot_that_a_hand_places_keeps_its_link_when_seeded() -> None:
-    twin = VirtualHub(SPINNING.robot, scene=SPINNING.scene)
+    twin = VirtualHub(make_body(SPINNING.robot, scene=SPINNING.scene))
     link = HubLink(twin, SPINNING.robot, SPINNING.interface)
     placed = []
     env = HubEnv(SPINNING, lambda _seed: Connection(link, placed.append, SonarOdometer(SPINNING.interface)), seed=0)
@@ -318,22 +380,22 @@ def test_a_walker_waits_until_its_way_is_clear(caplog: pytest.LogCaptureFixture)
     assert env.twin is not None
     body, readings = env.twin.body, iter([30, 30, 30, 500, 500, 500])
     body.distance_mm = lambda port: next(readings)  # type: ignore[method-assign]
-    legs = [body.angle_mdeg(port) for port in body.motors]
+    legs = [body.angle_mdeg(port) for port in env.twin.machine.servos]
     env._episode.observation[6] = 40.0
     with caplog.at_level("WARNING"):
         after = env.step(TensorDict({"action": torch.ones(4)}))["next"]
     assert "in the robot's way" in caplog.text
     assert after["observation"][6] == 500
     assert next(readings) == 500, "it read until the way was clear, then once for the step"
-    assert [body.angle_mdeg(port) for port in body.motors] == pytest.approx(legs, abs=8000)
+    assert [body.angle_mdeg(port) for port in env.twin.machine.servos] == pytest.approx(legs, abs=8000)
 
 
 def test_a_walker_whose_way_stays_blocked_gives_up(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("bricksrl.envs.env.BLOCKED_TIMEOUT_S", 0.5)
     env = bricksrl.make("Walker-v0", seed=0, blocked_at_mm=2000)
     env.reset()
-    with pytest.raises(HubError, match="clear it"):
-        env.step(TensorDict({"action": torch.zeros(4)}))
+    assert env.step(TensorDict({"action": torch.zeros(4)}))["next", "link_lost"]
+    assert "clear it" in str(env.link_error)
 
 
 def test_a_step_tells_when_it_happened() -> None:

@@ -37,7 +37,7 @@ def test_other_hubs_are_not_known() -> None:
     for hub in ("wifi", "ble:", "virtual:2", ""):
         with pytest.raises(UnknownNameError, match="choose 'virtual', 'ble' or 'usb'"):
             bricksrl.make("RunAway-v0", hub=hub)
-    with pytest.raises(DescriptionError, match="of its own"):
+    with pytest.raises(DescriptionError, match="its own time"):
         bricksrl.make("RunAway-v0", hub="ble", realtime=True)
 
 

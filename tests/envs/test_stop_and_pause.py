@@ -12,7 +12,9 @@ from tensordict import TensorDict
 import bricksrl
 from bricksrl.envs.env import HubEnv
 from bricksrl.errors import StoppedError
-from bricksrl.hub.states import LinkState
+from bricksrl.hub.link.states import LinkState
+
+pytestmark = pytest.mark.realtime
 
 
 @pytest.fixture

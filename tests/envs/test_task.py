@@ -10,7 +10,7 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bricksrl.envs.task import HostEntry, Task
+from bricksrl.envs.task import SampledEntry, Task
 from bricksrl.envs.tasks.run_away import RUN_AWAY
 from bricksrl.envs.tasks.spinning import SPINNING
 from bricksrl.errors import DescriptionError
@@ -102,18 +102,18 @@ def test_all_functions_are_batched(task: Task, batch: tuple[int, ...]) -> None:
 
 
 def test_only_measured_values_that_can_exceed_their_table_are_nominal() -> None:
-    assert [entry.name for entry in RUN_AWAY.entries if entry.nominal] == []
-    assert [(e.name, e.limits) for e in SPINNING.entries if e.nominal] == [("yaw_rate", (-3276.7, 3276.7))]
+    assert [entry.name for entry in RUN_AWAY.entries if entry.limits is not None] == []
+    assert [(e.name, e.limits) for e in SPINNING.entries if e.limits is not None] == [("yaw_rate", (-3276.7, 3276.7))]
     arm = dataclasses.replace(
         RUN_AWAY, interface=dataclasses.replace(RUN_AWAY.interface, channels=(MotorAngle("left", -45, 10),))
     )
-    assert arm.entries[0].nominal
+    assert arm.entries[0].bounds == (-3276.7, 3276.7)
 
 
-def test_host_entries_are_drawn_from_their_whole_range() -> None:
+def test_sampled_entries_are_drawn_from_their_whole_range() -> None:
     rng = np.random.default_rng(0)
-    assert {HostEntry("direction", 0, 1, whole=True).draw(rng) for _ in range(50)} == {0.0, 1.0}
-    goals = [HostEntry("goal", -45, 10, "deg").draw(rng) for _ in range(200)]
+    assert {SampledEntry("direction", 0, 1, whole=True).draw(rng) for _ in range(50)} == {0.0, 1.0}
+    goals = [SampledEntry("goal", -45, 10, "deg").draw(rng) for _ in range(200)]
     assert -45 <= min(goals) < -40 and 5 < max(goals) <= 10
 
 
@@ -123,7 +123,7 @@ def test_host_entries_are_drawn_from_their_whole_range() -> None:
         ({"id": "RunAway"}, "version"),
         ({"max_steps": 0}, "max_steps"),
         ({"interface": Interface((), RUN_AWAY.interface.channels, RUN_AWAY.interface.settle)}, "command"),
-        ({"host_entries": (HostEntry("distance", 0, 1),)}, "twice"),
+        ({"sampled_entries": (SampledEntry("distance", 0, 1),)}, "twice"),
     ],
 )
 def test_a_task_that_cannot_be_is_refused(change: dict[str, object], words: str) -> None:

@@ -9,7 +9,6 @@ from bricksrl.envs.registry import get_task, list_envs
 from bricksrl.envs.task import Task
 from bricksrl.envs.tasks.run_away import RUN_AWAY
 from bricksrl.envs.tasks.spinning import SPINNING
-from bricksrl.hub.interface import DriveStraight
 
 TASKS = pytest.mark.parametrize("task", [get_task(env_id) for env_id in list_envs()], ids=lambda task: task.id)
 
@@ -25,8 +24,7 @@ def table(task: Task, heading: str) -> list[list[str]]:
 def test_action_table(task: Task) -> None:
     rows = [(int(num), name, *map(float, numbers)) for num, name, *numbers, _ in table(task, "Action")]
     assert rows == [(i, c.name, -1.0, 1.0, c.low, c.high) for i, c in enumerate(task.interface.commands)]
-    units = ["mm" if isinstance(c, DriveStraight) else "deg" for c in task.interface.commands]
-    assert [row[-1] for row in table(task, "Action")] == units
+    assert [row[-1] for row in table(task, "Action")] == [c.unit for c in task.interface.commands]
 
 
 @TASKS

@@ -10,8 +10,8 @@ import pytest
 from bricksrl.agents import preset
 from bricksrl.errors import RunError, UnknownNameError
 from bricksrl.evaluation import tuning
+from bricksrl.evaluation.settings_text import read_settings
 from bricksrl.evaluation.tuning import BEST, Tuning, tune
-from bricksrl.training.settings import read_settings
 
 optuna = pytest.importorskip("optuna")
 
@@ -57,8 +57,8 @@ def test_hopeless_settings_are_ended_early(tmp_path: Path, monkeypatch: pytest.M
 def test_wrong_names_are_told(tmp_path: Path) -> None:
     with pytest.raises(UnknownNameError, match="WalkerSim-v0"):
         tune(Tuning("WalkerSmi-v0", "sac"), tmp_path, 1)
-    with pytest.raises(UnknownNameError, match="ppo"):
-        tune(Tuning("WalkerSim-v0", "ppo"), tmp_path, 1)
+    with pytest.raises(UnknownNameError, match="pppo"):
+        tune(Tuning("WalkerSim-v0", "pppo"), tmp_path, 1)
 
 
 def test_a_study_goes_on_whose_first_trials_were_not_finished(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -4,17 +4,23 @@ from __future__ import annotations
 
 import io
 import runpy
+import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
-from bricksrl.envs.check import Outcome, check_env
+from bricksrl.envs.env_checker import check_env
 from bricksrl.envs.registry import _OWN, get_task
+from bricksrl.errors import RenderingUnavailableError
+from bricksrl.evaluation.film import FilmOptions, film_run
+from bricksrl.finding import Outcome
 from bricksrl.training import TrainConfig, train
-from bricksrl.twin.run import run_file
+from bricksrl.twin.make_body import make_body
+from bricksrl.virtual_hub import run_file
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
+DRIVING_LINES = 35  # the whole file of a driving robot with its task, its body and its floor
 OWN_LINES = 40  # what issue and README promise for a task or a robot of one's own
 
 
@@ -47,17 +53,28 @@ def test_train(main, capsys) -> None:
     assert "on other robots" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize("name", ["03_own_task", "04_own_robot"])
+@pytest.mark.parametrize("name", ["03_own_task", "04_own_robot", "13_front_steered", "14_driving_robot"])
 def test_own(name: str, tmp_path: Path) -> None:
     path = EXAMPLES / f"{name}.py"
     assert lines_of_code(path) <= OWN_LINES
-    assert [check for check in check_env(f"{path}") if check.outcome is Outcome.FAILED] == []
+    assert [check for check in check_env(f"{path}") if check.outcome is Outcome.ERROR] == []
     result = train(TrainConfig(str(path), episodes=3, run_dir=tmp_path / "run"))
     assert len(result.episodes) == 3
 
 
+def test_a_driving_robot_of_ones_own_is_filmed(tmp_path: Path) -> None:
+    path, run_dir = EXAMPLES / "14_driving_robot.py", tmp_path / "run"
+    assert len(path.read_text(encoding="utf-8").splitlines()) <= DRIVING_LINES
+    train(TrainConfig(str(path), episodes=1, run_dir=run_dir))
+    try:
+        filmed = film_run(run_dir, "last", tmp_path / "film.mp4", FilmOptions(size=(320, 240), budget_s=3.0))
+    except RenderingUnavailableError as error:
+        pytest.skip(str(error))
+    assert filmed.path.stat().st_size > 5_000
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["03_own_task", "04_own_robot"])
+@pytest.mark.parametrize("name", ["03_own_task", "04_own_robot", "13_front_steered", "14_driving_robot"])
 def test_own_tasks_are_learned(name: str, tmp_path: Path) -> None:
     episodes = train(TrainConfig(str(EXAMPLES / f"{name}.py"), episodes=30, run_dir=tmp_path / "run")).episodes
     returns = [episode.return_ for episode in episodes]
@@ -96,6 +113,17 @@ def test_camera(main, capsys, monkeypatch) -> None:
 
 def test_hub_program() -> None:
     out, task = io.BytesIO(), get_task("RunAway-v0")
-    code = run_file(EXAMPLES / "10_hub_program.py", task.robot, scene=task.scene, stdout=out, stderr=sys.stderr)
+    code = run_file(EXAMPLES / "10_hub_program.py", make_body(task.robot, scene=task.scene), stdout=out, stderr=sys.stderr)
     before, after = (int(line.split("is ")[1].split(" ")[0]) for line in out.getvalue().decode().splitlines())
     assert code == 0 and before < 500 <= 800 <= after
+
+
+def test_a_program_is_tested_with_nothing_heavy(tmp_path: Path) -> None:
+    test = f"""
+import runpy, sys
+from pathlib import Path
+runpy.run_path({str(EXAMPLES / "11_test_a_program.py")!r})["test_it_stops_before_the_wall"](Path({str(tmp_path)!r}))
+print(sorted({{"gymnasium", "mujoco", "numpy", "tensordict", "torch", "torchrl"}} & set(sys.modules)))
+"""
+    done = subprocess.run([sys.executable, "-c", test], capture_output=True, text=True, timeout=60, check=False)
+    assert (done.stdout, done.returncode) == ("[]\n", 0), done.stderr

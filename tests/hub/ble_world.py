@@ -12,9 +12,9 @@ from played_hub import PlayedHub
 from radio import Fault, Radio
 
 from bricksrl.errors import HubError
-from bricksrl.hub.ble import BleTransport
 from bricksrl.hub.interface import Interface, MotorAngle, RunAngle, Wait
-from bricksrl.hub.link import HubLink
+from bricksrl.hub.link.lockstep import HubLink
+from bricksrl.hub.transports.ble import BleTransport
 from bricksrl.robots import TWO_WHEELER, Robot
 
 NAME = "Pybricks Hub"

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from bricksrl.hub import program
+from bricksrl.hub.program import generate
 
 if TYPE_CHECKING:
     from ble_world import World
@@ -19,7 +19,7 @@ def world(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[World]:
     """A two-wheeler's hub, whose program ends after half a second of silence, over a fast link."""
     from ble_world import World
 
-    monkeypatch.setattr(program, "END_MS", 500)
+    monkeypatch.setattr(generate, "END_MS", 500)
     made = World(tmp_path)
     yield made
     made.close()

@@ -1,7 +1,7 @@
 """Seeded faults, one after the other, while a robot over the played radio is being trained.
 
 Each fault hits one phase: the search for the hub, the download, the start, a step, a reset, or closing. The training is
-the project's own loop (``run_episode``), with a learner that checks what it is given.
+the project's own loop (``play``), with a learner that checks what it is given.
 """
 
 from __future__ import annotations
@@ -19,18 +19,18 @@ import torch
 from ble_world import LONG_RUN, World
 from host_process import START_S, host_process
 from radio import ATT_NOTIFICATION, ATT_WRITE_REQUEST, ATT_WRITE_RESPONSE, SUPERVISION_TIMEOUT_S, Fault
+from tensordict import TensorDictBase
 
-from bricksrl.agents.agent import Transition
-from bricksrl.envs.env import Connection, HubEnv
-from bricksrl.envs.odometer import SonarOdometer
+from bricksrl.envs.connection import Connection
+from bricksrl.envs.env import HubEnv
+from bricksrl.envs.odometry import SonarOdometer
+from bricksrl.envs.rollout import link_lost, play
 from bricksrl.envs.task import Task
 from bricksrl.errors import HubError
-from bricksrl.hub import program
-from bricksrl.hub.program import WATCHDOG_MS
-from bricksrl.hub.pybricks_profile import Command, CommandError, Event
+from bricksrl.hub.program import generate
+from bricksrl.hub.program.generate import WATCHDOG_MS
+from bricksrl.hub.transports.profile import Command, CommandError, Event
 from bricksrl.robots import TWO_WHEELER
-from bricksrl.training.observer import Phase
-from bricksrl.training.online import run_episode
 
 ATT_READ_REQUEST = 0x0A
 STEPS = 3
@@ -67,7 +67,6 @@ class Report:
     phases: Counter[str] = field(default_factory=Counter)
     errors: Counter[str] = field(default_factory=Counter)
     transitions: int = 0
-    updates: int = 0
     longest_call_s: float = 0.0
     longest_recovery_s: float = 0.0
     longest_silent_drive_ms: int = 0
@@ -78,35 +77,25 @@ class Report:
 
 
 class CheckingLearner:
-    """Takes the place of an agent in the training loop."""
+    """Takes the place of a learner beside the rollout."""
 
     def __init__(self, world: World, rng: random.Random, report: Report) -> None:
         self._world, self._rng, self._report = world, rng, report
         self._run = 0
         self._last: torch.Tensor | None = None
 
-    def start_acting(self) -> None:
-        pass
-
-    def act(self, observation: torch.Tensor, *, explore: bool) -> torch.Tensor:
+    def policy(self, state: TensorDictBase) -> TensorDictBase:
         self._run = self._world.hub.runs
-        return torch.tensor([self._rng.uniform(-1.0, 1.0)])
+        return state.set("action", torch.tensor([self._rng.uniform(-1.0, 1.0)]))
 
-    def remember(self, transition: Transition) -> None:
+    def remember(self, frame: TensorDictBase) -> None:
         assert self._world.hub.runs == self._run, "a transition reaches across a gap"
-        assert self._last is None or torch.equal(transition.observation, self._last), "a transition reaches across a gap"
-        for observation in (transition.observation, transition.next_observation):
+        assert self._last is None or torch.equal(frame["observation"], self._last), "a transition reaches across a gap"
+        for observation in (frame["observation"], frame["next", "observation"]):
             left_deg, right_deg = observation.tolist()
             assert right_deg == 0 and 0 <= left_deg < 360, "a motor that nobody moves has moved: a frame was decoded wrongly"
-        self._last = None if transition.last else transition.next_observation
+        self._last = frame["next", "observation"]
         self._report.transitions += 1
-
-    def end_episode(self) -> None:
-        self._last = None
-
-    def update(self) -> dict[str, float]:
-        self._report.updates += 1
-        return {}
 
 
 class Course:
@@ -204,10 +193,18 @@ class Course:
         except HubError as error:
             self._note(error)
             return False
-        rollout = run_episode(self.env, learner, state, Phase.TRAIN)
-        if rollout.link_error is not None:
-            self._note(rollout.link_error)
-        return rollout.length == STEPS
+        length = 0
+        for frame in play(self.env, learner.policy, state):
+            if link_lost(frame):
+                assert bool(frame["next", "truncated"]) and not bool(frame["next", "terminated"]), (
+                    "a lost link ends nothing but the time"
+                )
+                assert self.env.link_error is not None
+                self._note(self.env.link_error)
+                return False
+            learner.remember(frame)
+            length += 1
+        return length == STEPS
 
     def _note(self, error: HubError) -> None:
         assert "\n" not in str(error), "one line"
@@ -264,7 +261,7 @@ class Course:
             self.world.fault(_at(phase, count, process.kill))
             process.wait(START_S)
             assert process.returncode == -signal.SIGKILL, f"the host ended with {process.returncode}"
-        silence_s = SUPERVISION_TIMEOUT_S + (self.report.watchdog_ms + program.END_MS) / 1000
+        silence_s = SUPERVISION_TIMEOUT_S + (self.report.watchdog_ms + generate.END_MS) / 1000
         took_s = self.world.hub.wait_until("is_advertising", True, silence_s + ADVERTISING_SLACK_S)
         self.report.longest_until_advertising_s = max(self.report.longest_until_advertising_s, took_s)
         return True

@@ -14,10 +14,10 @@ from pathlib import Path
 from ble_world import LONG_RUN, World
 from radio import Bluetooth
 
-from bricksrl.hub import program
-from bricksrl.hub.ble import BleTransport
 from bricksrl.hub.interface import Interface, Wait
-from bricksrl.hub.link import HubLink
+from bricksrl.hub.link.lockstep import HubLink
+from bricksrl.hub.program import generate
+from bricksrl.hub.transports.ble import BleTransport
 from bricksrl.robots import TWO_WHEELER
 
 START_S = 60.0
@@ -34,11 +34,11 @@ def host_process(
     world: World, step_ms: int, *, steps: int | None = None, says_good_bye: bool = True
 ) -> Iterator[subprocess.Popen[bytes]]:
     """A process that drives the hub for so many steps, and then closes the link, or until it is killed."""
-    source = program.generate(TWO_WHEELER, long_run(step_ms)).source
+    source = generate.generate(TWO_WHEELER, long_run(step_ms)).source
     if source not in world.hub.library:
         world.hub.library.append(source)
     port = world.radio.lend(says_good_bye=says_good_bye)
-    words = (port, world.record, step_ms, program.END_MS, -1 if steps is None else steps)
+    words = (port, world.record, step_ms, generate.END_MS, -1 if steps is None else steps)
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
     process = subprocess.Popen([sys.executable, __file__, *map(str, words)], env=environment)
     try:
@@ -50,7 +50,7 @@ def host_process(
 
 def drive(port: int, record: Path, step_ms: int, end_ms: int, steps: int) -> None:
     """What the process does: connect, bring the program, step and read."""
-    program.END_MS = end_ms
+    generate.END_MS = end_ms
     transport = BleTransport(backend=Bluetooth(port).backend(), record=record)
     with HubLink(transport, TWO_WHEELER, long_run(step_ms)) as link:
         for step in itertools.count():

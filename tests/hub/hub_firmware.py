@@ -15,16 +15,16 @@ from abc import ABC, abstractmethod
 from collections.abc import Coroutine
 from typing import Any
 
-from bricksrl.hub import pybricks_profile as profile
-from bricksrl.hub.compile import MAIN_MODULE, compile_mpy
-from bricksrl.hub.pybricks_profile import Command, CommandError, Event, Status
+from bricksrl.hub.program.compile import MAIN_MODULE, compile_mpy
 from bricksrl.hub.transport import MAIN_FILE, HubModule
+from bricksrl.hub.transports import profile
+from bricksrl.hub.transports.profile import Command, CommandError, Event, Status
 from bricksrl.robots import HubKind, Robot
-from bricksrl.twin import language
-from bricksrl.twin.bench import BenchBody
-from bricksrl.twin.machine import Machine
-from bricksrl.twin.micropython.system import ProgramInterrupt
-from bricksrl.twin.pybricks import modules
+from bricksrl.virtual_hub import interpreter
+from bricksrl.virtual_hub.bench_body import BenchBody
+from bricksrl.virtual_hub.machine import Machine
+from bricksrl.virtual_hub.micropython.system import ProgramInterrupt
+from bricksrl.virtual_hub.pybricks import modules
 
 STDOUT_BYTES = 41
 NOTIFIED_BYTES = 19
@@ -125,11 +125,11 @@ class ProgramRun:
         try:
             importable = modules(self._machine, self)
             importable.find_module = self._found.get
-            language.execute(main.source, main.file, importable, self)
+            interpreter.execute(main.source, main.file, importable, self)
         except (SystemExit, _Stopped):
             words = "\nThe program was stopped (SystemExit).\n"
         except (Exception, ProgramInterrupt) as error:  # noqa: BLE001  a program may raise anything
-            words = language.format_traceback(error, main.file)
+            words = interpreter.format_traceback(error, main.file)
         self._machine.alarm_ms = None
         self._machine.stop_motors()
         with self._lock:
@@ -153,7 +153,7 @@ class WatchedBody(BenchBody):
 
     def __init__(self, robot: Robot) -> None:
         super().__init__(robot)
-        self.voltages_mv = dict.fromkeys(self.motors, 0)
+        self.voltages_mv = dict.fromkeys((motor.port for motor in robot.motors), 0)
 
     def set_voltage(self, port: str, voltage_mv: int | None) -> None:
         super().set_voltage(port, voltage_mv)
@@ -177,7 +177,7 @@ class PlayedFirmware(ABC):
     def __init__(self, robot: Robot, name: str) -> None:
         self.name = name
         self.body = WatchedBody(robot)
-        self.machine = Machine(robot, self.body)
+        self.machine = Machine(self.body)
         self.library: list[str] = []
         self.files: dict[str, str] = {}
         self.faults: dict[Command, list[int]] = {}

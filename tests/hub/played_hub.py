@@ -12,7 +12,7 @@ from bumble.gatt import Characteristic, CharacteristicValue, Service
 from hub_firmware import PlayedFirmware, Refusal
 from radio import Radio
 
-from bricksrl.hub import pybricks_profile as profile
+from bricksrl.hub.transports import profile
 from bricksrl.robots import Robot
 
 

@@ -13,7 +13,7 @@ from typing import Any
 
 from hub_firmware import PlayedFirmware, Refusal
 
-from bricksrl.hub import cobs
+from bricksrl.hub.transports import cobs
 from bricksrl.robots import Robot
 
 MAX_MESSAGE_BYTES = 512

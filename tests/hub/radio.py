@@ -29,7 +29,7 @@ from bumble.host import Host
 from bumble.link import LocalLink
 from bumble.transport.common import StreamPacketSink, StreamPacketSource
 
-from bricksrl.hub.scan import BleBackend
+from bricksrl.hub.transports.scan import BleBackend
 
 T = TypeVar("T")
 

@@ -27,7 +27,7 @@ from bricksrl.hub.interface import (
     Wait,
     YawRate,
 )
-from bricksrl.hub.lint import _BUILTINS, _LARGER_BUILTINS
+from bricksrl.hub.program.lint import _BUILTINS, _LARGER_BUILTINS
 from bricksrl.hub.transport import HubProgram
 
 RUN_AWAY = Interface(

@@ -13,14 +13,17 @@ from radio import ATT_WRITE_REQUEST, ATT_WRITE_RESPONSE
 from stand_in import SPINNING
 
 from bricksrl.errors import StoppedError
-from bricksrl.hub.failures import HubDisconnectedError
+from bricksrl.hub.errors import HubDisconnectedError
 from bricksrl.hub.interface import Interface, MotorAngle, RunAngle, Wait
-from bricksrl.hub.link import HubLink
-from bricksrl.hub.pybricks_profile import Command
-from bricksrl.hub.states import LinkState
-from bricksrl.hub.streaming import StreamingLink
+from bricksrl.hub.link.lockstep import HubLink
+from bricksrl.hub.link.states import LinkState
+from bricksrl.hub.link.streaming import StreamingLink
+from bricksrl.hub.transports.profile import Command
 from bricksrl.robots import TWO_WHEELER
-from bricksrl.twin.virtual_hub import VirtualHub
+from bricksrl.twin.make_body import make_body
+from bricksrl.virtual_hub.transport import VirtualHub
+
+pytestmark = pytest.mark.realtime
 
 SLOW_STEP = Interface((RunAngle("left", -3000, 3000, 400),), (MotorAngle("left"),), Wait(2000))
 """A step that is still under way when somebody stops the robot."""
@@ -159,7 +162,7 @@ def test_a_stop_out_of_reach_is_left_to_the_watchdog(world: World) -> None:
 
 @pytest.fixture
 def virtual() -> Iterator[HubLink]:
-    with HubLink(VirtualHub(TWO_WHEELER), TWO_WHEELER, SPINNING) as link:
+    with HubLink(VirtualHub(make_body(TWO_WHEELER)), TWO_WHEELER, SPINNING) as link:
         yield link
 
 
@@ -179,7 +182,7 @@ def test_a_virtual_hub_stops_for_another_thread(virtual: HubLink) -> None:
 
 
 def test_a_streaming_link_is_stopped_and_rests_too() -> None:
-    hub = VirtualHub(TWO_WHEELER)
+    hub = VirtualHub(make_body(TWO_WHEELER))
     with StreamingLink(hub, TWO_WHEELER, SPINNING) as link:
         link.act([100, 100])
         link.rest()

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import itertools
 
+import pytest
 import torch
 from ble_world import World
 from tensordict import TensorDict
 
-from bricksrl.envs.env import Connection, HubEnv
-from bricksrl.envs.odometer import SonarOdometer
+from bricksrl.envs.connection import Connection
+from bricksrl.envs.env import HubEnv
+from bricksrl.envs.odometry import SonarOdometer
 from bricksrl.envs.tasks.spinning import SPINNING
+
+pytestmark = pytest.mark.realtime
 
 
 def test_an_episode_over_bluetooth(world: World) -> None:

@@ -6,7 +6,8 @@ import dataclasses
 
 import pytest
 
-from bricksrl.hub.interface import Channel, Command, Distance, DriveStraight, MotorAngle, Pitch, Roll, RunAngle, YawRate
+from bricksrl.hub.interface import Distance, DriveStraight, MotorAngle, Pitch, Roll, RunAngle, YawRate
+from bricksrl.hub.kinds import Channel, Command
 
 COMMANDS: list[Command] = [RunAngle("left", -100, 50, 400), DriveStraight(-100, 50)]
 CHANNELS: list[Channel] = [MotorAngle("left"), Pitch(), Roll(), YawRate(), Distance("eyes")]

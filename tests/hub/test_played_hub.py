@@ -12,9 +12,11 @@ from hub_firmware import Refusal
 from played_hub import PlayedHub
 from radio import Radio
 
-from bricksrl.hub.compile import compile_mpy, program_blob
-from bricksrl.hub.pybricks_profile import Command, CommandError, Status, StatusReport, parse_capabilities, parse_event
+from bricksrl.hub.program.compile import compile_mpy, program_blob
+from bricksrl.hub.transports.profile import Command, CommandError, Status, StatusReport, parse_capabilities, parse_event
 from bricksrl.robots import TWO_WHEELER, HubKind
+
+pytestmark = pytest.mark.realtime
 
 ECHO = """
 from micropython import kbd_intr

@@ -21,7 +21,7 @@ from toys import Cart
 
 from bricksrl.agents import preset
 from bricksrl.errors import BricksError, CheckpointError, RunError
-from bricksrl.training import TrainConfig, load_agent, resume, train
+from bricksrl.training import TrainConfig, load_learner, resume, train
 from bricksrl.training.checkpoint import MAGIC, load_checkpoint, save_checkpoint
 
 WRONG = (None, True, -1, 0, 10**30, 1.5, float("nan"), "", "x", "../../x", "\0", [], [1], {}, {"a": 1}, [[[]]])
@@ -33,7 +33,7 @@ EXPLODED = Path(__file__).with_name("exploded")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Of two episodes of four; the second is one in which it learned."""
     folder = tmp_path_factory.mktemp("run") / "run"
-    small = replace(preset("default", "sac"), hidden=(8,), batch_size=4, prefill_episodes=1)
+    small = replace(preset("default", "sac"), hidden=(8,), batch_size=4, prefill_episodes=1, n_step=2)
     train(TrainConfig("Cart", episodes=2, settings=small, run_dir=folder, record=False), env=Cart())
     return folder
 
@@ -71,7 +71,7 @@ def is_refused_or_sound(folder: Path, error: type[BricksError]) -> None:
     before = contents(folder)
     refused = None
     try:
-        load_agent(folder, Cart())
+        load_learner(folder, Cart())
     except error as caught:
         refused = str(caught)
     if refused is not None:
@@ -103,24 +103,21 @@ def test_a_checkpoint_of_wrong_values_is_one_error(changed: Path, run: Path, dat
 @pytest.mark.parametrize(
     ("path", "new"),
     [
-        (("identity", "settings", "critics"), torch.zeros(2, 2)),
+        (("identity", "settings", "num_qs"), torch.zeros(2, 2)),
         (("agent",), torch.zeros(2, 2)),
         (("agent",), None),
-        (("agent", "actor"), 3),
-        (("agent", "adam_of_actor"), []),
-        (("agent", "adam_of_critics", "steps"), 1e300),
+        (("agent", "policy"), 3),
+        (("agent", "optimizer"), []),
+        (("agent", "optimizer", "state", 0, "step"), "x"),
         (("agent", "updates"), "x"),
-        (("agent", "replay", "rows"), torch.zeros(())),
-        (("agent", "replay", "rows"), "x"),
-        (("agent", "replay", "episodes"), []),
-        (("agent", "replay", "added"), []),
-        (("agent", "replay", "added"), -1),
-        (("agent", "replay", "added"), 10**30),
+        (("agent", "loss"), None),
+        (("agent", "due"), "x"),
+        (("best",), "x"),
         (("episodes",), None),
         (("episodes",), "x"),
         (("episodes", 0, "seconds"), "x"),
         (("episodes", 0, "phase"), "x"),
-        (("episodes", 0, "losses"), {"actor_loss": None}),
+        (("episodes", 0, "losses"), {"loss_actor": None}),
         (("generator",), torch.zeros(3)),
         (("generator",), None),
         (("pace",), {"asked": "x"}),
@@ -131,20 +128,50 @@ def test_a_checkpoint_without_a_part_is_one_error(changed: Path, run: Path, path
     state = load_checkpoint(run / "checkpoint.bin")
     save_checkpoint(changed / "checkpoint.bin", exchanged(state, path, new))
     with pytest.raises(CheckpointError):
-        load_agent(changed, Cart())
+        load_learner(changed, Cart())
     is_refused_or_sound(changed, CheckpointError)
 
 
 @pytest.mark.parametrize(
+    ("path", "new"),
+    [
+        (("agent", "memory"), []),
+        (("agent", "memory", "rows"), torch.zeros(())),
+        (("agent", "memory", "rows"), "x"),
+        (("agent", "memory", "rows", "next.reward"), []),
+        (("agent", "memory", "rows", "observation"), torch.zeros(3, 1)),
+        (("agent", "memory", "successor"), []),
+        (("agent", "memory", "successor"), torch.full((16,), 10**9)),
+        (("agent", "memory", "last"), torch.tensor([-2])),
+        (("agent", "memory", "writer"), None),
+        (("agent", "memory", "writer", "_cursor"), []),
+        (("agent", "memory", "writer", "_cursor"), -1),
+        (("agent", "memory", "writer", "_cursor"), 10**30),
+        (("agent", "memory", "rows", "observation"), torch.zeros(14, 3)),
+        (("collected",), "x"),
+        (("collected",), [3]),
+    ],
+)
+def test_a_memory_that_cannot_be_gone_on_with_is_one_error(changed: Path, run: Path, path: tuple[Any, ...], new: Any) -> None:
+    state = load_checkpoint(run / "checkpoint.bin")
+    save_checkpoint(changed / "checkpoint.bin", exchanged(state, path, new))
+    before = contents(changed)
+    with pytest.raises(CheckpointError) as caught:
+        resume(changed, episodes=3, env=Cart())
+    assert "\n" not in str(caught.value)
+    assert contents(changed) == before
+
+
+@pytest.mark.parametrize(
     "settings",
-    [{"batch_size": 10**30}, {"hidden": [10**9, 10**9]}, {"replay_size": 10**15}, {"learning_rate": float("inf")}, {"tau": None}],
+    [{"batch_size": 10**30}, {"hidden": [10**9, 10**9]}, {"buffer_size": 10**15}, {"learning_rate": float("inf")}, {"tau": None}],
 )
 def test_settings_of_absurd_size_are_one_error(changed: Path, run: Path, settings: dict[str, Any]) -> None:
     said = json.loads((run / "config.json").read_text())
     said["config"]["settings"].update(settings)
     (changed / "config.json").write_text(json.dumps(said))
     with pytest.raises(RunError, match=f"{next(iter(settings))}'? is") as caught:
-        load_agent(changed, Cart())
+        load_learner(changed, Cart())
     assert "\n" not in str(caught.value)
 
 
@@ -152,9 +179,9 @@ def test_an_agent_that_does_not_fit_into_the_memory_is_one_error(run: Path, monk
     def make(*_: Any) -> None:
         torch.empty(2**60)
 
-    monkeypatch.setattr("bricksrl.training.saved.make_agent", make)
+    monkeypatch.setattr("bricksrl.training.restore.make_learner", make)
     with pytest.raises(RunError, match="not enough memory for the agent sac"):
-        load_agent(run, Cart())
+        load_learner(run, Cart())
 
 
 class Bomb:
@@ -174,6 +201,6 @@ def in_a_file_of_torch() -> bytes:
 def test_a_pickle_with_a_sound_digest_is_one_error(changed: Path, payload: bytes) -> None:
     (changed / "checkpoint.bin").write_bytes(MAGIC + hashlib.sha256(payload).digest() + payload)
     with pytest.raises(CheckpointError):
-        load_agent(changed, Cart())
+        load_learner(changed, Cart())
     is_refused_or_sound(changed, CheckpointError)
     assert not EXPLODED.exists()

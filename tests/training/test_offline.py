@@ -9,19 +9,18 @@ from typing import Any
 import pytest
 import torch
 from tensordict import TensorDictBase
-from test_train import Recorder as Listener
-from test_train import assert_same_run, ctrl_c, names, rows
-from toys import Cart
+from test_run_loop import Recorder as Listener
+from test_run_loop import assert_same_run, ctrl_c, names, rows
+from toys import Cart, assert_equal
 
 import bricksrl
-from bricksrl.agents import make_agent, preset
-from bricksrl.agents.off_policy import OffPolicyAgent
-from bricksrl.agents.offline_act import ACTAgent
+from bricksrl.agents import make_learner, preset
+from bricksrl.agents.chunks import ChunkPolicy
 from bricksrl.data import Recorder, describe
 from bricksrl.data.collect import collect, random_policy
 from bricksrl.errors import CheckpointError, DataError, RunError
 from bricksrl.evaluation import evaluate
-from bricksrl.training import Phase, RunFolder, TrainConfig, load_agent, resume, train
+from bricksrl.training import Phase, RunFolder, TrainConfig, load_learner, resume, train
 from bricksrl.training.checkpoint import load_checkpoint
 
 
@@ -55,13 +54,13 @@ def test_a_run_from_data_leaves_the_files_of_any_run(config: TrainConfig) -> Non
     folder = RunFolder(result.run_dir)
     assert folder.read_config() == config
     assert [episode.phase for episode in folder.read_episodes()] == [Phase.OFFLINE] * 3
-    assert set(result.episodes[0].losses) == {"critic_loss", "value_loss", "actor_loss"}
+    assert set(result.episodes[0].losses) == {"loss_qvalue", "loss_value", "loss_actor", "entropy"}
     assert listener.calls == ["start 0", "episode 1", "episode 2", "episode 3", "end"]
     found = evaluate(result.run_dir, Cart(), episodes=2)
     assert (found.agent, found.episodes) == ("iql", 2)
     state = load_checkpoint(folder.checkpoint_path)["agent"]
     assert state["updates"] == 100
-    assert len(state["replay"]["rows"]) == 0  # nothing of what it showed was kept
+    assert "memory" not in state  # nothing of what it showed was kept
 
 
 def test_equal_seeds_give_equal_runs(config: TrainConfig, tmp_path: Path) -> None:
@@ -74,7 +73,7 @@ def test_equal_seeds_give_equal_runs(config: TrainConfig, tmp_path: Path) -> Non
 
 
 class Breaking(Cart):
-    """Ctrl-C comes in its second episode; the third lesson sees it."""
+    """Ctrl-C comes when its second episode is to start, for which it has learned already."""
 
     def _reset(self, *args: Any, **kwargs: Any) -> Any:
         if self.resets == 1:
@@ -86,7 +85,7 @@ def test_interrupted_and_resumed_run_ends_bit_identical(config: TrainConfig, tmp
     train(replace(config, run_dir=tmp_path / "whole"), env=Cart())
     result = train(config, env=Breaking())
     assert result.interrupted
-    assert len(result.episodes) == len(rows(result.run_dir)) == 2
+    assert len(result.episodes) == len(rows(result.run_dir)) == 1
     assert not resume(result.run_dir, env=Cart()).interrupted
     assert_same_run(tmp_path / "whole", tmp_path / "run")
     with pytest.raises(RunError, match="learned from data; train on the robot from there"):
@@ -159,7 +158,7 @@ def test_a_learned_agent_goes_on_from_where_it_was(tmp_path: Path, data: str, ag
     second = TrainConfig("Cart", agent, 8, run_dir=tmp_path / "second", **going_on)
     result = train(second, env=Cart())
     assert {episode.phase for episode in result.episodes} == {Phase.TRAIN}
-    assert load_agent(tmp_path / "second", Cart()).agent.state_dict()["updates"] > 400
+    assert load_learner(tmp_path / "second", Cart()).learner.updates > 400
     returns = [episode.return_ for episode in result.episodes]
     assert min(returns[0], sum(returns) / 8) > before - 2.5  # it explores
     assert min(returns) > 1.5
@@ -180,18 +179,10 @@ def test_the_whole_agent_is_taken_over(tmp_path: Path) -> None:
 
     second = replace(first, start=str(tmp_path / "first"), episodes=1, run_dir=tmp_path / "second")
     train(second, Looking(), env=Cart())
-    fresh = make_agent("sac", *_made_for(Cart()), settings)
-    assert isinstance(fresh, OffPolicyAgent)
-    assert taken[0].keys() == state.keys() == fresh.state_dict().keys()
-    for name, value in state.items():
-        torch.testing.assert_close(taken[0][name], value, rtol=0, atol=0)
-    assert len(state["replay"]["rows"]) > 10
-
-
-def _made_for(env: Cart) -> tuple[Any, int]:
-    from bricksrl.agents.layout import layout_of
-
-    return layout_of(env), 1
+    fresh = make_learner("sac", Cart(), settings).state_dict()
+    assert taken[0].keys() == state.keys() == {*fresh, "memory"}
+    assert_equal(taken[0], state)
+    assert len(state["memory"]["rows"]["action"]) > 10
 
 
 def test_another_agent_or_other_settings_cannot_go_on(config: TrainConfig, tmp_path: Path) -> None:
@@ -211,8 +202,8 @@ def test_the_process_that_learns_beside_the_robot_knows_the_data_too(
     config: TrainConfig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """ACT has nothing else to learn from; the agent that acts is told where episodes start."""
-    starts: list[ACTAgent] = []
-    monkeypatch.setattr(ACTAgent, "start_acting", lambda self: starts.append(self))  # noqa: PLW0108  append is no method
+    starts: list[ChunkPolicy] = []
+    monkeypatch.setattr(ChunkPolicy, "reset", lambda self: starts.append(self))  # noqa: PLW0108  append is no method
     beside = replace(config, agent="act", settings=preset("default", "act"), updates=0, episodes=3, asynchronous=True)
     result = train(beside, env=Cart())
     state = load_checkpoint(tmp_path / "run" / "checkpoint.bin")["agent"]
@@ -223,10 +214,10 @@ def test_the_process_that_learns_beside_the_robot_knows_the_data_too(
 def test_iql_reaches_the_goals_that_its_example_reaches(tmp_path: Path) -> None:
     """With the default settings: an action that was done for one goal is not imitated for another."""
 
-    def reach(state: TensorDictBase) -> torch.Tensor:
+    def reach(state: TensorDictBase) -> TensorDictBase:
         lacks = state["observation"][4:] - state["observation"][:4]
         lacks[0] = (lacks[0] + 180.0) % 360.0 - 180.0
-        return (lacks / torch.tensor([100.0, 30.0, 60.0, 25.0])).clamp(-1.0, 1.0)
+        return state.set("action", (lacks / torch.tensor([100.0, 30.0, 60.0, 25.0])).clamp(-1.0, 1.0))
 
     env = bricksrl.make("RoboArmSim-v0", seed=0)
     with Recorder(tmp_path / "data", describe(env)) as recorder:

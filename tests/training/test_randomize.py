@@ -7,13 +7,13 @@ from pathlib import Path
 
 import pytest
 
-from bricksrl.agents import SACSettings
+from bricksrl.agents.sac import SACSettings
 from bricksrl.envs.env import HubEnv
+from bricksrl.envs.rollout import seed_episode
 from bricksrl.errors import DescriptionError, RunError
-from bricksrl.evaluation import evaluate, rollout
+from bricksrl.evaluation import evaluate, evaluator
 from bricksrl.training import RunFolder, TrainConfig, train
-from bricksrl.training.online import seed_episode
-from bricksrl.training.runner import make_env
+from bricksrl.training.run import make_env
 from bricksrl.twin.physics import PARAMETERS, Physics
 
 WEAK = Physics(battery_v=7.2, friction_scale=0.8)
@@ -48,7 +48,7 @@ def test_without_randomising_the_physics_stays() -> None:
 
 
 def test_both_at_once_are_refused() -> None:
-    with pytest.raises(RunError, match="one of the two"):
+    with pytest.raises(DescriptionError, match="one of the two"):
         TrainConfig("RunAway-v0", randomize=True, physics=WEAK)
 
 
@@ -89,6 +89,6 @@ def test_evaluation_does_not_randomise_unless_told_to(trained_with, evaluated_wi
         used.append((config.randomize, config.physics))
         return make_env(config, *place)
 
-    monkeypatch.setattr(rollout, "make_env", noting)
+    monkeypatch.setattr(evaluator, "make_env", noting)
     evaluate(tmp_path / "run", episodes=1, **evaluated_with)
     assert used == [expected]

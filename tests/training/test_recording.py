@@ -7,13 +7,12 @@ from pathlib import Path
 
 import pytest
 import torch
-from toys import Cart
+from toys import Cart, LosingCart
 
 from bricksrl.agents import preset
 from bricksrl.data import load
-from bricksrl.data.check import check
-from bricksrl.errors import HubError
-from bricksrl.training import Observer, TrainConfig, resume, train
+from bricksrl.data.integrity import check
+from bricksrl.training import Callback, TrainConfig, resume, train
 
 
 def config(run_dir: Path, episodes: int = 4, **more) -> TrainConfig:
@@ -37,29 +36,23 @@ def test_a_run_that_is_not_to_be_recorded_is_not(tmp_path: Path) -> None:
 def test_an_interrupted_run_keeps_its_last_steps_and_goes_on(tmp_path: Path) -> None:
     stop = threading.Event()
 
-    class Impatient(Observer):
+    class Impatient(Callback):
         def on_step(self, episode, step, phase) -> None:
             if (episode, step) == (2, 3):
                 stop.set()
 
-    train(config(tmp_path / "run"), Impatient(), env=Cart(), stop=stop)
-    assert [(row.length, row.about.whole) for row in load(tmp_path / "run").rows] == [(8, True), (3, False)]
-    resume(tmp_path / "run", env=Cart())
-    assert [(row.length, row.about.whole) for row in load(tmp_path / "run").rows] == [(8, True), (3, False), *[(8, True)] * 3]
+    result = train(config(tmp_path / "run"), Impatient(), env=Cart(), stop=stop)
+    before = [(row.length, row.about.whole) for row in load(tmp_path / "run").rows]
+    assert before == [(result.episodes[0].length, True), (3, False)]
+    result = resume(tmp_path / "run", env=Cart())
+    after = [(row.length, row.about.whole) for row in load(tmp_path / "run").rows]
+    assert after == [*before, *((episode.length, True) for episode in result.episodes[1:])] and len(after) == 5
 
 
 def test_an_episode_that_lost_its_robot_is_kept_as_broken_off(tmp_path: Path) -> None:
-    class Fragile(Cart):
-        steps = 0
-
-        def _step(self, tensordict):
-            self.steps += 1
-            if self.steps == 12:
-                raise HubError("gone")
-            return super()._step(tensordict)
-
-    train(config(tmp_path / "run", 3), env=Fragile())
-    assert [(row.length, row.about.whole) for row in load(tmp_path / "run").rows] == [(8, True), (3, False), (8, True)]
+    result = train(config(tmp_path / "run", 4, patience_s=60.0), env=LosingCart(4, failures=1))
+    recorded = [(row.length, row.about.whole) for row in load(tmp_path / "run").rows]
+    assert recorded == [(episode.length, not episode.link_lost) for episode in result.episodes] and recorded[2] == (3, False)
 
 
 def test_a_human_takes_over_and_the_agent_learns_from_it(tmp_path: Path) -> None:
@@ -68,7 +61,7 @@ def test_a_human_takes_over_and_the_agent_learns_from_it(tmp_path: Path) -> None
 
     told = []
 
-    class Listener(Observer):
+    class Listener(Callback):
         def on_transition(self, episode, step, phase, transition) -> None:
             told.append((float(transition["action"]), bool(transition["intervention"])))
 

@@ -1,105 +1,124 @@
-"""Agents: what decides and learns. `make_agent` makes one by name; torch is loaded only then."""
+"""Agents: algorithms by name or from a user's file, their settings and presets. Importing this loads no torch."""
 
 from __future__ import annotations
 
 import importlib
+import inspect
+from dataclasses import dataclass, is_dataclass
 from typing import TYPE_CHECKING, Any
 
-from bricksrl.agents.image_presets import ImageSACSettings, ImageTD3Settings
-from bricksrl.agents.presets import (
-    AGENTS,
-    PRESETS,
-    ACTSettings,
-    BCSettings,
-    CQLSettings,
-    CrossQSettings,
-    IQLSettings,
-    SACSettings,
-    Settings,
-    TD3BCSettings,
-    TD3Settings,
-    preset,
-)
-from bricksrl.errors import DescriptionError
+from bricksrl.envs.user_files import is_reference, load_object
+from bricksrl.errors import BricksError, DescriptionError, UnknownNameError
 
 if TYPE_CHECKING:
-    from bricksrl.agents.agent import Agent
-    from bricksrl.agents.layout import ObservationLayout
-    from bricksrl.envs.task import Task
+    from collections.abc import Callable
 
-_CLASSES = {
-    **dict.fromkeys(("sac", "droq", "redq"), "sac:SACAgent"),
-    "td3": "td3:TD3Agent",
-    "crossq": "crossq:CrossQAgent",
-    "bc": "offline_bc:BCAgent",
-    "act": "offline_act:ACTAgent",
-    "iql": "offline_iql:IQLAgent",
-    "cql": "offline_cql:CQLAgent",
-    "td3bc": "offline_td3bc:TD3BCAgent",
-}
+    from torchrl.envs import EnvBase
+
+    from bricksrl.agents.learner import Learner
+
+AGENTS = ("sac", "droq", "redq", "td3", "crossq", "tqc", "ppo", "bc", "act", "diffusion", "iql", "cql", "td3bc", "random")
+"""Algorithms by name; each is a file, but for two that are settings of SAC."""
+PRESETS = ("default", "paper")
+"""Presets by name."""
 
 
-def make_agent(
-    name: str, layout: ObservationLayout, action_size: int, settings: Settings | None = None, task: Task | None = None
-) -> Agent:
-    """An agent for observations of that layout and actions ``[action_size]`` in -1..1.
+@dataclass(frozen=True)
+class Algorithm:
+    """An algorithm: its settings, a frozen dataclass, and what builds a `Learner` of them."""
 
-    Args:
-        settings: without them those of the preset "default"; the agent "random" has none.
-        task: what the observations are of; an agent learns from exchanged goals only where it knows the task.
+    name: str
+    settings: type[Any]
+    build: Callable[..., Learner]
+
+
+def algorithm(agent: str) -> Algorithm:
+    """The algorithm of a name, or of a user's file: a function ``build(env, settings: Settings, device)``.
 
     Raises:
-        UnknownNameError: there is no agent of that name.
-        DescriptionError: the settings are those of another agent.
+        UnknownNameError: there is none.
+        DescriptionError: the user's code cannot be loaded, or its function does not say what its settings are.
     """
-    camera = getattr(task, "camera", None)
-    usual = preset("default", name, images=camera is not None)
-    settings = settings or usual
-    if name == "random":
-        from bricksrl.agents.random import RandomAgent
+    from bricksrl.twin.make_body import check_mujoco
 
-        return RandomAgent(action_size)
-    if type(settings) is not type(usual):
-        take = f"preset('default', '{name}'{', images=True' if camera is not None else ''})"
-        raise DescriptionError(f"the agent {name} has {type(usual).__name__}, not {type(settings).__name__}; take {take}")
-    if isinstance(settings, ImageSACSettings | ImageTD3Settings):
-        return _make_image_agent(layout, camera.image_px if camera is not None else 0, action_size, settings)
-    made: Agent = _class_of(name)(layout, action_size, settings, task)
-    return made
+    check_mujoco()  # TorchRL imports it, whatever the agent
+    if is_reference(agent):
+        build = load_object(agent, "build")
+        module = inspect.getmodule(build)
+    elif agent in AGENTS:
+        module = importlib.import_module(f"bricksrl.agents.{'sac' if agent in ('droq', 'redq') else agent}")
+        build = module.build
+    else:
+        raise UnknownNameError(f"there is no agent '{agent}'; choose one of {', '.join(AGENTS)}, or give a file: my_agent.py")
+    return Algorithm(agent, _settings_of(build, module, agent), build)
 
 
-def _make_image_agent(
-    layout: ObservationLayout, side_px: int, action_size: int, settings: ImageSACSettings | ImageTD3Settings
-) -> Agent:
-    if isinstance(settings, ImageSACSettings):
-        from bricksrl.agents.image_sac import ImageSACAgent
-
-        return ImageSACAgent(layout, side_px, action_size, settings)
-    from bricksrl.agents.image_td3 import ImageTD3Agent
-
-    return ImageTD3Agent(layout, side_px, action_size, settings)
-
-
-def _class_of(name: str) -> Any:
-    """The class of an agent that learns; importing it loads torch."""
-    place, _, kind = _CLASSES[name].partition(":")
-    return getattr(importlib.import_module(f"bricksrl.agents.{place}"), kind)
+def _settings_of(build: Any, module: Any, agent: str) -> type[Any]:
+    wanted = "write build(env, settings: Settings, device) with a frozen dataclass Settings"
+    try:
+        parameter = inspect.signature(build).parameters["settings"]
+    except (KeyError, TypeError, ValueError):
+        raise DescriptionError(f"{agent} takes no settings; {wanted}") from None
+    kind = parameter.annotation
+    kind = getattr(module, kind, None) if isinstance(kind, str) else kind
+    if not (isinstance(kind, type) and is_dataclass(kind)):
+        raise DescriptionError(f"{agent} does not say what its settings are; {wanted}")
+    return kind
 
 
-__all__ = [
-    "AGENTS",
-    "PRESETS",
-    "ACTSettings",
-    "BCSettings",
-    "CQLSettings",
-    "CrossQSettings",
-    "IQLSettings",
-    "ImageSACSettings",
-    "ImageTD3Settings",
-    "SACSettings",
-    "Settings",
-    "TD3BCSettings",
-    "TD3Settings",
-    "make_agent",
-    "preset",
-]
+def preset(name: str = "default", agent: str = "sac", *, images: bool = False) -> Any:
+    """The settings of a preset for an algorithm.
+
+    Args:
+        images: for a task with a camera.
+
+    Raises:
+        UnknownNameError: there is no such preset or algorithm.
+    """
+    if name not in PRESETS:
+        raise UnknownNameError(f"there is no preset '{name}'; choose one of {', '.join(PRESETS)}")
+    kind = algorithm(agent).settings
+    if is_reference(agent):
+        if name != "default":
+            raise UnknownNameError(f"{agent} has no preset '{name}'; it has its own defaults")
+        return kind()
+    from bricksrl.agents.presets import values
+
+    return kind(**values(name, agent, kind, images=images))
+
+
+def make_learner(agent: str, env: EnvBase, settings: Any = None, device: str = "cpu") -> Learner:
+    """A fresh learner for an environment; networks are drawn from torch's global generator.
+
+    Args:
+        settings: without them those of the preset "default".
+        device: of networks and replay.
+
+    Raises:
+        UnknownNameError: there is no such algorithm.
+        DescriptionError: the settings are those of another one, it cannot learn in this environment, or a user's code raised.
+    """
+    from bricksrl.agents.learner import Learner
+
+    found = algorithm(agent)
+    images = "image" in env.full_observation_spec_unbatched.keys()  # noqa: SIM118  a Composite
+    settings = preset("default", agent, images=images) if settings is None else settings
+    if is_reference(agent) and type(settings).__name__ == found.settings.__name__:
+        settings = found.settings(**vars(settings))  # the file was loaded anew, and its class with it
+    if not isinstance(settings, found.settings):
+        raise DescriptionError(
+            f"{agent} has {found.settings.__name__}, not {type(settings).__name__}; see preset('default', '{agent}')"
+        )
+    try:
+        learner = found.build(env, settings, device)
+    except Exception as error:
+        if isinstance(error, BricksError) or not is_reference(agent):
+            raise
+        reason = f"{type(error).__name__}: {error}".splitlines()[0]
+        raise DescriptionError(f"{agent} cannot be built ({reason}); correct it") from error
+    if not isinstance(learner, Learner):
+        raise DescriptionError(f"{agent} builds a {type(learner).__name__}; let it return a bricksrl.agents.learner.Learner")
+    return learner
+
+
+__all__ = ["AGENTS", "PRESETS", "Algorithm", "algorithm", "is_reference", "make_learner", "preset"]

@@ -1,76 +1,72 @@
-"""CrossQ: soft actor-critic whose batch-normalised critics need no targets; TorchRL's ``CrossQLoss`` is its oracle."""
+"""CrossQ (Bhatt et al., 2024): SAC with batch normalisation in place of target critics."""
 
 from __future__ import annotations
 
-import functools
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
+from typing import Annotated, ClassVar
 
 import torch
-from torch import Tensor
+from torch import Tensor, nn
+from torchrl.envs import EnvBase
 
-from bricksrl.agents.layout import ObservationLayout
-from bricksrl.agents.lean.critics import climb_least
-from bricksrl.agents.lean.flat import Learned, working_type
-from bricksrl.agents.lean.passes import Pass
-from bricksrl.agents.networks import StackedCritics, make_normalised_actor
-from bricksrl.agents.off_policy import Batch
-from bricksrl.agents.presets import CrossQSettings
-from bricksrl.agents.soft import SoftAgent, Temperature
-
-if TYPE_CHECKING:
-    from bricksrl.envs.task import Task
+from bricksrl.agents.actor_critic import Batch, Critics, squared_errors
+from bricksrl.agents.encoder import make_encoder
+from bricksrl.agents.learner import Learner, off_policy_learner
+from bricksrl.agents.networks import action_size, action_spec, gaussian_policy, make_body
+from bricksrl.agents.sac import EntropySettings, SACLoss
+from bricksrl.agents.settings import Positive, Range, ShareBelowOne
 
 
-class CrossQAgent(SoftAgent):
-    """CrossQ for one robot; see `CrossQSettings`.
+@dataclass(frozen=True)
+class CrossQSettings(EntropySettings):
+    """Settings of CrossQ."""
 
-    Actions are chosen by running statistics. The critics learn from this step and the next in one batch, so that one statistic
-    serves both; what the actor climbs are the critics by their running statistics.
+    actor_q: ClassVar[str] = "min"
+    """The actor ascends the least value of the critics."""
+    adam_beta: Annotated[float, ShareBelowOne] = 0.5
+    actor_delay: Annotated[int, Range(1)] = 3
+    alpha_init: Annotated[float, Positive] = 0.1
+    momentum: Annotated[float, Range(0.0, 1.0, above=True)] = 0.01
+    """Share of a batch in the running statistics of the batch normalisations."""
+
+
+class CrossQLoss(SACLoss):
+    """Loss of CrossQ: this step and the next go through the critics in one batch, so that one statistic normalises both.
+
+    Networks are in evaluation mode, which normalises by running statistics, but where a loss trains them. TorchRL's
+    ``CrossQLoss`` is its oracle.
     """
 
-    settings: CrossQSettings
+    def __init__(self, encoder: nn.Module, actor: nn.Module, critics: Critics, settings: CrossQSettings) -> None:
+        super().__init__(encoder, actor, critics, settings)
+        del self.target_critics
 
-    def __init__(self, layout: ObservationLayout, action_size: int, settings: CrossQSettings, task: Task | None = None) -> None:
-        super().__init__(layout, action_size, settings, task)
-        self.settings = settings
-        size, hidden, momentum = self.encoder.size, settings.hidden, settings.momentum
-        self.actor = make_normalised_actor(size, action_size, hidden, settings.min_scale, momentum).eval()
-        self.critics = StackedCritics(size, action_size, hidden, batch_norm=momentum).eval()
-        self.temperature = Temperature(settings.initial_alpha, settings.entropy * action_size)
-
-        dtype = working_type(settings.precision)
-        learned = functools.partial(Learned, learning_rate=settings.learning_rate, adam_beta=settings.adam_beta, dtype=dtype)
-        self.learned_actor, self.learned_critics = learned(self.actor, self.temperature), learned(self.critics)
-        self.flats = self.learned_actor, self.learned_critics
-        self.make_passes()
-        self._judging = Pass(self.critics, 2 * settings.batch_size, self.learned_critics)
-        self._leading = Pass(self.critics, settings.batch_size, self.learned_critics, training=False, sought=slice(size, None))
-
-    def descend_critics(self, batch: Batch, next_action: Tensor, next_log_prob: Tensor) -> tuple[Tensor, ...]:
-        """Gradients of the critics' squared errors, and their running statistics; returns the sum of the errors."""
-        features, action = torch.cat((batch.features, batch.next_features)), torch.cat((batch.action, next_action))
+    def qvalue_loss(self, batch: Batch) -> dict[str, Tensor]:
+        """The critics' squared errors, summed over the critics."""
+        self.actor.eval()
+        with torch.no_grad():
+            next_action, next_log_prob = self.draw(self.actor(batch.next_features))
+        features = torch.cat((batch.features, batch.next_features))
+        self.critics.train()
+        values = self.critics(features, torch.cat((batch.action, next_action)))
+        self.critics.eval()
         rows = len(batch.reward)
-        values = self._judging.forward(features, action)[..., 0]
-        next_value = torch.sub(values[:, rows:].amin(0), next_log_prob, alpha=self.temperature.weight())
-        target = batch.reward + self.settings.gamma * torch.where(batch.terminated, 0.0, next_value)
-        errors = values[:, :rows] - target
-        of_values = torch.cat((errors * (2.0 / rows), torch.zeros_like(errors)), 1)
-        self._judging.backward(of_values[..., None])
-        return (errors.square().sum() / rows,)
+        next_value = values[:, rows:].detach().amin(0) - self.alpha * next_log_prob
+        return {"loss_qvalue": squared_errors(values[:, :rows], batch.reward + batch.discount * next_value)}
 
-    def climb(self, features: Tensor, action: Tensor) -> tuple[Tensor, Tensor]:
-        """The lesser of the critics' values and its gradient by the actions."""
-        return climb_least(self._leading, features, action)
+    def actor_loss(self, batch: Batch) -> dict[str, Tensor]:
+        """Losses of actor and temperature; the critics judge by their running statistics."""
+        self.actor.train()
+        found = super().actor_loss(batch)
+        self.actor.eval()
+        return found
 
-    def move_critics(self) -> None:
-        """A step of the critics."""
-        self.learned_critics.step()
 
-    def _parts(self) -> dict[str, Any]:
-        return {
-            "actor": self.actor,
-            "critics": self.critics,
-            "temperature": self.temperature,
-            "adam_of_actor": self.learned_actor,
-            "adam_of_critics": self.learned_critics,
-        }
+def build(env: EnvBase, settings: CrossQSettings, device: torch.device | str = "cpu") -> Learner:
+    """CrossQ for an environment; networks are drawn from torch's global generator."""
+    m, encoder = action_size(env), make_encoder(env, settings)
+    actor = make_body(settings, encoder.size, 2 * m, batch_norm=settings.momentum).eval()
+    critics = Critics([make_body(settings, encoder.size + m, 1, batch_norm=settings.momentum) for _ in range(2)]).eval()
+    policy = gaussian_policy(encoder, actor, action_spec(env), min_scale=settings.min_scale)
+    loss = CrossQLoss(encoder, actor, critics, settings).to(device)
+    return off_policy_learner(env, settings, policy.to(device), loss)

@@ -1,51 +1,36 @@
-"""The agent that draws its actions uniformly: the yardstick below all others, and the way to collect random data."""
+"""Uniformly random actions: the yardstick below all others, and the way to collect random data."""
 
 from __future__ import annotations
 
-from typing import Any
+from dataclasses import dataclass
 
 import torch
+from tensordict.nn import TensorDictModule
 from torch import Tensor
+from torchrl.envs import EnvBase
 
-from bricksrl.agents.agent import Transition
+from bricksrl.agents.learner import Learner
+from bricksrl.agents.networks import action_size
 
 
-class RandomAgent:
-    """Uniform actions in -1..1, whatever it sees. It has no best action, so it draws in evaluation too."""
+@dataclass(frozen=True)
+class RandomSettings:
+    """Nothing to set."""
 
-    prefill_episodes = 0
 
-    def __init__(self, action_size: int) -> None:
-        self._action_size = action_size
+class UniformActions(torch.nn.Module):
+    """Uniform actions ``[*batch, m]`` in -1..1, whatever is observed; also where others do their best."""
 
-    def start_acting(self) -> None:
-        """Nothing is kept from one action to the next."""
+    def __init__(self, size: int) -> None:
+        super().__init__()
+        self.action_size = size
 
-    def act(self, observation: Tensor, *, explore: bool) -> Tensor:
-        """A uniform action ``[m]``."""
-        del observation, explore
-        return 2.0 * torch.rand(self._action_size) - 1.0
+    def forward(self, observation: Tensor) -> Tensor:
+        return 2.0 * torch.rand(*observation.shape[:-1], self.action_size, device=observation.device) - 1.0
 
-    def remember(self, transition: Transition) -> None:
-        """Forget it: this agent does not learn."""
 
-    def end_episode(self) -> None:
-        """Nothing was remembered."""
-
-    def update(self) -> dict[str, float]:
-        """Nothing to learn, no losses."""
-        return {}
-
-    def state_dict(self) -> dict[str, Any]:
-        """Empty: the generator's state is saved with the run."""
-        return {}
-
-    def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Nothing to take over."""
-
-    def policy_state(self) -> dict[str, Tensor]:
-        """Empty: every such agent acts alike."""
-        return {}
-
-    def load_policy_state(self, state: dict[str, Tensor]) -> None:
-        """Nothing to take over."""
+def build(env: EnvBase, settings: RandomSettings, device: torch.device | str = "cpu") -> Learner:
+    """Random actions for an environment."""
+    del settings, device
+    policy = TensorDictModule(UniformActions(action_size(env)), in_keys=["observation"], out_keys=["action"])
+    return Learner(policy=policy, updates_per_step=0.0)

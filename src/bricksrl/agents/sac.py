@@ -1,85 +1,149 @@
-"""Soft actor-critic with a learned temperature, gradients by hand; DroQ and REDQ are settings of it.
+"""Soft actor-critic (Haarnoja et al., 2018) with a learned temperature; DroQ and REDQ are settings of it.
 
-TorchRL's ``SACLoss`` is its oracle: from the same batches and noise come the same losses, gradients and networks.
+DroQ: dropout and layer normalisation in the critics, 20 updates a step (Hiraoka et al., 2022). REDQ: ten critics of which two,
+drawn anew, give the target (Chen et al., 2021).
 """
 
 from __future__ import annotations
 
-import functools
-from typing import TYPE_CHECKING, Any
+import math
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal
 
 import torch
-from torch import Tensor
+from torch import Tensor, nn
+from torch.nn import functional
+from torchrl.envs import EnvBase
 
-from bricksrl.agents.layout import ObservationLayout
-from bricksrl.agents.lean.critics import climb_least, climb_mean, descend
-from bricksrl.agents.lean.flat import Flat, Learned, working_type
-from bricksrl.agents.lean.passes import Pass
-from bricksrl.agents.networks import StackedCritics, make_actor
-from bricksrl.agents.off_policy import Batch
-from bricksrl.agents.presets import SACSettings
-from bricksrl.agents.soft import SoftAgent, Temperature
-
-if TYPE_CHECKING:
-    from bricksrl.envs.task import Task
+from bricksrl.agents.actor_critic import ActorCriticLoss, Batch, Critics, PolyakUpdate, frozen_copy
+from bricksrl.agents.encoder import make_encoder
+from bricksrl.agents.learner import Learner, off_policy_learner
+from bricksrl.agents.networks import action_size, action_spec, gaussian_policy, make_body
+from bricksrl.agents.settings import OffPolicySettings, Positive, Range, ShareBelowOne, TargetSettings
+from bricksrl.errors import DescriptionError
 
 
-class SACAgent(SoftAgent):
-    """SAC for one robot; see `SACSettings`."""
+@dataclass(frozen=True)
+class EntropySettings(OffPolicySettings):
+    """Settings of stochastic policies that are rewarded for their entropy."""
 
-    settings: SACSettings
+    alpha_init: Annotated[float, Positive] = 0.2
+    """Temperature (weight of the entropy) at the start; it is learned from there."""
+    target_entropy: Annotated[float, Range(-1e6, 1e6)] = -1.0
+    """Entropy for each entry of an action that the temperature is learned for; uniform actions have 0.69."""
+    min_scale: Annotated[float, Positive] = 0.1
+    """Lower limit of the standard deviation of an action before the tanh."""
 
-    def __init__(self, layout: ObservationLayout, action_size: int, settings: SACSettings, task: Task | None = None) -> None:
-        super().__init__(layout, action_size, settings, task)
-        self.settings = settings
-        size, hidden, count = self.encoder.size, settings.hidden, settings.critics
-        self.actor = make_actor(size, action_size, hidden, settings.min_scale, layer_norm=settings.actor_layer_norm)
-        options: dict[str, Any] = {"layer_norm": settings.layer_norm, "dropout": settings.dropout, "k": count}
-        self.critics, self.target_critics = (StackedCritics(size, action_size, hidden, **options) for _ in range(2))
-        self.target_critics.load_state_dict(self.critics.state_dict())
-        self.temperature = Temperature(settings.initial_alpha, settings.entropy * action_size)
 
-        dtype = working_type(settings.precision)
-        learned = functools.partial(Learned, learning_rate=settings.learning_rate, adam_beta=settings.adam_beta, dtype=dtype)
-        self.learned_actor, self.learned_critics = learned(self.actor, self.temperature), learned(self.critics)
-        self._targets = Flat(self.target_critics, dtype=dtype)
-        self.flats = self.learned_actor, self.learned_critics, self._targets
-        self.make_passes()
-        self._judging = Pass(self.critics, settings.batch_size, self.learned_critics, sought=slice(size, None))
-        nets = [slice(None)] if settings.target_critics == count else [slice(net, net + 1) for net in range(count)]
-        self._aiming = [Pass(self.target_critics, settings.batch_size, self._targets, nets=one) for one in nets]
+@dataclass(frozen=True)
+class SACSettings(EntropySettings, TargetSettings):
+    """Settings of SAC, and with other numbers of DroQ and REDQ."""
 
-    def target(self, batch: Batch, next_action: Tensor, next_log_prob: Tensor) -> Tensor:
-        """What the critics are to say ``[batch]``: the reward and the soft value of what follows."""
-        chosen = self._aiming
-        if len(chosen) > 1:
-            chosen = [chosen[net] for net in torch.randperm(len(chosen))[: self.settings.target_critics].tolist()]
-        values = [critics.forward(batch.next_features, next_action) for critics in chosen]
-        next_value = (values[0] if len(values) == 1 else torch.cat(values)).amin(0)[:, 0]
-        soft_value = torch.sub(next_value, next_log_prob, alpha=self.temperature.weight())
-        return torch.where(batch.terminated, batch.reward, torch.add(batch.reward, soft_value, alpha=self.settings.gamma))
+    alpha_init: Annotated[float, Positive] = 0.1
+    actor_layer_norm: bool = False
+    """Layer normalisation in the actor."""
+    dropout: Annotated[float, ShareBelowOne] = 0.0
+    """Dropout rate in the critics."""
+    num_qs: Annotated[int, Range(1, 64)] = 2
+    """Critics that learn side by side."""
+    num_min_qs: Annotated[int, Range(1, 64)] = 2
+    """Target critics, drawn anew for each update, whose least value is the target."""
+    actor_q: Literal["min", "mean"] = "min"
+    """Value of the critics that the actor ascends: the least or the mean."""
 
-    def descend_critics(self, batch: Batch, next_action: Tensor, next_log_prob: Tensor) -> tuple[Tensor, ...]:
-        """Gradients of the critics' squared errors; returns their sum."""
-        target = self.target(batch, next_action, next_log_prob)
-        return (descend(self._judging, batch.features, batch.action, target),)
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.num_min_qs > self.num_qs:
+            raise DescriptionError(f"num_min_qs is {self.num_min_qs}; there are only {self.num_qs} critics")
 
-    def climb(self, features: Tensor, action: Tensor) -> tuple[Tensor, Tensor]:
-        """The least of the critics' values, or the mean, and its gradient by the actions."""
-        climb = climb_least if self.settings.actor_value == "min" else climb_mean
-        return climb(self._judging, features, action)
 
-    def move_critics(self) -> None:
-        """A step of the critics, and a smaller one of their targets after them."""
-        self.learned_critics.step()
-        self._targets.follow(self.learned_critics, self.settings.tau)
+class SACLoss(ActorCriticLoss):
+    """Loss of soft actor-critic; TorchRL's ``SACLoss`` is its oracle."""
 
-    def _parts(self) -> dict[str, Any]:
-        return {
-            "actor": self.actor,
-            "critics": self.critics,
-            "target_critics": self.target_critics,
-            "temperature": self.temperature,
-            "adam_of_actor": self.learned_actor,
-            "adam_of_critics": self.learned_critics,
-        }
+    out_keys = ["loss_qvalue", "loss_actor", "loss_alpha", "alpha", "entropy"]  # noqa: RUF012  as in TorchRL
+
+    def __init__(self, encoder: nn.Module, actor: nn.Module, critics: Critics, settings: Any) -> None:
+        super().__init__(encoder, actor, critics, settings)
+        self.settings, self.target_critics = settings, frozen_copy(critics)
+        self.log_alpha = nn.Parameter(torch.tensor(math.log(settings.alpha_init)))
+
+    @property
+    def alpha(self) -> Tensor:
+        """The temperature, as a constant."""
+        return self.log_alpha.detach().exp()
+
+    @torch.no_grad()
+    def target_qvalue(self, batch: Batch) -> Tensor:
+        """The reward and the soft value of the next state."""
+        next_action, next_log_prob = self.draw(self.actor(batch.next_features))
+        return batch.reward + batch.discount * (self.next_qvalue(batch, next_action) - self.alpha * next_log_prob)
+
+    def next_qvalue(self, batch: Batch, next_action: Tensor) -> Tensor:
+        """The least value ``[batch]`` of the target critics that are drawn for this update."""
+        if self.settings.num_min_qs == len(self.target_critics):
+            least: Tensor = self.target_critics(batch.next_features, next_action).amin(0)
+            return least
+        x = torch.cat((batch.next_features, next_action), -1)
+        drawn = torch.randperm(len(self.target_critics))[: self.settings.num_min_qs]
+        if torch.compiler.is_compiling():  # a graph cannot tell which ones will be drawn
+            values: Tensor = self.target_critics(batch.next_features, next_action)
+            return values[drawn.to(values.device)].amin(0)
+        some = torch.stack([self.target_critics[i](x).squeeze(-1) for i in drawn.tolist()])
+        return some.amin(0)
+
+    def actor_loss(self, batch: Batch) -> dict[str, Tensor]:
+        """Losses of actor and temperature."""
+        action, log_prob = self.draw(self.actor_outputs(batch.features))
+        values = self.critics(batch.features.detach(), action)
+        value = values.amin(0) if self.settings.actor_q == "min" else values.mean(0)
+        return {"loss_actor": (self.alpha * log_prob - value).mean(), **self.alpha_loss(log_prob, action.shape[-1])}
+
+    def alpha_loss(self, log_prob: Tensor, action_size: int) -> dict[str, Tensor]:
+        """The temperature's loss for actions of these log-probabilities ``[batch]``, temperature and entropy."""
+        entropy, target = -log_prob.detach().mean(), self.settings.target_entropy * action_size
+        return {"loss_alpha": self.log_alpha * (entropy - target), "alpha": self.alpha, "entropy": entropy}
+
+    def draw(self, out: Tensor) -> tuple[Tensor, Tensor]:
+        """An action ``[batch, m]`` and its log-probability ``[batch]``, from the actor's outputs."""
+        size = out.shape[-1] // 2
+        return rsample(out, self.settings.min_scale, torch.randn(*out.shape[:-1], size, dtype=out.dtype, device=out.device))
+
+
+_LEAST_SCALE = 0.01
+_SHIFT = math.log(math.expm1(1.0 - _LEAST_SCALE))
+"""An output of 0 is a scale of 1, as in tensordict's ``NormalParamExtractor``."""
+
+
+def location_and_scale(out: Tensor, min_scale: float) -> tuple[Tensor, Tensor]:
+    """Location and scale ``[*batch, m]`` of the normal before the tanh, from a network's outputs ``[*batch, 2 m]``."""
+    loc, raw_scale = out.chunk(2, -1)
+    return loc, (functional.softplus(raw_scale + _SHIFT) + _LEAST_SCALE).clamp_min(min_scale)
+
+
+def rsample(out: Tensor, min_scale: float, noise: Tensor) -> tuple[Tensor, Tensor]:
+    """A reparametrised draw ``[*batch, m]`` for standard normal ``noise``, and its log-probability ``[*batch]``.
+
+    As TorchRL's ``TanhNormal`` draws it, in fewer operations.
+    """
+    loc, scale = location_and_scale(out, min_scale)
+    x = torch.addcmul(loc, scale, noise)
+    # log of the normal density, less log(1 - tanh(x)^2) = 2 (log 2 - x - softplus(-2 x)), which stays finite for large x
+    parts = noise.square() * 0.25 + scale.log() * 0.5 - x - functional.softplus(-2.0 * x)
+    constant = loc.shape[-1] * (2.0 * math.log(2.0) + 0.5 * math.log(2.0 * math.pi))
+    return x.tanh(), -2.0 * parts.sum(-1) - constant
+
+
+def build(env: EnvBase, settings: SACSettings, device: torch.device | str = "cpu", make_loss: type[SACLoss] = SACLoss) -> Learner:
+    """SAC for an environment; networks are drawn from torch's global generator.
+
+    Args:
+        make_loss: a loss that builds upon that of SAC.
+    """
+    m, encoder = action_size(env), make_encoder(env, settings)
+    actor = make_body(settings, encoder.size, 2 * m, layer_norm=settings.actor_layer_norm)
+    kind = {"layer_norm": settings.critic_layer_norm, "dropout": settings.dropout}
+    critics = Critics([make_body(settings, encoder.size + m, 1, **kind) for _ in range(settings.num_qs)])
+    policy = gaussian_policy(encoder, actor, action_spec(env), min_scale=settings.min_scale)
+    loss = make_loss(encoder, actor, critics, settings).to(device)
+    target = PolyakUpdate((loss.critics, loss.target_critics), tau=settings.tau)
+    return off_policy_learner(env, settings, policy.to(device), loss, target)

@@ -1,180 +1,159 @@
-"""What settings of agents are made of: parts that several have, with their checks. Plain data: importing this loads no torch.
+"""Settings of algorithms: frozen dataclasses whose fields are checked by what their annotations say.
 
-An agent's settings inherit the parts they need. No part inherits another one's fields: where two ways lead to a field,
-a dataclass takes the default of the part that is named first.
+A field's docstring is its help: ``bricksrl settings AGENT`` shows it. Importing this loads no torch.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
-from dataclasses import dataclass, fields
-from typing import Literal
+import typing
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal
 
 from bricksrl.errors import DescriptionError
 
-LARGEST, MOST_UNITS = 2**24, 2**14
-"""Of any setting, and of a layer: settings come from files too, and one that fills the memory is a mistake or worse."""
-
-
-class Checked:
-    """A part of settings: its ``__post_init__`` checks what it has, and calls that of the part after it."""
-
-    def __post_init__(self) -> None:
-        """The last part of all."""
-
-    def _above_zero(self, *names: str) -> None:
-        for name in names:
-            if not 0 < getattr(self, name) <= LARGEST:
-                raise DescriptionError(f"{name} is {getattr(self, name)}; give a number above zero, and up to {LARGEST:,}")
-
-    def _zero_or_more(self, *names: str) -> None:
-        for name in names:
-            if not 0 <= getattr(self, name) <= LARGEST:
-                raise DescriptionError(f"{name} is {getattr(self, name)}; give 0 or more, and up to {LARGEST:,}")
-
-    def _share(self, *names: str) -> None:
-        for name in names:
-            if not 0 <= getattr(self, name) <= 1:
-                raise DescriptionError(f"{name} is {getattr(self, name)}; give a number from 0 to 1")
-
-    def _one_of(self, name: str, *choices: str) -> None:
-        if getattr(self, name) not in choices:
-            *others, last = choices
-            raise DescriptionError(f"{name} is '{getattr(self, name)}'; choose {', '.join(others)} or {last}")
+LARGEST, MOST_UNITS, MOST_WEIGHTS = 2**24, 2**14, 2**26
+"""Limits of any number, of a layer, and of the weights between hidden layers: settings come from files too, and one that fills
+the memory is a mistake or worse."""
 
 
 @dataclass(frozen=True)
-class CommonSettings(Checked):
-    """What all agents have in common that learn. The defaults are tuned for few robot steps."""
+class Range:
+    """The numbers that a setting may be: from ``low`` to ``high``; with ``above`` only beyond ``low``, with ``below`` only short
+    of ``high``."""
 
-    learning_rate: float = 1e-3
+    low: float = 0.0
+    high: float = LARGEST
+    above: bool = False
+    below: bool = False
+
+    def __contains__(self, value: float) -> bool:
+        over = value > self.low if self.above else value >= self.low
+        return over and (value < self.high if self.below else value <= self.high)
+
+    def __str__(self) -> str:
+        return f"a number {'above' if self.above else 'from'} {self.low:g} {'and below' if self.below else 'to'} {self.high:g}"
+
+
+Positive = Range(above=True)
+NotNegative = Range()
+Share = Range(0.0, 1.0)
+ShareBelowOne = Range(0.0, 1.0, below=True)
+
+
+@dataclass(frozen=True)
+class Settings:
+    """The settings that all learning algorithms have. The defaults are tuned for few robot steps."""
+
+    learning_rate: Annotated[float, Positive] = 1e-3
     """Adam's step size."""
-    adam_beta: float = 0.9
-    """Share of the past in Adam's mean of the gradients."""
-    batch_size: int = 256
+    adam_beta: Annotated[float, ShareBelowOne] = 0.9
+    """Share of the past in Adam's mean of the gradients (beta 1)."""
+    batch_size: Annotated[int, Range(1)] = 256
     """Transitions in one update."""
-    updates_per_step: int = 2
-    """Updates of the critics for each step of the robot."""
-    angles: Literal["phases", "sincos", "raw"] = "phases"
-    """How the networks see angles that wrap: as sine and cosine, with those of their differences too, or scaled to -1..1."""
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if isinstance(value, float) and not math.isfinite(value):
-                raise DescriptionError(f"{field.name} is {value}; give a finite number")
-        self._above_zero("learning_rate", "batch_size", "updates_per_step")
-        self._share("adam_beta")
-        if self.adam_beta == 1.0:
-            raise DescriptionError("adam_beta is 1, which learns nothing; give a number below 1")
-        self._one_of("angles", "phases", "sincos", "raw")
-
-
-@dataclass(frozen=True)
-class LayerSettings(Checked):
-    """For multilayer perceptrons."""
-
     hidden: tuple[int, ...] = (256, 256)
-    """Units of each hidden layer, of the actor and of the critics."""
+    """Units of each hidden layer, of the policy and of the critics."""
+    network: str = ""
+    """Your own networks in place of multilayer perceptrons: FILE.py:NAME, a function of the sizes in and out that makes one."""
+    angles: Literal["phases", "sincos", "raw"] = "phases"
+    """Features of angles that wrap: sine and cosine, with those of their differences too (phases), or scaled to -1..1 (raw)."""
+    goals: Literal["difference", "plain"] = "difference"
+    """Features of a goal: its difference to what is to reach it as well, or itself only."""
+    encoder: Literal["keypoints", "convolutions"] = "keypoints"
+    """Features of images: places of learned keypoints, or the paper's convolutions with dense layers."""
 
     def __post_init__(self) -> None:
-        super().__post_init__()
-        if not self.hidden or min(self.hidden) < 1 or max(self.hidden) > MOST_UNITS:
+        check_fields(type(self), vars(self))
+        if not self.hidden or not all(isinstance(units, int) and 1 <= units <= MOST_UNITS for units in self.hidden):
             wanted = f"the units of at least one layer, up to {MOST_UNITS:,} in each"
             raise DescriptionError(f"hidden is {self.hidden}; give {wanted}, as in (256, 256)")
+        weights = sum(before * after for before, after in itertools.pairwise(self.hidden))
+        if weights > MOST_WEIGHTS:
+            raise DescriptionError(f"hidden is {self.hidden}: {weights:,} weights a network; give up to {MOST_WEIGHTS:,}")
 
 
 @dataclass(frozen=True)
-class LearnerSettings(CommonSettings):
-    """What all agents have in common that learn from observations without images."""
+class OffPolicySettings(Settings):
+    """The settings of algorithms that learn values from a replay buffer."""
 
-    goals: Literal["difference", "plain"] = "difference"
-    """What the networks see of a goal: also how far it is from what it is a goal for, or itself only."""
-
-    # What an agent does that learns from a dataset alone; others have settings of these names.
-    prefill_episodes = 0
-    replay_size = 1
-    actor_delay = 1
-    hindsight = 0.0
-    new_goals = 0.0
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self._one_of("goals", "difference", "plain")
-
-
-@dataclass(frozen=True)
-class ReplaySettings(Checked):
-    """What all agents have in common that learn values from a replay buffer, with images or without."""
-
-    gamma: float = 0.95
+    gamma: Annotated[float, Share] = 0.95
     """Discount of the next step's value."""
-    actor_delay: int = 1
-    """The actor learns in every n-th update of the critics."""
-    prefill_episodes: int = 1
+    updates_per_step: Annotated[float, Positive] = 2.0
+    """Updates of the critics for each robot step (update-to-data ratio); copies that step together count as one robot."""
+    actor_delay: Annotated[int, Range(1)] = 1
+    """The actor is updated in every n-th update of the critics."""
+    prefill_episodes: Annotated[int, NotNegative] = 1
     """Episodes of uniform actions at the start."""
-    replay_size: int = 1_000_000
-    """Transitions kept; the oldest go first."""
+    buffer_size: Annotated[int, Range(2)] = 1_000_000
+    """Transitions kept in the replay buffer; the oldest are overwritten first."""
+    memory_mapped: bool = False
+    """Keep the replay buffer in a temporary file rather than in memory."""
+    n_step: Annotated[int, Range(1, 64)] = 1
+    """Steps whose rewards are summed before a value is bootstrapped (n-step returns)."""
+    hindsight: Annotated[float, Share] = 0.3
+    """In a task with goals: share of each batch whose goal is replaced by what was reached a few steps later."""
+    new_goals: Annotated[float, Share] = 0.3
+    """In a task with goals: share of each batch that gets goals drawn anew from their range."""
+    shift_px: Annotated[int, Range(0, 64)] = 0
+    """Random shift of each image in a batch, in px, as augmentation; 4 is usual for convolutions."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        self._above_zero("actor_delay", "replay_size")
-        self._share("gamma")
-        self._zero_or_more("prefill_episodes")
+        if self.hindsight + self.new_goals > 1:
+            raise DescriptionError(f"hindsight and new_goals add up to {self.hindsight + self.new_goals:g}; give up to 1 in all")
 
 
 @dataclass(frozen=True)
-class TargetSettings(Checked):
-    """For critics that learn from slowly following copies of themselves."""
+class TargetSettings(OffPolicySettings):
+    """The settings of algorithms that have target networks."""
 
-    tau: float = 0.005
-    """Share of the critics that goes into the target critics at each update."""
-    layer_norm: bool = True
+    tau: Annotated[float, Range(0.0, 1.0, above=True)] = 0.005
+    """Share by which target networks follow the others at each update (soft update), of TD3 at each of the actor's."""
+    critic_layer_norm: bool = True
     """Layer normalisation in the critics."""
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self._above_zero("tau")
-        self._share("tau")
+
+def check_fields(kind: type, values: dict[str, Any]) -> None:
+    """Check values against the annotations of a dataclass's fields of these names; any other name passes.
+
+    Raises:
+        DescriptionError: one is not of those that its annotation allows.
+    """
+    for name, hint in typing.get_type_hints(kind, include_extras=True).items():
+        if name in values:
+            check_value(name, values[name], hint)
 
 
-@dataclass(frozen=True)
-class ActorSettings(Checked):
-    """For actors that may be taken from an agent that imitates."""
+def check_value(name: str, value: Any, hint: Any) -> None:
+    """Check a value against an annotation.
 
-    actor_layer_norm: bool = False
-    """Layer normalisation in the actor."""
+    Raises:
+        DescriptionError: it is not one of the values that the annotation allows.
+    """
+    limits = next((one for one in getattr(hint, "__metadata__", ()) if isinstance(one, Range)), None)
+    hint = hint.__origin__ if limits is not None else hint
+    kinds = typing.get_args(hint) if type(None) in typing.get_args(hint) else (hint,)
+    if value is None and type(None) in kinds:
+        return
+    if limits is not None:
+        if isinstance(value, float) and not math.isfinite(value):
+            raise DescriptionError(f"{name} is {value}; give a finite number")
+        if isinstance(value, bool) or not isinstance(value, int | float) or value not in limits:
+            raise DescriptionError(f"{name} is {value!r}; give {limits}")
+    for kind in {typing.get_origin(kind) or kind for kind in kinds} & _NAMES.keys():
+        if type(value) is not kind and not (kind is float and type(value) is int):
+            raise DescriptionError(f"{name} is {value!r}; give {_NAMES[kind]}")
+    if typing.get_origin(hint) is Literal and value not in typing.get_args(hint):
+        *others, last = map(str, typing.get_args(hint))
+        raise DescriptionError(f"{name} is '{value}'; choose {', '.join(others)} or {last}")
 
 
-@dataclass(frozen=True)
-class EntropySettings(Checked):
-    """For actors that are as random as the entropy asks for."""
-
-    initial_alpha: float = 0.2
-    """Temperature (weight of the entropy) at the start; it is learned from there."""
-    entropy: float = -1.0
-    """Entropy for each entry of an action that the temperature is learned for; uniform actions have 0.69."""
-    min_scale: float = 0.1
-    """Lower limit of the standard deviation of an action before the tanh."""
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self._above_zero("initial_alpha", "min_scale")
-
-
-@dataclass(frozen=True)
-class NoiseSettings(Checked):
-    """For actors without randomness of their own, as TD3's."""
-
-    exploration_noise: float = 0.3
-    """Standard deviation of the noise on the actions while learning; actions are in -1..1."""
-    target_noise: float = 0.1
-    """Standard deviation of the noise on the target actor's actions."""
-    target_noise_limit: float = 0.5
-    """Limit of that noise to either side."""
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self._above_zero("target_noise_limit")
-        self._zero_or_more("exploration_noise", "target_noise")
+_NAMES: dict[Any, str] = {
+    int: "a whole number",
+    float: "a number",
+    bool: "True or False",
+    str: "a text",
+    tuple: "several values",
+    dict: "a table of names and values",
+}

@@ -1,131 +1,75 @@
-"""Twin delayed deep deterministic policy gradient, gradients by hand as in our SAC; TorchRL's ``TD3Loss`` is its oracle."""
+"""Twin delayed deep deterministic policy gradient (Fujimoto et al., 2018)."""
 
 from __future__ import annotations
 
-import functools
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
+from typing import Annotated
 
 import torch
-from torch import Tensor
+from torch import Tensor, nn
+from torchrl.envs import EnvBase
 
-from bricksrl.agents.layout import ObservationLayout
-from bricksrl.agents.lean.agent import LeanAgent
-from bricksrl.agents.lean.critics import descend
-from bricksrl.agents.lean.flat import Flat, Learned, working_type
-from bricksrl.agents.lean.passes import Pass
-from bricksrl.agents.networks import StackedCritics, make_deterministic_actor
-from bricksrl.agents.off_policy import Batch
-from bricksrl.agents.presets import TD3Settings
-
-if TYPE_CHECKING:
-    from bricksrl.envs.task import Task
+from bricksrl.agents.actor_critic import ActorCriticLoss, Batch, Critics, PolyakUpdate, frozen_copy
+from bricksrl.agents.encoder import make_encoder
+from bricksrl.agents.learner import Learner, off_policy_learner
+from bricksrl.agents.networks import action_size, action_spec, deterministic_policy, make_body
+from bricksrl.agents.settings import NotNegative, Positive, Range, TargetSettings
 
 
-class TD3Agent(LeanAgent):
-    """TD3 for one robot; see `TD3Settings`."""
+@dataclass(frozen=True)
+class TD3Settings(TargetSettings):
+    """Settings of TD3; its targets move when the actor does."""
 
-    loss_names = ("critic_loss", "actor_loss")
+    learning_rate: Annotated[float, Positive] = 5e-4
+    updates_per_step: Annotated[float, Positive] = 4.0
+    actor_delay: Annotated[int, Range(1)] = 2
+    actor_layer_norm: bool = False
+    """Layer normalisation in the actor."""
+    exploration_noise: Annotated[float, NotNegative] = 0.3
+    """Standard deviation of the noise on the actions while exploring; actions are in -1..1."""
+    target_noise: Annotated[float, NotNegative] = 0.1
+    """Standard deviation of the noise on the target actor's actions."""
+    target_noise_clip: Annotated[float, Positive] = 0.5
+    """Limit of that noise to either side."""
 
-    def __init__(self, layout: ObservationLayout, action_size: int, settings: TD3Settings, task: Task | None = None) -> None:
-        super().__init__(layout, action_size, settings, task)
-        self.settings = settings
-        size, hidden = self.encoder.size, settings.hidden
-        self.actor, self.target_actor = (
-            make_deterministic_actor(size, action_size, hidden, layer_norm=settings.actor_layer_norm) for _ in range(2)
-        )
-        self.critics, self.target_critics = (
-            StackedCritics(size, action_size, hidden, layer_norm=settings.layer_norm) for _ in range(2)
-        )
-        self.target_actor.load_state_dict(self.actor.state_dict())
-        self.target_critics.load_state_dict(self.critics.state_dict())
 
-        dtype = working_type(settings.precision)
-        learned = functools.partial(Learned, learning_rate=settings.learning_rate, adam_beta=settings.adam_beta, dtype=dtype)
-        self.learned_critics, self.learned_actor = learned(self.critics), learned(self.actor)
-        self._targets, self._target = Flat(self.target_critics, dtype=dtype), Flat(self.target_actor, dtype=dtype)
-        self.flats = self.learned_critics, self.learned_actor, self._targets, self._target
-        rows, body = settings.batch_size, self.actor.body
-        self._acting = Pass(body, 1)
-        self._foreseeing = functools.cache(functools.partial(Pass, self.target_actor.body, flat=self._target))
-        self._aiming = functools.cache(functools.partial(Pass, self.target_critics, flat=self._targets))
-        self._judging = Pass(self.critics, rows, self.learned_critics)
-        self._climbing = Pass(body, rows, self.learned_actor)
-        self._leading = Pass(self.critics, rows, self.learned_critics, nets=slice(1), sought=slice(size, None))
+class TD3Loss(ActorCriticLoss):
+    """Loss of TD3, whose target action gets clipped noise and whose actor ascends the first critic; TorchRL's ``TD3Loss`` is its
+    oracle.
 
-    def begin_with_actor(self) -> None:
-        """As any agent, and the target begins with it too."""
-        self.target_actor.load_state_dict(self.actor.state_dict())
-        super().begin_with_actor()
+    Args:
+        actor: features to actions before the tanh.
+    """
 
-    def act(self, observation: Tensor, *, explore: bool) -> Tensor:
-        """The actor's action ``[m]``, with noise on it when it is to ``explore``."""
-        with torch.no_grad():
-            action = self._acting.forward(self.encoder.forward(observation)[None])[0, 0].tanh()
-            if explore:
-                action += self.settings.exploration_noise * torch.randn_like(action)
-            return action.clamp_(-1.0, 1.0)
+    out_keys = ["loss_qvalue", "loss_actor"]  # noqa: RUF012  as in TorchRL
+
+    def __init__(self, encoder: nn.Module, actor: nn.Module, critics: Critics, settings: TD3Settings) -> None:
+        super().__init__(encoder, actor, critics, settings)
+        self.target_actor, self.target_critics = frozen_copy(actor), frozen_copy(critics)
+        self.target_noise, self.target_noise_clip = settings.target_noise, settings.target_noise_clip
 
     @torch.no_grad()
-    def learn_in_turn(self, batches: Sequence[Batch], *, actor: bool) -> list[tuple[Tensor, ...]]:
-        """An update of the critics with each batch, of the actor and all targets with the last."""
-        targets = self.targets(batches)
-        found = [self.descend_critics(batch, target) for batch, target in zip(batches, targets, strict=True)]
-        if actor:
-            found[-1] += self.descend_actor(batches[-1])
-            self._targets.follow(self.learned_critics, self.settings.tau)
-            self._target.follow(self.learned_actor, self.settings.tau)
-        return found
+    def target_qvalue(self, batch: Batch) -> Tensor:
+        """The reward and the least value of the next state and a noisy action."""
+        action = self.target_actor(batch.next_features).tanh()
+        noise = (self.target_noise * torch.randn_like(action)).clamp_(-self.target_noise_clip, self.target_noise_clip)
+        next_value = self.target_critics(batch.next_features, (action + noise).clamp_(-1.0, 1.0)).amin(0)
+        target: Tensor = batch.reward + batch.discount * next_value
+        return target
 
-    def targets(self, batches: Sequence[Batch]) -> Sequence[Tensor]:
-        """What the critics are to say of each batch, ``[batch]``: all at once, as the targets wait for the actor too."""
-        settings = self.settings
-        features = torch.cat([batch.next_features for batch in batches])
-        action = self._foreseeing(len(features)).forward(features)[0].tanh_()
-        noise = (settings.target_noise * torch.randn_like(action)).clamp_(
-            -settings.target_noise_limit, settings.target_noise_limit
-        )
-        action = (action + noise).clamp_(-1.0, 1.0)
-        values = self._aiming(len(features)).forward(features, action).amin(0)
-        return [
-            batch.reward + settings.gamma * torch.where(batch.terminated, 0.0, value)
-            for batch, value in zip(batches, values.view(len(batches), -1), strict=True)
-        ]
+    def actor_loss(self, batch: Batch) -> dict[str, Tensor]:
+        """The first critic's value of the actor's actions, negated."""
+        action = self.actor_outputs(batch.features).tanh()
+        values = self.critics[0](torch.cat((batch.features.detach(), action), -1))
+        return {"loss_actor": -values.mean()}
 
-    def descend_critics(self, batch: Batch, target: Tensor) -> tuple[Tensor, ...]:
-        """A step of the critics down their squared errors; returns the sum of these."""
-        loss = descend(self._judging, batch.features, batch.action, target)
-        self.learned_critics.step()
-        return (loss,)
 
-    def descend_actor(self, batch: Batch) -> tuple[Tensor, ...]:
-        """A step of the actor down its loss; returns that."""
-        outputs = self._climbing.forward(batch.features)[0]
-        action = outputs.tanh()
-        loss, of_action = self.actor_loss(batch, action)
-        of_outputs = of_action * (1.0 - action.square())
-        self.pull(batch.features, outputs, of_outputs)
-        self._climbing.backward(of_outputs[None])
-        self.learned_actor.step()
-        return (loss,)
-
-    def actor_loss(self, batch: Batch, action: Tensor) -> tuple[Tensor, Tensor]:
-        """Loss of the actor for actions ``[batch, m]``, and its gradient by them: what the first critic thinks of them."""
-        values, of_action = self.values(batch.features, action)
-        return -values.mean(), -of_action
-
-    def values(self, features: Tensor, action: Tensor) -> tuple[Tensor, Tensor]:
-        """The first critic's values ``[batch]``, and the gradient ``[batch, m]`` of their mean by the actions."""
-        values = self._leading.forward(features, action)
-        of_action = self._leading.backward(torch.full_like(values, 1.0 / len(action)), weights=False, inputs=True)
-        return values[0, :, 0], of_action[0]
-
-    def _parts(self) -> dict[str, Any]:
-        return {
-            "actor": self.actor,
-            "target_actor": self.target_actor,
-            "critics": self.critics,
-            "target_critics": self.target_critics,
-            "adam_of_actor": self.learned_actor,
-            "adam_of_critics": self.learned_critics,
-        }
+def build(env: EnvBase, settings: TD3Settings, device: torch.device | str = "cpu") -> Learner:
+    """TD3 for an environment; networks are drawn from torch's global generator."""
+    m, encoder = action_size(env), make_encoder(env, settings)
+    body = make_body(settings, encoder.size, m, layer_norm=settings.actor_layer_norm)
+    critics = Critics([make_body(settings, encoder.size + m, 1, layer_norm=settings.critic_layer_norm) for _ in range(2)])
+    _, policy = deterministic_policy(encoder, body, action_spec(env), noise=settings.exploration_noise)
+    loss = TD3Loss(encoder, body, critics, settings).to(device)
+    target = PolyakUpdate((loss.critics, loss.target_critics), (loss.actor, loss.target_actor), tau=settings.tau)
+    return off_policy_learner(env, settings, policy.to(device), loss, target, target_delay=settings.actor_delay)

@@ -7,18 +7,31 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Sequence
+
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+
+_NARROWEST = 20
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code: 0, 1 for a hub program that failed, 2 for an error, 130 for Ctrl-C."""
     os.environ.setdefault("RL_LOGGING_LEVEL", "WARNING")  # TorchRL's notes about its buffers are not for our users
+    if sys.flags.optimize > 1:  # TorchRL and the help of this command are made of docstrings
+        sys.stderr.write("error: Python leaves docstrings out (-OO); unset PYTHONOPTIMIZE or set it to 1\n")
+        return 2
+    columns = os.environ.get("COLUMNS", "")
+    if columns.isdecimal() and int(columns) < _NARROWEST:
+        del os.environ["COLUMNS"]  # tables of no width say nothing
+    for stream in (sys.stdout, sys.stderr):
+        if stream is not None and hasattr(stream, "reconfigure"):
+            stream.reconfigure(errors="replace")  # a terminal without our characters shows others
     try:
         from bricksrl.cli.app import run
 
         return run(sys.argv[1:] if arguments is None else arguments)
     except KeyboardInterrupt:
-        from bricksrl.cli.console import INTERRUPTED, print_interrupted
-
-        print_interrupted("nothing was saved")
-        return INTERRUPTED
+        sys.stderr.write("interrupted: nothing was saved\n")
+        return 130

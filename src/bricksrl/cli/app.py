@@ -2,32 +2,22 @@
 
 from __future__ import annotations
 
+import importlib
 import io
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import redirect_stderr
 from inspect import cleandoc
 from typing import Protocol, cast
 
+import tyro
 from tyro.conf import FlagCreatePairsOff
 from tyro.extras import SubcommandApp
 
 import bricksrl
-from bricksrl.cli import data
-from bricksrl.cli.camera import CalibrateCamera
-from bricksrl.cli.check import Check
-from bricksrl.cli.console import print_error, print_line
-from bricksrl.cli.doctor import Doctor
-from bricksrl.cli.evaluate import Evaluate
-from bricksrl.cli.hub import Program, Run
-from bricksrl.cli.hub_tools import Calibrate, CheckHub, Latency, Rename, Scan, Stop
-from bricksrl.cli.listing import List
-from bricksrl.cli.offline import TrainOffline
-from bricksrl.cli.record import Record as RecordDataset
-from bricksrl.cli.train import Resume, Train
-from bricksrl.cli.tune import Tune
-from bricksrl.cli.twin import Fit, Record
+from bricksrl.cli.terminal import print_error, print_line
+from bricksrl.cli.wording import one_line
 from bricksrl.errors import BricksError
 
 _DESCRIPTION = """Reinforcement learning on LEGO robots that run Pybricks.
@@ -41,32 +31,64 @@ Examples:
   bricksrl train --help
   bricksrl --version
 """
-_COMMANDS: dict[str, type] = {
-    "list": List,
-    "train": Train,
-    "train-offline": TrainOffline,
-    "resume": Resume,
-    "tune": Tune,
-    "evaluate": Evaluate,
-    "record": RecordDataset,
-    "check": Check,
-    "doctor": Doctor,
+# Each command as "module:class" below `bricksrl.cli`; a module is imported when its command is named.
+_COMMANDS = {
+    "list": "envs:List",
+    "train": "train:Train",
+    "train-offline": "offline:TrainOffline",
+    "resume": "train:Resume",
+    "tune": "tune:Tune",
+    "study": "study:StudyCommand",
+    "evaluate": "evaluate:Evaluate",
+    "play": "page:Play",
+    "drive": "page:Drive",
+    "compare": "compare:Compare",
+    "plot": "compare:Plot",
+    "export": "export:Export",
+    "record": "record:Record",
+    "settings": "settings:Settings",
+    "check": "check:Check",
+    "doctor": "doctor:Doctor",
+    "trust": "trust:Trust",
 }
-_HUB: dict[str, type] = {
-    "scan": Scan,
-    "check": CheckHub,
-    "latency": Latency,
-    "calibrate": Calibrate,
-    "stop": Stop,
-    "rename": Rename,
-    "program": Program,
-    "run": Run,
+_HUB = {
+    "scan": "hub_tools:Scan",
+    "check": "hub_tools:CheckHub",
+    "latency": "hub_tools:Latency",
+    "calibrate": "hub_tools:Calibrate",
+    "stop": "hub_tools:Stop",
+    "rename": "hub_tools:Rename",
+    "program": "hub:Program",
+    "run": "hub:Run",
 }
-_GROUPS: dict[str, tuple[str, dict[str, type]]] = {
+_DATA = {
+    "info": "data:Info",
+    "check": "data:Check",
+    "repair": "data:Repair",
+    "merge": "data:Merge",
+    "split": "data:Split",
+    "plot": "data:Plot",
+    "import": "data:Import",
+    "export": "data:Export",
+    "push": "data:Push",
+    "pull": "data:Pull",
+}
+_GROUPS = {
     "hub": ("A hub: find, check, calibrate and stop it; its program; programs of your own on a virtual hub.", _HUB),
-    "data": ("Datasets: look at them, mend, join and split them, bring them in and out, share them.", data.COMMANDS),
-    "camera": ("The camera of a task: find out what counts as red before it.", {"calibrate": CalibrateCamera}),
-    "twin": ("The twin of a robot: record what a robot does, fit the twin to it.", {"record": Record, "fit": Fit}),
+    "data": ("Datasets: look at them, mend, join and split them, bring them in and out, share them.", _DATA),
+    "camera": ("The camera of a task: find out what counts as red before it.", {"calibrate": "camera:CalibrateCamera"}),
+    "plan": (
+        "Building plans: check an LDraw file, list its parts, draw its booklet.",
+        {"check": "plan:CheckPlan", "parts": "plan:PlanParts", "steps": "plan:PlanSteps", "show": "plan:ShowPlan"},
+    ),
+    "new": (
+        "A commented file to start from: a task, a robot, an algorithm of your own.",
+        {"task": "new:NewTask", "robot": "new:NewRobot", "agent": "new:NewAgent"},
+    ),
+    "twin": (
+        "The twin of a robot: record what a robot does, fit the twin to it.",
+        {"record": "twin:Record", "fit": "twin:Fit"},
+    ),
 }
 
 
@@ -83,7 +105,7 @@ def run(arguments: Sequence[str]) -> int:
         print_line(f"bricksrl {bricksrl.__version__}")
         return 0
     try:
-        return parse(arguments).execute()
+        return parse(arguments or ["--help"]).execute()
     except BricksError as error:
         print_error(str(error))
         return 2
@@ -93,53 +115,71 @@ def run(arguments: Sequence[str]) -> int:
     except OSError as error:
         print_error(f"{error.filename or 'this computer'}: {error.strerror or error}")
         return 2
+    except MemoryError:
+        print_error("this computer has not enough memory for that; ask for less")
+        return 2
+    except Exception as error:
+        from bricksrl.envs.user_files import failure_of_user
+
+        message = failure_of_user(error)
+        if message is None:
+            raise  # a fault of ours, whose place is to be seen
+        print_error(message)
+        return 2
 
 
 def parse(arguments: Sequence[str]) -> Command:
     """The command that the arguments name; exits like argparse for help, and for arguments that are wrong."""
+    words = addressed(arguments)
     complaint = io.StringIO()
     try:
         with redirect_stderr(complaint):
-            parsed = _commands(arguments).cli(
-                prog="bricksrl", description=_DESCRIPTION, args=arguments, config=(FlagCreatePairsOff,)
-            )
+            parsed = _parse(words, arguments[len(words) :])
     except SystemExit as end:
         if end.code:
-            print_error(one_line(complaint.getvalue(), addressed(arguments)))
+            print_error(one_line(complaint.getvalue(), " ".join(["bricksrl", *words])))
         raise
     return cast(Command, parsed)
 
 
-def _commands(arguments: Sequence[str]) -> SubcommandApp:
-    def add(app: SubcommandApp, name: str, command: type) -> None:
-        text = cleandoc(command.__doc__ or "")
-        # All of it in the command's own help, its first line in the list of commands.
-        app.command(name=name, help=text if name in arguments else text.partition("\n")[0])(command)
+def _parse(words: Sequence[str], arguments: Sequence[str]) -> object:
+    """The command that is named, alone: the other ones would have to be imported for the parser to know them."""
+    prog, config = " ".join(["bricksrl", *words]), (FlagCreatePairsOff,)
+    if not words:
+        return _overview().cli(prog=prog, description=_DESCRIPTION, args=arguments, config=config)
+    if words[0] in _COMMANDS or len(words) == 2:
+        command = _load(_COMMANDS[words[0]] if len(words) == 1 else _GROUPS[words[0]][1][words[1]])
+        return tyro.cli(command, prog=prog, description=cleandoc(command.__doc__ or ""), args=arguments, config=config)
+    text, commands = _GROUPS[words[0]]
+    return _listing(commands).cli(prog=prog, description=text, args=arguments, config=config)
 
-    app = SubcommandApp()
-    for name, command in _COMMANDS.items():
-        add(app, name, command)
+
+def _overview() -> SubcommandApp:
+    app = _listing(_COMMANDS)
     for name, (text, commands) in _GROUPS.items():
-        group = SubcommandApp()
-        for part, command in commands.items():
-            add(group, part, command)
-        app.command(group, name=name, help=text)
+        app.command(_listing(commands), name=name, help=text)
     return app
 
 
-def addressed(arguments: Sequence[str]) -> str:
-    """The command that is meant, as far as there is one: ``bricksrl``, ``bricksrl train`` or ``bricksrl hub scan``."""
-    words = ["bricksrl"]
-    if arguments and arguments[0] in {*_COMMANDS, *_GROUPS}:
-        words.append(arguments[0])
-        group = _GROUPS.get(arguments[0])
-        if group and arguments[1:] and arguments[1] in group[1]:
-            words.append(arguments[1])
-    return " ".join(words)
+def _listing(commands: Mapping[str, str]) -> SubcommandApp:
+    """Commands with the first line of their help."""
+    app = SubcommandApp()
+    for name, place in commands.items():
+        command = _load(place)
+        app.command(name=name, help=cleandoc(command.__doc__ or "").partition("\n")[0])(command)
+    return app
 
 
-def one_line(box: str, command: str = "bricksrl") -> str:
-    """What tyro says in a box of several lines, as one: its first paragraph, and whose help to read."""
-    lines = [line.strip("│╭╮╰╯─ ") for line in box.splitlines()[1:]]
-    message = "\n".join(lines).partition("\n\n")[0]
-    return f"{' '.join(message.split()).removesuffix('.')}; see `{command} --help`"
+def _load(place: str) -> type:
+    module, _, name = place.partition(":")
+    command: type = getattr(importlib.import_module(f"bricksrl.cli.{module}"), name)
+    return command
+
+
+def addressed(arguments: Sequence[str]) -> list[str]:
+    """Words that name the command, as far as there is one: none, ``train``, or ``hub`` and ``scan``."""
+    words = [word for word in arguments[:1] if word in {*_COMMANDS, *_GROUPS}]
+    group = _GROUPS.get(words[0]) if words else None
+    if group and arguments[1:] and arguments[1] in group[1]:
+        words.append(arguments[1])
+    return words

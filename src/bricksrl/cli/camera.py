@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import Positional, arg
 
-from bricksrl.cli.console import print_line
+from bricksrl.cli.terminal import print_line
 from bricksrl.errors import CameraError
 
 if TYPE_CHECKING:
-    from bricksrl.envs.camera import Camera, CameraView
-    from bricksrl.envs.red import FoundRed
     from bricksrl.envs.task import Task
+    from bricksrl.envs.vision.camera import Camera, CameraView
+    from bricksrl.envs.vision.color_calibration import FoundRed
 
 
 @dataclass(frozen=True)
@@ -46,11 +46,10 @@ class CalibrateCamera:
 
     def execute(self) -> int:
         """Look, print, write."""
-        from matplotlib.image import imsave
-
-        from bricksrl.envs.camera import find_red
-        from bricksrl.envs.red import FoundRed, calibrate_red, picture, saved_path, spanning, write_red
         from bricksrl.envs.registry import get_task
+        from bricksrl.envs.vision.camera import find_red
+        from bricksrl.envs.vision.color_calibration import FoundRed, calibrate_red, picture, saved_path, spanning, write_red
+        from bricksrl.plotting import save_image
 
         if self.frames < 1:
             raise CameraError(f"frames is {self.frames}; look at 1 or more")
@@ -70,18 +69,18 @@ class CalibrateCamera:
         last = FoundRed(spanning([one.window for one in found]), found[-1].mask)
         path = self.out or saved_path(device)
         write_red(path, last.window)
-        imsave(path.with_suffix(".png"), picture(frames[-1], last))
+        save_image(path.with_suffix(".png"), picture(frames[-1], last))
         self._print(last, len(find_red(frames[-1], last.window)))
         print_line(f"saved    {path}")
         print_line(f"picture  {path.with_suffix('.png')}")
         return 0
 
     def _open(self, task: Task, view: CameraView) -> Camera:
-        from bricksrl.envs.camera import TwinCamera, VideoCamera
+        from bricksrl.envs.vision.camera import TwinCamera, VideoCamera
 
         if not self.twin:
             return VideoCamera(view)
-        from bricksrl.twin.bodies import make_body
+        from bricksrl.twin.make_body import make_body
 
         return TwinCamera(make_body(task.robot, scene=task.scene), view)
 

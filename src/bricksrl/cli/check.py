@@ -7,32 +7,36 @@ from typing import Annotated
 
 from tyro.conf import Positional, arg
 
-from bricksrl.cli.console import print_line
-from bricksrl.cli.loading import load_learning
+from bricksrl.cli.terminal import load_learning, print_line
 
 
 @dataclass(frozen=True)
 class Check:
-    """Check an environment, ours or your own: description, functions, hub program, specs, reset, determinism, twin.
+    """Check an environment or an agent, ours or your own.
 
-    One line a check; exit code 1 when one failed.
+    Of an environment: description, functions, hub program, specs, reset, determinism, twin. Of an agent, in a small simulation:
+    settings, building, acting, remembering, learning, saving, copies. One line a check; exit code 1 when one failed.
 
     Examples:
       bricksrl check RunAway-v0
       bricksrl check my_task.py
       bricksrl check my_package.tasks:MY_TASK
+      bricksrl check my_agent.py
     """
 
-    env: Annotated[Positional[str], arg(metavar="ENV")]
-    """Environment; `bricksrl list` shows them. A task of your own: my_task.py, my_task.py:TASK or module:TASK."""
+    what: Annotated[Positional[str], arg(metavar="ENV|AGENT")]
+    """Environment or agent; `bricksrl list` shows them. Your own: my_task.py, my_task.py:TASK, module:TASK, my_agent.py."""
 
     def execute(self) -> int:
         """Check and print."""
-        from bricksrl.envs.check import Outcome, check_env
+        from bricksrl.envs.env_checker import check_env
+        from bricksrl.finding import Outcome
 
         load_learning()
+        from bricksrl.evaluation.agent_checker import check_agent, is_agent
+
         code = 0
-        for check in check_env(self.env):
+        for check in check_agent(self.what) if is_agent(self.what) else check_env(self.what):
             print_line(f"{check.outcome.value:8}{check.name:13}{check.detail}")
-            code = 1 if check.outcome is Outcome.FAILED else code
+            code = 1 if check.outcome is Outcome.ERROR else code
         return code

@@ -8,8 +8,7 @@ from typing import Annotated, Literal
 
 from tyro.conf import Positional, arg
 
-from bricksrl.cli.console import print_line
-from bricksrl.cli.loading import load_learning
+from bricksrl.cli.terminal import load_learning, print_line
 from bricksrl.errors import DataError
 
 
@@ -66,8 +65,8 @@ class Check:
 
     def execute(self) -> int:
         """Check and print."""
-        from bricksrl.data.check import check
-        from bricksrl.data.reading import dataset_folder
+        from bricksrl.data.integrity import check
+        from bricksrl.data.reader import dataset_folder
 
         wrong = check(dataset_folder(self.dataset))
         for line in wrong or ["all is well"]:
@@ -79,8 +78,8 @@ class Check:
 class Repair:
     """Bring a dataset back in order after its recording was killed, or save the whole episodes of a damaged one.
 
-    Without --out the index is made anew from what is whole on the disk. With --out the dataset stays as it is, and its whole
-    episodes are written to a new one.
+    Without --out the index is made anew from what is whole on the disk; exit code 1 when something is still wrong. With --out
+    the dataset stays as it is, and its whole episodes are written to a new one.
 
     Examples:
       bricksrl data repair datasets/walker_expert
@@ -95,10 +94,11 @@ class Repair:
     def execute(self) -> int:
         """Repair and say what was done."""
         from bricksrl.data.edit import salvage
-        from bricksrl.data.files import only_writer
+        from bricksrl.data.integrity import check
         from bricksrl.data.layout import Layout
-        from bricksrl.data.reading import dataset_folder
+        from bricksrl.data.reader import dataset_folder
         from bricksrl.data.repair import recover
+        from bricksrl.files import only_writer
 
         root = dataset_folder(self.dataset)
         if self.out is not None:
@@ -114,7 +114,12 @@ class Repair:
         print_line(
             f"{len(done.index.rows)} episodes; {done.adopted} new in the index, {done.unfinished} unfinished files removed"
         )
-        return 0
+        left = check(root)
+        for line in left:
+            print_line(line)
+        if left:
+            print_line(f"what is left of it goes to a new dataset with `bricksrl data repair {self.dataset} --out DIR`")
+        return 1 if left else 0
 
 
 @dataclass(frozen=True)
@@ -133,7 +138,7 @@ class Merge:
     def execute(self) -> int:
         """Join."""
         from bricksrl.data.edit import merge
-        from bricksrl.data.reading import dataset_folder
+        from bricksrl.data.reader import dataset_folder
 
         index = merge([dataset_folder(path) for path in _some(self.datasets)], self.out)
         print_line(f"{len(index.rows)} episodes, {index.steps} steps: {self.out}")
@@ -162,7 +167,7 @@ class Split:
     def execute(self) -> int:
         """Split."""
         from bricksrl.data.edit import split
-        from bricksrl.data.reading import dataset_folder
+        from bricksrl.data.reader import dataset_folder
 
         parts = split(dataset_folder(self.dataset), self.out, self.rest, self.share, self.seed)
         for index, path in zip(parts, (self.out, self.rest), strict=True):
@@ -268,7 +273,7 @@ class Push:
     def execute(self) -> int:
         """Push and print its address."""
         from bricksrl.data.share import push_dataset
-        from bricksrl.training.sharing import push_policy
+        from bricksrl.policies.sharing import push_policy
 
         load_learning()
         push = push_policy if self.policy else push_dataset
@@ -297,7 +302,7 @@ class Pull:
     def execute(self) -> int:
         """Pull and say where it is."""
         from bricksrl.data.share import pull_dataset
-        from bricksrl.training.sharing import pull_policy
+        from bricksrl.policies.sharing import pull_policy
 
         load_learning()
         pull = pull_policy if self.policy else pull_dataset
@@ -309,17 +314,3 @@ def _some(paths: tuple[Path, ...]) -> tuple[Path, ...]:
     if not paths:
         raise DataError("no dataset is named; give its folder")
     return paths
-
-
-COMMANDS: dict[str, type] = {
-    "info": Info,
-    "check": Check,
-    "repair": Repair,
-    "merge": Merge,
-    "split": Split,
-    "plot": Plot,
-    "import": Import,
-    "export": Export,
-    "push": Push,
-    "pull": Pull,
-}

@@ -1,8 +1,7 @@
-"""``bricksrl doctor``: whether this computer has what BricksRL needs."""
+"""``bricksrl doctor``: a check of this computer for all that BricksRL needs."""
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import os
 import platform
@@ -18,9 +17,9 @@ from typing import Annotated
 
 from tyro.conf import arg
 
-from bricksrl.cli.console import print_line
+from bricksrl.cli.terminal import print_line
 from bricksrl.errors import DescriptionError
-from bricksrl.hub.finding import Finding, Outcome
+from bricksrl.finding import Finding, Outcome
 
 _OLDEST_PYTHON = (3, 11)
 _LITTLE_ROOM_GB, _NO_ROOM_GB = 5.0, 0.5
@@ -28,8 +27,8 @@ _SCAN_S = 1.0
 _LONGEST_S = 3600.0
 _DRAW = """
 from bricksrl import robots
-from bricksrl.twin.bodies import make_body
-from bricksrl.twin.rendering import Renderer
+from bricksrl.twin.make_body import make_body
+from bricksrl.twin.render.opengl import Renderer
 with Renderer(make_body(robots.get("two-wheeler")), 32, 24) as renderer:
     renderer.render()
 """
@@ -67,13 +66,12 @@ class Doctor:
                 print_line(f"{finding.outcome.value:9}{finding.name:12}{finding.detail}")
         errors = [finding for finding in findings if finding.outcome is Outcome.ERROR]
         if self.json:
-            told = [{**dataclasses.asdict(finding), "outcome": finding.outcome.value} for finding in findings]
-            print_line(json.dumps({"ok": not errors, "findings": told}))
+            print_line(json.dumps({"ok": not errors, "findings": [finding.to_dict() for finding in findings]}))
         return 1 if errors else 0
 
 
 def bounded(name: str, look: Callable[[], Answer], timeout_s: float) -> Finding:
-    """What a look finds; one that takes too long, or raises, is a finding too. It is left behind, in a thread."""
+    """Answer of a look; one that takes too long, or raises, is a finding too. It is left behind, in a thread."""
     answers: list[Answer] = []
 
     def run() -> None:
@@ -98,7 +96,7 @@ def look_at_python() -> Answer:
 
 
 def look_at_packages() -> Answer:
-    """What bricksrl requires, and whether it is there in a version that will do."""
+    """Packages that bricksrl requires, in a version that will do."""
     from packaging.requirements import Requirement
 
     there, wrong = [], []
@@ -121,15 +119,15 @@ def look_at_packages() -> Answer:
 
 
 def look_at_compiler() -> Answer:
-    """Whether hub programs can be compiled."""
-    from bricksrl.hub.compile import compile_mpy
+    """Compiler of hub programs: does it run?"""
+    from bricksrl.hub.program.compile import compile_mpy
 
     return Outcome.OK, f"mpy-cross makes {len(compile_mpy('print(1)'))} bytes of one line"
 
 
 def look_at_physics() -> Answer:
     """Whether MuJoCo moves something."""
-    from bricksrl.twin.bodies import check_mujoco
+    from bricksrl.twin.make_body import check_mujoco
 
     check_mujoco()
     import mujoco
@@ -143,7 +141,7 @@ def look_at_physics() -> Answer:
 
 
 def look_at_opengl() -> Answer:
-    """Whether pictures can be drawn: in a process of its own, because a broken driver takes its process down."""
+    """OpenGL: can pictures be drawn? Tried in a separate process, because a broken driver takes its process down."""
     try:
         done = subprocess.run([sys.executable, "-c", _DRAW], capture_output=True, text=True, timeout=_DRAW_S, check=False)  # noqa: S603
     except subprocess.TimeoutExpired:
@@ -155,7 +153,7 @@ def look_at_opengl() -> Answer:
 
 
 def look_at_opencv() -> Answer:
-    """Whether cameras can be read."""
+    """OpenCV: can cameras be read?"""
     try:
         import cv2
     except ImportError as error:
@@ -164,14 +162,14 @@ def look_at_opencv() -> Answer:
 
 
 def look_at_bluetooth() -> Answer:
-    """Whether hubs can be looked for, and on Linux why not."""
-    from bricksrl.hub.adapter import lack_of_bluetooth
-    from bricksrl.hub.failures import BluetoothUnavailableError
-    from bricksrl.hub.scan import scan
+    """Bluetooth: can hubs be looked for? On Linux also why not."""
+    from bricksrl.hub.errors import BluetoothUnavailableError
+    from bricksrl.hub.transports.bluetooth import lack_of_bluetooth
+    from bricksrl.hub.transports.scan import scan
 
-    reason = lack_of_bluetooth()
-    if reason is not None:
-        return Outcome.WARNING, f"{reason}; {_WITHOUT_ROBOT}"
+    lack = lack_of_bluetooth()
+    if lack is not None:
+        return Outcome.WARNING, f"{lack[1]}; {_WITHOUT_ROBOT}"
     try:
         hubs = scan(_SCAN_S)
     except BluetoothUnavailableError as error:

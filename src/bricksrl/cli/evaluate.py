@@ -6,16 +6,18 @@ import threading
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from tyro.conf import Positional, arg
 
-from bricksrl.cli.console import INTERRUPTED, print_interrupted, print_line, print_note
-from bricksrl.cli.loading import load_learning
-from bricksrl.errors import StoppedError
+from bricksrl.cli.terminal import INTERRUPTED, load_learning, print_interrupted, print_line, print_note
+from bricksrl.cli.video import check_film
+from bricksrl.errors import StoppedError, TwinError
 
 if TYPE_CHECKING:
     from bricksrl.evaluation import EvaluationResult
+
+_FILMED_EPISODES = 3
 
 
 @dataclass(frozen=True)
@@ -25,6 +27,7 @@ class Evaluate:
     Examples:
       bricksrl evaluate runs/spin
       bricksrl evaluate runs/spin --episodes 20 --seed 7 --json
+      bricksrl evaluate runs/spin --video spin.mp4
       bricksrl evaluate runs/spin --hub ble
     """
 
@@ -44,16 +47,29 @@ class Evaluate:
     """Draw another physics of the virtual robot for each episode; off, however the agent was trained."""
     physics: Annotated[Path | None, arg(metavar="FILE")] = None
     """Physics of the virtual robot: a JSON file such as `bricksrl twin fit` writes; without it as in training."""
+    best: bool = False
+    """Take the checkpoint of the best evaluation during training in place of the last one."""
+    video: Annotated[Path | None, arg(metavar="FILE")] = None
+    """Film up to three of the episodes into this mp4 file."""
     json: bool = False
     """One JSON object on standard output and nothing else."""
 
     def execute(self) -> int:
         """Evaluate and print."""
-        from bricksrl.cli.hand import Hand
+        from bricksrl.cli.emergency_stop import Hand
         from bricksrl.evaluation import evaluate
+        from bricksrl.evaluation.film import FilmOptions, film_run
         from bricksrl.twin.physics import read_physics
 
+        if self.video is not None:
+            check_film(self.video)
+            if self.env is not None or self.hub not in (None, "virtual"):
+                raise TwinError("only the virtual robot of the run itself can be filmed; leave out --video, or --env and --hub")
+        options = FilmOptions(episodes=min(self.episodes, _FILMED_EPISODES), seed=self.seed)
         load_learning()
+        given: dict[str, Any] = {"realtime": self.realtime, "randomize": self.randomize}
+        given |= {} if self.hub is None else {"hub": self.hub}
+        given |= {} if self.physics is None else {"physics": read_physics(self.physics)}
 
         def tell(episode: int, return_: float) -> None:
             if not self.json:
@@ -66,19 +82,22 @@ class Evaluate:
                     self.env,
                     episodes=self.episodes,
                     seed=self.seed,
-                    hub=self.hub,
-                    realtime=self.realtime,
-                    randomize=self.randomize,
-                    physics=None if self.physics is None else read_physics(self.physics),
+                    which="best" if self.best else "last",
+                    save=False,
                     on_episode=tell,
                     on_env=hand.take,
                     place=hand.place,
+                    **given,
                 )
         except StoppedError:
             print_interrupted("nothing was counted")
             return INTERRUPTED
         for line in [result.to_json()] if self.json else describe(result):
             print_line(line)
+        result.save()
+        if self.video is not None:
+            filmed = film_run(self.run, "best" if self.best else "last", self.video, options)
+            print_note(f"video    {filmed.path}")
         return 0
 
 
@@ -86,9 +105,10 @@ def describe(result: EvaluationResult) -> Iterator[str]:
     """An evaluation in a few lines, with its 95 % intervals."""
     low, high = result.return_interval.low, result.return_interval.high
     yield f"{result.env}, {result.episodes} episodes of {result.agent} after {result.trained_episodes} episodes of training:"
-    yield f"return   {result.return_mean:.4g} ± {result.return_std:.4g}  (mean in {low:.4g} to {high:.4g})"
+    yield f"return   {result.return_mean:.4g} ± {result.return_std:.4g}  (95 % interval of the mean: {low:.4g} to {high:.4g})"
     if result.success_rate is not None and result.success_interval is not None:
         low, high = result.success_interval.low, result.success_interval.high
-        yield f"success  {result.success_rate:.0%}  ({low:.0%} to {high:.0%})"
+        count = round(result.success_rate * result.episodes)
+        yield f"success  {count} of {result.episodes} episodes  (95 % interval of the rate: {low:.0%} to {high:.0%})"
     for name, value in result.metrics.items():
         yield f"{name}  {value:.4g}"

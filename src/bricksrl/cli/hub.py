@@ -2,69 +2,104 @@
 
 from __future__ import annotations
 
+import re
 import signal
 import sys
+from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Annotated
 
-from tyro.conf import Positional, arg
+from tyro.conf import Positional, UseAppendAction, arg
 
-from bricksrl.cli.console import INTERRUPTED, print_interrupted, print_line
+from bricksrl.cli.page import PageFlags, announce
+from bricksrl.cli.terminal import INTERRUPTED, print_interrupted, print_line
 from bricksrl.errors import DescriptionError, UnknownNameError
 
 if TYPE_CHECKING:
     from bricksrl.robots import Robot
     from bricksrl.twin.scene import Scene
+    from bricksrl.virtual_hub.body import Body
+    from bricksrl.virtual_hub.machine import Machine
+    from bricksrl.virtual_hub.panel import Panel
+    from bricksrl.virtual_hub.run import Operation
 
 
 @dataclass(frozen=True)
 class Program:
-    """Print the MicroPython program that runs on the hub in an environment.
+    """Print the MicroPython program that runs on the hub in an environment, or write it to a file.
 
     Examples:
       bricksrl hub program RunAway-v0
-      bricksrl hub program RunAway-v0 > run_away.py
+      bricksrl hub program RunAway-v0 --out run_away.py
     """
 
     env: Annotated[Positional[str], arg(metavar="ENV")]
     """Environment; `bricksrl list` shows them."""
+    out: Annotated[Path | None, arg(metavar="FILE")] = None
+    """The .py file to write; without it the program is printed."""
 
     def execute(self) -> int:
-        """Print it."""
+        """Print or write it."""
         from bricksrl.envs import get_task
-        from bricksrl.hub.program import generate
+        from bricksrl.files import write_durably
+        from bricksrl.hub.program.generate import generate
 
         task = get_task(self.env)
-        print_line(generate(task.robot, task.interface).source.rstrip("\n"))
+        source = generate(task.robot, task.interface).source.rstrip("\n")
+        if self.out is None:
+            print_line(source)
+            return 0
+        if self.out.suffix != ".py":
+            raise DescriptionError(f"'{self.out}' is no name of a program; end it in .py")
+        write_durably(self.out, f"{source}\n".encode())
+        print_line(f"{len(source.splitlines())} lines: {self.out}")
         return 0
 
 
 @dataclass(frozen=True)
-class Run:
+class Run(PageFlags):
     """Run a Pybricks program on a hub, virtual or real: its output, its traceback, exit code 1 when it raises.
 
     Files beside the program that it imports go with it. Standard input is what it reads. Ctrl-C stops it, and its motors.
 
+    Without a robot, a virtual hub lies on a bench and fits itself to the program: it is of the kind that the program imports, and
+    has on each port the device that the program asks for there.
+
     Examples:
-      bricksrl hub run main.py --robot bench
+      bricksrl hub run main.py
+      bricksrl hub run main.py --reading B=red --reading C=200mm --press left@2.5s
+      bricksrl hub run main.py --realtime --panel
       bricksrl hub run main.py --robot two-wheeler --time-limit-s 60
       bricksrl hub run main.py --robot walker --video walk.mp4
+      bricksrl hub run main.py --robot walker --page
+      bricksrl hub run main.py --robot my_robot.py
       bricksrl hub run main.py --hub ble
     """
 
     file: Annotated[Positional[Path], arg(metavar="FILE")]
     """Pybricks program."""
-    robot: Annotated[str, arg(metavar="ROBOT")] = "two-wheeler"
-    """Robot that a virtual hub sits in: two-wheeler, walker, robo-arm, or bench, a motor without load on every port. Or an
-    environment, such as RunAway-v0: its robot, in its surroundings."""
+    robot: Annotated[str | None, arg(metavar="ROBOT")] = None
+    """Robot that a virtual hub sits in: two-wheeler, walker, robo-arm, or bench. Or an environment, such as RunAway-v0: its
+    robot, in its surroundings. Or a Python file with one of your own. Default: bench, and two-wheeler for a video or a page."""
     hub: Annotated[str, arg(metavar="HUB")] = "virtual"
     """Which hub: virtual, in simulated time, or ble, ble:NAME, ble:ADDRESS, usb, usb:PORT."""
     time_limit_s: Annotated[float | None, arg(metavar="SECONDS")] = None
     """Time after which the program is stopped; that is no error."""
     video: Annotated[Path | None, arg(metavar="FILE")] = None
     """Film the virtual robot into this mp4 file."""
+    press: Annotated[UseAppendAction[tuple[str, ...]], arg(metavar="BUTTON@TIME")] = ()
+    """Press a button of the virtual hub: left@2.5s, or center@4s+1s for one that lasts; remote.left_plus@3s. Again for more."""
+    reading: Annotated[UseAppendAction[tuple[str, ...]], arg(metavar="PORT=VALUE")] = ()
+    """What a sensor on the bench senses: B=red, B=40%, B=200mm, B=3N, B=10,-5deg, or B=@FILE with lines "seconds, value"."""
+    end_stop: Annotated[UseAppendAction[tuple[str, ...]], arg(metavar="PORT=LOW..HIGH")] = ()
+    """Angles (deg) at which something blocks a motor on the bench: C=-90..120."""
+    realtime: bool = False
+    """Let a virtual hub take as long as a real one. The keys left, right, space (center) and b (bluetooth) press its buttons."""
+    panel: bool = False
+    """Write what light, display and loudspeaker of the virtual hub do to standard error."""
 
     def execute(self) -> int:
         """Run it."""
@@ -79,28 +114,36 @@ class Run:
             signal.signal(signal.SIGINT, before)
 
     def _run(self) -> int:
-        from bricksrl.hub.address import parse_hub
-        from bricksrl.hub.own_program import own_program
-        from bricksrl.hub.run_program import run_program
-        from bricksrl.twin.run import run_file
+        from bricksrl.hub.program.user_program import own_program, read_program
+        from bricksrl.hub.transports.address import parse_hub
 
         address = parse_hub(self.hub)
         out, err, stdin = sys.stdout.buffer, sys.stderr, sys.stdin
         if address.is_virtual:
+            from bricksrl.virtual_hub.run import run_file
+
             read = None if stdin is None or stdin.isatty() else stdin.buffer
-            robot, scene = self._robot()
-            return run_file(
-                self.file,
-                robot,
-                scene=scene,
-                stdout=out,
-                stderr=err,
-                stdin=read,
-                time_limit_s=self.time_limit_s,
-                video=self.video,
-            )
+            read_program(self.file)  # before a film begins
+            with ExitStack() as stack:
+                return run_file(
+                    self.file,
+                    self._body(stack),
+                    stdout=out,
+                    stderr=err,
+                    stdin=read,
+                    time_limit_s=self.time_limit_s,
+                    operation=self._operation(stack),
+                )
+        if self.page:
+            raise DescriptionError("only a program on a virtual hub can be shown; leave out --page or --hub")
         if self.video is not None:
             raise DescriptionError("only a virtual robot can be filmed; leave out --video or --hub")
+        if self.press or self.reading or self.end_stop or self.realtime or self.panel or self.robot is not None:
+            raise DescriptionError(
+                "a real hub has its own robot, buttons and time; leave out --hub, or what is for a virtual one"
+            )
+        from bricksrl.hub.program.run import run_program
+
         program = own_program(self.file)
         read = None if stdin is None else stdin.buffer
         transport = address.transport()
@@ -109,20 +152,115 @@ class Run:
         finally:
             transport.close()
 
+    def _body(self, stack: ExitStack) -> Body | None:
+        """The robot, filmed where that is asked for; ``None`` for the bench that fits itself to the program."""
+        from bricksrl import robots
+
+        robot, scene = self._robot()
+        if robot is robots.BENCH and self.video is None:
+            return None
+        from bricksrl.twin.make_body import make_body
+
+        body = make_body(robot, scene=scene)
+        if self.video is None:
+            return body
+        from bricksrl.twin.render.video import filmed
+
+        return stack.enter_context(filmed(body, self.video))
+
+    def _operation(self, stack: ExitStack) -> Operation:
+        from bricksrl.virtual_hub.given_readings import parse_reading
+        from bricksrl.virtual_hub.panel import parse_press
+        from bricksrl.virtual_hub.run import Operation
+
+        keys = _keys(stack) if self.realtime else None
+
+        def watch(panel: Panel) -> None:
+            if keys is not None:
+                keys(panel)
+            if self.panel:
+                _show(panel)
+
+        return Operation(
+            presses=[parse_press(text) for text in self.press],
+            readings=[parse_reading(text) for text in self.reading],
+            end_stops=dict(_end_stop(text) for text in self.end_stop),
+            realtime=self.realtime,
+            watch=watch,
+            attend=self._attend(stack),
+        )
+
+    def _attend(self, stack: ExitStack) -> Callable[[Machine], None] | None:
+        """The page, where it is wanted."""
+        if not self.page:
+            return None
+        if self.video is not None or self.realtime:
+            raise DescriptionError("the page has a pace of its own; leave out --page, or --video and --realtime")
+        from bricksrl.page.program import ProgramPage
+
+        page = stack.enter_context(ProgramPage(self.file.name, self.page_options()))
+        announce(page.url)
+        return page.attend
+
     def _robot(self) -> tuple[Robot, Scene | None]:
         from bricksrl import robots
 
-        if self.robot in robots.ROBOTS:
-            return robots.get(self.robot), None
+        name = self.robot or ("two-wheeler" if self.video is not None or self.page else "bench")
+        if name in robots.ROBOTS:
+            return robots.get(name), None
         from bricksrl.envs import get_task
+        from bricksrl.envs.user_files import is_reference, load_robot
 
+        if is_reference(name):
+            return load_robot(name)
         try:
-            task = get_task(self.robot)
+            task = get_task(name)
         except UnknownNameError:
             raise UnknownNameError(
-                f"there is no robot and no environment '{self.robot}'; choose {', '.join(robots.ROBOTS)}, or see `bricksrl list`"
+                f"there is no robot and no environment '{name}'; choose {', '.join(robots.ROBOTS)}, or see `bricksrl list`"
             ) from None
         return task.robot, task.scene
+
+
+_KEYS = {"left": "left", "right": "right", " ": "center", "c-m": "center", "b": "bluetooth"}
+
+
+def _keys(stack: ExitStack) -> Callable[[Panel], None] | None:
+    """Buttons pressed by keys, where there is a terminal."""
+    from bricksrl.cli.key_listener import KeyListener, can_listen
+
+    if not can_listen():
+        return None
+
+    def watch(panel: Panel) -> None:
+        panel.is_watched = True
+
+        def press(key: str) -> None:
+            button = _KEYS.get(key, "")
+            if button in panel.buttons:
+                panel.tap(button)
+
+        stack.enter_context(KeyListener(press))
+
+    return watch
+
+
+def _show(panel: Panel) -> None:
+    def write(changed: Panel) -> None:
+        sys.stderr.write(f"{changed.now_s:9.3f} s  {changed.describe()}\n")
+
+    panel.on_change = write
+
+
+def _end_stop(text: str) -> tuple[str, tuple[float, float]]:
+    match = re.fullmatch(r"([A-Fa-f])=(-?[\d.]+)\.\.(-?[\d.]+)", text.strip())
+    try:
+        low, high = float(match[2]), float(match[3])  # type: ignore[index]
+    except (TypeError, ValueError):
+        raise DescriptionError(f"'{text}' is no pair of end stops; give one such as C=-90..120") from None
+    if not low <= 0.0 <= high:
+        raise DescriptionError(f"'{text}': the motor starts at 0; give a lowest angle below that and a highest above it")
+    return match[1].upper(), (low, high)  # type: ignore[index]
 
 
 class _Interrupted(BaseException):

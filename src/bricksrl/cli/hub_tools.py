@@ -10,13 +10,12 @@ from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import Positional, arg
 
-from bricksrl.cli.asking import is_terminal, yes
-from bricksrl.cli.console import print_line
+from bricksrl.cli.terminal import is_terminal, print_line, yes
 from bricksrl.errors import BricksError, DescriptionError, HubError
 
 if TYPE_CHECKING:
     from bricksrl.envs.task import Task
-    from bricksrl.hub.calibration import Calibration
+    from bricksrl.hub.diagnostics.calibration import Calibration
     from bricksrl.hub.transport import Transport
     from bricksrl.robots import Robot
 
@@ -49,7 +48,7 @@ class Scan:
 
     def execute(self) -> int:
         """Listen and print; exit code 1 when no hub is there."""
-        from bricksrl.hub.scan import FoundHub, scan
+        from bricksrl.hub.transports.scan import FoundHub, scan
         from bricksrl.robots import HubKind
 
         if self.hub not in ("ble", "virtual"):
@@ -108,9 +107,9 @@ class Stop:
 
     def execute(self) -> int:
         """Stop it."""
-        from bricksrl.hub.address import parse_hub
-        from bricksrl.hub.failures import HubNotFoundError
-        from bricksrl.hub.pybricks_profile import Status
+        from bricksrl.hub.errors import HubNotFoundError
+        from bricksrl.hub.transports.address import parse_hub
+        from bricksrl.hub.transports.profile import Status
 
         address = parse_hub(self.hub)
         if address.is_virtual:
@@ -151,8 +150,8 @@ class Latency:
 
     def execute(self) -> int:
         """Measure and print."""
-        from bricksrl.hub.latency import advice, measure
-        from bricksrl.hub.link import HubLink
+        from bricksrl.hub.diagnostics.latency import advice, measure
+        from bricksrl.hub.link.lockstep import HubLink
 
         if self.exchanges < 1:
             raise DescriptionError(f"exchanges is {self.exchanges}; measure at least 1")
@@ -196,9 +195,9 @@ class CheckHub:
 
     def execute(self) -> int:
         """Check and print, a line a finding."""
-        from bricksrl.hub.calibration import calibration_of
-        from bricksrl.hub.check import check_robot
-        from bricksrl.hub.finding import Outcome
+        from bricksrl.finding import Outcome
+        from bricksrl.hub.diagnostics.calibration import calibration_of
+        from bricksrl.hub.diagnostics.preflight import check_robot
 
         task = _task(self.env)
         transport = _transport(self.hub, task)
@@ -217,8 +216,11 @@ class CheckHub:
                 print_line(f"{finding.outcome.value:9}{finding.name:18}{finding.detail}")
         errors = [finding for finding in findings if finding.outcome is Outcome.ERROR]
         if self.json:
-            told = [{**dataclasses.asdict(finding), "outcome": finding.outcome.value} for finding in findings]
-            print_line(json.dumps({"env": task.id, "hub": self.hub, "ok": not errors, "findings": told}))
+            print_line(
+                json.dumps(
+                    {"env": task.id, "hub": self.hub, "ok": not errors, "findings": [finding.to_dict() for finding in findings]}
+                )
+            )
         else:
             print_line("not ready: see the errors above" if errors else f"ready for {task.id}")
         return 1 if errors else 0
@@ -254,7 +256,7 @@ class Calibrate:
 
     def execute(self) -> int:
         """Calibrate and write."""
-        from bricksrl.hub.calibration import Calibration, forget_calibration, load_calibration, save_calibration
+        from bricksrl.hub.diagnostics.calibration import Calibration, forget_calibration, load_calibration, save_calibration
 
         task = _task(self.env)
         for name in self.reverse:
@@ -284,8 +286,8 @@ class Calibrate:
         return 0
 
     def _zeros(self, transport: Transport, robot: Robot, known: Calibration) -> dict[str, int]:
-        from bricksrl.hub.calibration import CalibrationError, calibrated, zero_between
-        from bricksrl.hub.diagnosis import find_stops, survey
+        from bricksrl.hub.diagnostics.calibration import CalibrationError, calibrated, zero_between
+        from bricksrl.hub.diagnostics.survey import find_stops, survey
 
         turned = calibrated(robot, dataclasses.replace(known, zeros_deg={}))
         joints = [motor for motor in turned.motors if motor.range_deg is not None]
@@ -313,14 +315,15 @@ def _task(env_id: str) -> Task:
 
 def _transport(hub: str, task: Task) -> Transport:
     """A transport to the hub, not open yet."""
-    from bricksrl.hub.address import parse_hub
+    from bricksrl.hub.transports.address import parse_hub
 
     address = parse_hub(hub)
     if not address.is_virtual:
         return address.transport()
-    from bricksrl.twin.virtual_hub import VirtualHub
+    from bricksrl.twin.make_body import make_body
+    from bricksrl.virtual_hub.transport import VirtualHub
 
-    return VirtualHub(task.robot, scene=task.scene)
+    return VirtualHub(make_body(task.robot, scene=task.scene))
 
 
 def _hub_id(transport: Transport) -> str:

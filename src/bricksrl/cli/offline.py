@@ -9,12 +9,14 @@ from typing import Annotated
 
 from tyro.conf import Positional, arg
 
+from bricksrl.cli.page import PageFlags
+from bricksrl.cli.terminal import load_learning
 from bricksrl.cli.train import see_through
 from bricksrl.errors import RunError
 
 
 @dataclass(frozen=True)
-class TrainOffline:
+class TrainOffline(PageFlags):
     """Train an agent from a dataset alone, without the robot.
 
     Now and then the agent shows in an episode what it has learned. The run folder is that of `bricksrl train`; what was
@@ -48,10 +50,11 @@ class TrainOffline:
         """Train, evaluate, draw."""
         from bricksrl.training import TrainConfig, train
         from bricksrl.training.config import settings_for
-        from bricksrl.training.run import file_name
+        from bricksrl.training.run_folder import file_name
 
         if self.updates < 1:
             raise RunError(f"updates is {self.updates}; make at least 1")
+        load_learning()  # algorithms are known with their modules
         time = datetime.now().astimezone().strftime("%Y%m%d-%H%M%S")
         config = TrainConfig(
             env=self.env,
@@ -61,6 +64,6 @@ class TrainOffline:
             settings=settings_for(self.env, self.preset, self.agent),
             data=str(self.data.absolute()),
             updates=self.updates,
-            run_dir=self.run or Path("runs") / f"{file_name(self.env)}-{self.agent}-{self.seed}-{time}",
+            run_dir=self.run or Path("runs") / f"{file_name(self.env)}-{file_name(self.agent)}-{self.seed}-{time}",
         )
-        return see_through(lambda observer, stop: train(config, observer, stop=stop))
+        return see_through(lambda shown: train(config, shown.callback, stop=shown.stop), config, self)

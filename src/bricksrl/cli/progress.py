@@ -8,9 +8,8 @@ from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bricksrl.cli.asking import place_robot
-from bricksrl.cli.console import print_line, print_note
-from bricksrl.training.observer import Episode, Observer, Phase, Progress, RunResult
+from bricksrl.cli.terminal import place_robot, print_line, print_note
+from bricksrl.training.callbacks import Callback, Episode, Phase, Progress, RobotState, RunResult
 
 if TYPE_CHECKING:
     import numpy as np
@@ -23,7 +22,7 @@ _BARS = "▁▂▃▄▅▆▇█"
 _SPARKLINE_EPISODES = 30
 
 
-class LineProgress(Observer):
+class LineProgress(Callback):
     """One line an episode.
 
     Attributes:
@@ -51,7 +50,8 @@ class LineProgress(Observer):
         self.episodes_done = episode.episode
         print_line(
             f"episode {episode.episode}/{progress.episodes_total}  return {episode.return_:.4g}  "
-            f"{progress.steps_per_s:.3g} steps/s  {clock(progress.remaining_s)} left"
+            + (f"{episode.robot}  " if episode.robot else "")
+            + f"{progress.steps_per_s:.3g} steps/s  {clock(progress.remaining_s)} left"
             + ("  (random start)" if episode.phase is Phase.PREFILL else "")
             + self._learning(episode)
         )
@@ -65,6 +65,12 @@ class LineProgress(Observer):
     def on_link_lost(self, episode: int, length: int, error: BricksError) -> None:
         after = f"the link broke in episode {episode} after {length} steps" if length else "the robot is out of reach"
         print_line(f"{after} ({error}); trying to reach it again")
+
+    def on_robot(self, robot: str, state: RobotState, reason: str) -> None:
+        if state is RobotState.PLACED:
+            print_note(f"{robot} is to be put where an episode starts")
+        elif state is RobotState.LEFT:
+            print_note(f"{robot} has left: {reason}")
 
     def on_catching_up(self, updates: int) -> None:
         print_line(f"the robot is done; {updates} updates are left to learn, Ctrl-C leaves them out")
@@ -82,7 +88,7 @@ class LineProgress(Observer):
         print_note(line)
 
     def saved(self) -> str:
-        """What is left when the run ends now."""
+        """Description of what is left when the run ends now."""
         if self.run_dir is None or not self.episodes_done:
             return "no episode was finished, so nothing was saved"
         return f"{self.episodes_done} episodes are saved in {self.run_dir}; `bricksrl resume {self.run_dir}` goes on"
@@ -140,7 +146,7 @@ class LiveProgress(LineProgress):
 
 
 def make_progress() -> LineProgress:
-    """What fits standard output."""
+    """Progress display that fits standard output."""
     return LiveProgress() if sys.stdout.isatty() else LineProgress()
 
 

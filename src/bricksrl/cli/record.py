@@ -7,28 +7,34 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
-from tyro.conf import Positional, UseAppendAction, arg
+from tyro.conf import Positional, arg
 
-from bricksrl.cli.console import INTERRUPTED, print_interrupted, print_line, print_note
-from bricksrl.cli.hands import HANDS, driving, quiet
-from bricksrl.cli.loading import load_learning
+from bricksrl.cli.page import PageFlags, run_on_page
+from bricksrl.cli.robot_flags import RobotFlags
+from bricksrl.cli.teleop import HANDS, driving, quiet
+from bricksrl.cli.terminal import INTERRUPTED, load_learning, print_interrupted, print_line, print_note
+from bricksrl.cli.video import filmed_env
 from bricksrl.errors import DataError, DescriptionError, StoppedError
 from bricksrl.seed import check_seed
 
 if TYPE_CHECKING:
     import numpy as np
+    from tensordict import TensorDictBase
     from torchrl.envs import EnvBase
 
-    from bricksrl.agents.agent import Agent
-    from bricksrl.cli.hand import Hand
-    from bricksrl.data.collect import Collected, Driver, Policy
+    from bricksrl.cli.emergency_stop import Hand
+    from bricksrl.data.collect import Collected
     from bricksrl.data.recorder import Recorder
+    from bricksrl.envs.options import EnvOptions
+    from bricksrl.envs.rollout import Driver, Policy
+    from bricksrl.page.live import LivePage
+    from bricksrl.training.learner_side import Acting
 
 
 @dataclass(frozen=True)
-class Record:
+class Record(RobotFlags, PageFlags):
     """Record episodes of a policy or of a human as a dataset that LeRobot and everybody else can read.
 
     Each episode is on the disk when its line appears. Ctrl-C ends the recording and keeps what there is; keys and signals stop
@@ -54,26 +60,16 @@ class Record:
     """Episodes to record."""
     seed: Annotated[int, arg(metavar="N")] = 0
     """Of the episodes and of random actions."""
+    video: Annotated[Path | None, arg(metavar="FILE")] = None
+    """Film the virtual robot into this mp4 file meanwhile."""
     explore: bool = False
     """Let the agent of a run explore, as it does in training; without it, it does its best."""
-    hub: Annotated[str, arg(metavar="HUB")] = "virtual"
-    """How to reach the robot: virtual, ble or usb; ble:NAME, ble:ADDRESS or usb:PORT where there are several."""
-    streaming: bool = False
-    """Have the hub send observations 100 times a second, and take the latest command: steps then last their own time only."""
-    app_data: bool = False
-    """Speak to the program over AppData, where a new command replaces an old one, instead of its standard input."""
-    realtime: bool = False
-    """Let a virtual robot take as long as a real one; always so with a human at the keys."""
-    physics: Annotated[Path | None, arg(metavar="FILE")] = None
-    """Physics of the virtual robot: a JSON file such as `bricksrl twin fit` writes."""
-    option: Annotated[UseAppendAction[tuple[str, ...]], arg(metavar="NAME=VALUE")] = ()
-    """Option of the environment's task, as often as needed: sparse=true, threshold_deg=20."""
 
     def execute(self) -> int:
         """Record, a line an episode."""
-        from bricksrl.cli.hand import Hand
-        from bricksrl.data.description import describe, describe_task
+        from bricksrl.cli.emergency_stop import Hand
         from bricksrl.data.recorder import Recorder
+        from bricksrl.data.schema import describe, describe_task
         from bricksrl.envs import get_task
 
         if self.episodes < 1:
@@ -89,16 +85,19 @@ class Record:
             print_line(f"episode {count}/{self.episodes}  return {episode.return_:.4g}  {episode.length} steps{by_hand}")
 
         hands = self.policy if self.policy in HANDS else self.take_over
-        task = get_task(self.env, **self._options())
+        options = self.env_options()
+        task = get_task(self.env, **options.options)
         try:
             with (
                 Hand(threading.Event(), print_note, keys=False if hands == "keyboard" else None) as hand,
                 driving(hands, describe_task(task), in_charge=self.policy in HANDS) as human,
-                self._environment(human, hand) as env,
-                Recorder(self.out, describe(env, self._options())) as recorder,
+                self._environment(options, human, hand) as env,
+                filmed_env(env, self.video, f"{self.env}: {self.policy}"),
+                Recorder(self.out, describe(env, options.options)) as recorder,
+                run_on_page(self, self.env, options.options) as page,
             ):
                 hand.take(env)
-                self._collect(env, recorder, human, tell)
+                self._collect(env, recorder, human, tell, page)
         except (KeyboardInterrupt, StoppedError):
             print_interrupted(f"{count} whole episodes are in {self.out}")
             return INTERRUPTED
@@ -106,53 +105,54 @@ class Record:
         print_line(f"look at it      bricksrl data info {self.out}")
         return 0
 
-    def _options(self) -> dict[str, Any]:
-        from bricksrl.cli.train import parse_option
-
-        return dict(map(parse_option, self.option))
-
     @contextmanager
-    def _environment(self, human: Driver | None, hand: Hand) -> Iterator[EnvBase]:
+    def _environment(self, options: EnvOptions, human: Driver | None, hand: Hand) -> Iterator[EnvBase]:
         from bricksrl.envs import make
-        from bricksrl.twin.physics import read_physics
 
         def place(rng: np.random.Generator) -> None:
             with quiet(human):
                 hand.place(rng)
 
-        physics = None if self.physics is None else read_physics(self.physics)
-        options = {**self._options(), "physics": physics, "streaming": self.streaming, "app_data": self.app_data, "place": place}
         by_hand = self.hub == "virtual" and (self.policy in HANDS or self.take_over is not None)
         try:
-            env = make(self.env, self.hub, seed=self.seed, realtime=self.realtime or by_hand, **options)
+            env = make(self.env, options, seed=self.seed, realtime=self.realtime or by_hand, place=place)
         except DescriptionError:
             if not by_hand or self.realtime:
                 raise
-            env = make(self.env, self.hub, seed=self.seed, **options)  # without a robot: paced below
+            env = make(self.env, options, seed=self.seed, place=place)  # without a robot: paced below
         try:
             yield env
         finally:
             env.close(raise_if_closed=False)
 
-    def _collect(self, env: EnvBase, recorder: Recorder, human: Driver | None, tell: Callable[[Collected], None]) -> None:
-        from bricksrl.agents.agent import look
+    def _collect(
+        self,
+        env: EnvBase,
+        recorder: Recorder,
+        human: Driver | None,
+        tell: Callable[[Collected], None],
+        page: LivePage | None,
+    ) -> None:
         from bricksrl.data.collect import collect, random_policy
-        from bricksrl.data.hands import Paced, rest
+        from bricksrl.teleop.mapping import Paced, rest
 
-        driver = human
-        if human is not None and not hasattr(env, "twin"):
+        on_frame: Callable[[TensorDictBase], None] = _unseen
+        driver, on_episode = human, tell
+        if page is not None:
+            driver, on_frame, on_episode = human or page.driver, page.see, _told(tell, page)
+            page.attach(env)
+        elif human is not None and not hasattr(env, "twin"):
             driver = Paced(human, recorder.description.rate_hz)
         policy: Policy
-        start_acting = None
+        reset_policy: Callable[[], None] = _nothing
         if self.policy == "random":
             policy = random_policy(env, self.seed)
         elif self.policy in HANDS:
             still = rest(recorder.description.action)
-            policy = lambda _: still  # noqa: E731  a human gives back: the robot rests
+            policy = lambda state: state.set("action", still)  # noqa: E731  a human gives back: the robot rests
         else:
-            agent = _load_agent(Path(self.policy), env)
-            policy = lambda state: agent.act(look(agent, state), explore=self.explore)  # noqa: E731
-            start_acting = agent.start_acting
+            acting = _acting(Path(self.policy), env)
+            policy, reset_policy = (acting.explore if self.explore else acting.exploit), acting.reset_policy
         collect(
             env,
             policy,
@@ -162,13 +162,35 @@ class Record:
             seed=self.seed,
             hub=self.hub,
             driver=driver,
-            start_acting=start_acting,
-            on_episode=tell,
+            reset_policy=reset_policy,
+            on_episode=on_episode,
+            on_frame=on_frame,
         )
 
 
-def _load_agent(run_dir: Path, env: EnvBase) -> Agent:
-    from bricksrl.training import load_agent
-    from bricksrl.training.sharing import is_policy, load_policy
+def _acting(path: Path, env: EnvBase) -> Acting:
+    """The policy of a run, or one that was shared."""
+    from bricksrl.policies.sharing import is_policy, load_shared
+    from bricksrl.training import load_learner
+    from bricksrl.training.learner_side import Acting
 
-    return load_policy(run_dir, env) if is_policy(run_dir) else load_agent(run_dir, env).agent
+    return Acting(load_shared(path, env) if is_policy(path) else load_learner(path, env).learner)
+
+
+def _told(tell: Callable[[Collected], None], page: LivePage) -> Callable[[Collected], None]:
+    """Tell the terminal about an episode, and the page."""
+
+    def both(episode: Collected) -> None:
+        tell(episode)
+        page.end(episode.return_, f"{episode.episode + 1}")
+        page.begin()
+
+    return both
+
+
+def _unseen(_frame: TensorDictBase) -> None:
+    """There is no page to show a step on."""
+
+
+def _nothing() -> None:
+    """The policy has nothing to forget."""

@@ -1,34 +1,108 @@
-"""``bricksrl train --seeds``: several seeds side by side, a line for each episode, and what they say together."""
+"""``bricksrl train --seeds``: several seeds side by side, in one table or a line for each episode, and what they say together."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+import sys
+import threading
+from dataclasses import dataclass
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, Self
 
-from bricksrl.cli.console import INTERRUPTED, print_interrupted, print_line
+from bricksrl.cli.terminal import INTERRUPTED, print_interrupted, print_line
 
 if TYPE_CHECKING:
+    from rich.table import Table
+
     from bricksrl.training import TrainConfig
 
 
-def train_seeds(config: TrainConfig, count: int) -> int:
+@dataclass
+class _Row:
+    """One seed: where it is, how far, and what it got last."""
+
+    state: str = "waiting"
+    episode: int = 0
+    return_: float | None = None
+    node: str = ""
+
+
+class SeedsProgress:
+    """A table of all seeds on a terminal, which moves as they do; elsewhere a line for each thing that happens."""
+
+    def __init__(self, seeds: range, episodes: int, *, live: bool | None = None) -> None:
+        self._rows = {seed: _Row() for seed in seeds}
+        self._episodes = episodes
+        self._lock = threading.Lock()
+        self._live: Any = None
+        if sys.stdout.isatty() if live is None else live:
+            from rich.live import Live
+
+            self._live = Live(self.table(), refresh_per_second=4)
+
+    def __enter__(self) -> Self:
+        if self._live is not None:
+            self._live.start()
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        if self._live is not None:
+            self._live.stop()
+
+    def tell(self, seed: int, message: dict[str, Any]) -> None:
+        """Take in what a run said; called from several threads."""
+        with self._lock:
+            row, line = self._rows[seed], ""
+            if "started" in message:
+                again = row.state != "waiting"
+                row.state, row.node = "training", message.get("node", "")
+                line = f"seed {seed}  its worker was lost; resumed after episode {message['started']}" if again else ""
+            elif "episode" in message:
+                row.state, row.episode, row.return_ = "training", message["episode"], message["return"]
+                line = f"seed {seed}  episode {row.episode}/{self._episodes}  return {row.return_:.4g}"
+            elif "evaluated" in message:
+                row.state, row.return_ = "evaluated", message["evaluated"]
+                line = f"seed {seed}  trained and evaluated  return {row.return_:.4g}"
+            elif "error" in message:
+                row.state = "failed"
+            if self._live is not None:
+                self._live.update(self.table())
+            elif line:
+                print_line(line)
+
+    def table(self) -> Table:
+        """All seeds, as they are now."""
+        from rich.table import Table
+
+        table = Table("seed", "episode", "return", "state", "computer", box=None)
+        for seed, row in self._rows.items():
+            shown = "" if row.return_ is None else f"{row.return_:.4g}"
+            table.add_row(str(seed), f"{row.episode}/{self._episodes}", shown, row.state, row.node)
+        return table
+
+
+def train_seeds(config: TrainConfig, count: int, on: str | None = None) -> int:
     """Train them, and say where everything is."""
-    from bricksrl.evaluation import seeds
+    from bricksrl.evaluation import multi_seed
 
-    def tell(seed: int, message: dict[str, Any]) -> None:
-        if "episode" in message:
-            print_line(f"seed {seed}  episode {message['episode']}/{config.episodes}  return {message['return']:.4g}")
-        elif "evaluated" in message:
-            print_line(f"seed {seed}  trained and evaluated  return {message['evaluated']:.4g}")
-
+    multi_seed.check_count(count)
     try:
-        summary = seeds.train_seeds(config, count, on_line=tell)
+        with SeedsProgress(range(config.seed, config.seed + count), config.episodes) as progress:
+            summary = multi_seed.train_seeds(config, count, on=on, on_line=progress.tell)
     except KeyboardInterrupt:
+        kept = config.run_dir is not None and config.run_dir.exists()
         print_interrupted(
             f"what was trained is in {config.run_dir}; `bricksrl resume {config.run_dir}/seed-...` goes on with a seed"
+            if kept
+            else "no seed had begun, so nothing was saved"
         )
         return INTERRUPTED
-    low, high = summary.return_interval.low, summary.return_interval.high
-    print_line(f"return   {summary.return_iqm:.4g}  (interquartile mean of {count} seeds; 95 % in {low:.4g} to {high:.4g})")
+    interval = summary.return_interval
+    spread = (
+        f"from {min(summary.returns):.4g} to {max(summary.returns):.4g}; 5 seeds or more give an interval"
+        if interval is None
+        else f"95 % interval: {interval.low:.4g} to {interval.high:.4g}"
+    )
+    print_line(f"return   {summary.return_iqm:.4g}  (interquartile mean of {count} seeds; {spread})")
     print_line(f"summary          {config.run_dir}/summary.json")
     print_line(f"learning curves  {config.run_dir}/learning_curves.png")
     return 0

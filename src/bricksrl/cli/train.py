@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -12,22 +11,26 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from tyro.conf import Positional, UseAppendAction, arg
 
-from bricksrl.cli.console import INTERRUPTED, print_interrupted, print_line
-from bricksrl.cli.loading import load_learning
-from bricksrl.errors import BricksError, DescriptionError, StoppedError
+from bricksrl.cli.page import PageFlags, run_on_page
+from bricksrl.cli.robot_flags import RobotFlags
+from bricksrl.cli.terminal import INTERRUPTED, load_learning, print_interrupted, print_line
+from bricksrl.errors import DescriptionError, StoppedError
 
 if TYPE_CHECKING:
     import numpy as np
+    from torchrl.envs import EnvBase
 
-    from bricksrl.cli.hand import Hand
+    from bricksrl.cli.emergency_stop import Hand
     from bricksrl.cli.progress import LineProgress
+    from bricksrl.page.live import LivePage
     from bricksrl.training import RunResult, TrainConfig
+    from bricksrl.training.callbacks import Callback
 
 _EVALUATED_EPISODES = 5
 
 
 @dataclass(frozen=True)
-class Train:
+class Train(RobotFlags, PageFlags):
     """Train an agent on a robot, by default a virtual one.
 
     The run folder gets the configuration, the metrics, a checkpoint, the learning curve, an evaluation and, where OpenGL is
@@ -36,6 +39,7 @@ class Train:
 
     Examples:
       bricksrl train RunAway-v0
+      bricksrl train Walker-v1 --page
       bricksrl train Spinning-v0 --episodes 15 --seed 3 --run runs/spin
       bricksrl train RunAway-v0 --preset paper
       bricksrl train Walker-v0 --data datasets/walker
@@ -43,42 +47,49 @@ class Train:
       bricksrl train Walker-v0 --agent sac --from runs/bc --data datasets/walker
       bricksrl train Walker-v0 --set learning_rate=3e-4 --set hidden=128,128
       bricksrl train Walker-v0 --hub ble
+      bricksrl train Walker-v0 --hub ble:A,ble:B
+      bricksrl train RunAway-v0 --robots 4 --realtime
       bricksrl train WalkerSim-v0 --seeds 5
+      bricksrl train WalkerSim-v0 --seeds 10 --on ray
+      bricksrl train WalkerSim-v0 --agent ppo --num-envs 1024
+      bricksrl train Walker-v0 --agent my_agent.py
       bricksrl train --resume runs/spin
     """
 
     env: Annotated[Positional[str | None], arg(metavar="ENV")] = None
     """Environment; `bricksrl list` shows them. A task of your own: my_task.py, my_task.py:TASK or module:TASK."""
     agent: Annotated[str | None, arg(metavar="NAME")] = None
-    """Agent; `bricksrl list` shows them. Without a name sac, or that of --from."""
+    """Agent; `bricksrl list` shows them. An algorithm of your own: my_agent.py[:NAME]. Without a name sac, or that of --from."""
     preset: Annotated[str | None, arg(metavar="NAME")] = None
     """Settings of the agent: default, or paper, those of the BricksRL paper. Without a name default, or those of --from."""
     settings: Annotated[Path | None, arg(metavar="FILE")] = None
     """Settings in place of those of the preset: a JSON file such as `bricksrl tune` writes."""
     changes: Annotated[UseAppendAction[tuple[str, ...]], arg(name="set", metavar="NAME=VALUE")] = ()
     """A single setting, such as learning_rate=3e-4 or hidden=128,128. May be given several times."""
-    hub: Annotated[str, arg(metavar="HUB")] = "virtual"
-    """How to reach the robot: virtual, ble or usb; ble:NAME, ble:ADDRESS or usb:PORT where there are several."""
-    streaming: bool = False
-    """Have the hub send observations 100 times a second, and take the latest command: steps then last their own time only."""
-    app_data: bool = False
-    """Speak to the program over AppData, where a new command replaces an old one, instead of its standard input."""
+    device: Annotated[Literal["cpu", "cuda", "mps", "auto"], arg(metavar="NAME")] = "cpu"
+    """Where networks, replay and simulations are: cpu, cuda, mps, or auto for the best one here."""
+    compile: bool = False
+    """Compile loss and gradients into one graph: takes a while at the start, for long runs."""
+    num_envs: Annotated[int, arg(metavar="N")] = 1
+    """Copies to train on at once: of a simulation in one batch, of a virtual robot in as many processes."""
+    robots: Annotated[int, arg(metavar="N")] = 1
+    """Virtual robots that learn together, each in a process; real ones are named by --hub, such as ble:A,ble:B."""
+    eval_every: Annotated[int, arg(metavar="N")] = 0
+    """Evaluate after every so many episodes, and keep the best checkpoint; 0 for never."""
+    eval_episodes: Annotated[int, arg(metavar="N")] = 5
+    """Episodes of each of these evaluations."""
+    stop_at: Annotated[float | None, arg(metavar="RETURN")] = None
+    """Stop once the mean return of the last five episodes, or of an evaluation where there are some, is this or more."""
     episodes: Annotated[int | None, arg(metavar="N")] = None
     """Episodes to train for; without it as many as suit the environment."""
     seed: Annotated[int, arg(metavar="N")] = 0
     """Of everything random: the same seed gives the same run."""
     seeds: Annotated[int | None, arg(metavar="N")] = None
     """Train so many times, with as many seeds from --seed on, side by side, and sum up."""
+    on: Annotated[str | None, arg(metavar="WHERE")] = None
+    """Train the --seeds there: ray, or ray:ADDRESS for a cluster (pip install 'bricksrl[distributed]')."""
     run: Annotated[Path | None, arg(metavar="DIR")] = None
     """Folder to write to, which must not exist; without it runs/<env>-<agent>-<seed>-<time>."""
-    realtime: bool = False
-    """Let the virtual robot take as long as a real one."""
-    randomize: bool = False
-    """Draw another physics of the virtual robot (battery, friction, masses, noise, link) for each episode."""
-    physics: Annotated[Path | None, arg(metavar="FILE")] = None
-    """Physics of the virtual robot: a JSON file such as `bricksrl twin fit` writes."""
-    option: Annotated[UseAppendAction[tuple[str, ...]], arg(metavar="NAME=VALUE")] = ()
-    """Option of the environment's task, as often as needed: sparse=true, threshold_deg=20, calibration=red.json."""
     data: Annotated[Path | None, arg(metavar="DIR")] = None
     """Learn from this dataset too: half of each batch is drawn from it."""
     start: Annotated[Path | None, arg(name="from", metavar="RUN")] = None
@@ -104,81 +115,86 @@ class Train:
         if self.resume is not None:
             if self.env is not None:
                 raise DescriptionError("a run that is resumed has an environment; leave ENV or --resume away")
-            return Resume(self.resume, self.episodes).execute()
+            again = Resume(self.resume, self.episodes, page=self.page, page_host=self.page_host, page_port=self.page_port)
+            return again.execute()
         if self.env is None:
             raise DescriptionError("name an environment to train in, or a run to --resume; `bricksrl list` shows environments")
+        load_learning()  # algorithms are known with their modules
         config = self.config(self.env)
         if self.seeds is not None:
             from bricksrl.cli.seeds import train_seeds
 
-            return train_seeds(config, self.seeds)
+            return train_seeds(config, self.seeds, self.on)
+        if self.on is not None:
+            raise DescriptionError("a single run needs no cluster; give --seeds, or leave --on away")
         from bricksrl.training import train
 
         if self.take_over is None:
-            return see_through(lambda progress, stop: train(config, progress, place=progress.place, stop=stop))
-        from bricksrl.cli.hands import driving, quiet
-        from bricksrl.data.description import describe_task
+            return see_through(lambda shown: train(config, shown.callback, **shown.arguments()), config, self)
+        from bricksrl.cli.teleop import driving, quiet
+        from bricksrl.data.schema import describe_task
         from bricksrl.envs import get_task
 
         with driving(self.take_over, describe_task(get_task(self.env, **config.options)), in_charge=False) as driver:
 
-            def start(progress: LineProgress, stop: threading.Event) -> RunResult:
+            def start(shown: Shown) -> RunResult:
                 def place(rng: np.random.Generator) -> None:
                     with quiet(driver):
-                        progress.place(rng)
+                        shown.progress.place(rng)
 
-                return train(config, progress, place=place, driver=driver, stop=stop)
+                return train(config, shown.callback, place=place, driver=driver, stop=shown.stop)
 
             by_keys = self.take_over == "keyboard"  # who drives by keys needs them all
-            return see_through(start, keys=False if by_keys else None)
+            return see_through(start, config, self, keys=False if by_keys else None)
 
     def config(self, env: str) -> TrainConfig:
         """What all this says about a run."""
         from bricksrl.envs.registry import training_episodes
+        from bricksrl.evaluation.settings_text import read_settings, with_changes
         from bricksrl.training import RunFolder, TrainConfig
         from bricksrl.training.config import settings_for
         from bricksrl.training.offline import settings_like
-        from bricksrl.training.run import file_name
-        from bricksrl.training.settings import read_settings, with_changes
-        from bricksrl.twin.physics import read_physics
+        from bricksrl.training.run_folder import file_name
 
         if self.asynchronous and self.synchronous:
             raise DescriptionError("a run is synchronous or asynchronous; choose one of the two")
         before = None if self.start is None else RunFolder(self.start).read_config()
-        agent = self.agent or ("sac" if before is None else before.agent)
+        agent = self.agent if self.agent is not None else "sac" if before is None else before.agent
         if before is not None and self.preset is None and before.agent == agent:
             settings = before.settings
         else:
-            settings = settings_for(env, self.preset or "default", agent)
+            settings = settings_for(env, "default" if self.preset is None else self.preset, agent)
             settings = settings if before is None or before.agent == agent else settings_like(before, settings)
         if self.settings is not None:
             settings = read_settings(self.settings, settings)
         time = datetime.now().astimezone().strftime("%Y%m%d-%H%M%S")
+        options = vars(self.env_options()) | ({"realtime": True} if self.take_over is not None else {})
         return TrainConfig(
+            **options,
             env=env,
             agent=agent,
             episodes=training_episodes(env) if self.episodes is None else self.episodes,
             seed=self.seed,
-            hub=self.hub,
-            realtime=self.realtime or self.take_over is not None,
-            streaming=self.streaming,
-            app_data=self.app_data,
+            device=self.device,
+            compile=self.compile,
+            num_envs=self.num_envs,
+            robots=self.robots,
+            eval_every=self.eval_every,
+            eval_episodes=self.eval_episodes,
+            stop_at=self.stop_at,
             record=not self.no_record,
-            randomize=self.randomize,
-            physics=None if self.physics is None else read_physics(self.physics),
-            options=dict(map(parse_option, self.option)),
             asynchronous=True if self.asynchronous else False if self.synchronous else None,
             patience_s=self.patience,
             log=self.log,
             settings=with_changes(settings, self.changes),
             data=None if self.data is None else str(self.data.absolute()),
             start=None if self.start is None else str(self.start.absolute()),
-            run_dir=self.run or Path("runs") / f"{file_name(env)}-{agent}-{self.seed}-{time}",
+            run_dir=self.run or Path("runs") / f"{file_name(env)}-{file_name(agent)}-{self.seed}-{time}",
         )
 
 
 @dataclass(frozen=True)
-class Resume:
+class Resume(PageFlags):
     """Go on with a run that was interrupted, or train a finished one for longer.
 
     Examples:
@@ -193,42 +209,56 @@ class Resume:
 
     def execute(self) -> int:
         """Train on, evaluate, draw."""
-        from bricksrl.training import resume
+        from bricksrl.training import RunFolder, resume
 
+        config = RunFolder(self.run).read_config()
         return see_through(
-            lambda progress, stop: resume(self.run, progress, episodes=self.episodes, place=progress.place, stop=stop)
+            lambda shown: resume(self.run, shown.callback, episodes=self.episodes, **shown.arguments()), config, self
         )
 
 
-def parse_option(text: str) -> tuple[str, Any]:
-    """``NAME=VALUE`` as a name and a number, true or false, or else a text.
+@dataclass(frozen=True)
+class Shown:
+    """A run as it is shown: in the terminal, and on a page where there is one; and what stops it."""
 
-    Raises:
-        DescriptionError: there is no value.
-    """
-    name, equals, value = text.partition("=")
-    if not (name.isidentifier() and equals):
-        raise DescriptionError(f"'{text}' is no option; give NAME=VALUE, such as sparse=true")
-    try:
-        return name, json.loads(value)
-    except ValueError:
-        return name, value
+    progress: LineProgress
+    stop: threading.Event
+    page: LivePage | None
+
+    @property
+    def callback(self) -> Callback:
+        """Everybody who listens."""
+        from bricksrl.training.callbacks import CallbackList
+
+        if self.page is None:
+            return self.progress
+        from bricksrl.page.training import PageCallback
+
+        return CallbackList(self.progress, PageCallback(self.page, self.stop))
+
+    def arguments(self) -> dict[str, Any]:
+        """What `train` and `resume` get of it."""
+        driver = None if self.page is None else self.page.driver
+        return {"place": self.progress.place, "stop": self.stop, "driver": driver}
 
 
-def see_through(start: Callable[[LineProgress, threading.Event], RunResult], *, keys: bool | None = None) -> int:
+def see_through(start: Callable[[Shown], RunResult], config: TrainConfig, flags: PageFlags, *, keys: bool | None = None) -> int:
     """A run from its first step to its video; returns the exit code. ``keys`` as :class:`Hand` takes it."""
-    from bricksrl.cli.hand import Hand
+    from bricksrl.cli.emergency_stop import Hand
     from bricksrl.cli.progress import make_progress
 
     progress, stop = make_progress(), threading.Event()
     try:
         load_learning()
-        with Hand(stop, progress.tell, keys=keys) as hand:
+        with (
+            run_on_page(flags, config.env, config.options, on_stop=stop.set, can_drive=config.num_envs == 1) as page,
+            Hand(stop, progress.tell, keys=keys) as hand,
+        ):
             progress.on_ready, progress.quiet = hand.take, hand.quiet
-            result = start(progress, stop)
+            result = start(Shown(progress, stop, page))
             progress.close()
             if not result.interrupted:
-                _show(result, hand)
+                _show(result, hand, page)
                 return 0
     except (KeyboardInterrupt, StoppedError):  # before the training, after it, or for the second time
         pass
@@ -238,10 +268,11 @@ def see_through(start: Callable[[LineProgress, threading.Event], RunResult], *, 
     return INTERRUPTED
 
 
-def _show(result: RunResult, hand: Hand) -> None:
+def _show(result: RunResult, hand: Hand, page: LivePage | None) -> None:
     """Evaluate, film, and say where everything is."""
     from bricksrl.cli.evaluate import describe
-    from bricksrl.cli.video import record
+    from bricksrl.cli.page import show_file
+    from bricksrl.cli.video import report
     from bricksrl.evaluation import evaluate
     from bricksrl.training import RunFolder
 
@@ -251,13 +282,23 @@ def _show(result: RunResult, hand: Hand) -> None:
         print_line(
             f"learning made {result.updates_per_step:.3g} updates a step while the robot was at work, {result.caught_up} after it"
         )
+
+    def on_env(env: EnvBase) -> None:
+        hand.take(env)
+        if page is not None:
+            page.tell(state="evaluating")
+            page.attach(env)
+
     print_line("evaluating")
-    for line in describe(evaluate(result.run_dir, episodes=_EVALUATED_EPISODES, on_env=hand.take, place=hand.place)):
+    judged = evaluate(result.run_dir, episodes=_EVALUATED_EPISODES, save=False, on_env=on_env, place=hand.place)
+    for line in describe(judged):
         print_line(line)
-    try:
-        video = str(record(result.run_dir))
-    except BricksError as error:
-        video = f"none: {error}"
+    judged.save()
+    if page is not None:
+        page.finish(f"Done. `bricksrl play {result.run_dir} --page` shows what it has learned.")
+    summary, video = report(result, judged)
     print_line(f"learning curve  {RunFolder(result.run_dir).curve_path}")
     print_line(f"video           {video}")
+    print_line(f"report          {summary}")
     print_line(f"more episodes   bricksrl evaluate {result.run_dir} --episodes 20")
+    show_file(summary)

@@ -8,8 +8,7 @@ from typing import Annotated
 
 from tyro.conf import Positional, arg
 
-from bricksrl.cli.console import INTERRUPTED, print_interrupted, print_line
-from bricksrl.cli.loading import load_learning
+from bricksrl.cli.terminal import INTERRUPTED, load_learning, print_interrupted, print_line
 
 
 @dataclass(frozen=True)
@@ -41,16 +40,19 @@ class Tune:
     folder: Annotated[Path | None, arg(metavar="DIR")] = None
     """Folder of the study; without it tuning/<env>-<agent>."""
 
+    on: Annotated[str | None, arg(metavar="WHERE")] = None
+    """Train the seeds of a trial side by side: ray, or ray:ADDRESS for a cluster (pip install 'bricksrl[distributed]')."""
+
     def execute(self) -> int:
         """Tune, and say what is best."""
         from bricksrl.errors import RunError
         from bricksrl.evaluation.tuning import BEST, Tuning, tune
-        from bricksrl.training.run import file_name
+        from bricksrl.training.run_folder import file_name
 
         if self.trials < 1:
             raise RunError(f"trials is {self.trials}; give 1 or more")
         tuning = Tuning(self.env, self.agent, self.steps, self.seeds, self.episodes)
-        folder = self.folder or Path("tuning") / f"{file_name(self.env)}-{self.agent}"
+        folder = self.folder or Path("tuning") / f"{file_name(self.env)}-{file_name(self.agent)}"
 
         def tell(trial: int, value: float | None, best: float | None) -> None:
             shown = "ended early" if value is None else f"return {value:.4g}"
@@ -58,7 +60,7 @@ class Tune:
 
         try:
             load_learning()
-            best = tune(tuning, folder, self.trials, seed=self.seed, on_trial=tell)
+            best = tune(tuning, folder, self.trials, seed=self.seed, on=self.on, on_trial=tell)
         except KeyboardInterrupt:
             print_interrupted(f"the study is in {folder}; the same command goes on with it")
             return INTERRUPTED

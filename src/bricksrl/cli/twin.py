@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import Positional, arg
 
-from bricksrl.cli.asking import yes
-from bricksrl.cli.console import print_line
+from bricksrl.cli.terminal import print_line, yes
 from bricksrl.errors import TwinError
 from bricksrl.seed import check_seed
 
@@ -19,9 +18,9 @@ FITTED = ("battery_v", "friction_scale", "motor_friction_scale", "mass_scale", "
 
 if TYPE_CHECKING:
     from bricksrl.hub.interface import Interface
-    from bricksrl.hub.link import HubLink
+    from bricksrl.hub.link.lockstep import HubLink
     from bricksrl.robots import Robot
-    from bricksrl.twin.fit import Fit as FitResult
+    from bricksrl.twin.system_id import Fit as FitResult
 
 
 @dataclass(frozen=True)
@@ -45,7 +44,7 @@ class Record:
     """How to reach the robot: virtual, ble, ble:NAME, ble:ADDRESS, usb or usb:PORT."""
     yes: bool = False
     """Let a real robot move without asking."""
-    steps: Annotated[int, arg(metavar="N")] = 120
+    steps: Annotated[int, arg(metavar="N")] = 160
     """Commands, twenty a second."""
     seed: Annotated[int, arg(metavar="N")] = 0
     """Of the moves."""
@@ -57,7 +56,7 @@ class Record:
         import numpy as np
 
         from bricksrl import robots
-        from bricksrl.twin.log import identification_commands, identification_interface, record, write_log
+        from bricksrl.twin.motion_log import identification_commands, identification_interface, record, write_log
 
         if self.steps < 1:
             raise TwinError(f"steps is {self.steps}; give at least 1")
@@ -76,18 +75,19 @@ class Record:
 
     def _link(self, robot: Robot, interface: Interface) -> HubLink:
         """A link to the robot, not open yet; a real one was allowed to move."""
-        from bricksrl.hub.address import parse_hub
-        from bricksrl.hub.calibration import calibration_of
-        from bricksrl.hub.link import HubLink
+        from bricksrl.hub.diagnostics.calibration import calibration_of
+        from bricksrl.hub.link.lockstep import HubLink
+        from bricksrl.hub.transports.address import parse_hub
+        from bricksrl.twin.make_body import make_body
         from bricksrl.twin.physics import read_physics
-        from bricksrl.twin.virtual_hub import VirtualHub
+        from bricksrl.virtual_hub.transport import VirtualHub
 
         address = parse_hub(self.hub)
         if address.is_virtual:
             physics = None if self.physics is None else read_physics(self.physics)
-            return HubLink(VirtualHub(robot, physics=physics, seed=self.seed), robot, interface)
+            return HubLink(VirtualHub(make_body(robot, physics=physics, seed=self.seed)), robot, interface)
         if self.physics is not None:
-            raise TwinError("a real robot has a physics of its own; leave --physics away")
+            raise TwinError("a real robot has its own physics; leave --physics away")
         if not (self.yes or yes(f"The {robot.name} will move at full speed. Has it a metre of room, and may it?")):
             raise TwinError(f"nobody said that the {robot.name} may move; answer y in a terminal, or give --yes")
         transport = address.transport()
@@ -118,9 +118,9 @@ class Fit:
     def execute(self) -> int:
         """Fit, print, write."""
         from bricksrl import robots
-        from bricksrl.twin.fit import fit
-        from bricksrl.twin.log import read_log
+        from bricksrl.twin.motion_log import read_log
         from bricksrl.twin.physics import write_physics
+        from bricksrl.twin.system_id import fit
 
         log = read_log(self.log)
         robot = robots.get(self.robot or log.robot)

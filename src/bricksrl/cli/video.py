@@ -1,62 +1,111 @@
-"""A short film of a trained policy on its virtual robot."""
+"""Films and the report at the end of a run, and films of what a command does."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bricksrl.errors import TwinError
+from bricksrl.errors import RenderingUnavailableError, TwinError
 
 if TYPE_CHECKING:
     from torchrl.envs import EnvBase
 
-    from bricksrl.agents.agent import Agent
-    from bricksrl.twin.rendering import Image, Renderer
+    from bricksrl.envs.connection import Connection
+    from bricksrl.evaluation import EvaluationResult
+    from bricksrl.evaluation.report import Films
+    from bricksrl.training import RunResult
 
+FILM_BUDGET_S = 20.0
+"""About how long each film of a run may take to draw."""
 _FRAME_MS = 80
-_SEED = 1000
 
 
-def record(run_dir: Path) -> Path:
-    """Film one episode of a run's agent into ``video.mp4`` in its folder, as fast as the robot moves.
+def film_before_and_after(run_dir: Path, env: str, *, budget_s: float = FILM_BUDGET_S) -> Films:
+    """Film an episode of a run's agent before it had learned and one after, and join them.
 
     Raises:
         RenderingUnavailableError: no OpenGL library works here.
         TwinError: the environment has no virtual robot.
     """
-    from bricksrl.training import RunFolder, load_agent
-    from bricksrl.training.runner import make_env
-    from bricksrl.twin.film import SIZE
-    from bricksrl.twin.rendering import Renderer, write_video
+    from bricksrl.evaluation.film import FilmOptions, film_run, side_by_side
+    from bricksrl.evaluation.report import Films
 
-    config = RunFolder(run_dir).read_config()
-    env = make_env(config)
+    before, after = (
+        film_run(run_dir, which, run_dir / f"{name}.mp4", FilmOptions(f"{env} {name} learning", budget_s=budget_s))
+        for which, name in (("first", "before"), ("last", "after"))
+    )
+    both = side_by_side(before.path, after.path, run_dir / "before_after.mp4")
+    return Films(before, after, both)
+
+
+def report(result: RunResult, evaluation: EvaluationResult) -> tuple[Path, str]:
+    """Film a run and write its report; returns that, and where the film is or why there is none."""
+    from bricksrl.evaluation.report import write_report
+
     try:
-        env.set_seed(_SEED)
-        agent = load_agent(run_dir, env).agent
-        twin = getattr(env, "twin", None)
-        if twin is None:
-            raise TwinError(f"{config.env} has no virtual robot to film")
-        with Renderer(twin.body, *SIZE) as renderer:
-            return write_video(run_dir / "video.mp4", _film(env, agent, renderer), 1000 / _FRAME_MS)
-    finally:
-        env.close(raise_if_closed=False)
+        films, said = film_before_and_after(result.run_dir, evaluation.env), ""
+    except (RenderingUnavailableError, TwinError) as error:
+        films, said = None, str(error)
+    path = write_report(result.run_dir, result.episodes, evaluation, films, said)
+    return path, str(films.both) if films is not None else f"none: {said}"
 
 
-def _film(env: EnvBase, agent: Agent, renderer: Renderer) -> Iterator[Image]:
-    from bricksrl.agents.agent import look
-    from bricksrl.twin.film import Filmed
+def check_film(path: Path) -> None:
+    """Raises TwinError unless a film can have this name."""
+    if path.suffix.lower() != ".mp4":
+        raise TwinError(f"'{path}' is no name of a film; end it in .mp4")
 
-    state = env.reset()
-    machine = env.twin.machine
-    images: list[Image] = []
-    machine.body = Filmed(machine.body, renderer, _FRAME_MS, machine.time_ms, images.append)
-    done = False
-    agent.start_acting()
-    while not done:
-        state["action"] = agent.act(look(agent, state), explore=False)
-        outcome = env.step(state)["next"]
-        yield from images
-        images.clear()
-        done, state = bool(outcome["done"]), outcome
+
+@contextmanager
+def filmed_env(env: EnvBase, path: Path | None, title: str) -> Iterator[None]:
+    """Film the virtual robot of an environment as long as this lasts, whatever is done with it; without a path nothing.
+
+    Raises:
+        TwinError: there is no virtual robot to film, or the file is no mp4.
+        RenderingUnavailableError: no OpenGL library works here.
+    """
+    if path is None:
+        yield
+        return
+    from bricksrl.twin.mujoco_body import MujocoBody
+    from bricksrl.twin.render.captions import captioned
+    from bricksrl.twin.render.opengl import Image, Renderer, VideoWriter
+    from bricksrl.twin.render.room import Room
+    from bricksrl.twin.render.video import Filmed
+
+    check_film(path)
+    size, episodes, open_now = (1280, 720), 0, list[Renderer]()
+    if not hasattr(env, "watch"):
+        raise TwinError(f"{env.task.id} has no virtual robot to film; leave out --video")
+    with VideoWriter(path, 1000 / _FRAME_MS) as video:
+
+        def install(connection: Connection) -> None:
+            nonlocal episodes
+            body = None if connection.twin is None else connection.twin.body
+            if connection.twin is None or not isinstance(body, MujocoBody):
+                raise TwinError(f"{env.task.id} has no virtual robot to film; leave out --video")
+            while open_now:
+                open_now.pop().close()
+            episodes, machine, room = episodes + 1, connection.twin.machine, Room(body)
+            number, renderer = episodes, Renderer(body, *size, room.camera, smooth=False, decorate=room.decorate)
+            open_now.append(renderer)
+
+            class Camera:
+                """The renderer, with captions."""
+
+                def render(self) -> Image:
+                    room.follow()
+                    line = f"episode {number}   {machine.time_ms / 1000:.1f} s"
+                    return captioned(renderer.render(), title, line, room.metre_marks(*size))
+
+            machine.body = Filmed(machine.body, Camera(), _FRAME_MS, machine.time_ms, video.add)
+
+        leave = env.watch(install)
+        try:
+            yield
+        finally:
+            leave()
+            while open_now:
+                open_now.pop().close()

@@ -1,21 +1,21 @@
-"""What robots did, kept for good: recording, reading, checking, sharing. Importing this loads neither torch nor Arrow."""
+"""Datasets of what robots did: recording, reading, checking, sharing. Importing this loads neither torch nor Arrow."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from bricksrl.data.description import Channel, Description, describe
+from bricksrl.data.schema import Description, describe
 
 if TYPE_CHECKING:
     from bricksrl.data.episode import About as About
     from bricksrl.data.episode import Step as Step
-    from bricksrl.data.reading import Episodes as Episodes
-    from bricksrl.data.reading import load as load
+    from bricksrl.data.reader import Episodes as Episodes
+    from bricksrl.data.reader import load as load
     from bricksrl.data.recorder import Recorder as Recorder
 
-__all__ = ["About", "Channel", "Description", "Episodes", "Recorder", "Step", "describe", "load"]
+__all__ = ["About", "Description", "Episodes", "Recorder", "Step", "describe", "load"]
 
-_HOME = {"About": "episode", "Step": "episode", "Episodes": "reading", "load": "reading", "Recorder": "recorder"}
+_HOME = {"About": "episode", "Step": "episode", "Episodes": "reader", "load": "reader", "Recorder": "recorder"}
 
 
 def __getattr__(name: str) -> Any:

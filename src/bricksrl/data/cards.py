@@ -1,4 +1,4 @@
-"""The cards that datasets and policies have on the hub: what they are, in a page that is written by itself."""
+"""Cards of datasets and policies on the Hugging Face hub, written from what they hold."""
 
 from __future__ import annotations
 

@@ -4,30 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
 
-from bricksrl.data.steps import about, step_of, success_of
+from bricksrl.data.transitions import about, step_of
+from bricksrl.envs.rollout import Driver, Policy, Rollout, link_lost, play
 from bricksrl.seed import check_seed
 
 if TYPE_CHECKING:
     from tensordict import TensorDictBase
-    from torch import Tensor
     from torchrl.envs import EnvBase
 
     from bricksrl.data.recorder import Recorder
-
-Policy = Callable[["TensorDictBase"], "Tensor"]
-"""What acts by itself: what the environment shows, to an action ``[m]`` in -1..1."""
-
-
-class Driver(Protocol):
-    """A human, or a program in the place of one, who may choose the action."""
-
-    def __call__(self, observation: Tensor) -> Tensor | None:
-        """An action ``[m]`` in -1..1 for an observation ``[n]``, or ``None`` to leave this step to the policy."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +40,7 @@ def random_policy(env: EnvBase, seed: int) -> Policy:
     check_seed(seed)
     generator = torch.Generator().manual_seed(seed)
     size = int(env.action_spec.shape[-1])
-    return lambda _: 2.0 * torch.rand(size, generator=generator) - 1.0
+    return lambda state: state.set("action", 2.0 * torch.rand(size, generator=generator) - 1.0)
 
 
 def collect(
@@ -63,8 +53,9 @@ def collect(
     seed: int = 0,
     hub: str = "virtual",
     driver: Driver | None = None,
-    start_acting: Callable[[], None] | None = None,
+    reset_policy: Callable[[], None] = lambda: None,
     on_episode: Callable[[Collected], None] | None = None,
+    on_frame: Callable[[TensorDictBase], None] = lambda _: None,
 ) -> list[Collected]:
     """Record whole episodes. One that breaks off, by an error or Ctrl-C, is recorded as far as it went.
 
@@ -73,8 +64,8 @@ def collect(
         seed: of the episodes, which depend on it, their number in the dataset and the actions only.
         hub: how the robot is reached, for the record.
         driver: asked first at each step.
-        start_acting: told when what the policy sees next does not follow from its last action: an episode starts, or the
-            driver has chosen one.
+        reset_policy: as `play` takes it.
+        on_frame: told each step, as TorchRL's ``EnvBase.step`` returns it.
 
     Raises:
         HubError: the link to the robot failed.
@@ -89,7 +80,7 @@ def collect(
         state = env.reset()
         recorder.begin(about(env, name, seed=episode_seed, hub=hub))
         try:
-            collected = _episode(env, policy, recorder, state, driver, start_acting or (lambda: None))
+            collected = _episode(env, policy, recorder, state, driver, reset_policy, on_frame)
         except BaseException:
             recorder.commit(whole=False)
             raise
@@ -103,27 +94,21 @@ def _episode(
     env: EnvBase,
     policy: Policy,
     recorder: Recorder,
-    state: TensorDictBase,
+    start: TensorDictBase,
     driver: Driver | None,
-    start_acting: Callable[[], None],
+    reset_policy: Callable[[], None],
+    on_frame: Callable[[TensorDictBase], None],
 ) -> Collected:
-    observations, return_, interventions = [], 0.0, 0
-    done = False
-    start_acting()
-    while not done:
-        chosen = None if driver is None else driver(state["observation"])
-        if chosen is not None:
-            start_acting()
-        state["action"] = policy(state) if chosen is None else chosen
-        state = env.step(state)
-        step = step_of(state, env, intervention=chosen is not None)
-        recorder.add(step)
-        observations.append(state["next", "observation"])
-        return_ += step.reward
-        interventions += step.intervention
-        done = step.terminated or step.truncated
-        state = env.step_mdp(state)
-    success = success_of(env, torch.stack(observations))
+    episode, interventions = Rollout(), 0
+    for frame in play(env, policy, start, driver=driver, reset_policy=reset_policy):
+        if link_lost(frame):
+            raise env.link_error
+        by_hand = bool(frame.get("intervention", False))
+        recorder.add(step_of(frame, env, intervention=by_hand))
+        episode.add(frame)
+        interventions += by_hand
+        on_frame(frame)
+    success = episode.success(env)
     number = recorder.episodes
     recorder.commit(success=success)
-    return Collected(number, return_, len(observations), interventions, success)
+    return Collected(number, episode.return_, len(episode.rewards), interventions, success)

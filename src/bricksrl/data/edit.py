@@ -17,16 +17,15 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from bricksrl.data.description import Description
 from bricksrl.data.episode import EpisodeRow
-from bricksrl.data.files import whole_folder, write_durably
+from bricksrl.data.episode_index import Index, read_description, read_index, read_rows, rows_table, sentence, write_index
 from bricksrl.data.images import decode, encode
-from bricksrl.data.index import Index, read_description, read_index, write_index
 from bricksrl.data.layout import FileIndex, Layout, numbers
-from bricksrl.data.reading import check_digest, read_file
-from bricksrl.data.rows import read_rows, rows_table, sentence
-from bricksrl.data.tables import from_table, statistics, tasks_table, to_parquet, to_table
+from bricksrl.data.parquet import from_table, statistics, tasks_table, to_parquet, to_table
+from bricksrl.data.reader import check_digest, read_file
+from bricksrl.data.schema import Description
 from bricksrl.errors import DataError
+from bricksrl.files import whole_folder, write_durably
 from bricksrl.seed import check_seed
 
 STEPS_PER_FILE = 20_000
@@ -76,7 +75,7 @@ def split(source: Path, first: Path, second: Path, share: float, seed: int) -> t
     for target in (first, second):
         _refuse_existing(target)
     if first.resolve() == second.resolve():
-        raise DataError(f"both parts are to go to {first}; give each a folder of its own")
+        raise DataError(f"both parts are to go to {first}; give each a separate folder")
     written = [
         write_dataset(target, index.description, read_episodes(index, rows))
         for target, rows in zip((first, second), parts, strict=True)

@@ -1,4 +1,4 @@
-"""One episode on its way to the disk: its steps, and the row about it."""
+"""Episode on its way to the disk: its steps, and the row about it."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from bricksrl.data.description import Description
 from bricksrl.data.layout import ACTION, NEXT, OBSERVATION, FileIndex
-from bricksrl.data.tables import Statistics, image_statistics, statistics
+from bricksrl.data.parquet import Statistics, image_statistics, statistics
+from bricksrl.data.schema import Description
 
 Image = NDArray[np.uint8]
 
 
 @dataclass(frozen=True)
 class Step:
-    """What happened in one step.
+    """One step of an episode.
 
     Attributes:
         observation, next_observation: ``[n]``, before and after.
@@ -44,7 +44,7 @@ class Step:
 
 @dataclass(frozen=True)
 class About:
-    """What is to be known about an episode.
+    """Provenance of an episode: policy, seed, hub, versions, success.
 
     Attributes:
         policy: what chose the actions, such as ``"random"``, ``"sac"``, ``"keyboard"``.
@@ -53,6 +53,7 @@ class About:
         whole: it went to its end; false where something broke it off.
         started: date and time of its start, with the time zone.
         hub: how the robot was reached.
+        robot: its name, where several recorded together.
         program_hash: of the program on its hub; ``None`` without a hub.
         versions: of the programs that recorded it.
         physics: of a virtual robot, as plain values.
@@ -64,6 +65,7 @@ class About:
     whole: bool = True
     started: str = ""
     hub: str = ""
+    robot: str = ""
     program_hash: int | None = None
     versions: dict[str, str] = field(default_factory=dict)
     physics: dict[str, float] = field(default_factory=dict)

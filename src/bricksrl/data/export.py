@@ -15,13 +15,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pyarrow as pa
 
-from bricksrl.data.files import write_durably
-from bricksrl.data.reading import load
-from bricksrl.data.tables import to_parquet
+from bricksrl.data.parquet import to_parquet
+from bricksrl.data.reader import load
 from bricksrl.errors import DataError
+from bricksrl.files import write_durably
 
 if TYPE_CHECKING:
-    from bricksrl.data.reading import Episodes
+    from bricksrl.data.reader import Episodes
 
 
 def export_numpy(path: Path, out: Path) -> None:

@@ -21,15 +21,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bricksrl.data.description import Channel, describe_task
 from bricksrl.data.edit import Whole, write_dataset
 from bricksrl.data.episode import About, Step, columns_of, row_of
 from bricksrl.data.layout import FileIndex
+from bricksrl.data.schema import describe_task
+from bricksrl.entry import Entry
 from bricksrl.errors import DataError
 
 if TYPE_CHECKING:
-    from bricksrl.data.description import Description
-    from bricksrl.data.index import Index
+    from bricksrl.data.episode_index import Index
+    from bricksrl.data.schema import Description
     from bricksrl.envs.task import Task
 
 _TYPES = {
@@ -69,7 +70,7 @@ class Imported:
 
 
 def import_paper(source: Path, out: Path, *, env: str | None = None) -> list[Imported]:
-    """Import one of the paper's datasets into ``out``, or all that lie below a folder, each into a folder of its own there.
+    """Import one of the paper's datasets into ``out``, or all that lie below a folder, each into a separate folder there.
 
     Args:
         env: which task they are of; told by the names of the folders without it.
@@ -193,7 +194,7 @@ def _description(task: Task, observation: NDArray[np.float32]) -> Description:
     description = describe_task(task)
     last, values = description.observation[-1], observation[:, -1]
     if last.name == "distance" and ((values < 0).any() or (values > 2000).any()):
-        acceleration = Channel("acceleration_x", "mm/s^2")
+        acceleration = Entry("acceleration_x", unit="mm/s^2")
         description = replace(description, observation=(*description.observation[:-1], acceleration))
     return description
 

@@ -1,4 +1,4 @@
-"""Where the files of a dataset are, and what their columns are: the layout of LeRobot's datasets, version 3.0.
+"""Files and columns of a dataset: the layout of LeRobot's datasets, version 3.0.
 
 ::
 
@@ -22,7 +22,7 @@ from typing import Any
 
 import pyarrow as pa
 
-from bricksrl.data.description import Description
+from bricksrl.data.schema import Description
 
 CODEBASE_VERSION = "v3.0"
 CHUNK_SIZE = 1000
@@ -36,7 +36,7 @@ OBSERVATION, ACTION, NEXT = "observation.state", "action", "next.observation.sta
 
 @dataclass(frozen=True, order=True)
 class FileIndex:
-    """Which of the files."""
+    """Position of one of the files."""
 
     chunk: int = 0
     file: int = 0
@@ -155,7 +155,7 @@ def numbers(description: Description) -> Iterator[tuple[str, int, pa.DataType]]:
 
 
 def schema(description: Description) -> pa.Schema:
-    """Of the data files."""
+    """Arrow schema of the data files."""
     return pa.schema([(name, kind if n == 1 else pa.list_(kind, n)) for name, n, kind in numbers(description)])
 
 

@@ -11,15 +11,14 @@ from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
-from bricksrl.data.description import Description
 from bricksrl.data.episode import About, Step, columns_of, row_of, with_images
-from bricksrl.data.files import holds_nothing, only_writer, write_durably
-from bricksrl.data.index import is_dataset, write_index
+from bricksrl.data.episode_index import is_dataset, rows_table, sentence, write_index
 from bricksrl.data.layout import FileIndex, Layout
+from bricksrl.data.parquet import tasks_table, to_parquet, to_table
 from bricksrl.data.repair import recover
-from bricksrl.data.rows import rows_table, sentence
-from bricksrl.data.tables import tasks_table, to_parquet, to_table
+from bricksrl.data.schema import Description
 from bricksrl.errors import DataError
+from bricksrl.files import holds_nothing, only_writer, write_durably
 
 if TYPE_CHECKING:
     from bricksrl.data.episode import EpisodeRow
@@ -76,7 +75,7 @@ class Recorder:
 
     @property
     def steps(self) -> int:
-        """Of the episode that is being recorded."""
+        """Number of steps of the episode that is being recorded."""
         return len(self._steps)
 
     def begin(self, about: About) -> None:

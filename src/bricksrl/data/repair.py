@@ -1,21 +1,29 @@
-"""Bringing a dataset back in order after its writer was killed."""
+"""Repair of a dataset whose writer was killed."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
 
-from bricksrl.data.files import remove_unfinished, write_durably
-from bricksrl.data.index import Index, check_order, left_over, read_all_rows, read_description, read_episode_count, write_index
+from bricksrl.data.episode_index import (
+    Index,
+    check_order,
+    left_over,
+    read_all_rows,
+    read_description,
+    read_episode_count,
+    sentence,
+    write_index,
+)
 from bricksrl.data.layout import Layout
-from bricksrl.data.rows import sentence
-from bricksrl.data.tables import tasks_table
+from bricksrl.data.parquet import has_task, tasks_table
 from bricksrl.errors import DataError
+from bricksrl.files import remove_unfinished, write_durably
 
 
 @dataclass(frozen=True)
 class Recovery:
-    """What was found and done.
+    """Result of a repair: what was found and done.
 
     Attributes:
         adopted: episodes that were whole on the disk and not in the index yet.
@@ -56,7 +64,7 @@ def recover(root: Path, *, anew: bool = False) -> Recovery:
     for path in left_over(layout, description, last):
         path.unlink()
         unfinished += 1
-    if not layout.tasks.exists():
+    if not layout.tasks.exists() or (anew and not has_task(layout.tasks, sentence(description))):
         write_durably(layout.tasks, tasks_table(sentence(description)))
     if rows and (anew or len(rows) > committed or not layout.stats.exists()):
         write_index(layout, description, rows)

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bricksrl.data.layout import ACTION, NEXT, OBSERVATION
-from bricksrl.data.reading import load
+from bricksrl.data.reader import load
 
 if TYPE_CHECKING:
     from torchrl.data.datasets import LeRobotExperienceReplay

@@ -14,12 +14,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bricksrl.data.cards import dataset_card
-from bricksrl.data.check import check
-from bricksrl.data.files import LOCK, TEMPORARY_PREFIX, whole_folder
+from bricksrl.data.integrity import check
 from bricksrl.data.layout import CODEBASE_VERSION
-from bricksrl.data.reading import dataset_folder
+from bricksrl.data.reader import dataset_folder
 from bricksrl.data.summary import summarise
 from bricksrl.errors import DataError
+from bricksrl.files import LOCK, TEMPORARY_PREFIX, whole_folder
 
 if TYPE_CHECKING:
     from huggingface_hub import HfApi

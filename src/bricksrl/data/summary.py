@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import io
 import json
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,21 +11,20 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bricksrl.data.files import write_durably
-from bricksrl.data.index import Index, read_index
+from bricksrl.data.episode_index import Index, read_index
 from bricksrl.data.layout import ACTION, OBSERVATION
-from bricksrl.data.reading import dataset_folder, read_columns
+from bricksrl.data.reader import dataset_folder, read_columns
+from bricksrl.plotting import DARK, INK, LIGHT, MUTED, STRONG, check_picture, new_figure, save
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-_INK, _MUTED, _BAR, _MARK, _DARK = "#1f2430", "#6b7280", "#9fb8dc", "#0b5cad", "#08306b"
 _COLUMNS = 4
 
 
 @dataclass(frozen=True)
 class Summary:
-    """What a dataset holds.
+    """Numbers of a dataset.
 
     Attributes:
         return_mean, return_std: of the returns of the episodes; the paper calls the first one mean reward.
@@ -100,15 +98,12 @@ def plot(path: Path, out: Path) -> None:
     Raises:
         DataError: there is no dataset, or it is damaged.
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
+    check_picture(out)
     index = read_index(dataset_folder(path))
     columns = read_columns(index, [OBSERVATION, ACTION, "next.reward", "frame_index"])
     panels = _panels(index, columns)
     rows = -(-(len(panels) + 2) // _COLUMNS)
-    figure = Figure(figsize=(4.0 * _COLUMNS, 2.6 * rows), layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = new_figure(4.0 * _COLUMNS, 2.6 * rows)
     axes = figure.subplots(rows, _COLUMNS, squeeze=False).flatten()
     _returns(axes[0], axes[1], np.array([row.return_ for row in index.rows]))
     for panel, (title, values) in zip(axes[2:], panels, strict=False):
@@ -116,10 +111,8 @@ def plot(path: Path, out: Path) -> None:
     for unused in axes[2 + len(panels) :]:
         unused.set_visible(False)
     title = f"{index.description.env} · {len(index.rows)} episodes · {index.steps} steps"
-    figure.suptitle(title, x=0.01, ha="left", color=_INK, fontsize=13, fontweight="bold")
-    png = io.BytesIO()
-    figure.savefig(png, format="png", dpi=100)
-    write_durably(out, png.getvalue())
+    figure.suptitle(title, x=0.01, ha="left", color=INK, fontsize=13, fontweight="bold")
+    save(figure, out, 100)
 
 
 def _panels(index: Index, columns: dict[str, NDArray[Any]]) -> list[tuple[str, NDArray[Any]]]:
@@ -133,13 +126,13 @@ def _panels(index: Index, columns: dict[str, NDArray[Any]]) -> list[tuple[str, N
 
 
 def _returns(left: Axes, right: Axes, returns: NDArray[np.float64]) -> None:
-    left.hist(returns, bins=min(30, max(5, len(returns) // 3)), color=_BAR)
-    left.axvline(float(returns.mean()), color=_MARK, linewidth=2)
-    left.set_title(f"returns: mean {returns.mean():.4g}, deviation {returns.std():.3g}", fontsize=10, color=_INK, loc="left")
-    left.set_ylabel("episodes", fontsize=8, color=_MUTED)
-    right.plot(np.arange(len(returns)), returns, ".", color=_MARK, markersize=4)
-    right.set_title("return of each episode", fontsize=10, color=_INK, loc="left")
-    right.set_xlabel("episode", fontsize=8, color=_MUTED)
+    left.hist(returns, bins=min(30, max(5, len(returns) // 3)), color=LIGHT)
+    left.axvline(float(returns.mean()), color=STRONG, linewidth=2)
+    left.set_title(f"returns: mean {returns.mean():.4g}, deviation {returns.std():.3g}", fontsize=10, color=INK, loc="left")
+    left.set_ylabel("episodes", fontsize=8, color=MUTED)
+    right.plot(np.arange(len(returns)), returns, ".", color=STRONG, markersize=4)
+    right.set_title("return of each episode", fontsize=10, color=INK, loc="left")
+    right.set_xlabel("episode", fontsize=8, color=MUTED)
     for axes in (left, right):
         _tidy(axes)
 
@@ -148,17 +141,17 @@ def _density(axes: Axes, title: str, step: NDArray[Any], values: NDArray[Any]) -
     """How often which value occurs at which step of an episode: dark is often."""
     from matplotlib.colors import LinearSegmentedColormap
 
-    colours = LinearSegmentedColormap.from_list("often", [_BAR, _DARK])
+    colours = LinearSegmentedColormap.from_list("often", [LIGHT, DARK])
     steps = int(step.max()) + 1
     low, high = float(values.min()), float(values.max())
     if low == high:
         low, high = low - 0.5, high + 0.5
     axes.hist2d(step, values, bins=(min(steps, 100), 40), range=((0, steps), (low, high)), cmap=colours, cmin=1)
-    axes.set_title(title, fontsize=10, color=_INK, loc="left")
-    axes.set_xlabel("step", fontsize=8, color=_MUTED)
+    axes.set_title(title, fontsize=10, color=INK, loc="left")
+    axes.set_xlabel("step", fontsize=8, color=MUTED)
     _tidy(axes)
 
 
 def _tidy(axes: Axes) -> None:
-    axes.tick_params(colors=_MUTED, length=2, labelsize=8)
+    axes.tick_params(colors=MUTED, length=2, labelsize=8)
     axes.spines[["top", "right"]].set_visible(False)

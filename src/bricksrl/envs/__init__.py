@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from bricksrl.entry import Entry
+from bricksrl.envs.options import EnvOptions
 from bricksrl.envs.registry import get_task, list_envs, make, register
-from bricksrl.envs.task import HostEntry, Task
+from bricksrl.envs.task import SampledEntry, Task
 
-__all__ = ["HostEntry", "Task", "get_task", "list_envs", "make", "register"]
+__all__ = ["Entry", "EnvOptions", "SampledEntry", "Task", "get_task", "list_envs", "make", "register"]

@@ -3,28 +3,30 @@
 from __future__ import annotations
 
 import logging
+import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from tensordict import TensorDict, TensorDictBase
 from torchrl.data import Binary, Bounded, Composite, Unbounded
 from torchrl.envs import EnvBase
 
-from bricksrl.envs.camera import Camera, Watch
-from bricksrl.envs.nominal import NominalBounded
-from bricksrl.envs.odometer import Odometer
+from bricksrl.envs.connection import Connection, Reconnect
+from bricksrl.envs.dead_reckoning import TargetTracker, start_pose
+from bricksrl.envs.episode import EpisodeState, Timing, observe, with_numbers
+from bricksrl.envs.specs import NominalBounded
+from bricksrl.envs.stop_flag import StopFlag
 from bricksrl.envs.task import Task, never
-from bricksrl.envs.wish import Wish
-from bricksrl.errors import BricksError, CameraError, HubError, StoppedError
+from bricksrl.envs.vision.camera import Camera, Watch
+from bricksrl.errors import BricksError, CameraError, DescriptionError, HubError, HubProgramError, StoppedError
 
 if TYPE_CHECKING:
-    from bricksrl.hub.link import HubLink
-    from bricksrl.hub.reading import Reading
-    from bricksrl.twin.virtual_hub import VirtualHub
+    from bricksrl.envs.odometry import Odometer
+    from bricksrl.hub.link.lockstep import HubLink
+    from bricksrl.hub.link.reading import Reading
+    from bricksrl.virtual_hub.transport import VirtualHub
 
 BLOCKED_TIMEOUT_S = 120.0
 """How long a robot waits for its way to be cleared."""
@@ -34,65 +36,6 @@ PAUSE_PERIOD_S = 0.2
 _log = logging.getLogger(__name__)
 
 _T = TypeVar("_T")
-
-Placement = Callable[[np.random.Generator], None]
-"""Puts the robot where an episode starts. For a virtual robot a method, for a real one a hand."""
-
-
-@dataclass(frozen=True)
-class Connection:
-    """A robot within reach.
-
-    Attributes:
-        link: to its hub; the environment opens and closes it.
-        place: puts it where an episode starts, at every reset, while the link is open.
-        odometer: tells how far it gets.
-        twin: the virtual hub at the other end, for rendering; ``None`` where the robot is real.
-        camera: what looks at it, for a task with a camera.
-    """
-
-    link: HubLink
-    place: Placement
-    odometer: Odometer
-    twin: VirtualHub | None = None
-    camera: Camera | None = None
-
-
-@dataclass(frozen=True)
-class Timing:
-    """When a step happened.
-
-    Attributes:
-        age_s: how old the observation was that the action answered, when the action left.
-        hub_time_s: the hub's clock when it measured the observation that followed.
-    """
-
-    age_s: float
-    hub_time_s: float
-
-
-@dataclass(slots=True)
-class _Episode:
-    """What changes from step to step; apart from the environment, where every assignment costs ten microseconds.
-
-    Attributes:
-        observation: the last one, as the task's functions get it.
-        watch: what the camera shows; ``None`` for a task without one.
-        judged: every observation that followed a step, as the task's functions get it; only where there is a camera.
-        is_cut: whether a pause ended the episode.
-        measured_s: the link's clock when the last observation was measured; ``hub_time_s`` the hub's.
-        age_s: of the observation that the last action answered.
-    """
-
-    drawn: NDArray[np.float32]
-    observation: torch.Tensor
-    measured_s: float
-    step_count: int = 0
-    watch: Watch | None = None
-    judged: list[torch.Tensor] = field(default_factory=list)
-    is_cut: bool = False
-    hub_time_s: float = 0.0
-    age_s: float = 0.0
 
 
 class HubEnv(EnvBase):  # type: ignore[misc]
@@ -109,10 +52,15 @@ class HubEnv(EnvBase):  # type: ignore[misc]
     ``terminated``   ``[1]``  bool     the task's own end
     ``truncated``    ``[1]``  bool     the time limit
     ``done``         ``[1]``  bool     either
+    ``link_lost``    ``[1]``  bool     the link broke in this step
     ===============  =======  =======  =====================================================
 
-    A reset places the robot, reads its sensors and moves nothing. The first reset opens the link. Errors of the link pass
-    through; the link is then closed, so that the motors stop, and the next reset opens it again.
+    A reset places the robot, reads its sensors and moves nothing. The first reset opens the link. A link that breaks in a step is
+    data: the link is closed, so that the motors stop, and the step ends the episode as truncated and marked ``link_lost``; it
+    shows what was seen before, and is nothing to learn from. The next reset opens the link again, and tries for as long as
+    ``reconnect`` says.
+
+    ``in_reach`` of a virtual robot may be set before the first reset: as long as it returns False the link is broken.
 
     ``stop``, ``pause`` and ``resume`` may be called from any thread. A pause ends the episode after the step at hand, as
     truncated, so that no step reaches across it; the next reset waits for the end of the pause.
@@ -129,10 +77,14 @@ class HubEnv(EnvBase):  # type: ignore[misc]
         self.task = task
         self._connect = connect
         self._connection: Connection | None = None
-        self._episode: _Episode | None = None
+        self._watchers: list[Callable[[Connection], None]] = []
+        self._episode: EpisodeState | None = None
         self._spans = [((c.high + c.low) / 2, (c.high - c.low) / 2) for c in task.interface.commands]
         self._make_specs()
-        self._wish = Wish()
+        self.reconnect = Reconnect()
+        self.in_reach: Callable[[], bool] = lambda: True
+        self.link_error: HubError | None = None
+        self._stop_flag = StopFlag()
         self._set_seed(seed)
         self.is_closed = False
 
@@ -140,6 +92,17 @@ class HubEnv(EnvBase):  # type: ignore[misc]
     def twin(self) -> VirtualHub | None:
         """The virtual hub; ``None`` where the robot is real. A new seed brings a new one."""
         return self._robot().twin
+
+    def watch(self, watcher: Callable[[Connection], None]) -> Callable[[], None]:
+        """Have a function told each robot of this environment, the one at hand included; a new seed brings a new virtual one.
+
+        Returns:
+            What ends that.
+        """
+        self._watchers.append(watcher)
+        if self._connection is not None:
+            watcher(self._connection)
+        return lambda: self._watchers.remove(watcher)
 
     def close(self, *, raise_if_closed: bool = True) -> None:
         """Stop the robot and let go of the hub. May be called twice; a reset opens the link again."""
@@ -152,36 +115,34 @@ class HubEnv(EnvBase):  # type: ignore[misc]
         Raises:
             HubError: the hub could not be told; its watchdog then stops the motors.
         """
-        self._wish.stop()
+        self._stop_flag.stop()
         if self._connection is not None:
             self._connection.link.emergency_stop()
 
     def pause(self) -> None:
         """Have the robot hold still from the end of the step at hand on, until `resume`."""
-        self._wish.pause()
+        self._stop_flag.pause()
 
     def resume(self) -> None:
         """After `pause` or `stop`: the robot may move again, with the next reset."""
         if self._connection is not None:
             self._connection.link.release()
-        self._wish.go_on()
+        self._stop_flag.go_on()
 
     @property
     def is_paused(self) -> bool:
-        """Whether the robot is to hold still."""
-        return self._wish.is_paused
+        """True if the robot is to hold still."""
+        return self._stop_flag.is_paused
 
     @property
     def is_cut(self) -> bool:
-        """Whether a pause ended the episode at hand."""
+        """True if a pause ended the episode at hand."""
         return self._episode is not None and self._episode.is_cut
 
     def _make_specs(self) -> None:
-        entries = self.task.entries
-        self._entries = len(entries)
-        low, high = torch.tensor([e.low for e in entries]), torch.tensor([e.high for e in entries])
-        nominal = torch.tensor([e.nominal for e in entries])
-        self.observation_spec = Composite(observation=NominalBounded(low, high, nominal=nominal))
+        self._entries, self._observed = len(self.task.entries), list(self.task.observed_channels)
+        vector = NominalBounded.of(self.task.entries)
+        self.observation_spec = Composite(observation=vector, link_lost=Binary(1, dtype=torch.bool))
         camera = self.task.camera
         if camera is not None:
             image = Bounded(0, 255, shape=(camera.image_px, camera.image_px, 3), dtype=torch.uint8)
@@ -200,24 +161,59 @@ class HubEnv(EnvBase):  # type: ignore[misc]
             self._connection = None
 
     def _reset(self, _tensordict: TensorDictBase | None = None, **_kwargs: Any) -> TensorDictBase:
+        while True:
+            self.reconnect.before_try()
+            try:
+                state = self._begin()
+            except HubError as error:
+                if isinstance(error, HubProgramError) and self._robot().twin is not None:
+                    raise  # the program of a virtual hub does the same every time
+                self.reconnect.failed(error)
+            else:
+                self.reconnect.answered(to_step=False)
+                return state
+
+    def _begin(self) -> TensorDictBase:
         reading = self._guarded(self._start)
         measured_s = self._robot().link.now_s() - reading.age_s
         self.is_closed = False
-        drawn = np.array([entry.draw(self._host_rng) for entry in self.task.host_entries], dtype=np.float32)
+        drawn = np.array([entry.draw(self._host_rng) for entry in self.task.sampled_entries], dtype=np.float32)
         measured = np.zeros(len(self.task.measured_entries), dtype=np.float32)
-        observation = _observe(reading, drawn, measured)
+        tracker = self._tracker(reading)
+        observation = observe(reading.values[self._observed], drawn, measured, tracker)
         self._odometer.start(self._robot().link.now_s())
         self._odometer.forward_mm(self._robot().link.now_s(), reading.values)
-        out = {"observation": observation.clone()}
+        out = {"observation": observation.clone(), "link_lost": torch.zeros(1, dtype=torch.bool)}
         watch = None
         if self.task.camera is not None:
             watch = Watch(self.task.camera, self._host_rng, self._guarded(self._camera.frame))
-            observation = _with_numbers(observation, watch)
+            observation = with_numbers(observation, watch)
             out["image"] = torch.from_numpy(watch.image)
-        self._episode = _Episode(drawn, observation, measured_s, watch=watch)
+        self._episode = EpisodeState(drawn, observation, measured_s, watch=watch, tracker=tracker)
         return TensorDict(out, batch_size=())
 
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
+        episode = self._episode
+        try:
+            out = self._act(tensordict)
+        except HubError as error:
+            if episode is None:
+                raise
+            self.link_error = error
+            self.reconnect.failed(error)
+            return self._lost(episode)
+        self.reconnect.answered(to_step=True)
+        return out
+
+    def _lost(self, episode: EpisodeState) -> TensorDictBase:
+        """The outcome of a step in which the link broke: nothing new, and the end of the episode."""
+        no, yes = torch.zeros(1, dtype=torch.bool), torch.ones(1, dtype=torch.bool)
+        out = {"observation": episode.observation[: self._entries].clone(), "reward": torch.zeros(1), "terminated": no}
+        if episode.watch is not None:
+            out["image"] = torch.from_numpy(episode.watch.image)
+        return TensorDict({**out, "truncated": yes, "done": yes.clone(), "link_lost": yes.clone()}, batch_size=())
+
+    def _act(self, tensordict: TensorDictBase) -> TensorDictBase:
         action = tensordict.get("action").detach().clamp(-1.0, 1.0)  # a copy: the agent's own tensor stays as it is
         commands = self._commands(action)
         task, episode = self.task, self._episode
@@ -228,10 +224,15 @@ class HubEnv(EnvBase):  # type: ignore[misc]
         episode.age_s = link.now_s() - episode.measured_s
         observation = self._measure(self._guarded(lambda: link.act(commands)), episode)
         reward = task.reward(episode.observation, action, observation)
+        if not all(map(math.isfinite, reward.flatten().tolist())):
+            raise DescriptionError(
+                f"the reward of {task.id} is {reward.tolist()} in step {episode.step_count + 1}, where the observation is "
+                f"{observation.tolist()}; correct the task's reward"
+            )
         terminated = task.terminated(observation)
         episode.observation = observation
         episode.step_count += 1
-        if self._wish.is_paused:
+        if self._stop_flag.is_paused:
             episode.is_cut = True
             self._guarded(link.rest)
         truncated = torch.full_like(terminated, episode.is_cut or episode.step_count >= task.max_steps)
@@ -241,6 +242,7 @@ class HubEnv(EnvBase):  # type: ignore[misc]
             "terminated": terminated,
             "truncated": truncated,
             "done": terminated | truncated,
+            "link_lost": torch.zeros(1, dtype=torch.bool),
         }
         if episode.watch is not None:
             episode.judged.append(observation)
@@ -254,7 +256,7 @@ class HubEnv(EnvBase):  # type: ignore[misc]
             return next_tensordict_out
         return super()._step_proc_data(next_tensordict_out)
 
-    def _wait_while_blocked(self, episode: _Episode) -> None:
+    def _wait_while_blocked(self, episode: EpisodeState) -> None:
         """Read on, without moving, until nothing is in the way; reading keeps the hub from letting go of its motors.
 
         Raises:
@@ -273,7 +275,7 @@ class HubEnv(EnvBase):  # type: ignore[misc]
             waited_s += reading.round_trip_s
             episode.observation = self._measure(reading, episode)
 
-    def _measure(self, reading: Reading, episode: _Episode) -> torch.Tensor:
+    def _measure(self, reading: Reading, episode: EpisodeState) -> torch.Tensor:
         """What the task's functions get after a step; asks odometer and camera only where somebody wants to know."""
         episode.measured_s = self._robot().link.now_s() - reading.age_s
         episode.hub_time_s = reading.hub_time_ms / 1000
@@ -281,11 +283,13 @@ class HubEnv(EnvBase):  # type: ignore[misc]
         if self.task.walks or self.task.measured_entries:
             forward_mm = [self._odometer.forward_mm(self._robot().link.now_s(), reading.values)]
         measured = np.array(forward_mm[: len(self.task.measured_entries)], dtype=np.float32)
-        observation = _observe(reading, episode.drawn, measured)
+        if episode.tracker is not None:
+            episode.tracker.follow(reading.values)
+        observation = observe(reading.values[self._observed], episode.drawn, measured, episode.tracker)
         if episode.watch is None:
             return observation
         episode.watch.see(self._guarded(self._camera.frame))
-        return _with_numbers(observation, episode.watch)
+        return with_numbers(observation, episode.watch)
 
     def judged(self, observations: torch.Tensor) -> torch.Tensor:
         """What the task's success and metrics get for these observations ``[steps, n]`` of the episode at hand, of all its steps.
@@ -304,7 +308,7 @@ class HubEnv(EnvBase):  # type: ignore[misc]
 
     @property
     def timing(self) -> Timing:
-        """Of the last step.
+        """Times of the last step.
 
         Raises:
             BricksError: none was made.
@@ -314,8 +318,20 @@ class HubEnv(EnvBase):  # type: ignore[misc]
         return Timing(self._episode.age_s, self._episode.hub_time_s)
 
     def walk_metrics(self) -> dict[str, float]:
-        """Metres walked in this episode, speed and straightness, where the task walks and the robot is virtual."""
-        return self._odometer.metrics() if self.task.walks and self._episode is not None else {}
+        """What only a virtual robot tells of this episode: its way, speed and straightness; what is left to its target."""
+        if self._episode is None:
+            return {}
+        tracker = self._episode.tracker
+        return {**(self._odometer.metrics() if self.task.walks else {}), **({} if tracker is None else tracker.metrics())}
+
+    def _tracker(self, reading: Reading) -> TargetTracker | None:
+        """Whoever follows the way to the task's target in the episode that begins."""
+        task, twin = self.task, self._robot().twin
+        if task.target is None:
+            return None
+        true_pose = None if twin is None else getattr(twin.body, "pose", None)
+        start = start_pose(task, true_pose, self._host_rng)
+        return TargetTracker(task.target, task.robot, task.interface, true_pose, start, reading.values)
 
     @property
     def _camera(self) -> Camera:
@@ -331,7 +347,11 @@ class HubEnv(EnvBase):  # type: ignore[misc]
     def _robot(self) -> Connection:
         if self._connection is None:
             self._connection = self._connect(self._twin_seed)
-            self._wish.check()  # whoever wanted to stop the robot did not find it yet
+            for watcher in self._watchers:
+                watcher(self._connection)
+            if self._connection.twin is not None:
+                self._connection.twin.in_reach = self.in_reach
+            self._stop_flag.check()  # whoever wanted to stop the robot did not find it yet
         return self._connection
 
     def _start(self) -> Reading:
@@ -343,10 +363,10 @@ class HubEnv(EnvBase):  # type: ignore[misc]
 
     def _hold_still(self, link: HubLink) -> None:
         """Wait for the end of a pause; reading keeps the program on the hub from ending."""
-        while not self._wish.wait(PAUSE_PERIOD_S):
+        while not self._stop_flag.wait(PAUSE_PERIOD_S):
             if link.is_open:
                 link.read()
-        self._wish.check()
+        self._stop_flag.check()
 
     def _guarded(self, exchange: Callable[[], _T]) -> _T:
         """Talk to hub or camera; when that fails, close the link, so that the motors stop and the next reset starts afresh."""
@@ -367,11 +387,3 @@ class HubEnv(EnvBase):  # type: ignore[misc]
         if action.shape != (len(self._spans),):
             raise BricksError(f"{self.task.id} got an action of shape {list(action.shape)}; give [{len(self._spans)}]")
         return [middle + half * value for (middle, half), value in zip(self._spans, action.tolist(), strict=True)]
-
-
-def _observe(reading: Reading, drawn: NDArray[np.float32], measured: NDArray[np.float32]) -> torch.Tensor:
-    return torch.from_numpy(np.concatenate((reading.values, drawn, measured)))
-
-
-def _with_numbers(observation: torch.Tensor, watch: Watch) -> torch.Tensor:
-    return torch.cat((observation, torch.from_numpy(watch.numbers())))

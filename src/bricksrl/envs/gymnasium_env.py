@@ -1,4 +1,4 @@
-"""Our environments for whoever speaks Gymnasium: ``gymnasium.make("bricksrl/RunAway-v0")`` after ``import bricksrl``."""
+"""Gymnasium interface: ``gymnasium.make("bricksrl/RunAway-v0")`` after ``import bricksrl``."""
 
 from __future__ import annotations
 
@@ -10,14 +10,15 @@ import torch
 from numpy.typing import NDArray
 from tensordict import TensorDict, TensorDictBase
 
+from bricksrl.envs.options import EnvOptions
 from bricksrl.envs.registry import make
+from bricksrl.envs.rollout import link_lost
 from bricksrl.errors import RenderingUnavailableError
 
 if TYPE_CHECKING:
     from bricksrl.envs.env import HubEnv
     from bricksrl.envs.simulation import SimulatedEnv
-    from bricksrl.twin.physics import Physics, RandomPhysics
-    from bricksrl.twin.rendering import Renderer
+    from bricksrl.twin.render.opengl import Renderer
 
 Array = NDArray[np.float32]
 Observation = Array | dict[str, NDArray[Any]]
@@ -33,7 +34,7 @@ class GymnasiumEnv(gymnasium.Env[Observation, Array]):
     Args:
         env_id: such as ``"RunAway-v0"``.
         render_mode: ``None`` or ``"rgb_array"``, which draws a virtual robot.
-        hub, realtime, physics, options: as in :func:`bricksrl.make`.
+        options, named: as in :func:`bricksrl.make`.
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012 - as Gymnasium declares it
@@ -42,17 +43,14 @@ class GymnasiumEnv(gymnasium.Env[Observation, Array]):
         self,
         env_id: str,
         render_mode: str | None = None,
-        *,
-        hub: str = "virtual",
-        realtime: bool = False,
-        physics: Physics | RandomPhysics | None = None,
-        **options: Any,
+        options: EnvOptions | None = None,
+        **named: Any,
     ) -> None:
-        self.env: HubEnv | SimulatedEnv = make(env_id, hub, realtime=realtime, physics=physics, **options)
+        self.env: HubEnv | SimulatedEnv = make(env_id, options, **named)
         self.render_mode = render_mode
         self._observations: list[torch.Tensor] = []
         self._renderer: Renderer | None = None
-        limits = np.array([entry.limits for entry in self.env.task.entries], dtype=np.float32)
+        limits = np.array([entry.bounds for entry in self.env.task.entries], dtype=np.float32)
         vector = gymnasium.spaces.Box(limits[:, 0], limits[:, 1])
         camera = self.env.task.camera
         self.observation_space: gymnasium.Space[Any] = vector
@@ -74,8 +72,10 @@ class GymnasiumEnv(gymnasium.Env[Observation, Array]):
         """Act; returns observation, reward, terminated, truncated and info."""
         sent = TensorDict({"action": torch.tensor(action, dtype=torch.float32)}, batch_size=())
         result = self.env.step(sent)["next"]
-        self._observations.append(result["observation"].clone())
         terminated, truncated = bool(result["terminated"]), bool(result["truncated"])
+        if link_lost(sent.set("next", result)):
+            return self._shown(result), 0.0, False, True, {"link_lost": True}
+        self._observations.append(result["observation"].clone())
         info = self._info(ended=terminated or truncated)
         return self._shown(result), float(result["reward"]), terminated, truncated, info
 
@@ -89,7 +89,7 @@ class GymnasiumEnv(gymnasium.Env[Observation, Array]):
             return None
         if self._renderer is None:
             from bricksrl.twin.mujoco_body import MujocoBody
-            from bricksrl.twin.rendering import Renderer
+            from bricksrl.twin.render.opengl import Renderer
 
             twin = getattr(self.env, "twin", None)
             body = None if twin is None else twin.body

@@ -1,4 +1,4 @@
-"""How a task is simulated without a robot; the numbers only, so that naming environments needs no torch."""
+"""Parameters of a kinematic simulation; the numbers only, so that naming environments needs no torch."""
 
 from __future__ import annotations
 

@@ -19,11 +19,11 @@ from torchrl.data import Binary, Bounded, Composite, Unbounded
 from torchrl.envs import EnvBase
 
 from bricksrl.envs.kinematics import Kinematics
-from bricksrl.envs.nominal import NominalBounded
-from bricksrl.envs.ramps import turn_on
+from bricksrl.envs.motor_profile import turn_on
+from bricksrl.envs.specs import NominalBounded
 from bricksrl.envs.task import Task
 from bricksrl.errors import DescriptionError
-from bricksrl.hub.interface import MotorAngle, RunAngle, Wait
+from bricksrl.hub.interface import RunAngle
 
 
 class SimulatedEnv(EnvBase):  # type: ignore[misc]
@@ -69,12 +69,12 @@ class SimulatedEnv(EnvBase):  # type: ignore[misc]
             raise DescriptionError(f"{task.id} cannot be simulated; kinematics do not tell how far a robot gets")
         if task.camera is not None:
             raise DescriptionError(f"{task.id} cannot be simulated; kinematics have no picture for its camera")
-        columns = {channel.motor: i for i, channel in enumerate(channels) if isinstance(channel, MotorAngle)}
-        if not all(isinstance(command, RunAngle) and command.motor in columns for command in commands) or len(columns) > len(
-            commands
-        ):
+        columns = task.interface.angle_places
+        turns = [command for command in commands if isinstance(command, RunAngle)]
+        if len(turns) < len(commands) or {turn.motor for turn in turns} != set(columns):
             raise DescriptionError(f"{task.id} cannot be simulated; every motor needs a RunAngle command and an angle channel")
-        angles = [channels[columns[command.motor]] for command in commands if isinstance(command, RunAngle)]
+        places = [columns[turn.motor] for turn in turns]
+        angles = [channels[place] for place in places]
 
         def tensor(values: list[float]) -> Tensor:
             return torch.tensor(values, dtype=torch.float32, device=self.device)[:, None]
@@ -82,20 +82,19 @@ class SimulatedEnv(EnvBase):  # type: ignore[misc]
         self._middle = tensor([(c.low + c.high) / 2 for c in commands])
         self._half = tensor([(c.high - c.low) / 2 for c in commands])
         self._noise = self._kinematics.noise * self._half
-        self._limit = tensor([c.speed_deg_s for c in commands if isinstance(c, RunAngle)])
+        self._limit = tensor([turn.speed_deg_s for turn in turns])
         self._time_s = _time_s(task, self._kinematics)
         self._low, self._high = tensor([a.low for a in angles]), tensor([a.high for a in angles])
         # Wrapping and stopping alike: whole turns are taken off where a motor turns endlessly, then all are clamped.
-        wraps = tensor([float(isinstance(a, MotorAngle) and a.wraps) for a in angles])
+        wraps = tensor([float(angle.wraps) for angle in angles])
         self._turns_per_deg, self._deg_per_turn = wraps / 360.0, wraps * 360.0
-        places = [columns[c.motor] for c in commands if isinstance(c, RunAngle)]
         # A slice where the commanded motors come one after the other: it copies nothing.
         in_a_row = places == list(range(places[0], places[0] + len(places)))
         self._angles = slice(places[0], places[0] + len(places)) if in_a_row else torch.tensor(places, device=self.device)
         entries = task.entries
         drawn = {*places, *range(len(channels), len(entries))}
         # Entries that a reset draws uniformly; the others read 0. A whole number has its own upper end to round down from.
-        self._whole = torch.tensor([False] * len(channels) + [h.whole for h in task.host_entries], device=self.device)[:, None]
+        self._whole = torch.tensor([False] * len(channels) + [h.whole for h in task.sampled_entries], device=self.device)[:, None]
         ends = [e.high + whole for e, whole in zip(entries, self._whole[:, 0].tolist(), strict=True)]
         self._start_low = tensor([e.low if i in drawn else 0.0 for i, e in enumerate(entries)])
         self._start_span = tensor(
@@ -103,11 +102,8 @@ class SimulatedEnv(EnvBase):  # type: ignore[misc]
         )
 
     def _make_specs(self) -> None:
-        entries, shape = self.task.entries, self.batch_size
-        bounds = [torch.tensor([getattr(e, side) for e in entries], device=self.device) for side in ("low", "high")]
-        low, high = (bound.expand(*shape, len(entries)) for bound in bounds)
-        nominal = torch.tensor([e.nominal for e in entries], device=self.device)
-        self.observation_spec = Composite(observation=NominalBounded(low, high, nominal=nominal), shape=shape)
+        shape = self.batch_size
+        self.observation_spec = Composite(observation=NominalBounded.of(self.task.entries, shape, self.device), shape=shape)
         self.action_spec = Bounded(-1.0, 1.0, shape=(*shape, len(self.task.interface.commands)), device=self.device)
         self.reward_spec = Unbounded(shape=(*shape, 1), device=self.device)
         flag = Binary(1, shape=(*shape, 1), dtype=torch.bool, device=self.device)
@@ -197,10 +193,10 @@ def _time_s(task: Task, kinematics: Kinematics) -> float | None:
     """
     if kinematics.motion == "instant":
         return None
-    settle = task.interface.settle
-    wraps = all(channel.wraps for channel in task.interface.channels if isinstance(channel, MotorAngle))
-    if not isinstance(settle, Wait) or not wraps:
+    interface = task.interface
+    wraps = all(interface.channels[place].wraps for place in interface.angle_places.values())
+    if interface.settle.fixed_ms is None or not wraps:
         raise DescriptionError(
             f"{task.id} cannot be simulated with the firmware's motion; it needs a Wait, and motors without ends"
         )
-    return settle.time_ms / 1000
+    return interface.settle.fixed_ms / 1000

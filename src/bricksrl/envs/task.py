@@ -1,4 +1,4 @@
-"""What a task is: a robot, the commands and channels it uses, and pure functions of tensors.
+"""Task: a robot, the commands and channels it uses, and pure functions of tensors.
 
 Nothing here knows of TorchRL or of a hub, and importing a task imports neither torch nor MuJoCo. All functions are batched:
 observations have the shape ``[*batch, n]``, actions ``[*batch, m]`` (in -1..1), rewards and ends ``[*batch, 1]``.
@@ -11,9 +11,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from bricksrl.envs.camera import CameraView
+from bricksrl.entry import Entry
+from bricksrl.envs.dead_reckoning import Target, wheels
+from bricksrl.envs.vision.camera import CameraView
 from bricksrl.errors import DescriptionError
-from bricksrl.hub.interface import Channel, Interface, MotorAngle, SensorReading, YawRate
+from bricksrl.hub.interface import Interface
 from bricksrl.robots import Robot
 from bricksrl.twin.scene import OPEN_FLOOR, Scene
 
@@ -21,65 +23,22 @@ if TYPE_CHECKING:
     import numpy as np
     from torch import Tensor
 
-_WIRE_MAX = 2**15 - 1  # channels travel as int16
-
 
 @dataclass(frozen=True)
-class Entry:
-    """One number of the observation vector.
-
-    Attributes:
-        low, high: the range that the task's table states.
-        limits: what can occur. Wider than the range where that is nominal: a fast turn is reported as it is.
-        wraps: an angle that runs around from 360 to 0.
-    """
-
-    name: str
-    low: float
-    high: float
-    unit: str
-    limits: tuple[float, float]
-    wraps: bool = False
-
-    @property
-    def nominal(self) -> bool:
-        """Whether values beyond ``low..high`` are normal."""
-        return self.limits != (self.low, self.high)
-
-
-@dataclass(frozen=True)
-class HostEntry:
-    """An entry of the observation that the host draws at every reset and that stays for the episode.
+class SampledEntry(Entry):
+    """An entry of the observation that is drawn at every reset and stays for the episode.
 
     Attributes:
         whole: draw one of the whole numbers ``low, low + 1, ..., high`` rather than any number between.
     """
 
-    name: str
-    low: float
-    high: float
-    unit: str = ""
     whole: bool = False
-
-    @property
-    def wraps(self) -> bool:
-        return (self.low, self.high, self.unit) == (0.0, 360.0, "deg")
 
     def draw(self, rng: np.random.Generator) -> float:
         """A uniformly random value."""
         if self.whole:
             return float(rng.integers(int(self.low), int(self.high), endpoint=True))
         return float(rng.uniform(self.low, self.high))
-
-
-@dataclass(frozen=True)
-class MeasuredEntry:
-    """An entry of the observation that the host measures after every step: the way forward in it. 0 after a reset."""
-
-    name: str
-    low: float
-    high: float
-    unit: str
 
 
 def never(observation: Tensor) -> Tensor:
@@ -91,8 +50,9 @@ def never(observation: Tensor) -> Tensor:
 class Task:
     """A reinforcement learning task on a robot.
 
-    The observation is the interface's channels in their order, then the host entries, then the measured entries. Where a camera
-    has a goal, the task's functions get two more entries, which the agent does not: see ``judged_entries``.
+    The observation is the interface's channels in their order, then the sampled entries, then the measured ones, then those of
+    the target. Where there is one, the angles of the wheels are left out. Where a camera has a goal, the task's functions get two
+    more entries, which the agent does not: see ``task_entries``.
 
     Attributes:
         id: name and version, such as ``"RunAway-v0"``.
@@ -106,7 +66,9 @@ class Task:
         blocked: an observation to ``[*batch, 1]`` bool: something is in the way of a robot, which waits with its motors held
             until it is gone. A simulation without a robot never waits.
         scene: what stands around the robot when it is virtual.
-        host_entries, measured_entries: what follows the channels in the observation.
+        sampled_entries, measured_entries: what follows the channels in the observation. The latter are what the host measures
+            after every step: the way forward in it. They are 0 after a reset.
+        target: a place that a driving robot is to reach.
         walks: a virtual robot reports how far, fast and straight it went.
         camera: what looks at the robot and adds an image to the observation.
 
@@ -125,8 +87,9 @@ class Task:
     terminated: Callable[[Tensor], Tensor] = never
     blocked: Callable[[Tensor], Tensor] = never
     scene: Scene = OPEN_FLOOR
-    host_entries: tuple[HostEntry, ...] = ()
-    measured_entries: tuple[MeasuredEntry, ...] = ()
+    sampled_entries: tuple[SampledEntry, ...] = ()
+    measured_entries: tuple[Entry, ...] = ()
+    target: Target | None = None
     walks: bool = False
     camera: CameraView | None = None
 
@@ -135,6 +98,8 @@ class Task:
             raise DescriptionError(f"'{self.id}' is no id for a task; take a name and a version, such as 'MyTask-v0'")
         if self.max_steps < 1:
             raise DescriptionError(f"task {self.id}: an episode of {self.max_steps} steps is empty; give max_steps of 1 or more")
+        if self.target is not None:
+            wheels(self.robot, self.interface)  # or it could not tell where that is
         if not self.interface.commands or not self.entries:
             raise DescriptionError(f"task {self.id}: nothing to command or nothing to observe; name commands and channels")
         names = [entry.name for entry in self.entries]
@@ -147,18 +112,20 @@ class Task:
         return self.doc.strip().partition("\n")[0]
 
     @property
-    def entries(self) -> tuple[Entry, ...]:
-        """The observation vector, entry by entry."""
-        channels = (_channel_entry(channel) for channel in self.interface.channels)
-        drawn = (
-            Entry(host.name, host.low, host.high, host.unit, (host.low, host.high), host.wraps) for host in self.host_entries
-        )
-        limit = float(_WIRE_MAX)
-        measured = (Entry(entry.name, entry.low, entry.high, entry.unit, (-limit, limit)) for entry in self.measured_entries)
-        return (*channels, *drawn, *measured)
+    def observed_channels(self) -> tuple[int, ...]:
+        """Places of the channels that are in the observation."""
+        reckoned = () if self.target is None else wheels(self.robot, self.interface)
+        return tuple(place for place in range(len(self.interface.channels)) if place not in reckoned)
 
     @property
-    def judged_entries(self) -> tuple[Entry, ...]:
+    def entries(self) -> tuple[Entry, ...]:
+        """The observation vector, entry by entry."""
+        channels = (self.interface.channels[place].entry for place in self.observed_channels)
+        target = () if self.target is None else self.target.entries
+        return (*channels, *self.sampled_entries, *self.measured_entries, *target)
+
+    @property
+    def task_entries(self) -> tuple[Entry, ...]:
         """What reward, ends, success and metrics get: the observation; where a camera has a goal, also how far red things are.
 
         That is their mean distance (of the last that were seen in the episode; 0 before) and the distance of the nearest.
@@ -167,13 +134,4 @@ class Task:
             return self.entries
         farthest_px = self.camera.farthest_px
         names = ("mean_distance", "nearest_distance")
-        return (*self.entries, *(Entry(name, 0.0, farthest_px, "px", (0.0, farthest_px)) for name in names))
-
-
-def _channel_entry(channel: Channel) -> Entry:
-    limits = (channel.low, channel.high)
-    # A gyroscope turns faster than the table says, and a joint gives way beyond the angle that it is held at.
-    if isinstance(channel, YawRate) or (isinstance(channel, MotorAngle) and not channel.wraps):
-        limits = (-_WIRE_MAX / channel.scale, _WIRE_MAX / channel.scale)
-    wraps = isinstance(channel, MotorAngle | SensorReading) and channel.wraps
-    return Entry(channel.name, channel.low, channel.high, channel.unit, limits, wraps)
+        return (*self.entries, *(Entry(name, 0.0, farthest_px, "px") for name in names))

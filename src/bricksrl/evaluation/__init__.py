@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from bricksrl.evaluation.rollout import EvaluationResult, evaluate
+from bricksrl.evaluation.evaluator import EvaluationResult, evaluate
 from bricksrl.evaluation.statistics import Interval
 
 __all__ = ["EvaluationResult", "Interval", "evaluate"]

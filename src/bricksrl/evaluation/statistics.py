@@ -70,6 +70,45 @@ def stratified_bootstrap_interval(
     return Interval(float(low), float(high))
 
 
+FEWEST_SEEDS = 5
+"""Of fewer runs an interval would say more than is known."""
+
+
+def seeds_interval(scores: Sequence[float], statistic: Statistic = interquartile_mean) -> Interval | None:
+    """The 95 % bootstrap interval of a statistic of one score a seed; ``None`` of fewer than `FEWEST_SEEDS`."""
+    return None if len(scores) < FEWEST_SEEDS else stratified_bootstrap_interval([scores], statistic)
+
+
+def probability_of_improvement(
+    scores: Sequence[float], others: Sequence[float], *, resamples: int = 2000, seed: int = 0
+) -> tuple[float, Interval | None]:
+    """Probability that a run of the first kind scores higher than one of the second; equal scores count half.
+
+    It is the mean over all pairs (Agarwal et al. 2021, "Deep Reinforcement Learning at the Edge of the Statistical Precipice").
+
+    Returns:
+        The probability, and its 95 % bootstrap interval, or ``None`` where one of the two has fewer than five runs.
+
+    Raises:
+        DescriptionError: one of the two is empty.
+    """
+    if not scores or not others:
+        raise DescriptionError("a comparison needs at least one score of each; leave out what has none")
+    mine, theirs = np.asarray(scores, dtype=np.float64), np.asarray(others, dtype=np.float64)
+
+    def share(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+        higher, equal = a[..., :, None] > b[..., None, :], a[..., :, None] == b[..., None, :]
+        return np.asarray((higher + 0.5 * equal).mean((-2, -1)), dtype=np.float64)
+
+    probability = float(share(mine, theirs))
+    if min(mine.size, theirs.size) < FEWEST_SEEDS:
+        return probability, None
+    rng = np.random.default_rng(seed)
+    drawn = [x[rng.integers(0, x.size, (resamples, x.size))] for x in (mine, theirs)]
+    low, high = np.quantile(share(*drawn), (0.025, 0.975))
+    return probability, Interval(float(low), float(high))
+
+
 def wilson_interval(successes: int, trials: int, *, confidence: float = 0.95) -> Interval:
     """Wilson's score interval of a success rate, sound for few trials and for rates of 0 and 1.
 

@@ -10,17 +10,17 @@ import json
 import logging
 import tempfile
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from bricksrl.agents.presets import Settings
-from bricksrl.data.files import write_durably
 from bricksrl.errors import RunError
+from bricksrl.files import one_after_the_other, write_durably
 from bricksrl.seed import LARGEST_SEED, check_seed
+from bricksrl.training.callbacks import Callback, Episode, Progress
 from bricksrl.training.config import TrainConfig, settings_for
-from bricksrl.training.observer import Episode, Observer, Progress
 
 if TYPE_CHECKING:
     import optuna
@@ -32,15 +32,15 @@ _NUMBERS: dict[str, tuple[float, float, bool]] = {
     "learning_rate": (1e-4, 3e-3, True),
     "gamma": (0.9, 0.995, False),
     "tau": (2e-3, 5e-2, True),
-    "initial_alpha": (0.02, 1.0, True),
-    "entropy": (-2.0, 0.0, False),
+    "alpha_init": (0.02, 1.0, True),
+    "target_entropy": (-2.0, 0.0, False),
     "min_scale": (0.01, 0.3, True),
     "momentum": (3e-3, 0.1, True),
     "dropout": (0.0, 0.1, False),
     "exploration_noise": (0.05, 0.5, False),
     "target_noise": (0.05, 0.4, False),
 }
-"""Least and greatest value, and whether the scale is logarithmic."""
+"""Least and greatest value, and whether the scale is logarithmic. Settings of other names are tuned around their default."""
 
 _OF_GOALS: dict[str, tuple[float, float, bool]] = {"hindsight": (0.0, 0.5, False), "new_goals": (0.0, 0.5, False)}
 """The same, only in a task with goals."""
@@ -48,11 +48,12 @@ _OF_GOALS: dict[str, tuple[float, float, bool]] = {"hindsight": (0.0, 0.5, False
 _CHOICES: dict[str, tuple[Any, ...]] = {
     "hidden": ("64,64", "128,128", "256,256"),
     "batch_size": (64, 128, 256, 512),
-    "updates_per_step": (1, 2, 4, 8, 20),
+    "updates_per_step": (1.0, 2.0, 4.0, 8.0, 20.0),
     "actor_delay": (1, 2, 3),
     "prefill_episodes": (1, 2, 3),
     "adam_beta": (0.5, 0.9),
-    "layer_norm": (True, False),
+    "critic_layer_norm": (True, False),
+    "n_step": (1, 3),
 }
 
 
@@ -82,7 +83,7 @@ class Tuning:
 class Best:
     """The best settings so far: the mean return of their evaluations, and out of how many finished trials."""
 
-    settings: Settings
+    settings: Any
     value: float
     trials: int
 
@@ -91,7 +92,7 @@ OnTrial = Callable[[int, float | None, float | None], None]
 """Told a trial's number, its value (``None`` where it was ended early), and the best value so far."""
 
 
-def propose(trial: optuna.trial.BaseTrial, start: Settings, *, goals: bool) -> Settings:
+def propose(trial: optuna.trial.BaseTrial, start: Any, *, goals: bool) -> Any:
     """Settings that differ from ``start`` in what the trial proposes."""
     names = {field.name for field in dataclasses.fields(start)}
     values: dict[str, Any] = {}
@@ -101,14 +102,32 @@ def propose(trial: optuna.trial.BaseTrial, start: Settings, *, goals: bool) -> S
     for name, choices in _CHOICES.items():
         if name in names:
             values[name] = trial.suggest_categorical(name, list(choices))
+    for name, value in _others(start):
+        low, high = (value / 10.0, value * 10.0) if value > 0 else (0.0, 1.0)
+        values[name] = trial.suggest_float(name, low, high, log=value > 0)
     if "hidden" in values:
         values["hidden"] = tuple(int(part) for part in values["hidden"].split(","))
-    proposed: Settings = replace(start, **values)
+    proposed: Any = replace(start, **values)
     return proposed
 
 
-def tune(tuning: Tuning, folder: Path, trials: int, *, seed: int = 0, on_trial: OnTrial = lambda *_: None) -> Best:
+def _others(start: Any) -> list[tuple[str, float]]:
+    """The numbers with a fraction that a user's own settings have and the tables here do not."""
+    if type(start).__module__.startswith("bricksrl."):
+        return []
+    known = {*_NUMBERS, *_OF_GOALS, *_CHOICES}
+    found = [(field.name, getattr(start, field.name)) for field in dataclasses.fields(start) if field.name not in known]
+    return [(name, value) for name, value in found if isinstance(value, float)]
+
+
+def tune(
+    tuning: Tuning, folder: Path, trials: int, *, seed: int = 0, on: str | None = None, on_trial: OnTrial = lambda *_: None
+) -> Best:
     """Make ``trials`` more trials, and write the best settings so far to ``best.json``.
+
+    Args:
+        on: "ray", or "ray:ADDRESS" for a cluster, to train the seeds of a trial side by side; what is proposed and found is the
+            same.
 
     Raises:
         RunError: Optuna is not installed, the folder holds a study of something else, or no trial was finished.
@@ -122,16 +141,17 @@ def tune(tuning: Tuning, folder: Path, trials: int, *, seed: int = 0, on_trial: 
     check_seed(seed)
     start = settings_for(tuning.env, "default", tuning.agent)
     goals = _has_goals(tuning.env)
-    optuna.logging.set_verbosity(logging.WARNING)
-    folder.mkdir(parents=True, exist_ok=True)
-    study = optuna.create_study(
-        study_name=f"{tuning.env} {tuning.agent}",
-        storage=f"sqlite:///{(folder / STUDY).absolute()}",
-        direction="maximize",
-        load_if_exists=True,
-        pruner=optuna.pruners.MedianPruner(n_startup_trials=5),
-    )
-    _check_same(study, tuning, folder)
+    optuna.logging.set_verbosity(logging.ERROR)  # a trial that fails raises, and is told once
+    _check_trains(tuning)
+    with one_after_the_other(folder):  # several commands may begin with the same study at once
+        study = optuna.create_study(
+            study_name=f"{tuning.env} {tuning.agent}",
+            storage=f"sqlite:///{(folder / STUDY).absolute()}",
+            direction="maximize",
+            load_if_exists=True,
+            pruner=optuna.pruners.MedianPruner(n_startup_trials=5),
+        )
+        _check_same(study, tuning, folder)
     study.sampler = optuna.samplers.TPESampler(seed=(seed + len(study.trials)) % (LARGEST_SEED + 1))
     if not study.trials:
         study.enqueue_trial(_as_proposed(start, goals=goals))  # what there is has to be beaten
@@ -139,8 +159,8 @@ def tune(tuning: Tuning, folder: Path, trials: int, *, seed: int = 0, on_trial: 
     def objective(trial: optuna.Trial) -> float:
         settings = propose(trial, start, goals=goals)
         values: list[float] = []
-        for one in range(tuning.seeds):
-            values.append(_train_and_evaluate(tuning, settings, one))
+        for one, value in enumerate(evaluated(settings)):
+            values.append(value)
             mean = sum(values) / len(values)
             trial.report(mean, one)
             if one + 1 < tuning.seeds and trial.should_prune():
@@ -152,14 +172,15 @@ def tune(tuning: Tuning, folder: Path, trials: int, *, seed: int = 0, on_trial: 
         best = _write_best(study, tuning, start, folder, goals=goals)
         on_trial(trial.number, trial.value if done else None, None if best is None else best.value)
 
-    study.optimize(objective, n_trials=trials, callbacks=[told])
+    with _evaluations(tuning, on) as evaluated:
+        study.optimize(objective, n_trials=trials, callbacks=[told])
     best = _write_best(study, tuning, start, folder, goals=goals)
     if best is None:
         raise RunError(f"no trial of {folder} was finished; give more --trials")
     return best
 
 
-class _StopAt(Observer):
+class _StopAt(Callback):
     """Ends a run with the episode in which so many steps are made."""
 
     def __init__(self, steps: int) -> None:
@@ -171,9 +192,23 @@ class _StopAt(Observer):
             self.stop.set()
 
 
-def _train_and_evaluate(tuning: Tuning, settings: Settings, seed: int) -> float:
-    from bricksrl.evaluation.rollout import evaluate
-    from bricksrl.training.runner import train
+@contextmanager
+def _evaluations(tuning: Tuning, on: str | None) -> Iterator[Callable[[Any], Iterable[float]]]:
+    """What gives the evaluations of settings, seed by seed: one after the other here, or side by side on a cluster."""
+    if on is None:
+        yield lambda settings: (_train_and_evaluate(tuning, settings, seed) for seed in range(tuning.seeds))
+        return
+    from bricksrl.evaluation.cluster import connected, map_on_cluster, parse_on
+
+    with connected(parse_on(on)) as ray:
+        yield lambda settings: map_on_cluster(
+            ray, _train_and_evaluate, [(tuning, settings, seed) for seed in range(tuning.seeds)]
+        )
+
+
+def _train_and_evaluate(tuning: Tuning, settings: Any, seed: int) -> float:
+    from bricksrl.evaluation.evaluator import evaluate
+    from bricksrl.training.run import train
 
     with tempfile.TemporaryDirectory() as folder:
         run_dir = Path(folder) / "run"
@@ -187,13 +222,27 @@ def _train_and_evaluate(tuning: Tuning, settings: Settings, seed: int) -> float:
         return evaluate(run_dir, episodes=tuning.episodes, save=False).return_mean
 
 
+def _check_trains(tuning: Tuning) -> None:
+    """Raise RunError for an agent that learns from a dataset alone."""
+    from bricksrl.agents import make_learner
+    from bricksrl.envs import make
+
+    env = make(tuning.env)
+    try:
+        learner = make_learner(tuning.agent, env)
+    finally:
+        env.close(raise_if_closed=False)
+    if learner.imitates or learner.loss is None:
+        raise RunError(f"{tuning.agent} does not learn from a robot, and tuning gives it nothing else; choose another agent")
+
+
 def _has_goals(env: str) -> bool:
     from bricksrl.envs.registry import get_task
 
     return any(entry.name.endswith("_goal") for entry in get_task(env).entries)
 
 
-def _as_proposed(settings: Settings, *, goals: bool) -> dict[str, Any]:
+def _as_proposed(settings: Any, *, goals: bool) -> dict[str, Any]:
     """The parameters of a trial that proposes these settings, where they are within the ranges."""
     found: dict[str, Any] = {}
     for name, (low, high, _) in {**_NUMBERS, **(_OF_GOALS if goals else {})}.items():
@@ -205,7 +254,7 @@ def _as_proposed(settings: Settings, *, goals: bool) -> dict[str, Any]:
         value = ",".join(map(str, value)) if isinstance(value, tuple) else value
         if value in choices:
             found[name] = value
-    return found
+    return {**found, **dict(_others(settings))}
 
 
 def _check_same(study: optuna.Study, tuning: Tuning, folder: Path) -> None:
@@ -216,7 +265,7 @@ def _check_same(study: optuna.Study, tuning: Tuning, folder: Path) -> None:
         raise RunError(f"{folder} holds a study of {known}; give the same, or another folder")
 
 
-def _write_best(study: optuna.Study, tuning: Tuning, start: Settings, folder: Path, *, goals: bool) -> Best | None:
+def _write_best(study: optuna.Study, tuning: Tuning, start: Any, folder: Path, *, goals: bool) -> Best | None:
     """Write what is best so far; ``None`` as long as no trial was finished."""
     import optuna
 

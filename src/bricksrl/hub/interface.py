@@ -1,124 +1,239 @@
-"""What a task asks of a hub: the commands it takes and the channels it reports.
+"""Interface between a task and a hub: the commands that the hub takes and the channels that it reports.
 
-From an ``Interface`` and a ``Robot`` follow the hub program, the bytes on the wire and the specs of the
-environment. All values are in the units of their names; the wire carries int16 fixed point numbers.
+From an ``Interface`` and a ``Robot`` follow the hub program, the bytes on the wire and the specs of the environment. All values
+are in the units of their names; the wire carries int16 fixed point numbers.
 """
 
 from __future__ import annotations
 
+import difflib
 from dataclasses import dataclass
 from typing import ClassVar
 
+from bricksrl.errors import DescriptionError
+from bricksrl.hub.commands import (
+    Curve,
+    DriveSpeed,
+    DriveStraight,
+    DriveTurnRate,
+    HubLight,
+    HubSound,
+    RunAngle,
+    RunDuty,
+    RunSpeed,
+    TrackTarget,
+    Turn,
+    drive_base,
+    drive_base_setup,
+)
+from bricksrl.hub.kinds import WIRE_MAX, Channel, Command, Imports
+from bricksrl.robots import PoweredUpSensor, Robot, UltrasonicSensor
+
+__all__ = [
+    "PARTS",
+    "Curve",
+    "Distance",
+    "DriveAngle",
+    "DriveDistance",
+    "DriveSpeed",
+    "DriveStraight",
+    "DriveTurnRate",
+    "Heading",
+    "HubLight",
+    "HubSound",
+    "Interface",
+    "MotorAngle",
+    "Pitch",
+    "Roll",
+    "RunAngle",
+    "RunDuty",
+    "RunSpeed",
+    "SensorReading",
+    "TrackTarget",
+    "Turn",
+    "UntilDone",
+    "Wait",
+    "YawRate",
+]
+
 
 @dataclass(frozen=True)
-class RunAngle:
-    """Turn one motor by an angle, without waiting: ``Motor.run_angle(speed, angle, wait=False)``."""
-
-    motor: str
-    low_deg: float
-    high_deg: float
-    speed_deg_s: int
-    scale: ClassVar[int] = 10
-
-    @property
-    def name(self) -> str:
-        return self.motor
-
-    @property
-    def low(self) -> float:
-        return self.low_deg
-
-    @property
-    def high(self) -> float:
-        return self.high_deg
-
-
-@dataclass(frozen=True)
-class DriveStraight:
-    """Drive the drive base by a distance, without waiting: ``DriveBase.straight(distance, wait=False)``."""
-
-    low_mm: float
-    high_mm: float
-    scale: ClassVar[int] = 10
-    name: ClassVar[str] = "straight"
-
-    @property
-    def low(self) -> float:
-        return self.low_mm
-
-    @property
-    def high(self) -> float:
-        return self.high_mm
-
-
-Command = RunAngle | DriveStraight
-
-
-@dataclass(frozen=True)
-class MotorAngle:
-    """``Motor.angle()``; wrapped into 0..360 where the range is exactly that, else as it is."""
+class MotorAngle(Channel):
+    """``Motor.angle()``; wrapped into 0..360 where the range is exactly that, else as it is, even beyond its range."""
 
     motor: str
     low: float = 0.0
     high: float = 360.0
-    scale: ClassVar[int] = 10
     unit: ClassVar[str] = "deg"
+    roughness: ClassVar[float] = 0.5
 
     @property
     def name(self) -> str:
         return f"{self.motor}_angle"
 
     @property
+    def device(self) -> str:
+        return self.motor
+
+    @property
     def wraps(self) -> bool:
         return (self.low, self.high) == (0.0, 360.0)
 
+    @property
+    def limits(self) -> tuple[float, float] | None:
+        return None if self.wraps else _limits_of_wire(self)
+
+    def check(self, robot: Robot) -> None:
+        robot.motor(self.motor)
+
+    @property
+    def expression(self) -> str:
+        return f"motor_{self.motor}.angle()" + (" % 360" if self.wraps else "")
+
+
+class _OfImu(Channel):
+    """What the hub's own IMU measures."""
+
+    def check(self, robot: Robot) -> None:
+        if not robot.hub.model.has_imu:
+            raise DescriptionError(
+                f"channel '{self.name}' needs an IMU, which the {robot.hub.value} hub lacks; "
+                "choose a prime, essential or technic hub, or leave the channel out"
+            )
+
 
 @dataclass(frozen=True)
-class Pitch:
-    """First value of ``hub.imu.tilt()``: nose down is positive."""
-
+class _Tilt(_OfImu):
     low: float = -90.0
     high: float = 90.0
     scale: ClassVar[int] = 100
     unit: ClassVar[str] = "deg"
+    statement: ClassVar[str] = "pitch, roll = hub.imu.tilt()"
+    noise: ClassVar[str] = "tilt_noise_deg"
+    roughness: ClassVar[float] = 0.3
+
+    @property
+    def expression(self) -> str:
+        return self.name
+
+
+@dataclass(frozen=True)
+class Pitch(_Tilt):
+    """First value of ``hub.imu.tilt()``: nose down is positive."""
+
     name: ClassVar[str] = "pitch"
 
 
 @dataclass(frozen=True)
-class Roll:
+class Roll(_Tilt):
     """Second value of ``hub.imu.tilt()``."""
 
-    low: float = -90.0
-    high: float = 90.0
-    scale: ClassVar[int] = 100
-    unit: ClassVar[str] = "deg"
     name: ClassVar[str] = "roll"
 
 
 @dataclass(frozen=True)
-class YawRate:
+class YawRate(_OfImu):
     """``hub.imu.angular_velocity(Axis.Z)``; the range is nominal: faster turns are reported as they are."""
 
     low: float = -100.0
     high: float = 100.0
-    scale: ClassVar[int] = 10
     unit: ClassVar[str] = "deg/s"
     name: ClassVar[str] = "yaw_rate"
+    imports: ClassVar[Imports] = (("pybricks.parameters", "Axis"),)
+    expression: ClassVar[str] = "hub.imu.angular_velocity(Axis.Z)"
+    noise: ClassVar[str] = "gyro_noise_deg_s"
+    roughness: ClassVar[float] = 4.0
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        return _limits_of_wire(self)
 
 
 @dataclass(frozen=True)
-class Distance:
-    """``UltrasonicSensor.distance()``."""
+class Heading(_OfImu):
+    """``hub.imu.heading()``, clockwise positive, counted on beyond whole turns; the range is nominal."""
+
+    low: float = -180.0
+    high: float = 180.0
+    unit: ClassVar[str] = "deg"
+    name: ClassVar[str] = "heading"
+    expression: ClassVar[str] = "hub.imu.heading()"
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        return _limits_of_wire(self)
+
+
+@dataclass(frozen=True)
+class _OfDriveBase(Channel):
+    """What the drive base counts from its wheels, since the program started; the range is nominal."""
+
+    low: float
+    high: float
+    imports: ClassVar[Imports] = (("pybricks.robotics", "DriveBase"),)
+
+    def check(self, robot: Robot) -> None:
+        drive_base(robot, self.name)
+
+    def devices(self, robot: Robot) -> tuple[str, ...]:
+        base = drive_base(robot, self.name)
+        return base.left, base.right
+
+    def setup(self, robot: Robot) -> tuple[str, ...]:
+        return drive_base_setup(robot, self.name)
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        return _limits_of_wire(self)
+
+
+@dataclass(frozen=True)
+class DriveDistance(_OfDriveBase):
+    """``DriveBase.distance()``, ahead positive."""
+
+    scale: ClassVar[int] = 1
+    unit: ClassVar[str] = "mm"
+    name: ClassVar[str] = "drive_distance"
+    roughness: ClassVar[float] = 2.0
+    expression: ClassVar[str] = "drive_base.distance()"
+
+
+@dataclass(frozen=True)
+class DriveAngle(_OfDriveBase):
+    """``DriveBase.angle()``, clockwise positive."""
+
+    unit: ClassVar[str] = "deg"
+    name: ClassVar[str] = "drive_angle"
+    roughness: ClassVar[float] = 2.0
+    expression: ClassVar[str] = "drive_base.angle()"
+
+
+@dataclass(frozen=True)
+class Distance(Channel):
+    """``UltrasonicSensor.distance()``; ``FARTHEST_MM`` where nothing is in sight."""
 
     sensor: str
     low: float = 0.0
     high: float = 2000.0
     scale: ClassVar[int] = 1
     unit: ClassVar[str] = "mm"
+    name: ClassVar[str] = "distance"
+    noise: ClassVar[str] = "distance_noise_mm"
+    noise_share: ClassVar[str] = "distance_noise_ratio"
+    roughness: ClassVar[float] = 3.0
+    FARTHEST_MM: ClassVar[float] = 2000.0
 
     @property
-    def name(self) -> str:
-        return "distance"
+    def device(self) -> str:
+        return self.sensor
+
+    def check(self, robot: Robot) -> None:
+        if not isinstance(robot.sensor(self.sensor), UltrasonicSensor):
+            raise DescriptionError(f"channel '{self.name}': '{self.sensor}' is no UltrasonicSensor; use a SensorReading")
+
+    @property
+    def expression(self) -> str:
+        return f"sensor_{self.sensor}.distance()"
 
 
 PARTS = {"hsv": ("hue", "saturation", "value"), "tilt": ("pitch", "roll")}
@@ -126,7 +241,7 @@ PARTS = {"hsv": ("hue", "saturation", "value"), "tilt": ("pitch", "roll")}
 
 
 @dataclass(frozen=True)
-class SensorReading:
+class SensorReading(Channel):
     """A number that a method of a sensor returns, such as ``ColorSensor.reflection()``; the range is that of the number.
 
     Attributes:
@@ -140,18 +255,56 @@ class SensorReading:
     high: float
     unit: str = ""
     part: str | None = None
-    scale: ClassVar[int] = 10
 
     @property
     def name(self) -> str:
         return f"{self.sensor}_{self.part or self.method}"
 
     @property
+    def device(self) -> str:
+        return self.sensor
+
+    @property
     def wraps(self) -> bool:
         return (self.low, self.high, self.unit) == (0.0, 360.0, "deg")
 
+    def check(self, robot: Robot) -> None:
+        sensor = robot.sensor(self.sensor)
+        if not isinstance(sensor, PoweredUpSensor):
+            raise DescriptionError(f"channel '{self.name}': '{self.sensor}' is an UltrasonicSensor; use Distance")
+        readings = sensor.kind.readings
+        if self.method not in readings:
+            close = difflib.get_close_matches(self.method, readings, n=1)
+            hint = f"did you mean '{close[0]}'? It has" if close else "it has"
+            known = f"{hint} {', '.join(readings) or 'none'}"
+            raise DescriptionError(f"channel '{self.name}': a {sensor.class_name} has no reading '{self.method}'; {known}")
+        parts = PARTS.get(self.method)
+        if parts is None and self.part is not None:
+            raise DescriptionError(f"channel '{self.name}': {self.method}() is one number; leave the part '{self.part}' away")
+        if parts is not None and self.part not in parts:
+            raise DescriptionError(
+                f"channel '{self.name}': {self.method}() is {len(parts)} numbers; give as part one of {', '.join(parts)}"
+            )
 
-Channel = MotorAngle | Pitch | Roll | YawRate | Distance | SensorReading
+    @property
+    def statement(self) -> str | None:
+        return None if self.part is None else f"{self._parts} = {self._call}"
+
+    @property
+    def expression(self) -> str:
+        return self._call if self.part is None else f"{self._parts}[{PARTS[self.method].index(self.part)}]"
+
+    @property
+    def _call(self) -> str:
+        return f"sensor_{self.sensor}.{self.method}()"
+
+    @property
+    def _parts(self) -> str:
+        return f"read_{self.sensor}_{self.method}"
+
+
+def _limits_of_wire(channel: Channel) -> tuple[float, float]:
+    return -WIRE_MAX / channel.scale, WIRE_MAX / channel.scale
 
 
 @dataclass(frozen=True)
@@ -160,12 +313,30 @@ class Wait:
 
     time_ms: int
 
+    @property
+    def fixed_ms(self) -> int | None:
+        """Length of a step, where it is always the same."""
+        return self.time_ms
+
+    @property
+    def longest_ms(self) -> int:
+        """Time after which a step has ended in any case."""
+        return self.time_ms
+
 
 @dataclass(frozen=True)
 class UntilDone:
     """Answer when the moves have ended; a move that is blocked for longer than the timeout is stopped."""
 
     timeout_ms: int = 3000
+
+    @property
+    def fixed_ms(self) -> int | None:
+        return None
+
+    @property
+    def longest_ms(self) -> int:
+        return self.timeout_ms
 
 
 @dataclass(frozen=True)
@@ -175,3 +346,13 @@ class Interface:
     commands: tuple[Command, ...]
     channels: tuple[Channel, ...]
     settle: Wait | UntilDone
+
+    @property
+    def angle_places(self) -> dict[str, int]:
+        """Place among the channels of each motor's angle, by the motor's name."""
+        return {channel.motor: place for place, channel in enumerate(self.channels) if isinstance(channel, MotorAngle)}
+
+    @property
+    def distance_place(self) -> int | None:
+        """Place among the channels of the first distance."""
+        return next((place for place, channel in enumerate(self.channels) if isinstance(channel, Distance)), None)

@@ -3,7 +3,7 @@
 Data frame, both ways: ``A5 seq payload crc8`` with ``seq`` 1..255. Down, the payload is the actions; up, it is
 the hub's clock (u16 milliseconds) and the channels; each number is int16 little endian, ``round(value * scale)``.
 Control frame: ``A5 00 kind payload crc8``, ``kind`` one ASCII byte with a fixed payload length. The lengths of
-data frames follow from the ``Interface``. ``program.py`` writes the hub's side from the definitions below.
+data frames follow from the ``Interface``. ``program/generate.py`` writes the hub's side from the definitions below.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ class Up(enum.IntEnum):
 
 
 class ByeReason(enum.IntEnum):
-    """Why the program on the hub ended."""
+    """Reason for which the program on the hub ended."""
 
     STOPPED = 1
     SILENCE = 2
@@ -158,7 +158,7 @@ class _Scaled(Protocol):
 
 @dataclass(frozen=True)
 class WireFormat:
-    """How the numbers of an interface lie in its data frames.
+    """Format of an interface's numbers in its data frames.
 
     Attributes:
         command_names, command_scales: of the actions, in order.
@@ -214,7 +214,7 @@ class WireFormat:
 
     @property
     def notifications(self) -> int:
-        """How many Bluetooth notifications one answer takes."""
+        """Number of Bluetooth notifications of one answer."""
         return -(-self.up_frame_bytes // NOTIFICATION_BYTES)
 
     def encode_actions(self, values: Iterable[float]) -> bytes:

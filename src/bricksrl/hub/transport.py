@@ -1,4 +1,4 @@
-"""The byte stream between this computer and a program on a hub."""
+"""Transport: the byte stream between this computer and a program on a hub."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ MAIN_FILE = "main.py"
 
 
 class Pipe(enum.Enum):
-    """How bytes get to a program and back."""
+    """Way of the bytes to a program and back."""
 
     STDIN = "stdin"
     """Standard input and output: a queue. What does not fit the hub's buffer is refused and comes again."""
@@ -36,7 +36,7 @@ class HubProgram:
         source: of the program itself.
         hash: of all of it; its HELLO frame carries it.
         name: of its file, in tracebacks.
-        beside: modules of its own that it imports.
+        beside: modules that it imports.
         says_hello: whether it begins with that frame, by which a transport knows that it is on the hub already.
     """
 

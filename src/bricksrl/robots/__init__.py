@@ -5,13 +5,16 @@ from __future__ import annotations
 from bricksrl.errors import UnknownNameError
 from bricksrl.robots.bench import BENCH
 from bricksrl.robots.robo_arm import ROBO_ARM
+from bricksrl.robots.scout import SCOUT
 from bricksrl.robots.spec import (
+    Chassis,
     Direction,
     DriveBase,
     HubKind,
     HubModel,
     Motor,
     MotorKind,
+    Mount,
     PoweredUpSensor,
     Robot,
     Sensor,
@@ -21,7 +24,7 @@ from bricksrl.robots.spec import (
 from bricksrl.robots.two_wheeler import TWO_WHEELER
 from bricksrl.robots.walker import WALKER
 
-ROBOTS = {robot.name: robot for robot in (TWO_WHEELER, WALKER, ROBO_ARM, BENCH)}
+ROBOTS = {robot.name: robot for robot in (TWO_WHEELER, SCOUT, WALKER, ROBO_ARM, BENCH)}
 
 
 def get(name: str) -> Robot:
@@ -40,14 +43,17 @@ __all__ = [
     "BENCH",
     "ROBOTS",
     "ROBO_ARM",
+    "SCOUT",
     "TWO_WHEELER",
     "WALKER",
+    "Chassis",
     "Direction",
     "DriveBase",
     "HubKind",
     "HubModel",
     "Motor",
     "MotorKind",
+    "Mount",
     "PoweredUpSensor",
     "Robot",
     "Sensor",

@@ -1,4 +1,4 @@
-"""What a LEGO robot *is*: hub, ports, motors, sensors, drive base. Pure, frozen, validated data.
+"""Description of a LEGO robot: hub, ports, motors, sensors, drive base. Pure, frozen, validated data.
 
 Sources of the hub table: Pybricks 4 documentation and firmware configuration.
 """
@@ -6,16 +6,17 @@ Sources of the hub table: Pybricks 4 documentation and firmware configuration.
 from __future__ import annotations
 
 import enum
+import math
 from collections import Counter
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import ClassVar, TypeVar
 
 from bricksrl.errors import DescriptionError
 
 
 @dataclass(frozen=True)
 class HubModel:
-    """What a kind of hub offers to a program.
+    """Properties of a kind of hub.
 
     Attributes:
         class_name: its class in ``pybricks.hubs``.
@@ -71,7 +72,7 @@ class MotorKind(enum.Enum):
 
 
 class Direction(enum.Enum):
-    """Which way a motor counts up, seen from its shaft."""
+    """Direction in which a motor counts up, seen from its shaft."""
 
     CLOCKWISE = 1
     COUNTERCLOCKWISE = -1
@@ -82,7 +83,9 @@ class Motor:
     """A motor on a port; angles and speeds are those of the gear train's output.
 
     Attributes:
-        gears: teeth from the motor to the output, as Pybricks takes them, e.g. ``(20, 60)``.
+        port: the hub's; "" takes the one that the robot's plan has for the name.
+        gears: teeth from the motor to the output, as Pybricks takes them, e.g. ``(20, 60)``. Empty takes those of the robot's
+            plan where it has one; ``(1, 1)`` means the motor's own shaft, whatever it drives.
         range_deg: angles that the hub clamps every target to; ``None`` for endless rotation.
         speed_limit_deg_s, acceleration_deg_s2, torque_limit_mnm: for ``Motor.control.limits``;
             ``None`` keeps the firmware's own.
@@ -91,7 +94,7 @@ class Motor:
     """
 
     name: str
-    port: str
+    port: str = ""
     kind: MotorKind = MotorKind.SPIKE_MEDIUM
     direction: Direction = Direction.CLOCKWISE
     gears: tuple[int, ...] = ()
@@ -108,6 +111,7 @@ class Motor:
 
     def __post_init__(self) -> None:
         _check_name(self.name)
+        _check_port(self.name, self.port)
         if len(self.gears) == 1 or any(teeth < 1 for teeth in self.gears):
             raise DescriptionError(
                 f"motor '{self.name}': gears {self.gears} are not a train; give the teeth from motor to output, e.g. (20, 60)"
@@ -120,15 +124,51 @@ class Motor:
                 raise DescriptionError(f"motor '{self.name}': {field} is {value}; give a positive number or None")
 
 
+LOOKS: dict[str, tuple[float, float, float]] = {
+    "ahead": (1.0, 0.0, 0.0),
+    "back": (-1.0, 0.0, 0.0),
+    "left": (0.0, 1.0, 0.0),
+    "right": (0.0, -1.0, 0.0),
+    "up": (0.0, 0.0, 1.0),
+    "down": (0.0, 0.0, -1.0),
+}
+"""Directions in which a sensor can look, on the axes of its robot: x ahead, y to the left, z up."""
+
+
+@dataclass(frozen=True)
+class Mount:
+    """Place of a sensor on a driving robot, which its virtual body needs; a real one ignores it.
+
+    Attributes:
+        at_mm: its eye, or its button: ahead of the middle of the axle, to the left of it, and above the floor.
+        looks: one of ``LOOKS``.
+
+    Raises:
+        DescriptionError: at construction, when a sensor cannot be there.
+    """
+
+    at_mm: tuple[float, float, float]
+    looks: str = "ahead"
+
+    def __post_init__(self) -> None:
+        if self.looks not in LOOKS:
+            raise DescriptionError(f"a sensor cannot look '{self.looks}'; choose {', '.join(LOOKS)}")
+        if len(self.at_mm) != 3 or not all(math.isfinite(value) for value in self.at_mm) or self.at_mm[2] <= 0:
+            raise DescriptionError(f"a sensor cannot sit at {self.at_mm}; give mm ahead, to the left and above the floor")
+
+
 @dataclass(frozen=True)
 class UltrasonicSensor:
     """The SPIKE distance sensor: 40 to 2000 mm."""
 
     name: str
-    port: str
+    port: str = ""
+    mount: Mount | None = None
+    class_name: ClassVar[str] = "UltrasonicSensor"
 
     def __post_init__(self) -> None:
         _check_name(self.name)
+        _check_port(self.name, self.port)
 
 
 class SensorKind(enum.Enum):
@@ -142,6 +182,20 @@ class SensorKind(enum.Enum):
     LIGHT = "Light"
     COLOR_LIGHT_MATRIX = "ColorLightMatrix"
 
+    @property
+    def readings(self) -> tuple[str, ...]:
+        """Methods that return what it measures, as numbers or truth values; none of a light."""
+        return _READINGS.get(self, ())
+
+
+_READINGS = {
+    SensorKind.COLOR: ("reflection", "ambient", "hsv"),
+    SensorKind.COLOR_DISTANCE: ("reflection", "ambient", "hsv", "distance"),
+    SensorKind.FORCE: ("force", "distance", "pressed", "touched"),
+    SensorKind.INFRARED: ("reflection", "distance", "count"),
+    SensorKind.TILT: ("tilt",),
+}
+
 
 @dataclass(frozen=True)
 class PoweredUpSensor:
@@ -150,9 +204,16 @@ class PoweredUpSensor:
     name: str
     port: str
     kind: SensorKind
+    mount: Mount | None = None
+
+    @property
+    def class_name(self) -> str:
+        """Its class in ``pybricks.pupdevices``."""
+        return self.kind.value
 
     def __post_init__(self) -> None:
         _check_name(self.name)
+        _check_port(self.name, self.port)
 
 
 Sensor = UltrasonicSensor | PoweredUpSensor
@@ -161,23 +222,61 @@ _Device = TypeVar("_Device", Motor, Sensor)
 
 @dataclass(frozen=True)
 class DriveBase:
-    """Two motors, named, that drive a vehicle."""
+    """Two motors, named, that drive a vehicle. Wheels and track that are 0 are those of the robot's plan."""
 
     left: str
     right: str
-    wheel_diameter_mm: float
-    axle_track_mm: float
+    wheel_diameter_mm: float = 0.0
+    axle_track_mm: float = 0.0
 
     def __post_init__(self) -> None:
         if self.left == self.right:
             raise DescriptionError(f"drive base: left and right are both '{self.left}'; name two motors")
-        if self.wheel_diameter_mm <= 0 or self.axle_track_mm <= 0:
+        if self.wheel_diameter_mm < 0 or self.axle_track_mm < 0:
             raise DescriptionError("drive base: wheel diameter and axle track must be positive millimetres")
+
+    def turn_deg(self, distance_mm: float) -> float:
+        """The angle that the wheels turn by over a distance."""
+        return 360.0 * distance_mm / (math.pi * self.wheel_diameter_mm)
+
+
+@dataclass(frozen=True)
+class Chassis:
+    """Places of the parts of a driving robot, for its virtual body: mm ahead of the middle of the axle, and to the left of it.
+
+    Attributes:
+        hub_mm: middle of the hub; ``None`` for a little behind the axle.
+        caster_mm: where a ball supports it.
+        ballast_g: what is built on beside hub, motors, sensors, wheels and a light frame.
+
+    Raises:
+        DescriptionError: at construction, when no robot stands so.
+    """
+
+    hub_mm: tuple[float, float] | None = None
+    caster_mm: tuple[float, float] = (-60.0, 0.0)
+    ballast_g: float = 0.0
+
+    def __post_init__(self) -> None:
+        numbers = (*(self.hub_mm or (0.0, 0.0)), *self.caster_mm, self.ballast_g)
+        if not all(math.isfinite(number) for number in numbers) or self.ballast_g < 0 or abs(self.caster_mm[0]) < 20:
+            raise DescriptionError(
+                f"a chassis with its caster at {self.caster_mm} mm and {self.ballast_g} g; put the caster 20 mm or more before "
+                "or behind the axle, and give 0 g or more"
+            )
 
 
 @dataclass(frozen=True)
 class Robot:
     """A robot: one hub and what is plugged into it.
+
+    Attributes:
+        model: of its body in MuJoCo, for a virtual robot: ``"package.module:function"``, which is called with the robot and its
+            scene and returns an ``MjSpec``, or the path of an MJCF file (see ``bricksrl.twin.models.mjcf_file``) or of a building
+            plan. Without one a robot with a drive base gets a body from its numbers, and any other lies on the bench.
+        plan: path of its building plan, an LDraw file. What is left open here follows from it: motors and sensors that are not
+            named, ports that are "", gears, wheel diameter and axle track; and so does its body where there is no ``model``.
+        chassis: of the body that a drive base without model and plan gets.
 
     Raises:
         DescriptionError: at construction, when no such robot can be built.
@@ -189,9 +288,17 @@ class Robot:
     sensors: tuple[Sensor, ...] = ()
     drive_base: DriveBase | None = None
     needs_imu: bool = False
+    model: str | None = None
+    plan: str | None = None
+    chassis: Chassis = Chassis()
 
     def __post_init__(self) -> None:
         _check_name(self.name.replace("-", "_"))
+        if self.plan is not None:
+            from bricksrl.robots.planned import completed
+
+            for field, value in zip(("motors", "sensors", "drive_base"), completed(self), strict=True):
+                object.__setattr__(self, field, value)
         devices: tuple[Motor | Sensor, ...] = (*self.motors, *self.sensors)
         for kind, keys in (("port", [d.port for d in devices]), ("name", [d.name for d in devices])):
             for key, count in Counter(keys).items():
@@ -199,6 +306,8 @@ class Robot:
                     raise DescriptionError(f"robot '{self.name}': {kind} {key} is used {count} times; give each device its own")
         model = self.hub.model
         for device in devices:
+            if not device.port:
+                raise DescriptionError(f"robot '{self.name}': '{device.name}' has no port; say it, or name a plan that does")
             if len(device.port) != 1 or device.port not in model.ports:
                 raise DescriptionError(
                     f"robot '{self.name}': '{device.name}' is on port {device.port}, but a {self.hub.value} hub has "
@@ -209,6 +318,10 @@ class Robot:
                 f"robot '{self.name}': a {self.hub.value} hub has no IMU; choose a prime, essential or technic hub"
             )
         if self.drive_base is not None:
+            if not (self.drive_base.wheel_diameter_mm and self.drive_base.axle_track_mm):
+                raise DescriptionError(
+                    f"robot '{self.name}': its drive base has no wheel diameter or no axle track; say both in mm, or name a plan"
+                )
             left, right = self.motor(self.drive_base.left), self.motor(self.drive_base.right)
             if left.gears != right.gears:
                 raise DescriptionError(f"robot '{self.name}': both motors of a drive base need the same gears")
@@ -230,8 +343,13 @@ class Robot:
         return _by_name(self, "sensor", self.sensors, name)
 
 
+def _check_port(name: str, port: object) -> None:
+    if not isinstance(port, str):
+        raise DescriptionError(f"'{name}' is on port {port!r}; give the port's letter, such as 'A'")
+
+
 def _check_name(name: str) -> None:
-    if not name.isidentifier():
+    if not isinstance(name, str) or not name.isidentifier():
         raise DescriptionError(f"'{name}' is not a name; use letters, digits and underscores, not starting with a digit")
 
 

@@ -1,4 +1,4 @@
-"""The Walker: four legs on cranks, each turned by a motor of its own, and an ultrasonic sensor that looks ahead."""
+"""The Walker: four legs on cranks, a motor for each, and an ultrasonic sensor that looks ahead."""
 
 from __future__ import annotations
 
@@ -15,4 +15,5 @@ WALKER = Robot(
     ),
     sensors=(UltrasonicSensor("eyes", "E"),),
     needs_imu=True,
+    model="bricksrl.twin.models.walker:build",
 )

@@ -2,22 +2,23 @@
 
 from __future__ import annotations
 
+from bricksrl.training.callbacks import Callback, CallbackList, Episode, Phase, Progress, RobotState, RunResult
 from bricksrl.training.config import TrainConfig
-from bricksrl.training.observer import Episode, Observer, Phase, Progress, RunResult, Together
-from bricksrl.training.run import RunFolder
-from bricksrl.training.runner import resume, train
-from bricksrl.training.saved import load_agent
+from bricksrl.training.restore import load_learner
+from bricksrl.training.run import resume, train
+from bricksrl.training.run_folder import RunFolder
 
 __all__ = [
+    "Callback",
+    "CallbackList",
     "Episode",
-    "Observer",
     "Phase",
     "Progress",
+    "RobotState",
     "RunFolder",
     "RunResult",
-    "Together",
     "TrainConfig",
-    "load_agent",
+    "load_learner",
     "resume",
     "train",
 ]

@@ -16,8 +16,8 @@ from typing import Any
 
 import torch
 
-from bricksrl.data.files import write_durably
 from bricksrl.errors import CheckpointError
+from bricksrl.files import write_durably
 
 MAGIC = b"BricksRL checkpoint 1\n"
 _DIGEST_SIZE = hashlib.sha256().digest_size

@@ -1,54 +1,58 @@
-"""What a training run is told. Plain data: importing this loads no torch."""
+"""Configuration of a training run: plain data. Importing this loads no torch."""
 
 from __future__ import annotations
 
 import dataclasses
-import types
-import typing
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from bricksrl.agents.presets import AGENTS, Settings, preset
+from bricksrl.agents import algorithm, preset
+from bricksrl.agents.settings import LARGEST, check_fields
+from bricksrl.envs.options import EnvOptions
 from bricksrl.errors import BricksError, RunError
 from bricksrl.seed import check_seed
 from bricksrl.twin.physics import Physics
 
+_LEAST = {"episodes": 1, "num_envs": 1, "robots": 1, "eval_episodes": 1, "eval_every": 0, "updates": 0, "patience_s": 0}
+"""Of numbers that have a lower limit."""
+
 
 @dataclass(frozen=True)
-class TrainConfig:
-    """A training run. Two synchronous runs with equal configs on the virtual hub end bit-identical."""
+class TrainConfig(EnvOptions):
+    """A training run in an environment. Two synchronous runs with equal configs on the virtual hub end bit-identical."""
 
     env: str
     """Environment, by id, or a task of your own as `bricksrl.make` takes it."""
     agent: str = "sac"
-    """Agent, by name; ``bricksrl.agents.AGENTS`` are all."""
+    """Agent, by name (``bricksrl.agents.AGENTS``), or an algorithm of your own: my_agent.py[:NAME]."""
     episodes: int = 40
     """Episodes, those with random actions at the start included."""
     seed: int = 0
     """Seed of everything random: networks, exploration, replay, and the virtual robot."""
-    hub: str = "virtual"
-    """How to reach the robot."""
-    realtime: bool = False
-    """Let a virtual robot take as long as a real one."""
-    streaming: bool = False
-    """Have the hub send its observations all the time; steps then follow one another at a fixed rate."""
-    app_data: bool = False
-    """Speak to the program on the hub over AppData instead of its standard input."""
+    device: str = "cpu"
+    """Device of networks, replay and simulations: cpu, cuda, mps, or auto for the best one here."""
+    compile: bool = False
+    """Compile loss and gradients into one graph: takes a while at the start, for long runs."""
+    num_envs: int = 1
+    """Copies that are trained on at once: of a simulation in one batch, of a virtual robot in as many processes."""
+    robots: int = 1
+    """Virtual robots that learn together, each in a process and in its own time; real ones are named in ``hub``, separated by
+    commas."""
+    eval_every: int = 0
+    """Evaluate after every so many episodes, and keep the best checkpoint; 0 for never."""
+    eval_episodes: int = 5
+    """Episodes of each of these evaluations."""
+    stop_at: float | None = None
+    """Stop once the mean return of the last five episodes, or of an evaluation where there are some, is this or more."""
     asynchronous: bool | None = None
     """Learn beside the robot, in a process of its own, rather than while the robot waits; without a word, where the robot takes
     real time. Synchronous runs are repeatable, asynchronous ones are not."""
     patience_s: float = 300.0
     """How long to try to reach a robot again whose link broke; 0 gives up at once."""
-    randomize: bool = False
-    """Draw another physics of the virtual robot for each episode."""
-    physics: Physics | None = None
-    """Physics of the virtual robot, such as a fitted one; without it a freshly charged robot on a smooth floor."""
-    options: dict[str, Any] = field(default_factory=dict)
-    """Options of the environment's task, such as ``{"sparse": True}``; plain values."""
     log: str = "none"
     """Who else is told how the run goes, beside the CSV: tensorboard, wandb or trackio."""
-    settings: Settings | None = None
+    settings: Any = None
     """Settings of the agent; without them those of its preset "default"."""
     data: str | None = None
     """Dataset to learn from too, or a run that recorded one: its folder. Half of each batch is drawn from it."""
@@ -61,27 +65,44 @@ class TrainConfig:
     record: bool = True
     """Keep every transition as a dataset, in the folder ``data`` of the run."""
     run_dir: Path | None = None
-    """Folder of the run, which must not exist yet; without one the next free ``runs/<env>-<agent>-<number>`` is taken."""
+    """Folder of the run, which must not exist yet; without one ``runs/<env>-<agent>-seed-<seed>`` is taken, or the first free one
+    with -2, -3, ... behind it."""
 
     def __post_init__(self) -> None:
-        if self.episodes < 1:
-            raise RunError(f"episodes is {self.episodes}; train for at least 1")
+        super().__post_init__()
+        for name, least in _LEAST.items():
+            if not least <= getattr(self, name) <= LARGEST:
+                raise RunError(f"{name} is {getattr(self, name)}; give {least} or more, and up to {LARGEST:,}")
+        if self.num_envs > 1 and (self.hub != "virtual" or self.realtime or self.updates):
+            raise RunError("copies are for simulations and virtual robots in simulated time; leave num_envs away")
         check_seed(self.seed)
-        if self.randomize and self.physics is not None:
-            raise RunError("the physics is given and is to be random too; choose one of the two")
-        if not self.patience_s >= 0:
-            raise RunError(f"patience_s is {self.patience_s}; give 0 or more seconds")
         if self.asynchronous is None:
             object.__setattr__(self, "asynchronous", self.realtime or self.hub != "virtual")
-        if self.updates < 0:
-            raise RunError(f"updates is {self.updates}; give 0 or more")
+        if self.asynchronous and self.num_envs > 1:
+            raise RunError("copies are learned from in the loop; train synchronously, or leave num_envs away")
         if self.updates and self.data is None:
             raise RunError(f"there are to be {self.updates} updates from data, but no data; give the folder of a dataset")
         if self.updates and self.updates < self.episodes:
             raise RunError(f"{self.updates} updates cannot be spread over {self.episodes} episodes; give fewer episodes")
-        if self.settings is None and self.agent in AGENTS:
-            # written down, whatever a later version has
+        if len(self.hubs) > 1:
+            self._check_fleet()
+        if self.settings is None:  # written down, whatever a later version has
             object.__setattr__(self, "settings", settings_for(self.env, "default", self.agent))
+
+    @property
+    def hubs(self) -> tuple[str, ...]:
+        """How to reach each of the robots; more than one make a fleet."""
+        named = tuple(part.strip() for part in self.hub.split(","))
+        return named if len(named) > 1 else named * self.robots
+
+    def _check_fleet(self) -> None:
+        real = [hub for hub in self.hubs if hub != "virtual"]
+        if self.robots > 1 and real:
+            raise RunError("real robots are named one by one, such as ble:A,ble:B; leave robots away")
+        if real and (len(set(real)) < len(self.hubs) or any(":" not in hub for hub in real)):
+            raise RunError(f"the hubs {self.hub} are no robots that can be told apart; give each a name, such as ble:A,ble:B")
+        if self.num_envs > 1 or self.eval_every or self.updates:
+            raise RunError("several robots learn on, from what they do; leave num_envs, eval_every and updates away")
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values, fit for JSON; the folder is left out, it is where this is written."""
@@ -104,24 +125,31 @@ class TrainConfig:
             raise RunError("'settings' in the config is no table of names and values; restore the file")
         physics = data.get("physics")
         try:
-            check_types(cls, data)
-            settings = None
-            if given is not None:
-                kind: type[Any] = type(preset("default", data.get("agent", cls.agent), images="encoder" in given))
-                values = {key: tuple(value) if isinstance(value, list) else value for key, value in given.items()}
-                check_types(kind, values)
-                settings = kind(**values)
+            check_fields(cls, data)
+            settings = None if given is None else settings_from(data.get("agent", cls.agent), given)
             data = {**data, "settings": settings, "physics": None if physics is None else Physics.from_dict(physics)}
             return cls(**data, run_dir=run_dir)
         except (BricksError, TypeError) as error:
             raise RunError(f"the config cannot be used: {error}; restore the file or start a new run") from None
 
 
-def settings_for(env: str, name: str, agent: str) -> Settings:
+def settings_from(agent: str, given: dict[str, Any]) -> Any:
+    """The settings of an agent from plain values.
+
+    Raises:
+        BricksError, TypeError: there is no such agent, or these are not its settings.
+    """
+    kind = algorithm(agent).settings
+    values = {key: tuple(value) if isinstance(value, list) else value for key, value in given.items()}
+    check_fields(kind, values)
+    return kind(**values)
+
+
+def settings_for(env: str, name: str, agent: str) -> Any:
     """The settings of a preset for an agent in an environment, by its id; those for images where it has a camera.
 
     Raises:
-        UnknownNameError: there is no such agent or preset, or the agent cannot learn from images.
+        UnknownNameError: there is no such agent or preset.
     """
     from bricksrl.envs.registry import get_task
 
@@ -130,14 +158,3 @@ def settings_for(env: str, name: str, agent: str) -> Settings:
     except BricksError:
         images = False  # no environment of ours: whoever makes it says so
     return preset(name, agent, images=images)
-
-
-def check_types(cls: type, data: dict[str, Any]) -> None:
-    """Raise TypeError where a value is not of the type that the dataclass has for its name; unions are not looked at."""
-    for name, expected in typing.get_type_hints(cls).items():
-        if name not in data or typing.get_origin(expected) in (typing.Literal, types.UnionType):
-            continue
-        kind = typing.get_origin(expected) or expected
-        value = data[name]
-        if not isinstance(value, (int, float) if kind is float else kind) or (isinstance(value, bool) and kind is not bool):
-            raise TypeError(f"'{name}' is {value!r}, not of type {kind.__name__}")

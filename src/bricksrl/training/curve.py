@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-import io
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from bricksrl.data.files import write_durably
-from bricksrl.training.observer import Episode, Phase
+from bricksrl.plotting import GREY, LIGHT, PALETTE, STRONG, finish, new_figure, number, save, style
+from bricksrl.training.callbacks import Episode, Phase
 
 WINDOW = 5
 """Episodes in the moving mean."""
-
-_INK, _MUTED, _GRID = "#1f2430", "#6b7280", "#e5e7eb"
-_POINT, _MEAN, _PREFILL = "#9fb8dc", "#0b5cad", "#c9ccd3"
 
 
 def moving_mean(values: Sequence[float], window: int) -> list[float]:
@@ -21,48 +17,23 @@ def moving_mean(values: Sequence[float], window: int) -> list[float]:
     return [sum(part) / len(part) for part in (values[max(0, i + 1 - window) : i + 1] for i in range(len(values)))]
 
 
-def draw_learning_curve(path: Path, episodes: Sequence[Episode], title: str) -> None:
-    """Draw the return of each episode and their moving mean into a PNG file."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-    from matplotlib.ticker import MaxNLocator
-
-    figure = Figure(figsize=(8, 4.5), layout="constrained")
-    FigureCanvasAgg(figure)
+def draw_learning_curve(path: Path, episodes: Sequence[Episode], title: str, lines: Mapping[str, float] | None = None) -> None:
+    """Draw the return of each episode, their moving mean, and reference lines by their labels, into a PNG file."""
+    figure = new_figure()
     axes = figure.add_subplot()
-    for phase, colour, label in ((Phase.PREFILL, _PREFILL, "random start"), (Phase.TRAIN, _POINT, "episode")):
-        points = [(episode.episode, episode.return_) for episode in episodes if episode.phase is phase]
+    for is_random, colour, label in ((True, GREY, "random start"), (False, LIGHT, "episode")):
+        points = [(one.episode, one.return_) for one in episodes if (one.phase is Phase.PREFILL) is is_random]
         if points:
             axes.plot(*zip(*points, strict=True), "o", color=colour, markersize=5, label=label, zorder=2)
-    if episodes:
-        means = moving_mean([episode.return_ for episode in episodes], WINDOW)
-        axes.plot(
-            [episode.episode for episode in episodes],
-            means,
-            color=_MEAN,
-            linewidth=2.2,
-            label=f"mean of the last {WINDOW}",
-            zorder=3,
-        )
-        axes.annotate(
-            f"{means[-1]:.3g}",
-            (episodes[-1].episode, means[-1]),
-            xytext=(6, 0),
-            textcoords="offset points",
-            va="center",
-            color=_MEAN,
-            fontweight="bold",
-        )
-        axes.legend(frameon=False, labelcolor=_INK, loc="best")
-    axes.set_title(title, loc="left", color=_INK, fontsize=12, fontweight="bold")
-    axes.set_xlabel("episode", color=_INK)
-    axes.set_ylabel("return (sum of rewards)", color=_INK)
-    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    if len(episodes) > 1:
+        window = min(WINDOW, len(episodes))
+        means = moving_mean([episode.return_ for episode in episodes], window)
+        label = f"mean of the last {window}: {number(means[-1])} at the end"
+        axes.plot([episode.episode for episode in episodes], means, color=STRONG, linewidth=2.2, label=label, zorder=3)
+    evaluated = [(episode.episode, episode.evaluation) for episode in episodes if episode.evaluation is not None]
+    if evaluated:
+        axes.plot(*zip(*evaluated, strict=True), "D", color=PALETTE[1], markersize=6, label="evaluation", zorder=4)
+    style(axes, title, "episode", "return (sum of rewards)")
     axes.margins(x=0.04)
-    axes.grid(axis="y", color=_GRID, zorder=0)
-    axes.spines[["top", "right", "left"]].set_visible(False)
-    axes.spines["bottom"].set_color(_MUTED)
-    axes.tick_params(colors=_MUTED, length=0)
-    png = io.BytesIO()
-    figure.savefig(png, format="png", dpi=150)
-    write_durably(path, png.getvalue())
+    finish(axes, lines)
+    save(figure, path)

@@ -1,185 +1,209 @@
-"""The folder of a run: config, metrics, checkpoint, learning curve, evaluation. No run ever writes over another."""
+"""`train` and `resume`: a run from its config to its files."""
 
 from __future__ import annotations
 
-import contextlib
-import csv
-import io
-import itertools
-import json
-import platform
-import re
-import shutil
-import tempfile
-from collections.abc import Iterable
-from dataclasses import dataclass
-from importlib import metadata
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from bricksrl.data.files import TEMPORARY_PREFIX, write_durably
-from bricksrl.errors import RunError
+from bricksrl.errors import DescriptionError, RunError
+from bricksrl.training.callbacks import Callback, CallbackList, Episode, RunResult
 from bricksrl.training.config import TrainConfig
-from bricksrl.training.observer import Episode, Phase
+from bricksrl.training.offline import study, warm_start
+from bricksrl.training.restore import identity_of, load_state, make_learner_for, resolve_device
+from bricksrl.training.run_folder import RunFolder
+from bricksrl.training.signals import StopSignals
 
-LOSSES = ("critic_loss", "value_loss", "gap", "actor_loss", "kl", "entropy", "alpha")
-COLUMNS = ("episode", "phase", "steps", "length", "return", "success", *LOSSES, "seconds", "updates_per_step", "link_lost")
+if TYPE_CHECKING:
+    from torchrl.envs import EnvBase
 
-
-@dataclass(frozen=True)
-class RunFolder:
-    """Paths and files of one run."""
-
-    path: Path
-
-    @property
-    def config_path(self) -> Path:
-        return self.path / "config.json"
-
-    @property
-    def metrics_path(self) -> Path:
-        return self.path / "metrics.csv"
-
-    @property
-    def checkpoint_path(self) -> Path:
-        return self.path / "checkpoint.bin"
-
-    @property
-    def curve_path(self) -> Path:
-        return self.path / "learning_curve.png"
-
-    @property
-    def evaluation_path(self) -> Path:
-        return self.path / "evaluation.json"
-
-    @classmethod
-    def create(cls, config: TrainConfig, state: dict[str, Any]) -> RunFolder:
-        """A new folder, holding the config and a first checkpoint; it is there whole or not at all.
-
-        Raises:
-            RunError: the folder exists, or cannot be made.
-        """
-        from bricksrl.training.checkpoint import save_checkpoint
-
-        wanted = config.run_dir
-        parent = Path("runs") if wanted is None else wanted.parent
-        temporary = None
-        try:
-            parent.mkdir(parents=True, exist_ok=True)
-            temporary = cls(Path(tempfile.mkdtemp(dir=parent, prefix=".new-")))
-            temporary.path.chmod(0o755)
-            temporary.write_config(config)
-            temporary.write_episodes([])
-            save_checkpoint(temporary.checkpoint_path, state)
-            return cls(_settle(temporary.path, wanted or parent / f"{file_name(config.env)}-{config.agent}", wanted is None))
-        except FileExistsError:
-            raise RunError(f"{wanted} exists already; resume that run or choose another folder") from None
-        except OSError as error:
-            raise RunError(f"cannot make the folder {wanted or parent} ({error.strerror}); choose another one") from None
-        finally:
-            if temporary is not None:
-                shutil.rmtree(temporary.path, ignore_errors=True)
-
-    def clean(self) -> None:
-        """Remove what a process that was killed left half written."""
-        for remnant in self.path.glob(f"{TEMPORARY_PREFIX}*"):
-            remnant.unlink(missing_ok=True)
-
-    def write_config(self, config: TrainConfig) -> None:
-        """Write the config, with the versions that the run is made with."""
-        data = {"bricksrl_run": 1, "config": config.to_dict(), "versions": _versions()}
-        write_durably(self.config_path, (json.dumps(data, indent=2) + "\n").encode())
-
-    def read_config(self) -> TrainConfig:
-        """The config of the run.
-
-        Raises:
-            RunError: there is no run in this folder, or its config cannot be read.
-        """
-        try:
-            data = json.loads(self.config_path.read_bytes())
-        except OSError:
-            raise RunError(f"there is no run in {self.path}; choose a folder with a config.json") from None
-        except ValueError:
-            raise RunError(f"{self.config_path} is no JSON; restore the file or start a new run") from None
-        if not isinstance(data, dict) or data.get("bricksrl_run") != 1 or not isinstance(data.get("config"), dict):
-            raise RunError(f"{self.config_path} is no config of a run; choose a folder that a run was made in")
-        return TrainConfig.from_dict(data["config"], run_dir=self.path)
-
-    def append(self, episode: Episode) -> None:
-        """Add an episode's row to the metrics."""
-        with self.metrics_path.open("ab") as file:
-            file.write(_csv([_row(episode)]))
-
-    def read_episodes(self) -> tuple[Episode, ...]:
-        """The episodes in the metrics.
-
-        Raises:
-            RunError: the metrics are missing or are not ours.
-        """
-        try:
-            with self.metrics_path.open(newline="") as file:
-                return tuple(_episode(row) for row in csv.DictReader(file))
-        except OSError as error:
-            raise RunError(f"cannot read {self.metrics_path} ({error.strerror}); restore the file or start a new run") from None
-        except (KeyError, ValueError, TypeError):
-            raise RunError(f"{self.metrics_path} has a row that is not ours; restore the file or start a new run") from None
-
-    def write_episodes(self, episodes: Iterable[Episode]) -> None:
-        """Replace the metrics by these episodes: after a crash they may hold one that the checkpoint does not know."""
-        write_durably(self.metrics_path, _csv([COLUMNS, *map(_row, episodes)]))
+    from bricksrl.agents.learner import Learner
+    from bricksrl.envs.connection import Placement
+    from bricksrl.envs.rollout import Driver
+    from bricksrl.training.async_learner import AsyncLearner
+    from bricksrl.training.learner_side import InLoopLearner
 
 
-def file_name(env_id: str) -> str:
-    """An environment's id as a part of a file's name, also where it is the path of a task of the user's own."""
-    return re.sub(r"[^\w.-]+", "-", env_id).strip("-.")
+def train(
+    config: TrainConfig,
+    callback: Callback | None = None,
+    *,
+    env: EnvBase | None = None,
+    place: Placement | None = None,
+    stop: threading.Event | None = None,
+    driver: Driver | None = None,
+) -> RunResult:
+    """Train an agent from nothing, into a new folder, which is made once the robot has answered.
 
+    Ctrl-C, or ``stop`` set from another thread, ends the run after the step at hand; its files are then in order, and `resume`
+    goes on from the end of the last whole episode. Where the link to the robot breaks, the running episode ends there, and the
+    run goes on by itself when the robot answers again.
 
-def _settle(folder: Path, path: Path, numbered: bool) -> Path:
-    """Rename ``folder`` to ``path``, or to the first free ``path``-1, -2, ...; returns what it became.
+    Args:
+        env: an environment of your own, which stays open; without one, ``config.env`` is made and closed at the end.
+        place: puts a real robot where an episode starts, as `bricksrl.make` takes it.
+        driver: who may take over from the agent at any step, and give back.
 
     Raises:
-        FileExistsError: ``path`` is taken, and not ``numbered``.
+        RunError: the folder exists already, or the config asks for what this environment or computer cannot do.
+        UnknownNameError: there is no such environment, hub or agent.
+        HubError: the robot cannot be reached, or could not be reached again; what was learned until then is saved.
+        LearnerError: the process that learns beside the robot failed; what was saved until then stays.
+        KeyboardInterrupt: Ctrl-C before the robot has answered; nothing was made.
     """
-    for number in itertools.count(1):
-        free = path.with_name(f"{path.name}-{number}") if numbered else path
-        if not free.exists():
-            with contextlib.suppress(OSError):  # somebody else may have taken it in this moment
-                return folder.rename(free)
-        if not numbered:
-            raise FileExistsError(path)
-    raise AssertionError
+    if config.run_dir is not None and config.run_dir.exists():
+        raise RunError(f"{config.run_dir} exists already; resume that run or choose another folder")
+    return _run(config, None, callback, env, place, stop, driver)
 
 
-def _row(episode: Episode) -> list[Any]:
-    losses = [repr(episode.losses[name]) if name in episode.losses else "" for name in LOSSES]
-    success = "" if episode.success is None else int(episode.success)
-    head = [episode.episode, episode.phase.value, episode.steps, episode.length, repr(episode.return_), success]
-    ratio = "" if episode.updates_per_step is None else f"{episode.updates_per_step:.4g}"
-    return [*head, *losses, f"{episode.seconds:.3f}", ratio, int(episode.link_lost)]
+def resume(
+    run_dir: Path,
+    callback: Callback | None = None,
+    *,
+    episodes: int | None = None,
+    env: EnvBase | None = None,
+    place: Placement | None = None,
+    stop: threading.Event | None = None,
+    driver: Driver | None = None,
+) -> RunResult:
+    """Go on with a run where its last whole episode ended; a synchronous one ends bit-identical to one never interrupted.
+
+    Args:
+        episodes: train up to this many in all, where that is more than the run was started with.
+        env, place, driver: as in `train`.
+
+    Raises:
+        RunError: there is no run in the folder.
+        CheckpointError: its checkpoint is damaged or belongs to another run.
+        HubError, LearnerError: as in `train`.
+    """
+    folder = RunFolder(run_dir)
+    config = folder.read_config()
+    if episodes is not None and episodes < config.episodes:
+        raise RunError(f"the run in {run_dir} is for {config.episodes} episodes already; give that many or more, not {episodes}")
+    if config.updates and episodes not in (None, config.episodes):
+        raise RunError(f"the run in {run_dir} learned from data; train on the robot from there with start='{run_dir}'")
+    return _run(replace(config, episodes=episodes or config.episodes), folder, callback, env, place, stop, driver)
 
 
-def _episode(row: dict[str, str]) -> Episode:
-    return Episode(
-        episode=int(row["episode"]),
-        phase=Phase(row["phase"]),
-        steps=int(row["steps"]),
-        length=int(row["length"]),
-        return_=float(row["return"]),
-        success=bool(int(row["success"])) if row["success"] else None,
-        losses={name: float(row[name]) for name in LOSSES if row.get(name)},
-        seconds=float(row["seconds"]),
-        updates_per_step=float(row["updates_per_step"]) if row.get("updates_per_step") else None,
-        link_lost=row.get("link_lost") == "1",
-    )
+def _run(
+    config: TrainConfig,
+    folder: RunFolder | None,
+    callback: Callback | None,
+    env: EnvBase | None,
+    place: Placement | None,
+    stop: threading.Event | None,
+    driver: Driver | None,
+) -> RunResult:
+    """A run from nothing, or from the checkpoint in ``folder`` on."""
+    if len(config.hubs) > 1 and (env is not None or driver is not None):
+        raise RunError("several robots have no environment of your own and no driver; train them without")
+    listener = _listening(config, callback)
+    with _prepared(config, env, place, stop) as (ready, learner, signals):
+        import torch
+
+        from bricksrl.training.fleet.loop import FleetLoop
+        from bricksrl.training.fleet.robots import Fleet
+        from bricksrl.training.run_loop import RunLoop, run_state
+
+        if folder is None:
+            warm_start(config, learner, ready)
+            own = {"agent": learner.state_dict(), "pace": {"asked": 0, "done": 0}, "collected": []}
+            state = {**own, **run_state(identity_of(config, ready), [])}
+        else:
+            state = load_state(folder, config, ready)
+        listener.on_env(ready)
+        listener.on_learner(learner)
+        prefill = 0 if config.start is not None else learner.prefill_episodes  # a policy from elsewhere knows better than that
+        with _learning(config, ready, learner, state, signals) as side:
+            torch.set_rng_state(state["generator"])
+            done = [Episode.from_dict(data) for data in state["episodes"]]
+            numbers = (learner.updates_per_step, prefill, state["identity"], done, state["best"])
+            make = FleetLoop if isinstance(ready, Fleet) else RunLoop
+            loop = make(config, ready, side, listener, signals, *numbers, driver=driver)
+            start = loop.begin() if folder is None and not config.updates else None
+            with signals.held_back():
+                if folder is None:
+                    folder = RunFolder.create(config, state, learner.loss_names)
+                else:
+                    folder.clean()
+                    folder.write_episodes(done, learner.loss_names)
+                    folder.write_config(config)
+            del state  # it may be large
+            return loop.run(folder, start)
 
 
-def _csv(rows: Iterable[Iterable[Any]]) -> bytes:
-    text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerows(rows)
-    return text.getvalue().encode()
+@contextmanager
+def _prepared(
+    config: TrainConfig, env: EnvBase | None, place: Placement | None, stop: threading.Event | None
+) -> Iterator[tuple[EnvBase, Learner, StopSignals]]:
+    """Everything that a run needs: repeatable randomness, Ctrl-C in our hands, an open environment, a fresh learner."""
+    from bricksrl.seed import derive_seed
+    from bricksrl.training.seeding import reproducible
+
+    ready = make_env(config, place) if env is None else env
+    signals = StopSignals(stop or threading.Event())
+    try:
+        with reproducible(derive_seed(config.seed, "agent")), signals:
+            learner = make_learner_for(config, ready)
+            if len(config.hubs) > 1 and learner.frames_per_batch > 1:
+                raise RunError(f"{config.agent} collects from many simulated copies; choose another agent for several robots")
+            study(config, learner, ready)
+            yield ready, learner, signals
+    finally:
+        if env is None:
+            ready.close(raise_if_closed=False)
 
 
-def _versions() -> dict[str, str]:
-    packages = {name: metadata.version(name) for name in ("bricksrl", "torch", "torchrl", "tensordict", "mujoco")}
-    return {**packages, "python": platform.python_version()}
+@contextmanager
+def _learning(
+    config: TrainConfig, env: EnvBase, learner: Learner, state: dict[str, Any], signals: StopSignals
+) -> Iterator[InLoopLearner | AsyncLearner]:
+    """The learner from a checkpoint's state on: here, or in a process of its own."""
+    if not config.asynchronous or learner.loss is None or config.updates:
+        from bricksrl.training.learner_side import InLoopLearner
+
+        learner.load_state_dict(state["agent"])
+        yield InLoopLearner(learner, state, env.device)
+        return
+    from bricksrl.training.async_learner import AsyncLearner
+
+    with AsyncLearner(config, env, learner, state) as beside:
+        with signals.at_once():
+            beside.wait_until_ready()
+        yield beside
+
+
+def _listening(config: TrainConfig, callback: Callback | None) -> Callback:
+    """The callback, and the log that the config names."""
+    if config.log == "none":
+        return callback or Callback()
+    from bricksrl.training.loggers import Tracking
+
+    return CallbackList(callback or Callback(), Tracking(config.log))
+
+
+def make_env(config: TrainConfig, place: Placement | None = None) -> EnvBase:
+    """The environment that a config names; ``place`` puts a real robot where an episode starts.
+
+    Raises:
+        UnknownNameError: there is no such environment or hub.
+        RunError: there can be no copies of it.
+    """
+    if len(config.hubs) > 1:
+        from bricksrl.training.fleet.robots import Fleet
+
+        return Fleet(config, place if config.hub != "virtual" else None)
+    if config.num_envs == 1:
+        from bricksrl.envs.registry import make
+
+        return make(config.env, config, seed=config.seed, place=place)
+    from bricksrl.training.collection import make_copies
+
+    try:
+        return make_copies(config.env, config, config.num_envs, seed=config.seed, device=resolve_device(config.device))
+    except DescriptionError as error:
+        raise RunError(f"there can be no {config.num_envs} copies of {config.env}: {error}") from None

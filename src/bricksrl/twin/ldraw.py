@@ -1,4 +1,4 @@
-"""Reads parts of an LDraw library (https://www.ldraw.org) that is installed on this computer, as triangles.
+"""Reader of parts of an LDraw library (https://www.ldraw.org) that is installed on this computer, as triangles.
 
 The formats are those of the LDraw.org file format, its colour definition (``LDConfig.ldr``) and back face culling extensions.
 A part is a tree of files; whatever in it cannot be read is left away, and nothing outside the library is opened.
@@ -57,7 +57,7 @@ class _File:
 
 
 def folder() -> Path | None:
-    """Where an LDraw library is installed: what ``LDRAWDIR`` says, else the system's folder; ``None`` where there is none."""
+    """Folder of an installed LDraw library: what ``LDRAWDIR`` says, else the system's folder; ``None`` where there is none."""
     given = os.environ.get("LDRAWDIR")
     if given and not _is_library(Path(given)):
         _log.warning("LDRAWDIR=%s is no LDraw library (a folder with LDConfig.ldr, parts and p); drawing our own parts", given)

@@ -5,33 +5,34 @@ from __future__ import annotations
 import copy
 import functools
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
 from bricksrl.errors import TwinError
-from bricksrl.robots import MotorKind, Robot, UltrasonicSensor
+from bricksrl.robots import MotorKind, PoweredUpSensor, Robot, SensorKind, UltrasonicSensor
 from bricksrl.twin import ldraw
-from bricksrl.twin.carrier import FixedCarrier, FreeCarrier, Vector
-from bricksrl.twin.models import robo_arm, two_wheeler, walker
-from bricksrl.twin.models.parts import OBSTACLE_GROUP, motor_constants
+from bricksrl.twin.imu import FixedBase, FloatingBase, Vector
+from bricksrl.twin.models.load import load_model
+from bricksrl.twin.models.mjcf import OBSTACLE_GROUP, motor_constants
+from bricksrl.twin.models.planned_looks import Spinners
 from bricksrl.twin.models.rods import Rods
+from bricksrl.twin.objects import Block, Solid
 from bricksrl.twin.physics import Physics, RandomPhysics
 from bricksrl.twin.scene import Scene
-from bricksrl.twin.standing import standing_pose
-
-MODELS: dict[str, Callable[[Robot, Scene], mujoco.MjSpec]] = {
-    "two-wheeler": two_wheeler.build,
-    "walker": walker.build,
-    "robo-arm": robo_arm.build,
-}
+from bricksrl.twin.senses import WorldSenses, percent
+from bricksrl.twin.stance import standing_pose
+from bricksrl.virtual_hub.stimuli import Sense, Sensed, senses
 
 _NEAREST_MM, _FARTHEST_MM = 40, 2000
 _CONE_DEG = (-12.0, -6.0, 0.0, 6.0, 12.0)
+_SEES_NO_FARTHER_MM = {SensorKind.COLOR_DISTANCE: 100.0, SensorKind.INFRARED: 150.0}
+"""Distance that a sensor with infrared light reports as 100 %; estimates."""
 _SETTLING_STEPS = 400
+_FAR_M = 100.0
 # Steps between two looks at the heading: few enough that no robot turns half round in between.
 _STEPS_PER_LOOK = 20
 # What gravity does to a joint that it hardly turns, such as a vertical one, is rounding.
@@ -40,7 +41,7 @@ _LEAST_PULL_NM = 1e-3
 
 @dataclass(frozen=True)
 class Pose:
-    """Where a robot is.
+    """Pose of a robot.
 
     Attributes:
         x_m, y_m: position on the floor of the chassis' origin (2Wheeler: the middle of its axle; RoboArm: always 0).
@@ -55,11 +56,17 @@ class Pose:
 @functools.lru_cache(maxsize=8)
 def _compiled(robot: Robot, scene: Scene, _looks: Path | None) -> mujoco.MjModel:
     """The model, kept because every episode of a training takes a new body: ten times as long as a copy. Copy before use."""
-    return MODELS[robot.name](robot, scene).compile()
+    spec = load_model(robot, scene)
+    try:
+        return spec.compile()
+    except ValueError as error:
+        raise TwinError(
+            f"the model of robot '{robot.name}' does not compile ({' '.join(str(error).split())}); correct it"
+        ) from error
 
 
 class MujocoBody:
-    """A robot in MuJoCo; implements :class:`bricksrl.twin.machine.Body`.
+    """A robot in MuJoCo; implements :class:`bricksrl.virtual_hub.body.Body`.
 
     Everything that happens follows from the arguments and the calls, bit for bit.
 
@@ -78,18 +85,15 @@ class MujocoBody:
     """
 
     def __init__(self, robot: Robot, scene: Scene, physics: Physics | RandomPhysics, seed: int) -> None:
-        if robot.name not in MODELS:
-            raise TwinError(f"robot '{robot.name}' has no MuJoCo model; choose one of {', '.join(MODELS)}")
         if scene.ball and all(motor.name != "grab" for motor in robot.motors):
             raise TwinError(f"robot '{robot.name}' has no gripper that could hold a ball; leave the ball away")
-        self.motors: dict[str, MotorKind] = {motor.port: motor.kind for motor in robot.motors}
-        sonars = [sensor.port for sensor in robot.sensors if isinstance(sensor, UltrasonicSensor)]
-        self.distance_sensors = frozenset(sonars)
+        self.robot = robot
+        self._kinds: dict[str, MotorKind] = {motor.port: motor.kind for motor in robot.motors}
         self.scene = scene
         self.model = copy.copy(_compiled(robot, scene, ldraw.folder()))
         self.data = mujoco.MjData(self.model)
         self._random_physics = physics if isinstance(physics, RandomPhysics) else None
-        self._bind(sonars)
+        self._bind()
         self._remember_nominal()
         self._apply(Physics() if isinstance(physics, RandomPhysics) else physics)
         noise_seed, start_seed = np.random.SeedSequence(seed).spawn(2)
@@ -100,12 +104,17 @@ class MujocoBody:
         self.reset(np.random.default_rng(start_seed))
         self._heading_at_start_deg = self._heading_deg
 
-    def _bind(self, sonars: list[str]) -> None:
+    @property
+    def link_interval_ms(self) -> float:
+        """Connection interval of the hub's link."""
+        return self.physics.link_interval_ms
+
+    def _bind(self) -> None:
         """Look up every name and array once."""
         model, data = self.model, self.data
-        joints = {port: model.joint(f"motor_{port}") for port in self.motors}
+        joints = {port: model.joint(f"motor_{port}") for port in self._kinds}
         self._shaft_dofs = [int(joint.dofadr[0]) for joint in joints.values()]
-        actuators = {port: int(model.actuator(f"motor_{port}").id) for port in self.motors}
+        actuators = {port: int(model.actuator(f"motor_{port}").id) for port in self._kinds}
         self._gears = {port: float(model.actuator_gear[index, 0]) for port, index in actuators.items()}
         self._shaft = {port: (int(joints[port].qposadr[0]), gear * math.degrees(1000.0)) for port, gear in self._gears.items()}
         self._terminals = {port: (index, 1 << int(model.actuator_group[index])) for port, index in actuators.items()}
@@ -113,14 +122,44 @@ class MujocoBody:
         self._backlash = [joint for joint in range(model.njnt) if model.joint(joint).name.startswith("backlash_")]
         self._feet = [geom for geom in range(model.ngeom) if model.geom(geom).name.startswith("foot_")]
         self._moves = bool(model.jnt_type[0] == mujoco.mjtJoint.mjJNT_FREE)
-        self._carrier = FreeCarrier(model, data) if self._moves else FixedCarrier(model, data)
-        self._rods = Rods(model)
-        self._sonar = {port: model.site(f"ultrasonic_{port}").pos.copy() for port in sonars}
-        rays = [(math.cos(math.radians(angle)), math.sin(math.radians(angle)), 0.0) for angle in _CONE_DEG]
-        self._rays = np.array(rays)
+        self._base = FloatingBase(model, data) if self._moves else FixedBase(model, data)
+        self._rods, self._spinners = Rods(model), Spinners(model)
+        rays = np.array([(math.cos(math.radians(angle)), math.sin(math.radians(angle)), 0.0) for angle in _CONE_DEG])
+        sonars = {
+            one.port: self._site(f"ultrasonic_{one.port}") for one in self.robot.sensors if isinstance(one, UltrasonicSensor)
+        }
+        self._sonar = {port: (place, rays @ frame.T) for port, (place, frame) in sonars.items()}
+        others = [one for one in self.robot.sensors if isinstance(one, PoweredUpSensor) and senses(one)]
+        self._kinds_of_sensors = {one.port: one.kind for one in others}
+        self._eyes = {one.port: self._site(f"sensor_{one.port}") for one in others}
+        self._world = WorldSenses(model, data, self.scene)
+        # What can be pushed has a free joint of its own behind the robot's joints.
+        self._pushed = [int(model.joint(f"object_{number}").qposadr[0]) for number in self._pushable()]
         self._seen_groups = np.zeros(6, np.uint8)
         self._seen_groups[OBSTACLE_GROUP] = 1
         self._qpos, self._qvel, self._ctrl = data.qpos, data.qvel, data.ctrl
+
+    def _site(self, name: str) -> tuple[Vector, NDArray[np.float64]]:
+        """Place of a site on the chassis [3], and its axes there as columns [3, 3].
+
+        Raises:
+            TwinError: the model has no such site.
+        """
+        index = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_SITE, name)
+        if index < 0:
+            sensor = next(one for one in self.robot.sensors if one.port == name[-1])
+            raise TwinError(
+                f"the model of robot '{self.robot.name}' has no place for '{sensor.name}' (a site '{name}'); give it one, or the "
+                "robot no model and the scene what the sensor reads"
+            )
+        frame = np.empty(9)
+        mujoco.mju_quat2Mat(frame, self.model.site_quat[index])
+        return self.model.site_pos[index].copy(), frame.reshape(3, 3)
+
+    def _pushable(self) -> dict[int, Block]:
+        """Blocks of the scene that move, by their number among what stands there."""
+        solids = [one for one in self.scene.objects if isinstance(one, Solid)]
+        return {number: one for number, one in enumerate(solids) if isinstance(one, Block) and one.mass_g is not None}
 
     # ---------------------------------------------------------------- physics and start
 
@@ -129,7 +168,7 @@ class MujocoBody:
         self._nominal_friction, self._nominal_pair_friction = model.geom_friction.copy(), model.pair_friction.copy()
         self._nominal_mass, self._nominal_inertia = model.body_mass.copy(), model.body_inertia.copy()
         self._nominal_frictionloss = model.dof_frictionloss[self._shaft_dofs].copy()
-        friction = [motor_constants(kind).friction_nm * abs(self._gears[port]) for port, kind in self.motors.items()]
+        friction = [motor_constants(kind).friction_nm * abs(self._gears[port]) for port, kind in self._kinds.items()]
         self._motor_friction = np.array(friction)
 
     def _apply(self, physics: Physics) -> None:
@@ -153,10 +192,12 @@ class MujocoBody:
 
     def _settle(self) -> None:
         """Open all circuits; let a robot on wheels sink onto the floor and remember how it stands."""
-        for port in self.motors:
+        for port in self._kinds:
             self.set_voltage(port, None)
         if self._feet or not self._moves:
             return
+        if self.scene.objects:
+            self._qpos[0] = _FAR_M  # from whatever stands where the robot will start
         mujoco.mj_step(self.model, self.data, _SETTLING_STEPS)
         self._standing_height_m = float(self._qpos[2])
         self._standing_quaternion = self._qpos[3:7].copy()
@@ -172,6 +213,7 @@ class MujocoBody:
         if self._random_physics is not None:
             self._apply(self._random_physics.sample(rng))
         self._qvel[:] = 0.0
+        self._put_back(rng)
         if self._moves:
             self._place(rng)
         else:
@@ -180,18 +222,27 @@ class MujocoBody:
         mujoco.mj_forward(self.model, self.data)
         self._look_at_heading()
 
+    def _put_back(self, rng: np.random.Generator) -> None:
+        """Put what the robot has pushed back to where it starts."""
+        for address, block in zip(self._pushed, self._pushable().values(), strict=True):
+            self._qpos[address : address + 7] = self.model.qpos0[address : address + 7]
+            if any(block.spread_mm):
+                spread = np.array(block.spread_mm) / 1000
+                self._qpos[address : address + 2] += rng.uniform(-spread, spread)
+
     def _place(self, rng: np.random.Generator) -> None:
         """Put the robot on the floor, before the wall if there is one."""
         yaw = -math.radians(float(rng.uniform(*self.scene.heading_deg)))
         standing, height_m = self._stand()
         turn, quaternion = np.array([math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2)]), np.empty(4)
         mujoco.mju_mulQuat(quaternion, turn, standing)
-        self._qpos[0:3] = (0.0, 0.0, height_m)
+        x_mm, y_mm = (low if low == high else float(rng.uniform(low, high)) for low, high in self.scene.start_mm)
+        self._qpos[0:3] = (x_mm / 1000, y_mm / 1000, height_m)
         self._qpos[3:7] = quaternion
         if self.scene.wall_distance_mm is not None:
             distance_m = float(rng.uniform(*self.scene.wall_distance_mm)) / 1000
             wall = self.model.geom("wall")
-            eyes = self._in_world(next(iter(self._sonar.values())))
+            eyes = self._in_world(next(iter(self._sonar.values()))[0])
             self._qpos[0] = wall.pos[0] - wall.size[0] - distance_m - eyes[0]
             self._qpos[1] = -eyes[1]
 
@@ -219,14 +270,15 @@ class MujocoBody:
             self._qpos[self.model.jnt_qposadr[joint]] = end * self.model.jnt_range[joint, 1]
 
     def pose(self) -> Pose:
-        """Where the robot is, without noise: for metrics, not for agents."""
+        """Pose of the robot, without noise: for metrics, not for agents."""
         self._look_at_heading()
-        x_m, y_m, _ = self._carrier.position().tolist()
+        x_m, y_m, _ = self._base.position().tolist()
         return Pose(x_m, y_m, self._heading_deg)
 
     def pose_looks(self) -> None:
         """Bring what is drawn up to the joints, behind which steps leave it; for whoever draws."""
         mujoco.mj_kinematics(self.model, self.data)
+        self._spinners.turn(self.model, self.data)
         self._rods.turn(self.model, self.data)
         mujoco.mj_camlight(self.model, self.data)
 
@@ -236,7 +288,7 @@ class MujocoBody:
         """Integrate whole steps up to this simulated time."""
         left = time_ms * 2 // 5 - self._steps
         while left > 0:
-            steps = min(left, _STEPS_PER_LOOK)
+            steps = left if left <= _STEPS_PER_LOOK else _STEPS_PER_LOOK
             mujoco.mj_step(self.model, self.data, steps)
             left -= steps
             self._steps += steps
@@ -245,7 +297,7 @@ class MujocoBody:
                 self._look_at_heading()
 
     def _look_at_heading(self) -> None:
-        w, x, y, z = self._carrier.orientation().tolist()
+        w, x, y, z = self._base.orientation().tolist()
         clockwise_deg = math.degrees(math.atan2(-2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)))
         self._steps_unseen = 0
         self._heading_deg += (clockwise_deg - self._heading_deg + 180.0) % 360.0 - 180.0
@@ -274,9 +326,10 @@ class MujocoBody:
 
     def distance_mm(self, port: str) -> int:
         """Nearest obstacle that one of five rays in a cone of 24 degrees meets, with noise; 40..2000."""
-        eyes = self._in_world(self._sonar[port]) + self._carrier.position()
+        place, rays = self._sonar[port]
+        eyes = self._in_world(place) + self._base.position()
         nearest_mm = math.inf
-        for ray in self._rays:
+        for ray in rays:
             metres = mujoco.mj_ray(self.model, self.data, eyes, self._in_world(ray), self._seen_groups, True, -1, None)
             if metres >= 0.0:
                 nearest_mm = min(nearest_mm, metres * 1000.0)
@@ -286,12 +339,31 @@ class MujocoBody:
         reading_mm = round(nearest_mm + deviation_mm * self._noise.standard_normal())
         return min(max(reading_mm, _NEAREST_MM), _FARTHEST_MM)
 
+    def sensed(self, port: str, sense: Sense) -> Sensed:
+        """Stimulus of a sensor now, from the world around it; with noise where it is light that comes back."""
+        kind = self._kinds_of_sensors[port]
+        if sense is Sense.TILT:
+            return self.tilt_deg()
+        if sense is Sense.FORCE:
+            return float(self.data.sensor(f"force_{port}").data[0])
+        if sense is Sense.COUNT:
+            return 0.0
+        place, frame = self._eyes[port]
+        eye, gaze = self._in_world(place) + self._base.position(), self._in_world(frame[:, 0].copy())
+        if sense is Sense.DISTANCE:
+            return percent(self._world.distance_mm(eye, gaze), _SEES_NO_FARTHER_MM[kind])
+        if sense is Sense.AMBIENT:
+            return self._world.ambient(eye, gaze)
+        hue, saturation, value = self._world.surface(eye, gaze)
+        noise_pct = self.physics.color_noise_pct * self._noise.standard_normal()
+        return hue, saturation, min(max(value + noise_pct, 0.0), 100.0)
+
     def tilt_deg(self) -> tuple[float, float]:
         """Pitch (nose down positive) and roll (right side down positive) from the direction of "up" in the hub's frame.
 
         As the firmware does, this takes the fused orientation, which accelerations do not disturb.
         """
-        w, x, y, z = self._carrier.orientation().tolist()
+        w, x, y, z = self._base.orientation().tolist()
         up_x, up_y, up_z = 2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)
         pitch_deg = math.degrees(math.atan2(-up_x, math.hypot(up_y, up_z)))
         roll_deg = math.degrees(math.atan2(up_y, up_z))
@@ -301,13 +373,13 @@ class MujocoBody:
     def angular_velocity_deg_s(self) -> tuple[float, float, float]:
         """Gyroscope in the frame of the hub, with noise; counter-clockwise about each axis is positive."""
         noise = self.physics.gyro_noise_deg_s * self._noise.standard_normal(3)
-        x, y, z = (np.degrees(self._carrier.angular_velocity()) + noise).tolist()
+        x, y, z = (np.degrees(self._base.angular_velocity()) + noise).tolist()
         return x, y, z
 
     def acceleration_mm_s2(self) -> tuple[float, float, float]:
         """Accelerometer in the frame of the hub, with noise; at rest (0, 0, +9810)."""
         noise = self.physics.acceleration_noise_mm_s2 * self._noise.standard_normal(3)
-        x, y, z = (self._carrier.specific_force() * 1000.0 + noise).tolist()
+        x, y, z = (self._base.specific_force() * 1000.0 + noise).tolist()
         return x, y, z
 
     def heading_deg(self) -> float:
@@ -318,5 +390,5 @@ class MujocoBody:
     def _in_world(self, vector: Vector) -> Vector:
         """A vector of the chassis' frame in the directions of the world."""
         turned = np.empty(3)
-        mujoco.mju_rotVecQuat(turned, vector, self._carrier.orientation())
+        mujoco.mju_rotVecQuat(turned, vector, self._base.orientation())
         return turned

@@ -1,4 +1,4 @@
-"""What differs from one real robot to the next: the parameters of a twin, and the ranges they are drawn from."""
+"""Physics of a twin: the parameters that differ from one real robot to the next, and the ranges they are drawn from."""
 
 from __future__ import annotations
 
@@ -7,16 +7,17 @@ import json
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
-
-import numpy as np
+from typing import TYPE_CHECKING, Any
 
 from bricksrl.errors import TwinError
+
+if TYPE_CHECKING:
+    import numpy as np
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """What is known about one field of :class:`Physics`.
+    """Properties of one field of :class:`Physics`.
 
     Attributes:
         unit: of the value; "1" for a factor.
@@ -51,6 +52,7 @@ class Physics:
         tilt_noise_deg: standard deviation of pitch and roll.
         gyro_noise_deg_s: standard deviation of each axis of the gyroscope.
         acceleration_noise_mm_s2: standard deviation of each axis of the accelerometer.
+        color_noise_pct: standard deviation of the light that comes back to a color sensor.
         link_interval_ms: connection interval of Bluetooth; messages travel at its ticks.
 
     Raises:
@@ -74,6 +76,7 @@ class Physics:
     tilt_noise_deg: float = _parameter(0.3, "deg", (0.1, 0.6), (0.0, 10.0), "estimate: a hub at rest")
     gyro_noise_deg_s: float = _parameter(0.5, "deg/s", (0.2, 1.0), (0.0, 50.0), "estimate: a hub at rest")
     acceleration_noise_mm_s2: float = _parameter(20.0, "mm/s2", (10.0, 50.0), (0.0, 2000.0), "estimate: a hub at rest")
+    color_noise_pct: float = _parameter(0.5, "%", (0.2, 1.5), (0.0, 20.0), "estimate: readings of a still sheet of paper")
     link_interval_ms: float = _parameter(
         15.0, "ms", (7.5, 50.0), (0.0, 4000.0), "Bluetooth LE: 7.5 ms to 4 s, computers give 7.5 to 50"
     )
@@ -87,7 +90,7 @@ class Physics:
 
     @classmethod
     def from_dict(cls, data: object) -> Physics:
-        """From names and numbers; what is not named keeps its default.
+        """Physics from names and numbers; what is not named keeps its default.
 
         Raises:
             TwinError: a name is no parameter, or a value is no number that a twin takes.
@@ -114,7 +117,7 @@ def read_physics(path: Path) -> Physics:
         raise TwinError(
             f"cannot read the physics in {path} ({error.strerror}); give a JSON file that `bricksrl twin fit` wrote"
         ) from None
-    except ValueError:
+    except (ValueError, RecursionError):
         raise TwinError(f"{path} is no JSON; give a file that `bricksrl twin fit` wrote") from None
     return Physics.from_dict(data)
 

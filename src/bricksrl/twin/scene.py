@@ -1,4 +1,4 @@
-"""What stands around a virtual robot, and how it is placed at the start of an episode."""
+"""Scene around a virtual robot: what is there, and the robot's place in it at the start of an episode."""
 
 from __future__ import annotations
 
@@ -7,24 +7,33 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from bricksrl.errors import TwinError
-from bricksrl.twin.senses import Reading
+from bricksrl.twin.objects import Object
+from bricksrl.virtual_hub.stimuli import Reading
 
+FLOOR = (0.82, 0.82, 0.84)
+"""Share of red, green and blue light that comes back from the floor where nothing lies on it."""
 _MOST_HEADING_AT_WALL_DEG = 60.0
 
 
 @dataclass(frozen=True)
 class Scene:
-    """An even floor, and maybe a wall ahead of the robot.
+    """An even floor, maybe a wall ahead of the robot, and whatever objects lie and stand about.
 
     Attributes:
         wall_distance_mm: lowest and highest distance from the ultrasonic sensor to the wall at the start, drawn
             uniformly; ``None`` for an open floor.
         heading_deg: lowest and highest heading at the start, drawn uniformly, clockwise positive; 0 looks straight at
             the wall.
+        objects: lines and fields on the floor, walls, blocks, ramps and lamps: see ``bricksrl.twin.objects``.
+        start_mm: ranges of x and of y in which the middle of the robot is at the start, drawn uniformly; where there is a wall
+            ahead, that counts.
+        light_pct: light of the room, as sensors of ambient light read it.
         ball: a red ball in the gripper, for robots that have one.
         readings: for a robot that has no MuJoCo model: what its sensors sense, as a function of the angles of its motors (deg at
             the output, by the motor's name). The name of a sensor, such as ``"light"``, stands for the first thing that it
-            senses, ``"light.ambient"`` for another one; see ``twin/senses.py``.
+            senses, ``"light.ambient"`` for another one; see ``virtual_hub/stimuli.py``.
+        end_stops: for a robot that has no MuJoCo model: where something blocks a motor: its lowest and highest angle (deg at the
+            output, by the motor's name), counted from where it stands when the hub is switched on.
 
     Raises:
         TwinError: at construction, when the robot cannot be placed so.
@@ -32,11 +41,24 @@ class Scene:
 
     wall_distance_mm: tuple[float, float] | None = None
     heading_deg: tuple[float, float] = (0.0, 0.0)
+    objects: tuple[Object, ...] = ()
+    start_mm: tuple[tuple[float, float], tuple[float, float]] = ((0.0, 0.0), (0.0, 0.0))
+    light_pct: float = 20.0
     ball: bool = False
     readings: Mapping[str, Reading] = field(default_factory=dict, hash=False)
+    end_stops: Mapping[str, tuple[float, float]] = field(default_factory=dict, hash=False)
 
     def __post_init__(self) -> None:
         _check_range("heading_deg", self.heading_deg, -180.0, 180.0)
+        for axis, bounds in zip("xy", self.start_mm, strict=True):
+            _check_range(f"start_mm along {axis}", bounds, -10_000.0, 10_000.0)
+        if not 0.0 <= self.light_pct <= 100.0:
+            raise TwinError(f"scene: light_pct is {self.light_pct}; give 0 to 100")
+        for name, (low, high) in self.end_stops.items():
+            if not low <= 0.0 <= high:
+                raise TwinError(
+                    f"scene: the end stops of '{name}' are {low:g} and {high:g}; give (low, high) around 0, where it starts"
+                )
         if self.wall_distance_mm is not None:
             _check_range("wall_distance_mm", self.wall_distance_mm, 20.0, 5000.0)
             _check_range("heading_deg before a wall", self.heading_deg, -_MOST_HEADING_AT_WALL_DEG, _MOST_HEADING_AT_WALL_DEG)

@@ -1,106 +1,107 @@
-"""What sensors sense. A body says that; what their methods return follows from it, as the sensor and the firmware work it out."""
+"""Senses of a robot in a scene: colour, reflection, ambient light, distance and force, read from the world around a sensor.
+
+Estimates, where LEGO says nothing: the spot that a colour sensor sees widens with its distance, and beyond 20 mm less of its own
+light comes back (LEGO's technical sheet gives 16 mm as the best distance).
+"""
 
 from __future__ import annotations
 
 import colorsys
-import enum
-from collections.abc import Callable, Mapping
+import math
 
-from bricksrl.errors import TwinError
-from bricksrl.robots import PoweredUpSensor, Sensor, SensorKind
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
 
-Sensed = float | tuple[float, ...]
-"""A number; a color as (hue, saturation, value); or a tilt as (pitch, roll)."""
-Reading = Callable[[Mapping[str, float]], Sensed]
-"""What is sensed, from the angles of the motors (deg at the output, by the motor's name)."""
-Hsv = tuple[int, int, int]
+from bricksrl.twin.models.mjcf import OBSTACLE_GROUP
+from bricksrl.twin.objects import COLORS, Field, Lamp, Line, Solid
+from bricksrl.twin.scene import FLOOR, Scene
+
+Floats = NDArray[np.float64]
+
+_SPOT_MM, _SPOT_RATIO = 1.0, 0.3
+"""Radius of the spot that a colour sensor sees: at no distance, and what is added for each millimetre."""
+_POINTS = 19
+_FULL_LIGHT_MM = 20.0
+_LAMP_MM = 300.0
+_FARTHEST_M = 3.0
+_WALL_COLOR = (0.78, 0.16, 0.12)
 
 
-class Sense(enum.StrEnum):
-    """Something outside of a sensor.
+class WorldSenses:
+    """What sensors meet in the world, from the place and the direction of each.
 
-    SURFACE: how a surface looks in the sensor's own light: a color, or the brightness of a gray in %.
-    AMBIENT: the light that falls into the sensor while its own is off: likewise.
-    DISTANCE: mm for the ultrasonic sensor, % for those with infrared light.
-    FORCE: N on the button.
-    TILT: pitch and roll in degrees.
-    COUNT: how many things have passed by.
+    Args:
+        model, data: of the robot in its scene.
+        scene: whose objects are seen.
     """
 
-    SURFACE = "surface"
-    AMBIENT = "ambient"
-    DISTANCE = "distance"
-    FORCE = "force"
-    TILT = "tilt"
-    COUNT = "count"
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, scene: Scene) -> None:
+        self._model, self._data, self._scene = model, data, scene
+        self._marks = [one for one in reversed(scene.objects) if isinstance(one, (Line, Field))]
+        self._lamps = [one for one in scene.objects if isinstance(one, Lamp)]
+        solids = [one for one in scene.objects if isinstance(one, Solid)]
+        self._colors = {int(model.geom(f"object_{number}").id): COLORS[one.color] for number, one in enumerate(solids)}
+        self._obstacles = np.zeros(6, np.uint8)
+        self._obstacles[OBSTACLE_GROUP] = 1
+        # Sunflower: points that fill a disc evenly (Vogel 1979).
+        number = np.arange(_POINTS) + 0.5
+        angle, radius = number * math.pi * (3.0 - math.sqrt(5.0)), np.sqrt(number / _POINTS)
+        self._disc = np.stack([radius * np.cos(angle), radius * np.sin(angle)], -1)
+
+    def surface(self, eye_m: Floats, gaze: Floats) -> tuple[float, float, float]:
+        """Colour (hue, saturation, value) that a sensor at ``eye_m`` sees along ``gaze`` in its own light."""
+        distance_m, geom = self._ray(eye_m, gaze)
+        floor_m = -eye_m[2] / gaze[2] if gaze[2] < -1e-6 else math.inf
+        if floor_m < distance_m:
+            rgb, distance_m = self._floor(eye_m + floor_m * gaze, floor_m), floor_m
+        elif geom >= 0:
+            rgb = np.array(self._colors.get(geom, _WALL_COLOR))
+        else:
+            return 0.0, 0.0, 0.0
+        lit = min(1.0, (_FULL_LIGHT_MM / max(distance_m * 1000.0, 1e-6)) ** 2)
+        hue, saturation, value = colorsys.rgb_to_hsv(*np.clip(rgb * lit, 0.0, 1.0).tolist())
+        return hue * 360.0, saturation * 100.0, value * 100.0
+
+    def ambient(self, eye_m: Floats, gaze: Floats) -> float:
+        """Light from elsewhere that falls into a sensor, %: that of the room, and that of each lamp which nothing hides."""
+        light_pct = self._scene.light_pct
+        for lamp in self._lamps:
+            way = np.array(lamp.at_mm) / 1000.0 - eye_m
+            distance_m = float(np.linalg.norm(way))
+            cosine = float(way @ gaze) / max(distance_m, 1e-9)
+            if cosine > 0.0 and self._ray(eye_m, way / distance_m)[0] >= distance_m:
+                light_pct += lamp.light_pct * cosine * (_LAMP_MM / max(distance_m * 1000.0, _LAMP_MM / 10)) ** 2
+        return min(light_pct, 100.0)
+
+    def distance_mm(self, eye_m: Floats, gaze: Floats) -> float:
+        """Way to what is next along ``gaze``, the floor included; infinite where there is nothing."""
+        distance_m, _ = self._ray(eye_m, gaze)
+        floor_m = -eye_m[2] / gaze[2] if gaze[2] < -1e-6 else math.inf
+        nearest_m = min(distance_m, floor_m)
+        return nearest_m * 1000.0 if nearest_m < _FARTHEST_M else math.inf
+
+    def _ray(self, eye_m: Floats, gaze: Floats) -> tuple[float, int]:
+        """Distance (m) and number of the first obstacle along a ray; infinite and -1 where there is none."""
+        met = np.full(1, -1, np.int32)
+        distance_m = mujoco.mj_ray(self._model, self._data, eye_m, gaze, self._obstacles, True, -1, met)
+        return (math.inf, -1) if distance_m < 0 else (float(distance_m), int(met[0]))
+
+    def _floor(self, at_m: Floats, distance_m: float) -> Floats:
+        """Mean colour of the spot of the floor around a place that is looked at from a distance."""
+        radius_mm = _SPOT_MM + _SPOT_RATIO * distance_m * 1000.0
+        points_mm = at_m[:2] * 1000.0 + radius_mm * self._disc
+        rgb, open_points = np.tile(np.array(FLOOR), (_POINTS, 1)), np.ones(_POINTS, bool)
+        for mark in self._marks:  # the uppermost first
+            covered = open_points & mark.covers(points_mm)
+            rgb[covered] = COLORS[mark.color]
+            open_points &= ~covered
+            if not open_points.any():
+                break
+        mean: Floats = rgb.mean(0)
+        return mean
 
 
-_SENSES = {
-    SensorKind.COLOR: (Sense.SURFACE, Sense.AMBIENT),
-    SensorKind.COLOR_DISTANCE: (Sense.SURFACE, Sense.DISTANCE, Sense.AMBIENT),
-    SensorKind.FORCE: (Sense.FORCE,),
-    SensorKind.INFRARED: (Sense.DISTANCE, Sense.COUNT),
-    SensorKind.TILT: (Sense.TILT,),
-    SensorKind.LIGHT: (),
-    SensorKind.COLOR_LIGHT_MATRIX: (),
-}
-UNSAID: Mapping[Sense, float] = {Sense.AMBIENT: 0.0, Sense.DISTANCE: 100.0, Sense.COUNT: 0.0}
-"""Of a sense that is not a sensor's first, and of which nobody says anything: it is dark, and nothing is near or has passed."""
-
-
-def senses(sensor: Sensor) -> tuple[Sense, ...]:
-    """What a sensor senses, the first thing first, which a scene names by the sensor alone; nothing for lights."""
-    return _SENSES[sensor.kind] if isinstance(sensor, PoweredUpSensor) else (Sense.DISTANCE,)
-
-
-def number(sensed: Sensed) -> float:
-    """A sense that is one number.
-
-    Raises:
-        TwinError: it is something else.
-    """
-    return float(_expect(sensed, 1)[0])
-
-
-def brightness_pct(sensed: Sensed) -> float:
-    """The value of a color, 0..100; a number is that of a gray.
-
-    Raises:
-        TwinError: it is neither.
-    """
-    value = sensed if isinstance(sensed, int | float) else _expect(sensed, 3)[2]
-    return min(max(float(value), 0.0), 100.0)
-
-
-def color(sensed: Sensed) -> Hsv:
-    """Hue 0..359, saturation and value 0..100; a number is the value of a gray.
-
-    Raises:
-        TwinError: it is neither.
-    """
-    hue, saturation, value = (0.0, 0.0, sensed) if isinstance(sensed, int | float) else _expect(sensed, 3)
-    return round(hue) % 360, *(min(max(round(share), 0), 100) for share in (saturation, value))  # type: ignore[return-value]
-
-
-def pitch_and_roll(sensed: Sensed) -> tuple[float, float]:
-    """Both angles of a tilt.
-
-    Raises:
-        TwinError: it is something else.
-    """
-    pitch, roll = _expect(sensed, 2)
-    return pitch, roll
-
-
-def reflection_pct(hsv: Hsv) -> int:
-    """The mean of red, green and blue, as the firmware reckons it."""
-    hue, saturation, value = hsv
-    return int(round(sum(colorsys.hsv_to_rgb(hue / 360, saturation / 100, value / 100)) / 3 * 100, 6))
-
-
-def _expect(sensed: Sensed, count: int) -> tuple[float, ...]:
-    values = sensed if isinstance(sensed, tuple) else (sensed,)
-    if len(values) != count:
-        expected = {1: "a number", 2: "(pitch, roll)", 3: "a brightness or (hue, saturation, value)"}[count]
-        raise TwinError(f"the scene lets a sensor sense {sensed}; give {expected}")
-    return values
+def percent(distance_mm: float, most_mm: float) -> float:
+    """Share of a distance in that from which on nothing is seen, %."""
+    return 100.0 * min(distance_mm / most_mm, 1.0)

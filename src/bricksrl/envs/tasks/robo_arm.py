@@ -40,14 +40,15 @@ under the threshold and 0 else.
 
 ## Success and metrics
 
-An episode succeeds when it reaches the goal. The metric is the sum of the four angles at the end, `final_error_deg`.
+An episode succeeds when it reaches the goal. The metric is the sum of the four joints' angles to
+their goals at the end, `error_sum_deg`.
 """
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from bricksrl.envs.task import HostEntry, Task
+from bricksrl.envs.task import SampledEntry, Task
 from bricksrl.envs.tasks.walker import shortest_angle_deg
 from bricksrl.errors import DescriptionError
 from bricksrl.hub.interface import Interface, MotorAngle, RunAngle, Wait
@@ -97,7 +98,7 @@ def robo_arm(env_id: str, *, sparse: bool = False, threshold_deg: float = THRESH
         return terminated(observations[..., -1, :])[..., 0]
 
     def metrics(observations: Tensor) -> dict[str, Tensor]:
-        return {"final_error_deg": error_deg(observations[..., -1, :])[..., 0]}
+        return {"error_sum_deg": error_deg(observations[..., -1, :])[..., 0]}
 
     return Task(
         id=env_id,
@@ -109,5 +110,5 @@ def robo_arm(env_id: str, *, sparse: bool = False, threshold_deg: float = THRESH
         success=success,
         metrics=metrics,
         terminated=terminated,
-        host_entries=tuple(HostEntry(f"{c.motor}_goal", c.low, c.high, "deg") for c in _CHANNELS),
+        sampled_entries=tuple(SampledEntry(f"{c.motor}_goal", c.low, c.high, "deg", wraps=c.wraps) for c in _CHANNELS),
     )

@@ -56,8 +56,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bricksrl.envs.camera import CameraView, VisualGoal
 from bricksrl.envs.task import Task
+from bricksrl.envs.vision.camera import CameraView, VisualGoal
 from bricksrl.hub.interface import Interface, MotorAngle, RunAngle, Wait
 from bricksrl.robots import ROBO_ARM
 from bricksrl.twin.scene import Scene
@@ -101,7 +101,7 @@ def robo_arm_mixed(env_id: str, *, sparse: bool = False, camera: int | str = 0, 
     """
     goal = GOAL
     if calibration is not None:
-        from bricksrl.envs.red import read_red
+        from bricksrl.envs.vision.color_calibration import read_red
 
         goal = replace(GOAL, red=read_red(Path(calibration)))
 

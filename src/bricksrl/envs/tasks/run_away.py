@@ -75,7 +75,7 @@ def terminated(observation: Tensor) -> Tensor:
 
 
 def success(observations: Tensor) -> Tensor:
-    """Whether the episode ``[*batch, steps, n]`` ended well away from the wall; bool ``[*batch]``."""
+    """True if the episode ``[*batch, steps, n]`` ended well away from the wall; bool ``[*batch]``."""
     return observations[..., -1, _DISTANCE.start] >= AWAY_MM
 
 

@@ -45,7 +45,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from bricksrl.envs.task import HostEntry, Task
+from bricksrl.envs.task import SampledEntry, Task
 from bricksrl.hub.interface import Interface, MotorAngle, Pitch, Roll, RunAngle, Wait, YawRate
 from bricksrl.robots import TWO_WHEELER
 
@@ -65,7 +65,7 @@ def reward(_previous: Tensor, _action: Tensor, observation: Tensor) -> Tensor:
 
 
 def success(observations: Tensor) -> Tensor:
-    """Whether the episode ``[*batch, steps, n]`` spun fast enough, the right way round; bool ``[*batch]``."""
+    """True if the episode ``[*batch, steps, n]`` spun fast enough, the right way round; bool ``[*batch]``."""
     return _mean_yaw_rate_deg_s(observations) >= SUCCESS_DEG_S
 
 
@@ -95,5 +95,5 @@ SPINNING = Task(
     reward=reward,
     success=success,
     metrics=metrics,
-    host_entries=(HostEntry("direction", 0, 1, whole=True),),
+    sampled_entries=(SampledEntry("direction", 0, 1, whole=True),),
 )

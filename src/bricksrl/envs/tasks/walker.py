@@ -75,7 +75,7 @@ def shortest_angle_deg(one: Tensor, other: Tensor) -> Tensor:
 
 
 def gait_reward(observation: Tensor) -> Tensor:
-    """How far the legs are from a trot, 0 at best; ``[*batch, 1]``."""
+    """Distance of the legs from a trot, 0 at best; ``[*batch, 1]``."""
     lf, rf, lb, rb = (observation[..., i : i + 1] for i in range(4))
     apart = shortest_angle_deg(lf, rf) + shortest_angle_deg(lb, rb)
     together = shortest_angle_deg(lf, rb) + shortest_angle_deg(rf, lb)
@@ -93,12 +93,12 @@ def terminated(observation: Tensor) -> Tensor:
 
 
 def success(observations: Tensor) -> Tensor:
-    """Whether the robot stayed on its legs in the episode ``[*batch, steps, n]``; bool ``[*batch]``."""
+    """True if the robot stayed on its legs in the episode ``[*batch, steps, n]``; bool ``[*batch]``."""
     return ~terminated(observations)[..., 0].any(-1)
 
 
 def metrics(observations: Tensor) -> dict[str, Tensor]:
-    """How much of a trot the episode ``[*batch, steps, n]`` was; ``[*batch]``."""
+    """Share of a trot in the episode ``[*batch, steps, n]``; ``[*batch]``."""
     return {"mean_gait_reward": gait_reward(observations)[..., 0].mean(-1)}
 
 

@@ -46,7 +46,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from bricksrl.envs.task import MeasuredEntry, Task
+from bricksrl.entry import Entry
+from bricksrl.envs.task import Task
 from bricksrl.envs.tasks.walker import INTERFACE, terminated
 from bricksrl.robots import WALKER
 
@@ -67,7 +68,7 @@ def reward(_previous: Tensor, _action: Tensor, observation: Tensor) -> Tensor:
 
 
 def success(observations: Tensor) -> Tensor:
-    """Whether the robot got ahead on its legs in the episode ``[*batch, steps, n]``; bool ``[*batch]``."""
+    """True if the robot got ahead on its legs in the episode ``[*batch, steps, n]``; bool ``[*batch]``."""
     fell = terminated(observations)[..., 0].any(-1)
     return (observations[..., _FORWARD.start].mean(-1) >= SUCCESS_STEP_MM) & ~fell
 
@@ -88,5 +89,5 @@ WALKER_FORWARD = Task(
     metrics=metrics,
     terminated=terminated,
     walks=True,
-    measured_entries=(MeasuredEntry("forward", -100.0, 100.0, "mm"),),
+    measured_entries=(Entry("forward", -100.0, 100.0, "mm", limits=(-32767.0, 32767.0)),),
 )

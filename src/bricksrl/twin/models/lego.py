@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import mujoco
 
 from bricksrl.twin.models.looks import dressed
-from bricksrl.twin.models.shapes import (
+from bricksrl.twin.models.meshes import (
     X_AXIS,
     Y_AXIS,
     Z_AXIS,

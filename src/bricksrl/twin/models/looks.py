@@ -1,4 +1,4 @@
-"""Our parts as an LDraw library has them, where one is installed. Looks only: the physics never sees them.
+"""Parts of an installed LDraw library in place of our own. Looks only: the physics never sees them.
 
 A part of the library is turned into the frame of ours and put where ours is. One whose size is another than ours is not what we
 take it for, and ours stays.
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from bricksrl.errors import TwinError
 from bricksrl.twin import ldraw
-from bricksrl.twin.models.shapes import Floats, Part, Shape, merge
+from bricksrl.twin.models.meshes import Floats, Part, Shape, merge
 
 _log = logging.getLogger(__name__)
 _SHARP = np.cos(np.radians(38.0))
@@ -82,15 +82,15 @@ def _shapes(root: Path, name: str, axes: tuple[int, int, int]) -> tuple[tuple[st
     by_colour: dict[str, list[Shape]] = {}
     for code, triangles in library.part(name).items():
         colour = "" if code == ldraw.MAIN_COLOUR else "#" + "".join(f"{round(part * 255):02x}" for part in library.rgba(code))
-        if (shape := _shape(triangles @ turn.T * ldraw.MM_PER_UNIT)) is not None:
+        if (shape := shape_of(triangles @ turn.T * ldraw.MM_PER_UNIT)) is not None:
             by_colour.setdefault(colour, []).append(shape)
     if not by_colour:
         raise TwinError(f"'{name}' of the LDraw library in {root} has no surface; install the library anew")
     return tuple((colour, merge(shapes)) for colour, shapes in by_colour.items())
 
 
-def _shape(triangles: Floats) -> Shape | None:
-    """A mesh of triangles [n, 3, 3], round where they meet at small angles; ``None`` when none has an area."""
+def shape_of(triangles: Floats) -> Shape | None:
+    """A mesh of triangles [n, 3, 3], round where they meet at small angles; ``None`` when none has an area; in their units."""
     across = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     area = np.linalg.norm(across, axis=1)
     triangles, across, area = triangles[area > 1e-6], across[area > 1e-6], area[area > 1e-6]

@@ -15,7 +15,8 @@ import mujoco
 from bricksrl.errors import TwinError
 from bricksrl.robots import Motor, Robot
 from bricksrl.twin.models import lego
-from bricksrl.twin.models.parts import (
+from bricksrl.twin.models.meshes import X_AXIS, Y_AXIS, Z_AXIS, Part, draw
+from bricksrl.twin.models.mjcf import (
     LOOKS_GROUP,
     SHAPE_GROUP,
     Triple,
@@ -26,7 +27,6 @@ from bricksrl.twin.models.parts import (
     add_surroundings,
     new_spec,
 )
-from bricksrl.twin.models.shapes import X_AXIS, Y_AXIS, Z_AXIS, Part, draw
 from bricksrl.twin.scene import Scene
 
 WEBCAM_HEIGHT_M = 0.68

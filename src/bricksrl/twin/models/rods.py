@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import mujoco
 
-from bricksrl.twin.models.parts import SHAPE_GROUP, Triple
+from bricksrl.twin.models.mjcf import SHAPE_GROUP, Triple
 
 _PREFIX = "rod_"
 

@@ -8,10 +8,21 @@ from __future__ import annotations
 import mujoco
 
 from bricksrl.errors import TwinError
-from bricksrl.robots import Motor, Robot, UltrasonicSensor
+from bricksrl.robots import Motor, PoweredUpSensor, Robot, UltrasonicSensor
 from bricksrl.twin.models import lego
-from bricksrl.twin.models.parts import SHAPE_GROUP, add_box, add_camera, add_light, add_motor, add_surroundings, new_spec
-from bricksrl.twin.models.shapes import X_AXIS, Y_AXIS, Z_AXIS, Part, draw
+from bricksrl.twin.models.meshes import X_AXIS, Y_AXIS, Z_AXIS, Part, draw
+from bricksrl.twin.models.mjcf import (
+    SHAPE_GROUP,
+    STIFF,
+    add_box,
+    add_camera,
+    add_caster,
+    add_light,
+    add_motor,
+    add_surroundings,
+    new_spec,
+)
+from bricksrl.twin.models.mounts import mount_sensor
 from bricksrl.twin.scene import Scene
 
 _HUB = (-0.016, 0.0, 0.036)
@@ -21,7 +32,6 @@ _CASTER_RADIUS = 0.0096
 _MOTOR_Y = 0.028
 _TYRE_HALF_WIDTH = 0.007
 # Contacts settle in 6 ms: at MuJoCo's default of 20 ms the robot sinks into the floor by half a millimetre.
-_STIFF = [0.006, 1.0]
 
 
 def build(robot: Robot, scene: Scene) -> mujoco.MjSpec:
@@ -42,10 +52,11 @@ def build(robot: Robot, scene: Scene) -> mujoco.MjSpec:
     _add_masses(chassis)
     chassis.add_site(name="imu", pos=list(_HUB), group=SHAPE_GROUP)
     chassis.add_site(name=f"ultrasonic_{sensors[0].port}", pos=list(_EYES), group=SHAPE_GROUP)
+    further = [mount_sensor(spec, chassis, sensor, radius) for sensor in robot.sensors if isinstance(sensor, PoweredUpSensor)]
     _add_wheel(spec, chassis, robot.motor(base.left), half_track, radius)
     _add_wheel(spec, chassis, robot.motor(base.right), -half_track, radius)
     lego.add_colours(spec)
-    draw(spec, chassis, _chassis_parts())
+    draw(spec, chassis, [*_chassis_parts(), *further])
     add_light(chassis)
     add_camera(chassis, "chase", (-0.005, 0.0, 0.01), (-0.62, -0.62, 0.55), 0.42)
     add_camera(chassis, "portrait", (-0.002, 0.0, 0.008), (0.75, -0.52, 0.45), 0.30)
@@ -59,20 +70,7 @@ def _add_masses(chassis: mujoco.MjsBody) -> None:
         add_box(chassis, (-0.024, side * _MOTOR_Y, 0.0), (0.036, 0.016, 0.012), 0.060)
     add_box(chassis, (0.046, 0.0, 0.024), (0.012, 0.028, 0.012), 0.030)
     add_box(chassis, (-0.020, 0.0, 0.016), (0.044, 0.024, 0.004), 0.040)
-    # The ball rolls: no friction. (Dry friction of a sliding ball would make the contact chatter at every step.)
-    chassis.add_geom(
-        name="caster",
-        type=mujoco.mjtGeom.mjGEOM_SPHERE,
-        pos=list(_CASTER),
-        size=[_CASTER_RADIUS, 0, 0],
-        mass=0.010,
-        condim=1,
-        priority=1,
-        solref=_STIFF,
-        group=SHAPE_GROUP,
-        contype=1,
-        conaffinity=0,
-    )
+    add_caster(chassis, _CASTER, _CASTER_RADIUS, 0.010)
 
 
 def _add_wheel(spec: mujoco.MjSpec, chassis: mujoco.MjsBody, motor: Motor, y: float, radius: float) -> None:
@@ -103,7 +101,7 @@ def _add_wheel(spec: mujoco.MjSpec, chassis: mujoco.MjsBody, motor: Motor, y: fl
         mass=0.018,
         friction=[1.0, 0.005, 0.0001],
         priority=1,
-        solref=_STIFF,
+        solref=STIFF,
         group=SHAPE_GROUP,
         contype=1,
         conaffinity=0,

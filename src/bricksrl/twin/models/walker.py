@@ -15,8 +15,10 @@ import mujoco
 from bricksrl.errors import TwinError
 from bricksrl.robots import Motor, Robot, UltrasonicSensor
 from bricksrl.twin.models import lego
-from bricksrl.twin.models.parts import (
+from bricksrl.twin.models.meshes import X_AXIS, Y_AXIS, Z_AXIS, Part, draw
+from bricksrl.twin.models.mjcf import (
     SHAPE_GROUP,
+    STIFF,
     add_box,
     add_camera,
     add_light,
@@ -26,7 +28,6 @@ from bricksrl.twin.models.parts import (
     pair_contacts,
 )
 from bricksrl.twin.models.rods import add_rod
-from bricksrl.twin.models.shapes import X_AXIS, Y_AXIS, Z_AXIS, Part, draw
 from bricksrl.twin.scene import Scene
 
 _HUB = (0.0, 0.0, 0.016)
@@ -38,7 +39,6 @@ _CRANK, _THIGH, _SHANK, _ROCKER = 0.008, 0.040, 0.056, 0.032
 _ROCKER_AT = (-0.032, 0.040)
 """Where the rocker is pinned to the chassis: along x towards the middle and upwards, from the crank's axis."""
 _FOOT_RADIUS, _FOOT_HALF_WIDTH, _FOOT_OUT = 0.0038, 0.016, 0.004
-_STIFF = [0.006, 1.0]
 _HINGE = mujoco.mjtJoint.mjJNT_HINGE
 
 
@@ -141,7 +141,7 @@ def _add_leg(spec: mujoco.MjSpec, chassis: mujoco.MjsBody, motor: Motor, corner:
         mass=0.010,
         friction=[0.8, 0.005, 0.0001],
         priority=1,
-        solref=_STIFF,
+        solref=STIFF,
         group=SHAPE_GROUP,
         contype=1,
         conaffinity=0,

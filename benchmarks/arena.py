@@ -1,0 +1,123 @@
+"""Arena: a catcher that has learned, against a random and a scripted runner, and a film of it.
+
+    python benchmarks/arena.py --seeds 5 --film docs/images/tag.mp4
+
+Each catcher learns Tag-v0 against the scripted runner in the kinematic simulation, and is then evaluated in the arena itself: two
+virtual hubs in one MuJoCo world, some episodes a seed against each runner, whose starts differ from those of the training. The
+script of the catcher and a random one are measured beside it.
+"""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import torch
+from machine import command, write
+from torchrl.envs.utils import ExplorationType, set_exploration_type
+
+from bricksrl.envs.arenas import make_arena
+from bricksrl.evaluation.statistics import FEWEST_SEEDS, wilson_interval
+from bricksrl.training.teams.groups import TeamSettings, team_policy
+from bricksrl.training.teams.team import TeamConfig, load_team, play_team, train_team
+
+ENV, FRAMES, COPIES = "Tag-v0", 400_000, 256
+SETTINGS = {"ippo": TeamSettings(), "sac": TeamSettings(updates_per_step=8.0)}
+FRAMES_OF = {"ippo": FRAMES, "sac": 100_000}
+RUNNERS = ("random", "flee")
+EVALUATION_SEED = 7000
+FRAME_MS = 50
+
+
+def rate(successes: list[bool], *, seeds: int) -> dict[str, Any]:
+    """A share, with its Wilson interval from five seeds on."""
+    found: dict[str, Any] = {"won": sum(successes), "episodes": len(successes)}
+    found["rate"] = round(sum(successes) / len(successes), 3)
+    if seeds >= FEWEST_SEEDS:
+        interval = wilson_interval(sum(successes), len(successes))
+        found["rate_95"] = [round(interval.low, 3), round(interval.high, 3)]
+    return found
+
+
+def learned(agent: str, seeds: int, episodes: int, folder: Path) -> dict[str, Any]:
+    """Catchers of one algorithm against each runner."""
+    won: dict[str, list[bool]] = {runner: [] for runner in RUNNERS}
+    cpu_s = []
+    for seed in range(seeds):
+        started_s = time.process_time()
+        config = TeamConfig(ENV, {"catcher": agent}, {"runner": "flee"}, FRAMES_OF[agent], COPIES, seed)
+        path = folder / f"{agent}-{seed}.bin"
+        train_team(config, SETTINGS[agent]).save(path)
+        cpu_s.append(round(time.process_time() - started_s, 1))
+        env = make_arena(ENV)
+        for runner in RUNNERS:
+            played = play_team(env, load_team(path, {"runner": runner}).policy, episodes, EVALUATION_SEED + seed)
+            won[runner] += [one.success for one in played]
+            print(agent, seed, runner, sum(one.success for one in played), "of", episodes, flush=True)
+        env.close()
+    return {"training_cpu_s": cpu_s, **{f"against_{runner}": rate(outcomes, seeds=seeds) for runner, outcomes in won.items()}}
+
+
+def scripts(episodes: int) -> dict[str, Any]:
+    """The catcher's script, and a random catcher, against each runner."""
+    env = make_arena(ENV)
+    found: dict[str, Any] = {}
+    for catcher in ("chase", "random"):
+        for runner in RUNNERS:
+            policy = team_policy(env, {}, {"catcher": catcher, "runner": runner})
+            played = play_team(env, policy, episodes, EVALUATION_SEED)
+            found[f"{catcher}_against_{runner}"] = rate([one.success for one in played], seeds=1)
+    env.close()
+    return found
+
+
+def film(team: Path, path: Path, episodes: int) -> int:
+    """Film episodes against the scripted runner; returns the number of frames."""
+    from bricksrl.twin.render.opengl import Renderer, VideoWriter
+
+    env, policy, frames = make_arena(ENV), load_team(team).policy, 0
+    with VideoWriter(path, 1000 / FRAME_MS) as video:
+        for number in range(episodes):
+            env.set_seed(EVALUATION_SEED + number)
+            with Renderer(env.world.bodies[0], 480, 360, "arena", shadows=True) as renderer:
+                due_ms = 0
+
+                def take(time_ms: int, renderer: Renderer = renderer) -> None:
+                    nonlocal due_ms, frames
+                    if time_ms >= due_ms:
+                        due_ms, frames = time_ms + FRAME_MS, frames + 1
+                        video.add(renderer.render())
+
+                state = env.reset()
+                env.world.on_time = take
+                with torch.no_grad(), set_exploration_type(ExplorationType.DETERMINISTIC):
+                    while True:
+                        frame = env.step(policy(state))
+                        if bool(frame["next", "done"]):
+                            break
+                        state = env.step_mdp(frame)
+    env.close()
+    return frames
+
+
+def main() -> None:
+    """Measure all and write the results."""
+    parser = command(__doc__)
+    parser.add_argument("--agents", nargs="+", default=["ippo"])
+    parser.add_argument("--seeds", type=int, default=5)
+    parser.add_argument("--episodes", type=int, default=20)
+    parser.add_argument("--film", type=Path)
+    chosen = parser.parse_args()
+    torch.set_num_threads(1)
+    with tempfile.TemporaryDirectory() as folder:
+        agents = {agent: learned(agent, chosen.seeds, chosen.episodes, Path(folder)) for agent in chosen.agents}
+        result = {"environment": ENV, "frames": FRAMES_OF, "copies": COPIES, "seeds": chosen.seeds, "agents": agents}
+        print(write("arena", {**result, "scripts": scripts(chosen.episodes)}))
+        if chosen.film is not None:
+            print(film(Path(folder) / f"{chosen.agents[0]}-0.bin", chosen.film, 3), "frames")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,98 @@
+"""Learning from many simulated copies at once: CPU seconds until the best actions are worth a goal on WalkerSim-v0.
+
+    python benchmarks/copies.py [--seeds 5] [--limit 120]
+
+PPO with 4,096 copies to -12, SAC with 256 copies to -10.5, one thread, each run in a process of its own, start-up included. After
+each round (as many steps of all copies as an episode has) the policy is evaluated on deterministic episodes, and the time of that
+counts too. A run that does not get there within ``--limit`` CPU seconds counts as that.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+ENV = "WalkerSim-v0"
+GOALS = {"ppo": (4096, -12.0), "sac": (256, -10.5)}
+"""Copies, and the mean return to reach."""
+EVALUATED = 40
+ONE_THREAD = {"OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1", "RL_LOGGING_LEVEL": "WARNING"}
+
+
+def run(agent: str, seed: int, limit_s: float) -> list[list[float]]:
+    """CPU seconds, steps of all copies and mean return after each round."""
+    import torch
+    from stopping import StopWhen
+
+    from bricksrl.training import Episode, TrainConfig, train
+
+    torch.set_num_threads(1)
+    copies, goal = GOALS[agent]
+    rounds: list[list[float]] = []
+
+    def is_over(episode: Episode) -> bool:
+        value = float("nan") if episode.evaluation is None else episode.evaluation
+        rounds.append([round(time.process_time(), 1), episode.steps, round(value, 2)])
+        return value >= goal or time.process_time() > limit_s
+
+    with tempfile.TemporaryDirectory() as folder:
+        callback = StopWhen(is_over)
+        config = TrainConfig(
+            ENV,
+            agent,
+            1000,
+            seed,
+            num_envs=copies,
+            eval_every=1,
+            eval_episodes=EVALUATED,
+            record=False,
+            run_dir=Path(folder) / "run",
+        )
+        train(config, callback, stop=callback.stop)
+    return rounds
+
+
+def main() -> None:
+    """Run all seeds and write the results."""
+    from machine import command, write
+
+    parser = command(__doc__)
+    parser.add_argument("--agents", nargs="+", default=list(GOALS), choices=list(GOALS))
+    parser.add_argument("--seeds", type=int, default=5)
+    parser.add_argument("--limit", type=float, default=120.0, help="CPU seconds of a run at most")
+    chosen = parser.parse_args()
+    agents: dict[str, Any] = {}
+    for agent in chosen.agents:
+        copies, goal = GOALS[agent]
+        runs = []
+        for seed in range(chosen.seeds):
+            here = [sys.executable, __file__, "--run", agent, str(seed), str(chosen.limit)]
+            answer = subprocess.run(here, env=os.environ | ONE_THREAD, capture_output=True, text=True, check=True)  # noqa: S603
+            runs.append(json.loads(answer.stdout.splitlines()[-1]))
+            print(agent, seed, runs[-1][-1], flush=True)
+        times = [one[-1][0] if one[-1][2] >= goal else chosen.limit for one in runs]
+        agents[agent] = {
+            "copies": copies,
+            "goal": goal,
+            "cpu_s_median": statistics.median(times),
+            "cpu_s": times,
+            "reached": sum(one[-1][2] >= goal for one in runs),
+            "rounds": runs,
+        }
+        found = agents[agent]
+        print(f"{agent}: {found['cpu_s_median']} CPU s to {goal}, {found['reached']} of {len(runs)}")
+    print(write("copies", {"setup": {"env": ENV, "evaluated": EVALUATED, "limit_s": chosen.limit}, "agents": agents}))
+
+
+if __name__ == "__main__":
+    if sys.argv[1:2] == ["--run"]:
+        print(json.dumps(run(sys.argv[2], int(sys.argv[3]), float(sys.argv[4]))))
+    else:
+        main()

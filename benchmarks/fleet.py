@@ -1,0 +1,183 @@
+"""Fleet: several virtual robots in real time against one, and a link that is cut for half a minute.
+
+    python benchmarks/fleet.py --seeds 5
+
+Each run is `bricksrl train RunAway-v0 --realtime` with SAC's default settings, with one robot and with four. Its time is that
+from the first robot's first step to the end of the first of three episodes in a row that return 20 of 20, on the wall's clock;
+what the processes take to start is left out. In one more run of four the first robot's link is cut for 30 seconds. Counted are
+then the frames that the replay buffer and the dataset hold, and the links between frames of the buffer that are not one robot's
+successive steps.
+"""
+
+from __future__ import annotations
+
+import json
+import tempfile
+import threading
+import time
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from machine import RESULTS, command, write
+
+from bricksrl.evaluation.statistics import interquartile_mean, stratified_bootstrap_interval
+from bricksrl.training import Callback, Episode, Progress, RobotState, TrainConfig, train
+
+ENV, GOAL, IN_A_ROW = "RunAway-v0", 20.0, 3
+CUT_S, CUT_AFTER = 30.0, 4
+
+
+class UntilSolved(Callback):
+    """Notes when three episodes in a row were perfect, and what the robots were doing."""
+
+    def __init__(self) -> None:
+        self.returns: list[float] = []
+        self.solved: Episode | None = None
+
+    def on_episode(self, episode: Episode, progress: Progress) -> None:
+        self.returns.append(episode.return_)
+        if self.solved is None and self.returns[-IN_A_ROW:] == [GOAL] * IN_A_ROW:
+            self.solved = episode
+
+
+def race(robots: int, seed: int, episodes: int) -> dict[str, Any]:
+    """One run; ends soon after it is solved."""
+    notes, stop = UntilSolved(), threading.Event()
+
+    class Until(UntilSolved):
+        def on_episode(self, episode: Episode, progress: Progress) -> None:
+            super().on_episode(episode, progress)
+            if self.solved is not None:
+                stop.set()
+
+    notes = Until()
+    with tempfile.TemporaryDirectory() as folder:
+        config = TrainConfig(ENV, episodes=episodes, robots=robots, realtime=True, seed=seed, run_dir=Path(folder) / "run")
+        result = train(config, notes, stop=stop)
+    solved = notes.solved
+    return {
+        "seed": seed,
+        "solved_s": None if solved is None else round(solved.seconds, 1),
+        "steps": None if solved is None else solved.steps,
+        "episodes": len(result.episodes),
+        "updates_per_step": result.updates_per_step,
+    }
+
+
+class Cut(Callback):
+    """Cuts the first robot's link after some episodes, and notes when it left and came back."""
+
+    def __init__(self) -> None:
+        self.fleet: Any = None
+        self.cut_s: float | None = None
+        self.left: list[float] = []
+        self.back: list[float] = []
+        self.elsewhere = 0
+        self.stop = threading.Event()
+
+    def on_env(self, env: Any) -> None:
+        self.fleet = env
+
+    def on_robot(self, robot: str, state: RobotState, reason: str) -> None:
+        if robot != "virtual-1" or self.cut_s is None:
+            return
+        since_s = round(time.monotonic() - self.cut_s, 1)
+        if state is RobotState.LEFT:
+            self.left.append(since_s)
+        elif state is RobotState.ACTING and self.left:
+            self.back.append(since_s)
+
+    def on_episode(self, episode: Episode, progress: Progress) -> None:
+        if episode.episode == CUT_AFTER:
+            self.cut_s = time.monotonic()
+            self.fleet.cut("virtual-1", CUT_S)
+        if self.left and not self.back and episode.robot != "virtual-1":
+            self.elsewhere += 1
+        if self.back and episode.robot == "virtual-1":
+            self.stop.set()  # it came back and has played an episode
+
+
+def with_a_cut(episodes: int) -> dict[str, Any]:
+    """A run of four robots, one of which is out of reach for a while, and what is left of it."""
+    import torch
+
+    from bricksrl.data.reader import load
+    from bricksrl.training.checkpoint import load_checkpoint
+
+    notes = Cut()
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "run"
+        result = train(TrainConfig(ENV, episodes=episodes, robots=4, realtime=True, run_dir=path), notes, stop=notes.stop)
+        data = load(path / "data")
+        memory = load_checkpoint(path / "checkpoint.bin")["agent"]["memory"]
+    rows = memory["rows"]
+    held = Counter(map(_key, zip(rows["observation"], rows["action"], rows["next.observation"], strict=True)))
+    recorded = Counter(map(_key, zip(data.observation, data.action, data.next_observation, strict=True)))
+    ended = sum(episode.length for episode in result.episodes)
+    wrong = [
+        place
+        for place, after in enumerate(memory.get("successor", torch.empty(0)).tolist())
+        if after < len(rows["action"]) and not torch.equal(rows["next.observation"][place], rows["observation"][after])
+    ]
+    return {
+        "episodes": len(result.episodes),
+        "left_s_after_the_cut": notes.left[:1],
+        "back_s_after_the_cut": notes.back[:1],
+        "episodes_of_the_others_meanwhile": notes.elsewhere,
+        "episodes_by_robot": dict(Counter(row.about.robot for row in data.rows)),
+        "frames_of_ended_episodes": ended,
+        "frames_in_the_dataset": len(data),
+        "frames_in_the_replay_buffer": len(rows["action"]),
+        "frames_of_ended_episodes_missing_in_the_dataset": max(0, ended - len(data)),
+        "frames_in_the_buffer_that_the_dataset_lacks": (held - recorded).total(),
+        "frames_linked_with_another_robots": len(wrong),
+    }
+
+
+def _key(parts: Any) -> tuple[float, ...]:
+    import torch
+
+    return tuple(torch.cat(parts).tolist())
+
+
+def summarised(runs: list[dict[str, Any]]) -> dict[str, Any]:
+    """Runs, and what their times say together; an interval only of five or more that were all solved."""
+    times = [run["solved_s"] for run in runs if run["solved_s"] is not None]
+    summary: dict[str, Any] = {"runs": runs, "solved": len(times)}
+    if times:
+        summary["solved_s_iqm"] = round(float(interquartile_mean(np.array(times))), 1)
+    if len(times) >= 5 and len(times) == len(runs):
+        interval = stratified_bootstrap_interval([times])
+        summary["solved_s_95"] = [round(interval.low, 1), round(interval.high, 1)]
+    return summary
+
+
+def main() -> None:
+    """Measure all and write the results."""
+    parser = command(__doc__)
+    parser.add_argument("--seeds", type=int, default=5)
+    parser.add_argument("--episodes", type=int, default=60, help="at most, of each run")
+    parser.add_argument("--go-on", action="store_true", help="keep the runs that the results hold")
+    parser.add_argument("--cut-episodes", type=int, default=150, help="at most, of the run with a cut")
+    chosen = parser.parse_args()
+    results: dict[str, Any] = {"environment": ENV, "agent": "sac", "goal": f"{IN_A_ROW} episodes of {GOAL:g} in a row"}
+    known = json.loads((RESULTS / "fleet.json").read_text()) if chosen.go_on else {}
+    for robots in (1, 4):
+        name = f"{robots}_robots" if robots > 1 else "1_robot"
+        runs = known.get(name, {}).get("runs", [])
+        for seed in range(len(runs), chosen.seeds):
+            runs.append(race(robots, seed, chosen.episodes))
+            results[name] = summarised(runs)
+            print(robots, runs[-1], write("fleet", {**known, **results}), flush=True)
+        results[name] = summarised(runs)
+    one, four = results["1_robot"].get("solved_s_iqm"), results["4_robots"].get("solved_s_iqm")
+    results["times_as_fast"] = None if one is None or four is None else round(one / four, 2)
+    results["cut"] = with_a_cut(chosen.cut_episodes)
+    print(results["times_as_fast"], results["cut"], flush=True)
+    print(write("fleet", results))
+
+
+if __name__ == "__main__":
+    main()

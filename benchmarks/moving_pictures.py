@@ -1,0 +1,69 @@
+"""Small moving pictures of robots before and after learning, for the README: a GIF of each run's films.
+
+    bricksrl train Walker-v1 --episodes 20 --seed 0 --run runs/walker
+    python benchmarks/moving_pictures.py runs/walker
+
+Writes ``docs/images/<environment>_learning.gif``, each below a megabyte: where one is larger, it gets fewer pixels and colours.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterator
+from pathlib import Path
+
+import imageio_ffmpeg
+import numpy as np
+from machine import command
+from PIL import Image
+
+from bricksrl.training import RunFolder
+
+FOLDER = Path(__file__).parents[1] / "docs" / "images"
+MOST_BYTES = 1_000_000
+SIZES = ((640, 96), (560, 64), (480, 48), (400, 32), (320, 24), (256, 16))
+"""Width in px and number of colours, the best first."""
+FPS, LONGEST_S = 6.0, 9.0
+
+
+def frames(video: Path) -> Iterator[Image.Image]:
+    """Pictures of a film, :data:`FPS` a second, of its first :data:`LONGEST_S` seconds."""
+    reader = imageio_ffmpeg.read_frames(str(video))
+    about = next(reader)
+    width, height = about["size"]
+    step = about["fps"] / FPS
+    for number, frame in enumerate(reader):
+        if number >= LONGEST_S * about["fps"]:
+            break
+        if int(number / step) != int((number - 1) / step) or number == 0:
+            yield Image.fromarray(np.frombuffer(frame, np.uint8).reshape(height, width, 3))
+    reader.close()
+
+
+def gif(pictures: list[Image.Image], width: int, colours: int) -> bytes:
+    """A GIF that repeats for ever, all of its pictures in the same colours: what does not move costs nothing."""
+    small = [one.resize((width, round(width * one.height / one.width)), Image.Resampling.LANCZOS) for one in pictures]
+    palette = small[len(small) // 2].quantize(colours, dither=Image.Dither.NONE)
+    flat = [one.quantize(palette=palette, dither=Image.Dither.NONE) for one in small]
+    data = io.BytesIO()
+    flat[0].save(data, "GIF", save_all=True, append_images=flat[1:], duration=round(1000 / FPS), loop=0, optimize=True)
+    return data.getvalue()
+
+
+def main() -> None:
+    parser = command(__doc__)
+    parser.add_argument("runs", nargs="+", type=Path, metavar="RUN", help="folder of a run that was filmed")
+    for run in parser.parse_args().runs:
+        pictures = list(frames(run / "before_after.mp4"))
+        name = RunFolder(run).read_config().env.lower().replace("-", "_")
+        for width, colours in SIZES:
+            data = gif(pictures, width, colours)
+            if len(data) < MOST_BYTES:
+                break
+        path = FOLDER / f"{name}_learning.gif"
+        path.write_bytes(data)
+        print(f"{path}: {len(data) / 1000:.0f} kB, {width} px wide, {colours} colours, {len(pictures)} pictures")
+
+
+if __name__ == "__main__":
+    main()

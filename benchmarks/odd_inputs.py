@@ -1,0 +1,407 @@
+"""Odd inputs at the command line: options, files, environments, signals. No traceback, nothing lost, no wrong verdict.
+
+Most run in this process. The seed draws them all; the same seed gives the same inputs.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import io
+import json
+import os
+import random
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+import traceback
+from collections import Counter
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+from machine import command as command_line
+from machine import write
+
+LONGEST_S = 60
+VALUES = (
+    "",
+    " ",
+    "nan",
+    "inf",
+    "-1",
+    "0",
+    "1e400",
+    "9" * 40,
+    "-0.0",
+    "ü☃",
+    "true",
+    "null",
+    "[]",
+    "../..",
+    "/dev/null",
+    "a=b",
+    "x" * 5000,
+)
+FLAGS = {
+    "train RoboArmSim-v0 --agent random --episodes 1": (
+        "--agent", "--preset", "--settings", "--set", "--device", "--num-envs", "--eval-every", "--eval-episodes", "--stop-at",
+        "--episodes", "--seed", "--seeds", "--data", "--from", "--patience", "--hub", "--physics", "--option", "--take-over",
+    ),
+    "evaluate RUN --episodes 1": ("--env", "--episodes", "--seed", "--hub", "--physics"),
+    "record RoboArmSim-v0 --episodes 1 --out NEW": ("--policy", "--episodes", "--seed", "--out", "--hub", "--option"),
+    "data split DATA --out NEW --rest NEW2": ("--share", "--seed", "--out"),
+    "data export DATA --format numpy --out NEW": ("--format", "--out"),
+    "data plot DATA --out NEW.png": ("--out",),
+    "compare RUN": ("--out",),
+    "hub program RunAway-v0": ("--out",),
+    "tune RoboArmSim-v0 --agent random --folder NEW": ("--agent", "--trials", "--steps", "--seeds", "--episodes", "--seed"),
+}  # fmt: skip
+PLACES = (
+    "train ODD", "evaluate ODD", "resume ODD", "compare ODD", "plot ODD --out NEW.png", "check ODD", "settings ODD", "trust ODD",
+    "data info ODD", "data check ODD", "data repair ODD", "data merge ODD --out NEW", "hub program ODD", "hub run ODD",
+    "plan check ODD", "plan parts ODD", "new task ODD", "ODD", "data ODD", "hub ODD",
+    "export ODD --format torch-export --out NEW",
+)  # fmt: skip
+ENVIRONMENTS: tuple[dict[str, str], ...] = (
+    {"LC_ALL": "C", "PYTHONUTF8": "0"}, {"PYTHONIOENCODING": "ascii"}, {"PYTHONIOENCODING": "utf-16"}, {"COLUMNS": "0"},
+    {"COLUMNS": "-5"}, {"COLUMNS": "x"}, {"COLUMNS": "3"}, {"TERM": "dumb"}, {"TERM": ""}, {"HOME": "/nonexistent"}, {"HOME": ""},
+    {"XDG_CONFIG_HOME": "/dev/null"}, {"XDG_CACHE_HOME": "/dev/null"}, {"MPLBACKEND": "nope"}, {"MPLCONFIGDIR": "/dev/null"},
+    {"MUJOCO_GL": "osmesa"}, {"MUJOCO_GL": "nope"}, {"MUJOCO_GL": ""}, {"PYTHONOPTIMIZE": "1"}, {"PYTHONOPTIMIZE": "2"},
+    {"PYTHONDONTWRITEBYTECODE": "1"}, {"PYTHONHASHSEED": "7"}, {"NO_COLOR": "1"}, {"FORCE_COLOR": "1"}, {"LANG": "xx_XX"},
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """Outcome of one command: its exit code and what it wrote; ``fault`` says what went wrong, if anything did."""
+
+    code: int
+    out: str
+    err: str
+    fault: str = ""
+
+
+@dataclass(frozen=True)
+class Case:
+    """One input: its kind, what it is in words, and the trial, which returns a fault or an empty text."""
+
+    kind: str
+    about: str
+    trial: Callable[[], str]
+
+
+class TookTooLong(BaseException):
+    """The alarm rang."""
+
+
+def run(arguments: list[str]) -> Outcome:
+    """The command in this process."""
+    from bricksrl.cli import main
+
+    def ring(_signum: int, _frame: FrameType | None) -> None:
+        raise TookTooLong
+
+    out, err = (io.TextIOWrapper(io.BytesIO(), "utf-8", write_through=True) for _ in range(2))
+    before = signal.signal(signal.SIGALRM, ring)
+    signal.alarm(LONGEST_S)
+    fault, code = "", -1
+    try:
+        with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+            try:
+                code = main(arguments)
+            except SystemExit as end:
+                code = int(end.code or 0)
+    except TookTooLong:
+        fault = f"took more than {LONGEST_S} s"
+    except BaseException as error:  # noqa: BLE001  that is what is looked for
+        fault = f"traceback: {type(error).__name__}: {error} {traceback.format_tb(error.__traceback__)[-1].strip()}"[:400]
+    finally:
+        signal.alarm(0)
+        signal.signal(signal.SIGALRM, before)
+    said, told = (stream.buffer.getvalue().decode(errors="replace") for stream in (out, err))
+    return Outcome(code, said, told, fault or verdict(code, told))
+
+
+def verdict(code: int, err: str) -> str:
+    """Fault in how a command ended: a traceback, another exit code than it may have, or an error of several lines."""
+    if "Traceback (most recent call last)" in err:
+        return f"traceback: {err.strip().splitlines()[-1]}"[:400]
+    if code not in (0, 1, 2):
+        return f"exit code {code}"
+    errors = [line for line in err.splitlines() if line.startswith("error:")]
+    if code == 2 and len(errors) != 1:
+        return f"{len(errors)} lines of error"
+    return ""
+
+
+def digest(root: Path) -> str:
+    """Of all files of a folder."""
+    found = hashlib.sha256()
+    for path in sorted(root.rglob("*")):
+        if path.is_file():
+            found.update(str(path.relative_to(root)).encode() + path.read_bytes())
+    return found.hexdigest()
+
+
+@dataclass(frozen=True)
+class Workshop:
+    """A folder with a run and a dataset that every trial may damage copies of."""
+
+    root: Path
+
+    @property
+    def run(self) -> Path:
+        return self.root / "run"
+
+    @property
+    def data(self) -> Path:
+        return self.root / "dataset"
+
+    def prepare(self) -> None:
+        """Make the run and the dataset."""
+        for command in (
+            f"train RoboArmSim-v0 --episodes 3 --run {self.run}",
+            f"record RunAway-v0 --episodes 3 --out {self.data}",
+        ):
+            done = run(command.split())
+            if done.code:
+                raise RuntimeError(done.err or done.fault)
+
+    def words(self, command: str, at: Path, odd: str = "") -> list[str]:
+        """The words of a command with paths in place of RUN, DATA, NEW."""
+        names = {"RUN": str(self.run), "DATA": str(self.data), "NEW": str(at / "new"), "NEW2": str(at / "new2"), "ODD": odd}
+        return [re.sub(r"^(RUN|DATA|NEW2|NEW|ODD)", lambda found: names[found[1]], word) for word in command.split()]
+
+
+def in_folder(trial: Callable[[Path], str]) -> Callable[[], str]:
+    """A trial in a new folder, which is removed afterwards."""
+
+    def tried() -> str:
+        before = Path.cwd()
+        with tempfile.TemporaryDirectory() as folder:
+            os.chdir(folder)
+            try:
+                return trial(Path(folder))
+            finally:
+                os.chdir(before)
+
+    return tried
+
+
+def option_cases(shop: Workshop, rng: random.Random, count: int) -> Iterator[Case]:
+    """Odd values of options, and odd places."""
+    every = [(f"{base} {flag}", value) for base, flags in FLAGS.items() for flag in flags for value in VALUES]
+    every += [(place, value) for place in PLACES for value in VALUES]
+    for command, value in rng.sample(every, count):
+
+        def trial(folder: Path, command: str = command, value: str = value) -> str:
+            before = digest(shop.root)
+            words = shop.words(command, folder, value)
+            words = words if "ODD" in command else [*words, value]
+            if words[0] == "train" and "--run" not in words:
+                words += ["--run", str(folder / "made")]
+            done = run(words)
+            return done.fault or ("a run or a dataset was changed" if digest(shop.root) != before else "")
+
+        yield Case("options", f"{command} {value[:40]!r}", in_folder(trial))
+
+
+def damaged(data: bytes, how: str, rng: random.Random) -> bytes:
+    """A file's content after an accident."""
+    middle = rng.randrange(1, max(2, len(data) - 1))
+    return {
+        "cut": data[:middle],
+        "empty": b"",
+        "zeros": bytes(len(data)),
+        "flip": data[:middle] + bytes([data[middle] ^ (1 << rng.randrange(8))]) + data[middle + 1 :] if len(data) > 1 else b"",
+        "brackets": b"[" * 100_000,
+        "null": b"null",
+        "twice": data + data,
+        "noise": rng.randbytes(len(data)),
+    }[how]
+
+
+def file_cases(shop: Workshop, rng: random.Random, count: int) -> Iterator[Case]:
+    """Damaged files of runs and datasets."""
+    of_run = [path.relative_to(shop.root) for path in shop.run.glob("*") if path.suffix in (".json", ".csv", ".bin")]
+    of_data = [path.relative_to(shop.root) for path in shop.data.rglob("*") if path.is_file() and not path.name.startswith(".")]
+    for _ in range(count):
+        place = rng.choice(of_run) if rng.random() < 0.5 else rng.choice(of_data)
+        how = rng.choice(["cut", "empty", "zeros", "flip", "brackets", "null", "twice", "noise"])
+        seed = rng.randrange(2**31)
+        is_run = place.parts[0] == "run"
+        choices = ("evaluate ODD --episodes 1", "resume ODD", "compare ODD") if is_run else ("data check ODD", "data info ODD")
+        command = rng.choice(choices)
+
+        def trial(folder: Path, place: Path = place, how: str = how, seed: int = seed, command: str = command) -> str:
+            copy = folder / "copy"
+            shutil.copytree(shop.root, copy)
+            path = copy / place
+            before = path.read_bytes()
+            path.write_bytes(damaged(before, how, random.Random(seed)))
+            done = run(shop.words(command, folder, str(copy / place.parts[0])))
+            if done.fault:
+                return done.fault
+            after = path.read_bytes()
+            is_same = after == before or _same_json(before, after) or _same_table(before, after)
+            if command.startswith("data check") and done.code == 0 and not is_same:
+                return f"check says all is well with a damaged {place.name}"
+            return ""
+
+        yield Case("files", f"{command} with {place} {how}", in_folder(trial))
+
+
+def _same_json(before: bytes, after: bytes) -> bool:
+    """True where nothing but white space, or the last digits of a number, differ."""
+    try:
+        one, other = (re.sub(r"(\d\.\d{5})\d+", r"\1", json.dumps(json.loads(data))) for data in (before, after))
+    except (ValueError, RecursionError):
+        return False
+    return one == other
+
+
+def _same_table(before: bytes, after: bytes) -> bool:
+    """True where two Parquet files hold the same table: a bit that nobody reads may differ."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    try:
+        one, other = (pq.read_table(io.BytesIO(data)) for data in (before, after))
+    except (pa.ArrowException, OSError, ValueError):
+        return False
+    return bool(one.equals(other))
+
+
+def mutant_cases(rng: random.Random, count: int) -> Iterator[Case]:
+    """Files of one's own with a line too few, a word too many."""
+    from bricksrl.cli import templates
+
+    folder = Path(templates.__file__).parent
+    for _ in range(count):
+        kind, seed = rng.choice(["task", "robot", "agent"]), rng.randrange(2**31)
+
+        def trial(at: Path, kind: str = kind, seed: int = seed) -> str:
+            own = random.Random(seed)
+            lines = (folder / f"{kind}.py").read_text(encoding="utf-8").splitlines()
+            body = [index for index, line in enumerate(lines) if line.strip() and index > 8]
+            index = own.choice(body)
+            how = own.randrange(4)
+            if how == 0:
+                del lines[index]
+            elif how == 1:
+                lines[index] = re.sub(r"\d+(\.\d+)?", own.choice(["-1", "0", "1e9", "nan", "None"]), lines[index])
+            elif how == 2:
+                lines[index] = re.sub(r'"\w+"', '"nonsense"', lines[index])
+            else:
+                lines[index] = lines[index].replace("(", "((", 1)
+            (at / "own.py").write_text("\n".join(lines) + "\n", encoding="utf-8")
+            return run(["check", "own.py"]).fault
+
+        yield Case("mutants", f"check of a mutant of the {kind} template, seed {seed}", in_folder(trial))
+
+
+def process(arguments: list[str], variables: dict[str, str], folder: Path) -> subprocess.Popen[str]:
+    """The command in a process of its own."""
+    command = [sys.executable, "-m", "bricksrl", *arguments]
+    env = {**os.environ, "MUJOCO_GL": "disable", **variables}
+    return subprocess.Popen(  # noqa: S603  our own interpreter
+        command, cwd=folder, env=env, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, errors="replace"
+    )
+
+
+def environment_cases(shop: Workshop, rng: random.Random, count: int) -> Iterator[Case]:
+    """Odd environments."""
+    commands = ("list", "settings sac", "hub program RunAway-v0", "evaluate RUN --episodes 1", "data info DATA", "train --help")
+    every = [(variables, command) for variables in ENVIRONMENTS for command in commands]
+    for variables, command in rng.sample(every, count):
+
+        def trial(folder: Path, variables: dict[str, str] = variables, command: str = command) -> str:
+            started = process(shop.words(command, folder), variables, folder)
+            out, err = started.communicate(timeout=180)
+            return verdict(started.returncode, err) or ("" if out or err else "it said nothing")
+
+        yield Case("environments", f"{command} with {variables}", in_folder(trial))
+
+
+def signal_cases(rng: random.Random, count: int) -> Iterator[Case]:
+    """Signals at random moments; what was begun is then absent, or in order."""
+    for _ in range(count):
+        which, delay_s = rng.choice([signal.SIGINT, signal.SIGTERM, signal.SIGKILL]), rng.uniform(0.3, 12.0)
+        command = rng.choice(["train RoboArmSim-v0 --episodes 500 --run made", "record RunAway-v0 --episodes 500 --out made"])
+
+        def trial(folder: Path, which: int = which, delay_s: float = delay_s, command: str = command) -> str:
+            started = process(command.split(), {}, folder)
+            time.sleep(delay_s)
+            started.send_signal(which)
+            _, err = started.communicate(timeout=180)
+            if "Traceback" in err and "bricksrl/" in err.rpartition("Traceback")[2]:
+                return f"traceback: {err.strip().splitlines()[-1]}"[:400]
+            if not (folder / "made").exists():
+                return ""
+            data = folder / "made/data" if command.startswith("train") else folder / "made"
+            if which == signal.SIGKILL and data.exists():
+                done = run(["data", "repair", str(data)])
+                if done.fault or (done.code and "there is no dataset" not in done.err):
+                    return done.fault or f"repair: {done.err or done.out}"
+            if command.startswith("train"):
+                done = run(["evaluate", "made", "--episodes", "1"])
+                return done.fault or ("" if done.code == 0 else f"the run is lost: {done.err}")
+            done = run(["data", "check", "made"])
+            is_empty = "there is no dataset" in done.err
+            return done.fault or ("" if done.code == 0 or is_empty else f"the dataset is damaged: {done.out}{done.err}"[:300])
+
+        yield Case("signals", f"{signal.Signals(which).name} after {delay_s:.1f} s in {command}", in_folder(trial))
+
+
+def cases(shop: Workshop, seed: int, scale: float) -> Iterator[Case]:
+    """All inputs."""
+    rng = random.Random(seed)
+    yield from option_cases(shop, rng, round(250 * scale))
+    yield from file_cases(shop, rng, round(140 * scale))
+    yield from mutant_cases(rng, round(60 * scale))
+    yield from environment_cases(shop, rng, round(30 * scale))
+    yield from signal_cases(rng, round(20 * scale))
+
+
+def main() -> int:
+    """Try them, print faults, write the result."""
+    parser = command_line(__doc__)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--scale", type=float, default=1.0, help="share of the 500 inputs")
+    arguments = parser.parse_args()
+    os.environ["MUJOCO_GL"] = "disable"
+    tried: Counter[str] = Counter()
+    faults: list[dict[str, str]] = []
+    began_s = time.monotonic()
+    with tempfile.TemporaryDirectory() as folder:
+        os.environ["XDG_CONFIG_HOME"] = str(Path(folder) / "settings")
+        shop = Workshop(Path(folder) / "shop")
+        shop.prepare()
+        for case in cases(shop, arguments.seed, arguments.scale):
+            tried[case.kind] += 1
+            fault = case.trial()
+            if fault:
+                faults.append({"kind": case.kind, "input": case.about, "fault": fault})
+                print(f"{case.kind}: {case.about}: {fault}", flush=True)
+    result: dict[str, Any] = {
+        "seed": arguments.seed,
+        "inputs": dict(tried),
+        "total": sum(tried.values()),
+        "faults": faults,
+        "seconds": round(time.monotonic() - began_s),
+    }
+    print(f"{sum(tried.values())} inputs, {len(faults)} faults, {result['seconds']} s")
+    if arguments.scale == 1.0:
+        print(write("odd_inputs", result))
+    return 1 if faults else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

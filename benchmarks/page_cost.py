@@ -1,0 +1,99 @@
+"""Cost of the live page for a run that learns as fast as it goes: CPU time and time on the wall of each step.
+
+    python benchmarks/page_cost.py
+
+Walker-v1, the same episodes each time, in turn without a page, with a page that nobody looks at, and with one that a browser's
+connection reads all the time (in a process of its own, which draws nothing). One thread learns; the page's own thread counts in
+the CPU time.
+"""
+
+from __future__ import annotations
+
+import os
+import statistics
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+from machine import command, write
+
+from bricksrl.envs import get_task
+from bricksrl.page.live import LivePage
+from bricksrl.page.training import PageCallback
+from bricksrl.training import TrainConfig, train
+from bricksrl.training.config import settings_for
+
+ENV = "Walker-v1"
+READER = """
+import sys, time
+from websockets.sync.client import connect
+url = sys.argv[1]
+host = url.split("/")[2]
+socket = connect(f"ws://{host}/ws?{url.partition('?')[2]}", origin=f"http://{host}", compression=None, max_size=None)
+poses = total = 0
+start = time.monotonic()
+try:
+    while True:
+        message = socket.recv()
+        total += len(message)
+        poses += isinstance(message, bytes) and message[0] == 1
+except Exception:
+    print(poses / (time.monotonic() - start), total / (time.monotonic() - start))
+"""
+
+
+def run(episodes: int, folder: Path, kind: str) -> dict[str, float]:
+    """CPU and wall seconds of a run, and frames and bytes a second of who looked."""
+    config = TrainConfig(ENV, episodes=episodes, settings=settings_for(ENV, "default", "sac"), run_dir=folder, record=False)
+    told: dict[str, float] = {}
+    if kind == "without":
+        cpu_s, wall_s = time.process_time(), time.perf_counter()
+        train(config)
+        return {"cpu_s": time.process_time() - cpu_s, "wall_s": time.perf_counter() - wall_s}
+    stop = threading.Event()
+    with LivePage(ENV, task=get_task(ENV), on_stop=stop.set) as page:
+        reader = None
+        if kind == "watched":
+            reading = [sys.executable, "-c", READER, page.url]
+            reader = subprocess.Popen(reading, stdout=subprocess.PIPE, text=True)  # noqa: S603  our own arguments
+            time.sleep(1.0)
+        cpu_s, wall_s = time.process_time(), time.perf_counter()
+        train(config, PageCallback(page, stop), driver=page.driver, stop=stop)
+        told = {"cpu_s": time.process_time() - cpu_s, "wall_s": time.perf_counter() - wall_s}
+    if reader is not None:
+        out, _ = reader.communicate(timeout=30)
+        told["frames_per_s"], told["bytes_per_s"] = map(float, out.split())
+    return told
+
+
+def main() -> None:
+    parser = command(__doc__)
+    parser.add_argument("--episodes", type=int, default=4)
+    parser.add_argument("--repeats", type=int, default=5)
+    arguments = parser.parse_args()
+    os.environ["OMP_NUM_THREADS"] = "1"
+    kinds = ("without", "unwatched", "watched")
+    runs: dict[str, list[dict[str, float]]] = {kind: [] for kind in kinds}
+    with tempfile.TemporaryDirectory() as folder:
+        run(2, Path(folder) / "warm", "without")
+        for repeat in range(arguments.repeats):
+            for kind in kinds:
+                runs[kind].append(run(arguments.episodes, Path(folder) / f"{kind}{repeat}", kind))
+    base = statistics.median(one["cpu_s"] for one in runs["without"])
+    results: dict[str, Any] = {"env": ENV, "episodes": arguments.episodes, "repeats": arguments.repeats}
+    for kind in kinds:
+        median = {name: statistics.median(one[name] for one in runs[kind]) for name in runs[kind][0]}
+        results[kind] = {
+            **{name: round(value, 3) for name, value in median.items()},
+            "cpu_ratio": round(median["cpu_s"] / base, 3),
+        }
+        print(kind, results[kind])
+    write("page_cost", results)
+
+
+if __name__ == "__main__":
+    main()

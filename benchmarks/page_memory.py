@@ -1,0 +1,91 @@
+"""Memory of the live page over ten minutes: of the process that plays and serves, and of a browser tab that draws.
+
+    python benchmarks/page_memory.py --minutes 10
+
+A Walker plays at the speed of a real robot in a page that a headless Chromium shows. Resident memory and the tab's heap (after a
+collection of garbage) are read every half minute; growth is the slope of a line through them without the first two minutes.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import resource
+import shutil
+import sys
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+from machine import command, write
+from playwright.sync_api import sync_playwright
+
+import bricksrl
+from bricksrl.errors import StoppedError
+from bricksrl.page.live import LivePage
+from bricksrl.page.play import play_on_page
+from bricksrl.policies.named import random_player
+
+FLAGS = ("--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist")
+WARM_S = 120.0
+
+
+def resident_mb() -> float:
+    """Of this process."""
+    status = Path("/proc/self/status")
+    if status.exists():
+        line = next(line for line in status.read_text().splitlines() if line.startswith("VmRSS"))
+        return float(line.split()[1]) / 1024
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024 / (1024 if sys.platform == "darwin" else 1)
+
+
+def main() -> None:
+    parser = command(__doc__)
+    parser.add_argument("--minutes", type=float, default=10.0)
+    parser.add_argument("--env", default="Walker-v1")
+    arguments = parser.parse_args()
+    env, stop = bricksrl.make(arguments.env, seed=0), threading.Event()
+    page = LivePage(arguments.env, task=env.task, policies=("random",), speed="1x")
+    rows: list[tuple[float, float, float, int]] = []
+
+    def look() -> None:
+        with sync_playwright() as playwright:
+            browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=list(FLAGS))
+            tab = browser.new_page(viewport={"width": 800, "height": 600})
+            tab.goto(page.url)
+            tab.wait_for_selector("#scene[data-frames]", timeout=120_000)
+            session, start_s = tab.context.new_cdp_session(tab), time.monotonic()
+            while (now_s := time.monotonic() - start_s) < 60 * arguments.minutes:
+                session.send("HeapProfiler.collectGarbage")
+                heap = session.send("Runtime.getHeapUsage")["usedSize"] / 1e6
+                frames = int(tab.evaluate("document.querySelector('#scene').dataset.frames"))
+                rows.append((now_s, resident_mb(), heap, frames))
+                time.sleep(min(30.0, 6 * arguments.minutes))
+            browser.close()
+        stop.set()
+        env.stop()
+
+    with page:
+        thread = threading.Thread(target=look, daemon=True)
+        thread.start()
+        with contextlib.suppress(StoppedError):
+            play_on_page(env, page, {"random": lambda: random_player(env)}, stop=stop)
+        thread.join(60)
+    table = np.array(rows)
+    late = table[table[:, 0] > min(WARM_S, 12 * arguments.minutes)]
+    slopes = {
+        name: float(np.polyfit(late[:, 0] / 60, late[:, column], 1)[0]) for name, column in (("process", 1), ("tab_heap", 2))
+    }
+    results = {
+        "minutes": arguments.minutes,
+        "frames_per_s": round(float((table[-1, 3] - table[0, 3]) / (table[-1, 0] - table[0, 0])), 2),
+        "process_mb": [round(value, 1) for value in table[:, 1].tolist()],
+        "tab_heap_mb": [round(value, 2) for value in table[:, 2].tolist()],
+        "growth_mb_per_minute": {name: round(value, 3) for name, value in slopes.items()},
+    }
+    print(results)
+    write("page_memory", results)
+
+
+if __name__ == "__main__":
+    main()

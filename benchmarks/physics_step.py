@@ -1,0 +1,108 @@
+"""How long a physics step may be: the robots at steps of 2.5 and of 5 ms, side by side, from the same seeds.
+
+    python benchmarks/physics_step.py
+
+Each controller of ``scripted.py``, and random actions, drive each robot through the same episodes; beside the returns stand the
+task's own measures and the way of those that walk, each with the error of its mean. The longer step is good enough where all of
+it stays. Needs about two minutes.
+"""
+
+from __future__ import annotations
+
+import statistics
+import time
+from typing import TYPE_CHECKING, Any
+from unittest import mock
+
+import mujoco
+import torch
+from machine import command, write
+from scripted import CONTROLLERS
+from torchrl.envs.utils import step_mdp
+
+import bricksrl
+from bricksrl.twin import mujoco_body
+from bricksrl.twin.models import mjcf
+
+if TYPE_CHECKING:
+    from bricksrl.envs.env import HubEnv
+
+STEPS_MS = (2.5, 5.0)
+ENVS = ("Walker-v1", "RunAway-v0", "Spinning-v0", "RoboArm-v0")
+EPISODES = 6
+_BODY_STEP_MS = mjcf.TIMESTEP_S * 1000
+_mj_step = mujoco.mj_step
+
+
+class Stepper:
+    """In the place of ``mj_step``: goes through the time that the body asks for in steps of another length."""
+
+    def __init__(self, step_ms: float) -> None:
+        self._step_ms, self._owed_ms, self.cpu_s = step_ms, 0.0, 0.0
+
+    def __call__(self, model: Any, data: Any, nstep: int = 1) -> None:
+        self._owed_ms += nstep * _BODY_STEP_MS
+        count = int(self._owed_ms // self._step_ms)
+        self._owed_ms -= count * self._step_ms
+        if count:
+            started_s = time.thread_time()
+            _mj_step(model, data, count)
+            self.cpu_s += time.thread_time() - started_s
+
+
+def episode(env: HubEnv, controller: Any) -> dict[str, float]:
+    """One episode's return and measures."""
+    state, observations, total = env.reset(), [], 0.0
+    while True:
+        state["action"] = controller(state)
+        state = env.step(state)
+        after = state["next"]
+        observations.append(after["observation"])
+        total += float(after["reward"])
+        if bool(after["done"]):
+            break
+        state = step_mdp(state)
+    judged = env.judged(torch.stack(observations))
+    found = {"return": total, **{name: float(value) for name, value in env.task.metrics(judged).items()}, **env.walk_metrics()}
+    if env.task.success is not None:
+        found["success"] = float(env.task.success(judged))
+    return found
+
+
+def measure(env_id: str, name: str, step_ms: float) -> dict[str, Any]:
+    """Means, and the error of each mean, over the episodes of one controller at one step."""
+    torch.manual_seed(0)
+    stepper = Stepper(step_ms)
+    mujoco_body._compiled.cache_clear()
+    with mock.patch.object(mujoco, "mj_step", stepper), mock.patch.object(mjcf, "TIMESTEP_S", step_ms / 1000):
+        env: HubEnv = bricksrl.make(env_id, seed=0)
+        controller = CONTROLLERS[env_id] if name == "scripted" else lambda _state: env.action_spec.rand()
+        started_s = time.process_time()
+        found = [episode(env, controller) for _ in range(EPISODES)]
+        cpu_s = time.process_time() - started_s
+        assert env.twin is not None
+        assert env.twin.body.model.opt.timestep == step_ms / 1000  # type: ignore[attr-defined]
+        env.close()
+    mujoco_body._compiled.cache_clear()
+    columns = {key: [one[key] for one in found] for key in found[0]}
+    errors = {key: statistics.stdev(values) / EPISODES**0.5 for key, values in columns.items()}
+    means = {key: [round(statistics.fmean(values), 3), round(errors[key], 3)] for key, values in columns.items()}
+    return {"means_and_errors": means, "cpu_s": round(cpu_s, 2), "physics_cpu_s": round(stepper.cpu_s, 2)}
+
+
+def main() -> None:
+    """Measure all and write it down."""
+    command(__doc__).parse_args()
+    torch.set_num_threads(1)
+    results: dict[str, Any] = {}
+    for env_id in ENVS:
+        for name in ("scripted", "random"):
+            found = {f"{step_ms:g}": measure(env_id, name, step_ms) for step_ms in STEPS_MS}
+            results.setdefault(env_id, {})[name] = found
+            for step, one in found.items():
+                print(env_id, name, step, "ms:", one, flush=True)
+    print(write("physics_step", {"episodes": EPISODES, "steps_ms": STEPS_MS, "environments": results}))
+
+
+if __name__ == "__main__":
+    main()

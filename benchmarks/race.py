@@ -1,0 +1,236 @@
+"""A race to a return of -20 on WalkerSim-v0: our agents, Stable-Baselines3 and SBX, in robot steps and CPU seconds.
+
+    python benchmarks/race.py [--seeds 5] [--limit 4000]
+
+Each contestant trains in a process of its own with one thread, start-up (imports, compilation) included, and is evaluated after
+every 100 steps on 40 deterministic episodes, whose time does not count; it is there once their mean return is -20. The others run
+twice: with our features and the values of our default settings (learning rate, discount, temperature, networks, layer
+normalisation where they have it, updates a step, random episodes at the start), and with their own defaults on raw
+observations. One seed of each runs after the other, so that all of them see the machine alike; medians over the seeds count. A
+contestant that is not there after ``--limit`` steps counts as that.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import os
+import statistics
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from typing import Any
+
+ONE_THREAD = {
+    "OMP_NUM_THREADS": "1",
+    "MKL_NUM_THREADS": "1",
+    "OPENBLAS_NUM_THREADS": "1",
+    "XLA_FLAGS": "--xla_cpu_multi_thread_eigen=false --xla_force_host_platform_device_count=1",
+    "JAX_PLATFORMS": "cpu",
+    "RL_LOGGING_LEVEL": "WARNING",
+    "TF_CPP_MIN_LOG_LEVEL": "3",
+}
+ENV, ACTIONS, GOAL, EVERY, EVALUATED = "WalkerSim-v0", 4, -20.0, 100, 40
+CONTESTANTS = {
+    "ours_sac": ("", ""),
+    "ours_td3": ("", ""),
+    "ours_droq": ("", ""),
+    "sb3_sac_like_ours": ("stable_baselines3", "sac"),
+    "sbx_sac_like_ours": ("sbx", "sac"),
+    "sbx_crossq_like_ours": ("sbx", "crossq"),
+    "sbx_droq_like_ours": ("sbx", "droq"),
+    "sb3_sac": ("stable_baselines3", "sac"),
+    "sbx_sac": ("sbx", "sac"),
+    "sbx_crossq": ("sbx", "crossq"),
+    "sbx_droq": ("sbx", "droq"),
+}
+
+
+class Race:
+    """One contestant on its way: evaluated after every hundred steps, the clock stopped meanwhile."""
+
+    def __init__(self, limit: int) -> None:
+        import torch
+
+        import bricksrl
+
+        torch.set_num_threads(1)
+        self.limit, self._paused_s = limit, 0.0
+        self.returns: list[tuple[int, float, float]] = []
+        self._env = bricksrl.make(ENV, batch_size=EVALUATED, seed=1000)
+
+    def is_over(self, steps: int, act: Callable[[Any], Any]) -> bool:
+        """Note how good ``act``, observations ``[40, n]`` to actions ``[40, m]``, is after so many steps; true at the goal."""
+        import torch
+
+        started_s = time.process_time()
+        self._env.set_seed(1000)
+        state, total = self._env.reset(), torch.zeros(EVALUATED, 1)
+        for _ in range(self._env.task.max_steps):
+            state["action"] = torch.as_tensor(act(state["observation"]))
+            state = self._env.step(state)["next"]
+            total += state["reward"]
+        value = float(total.mean())
+        self.returns.append((steps, round(started_s - self._paused_s, 2), round(value, 2)))
+        self._paused_s += time.process_time() - started_s
+        return value >= GOAL or steps >= self.limit
+
+
+def run_ours(agent: str, seed: int, limit: int) -> Race:
+    """Our agent, as `bricksrl train` runs it."""
+    import tempfile
+    import threading
+    from pathlib import Path
+
+    import torch
+    from tensordict import TensorDict
+
+    from bricksrl.agents import preset
+    from bricksrl.agents.learner import Learner
+    from bricksrl.training import Callback, Phase, TrainConfig, train
+
+    race, stop = Race(limit), threading.Event()
+
+    class Judge(Callback):
+        """Evaluates the learner in mid-run."""
+
+        steps = 0
+
+        def on_learner(self, learner: Learner) -> None:
+            self.learner = learner
+
+        def on_step(self, episode: int, step: int, phase: Phase) -> None:
+            self.steps += 1
+            if self.steps % EVERY == 0 and not stop.is_set():
+                state = torch.get_rng_state()
+                if race.is_over(self.steps, act):
+                    stop.set()
+                torch.set_rng_state(state)
+
+    def act(observation: torch.Tensor) -> torch.Tensor:
+        action: torch.Tensor = judge.learner.act(TensorDict({"observation": observation}, [len(observation)]), explore=False)
+        return action
+
+    judge = Judge()
+    with tempfile.TemporaryDirectory() as parent:
+        episodes = limit // 100 + 1
+        config = TrainConfig(
+            ENV, agent, episodes, seed, settings=preset("default", agent), record=False, run_dir=Path(parent) / "run"
+        )
+        train(config, judge, stop=stop)
+    return race
+
+
+def run_theirs(package: str, agent: str, seed: int, limit: int, *, like_ours: bool) -> Race:
+    """The agent of Stable-Baselines3 or SBX, with our features and settings or with its own."""
+    import gymnasium
+    import numpy as np
+    import torch
+
+    import bricksrl.envs  # registers with Gymnasium
+    from bricksrl.agents import preset
+    from bricksrl.agents.encoder import ObservationEncoder, ObservationLayout
+
+    race = Race(limit)
+    env = gymnasium.make(f"bricksrl/{ENV}")
+    encoder = ObservationEncoder(ObservationLayout.of(bricksrl.make(ENV)))
+
+    def features(observation: Any) -> Any:
+        return encoder(torch.as_tensor(observation)).numpy()
+
+    if like_ours:
+        space = gymnasium.spaces.Box(-np.inf, np.inf, (encoder.size,), np.float32)
+        env = gymnasium.wrappers.TransformObservation(env, features, space)
+    settings: dict[str, Any] = {}
+    policy: dict[str, Any] = {}
+    if like_ours:
+        ours = preset("default", agent)
+        settings = {"learning_rate": ours.learning_rate, "gamma": ours.gamma, "batch_size": ours.batch_size}
+        settings |= {"gradient_steps": round(ours.updates_per_step), "learning_starts": 100 * ours.prefill_episodes}
+        settings |= {"ent_coef": f"auto_{ours.alpha_init}", "target_entropy": ours.target_entropy * ACTIONS}
+        policy = {"net_arch": list(ours.hidden)}
+        if package == "sbx" and agent == "sac":
+            policy["layer_norm"] = ours.critic_layer_norm
+    if agent == "droq":
+        policy |= {"dropout_rate": 0.01, "layer_norm": True}
+        settings |= {"gradient_steps": 20, "policy_delay": 20}
+    module = importlib.import_module(package)
+    kind = module.CrossQ if agent == "crossq" else module.SAC
+    model = kind("MlpPolicy", env, seed=seed, policy_kwargs=policy or None, device="cpu", **settings)
+
+    def act(observation: torch.Tensor) -> Any:
+        seen = features(observation) if like_ours else observation.numpy()
+        return model.predict(seen, deterministic=True)[0]
+
+    from stable_baselines3.common.callbacks import BaseCallback
+
+    class Judge(BaseCallback):  # type: ignore[misc]
+        """Evaluates the model in mid-run."""
+
+        def _on_step(self) -> bool:
+            return self.num_timesteps % EVERY != 0 or not race.is_over(self.num_timesteps, act)
+
+    model.learn(limit, callback=Judge())
+    return race
+
+
+def work(name: str, seed: int, limit: int) -> None:
+    """A contestant's process: runs and prints its evaluations as JSON."""
+    if hasattr(os, "sched_setaffinity"):
+        os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
+    package, agent = CONTESTANTS[name]
+    if package:
+        race = run_theirs(package, agent, seed, limit, like_ours=name.endswith("like_ours"))
+    else:
+        race = run_ours(name.removeprefix("ours_"), seed, limit)
+    print(json.dumps(race.returns))
+
+
+def main() -> None:
+    """Race all of them and write the medians."""
+    from machine import command, write
+
+    parser = command(__doc__)
+    parser.add_argument("--seeds", type=int, choices=range(1, 101), metavar="N", default=5)
+    parser.add_argument("--limit", type=int, default=4000, help="robot steps at most")
+    parser.add_argument("--contestants", nargs="+", default=list(CONTESTANTS), choices=list(CONTESTANTS))
+    parser.add_argument("--work", nargs=2, metavar=("NAME", "SEED"), help="run one contestant; for the processes of this script")
+    chosen = parser.parse_args()
+    if chosen.work:
+        work(chosen.work[0], int(chosen.work[1]), chosen.limit)
+        return
+    names = [name for name in chosen.contestants if not CONTESTANTS[name][0] or importlib.util.find_spec(CONTESTANTS[name][0])]
+    for name in set(chosen.contestants) - set(names):
+        print(f"{name} is left out: {CONTESTANTS[name][0]} is missing; pip install 'bricksrl[benchmarks]'")
+    runs: dict[str, list[Any]] = {name: [] for name in names}
+    for seed in range(chosen.seeds):
+        for name in names:
+            command_line = [sys.executable, __file__, "--work", name, str(seed), "--limit", str(chosen.limit)]
+            done = subprocess.run(  # noqa: S603  this script
+                command_line, env={**os.environ, **ONE_THREAD}, capture_output=True, text=True, check=True
+            )
+            runs[name].append(json.loads(done.stdout.splitlines()[-1]))
+            steps, cpu_s, value = runs[name][-1][-1]
+            print(f"seed {seed}  {name:22} {steps:5} steps {cpu_s:7.1f} s CPU  return {value:.1f}", flush=True)
+        setup = {"env": ENV, "goal": GOAL, "limit": chosen.limit, "seeds": seed + 1, "evaluated_episodes": EVALUATED}
+        path = write("race", {"setup": setup, "contestants": {name: summary(of_name) for name, of_name in runs.items()}})
+    for name, of_name in runs.items():
+        found = summary(of_name)
+        print(f"{name:22} {found['steps']:6} steps {found['cpu_s']:7.1f} s CPU, {found['there']} of {len(of_name)} there")
+    print(path)
+
+
+def summary(runs: list[Any]) -> dict[str, Any]:
+    """Medians over the seeds of a contestant, and how many of them reached the goal."""
+    ends = [evaluations[-1] for evaluations in runs]
+    return {
+        "steps": statistics.median(end[0] for end in ends),
+        "cpu_s": round(statistics.median(end[1] for end in ends), 1),
+        "there": sum(end[2] >= GOAL for end in ends),
+        "runs": runs,
+    }
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,70 @@
+"""How long commands take until they do what they are asked: from the call of a new process to its end.
+
+    python benchmarks/startup.py
+
+Each command runs several times in a process of its own; the median of the wall times counts, and the CPU time beside it tells
+what the machine would do if nothing else ran on it. The program that is run prints one word. `hub check` without a hub ends when
+it has found out that this computer reaches none. Needs about a minute.
+"""
+
+from __future__ import annotations
+
+import os
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+from machine import command, write
+
+COMMANDS = (
+    "--help",
+    "list",
+    "hub run --help",
+    "hub run PROGRAM --robot bench",
+    "hub run PROGRAM --robot two-wheeler",
+    "hub check RunAway-v0 --yes",
+    "hub check RunAway-v0 --yes --hub virtual",
+)
+
+
+def measure(arguments: list[str], runs: int) -> dict[str, Any]:
+    """Medians over so many runs, after one that warms up."""
+    wall_s, cpu_s = [], []
+    for _ in range(runs + 1):
+        before, start_s = _children_s(), time.perf_counter()
+        subprocess.run(  # noqa: S603 - our own command
+            [sys.executable, "-m", "bricksrl", *arguments], stdin=subprocess.DEVNULL, capture_output=True, check=False
+        )
+        wall_s.append(time.perf_counter() - start_s)
+        cpu_s.append(_children_s() - before)
+    return {"wall_s": round(statistics.median(wall_s[1:]), 3), "cpu_s": round(statistics.median(cpu_s[1:]), 3)}
+
+
+def _children_s() -> float:
+    """CPU time of the processes that have ended."""
+    used = os.times()
+    return used.children_user + used.children_system
+
+
+def main() -> None:
+    """Measure all commands and write the medians."""
+    parser = command(__doc__)
+    parser.add_argument("--runs", type=int, default=7)
+    parser.add_argument("--out", default="startup", help="name of the result")
+    options = parser.parse_args()
+    with tempfile.TemporaryDirectory() as folder:
+        program = Path(folder) / "main.py"
+        program.write_text("print('hello')\n")
+        results = {}
+        for words in COMMANDS:
+            results[words] = measure([str(program) if word == "PROGRAM" else word for word in words.split()], options.runs)
+            print(f"{results[words]['wall_s']:.2f} s wall, {results[words]['cpu_s']:.2f} s CPU  bricksrl {words}")
+    print(write(options.out, {"commands": results}))
+
+
+if __name__ == "__main__":
+    main()

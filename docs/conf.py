@@ -1,0 +1,90 @@
+"""Sphinx: pages of `docs`, reference from docstrings, environments from their tasks, the command line from its own help."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import os
+import re
+import sys
+from pathlib import Path
+
+DOCS = Path(__file__).parent
+sys.path.insert(0, str(DOCS.parent / "src"))
+
+import bricksrl
+
+project = "BricksRL"
+author = "The BricksRL developers"
+release = bricksrl.__version__
+extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx.ext.viewcode"]
+exclude_patterns = ["_build"]
+suppress_warnings = ["ref.python"]  # some names, such as `make`, are in two modules
+html_theme = "furo"
+html_title = "BricksRL"
+myst_enable_extensions = ["colon_fence", "deflist"]
+myst_heading_anchors = 3
+nb_execution_mode = "off"  # the tests execute the notebooks
+autodoc_typehints = "description"
+autodoc_member_order = "bysource"
+autodoc_class_signature = "separated"
+napoleon_use_ivar = True
+linkcheck_ignore = ["https://github.com/BricksRL/.*"]
+
+SOURCE = "https://github.com/BricksRL/bricksrl/blob/main"
+
+
+def outside(_app: object, _name: str, source: list[str]) -> None:
+    """Links to files outside of `docs` lead to the repository."""
+    source[0] = re.sub(r"\]\(\.\./(?!\w+\.(?:md|ipynb))([^)]+)\)", rf"]({SOURCE}/\1)", source[0])
+    source[0] = re.sub(r"\]\(\.\./(README|CONTRIBUTING|CHANGELOG|SECURITY)\.md\)", rf"]({SOURCE}/\1.md)", source[0])
+
+
+def write(path: Path, text: str) -> None:
+    """A generated page, written when it changed."""
+    if not path.exists() or path.read_text(encoding="utf-8") != text:
+        path.write_text(text, encoding="utf-8")
+
+
+def environments() -> str:
+    """A section for each environment: its task's own description."""
+    from bricksrl.envs import get_task, list_envs
+
+    parts = ["# Environments\n", "From the descriptions of the tasks. `bricksrl list --json` has them for programs.\n"]
+    for env_id, summary in list_envs().items():
+        body = re.sub(r"^## ", "### ", get_task(env_id).doc.partition("\n")[2].strip(), flags=re.MULTILINE)
+        parts.append(f"## {env_id}\n\n{summary}\n\n{body}\n")
+    return "\n".join(parts)
+
+
+def commands() -> str:
+    """The help of each command, as it prints it."""
+    from bricksrl.cli.app import _COMMANDS, _GROUPS
+
+    os.environ["COLUMNS"] = "100"
+    names = [[name] for name in _COMMANDS] + [[group, name] for group, (_, below) in _GROUPS.items() for name in below]
+    parts = ["# Command line\n", "What `bricksrl COMMAND --help` prints.\n"]
+    parts += [f"## bricksrl {' '.join(name)}\n\n```text\n{help_of(name)}\n```\n" for name in sorted(names)]
+    return "\n".join(parts)
+
+
+def help_of(words: list[str]) -> str:
+    """The help of one command, without colours."""
+    from bricksrl.cli.app import parse
+
+    text = io.StringIO()
+    with contextlib.redirect_stdout(text), contextlib.suppress(SystemExit):
+        parse([*words, "--help"])
+    return re.sub(r"\x1b\[[0-9;]*m", "", text.getvalue()).rstrip()
+
+
+def generate(_app: object) -> None:
+    """Pages that follow from the package."""
+    write(DOCS / "reference/environments.md", environments())
+    write(DOCS / "reference/cli.md", commands())
+
+
+def setup(app: object) -> None:
+    """Called by Sphinx."""
+    app.connect("builder-inited", generate)  # type: ignore[attr-defined]
+    app.connect("source-read", outside)  # type: ignore[attr-defined]

@@ -1,0 +1,27 @@
+"""An algorithm of your own, in a few lines: DDPG (Lillicrap et al., 2016) of TorchRL's loss, which the package does not know.
+
+bricksrl check examples/12_own_agent.py
+bricksrl train RoboArmSim-v0 --agent examples/12_own_agent.py --set noise=0.2
+"""
+
+from dataclasses import dataclass
+
+from torchrl.objectives import DDPGLoss, SoftUpdate
+
+from bricksrl.agents import encoder, learner, networks, settings
+
+
+@dataclass(frozen=True)
+class Settings(settings.OffPolicySettings):
+    noise: float = 0.3
+    """Standard deviation of the noise on the actions while exploring."""
+
+
+def build(env, settings: Settings, device="cpu"):
+    features, m = encoder.make_encoder(env, settings), networks.action_size(env)
+    body = networks.make_body(settings, features.size, m, layer_norm=True)
+    critic = networks.critic_operator(features, networks.make_body(settings, features.size + m, 1, layer_norm=True))
+    actor, policy = networks.deterministic_policy(features, body, networks.action_spec(env), noise=settings.noise)
+    loss = DDPGLoss(actor, critic, delay_actor=True, delay_value=True).to(device)
+    loss.make_value_estimator(gamma=settings.gamma)
+    return learner.off_policy_learner(env, settings, policy.to(device), loss, SoftUpdate(loss, tau=0.005))

@@ -1,0 +1,43 @@
+"""A robot that follows from its building plan: a car whose front axle is driven and steered learns to go round in a circle.
+
+Ports, motors, wheels, masses and the whole twin are read from the LDraw file beside this one.
+
+bricksrl plan check examples/13_front_steered.ldr
+bricksrl plan steps examples/13_front_steered.ldr --out front_steered.pdf
+bricksrl train examples/13_front_steered.py --episodes 30
+"""
+
+from pathlib import Path
+
+from torch import Tensor
+
+from bricksrl.envs import Task
+from bricksrl.hub.interface import Interface, MotorAngle, RunAngle, Wait, YawRate
+from bricksrl.robots import HubKind, Motor, Robot
+from bricksrl.training import TrainConfig, train
+
+steering = Motor("steering", range_deg=(-40, 40))
+CAR = Robot("front-steered", HubKind.PRIME, motors=(steering,), needs_imu=True, plan=str(Path(__file__).with_suffix(".ldr")))
+
+
+def turning(observation: Tensor) -> Tensor:
+    return observation[..., 1:2] / 60.0
+
+
+CIRCLE = Task(
+    id="Circle-v0",
+    doc="A front-steered car goes round to the left, as fast as it can.",
+    robot=CAR,
+    interface=Interface(
+        commands=(RunAngle("steering", -20, 20, speed_deg_s=300), RunAngle("drive", 0, 120, speed_deg_s=500)),
+        channels=(MotorAngle("steering", -45, 45), YawRate()),
+        settle=Wait(250),
+    ),
+    max_steps=30,
+    reward=lambda previous, action, observation: turning(observation),
+    success=lambda observations: turning(observations)[..., -5:, 0].mean(-1) > 0.6,
+    metrics=lambda observations: {"mean_yaw_deg_s": 60.0 * turning(observations).mean((-2, -1))},
+)
+
+if __name__ == "__main__":
+    print([round(episode.return_, 1) for episode in train(TrainConfig(f"{__file__}:CIRCLE", episodes=30)).episodes])

@@ -1,0 +1,105 @@
+"""Action chunking with transformers (ACT, Zhao et al., 2023), with TorchRL's model and loss."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+import torch
+from tensordict import TensorDict, TensorDictBase
+from tensordict.nn import TensorDictModule
+from torch import Tensor, nn
+from torchrl.envs import EnvBase
+from torchrl.modules.models import ACTModel
+from torchrl.objectives import ACTLoss
+
+from bricksrl.agents.chunks import ChunkPolicy, ChunkSettings
+from bricksrl.agents.encoder import encoder_keys, make_encoder
+from bricksrl.agents.learner import Learner, adam
+from bricksrl.agents.networks import acting_copy, action_size
+from bricksrl.agents.settings import NotNegative, Positive, Range, ShareBelowOne
+from bricksrl.errors import DescriptionError
+
+
+@dataclass(frozen=True)
+class ACTSettings(ChunkSettings):
+    """Settings of ACT."""
+
+    learning_rate: Annotated[float, Positive] = 5e-4
+    batch_size: Annotated[int, Range(1)] = 32
+    width: Annotated[int, Range(1, 4096)] = 64
+    """Numbers in a token of the transformers."""
+    feedforward: Annotated[int, Range(1, 16384)] = 128
+    """Units between two tokens in each layer."""
+    heads: Annotated[int, Range(1, 64)] = 4
+    """Heads of attention; the width is shared among them."""
+    encoder_layers: Annotated[int, Range(1, 32)] = 1
+    """Layers that read what was done into the latent."""
+    decoder_layers: Annotated[int, Range(1, 32)] = 1
+    """Layers that predict the chunk."""
+    dropout: Annotated[float, ShareBelowOne] = 0.1
+    """Dropout rate in the transformers while they learn."""
+    latent: Annotated[int, Range(1, 1024)] = 8
+    """Numbers that tell apart what was meant where the same was seen."""
+    kl_weight: Annotated[float, NotNegative] = 10.0
+    """Weight of the latent's divergence from a normal."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.width % self.heads:
+            raise DescriptionError(f"heads is {self.heads}, which does not divide the width {self.width}; choose another")
+
+
+class EncodedACTLoss(ACTLoss):  # type: ignore[misc]
+    """TorchRL's loss on the features of an encoder."""
+
+    def __init__(self, actor: TensorDictModule, encoder: nn.Module, **kind: Any) -> None:
+        super().__init__(actor, **kind)
+        self.encoder = encoder
+        self.set_keys(action_chunk="action")
+
+    def forward(self, tensordict: TensorDictBase) -> TensorDict:
+        features = self.encoder(*(tensordict[key] for key in encoder_keys(self.encoder)))
+        return super().forward(tensordict.select("action").set("observation", features))
+
+
+class PredictedChunk(nn.Module):
+    """The chunk that TorchRL's ACT model predicts of features, for the mean of its latent."""
+
+    def __init__(self, model: ACTModel) -> None:
+        super().__init__()
+        self.model = model
+
+    def forward(self, features: Tensor) -> Tensor:
+        chunk: Tensor = self.model(features)[0]
+        return chunk
+
+
+def build(env: EnvBase, settings: ACTSettings, device: torch.device | str = "cpu") -> Learner:
+    """ACT for an environment; networks are drawn from torch's global generator."""
+    encoder = make_encoder(env, settings)
+    model = ACTModel(
+        obs_dim=encoder.size,
+        action_dim=action_size(env),
+        chunk_size=settings.chunk,
+        hidden_dim=settings.width,
+        nheads=settings.heads,
+        num_encoder_layers=settings.encoder_layers,
+        num_decoder_layers=settings.decoder_layers,
+        latent_dim=settings.latent,
+        dropout=settings.dropout,
+        dim_feedforward=settings.feedforward,
+    )
+    actor = TensorDictModule(model, in_keys=["observation", "action_chunk"], out_keys=["action_pred", "mu", "log_var"]).to(device)
+    loss = EncodedACTLoss(actor, encoder, kl_weight=settings.kl_weight).to(device)
+    policy = acting_copy(ChunkPolicy(encoder, PredictedChunk(model), settings).to(device))
+    return Learner(
+        policy=policy,
+        loss=loss,
+        optimizer=adam(loss.parameters(), settings, settings.weight_decay),
+        updates_per_step=settings.updates_per_step,
+        descend=("loss_act",),
+        imitates=True,
+        chunk=settings.chunk,
+        reset_policy=policy.reset,
+    )

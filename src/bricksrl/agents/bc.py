@@ -1,0 +1,51 @@
+"""Behaviour cloning: do as a dataset does, with TorchRL's loss."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated
+
+import torch
+from tensordict import TensorDictParams
+from torchrl.envs import EnvBase
+from torchrl.objectives import BCLoss
+
+from bricksrl.agents.encoder import make_encoder
+from bricksrl.agents.learner import Learner, adam
+from bricksrl.agents.networks import acting_copy, action_size, action_spec, deterministic_policy, make_body
+from bricksrl.agents.settings import Positive, Settings, ShareBelowOne
+
+
+@dataclass(frozen=True)
+class BCSettings(Settings):
+    """Settings of behaviour cloning; it learns from a dataset and from nothing else."""
+
+    updates_per_step: Annotated[float, Positive] = 2.0
+    """Updates for each robot step."""
+    actor_layer_norm: bool = True
+    """Layer normalisation in the actor."""
+    dropout: Annotated[float, ShareBelowOne] = 0.01
+    """Dropout rate in the actor while it learns."""
+
+
+class ImitationLoss(BCLoss):  # type: ignore[misc]
+    """TorchRL's loss, with the annotation that it lacks and warns about."""
+
+    target_actor_network_params: TensorDictParams
+
+
+def build(env: EnvBase, settings: BCSettings, device: torch.device | str = "cpu") -> Learner:
+    """Behaviour cloning for an environment; networks are drawn from torch's global generator."""
+    encoder = make_encoder(env, settings)
+    kind = {"layer_norm": settings.actor_layer_norm, "dropout": settings.dropout}
+    body = make_body(settings, encoder.size, action_size(env), **kind)
+    actor, _ = deterministic_policy(encoder, body, action_spec(env), noise=0.0)
+    loss = ImitationLoss(actor.to(device), loss_function="l2").to(device)
+    loss.set_keys(action="action")
+    return Learner(
+        policy=acting_copy(actor),
+        loss=loss,
+        optimizer=adam(loss.parameters(), settings),
+        updates_per_step=settings.updates_per_step,
+        imitates=True,
+    )

@@ -1,0 +1,113 @@
+"""Compiled updates: the forward and the backward pass of a loss as one graph, for long runs.
+
+Adam and the targets stay outside. Compilation takes a minute at first and seconds from its cache, and needs a C++ compiler; on
+CUDA the graph is replayed as a CUDA graph. Noise is drawn within the graph, by a generator other than eager mode's: a run is as
+reproducible as without, but not the same.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import torch
+from tensordict import TensorDict, TensorDictBase
+from torch import Tensor, nn
+from torch.func import functional_call, grad
+
+from bricksrl.agents.actor_critic import ActorCriticLoss, Batch
+from bricksrl.agents.cql import CQLLoss
+from bricksrl.agents.crossq import CrossQLoss
+from bricksrl.agents.learner import Learner
+from bricksrl.errors import RunError
+
+_OF_CRITICS = ("loss.critics.", "loss.encoder.")
+
+
+class _Parts(nn.Module):
+    """The parts of a loss as one forward pass, which `functional_call` takes."""
+
+    def __init__(self, loss: ActorCriticLoss) -> None:
+        super().__init__()
+        self.loss = loss
+
+    def forward(self, rows: Any, batch: Batch | None = None) -> Any:
+        if batch is not None:
+            return self.loss.actor_loss(batch)
+        batch = self.loss.encode(rows)
+        return batch, self.loss.qvalue_loss(batch)
+
+
+class CompiledGradients:
+    """Losses of a batch, and their gradients written to the parameters, by a compiled graph; see `Learner.gradients`.
+
+    Args:
+        backend: of ``torch.compile``; the default is the one that makes machine code.
+    """
+
+    def __init__(self, loss: ActorCriticLoss, device: torch.device, backend: str = "inductor") -> None:
+        self._parts, self._device = _Parts(loss), device
+        self._keys = loss.in_keys
+        learned = {name: value for name, value in self._parts.named_parameters() if value.requires_grad}
+        self._learned = {True: learned, False: {name: learned[name] for name in learned if name.startswith(_OF_CRITICS)}}
+        torch.compiler.reset()  # graphs of earlier learners in this process count towards a limit
+        mode = "reduce-overhead" if device.type == "cuda" else None
+        self._graph = torch.compile(self._gradients, fullgraph=True, dynamic=False, mode=mode, backend=backend)
+
+    def _gradients(self, learned: dict[str, Tensor], rows: Any, whole: bool) -> tuple[dict[str, Tensor], dict[str, Tensor]]:
+        def total(learned: dict[str, Tensor]) -> tuple[Tensor, dict[str, Tensor]]:
+            batch, losses = functional_call(self._parts, learned, (rows,))
+            if whole:
+                held = {name: value.detach() if name.startswith("loss.critics.") else value for name, value in learned.items()}
+                losses = losses | functional_call(self._parts, held, (rows, batch))
+            summed = torch.stack([value for name, value in losses.items() if name.startswith("loss")]).sum()
+            return summed, {name: value.detach() for name, value in losses.items()}
+
+        found: tuple[dict[str, Tensor], dict[str, Tensor]] = grad(total, has_aux=True)(learned)
+        return found
+
+    def __call__(self, batch: TensorDictBase, whole: bool) -> TensorDict:
+        """Losses of a batch, those of the actor too where the update is a ``whole`` one.
+
+        Raises:
+            RunError: there is no compiler.
+        """
+        rows: dict[Any, Any] = {key: batch[key] for key in self._keys if isinstance(key, str)}
+        rows["next"] = {key[1]: batch[key] for key in self._keys if isinstance(key, tuple)}
+        steps = batch.get("steps_to_next_obs", None)
+        rows |= {} if steps is None else {"steps_to_next_obs": steps}
+        learned: dict[str, Tensor] = {**self._learned[whole]}
+        try:
+            with torch.no_grad():  # else the graph also keeps what a second derivative would need
+                gradients, losses = self._graph(learned, rows, whole)
+        except Exception as error:
+            if _lacks_compiler(error):
+                wanted = "install one (such as g++ or clang), or leave --compile out"
+                raise RunError(f"there is no compiler to make updates faster with; {wanted}") from None
+            raise
+        for name, parameter in learned.items():
+            parameter.grad = gradients[name]
+        if self._device.type == "cuda":  # the next replay overwrites what the graph gave
+            losses = {name: value.clone() for name, value in losses.items()}
+        return TensorDict(losses)
+
+
+def compile_updates(learner: Learner) -> None:
+    """Let a learner compute its gradients in one compiled graph.
+
+    Raises:
+        RunError: its algorithm cannot be compiled.
+    """
+    loss = learner.loss
+    if not isinstance(loss, ActorCriticLoss) or isinstance(loss, CrossQLoss | CQLLoss):
+        raise RunError("only SAC, DroQ, REDQ and TD3 can be compiled; leave --compile out")
+    if loss.anchor is not None:
+        raise RunError("a policy that is held near another one cannot be compiled; leave --compile out")
+    learner.gradients = CompiledGradients(loss, learner.device)
+
+
+def _lacks_compiler(error: BaseException | None) -> bool:
+    while error is not None:
+        if "InvalidCxxCompiler" in f"{type(error).__name__} {error}" or "No working C++ compiler" in str(error):
+            return True
+        error = error.__cause__ or error.__context__
+    return False

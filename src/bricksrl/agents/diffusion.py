@@ -1,0 +1,81 @@
+"""Diffusion policy (Chi et al., 2023): imitation by denoising chunks of actions, with TorchRL's actor and loss."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated
+
+import torch
+from tensordict import TensorDict, TensorDictBase
+from torch import Tensor, nn
+from torchrl.envs import EnvBase
+from torchrl.modules import DiffusionActor
+from torchrl.objectives import DiffusionBCLoss
+
+from bricksrl.agents.chunks import ChunkPolicy, ChunkSettings
+from bricksrl.agents.encoder import encoder_keys, make_encoder
+from bricksrl.agents.learner import Learner, adam
+from bricksrl.agents.networks import acting_copy, action_size, make_body
+from bricksrl.agents.settings import NotNegative, Range
+
+
+@dataclass(frozen=True)
+class DiffusionSettings(ChunkSettings):
+    """Settings of the diffusion policy."""
+
+    chunk: Annotated[int, Range(1, 1000)] = 4
+    """Actions that are predicted at once, one a step."""
+    ensemble: Annotated[float | None, NotNegative] = None
+    """Chunks that overlap are averaged, the older ones with the more weight the larger this is; none takes the newest."""
+    denoising_steps: Annotated[int, Range(1, 1000)] = 20
+    """Steps from noise to an action."""
+
+
+class EncodedChunks(DiffusionBCLoss):  # type: ignore[misc]
+    """TorchRL's loss on the features of an encoder and chunks of actions."""
+
+    def __init__(self, actor: DiffusionActor, encoder: nn.Module) -> None:
+        super().__init__(actor)
+        self.encoder = encoder
+
+    def forward(self, tensordict: TensorDictBase) -> TensorDict:
+        features = self.encoder(*(tensordict[key] for key in encoder_keys(self.encoder)))
+        chunk = tensordict["action"].flatten(-2)
+        return super().forward(TensorDict({"observation": features, "action": chunk}, tensordict.batch_size))
+
+
+class DenoisedChunk(nn.Module):
+    """Features ``[*batch, f]`` to a chunk of ``k`` actions ``[*batch, k, m]``, from noise."""
+
+    def __init__(self, actor: DiffusionActor, chunk: int) -> None:
+        super().__init__()
+        self.actor, self._chunk = actor, chunk
+
+    def forward(self, features: Tensor) -> Tensor:
+        action: Tensor = self.actor(TensorDict({"observation": features}, features.shape[:-1]))["action"]
+        chunk: Tensor = action.unflatten(-1, (self._chunk, -1))
+        return chunk
+
+
+def build(env: EnvBase, settings: DiffusionSettings, device: torch.device | str = "cpu") -> Learner:
+    """The diffusion policy for an environment; networks are drawn from torch's global generator."""
+    encoder, m = make_encoder(env, settings), action_size(env)
+    size = m * settings.chunk
+    # the noise of the last step is nearly all there is, whatever the number of steps
+    actor = DiffusionActor(
+        action_dim=size,
+        score_network=make_body(settings, size + encoder.size + 1, size),
+        num_steps=settings.denoising_steps,
+        beta_end=min(0.999, 2.0 / settings.denoising_steps),
+    ).to(device)
+    loss = EncodedChunks(actor, encoder).to(device)
+    policy = acting_copy(ChunkPolicy(encoder, DenoisedChunk(actor, settings.chunk), settings).to(device))
+    return Learner(
+        policy=policy,
+        loss=loss,
+        optimizer=adam(loss.parameters(), settings, settings.weight_decay),
+        updates_per_step=settings.updates_per_step,
+        imitates=True,
+        chunk=settings.chunk,
+        reset_policy=policy.reset,
+    )

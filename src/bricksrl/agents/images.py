@@ -1,0 +1,70 @@
+"""Images: networks that make features of them, and their augmentation."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from bricksrl.errors import DescriptionError
+
+
+def normalise_images(images: Tensor) -> Tensor:
+    """Images uint8 ``[batch, side, side, 3]`` as ``[batch, 3, side, side]`` in -0.5..0.5, without moving them in memory."""
+    return images.permute(0, 3, 1, 2).float().mul_(1 / 255).sub_(0.5)
+
+
+class Keypoints(nn.Module):
+    """Places of features in an image: two convolutions, then the mean place of each resulting map, weighted by a softmax.
+
+    After "Deep spatial autoencoders for visuomotor learning" (Finn et al., 2016); the maps are normalised to mean 0 and
+    variance 1 first, so that the softmax is as sharp before any learning as after it: random filters find a coloured spot.
+    """
+
+    def __init__(self, image_px: int, channels: int = 16, points: int = 16) -> None:
+        super().__init__()
+        if image_px < 16:
+            raise DescriptionError(f"images of {image_px} px are too small for keypoints; make them 16 px or larger")
+        self.first = nn.Conv2d(3, channels, 8, stride=4, padding=2)
+        self.second = nn.Conv2d(channels, points, 1)
+        self.sharpness = nn.Parameter(torch.ones(points, 1))
+        along = torch.linspace(-1.0, 1.0, (image_px - 4) // 4 + 1)
+        self.register_buffer("places", torch.cartesian_prod(along, along), persistent=False)
+        self.size = 2 * points
+
+    def forward(self, images: Tensor) -> Tensor:
+        """Images uint8 ``[batch, side, side, 3]`` to places ``[batch, size]``, -1..1 from edge to edge."""
+        maps = self.second(self.first(normalise_images(images)).relu()).flatten(2)
+        sharp = functional.layer_norm(maps, maps.shape[-1:]) * self.sharpness
+        return (sharp.softmax(-1) @ self.get_buffer("places")).flatten(1)
+
+
+class Convolutions(nn.Module):
+    """The paper's image network: three convolutions, then dense layers of 256 and 128 units."""
+
+    size = 128
+
+    def __init__(self, image_px: int) -> None:
+        super().__init__()
+        left = ((image_px - 8) // 4 - 3) // 2 - 1
+        if left < 1:
+            raise DescriptionError(f"images of {image_px} px are too small for the convolutions; make them 36 px or larger")
+        convolutions = [nn.Conv2d(3, 32, 8, stride=4), nn.ReLU(), nn.Conv2d(32, 64, 4, stride=2), nn.ReLU()]
+        convolutions += [nn.Conv2d(64, 64, 3), nn.ReLU(), nn.Flatten()]
+        self.layers = nn.Sequential(*convolutions, nn.Linear(64 * left**2, 256), nn.ReLU(), nn.Linear(256, 128), nn.ReLU())
+
+    def forward(self, images: Tensor) -> Tensor:
+        """Images uint8 ``[batch, side, side, 3]`` to ``[batch, 128]``."""
+        features: Tensor = self.layers(normalise_images(images))
+        return features
+
+
+def shift_images(images: Tensor, most_px: int) -> Tensor:
+    """Images ``[batch, side, side, 3]``, each moved by a random whole number of px in both directions; edges are drawn out.
+
+    The augmentation of "Image augmentation is all you need" (Kostrikov et al., 2021).
+    """
+    batch, side = images.shape[:2]
+    by = torch.randint(-most_px, most_px + 1, (2, batch, 1), device=images.device)
+    rows, columns = (torch.arange(side, device=images.device) + by).clamp_(0, side - 1)
+    return images[torch.arange(batch, device=images.device)[:, None, None], rows[:, :, None], columns[:, None, :]]

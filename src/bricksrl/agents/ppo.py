@@ -1,0 +1,84 @@
+"""Proximal policy optimisation (Schulman et al., 2017) with TorchRL's loss, for many simulated copies at once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated
+
+import torch
+from tensordict import TensorDictBase
+from torchrl.data import LazyTensorStorage, SamplerWithoutReplacement, TensorDictReplayBuffer
+from torchrl.envs import EnvBase
+from torchrl.objectives import ClipPPOLoss
+from torchrl.objectives.value import GAE
+
+from bricksrl.agents.encoder import make_encoder
+from bricksrl.agents.learner import Learner, adam
+from bricksrl.agents.networks import action_size, action_spec, gaussian_policy, make_body, value_operator
+from bricksrl.agents.settings import NotNegative, Positive, Range, Settings, Share
+
+
+@dataclass(frozen=True)
+class PPOSettings(Settings):
+    """Settings of PPO."""
+
+    hidden: tuple[int, ...] = (64, 64)
+    batch_size: Annotated[int, Range(1)] = 4096
+    gamma: Annotated[float, Share] = 0.95
+    """Discount of the next step's value."""
+    gae_lambda: Annotated[float, Share] = 0.95
+    """Weight of longer returns in the generalised advantage estimate."""
+    steps: Annotated[int, Range(1)] = 10
+    """Steps of each copy that are collected between two times of learning."""
+    passes: Annotated[int, Range(1)] = 2
+    """Passes over what was collected."""
+    clip_epsilon: Annotated[float, Positive] = 0.2
+    """Limit of the change of an action's probability in one time of learning."""
+    entropy_coeff: Annotated[float, NotNegative] = 0.001
+    """Weight of the policy's entropy."""
+    max_grad_norm: Annotated[float, Positive] = 0.5
+    """Limit of the gradient's norm."""
+    min_scale: Annotated[float, Positive] = 0.1
+    """Lower limit of the standard deviation of an action before the tanh."""
+
+
+def build(env: EnvBase, settings: PPOSettings, device: torch.device | str = "cpu") -> Learner:
+    """PPO for an environment; networks are drawn from torch's global generator."""
+    m, copies, encoder = action_size(env), max(1, env.batch_size.numel()), make_encoder(env, settings)
+    body = make_body(settings, encoder.size, 2 * m)
+    policy = gaussian_policy(encoder, body, action_spec(env), min_scale=settings.min_scale, log_prob=True).to(device)
+    critic = value_operator(encoder, make_body(settings, encoder.size, 1)).to(device)
+    loss = ClipPPOLoss(
+        policy,
+        critic,
+        clip_epsilon=settings.clip_epsilon,
+        entropy_coeff=settings.entropy_coeff,
+        normalize_advantage=True,
+        loss_critic_type="l2",
+    ).to(device)
+    advantage = GAE(gamma=settings.gamma, lmbda=settings.gae_lambda, value_network=critic, device=device)
+
+    keys = loss.tensor_keys
+    read = [*policy.in_keys, keys.action, keys.sample_log_prob, keys.advantage, keys.value_target]
+
+    def estimate(frames: TensorDictBase) -> TensorDictBase:
+        with torch.no_grad():
+            found: TensorDictBase = advantage(frames)
+        return found.select(*read)
+
+    frames = settings.steps * copies
+    return Learner(
+        policy=policy,
+        loss=loss,
+        optimizer=adam(loss.parameters(), settings),
+        memory=TensorDictReplayBuffer(
+            storage=LazyTensorStorage(frames, device=device),
+            sampler=SamplerWithoutReplacement(),
+            batch_size=min(settings.batch_size, frames),
+        ),
+        prepare=estimate,
+        on_policy=True,
+        updates_per_step=settings.passes,
+        frames_per_batch=settings.steps,
+        clip_norm=settings.max_grad_norm,
+    )

@@ -1,0 +1,45 @@
+"""TD3+BC (Fujimoto and Gu, 2021): TD3 whose actor stays near the data, with TorchRL's loss."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated
+
+import torch
+from torchrl.envs import EnvBase
+from torchrl.objectives import SoftUpdate, TD3BCLoss
+
+from bricksrl.agents.encoder import make_encoder
+from bricksrl.agents.learner import Learner, off_policy_learner
+from bricksrl.agents.networks import action_size, action_spec, critic_operator, deterministic_policy, make_body
+from bricksrl.agents.settings import Positive
+from bricksrl.agents.td3 import TD3Settings
+
+
+@dataclass(frozen=True)
+class TD3BCSettings(TD3Settings):
+    """Settings of TD3+BC."""
+
+    value_weight: Annotated[float, Positive] = 2.5
+    """Weight of the value, scaled to a mean size of 1, against the squared distance from the data's action."""
+
+
+def build(env: EnvBase, settings: TD3BCSettings, device: torch.device | str = "cpu") -> Learner:
+    """TD3+BC for an environment; networks are drawn from torch's global generator."""
+    m, encoder = action_size(env), make_encoder(env, settings)
+    body = make_body(settings, encoder.size, m, layer_norm=settings.actor_layer_norm)
+    actor, policy = deterministic_policy(encoder, body, action_spec(env), noise=settings.exploration_noise)
+    critic = critic_operator(encoder, make_body(settings, encoder.size + m, 1, layer_norm=settings.critic_layer_norm))
+    loss = TD3BCLoss(
+        actor.to(device),
+        critic.to(device),
+        action_spec=action_spec(env).to(device),
+        policy_noise=settings.target_noise,
+        noise_clip=settings.target_noise_clip,
+        alpha=settings.value_weight,
+        loss_function="l2",
+        deactivate_vmap=True,
+    ).to(device)
+    loss.make_value_estimator(gamma=settings.gamma)
+    target = SoftUpdate(loss, tau=settings.tau)
+    return off_policy_learner(env, settings, policy.to(device), loss, target, target_delay=settings.actor_delay)

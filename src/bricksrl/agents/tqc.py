@@ -1,0 +1,53 @@
+"""Truncated quantile critics (Kuznetsov et al., 2020), with TorchRL's loss."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated
+
+import torch
+from torchrl.envs import EnvBase
+from torchrl.objectives import SoftUpdate, TQCLoss
+
+from bricksrl.agents.encoder import make_encoder
+from bricksrl.agents.learner import Learner, off_policy_learner
+from bricksrl.agents.networks import action_size, action_spec, critic_operator, gaussian_policy, make_body
+from bricksrl.agents.sac import EntropySettings
+from bricksrl.agents.settings import Range, TargetSettings
+from bricksrl.errors import DescriptionError
+
+
+@dataclass(frozen=True)
+class TQCSettings(EntropySettings, TargetSettings):
+    """Settings of TQC."""
+
+    num_qs: Annotated[int, Range(1, 64)] = 2
+    """Critics that learn side by side."""
+    quantiles: Annotated[int, Range(2, 200)] = 25
+    """Quantiles of the return that each critic predicts."""
+    dropped: Annotated[int, Range(0, 200)] = 2
+    """Of these, the largest that are left out of the target, for each critic."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.dropped >= self.quantiles:
+            raise DescriptionError(f"dropped is {self.dropped}; leave at least one of the {self.quantiles} quantiles")
+
+
+def build(env: EnvBase, settings: TQCSettings, device: torch.device | str = "cpu") -> Learner:
+    """TQC for an environment; networks are drawn from torch's global generator."""
+    m, encoder = action_size(env), make_encoder(env, settings)
+    policy = gaussian_policy(encoder, make_body(settings, encoder.size, 2 * m), action_spec(env), min_scale=settings.min_scale)
+    body = make_body(settings, encoder.size + m, settings.quantiles, layer_norm=settings.critic_layer_norm)
+    loss = TQCLoss(
+        policy.to(device),
+        critic_operator(encoder, body).to(device),
+        num_qvalue_nets=settings.num_qs,
+        top_quantiles_to_drop_per_net=settings.dropped,
+        alpha_init=settings.alpha_init,
+        target_entropy=settings.target_entropy * m,
+        action_spec=action_spec(env),
+        deactivate_vmap=True,
+    ).to(device)
+    loss.make_value_estimator(gamma=settings.gamma)
+    return off_policy_learner(env, settings, policy, loss, SoftUpdate(loss, tau=settings.tau))

@@ -1,0 +1,106 @@
+"""``bricksrl compare`` and ``bricksrl plot``: several runs in one table, one picture."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from tyro.conf import Positional, arg
+
+from bricksrl.cli.terminal import print_line
+
+if TYPE_CHECKING:
+    from bricksrl.evaluation.comparison import Comparison, Group
+
+
+@dataclass(frozen=True)
+class Compare:
+    """Compare runs: agents, seeds and environments in one table, with the probability that one agent beats the other.
+
+    Runs that differ in nothing but their seed count as one group; the folder of `bricksrl train --seeds` stands for its seeds.
+    From five seeds on there are 95 % intervals. Runs are scored by their evaluations where all have one.
+
+    Examples:
+      bricksrl compare runs/sac runs/td3
+      bricksrl compare runs/sac runs/td3 --out comparison.png
+      bricksrl compare runs/* --json
+    """
+
+    runs: Annotated[Positional[tuple[Path, ...]], arg(metavar="RUN")]
+    """Folders of runs."""
+    out: Annotated[Path | None, arg(metavar="FILE")] = None
+    """PNG file for the learning curves."""
+    json: bool = False
+    """One JSON object on standard output and nothing else."""
+
+    def execute(self) -> int:
+        """Compare, print, draw."""
+        from bricksrl.evaluation.comparison import compare, draw
+        from bricksrl.plotting import check_picture
+
+        if self.out is not None:
+            check_picture(self.out)
+        found = compare(self.runs)
+        if self.json:
+            print_line(found.to_json())
+        else:
+            _print(found)
+        if self.out is not None:
+            draw(self.out, found.groups)
+            if not self.json:
+                print_line(f"picture  {self.out}")
+        return 0
+
+
+@dataclass(frozen=True)
+class Plot:
+    """Draw the learning curves of runs into one picture, with reference lines: random actions, a controller by hand, the paper.
+
+    Examples:
+      bricksrl plot runs/spin --out spin.png
+      bricksrl plot runs/sac runs/td3 --out curves.png
+    """
+
+    runs: Annotated[Positional[tuple[Path, ...]], arg(metavar="RUN")]
+    """Folders of runs; that of `bricksrl train --seeds` stands for its seeds."""
+    out: Annotated[Path, arg(metavar="FILE")]
+    """PNG file to write."""
+
+    def execute(self) -> int:
+        """Draw."""
+        from bricksrl.evaluation.comparison import compare, draw
+        from bricksrl.plotting import check_picture
+
+        check_picture(self.out)
+        draw(self.out, compare(self.runs).groups)
+        print_line(f"picture  {self.out}")
+        return 0
+
+
+def _print(found: Comparison) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    from bricksrl.plotting import number
+
+    table = Table("environment", "agent", "seeds", "episodes", "robot steps", "score", "95 % interval", box=None, pad_edge=False)
+    for group in found.groups:
+        episodes = max(map(len, group.curves))
+        cells = (str(len(group.seeds)), str(episodes), f"{group.steps:,}", number(group.score), _interval(group))
+        table.add_row(group.env, group.agent, *cells)
+    console = Console()
+    console.print(table)
+    console.print(f"\nscore: return, interquartile mean over the seeds; of each run its {found.scored_by}", highlight=False)
+    for one in found.improvements:
+        between = "" if one.interval is None else f" (95 % interval: {one.interval.low:.0%} to {one.interval.high:.0%})"
+        console.print(
+            f"{one.env}: {one.agent} beats {one.other} with probability {one.probability:.0%}{between}", highlight=False
+        )
+
+
+def _interval(group: Group) -> str:
+    from bricksrl.plotting import number
+
+    interval = group.interval
+    return "needs 5 seeds" if interval is None else f"{number(interval.low)} to {number(interval.high)}"

@@ -1,0 +1,125 @@
+"""Emergency stop and pause of a robot at work, by keys and by signals."""
+
+from __future__ import annotations
+
+import contextlib
+import queue
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from types import FrameType, TracebackType
+from typing import TYPE_CHECKING, Any, Self
+
+from bricksrl.cli.key_listener import KeyListener, can_listen, interrupt_main
+from bricksrl.cli.terminal import place_robot, print_error
+from bricksrl.errors import BricksError
+
+if TYPE_CHECKING:
+    import numpy as np
+    from prompt_toolkit.input import Input
+    from torchrl.envs import EnvBase
+
+STOP_KEYS = (" ", "q", "escape")
+PAUSE_KEY = "p"
+LEGEND = "keys: space, q or Esc stops the robot at once; p pauses it, and p again lets it go on"
+STOP_SIGNALS = tuple(
+    getattr(signal, name) for name in ("SIGUSR1", "SIGTERM", "SIGBREAK") if hasattr(signal, name)
+)  # Windows has the last one only, Ctrl-Break
+_END_S = 10.0
+
+
+class Hand:
+    """While entered, a key or a signal stops the robot, or pauses it. Signals work in the main thread only.
+
+    What is wanted is done in a separate thread: a signal may come while the main thread holds any lock.
+
+    Args:
+        stop: set when the robot is stopped, so that what runs ends.
+        tell: writes a line for the human.
+        keys: whether to listen to them; by itself where there is a terminal.
+        source: of the keys; the terminal without it.
+    """
+
+    def __init__(
+        self, stop: threading.Event, tell: Callable[[str], None], *, keys: bool | None = None, source: Input | None = None
+    ) -> None:
+        self._stop, self._tell = stop, tell
+        self._env: Any = None
+        self._wishes: queue.SimpleQueue[str] = queue.SimpleQueue()
+        self._worker = threading.Thread(target=self._work, name="bricksrl-hand", daemon=True)
+        self._keys = can_listen() if keys is None else keys
+        self._source = source
+        self._held = contextlib.ExitStack()
+        self._listener = contextlib.ExitStack()
+
+    def take(self, env: EnvBase) -> None:
+        """What the hand lies on from now on; where it is no robot, but a simulation, to stop is the same as Ctrl-C."""
+        self._env = env if hasattr(env, "pause") else None
+        if self._stop.is_set():
+            self._wishes.put("stop")
+
+    def __enter__(self) -> Self:
+        self._worker.start()
+        if threading.current_thread() is threading.main_thread():
+            for number in STOP_SIGNALS:
+                self._held.callback(signal.signal, number, signal.signal(number, self._on_signal))
+        if self._keys:
+            self._listener.enter_context(KeyListener(self._on_key, self._source))
+            self._tell(LEGEND)
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self._listener.close()
+        self._held.close()
+        self._wishes.put("end")
+        self._worker.join(_END_S)
+
+    @contextlib.contextmanager
+    def quiet(self) -> Iterator[None]:
+        """Inside, keys are an answer to what the terminal asks, and not meant for the robot."""
+        self._listener.close()
+        try:
+            yield
+        finally:
+            if self._keys:
+                self._listener.enter_context(KeyListener(self._on_key, self._source))
+
+    def place(self, rng: np.random.Generator) -> None:
+        """Have the robot put where an episode starts, as :func:`place_robot`."""
+        with self.quiet():
+            place_robot(rng)
+
+    def _on_signal(self, _number: int, _frame: FrameType | None) -> None:
+        self._wishes.put("stop")
+
+    def _on_key(self, key: str) -> None:
+        if key in STOP_KEYS:
+            self._wishes.put("stop")
+        elif key == PAUSE_KEY:
+            self._wishes.put("pause")
+
+    def _work(self) -> None:
+        while (wish := self._wishes.get()) != "end":
+            try:
+                self._stop_robot() if wish == "stop" else self._pause_robot()
+            except BricksError as error:  # it could not be told, and stops by itself
+                print_error(str(error))
+
+    def _stop_robot(self) -> None:
+        if self._env is None:  # nothing moves: the same as Ctrl-C
+            interrupt_main()
+            return
+        self._stop.set()
+        self._env.stop()
+        self._tell("stopped by hand")
+
+    def _pause_robot(self) -> None:
+        env = self._env
+        if env is None:
+            self._tell("nothing to pause here")
+        elif env.is_paused:
+            env.resume()
+            self._tell("goes on")
+        else:
+            env.pause()
+            self._tell("pauses after this step; p lets it go on")

@@ -1,0 +1,42 @@
+"""``bricksrl export``: a trained policy as a file for other programs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+from tyro.conf import Positional, arg
+
+from bricksrl.cli.terminal import load_learning, print_line
+
+
+@dataclass(frozen=True)
+class Export:
+    """Write a trained policy, observation to action, into a file that needs nothing of BricksRL.
+
+    The file is read again and compared with the policy. It takes observations [batch, n] in the units of the environment, and
+    images [batch, side, side, 3] where the policy sees, and gives actions [batch, m] in -1..1.
+
+    Examples:
+      bricksrl export runs/spin --out spin.pt2
+      bricksrl export runs/spin --format onnx --out spin.onnx
+    """
+
+    run: Annotated[Positional[Path], arg(metavar="RUN")]
+    """Folder that `bricksrl train` wrote, or of a shared policy."""
+    out: Annotated[Path, arg(metavar="FILE")]
+    """File to write, which must not exist."""
+    format: Annotated[Literal["torch-export", "onnx"], arg(metavar="NAME")] = "torch-export"
+    """torch-export, which torch.export.load reads; or onnx, for which onnx and onnxscript are to be installed."""
+    best: bool = False
+    """Take the checkpoint of the best evaluation during training in place of the last one."""
+
+    def execute(self) -> int:
+        """Export, check, and say so."""
+        load_learning()
+        from bricksrl.policies.export import export_model
+
+        difference = export_model(self.run, self.out, self.format, which="best" if self.best else "last")
+        print_line(f"written  {self.out}  (its actions differ by {difference:.2g} at most from the policy's)")
+        return 0

@@ -1,0 +1,89 @@
+"""``bricksrl new``: a commented file to start from."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+from typing import Annotated
+
+from tyro.conf import Positional, arg
+
+from bricksrl.cli.terminal import print_line
+from bricksrl.errors import DescriptionError
+from bricksrl.files import write_durably
+
+
+def write_template(kind: str, path: Path) -> None:
+    """Write the template of a task, a robot or an agent to a new Python file, with the file's own name in it.
+
+    Raises:
+        DescriptionError: the name is no Python file's, or the file exists.
+    """
+    if path.suffix != ".py" or not path.stem.isidentifier():
+        raise DescriptionError(
+            f"'{path.name}' is no name of a Python file; give letters, digits and underscores, as in my_{kind}.py"
+        )
+    if path.exists():
+        raise DescriptionError(f"{path} exists already; choose another name")
+    text = resources.files("bricksrl.cli.templates").joinpath(f"{kind}.py").read_text(encoding="utf-8")
+    words = re.findall(r"[a-zA-Z0-9]+", path.stem)
+    text = text.replace("my_file.py", str(path)).replace("MyTask-v0", f"{''.join(word.title() for word in words) or 'My'}-v0")
+    write_durably(path, text.encode())
+
+
+@dataclass(frozen=True)
+class NewTask:
+    """Write a file with a task of your own, commented, which trains as it is.
+
+    Examples:
+      bricksrl new task my_task.py
+    """
+
+    file: Annotated[Positional[Path], arg(metavar="FILE")]
+    """The Python file to write, which must not exist."""
+
+    def execute(self) -> int:
+        """Write it and say what to do with it."""
+        return _write("task", self.file, f"bricksrl train {self.file} --episodes 30")
+
+
+@dataclass(frozen=True)
+class NewRobot:
+    """Write a file with a robot of your own and a first task for it, commented, which trains as it is.
+
+    Examples:
+      bricksrl new robot my_robot.py
+    """
+
+    file: Annotated[Positional[Path], arg(metavar="FILE")]
+    """The Python file to write, which must not exist."""
+
+    def execute(self) -> int:
+        """Write it and say what to do with it."""
+        return _write("robot", self.file, f"bricksrl train {self.file} --episodes 30")
+
+
+@dataclass(frozen=True)
+class NewAgent:
+    """Write a file with an algorithm of your own, commented, which learns as it is.
+
+    Examples:
+      bricksrl new agent my_agent.py
+    """
+
+    file: Annotated[Positional[Path], arg(metavar="FILE")]
+    """The Python file to write, which must not exist."""
+
+    def execute(self) -> int:
+        """Write it and say what to do with it."""
+        return _write("agent", self.file, f"bricksrl train WalkerSim-v0 --agent {self.file} --episodes 20")
+
+
+def _write(kind: str, path: Path, train: str) -> int:
+    write_template(kind, path)
+    print_line(f"{kind:8}{path}")
+    print_line(f"check   bricksrl check {path}")
+    print_line(f"train   {train}")
+    return 0

@@ -1,0 +1,231 @@
+"""Live page on the command line: its flags, its address, and the commands that are about nothing else."""
+
+from __future__ import annotations
+
+import os
+import sys
+import threading
+import webbrowser
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from tyro.conf import Positional, arg
+
+from bricksrl.cli.robot_flags import RobotFlags
+from bricksrl.cli.terminal import INTERRUPTED, load_learning, place_robot, print_line, print_note
+from bricksrl.errors import DescriptionError, StoppedError
+
+if TYPE_CHECKING:
+    from torchrl.envs import EnvBase
+
+    from bricksrl.page.live import LivePage
+    from bricksrl.page.server import PageOptions
+    from bricksrl.policies.named import Player
+
+
+@dataclass(frozen=True, kw_only=True)
+class PageAddress:
+    """Where the live page is served."""
+
+    page_host: Annotated[str, arg(metavar="ADDRESS")] = "127.0.0.1"
+    """Address that the live page is served on; 0.0.0.0 lets phones and computers in the same network in, who know the address."""
+    page_port: Annotated[int | None, arg(metavar="N")] = None
+    """Port of the live page; without it the first free one from 8090 on."""
+
+    def page_options(self) -> PageOptions:
+        """Where the page is served."""
+        from bricksrl.page.server import PageOptions
+
+        return PageOptions(self.page_host, self.page_port)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PageFlags(PageAddress):
+    """Whether there is a live page."""
+
+    page: bool = False
+    """Show it live in the browser: the robot in 3D, curves, buttons to pause and stop, sliders to drive."""
+
+
+def announce(url: str) -> None:
+    """Tell the address of a page, and open it where there is a screen and somebody before it."""
+    print_note(f"live page: {url}")
+    if has_screen():
+        webbrowser.open(url)
+
+
+def show_file(path: Path) -> None:
+    """Open a file in the browser where there is a screen and somebody before it."""
+    if has_screen():
+        webbrowser.open(path.absolute().as_uri())
+
+
+def has_screen() -> bool:
+    """Whether a browser that is opened here can be seen by whoever started this."""
+    if sys.stderr is None or not sys.stderr.isatty() or os.environ.get("SSH_CONNECTION"):
+        return False
+    return sys.platform in ("win32", "darwin") or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
+
+
+@dataclass(frozen=True)
+class Play(RobotFlags, PageFlags):
+    """Let a trained agent play, episode after episode, at the speed of a real robot; with --page in the browser.
+
+    On the page one may choose another policy to compare: random, first (before it had learned), best and last. Ctrl-C ends it.
+
+    Examples:
+      bricksrl play runs/spin --page
+      bricksrl play Walker-v1 --page
+      bricksrl play runs/spin --hub ble --page
+      bricksrl play runs/spin --episodes 3
+    """
+
+    target: Annotated[Positional[str], arg(metavar="RUN|ENV")]
+    """Folder that `bricksrl train` wrote, or of a policy that was shared; or an environment, for random actions."""
+    policy: Annotated[str | None, arg(metavar="NAME")] = None
+    """Policy to begin with: random, first, best or last; without it the last."""
+    episodes: Annotated[int | None, arg(metavar="N")] = None
+    """Episodes to play; without it until Ctrl-C."""
+    seed: Annotated[int, arg(metavar="N")] = 1000
+    """Of the episodes."""
+
+    def execute(self) -> int:
+        """Play."""
+        from bricksrl.policies.named import named_policies, random_player
+
+        load_learning()
+        folder = Path(self.target)
+        is_run = folder.is_dir()
+        with _environment(self, self.target, folder if is_run else None) as (env, env_id):
+            players = named_policies(folder, env) if is_run else {"random": lambda: random_player(env)}
+            name = self.policy or list(players)[-1]
+            if name not in players:
+                raise DescriptionError(f"{self.target} has no policy '{name}'; choose {', '.join(players)}")
+            chosen = {name: players[name]}
+            players = {**{one: make for one, make in players.items() if one != name}, **chosen}
+            if self.page:
+                return _on_page(self, env, env_id, players, subtitle=self.target, episodes=self.episodes)
+            return _in_terminal(env, players[name](), self.episodes)
+
+
+@dataclass(frozen=True)
+class Drive(RobotFlags, PageAddress):
+    """Drive a robot, by default a virtual one, with the sliders and the stick of a page in the browser. Ctrl-C ends it.
+
+    Examples:
+      bricksrl drive Spinning-v0
+      bricksrl drive RoboArm-v0
+      bricksrl drive Walker-v0 --hub ble
+      bricksrl drive Spinning-v0 --page-host 0.0.0.0
+    """
+
+    env: Annotated[Positional[str], arg(metavar="ENV")]
+    """Environment; `bricksrl list` shows them. A task of your own: my_task.py, my_task.py:TASK or module:TASK."""
+    seed: Annotated[int, arg(metavar="N")] = 0
+    """Of the episodes."""
+
+    def execute(self) -> int:
+        """Drive."""
+        from bricksrl.page.play import resting_player
+
+        load_learning()
+        with _environment(self, self.env, None) as (env, env_id):
+            players = {"by hand": lambda: resting_player(env)}
+            return _on_page(self, env, env_id, players, subtitle="driven by hand", in_charge=True)
+
+
+@contextmanager
+def _environment(flags: Play | Drive, target: str, run: Path | None) -> Iterator[tuple[EnvBase, str]]:
+    """The environment that is named, or that of a run, open for as long as this lasts, and its id."""
+    from bricksrl.envs import make
+    from bricksrl.policies import config_of
+
+    env_id, options = target, flags.env_options()
+    if run is not None:
+        config = config_of(run)
+        env_id = config.env
+        options = options.changed(**config.options | options.options)
+    env = make(env_id, options, seed=flags.seed, place=place_robot)
+    try:
+        yield env, env_id
+    finally:
+        env.close(raise_if_closed=False)
+
+
+def _on_page(
+    flags: PageAddress,
+    env: EnvBase,
+    env_id: str,
+    players: Mapping[str, Callable[[], Player]],
+    *,
+    subtitle: str,
+    in_charge: bool = False,
+    episodes: int | None = None,
+) -> int:
+    from bricksrl.cli.emergency_stop import Hand
+    from bricksrl.page.live import LivePage
+    from bricksrl.page.play import play_on_page
+
+    page = LivePage(
+        env_id,
+        subtitle,
+        task=env.task,
+        in_charge=in_charge,
+        policies=tuple(players),
+        speed="1x",
+        options=flags.page_options(),
+    )
+    try:
+        with page, Hand(stop := threading.Event(), print_note) as hand:
+            announce(page.url)
+            hand.take(env)
+            returns = play_on_page(env, page, players, episodes=episodes, stop=stop)
+    except (KeyboardInterrupt, StoppedError):
+        return INTERRUPTED
+    print_line(f"{len(returns)} episodes, mean return {sum(returns) / len(returns):.4g}")
+    return 0
+
+
+def _in_terminal(env: EnvBase, player: Player, episodes: int | None) -> int:
+    """A line an episode."""
+    from bricksrl.cli.emergency_stop import Hand
+    from bricksrl.envs.rollout import Rollout, play
+
+    number = 0
+    try:
+        with Hand(threading.Event(), print_note) as hand:
+            hand.take(env)
+            while episodes is None or number < episodes:
+                episode = Rollout()
+                for frame in play(env, player.act, reset_policy=player.reset):
+                    episode.add(frame)
+                number += 1
+                print_line(f"episode {number}  return {episode.return_:.4g}  {len(episode.rewards)} steps")
+    except (KeyboardInterrupt, StoppedError):
+        return INTERRUPTED
+    return 0
+
+
+@contextmanager
+def run_on_page(
+    flags: PageFlags,
+    env_id: str,
+    options: Mapping[str, object],
+    *,
+    on_stop: Callable[[], None] = lambda: None,
+    can_drive: bool = True,
+) -> Iterator[LivePage | None]:
+    """The page of a run or a recording, served for as long as this lasts; ``None`` where nobody asked for it."""
+    if not flags.page:
+        yield None
+        return
+    from bricksrl.envs import get_task
+    from bricksrl.page.live import LivePage
+
+    task = get_task(env_id, **options)
+    with LivePage(env_id, task=task, can_drive=can_drive, on_stop=on_stop, options=flags.page_options()) as page:
+        announce(page.url)
+        yield page

@@ -1,0 +1,141 @@
+"""``bricksrl plan``: check a building plan, list its parts, draw its booklet, show it in the browser."""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+from tyro.conf import Positional, arg
+
+from bricksrl.cli.page import PageAddress, announce
+from bricksrl.cli.terminal import INTERRUPTED, print_line
+from bricksrl.errors import PlanError
+
+
+@dataclass(frozen=True)
+class CheckPlan:
+    """Check a building plan: unknown, loose and half-held parts, collisions, gears, steps, ports, cables.
+
+    One line a finding, with the line of the file and what to do; exit code 1 when there are any.
+
+    Examples:
+      bricksrl plan check plans/two_wheeler.ldr
+      bricksrl plan check my_robot.mpd
+    """
+
+    plan: Annotated[Positional[Path], arg(metavar="FILE")]
+    """An LDraw file (.ldr, .mpd), or Studio's .io."""
+
+    def execute(self) -> int:
+        """Check and print."""
+        from bricksrl.plans.check import check
+        from bricksrl.plans.plan import read_plan
+        from bricksrl.robots.planned import check_named
+
+        plan = read_plan(self.plan)
+        findings = check(plan) + check_named(plan)
+        for finding in findings:
+            where = f"line {finding.line}" if finding.line else "the plan"
+            print_line(f"{where:10}{finding.kind:14}{finding.text}")
+        kinds = len({placed.part for placed in plan.parts})
+        about = f"{len(plan.parts)} parts of {kinds} kinds, {len(plan.steps)} steps, {plan.mass_g:.0f} g"
+        print_line(f"{about}: {len(findings)} findings" if findings else f"{about}: all is well")
+        return 1 if findings else 0
+
+
+@dataclass(frozen=True)
+class PlanParts:
+    """List the parts of a building plan, as a table or as a file that shops read. Without a plan, list the catalogue.
+
+    Examples:
+      bricksrl plan parts plans/two_wheeler.ldr
+      bricksrl plan parts plans/two_wheeler.ldr --out parts.csv
+      bricksrl plan parts plans/two_wheeler.ldr --format bricklink --out wanted.xml
+      bricksrl plan parts
+    """
+
+    plan: Annotated[Positional[Path | None], arg(metavar="FILE")] = None
+    """An LDraw file (.ldr, .mpd), or Studio's .io."""
+    out: Annotated[Path | None, arg(metavar="FILE")] = None
+    """File to write."""
+    format: Literal["csv", "rebrickable", "bricklink"] = "csv"
+    """Of the file: a table with masses, Rebrickable's CSV, or a wanted list of BrickLink in XML."""
+
+    def execute(self) -> int:
+        """Print or write it."""
+        from bricksrl.files import write_durably
+        from bricksrl.plans import catalogue
+        from bricksrl.plans.parts_list import as_text, parts_list
+        from bricksrl.plans.plan import read_plan
+
+        if self.plan is None:
+            if self.out is not None:
+                raise PlanError("--out needs a plan; name an LDraw file")
+            for part in catalogue.parts():
+                print_line(f"{part.number:10}{part.family:12}{part.mass_g:8.2f} g  {part.name}")
+            return 0
+        plan = read_plan(self.plan)
+        entries = parts_list(plan)
+        if self.out is not None:
+            write_durably(self.out, as_text(entries, self.format).encode())
+        else:
+            for one in entries:
+                print_line(f"{one.count:4} x  {one.part.number:10}{one.colour.name:20}{one.mass_g:8.2f} g  {one.part.name}")
+        for unknown in plan.unknown:
+            print_line(f"{len(unknown.lines):4} x  {unknown.number:10}not in the catalogue")
+        print_line(f"{len(plan.parts)} parts, {plan.mass_g:.0f} g{f': {self.out}' if self.out else ''}")
+        return 0
+
+
+@dataclass(frozen=True)
+class PlanSteps:
+    """Draw the booklet of a building plan: cover, parts list, a page for each step, cables.
+
+    Examples:
+      bricksrl plan steps plans/two_wheeler.ldr --out two_wheeler.pdf
+      bricksrl plan steps my_robot.mpd --out my_robot.html
+    """
+
+    plan: Annotated[Positional[Path], arg(metavar="FILE")]
+    """An LDraw file (.ldr, .mpd), or Studio's .io."""
+    out: Annotated[Path, arg(metavar="FILE")]
+    """The .pdf or .html to write."""
+
+    def execute(self) -> int:
+        """Draw and write."""
+        from bricksrl.plans.booklet import write_booklet
+        from bricksrl.plans.plan import read_plan
+
+        plan = read_plan(self.plan)
+        print_line(f"{write_booklet(plan, self.out)} pages: {self.out}")
+        return 0
+
+
+@dataclass(frozen=True)
+class ShowPlan(PageAddress):
+    """Show a building plan in the browser: step after step, turned and zoomed, its joints moved by sliders. Ctrl-C ends it.
+
+    Examples:
+      bricksrl plan show plans/walker.ldr
+      bricksrl plan show my_robot.mpd --page-host 0.0.0.0
+    """
+
+    plan: Annotated[Positional[Path], arg(metavar="FILE")]
+    """An LDraw file (.ldr, .mpd), or Studio's .io."""
+
+    def execute(self) -> int:
+        """Serve it until somebody ends it."""
+        from bricksrl.page.plan_view import PlanView
+        from bricksrl.page.server import PageServer
+        from bricksrl.plans.plan import read_plan
+
+        view = PlanView(read_plan(self.plan))
+        try:
+            with PageServer(view.board, view.press, lambda: None, self.page_options()) as server:
+                announce(server.url)
+                threading.Event().wait()
+        except KeyboardInterrupt:
+            return INTERRUPTED
+        return 0

@@ -1,0 +1,61 @@
+"""``bricksrl settings``: the settings of an agent, with their defaults and what they mean."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+from tyro.conf import Positional, arg
+
+from bricksrl.cli.terminal import print_line
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Show the settings of an agent: name, value and meaning; `bricksrl train --set NAME=VALUE` changes one.
+
+    Examples:
+      bricksrl settings sac
+      bricksrl settings td3 --preset paper --json
+      bricksrl settings my_agent.py
+    """
+
+    agent: Annotated[Positional[str], arg(metavar="AGENT")]
+    """Agent; `bricksrl list` shows them. One of your own: my_agent.py, my_agent.py:NAME or module:NAME."""
+    preset: Annotated[str, arg(metavar="NAME")] = "default"
+    """Preset whose values are shown: default or paper."""
+    json: bool = False
+    """One JSON object of names and values, as `bricksrl train --settings` takes it, instead of a table."""
+
+    def execute(self) -> int:
+        """Print them."""
+        from bricksrl.agents import preset
+
+        settings = preset(self.preset, self.agent)
+        if self.json:
+            print_line(json.dumps(dataclasses.asdict(settings), indent=2))
+            return 0
+        from rich.console import Console
+        from rich.table import Table
+
+        table = Table("setting", "value", "meaning", box=None, pad_edge=False)
+        meanings = field_docs(type(settings))
+        for field in dataclasses.fields(settings):
+            value = getattr(settings, field.name)
+            shown = ",".join(map(str, value)) if isinstance(value, tuple) else str(value)
+            table.add_row(field.name, shown or "-", meanings.get(field.name, ""))
+        Console().print(table)
+        return 0
+
+
+def field_docs(kind: type[Any]) -> dict[str, str]:
+    """The docstrings below the fields of a dataclass, by name, those of its bases included."""
+    from docstring_parser import parse_from_object
+
+    found: dict[str, str] = {}
+    for base in reversed(kind.__mro__[:-1]):
+        told = parse_from_object(base).params
+        found |= {one.arg_name: " ".join((one.description or "").split()) for one in told if one.args[0] == "attribute"}
+    return found

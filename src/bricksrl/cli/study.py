@@ -1,0 +1,72 @@
+"""``bricksrl study``: the tables behind the claims, each by one command."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+from tyro.conf import Positional, arg
+
+from bricksrl.cli.terminal import INTERRUPTED, load_learning, print_interrupted, print_line
+
+
+@dataclass(frozen=True)
+class StudyCommand:
+    """Train and evaluate a whole table, with several seeds, and write its numbers and its page.
+
+    Without a name it says which studies there are and how long they take. What was made is not made again: the same command goes
+    on where it was interrupted.
+
+    Examples:
+      bricksrl study
+      bricksrl study communication --quick
+      bricksrl study agents
+      bricksrl study sim-to-robot --seeds 10 --on ray
+    """
+
+    name: Annotated[Positional[str | None], arg(metavar="NAME")] = None
+    """Study."""
+    quick: bool = False
+    """A few episodes of some of its cells: to see that everything works."""
+    seeds: Annotated[int | None, arg(metavar="N")] = None
+    """Of each cell; without it those of the study, and 2 with --quick."""
+    jobs: Annotated[int | None, arg(metavar="N")] = None
+    """Processes at a time; without it as many as there are cores."""
+    on: Annotated[str | None, arg(metavar="WHERE")] = None
+    """Run it there: ray, or ray:ADDRESS for a cluster whose computers all see the folder."""
+    folder: Annotated[Path | None, arg(metavar="DIR")] = None
+    """Folder of the study; without it studies/<name>, or studies/<name>-quick."""
+
+    def execute(self) -> int:
+        """Make it, or tell what there is."""
+        from bricksrl.errors import RunError
+        from bricksrl.evaluation.study_tables import STUDIES, get_study
+
+        if self.name is None:
+            for one in STUDIES.values():
+                print_line(f"{one.name:15} {one.title}; {one.hours:g} h on two cores, --quick {one.quick_minutes:g} min")
+            return 0
+        study = get_study(self.name)
+        for name in ("seeds", "jobs"):
+            value = getattr(self, name)
+            if value is not None and value < 1:
+                raise RunError(f"{name} is {value}; give 1 or more")
+        folder = self.folder or Path("studies") / (f"{study.name}-quick" if self.quick else study.name)
+        load_learning()
+        from bricksrl.evaluation.study import run_study
+
+        took = f"{study.quick_minutes:g} minutes" if self.quick else f"{study.hours:g} hours"
+        print_line(f"{study.title}: some {took} on two cores, into {folder}")
+
+        def tell(cell: str, seed: int, error: str | None) -> None:
+            print_line(f"{cell}  seed {seed}  {'done' if error is None else f'failed: {error}'}")
+
+        try:
+            page = run_study(study, folder, quick=self.quick, seeds=self.seeds, jobs=self.jobs, on=self.on, on_seed=tell)
+        except KeyboardInterrupt:
+            print_interrupted(f"what was made is in {folder}; the same command goes on with it")
+            return INTERRUPTED
+        print_line(f"tables   {page}")
+        print_line(f"numbers  {folder / 'study.json'}")
+        return 0

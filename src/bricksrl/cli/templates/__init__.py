@@ -1,0 +1,1 @@
+"""Templates of `bricksrl new`: files that are copied for the user, who goes on from there."""

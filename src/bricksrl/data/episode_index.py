@@ -1,0 +1,280 @@
+"""Index of a dataset: its description, and a row for each episode that was committed (``meta/episodes``).
+
+The rows have LeRobot's columns, and ours about how an episode came about.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+
+from bricksrl.data.episode import About, EpisodeRow
+from bricksrl.data.layout import CODEBASE_VERSION, DATA_PATH, FileIndex, Layout, features, info
+from bricksrl.data.parquet import Statistics, join_statistics, read_parquet
+from bricksrl.data.schema import Description
+from bricksrl.errors import DataError
+from bricksrl.files import write_durably
+
+
+@dataclass(frozen=True)
+class Index:
+    """Content of a dataset.
+
+    Attributes:
+        rows: of its episodes, in order; they lie one after the other.
+        last_file: of the files with rows; ``None`` where there is none.
+    """
+
+    layout: Layout
+    description: Description
+    rows: tuple[EpisodeRow, ...]
+    last_file: FileIndex | None
+
+    @property
+    def steps(self) -> int:
+        """Number of steps of all episodes."""
+        return sum(row.length for row in self.rows)
+
+
+def is_dataset(root: Path) -> bool:
+    """True if one was begun there."""
+    return Layout(root).description.exists() or Layout(root).info.exists()
+
+
+def read_index(root: Path) -> Index:
+    """The index of the dataset in the folder ``root``.
+
+    Raises:
+        DataError: there is none, it is damaged, or it was made by something else.
+    """
+    layout = Layout(root)
+    if not layout.info.exists():
+        raise DataError(f"there is no dataset in {root}; choose a folder with a meta/info.json")
+    if not layout.description.exists():
+        raise DataError(f"the dataset in {root} was not made by BricksRL: it has no meta/bricksrl.json; choose another")
+    description = read_description(layout)
+    episodes = read_episode_count(layout, description)
+    rows, last = read_all_rows(layout, description)
+    rows = rows[:episodes]  # what lies behind was on its way when its writer was killed
+    check_order(rows, episodes, layout)
+    return Index(layout, description, tuple(rows), last)
+
+
+def read_description(layout: Layout) -> Description:
+    """Description in ``meta/bricksrl.json``."""
+    try:
+        return Description.from_json(layout.description.read_bytes(), str(layout.description))
+    except OSError as error:
+        raise DataError(f"cannot read {layout.description} ({error.strerror}); restore it from a copy") from None
+
+
+def read_episode_count(layout: Layout, description: Description) -> int:
+    """Number of episodes that were committed."""
+    try:
+        found = json.loads(layout.info.read_bytes())
+    except OSError as error:
+        raise DataError(f"cannot read {layout.info} ({error.strerror}); restore it from a copy") from None
+    except (ValueError, RecursionError):
+        raise DataError(f"{layout.info} is no JSON; restore it, or run `bricksrl data repair {layout.root}`") from None
+    if not isinstance(found, dict) or found.get("codebase_version") != CODEBASE_VERSION:
+        raise DataError(f"{layout.info} is of no dataset in LeRobot's format {CODEBASE_VERSION}; choose another")
+    if found.get("features") != features(description) or found.get("data_path") != DATA_PATH:
+        raise DataError(f"{layout.info} and {layout.description.name} disagree about the columns; restore both from one copy")
+    episodes = found.get("total_episodes")
+    if type(episodes) is not int or episodes < 0:
+        raise DataError(f"{layout.info} does not say how many episodes there are; run `bricksrl data repair {layout.root}`")
+    return episodes
+
+
+def read_all_rows(layout: Layout, description: Description) -> tuple[list[EpisodeRow], FileIndex | None]:
+    """The rows of all files in a row, those of an unfinished commit included, and the last of the files."""
+    rows: list[EpisodeRow] = []
+    at, last = FileIndex(), None
+    while layout.episodes(at).exists():
+        rows += read_rows(layout.episodes(at), description)
+        at, last = at.next(), at
+    return rows, last
+
+
+def left_over(layout: Layout, description: Description, last: FileIndex | None) -> list[Path]:
+    """Files of an episode that no row tells of: its writer was killed before that."""
+    at = FileIndex() if last is None else last.next()
+    if layout.data(at.next()).exists() or layout.episodes(at.next()).exists():
+        return []  # a writer leaves one at most: here something else is missing
+    paths = [layout.data(at)] if description.image_key is None else [layout.data(at), layout.video(description.image_key, at)]
+    return [path for path in paths if path.exists()]
+
+
+def check_order(rows: Sequence[EpisodeRow], episodes: int, layout: Layout) -> None:
+    """Raise DataError unless the rows are those of ``episodes`` episodes, one after the other."""
+    start = 0
+    for number, row in enumerate(rows):
+        if row.episode != number or row.start != start:
+            raise DataError(f"the rows in {layout.root / 'meta/episodes'} are not in order at episode {number}; restore them")
+        start += row.length
+    if len(rows) != episodes:
+        raise DataError(
+            f"{layout.info} counts {episodes} episodes and meta/episodes holds {len(rows)}; "
+            f"restore it from a copy, or run `bricksrl data repair {layout.root}`"
+        )
+
+
+def write_index(layout: Layout, description: Description, rows: Sequence[EpisodeRow]) -> None:
+    """Write what counts and joins all episodes; the count comes last, and with it the newest episode exists."""
+    write_durably(layout.stats, to_json(join_statistics([row.statistics for row in rows])))
+    write_durably(layout.info, to_json(info(description, len(rows), sum(row.length for row in rows))))
+
+
+def to_json(value: Any) -> bytes:
+    """As LeRobot writes it."""
+    return (json.dumps(value, indent=4) + "\n").encode()
+
+
+_TEXT, _WHOLE, _REAL, _FLAG = pa.string(), pa.int64(), pa.float64(), pa.bool_()
+_STATS = ("min", "max", "mean", "std", "count")
+
+
+def sentence(description: Description) -> str:
+    """Instruction to the robot, in words; a dataset has one."""
+    return description.env
+
+
+def rows_table(rows: Sequence[EpisodeRow], description: Description, at: FileIndex) -> pa.Table:
+    """Rows as they are kept in the file ``at``."""
+    cells: dict[str, tuple[list[Any], pa.DataType]] = {
+        "episode_index": ([row.episode for row in rows], _WHOLE),
+        "tasks": ([[sentence(description)]] * len(rows), pa.list_(_TEXT)),
+        "length": ([row.length for row in rows], _WHOLE),
+        "data/chunk_index": ([row.data_file.chunk for row in rows], _WHOLE),
+        "data/file_index": ([row.data_file.file for row in rows], _WHOLE),
+        "data/sha256": ([row.data_sha256 for row in rows], _TEXT),
+        "dataset_from_index": ([row.start for row in rows], _WHOLE),
+        "dataset_to_index": ([row.start + row.length for row in rows], _WHOLE),
+        "meta/episodes/chunk_index": ([at.chunk] * len(rows), _WHOLE),
+        "meta/episodes/file_index": ([at.file] * len(rows), _WHOLE),
+        "return": ([row.return_ for row in rows], _REAL),
+        "terminated": ([row.terminated for row in rows], _FLAG),
+        "interventions": ([row.interventions for row in rows], _WHOLE),
+        "policy": ([row.about.policy for row in rows], _TEXT),
+        "seed": ([row.about.seed for row in rows], _WHOLE),
+        "success": ([row.about.success for row in rows], _FLAG),
+        "whole": ([row.about.whole for row in rows], _FLAG),
+        "started": ([row.about.started for row in rows], _TEXT),
+        "hub": ([row.about.hub for row in rows], _TEXT),
+        "robot": ([row.about.robot for row in rows], _TEXT),
+        "program_hash": ([row.about.program_hash for row in rows], _WHOLE),
+        "versions": ([json.dumps(row.about.versions) for row in rows], _TEXT),
+        "physics": ([json.dumps(row.about.physics) for row in rows], _TEXT),
+    }
+    key = description.image_key
+    if key is not None:
+        files = [row.video_file or FileIndex() for row in rows]
+        cells |= {
+            f"videos/{key}/chunk_index": ([file.chunk for file in files], _WHOLE),
+            f"videos/{key}/file_index": ([file.file for file in files], _WHOLE),
+            f"videos/{key}/from_timestamp": ([row.video_start_s for row in rows], _REAL),
+            f"videos/{key}/to_timestamp": ([row.video_start_s + row.length / description.rate_hz for row in rows], _REAL),
+            f"videos/{key}/sha256": ([row.video_sha256 for row in rows], _TEXT),
+            f"final/{key}": ([row.final_image for row in rows], pa.binary()),
+        }
+    for name, feature in features(description).items():
+        kind = pa.list_(pa.list_(pa.list_(_REAL))) if feature["dtype"] == "video" else pa.list_(_REAL)
+        for stat in _STATS:
+            column = [row.statistics[name][stat] for row in rows]
+            cells[f"stats/{name}/{stat}"] = (column, pa.list_(_WHOLE) if stat == "count" else kind)
+    return pa.table({name: pa.array(values, kind) for name, (values, kind) in cells.items()})
+
+
+def read_rows(path: Path, description: Description) -> list[EpisodeRow]:
+    """The rows in a file.
+
+    Raises:
+        DataError: it is missing, damaged or none of such a dataset.
+    """
+    records = read_parquet(path).to_pylist()
+    try:
+        return [_row(record, description) for record in records]
+    except (AttributeError, KeyError, TypeError, ValueError, OverflowError, RecursionError):
+        raise DataError(f"{path} holds rows that are not ours; restore it from a copy") from None
+
+
+def _row(record: dict[str, Any], description: Description) -> EpisodeRow:
+    key = description.image_key
+    video: dict[str, Any] = {}
+    if key is not None:
+        video = {
+            "video_file": _file(record, f"videos/{key}"),
+            "video_start_s": float(record[f"videos/{key}/from_timestamp"]),
+            "video_sha256": _optional(str, record[f"videos/{key}/sha256"]),
+            "final_image": _optional(bytes, record[f"final/{key}"]),
+        }
+    row = EpisodeRow(
+        episode=int(record["episode_index"]),
+        length=int(record["length"]),
+        start=int(record["dataset_from_index"]),
+        return_=float(record["return"]),
+        terminated=bool(record["terminated"]),
+        interventions=int(record["interventions"]),
+        data_file=_file(record, "data"),
+        data_sha256=_optional(str, record["data/sha256"]),
+        statistics=_statistics(record, description),
+        about=About(
+            policy=str(record["policy"]),
+            seed=_optional(int, record["seed"]),
+            success=_optional(bool, record["success"]),
+            whole=bool(record["whole"]),
+            started=str(record["started"]),
+            hub=str(record["hub"]),
+            robot=str(record.get("robot") or ""),
+            program_hash=_optional(int, record["program_hash"]),
+            versions=_dictionary(record["versions"]),
+            physics=_dictionary(record["physics"]),
+        ),
+        **video,
+    )
+    if row.length < 1 or row.start < 0 or row.episode < 0:
+        raise ValueError("an episode without steps")
+    return row
+
+
+def _file(record: dict[str, Any], prefix: str) -> FileIndex:
+    at = FileIndex(int(record[f"{prefix}/chunk_index"]), int(record[f"{prefix}/file_index"]))
+    if at.chunk < 0 or at.file < 0:
+        raise ValueError("a file with a negative number")
+    return at
+
+
+def _optional(kind: type, value: Any) -> Any:
+    if value is not None and not isinstance(value, kind):
+        raise TypeError("another type")
+    return value
+
+
+def _dictionary(text: str) -> dict[str, Any]:
+    value = json.loads(text)
+    if not isinstance(value, dict):
+        raise TypeError("another type")
+    return value
+
+
+def _statistics(record: dict[str, Any], description: Description) -> Statistics:
+    found = {}
+    for name, feature in features(description).items():
+        found[name] = {stat: list(record[f"stats/{name}/{stat}"]) for stat in _STATS}
+        wanted = (3, 1, 1) if feature["dtype"] == "video" else tuple(feature["shape"])
+        shapes = [np.shape(np.array(found[name][stat], np.float64)) for stat in _STATS]
+        if shapes != [wanted] * 4 + [(1,)] or not found[name]["count"][0] > 0:
+            raise ValueError("statistics of something else")
+    return found
+
+
+def moved(row: EpisodeRow, episode: int, start: int) -> EpisodeRow:
+    """The row where the episode gets another number and place."""
+    return dataclasses.replace(row, episode=episode, start=start)

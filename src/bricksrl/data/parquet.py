@@ -1,0 +1,161 @@
+"""Parquet files: between arrays in memory and bytes, both ways, and the statistics that LeRobot keeps of every column."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from numpy.typing import NDArray
+
+from bricksrl.data.layout import numbers, schema
+from bricksrl.data.schema import Description
+from bricksrl.errors import DataError
+
+Columns = Mapping[str, NDArray[Any]]
+"""Arrays ``[steps]`` and ``[steps, n]`` by the names of the columns."""
+
+Statistics = dict[str, dict[str, list[Any]]]
+"""``min``, ``max``, ``mean``, ``std`` and ``count`` of each column, as LeRobot has them."""
+
+
+def to_parquet(table: pa.Table) -> bytes:
+    """The file. Its pages carry checksums, so that a reader notices damage."""
+    sink = io.BytesIO()
+    pq.write_table(table, sink, compression="snappy", write_page_checksum=True)
+    return sink.getvalue()
+
+
+def read_parquet(path: Path, columns: Sequence[str] | None = None, *, digest: str | None = None) -> pa.Table:
+    """A table as `to_parquet` wrote it. Nothing in the file is executed.
+
+    Args:
+        columns: those that are needed.
+        digest: SHA-256 that the file must have.
+
+    Raises:
+        DataError: the file is missing, damaged, or without these columns.
+    """
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise DataError(f"cannot read {path} ({error.strerror}); restore it, or run `bricksrl data repair`") from None
+    if digest is not None and hashlib.sha256(data).hexdigest() != digest:
+        raise DataError(f"{path} is damaged: its content is not what was written; restore it from a copy")
+    try:
+        file = pq.ParquetFile(pa.BufferReader(data), page_checksum_verification=True)
+        if file.metadata.num_rows > len(data):
+            raise DataError(f"{path} claims more rows than it can hold; it is damaged or not ours")
+        missing = set(columns or ()) - set(file.schema_arrow.names)
+        if missing:
+            raise DataError(f"{path} has no column {', '.join(sorted(missing))}; it is no file of such a dataset")
+        table = file.read(columns=columns)
+        table.validate(full=True)
+    except (pa.ArrowException, OSError, ValueError, TypeError, OverflowError, MemoryError, RecursionError):
+        raise DataError(f"{path} is no sound Parquet file; restore it from a copy") from None
+    return table
+
+
+def to_table(columns: Columns, description: Description) -> pa.Table:
+    """The columns of steps as an Arrow table in the layout of the data files."""
+    arrays = []
+    for name, n, kind in numbers(description):
+        values = columns[name]
+        if n == 1:
+            arrays.append(pa.array(values.reshape(-1), kind))
+        else:
+            arrays.append(pa.FixedSizeListArray.from_arrays(pa.array(values.reshape(-1), kind), n))
+    return pa.Table.from_arrays(arrays, schema=schema(description))
+
+
+def from_table(table: pa.Table, description: Description, names: Iterable[str], where: Path) -> dict[str, NDArray[Any]]:
+    """Inverse of `to_table` for some of the columns; vectors of length 1 come back as ``[steps, 1]`` where they are vectors.
+
+    Raises:
+        DataError: a column has another type than the description says.
+    """
+    shapes = {name: (n, kind) for name, n, kind in numbers(description)}
+    arrays = {}
+    for name in names:
+        n, kind = shapes[name]
+        column = table[name].combine_chunks()
+        wanted = kind if n == 1 else pa.list_(kind, n)
+        if not (column.type == wanted or _is_list_of(column.type, kind)) or column.null_count:
+            raise DataError(f"{where}: column {name} is {column.type}, not {wanted}; it is no file of this dataset")
+        flat = column if n == 1 else column.flatten()
+        if len(flat) != n * len(column) or flat.null_count:
+            raise DataError(f"{where}: column {name} has rows of another length than {n}; it is no file of this dataset")
+        values = flat.to_numpy(zero_copy_only=False)
+        arrays[name] = values if n == 1 else values.reshape(-1, n)
+    return arrays
+
+
+def _is_list_of(kind: pa.DataType, item: pa.DataType) -> bool:
+    """Other programs write vectors as lists of any length."""
+    is_list = pa.types.is_list(kind) or pa.types.is_fixed_size_list(kind)
+    return bool(is_list and kind.value_type == item)
+
+
+def has_task(path: Path, sentence: str) -> bool:
+    """True if the file is a ``meta/tasks.parquet`` of this one task."""
+    try:
+        return bool(read_parquet(path).to_pylist() == pq.read_table(io.BytesIO(tasks_table(sentence))).to_pylist())
+    except DataError:
+        return False
+
+
+def tasks_table(sentence: str) -> bytes:
+    """``meta/tasks.parquet``: the sentence is pandas' index of the table, as LeRobot looks it up."""
+    column = {"field_name": None, "metadata": None}
+    about = {
+        "index_columns": ["task"],
+        "column_indexes": [{"name": None, "pandas_type": "unicode", "numpy_type": "object", **column}],
+        "columns": [
+            {"name": "task_index", "pandas_type": "int64", "numpy_type": "int64", **column, "field_name": "task_index"},
+            {"name": "task", "pandas_type": "unicode", "numpy_type": "object", **column, "field_name": "task"},
+        ],
+        "creator": {"library": "pyarrow", "version": pa.__version__},
+        "pandas_version": "2.0.0",
+    }
+    table = pa.table({"task_index": pa.array([0], pa.int64()), "task": pa.array([sentence], pa.string())})
+    return to_parquet(table.replace_schema_metadata({"pandas": json.dumps(about)}))
+
+
+def statistics(columns: Columns) -> Statistics:
+    """Statistics of the columns of one episode."""
+    return {name: _statistics(np.asarray(values, np.float64)) for name, values in columns.items()}
+
+
+def image_statistics(images: NDArray[np.uint8]) -> dict[str, list[Any]]:
+    """Statistics of images ``[steps, height, width, 3]``, for each colour in 0..1, of shape ``[3, 1, 1]`` but for the count."""
+    values = _statistics(images.reshape(-1, 3) / 255.0)
+    count = [len(images)]
+    return {name: count if name == "count" else [[[v]] for v in value] for name, value in values.items()}
+
+
+def _statistics(values: NDArray[np.float64]) -> dict[str, list[Any]]:
+    rows = values.reshape(len(values), -1)
+    with np.errstate(invalid="ignore"):  # a clock that is not there reads NaN
+        found = {"min": rows.min(0), "max": rows.max(0), "mean": rows.mean(0), "std": rows.std(0)}
+    return {**{name: value.tolist() for name, value in found.items()}, "count": [len(rows)]}
+
+
+def join_statistics(parts: Sequence[Statistics]) -> Statistics:
+    """The statistics of all episodes together from those of each."""
+    return {name: _join([part[name] for part in parts]) for name in (parts[0] if parts else ())}
+
+
+def _join(parts: Sequence[dict[str, list[Any]]]) -> dict[str, list[Any]]:
+    count = np.array([part["count"][0] for part in parts], np.float64)
+    low, high, means, stds = (np.array([part[key] for part in parts], np.float64) for key in ("min", "max", "mean", "std"))
+    share = (count / count.sum()).reshape(-1, *[1] * (means.ndim - 1))
+    mean = (share * means).sum(0)
+    variance = (share * (stds**2 + (means - mean) ** 2)).sum(0)
+    joined = {"min": low.min(0), "max": high.max(0), "mean": mean, "std": np.sqrt(variance)}
+    return {**{name: value.tolist() for name, value in joined.items()}, "count": [int(count.sum())]}

@@ -1,0 +1,216 @@
+"""Reading a dataset into memory: all transitions of all episodes, in their order."""
+
+from __future__ import annotations
+
+import hashlib
+import itertools
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from bricksrl.data.episode import EpisodeRow
+from bricksrl.data.episode_index import Index, read_index
+from bricksrl.data.layout import ACTION, NEXT, OBSERVATION, FileIndex
+from bricksrl.data.parquet import from_table, read_parquet
+from bricksrl.data.schema import Description
+from bricksrl.errors import DataError
+
+if TYPE_CHECKING:
+    from tensordict import TensorDict
+    from torch import Tensor
+
+_COLUMNS = (
+    OBSERVATION,
+    ACTION,
+    NEXT,
+    "next.reward",
+    "next.terminated",
+    "next.truncated",
+    "intervention",
+    "age_s",
+    "hub_time_s",
+    "episode_index",
+    "index",
+)
+
+
+@dataclass(frozen=True)
+class Episodes:
+    """``N`` transitions of whole episodes, one after the other.
+
+    Attributes:
+        description: what the numbers are.
+        observation, next_observation: float32 ``[N, n]``.
+        action: float32 ``[N, m]``, in -1..1.
+        reward: float32 ``[N]``.
+        terminated, truncated: bool ``[N]``; values go on through a truncation.
+        episode: int64 ``[N]``, from 0.
+        intervention: bool ``[N]``; a human chose the action.
+        age_s: float32 ``[N]``; age of the observation when the action left.
+        hub_time_s: float64 ``[N]``; the hub's clock at ``next_observation``, not a number without a hub.
+        image, next_image: uint8 ``[N, side, side, 3]``; ``None`` without a camera, or where they were not asked for.
+        rows: what is known about each episode.
+    """
+
+    description: Description
+    observation: Tensor
+    action: Tensor
+    reward: Tensor
+    next_observation: Tensor
+    terminated: Tensor
+    truncated: Tensor
+    episode: Tensor
+    intervention: Tensor
+    age_s: Tensor
+    hub_time_s: Tensor
+    image: Tensor | None = None
+    next_image: Tensor | None = None
+    rows: tuple[EpisodeRow, ...] = ()
+
+    def __len__(self) -> int:
+        return len(self.reward)
+
+    def returns(self) -> NDArray[np.float64]:
+        """Sum of the rewards of each episode."""
+        return np.array([row.return_ for row in self.rows])
+
+    def to_tensordict(self) -> TensorDict:
+        """The transitions as TorchRL has them, ``[N]``: what comes after a step under ``next``, flags and rewards ``[N, 1]``."""
+        from tensordict import TensorDict
+
+        n = [len(self)]
+        after = {
+            "observation": self.next_observation,
+            "reward": self.reward[:, None],
+            "terminated": self.terminated[:, None],
+            "truncated": self.truncated[:, None],
+            "done": (self.terminated | self.truncated)[:, None],
+        }
+        now = {"observation": self.observation, "action": self.action, "episode": self.episode, "intervention": self.intervention}
+        if self.image is not None and self.next_image is not None:
+            now["image"], after["image"] = self.image, self.next_image
+        return TensorDict({**now, "next": TensorDict(after, n)}, n)
+
+
+def load(path: Path | str, *, images: bool = True) -> Episodes:
+    """The dataset in a folder, or that of a run in its folder. Nothing in it is executed, nothing is written.
+
+    Args:
+        images: read those too, where there are any.
+
+    Raises:
+        DataError: there is no dataset, it is damaged, or it is none of ours.
+    """
+    import torch
+
+    index = read_index(dataset_folder(Path(path)))
+    columns = read_columns(index, _COLUMNS)
+    tensors = {name: torch.from_numpy(np.ascontiguousarray(columns[name])) for name in _COLUMNS}
+    shown: dict[str, Any] = {}
+    if images and index.description.camera is not None:
+        image, after = read_images(index)
+        shown = {"image": torch.from_numpy(image), "next_image": torch.from_numpy(after)}
+    return Episodes(
+        description=index.description,
+        observation=tensors[OBSERVATION],
+        action=tensors[ACTION],
+        reward=tensors["next.reward"],
+        next_observation=tensors[NEXT],
+        terminated=tensors["next.terminated"],
+        truncated=tensors["next.truncated"],
+        episode=tensors["episode_index"],
+        intervention=tensors["intervention"],
+        age_s=tensors["age_s"],
+        hub_time_s=tensors["hub_time_s"],
+        rows=index.rows,
+        **shown,
+    )
+
+
+def dataset_folder(path: Path) -> Path:
+    """The folder of the dataset: the given one, or ``data`` in that of a run."""
+    inside = path / "data"
+    return inside if (inside / "meta/info.json").exists() and not (path / "meta/info.json").exists() else path
+
+
+def read_columns(index: Index, names: Sequence[str]) -> dict[str, NDArray[Any]]:
+    """Columns of all steps: ``[N]``, vectors ``[N, n]`` also where ``n`` is 1.
+
+    Raises:
+        DataError: a file is missing or damaged.
+    """
+    widths = {OBSERVATION: len(index.description.observation), NEXT: len(index.description.observation)}
+    widths[ACTION] = len(index.description.action)
+    parts: list[dict[str, NDArray[Any]]] = []
+    for rows in by_file(index.rows):
+        table = read_file(index, rows)
+        parts.append(from_table(table, index.description, names, index.layout.data(rows[0].data_file)))
+    if not parts:
+        raise DataError(f"the dataset in {index.layout.root} has no episodes yet; record some")
+    joined = {name: np.concatenate([part[name] for part in parts]) for name in names}
+    return {name: array.reshape(-1, widths[name]) if name in widths else array for name, array in joined.items()}
+
+
+def read_file(index: Index, rows: Sequence[EpisodeRow]) -> pa.Table:
+    """The steps of episodes that are in one file, checked against what is known of them."""
+    path = index.layout.data(rows[0].data_file)
+    table = read_parquet(path, digest=rows[0].data_sha256)
+    table = table.slice(0, sum(row.length for row in rows))  # behind them may be episodes of an unfinished commit
+    told = from_table(table, index.description, ("index", "episode_index"), path)
+    lengths = [row.length for row in rows]
+    if sum(lengths) != len(table) or not (  # what a row says may be any number: nothing is made of that size before
+        np.array_equal(told["index"], rows[0].start + np.arange(len(table)))
+        and np.array_equal(told["episode_index"], np.repeat([row.episode for row in rows], lengths))
+    ):
+        raise DataError(f"{path} holds other steps than meta/episodes says; restore both from one copy")
+    return table
+
+
+def by_file(rows: Sequence[EpisodeRow]) -> Iterator[list[EpisodeRow]]:
+    """The rows of each data file."""
+    for _, part in itertools.groupby(rows, key=lambda row: row.data_file):
+        yield list(part)
+
+
+def read_images(index: Index) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+    """The images before and after all steps, each ``[N, side, side, 3]``.
+
+    Raises:
+        DataError: a video is missing or damaged.
+    """
+    from bricksrl.data.images import decode
+
+    key, side = index.description.image_key, index.description.image_px
+    if key is None:
+        raise DataError(f"the dataset in {index.layout.root} has no images; it was recorded without a camera")
+    before, after = [], []
+    for file, part in itertools.groupby(index.rows, key=lambda row: row.video_file):
+        rows = list(part)
+        path = index.layout.video(key, file or FileIndex())
+        check_digest(path, rows[0].video_sha256)
+        images = decode(path, sum(row.length for row in rows), side)
+        at = 0
+        for row in rows:
+            own = images[at : at + row.length]
+            final = np.frombuffer(row.final_image or b"", np.uint8)
+            if final.size != own[0].size:
+                raise DataError(f"episode {row.episode} in {index.layout.root} has no final image; restore meta/episodes")
+            before.append(own)
+            after.append(np.concatenate([own[1:], final.reshape(1, side, side, 3)]))
+            at += row.length
+    return np.concatenate(before), np.concatenate(after)
+
+
+def check_digest(path: Path, digest: str | None) -> None:
+    """Raise DataError unless the file has the SHA-256 digest; a file without one only has to be there."""
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise DataError(f"cannot read {path} ({error.strerror}); restore it from a copy") from None
+    if digest is not None and hashlib.sha256(data).hexdigest() != digest:
+        raise DataError(f"{path} is damaged: its content is not what was written; restore it from a copy")

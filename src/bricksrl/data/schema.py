@@ -1,0 +1,174 @@
+"""Schema of a dataset: names, order, units and rate of its numbers. Equal for all episodes of a dataset."""
+
+from __future__ import annotations
+
+import dataclasses
+import enum
+import json
+import math
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from bricksrl.entry import Entry
+from bricksrl.errors import DataError
+
+if TYPE_CHECKING:
+    from torchrl.envs import EnvBase
+
+    from bricksrl.envs.task import Task
+
+VERSION = 1
+"""Of what this writes; others are refused."""
+
+
+@dataclass(frozen=True)
+class Description:
+    """Description of recorded data.
+
+    Attributes:
+        env: id of the environment.
+        rate_hz: steps a second as the task asks for them; 1 where each step takes as long as it takes.
+        observation, action: the vectors, number by number; actions are in -1..1, their channels tell what that maps to.
+        robot: the robot's whole description as plain values; empty where there is none.
+        options: what the environment was made with, beyond its id.
+        camera: name of the camera; ``None`` without one.
+        image_px: side of its square image.
+    """
+
+    env: str
+    rate_hz: float
+    observation: tuple[Entry, ...]
+    action: tuple[Entry, ...]
+    robot: dict[str, Any] = field(default_factory=dict)
+    options: dict[str, Any] = field(default_factory=dict)
+    camera: str | None = None
+    image_px: int = 0
+
+    @property
+    def image_key(self) -> str | None:
+        """The camera's feature in the LeRobot format."""
+        return None if self.camera is None else f"observation.images.{self.camera}"
+
+    def to_json(self) -> bytes:
+        """As it is kept beside the data."""
+        vectors = {key: [_entry_to_json(entry) for entry in getattr(self, key)] for key in ("observation", "action")}
+        return (json.dumps({"bricksrl_dataset": VERSION, **dataclasses.asdict(self), **vectors}, indent=1) + "\n").encode()
+
+    @classmethod
+    def from_json(cls, data: bytes, where: str) -> Description:
+        """Inverse of `to_json`.
+
+        Raises:
+            DataError: it is none of ours.
+        """
+        try:
+            values = json.loads(data)
+        except (ValueError, RecursionError):
+            raise DataError(f"{where} is no JSON; restore it from a copy") from None
+        if not isinstance(values, dict) or values.pop("bricksrl_dataset", None) != VERSION:
+            raise DataError(f"{where} describes no dataset of this version of BricksRL; choose another")
+        try:
+            for key in ("observation", "action"):
+                values[key] = tuple(_entry_from_json(entry) for entry in values[key])
+            description = cls(**values)
+            description.check()
+        except (AttributeError, KeyError, TypeError, ValueError):
+            raise DataError(f"{where} is damaged; restore it from a copy") from None
+        return description
+
+    def check(self) -> None:
+        """Raise ValueError or TypeError unless all types are those that are written above."""
+        texts = [self.env, *(text for entry in (*self.observation, *self.action) for text in (entry.name, entry.unit))]
+        sound = [
+            all(isinstance(text, str) for text in texts),
+            bool(self.observation) and bool(self.action),
+            math.isfinite(self.rate_hz) and self.rate_hz > 0,
+            isinstance(self.robot, dict) and isinstance(self.options, dict),
+            self.camera is None or (isinstance(self.camera, str) and self.camera.isidentifier()),
+            type(self.image_px) is int and (self.image_px > 0) == (self.camera is not None),
+        ]
+        if not all(sound):
+            raise ValueError("not a description")
+
+    def differences(self, other: Description) -> list[str]:
+        """Differences to ``other``, a phrase for each attribute; empty where data of both may be joined."""
+        phrases = []
+        for name in ("env", "rate_hz", "camera", "image_px", "options"):
+            ours, theirs = getattr(self, name), getattr(other, name)
+            if ours != theirs:
+                phrases.append(f"{name} {theirs} instead of {ours}")
+        for name in ("observation", "action"):
+            ours, theirs = getattr(self, name), getattr(other, name)
+            if ours != theirs:
+                phrases.append(f"{name} {_difference(ours, theirs)}")
+        if self.robot != other.robot:
+            ours, theirs = self.robot.get("name", "none"), other.robot.get("name", "none")
+            same = "the same name with another description"
+            phrases.append(f"robot {theirs} instead of {ours}" if ours != theirs else f"robot {ours}: {same}")
+        return phrases
+
+
+def _difference(ours: tuple[Entry, ...], theirs: tuple[Entry, ...]) -> str:
+    names, other = [entry.name for entry in ours], [entry.name for entry in theirs]
+    if names != other:
+        return f"[{', '.join(other)}] instead of [{', '.join(names)}]"
+    changed = [a.name for a, b in zip(ours, theirs, strict=True) if a != b]
+    return f"with another unit or range of {', '.join(changed)}"
+
+
+def describe(env: EnvBase, options: dict[str, Any] | None = None, *, name: str | None = None) -> Description:
+    """The description of an environment, ours or any other with one observation and one action vector.
+
+    Args:
+        options: what it was made with.
+        name: of one that has no task and so no id; by default that of its class.
+    """
+    task: Task | None = getattr(env, "task", None)
+    return _describe_specs(env, options or {}, name or type(env).__name__) if task is None else describe_task(task, options)
+
+
+def describe_task(task: Task, options: dict[str, Any] | None = None) -> Description:
+    """The description of what is recorded in a task."""
+    settle = task.interface.settle
+    camera = task.camera
+    return Description(
+        env=task.id,
+        rate_hz=1.0 if settle.fixed_ms is None else 1000.0 / settle.fixed_ms,
+        observation=tuple(Entry(e.name, e.low, e.high, e.unit, wraps=e.wraps) for e in task.entries),
+        action=tuple(command.entry for command in task.interface.commands),
+        robot={
+            name: value for name, value in _plain(task.robot).items() if name not in ("model", "plan")
+        },  # how it is simulated, not what it is
+        options=_plain(options or {}),
+        camera=None if camera is None else camera.name,
+        image_px=0 if camera is None else camera.image_px,
+    )
+
+
+def _describe_specs(env: EnvBase, options: dict[str, Any], name: str) -> Description:
+    from bricksrl.envs.specs import entries_of, spec_entries
+
+    return Description(name, 1.0, entries_of(env), spec_entries(env.action_spec, "action"), {}, _plain(options))
+
+
+def _entry_to_json(entry: Entry) -> dict[str, Any]:
+    low, high = (end if math.isfinite(end) else None for end in (entry.low, entry.high))
+    return {"name": entry.name, "unit": entry.unit, "low": low, "high": high, "wraps": entry.wraps}
+
+
+def _entry_from_json(values: dict[str, Any]) -> Entry:
+    low, high = (without if values.get(end) is None else values[end] for end, without in (("low", -math.inf), ("high", math.inf)))
+    return Entry(**{**values, "low": low, "high": high})
+
+
+def _plain(value: Any) -> Any:
+    """Dataclasses, enums and tuples as JSON has them."""
+    if dataclasses.is_dataclass(value):
+        return {f.name: _plain(getattr(value, f.name)) for f in dataclasses.fields(value)}
+    if isinstance(value, enum.Enum):
+        return _plain(value.value)
+    if isinstance(value, dict):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(item) for item in value]
+    return value

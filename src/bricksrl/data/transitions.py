@@ -1,0 +1,92 @@
+"""Recorded steps from the transitions of an environment."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from datetime import UTC, datetime
+from importlib import metadata
+from typing import TYPE_CHECKING, Any
+
+import bricksrl
+from bricksrl.data.episode import About, Image, Step
+
+if TYPE_CHECKING:
+    from tensordict import TensorDictBase
+    from torch import Tensor
+    from torchrl.envs import EnvBase
+
+    from bricksrl.hub.interface import Interface
+    from bricksrl.robots import Robot
+
+_PACKAGES = ("torch", "torchrl", "mujoco")
+
+
+def step_of(transition: TensorDictBase, env: EnvBase, *, intervention: bool = False) -> Step:
+    """A step as TorchRL's ``EnvBase.step`` returns it, copied: the environment may use its tensors again.
+
+    Args:
+        env: that made it; where it tells when things were measured, that is kept.
+    """
+    after = transition["next"]
+    timing = getattr(env, "timing", None)
+    when = {} if timing is None else {"age_s": timing.age_s, "hub_time_s": timing.hub_time_s}
+    return Step(
+        observation=_numbers(transition["observation"]),
+        action=_numbers(transition["action"]),
+        reward=float(after["reward"]),
+        next_observation=_numbers(after["observation"]),
+        terminated=bool(after["terminated"]),
+        truncated=bool(after["done"]) and not bool(after["terminated"]),
+        image=_image(transition),
+        next_image=_image(after),
+        intervention=intervention,
+        **when,
+    )
+
+
+def _numbers(tensor: Tensor) -> Any:
+    return tensor.detach().cpu().numpy().copy()
+
+
+def _image(tensordict: TensorDictBase) -> Image | None:
+    image = tensordict.get("image", None)
+    return None if image is None else _numbers(image)
+
+
+def about(env: EnvBase, policy: str, *, seed: int | None = None, hub: str = "virtual") -> About:
+    """Provenance of an episode that starts now.
+
+    Args:
+        policy: what chooses the actions.
+        seed: of the episode.
+        hub: how the robot is reached; left out where there is none.
+    """
+    task = getattr(env, "task", None)
+    on_hub = hasattr(env, "twin")
+    return About(
+        policy=policy,
+        seed=seed,
+        started=datetime.now(UTC).astimezone().isoformat(timespec="milliseconds"),
+        hub=hub if on_hub else "",
+        program_hash=_program_hash(task.robot, task.interface) if on_hub and task is not None else None,
+        versions=dict(_versions()),
+        physics=_physics(env) if on_hub and hub == "virtual" else {},
+    )
+
+
+@functools.lru_cache(maxsize=16)
+def _program_hash(robot: Robot, interface: Interface) -> int:
+    from bricksrl.hub.program.generate import generate
+
+    return generate(robot, interface).hash
+
+
+@functools.lru_cache(maxsize=1)
+def _versions() -> tuple[tuple[str, str], ...]:
+    return ("bricksrl", bricksrl.__version__), *((name, metadata.version(name)) for name in _PACKAGES)
+
+
+def _physics(env: EnvBase) -> dict[str, float]:
+    physics = None if env.twin is None else getattr(env.twin.body, "physics", None)
+    return {} if physics is None else dataclasses.asdict(physics)

@@ -1,0 +1,7 @@
+"""Arenas: environments of several robots in one world."""
+
+from __future__ import annotations
+
+from bricksrl.envs.arenas.registry import ARENAS, get_arena_task, make_arena
+
+__all__ = ["ARENAS", "get_arena_task", "make_arena"]

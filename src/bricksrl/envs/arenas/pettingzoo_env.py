@@ -1,0 +1,97 @@
+"""Arenas in PettingZoo's parallel API (the extra ``arenas``)."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import torch
+from gymnasium.spaces import Box
+from numpy.typing import NDArray
+from tensordict import TensorDict
+
+from bricksrl.envs.arenas.registry import make_arena
+from bricksrl.errors import RunError
+
+if TYPE_CHECKING:
+    from bricksrl.envs.arenas.env import ArenaEnv
+    from bricksrl.envs.arenas.task import ArenaTask
+
+try:
+    from pettingzoo import ParallelEnv
+except ImportError:
+    raise RunError("PettingZoo is not installed; run `pip install 'bricksrl[arenas]'`") from None
+
+Array = NDArray[np.float32]
+
+
+class ArenaParallelEnv(ParallelEnv):  # type: ignore[misc]
+    """Several robots of an arena, by their names.
+
+    Args:
+        env: a name of `bricksrl.envs.arenas.ARENAS`, or a task of your own.
+        named: what `make_arena` takes.
+    """
+
+    def __init__(self, env: str | ArenaTask, **named: Any) -> None:
+        self._env: ArenaEnv = make_arena(env, **named)
+        task = self._env.task
+        self.metadata = {"name": task.id, "is_parallelizable": True}
+        self.possible_agents = list(task.robots)
+        self.agents: list[str] = []
+        n = (len(task.entries),)
+        # what is seen may lie beyond an entry's nominal bounds
+        self.observation_spaces = {name: Box(-np.inf, np.inf, n, np.float32) for name in task.robots}
+        self.action_spaces = {name: Box(-1.0, 1.0, (2,), np.float32) for name in task.robots}
+        self._state: Any = None
+
+    def observation_space(self, agent: str) -> Box:
+        """What a robot may observe."""
+        return self.observation_spaces[agent]
+
+    def action_space(self, agent: str) -> Box:
+        """What a robot may do."""
+        return self.action_spaces[agent]
+
+    def reset(
+        self, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, Array], dict[str, dict[str, Any]]]:
+        """Start an episode; the same seed gives the same one."""
+        if seed is not None:
+            self._env.set_seed(seed)
+        self._state = self._env.reset()
+        self.agents = list(self.possible_agents)
+        return self._of_robots(self._state, "observation"), {name: {} for name in self.agents}
+
+    def step(
+        self, actions: dict[str, Array]
+    ) -> tuple[dict[str, Array], dict[str, float], dict[str, bool], dict[str, bool], dict[str, dict[str, Any]]]:
+        """One step of all robots; the episode ends for all at once."""
+        task = self._env.task
+        for group, names in task.groups.items():
+            chosen = torch.tensor(np.stack([actions[name] for name in names]), dtype=torch.float32)
+            self._state[group, "action"] = chosen
+        out = self._env.step(TensorDict(self._state))["next"]
+        self._state = out.exclude("terminated", "truncated", "done")
+        lost = bool(out["link_lost"])
+        rewards = {name: float(value[0]) for name, value in self._of_robots(out, "reward").items()}
+        ends = [dict.fromkeys(self.agents, bool(out[name])) for name in ("terminated", "truncated")]
+        infos: dict[str, dict[str, Any]] = {name: {"link_lost": lost} for name in self.agents}
+        seen = self._of_robots(out, "observation")
+        if bool(out["done"]):
+            self.agents = []
+        return seen, rewards, ends[0], ends[1], infos
+
+    def _of_robots(self, tensordict: Any, name: str) -> dict[str, Array]:
+        found = {}
+        for group, names in self._env.task.groups.items():
+            for robot, value in zip(names, tensordict[group, name].unbind(0), strict=True):
+                found[robot] = value.numpy().copy()
+        return {robot: found[robot] for robot in self._env.task.robots}
+
+    def render(self) -> None:
+        """Nothing is drawn here; `bricksrl.twin.render` draws an arena's world."""
+
+    def close(self) -> None:
+        """Stop all robots."""
+        self._env.close(raise_if_closed=False)

@@ -1,0 +1,68 @@
+"""Arenas by name. Importing this imports neither torch nor MuJoCo; making an arena does."""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING
+
+from bricksrl.errors import DescriptionError, UnknownNameError
+from bricksrl.seed import check_seed
+
+if TYPE_CHECKING:
+    from torchrl.envs import EnvBase
+
+    from bricksrl.envs.arenas.task import ArenaTask
+    from bricksrl.twin.physics import Physics
+
+ARENAS = {"Tag-v0": "tag:TAG", "Carry-v0": "carry:CARRY"}
+"""Where each task is written."""
+
+
+def get_arena_task(env_id: str) -> ArenaTask:
+    """The task of a name.
+
+    Raises:
+        UnknownNameError: there is none.
+    """
+    if env_id not in ARENAS:
+        raise UnknownNameError(f"there is no arena '{env_id}'; choose {', '.join(ARENAS)}")
+    module, _, name = ARENAS[env_id].partition(":")
+    task: ArenaTask = getattr(importlib.import_module(f"bricksrl.envs.arenas.{module}"), name)
+    return task
+
+
+def make_arena(
+    env: str | ArenaTask,
+    *,
+    seed: int | None = None,
+    physics: Physics | None = None,
+    realtime: bool = False,
+    batch_size: int = 0,
+    device: str = "cpu",
+) -> EnvBase:
+    """An environment of several robots, in TorchRL's multi-agent conventions.
+
+    Args:
+        env: a name of `ARENAS`, or a task of your own.
+        physics: of the virtual robots.
+        realtime: let them take as long as real ones.
+        batch_size, device: more than 0 for so many copies of a kinematic simulation, without hubs and contacts, for robots that
+            push nothing.
+
+    Raises:
+        UnknownNameError: there is no such arena.
+        DescriptionError: the seed cannot be one, or there can be no simulation of it.
+    """
+    check_seed(seed)
+    task = get_arena_task(env) if isinstance(env, str) else env
+    if batch_size:
+        if task.arena.loads or realtime or physics is not None:
+            raise DescriptionError(
+                f"{task.id} has no kinematic simulation of what is pushed, of time or of physics; leave it away"
+            )
+        from bricksrl.envs.arenas.simulation import ArenaSimulation
+
+        return ArenaSimulation(task, batch_size, seed=seed, device=device)
+    from bricksrl.envs.arenas.env import ArenaEnv
+
+    return ArenaEnv(task, seed=seed, physics=physics, realtime=realtime)

@@ -1,0 +1,121 @@
+"""Kinematic simulation of an arena: robots on two wheels as points with a heading, many copies in one batch.
+
+No hubs, no contacts: robots slide along walls and through one another. It is for learning quickly; what was learned is measured
+in the arena itself.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import torch
+from tensordict import TensorDict, TensorDictBase
+from torchrl.envs import EnvBase
+
+from bricksrl.envs.arenas.specs import by_groups, joined_actions, set_specs
+from bricksrl.envs.arenas.task import ArenaState, ArenaTask
+from bricksrl.errors import DescriptionError
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+LAG = (0.2, 0.6)
+"""Share of a command that is carried out in the step after it, drawn for each episode: a motor needs time to speed up."""
+NOISE = 0.03
+"""Standard deviation of a wheel's way, as a share of the widest command."""
+MARGIN_M = 0.07
+"""How near to a wall the middle of a robot gets."""
+
+
+class ArenaSimulation(EnvBase):  # type: ignore[misc]
+    """Copies ``[copies]`` of a task without loads."""
+
+    def __init__(self, task: ArenaTask, copies: int, *, seed: int | None = None, device: torch.device | str = "cpu") -> None:
+        super().__init__(batch_size=(copies,), device=device)
+        self.task = task
+        travel, track, radius = [], [], []
+        for one, interface in zip(task.arena.robots, task.interfaces, strict=True):
+            base = one.robot.drive_base
+            if base is None or task.arena.loads:
+                raise DescriptionError(f"{task.id}: only robots with a drive base, and no loads, are simulated so")
+            travel.append([command.high for command in interface.commands])
+            track.append(base.axle_track_mm / 1000)
+            radius.append(base.wheel_diameter_mm / 2000)
+        self._way_m = torch.deg2rad(torch.tensor(travel, device=device)) * torch.tensor(radius, device=device)[:, None]
+        self._track_m = torch.tensor(track, device=device)
+        places = [one.place for one in task.arena.robots]
+        bounds = torch.tensor([[place.x_m, place.y_m, place.heading_deg] for place in places], device=device)
+        self._low, self._high = bounds[..., 0], bounds[..., 1]
+        for ends in (self._low, self._high):
+            ends[:, 2] = torch.deg2rad(ends[:, 2])
+        set_specs(self, task)
+        self._rng = torch.Generator(device=self.device)
+        self._set_seed(seed)
+        n = len(task.robots)
+        self._state = ArenaState(torch.zeros(copies, n, 3, device=device), torch.zeros(copies, n, 2, device=device))
+        self._lag = torch.zeros(copies, 1, 1, device=device)
+        self._asked = torch.zeros(copies, n, 2, device=device)
+        self._step_count = torch.zeros(copies, 1, dtype=torch.int64, device=device)
+
+    def _set_seed(self, seed: int | None) -> None:
+        if seed is None:
+            self._rng.seed()
+        else:
+            self._rng.manual_seed(seed)
+
+    def _uniform(self, *shape: int) -> Tensor:
+        return torch.rand(shape, generator=self._rng, device=self.device)
+
+    def _starts(self, count: int) -> Tensor:
+        """Poses ``[count, robots, 3]`` that keep the arena's gap."""
+        found = self._low + self._uniform(count, *self._low.shape) * (self._high - self._low)
+        while True:
+            apart = torch.cdist(found[..., :2], found[..., :2]) + 1e6 * torch.eye(found.shape[1], device=self.device)
+            near = apart.amin((-1, -2)) < self.task.arena.gap_m
+            if not bool(near.any()):
+                return found
+            found[near] = self._low + self._uniform(int(near.sum()), *self._low.shape) * (self._high - self._low)
+
+    def _reset(self, tensordict: TensorDictBase | None = None, **_kwargs: Any) -> TensorDictBase:
+        wanted = None if tensordict is None else tensordict.get("_reset", None)
+        anew = torch.ones(self.batch_size, dtype=torch.bool, device=self.device) if wanted is None else wanted.squeeze(-1)
+        count = int(anew.sum())
+        if count:
+            poses, moved = self._state.poses.clone(), self._state.moved.clone()
+            poses[anew], moved[anew] = self._starts(count), 0.0
+            self._state = ArenaState(poses, moved)
+            self._asked[anew] = 0.0
+            self._lag[anew] = LAG[0] + (LAG[1] - LAG[0]) * self._uniform(count, 1, 1)
+            self._step_count[anew] = 0
+        return self._out()
+
+    def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
+        task, before = self.task, self._state
+        actions = joined_actions(task, tensordict)
+        noise = NOISE * torch.randn(actions.shape, generator=self._rng, device=self.device)
+        moved = (1.0 - self._lag) * actions + self._lag * self._asked + noise
+        self._asked = actions
+        left_m, right_m = (moved * self._way_m).unbind(-1)
+        x, y, heading = before.poses.unbind(-1)
+        turn, forward = (right_m - left_m) / self._track_m, (left_m + right_m) / 2.0
+        middle = heading + turn / 2.0
+        x, y = x + forward * middle.cos(), y + forward * middle.sin()
+        if task.arena.half_size_m is not None:
+            half_x, half_y = task.arena.half_size_m
+            x = x.clamp(-half_x + MARGIN_M, half_x - MARGIN_M)
+            y = y.clamp(-half_y + MARGIN_M, half_y - MARGIN_M)
+        self._state = ArenaState(torch.stack((x, y, heading + turn), -1), moved)
+        self._step_count += 1
+        terminated = task.terminated(self._state)
+        truncated = self._step_count >= task.max_steps
+        return self._out(task.reward(before, self._state), terminated, truncated)
+
+    def _out(
+        self, reward: Tensor | None = None, terminated: Tensor | None = None, truncated: Tensor | None = None
+    ) -> TensorDictBase:
+        of_robots = {"observation": self.task.observe(self._state)}
+        out: dict[str, Any] = {"link_lost": torch.zeros(*self.batch_size, 1, dtype=torch.bool, device=self.device)}
+        if reward is not None and terminated is not None and truncated is not None:
+            of_robots["reward"] = reward
+            out |= {"terminated": terminated, "truncated": truncated, "done": terminated | truncated}
+        return TensorDict({**out, **by_groups(self.task, self.batch_size, **of_robots)}, self.batch_size, device=self.device)

@@ -1,0 +1,64 @@
+"""Specs of an arena, and its tensors by groups, as TorchRL's multi-agent environments have them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import torch
+from tensordict import TensorDict, TensorDictBase
+from torchrl.data import Binary, Bounded, Composite, Unbounded
+
+if TYPE_CHECKING:
+    from torch import Tensor
+    from torchrl.envs import EnvBase
+
+    from bricksrl.envs.arenas.task import ArenaTask
+
+
+def set_specs(env: EnvBase, task: ArenaTask) -> None:
+    """Give an environment the specs of a task: a group's observation, action and reward, ends for all.
+
+    ==========================  =================  =======================================
+    key                         shape              meaning
+    ==========================  =================  =======================================
+    ``(group, observation)``    ``[robots, n]``    of each robot of the group
+    ``(group, action)``         ``[robots, 2]``    in -1..1
+    ``(group, reward)``         ``[robots, 1]``    of each robot
+    ``terminated``, ...         ``[1]``            of the episode, as for one robot
+    ``link_lost``               ``[1]``            the link to one of them broke in this step
+    ==========================  =================  =======================================
+    """
+    batch = env.batch_size
+    env.group_map = {group: list(names) for group, names in task.groups.items()}
+    observations, actions, rewards = {}, {}, {}
+    for group, names in task.groups.items():
+        shape = (*batch, len(names))
+        # nominal bounds: a robot that tips or slides may be seen beyond them
+        observations[group] = Composite(observation=Unbounded((*shape, len(task.entries))), shape=shape)
+        actions[group] = Composite(action=Bounded(-1.0, 1.0, (*shape, 2)), shape=shape)
+        rewards[group] = Composite(reward=Unbounded((*shape, 1)), shape=shape)
+    flag = Binary(1, shape=(*batch, 1), dtype=torch.bool)
+    env.observation_spec = Composite(**observations, link_lost=flag, shape=batch, device=env.device)
+    env.action_spec = Composite(**actions, shape=batch, device=env.device)
+    env.reward_spec = Composite(**rewards, shape=batch, device=env.device)
+    ends = {name: flag.clone() for name in ("done", "terminated", "truncated")}
+    env.done_spec = Composite(**ends, shape=batch, device=env.device)
+
+
+def by_groups(task: ArenaTask, batch: torch.Size, **of_robots: Tensor) -> dict[str, TensorDictBase]:
+    """Tensors ``[*batch, robots, n]`` by their groups."""
+    return {
+        group: TensorDict(
+            {name: value[..., task.places(group), :] for name, value in of_robots.items()}, (*batch, len(task.groups[group]))
+        )
+        for group in task.groups
+    }
+
+
+def joined_actions(task: ArenaTask, tensordict: TensorDictBase) -> Tensor:
+    """Actions ``[*batch, robots, 2]`` in the arena's order, clamped to -1..1."""
+    parts: list[Tensor] = [torch.empty(0)] * len(task.robots)
+    for group in task.groups:
+        for place, action in zip(task.places(group), tensordict[group, "action"].unbind(-2), strict=True):
+            parts[place] = action
+    return torch.stack(parts, -2).detach().clamp(-1.0, 1.0)

@@ -1,0 +1,147 @@
+"""A 2Wheeler catches another one, which is a little slower, between four walls.
+
+Both start at random places of a floor of 1.6 by 1.6 m, at least 0.6 m apart. An action turns the two wheels for 250 ms, without
+waiting; the runner's wheels turn three quarters as far as the catcher's. Where the robots are is told by a camera overhead, which
+here is the simulation; how far the wheels turned is what their hubs report.
+
+## Action (of each robot)
+
+| Num | Action | Min | Max | Drives from | Drives to | Unit |
+|-----|--------|-----|-----|-------------|-----------|------|
+| 0   | left   | -1  | 1   | -150        | 150       | deg  |
+| 1   | right  | -1  | 1   | -150        | 150       | deg  |
+
+## Observation (of each robot)
+
+| Num | Observation      | Min  | Max | Unit                                     |
+|-----|------------------|------|-----|------------------------------------------|
+| 0-1 | x, y             | -0.8 | 0.8 | m                                        |
+| 2-3 | heading_cos, _sin| -1   | 1   | 1                                        |
+| 4-5 | other_ahead, _left | -2.3 | 2.3 | m, seen from the robot                 |
+| 6-7 | other_cos, _sin  | -1   | 1   | 1, heading of the other one against its own |
+| 8-9 | left_moved, right_moved | -2 | 2 | share of the widest command          |
+
+## Reward
+
+The catcher gets ten times the metres by which it came nearer and 5 when it catches the runner; the runner gets the opposite.
+
+## End of an episode
+
+| End        | When                                            |
+|------------|-------------------------------------------------|
+| terminated | the middles of the axles are within 0.2 m       |
+| truncated  | after 80 steps, or when the link to a robot breaks |
+
+The catcher has won when the runner was caught.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from bricksrl.entry import Entry
+from bricksrl.envs.arenas.task import ArenaState, ArenaTask, seen_from, turned_towards, whereabouts
+from bricksrl.hub.interface import Interface, MotorAngle, RunAngle, Wait
+from bricksrl.robots import TWO_WHEELER
+from bricksrl.twin.arena import Arena, Contestant, Place
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+HALF_M = 0.8
+CAUGHT_M = 0.2
+CATCHER, RUNNER = 0, 1
+STEP_MS = 250
+_TRAVEL_DEG = (150.0, 112.0)
+_SPEED_DEG_S = 900
+_WON = 5.0
+_PER_M = 10.0
+
+ENTRIES = (
+    *(Entry(name, -HALF_M, HALF_M, "m") for name in ("x", "y")),
+    *(Entry(f"heading_{name}", -1.0, 1.0) for name in ("cos", "sin")),
+    *(Entry(f"other_{name}", -2.3, 2.3, "m") for name in ("ahead", "left")),
+    *(Entry(f"other_{name}", -1.0, 1.0) for name in ("cos", "sin")),
+    *(Entry(f"{name}_moved", -2.0, 2.0) for name in ("left", "right")),
+)
+
+
+def distance_m(state: ArenaState) -> Tensor:
+    """Between the two robots, ``[*batch, 1]``."""
+    apart = state.poses[..., CATCHER, :2] - state.poses[..., RUNNER, :2]
+    length_m: Tensor = apart.norm(dim=-1, keepdim=True)
+    return length_m
+
+
+def observe(state: ArenaState) -> Tensor:
+    """What catcher and runner see, ``[*batch, 2, 10]``."""
+    import torch
+
+    views = [
+        torch.cat((whereabouts(state.poses, one), seen_from(state.poses, one, other), state.moved[..., one, :]), -1)
+        for one, other in ((CATCHER, RUNNER), (RUNNER, CATCHER))
+    ]
+    return torch.stack(views, -2)
+
+
+def caught(state: ArenaState) -> Tensor:
+    """True if the catcher has the runner; bool ``[*batch, 1]``."""
+    near: Tensor = distance_m(state) <= CAUGHT_M
+    return near
+
+
+def reward(before: ArenaState, after: ArenaState) -> Tensor:
+    """Of catcher and runner, ``[*batch, 2, 1]``; they add up to 0."""
+    import torch
+
+    gain = _PER_M * (distance_m(before) - distance_m(after)) + _WON * caught(after)
+    return torch.stack((gain, -gain), -2)
+
+
+def flee(observation: Tensor) -> Tensor:
+    """The runner's script: away from the catcher, and off the walls the nearer they are; ``[*batch, 10]`` to ``[*batch, 2]``."""
+    import torch
+
+    position, cos, sin = observation[..., 0:2], observation[..., 2], observation[..., 3]
+    ahead, left = observation[..., 4], observation[..., 5]
+    apart = torch.stack((ahead, left), -1).norm(dim=-1).clamp_min(0.1)
+    off_wall = -((position / HALF_M) ** 5) * 1.5 - 0.1 * position
+    wall_ahead = off_wall[..., 0] * cos + off_wall[..., 1] * sin
+    wall_left = off_wall[..., 1] * cos - off_wall[..., 0] * sin
+    # along the wall rather than into a corner: turn aside from the line between the two
+    return turned_towards(-ahead / apart - 0.4 * left / apart + wall_ahead, -left / apart + 0.4 * ahead / apart + wall_left)
+
+
+def chase(observation: Tensor) -> Tensor:
+    """The catcher's script: straight at the runner; ``[*batch, 10]`` to ``[*batch, 2]``."""
+    return turned_towards(observation[..., 4], observation[..., 5])
+
+
+def _interface(travel_deg: float) -> Interface:
+    commands = tuple(RunAngle(name, -travel_deg, travel_deg, _SPEED_DEG_S) for name in ("left", "right"))
+    return Interface(commands=commands, channels=(MotorAngle("left"), MotorAngle("right")), settle=Wait(STEP_MS))
+
+
+_ANYWHERE = Place((-0.6, 0.6), (-0.6, 0.6), (-180.0, 180.0))
+
+TAG = ArenaTask(
+    id="Tag-v0",
+    doc=__doc__,
+    arena=Arena(
+        robots=(
+            Contestant("catcher", TWO_WHEELER, _ANYWHERE, (0.85, 0.15, 0.1)),
+            Contestant("runner", TWO_WHEELER, _ANYWHERE, (0.1, 0.3, 0.85)),
+        ),
+        half_size_m=(HALF_M, HALF_M),
+        gap_m=0.6,
+    ),
+    interfaces=tuple(_interface(travel_deg) for travel_deg in _TRAVEL_DEG),
+    groups={"catcher": ("catcher",), "runner": ("runner",)},
+    max_steps=80,
+    entries=ENTRIES,
+    observe=observe,
+    reward=reward,
+    terminated=caught,
+    success=caught,
+    scripts={"flee": flee, "chase": chase},
+)

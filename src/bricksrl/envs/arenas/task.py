@@ -1,0 +1,128 @@
+"""Task of several robots: an arena, what each commands, and pure functions of tensors. Importing this loads no torch.
+
+All functions are batched: a state has poses ``[*batch, things, 3]``, of the robots first and then of the loads, and what is
+told of each robot has the shape ``[*batch, robots, n]``.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from bricksrl.entry import Entry
+from bricksrl.errors import DescriptionError
+from bricksrl.hub.interface import Interface
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+    from bricksrl.twin.arena import Arena
+
+
+@dataclass(frozen=True)
+class ArenaState:
+    """State of an arena.
+
+    Attributes:
+        poses: ``[*batch, things, 3]``: x and y in metres, and the heading in radians, counter-clockwise, 0 along x.
+        moved: ``[*batch, robots, 2]``: how far the left and the right wheel turned in the last step, as a share of the most that
+            may be commanded.
+    """
+
+    poses: Tensor
+    moved: Tensor
+
+
+@dataclass(frozen=True)
+class ArenaTask:
+    """A task of several robots.
+
+    Attributes:
+        id: name and version, such as ``"Tag-v0"``.
+        doc: the description; its first line is the summary.
+        interfaces: of each of the arena's robots; each commands its left and its right wheel.
+        groups: robots that learn together, by the name of their group, as TorchRL has it; each robot is in one.
+        max_steps: steps after which an episode is truncated.
+        entries: of each robot's observation.
+        observe: a state to what each robot observes, ``[*batch, robots, n]``.
+        reward: the states before and after a step to what each robot gets, ``[*batch, robots, 1]``.
+        terminated: a state to ``[*batch, 1]`` bool.
+        success: the state after the last step to ``[*batch, 1]`` bool.
+        scripts: policies written by hand, by name: from an observation ``[*batch, n]`` of one robot to its action ``[*batch,
+            2]``.
+
+    Raises:
+        DescriptionError: at construction, when the parts do not fit.
+    """
+
+    id: str
+    doc: str
+    arena: Arena
+    interfaces: tuple[Interface, ...]
+    groups: Mapping[str, tuple[str, ...]]
+    max_steps: int
+    entries: tuple[Entry, ...]
+    observe: Callable[[ArenaState], Tensor]
+    reward: Callable[[ArenaState, ArenaState], Tensor]
+    terminated: Callable[[ArenaState], Tensor]
+    success: Callable[[ArenaState], Tensor]
+    scripts: Mapping[str, Callable[[Tensor], Tensor]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if re.fullmatch(r"\w+-v\d+", self.id) is None:
+            raise DescriptionError(f"'{self.id}' is no id for a task; take a name and a version, such as 'Tag-v0'")
+        names = [one.name for one in self.arena.robots]
+        if len(self.interfaces) != len(names):
+            raise DescriptionError(f"task {self.id} has {len(names)} robots and {len(self.interfaces)} interfaces; give one each")
+        if sorted(name for group in self.groups.values() for name in group) != sorted(names):
+            raise DescriptionError(f"task {self.id}: each of {', '.join(names)} belongs to one group; name it there once")
+        for interface in self.interfaces:
+            if len(interface.commands) != 2 or set(interface.angle_places) != {"left", "right"}:
+                raise DescriptionError(f"task {self.id}: each robot commands two wheels and reads the angles of both")
+
+    @property
+    def robots(self) -> tuple[str, ...]:
+        """Names, in the arena's order."""
+        return tuple(one.name for one in self.arena.robots)
+
+    @property
+    def summary(self) -> str:
+        """The first line of the description."""
+        return self.doc.strip().partition("\n")[0]
+
+    def places(self, group: str) -> list[int]:
+        """Of the robots of a group, among all robots."""
+        return [self.robots.index(name) for name in self.groups[group]]
+
+
+def seen_from(poses: Tensor, viewer: int, seen: int) -> Tensor:
+    """Pose of a thing as a robot sees it, ``[*batch, 4]``: metres ahead and to the left, cosine and sine of the difference of
+    their headings."""
+    import torch
+
+    x, y, heading = (poses[..., viewer, place] for place in range(3))
+    dx, dy = poses[..., seen, 0] - x, poses[..., seen, 1] - y
+    turn = poses[..., seen, 2] - heading
+    ahead, left = dx * heading.cos() + dy * heading.sin(), dy * heading.cos() - dx * heading.sin()
+    return torch.stack((ahead, left, turn.cos(), turn.sin()), -1)
+
+
+def whereabouts(poses: Tensor, robot: int) -> Tensor:
+    """Pose of a robot in the arena, ``[*batch, 4]``: x, y, and cosine and sine of its heading."""
+    import torch
+
+    x, y, heading = (poses[..., robot, place] for place in range(3))
+    return torch.stack((x, y, heading.cos(), heading.sin()), -1)
+
+
+def turned_towards(ahead: Tensor, left: Tensor, speed: float = 1.0) -> Tensor:
+    """Action ``[*batch, 2]`` that turns a robot on two wheels towards a direction in its own frame, and drives the more
+    straight on the better it looks there."""
+    import torch
+
+    angle = torch.atan2(left, ahead)
+    forward, turn = speed * angle.cos().clamp_min(0.0), (1.5 * angle).clamp(-1.0, 1.0) * 0.6
+    action = torch.stack((forward - turn, forward + turn), -1)
+    return action / action.abs().amax(-1, keepdim=True).clamp_min(1.0)

@@ -1,0 +1,77 @@
+"""Odometry: the way that a robot went, from its virtual robot's true pose or estimated from its ultrasonic sensor."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from bricksrl.hub.interface import Distance, Interface
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from bricksrl.twin.mujoco_body import Pose
+
+
+class TrueOdometer:
+    """Measures a virtual robot along the direction that it faced at the start of the episode."""
+
+    def __init__(self, pose: Callable[[], Pose]) -> None:
+        self._pose = pose
+
+    def start(self, time_s: float) -> None:
+        """Begin an episode."""
+        self._start = self._last = self._pose()
+        self._start_s = self._now_s = time_s
+        self._path_m = self._forward_m = 0.0
+
+    def forward_mm(self, time_s: float, _values: NDArray[np.float32]) -> float:
+        """Millimetres forward since the last call; take the time of this one."""
+        pose, heading = self._pose(), math.radians(self._start.heading_deg)
+        self._path_m += math.hypot(pose.x_m - self._last.x_m, pose.y_m - self._last.y_m)
+        # Headings count clockwise, y points left.
+        forward_m = (pose.x_m - self._start.x_m) * math.cos(heading) - (pose.y_m - self._start.y_m) * math.sin(heading)
+        step_mm = (forward_m - self._forward_m) * 1000
+        self._forward_m, self._last, self._now_s = forward_m, pose, time_s
+        return step_mm
+
+    def metrics(self) -> dict[str, float]:
+        """Metrics of the episode as a walk; straightness is the way forward over the way gone, 1 at best."""
+        time_s = self._now_s - self._start_s
+        return {
+            "forward_m": self._forward_m,
+            "forward_speed_m_s": self._forward_m / time_s if time_s > 0 else 0.0,
+            "straightness": self._forward_m / self._path_m if self._path_m > 0 else 0.0,
+            "turned_deg": self._last.heading_deg - self._start.heading_deg,
+        }
+
+
+class SonarOdometer:
+    """Estimates the way of a real robot that walks towards a wall, from the distance that its sensor reports.
+
+    It knows nothing where the wall is out of sight, and takes a turn for a way.
+    """
+
+    def __init__(self, interface: Interface) -> None:
+        self._column = interface.distance_place
+        self._last_mm = Distance.FARTHEST_MM
+
+    def start(self, _time_s: float) -> None:
+        self._last_mm = Distance.FARTHEST_MM
+
+    def forward_mm(self, _time_s: float, values: NDArray[np.float32]) -> float:
+        """Approach to the wall since the last call; 0 where it was out of sight."""
+        now_mm = Distance.FARTHEST_MM if self._column is None else float(values[self._column])
+        known = max(now_mm, self._last_mm) < Distance.FARTHEST_MM
+        step_mm = self._last_mm - now_mm if known else 0.0
+        self._last_mm = now_mm
+        return step_mm
+
+    def metrics(self) -> dict[str, float]:
+        """Nothing: an estimate is not reported as a measurement."""
+        return {}
+
+
+Odometer = TrueOdometer | SonarOdometer

@@ -1,0 +1,43 @@
+"""Reference returns of our environments: random actions, a controller written by hand, and the paper's SAC.
+
+The first two are those of `benchmarks/results/baselines.json`, over 20 to 50 episodes on virtual robots. The paper's are the
+means of its SAC on real robots (BricksRL, arXiv:2406.17490), as in `benchmarks/results/robots.json`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Reference:
+    """Mean returns that a curve is read against; ``None`` where the paper has none."""
+
+    random: float
+    scripted: float
+    paper: float | None = None
+
+    def lines(self) -> dict[str, float]:
+        """Each return by the label of its line."""
+        found = {"random": self.random, "by hand": self.scripted}
+        return found if self.paper is None else {**found, "paper's SAC": self.paper}
+
+
+REFERENCES = {
+    "RunAway-v0": Reference(0.36, 17.96, 8.72),
+    "Spinning-v0": Reference(74.76, 8529.06, 7407.2),
+    "Walker-v0": Reference(-197.27, -15.42, -52.04),
+    "Walker-v1": Reference(16.72, 93.47),
+    "WalkerSim-v0": Reference(-198.51, -4.95),
+    "WalkerSim-v1": Reference(-197.18, 5.53),
+    "LineFollow-v0": Reference(3.41, 49.28),
+    "Park-v0": Reference(-36.99, 15.54),
+    "RoboArm-v0": Reference(-179.2, -1.28, -27.77),
+    "RoboArmSim-v0": Reference(-162.96, -0.55),
+    "RoboArm_mixed-v0": Reference(-44.29, -1.28),
+}
+
+
+def reference_lines(env: str, options: dict[str, object] | None = None) -> dict[str, float]:
+    """Lines of an environment by their labels; none where its task has options, or is not one of ours."""
+    return {} if options or env not in REFERENCES else REFERENCES[env].lines()

@@ -1,0 +1,144 @@
+"""Specs: a bounded TorchRL spec some of whose bounds are only nominal, and an environment that is nothing but its specs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import inf
+from typing import TYPE_CHECKING, Any
+
+import torch
+from torch import Tensor
+from torchrl.data.tensor_specs import Bounded, BoundedContinuous
+from torchrl.envs import EnvBase
+
+from bricksrl.entry import Entry
+from bricksrl.errors import BricksError
+
+if TYPE_CHECKING:
+    from bricksrl.envs.task import Task
+
+
+class _KeepsItsClass(type(Bounded)):  # type: ignore[misc]
+    """``Bounded`` turns every instance into one of its own two classes; this turns it back."""
+
+    def __call__(cls, *args: Any, **kwargs: Any) -> Any:
+        spec = super().__call__(*args, **kwargs)
+        spec.__class__ = cls
+        return spec
+
+
+class NominalBounded(BoundedContinuous, metaclass=_KeepsItsClass):  # type: ignore[misc]
+    """``Bounded`` where chosen entries may lie outside of the box.
+
+    Such entries show ``low`` and ``high`` and are drawn from between them, but any finite number is in the spec and none is
+    projected. All operations on specs keep this.
+
+    Attributes:
+        nominal: bool of the shape of the spec; ``True`` where the bounds are nominal.
+    """
+
+    nominal: Tensor
+
+    def __init__(self, *args: Any, nominal: Tensor | None = None, **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        self.nominal = torch.zeros(self.shape, dtype=torch.bool) if nominal is None else nominal.expand(self.shape).clone()
+
+    @classmethod
+    def of(cls, entries: Sequence[Entry], batch: Sequence[int] = (), device: torch.device | None = None) -> NominalBounded:
+        """The spec of a vector, for so many copies of it."""
+        low, high = (torch.tensor([getattr(e, end) for e in entries], device=device) for end in ("low", "high"))
+        nominal = torch.tensor([e.bounds != (e.low, e.high) for e in entries], device=device)
+        shape = (*batch, len(entries))
+        return cls(low.expand(shape), high.expand(shape), nominal=nominal)
+
+    def is_in(self, val: Tensor) -> bool:
+        if val.dtype != self.dtype or val.shape[-self.ndim :] != self.shape or not bool(val.isfinite().all()):
+            return False
+        low, high = self._get_space_bounds(val.device)
+        return bool((self._mask(val) | ((val >= low) & (val <= high))).all())
+
+    def _project(self, val: Tensor) -> Tensor:
+        return torch.where(self._mask(val), val, super()._project(val))
+
+    def _mask(self, val: Tensor) -> Tensor:
+        """``nominal`` for a value, also where a transform such as ``CatFrames`` has repeated the entries in place."""
+        mask = self.nominal
+        if mask.shape != self.shape:
+            repeats = [size // was if size % was == 0 else 0 for size, was in zip(self.shape, mask.shape, strict=True)]
+            mask = mask.repeat(repeats) if all(repeats) else mask.new_ones(())
+        return mask.to(val.device)
+
+    def _with(self, spec: Any, nominal: Tensor) -> NominalBounded:
+        if not isinstance(spec, NominalBounded):  # ``Bounded.to`` names its own class
+            spec = NominalBounded(spec.low, spec.high, spec.shape, spec.device, spec.dtype)
+        kept: NominalBounded = spec
+        kept.nominal = nominal.clone()
+        return kept
+
+    def clone(self) -> NominalBounded:
+        return self._with(super().clone(), self.nominal)
+
+    def to(self, dest: Any) -> NominalBounded:
+        return self._with(super().to(dest), self.nominal)
+
+    def expand(self, *shape: Any) -> NominalBounded:
+        spec = super().expand(*shape)
+        return self._with(spec, self.nominal.expand(spec.shape))
+
+    def squeeze(self, dim: int | None = None) -> NominalBounded:
+        return self._with(super().squeeze(dim), self.nominal.squeeze() if dim is None else self.nominal.squeeze(dim))
+
+    def unsqueeze(self, dim: int) -> NominalBounded:
+        return self._with(super().unsqueeze(dim), self.nominal.unsqueeze(dim))
+
+    def unbind(self, dim: int = 0) -> tuple[NominalBounded, ...]:
+        return tuple(self._with(spec, mask) for spec, mask in zip(super().unbind(dim), self.nominal.unbind(dim), strict=True))
+
+    def _reshape(self, shape: Any) -> NominalBounded:
+        return self._with(super()._reshape(shape), self.nominal.reshape(shape))
+
+    def _unflatten(self, dim: int, sizes: Any) -> NominalBounded:
+        return self._with(super()._unflatten(dim, sizes), torch.unflatten(self.nominal, dim, sizes))
+
+    def __getitem__(self, idx: Any) -> NominalBounded:
+        spec = super().__getitem__(idx)
+        return self._with(spec, self.nominal[idx].expand(spec.shape))
+
+    def __eq__(self, other: object) -> bool:
+        return bool(super().__eq__(other)) and isinstance(other, NominalBounded) and torch.equal(self.nominal, other.nominal)
+
+    def __hash__(self) -> int:
+        return hash((self.shape, self.dtype))
+
+
+def entries_of(env: EnvBase) -> tuple[Entry, ...]:
+    """The observation of any environment, entry by entry: from its task where it has one, else the bounds of its spec."""
+    task: Task | None = getattr(env, "task", None)
+    return spec_entries(env.full_observation_spec_unbatched["observation"], "observation") if task is None else task.entries
+
+
+def spec_entries(spec: Any, prefix: str) -> tuple[Entry, ...]:
+    """Numbered entries with the bounds of a spec, infinite where it has none."""
+    space, n = getattr(spec, "space", None), int(spec.shape[-1])
+    ends = [getattr(space, end, None) for end in ("low", "high")]
+    low, high = ([without] * n if end is None else end.flatten().tolist() for end, without in zip(ends, (-inf, inf), strict=True))
+    return tuple(Entry(f"{prefix}_{i}", low[i], high[i]) for i in range(n))
+
+
+class SpecsEnv(EnvBase):  # type: ignore[misc]
+    """The specs and the task of an environment that is elsewhere: enough to build an agent for it, nothing to act in."""
+
+    def __init__(self, specs: dict[str, Any], task: Task | None) -> None:
+        super().__init__(batch_size=())
+        for name, spec in specs.items():
+            setattr(self, name, spec)
+        self.task = task
+
+    def _reset(self, _tensordict: Any = None, **_: Any) -> Any:
+        raise BricksError("this environment is elsewhere; act in the one that it stands for")
+
+    def _step(self, _tensordict: Any) -> Any:
+        raise BricksError("this environment is elsewhere; act in the one that it stands for")
+
+    def _set_seed(self, _seed: int | None) -> None:
+        """Nothing is random here."""

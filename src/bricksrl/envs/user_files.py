@@ -1,0 +1,178 @@
+"""Tasks and robots from files of the user: ``my_task.py``, ``my_task.py:TASK``, ``package.module:TASK``."""
+
+from __future__ import annotations
+
+import functools
+import importlib
+import importlib.util
+import sys
+import sysconfig
+import traceback
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from bricksrl.envs.task import Task
+from bricksrl.errors import DescriptionError, UnknownNameError
+from bricksrl.robots import Robot
+from bricksrl.twin.scene import Scene
+
+
+def is_reference(env_id: str) -> bool:
+    """True if this names a place in the user's own code rather than an environment."""
+    return ":" in env_id or env_id.endswith(".py")
+
+
+def load_object(reference: str, default: str) -> Any:
+    """What has a name in the user's own code.
+
+    Args:
+        reference: a Python file or an importable module, a colon, and the name; of a file the name may be left out.
+        default: the name where it is left out.
+
+    Raises:
+        UnknownNameError: there is no such file, module or name.
+        DescriptionError: the code raised.
+    """
+    place, name = _parts(reference)
+    module = _load(place, reference)
+    try:
+        return getattr(module, name or default)
+    except AttributeError:
+        raise UnknownNameError(f"there is no '{name or default}' in {place}; name what is written there") from None
+
+
+def _parts(reference: str) -> tuple[str, str]:
+    """The place and the name in it, which may be empty."""
+    place, colon, name = reference.rpartition(":")
+    return (reference, "") if not colon or name.endswith(".py") else (place, name)
+
+
+def load_builder(reference: str) -> Callable[..., Task]:
+    """The task at a place in the user's own code, as a function of its options.
+
+    Args:
+        reference: a Python file or an importable module, a colon, and the name of a :class:`Task` in it or of a function that
+            returns one; of a file that holds a single task, its name can be left out.
+
+    Raises:
+        UnknownNameError: there is no such file, module or name.
+        DescriptionError: what has the name is no task, or the code raised.
+    """
+    place, name = _parts(reference)
+    module = _load(place, reference)
+    if not name:
+        name = _only_task(module, reference)
+    try:
+        found = getattr(module, name)
+    except AttributeError:
+        raise UnknownNameError(f"there is no '{name}' in {place}; name a task that is written there") from None
+    if isinstance(found, Task):
+        return lambda: found
+    if not callable(found):
+        raise DescriptionError(f"{reference} is a {type(found).__name__} and no task; name a bricksrl.envs.Task")
+
+    @functools.wraps(found)
+    def build(**options: object) -> Task:
+        task = found(**options)
+        if not isinstance(task, Task):
+            raise DescriptionError(f"{reference} returns a {type(task).__name__} and no task; let it return a bricksrl.envs.Task")
+        return task
+
+    return build
+
+
+def load_robot(reference: str) -> tuple[Robot, Scene | None]:
+    """The robot at a place in the user's own code, and the scene of the task that it is part of, if there is one.
+
+    Args:
+        reference: as for tasks; what has the name is a :class:`bricksrl.robots.Robot` or a task.
+
+    Raises:
+        UnknownNameError: there is no such file, module or name, or there are several.
+        DescriptionError: what has the name is no robot, or the code raised.
+    """
+    place, colon, name = reference.rpartition(":")
+    if not colon or name.endswith(".py"):
+        place, name = reference, ""
+    module = _load(place, reference)
+    if not name:
+        robots = {id(value): key for key, value in vars(module).items() if isinstance(value, Robot)}
+        if len(robots) != 1:
+            found = ", ".join(robots.values()) or "none"
+            raise UnknownNameError(f"{reference} has {len(robots)} robots ({found}); name one: {reference}:ROBOT")
+        name = next(iter(robots.values()))
+    found_object = getattr(module, name, None)
+    if isinstance(found_object, Task):
+        return found_object.robot, found_object.scene
+    if not isinstance(found_object, Robot):
+        raise DescriptionError(f"{reference} is no robot; name a bricksrl.robots.Robot that is written there")
+    return found_object, None
+
+
+def _load(place: str, reference: str) -> ModuleType:
+    path = Path(place)
+    is_file = place.endswith(".py")
+    if is_file and not path.is_file():
+        raise UnknownNameError(f"there is no file {place}; give the path of a Python file")
+    try:
+        with _importable(str(path.resolve().parent if is_file else Path.cwd())):
+            return _run_file(path) if is_file else importlib.import_module(place)
+    except (ImportError, ValueError) as error:
+        if not is_file and getattr(error, "name", place) == place:
+            raise UnknownNameError(
+                f"there is no module '{place}'; give one that can be imported, or a file: my_task.py"
+            ) from None
+        raise DescriptionError(f"{reference} cannot be loaded ({error}); correct it") from error
+    except Exception as error:
+        raise DescriptionError(
+            f"{reference} cannot be loaded ({type(error).__name__}: {error}{line_of_user(error)}); correct it"
+        ) from error
+
+
+def line_of_user(error: BaseException) -> str:
+    """Place in the user's own files where an exception came about, as ", my_task.py, line 7"; empty where there is none."""
+    installed = {sysconfig.get_path(name) for name in ("stdlib", "platstdlib", "purelib", "platlib", "scripts")}
+    foreign = [str(Path(__file__).resolve().parents[1]), *filter(None, installed)]
+    for frame in reversed(traceback.extract_tb(error.__traceback__)):
+        path = Path(frame.filename)
+        if path.is_file() and not any(path.resolve().is_relative_to(Path(folder).resolve()) for folder in foreign):
+            return f", {path.name}, line {frame.lineno}"
+    return ""
+
+
+def failure_of_user(error: BaseException) -> str | None:
+    """An exception that came about in the user's own files, in one line; ``None`` for any other."""
+    line = line_of_user(error)
+    return f"{type(error).__name__}: {error}{line}; correct it" if line else None
+
+
+def _run_file(path: Path) -> ModuleType:
+    spec = importlib.util.spec_from_file_location(f"bricksrl_own_{path.stem}", path)
+    if spec is None or spec.loader is None:
+        raise ImportError(f"{path} is no Python file")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module  # dataclasses of the file look it up
+    spec.loader.exec_module(module)
+    return module
+
+
+@contextmanager
+def _importable(folder: str) -> Iterator[None]:
+    """What lies beside the user's file can be imported, as if Python ran that file."""
+    sys.path.insert(0, folder)
+    try:
+        yield
+    finally:
+        sys.path.remove(folder)
+
+
+def _only_task(module: ModuleType, reference: str) -> str:
+    # What the file has imported is not written in it, but a task does not know where it was made: count objects, not names.
+    tasks = {id(value): name for name, value in vars(module).items() if isinstance(value, Task)}
+    if len(tasks) != 1:
+        found = ", ".join(tasks.values()) or "none"
+        raise UnknownNameError(f"{reference} has {len(tasks)} tasks ({found}); name one: {reference}:TASK")
+    return next(iter(tasks.values()))

@@ -1,0 +1,43 @@
+"""Pretrained image encoders in place of images: VIP and R3M, through TorchRL's transforms."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from bricksrl.errors import EncoderError
+
+if TYPE_CHECKING:
+    from torchrl.envs import EnvBase
+
+_NETWORKS = {"vip": ("VIPTransform", "resnet50"), "r3m": ("R3MTransform", "resnet18")}
+
+
+def encode_images(env: EnvBase, encoder: Literal["vip", "r3m"], *, weights_dir: Path | None = None) -> Any:
+    """The environment, with a vector ``embedding`` in place of its ``image``: 1024 numbers of VIP, 512 of R3M.
+
+    The weights are fetched from the network once and kept.
+
+    Args:
+        weights_dir: where they are kept; without it where ``torch.hub`` keeps all.
+
+    Raises:
+        EncoderError: torchvision is not installed, the weights cannot be fetched, or the environment has no image.
+    """
+    from torchrl import envs
+
+    if encoder not in _NETWORKS:
+        raise EncoderError(f"there is no encoder '{encoder}'; choose one of {', '.join(_NETWORKS)}")
+    if "image" not in set(env.observation_spec.keys()):
+        raise EncoderError(f"the environment has no image to encode with {encoder}; take one with a camera")
+    transform, network = _NETWORKS[encoder]
+    place = None if weights_dir is None else str(weights_dir)
+    try:
+        made = getattr(envs, transform)(network, in_keys=["image"], out_keys=["embedding"], download=True, download_path=place)
+    except ImportError:
+        raise EncoderError(f"{encoder} needs torchvision; install it: pip install 'bricksrl[encoders]'") from None
+    except (OSError, RuntimeError) as error:  # no network, no place on the disk, a file that is no network's weights
+        reason = " ".join(str(error).split())[:120]
+        message = f"the weights of {encoder} cannot be fetched ({reason}); go online once, or name a weights_dir"
+        raise EncoderError(message) from error
+    return envs.TransformedEnv(env, made)

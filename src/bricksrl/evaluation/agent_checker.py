@@ -1,0 +1,189 @@
+"""Checks of an agent, one answer after the other, in a small simulation: for ours, and for algorithms of the user's own."""
+
+from __future__ import annotations
+
+import dataclasses
+import inspect
+import io
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import torch
+
+from bricksrl.agents import AGENTS, Algorithm, algorithm, is_reference, make_learner, preset
+from bricksrl.envs import make
+from bricksrl.envs.env_checker import Broken, Skip, run_checks
+from bricksrl.envs.user_files import load_object
+from bricksrl.errors import BricksError
+from bricksrl.evaluation.settings_text import with_changes
+from bricksrl.finding import Finding
+from bricksrl.training.config import settings_from
+
+if TYPE_CHECKING:
+    from tensordict import TensorDictBase
+    from torchrl.envs import EnvBase
+
+    from bricksrl.agents.learner import Learner
+
+ENV = "RoboArmSim-v0"
+"""Small, and with a goal."""
+_SEED, _STEPS, _COPIES = 7, 40, 3
+
+
+def is_agent(name: str) -> bool:
+    """Whether this names an algorithm rather than an environment: one of ours, or a place in the user's code with a ``build``."""
+    if not is_reference(name):
+        return name in AGENTS
+    try:
+        found = load_object(name, "build")
+    except BricksError:
+        return False
+    return callable(found) and (name.endswith(".py") or "settings" in inspect.signature(found).parameters)
+
+
+def check_agent(agent: str) -> Iterator[Finding]:
+    """Check an algorithm.
+
+    Raises:
+        UnknownNameError, DescriptionError: there is no such algorithm.
+    """
+    checked = _Checked(algorithm(agent))
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(_SEED)
+        yield from run_checks(
+            {
+                "settings": checked.settings,
+                "build": checked.build,
+                "acting": checked.acting,
+                "memory": checked.memory,
+                "learning": checked.learning,
+                "saving": checked.saving,
+                "copies": checked.copies,
+            }
+        )
+
+
+@dataclass
+class _Checked:
+    """An algorithm, and the learner that is made of it on the way."""
+
+    algorithm: Algorithm
+    learner: Learner | None = None
+
+    def settings(self) -> str:
+        kind = self.algorithm.settings
+        if not kind.__dataclass_params__.frozen:
+            raise Broken(f"{kind.__name__} can be changed; write @dataclass(frozen=True)")
+        without = [field.name for field in dataclasses.fields(kind) if _has_no_default(field)]
+        if without:
+            raise Broken(f"{', '.join(without)} has no default; give it one")
+        settings = preset("default", self.algorithm.name)
+        values = dataclasses.asdict(settings)
+        if dataclasses.asdict(settings_from(self.algorithm.name, json.loads(json.dumps(values)))) != values:
+            raise Broken("settings that are written down and read again are others; use numbers, texts and tuples")
+        texts = [f"{name}={','.join(map(str, value)) if isinstance(value, tuple) else value}" for name, value in values.items()]
+        if with_changes(settings, texts) != settings:
+            raise Broken("settings that are given as --set NAME=VALUE are others; use numbers, texts and tuples")
+        return f"{len(values)} settings, which can be written down and read"
+
+    def build(self) -> str:
+        self.learner = make_learner(self.algorithm.name, make(ENV, seed=_SEED))
+        learned = sum(one.numel() for one in self.learner.parameters())
+        if self.learner.loss is not None and not learned:
+            raise Broken("there is a loss and nothing that an optimiser moves; give the learner an optimizer")
+        return f"{type(self.learner.loss).__name__ if self.learner.loss else 'no loss'}, {learned} numbers to learn"
+
+    def acting(self) -> str:
+        learner, env = self._learner(), make(ENV, seed=_SEED)
+        for explore in (True, False):
+            learner.reset_policy()
+            action = learner.act(env.reset(), explore=explore)
+            if action.shape != env.action_spec.shape:
+                raise Broken(f"an action has the shape {list(action.shape)}; give {list(env.action_spec.shape)}")
+            if not bool((action.abs() <= 1.0 + 1e-6).all()):
+                raise Broken(f"an action is {action.tolist()}; give numbers in -1..1")
+        return f"actions of {action.numel()} numbers in -1..1, exploring and not"
+
+    def memory(self) -> str:
+        learner = self._learner()
+        if learner.imitates:
+            return f"{self._study(learner)} transitions of a dataset"
+        if learner.memory is None:
+            raise Skip("it remembers nothing")
+        learner.remember(_frames(learner, make(ENV, seed=_SEED)))
+        if not len(learner.memory):
+            raise Broken("the memory is empty after transitions were remembered")
+        return f"{len(learner.memory)} rows of {_STEPS} steps or more"
+
+    def learning(self) -> str:
+        learner = self._learner()
+        if learner.loss is None:
+            raise Skip("it learns nothing")
+        before = [one.detach().clone() for one in learner.parameters()]
+        told = learner.learn(_STEPS if learner.on_policy else min(1000, max(2, round(4 / max(learner.updates_per_step, 1e-9)))))
+        if not told:
+            raise Broken("nothing was learned; fill the memory, and give updates_per_step")
+        wrong = [name for name, value in told.items() if not bool(torch.isfinite(value))]
+        if wrong:
+            raise Broken(f"{', '.join(wrong)} is no number after {learner.updates} updates")
+        if all(torch.equal(one, other) for one, other in zip(before, learner.parameters(), strict=True)):
+            raise Broken(f"{learner.updates} updates changed nothing; let the optimizer have the loss's parameters")
+        return f"{learner.updates} updates: {', '.join(f'{name} {float(value):.3g}' for name, value in told.items())}"
+
+    def saving(self) -> str:
+        learner, env = self._learner(), make(ENV, seed=_SEED)
+        file = io.BytesIO()
+        torch.save(learner.state_dict(), file)
+        file.seek(0)
+        other = make_learner(self.algorithm.name, env)
+        other.load_state_dict(torch.load(file, weights_only=True))
+        state = env.reset()
+        actions = []
+        for one in (learner, other):
+            one.reset_policy()
+            torch.manual_seed(_SEED)
+            actions.append(one.act(state, explore=False))
+        if not torch.equal(*actions):
+            raise Broken("a learner that is saved and restored acts otherwise; register what the policy depends on")
+        return f"{len(file.getvalue())} bytes, and the same actions from them"
+
+    def copies(self) -> str:
+        env = make(ENV, batch_size=_COPIES, seed=_SEED)
+        learner = make_learner(self.algorithm.name, env)
+        if learner.imitates or learner.loss is None:
+            raise Skip("it does not learn from a robot")
+        learner.remember(_frames(learner, env))
+        told = learner.learn(_STEPS)
+        if not told or not all(bool(torch.isfinite(value)) for value in told.values()):
+            raise Broken(f"what it learns from {_COPIES} copies is {told or 'nothing'}")
+        return f"{learner.updates} updates from {_COPIES} copies side by side"
+
+    def _learner(self) -> Learner:
+        if self.learner is None:
+            raise Skip("there is no learner")
+        return self.learner
+
+    def _study(self, learner: Learner) -> int:
+        from bricksrl.agents.replay import EpisodicReplayBuffer
+
+        size = getattr(preset("default", self.algorithm.name), "batch_size", 256)
+        frames = _frames(learner, make(ENV, seed=_SEED))
+        dataset = EpisodicReplayBuffer.from_frames(frames, size, ("observation",), chunk=learner.chunk, device=learner.device)
+        learner.study(dataset)
+        return len(dataset)
+
+
+def _frames(learner: Learner, env: EnvBase) -> TensorDictBase:
+    """Steps of the exploring policy, episodes one after the other."""
+    from torchrl.envs.utils import ExplorationType, set_exploration_type
+
+    steps = max(_STEPS, learner.frames_per_batch)
+    with torch.no_grad(), set_exploration_type(ExplorationType.RANDOM):
+        frames: TensorDictBase = env.rollout(steps, learner.policy, break_when_any_done=False)
+    return frames
+
+
+def _has_no_default(field: dataclasses.Field[Any]) -> bool:
+    return field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING

@@ -1,0 +1,205 @@
+"""Several seeds of a training over a Ray cluster (the extra ``distributed``), or over the cores of this computer with it.
+
+A run is a function of its configuration, so a sweep is that function made remote. Each run writes its folder where it runs, and
+after each episode sends what has changed to a keeper on this computer, where the folder grows as if the run were here. Where a
+worker or its computer is lost, Ray starts the run again elsewhere: it gets its folder back from the keeper and resumes.
+"""
+
+from __future__ import annotations
+
+import os
+import platform
+import tempfile
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from bricksrl.errors import BricksError, RunError
+from bricksrl.files import write_durably
+
+_POLL_S = 0.5
+_RETRIES = 3
+_STORE_BYTES = 100_000_000
+_ENVIRONMENT = {"OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1", "RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO": "0"}
+
+OnMessage = Callable[[int, dict[str, Any]], None]
+"""Told the number of an order, and what its run said."""
+
+
+def parse_on(text: str) -> str | None:
+    """The address of a cluster from ``ray`` or ``ray:ADDRESS``; ``None`` for one of this computer alone.
+
+    Raises:
+        RunError: it is neither.
+    """
+    kind, colon, address = text.partition(":")
+    if kind != "ray" or (colon and not address):
+        raise RunError(f"there is no '{text}' to run on; choose ray, or ray:ADDRESS for a cluster that is there")
+    return address or None
+
+
+@contextmanager
+def connected(address: str | None, cpus: int | None = None) -> Iterator[Any]:
+    """Ray, connected to a cluster, or to one that lasts as long as this.
+
+    Args:
+        cpus: runs at a time of a cluster of this computer; without it as many as there are cores.
+
+    Raises:
+        RunError: Ray is not installed, or the cluster does not answer.
+    """
+    os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")
+    try:
+        import ray
+    except ImportError:
+        raise RunError("Ray is not installed; run `pip install 'bricksrl[distributed]'`") from None
+    if ray.is_initialized():
+        raise RunError("Ray is at work in this process already; shut it down first")
+    kind: dict[str, Any] = {"log_to_driver": False, "runtime_env": {"env_vars": _ENVIRONMENT}, "logging_level": "ERROR"}
+    if address is None:
+        kind |= {"num_cpus": cpus or os.cpu_count() or 1, "num_gpus": 0, "include_dashboard": False}
+        kind |= {"object_store_memory": _STORE_BYTES, "_node_ip_address": "127.0.0.1"}
+    else:
+        kind["address"] = address
+    try:
+        ray.init(**kind)
+    except (ConnectionError, OSError, RuntimeError, ValueError) as error:
+        where = "a cluster here" if address is None else f"the cluster at {address}"
+        raise RunError(f"{where} does not start or answer ({' '.join(str(error).split())[:200]}); see `ray status`") from None
+    try:
+        yield ray
+    finally:
+        ray.shutdown()
+
+
+class Keeper:
+    """What runs send home: their files, written here, and their messages. An actor on the computer of whoever asked for the
+    runs."""
+
+    def __init__(self, folders: Sequence[str]) -> None:
+        self._folders = [Path(folder) for folder in folders]
+        self._messages: list[tuple[int, dict[str, Any]]] = []
+
+    def keep(self, number: int, files: dict[str, bytes], message: dict[str, Any]) -> None:
+        """Write files into the folder of a run; those that others depend on come first."""
+        for name, data in files.items():
+            path = self._folders[number] / name
+            path.parent.mkdir(parents=True, exist_ok=True)
+            write_durably(path, data)
+        self._messages.append((number, message))
+
+    def files(self, number: int) -> dict[str, bytes]:
+        """All that there is of a run."""
+        folder = self._folders[number]
+        return {str(path.relative_to(folder)): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
+
+    def messages(self) -> list[tuple[int, dict[str, Any]]]:
+        """Those since the last call."""
+        said, self._messages = self._messages, []
+        return said
+
+
+class Changes:
+    """Files of a folder that changed since the last look; the checkpoint, which the others have to be there for, comes last."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._known: dict[str, tuple[int, int]] = {}
+
+    def take(self) -> dict[str, bytes]:
+        """Their content, by their paths in the folder."""
+        changed = {}
+        for path in sorted(self._folder.rglob("*"), key=lambda path: (path.name == "checkpoint.bin", path)):
+            if not path.is_file():
+                continue
+            stat = path.stat()
+            name, mark = str(path.relative_to(self._folder)), (stat.st_mtime_ns, stat.st_size)
+            if self._known.get(name) != mark:
+                self._known[name] = mark
+                changed[name] = path.read_bytes()
+        return changed
+
+
+def train_there(number: int, config: dict[str, Any], evaluated_episodes: int, keeper: Any) -> str | None:
+    """One run, in a worker of the cluster: from nothing, or from what the keeper has of it. Returns what went wrong."""
+    import ray
+    import torch
+
+    from bricksrl.evaluation import evaluate
+    from bricksrl.training import Callback, Episode, Progress, TrainConfig, resume, train
+
+    torch.set_num_threads(1)
+
+    class Telling(Callback):
+        def on_start(self, config: TrainConfig, run_dir: Path, episodes_done: int) -> None:
+            home({"started": episodes_done, "pid": os.getpid(), "node": platform.node()})
+
+        def on_episode(self, episode: Episode, progress: Progress) -> None:
+            home({"episode": episode.episode, "return": episode.return_})
+
+    with tempfile.TemporaryDirectory(prefix="bricksrl-") as temporary:
+        folder = Path(temporary) / "run"
+        changes = Changes(folder)
+
+        def home(message: dict[str, Any]) -> None:
+            ray.get(keeper.keep.remote(number, changes.take(), message))
+
+        try:
+            files = ray.get(keeper.files.remote(number))
+            if "checkpoint.bin" in files:
+                for name, data in files.items():
+                    path = folder / name
+                    path.parent.mkdir(parents=True, exist_ok=True)
+                    path.write_bytes(data)
+                resume(folder, Telling())
+            else:
+                train(TrainConfig.from_dict(config, run_dir=folder), Telling())
+            home({"evaluated": evaluate(folder, episodes=evaluated_episodes).return_mean})
+        except BricksError as error:
+            return str(error)
+    return None
+
+
+def train_on_cluster(
+    address: str | None,
+    orders: Sequence[tuple[dict[str, Any], Path]],
+    evaluated_episodes: int,
+    on_message: OnMessage,
+    *,
+    cpus: int | None = None,
+) -> list[str | None]:
+    """Train all orders, each a config and its folder here; returns what went wrong with each.
+
+    Raises:
+        RunError: there is no such cluster.
+    """
+    with connected(address, cpus) as ray:
+        from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
+
+        here = NodeAffinitySchedulingStrategy(node_id=ray.get_runtime_context().get_node_id(), soft=False)
+        folders = [str(folder.absolute()) for _, folder in orders]
+        keeper = ray.remote(Keeper).options(num_cpus=0, scheduling_strategy=here).remote(folders)
+        remote = ray.remote(train_there).options(num_cpus=1, max_retries=_RETRIES)
+        waiting = {remote.remote(number, config, evaluated_episodes, keeper): number for number, (config, _) in enumerate(orders)}
+        errors: list[str | None] = [None] * len(orders)
+        while waiting:
+            done, _ = ray.wait(list(waiting), timeout=_POLL_S)
+            for number, message in ray.get(keeper.messages.remote()):
+                on_message(number, message)
+            for job in done:
+                number = waiting.pop(job)
+                try:
+                    errors[number] = ray.get(job)
+                except ray.exceptions.RayError as error:
+                    errors[number] = f"its worker was lost {_RETRIES + 1} times ({type(error).__name__})"
+        for number, message in ray.get(keeper.messages.remote()):
+            on_message(number, message)
+        return errors
+
+
+def map_on_cluster(ray: Any, function: Callable[..., Any], orders: Sequence[tuple[Any, ...]]) -> list[Any]:
+    """What a function gives for each order, computed side by side; a worker that is lost is replaced."""
+    remote = ray.remote(function).options(num_cpus=1, max_retries=_RETRIES)
+    found: list[Any] = ray.get([remote.remote(*order) for order in orders])
+    return found

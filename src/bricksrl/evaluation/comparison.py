@@ -1,0 +1,243 @@
+"""Comparison of runs: agents, seeds and environments in one table and one picture."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from bricksrl.envs.reference_returns import reference_lines
+from bricksrl.errors import RunError
+from bricksrl.evaluation.statistics import (
+    FEWEST_SEEDS,
+    Interval,
+    interquartile_mean,
+    probability_of_improvement,
+    seeds_interval,
+    stratified_bootstrap_interval,
+)
+from bricksrl.plotting import PALETTE, check_picture, finish, new_figure, save, style
+from bricksrl.training.callbacks import Episode
+from bricksrl.training.curve import WINDOW, moving_mean
+from bricksrl.training.run_folder import RunFolder
+
+if TYPE_CHECKING:
+    from bricksrl.training.config import TrainConfig
+
+_COLUMNS = 2
+
+
+@dataclass(frozen=True)
+class Group:
+    """Runs of one agent in one environment, that differ in nothing but their seeds.
+
+    Attributes:
+        agent: its name, with the settings in which groups of it differ.
+        seeds, scores, curves: of each run: its seed, its score, and the moving mean of its returns, episode by episode.
+        steps: robot steps of the longest run.
+        score: interquartile mean of the scores.
+        interval: its 95 % bootstrap interval; ``None`` for fewer than five runs.
+    """
+
+    env: str
+    agent: str
+    seeds: tuple[int, ...]
+    scores: tuple[float, ...]
+    curves: tuple[tuple[float, ...], ...]
+    steps: int
+    lines: Mapping[str, float]
+
+    @property
+    def score(self) -> float:
+        return float(interquartile_mean(np.array(self.scores)))
+
+    @property
+    def interval(self) -> Interval | None:
+        return seeds_interval(self.scores)
+
+
+@dataclass(frozen=True)
+class Improvement:
+    """Probability that a run of ``agent`` scores higher than one of ``other``, and its 95 % interval from five runs each on."""
+
+    env: str
+    agent: str
+    other: str
+    probability: float
+    interval: Interval | None
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """All groups, pairwise probabilities of improvement, and what a score is: of evaluations, or of the last episodes."""
+
+    groups: tuple[Group, ...]
+    improvements: tuple[Improvement, ...]
+    scored_by: str
+
+    def to_json(self) -> str:
+        """One JSON object."""
+        groups = [{**dataclasses.asdict(group), "score": group.score, "interval": _pair(group.interval)} for group in self.groups]
+        improvements = [{**vars(one), "interval": _pair(one.interval)} for one in self.improvements]
+        return json.dumps({"scored_by": self.scored_by, "groups": groups, "improvements": improvements}, indent=2)
+
+
+def compare(paths: Sequence[Path]) -> Comparison:
+    """Compare runs; the folder of several seeds stands for all of them.
+
+    Runs are scored by their evaluations where all have one, else by the mean of their last episodes of training.
+
+    Raises:
+        RunError: a folder holds no run, one that has no episode yet, or one that is named twice.
+    """
+    runs = [_Run.read(path) for path in _run_folders(paths)]
+    evaluated = all(run.evaluation is not None for run in runs)
+    by_kind: dict[tuple[str, str], list[_Run]] = {}
+    for run in runs:
+        by_kind.setdefault((run.config.env, run.kind), []).append(run)
+    groups = []
+    for (env, _), members in sorted(by_kind.items(), key=lambda item: item[0]):
+        scores = tuple(run.evaluation if evaluated and run.evaluation is not None else run.curve[-1] for run in members)
+        seeds = tuple(run.config.seed for run in members)
+        if len(set(seeds)) < len(seeds):
+            raise RunError(
+                f"two runs of {members[0].config.agent} in {env} have the same seed; they would count twice, leave one out"
+            )
+        label = _label(members[0], [kind[0] for (place, _), kind in by_kind.items() if place == env])
+        curves, steps = tuple(run.curve for run in members), max(run.steps for run in members)
+        groups.append(Group(env, label, seeds, scores, curves, steps, reference_lines(env, members[0].config.options)))
+    pairs = itertools.combinations(groups, 2)
+    improvements = tuple(_improvement(*pair) for pair in pairs if pair[0].env == pair[1].env)
+    scored_by = "evaluation" if evaluated else f"mean of the last {WINDOW} episodes of training"
+    return Comparison(tuple(groups), improvements, scored_by)
+
+
+@dataclass(frozen=True)
+class _Run:
+    config: TrainConfig
+    curve: tuple[float, ...]
+    steps: int
+    evaluation: float | None
+
+    @classmethod
+    def read(cls, path: Path) -> _Run:
+        folder = RunFolder(path)
+        config, episodes = folder.read_config(), folder.read_episodes()
+        if not episodes:
+            raise RunError(f"the run in {path} has no episode yet; leave it out")
+        curve = tuple(moving_mean([episode.return_ for episode in episodes], WINDOW))
+        return cls(config, curve, episodes[-1].steps, _evaluation(folder, episodes))
+
+    @property
+    def kind(self) -> str:
+        """All of the config in which runs of one group are equal."""
+        data = self.config.to_dict()
+        for name in ("env", "seed", "episodes", "device", "log", "record"):
+            del data[name]
+        return json.dumps(data, sort_keys=True, default=str)
+
+
+def _evaluation(folder: RunFolder, episodes: Sequence[Episode]) -> float | None:
+    """Mean return of the evaluation of the run as it is now, in its own environment; ``None`` without one."""
+    try:
+        found = json.loads(folder.evaluation_path.read_bytes())
+        return float(found["return_mean"]) if found["trained_episodes"] == len(episodes) else None
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+        return None
+
+
+def _run_folders(paths: Sequence[Path]) -> Iterator[Path]:
+    """The folder of each run once: one that holds several seeds stands for them."""
+    seen: set[Path] = set()
+    for path in paths:
+        seeds = sorted(one.parent for one in path.glob("seed-*/config.json"))
+        for run in seeds if seeds and not RunFolder(path).config_path.exists() else [path]:
+            if run.resolve() in seen:
+                raise RunError(f"{run} is named twice; name it once")
+            seen.add(run.resolve())
+            yield run
+    if not seen:
+        raise RunError("no run is named; give the folders of runs")
+
+
+def _label(run: _Run, all_of_env: Sequence[_Run]) -> str:
+    """The agent's name, and the settings in which it differs from others of that name in the environment."""
+    same = [other for other in all_of_env if other.config.agent == run.config.agent]
+    if len(same) == 1:
+        return run.config.agent
+    mine, others = _flat(run.config), [_flat(other.config) for other in same]
+    differing = [name for name in mine if any(other.get(name) != mine[name] for other in others)]
+    return ", ".join([run.config.agent, *(f"{name}={mine[name]}" for name in differing)])
+
+
+def _flat(config: TrainConfig) -> dict[str, Any]:
+    data = config.to_dict()
+    settings = data.pop("settings") or {}
+    return {
+        name: value for name, value in {**data, **settings}.items() if name not in ("seed", "episodes", "device", "log", "record")
+    }
+
+
+def _improvement(group: Group, other: Group) -> Improvement:
+    first, second = (group, other) if group.score >= other.score else (other, group)
+    probability, interval = probability_of_improvement(first.scores, second.scores)
+    return Improvement(group.env, first.agent, second.agent, probability, interval)
+
+
+def _pair(interval: Interval | None) -> list[float] | None:
+    return None if interval is None else [interval.low, interval.high]
+
+
+def draw(path: Path, groups: Sequence[Group]) -> None:
+    """Draw the learning curves into a PNG file, a panel for each environment.
+
+    From five runs of a group on, their interquartile mean and its 95 % interval; of fewer, each run, and their mean.
+
+    Raises:
+        DescriptionError: the file is none for a picture.
+    """
+    check_picture(path)
+    envs = list(dict.fromkeys(group.env for group in groups))
+    columns = min(_COLUMNS, len(envs))
+    rows = -(-len(envs) // columns)
+    labels = list(dict.fromkeys(group.agent for group in groups))
+    colours = {label: PALETTE[index % len(PALETTE)] for index, label in enumerate(labels)}
+    figure = new_figure(7.0 * columns + 1.0, 3.8 * rows + 0.5)
+    panels = figure.subplots(rows, columns, squeeze=False).flatten()
+    drawn: set[str] = set()
+    for axes, env in zip(panels, envs, strict=False):
+        for group in (group for group in groups if group.env == env):
+            label = f"{group.agent} ({_seeds(groups, group.agent)})"
+            _draw_group(axes, group, colours[group.agent], None if group.agent in drawn else label)
+            drawn.add(group.agent)
+        style(axes, env, "episode", f"return (mean of {WINDOW} episodes)")
+        finish(axes, next(group.lines for group in groups if group.env == env), legend=False)
+    for unused in panels[len(envs) :]:
+        unused.set_visible(False)
+    figure.legend(loc="outside lower left", ncols=min(4, len(labels)), frameon=False, fontsize=9)
+    save(figure, path)
+
+
+def _seeds(groups: Sequence[Group], agent: str) -> str:
+    """Numbers of seeds of an agent in all its panels."""
+    counts = sorted({len(group.seeds) for group in groups if group.agent == agent})
+    return f"{' or '.join(map(str, counts))} seed{'' if counts == [1] else 's'}"
+
+
+def _draw_group(axes: Any, group: Group, colour: str, label: str | None) -> None:
+    points = [list(values) for values in zip(*group.curves, strict=False)]
+    episodes = range(1, len(points) + 1)
+    means = [float(interquartile_mean(np.array(values))) for values in points]
+    if len(group.curves) >= FEWEST_SEEDS:
+        bounds = [stratified_bootstrap_interval([values], resamples=500) for values in points]
+        axes.fill_between(episodes, [b.low for b in bounds], [b.high for b in bounds], color=colour, alpha=0.2, linewidth=0)
+    elif len(group.curves) > 1:
+        for curve in group.curves:
+            axes.plot(range(1, len(curve) + 1), curve, color=colour, linewidth=0.8, alpha=0.5)
+    axes.plot(episodes, means, color=colour, linewidth=2.2, label=label, zorder=3)

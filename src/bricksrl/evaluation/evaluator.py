@@ -1,0 +1,184 @@
+"""Evaluation of a trained agent: whole episodes without exploring and without learning."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from bricksrl.errors import RunError
+from bricksrl.evaluation.statistics import Interval, interquartile_mean, mean, stratified_bootstrap_interval, wilson_interval
+from bricksrl.files import write_durably
+from bricksrl.seed import check_seed
+from bricksrl.training.restore import Which, load_learner, one_robot
+from bricksrl.training.run import make_env
+from bricksrl.training.run_folder import RunFolder
+
+if TYPE_CHECKING:
+    from torchrl.envs import EnvBase
+
+    from bricksrl.envs.connection import Placement
+    from bricksrl.envs.rollout import Judged
+    from bricksrl.training.config import TrainConfig
+
+MOST_COPIES = 1024
+"""Copies of a simulation that are evaluated side by side."""
+OnEpisode = Callable[[int, float], None]
+"""Told the number of an episode that ended, from 1, and its return."""
+
+
+@dataclass(frozen=True)
+class EvaluationResult:
+    """Deterministic episodes of one agent.
+
+    Attributes:
+        run_dir, env, agent, hub, seed: what was evaluated, and where.
+        trained_episodes: episodes that the agent had learned from.
+        return_mean, return_std: of the returns; the deviation is the population's, 0 for a single episode.
+        return_iqm: interquartile mean of the returns.
+        return_interval: 95 % bootstrap interval of their mean.
+        success_rate, success_interval: share of successes and its 95 % Wilson interval; ``None`` where the environment has no
+            notion of success.
+        metrics: mean of each of the task's own numbers, units in the names.
+    """
+
+    run_dir: str
+    env: str
+    agent: str
+    hub: str
+    seed: int
+    episodes: int
+    trained_episodes: int
+    return_mean: float
+    return_std: float
+    return_iqm: float
+    return_interval: Interval
+    returns: tuple[float, ...]
+    lengths: tuple[int, ...]
+    success_rate: float | None
+    success_interval: Interval | None
+    metrics: dict[str, float]
+
+    def to_json(self) -> str:
+        """One JSON object on one line."""
+        return json.dumps(dataclasses.asdict(self))
+
+    def save(self) -> None:
+        """Write it into the run's ``evaluation.json``, over an earlier one.
+
+        Raises:
+            RunError: nothing can be written there.
+        """
+        path = RunFolder(Path(self.run_dir)).evaluation_path
+        try:
+            write_durably(path, (self.to_json() + "\n").encode())
+        except OSError as error:
+            raise RunError(f"the evaluation is not saved: cannot write {path} ({error.strerror}); make room or copy it") from None
+
+
+def evaluate(
+    run_dir: Path,
+    env: EnvBase | str | None = None,
+    *,
+    episodes: int = 5,
+    seed: int = 1000,
+    which: Which = "last",
+    save: bool = True,
+    on_episode: OnEpisode | None = None,
+    on_env: Callable[[EnvBase], None] | None = None,
+    place: Placement | None = None,
+    **named: Any,
+) -> EvaluationResult:
+    """Let the agent of a run do its best, as its last checkpoint has it.
+
+    Args:
+        env: where; an environment that is ready (it stays open), or an id; without one, where the agent was trained.
+        seed: of the episodes, which differ from those of any training.
+        which: checkpoint: the last one, or that of the best evaluation during training.
+        save: write the result into the run's ``evaluation.json``, over an earlier one, as `EvaluationResult.save` does.
+        on_env: gets the environment before anything moves in it: whoever may stop or pause the robot keeps it.
+        place: puts a real robot where an episode starts and returns when it is there.
+        named: of an environment named by its id: fields of :class:`~bricksrl.envs.EnvOptions` that are not as in training, such
+            as ``hub``. Without a word it is neither randomized nor in real time, however the agent was trained.
+
+    Raises:
+        RunError: there is no run in the folder, or ``episodes`` is below 1.
+        DescriptionError: the seed cannot be one.
+        CheckpointError: its checkpoint is damaged, or ``env`` observes or acts otherwise than what the agent was trained in.
+    """
+    if episodes < 1:
+        raise RunError(f"episodes is {episodes}; evaluate at least 1")
+    check_seed(seed)
+    from bricksrl.envs.registry import is_simulation
+    from bricksrl.envs.rollout import play_episodes
+    from bricksrl.seed import derive_seed
+    from bricksrl.training.learner_side import Acting
+    from bricksrl.training.seeding import reproducible
+
+    config = RunFolder(run_dir).read_config()
+    own: EnvBase | None = None
+    if env is None or isinstance(env, str):
+        config = _elsewhere(config, env or config.env, **named)
+        config = replace(config, updates=0, asynchronous=False)
+        side_by_side = is_simulation(config.env) and config.hub == "virtual" and not config.realtime
+        copies = min(episodes, MOST_COPIES) if side_by_side and not hasattr(config.settings, "chunk") else 1
+        env = own = make_env(replace(config, num_envs=copies), place)
+    try:
+        if on_env is not None:
+            on_env(env)
+        with reproducible(derive_seed(seed, "evaluation")):
+            trained = load_learner(run_dir, env, which=which)
+            acting = Acting(trained.learner, getattr(env, "device", None))
+            judged = []
+            for one in play_episodes(env, acting.exploit, episodes, seed, reset_policy=acting.reset_policy):
+                judged.append(one)
+                if on_episode is not None:
+                    on_episode(len(judged), one.return_)
+        result = _summarise(judged, env, config, trained.episodes, seed, run_dir)
+    finally:
+        if own is not None:
+            own.close(raise_if_closed=False)
+    if save:
+        result.save()
+    return result
+
+
+def _elsewhere(config: TrainConfig, env: str, **named: Any) -> TrainConfig:
+    """The config of a run for an evaluation: for one robot, and what belongs to another environment or hub left away."""
+    same, hub = env == config.env, named.get("hub", config.hub)
+    fitted = same and hub == "virtual" and not named.get("randomize", False)
+    physics, options = config.physics if fitted else None, config.options if same else {}
+    there = replace(one_robot(config), env=env, realtime=False, randomize=False, physics=physics, options=options)
+    return there.changed(**named)
+
+
+def _summarise(
+    judged: list[Judged], env: EnvBase, config: TrainConfig, trained_episodes: int, seed: int, run_dir: Path
+) -> EvaluationResult:
+    task = getattr(env, "task", None)
+    returns = np.array([one.return_ for one in judged])
+    outcomes = [one.success for one in judged if one.success is not None]
+    metrics = [one.metrics for one in judged]
+    return EvaluationResult(
+        run_dir=str(run_dir),
+        env=config.env if task is None else task.id,
+        agent=config.agent,
+        hub=config.hub,
+        seed=seed,
+        episodes=len(judged),
+        trained_episodes=trained_episodes,
+        return_mean=float(returns.mean()),
+        return_std=float(returns.std()),
+        return_iqm=float(interquartile_mean(returns)),
+        return_interval=stratified_bootstrap_interval([returns.tolist()], mean),
+        returns=tuple(returns.tolist()),
+        lengths=tuple(one.length for one in judged),
+        success_rate=sum(outcomes) / len(outcomes) if outcomes else None,
+        success_interval=wilson_interval(sum(outcomes), len(outcomes)) if outcomes else None,
+        metrics={name: sum(one[name] for one in metrics) / len(metrics) for name in metrics[0]},
+    )

@@ -1,0 +1,263 @@
+"""Films of policies on virtual robots: the camera in a room, captions, goals; and two of them side by side."""
+
+from __future__ import annotations
+
+import subprocess
+import time
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from bricksrl.errors import TwinError
+
+if TYPE_CHECKING:
+    from torchrl.envs import EnvBase
+
+    from bricksrl.envs.rollout import Policy
+    from bricksrl.twin.mujoco_body import MujocoBody
+    from bricksrl.twin.render.opengl import Image, Renderer
+    from bricksrl.twin.render.room import Room
+
+QUICK_S = 0.03
+"""An image that takes no longer may have shadows."""
+_LAST_S = 0.8
+"""How long the last image of an episode stays."""
+_HOLDS = (1, 2, 3, 4)
+_MOST_S, _SPEED = 12.0, 2.0
+"""Longer episodes are shown twice as fast."""
+
+
+@dataclass(frozen=True)
+class FilmOptions:
+    """How a film is made.
+
+    Attributes:
+        title: of each image.
+        episodes: shown one after the other.
+        seed: of the episodes.
+        size: width and height in px.
+        budget_s: about how long drawing may take; with less of it there are fewer images a second, and no shadows.
+    """
+
+    title: str = ""
+    episodes: int = 1
+    seed: int = 1000
+    size: tuple[int, int] = (1280, 720)
+    budget_s: float = 40.0
+
+
+@dataclass(frozen=True)
+class Filmed:
+    """A film, and the return and the way forward (m; where the robot walks) of each episode in it."""
+
+    path: Path
+    returns: tuple[float, ...]
+    forward_m: tuple[float, ...]
+
+
+def film(
+    env: EnvBase, act: Policy, path: Path, options: FilmOptions | None = None, *, reset: Callable[[], None] = lambda: None
+) -> Filmed:
+    """Film a policy into an mp4 file.
+
+    Args:
+        env: has a virtual robot with a MuJoCo model.
+        reset: makes the policy forget its plans, at each start of an episode.
+
+    Raises:
+        RenderingUnavailableError: no OpenGL library works here.
+        TwinError: there is nothing to see.
+    """
+    from bricksrl.envs.rollout import play, seed_episode
+    from bricksrl.twin.mujoco_body import MujocoBody
+    from bricksrl.twin.render.opengl import VideoWriter
+
+    options = options or FilmOptions()
+    returns, ways = [], []
+    with VideoWriter(path, 25.0) as video:
+        for number in range(1, options.episodes + 1):
+            seed_episode(env, options.seed, "evaluation", number)
+            start = env.reset()
+            twin = getattr(env, "twin", None)
+            if twin is None or not isinstance(twin.body, MujocoBody):
+                raise TwinError(f"{env.task.id} has no virtual robot to film")
+            take = _Take(env, twin.body, options, number, start)
+            try:
+                take.install(twin.machine)
+                for frame in play(env, act, start, reset_policy=reset):
+                    take.saw(frame)
+                    _write(video, take.images())
+                _write(video, take.ending())
+            finally:
+                take.close()
+            returns.append(take.total)
+            ways.append(take.forward_m)
+    return Filmed(path, tuple(returns), tuple(ways))
+
+
+def _write(video: Any, images: Iterator[Image]) -> None:
+    for image in images:
+        video.add(image)
+
+
+@dataclass
+class _Take:
+    """One episode while it is filmed; its images are drawn while the robot moves and written after each step."""
+
+    env: EnvBase
+    body: MujocoBody
+    options: FilmOptions
+    number: int
+    start: Any
+    total: float = 0.0
+    forward_m: float = 0.0
+    step: int = 0
+    reward: float = 0.0
+    _images: list[Image] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        from bricksrl.twin.render.room import Room
+
+        self.room: Room = Room(self.body, goals_of(self.env, self.start))
+        self.renderer, cost_s = self._renderer()
+        expected_ms = self.env.task.max_steps * _step_ms(self.env)
+        self.speed = _SPEED if expected_ms > _MOST_S * 1000 else 1.0
+        afford = max(1.0, self.options.budget_s / self.options.episodes / cost_s)
+        # At 25 images a second, an image stands for 40 ms at the speed of 1; where that is too much to draw, images stay longer.
+        self.hold = next((n for n in _HOLDS if expected_ms / (40 * n * self.speed) <= afford), _HOLDS[-1])
+        self.frame_ms = round(40 * self.speed * self.hold)
+
+    def _renderer(self) -> tuple[Renderer, float]:
+        """What draws, with shadows where that is quick, and the time that an image takes."""
+        from bricksrl.twin.render.opengl import Renderer
+
+        width, height = self.options.size
+
+        def make(*, shadows: bool) -> tuple[Renderer, float]:
+            made = Renderer(
+                self.body, width, height, self.room.camera, shadows=shadows, smooth=shadows, decorate=self.room.decorate
+            )
+            made.render()
+            start_s = time.perf_counter()
+            made.render()
+            return made, time.perf_counter() - start_s
+
+        plain, cost_s = make(shadows=False)
+        if cost_s > QUICK_S:
+            return plain, cost_s
+        rich, rich_s = make(shadows=True)
+        (plain if rich_s <= 2 * QUICK_S else rich).close()
+        return (rich, rich_s) if rich_s <= 2 * QUICK_S else (plain, cost_s)
+
+    def install(self, machine: Any) -> None:
+        """Take an image whenever one is due in simulated time."""
+        from bricksrl.twin.render.video import Filmed as FilmedBody
+
+        machine.body = FilmedBody(machine.body, self, self.frame_ms, machine.time_ms, self._images.append)
+
+    def render(self) -> Image:
+        """One image, with its captions."""
+        from bricksrl.twin.render.captions import captioned
+
+        self.room.follow()
+        image = self.renderer.render()
+        parts = [f"episode {self.number}"] if self.options.episodes > 1 else []
+        parts += [f"step {self.step}", f"reward {self.reward:.2f}", f"return {self.total:.1f}"]
+        if self.env.task.walks:
+            parts.append(f"distance {self._way_m():.2f} m")
+        if self.speed != 1.0:
+            parts.append(f"{self.speed:g}x speed")
+        marks = self.room.metre_marks(*self.options.size)
+        return captioned(image, self.options.title or self.env.task.id, "   ".join(parts), marks)
+
+    def _way_m(self) -> float:
+        walked = self.env.walk_metrics() if hasattr(self.env, "walk_metrics") else {}
+        return float(walked.get("forward_m", 0.0))
+
+    def saw(self, frame: Any) -> None:
+        """A step has been made."""
+        self.reward = float(frame["next", "reward"])
+        self.total, self.step = self.total + self.reward, self.step + 1
+        self.forward_m = self._way_m()
+
+    def images(self) -> Iterator[Image]:
+        """The images since the last call, each as often as it is shown."""
+        for image in self._images:
+            for _ in range(self.hold):
+                yield image
+        self._images.clear()
+
+    def ending(self) -> Iterator[Image]:
+        """The last moment, for a while."""
+        image = self.render()
+        for _ in range(round(25 * _LAST_S)):
+            yield image
+
+    def close(self) -> None:
+        """Let go of OpenGL."""
+        self.renderer.close()
+
+
+def goals_of(env: EnvBase, start: Any) -> dict[str, float]:
+    """The angles where the task wants the motors to be in this episode, by name: entries that are called like ``low_goal``."""
+    values = start["observation"].tolist()
+    names = [entry.name for entry in env.task.entries]
+    return {n.removesuffix("_goal"): v for n, v in zip(names, values, strict=False) if n.endswith("_goal")}
+
+
+def _step_ms(env: EnvBase) -> float:
+    """About how long a step takes."""
+    from bricksrl.data.schema import describe_task
+
+    with suppress(AttributeError, ZeroDivisionError):
+        return 1000.0 / describe_task(env.task).rate_hz
+    return 300.0
+
+
+def side_by_side(left: Path, right: Path, path: Path, height: int = 540) -> Path:
+    """Two films in one, each whole and so many px high; it lasts as long as the longer one.
+
+    Raises:
+        TwinError: they cannot be joined.
+    """
+    import imageio_ffmpeg
+
+    fit = f"scale=-2:{height},setsar=1,tpad=stop_mode=clone:stop_duration=60"
+    graph = f"[0:v]{fit}[a];[1:v]{fit}[b];[a][b]hstack=inputs=2"
+    longest_s = max(_duration_s(left), _duration_s(right))
+    command = [imageio_ffmpeg.get_ffmpeg_exe(), "-y", "-v", "error", "-i", str(left), "-i", str(right), "-filter_complex", graph]
+    command += ["-t", f"{longest_s:.2f}", "-c:v", "libx264", "-pix_fmt", "yuv420p", "-crf", "26", "-movflags", "+faststart"]
+    done = subprocess.run([*command, str(path)], capture_output=True, text=True, check=False)  # noqa: S603  our own arguments
+    if done.returncode:
+        raise TwinError(f"{left} and {right} cannot be joined ({' '.join(done.stderr.split())[:120]}); make them anew")
+    return path
+
+
+def _duration_s(path: Path) -> float:
+    import imageio_ffmpeg
+
+    frames, seconds = imageio_ffmpeg.count_frames_and_secs(str(path))
+    return float(seconds) if frames else 0.0
+
+
+def film_run(run_dir: Path, which: str, path: Path, options: FilmOptions) -> Filmed:
+    """Film the policy of a run: ``first`` (before it had learned), ``best``, ``last``, or ``random`` actions.
+
+    Raises:
+        RunError, CheckpointError: there is no such run or policy.
+        RenderingUnavailableError, TwinError: as :func:`film`.
+    """
+    from bricksrl.policies.named import named_policies
+    from bricksrl.training.restore import one_robot
+    from bricksrl.training.run import make_env
+    from bricksrl.training.run_folder import RunFolder
+
+    config = RunFolder(run_dir).read_config()
+    env = make_env(replace(one_robot(config), hub="virtual", realtime=False, randomize=False))
+    try:
+        policy = named_policies(run_dir, env)[which]()
+        return film(env, policy.act, path, options, reset=policy.reset)
+    finally:
+        env.close(raise_if_closed=False)

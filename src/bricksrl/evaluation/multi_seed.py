@@ -1,0 +1,216 @@
+"""The same training with several seeds, side by side, and what they say together.
+
+Each seed is a separate process on one thread, as many at a time as there are cores. `benchmarks/seeds.py` measures this against
+one program that trains all of them as stacked networks.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import json
+import os
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from bricksrl.errors import RunError
+from bricksrl.evaluation.cluster import parse_on, train_on_cluster
+from bricksrl.evaluation.comparison import compare, draw
+from bricksrl.evaluation.statistics import Interval, interquartile_mean, seeds_interval
+from bricksrl.files import write_durably
+from bricksrl.seed import check_seed
+from bricksrl.training.run_folder import RunFolder
+
+if TYPE_CHECKING:
+    from bricksrl.training.config import TrainConfig
+
+EVALUATED_EPISODES = 5
+MOST_SEEDS = 1000
+"""Trainings of one command."""
+
+OnLine = Callable[[int, dict[str, Any]], None]
+"""Told, from several threads, a seed and what its process said: an episode and its return, or the return of its evaluation."""
+
+
+@dataclass(frozen=True)
+class SeedsSummary:
+    """Several seeds of one training.
+
+    Attributes:
+        returns: mean return of the evaluation of each seed.
+        return_iqm, return_interval: interquartile mean of these, and its 95 % bootstrap interval; ``None`` for fewer than five.
+        curve: for each episode of training the interquartile mean over the seeds, and the ends of its interval, where there is
+            one.
+    """
+
+    env: str
+    agent: str
+    seeds: tuple[int, ...]
+    returns: tuple[float, ...]
+    return_iqm: float
+    return_interval: Interval | None
+    curve: tuple[tuple[float, float | None, float | None], ...]
+
+    def to_json(self) -> str:
+        """One JSON object."""
+        return json.dumps(dataclasses.asdict(self), indent=2)
+
+
+def seed_folder(folder: Path, seed: int) -> Path:
+    """Where a seed's run is."""
+    return folder / f"seed-{seed}"
+
+
+def check_count(count: int) -> None:
+    """Raise RunError unless so many seeds can be trained by one command."""
+    if not 2 <= count <= MOST_SEEDS:
+        raise RunError(f"seeds is {count}; give 2 to {MOST_SEEDS}, or leave --seeds away")
+
+
+def train_seeds(
+    config: TrainConfig,
+    count: int,
+    *,
+    jobs: int | None = None,
+    on: str | None = None,
+    on_line: OnLine = lambda seed, message: None,
+) -> SeedsSummary:
+    """Train with ``count`` seeds from ``config.seed`` on, each into a separate folder within ``config.run_dir``; then sum up.
+
+    Args:
+        jobs: processes at a time; without it as many as there are cores.
+        on: where: "ray", or "ray:ADDRESS" for a cluster; without it in processes here. The numbers are the same.
+
+    Raises:
+        RunError: the folder exists, the robot is a real one, or a seed failed; the others are then trained all the same.
+        DescriptionError: the last seed cannot be one.
+    """
+    check_count(count)
+    if config.hub != "virtual":
+        raise RunError("there is one robot and several seeds want it at once; train them one after the other with --seed")
+    check_seed(config.seed + count - 1)
+    folder = config.run_dir
+    address = None if on is None else parse_on(on)
+    if folder is None or folder.exists():
+        raise RunError(f"{folder} exists already; choose another folder")
+    seeds = tuple(range(config.seed, config.seed + count))
+    configs = [replace(config, seed=seed, run_dir=seed_folder(folder, seed)) for seed in seeds]
+    try:
+        folder.mkdir(parents=True)
+        if on is None:
+            found = _in_processes(configs, jobs, on_line)
+        else:
+            orders = [(one.to_dict(), seed_folder(folder, one.seed)) for one in configs]
+            found = train_on_cluster(
+                address, orders, EVALUATED_EPISODES, lambda place, message: on_line(seeds[place], message), cpus=jobs
+            )
+    except BaseException:
+        with contextlib.suppress(OSError):
+            folder.rmdir()  # unless something was trained
+        raise
+    errors = [(seed, error) for seed, error in zip(seeds, found, strict=True) if error is not None]
+    if errors:
+        seed, error = errors[0]
+        raise RunError(f"{len(errors)} of {count} seeds failed; seed {seed}: {error}")
+    folders = [seed_folder(folder, seed) for seed in seeds]
+    summary = summarise(folders)
+    write_durably(folder / "summary.json", (summary.to_json() + "\n").encode())
+    draw(folder / "learning_curves.png", compare(folders).groups)
+    return summary
+
+
+def _in_processes(configs: Sequence[TrainConfig], jobs: int | None, on_line: OnLine) -> list[str | None]:
+    """Train all; returns what went wrong with each."""
+    processes = _Processes()
+
+    def run(config: TrainConfig) -> str | None:
+        return processes.run(config, lambda message: on_line(config.seed, message))
+
+    with ThreadPoolExecutor(jobs or os.cpu_count() or 1) as pool:
+        try:
+            return list(pool.map(run, configs))
+        except BaseException:
+            processes.end()
+            pool.shutdown(cancel_futures=True)
+            raise
+
+
+class _Processes:
+    """Those that are running, so that they can be ended together."""
+
+    def __init__(self) -> None:
+        self._running: set[subprocess.Popen[str]] = set()
+        self._lock = threading.Lock()
+        self._over = False
+
+    def run(self, config: TrainConfig, on_message: Callable[[dict[str, Any]], None]) -> str | None:
+        """Train one seed; returns what went wrong."""
+        order = {"config": config.to_dict(), "run_dir": str(config.run_dir), "evaluated_episodes": EVALUATED_EPISODES}
+        command = [sys.executable, "-m", "bricksrl.evaluation.multi_seed_worker"]
+        environment = {**os.environ, "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
+        with self._lock:
+            if self._over:
+                return "stopped"
+            process = subprocess.Popen(  # noqa: S603  our own interpreter
+                command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment, start_new_session=True
+            )
+            self._running.add(process)
+        error = None
+        with process:
+            assert process.stdin is not None and process.stdout is not None  # noqa: S101  both are pipes
+            process.stdin.write(json.dumps(order) + "\n")
+            process.stdin.close()
+            for line in process.stdout:
+                message = json.loads(line)
+                error = message.get("error", error)
+                on_message(message)
+        with self._lock:
+            self._running.discard(process)
+        return error or (None if process.returncode == 0 else f"its process ended with exit code {process.returncode}")
+
+    def end(self) -> None:
+        """End them all, and start no more; what was saved stays."""
+        with self._lock:
+            self._over = True
+            for process in self._running:
+                process.terminate()
+
+
+def summarise(run_dirs: Sequence[Path]) -> SeedsSummary:
+    """What runs say together that differ in nothing but their seed, each with an evaluation.
+
+    Raises:
+        RunError: a folder holds no run, or no evaluation.
+    """
+    configs = [RunFolder(path).read_config() for path in run_dirs]
+    curves = [[episode.return_ for episode in RunFolder(path).read_episodes()] for path in run_dirs]
+    returns = tuple(_evaluated(RunFolder(path)) for path in run_dirs)
+    points = []
+    for scores in zip(*curves, strict=False):
+        interval = seeds_interval(scores)
+        ends = (None, None) if interval is None else (interval.low, interval.high)
+        points.append((float(interquartile_mean(np.array(scores))), *ends))
+    return SeedsSummary(
+        env=configs[0].env,
+        agent=configs[0].agent,
+        seeds=tuple(config.seed for config in configs),
+        returns=returns,
+        return_iqm=float(interquartile_mean(np.array(returns))),
+        return_interval=seeds_interval(returns),
+        curve=tuple(points),
+    )
+
+
+def _evaluated(folder: RunFolder) -> float:
+    try:
+        return float(json.loads(folder.evaluation_path.read_bytes())["return_mean"])
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+        raise RunError(f"{folder.path} has no evaluation; run `bricksrl evaluate {folder.path}` first") from None

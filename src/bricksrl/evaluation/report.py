@@ -1,0 +1,153 @@
+"""Report of a run: one HTML file that says what was learned, with its pictures and films in it."""
+
+from __future__ import annotations
+
+import base64
+import html
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from bricksrl.envs.reference_returns import REFERENCES, reference_lines
+from bricksrl.files import write_durably
+from bricksrl.training.callbacks import Episode
+from bricksrl.training.curve import draw_learning_curve
+
+if TYPE_CHECKING:
+    from bricksrl.evaluation.evaluator import EvaluationResult
+    from bricksrl.evaluation.film import Filmed
+
+MOST_EMBEDDED_BYTES = 12_000_000
+"""A longer film is linked, and not put into the page."""
+
+
+@dataclass(frozen=True)
+class Films:
+    """Films of a run: of the agent before and after it had learned, and both side by side."""
+
+    before: Filmed
+    after: Filmed
+    both: Path
+
+
+def write_report(
+    run_dir: Path, episodes: Sequence[Episode], result: EvaluationResult, films: Films | None, no_films: str = ""
+) -> Path:
+    """Write ``report.html`` into a run's folder, and the curve in it beside it.
+
+    Args:
+        episodes: of the training.
+        result: of the evaluation after it.
+        films: ``None`` where there are none.
+        no_films: the reason for that.
+
+    Returns:
+        Its path.
+    """
+    curve = run_dir / "report_curve.png"
+    draw_learning_curve(curve, episodes, "", reference_lines(result.env))
+    body = [
+        f"<h1>{html.escape(result.env)}: what the robot has learned</h1>",
+        f"<p class=lead>{_lead(episodes, result, films)}</p>",
+        *_film_part(films, no_films),
+        "<h2>Return, episode by episode</h2>",
+        f'<img src="{_data_url(curve, "image/png")}" alt="learning curve">',
+        f"<p>{_curve_text(result.env)}</p>",
+        "<h2>Evaluation</h2>",
+        _table(_rows(result)),
+        "<h2>Go on</h2>",
+        _commands(run_dir, result),
+    ]
+    path = run_dir / "report.html"
+    write_durably(path, (_HEAD.format(title=html.escape(result.env)) + "\n".join(body) + "</main></body></html>\n").encode())
+    curve.unlink(missing_ok=True)
+    return path
+
+
+def _lead(episodes: Sequence[Episode], result: EvaluationResult, films: Films | None) -> str:
+    last = episodes[-1]
+    text = (
+        f"The agent <b>{html.escape(result.agent)}</b> learned for {last.episode} episodes ({last.steps} steps of the robot) in "
+        f"{last.seconds:.0f} s. Then it did its best in {result.episodes} episodes: a mean return of "
+        f"<b>{result.return_mean:.4g}</b>"
+    )
+    reference = REFERENCES.get(result.env)
+    if reference is not None:
+        text += f", where random actions get {reference.random:.4g} and a controller written by hand {reference.scripted:.4g}"
+    walked = result.metrics.get("forward_m")
+    if walked is not None:
+        text += f". It walked <b>{walked:.2f} m</b> in an episode"
+        before = films.before.forward_m if films is not None else ()
+        text += f"; before it had learned, {sum(before) / len(before):.2f} m" if before else ""
+    return text + "."
+
+
+def _film_part(films: Films | None, no_films: str) -> Iterable[str]:
+    yield "<h2>Before and after</h2>"
+    if films is None:
+        yield f"<p>There is no film: {html.escape(no_films)}</p>"
+        return
+    small = films.both.stat().st_size <= MOST_EMBEDDED_BYTES
+    source = _data_url(films.both, "video/mp4") if small else html.escape(films.both.name)
+    yield f'<video src="{source}" controls autoplay loop muted playsinline></video>'
+    links = ", ".join(f'<a href="{path.name}">{path.name}</a>' for path in (films.before.path, films.after.path, films.both))
+    before, after = (f"{sum(one.returns) / len(one.returns):.4g}" for one in (films.before, films.after))
+    yield f"<p>Left before learning (return {before}), right after it (return {after}). The files: {links}.</p>"
+
+
+def _curve_text(env: str) -> str:
+    text = "Each dot is an episode of training, in which the agent also tries what it does not know yet; the line is their mean."
+    if env in REFERENCES:
+        text += (
+            " The dashed lines are what random actions get, a controller that was written by somebody who knows the robot "
+            "(<code>benchmarks/baselines.py</code>), and, where the paper has the environment, its SAC."
+        )
+    return text
+
+
+def _rows(result: EvaluationResult) -> Iterable[tuple[str, str]]:
+    interval = result.return_interval
+    yield "return", f"{result.return_mean:.4g} ± {result.return_std:.3g}, mean in {interval.low:.4g} to {interval.high:.4g}"
+    if result.success_rate is not None:
+        yield "success", f"{result.success_rate:.0%} of {result.episodes} episodes"
+    for name, value in result.metrics.items():
+        yield name.replace("_", " "), f"{value:.4g}"
+
+
+def _table(rows: Iterable[tuple[str, str]]) -> str:
+    return "<table>" + "".join(f"<tr><th>{html.escape(n)}</th><td>{html.escape(v)}</td></tr>" for n, v in rows) + "</table>"
+
+
+def _commands(run_dir: Path, result: EvaluationResult) -> str:
+    run, more = html.escape(str(run_dir)), 2 * result.trained_episodes
+    commands = {
+        "watch it, and compare it with how it began": f"bricksrl play {run} --page",
+        "let it learn for longer": f"bricksrl resume {run} --episodes {more} --page",
+        "count more episodes": f"bricksrl evaluate {run} --episodes 20",
+        "on a LEGO robot": f"bricksrl evaluate {run} --hub ble",
+        "use the policy in a program of your own": f"bricksrl export {run}",
+    }
+    rows = "".join(f"<tr><th>{what}</th><td><code>{command}</code></td></tr>" for what, command in commands.items())
+    return f"<table>{rows}</table>"
+
+
+def _data_url(path: Path, kind: str) -> str:
+    return f"data:{kind};base64,{base64.b64encode(path.read_bytes()).decode()}"
+
+
+_HEAD = """<!doctype html>
+<html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">
+<title>{title}: report</title>
+<style>
+body {{ margin: 0; font: 16px/1.5 system-ui, "Segoe UI", Roboto, sans-serif; color: #1f2430; background: #f4f5f7; }}
+main {{ max-width: 960px; margin: 0 auto; padding: 24px; background: #fff; }}
+h1 {{ font-size: 26px; margin: 0 0 8px; }} h2 {{ font-size: 18px; margin: 28px 0 8px; color: #0b5cad; }}
+.lead {{ font-size: 17px; }} p {{ margin: 6px 0; }}
+video, img {{ width: 100%; border-radius: 8px; display: block; }}
+table {{ border-collapse: collapse; width: 100%; }} tr {{ border-bottom: 1px solid #e2e5ea; }}
+th {{ text-align: left; font-weight: 500; color: #6b7280; padding: 6px 16px 6px 0; }} td {{ padding: 6px 0; }}
+code {{ background: #eef0f4; padding: 2px 6px; border-radius: 5px; font-size: 14px; overflow-wrap: anywhere; }}
+a {{ color: #0b5cad; }}
+</style></head><body><main>
+"""

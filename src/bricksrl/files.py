@@ -1,0 +1,127 @@
+"""Durable files: written whole or not at all, and on the disk when the call returns."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import shutil
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+from bricksrl.errors import DataError
+
+TEMPORARY_PREFIX = ".part-"
+"""How the names of files begin that are not whole yet."""
+LOCK = ".lock"
+"""Held by who writes."""
+
+
+def write_durably(path: Path, data: bytes) -> None:
+    """Write ``data`` beside ``path``, bring it to the disk, rename it to ``path``, and bring the name to the disk.
+
+    Whoever opens ``path`` finds what was there before or all of ``data``, also when the process is killed or the power fails.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=TEMPORARY_PREFIX)
+    try:
+        with os.fdopen(handle, "wb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        Path(temporary).chmod(0o644)
+        Path(temporary).replace(path)
+    except BaseException:
+        Path(temporary).unlink(missing_ok=True)
+        raise
+    _sync_folder(path.parent)
+
+
+@contextlib.contextmanager
+def whole_folder(path: Path) -> Iterator[Path]:
+    """A new folder beside ``path``, which becomes ``path`` when all is well inside and is removed otherwise.
+
+    Whoever finds ``path`` finds all of it, also when the process is killed; a remnant then begins with `TEMPORARY_PREFIX`.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    folder = Path(tempfile.mkdtemp(dir=path.parent, prefix=TEMPORARY_PREFIX))
+    try:
+        yield folder
+        folder.chmod(0o755)
+        folder.rename(path)
+    except BaseException:
+        shutil.rmtree(folder, ignore_errors=True)
+        raise
+    _sync_folder(path.parent)
+
+
+def _sync_folder(path: Path) -> None:
+    if sys.platform == "win32":  # it has no handles of folders, and keeps names by itself
+        return
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+def holds_nothing(root: Path) -> bool:
+    """True if a folder is empty but for what a killed writer left at its very start."""
+    files = (path for path in root.rglob("*") if not path.is_dir())
+    return all(path.name.startswith((TEMPORARY_PREFIX, LOCK)) for path in files)
+
+
+def remove_unfinished(root: Path) -> int:
+    """Remove what killed writers left unfinished below ``root``; returns how many files. Only for the one who may write."""
+    unfinished = list(root.rglob(f"{TEMPORARY_PREFIX}*"))
+    for path in unfinished:
+        path.unlink(missing_ok=True)
+    return len(unfinished)
+
+
+@contextlib.contextmanager
+def only_writer(root: Path) -> Iterator[None]:
+    """Inside, no other process gets past this for the same folder. A killed process lets go by itself.
+
+    Raises:
+        DataError: somebody else writes to it.
+    """
+    root.mkdir(parents=True, exist_ok=True)
+    with (root / LOCK).open("a+b") as file:
+        try:
+            _lock(file.fileno())
+        except OSError:
+            raise DataError(
+                f"something else records into {root} at this moment; wait for its end or choose another folder"
+            ) from None
+        yield
+
+
+@contextlib.contextmanager
+def one_after_the_other(root: Path, timeout_s: float = 60.0) -> Iterator[None]:
+    """Inside, other processes that come to this for the same folder wait; for ``timeout_s`` at most, then they go on."""
+    root.mkdir(parents=True, exist_ok=True)
+    end_s = time.monotonic() + timeout_s
+    with (root / LOCK).open("a+b") as file:
+        while time.monotonic() < end_s:
+            try:
+                _lock(file.fileno())
+                break
+            except OSError:
+                time.sleep(0.05)
+        yield
+
+
+if sys.platform == "win32":
+    import msvcrt
+
+    def _lock(handle: int) -> None:
+        msvcrt.locking(handle, msvcrt.LK_NBLCK, 1)
+
+else:
+    import fcntl
+
+    def _lock(handle: int) -> None:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -1,0 +1,394 @@
+"""Commands of a hub: what its motors, its drive base, its light and its loudspeaker are told at every step.
+
+Each is one number with a range, to which the hub clamps it, and one line of the hub program. Moves that go on (``RunSpeed``,
+``RunDuty``, ``DriveSpeed``, ``DriveTurnRate``) do so until the next step; where the host falls silent, the hub's watchdog stops
+them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar
+
+from bricksrl.errors import DescriptionError
+from bricksrl.hub.kinds import WIRE_MAX, Command, Imports
+from bricksrl.robots import DriveBase, HubKind, Robot
+
+_LEAST_DEG = 10.0
+"""That a wheel turns by in a second even where it is told to turn slowly; of what a test move is held to."""
+_LOWEST_HZ = 64
+"""The deepest sound that a hub plays."""
+
+
+def _at_least(turn_deg: float) -> float:
+    return max(-_LEAST_DEG, min(_LEAST_DEG, turn_deg))
+
+
+# ---------------------------------------------------------------- one motor
+
+
+@dataclass(frozen=True)
+class _OfMotor(Command):
+    """Something that one motor does."""
+
+    motor: str
+    low: float
+    high: float
+
+    @property
+    def name(self) -> str:
+        return self.motor
+
+    @property
+    def mover(self) -> str:
+        return f"motor_{self.motor}"
+
+    def check(self, robot: Robot) -> None:
+        robot.motor(self.motor)
+
+    def motors(self, robot: Robot) -> tuple[str, ...]:
+        return (robot.motor(self.motor).name,)
+
+
+@dataclass(frozen=True)
+class RunAngle(_OfMotor):
+    """Turn one motor by an angle, without waiting: ``Motor.run_angle(speed, angle, wait=False)``."""
+
+    speed_deg_s: int
+    unit: ClassVar[str] = "deg"
+
+    def check(self, robot: Robot) -> None:
+        if not 1 <= self.speed_deg_s <= WIRE_MAX:
+            raise DescriptionError(
+                f"command '{self.name}': speed {self.speed_deg_s} deg/s; give a positive one, the sign is the angle's"
+            )
+
+    def turns_deg(self, robot: Robot, amount: float) -> tuple[float, ...]:
+        return (amount,)
+
+    @property
+    def text(self) -> str:
+        return f"turn by {self.low:g} to {self.high:g} deg at {self.speed_deg_s} deg/s"
+
+    def start(self, robot: Robot, amount: str) -> str:
+        if robot.motor(self.motor).range_deg is not None:
+            return f"{self.mover}.turn({self.speed_deg_s}, {amount})"
+        return f"{self.mover}.run_angle({self.speed_deg_s}, {amount}, wait=False)"
+
+
+@dataclass(frozen=True)
+class _Endless(_OfMotor):
+    """Something that turns a motor until it is told otherwise, and so is nothing for a motor with a range."""
+
+    ends: ClassVar[bool] = False
+
+    def check(self, robot: Robot) -> None:
+        if robot.motor(self.motor).range_deg is not None:
+            raise DescriptionError(
+                f"command '{self.name}' turns endlessly, and motor '{self.motor}' has a range; use RunAngle or TrackTarget"
+            )
+
+    def turns_deg(self, robot: Robot, amount: float) -> tuple[float, ...]:
+        return (_at_least(amount),)
+
+
+@dataclass(frozen=True)
+class RunSpeed(_Endless):
+    """Turn one motor at a speed, held against load: ``Motor.run(speed)``."""
+
+    unit: ClassVar[str] = "deg/s"
+
+    @property
+    def text(self) -> str:
+        return f"run at {self.low:g} to {self.high:g} deg/s"
+
+    def start(self, robot: Robot, amount: str) -> str:
+        return f"{self.mover}.run({amount})"
+
+
+@dataclass(frozen=True)
+class RunDuty(_Endless):
+    """Give one motor a share of the battery's voltage: ``Motor.dc(duty)``."""
+
+    low: float = -100.0
+    high: float = 100.0
+    unit: ClassVar[str] = "%"
+
+    def check(self, robot: Robot) -> None:
+        super().check(robot)
+        if self.low < -100 or self.high > 100:
+            raise DescriptionError(f"command '{self.name}' ranges from {self.low:g} to {self.high:g} %; stay within -100 to 100")
+
+    @property
+    def text(self) -> str:
+        return f"run with {self.low:g} to {self.high:g} % of the battery's voltage"
+
+    def start(self, robot: Robot, amount: str) -> str:
+        return f"{self.mover}.dc({amount})"
+
+
+@dataclass(frozen=True)
+class TrackTarget(_OfMotor):
+    """Bring one motor to an angle as fast as it can, without a profile, and hold it there: ``Motor.track_target(angle)``."""
+
+    unit: ClassVar[str] = "deg"
+    ends: ClassVar[bool] = False
+
+    def check(self, robot: Robot) -> None:
+        reach = robot.motor(self.motor).range_deg
+        if reach is not None and not reach[0] <= self.low < self.high <= reach[1]:
+            raise DescriptionError(
+                f"command '{self.name}' ranges from {self.low:g} to {self.high:g} deg, beyond the motor's range of "
+                f"{reach[0]} to {reach[1]}; stay within"
+            )
+
+    def turns_deg(self, robot: Robot, amount: float) -> tuple[float, ...]:
+        return (0.0,)
+
+    @property
+    def text(self) -> str:
+        return f"go to {self.low:g} to {self.high:g} deg"
+
+    def start(self, robot: Robot, amount: str) -> str:
+        return f"{self.mover}.track_target({amount})"
+
+
+# ---------------------------------------------------------------- a drive base
+
+
+@dataclass(frozen=True)
+class _OfDriveBase(Command):
+    """Something that both motors of the drive base do."""
+
+    low: float
+    high: float
+    mover: ClassVar[str] = "drive_base"
+    imports: ClassVar[Imports] = (("pybricks.robotics", "DriveBase"),)
+
+    def check(self, robot: Robot) -> None:
+        for name in sorted(self.motors(robot)):
+            if robot.motor(name).range_deg is not None:
+                raise DescriptionError(
+                    f"motor '{name}' of the drive base has a range; wheels turn endlessly, take range_deg away"
+                )
+
+    def motors(self, robot: Robot) -> tuple[str, ...]:
+        base = drive_base(robot, self.name)
+        return base.left, base.right
+
+    def setup(self, robot: Robot) -> tuple[str, ...]:
+        return drive_base_setup(robot, self.name)
+
+
+@dataclass(frozen=True)
+class DriveStraight(_OfDriveBase):
+    """Drive the drive base by a distance, without waiting: ``DriveBase.straight(distance, wait=False)``."""
+
+    unit: ClassVar[str] = "mm"
+    name: ClassVar[str] = "straight"
+
+    def turns_deg(self, robot: Robot, amount: float) -> tuple[float, ...]:
+        turn_deg = drive_base(robot, self.name).turn_deg(amount)
+        return turn_deg, turn_deg
+
+    @property
+    def text(self) -> str:
+        return f"drive {self.low:g} to {self.high:g} mm"
+
+    def start(self, robot: Robot, amount: str) -> str:
+        return f"{self.mover}.straight({amount}, wait=False)"
+
+
+@dataclass(frozen=True)
+class Turn(_OfDriveBase):
+    """Turn the drive base on the spot, clockwise positive, without waiting: ``DriveBase.turn(angle, wait=False)``."""
+
+    unit: ClassVar[str] = "deg"
+    name: ClassVar[str] = "turn"
+
+    def turns_deg(self, robot: Robot, amount: float) -> tuple[float, ...]:
+        base = drive_base(robot, self.name)
+        wheel_deg = amount * base.axle_track_mm / base.wheel_diameter_mm
+        return wheel_deg, -wheel_deg
+
+    @property
+    def text(self) -> str:
+        return f"turn by {self.low:g} to {self.high:g} deg"
+
+    def start(self, robot: Robot, amount: str) -> str:
+        return f"{self.mover}.turn({amount}, wait=False)"
+
+
+@dataclass(frozen=True)
+class Curve(_OfDriveBase):
+    """Drive along a circle by an angle, to the right for a positive one, without waiting: ``DriveBase.curve(..., wait=False)``.
+
+    Attributes:
+        radius_mm: of the circle that the middle of the robot drives on; with a negative one it drives backwards.
+    """
+
+    radius_mm: int
+    unit: ClassVar[str] = "deg"
+    name: ClassVar[str] = "curve"
+
+    def check(self, robot: Robot) -> None:
+        super().check(robot)
+        if not 10 <= abs(self.radius_mm) <= WIRE_MAX:
+            raise DescriptionError(
+                f"command '{self.name}': a radius of {self.radius_mm} mm; give 10 or more, or Turn on the spot"
+            )
+
+    def turns_deg(self, robot: Robot, amount: float) -> tuple[float, ...]:
+        base = drive_base(robot, self.name)
+        way, turn = abs(amount) * self.radius_mm, math.copysign(amount, amount * self.radius_mm) * base.axle_track_mm / 2
+        return 2 * (way + turn) / base.wheel_diameter_mm, 2 * (way - turn) / base.wheel_diameter_mm
+
+    @property
+    def text(self) -> str:
+        return f"drive along a circle of {self.radius_mm} mm by {self.low:g} to {self.high:g} deg"
+
+    def start(self, robot: Robot, amount: str) -> str:
+        return f"{self.mover}.curve({self.radius_mm}, {amount}, wait=False)"
+
+
+@dataclass(frozen=True)
+class _Drive(_OfDriveBase):
+    """One of the two numbers of ``DriveBase.drive(speed, turn_rate)``; the other one is 0 where it is no command."""
+
+    ends: ClassVar[bool] = False
+    call: ClassVar[str] = "drive"
+
+    def start(self, robot: Robot, amount: str) -> str:
+        return self.start_all(robot, {self.name: amount})
+
+    def start_all(self, robot: Robot, amounts: Mapping[str, str]) -> str:
+        speed, turn_rate = (amounts.get(kind.name, "0") for kind in (DriveSpeed, DriveTurnRate))
+        return f"{self.mover}.drive({speed}, {turn_rate})"
+
+
+@dataclass(frozen=True)
+class DriveSpeed(_Drive):
+    """Speed of ``DriveBase.drive(speed, turn_rate)``, ahead positive."""
+
+    unit: ClassVar[str] = "mm/s"
+    name: ClassVar[str] = "drive_speed"
+
+    def turns_deg(self, robot: Robot, amount: float) -> tuple[float, ...]:
+        turn_deg = _at_least(drive_base(robot, self.name).turn_deg(amount))
+        return turn_deg, turn_deg
+
+    @property
+    def text(self) -> str:
+        return f"drive at {self.low:g} to {self.high:g} mm/s"
+
+
+@dataclass(frozen=True)
+class DriveTurnRate(_Drive):
+    """Turn rate of ``DriveBase.drive(speed, turn_rate)``, clockwise positive."""
+
+    unit: ClassVar[str] = "deg/s"
+    name: ClassVar[str] = "turn_rate"
+
+    def turns_deg(self, robot: Robot, amount: float) -> tuple[float, ...]:
+        base = drive_base(robot, self.name)
+        wheel_deg = _at_least(amount * base.axle_track_mm / base.wheel_diameter_mm)
+        return wheel_deg, -wheel_deg
+
+    @property
+    def text(self) -> str:
+        return f"turn at {self.low:g} to {self.high:g} deg/s"
+
+
+def drive_base(robot: Robot, wanted_for: str) -> DriveBase:
+    """The robot's drive base.
+
+    Raises:
+        DescriptionError: it has none.
+    """
+    if robot.drive_base is None:
+        raise DescriptionError(f"robot '{robot.name}' has no drive base for '{wanted_for}'; describe one or command its motors")
+    return robot.drive_base
+
+
+def drive_base_setup(robot: Robot, wanted_for: str) -> tuple[str, ...]:
+    """The statement of a hub program that makes the drive base ``drive_base``."""
+    base = drive_base(robot, wanted_for)
+    size = f"wheel_diameter={base.wheel_diameter_mm!r}, axle_track={base.axle_track_mm!r}"
+    return (f"drive_base = DriveBase(motor_{base.left}, motor_{base.right}, {size})",)
+
+
+# ---------------------------------------------------------------- the hub itself
+
+
+@dataclass(frozen=True)
+class _OfHub(Command):
+    """Something that the hub does without a motor."""
+
+    mover: ClassVar[None] = None
+
+    def motors(self, robot: Robot) -> tuple[str, ...]:
+        return ()
+
+    def turns_deg(self, robot: Robot, amount: float) -> tuple[float, ...]:
+        return ()
+
+
+@dataclass(frozen=True)
+class HubLight(_OfHub):
+    """Hue of the hub's light: ``hub.light.on(Color(hue, 100, 100))``; 0 is red, 120 green, 240 blue."""
+
+    low: float = 0.0
+    high: float = 359.0
+    unit: ClassVar[str] = "deg"
+    name: ClassVar[str] = "light"
+    imports: ClassVar[Imports] = (("pybricks.parameters", "Color"),)
+
+    def check(self, robot: Robot) -> None:
+        if self.low < 0 or self.high > 360:
+            raise DescriptionError(f"command '{self.name}' ranges from {self.low:g} to {self.high:g}; hues are 0 to 360 degrees")
+
+    @property
+    def text(self) -> str:
+        return f"light of a hue of {self.low:g} to {self.high:g} deg"
+
+    def start(self, robot: Robot, amount: str) -> str:
+        return f"hub.light.on(Color({amount}, 100, 100))"
+
+
+@dataclass(frozen=True)
+class HubSound(_OfHub):
+    """A short tone of the hub's loudspeaker: ``hub.speaker.beep(frequency, duration)``; below 64 Hz it is silent.
+
+    Attributes:
+        duration_ms: of the tone, for which the hub waits.
+    """
+
+    low: float = 0.0
+    high: float = 2000.0
+    duration_ms: int = 50
+    scale: ClassVar[int] = 1
+    unit: ClassVar[str] = "Hz"
+    name: ClassVar[str] = "sound"
+
+    def check(self, robot: Robot) -> None:
+        if robot.hub is not HubKind.PRIME:
+            raise DescriptionError(
+                f"command '{self.name}': a {robot.hub.value} hub has no loudspeaker; choose a prime hub, or use HubLight"
+            )
+        if self.low < 0 or not 1 <= self.duration_ms <= 200:
+            raise DescriptionError(
+                f"command '{self.name}': {self.low:g} Hz at least, for {self.duration_ms} ms; give 0 Hz or more, and 1 to 200 ms"
+            )
+
+    @property
+    def text(self) -> str:
+        return f"a tone of {self.low:g} to {self.high:g} Hz for {self.duration_ms} ms"
+
+    def setup(self, robot: Robot) -> tuple[str, ...]:
+        play = f"hub.speaker.beep(frequency_hz, {self.duration_ms})"
+        return ("def play_tone(frequency_hz):", f"    if frequency_hz >= {_LOWEST_HZ}:", f"        {play}", "")
+
+    def start(self, robot: Robot, amount: str) -> str:
+        return f"play_tone({amount})"

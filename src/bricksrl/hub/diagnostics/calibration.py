@@ -1,0 +1,143 @@
+"""Calibration of one robot against its description: zeros of its motors, and the ones that turn the other way.
+
+A calibration belongs to a hub, by its address, and to what is built around it. It changes the description, and from that
+everything else follows.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from bricksrl.errors import BricksError, DescriptionError
+from bricksrl.robots import Direction, Motor, Robot
+
+_OTHER_WAY = {Direction.CLOCKWISE: Direction.COUNTERCLOCKWISE, Direction.COUNTERCLOCKWISE: Direction.CLOCKWISE}
+
+
+class CalibrationError(BricksError):
+    """A calibration that cannot be read, or does not belong to the robot."""
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """Zeros and directions found on one robot.
+
+    Attributes:
+        zeros_deg: for each motor, what its output shows where the description has 0.
+        reversed: motors that turn against the description.
+    """
+
+    zeros_deg: dict[str, int] = field(default_factory=dict)
+    reversed: frozenset[str] = frozenset()
+
+
+def calibrated(robot: Robot, calibration: Calibration) -> Robot:
+    """The description of the robot as it was built.
+
+    Raises:
+        DescriptionError: the calibration names motors that the robot does not have.
+    """
+    unknown = sorted((set(calibration.zeros_deg) | calibration.reversed) - {motor.name for motor in robot.motors})
+    if unknown:
+        raise DescriptionError(f"robot '{robot.name}' has no motor '{unknown[0]}'; calibrate it again")
+    return replace(robot, motors=tuple(_calibrated(motor, calibration) for motor in robot.motors))
+
+
+def _calibrated(motor: Motor, calibration: Calibration) -> Motor:
+    direction = _OTHER_WAY[motor.direction] if motor.name in calibration.reversed else motor.direction
+    return replace(motor, direction=direction, zero_deg=calibration.zeros_deg.get(motor.name, motor.zero_deg))
+
+
+def zero_between(stops_deg: tuple[int, int], motor: Motor) -> int:
+    """The zero of a joint that is blocked at these shown angles: its range lies in the middle between them.
+
+    Raises:
+        CalibrationError: it cannot reach its whole range.
+    """
+    if motor.range_deg is None:
+        raise CalibrationError(f"motor '{motor.name}' has no range, so no stops; calibrate it by hand")
+    width, needed = stops_deg[1] - stops_deg[0], motor.range_deg[1] - motor.range_deg[0]
+    if width < needed:
+        raise CalibrationError(
+            f"motor '{motor.name}' is blocked after {width} degrees and has to turn by {needed}; clear its way and try again"
+        )
+    return round((sum(stops_deg) - sum(motor.range_deg)) / 2)
+
+
+def calibration_folder() -> Path:
+    """Folder of the calibrations, in the user's folder for settings."""
+    home = Path.home()
+    if sys.platform == "win32":
+        base = Path(os.environ.get("APPDATA") or home / "AppData" / "Roaming")
+    elif sys.platform == "darwin":
+        base = home / "Library" / "Application Support"
+    else:
+        base = Path(os.environ.get("XDG_CONFIG_HOME") or home / ".config")
+    return base / "bricksrl" / "calibrations"
+
+
+def load_calibration(hub_id: str, robot: Robot, folder: Path | None = None) -> Calibration:
+    """Calibration of the robot on this hub; an empty calibration where nothing is.
+
+    Raises:
+        CalibrationError: the file is not ours.
+    """
+    path = _path(hub_id, robot, folder)
+    try:
+        data = json.loads(path.read_bytes())
+        zeros = {str(name): int(zero) for name, zero in data["zeros_deg"].items()}
+        return Calibration(zeros, frozenset(map(str, data["reversed"])))
+    except FileNotFoundError:
+        return Calibration()
+    except (OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError):
+        raise CalibrationError(f"cannot read the calibration in {path}; delete the file and calibrate again") from None
+
+
+def calibration_of(hub_id: Callable[[], str], folder: Path | None = None) -> Callable[[Robot], Robot]:
+    """Function that a link takes as ``calibrate``; ``hub_id`` is asked when the hub is connected."""
+
+    def calibrate(robot: Robot) -> Robot:
+        return calibrated(robot, load_calibration(hub_id(), robot, folder))
+
+    return calibrate
+
+
+def save_calibration(hub_id: str, robot: Robot, calibration: Calibration, folder: Path | None = None) -> Path:
+    """Write it, whole or not at all; returns where.
+
+    Raises:
+        CalibrationError: the file cannot be written.
+    """
+    path = _path(hub_id, robot, folder)
+    data = {"hub": hub_id, "zeros_deg": calibration.zeros_deg, "reversed": sorted(calibration.reversed)}
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        draft = path.with_name(f"{path.name}.{os.getpid()}")
+        draft.write_text(json.dumps(data, indent=2) + "\n", encoding="utf-8")
+        draft.replace(path)
+    except OSError as error:
+        raise CalibrationError(f"cannot write the calibration to {path} ({error.strerror}); choose another folder") from None
+    return path
+
+
+def forget_calibration(hub_id: str, robot: Robot, folder: Path | None = None) -> None:
+    """Go back to the description; without effect where nothing is known.
+
+    Raises:
+        CalibrationError: the file cannot be deleted.
+    """
+    path = _path(hub_id, robot, folder)
+    try:
+        path.unlink(missing_ok=True)
+    except OSError as error:
+        raise CalibrationError(f"cannot delete {path} ({error.strerror}); delete it yourself") from None
+
+
+def _path(hub_id: str, robot: Robot, folder: Path | None) -> Path:
+    return (folder or calibration_folder()) / re.sub(r"[^\w-]+", "-", hub_id) / f"{robot.name}.json"

@@ -1,0 +1,243 @@
+"""Preflight check of a robot: hub, ports, battery, sensors and motors against the description, one finding after the other."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bricksrl.errors import HubError
+from bricksrl.finding import Finding, Outcome
+from bricksrl.hub.diagnostics.devices import NOTHING, device_id, device_name, turns_alike
+from bricksrl.hub.diagnostics.latency import Latency, advice, measure
+from bricksrl.hub.diagnostics.survey import Survey, survey
+from bricksrl.hub.interface import Interface
+from bricksrl.hub.kinds import Command
+from bricksrl.hub.link.lockstep import HubLink
+from bricksrl.hub.transport import Transport
+from bricksrl.robots import HubKind, Motor, Robot
+
+TEST_MOVE = 30.0
+"""Degrees or millimetres of a test move."""
+_LEAST_SHARE = 0.5
+"""Of a test move that a motor has to make."""
+_RANGE_MARGIN_DEG = 8.0
+"""A joint may give way a little beyond its range."""
+_TEST_MOVE_READS = 40
+
+# Below the first the hub warns, below the second it switches off soon; the firmware's own limits (battery.c).
+_LITHIUM_MV = (6800, 6000)
+_CELLS_MV = (5400, 4800)
+_LITHIUM_HUBS = (HubKind.PRIME, HubKind.ESSENTIAL)
+
+
+def check_robot(
+    transport: Transport,
+    robot: Robot,
+    interface: Interface,
+    *,
+    may_move: Callable[[], bool],
+    is_right: Callable[[str], bool] | None = None,
+    calibrate: Callable[[Robot], Robot] | None = None,
+) -> Iterator[Finding]:
+    """Look at everything that a task needs of a robot. The transport is opened, and closed at the end.
+
+    Args:
+        transport: the hub.
+        robot, interface: what is expected at its other end.
+        may_move: asked before the first test move.
+        is_right: asked after each test move, e.g. "left turned by 30 degrees"; ``None`` where nobody watches.
+        calibrate: as :class:`HubLink` takes it.
+
+    Raises:
+        HubError: the hub cannot be reached.
+    """
+    try:
+        transport.open()
+        described = robot if calibrate is None else calibrate(robot)
+        yield from check_hub(getattr(transport, "identity", None), robot)
+        found = survey(transport, described)
+        plugged = list(check_ports(robot, found))
+        yield from plugged
+        yield check_battery(robot.hub, found.battery_mv)
+        yield from check_imu(robot, found)
+        if any(finding.outcome is Outcome.ERROR for finding in plugged):
+            yield Finding("program", Outcome.SKIPPED, "the environment's program does not start before all is plugged in")
+            return
+        yield from _with_program(transport, robot, interface, may_move, is_right, calibrate)
+    finally:
+        transport.close()
+
+
+def _with_program(
+    transport: Transport,
+    robot: Robot,
+    interface: Interface,
+    may_move: Callable[[], bool],
+    is_right: Callable[[str], bool] | None,
+    calibrate: Callable[[Robot], Robot] | None,
+) -> Iterator[Finding]:
+    """What the program of the environment itself tells."""
+    try:
+        with HubLink(transport, robot, interface, calibrate=calibrate) as link:
+            yield Finding("program", Outcome.OK, f"runs (hash {link.program.hash:08x})")
+            yield from check_angles(robot, interface, link.read().values)
+            yield check_latency(measure(link, interface))
+            if may_move():
+                for index in range(len(interface.commands)):
+                    yield _check_move(link, robot, interface, index, is_right)
+            else:
+                yield Finding("directions", Outcome.SKIPPED, "nothing was moved, because nobody said yes")
+    except HubError as error:
+        yield Finding("program", Outcome.ERROR, str(error))
+
+
+def check_hub(identity: object, robot: Robot) -> Iterator[Finding]:
+    """Kind and versions, as a connected hub tells them; nothing where it tells nothing, as the virtual one."""
+    kind = getattr(identity, "kind", None)
+    if kind is None:
+        return
+    version = ".".join(map(str, getattr(identity, "profile_version", ())))
+    firmware = getattr(identity, "firmware", "unknown")
+    if kind is not robot.hub:
+        detail = f"it is a {kind.value} hub, '{robot.name}' has a {robot.hub.value} hub; take that one, or describe your robot"
+        yield Finding("hub", Outcome.ERROR, detail)
+    else:
+        yield Finding("hub", Outcome.OK, f"'{getattr(identity, 'name', '')}', {kind.value}, {getattr(identity, 'address', '')}")
+    if firmware.partition(".")[0] in ("2", "3"):
+        detail = f"Pybricks {firmware}, profile {version}; BricksRL was written for version 4, update it on code.pybricks.com"
+        yield Finding("firmware", Outcome.WARNING, detail)
+    else:
+        yield Finding("firmware", Outcome.OK, f"Pybricks {firmware}, profile {version}")
+
+
+def check_ports(robot: Robot, found: Survey) -> Iterator[Finding]:
+    """Every port: what is expected and what is there."""
+    expected = {device.port: device for device in (*robot.motors, *robot.sensors)}
+    for port in robot.hub.model.ports:
+        number, device = found.ports.get(port, NOTHING), expected.get(port)
+        there, name = device_name(number), f"port {port}"
+        if device is None:
+            detail = "nothing is expected" + ("" if number == NOTHING else f", {there} is there, which does no harm")
+            yield Finding(name, Outcome.OK, detail)
+            continue
+        wanted = device_id(device)
+        what = f"'{device.name}', {device_name(wanted)}"
+        if number == wanted:
+            yield Finding(name, Outcome.OK, what)
+        elif turns_alike(wanted, number):
+            detail = f"{what} is expected, {there} is there; it works, but the virtual robot has the other one's strength"
+            yield Finding(name, Outcome.WARNING, detail)
+        else:
+            yield Finding(name, Outcome.ERROR, f"{what} is expected, {there} is there; {_where(robot, wanted, port, found)}")
+
+
+def _where(robot: Robot, wanted: int, port: str, found: Survey) -> str:
+    """A remedy: the port where the missing device might be."""
+    taken = {device.port for device in (*robot.motors, *robot.sensors) if device_id(device) == wanted}
+    elsewhere = [other for other, number in found.ports.items() if number == wanted and other not in taken]
+    return f"move it from port {elsewhere[0]} to {port}" if elsewhere else f"plug it into port {port} until it clicks"
+
+
+def check_battery(hub: HubKind, battery_mv: int) -> Finding:
+    """Battery check: enough voltage for what the motors are asked."""
+    low_mv, critical_mv = _LITHIUM_MV if hub in _LITHIUM_HUBS else _CELLS_MV
+    remedy = "charge it" if hub in _LITHIUM_HUBS else "put fresh batteries in"
+    volts = f"{battery_mv / 1000:.2f} V"
+    if battery_mv < critical_mv:
+        return Finding("battery", Outcome.ERROR, f"{volts}, it is empty; {remedy}")
+    if battery_mv < low_mv:
+        return Finding("battery", Outcome.WARNING, f"{volts}, it is low and the motors are weak; {remedy}")
+    return Finding("battery", Outcome.OK, volts)
+
+
+def check_imu(robot: Robot, found: Survey) -> Iterator[Finding]:
+    """IMU check: gyroscope and accelerometer ready, where the robot needs them."""
+    if not robot.needs_imu:
+        return
+    lies = f"pitch {found.pitch_deg}, roll {found.roll_deg} deg"
+    if found.imu_ready is None:
+        yield Finding(
+            "imu", Outcome.ERROR, "the hub did not say anything about its IMU; update its firmware on code.pybricks.com"
+        )
+    elif not found.imu_ready:
+        yield Finding("imu", Outcome.WARNING, f"{lies}, not ready; leave the robot still for some seconds and check again")
+    else:
+        yield Finding("imu", Outcome.OK, f"ready, {lies}" + ("" if found.imu_still else ", moving"))
+
+
+def check_angles(robot: Robot, interface: Interface, values: NDArray[np.float32]) -> Iterator[Finding]:
+    """Angle check: joints within their ranges; ``values [n_channels]`` are a reading of the program."""
+    for name, place in interface.angle_places.items():
+        range_deg = robot.motor(name).range_deg
+        if range_deg is None:
+            continue
+        low, high = range_deg
+        angle = f"{values[place]:.0f} deg, range {low} to {high}"
+        if low - _RANGE_MARGIN_DEG <= values[place] <= high + _RANGE_MARGIN_DEG:
+            yield Finding(f"angle {name}", Outcome.OK, angle)
+        else:
+            detail = f"{angle}; put the joint within its range, or find its zero with `bricksrl hub calibrate`"
+            yield Finding(f"angle {name}", Outcome.ERROR, detail)
+
+
+def check_latency(found: Latency) -> Finding:
+    """Latency check: a link as fast as it can be."""
+    share = "" if found.link_share is None else f", {found.link_share:.0%} of a step"
+    detail = f"{found.p50_ms:.0f} ms, p99 {found.p99_ms:.0f} ms, connection interval {found.interval_ms:g} ms{share}"
+    if found.is_slow:
+        return Finding("round trip", Outcome.WARNING, f"{detail}; {advice()}")
+    return Finding("round trip", Outcome.OK, detail)
+
+
+def small_move(command: Command, range_deg: tuple[int, int] | None, angle_deg: float | None) -> float:
+    """A small value of a command; for a joint, of which the angle is known, towards the middle of its range."""
+    towards = 1.0
+    if range_deg is not None and angle_deg is not None and angle_deg > sum(range_deg) / 2:
+        towards = -1.0
+    values = [min(max(sign * TEST_MOVE, command.low), command.high) for sign in (towards, -towards)]
+    return values[0] if abs(values[0]) >= abs(values[1]) else values[1]
+
+
+def _check_move(link: HubLink, robot: Robot, interface: Interface, index: int, is_right: Callable[[str], bool] | None) -> Finding:
+    """Give one command a small value, the others none, and see what its motors do."""
+    command = interface.commands[index]
+    before = link.read().values
+    motors = [robot.motor(name) for name in command.motors(robot)]
+    if not motors:
+        link.act([command.high if i == index else 0.0 for i in range(len(interface.commands))])
+        return Finding(command.name, Outcome.OK, f"{command.high:g} {command.unit}, look or listen")
+    angles = [_angle(interface, before, motor) for motor in motors]
+    value = small_move(command, motors[0].range_deg, angles[0])
+    name = f"motor {command.name}" if len(motors) == 1 else command.name
+    link.act([value if i == index else 0.0 for i in range(len(interface.commands))])
+    after = before
+    for _ in range(_TEST_MOVE_READS):  # a step may end before its move does
+        after = link.read().values
+    if not command.ends:
+        link.act([0.0] * len(interface.commands))
+    turns_deg = command.turns_deg(robot, value)
+    for motor, angle, turn_deg in zip(motors, angles, turns_deg, strict=True):
+        now = _angle(interface, after, motor)
+        if angle is None or now is None:
+            continue
+        turned = (now - angle + 180.0) % 360.0 - 180.0
+        if command.ends:  # angles may be wrapped: of those that it can have turned by, the one nearest to what it was told
+            turned += 360.0 * round((turn_deg - turned) / 360.0)
+        if turned * np.sign(turn_deg) < _LEAST_SHARE * abs(turn_deg):
+            what = f"'{motor.name}' (port {motor.port}) turned by {turned:.0f} deg after {value:g} {command.unit}"
+            return Finding(name, Outcome.ERROR, f"{what}; it is blocked, or its cable is loose")
+    did = f"moved by {value:g} {command.unit}"
+    if is_right is not None and not is_right(f"{name} {did}"):
+        ports = " and ".join(motor.port for motor in motors)
+        names = " ".join(motor.name for motor in motors)
+        remedy = f"swap the cables (port {ports}), or `bricksrl hub calibrate --reverse {names}`"
+        return Finding(name, Outcome.ERROR, f"{did}, and you say that it was another motor or the wrong way; {remedy}")
+    return Finding(name, Outcome.OK, did + ("" if is_right is not None else ", nobody watched"))
+
+
+def _angle(interface: Interface, values: NDArray[np.float32], motor: Motor) -> float | None:
+    """Of a motor, where it is observed."""
+    place = interface.angle_places.get(motor.name)
+    return None if place is None else float(values[place])

@@ -1,0 +1,198 @@
+"""Survey of a hub: programs made from the robot's description that report what is plugged in, run over any transport.
+
+Each runs once and prints lines of words; it begins with the HELLO of its hash, by which a transport knows it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from importlib import resources
+
+from bricksrl.errors import HubError, HubProgramError, HubTimeoutError
+from bricksrl.hub.program.traceback import describe_traceback
+from bricksrl.hub.protocol import Up, control_frame, hello_payload
+from bricksrl.hub.transport import HubProgram, Transport
+from bricksrl.robots import Motor, Robot
+
+STALL_SPEED_DEG_S = 60
+STALL_TORQUE_MNM = 250
+"""More than a medium motor has: a raised arm needs all of it, and at this speed it does no harm to what blocks it."""
+STALL_LIMIT_MS = 10_000
+STALL_LIMIT_DEG = 400
+_SURVEY_S = 20.0
+_READS = 10_000
+
+_END = b"\r\nend\r\n"
+_HUB_PART = "# --- the hub's part ---\n"
+
+
+@dataclass(frozen=True)
+class Survey:
+    """Answer of a hub to a survey.
+
+    Attributes:
+        ports: for each port the number of the device on it, 0 for none.
+        angles_deg: for each motor that is there, what its output shows.
+        battery_mv, firmware, name: of the hub.
+        imu_ready, imu_still: ``None`` on a hub without an IMU.
+        pitch_deg, roll_deg: how the hub lies; 0 on a hub without an IMU.
+    """
+
+    ports: dict[str, int]
+    angles_deg: dict[str, int]
+    battery_mv: int
+    firmware: str
+    name: str
+    imu_ready: bool | None = None
+    imu_still: bool | None = None
+    pitch_deg: int = 0
+    roll_deg: int = 0
+
+
+def survey_program(robot: Robot) -> HubProgram:
+    """The program behind `survey`."""
+    model = robot.hub.model
+    ports = ", ".join(f'("{port}", Port.{port})' for port in model.ports)
+    return _program(
+        f"Asks what is plugged into the robot '{robot.name}', and how the hub is. Moves nothing.",
+        ["from pybricks import version", "from pybricks.iodevices import PUPDevice", *_IMPORTS],
+        [f"PORTS = ({ports})", _motors(robot.motors), f"HAS_IMU = {model.has_imu}"],
+        robot,
+        "inventory",
+    )
+
+
+def survey(transport: Transport, robot: Robot) -> Survey:
+    """Ask the hub, over a transport that is open. Moves nothing; stops the program that ran before.
+
+    Raises:
+        HubError: the hub cannot be reached, or does not answer.
+        HubProgramError: the program raised.
+    """
+    return parse_survey(run(transport, survey_program(robot), _SURVEY_S))
+
+
+def parse_survey(lines: list[str]) -> Survey:
+    """Survey from the lines that the program printed.
+
+    Raises:
+        HubError: something is missing.
+    """
+    said: dict[str, list[list[str]]] = {}
+    for line in lines:
+        word, *rest = line.split(" ")
+        said.setdefault(word, []).append(rest)
+    try:
+        imu = [int(number) for number in said["imu"][0]] if "imu" in said else []
+        return Survey(
+            ports={port: int(number) for port, number in said["port"]},
+            angles_deg={motor: int(angle) for motor, angle in said.get("angle", [])},
+            battery_mv=int(said["battery"][0][0]),
+            firmware=said["firmware"][0][0],
+            name=" ".join(said["name"][0]),
+            imu_ready=bool(imu[0]) if imu else None,
+            imu_still=bool(imu[1]) if imu else None,
+            pitch_deg=imu[2] if imu else 0,
+            roll_deg=imu[3] if imu else 0,
+        )
+    except (KeyError, ValueError, IndexError):
+        raise HubError("the hub's answer is incomplete; bring it near and try again") from None
+
+
+def stops_program(robot: Robot) -> HubProgram:
+    """The program behind `find_stops`."""
+    constants = [
+        _motors(_joints(robot)),
+        f"TORQUE_MNM = {STALL_TORQUE_MNM}",
+        f"SPEED_DEG_S = {STALL_SPEED_DEG_S}",
+        f"LIMIT_MS = {STALL_LIMIT_MS}",
+        f"LIMIT_DEG = {STALL_LIMIT_DEG}",
+    ]
+    imports = [*_IMPORTS, "from pybricks.tools import StopWatch, wait"]
+    return _program(f"Turns the joints of the robot '{robot.name}' to their stops.", imports, constants, robot, "find_stops")
+
+
+def find_stops(transport: Transport, robot: Robot) -> dict[str, tuple[int, int] | None]:
+    """Turn each motor with a range to both stops, one after the other, and stop in the middle. This moves the robot.
+
+    Returns:
+        For each the shown angles at which it is blocked; ``None`` for one that nothing blocks.
+
+    Raises:
+        HubError: the hub cannot be reached, or does not answer; the motors are then stopped.
+        HubProgramError: the program raised.
+    """
+    joints = _joints(robot)
+    if not joints:
+        return {}
+    timeout_s = 5.0 + 3 * len(joints) * STALL_LIMIT_MS / 1000
+    found: dict[str, tuple[int, int] | None] = {}
+    for line in run(transport, stops_program(robot), timeout_s):
+        match line.split(" "):
+            case ["stops", name, low, high]:
+                found[name] = (int(low), int(high))
+            case ["free", name]:
+                found[name] = None
+    return found
+
+
+def run(transport: Transport, program: HubProgram, timeout_s: float) -> list[str]:
+    """The lines that a program prints before its last one, ``end``; it is stopped when it takes too long.
+
+    Raises:
+        HubError: the hub cannot be reached, or the program ended without that line.
+        HubTimeoutError: it took too long.
+        HubProgramError: it raised.
+    """
+    transport.start(program)
+    data = b""
+    deadline_s = transport.now_s() + timeout_s
+    try:
+        for _ in range(_READS):
+            left_s = deadline_s - transport.now_s()
+            if left_s <= 0 or _END in data:
+                break
+            data += transport.read(left_s)
+    except HubError:
+        if b"Traceback (" not in data and _END not in data:
+            raise
+    text = data.decode("utf-8", "replace")
+    if "Traceback (" in text:
+        raise HubProgramError(describe_traceback(text, program.source))
+    if _END not in data:
+        transport.stop()
+        raise HubTimeoutError(f"the program that looks at the hub did not end within {timeout_s:g} s; switch the hub off and on")
+    return text.partition(_END.decode())[0].split("\r\n")[1:]  # the first line is the HELLO
+
+
+_IMPORTS = ["from pybricks.parameters import Direction, Port", "from pybricks.pupdevices import Motor", "from usys import stdout"]
+
+
+def _joints(robot: Robot) -> tuple[Motor, ...]:
+    return tuple(motor for motor in robot.motors if motor.range_deg is not None)
+
+
+def _motors(motors: tuple[Motor, ...]) -> str:
+    rows = [
+        f'    ("{motor.name}", Port.{motor.port}, Direction.{motor.direction.name}, {list(motor.gears) or None}),\n'
+        for motor in motors
+    ]
+    return f"MOTORS = (\n{''.join(rows)})"
+
+
+def _program(purpose: str, imports: list[str], constants: list[str], robot: Robot, part: str) -> HubProgram:
+    model = robot.hub.model
+    own = f"from pybricks.hubs import {model.class_name}"
+    text = resources.files("bricksrl.hub.program.onboard").joinpath(f"{part}.py").read_text(encoding="utf-8")
+    head = [f"# {purpose}", "# Written by BricksRL from the robot's description.", *_sorted([own, *imports]), "", *constants, ""]
+    body = [f"hub = {model.class_name}()", "print()", text.split(_HUB_PART, 1)[1].strip(), ""]
+    program_hash = hashlib.sha256("\n".join([*head, *body]).encode()).digest()[:4]
+    number = int.from_bytes(program_hash, "little")
+    hello = f"stdout.buffer.write({control_frame(Up.HELLO, hello_payload(number))!r})"
+    return HubProgram("\n".join([*head, hello, "", *body]), number)
+
+
+def _sorted(lines: list[str]) -> Iterator[str]:
+    yield from sorted(lines, key=lambda line: (line.split()[1], line))

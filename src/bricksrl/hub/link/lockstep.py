@@ -1,0 +1,385 @@
+"""Lock-step exchange with the program on a hub: one command goes down, one answer comes up.
+
+What happens when something is lost. The host sends the same frame again after a quarter of its timeout. The hub knows
+a sequence number that comes again: it sends its last answer again, or goes on with the move that is under way, so
+a command is never carried out twice. Answers to other sequence numbers are ignored. When nothing came in time, the
+link is in FAULT until ``open`` is called; the hub stops its motors by itself. While a step takes its time, the host
+tells the hub now and then that it lives (``keepalive.py``).
+When the host has been silent for so long that the program on the hub ended, ``read`` starts it again; ``act`` does
+not, because the robot has let go of its position in the meantime. ``states.py`` has all of this as a table.
+
+``emergency_stop`` may be called from any thread. Nothing moves then until ``release``, whoever calls ``open`` meanwhile.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import struct
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bricksrl.errors import HubError, HubProgramError, HubTimeoutError, StoppedError
+from bricksrl.hub.errors import SilentHubError
+from bricksrl.hub.interface import Interface
+from bricksrl.hub.link.clock import HubClock
+from bricksrl.hub.link.keepalive import signs_of_life_s
+from bricksrl.hub.link.reading import Reading, check_hello, good_bye, is_hello
+from bricksrl.hub.link.receiver import Listener
+from bricksrl.hub.link.states import Cause, LinkState, after, cause_of
+from bricksrl.hub.link.statistics import LinkMeter, LinkStatistics
+from bricksrl.hub.program.generate import WATCHDOG_MS, generate
+from bricksrl.hub.protocol import (
+    ControlFrame,
+    DataFrame,
+    Down,
+    Frame,
+    Up,
+    WireFormat,
+    control_frame,
+    data_frame,
+    next_seq,
+)
+from bricksrl.hub.transport import Pipe, Transport
+from bricksrl.robots import Robot
+
+_log = logging.getLogger(__name__)
+
+_SENDS_PER_TIMEOUT = 4
+_EXCHANGES_PER_WATCHDOG_CHECK = 50
+_WATCHDOG_ROUND_TRIPS = 4
+_WATCHDOG_MAX_MS = 0xFFFF
+
+
+class HubLink:
+    """The link to one robot, over any transport. Use it as a context manager: leaving stops the robot.
+
+    Args:
+        transport: the hub; the link opens and closes it.
+        robot, interface: what is at the other end; the hub's program is made from them.
+        timeout_s: how long an answer may take beyond the time that the commands themselves take.
+        watchdog_s: silence after which the hub stops its motors; grows to four times the slowest hundredth of the
+            link's delays where that is more.
+        pipe: how bytes get to the program and back.
+        calibrate: turns the description into that of the robot at hand; called when the hub is connected.
+
+    Raises:
+        DescriptionError, ProgramError: see ``generate``.
+    """
+
+    def __init__(
+        self,
+        transport: Transport,
+        robot: Robot,
+        interface: Interface,
+        *,
+        timeout_s: float = 5.0,
+        watchdog_s: float = WATCHDOG_MS / 1000,
+        pipe: Pipe = Pipe.STDIN,
+        calibrate: Callable[[Robot], Robot] | None = None,
+    ) -> None:
+        self._robot, self._interface, self._pipe, self._calibrate = robot, interface, pipe, calibrate
+        self.program = generate(robot, interface, pipe)
+        self.wire = WireFormat.of(interface)
+        self.state = LinkState.DISCONNECTED
+        self._transport = transport
+        self._transport_is_open = False
+        self._has_started = False
+        self._halted = threading.Event()
+        self._timeout_s = timeout_s
+        settle = interface.settle
+        self._longest_move_s = settle.longest_ms / 1000
+        self._known_move_s = None if settle.fixed_ms is None else self._longest_move_s
+        self._least_watchdog_ms = _watchdog_ms(watchdog_s)
+        self._watchdog_ms = WATCHDOG_MS
+        self._seq = 0
+        self._clock = HubClock()
+        self._meter = LinkMeter()
+        self._listener = Listener(transport, self.wire, self._meter)
+
+    def open(self) -> None:
+        """Connect, start the program and hear its HELLO. Also the way out of FAULT, and without effect when all is well.
+
+        Raises:
+            HubError: the hub cannot be reached.
+            HubProtocolError: another program than ours answers.
+            HubTimeoutError: none answers.
+            HubProgramError: ours raised at its start, for example because a device is not plugged in.
+            StoppedError: the robot was stopped by hand, before or meanwhile.
+        """
+        self._check_halted()
+        if self.is_open:
+            return
+        with self._fault():
+            if not self._transport_is_open:
+                self._transport.open()
+                self._transport_is_open = True
+                if self._calibrate is not None:
+                    self.program = generate(self._calibrate(self._robot), self._interface, self._pipe)
+            self._start_program()
+
+    @property
+    def is_open(self) -> bool:
+        """True if the program answers, as far as is known."""
+        return self.state in (LinkState.READY, LinkState.ARMED)
+
+    def read(self) -> Reading:
+        """The sensors, without moving anything. Starts the program again where it ended by itself.
+
+        Raises:
+            HubError: the link is not open, or failed.
+            HubTimeoutError: no answer came.
+            HubProgramError: the program raised.
+        """
+        try:
+            return self._read()
+        except SilentHubError:
+            _log.info("the program on the hub had ended; starting it again")
+            self.open()
+            return self._read()
+
+    def act(self, values: Sequence[float] | NDArray[np.floating]) -> Reading:
+        """Carry out the commands ``[n_commands]``, in their units, and read the channels when they have settled.
+
+        Raises:
+            EncodingError: the wrong number of values, or one that is not a number; nothing was sent.
+            HubError: the link is not open, or failed, or the program on the hub has ended.
+            HubTimeoutError: no answer came; whether the robot moved is unknown.
+            HubProgramError: the program raised.
+            StoppedError: the robot was stopped by hand, before or meanwhile.
+        """
+        payload = self.wire.encode_actions(values)
+        self._require_open()
+        self._seq = next_seq(self._seq)
+        self.state = after(self.state, Cause.ACTED)
+        return self._exchange(data_frame(self._seq, payload), self._longest_move_s, self._known_move_s)
+
+    def rest(self) -> None:
+        """Stop the motors; the program goes on, and is READY. For a pause, in which ``read`` keeps the program alive.
+
+        Raises:
+            HubError: the link is not open, or failed; the hub's watchdog then stops the motors.
+            StoppedError: as ``act``.
+        """
+        self._require_open()
+        with self._fault():
+            self._say_hello()
+            self._seq = 0
+            self._begin()
+            self.state = after(self.state, Cause.RESTED)
+
+    def emergency_stop(self) -> None:
+        """Stop motors and program at once, from any thread; whoever waits for an answer gets a ``StoppedError``.
+
+        Everything raises ``StoppedError`` from now on, until ``release``.
+
+        Raises:
+            HubError: the hub could not be told; its watchdog then stops the motors.
+        """
+        self._halted.set()
+        self._transport.stop()
+
+    def release(self) -> None:
+        """After an emergency stop: ``open`` starts the program again."""
+        if self._halted.is_set() and self.is_open:
+            self.state = after(self.state, Cause.HALTED)
+        self._halted.clear()
+
+    def now_s(self) -> float:
+        """The transport's clock: the computer's, or the simulated one."""
+        return self._transport.now_s()
+
+    def stop(self) -> None:
+        """Stop the motors and the program. ``open`` starts it again.
+
+        Raises:
+            HubError: the transport could not do it; the hub's watchdog then does.
+        """
+        if self.state is LinkState.DISCONNECTED:
+            return
+        self.state = after(self.state, Cause.STOPPED)
+        self._transport.stop()
+
+    def close(self) -> None:
+        """Stop the program and disconnect. May be called in any state, twice too, and never raises."""
+        for name, step in (("stop", self.stop), ("disconnect", self._transport.close)):
+            try:
+                step()
+            except Exception as error:  # noqa: BLE001  closing goes on, and the hub stops by itself
+                is_ours = isinstance(error, HubError)
+                _log.warning("closing the link to the hub: could not %s (%s)", name, error, exc_info=not is_ours)
+        self._transport_is_open = self._has_started = False
+        self.state = after(self.state, Cause.STOPPED)
+
+    def __enter__(self) -> Self:
+        try:
+            self.open()
+        except BaseException:
+            self.close()
+            raise
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self.close()
+
+    @property
+    def statistics(self) -> LinkStatistics:
+        """A snapshot."""
+        return self._meter.snapshot(self._watchdog_ms / 1000)
+
+    def _check_halted(self) -> None:
+        if self._halted.is_set():
+            raise _stopped()
+
+    @contextlib.contextmanager
+    def _fault(self) -> Iterator[None]:
+        """What fails within leads to the state that the table has for it; after an emergency stop nothing counts as a failure."""
+        try:
+            yield
+        except (HubError, StoppedError) as error:
+            self.state = after(self.state, Cause.HALTED if self._halted.is_set() else cause_of(error))
+            if self._halted.is_set() and not isinstance(error, StoppedError):
+                raise _stopped() from error
+            raise
+
+    def _require_open(self) -> None:
+        self._check_halted()
+        if self.state is LinkState.FAULT:
+            raise HubError("the link failed before; call open() to start it again")
+        if self.state is LinkState.DISCONNECTED:
+            raise HubError("the link is not open; call open() first")
+
+    def _start_program(self) -> None:
+        self._listener.begin(self.program.source)
+        self._clock = HubClock()
+        self._seq = 0
+        self._watchdog_ms = WATCHDOG_MS
+        if self._has_started:
+            with contextlib.suppress(HubError):  # what has to be stopped may be out of reach, which the start will tell
+                self._transport.stop()
+        self._transport.start(self.program)
+        self._has_started = True
+        if self._halted.is_set():  # meanwhile, so that it may have stopped what was before
+            self._transport.stop()
+            raise _stopped()
+        self._expect_hello()
+        if self._least_watchdog_ms != WATCHDOG_MS:
+            self._set_watchdog(self._least_watchdog_ms)
+        self._begin()
+        self.state = after(self.state, Cause.OPENED)
+
+    def _begin(self) -> None:
+        """What has to be said to a program that has just said hello."""
+
+    def _expect_hello(self) -> None:
+        """Wait for the HELLO that the program sends at its start, and ask for it where it does not come."""
+        hello = self._hear_hello() or self._say_hello()
+        check_hello(hello, self.program.hash)
+
+    def _hear_hello(self) -> ControlFrame | None:
+        frame = self._listener.wait_for(is_hello, self._timeout_s / _SENDS_PER_TIMEOUT)
+        return frame if isinstance(frame, ControlFrame) else None
+
+    def _say_hello(self) -> ControlFrame:
+        """Ask for a HELLO, with which the hub stops its motors, until it comes."""
+        for _ in range(_SENDS_PER_TIMEOUT - 1):
+            self._transport.write(control_frame(Down.HELLO))
+            hello = self._hear_hello()
+            if hello is not None:
+                return hello
+        raise HubTimeoutError(self._listener.silence("the program did not say hello", self._timeout_s))
+
+    def _read(self) -> Reading:
+        self._require_open()
+        self._seq = next_seq(self._seq)
+        return self._exchange(control_frame(Down.READ, bytes((self._seq,))), 0.0, 0.0)
+
+    def _exchange(self, frame: bytes, longest_move_s: float, known_move_s: float | None) -> Reading:
+        """Send until the answer comes; the same frame may go out several times."""
+        with self._explained():
+            self._adapt_watchdog()
+            started_s, resends = self.now_s(), self._meter.resends
+            answer = self._send_and_wait(frame, longest_move_s, known_move_s)
+            if answer is None:
+                raise HubTimeoutError(self._listener.silence("the hub did not answer", longest_move_s + self._timeout_s))
+            reading = self._reading(answer, started_s, known_move_s or 0.0)
+        # Waiting for what was lost is no delay of the link: counted, it would make the watchdog wait for ever longer.
+        self._meter.record(reading.round_trip_s, known_move_s if self._meter.resends == resends else None, reading.age_s)
+        return reading
+
+    def _reading(self, answer: DataFrame, started_s: float, move_s: float) -> Reading:
+        """The answer, which has just arrived, to a command that was sent at ``started_s`` and takes at least ``move_s``."""
+        arrived_s = self.now_s()
+        wrapped_ms, values = self.wire.decode_answer(answer.payload)
+        time_ms = self._clock.unwrap(wrapped_ms)
+        self._clock.compare(time_ms, started_s + move_s, arrived_s)
+        return Reading(values, time_ms, arrived_s - started_s, self._clock.age_s(time_ms, arrived_s))
+
+    @contextlib.contextmanager
+    def _explained(self) -> Iterator[None]:
+        """A fault, as ``_fault``; a program that raised or said good-bye explains it better than the transport can."""
+        with self._fault():
+            try:
+                yield
+            except (SilentHubError, HubProgramError):
+                raise
+            except HubError:
+                self._listener.look_for_last_words()
+                raise
+
+    def _send_and_wait(self, frame: bytes, longest_move_s: float, known_move_s: float | None) -> DataFrame | None:
+        started_s = self.now_s()
+        deadline_s = started_s + longest_move_s + self._timeout_s
+        window_s = self._timeout_s / _SENDS_PER_TIMEOUT
+        for attempt in range(int((deadline_s - started_s) / window_s) + 1):
+            self._meter.resends += attempt > 0
+            move_s = None if known_move_s is None else max(0.0, started_s + known_move_s - self.now_s())
+            self._transport.write(frame)
+            answer = self._await_answer(min(window_s, deadline_s - self.now_s()), move_s)
+            if answer is not None:
+                return answer
+        return None
+
+    def _await_answer(self, window_s: float, move_s: float | None) -> DataFrame | None:
+        """The answer, if it comes in time. Meanwhile the hub hears, before its watchdog bites, that this computer lives."""
+        started_s = self.now_s()
+        for sign_s in signs_of_life_s(move_s, self._watchdog_ms / 1000):
+            answer = self._listener.wait_for(self._is_answer, started_s + min(sign_s, window_s) - self.now_s())
+            if isinstance(answer, DataFrame):
+                return answer
+            if sign_s >= window_s:
+                break
+            self._set_watchdog(self._watchdog_ms)
+        return None
+
+    def _is_answer(self, frame: Frame) -> bool:
+        if isinstance(frame, ControlFrame):
+            if frame.kind == Up.BYE:
+                raise good_bye(frame)
+            return False
+        self._meter.stale_answers += frame.seq != self._seq
+        return frame.seq == self._seq
+
+    def _adapt_watchdog(self) -> None:
+        if self._meter.exchanges % _EXCHANGES_PER_WATCHDOG_CHECK:
+            return
+        needed_ms = _watchdog_ms(_WATCHDOG_ROUND_TRIPS * self._meter.delay_p99_s())
+        if needed_ms > self._watchdog_ms:
+            self._set_watchdog(needed_ms)
+
+    def _set_watchdog(self, watchdog_ms: int) -> None:
+        self._transport.write(control_frame(Down.WATCHDOG, struct.pack("<H", watchdog_ms)))
+        self._watchdog_ms = watchdog_ms
+
+
+def _stopped() -> StoppedError:
+    return StoppedError("the robot was stopped by hand; release it when it may move again")
+
+
+def _watchdog_ms(seconds: float) -> int:
+    return max(1, min(_WATCHDOG_MAX_MS, round(seconds * 1000)))

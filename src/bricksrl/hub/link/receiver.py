@@ -1,0 +1,80 @@
+"""Receiver of what the program on a hub sends: frames, a traceback, good-byes, and the text between them."""
+
+from __future__ import annotations
+
+import contextlib
+from collections import deque
+from collections.abc import Callable
+
+from bricksrl.errors import HubError, HubProgramError
+from bricksrl.hub.link.reading import good_bye
+from bricksrl.hub.link.statistics import LinkMeter
+from bricksrl.hub.program.traceback import describe_traceback
+from bricksrl.hub.protocol import UP_PAYLOAD_BYTES, ControlFrame, Frame, FrameDecoder, Up, WireFormat
+from bricksrl.hub.transport import Transport
+
+_READS_PER_WAIT = 1000
+_CLOCK_TICK_S = 0.001  # of a virtual hub: a wait of less than half of it is none, and would be repeated in vain
+_TRACEBACK_READS = 50
+_TRACEBACK_PAUSE_S = 0.2
+
+
+class Listener:
+    """Reads a transport, and counts in the meter what it cannot use."""
+
+    def __init__(self, transport: Transport, wire: WireFormat, meter: LinkMeter) -> None:
+        self._transport, self._wire, self._meter = transport, wire, meter
+        self.begin("")
+
+    def begin(self, source: str) -> None:
+        """Another program: forget what came before."""
+        self._source = source
+        self._decoder = FrameDecoder(self._wire.answer_bytes, UP_PAYLOAD_BYTES)
+        self._frames: deque[Frame] = deque()
+
+    def wait_for(self, is_wanted: Callable[[Frame], bool], window_s: float) -> Frame | None:
+        """The first wanted frame that comes in time. Bounded in reads too, should the transport's clock stand still."""
+        deadline_s = self._transport.now_s() + window_s
+        for _ in range(_READS_PER_WAIT):
+            while self._frames:
+                frame = self._frames.popleft()
+                if is_wanted(frame):
+                    return frame
+            remaining_s = deadline_s - self._transport.now_s()
+            if remaining_s <= _CLOCK_TICK_S / 2:
+                return None
+            self._feed(self._transport.read(remaining_s))
+        return None
+
+    def _feed(self, data: bytes) -> None:
+        decoder = self._decoder
+        crc_errors, skipped_bytes = decoder.crc_errors, decoder.skipped_bytes
+        self._frames.extend(decoder.feed(data))
+        self._meter.crc_errors += decoder.crc_errors - crc_errors
+        self._meter.skipped_bytes += decoder.skipped_bytes - skipped_bytes
+        if "Traceback" in self._decoder.text:
+            with contextlib.suppress(HubError):  # what there is of the traceback tells more than the end of the link
+                for _ in range(_TRACEBACK_READS):
+                    rest = self._transport.read(_TRACEBACK_PAUSE_S)
+                    if not rest:
+                        break
+                    self._decoder.feed(rest)
+            raise HubProgramError(describe_traceback(self._decoder.text, self._source))
+
+    def look_for_last_words(self) -> None:
+        """After a failure: a program that raised or said good-bye explains it better than the transport can."""
+        try:
+            self._feed(self._transport.read(0.0))
+        except HubProgramError:
+            raise
+        except HubError:
+            return
+        for frame in self._frames:
+            if isinstance(frame, ControlFrame) and frame.kind == Up.BYE:
+                raise good_bye(frame)
+
+    def silence(self, what: str, waited_s: float) -> str:
+        """Message for when nothing came."""
+        said = self._decoder.text.strip().splitlines()
+        last_line = f" (it printed: {said[-1]})" if said else ""
+        return f"{what} within {waited_s:g} s{last_line}; check that it is on and near, then call open()"

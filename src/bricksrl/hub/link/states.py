@@ -1,0 +1,158 @@
+"""States of a link, and the transition for each event: one table, for the code, its tests, and the documentation."""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass
+
+from bricksrl.errors import BricksError, HubError, HubProgramError, HubProtocolError, HubTimeoutError, StoppedError
+from bricksrl.hub.errors import (
+    HubBusyError,
+    HubDisconnectedError,
+    HubNotFoundError,
+    HubRefusedError,
+    MediumUnavailableError,
+    ProgramStoppedError,
+    SilentHubError,
+)
+
+
+class LinkState(enum.Enum):
+    """State of a link, and with it the use that it allows."""
+
+    DISCONNECTED = "disconnected"
+    """Nothing of ours runs on the hub: call ``open``."""
+    READY = "ready"
+    """The program answers and has moved nothing yet."""
+    ARMED = "armed"
+    """Motors may be moving; the hub stops them when the host falls silent."""
+    FAULT = "fault"
+    """An exchange failed: call ``open`` to start over."""
+
+
+class Cause(enum.Enum):
+    """Event that changes the state of a link."""
+
+    OPENED = "the program said hello"
+    ACTED = "a command is sent"
+    RESTED = "a pause begins"
+    STOPPED = "`stop`, `close`, or the end of this program"
+    HALTED = "emergency stop"
+    NO_ANSWER = "no answer in time, or a write that is not acknowledged"
+    LINK_LOST = "the link is lost: out of reach, switched off, unplugged, rebooted"
+    BUSY = "the hub stays busy"
+    REFUSED = "the hub refuses a command, or answers what is not ours"
+    RAISED = "the program raised"
+    ENDED = "the program was stopped on the hub, by its button"
+    SILENCE = "the program ended because it had not heard from this computer, for 0.4 s in mid-step or 10 s more between steps"
+    NOT_FOUND = "the hub is not found, or this computer has no Bluetooth or serial port"
+    UNKNOWN = "anything else that the transport reports"
+
+
+_ANY = frozenset(LinkState)
+_OPEN = frozenset({LinkState.READY, LinkState.ARMED})
+_CLOSED = frozenset({LinkState.DISCONNECTED, LinkState.FAULT})
+
+
+@dataclass(frozen=True)
+class Transition:
+    """Effect of one cause.
+
+    Attributes:
+        before: states in which it can come.
+        after: state that follows.
+        error: what the call raises; ``None`` for nothing.
+        host: what this computer does.
+        hub: what the hub does by itself.
+    """
+
+    before: frozenset[LinkState]
+    after: LinkState
+    error: type[BricksError] | None
+    host: str
+    hub: str
+
+
+_WATCHDOG = "stops its motors after 0.4 s of silence; ends its program (in mid-step at once, else 10 s later) and advertises"
+
+TABLE: dict[Cause, Transition] = {
+    Cause.OPENED: Transition(
+        _CLOSED,
+        LinkState.READY,
+        None,
+        "brings the program where it is not there yet, starts it, compares its hash",
+        "moves nothing",
+    ),
+    Cause.ACTED: Transition(_OPEN, LinkState.ARMED, None, "waits for the answer, and sends again", "carries it out once"),
+    Cause.RESTED: Transition(_OPEN, LinkState.READY, None, "reads now and then, to keep the program alive", "stops its motors"),
+    Cause.STOPPED: Transition(_ANY, LinkState.DISCONNECTED, None, "stops the program", "stops its motors at once"),
+    Cause.HALTED: Transition(
+        _ANY, LinkState.FAULT, StoppedError, "stops the program; everything raises until `release`", "stops its motors at once"
+    ),
+    Cause.NO_ANSWER: Transition(
+        _ANY, LinkState.FAULT, HubTimeoutError, "gives up; `open` connects anew where it must", _WATCHDOG
+    ),
+    Cause.LINK_LOST: Transition(
+        _ANY, LinkState.FAULT, HubDisconnectedError, "`open` looks for the same hub, with growing pauses, for 20 s", _WATCHDOG
+    ),
+    Cause.BUSY: Transition(_ANY, LinkState.FAULT, HubBusyError, "has tried again for 2 s; `open` starts afresh", _WATCHDOG),
+    Cause.REFUSED: Transition(_ANY, LinkState.FAULT, HubRefusedError, "`open` brings the program again", _WATCHDOG),
+    Cause.RAISED: Transition(
+        _ANY,
+        LinkState.FAULT,
+        HubProgramError,
+        "tells the hub's text and the line; `open` starts it again",
+        "stops its motors at once",
+    ),
+    Cause.ENDED: Transition(_ANY, LinkState.FAULT, ProgramStoppedError, "`open` starts it again", "stops its motors at once"),
+    Cause.SILENCE: Transition(
+        _OPEN,
+        LinkState.FAULT,
+        SilentHubError,
+        "`read` starts it again by itself; `act` does not",
+        "has stopped its motors and advertises",
+    ),
+    Cause.NOT_FOUND: Transition(_ANY, LinkState.FAULT, HubNotFoundError, "says what to do", _WATCHDOG),
+    Cause.UNKNOWN: Transition(_ANY, LinkState.FAULT, HubError, "`open` starts afresh", _WATCHDOG),
+}
+
+_CAUSES: tuple[tuple[type[BricksError], Cause], ...] = (
+    (StoppedError, Cause.HALTED),
+    (HubProgramError, Cause.RAISED),
+    (SilentHubError, Cause.SILENCE),
+    (ProgramStoppedError, Cause.ENDED),
+    (HubDisconnectedError, Cause.LINK_LOST),
+    (HubBusyError, Cause.BUSY),
+    (HubRefusedError, Cause.REFUSED),
+    (HubProtocolError, Cause.REFUSED),
+    (HubTimeoutError, Cause.NO_ANSWER),
+    (HubNotFoundError, Cause.NOT_FOUND),
+    (MediumUnavailableError, Cause.NOT_FOUND),
+)
+
+
+def cause_of(error: BricksError) -> Cause:
+    """Cause behind an error."""
+    return next((cause for kind, cause in _CAUSES if isinstance(error, kind)), Cause.UNKNOWN)
+
+
+def after(state: LinkState, cause: Cause) -> LinkState:
+    """The state that follows.
+
+    Raises:
+        ValueError: the cause cannot come in this state: a mistake in our own code.
+    """
+    transition = TABLE[cause]
+    if state not in transition.before:
+        raise ValueError(f"'{cause.value}' cannot come while the link is {state.value}")
+    return transition.after
+
+
+def markdown() -> str:
+    """The table, for the documentation."""
+    lines = ["| what happens | in state | then | the call raises | this computer | the hub |", "|---|---|---|---|---|---|"]
+    for cause, row in TABLE.items():
+        before = "any" if row.before == _ANY else ", ".join(state.value for state in LinkState if state in row.before)
+        error = "-" if row.error is None else f"`{row.error.__name__}`"
+        lines.append(f"| {cause.value} | {before} | {row.after.value} | {error} | {row.host} | {row.hub} |")
+    return "\n".join(lines) + "\n"

@@ -1,0 +1,83 @@
+"""Statistics of a link: exchanges, round trips, resent frames."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, field
+
+import numpy as np
+
+_RECENT_EXCHANGES = 500
+
+
+def _recent() -> deque[float]:
+    return deque(maxlen=_RECENT_EXCHANGES)
+
+
+@dataclass(frozen=True)
+class LinkStatistics:
+    """A snapshot, since the link was made; the percentiles are over the last 500 exchanges and 0 before the first.
+
+    Attributes:
+        exchanges: commands and readings that were answered.
+        resends: frames sent again because no answer came in time.
+        stale_answers: answers to another sequence number than the one waited for.
+        round_trip_p50_s, round_trip_p99_s: from the first sending to the answer, the commands' own time included.
+        age_p50_s, age_p99_s: of the observations, when they were returned.
+        crc_errors, skipped_bytes: see ``FrameDecoder``.
+        watchdog_s: silence after which the hub stops its motors.
+    """
+
+    exchanges: int
+    resends: int
+    stale_answers: int
+    round_trip_p50_s: float
+    round_trip_p99_s: float
+    age_p50_s: float
+    age_p99_s: float
+    crc_errors: int
+    skipped_bytes: int
+    watchdog_s: float
+
+
+@dataclass
+class LinkMeter:
+    """Counts for :class:`LinkStatistics`."""
+
+    exchanges: int = 0
+    resends: int = 0
+    stale_answers: int = 0
+    crc_errors: int = 0
+    skipped_bytes: int = 0
+    round_trips_s: deque[float] = field(default_factory=_recent)
+    ages_s: deque[float] = field(default_factory=_recent)
+    delays_s: deque[float] = field(default_factory=_recent)
+    """Round trips without the time that the commands themselves take, where that is known."""
+
+    def record(self, round_trip_s: float, move_s: float | None, age_s: float) -> None:
+        """Count an exchange. ``move_s`` is the time that its command took; ``None`` where nobody knows."""
+        self.exchanges += 1
+        self.ages_s.append(age_s)
+        self.round_trips_s.append(round_trip_s)
+        if move_s is not None:
+            self.delays_s.append(max(0.0, round_trip_s - move_s))
+
+    def delay_p99_s(self) -> float:
+        """Delay of the link alone, at its slowest; 0 while unknown."""
+        return float(np.percentile(list(self.delays_s), 99)) if self.delays_s else 0.0
+
+    def snapshot(self, watchdog_s: float) -> LinkStatistics:
+        p50, p99 = np.percentile(list(self.round_trips_s), (50, 99)) if self.round_trips_s else (0.0, 0.0)
+        age_p50, age_p99 = np.percentile(list(self.ages_s), (50, 99)) if self.ages_s else (0.0, 0.0)
+        return LinkStatistics(
+            exchanges=self.exchanges,
+            resends=self.resends,
+            stale_answers=self.stale_answers,
+            round_trip_p50_s=float(p50),
+            round_trip_p99_s=float(p99),
+            age_p50_s=float(age_p50),
+            age_p99_s=float(age_p99),
+            crc_errors=self.crc_errors,
+            skipped_bytes=self.skipped_bytes,
+            watchdog_s=watchdog_s,
+        )

@@ -1,0 +1,130 @@
+"""Streaming link: the hub sends observations all the time, and takes the latest command.
+
+In lock-step a step waits for two connection intervals beyond its own time, and the robot stands by meanwhile. Here
+steps follow one another at a fixed rate: ``act`` sends the command and returns at the end of its step, with the newest
+observation that the hub made under that command. How old that is, is in ``Reading.age_s``.
+
+A frame goes out at least three times within the time of the watchdog, so that the hub knows that this computer lives;
+the hub takes a sequence number that it has seen for a sign of life and moves nothing.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bricksrl.errors import DescriptionError, HubTimeoutError
+from bricksrl.hub.interface import Interface
+from bricksrl.hub.link.lockstep import HubLink
+from bricksrl.hub.link.reading import Reading
+from bricksrl.hub.link.states import Cause, after
+from bricksrl.hub.program.generate import WATCHDOG_MS
+from bricksrl.hub.protocol import ControlFrame, DataFrame, Down, Frame, control_frame, data_frame, next_seq
+from bricksrl.hub.transport import Pipe, Transport
+from bricksrl.robots import Robot
+
+PERIOD_MS = 10
+"""Between two observations: 100 Hz."""
+_SENDS_PER_WATCHDOG = 3
+_TICK_S = 0.0005
+"""Half a millisecond: what a simulated clock, which ticks in milliseconds, takes for no time."""
+_WAITS_PER_STEP = 100_000
+
+
+class StreamingLink(HubLink):
+    """A :class:`HubLink` whose hub sends observations by itself.
+
+    Args:
+        transport, robot, interface, timeout_s, watchdog_s, pipe, calibrate: see :class:`HubLink`.
+        period_ms: between two observations.
+
+    Raises:
+        DescriptionError: a step of this interface has no fixed time.
+    """
+
+    def __init__(
+        self,
+        transport: Transport,
+        robot: Robot,
+        interface: Interface,
+        *,
+        timeout_s: float = 5.0,
+        watchdog_s: float = WATCHDOG_MS / 1000,
+        pipe: Pipe = Pipe.STDIN,
+        calibrate: Callable[[Robot], Robot] | None = None,
+        period_ms: int = PERIOD_MS,
+    ) -> None:
+        super().__init__(transport, robot, interface, timeout_s=timeout_s, watchdog_s=watchdog_s, pipe=pipe, calibrate=calibrate)
+        step_ms = interface.settle.fixed_ms
+        if step_ms is None:
+            raise DescriptionError("a step that ends when its moves have ended cannot be streamed; leave streaming away")
+        self._step_s = step_ms / 1000
+        self._period_ms = period_ms
+        self._due_s = -math.inf
+
+    def act(self, values: Sequence[float] | NDArray[np.floating]) -> Reading:
+        """Give a new command, and return at the end of the step with the newest observation made under it.
+
+        Steps start ``settle.time_ms`` apart, as long as the caller takes less time than that between them.
+
+        Raises:
+            EncodingError, HubError, HubTimeoutError, HubProgramError: as in lock-step.
+        """
+        payload = self.wire.encode_actions(values)
+        self._require_open()
+        self._seq = next_seq(self._seq)
+        self.state = after(self.state, Cause.ACTED)
+        started_s = self.now_s()
+        on_time_s = self._due_s + self._step_s
+        self._due_s = on_time_s if on_time_s > started_s else started_s + self._step_s
+        with self._explained():
+            self._adapt_watchdog()
+            resends = self._meter.resends
+            reading = self._stream(data_frame(self._seq, payload), started_s)
+        # Waiting for what was lost is no delay of the link.
+        self._meter.record(reading.round_trip_s, 0.0 if self._meter.resends == resends else None, reading.age_s)
+        return reading
+
+    def _begin(self) -> None:
+        self._due_s = -math.inf
+        self._ask()
+
+    def _ask(self) -> None:
+        """Have the hub send observations."""
+        self._transport.write(control_frame(Down.STREAM, struct.pack("<H", self._period_ms)))
+
+    def _is_answer(self, frame: Frame) -> bool:
+        """What came under an earlier command is no sign of trouble here."""
+        if isinstance(frame, ControlFrame):
+            return super()._is_answer(frame)
+        return frame.seq == self._seq
+
+    def _stream(self, frame: bytes, started_s: float) -> Reading:
+        """Collect observations until the step is over and there is one under this command."""
+        alive_s = self._watchdog_ms / 1000 / _SENDS_PER_WATCHDOG
+        give_up_s = self._due_s + self._timeout_s
+        newest: Reading | None = None
+        next_send_s = started_s
+        for _ in range(_WAITS_PER_STEP):  # should the transport's clock stand still
+            now_s = self.now_s() + _TICK_S
+            if newest is not None and now_s >= self._due_s:
+                return replace(newest, age_s=self._clock.age_s(newest.hub_time_ms, self.now_s()))
+            if now_s >= give_up_s:
+                break
+            if now_s >= next_send_s:
+                if newest is None and next_send_s > started_s:  # the command was lost, or the wish for observations
+                    self._meter.resends += 1
+                    self._ask()
+                self._transport.write(frame)
+                next_send_s = now_s + alive_s
+            wake_s = min(next_send_s, give_up_s if newest is None else self._due_s)
+            found = self._listener.wait_for(self._is_answer, wake_s - self.now_s())
+            if isinstance(found, DataFrame):
+                reading = self._reading(found, started_s, 0.0)
+                newest = reading if newest is None else replace(reading, round_trip_s=newest.round_trip_s)
+        raise HubTimeoutError(self._listener.silence("the hub sent no observation", give_up_s - started_s))

@@ -1,0 +1,54 @@
+"""Link of a robot that acts with others: all hubs are commanded before any is read."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bricksrl.errors import HubTimeoutError
+from bricksrl.hub.link.lockstep import HubLink
+from bricksrl.hub.link.reading import Reading
+from bricksrl.hub.link.states import Cause, after
+from bricksrl.hub.protocol import data_frame, next_seq
+
+
+class TeamLink(HubLink):
+    """A `HubLink` whose command and answer are apart, so that several robots move at the same time."""
+
+    _frame = b""
+    _sent_s = 0.0
+
+    def send(self, values: Sequence[float] | NDArray[np.floating]) -> None:
+        """Have the hub carry out the commands ``[n_commands]``, in their units; `receive` then waits for what came of it.
+
+        Raises:
+            EncodingError: the wrong number of values, or one that is not a number; nothing was sent.
+            HubError: the link is not open, or failed.
+        """
+        payload = self.wire.encode_actions(values)
+        self._require_open()
+        self._seq = next_seq(self._seq)
+        self.state = after(self.state, Cause.ACTED)
+        with self._explained():
+            self._adapt_watchdog()
+            self._frame, self._sent_s = data_frame(self._seq, payload), self.now_s()
+            self._transport.write(self._frame)
+
+    def receive(self) -> Reading:
+        """The channels when the commands that were sent last have settled.
+
+        Raises:
+            HubError, HubTimeoutError, HubProgramError, StoppedError: as `HubLink.act`.
+        """
+        known_s, resends = self._known_move_s, self._meter.resends
+        with self._explained():
+            left_s = None if known_s is None else max(0.0, self._sent_s + known_s - self.now_s())
+            window_s = self._longest_move_s + self._timeout_s / 2
+            answer = self._await_answer(window_s, left_s) or self._send_and_wait(self._frame, self._longest_move_s, known_s)
+            if answer is None:
+                raise HubTimeoutError(self._listener.silence("the hub did not answer", self._longest_move_s + self._timeout_s))
+            reading = self._reading(answer, self._sent_s, known_s or 0.0)
+        self._meter.record(reading.round_trip_s, known_s if self._meter.resends == resends else None, reading.age_s)
+        return reading

@@ -1,0 +1,60 @@
+"""Compiler from MicroPython source to the bytes that a hub loads."""
+
+from __future__ import annotations
+
+import re
+import struct
+from collections.abc import Mapping
+
+from mpy_cross_v6 import mpy_cross_compile
+
+from bricksrl.errors import ProgramError
+from bricksrl.hub.transport import MAIN_FILE, HubProgram
+from bricksrl.robots import HubKind
+
+_SMALL_INT_BITS = "-msmall-int-bits=31"
+
+
+MAIN_MODULE = "__main__"
+
+
+def compile_mpy(source: str, name: str = MAIN_FILE) -> bytes:
+    """Compile a program to ``.mpy`` version 6. ``name`` is the file name that tracebacks show.
+
+    Raises:
+        ProgramError: the source is not MicroPython, or no compiler could be run.
+    """
+    try:
+        process, mpy = mpy_cross_compile(name, source, extra_args=[_SMALL_INT_BITS])
+    except OSError as error:
+        raise ProgramError(f"the compiler mpy-cross could not be run ({error}); reinstall mpy-cross-v6") from error
+    if mpy is None:
+        lines = [line.strip() for line in process.stderr.decode("utf-8", "replace").splitlines() if line.strip()]
+        numbers = re.findall(r'File "<stdin>", line (\d+)', "\n".join(lines))
+        where = f"{name}, line {numbers[-1]}" if numbers else name
+        what = lines[-1] if lines else f"mpy-cross ended with status {process.returncode}"
+        raise ProgramError(f"{where}: {what}; correct the program")
+    return mpy
+
+
+def compile_program(program: HubProgram) -> dict[str, bytes]:
+    """The ``.mpy`` of a program and of the modules beside it, by their names on the hub.
+
+    Raises:
+        ProgramError: one of them is not MicroPython, or no compiler could be run.
+    """
+    beside = {module.name: compile_mpy(module.source, module.file) for module in program.beside}
+    return {MAIN_MODULE: compile_mpy(program.source, program.name), **beside}
+
+
+def program_blob(modules: Mapping[str, bytes], hub: HubKind) -> bytes:
+    """Content of a hub's program area: ``<I length> name "\\0" mpy`` for each module, the program itself first.
+
+    Raises:
+        ProgramError: it is larger than the program area.
+    """
+    blob = b"".join(struct.pack("<I", len(mpy)) + name.encode() + b"\0" + mpy for name, mpy in modules.items())
+    room = hub.model.program_bytes
+    if len(blob) > room:
+        raise ProgramError(f"the program has {len(blob)} bytes, the {hub.value} hub takes {room}; make it shorter")
+    return blob

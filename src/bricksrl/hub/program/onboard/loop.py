@@ -1,0 +1,226 @@
+"""MicroPython: the loop on the hub, the same for every robot. ``generate.py`` puts it behind the robot's own part.
+
+The names in capitals, ``start_moves`` and ``read_channels`` are those of the robot's part; ``listen``, ``receive`` and
+``put`` come from ``stdio.py`` or ``app_data.py``. A command is carried out once: when its sequence number comes again,
+the answer is sent again and nothing moves. A new command replaces one that is still under way. After STREAM the
+channels are sent all the time, under the number of the latest command. Only what the host sends counts as a sign of
+life, in the middle of a step too. Whoever changes this file changes every program's hash.
+"""
+# mypy: ignore-errors
+# ruff: noqa: F821
+# --- the hub's part ---
+
+import ustruct
+from pybricks.tools import StopWatch
+
+
+def crc_table():
+    table = []
+    for crc in range(256):
+        for _ in range(8):
+            crc = crc << 1 ^ (CRC_POLYNOMIAL if crc & 0x80 else 0)
+        table.append(crc)
+    return bytes(table)
+
+
+CRC_TABLE = crc_table()
+
+
+def crc8(data):
+    """Checksum of a frame; over a frame that ends with its checksum it is 0."""
+    crc = 0
+    for byte in data:
+        crc = CRC_TABLE[crc ^ byte]
+    return crc
+
+
+def send(head):
+    """Send a frame, in pieces that fit a notification."""
+    frame = head + bytes([crc8(head)])
+    for start in range(0, len(frame), PIECE_BYTES):
+        put(frame[start : start + PIECE_BYTES])
+
+
+def whole(value, low, high, scale):
+    """Clamp a wire value to its range; in whole degrees or millimetres, as the motors take them."""
+    return (max(low, min(high, value)) + scale // 2) // scale
+
+
+def wire(value):
+    """Round and saturate a channel to the 16 bits that it has."""
+    return max(-32768, min(32767, round(value)))
+
+
+def stop_motors():
+    for mover in MOVERS:
+        try:
+            mover.stop()
+        except OSError:
+            pass  # unplugged; go on with the others
+
+
+class Reader:
+    """Cuts what comes in into frames. Drops what is none, byte by byte."""
+
+    def __init__(self):
+        self.data = b""
+
+    def size(self):
+        """Length of the frame that begins here, 0 when none can; while it is unknown, more than there is."""
+        data = self.data
+        if not data:
+            return 1
+        if data[0] != MAGIC:
+            return 0
+        if len(data) == 1:
+            return 2
+        if data[1]:
+            return COMMAND_BYTES
+        return CONTROL_BYTES.get(data[2], 0) if len(data) > 2 else 3
+
+    def frame(self, patience_ms):
+        """The next valid frame, or None. Waits for input once; noise without end cannot keep the watchdog waiting."""
+        for _ in range(64):
+            size = self.size()
+            if len(self.data) < size:
+                more = receive(patience_ms)
+                if not more:
+                    return None
+                patience_ms = 0
+                self.data += more
+            elif size and crc8(self.data[:size]) == 0:
+                frame = self.data[:size]
+                self.data = self.data[size:]
+                return frame
+            else:
+                self.data = self.data[1:]
+        return None
+
+
+class Server:
+    """What the hub remembers between two turns of the loop."""
+
+    def __init__(self):
+        self.clock = StopWatch()
+        self.reader = Reader()
+        self.watchdog_ms = WATCHDOG_MS
+        self.heard_ms = 0  # time of the last valid frame
+        self.armed = False  # motors may be running on the host's word
+        self.moving = False
+        self.started_ms = 0
+        self.stream_ms = 0  # time between observations that are sent unasked; 0 for none
+        self.sent_ms = 0
+        self.seq = 0  # last command, and its answer once there is one
+        self.answer = b""
+
+    def turn(self):
+        """One turn of the loop. False ends the program."""
+        frame = self.reader.frame(self.patience_ms())
+        now = self.clock.time()
+        if frame:
+            self.heard_ms = now
+            if frame[1]:
+                self.command(frame[1], frame[2:-1])
+                return True
+            return self.control(frame[2], frame[3:-1])
+        silent_ms = now - self.heard_ms + 1  # at most: the clock tells whole milliseconds
+        if self.armed and silent_ms >= self.watchdog_ms:
+            if self.moving:  # an answer would look like that of a whole step
+                self.bye(SILENCE)
+                return False
+            self.disarm()
+        if self.moving:
+            if self.settled(now - self.started_ms):
+                self.moving = False
+                self.observe()
+            return True
+        if self.streams() and now - self.sent_ms >= self.stream_ms:
+            self.sent_ms = max(self.sent_ms + self.stream_ms, now - self.stream_ms)
+            self.observe()
+        if silent_ms >= self.watchdog_ms + END_MS:
+            self.bye(SILENCE)
+            return False
+        return True
+
+    def patience_ms(self):
+        """How long nothing but a frame matters."""
+        if self.moving and UNTIL_DONE:
+            return 1
+        until = self.heard_ms + self.watchdog_ms - 1 + (0 if self.armed else END_MS)
+        if self.streams():
+            until = min(until, self.sent_ms + self.stream_ms)
+        elif self.moving:
+            until = min(until, self.started_ms + SETTLE_MS)
+        return max(0, until - self.clock.time())
+
+    def command(self, seq, payload):
+        if seq != self.seq:
+            self.seq = seq
+            self.answer = b""
+            self.armed = True
+            self.moving = not self.stream_ms
+            self.started_ms = self.clock.time()
+            start_moves(ustruct.unpack(ACTION_FORMAT, payload))
+        elif self.answer and not self.stream_ms:
+            send(self.answer)
+
+    def control(self, kind, payload):
+        if kind == STOP:
+            self.bye(STOPPED)
+            return False
+        if kind == HELLO:  # a new session: its sequence numbers start afresh
+            self.disarm()
+            self.seq = 0
+            self.stream_ms = 0
+            send(HELLO_HEAD + PROGRAM_HASH)
+        elif kind == READ:
+            self.seq = payload[0]
+            self.moving = False
+            self.observe()
+        elif kind == WATCHDOG:
+            self.watchdog_ms = ustruct.unpack("<H", payload)[0]
+        elif kind == STREAM:
+            self.stream_ms = ustruct.unpack("<H", payload)[0]
+        return True
+
+    def settled(self, elapsed_ms):
+        """Whether it is time to answer. A move that is still blocked then is stopped."""
+        if UNTIL_DONE:
+            moving = [mover for mover in MOVERS if not mover.done()]
+            if not moving:
+                return True
+            if elapsed_ms >= SETTLE_MS:
+                for mover in moving:
+                    mover.stop()
+        return elapsed_ms >= SETTLE_MS
+
+    def streams(self):
+        return self.stream_ms and self.seq
+
+    def observe(self):
+        self.answer = bytes([MAGIC, self.seq]) + read_channels(self.clock.time() & 0xFFFF)
+        send(self.answer)
+
+    def disarm(self):
+        stop_motors()
+        self.armed = False
+        self.moving = False
+
+    def bye(self, reason):
+        self.disarm()
+        send(BYE_HEAD + bytes([reason]))
+
+
+def serve():
+    """Answer the host until it says stop or has been silent for too long."""
+    listen()
+    server = Server()
+    send(HELLO_HEAD + PROGRAM_HASH)
+    try:
+        while server.turn():
+            pass
+    finally:
+        stop_motors()
+
+
+serve()

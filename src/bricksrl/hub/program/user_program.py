@@ -1,0 +1,82 @@
+"""User's program: its file, and those beside it that it imports."""
+
+from __future__ import annotations
+
+import ast
+import hashlib
+import math
+from collections.abc import Iterator
+from pathlib import Path
+
+from bricksrl.errors import ProgramError
+from bricksrl.hub.transport import HubModule, HubProgram
+
+
+def read_program(path: Path) -> str:
+    """The source of a program.
+
+    Raises:
+        ProgramError: the file cannot be read.
+    """
+    try:
+        return path.read_text(encoding="utf-8")
+    except OSError as error:
+        raise ProgramError(f"cannot read the program '{path}' ({error.strerror}); give the path of a Python file") from error
+    except UnicodeDecodeError as error:
+        raise ProgramError(f"the program '{path}' is no text ({error.reason}); give the path of a Python file") from error
+
+
+def check_time_limit(time_limit_s: float | None) -> None:
+    """Check of a time limit in seconds; ``None`` for never.
+
+    Raises:
+        ProgramError: that is no time.
+    """
+    if time_limit_s is not None and not 0 < time_limit_s < math.inf:
+        raise ProgramError(f"the time limit is {time_limit_s} s; give a number above zero, or none")
+
+
+def module_beside(path: Path, name: str) -> HubModule | None:
+    """The module ``name`` (``parts.arm``) beside a program; ``None`` where there is none.
+
+    Raises:
+        ProgramError: the file cannot be read.
+    """
+    place = "/".join(name.split("."))
+    for file in (f"{place}.py", f"{place}/__init__.py"):
+        if (path.parent / file).is_file():
+            return HubModule(name, file, read_program(path.parent / file))
+    return None
+
+
+def own_program(path: Path) -> HubProgram:
+    """A program, and all modules beside it that it may import, as a hub takes them: it imports nothing from elsewhere.
+
+    Raises:
+        ProgramError: a file cannot be read.
+    """
+    main = read_program(path)
+    beside: dict[str, HubModule] = {}
+    to_look_at = [main]
+    while to_look_at:
+        for name in _imported(to_look_at.pop()):
+            module = None if name in beside else module_beside(path, name)
+            if module is not None:
+                beside[name] = module
+                to_look_at.append(module.source)
+    together = "\0".join([main, *(f"{module.name}\0{module.source}" for module in beside.values())])
+    number = int.from_bytes(hashlib.sha256(together.encode()).digest()[:4], "little")
+    return HubProgram(main, number, name=path.name, beside=tuple(beside.values()), says_hello=False)
+
+
+def _imported(source: str) -> Iterator[str]:
+    """Names of modules in all import statements; what cannot be parsed, the hub's compiler will refuse."""
+    try:
+        tree = ast.parse(source)
+    except (SyntaxError, ValueError):
+        return
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.module is not None and not node.level:
+            yield node.module

@@ -1,0 +1,99 @@
+"""Transport over Bluetooth Low Energy, to a real hub."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from bricksrl.hub.errors import HubDisconnectedError
+from bricksrl.hub.transports import profile
+from bricksrl.hub.transports.bluetooth import bleak_errors
+from bricksrl.hub.transports.connection import Port
+from bricksrl.hub.transports.pybricks_hub import ProfileTransport
+from bricksrl.hub.transports.scan import BleBackend, find
+
+if TYPE_CHECKING:
+    from bleak import BleakClient
+    from bleak.backends.characteristic import BleakGATTCharacteristic
+    from bleak.backends.client import BaseBleakClient
+    from bleak.backends.device import BLEDevice
+
+
+class BleTransport(ProfileTransport):
+    """A :class:`~bricksrl.hub.transport.Transport` over Bluetooth.
+
+    Args:
+        name, address: which hub, by either; with neither it must be the only one in reach.
+        backend: what reaches the radio; ``None`` for bleak's own choice.
+        timeout_s, answer_timeout_s, record: see :class:`ProfileTransport`.
+    """
+
+    def __init__(
+        self,
+        name: str | None = None,
+        address: str | None = None,
+        *,
+        backend: BleBackend | None = None,
+        timeout_s: float = 20.0,
+        answer_timeout_s: float = 2.0,
+        record: Path | None = None,
+    ) -> None:
+        super().__init__(timeout_s=timeout_s, answer_timeout_s=answer_timeout_s, record=record)
+        self._name, self._address = name, address
+        self._backend = backend
+
+    async def _find(self, timeout_s: float) -> Port:
+        name, address = (self._name, self._address) if self._same is None else (None, self._same.address)
+        device = await find(name, address, timeout_s, self._backend)
+        return BlePort(device, self._backend.client if self._backend else None, timeout_s)
+
+
+class BlePort:
+    """The profile over a GATT connection of bleak's."""
+
+    def __init__(self, device: BLEDevice, client_backend: type[BaseBleakClient] | None, timeout_s: float) -> None:
+        self.name, self.address = device.name or "", device.address
+        self._device, self._client_backend, self._timeout_s = device, client_backend, timeout_s
+        self._client: BleakClient | None = None
+
+    async def open(self, on_event: Callable[[bytes], None], on_loss: Callable[[str], None]) -> None:
+        from bleak import BleakClient
+
+        self._on_event = on_event
+        self._client = BleakClient(
+            self._device,
+            disconnected_callback=lambda _: on_loss("it is out of reach, or was switched off"),
+            timeout=self._timeout_s,
+            backend=self._client_backend,
+        )
+        with self._errors():
+            await self._client.connect()
+
+    async def read(self, characteristic: str) -> bytes:
+        with self._errors():
+            return bytes(await self._opened().read_gatt_char(characteristic))
+
+    async def subscribe(self) -> None:
+        def notified(_: BleakGATTCharacteristic, data: bytearray) -> None:
+            self._on_event(bytes(data))
+
+        with self._errors():
+            await self._opened().start_notify(profile.COMMAND_EVENT_UUID, notified)
+
+    async def write(self, command: bytes, what: str) -> None:
+        with bleak_errors(what, HubDisconnectedError):
+            await self._opened().write_gatt_char(profile.COMMAND_EVENT_UUID, command, response=True)
+
+    async def close(self) -> None:
+        if self._client is not None:
+            await self._client.disconnect()
+
+    def _opened(self) -> BleakClient:
+        if self._client is None:
+            raise HubDisconnectedError("the hub is not connected; open the link first")
+        return self._client
+
+    def _errors(self) -> AbstractContextManager[None]:
+        return bleak_errors(f"connect to the hub '{self.name}'", HubDisconnectedError)

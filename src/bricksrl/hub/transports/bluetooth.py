@@ -1,0 +1,98 @@
+"""Bluetooth of this computer: what it lacks, the remedy, and bleak's errors as ours."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from bricksrl.errors import HubError, HubTimeoutError
+from bricksrl.hub.errors import BluetoothUnavailableError, HubNotFoundError, Reason
+from bricksrl.hub.transports.profile import refusal
+
+_HUB_REMEDY = "switch the hub on and bring it near"
+_BLUETOOTH_FOLDER = Path("/sys/class/bluetooth")
+_RFKILL_FOLDER = Path("/sys/class/rfkill")
+_SYSTEM_BUS = Path("/run/dbus/system_bus_socket")
+_SERVICES = "`sudo systemctl start dbus bluetooth`"
+
+# Of bleak's BleakBluetoothNotAvailableReason.
+_REASONS = {
+    "NO_BLUETOOTH": Reason.NO_ADAPTER,
+    "NO_BLE_CENTRAL_ROLE": Reason.NO_ADAPTER,
+    "POWERED_OFF": Reason.SWITCHED_OFF,
+    "DENIED_BY_USER": Reason.DENIED,
+    "DENIED_BY_SYSTEM": Reason.DENIED,
+    "DENIED_BY_UNKNOWN": Reason.DENIED,
+}
+_REMEDIES = {
+    "linux": f"see that Bluetooth's service runs ({_SERVICES}) and that you may use it (`bricksrl doctor` tells)",
+    "darwin": "switch Bluetooth on, and allow the terminal to use it (System Settings, Privacy & Security, Bluetooth)",
+    "win32": "switch Bluetooth on (Settings, Bluetooth & devices)",
+}
+
+
+def lack_of_bluetooth() -> tuple[Reason, str] | None:
+    """On Linux, what is missing, from the outside in: adapter, switch, service. ``None`` where nothing can be told."""
+    if sys.platform != "linux":
+        return None
+    if not (_BLUETOOTH_FOLDER.is_dir() and any(_BLUETOOTH_FOLDER.glob("hci*"))):
+        return Reason.NO_ADAPTER, "this computer has no Bluetooth adapter; plug one in"
+    for switch in _RFKILL_FOLDER.glob("rfkill*"):
+        if _text(switch / "type") == "bluetooth" and "1" in (_text(switch / "soft"), _text(switch / "hard")):
+            remedy = "run `rfkill unblock bluetooth`, or use the switch of this computer"
+            return Reason.SWITCHED_OFF, f"Bluetooth is switched off; {remedy}"
+    if not _SYSTEM_BUS.exists() and "DBUS_SYSTEM_BUS_ADDRESS" not in os.environ:
+        return Reason.NO_SERVICE, f"the system bus (D-Bus) does not run, which Bluetooth needs; start both: {_SERVICES}"
+    return None
+
+
+def remedy(platform: str = sys.platform) -> str:
+    """Remedy where Bluetooth fails for an unknown reason."""
+    return _REMEDIES.get(platform, "switch this computer's Bluetooth on, and allow this program to use it")
+
+
+@contextmanager
+def bleak_errors(what: str, otherwise: type[HubError]) -> Iterator[None]:
+    """Turns what bleak raises while it does ``what`` (e.g. ``"connect to the hub"``) into our errors.
+
+    ``otherwise`` is the error for what bleak does not explain further.
+    """
+    from bleak.exc import BleakBluetoothNotAvailableError, BleakDeviceNotFoundError, BleakError, BleakGATTProtocolError
+
+    try:
+        yield
+    except HubError:
+        raise
+    except BleakGATTProtocolError as error:
+        raise refusal(what, int(error.code)) from error
+    except BleakBluetoothNotAvailableError as error:
+        raise no_bluetooth(what, error) from error
+    except BleakDeviceNotFoundError as error:
+        raise HubNotFoundError(f"could not {what}: it is not in reach any more; {_HUB_REMEDY}") from error
+    except TimeoutError as error:
+        raise HubTimeoutError(f"could not {what} in time; {_HUB_REMEDY}") from error
+    except (BleakError, OSError, EOFError) as error:
+        if otherwise is BluetoothUnavailableError:
+            raise no_bluetooth(what, error) from error
+        raise otherwise(f"could not {what} ({_one_line(error)}); {_HUB_REMEDY}") from error
+
+
+def no_bluetooth(what: str, error: BaseException) -> BluetoothUnavailableError:
+    """Error with what this computer lacks, or else with what the error says."""
+    told = getattr(getattr(error, "reason", None), "name", "")
+    reason, why = lack_of_bluetooth() or (_REASONS.get(told, Reason.UNKNOWN), f"{_one_line(error)}; {remedy()}")
+    return BluetoothUnavailableError(f"could not {what}: {why}", reason)
+
+
+def _text(path: Path) -> str:
+    try:
+        return path.read_text(encoding="ascii").strip()
+    except OSError:
+        return ""
+
+
+def _one_line(error: BaseException) -> str:
+    return " ".join(str(error).split()) or type(error).__name__

@@ -1,0 +1,44 @@
+"""Program cache: the program that this computer brought onto each hub last. Without it, programs are downloaded."""
+
+from __future__ import annotations
+
+import json
+import logging
+import os
+from pathlib import Path
+
+_log = logging.getLogger(__name__)
+
+
+class ProgramRecord:
+    """A file with the hash of each hub's program, by the hub's address; ``None`` for one in the user's cache."""
+
+    def __init__(self, path: Path | None) -> None:
+        self._path = path or _cache_folder() / "programs.json"
+
+    def get(self, address: str) -> int | None:
+        """The program's hash, if known."""
+        found = self._load().get(address)
+        return found if isinstance(found, int) else None
+
+    def set(self, address: str, program_hash: int | None) -> None:
+        known = self._load()
+        known[address] = program_hash
+        try:
+            self._path.parent.mkdir(parents=True, exist_ok=True)
+            draft = self._path.with_name(f"{self._path.name}.{os.getpid()}")
+            draft.write_text(json.dumps(known), encoding="utf-8")
+            draft.replace(self._path)
+        except OSError as error:
+            _log.debug("cannot note which program is on the hub: %s", error)
+
+    def _load(self) -> dict[str, object]:
+        try:
+            known = json.loads(self._path.read_text(encoding="utf-8"))
+        except (OSError, ValueError, RecursionError):
+            return {}
+        return known if isinstance(known, dict) else {}
+
+
+def _cache_folder() -> Path:
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "bricksrl"

@@ -1,0 +1,159 @@
+"""Scan for hubs in reach."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, TypeAlias
+
+from bricksrl.errors import HubError, HubProtocolError
+from bricksrl.hub.errors import AmbiguousHubError, BluetoothUnavailableError, HubNotFoundError
+from bricksrl.hub.transports.bluetooth import bleak_errors
+from bricksrl.hub.transports.event_loop import EventLoopThread
+from bricksrl.hub.transports.profile import PNP_ID_UUID, SERVICE_UUID, parse_hub_kind
+from bricksrl.robots import HubKind
+
+if TYPE_CHECKING:
+    from bleak.backends.adapter import BaseBleakAdapter
+    from bleak.backends.client import BaseBleakClient
+    from bleak.backends.device import BLEDevice
+    from bleak.backends.scanner import AdvertisementData, BaseBleakScanner
+
+_log = logging.getLogger(__name__)
+
+_OTHERS_S = 0.5
+_REMEDY = "switch it on, bring it near, and close other programs that are connected to it"
+
+
+@dataclass(frozen=True)
+class BleBackend:
+    """Backend that reaches the radio, where it is not bleak's own choice for this operating system."""
+
+    scanner: type[BaseBleakScanner]
+    client: type[BaseBleakClient]
+    adapter: type[BaseBleakAdapter]
+
+
+@dataclass(frozen=True)
+class FoundHub:
+    """A hub that advertises itself; one whose program runs does not.
+
+    Attributes:
+        name: that its owner gave it.
+        address: of its radio; on macOS one that only this computer knows.
+        rssi_dbm: strength of its signal; -60 is near, -90 is far.
+        kind: of hub, where its firmware or this computer tells.
+    """
+
+    name: str
+    address: str
+    rssi_dbm: int
+    kind: HubKind | None = None
+
+
+_Seen: TypeAlias = "dict[str, tuple[BLEDevice, FoundHub]]"
+"""By address."""
+
+
+def scan(timeout_s: float = 5.0, *, backend: BleBackend | None = None) -> list[FoundHub]:
+    """All hubs with Pybricks that advertise themselves within this time, the nearest first.
+
+    Raises:
+        BluetoothUnavailableError: this computer has no Bluetooth that may be used.
+    """
+    loop = EventLoopThread("bricksrl-scan")
+    try:
+        return loop.run(_scan(timeout_s, backend), timeout_s + 10.0, "look for hubs")
+    finally:
+        loop.close()
+
+
+async def _scan(timeout_s: float, backend: BleBackend | None) -> list[FoundHub]:
+    from bleak import BleakScanner
+
+    with bleak_errors("look for hubs", BluetoothUnavailableError):
+        async with BleakScanner(service_uuids=[SERVICE_UUID], backend=backend.scanner if backend else None) as scanner:
+            await asyncio.sleep(timeout_s)
+        found = [_found(*pair) for pair in scanner.discovered_devices_and_advertisement_data.values()]
+    return sorted(found, key=lambda hub: -hub.rssi_dbm)
+
+
+async def find(name: str | None, address: str | None, timeout_s: float, backend: BleBackend | None) -> BLEDevice:
+    """The hub of this name or address; without either, the only one in reach.
+
+    A hub that this computer is still connected to, because a program died, does not advertise itself, but counts.
+
+    Raises:
+        HubNotFoundError: it is not there.
+        AmbiguousHubError: several are there, and none was named.
+        BluetoothUnavailableError: this computer has no Bluetooth that may be used.
+    """
+    seen: _Seen = {}
+    for device in await _still_connected(backend):
+        seen[device.address] = (device, FoundHub(device.name or "", device.address, 0))
+    if not _wanted(seen, name, address):
+        await _listen(seen, lambda: bool(_wanted(seen, name, address)), timeout_s, backend)
+    if name is None and address is None and len(seen) == 1:  # it must be the only one: see whether there are others
+        await _listen(seen, lambda: len(seen) > 1, _OTHERS_S, backend)
+    found = _wanted(seen, name, address)
+    if len(found) != 1:
+        raise _not_found(name or address, [hub for _, hub in seen.values()], timeout_s)
+    device, hub = found[0]
+    _log.info("found the hub '%s' (%s)", hub.name, hub.address)
+    return device
+
+
+async def _listen(seen: _Seen, is_enough: Callable[[], bool], timeout_s: float, backend: BleBackend | None) -> None:
+    """Add hubs that advertise themselves, until there are enough or the time is up."""
+    from bleak import BleakScanner
+
+    scanner = BleakScanner(service_uuids=[SERVICE_UUID], backend=backend.scanner if backend else None)
+    with bleak_errors("look for hubs", BluetoothUnavailableError):
+        async with scanner:
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(timeout_s):
+                    async for device, advertisement in scanner.advertisement_data():
+                        seen[device.address] = (device, _found(device, advertisement))
+                        if is_enough():
+                            break
+
+
+async def _still_connected(backend: BleBackend | None) -> list[BLEDevice]:
+    from bleak import BleakAdapter
+    from bleak.exc import BleakError
+
+    try:
+        adapter = await BleakAdapter.get(backend=backend.adapter if backend else None)
+        return await adapter.get_connected_devices([SERVICE_UUID])
+    except (BleakError, OSError, EOFError, NotImplementedError) as error:
+        _log.debug("cannot ask for hubs that are still connected: %s", error)
+        return []
+
+
+def _wanted(seen: _Seen, name: str | None, address: str | None) -> list[tuple[BLEDevice, FoundHub]]:
+    return [
+        (device, hub)
+        for device, hub in seen.values()
+        if (name is None or hub.name == name) and (address is None or hub.address.casefold() == address.casefold())
+    ]
+
+
+def _found(device: BLEDevice, advertisement: AdvertisementData) -> FoundHub:
+    pnp_id = (advertisement.service_data or {}).get(PNP_ID_UUID)
+    kind = None
+    if pnp_id is not None:
+        with contextlib.suppress(HubProtocolError):  # something else that has Pybricks' service
+            kind = parse_hub_kind(pnp_id)
+    return FoundHub(advertisement.local_name or device.name or "", device.address, advertisement.rssi, kind)
+
+
+def _not_found(wanted: str | None, others: list[FoundHub], timeout_s: float) -> HubError:
+    names = ", ".join(f"'{hub.name}' ({hub.address})" for hub in others)
+    if wanted is None and others:
+        return AmbiguousHubError(f"several hubs are in reach: {names}; say which one by its name or address")
+    what = "no hub" if wanted is None else f"no hub '{wanted}'"
+    seen = f"; others are: {names}" if names else ""
+    return HubNotFoundError(f"{what} with Pybricks was found within {timeout_s:g} s{seen}; {_REMEDY}")

@@ -1,0 +1,10 @@
+"""Live page: a robot in the browser while it learns, plays or is driven. Importing this loads nothing else.
+
+Whoever has a scene can show it, with sliders of its own:
+
+    board = Board()
+    board.show_scene(scene, poses(positions))  # bricksrl.page.scene
+    board.tell(title="my plan", sliders=[{"name": "step", "low": 1, "high": 12, "value": 12}])
+    with PageServer(board, on_press, on_stop) as server:  # on_press("slider", ["step", 3])
+        print_line(server.url)
+"""

@@ -1,0 +1,147 @@
+"""Board: the latest of everything that the page shows, written by whoever has it and read by each browser's connection.
+
+Writing is an assignment or an append, so that the thread that steps the robot loses no time; encoding is the reader's work. Any
+thread may write, and any may read.
+"""
+
+from __future__ import annotations
+
+import struct
+import threading
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bricksrl.page.scene import Floats, Scene
+
+KEPT_STEPS, KEPT_EPISODES = 400, 4000
+"""Values that a browser gets which comes later, or is loaded anew; bounded, so that memory is."""
+Poses = Floats | Callable[[], Floats]
+"""Poses ``[bodies, 7]``, or what works them out when somebody looks, in the thread that serves the page."""
+POSES, IMAGE = 1, 2
+"""First byte of what goes over the wire as bytes."""
+
+
+@dataclass
+class Series:
+    """Rows of numbers, each of the same length; the last ones are kept.
+
+    Attributes:
+        names: of the columns.
+        count: rows since the start, those that were dropped included.
+    """
+
+    names: tuple[str, ...]
+    kept: int = KEPT_STEPS
+    count: int = 0
+    rows: deque[Sequence[float]] = field(default_factory=deque)
+
+    def __post_init__(self) -> None:
+        self.rows = deque(maxlen=self.kept)
+
+    def add(self, row: Sequence[float]) -> None:
+        """The next row."""
+        self.rows.append(row)
+        self.count += 1
+
+    def since(self, count: int) -> tuple[int, list[Sequence[float]]]:
+        """The number of the first row that is given, and the rows from row ``count`` on, as far as they are kept."""
+        end, rows = self.count, list(self.rows)
+        missing = min(max(0, end - count), len(rows))
+        return end - missing, rows[len(rows) - missing :]
+
+
+class Board:
+    """What the page shows now. Each part has a version, which grows when the part changes."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self.scene: tuple[int, Scene | None] = (0, None)
+        self.poses: tuple[int, Poses | None] = (0, None)
+        self.image: tuple[int, NDArray[np.uint8] | None] = (0, None)
+        self.status: tuple[int, dict[str, Any]] = (0, {})
+        self.series: dict[str, Series] = {}
+
+    def show_scene(self, scene: Scene, poses: Poses) -> None:
+        """Draw another scene, its bodies in these poses."""
+        self.scene = (self.scene[0] + 1, scene)
+        self.show_poses(poses)
+
+    def show_poses(self, poses: Poses) -> None:
+        """Move the bodies of the scene."""
+        self.poses = (self.poses[0] + 1, poses)
+
+    def show_image(self, image: NDArray[np.uint8]) -> None:
+        """Show what a camera sees, ``[height, width, 3]``."""
+        self.image = (self.image[0] + 1, image)
+
+    def tell(self, **parts: Any) -> None:
+        """Change parts of the status, plain values by name."""
+        with self._lock:
+            version, status = self.status
+            if any(name not in status or status[name] != value for name, value in parts.items()):
+                self.status = (version + 1, {**status, **parts})
+
+    def new_series(self, name: str, columns: Sequence[str], *, kept: int = KEPT_STEPS) -> Series:
+        """Rows that are plotted; one of the same name is replaced."""
+        series = Series(tuple(columns), kept)
+        self.series = {**self.series, name: series}
+        return series
+
+
+class Reader:
+    """What one browser has not got yet.
+
+    Args:
+        board: what it looks at.
+    """
+
+    def __init__(self, board: Board) -> None:
+        self._board = board
+        self._scene = self._poses = self._image = self._status = -1
+        self._series: dict[str, tuple[int, int]] = {}
+
+    def news(self, *, numbers: bool) -> list[bytes | dict[str, Any]]:
+        """Messages to send, in their order; ``numbers`` is for status and series too, which need not come with every frame."""
+        board, messages = self._board, list[bytes | dict[str, Any]]()
+        version, _ = board.scene
+        if version != self._scene and version:
+            self._scene, self._poses = version, -1
+            messages.append({"scene": version})
+        version, poses = board.poses
+        if poses is not None and version != self._poses:
+            self._poses = version
+            drawn = poses() if callable(poses) else poses
+            messages.append(struct.pack("<4B", POSES, 0, 0, 0) + np.ascontiguousarray(drawn, "<f4").tobytes())
+        if numbers:
+            messages += self._numbers(board)
+        return messages
+
+    def _numbers(self, board: Board) -> list[bytes | dict[str, Any]]:
+        messages = list[bytes | dict[str, Any]]()
+        version, image = board.image
+        if image is not None and version != self._image:
+            self._image = version
+            height, width, _ = image.shape
+            messages.append(struct.pack("<BxHHxx", IMAGE, height, width) + np.ascontiguousarray(image).tobytes())
+        version, status = board.status
+        if version != self._status:
+            self._status = version
+            messages.append({"status": status})
+        rows = {name: told for name, series in board.series.items() if (told := self._rows(name, series))}
+        return [*messages, {"series": rows}] if rows else messages
+
+    def _rows(self, name: str, series: Series) -> dict[str, Any] | None:
+        which, count = self._series.get(name, (0, -1))
+        if which != id(series):
+            count = -1
+        if count == series.count:
+            return None
+        first, rows = series.since(max(count, 0))
+        self._series[name] = (id(series), first + len(rows))
+        told: dict[str, Any] = {"first": first, "rows": [[round(float(value), 4) for value in row] for row in rows]}
+        return told if count >= 0 else {**told, "names": series.names, "kept": series.kept}

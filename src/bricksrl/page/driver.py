@@ -1,0 +1,86 @@
+"""Driver by the sliders and the stick of the page."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Sequence
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from bricksrl.entry import Entry
+from bricksrl.teleop.mapping import reach, rest
+
+FORGOTTEN_S = 1.5
+"""The page tells again and again what is pushed; after so long a silence the robot comes to rest: the tab is gone."""
+
+
+class PageDriver:
+    """A human at the page, as a driver of the rollout: asked at each step, from the thread that steps the robot.
+
+    Args:
+        commands: of the robot.
+        in_charge: drive from the start.
+    """
+
+    def __init__(self, commands: Sequence[Entry], *, in_charge: bool = False) -> None:
+        self.commands = tuple(commands)
+        self.in_charge = in_charge
+        self._rest = rest(self.commands)
+        self._pushes = torch.zeros(len(self.commands))
+        self._pushed_s = 0.0
+
+    def push(self, values: Any) -> bool:
+        """What is pushed now, a number in -1..1 for each command; false where it is none."""
+        if not isinstance(values, list) or len(values) != len(self.commands):
+            return False
+        if not all(isinstance(value, int | float) and math.isfinite(value) for value in values):
+            return False
+        self._pushes, self._pushed_s = torch.tensor(values, dtype=torch.float32).clamp(-1.0, 1.0), time.monotonic()
+        return True
+
+    def let_go(self) -> None:
+        """Nothing is pushed."""
+        self._pushes = torch.zeros(len(self.commands))
+
+    @property
+    def pushes(self) -> list[float]:
+        """What is pushed, as far as the page still says so."""
+        if time.monotonic() - self._pushed_s > FORGOTTEN_S:
+            self.let_go()
+        return [round(value, 3) for value in self._pushes.tolist()]
+
+    def __call__(self, observation: Tensor) -> Tensor | None:
+        """An action ``[m]``; ``None`` while the policy is in charge."""
+        return reach(torch.tensor(self.pushes), self._rest) if self.in_charge else None
+
+    def actions(self) -> list[float]:
+        """What the pushes stand for, in the units of the commands."""
+        values = reach(torch.tensor(self.pushes), self._rest).tolist()
+        return [
+            (c.high + c.low) / 2 + (c.high - c.low) / 2 * value if math.isfinite(c.high - c.low) else value
+            for c, value in zip(self.commands, values, strict=True)
+        ]
+
+
+def stick_map(commands: Sequence[Entry]) -> list[list[float]]:
+    """How far the stick, to the right and forward, pushes each command: rows of two numbers.
+
+    Commands of a left and a right side drive like a tank; of others the first follows the stick sideways and the second forward,
+    a single one forward.
+    """
+    sides = [1.0 if "left" in command.name else -1.0 if "right" in command.name else 0.0 for command in commands]
+    if all(sides):
+        # A leg or wheel whose range lies below zero goes forward when it is lowered.
+        return [[side * _forward(c), _forward(c)] for side, c in zip(sides, commands, strict=True)]
+    if len(commands) == 1:
+        return [[0.0, 1.0]]
+    rows = [[0.0, 0.0] for _ in commands]
+    rows[0], rows[1] = [1.0, 0.0], [0.0, 1.0]
+    return rows
+
+
+def _forward(command: Entry) -> float:
+    return -1.0 if command.high <= 0.0 else 1.0

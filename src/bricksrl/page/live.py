@@ -1,0 +1,319 @@
+"""Live page of an environment: what is pressed becomes what the robot does, what the robot does is shown.
+
+Two threads meet here. The one that steps the robot calls `attach`, `saw`, `hold`, `begin` and `end`; presses come in threads of
+the server's and only set what the first one looks at, but for an emergency stop, which goes to the hub at once.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from bricksrl.errors import BricksError
+from bricksrl.page.board import KEPT_EPISODES, Board
+from bricksrl.page.clock import SPEEDS
+from bricksrl.page.driver import PageDriver, stick_map
+from bricksrl.page.robot_view import NUMBERS_S, RobotView
+from bricksrl.page.server import PageOptions, PageServer
+
+if TYPE_CHECKING:
+    from types import TracebackType
+    from typing import Self
+
+    from tensordict import TensorDictBase
+    from torchrl.envs import EnvBase
+
+    from bricksrl.envs.connection import Connection
+    from bricksrl.envs.task import Task
+
+_LOOK_S = 0.05
+_STEP_S = 0.1
+"""Time of a step of a simulation that has no robot, at the speed of 1."""
+
+
+class LivePage:
+    """The page of a robot that learns, plays or is driven; entered, it is served.
+
+    Args:
+        title, subtitle: of the page.
+        commands: of the robot, for a human who drives it; none where nobody may.
+        in_charge: the human drives from the start.
+        policies: names to choose from.
+        speed: at the start, one of :data:`SPEEDS`.
+        on_stop: called at an emergency stop, before the robot is told, so it returns at once.
+        options: where it is served.
+
+    Attributes:
+        driver: the human at the page; ``None`` where there is nothing to drive.
+        policy: the one that is chosen.
+    """
+
+    def __init__(
+        self,
+        title: str,
+        subtitle: str = "",
+        *,
+        task: Task | None = None,
+        in_charge: bool = False,
+        can_drive: bool = True,
+        policies: Sequence[str] = (),
+        speed: str = "max",
+        on_stop: Callable[[], None] = lambda: None,
+        options: PageOptions | None = None,
+    ) -> None:
+        from bricksrl.data.schema import describe_task
+
+        self.board = Board()
+        self._on_stop = on_stop
+        self._halted = threading.Event()
+        self._changed = threading.Condition()
+        self._paused = False
+        self._steps_asked = 0
+        self._reset_asked = False
+        self._speed = speed
+        self._env: Any = None
+        self._leave: Callable[[], None] = lambda: None
+        self._is_real = False
+        self._policies = tuple(policies)
+        self.policy = self._policies[-1] if self._policies else ""
+        self._can_give_back = not in_charge or len(self._policies) > 0
+        commands = describe_task(task).action if task is not None and can_drive else ()
+        self.driver = PageDriver(commands, in_charge=in_charge) if commands else None
+        self.view = RobotView(self.board, self._halted, lambda: self._factor)
+        self._server = PageServer(self.board, self._press, self.stop, options)
+        self._task = task
+        self._returns = self.board.new_series("return", ("return of each episode",), kept=KEPT_EPISODES)
+        self._rewards = self.board.new_series("reward", ("reward of each step",))
+        entries = task.entries if task is not None else ()
+        self._channels = self.board.new_series("channels", [f"{e.name} ({e.unit})" if e.unit else e.name for e in entries])
+        self._facts: dict[str, Any] = {}
+        self._sum, self._steps, self._due_s, self._paced_s = 0.0, 0, 0.0, 0.0
+        self._counted: tuple[float, int] = (time.monotonic(), 0)
+        self.board.tell(title=title, subtitle=subtitle, state="waiting", speeds=list(SPEEDS), policies=list(self._policies))
+        self._tell()
+
+    # ---------------------------------------------------------------- serving
+
+    @property
+    def url(self) -> str:
+        """Address, with its token."""
+        return self._server.url
+
+    def __enter__(self) -> Self:
+        self._server.__enter__()
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self._leave()
+        self._server.close()
+
+    # ---------------------------------------------------------------- presses, in threads of the server
+
+    def stop(self) -> None:
+        """Emergency stop: the robot first, then whatever else is to stop."""
+        self._halted.set()
+        self._on_stop()
+        try:
+            if self._env is not None and hasattr(self._env, "stop"):
+                self._env.stop()
+        except BricksError as error:  # it could not be told, and stops by itself
+            self.board.tell(message=str(error))
+        finally:
+            if self.driver is not None:
+                self.driver.let_go()
+            with self._changed:
+                self._changed.notify_all()
+            self._tell()
+
+    def _press(self, name: str, value: Any) -> None:
+        match name:
+            case "pause":
+                self._pause(True)
+            case "resume":
+                self._pause(False)
+            case "step" if not self._is_real:
+                self._paused, self._steps_asked = True, self._steps_asked + 1
+            case "reset":
+                self._reset_asked = True
+            case "speed" if value in SPEEDS:
+                self._speed = value
+            case "policy" if value in self._policies:
+                self.policy = value
+            case "take_over" if self.driver is not None and self._can_give_back:
+                self.driver.in_charge = bool(value)
+            case "drive" if self.driver is not None:
+                self.driver.push(value)
+            case "left" if self.driver is not None:
+                self.driver.let_go()
+        with self._changed:
+            self._changed.notify_all()
+        self._tell()
+
+    def _pause(self, paused: bool) -> None:
+        self._paused, self._steps_asked = paused, 0
+        if self._env is None or self._halted.is_set():
+            return
+        if paused and self._is_real:
+            self._env.pause()
+        elif not paused and getattr(self._env, "is_paused", False):
+            self._env.resume()
+
+    # ---------------------------------------------------------------- in the thread that steps the robot
+
+    @property
+    def is_stopped(self) -> bool:
+        """True after an emergency stop, until `release`."""
+        return self._halted.is_set()
+
+    @property
+    def reset_asked(self) -> bool:
+        """True if the episode is to end."""
+        return self._reset_asked
+
+    def forget_reset(self) -> None:
+        """The episode that was to end has ended."""
+        self._reset_asked = False
+
+    def attach(self, env: EnvBase) -> None:
+        """Show this environment from now on."""
+        self._leave()
+        self._env, self._leave = (None if env.batch_size else env), lambda: None
+        if env.batch_size:  # robots of other processes, or none
+            self.board.tell(no_scene=f"{env.batch_size.numel()} copies learn at once; their returns are below.")
+        elif hasattr(env, "watch"):
+            self._leave = env.watch(self._meet)
+        else:
+            self.board.tell(no_scene="This is a simulation without a robot; its numbers are below.")
+        self._tell()
+
+    def _meet(self, connection: Connection) -> None:
+        self.view.show(connection)
+        twin = connection.twin
+        self._is_real = twin is None or twin.is_realtime
+        self._tell()
+
+    def begin(self) -> None:
+        """An episode begins."""
+        self._sum, self._steps = 0.0, 0
+        self.forget_reset()
+        self._tell()
+
+    def saw(self, frame: TensorDictBase) -> None:
+        """A step has been made: what TorchRL's ``EnvBase.step`` returned."""
+        after = frame["next"]
+        reward = float(after["reward"])
+        self._sum, self._steps = self._sum + reward, self._steps + 1
+        self._rewards.add((reward,))
+        values = after["observation"].tolist()
+        self._channels.add(values)
+        now_s = time.monotonic()
+        if not self.view.is_virtual and self.view.connection is not None:
+            self._show_sensed(values)
+        if now_s < self._due_s:
+            return
+        self._due_s = now_s + NUMBERS_S
+        if "image" in after:
+            self.board.show_image(after["image"].numpy().astype(np.uint8, copy=True))
+        before_s, before = self._counted
+        self._counted = (now_s, self._rewards.count)
+        self._facts |= {"step": self._steps, "return": self._sum, "reward": reward}
+        self._facts["steps/s"] = (self._rewards.count - before) / max(now_s - before_s, 1e-3)
+        walked = self._env.walk_metrics() if hasattr(self._env, "walk_metrics") else {}
+        if "forward_m" in walked:
+            self._facts["distance"] = f"{walked['forward_m']:.2f} m"
+        self.view.show_link()
+        self._tell()
+
+    def see(self, frame: TensorDictBase) -> None:
+        """As `saw`, and then wait for as long as the page says so: for whoever has one place for both."""
+        self.saw(frame)
+        self.hold()
+
+    def note(self, **facts: Any) -> None:
+        """Facts to show with the next numbers, by name."""
+        self._facts |= facts
+
+    def _show_sensed(self, values: list[float]) -> None:
+        if self._task is None:
+            return
+        seen = {entry.name: value for entry, value in zip(self._task.entries, values, strict=False)}
+        angles = {name.removesuffix("_angle"): value for name, value in seen.items() if name.endswith("_angle")}
+        tilt = (seen.get("pitch", 0.0), seen.get("roll", 0.0))
+        self.view.show_sensed(self._task.robot, self._task.scene, angles, tilt)
+
+    def end(self, return_: float, episode: str) -> None:
+        """An episode has ended; ``episode`` is what is shown of its number, or of the next one's."""
+        self._returns.add((return_,))
+        self._facts["episode"] = episode
+        self._tell()
+
+    def hold(self, is_over: Callable[[], bool] = lambda: False) -> None:
+        """Wait before the next step for as long as the page says so; a simulation without a robot gets its pace here."""
+        while self._paused and not self._is_real and not self._reset_asked and not self._halted.is_set():
+            if self._steps_asked:
+                self._steps_asked -= 1
+                break
+            if is_over():
+                return
+            with self._changed:
+                self._changed.wait(_LOOK_S)
+        speed = self._factor
+        if self._env is not None and not hasattr(self._env, "twin") and speed:
+            self._paced_s = max(self._paced_s + _STEP_S / speed, time.monotonic() - _STEP_S)
+            self._halted.wait(max(0.0, self._paced_s - time.monotonic()))
+
+    def was_stopped(self) -> None:
+        """The robot was stopped, by whomever."""
+        self._halted.set()
+        self._tell()
+
+    def wait_for_reset(self, is_over: Callable[[], bool] = lambda: False) -> None:
+        """After a stop or a failure: wait until somebody resets, or it is over."""
+        while not self._reset_asked and not is_over():
+            with self._changed:
+                self._changed.wait(_LOOK_S)
+
+    def release(self) -> None:
+        """After an emergency stop: the robot may move again, with the next reset."""
+        self._halted.clear()
+        if self._env is not None and hasattr(self._env, "resume"):
+            self._env.resume()
+        self._paused = False
+        self._tell()
+
+    def tell(self, **parts: Any) -> None:
+        """Show parts of the status, such as ``message`` or ``state``."""
+        self.board.tell(**parts)
+
+    @property
+    def _factor(self) -> float:
+        """Speed of simulated time; a human drives at the speed of the clock on the wall, and a robot in real time has its own."""
+        if self._is_real:
+            return 0.0
+        return 1.0 if self.driver is not None and self.driver.in_charge else SPEEDS[self._speed]
+
+    def _tell(self) -> None:
+        driver = self.driver
+        can = ["stop", "pause", "reset"] + ([] if self._is_real else ["step", "speed"])
+        can += (["drive"] if driver is not None else []) + (["policy"] if len(self._policies) > 1 else [])
+        if not self._is_ended:
+            paused = self._paused or getattr(self._env, "is_paused", False)
+            state = "stopped" if self._halted.is_set() else "paused" if paused else "running"
+            self.board.tell(state=state)
+        speed = "1x" if self._factor == 1.0 else self._speed
+        self.board.tell(controls=can, speed=speed, policy=self.policy, facts=dict(self._facts))
+        if driver is not None:
+            names = [{"name": c.name, "unit": c.unit} for c in driver.commands]
+            told = {"commands": names, "stick": stick_map(driver.commands), "pushes": driver.pushes, "actions": driver.actions()}
+            self.board.tell(drive={**told, "in_charge": driver.in_charge, "can_give_back": self._can_give_back})
+
+    _is_ended = False
+
+    def finish(self, message: str = "") -> None:
+        """The run is over; the page stays as it is for as long as it is served."""
+        self._is_ended = True
+        self.board.tell(state="finished", message=message)

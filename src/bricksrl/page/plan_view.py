@@ -1,0 +1,174 @@
+"""Building plan in the browser: its steps forward and back, and each motor and free joint on a slider."""
+
+from __future__ import annotations
+
+import math
+import threading
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from bricksrl.errors import PlanError
+from bricksrl.page.board import Board
+from bricksrl.page.scene import HIDDEN, Floats, Mesh, Scene, SceneBody, Shape, View, flat_mesh, poses
+from bricksrl.plans.colours import colour_of
+from bricksrl.plans.geometry import MM_PER_LDU
+from bricksrl.plans.kinematics import TO_TWIN
+from bricksrl.plans.part import Part
+from bricksrl.plans.plan import Plan
+from bricksrl.plans.planned_robot import PlannedRobot, planned
+from bricksrl.plans.posing import STILL, Motion, Poser
+from bricksrl.plans.shapes import Tint, surface_of
+
+_METRES = MM_PER_LDU / 1000
+_TINTS = {Tint.DARK: (0.16, 0.17, 0.19, 1.0), Tint.TURNING: (0.45, 0.47, 0.50, 1.0), Tint.FACE: (0.10, 0.11, 0.13, 1.0)}
+_MOST_DEG = 360
+
+
+class PlanView:
+    """A plan on a page.
+
+    Args:
+        plan: what is shown; one that is no robot yet shows its steps and has no joints.
+
+    Attributes:
+        board: for the page's server.
+    """
+
+    def __init__(self, plan: Plan) -> None:
+        if not plan.parts:
+            raise PlanError(f"{plan.path} has no part that the catalogue knows; run `bricksrl plan check` on it")
+        self.board = Board()
+        self._plan, self._lock = plan, threading.Lock()
+        self._robot: PlannedRobot | None = None
+        message = ""
+        try:
+            self._robot = planned(plan)
+        except PlanError as error:
+            message = f"{error}. The joints are not shown."
+        self._poser = Poser(self._robot.articulation) if self._robot is not None else None
+        self._step = len(plan.steps)
+        self._shafts: dict[str, float] = {}
+        self._swings: dict[int, float] = {}
+        self._sliders = self._joints()
+        self.board.show_scene(_scene(plan), self._poses())
+        self._trouble = message
+        self.board.tell(title=plan.title, subtitle="building plan", state="paused", controls=["step", "reset"])
+        self._tell()
+
+    def press(self, name: str, value: Any) -> None:
+        """What somebody pressed on the page; what is none of ours is left alone."""
+        with self._lock:
+            if name == "step":
+                self._step = self._step % len(self._plan.steps) + 1
+            elif name == "reset":
+                self._shafts, self._swings, self._step = {}, {}, len(self._plan.steps)
+                self._poser = Poser(self._robot.articulation) if self._robot is not None else None
+            elif name == "slider" and isinstance(value, list) and len(value) == 2:
+                self._slide(*value)
+            else:
+                return
+            self.board.show_poses(self._poses())
+            self._tell()
+
+    def _slide(self, name: object, value: object) -> None:
+        if not isinstance(value, (int, float)) or not math.isfinite(value):
+            return
+        if name == "Step":
+            self._step = min(max(round(value), 1), len(self._plan.steps))
+        for label, (port, swing) in self._sliders.items():
+            if name == label:
+                angle = math.radians(min(max(float(value), -_MOST_DEG), _MOST_DEG))
+                if port is not None:
+                    self._shafts[port] = angle
+                elif swing is not None:
+                    self._swings[swing] = angle
+
+    def _joints(self) -> dict[str, tuple[str | None, int | None]]:
+        """Each slider's name with the motor's port or the number of the swing that it turns."""
+        if self._robot is None or self._poser is None:
+            return {}
+        found: dict[str, tuple[str | None, int | None]] = {}
+        for drive in self._robot.articulation.drives:
+            placed = self._robot.device(drive.port)
+            name = placed.device if placed is not None and placed.device else "motor"
+            found[f"{name}, port {drive.port}, deg"] = (drive.port, None)
+        found |= {f"joint {number + 1}, deg": (None, swing) for number, swing in enumerate(self._poser.free)}
+        return found
+
+    def _tell(self) -> None:
+        step = self._plan.steps[self._step - 1]
+        sliders: list[dict[str, Any]] = [
+            {"name": "Step", "low": 1, "high": len(self._plan.steps), "value": self._step, "text": f"{self._step}"}
+        ]
+        for label, (port, swing) in self._sliders.items():
+            angle = self._shafts.get(port, 0.0) if port is not None else self._swings.get(swing or 0, 0.0)
+            sliders.append({"name": label, "low": -_MOST_DEG, "high": _MOST_DEG, "value": round(math.degrees(angle))})
+        where = step.assembly[-1].rpartition(":")[0] if step.assembly else ""
+        facts = {"step": f"{self._step} of {len(self._plan.steps)}", "parts": len(self._shown())}
+        self.board.tell(sliders=sliders, facts=facts | ({"builds": where} if where else {}), message=self._trouble or step.note)
+
+    def _shown(self) -> set[int]:
+        """The parts that lie on the table when the chosen step is done: at the last one all of them."""
+        step = self._plan.steps[self._step - 1]
+        shown: set[int] = set()
+        for earlier in self._plan.steps[: self._step]:
+            if earlier.assembly == step.assembly:
+                shown |= set(earlier.new) | {part for group in earlier.joined for part in group}
+        return shown
+
+    def _poses(self) -> Floats:
+        """Pose of each part [parts, 7]."""
+        moved: dict[int, Motion] = {}
+        if self._robot is not None and self._poser is not None:
+            moved = self._poser.of_parts(self._shafts, self._poser.motions(self._shafts, self._swings))
+        shown, positions, turns = self._shown(), [], []
+        for placed in self._plan.parts:
+            motion = moved.get(placed.index, STILL)
+            turns.append(_quaternion(motion.turn @ TO_TWIN @ placed.rotation))
+            place = motion.of(TO_TWIN @ placed.position * _METRES)
+            positions.append(place if placed.index in shown else np.array([HIDDEN, 0.0, 0.0]))
+        return poses(np.array(positions), np.array(turns))
+
+
+def _scene(plan: Plan) -> Scene:
+    """A body for each part, its origin that of the part."""
+    pieces: dict[Part, dict[Tint, Mesh]] = {}
+    bodies, corners = [], []
+    for placed in plan.parts:
+        part = placed.part
+        if part not in pieces:
+            surface = surface_of(part)
+            chosen = {tint: surface.triangles[surface.tints == int(tint)] for tint in Tint}
+            pieces[part] = {tint: flat_mesh(triangles * _METRES) for tint, triangles in chosen.items() if len(triangles)}
+        main = (*colour_of(placed.colour).rgb, 1.0)
+        shapes = tuple(Shape(mesh, _TINTS.get(tint, main)) for tint, mesh in pieces[part].items())
+        bodies.append(SceneBody(f"{placed.index}", shapes))
+        low, high = part.bounds
+        corners += [TO_TWIN @ placed.to_plan(np.array([low]))[0], TO_TWIN @ placed.to_plan(np.array([high]))[0]]
+    points = np.array(corners) * _METRES
+    lowest, highest = points.min(axis=0), points.max(axis=0)
+    x, y, z = ((lowest + highest) / 2).tolist()
+    size = float(np.linalg.norm(highest - lowest))
+    view = replace(View(), target=(x, y, z), distance_m=1.8 * size, yaw_deg=35.0)
+    return Scene(tuple(bodies), floor_m=float(lowest[2]), view=view)
+
+
+def _quaternion(matrix: Floats) -> Floats:
+    """Quaternion (w, x, y, z) of a rotation [3, 3], by the largest of its four components (Shepperd)."""
+    trace = float(np.trace(matrix))
+    squares = np.array([trace, *np.diag(matrix)])
+    largest = int(np.argmax(squares))
+    parts: list[float]
+    if largest == 0:
+        parts = [1 + trace, matrix[2, 1] - matrix[1, 2], matrix[0, 2] - matrix[2, 0], matrix[1, 0] - matrix[0, 1]]
+    else:
+        i, j, k = largest - 1, largest % 3, (largest + 1) % 3
+        parts = [0.0] * 4
+        parts[0] = matrix[k, j] - matrix[j, k]
+        parts[1 + i] = 1 + 2 * matrix[i, i] - trace
+        parts[1 + j] = matrix[j, i] + matrix[i, j]
+        parts[1 + k] = matrix[k, i] + matrix[i, k]
+    quaternion = np.array(parts, dtype=np.float64)
+    return np.asarray(quaternion / np.linalg.norm(quaternion))

@@ -1,0 +1,121 @@
+"""Playing on the page: episode after episode, by the policy that is chosen there or by a human, until somebody ends it."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING
+
+from bricksrl.envs.rollout import Policy, link_lost, play
+from bricksrl.errors import BricksError, StoppedError
+from bricksrl.page.live import LivePage
+from bricksrl.policies.named import Player
+
+if TYPE_CHECKING:
+    from tensordict import TensorDictBase
+    from torchrl.envs import EnvBase
+
+_COAST_MS = 500
+"""Simulated time for which motors are shown to run down after a stop."""
+
+
+def resting_player(env: EnvBase) -> Player:
+    """No motor moves: while nobody drives."""
+    from bricksrl.data.schema import describe_task
+    from bricksrl.teleop.mapping import rest
+
+    still = rest(describe_task(env.task).action)
+    return Player(lambda state: state.set("action", still))
+
+
+def play_on_page(
+    env: EnvBase,
+    page: LivePage,
+    players: Mapping[str, Callable[[], Player]],
+    *,
+    episodes: int | None = None,
+    stop: threading.Event | None = None,
+) -> list[float]:
+    """Play until there were so many episodes, or for ever; returns the returns of the whole ones.
+
+    An emergency stop ends the episode; the next one begins when somebody resets. So does a robot that cannot be reached.
+
+    Args:
+        players: by the names that the page shows; each is made when it is first chosen.
+        stop: set where a stop is to end all this, as by a key in the terminal.
+
+    Raises:
+        StoppedError: the robot was stopped, and ``stop`` is set.
+    """
+    stop = stop or threading.Event()
+    made: dict[str, Player] = {}
+    returns: list[float] = []
+
+    def chosen() -> Player:
+        if page.policy not in made:
+            made[page.policy] = players[page.policy]()
+        return made[page.policy]
+
+    def act(state: TensorDictBase) -> TensorDictBase:
+        return chosen().act(state)
+
+    page.attach(env)
+    while episodes is None or len(returns) < episodes:
+        try:
+            page.begin()
+            played = _episode(env, page, act, lambda: chosen().reset(), f"{len(returns) + 1}")
+            if played is not None:
+                returns.append(played)
+                page.end(played, f"{len(returns) + 1}")
+        except StoppedError:
+            if stop.is_set():
+                raise
+            page.was_stopped()
+            env.close(raise_if_closed=False)  # a virtual hub ends its program in this thread only
+            _coast(env)
+            page.tell(message="The robot was stopped by hand. Reset lets it start again.")
+            _wait(page, stop)
+        except BricksError as error:
+            page.tell(message=f"{error} Reset tries again.")
+            _wait(page, stop)
+    return returns
+
+
+def _episode(env: EnvBase, page: LivePage, act: Policy, reset: Callable[[], None], number: str) -> float | None:
+    """The return of an episode; ``None`` where it was cut short."""
+    total, page_note = 0.0, page.note
+    start = env.reset()
+    page_note(episode=number)
+    page.hold()
+    for frame in play(env, act, start, driver=page.driver, reset_policy=reset):
+        if link_lost(frame):
+            raise env.link_error
+        page.saw(frame)
+        total += float(frame["next", "reward"])
+        page.hold()
+        if page.reset_asked or page.is_stopped:
+            break
+    else:
+        return None if getattr(env, "is_cut", False) else total
+    if page.is_stopped:
+        raise StoppedError("the robot was stopped by hand")
+    return None
+
+
+def _wait(page: LivePage, stop: threading.Event) -> None:
+    page.wait_for_reset(stop.is_set)
+    if stop.is_set():
+        raise StoppedError("the robot was stopped by hand")
+    page.release()
+    page.tell(message="")
+
+
+def _coast(env: EnvBase) -> None:
+    """Nobody else lets simulated time go on after a stop: show how the motors run down."""
+    twin = getattr(env, "twin", None)
+    if twin is None or not hasattr(twin, "machine"):
+        return
+    for _ in range(_COAST_MS // 10):
+        twin.machine.advance(10)
+        time.sleep(0.01)

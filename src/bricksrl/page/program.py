@@ -1,0 +1,61 @@
+"""Live page of a program that runs on a virtual hub: the robot, its hub, and a red button."""
+
+from __future__ import annotations
+
+import threading
+from types import TracebackType
+from typing import Any, Self
+
+from bricksrl.page.board import Board
+from bricksrl.page.clock import SPEEDS
+from bricksrl.page.robot_view import RobotView
+from bricksrl.page.server import PageOptions, PageServer
+from bricksrl.virtual_hub.machine import Machine
+from bricksrl.virtual_hub.run import stop_program
+
+
+class ProgramPage:
+    """The page of one program; entered, it is served.
+
+    Args:
+        title: of the page.
+        options: where it is served.
+    """
+
+    def __init__(self, title: str, options: PageOptions | None = None) -> None:
+        self.board = Board()
+        self._halted = threading.Event()
+        self._speed = "1x"
+        self._machine: Machine | None = None
+        self._view = RobotView(self.board, self._halted, lambda: SPEEDS[self._speed])
+        self._server = PageServer(self.board, self._press, self.stop, options)
+        self.board.tell(title=title, subtitle="a program on a virtual hub", state="waiting", speeds=list(SPEEDS))
+        self.board.tell(controls=["stop", "speed"], speed=self._speed)
+
+    @property
+    def url(self) -> str:
+        """Address, with its token."""
+        return self._server.url
+
+    def __enter__(self) -> Self:
+        self._server.__enter__()
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self._server.close()
+
+    def attend(self, machine: Machine) -> None:
+        """Show what this machine moves, as `Operation.attend` calls it."""
+        self._machine = machine
+        self._view.show_machine(machine, stop_program)
+        self.board.tell(state="running")
+
+    def stop(self) -> None:
+        """End the program with the next control loop; its motors coast."""
+        self._halted.set()
+        self.board.tell(state="stopped", message="The program was stopped by hand.")
+
+    def _press(self, name: str, value: Any) -> None:
+        if name == "speed" and value in SPEEDS:
+            self._speed = value
+            self.board.tell(speed=value)

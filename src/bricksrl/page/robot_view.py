@@ -1,0 +1,157 @@
+"""View of a robot: its pose, hub and link on the board. The thread that steps the robot leaves a copy of the joints, no more.
+
+Everything that is drawn is worked out on a robot of the page's own (the mirror), by the thread that serves the page and only
+while somebody looks: watching changes nothing in the simulation, bit for bit.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bricksrl.page.board import Board
+from bricksrl.page.clock import LOOK_S, SteeredPace
+from bricksrl.page.scene import Floats
+from bricksrl.virtual_hub.panel import Panel
+
+if TYPE_CHECKING:
+    from bricksrl.envs.connection import Connection
+    from bricksrl.page.twin_scene import TwinScene
+    from bricksrl.robots import Robot
+    from bricksrl.twin.mujoco_body import MujocoBody
+    from bricksrl.twin.scene import Scene
+    from bricksrl.virtual_hub.body import Body
+    from bricksrl.virtual_hub.machine import Machine
+
+NUMBERS_S = 0.2
+_NO_MODEL = "This robot has no model to draw; its numbers are below."
+
+
+class Mirror:
+    """A robot that is only drawn; its joints are set, nothing is simulated."""
+
+    def __init__(self, body: MujocoBody, twin: TwinScene) -> None:
+        self.body, self.twin = body, twin
+
+    @classmethod
+    def of(cls, robot: Robot, scene: Scene) -> Mirror:
+        """The mirror of a robot that has a MuJoCo model."""
+        from bricksrl.page.twin_scene import twin_scene
+        from bricksrl.twin.mujoco_body import MujocoBody
+        from bricksrl.twin.physics import Physics
+
+        body = MujocoBody(robot, scene, Physics(), 0)
+        return cls(body, twin_scene(body))
+
+    def poses(self, qpos: NDArray[np.float64]) -> Floats:
+        """Poses ``[bodies, 7]`` of the scene's bodies at these positions of the joints."""
+        self.body.data.qpos[:] = qpos
+        self.body.pose_looks()
+        return self.twin.poses(self.body.data)
+
+
+class RobotView:
+    """What the board shows of one robot after the other.
+
+    Args:
+        board: gets it.
+        halted: set while the robot is to stand still after an emergency stop.
+        speed: of a virtual robot, see :class:`SteeredPace`.
+    """
+
+    def __init__(self, board: Board, halted: threading.Event, speed: Callable[[], float]) -> None:
+        self._board, self._halted, self._speed = board, halted, speed
+        self._mirrors: dict[tuple[str, Scene], Mirror] = {}
+        self._shown: Mirror | None = None
+        self._due_s = self._looked_s = 0.0
+        self.connection: Connection | None = None
+
+    @property
+    def is_virtual(self) -> bool:
+        """True if the robot at hand is a virtual one whose time can be held."""
+        return self.connection is not None and self.connection.twin is not None
+
+    def show(self, connection: Connection) -> None:
+        """Show this robot from now on."""
+        self.connection = connection
+        if connection.twin is not None:
+            self.show_machine(connection.twin.machine, body=connection.twin.body)
+
+    def show_machine(self, machine: Machine, halt: Callable[[], None] | None = None, body: Body | None = None) -> None:
+        """Show the robot that this machine moves, and that is ``body`` where something stands in for it there.
+
+        ``halt`` is as :class:`SteeredPace` takes it.
+        """
+        from bricksrl.twin.mujoco_body import MujocoBody
+
+        body = machine.body if body is None else body
+        if not isinstance(body, MujocoBody):
+            self._board.tell(no_scene=_NO_MODEL)
+            machine.pace = SteeredPace(machine, self._halted, self._speed, lambda: self._look(machine, None, None), halt)
+            return
+        mirror = self._mirror(body.robot, body.scene)
+        machine.pace = SteeredPace(machine, self._halted, self._speed, lambda: self._look(machine, mirror, body), halt)
+        self._look(machine, mirror, body)
+
+    def show_sensed(self, robot: Robot, scene: Scene, angles_deg: dict[str, float], tilt_deg: tuple[float, float]) -> None:
+        """Show a real robot as its sensors say: angles of its motors by name, pitch and roll."""
+        from bricksrl.twin.sensed_pose import sensed_qpos
+
+        if robot.model is None:
+            self._board.tell(no_scene=_NO_MODEL)
+            return
+        now_s = time.monotonic()
+        if now_s - self._looked_s < LOOK_S:
+            return
+        self._looked_s = now_s
+        mirror = self._mirror(robot, scene)
+        self._board.show_poses(lambda: mirror.poses(sensed_qpos(mirror.body, angles_deg, tilt_deg)))
+
+    def show_link(self) -> None:
+        """Tell about the link, and where the robot is virtual about its battery and hub; a few times a second is enough."""
+        connection = self.connection
+        if connection is None:
+            return
+        link = connection.link
+        numbers = link.statistics
+        told: dict[str, Any] = {
+            "link": link.state.value,
+            "round trip": f"{numbers.round_trip_p50_s * 1000:.0f} ms (99 %: {numbers.round_trip_p99_s * 1000:.0f} ms)",
+            "age of what is seen": f"{numbers.age_p50_s * 1000:.0f} ms",
+            "sent again": f"{numbers.resends}",
+            "damaged": f"{numbers.crc_errors}",
+        }
+        if connection.twin is not None:
+            told["battery"] = f"{connection.twin.body.battery_mv / 1000:.2f} V"
+        self._board.tell(link=told)
+
+    def _mirror(self, robot: Robot, scene: Scene) -> Mirror:
+        """The mirror of the robot, drawn from now on."""
+        key = (robot.name, scene)
+        if key not in self._mirrors:
+            self._mirrors[key] = Mirror.of(robot, scene)
+        mirror = self._mirrors[key]
+        if mirror is not self._shown:
+            self._shown = mirror
+            self._board.show_scene(mirror.twin.scene, lambda: mirror.poses(mirror.body.data.qpos))
+        return mirror
+
+    def _look(self, machine: Machine, mirror: Mirror | None, body: MujocoBody | None) -> None:
+        """In the thread that steps the robot: copy the joints."""
+        if mirror is not None and body is not None:
+            qpos = body.data.qpos.copy()
+            self._board.show_poses(lambda: mirror.poses(qpos))
+        now_s = time.monotonic()
+        if now_s >= self._due_s:
+            self._due_s = now_s + NUMBERS_S
+            self._board.tell(hub=panel_of(machine.panel))
+
+
+def panel_of(panel: Panel) -> dict[str, Any]:
+    """Display and light of a hub, as the page draws them."""
+    return {"display": list(panel.display), "text": panel.text, "light": panel.light}

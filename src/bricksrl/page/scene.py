@@ -1,0 +1,231 @@
+"""Scene of named bodies in 3D, as a browser draws it: meshes that stay, poses that change. Metres, z up.
+
+A scene is sent once, as one binary file; after that a pose of each body is enough. Nothing here knows of robots, MuJoCo or
+torch: a twin (:mod:`bricksrl.page.twin_scene`) and a building plan are two of the things that can be shown.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import struct
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bricksrl.errors import PageError
+
+Floats = NDArray[np.float32]
+Triple = tuple[float, float, float]
+Colour = tuple[float, float, float, float]
+"""Red, green, blue and opacity, each in 0..1."""
+Quaternion = tuple[float, float, float, float]
+"""w, x, y, z; of length 1."""
+
+NO_TURN: Quaternion = (1.0, 0.0, 0.0, 0.0)
+HIDDEN = math.nan
+"""As the x of a body's pose: the body is not drawn."""
+_ROUND = 24
+"""Sides of what is round."""
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """Triangles with a normal at each corner.
+
+    Attributes:
+        points, normals: float32 ``[n, 3]``.
+        faces: int ``[m, 3]``, counter-clockwise from outside.
+
+    Raises:
+        PageError: at construction, when the shapes do not fit, or a face names a point that is not there.
+    """
+
+    points: Floats
+    normals: Floats
+    faces: NDArray[np.integer]
+
+    def __post_init__(self) -> None:
+        count = len(self.points)
+        if self.points.shape != (count, 3) or self.normals.shape != (count, 3) or self.faces.shape != (len(self.faces), 3):
+            raise PageError("a mesh needs points and normals [n, 3] and faces [m, 3]; give arrays of these shapes")
+        if len(self.faces) and not 0 <= int(self.faces.min()) <= int(self.faces.max()) < count:
+            raise PageError(f"a mesh of {count} points has a face with another one; give numbers below {count}")
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A mesh in a colour, somewhere in the frame of its body. ``pattern`` is "" or "bricks"."""
+
+    mesh: Mesh
+    colour: Colour
+    position: Triple = (0.0, 0.0, 0.0)
+    wxyz: Quaternion = NO_TURN
+    pattern: str = ""
+
+
+@dataclass(frozen=True)
+class SceneBody:
+    """What moves as a whole."""
+
+    name: str
+    shapes: tuple[Shape, ...]
+
+
+@dataclass(frozen=True)
+class View:
+    """Where the camera starts.
+
+    Attributes:
+        target: the point that it looks at.
+        distance_m: of the camera from there.
+        yaw_deg, pitch_deg: direction in which the camera stands, counter-clockwise from x seen from above, and its elevation.
+        follow: number of the body that it follows; ``None`` where it stands still.
+    """
+
+    target: Triple = (0.0, 0.0, 0.05)
+    distance_m: float = 0.6
+    yaw_deg: float = -55.0
+    pitch_deg: float = 25.0
+    follow: int | None = None
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Bodies, the floor below them (its height in metres; ``None`` for none), and where the camera starts."""
+
+    bodies: tuple[SceneBody, ...]
+    floor_m: float | None = 0.0
+    view: View = field(default_factory=View)
+
+    def to_bytes(self) -> bytes:
+        """One file: the length of a JSON header (uint32), the header, and the arrays that it gives the places of.
+
+        Arrays are little-endian: points float32, normals int8 with a fourth byte of padding, faces uint32. Each begins at a
+        multiple of 4 bytes behind the header.
+        """
+        arrays: list[bytes] = []
+        length = 0
+
+        def put(data: bytes) -> int:
+            nonlocal length
+            start = length
+            arrays.append(data)
+            length += len(data)
+            return start
+
+        numbers: dict[int, int] = {}
+        meshes: list[dict[str, int]] = []
+        for shape in (shape for body in self.bodies for shape in body.shapes):
+            if id(shape.mesh) not in numbers:
+                numbers[id(shape.mesh)] = len(meshes)
+                meshes.append(_put_mesh(shape.mesh, put))
+        bodies = [{"name": body.name, "shapes": [_shape(shape, numbers) for shape in body.shapes]} for body in self.bodies]
+        header = json.dumps({"meshes": meshes, "bodies": bodies, "floor": self.floor_m, "view": vars(self.view)}).encode()
+        header += b" " * (-len(header) % 4)
+        return struct.pack("<I", len(header)) + header + b"".join(arrays)
+
+
+def _put_mesh(mesh: Mesh, put: Callable[[bytes], int]) -> dict[str, int]:
+    normals = np.zeros((len(mesh.points), 4), np.int8)
+    normals[:, :3] = np.round(np.clip(mesh.normals, -1.0, 1.0) * 127)
+    return {
+        "points": put(mesh.points.astype("<f4").tobytes()),
+        "normals": put(normals.tobytes()),
+        "faces": put(mesh.faces.astype("<u4").tobytes()),
+        "vertices": len(mesh.points),
+        "triangles": len(mesh.faces),
+    }
+
+
+def _shape(shape: Shape, numbers: dict[int, int]) -> dict[str, object]:
+    place = {"colour": shape.colour, "position": shape.position, "wxyz": shape.wxyz, "pattern": shape.pattern}
+    return {"mesh": numbers[id(shape.mesh)], **place}
+
+
+def poses(positions: Sequence[Sequence[float]] | NDArray[np.floating], turns: object = None) -> Floats:
+    """Poses ``[bodies, 7]`` of positions ``[bodies, 3]`` (m) and turns ``[bodies, 4]`` (w, x, y, z), by default none.
+
+    An x of :data:`HIDDEN` hides a body.
+    """
+    places = np.asarray(positions, np.float32).reshape(-1, 3)
+    turned = np.tile(np.array(NO_TURN, np.float32), (len(places), 1)) if turns is None else np.asarray(turns, np.float32)
+    return np.concatenate([places, turned.reshape(-1, 4)], axis=1)
+
+
+# ---------------------------------------------------------------- meshes
+
+
+def flat_mesh(triangles: NDArray[np.floating]) -> Mesh:
+    """Mesh of triangles ``[n, 3, 3]``, each of them flat; those without an area are left out."""
+    across = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    size = np.linalg.norm(across, axis=1)
+    kept, normals = triangles[size > 0.0], across[size > 0.0] / size[size > 0.0, None]
+    points = kept.reshape(-1, 3).astype(np.float32)
+    return Mesh(points, np.repeat(normals, 3, axis=0).astype(np.float32), np.arange(len(points)).reshape(-1, 3))
+
+
+def box(half_size: Triple) -> Mesh:
+    """Box around the origin."""
+    triangles = []
+    for axis in range(3):
+        for sign in (-1.0, 1.0):
+            a, b = (axis + 1) % 3, (axis + 2) % 3
+            corners = np.zeros((4, 3))
+            corners[:, axis] = sign
+            corners[:, a], corners[:, b] = (-1, 1, 1, -1), (-1, -1, 1, 1)
+            corners = corners if sign > 0 else corners[::-1]
+            triangles += [corners[[0, 1, 2]], corners[[0, 2, 3]]]
+    return flat_mesh(np.array(triangles) * np.array(half_size))
+
+
+def sphere(radius: float) -> Mesh:
+    """Sphere around the origin."""
+    return ellipsoid((radius,) * 3)
+
+
+def ellipsoid(radii: Triple) -> Mesh:
+    """Ellipsoid around the origin."""
+    angles = np.linspace(-math.pi / 2, math.pi / 2, _ROUND // 2 + 1)
+    outline = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    unit = _turned(outline, outline)
+    normals = unit.points / np.array(radii)
+    length = np.linalg.norm(normals, axis=1, keepdims=True)
+    return Mesh((unit.points * np.array(radii)).astype(np.float32), (normals / length).astype(np.float32), unit.faces)
+
+
+def capsule(radius: float, half_length: float) -> Mesh:
+    """Cylinder along z with half a ball at either end; ``half_length`` is that of the cylinder."""
+    angles = np.linspace(-math.pi / 2, math.pi / 2, _ROUND // 2 + 2)
+    normals = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    outline = radius * normals
+    outline[:, 1] += np.where(angles > 0, half_length, -half_length)
+    return _turned(outline, normals)
+
+
+def cylinder(radius: float, half_length: float) -> Mesh:
+    """Cylinder along z."""
+    r, z = radius, half_length
+    outline = np.array([(0, -z), (r, -z), (r, -z), (r, z), (r, z), (0, z)])
+    normals = np.array([(0, -1), (0, -1), (1, 0), (1, 0), (0, 1), (0, 1)])
+    return _turned(outline, normals)
+
+
+def _turned(outline: NDArray[np.floating], normals: NDArray[np.floating]) -> Mesh:
+    """The solid that an outline ``[n, 2]`` of radius and height, from below, makes around z."""
+    around = np.linspace(0.0, 2.0 * math.pi, _ROUND + 1)
+    turn = np.stack([np.cos(around), np.sin(around)], axis=1)[:, None, :]
+
+    def solid(profile: NDArray[np.floating]) -> Floats:
+        rings = np.concatenate(
+            [profile[None, :, :1] * turn, np.broadcast_to(profile[None, :, 1:], (len(turn), len(profile), 1))], 2
+        )
+        return rings.reshape(-1, 3).astype(np.float32)
+
+    count = len(outline)
+    start = (np.arange(_ROUND)[:, None] * count + np.arange(count - 1)).ravel()
+    low, high, next_low, next_high = start, start + 1, start + count, start + count + 1
+    faces = np.concatenate([np.stack([low, next_low, next_high], 1), np.stack([low, next_high, high], 1)])
+    return Mesh(solid(outline), solid(normals), faces)

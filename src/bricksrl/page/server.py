@@ -1,0 +1,268 @@
+"""Server of the live page: files, a scene and a WebSocket, in a thread of its own with an event loop of its own."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import http
+import importlib.resources
+import json
+import logging
+import queue
+import socket
+import threading
+import time
+import urllib.parse
+from collections.abc import Callable
+from dataclasses import dataclass
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, Self
+
+from bricksrl.errors import PageError
+from bricksrl.page.board import Board, Reader
+from bricksrl.page.guard import HEADERS, Guard, new_token
+
+if TYPE_CHECKING:
+    from websockets.asyncio.server import Server, ServerConnection
+    from websockets.datastructures import Headers
+    from websockets.http11 import Request, Response
+
+FRAME_S = 0.04
+"""Between two looks of a connection at whether the robot has moved."""
+NUMBERS_S = 0.2
+"""Between two looks at the numbers."""
+PORTS = range(8090, 8110)
+"""Tried one after the other where no port is named."""
+_KINDS = {"html": "text/html", "css": "text/css", "js": "text/javascript", "svg": "image/svg+xml"}
+_MOST_CONNECTIONS, _LONGEST_MESSAGE = 12, 4096
+_START_S, _END_S = 10.0, 5.0
+
+_log = logging.getLogger(__name__)
+
+Press = Callable[[str, Any], None]
+"""Told the name of a button or slider, and its value."""
+
+
+@dataclass(frozen=True)
+class PageOptions:
+    """Where the page is served.
+
+    Attributes:
+        host: address to listen on; 127.0.0.1 lets nobody in from other computers, 0.0.0.0 does.
+        port: ``None`` for the first free one of :data:`PORTS`, 0 for any.
+    """
+
+    host: str = "127.0.0.1"
+    port: int | None = None
+
+
+class PageServer:
+    """The page, from `__enter__` to `__exit__`.
+
+    Args:
+        board: what it shows.
+        on_press: told every press but an emergency stop, one after the other, in a thread of its own.
+        on_stop: told an emergency stop, at once, also where a press before it has not come to an end.
+
+    Attributes:
+        url: address with the token.
+
+    Raises:
+        PageError: on entering, the address is taken or none of this computer.
+    """
+
+    def __init__(self, board: Board, on_press: Press, on_stop: Callable[[], None], options: PageOptions | None = None) -> None:
+        self._board, self._on_press, self._on_stop = board, on_press, on_stop
+        self._options = options or PageOptions()
+        self._presses: queue.SimpleQueue[tuple[str, Any] | None] = queue.SimpleQueue()
+        self._threads: list[threading.Thread] = []
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._ready = threading.Event()
+        self._closing: asyncio.Event | None = None
+        self._scene: tuple[int, bytes] = (0, b"")
+        self._readers = 0
+        self.url = ""
+
+    @property
+    def viewers(self) -> int:
+        """Number of browsers that look."""
+        return self._readers
+
+    def __enter__(self) -> Self:
+        try:
+            import websockets.asyncio.server  # noqa: F401
+        except ImportError:
+            raise PageError("the live page needs websockets; install it with: pip install 'bricksrl[page]'") from None
+        listening = _listen(self._options)
+        host, port = listening.getsockname()[:2]
+        self._guard = Guard(new_token(), port, is_open=self._options.host not in ("127.0.0.1", "localhost", "::1"))
+        name = _own_address() if host in ("0.0.0.0", "::") else host  # noqa: S104  compared, not listened on
+        name = f"[{name}]" if ":" in name else name
+        self.url = f"http://{name}:{port}/?token={self._guard.token}"
+        self._start("bricksrl-page", lambda: asyncio.run(self._serve(listening)))
+        self._start("bricksrl-page-presses", self._work)
+        if not self._ready.wait(_START_S):
+            raise PageError("the live page did not start in time; try again")
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Say good-bye to the browsers and stop serving; closing twice does nothing."""
+        if self._loop is not None and self._closing is not None:
+            with contextlib.suppress(RuntimeError):  # closed already
+                self._loop.call_soon_threadsafe(self._closing.set)
+        self._presses.put(None)
+        for thread in self._threads:
+            thread.join(_END_S)
+
+    def _start(self, name: str, target: Callable[[], None]) -> None:
+        thread = threading.Thread(target=target, name=name, daemon=True)
+        self._threads.append(thread)
+        thread.start()
+
+    # ---------------------------------------------------------------- in the thread of the event loop
+
+    async def _serve(self, listening: socket.socket) -> None:
+        from websockets.asyncio.server import serve
+
+        quiet = logging.getLogger(f"{__name__}.websockets")
+        quiet.setLevel(logging.CRITICAL)  # whoever knocks without a token is no error of ours
+        self._loop, self._closing = asyncio.get_running_loop(), asyncio.Event()
+        async with serve(
+            self._converse,
+            sock=listening,
+            process_request=self._answer,
+            compression=None,
+            max_size=_LONGEST_MESSAGE,
+            close_timeout=1.0,
+            logger=quiet,
+        ) as server:
+            self._ready.set()
+            await self._closing.wait()
+            await self._good_bye(server)
+
+    async def _good_bye(self, server: Server) -> None:
+        for connection in list(server.connections):
+            await connection.close(1001, "the run has ended")
+
+    def _answer(self, connection: ServerConnection, request: Request) -> Response | None:
+        """The answer to a request; ``None`` lets a WebSocket in."""
+        path = urllib.parse.urlsplit(request.path).path
+        refusal = self._guard.refusal(request.path, request.headers, is_socket=path == "/ws")
+        if refusal is not None:
+            return _response(connection, http.HTTPStatus.FORBIDDEN, "text/plain", f"{refusal}\n".encode())
+        if path == "/ws":
+            if self._readers < _MOST_CONNECTIONS:
+                return None
+            return _response(connection, http.HTTPStatus.SERVICE_UNAVAILABLE, "text/plain", b"too many tabs look at this page\n")
+        if path == "/scene.bin":
+            return _response(connection, http.HTTPStatus.OK, "application/octet-stream", self._scene_bytes())
+        found = _file("index.html" if path == "/" else path[1:])
+        if found is None:
+            return _response(connection, http.HTTPStatus.NOT_FOUND, "text/plain", b"there is no such file here\n")
+        kind, data = found
+        response = _response(connection, http.HTTPStatus.OK, kind, data)
+        if path == "/":
+            response.headers["Set-Cookie"] = self._guard.set_cookie
+        return response
+
+    def _scene_bytes(self) -> bytes:
+        version, scene = self._board.scene
+        if version != self._scene[0] and scene is not None:
+            self._scene = (version, scene.to_bytes())
+        return self._scene[1]
+
+    async def _converse(self, connection: ServerConnection) -> None:
+        """One browser, for as long as it is there."""
+        from websockets.exceptions import ConnectionClosed
+
+        self._readers += 1
+        telling = asyncio.create_task(self._tell(connection))
+        try:
+            async for message in connection:
+                self._hear(message)
+        except ConnectionClosed:
+            pass
+        finally:
+            self._readers -= 1
+            telling.cancel()
+            await asyncio.gather(telling, return_exceptions=True)
+            self._presses.put(("left", None))
+
+    async def _tell(self, connection: ServerConnection) -> None:
+        reader, due_s = Reader(self._board), 0.0
+        while True:
+            now_s = time.monotonic()
+            numbers = now_s >= due_s
+            due_s = now_s + NUMBERS_S if numbers else due_s
+            for message in reader.news(numbers=numbers):
+                await connection.send(message if isinstance(message, bytes) else json.dumps(message))
+            await asyncio.sleep(FRAME_S)
+
+    def _hear(self, message: str | bytes) -> None:
+        """A press. What is none is left alone: only our own page is let in, and it may be of another version."""
+        try:
+            said = json.loads(message)
+            name, value = said["press"], said.get("value")
+        except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
+            return
+        if name == "stop":
+            threading.Thread(target=self._on_stop, name="bricksrl-page-stop", daemon=True).start()
+        elif isinstance(name, str):
+            self._presses.put((name, value))
+
+    # ---------------------------------------------------------------- in the thread of the presses
+
+    def _work(self) -> None:
+        while (press := self._presses.get()) is not None:
+            try:
+                self._on_press(*press)
+            except Exception as error:  # noqa: BLE001  one press that fails must not leave the others unheard
+                _log.warning("the page: %s", error)
+
+
+def _listen(options: PageOptions) -> socket.socket:
+    """A socket on the address, or the first free port."""
+    if options.port is not None and not 0 <= options.port < 65536:
+        raise PageError(f"{options.port} is no port; give one in 0 to 65535, or none")
+    failed: OSError | None = None
+    for port in PORTS if options.port is None else (options.port,):
+        try:
+            return socket.create_server((options.host, port), family=socket.AF_INET6 if ":" in options.host else socket.AF_INET)
+        except OSError as error:
+            failed = error
+    where = f"{options.host}:{PORTS.start if options.port is None else options.port}"
+    raise PageError(f"cannot serve the page on {where} ({(failed and failed.strerror) or failed}); name another host or port")
+
+
+def _own_address() -> str:
+    """This computer's number in its network; nothing is sent to find it."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.connect(("192.0.2.1", 9))  # of documentation, RFC 5737: where it would leave from
+            return str(probe.getsockname()[0])
+        except OSError:
+            return "127.0.0.1"
+
+
+def _file(name: str) -> tuple[str, bytes] | None:
+    """Content type and bytes of a file of the page; ``None`` where it has no such file."""
+    kind = _KINDS.get(name.rpartition(".")[2])
+    folder = importlib.resources.files("bricksrl.page") / "static"
+    if kind is None or "/" in name or "\\" in name or name not in {file.name for file in folder.iterdir()}:
+        return None
+    return f"{kind}; charset=utf-8", (folder / name).read_bytes()
+
+
+def _response(connection: ServerConnection, status: http.HTTPStatus, kind: str, data: bytes) -> Response:
+    response = connection.respond(status, "")
+    headers: Headers = response.headers
+    for name in ("Content-Type", "Content-Length"):
+        del headers[name]
+    headers["Content-Type"], headers["Content-Length"] = kind, str(len(data))
+    for name, value in HEADERS.items():
+        headers[name] = value
+    response.body = data
+    return response

@@ -1,0 +1,323 @@
+// Live page: what the server tells is shown, what is pressed is told to the server. All state is the server's, so that tabs agree.
+
+import { Scene3D } from "./scene3d.js";
+import { Chart, short } from "./charts.js";
+
+const POSES = 1, IMAGE = 2, SENT_MS = 60, HELD_MS = 300;
+const $ = (id) => document.getElementById(id);
+let socket = null, status = {}, scene = null, lost = false, retry_ms = 300;
+const charts = new Map();
+const pushes = { values: [], sent: 0, held: 0 };
+
+// ---------------------------------------------------------------- connection
+
+function connect() {
+  socket = new WebSocket(`ws://${location.host}/ws`);
+  socket.binaryType = "arraybuffer";
+  socket.onopen = () => {
+    [lost, retry_ms] = [false, 300];
+    showState();
+  };
+  socket.onmessage = ({ data }) => (typeof data === "string" ? hear(JSON.parse(data)) : see(data));
+  socket.onclose = ({ reason }) => {
+    lost = reason || "no connection";
+    showState();
+    setTimeout(connect, retry_ms);
+    retry_ms = Math.min(5000, retry_ms * 1.5);
+  };
+}
+
+export function press(name, value = null) {
+  if (socket?.readyState === WebSocket.OPEN) socket.send(JSON.stringify({ press: name, value }));
+}
+
+function hear(message) {
+  if (message.scene) loadScene(message.scene);
+  if (message.status) {
+    status = message.status;
+    show();
+  }
+  for (const [name, news] of Object.entries(message.series ?? {})) addRows(name, news);
+}
+
+function see(buffer) {
+  const kind = new Uint8Array(buffer, 0, 1)[0];
+  if (kind === POSES) {
+    latest = new Float32Array(buffer, 4);
+    scene?.setPoses(latest);
+  } else if (kind === IMAGE) {
+    const view = new DataView(buffer), height = view.getUint16(2, true), width = view.getUint16(4, true);
+    showImage(new Uint8Array(buffer, 8), width, height);
+  }
+}
+
+let latest = null;
+
+async function loadScene(version) {
+  if (!scene) return;
+  const answer = await fetch(`scene.bin?${version}`);
+  if (!answer.ok) return;
+  scene.load(await answer.arrayBuffer());
+  if (latest) scene.setPoses(latest);
+}
+
+function showImage(rgb, width, height) {
+  $("camera").hidden = false;
+  const canvas = $("image"), pen = canvas.getContext("2d"), pixels = new ImageData(width, height);
+  [canvas.width, canvas.height] = [width, height];
+  for (let i = 0, j = 0; i < rgb.length; i += 3, j += 4) {
+    pixels.data.set(rgb.subarray(i, i + 3), j);
+    pixels.data[j + 3] = 255;
+  }
+  pen.putImageData(pixels, 0, 0);
+}
+
+// ---------------------------------------------------------------- status
+
+const STATES = { running: "running", paused: "paused", stopped: "STOPPED", finished: "finished", waiting: "waiting" };
+
+function showState() {
+  const chip = $("state"), state = lost ? "lost" : status.state ?? "waiting";
+  chip.textContent = lost ? lost : STATES[state] ?? state;
+  chip.className = `chip ${state}`;
+}
+
+function show() {
+  const can = new Set(status.controls ?? []), state = status.state;
+  document.title = `${status.title ?? "BricksRL"} · BricksRL`;
+  $("title").textContent = status.title ?? "BricksRL";
+  $("subtitle").textContent = status.subtitle ?? "";
+  showState();
+  $("message").hidden = !status.message;
+  $("message").textContent = status.message ?? "";
+  $("stop").hidden = !can.has("stop");
+  $("pause").hidden = !can.has("pause") || state === "paused";
+  $("resume").hidden = !can.has("pause") || state !== "paused";
+  $("step").hidden = !can.has("step");
+  $("reset").hidden = !can.has("reset");
+  for (const id of ["pause", "resume", "step"]) $(id).disabled = state === "stopped" || state === "finished";
+  $("control").hidden = !["pause", "step", "reset", "speed", "policy"].some((one) => can.has(one));
+  showChoices(can);
+  showFacts();
+  showHub();
+  showDrive(can.has("drive"));
+  showOwnSliders();
+  $("no-scene").hidden = !status.no_scene && scene !== null;
+  $("no-scene").textContent = scene === null ? "This browser has no WebGL 2, so the robot cannot be drawn." : status.no_scene ?? "";
+}
+
+function showChoices(can) {
+  const speeds = $("speeds");
+  speeds.hidden = !can.has("speed");
+  fill(speeds, status.speeds ?? [], "button", (button, name) => {
+    button.textContent = name;
+    button.type = "button";
+    button.onclick = () => press("speed", name);
+  });
+  for (const button of speeds.children) button.setAttribute("aria-pressed", String(button.textContent === status.speed));
+  $("policy-row").hidden = !can.has("policy");
+  fill($("policy"), status.policies ?? [], "option", (option, name) => {
+    option.value = option.textContent = name;
+  });
+  if (document.activeElement !== $("policy") || status.policy !== undefined) $("policy").value = status.policy ?? "";
+}
+
+// As many children as names, made anew only when the names change: a press must not lose its button.
+function fill(parent, names, tag, dress) {
+  const key = JSON.stringify(names);
+  if (parent.dataset.names === key) return;
+  parent.dataset.names = key;
+  parent.replaceChildren(...names.map((name) => {
+    const child = document.createElement(tag);
+    dress(child, name);
+    return child;
+  }));
+}
+
+function showFacts() {
+  const facts = Object.entries(status.facts ?? {});
+  fill($("facts"), facts.map(([name]) => name), "span", (span, name) => {
+    span.append(`${name} `, document.createElement("b"));
+  });
+  facts.forEach(([name, value], i) => {
+    const out = $("facts").children[i].lastChild;
+    out.textContent = typeof value === "number" ? short(value) : value;
+    out.dataset.fact = name;
+  });
+}
+
+function showHub() {
+  const { hub, link } = status;
+  $("hub").hidden = !hub && !link;
+  $("display").hidden = $("light").hidden = !hub;
+  if (hub) {
+    const display = $("display");
+    if (hub.text) display.replaceChildren(Object.assign(document.createElement("b"), { textContent: hub.text }));
+    else {
+      if (display.childElementCount !== 25) display.replaceChildren(...Array.from({ length: 25 }, () => document.createElement("i")));
+      hub.display.forEach((value, i) => {
+        display.children[i].style.background = value ? `rgb(255 255 255 / ${0.25 + 0.75 * value / 100})` : "";
+      });
+    }
+    $("light").style.background = hub.light ? hsv(...hub.light) : "";
+    $("light").title = hub.light ? "light on" : "light off";
+  }
+  fill($("link"), Object.keys(link ?? {}), "div", () => {});
+  const rows = Object.entries(link ?? {}).flatMap(([name, value]) => [
+    Object.assign(document.createElement("dt"), { textContent: name }),
+    Object.assign(document.createElement("dd"), { textContent: value }),
+  ]);
+  $("link").replaceChildren(...rows);
+}
+
+function hsv(hue, saturation, value) {
+  const v = value / 100, s = saturation / 100, light = v * (1 - s / 2);
+  const part = light === 0 || light === 1 ? 0 : (v - light) / Math.min(light, 1 - light);
+  return `hsl(${hue} ${100 * part}% ${100 * light}%)`;
+}
+
+// ---------------------------------------------------------------- plots
+
+function addRows(name, news) {
+  if (news.names) {
+    for (const key of [...charts.keys()].filter((one) => one.startsWith(`${name}/`))) {
+      charts.get(key).figure.remove();
+      charts.delete(key);
+    }
+    news.names.forEach((column, i) => charts.set(`${name}/${i}`, chartOf(name, column, i, news.names.length)));
+    order();
+  }
+  for (let i = 0; charts.has(`${name}/${i}`); i++) {
+    charts.get(`${name}/${i}`).add({ ...news, rows: news.rows.map((row) => [row[i]]) });
+  }
+}
+
+function chartOf(name, column, i, count) {
+  const isReturn = name === "return", chart = new Chart($("charts"), column, { points: isReturn, unit: isReturn ? "episode" : "step" });
+  chart.figure.dataset.series = `${name}/${i}`;
+  if (count === 1) chart.figure.classList.add("wide");
+  return chart;
+}
+
+function order() {
+  const rank = (figure) => ["return", "reward"].indexOf(figure.dataset.series.split("/")[0]);
+  const figures = [...$("charts").children].map((figure, i) => [rank(figure) < 0 ? 9 : rank(figure), i, figure]);
+  figures.sort((a, b) => a[0] - b[0] || a[1] - b[1]);
+  $("charts").append(...figures.map(([, , figure]) => figure));
+}
+
+// ---------------------------------------------------------------- driving
+
+function showDrive(shown) {
+  $("drive").hidden = !shown;
+  if (!shown) return;
+  const { commands, in_charge, can_give_back } = status.drive;
+  $("take-over").hidden = !can_give_back;
+  $("take-over").setAttribute("aria-pressed", String(in_charge));
+  $("take-over").textContent = in_charge ? "Give back" : "Take over";
+  $("driver").textContent = in_charge ? "you drive" : "the agent drives";
+  fill($("sliders"), commands.map(({ name }) => name), "label", (label, name) => {
+    const i = commands.findIndex((one) => one.name === name);
+    label.className = "slider";
+    const input = Object.assign(document.createElement("input"), { type: "range", min: -1, max: 1, step: 0.05, value: 0 });
+    input.setAttribute("aria-label", name);
+    input.oninput = () => push(pushes.values.with(i, Number(input.value)));
+    input.ondblclick = () => push(pushes.values.with(i, 0));
+    label.append(name, document.createElement("output"), input);
+  });
+  if (pushes.values.length !== commands.length) pushes.values = commands.map(() => 0);
+  if (!pushes.held) pushes.values = [...status.drive.pushes];
+  showPushes();
+}
+
+function showPushes() {
+  const { commands, actions } = status.drive;
+  pushes.values.forEach((value, i) => {
+    const label = $("sliders").children[i], input = label.querySelector("input");
+    input.value = value;
+    label.querySelector("output").textContent = actions ? `${short(actions[i])} ${commands[i].unit}` : "";
+  });
+}
+
+// What is pushed is sent while it is held, so that a robot comes to rest whose driver has gone.
+function push(values) {
+  pushes.values = values.map((value) => Math.max(-1, Math.min(1, value)));
+  showPushes();
+  const now = performance.now();
+  clearTimeout(pushes.later);
+  if (now - pushes.sent < SENT_MS) pushes.later = setTimeout(send, SENT_MS);
+  else send();
+}
+
+function send() {
+  pushes.sent = performance.now();
+  pushes.held = pushes.values.some((value) => value !== 0) ? 1 : 0;
+  press("drive", pushes.values);
+}
+
+setInterval(() => pushes.held && send(), HELD_MS);
+
+function makeStick() {
+  const stick = $("stick"), knob = stick.firstElementChild;
+  const move = (x, y) => {
+    const size = Math.max(1, Math.hypot(x, y));
+    [x, y] = [x / size, y / size];
+    knob.style.transform = `translate(${33 * x}px, ${-33 * y}px)`;
+    push((status.drive?.stick ?? []).map(([a, b]) => a * x + b * y));
+  };
+  const from = (event) => {
+    const box = stick.getBoundingClientRect();
+    move((event.clientX - box.left - box.width / 2) / 33, -(event.clientY - box.top - box.height / 2) / 33);
+  };
+  stick.onpointerdown = (event) => {
+    stick.setPointerCapture(event.pointerId);
+    from(event);
+  };
+  stick.onpointermove = (event) => stick.hasPointerCapture(event.pointerId) && from(event);
+  stick.onpointerup = stick.onpointercancel = () => move(0, 0);
+}
+
+// Sliders that whoever shows a scene asks for, such as the steps of a building plan.
+function showOwnSliders() {
+  const sliders = status.sliders ?? [], box = $("own-sliders");
+  box.hidden = !sliders.length;
+  fill(box, sliders.map(({ name, low, high }) => [name, low, high].join(" ")), "label", (label, key) => {
+    const one = sliders.find(({ name, low, high }) => [name, low, high].join(" ") === key);
+    label.className = "slider";
+    const input = Object.assign(document.createElement("input"), { type: "range", min: one.low, max: one.high, step: one.step ?? 1 });
+    input.setAttribute("aria-label", one.name);
+    input.oninput = () => press("slider", [one.name, Number(input.value)]);
+    label.append(one.name, document.createElement("output"), input);
+  });
+  sliders.forEach((one, i) => {
+    const label = box.children[i], input = label.querySelector("input");
+    if (document.activeElement !== input) input.value = one.value;
+    label.querySelector("output").textContent = one.text ?? `${one.value}`;
+  });
+}
+
+// ---------------------------------------------------------------- start
+
+for (const button of document.querySelectorAll("[data-press]")) button.onclick = () => press(button.dataset.press);
+$("take-over").onclick = () => press("take_over", !status.drive.in_charge);
+$("policy").onchange = () => press("policy", $("policy").value);
+$("follow").onchange = () => {
+  if (!scene) return;
+  scene.follows = $("follow").checked;
+  scene.ask();
+};
+$("home").onclick = () => scene?.home();
+addEventListener("keydown", (event) => {
+  if (event.code !== "Space") return;
+  event.preventDefault(); // or it would press the button that has the focus
+  if (!event.repeat) press("stop");
+}, { capture: true });
+addEventListener("keyup", (event) => event.code === "Space" && event.preventDefault(), { capture: true });
+if (location.search) history.replaceState(null, "", "/"); // the token is in a cookie now
+try {
+  scene = new Scene3D($("scene"), $("metres"));
+} catch (error) {
+  console.warn(error);
+}
+makeStick();
+connect();

@@ -1,0 +1,82 @@
+"""Live page of a training run: a callback that shows it, and lets the page pause it, reset it and take over."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from bricksrl.page.live import LivePage
+from bricksrl.training.callbacks import Callback, Episode, Phase, Progress, RunResult
+
+if TYPE_CHECKING:
+    from tensordict import TensorDictBase
+    from torchrl.envs import EnvBase
+
+    from bricksrl.errors import BricksError
+    from bricksrl.training.config import TrainConfig
+
+_PHASES = {Phase.PREFILL: "random start", Phase.TRAIN: "learning", Phase.OFFLINE: "learning from data"}
+
+
+class PageCallback(Callback):
+    """Shows a run on a page.
+
+    Args:
+        page: entered already.
+        stop: what ends the run.
+    """
+
+    def __init__(self, page: LivePage, stop: threading.Event) -> None:
+        self._page, self._stop = page, stop
+        self._resume: Callable[[], None] | None = None
+        self._episodes = 0
+
+    def on_env(self, env: EnvBase) -> None:
+        self._env = env
+        self._can_cut = not env.batch_size and hasattr(env, "pause")
+        self._page.attach(env)
+
+    def on_start(self, config: TrainConfig, run_dir: Path, episodes_done: int) -> None:
+        self._episodes = config.episodes
+        self._page.tell(title=config.env, subtitle=f"{config.agent}, seed {config.seed} · {run_dir}")
+        self._page.begin()
+
+    def on_transition(self, episode: int, step: int, phase: Phase, transition: TensorDictBase) -> None:
+        if step == 1:
+            self._page.begin()
+        self._page.note(episode=f"{episode}/{self._episodes}", phase=_PHASES[phase])
+        self._page.saw(transition)
+        if bool(transition["next", "done"]):
+            self._go_on()  # before an evaluation, which would wait for the end of the pause
+
+    def on_step(self, episode: int, step: int, phase: Phase) -> None:
+        self._page.hold(self._stop.is_set)
+        if self._page.reset_asked and self._resume is None and self._can_cut:
+            # A pause ends the episode with the step that follows, as one that was cut short; nothing is remembered across it.
+            self._env.pause()
+            self._resume = self._env.resume
+
+    def on_link_lost(self, episode: int, length: int, error: BricksError) -> None:
+        self._go_on()
+        self._page.tell(message=f"{error}; trying to reach it again")
+
+    def on_episode(self, episode: Episode, progress: Progress) -> None:
+        self._go_on()
+        self._page.tell(message="")
+        self._page.end(episode.return_, f"{episode.episode}/{self._episodes}")
+        self._page.begin()
+
+    def on_end(self, result: RunResult) -> None:
+        if result.interrupted:
+            self._page.finish(f"interrupted; `bricksrl resume {result.run_dir}` goes on")
+        else:
+            self._page.finish("")
+
+    def _go_on(self) -> None:
+        """The episode is over, and with it what was asked of it."""
+        self._page.forget_reset()
+        resume, self._resume = self._resume, None
+        if resume is not None and not self._page.is_stopped:
+            resume()

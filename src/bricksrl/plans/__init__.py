@@ -1,0 +1,1 @@
+"""Building plans: from an LDraw file to connections, bodies and hinges, parts list and building steps."""

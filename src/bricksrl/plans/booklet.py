@@ -1,0 +1,267 @@
+"""The booklet of a plan: cover, parts list, a page for each step, cables. PDF or HTML; no LDraw library, no OpenGL.
+
+In a step the new parts are in colour and the others faded; where new parts are hidden their outline is orange.
+"""
+
+from __future__ import annotations
+
+import base64
+import html
+import io
+from collections import Counter
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from bricksrl.errors import PlanError
+from bricksrl.files import write_durably
+from bricksrl.plans.geometry import MM_PER_LDU
+from bricksrl.plans.part import DeviceKind, Part
+from bricksrl.plans.parts_list import Entry, parts_list
+from bricksrl.plans.picture import VIEWS, Canvas, Pixels, View, draw
+from bricksrl.plans.plan import Placed, Plan, Step
+from bricksrl.plotting import import_matplotlib
+
+_STEP_SIZE, _COVER_SIZE, _PART_SIZE = (760, 540), (820, 560), (150, 110)
+_HIDDEN = 0.35
+"""Share of the new parts' points that has to be seen from the usual side; else the model is turned."""
+_PART_ZOOM = 2.4
+_A_PAGE = 16
+_MODULE_IN = 8 / 25.4
+FORMATS = (".pdf", ".html")
+
+
+@dataclass(frozen=True)
+class Item:
+    """A kind of part on a page: its picture, what it is, and how many."""
+
+    picture: Pixels
+    count: int
+    text: str
+    axle: int = 0
+
+
+@dataclass(frozen=True)
+class Page:
+    """A page: a picture or none, and kinds of parts or lines of text."""
+
+    head: str
+    note: str
+    picture: Pixels | None
+    items: tuple[Item, ...]
+    lines: tuple[str, ...] = ()
+
+
+def write_booklet(plan: Plan, path: Path) -> int:
+    """Write the booklet; the number of its pages.
+
+    Raises:
+        PlanError: the file's ending is not ``.pdf`` or ``.html``, or the plan has no parts.
+    """
+    if path.suffix.lower() not in FORMATS:
+        raise PlanError(f"{path}: a booklet is a .pdf or .html file; name one of these")
+    if not plan.parts:
+        raise PlanError(f"{plan.path} has no part that the catalogue knows; run `bricksrl plan check` on it")
+    pages = list(pages_of(plan))
+    data = _pdf(plan, pages) if path.suffix.lower() == ".pdf" else _html(plan, pages).encode()
+    write_durably(path, data)
+    return len(pages)
+
+
+def pages_of(plan: Plan) -> Iterator[Page]:
+    """All pages, in their order."""
+    entries = parts_list(plan)
+    text = f"{len(plan.parts)} parts of {len(entries)} kinds and colours · {len(plan.steps)} steps · {plan.mass_g:.0f} g"
+    yield Page(plan.title, text, draw(plan.parts, _COVER_SIZE), ())
+    for start in range(0, len(entries), _A_PAGE):
+        items = tuple(_listed(entry) for entry in entries[start : start + _A_PAGE])
+        yield Page("Parts", "", None, items)
+    times = Counter(_kind(step) for step in plan.steps)
+    for step in plan.steps:
+        if times[_kind(step)] > 0:
+            yield _step_page(plan, step, times[_kind(step)] if step.assembly else 1)
+        if step.assembly:
+            times[_kind(step)] = 0
+    lines = _cables(plan)
+    if lines:
+        yield Page(
+            "Cables",
+            "Plug in the cables last, and keep them away from what turns.",
+            draw(plan.parts, _STEP_SIZE, VIEWS[3]),
+            (),
+            lines,
+        )
+
+
+def _kind(step: Step) -> tuple[str, int]:
+    """What a step of a sub-assembly builds, which may be needed several times: its model, and where in that it is."""
+    if not step.assembly:
+        return "", step.index
+    return step.assembly[-1].rpartition(":")[0], step.number
+
+
+def _listed(entry: Entry) -> Item:
+    return Item(
+        _part_picture(entry.part, entry.colour.code),
+        entry.count,
+        f"{entry.part.name}\n{entry.part.number} · {entry.colour.name}",
+        entry.part.length,
+    )
+
+
+def _part_picture(part: Part, colour: int) -> Pixels:
+    """A part by itself, no larger than it is beside others."""
+    turn = np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]]) if part.family == "beams" else np.eye(3)
+    placed = Placed(0, part, colour, turn, np.zeros(3), 0, 0, (), None, None)
+    canvas = Canvas(_PART_SIZE, VIEWS[0], [placed])
+    canvas.limit_zoom(_PART_ZOOM)
+    canvas.add(placed)
+    return canvas.picture()
+
+
+def _step_page(plan: Plan, step: Step, times: int) -> Page:
+    new = [plan.parts[index] for index in step.new]
+    joined = [plan.parts[index] for group in step.joined for index in group]
+    bright = {placed.index for placed in (*new, *joined)}
+    there = [plan.parts[index] for index in sorted(_there(plan, step))]
+    view, picture = _best(there, bright)
+    where = f" · {_title(step.assembly[-1])}" if step.assembly else ""
+    where += f", {times} times" if times > 1 else ""
+    turned = "" if view == VIEWS[0] else " (the model is turned)"
+    counts = Counter((placed.part, placed.colour) for placed in new)
+    items = [Item(_part_picture(part, colour), count, part.name, part.length) for (part, colour), count in counts.items()]
+    for group in step.joined:
+        parts = [plan.parts[index] for index in group]
+        items.append(Item(draw(parts, _PART_SIZE), 1, _title(parts[0].assembly[len(step.assembly)])))
+    return Page(f"{step.index + 1}{where}", step.note + turned, picture, tuple(items))
+
+
+def _title(assembly: str) -> str:
+    """How a page calls a sub-assembly."""
+    return assembly.rpartition(":")[0].removesuffix(".ldr").replace("_", " ")
+
+
+def _there(plan: Plan, step: Step) -> set[int]:
+    """The parts that lie on the table, in the sub-assembly that is built, when a step is done."""
+    there: set[int] = set()
+    for earlier in plan.steps[: step.index + 1]:
+        if earlier.assembly == step.assembly:
+            there |= set(earlier.new) | {part for group in earlier.joined for part in group}
+    return there
+
+
+def _best(there: list[Placed], bright: set[int]) -> tuple[View, Pixels]:
+    """The usual view, or the one that shows most of the new parts where they are hidden from there."""
+    best: tuple[float, View, Canvas, Canvas] | None = None
+    for view in VIEWS:
+        canvas, ghosts = Canvas(_STEP_SIZE, view, there), Canvas(_STEP_SIZE, view, there)
+        for placed in there:
+            canvas.add(placed)
+            if placed.index in bright:
+                ghosts.add(placed)
+        share = canvas.visible(bright) / max(ghosts.visible(bright), 1)
+        if best is None or share > best[0] + 0.05:
+            best = (share, view, canvas, ghosts)
+        if best[0] > _HIDDEN:
+            break
+    if best is None:
+        raise PlanError("a step without parts cannot be drawn; take it out of the plan")
+    return best[1], best[2].picture(bright, best[3])
+
+
+def _cables(plan: Plan) -> tuple[str, ...]:
+    """A line for each motor and sensor."""
+    hubs = plan.devices(DeviceKind.HUB)
+    places = dict(hubs[0].part.device.ports) if hubs and hubs[0].part.device else {}
+    lines = []
+    for placed in sorted(plan.devices(DeviceKind.MOTOR) + plan.devices(DeviceKind.SENSOR), key=lambda one: one.port or ""):
+        device = placed.part.device
+        if device is None or placed.port not in places:
+            continue
+        ends = hubs[0].to_plan(np.array([places[placed.port]]))[0], placed.to_plan(np.array([device.plug]))[0]
+        far = float(np.linalg.norm(ends[0] - ends[1])) * MM_PER_LDU
+        name = f" '{placed.device}'" if placed.device else ""
+        lines.append(f"Port {placed.port}: {placed.part.name}{name}, {far:.0f} mm away; its cable has {device.cable_mm:.0f} mm")
+    return tuple(lines)
+
+
+def _pdf(plan: Plan, pages: Iterable[Page]) -> bytes:
+    import_matplotlib()
+    from matplotlib.backends.backend_pdf import PdfPages
+    from matplotlib.figure import Figure
+
+    buffer = io.BytesIO()
+    with PdfPages(buffer, metadata={"Title": plan.title, "Creator": "BricksRL", "CreationDate": None}) as pdf:
+        for number, page in enumerate(pages, 1):
+            figure = Figure(figsize=(8.27, 5.83), dpi=110)
+            _lay_out(figure, page, number)
+            pdf.savefig(figure)
+    return buffer.getvalue()
+
+
+def _lay_out(figure: object, page: Page, number: int) -> None:
+    """Put a page on a figure of A5, landscape."""
+    from matplotlib.figure import Figure
+    from matplotlib.patches import Rectangle
+
+    if not isinstance(figure, Figure):
+        raise TypeError("a page is laid out on a Figure")
+    is_list = page.picture is None
+    figure.text(0.03, 0.93, page.head, fontsize=24 if len(page.head) < 20 else 16, weight="bold", va="center")
+    figure.text(0.03, 0.045, page.note, fontsize=9, va="center", wrap=True)
+    figure.text(0.975, 0.045, f"{number}", fontsize=9, ha="right", va="center", color="0.4")
+    if page.picture is not None:
+        left = 0.26 if page.items else 0.05
+        axes = figure.add_axes((left, 0.08 + 0.045 * len(page.lines), 0.98 - left, 0.82 - 0.045 * len(page.lines)))
+        axes.imshow(page.picture, interpolation="antialiased")
+        axes.set_axis_off()
+    for row, line in enumerate(reversed(page.lines)):
+        figure.text(0.05, 0.09 + 0.045 * row, line, fontsize=10, va="center")
+    columns = 4 if is_list else 1
+    high = 0.205 if is_list else min(0.175, 0.74 / max(len(page.items), 1))
+    for index, item in enumerate(page.items):
+        x, y = 0.03 + 0.24 * (index % columns), 0.86 - high * (index // columns + 1)
+        axes = figure.add_axes((x, y + 0.05, 0.17 if is_list else 0.20, high - 0.055))
+        axes.imshow(item.picture, interpolation="antialiased")
+        axes.set_axis_off()
+        figure.text(x, y + 0.025, f"{item.count} x", fontsize=11, weight="bold", va="center")
+        figure.text(x + 0.045, y + 0.025, item.text, fontsize=7.5 if is_list else 8, va="center", linespacing=1.1)
+    axles = sorted({item.axle for item in page.items if 0 < item.axle <= 16}) if not is_list else []
+    for row, length in enumerate(axles):
+        width = length * _MODULE_IN / 8.27
+        figure.add_artist(Rectangle((0.97 - width, 0.92 - 0.05 * row), width, 0.024, facecolor="0.25", edgecolor="none"))
+        figure.text(0.96 - width, 0.932 - 0.05 * row, f"{length}, 1:1", fontsize=8, ha="right", va="center")
+
+
+def _html(plan: Plan, pages: Iterable[Page]) -> str:
+    body = []
+    for page in pages:
+        parts = [f"<h2>{html.escape(page.head)}</h2>"]
+        figures = "".join(
+            f'<figure><img alt="" src="{_source(item.picture)}"><figcaption><b>{item.count} x</b> '
+            f"{html.escape(item.text).replace(chr(10), '<br>')}</figcaption></figure>"
+            for item in page.items
+        )
+        if figures:
+            parts.append(f"<div class=items>{figures}</div>")
+        if page.picture is not None:
+            parts.append(f'<img alt="{html.escape(page.head)}" src="{_source(page.picture)}">')
+        parts += [f"<p>{html.escape(line)}</p>" for line in (*page.lines, *([page.note] if page.note else []))]
+        body.append(f"<section>{''.join(parts)}</section>")
+    style = (
+        "body{font-family:sans-serif;max-width:60em;margin:auto}section{break-after:page;border-bottom:1px solid #ccc}"
+        ".items{display:flex;flex-wrap:wrap}figure{margin:.5em}img{max-width:100%}"
+    )
+    head = f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{html.escape(plan.title)}</title><style>{style}</style>'
+    return f"{head}<body>{''.join(body)}</body></html>\n"
+
+
+def _source(picture: Pixels) -> str:
+    import_matplotlib()
+    from matplotlib.image import imsave
+
+    buffer = io.BytesIO()
+    imsave(buffer, np.ascontiguousarray(picture), format="png")
+    return f"data:image/png;base64,{base64.b64encode(buffer.getvalue()).decode()}"

@@ -1,0 +1,89 @@
+"""Notation of the catalogue's parts: places in a short notation, solids that follow from them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from bricksrl.plans.geometry import AXES, Solid, Triple, bar, cylinder
+from bricksrl.plans.part import Device, Fit, Gear, MassSource, Part, Site
+
+_FITS = {"o": Fit.HOLE, "+": Fit.AXLE_HOLE, "pin": Fit.PIN, "friction": Fit.FRICTION_PIN, "axle": Fit.AXLE}
+WALL_RADIUS, PIN_RADIUS = 9.0, 6.0
+
+
+def sites(notation: str, *, turns: bool = False) -> tuple[Site, ...]:
+    """Sites from lines such as ``"o y20: 0,0,-20 0,0,20"``: fit, axis with length, centres.
+
+    The fits are ``o`` pin hole, ``+`` axle hole, ``pin``, ``friction`` and ``axle``. Lines are parted by ``|``.
+    """
+    found = []
+    for line in notation.split("|"):
+        head, _, places = line.partition(":")
+        fit, axis = head.split()
+        found += [Site(_FITS[fit], place, AXES[axis[0]], float(axis[1:]), turns) for place in places_of(places)]
+    return tuple(found)
+
+
+def places_of(text: str) -> list[Triple]:
+    """Points from ``"0,0,-20 0,0,20"``."""
+    numbers = [[float(value) for value in place.split(",")] for place in text.split()]
+    return [(x, y, z) for x, y, z in numbers]
+
+
+def tubes(where: Iterable[Site], wall: float = WALL_RADIUS) -> tuple[Solid, ...]:
+    """A round wall about each hole, a round bar for each pin and axle."""
+    return tuple(
+        cylinder(site.centre, site.axis, site.length, PIN_RADIUS if site.fit.is_male else wall)
+        for site in where
+        if site.fit is not Fit.TURNTABLE
+    )
+
+
+def webs(chains: Iterable[list[Triple]], normal: Triple, thickness: float) -> tuple[Solid, ...]:
+    """Bars along chains of points: the body of a beam between its holes."""
+    return tuple(
+        bar(start, end, normal, 2 * WALL_RADIUS, thickness)
+        for chain in chains
+        for start, end in zip(chain, chain[1:], strict=False)
+    )
+
+
+def part(
+    number: str,
+    name: str,
+    family: str,
+    mass_g: float,
+    where: tuple[Site, ...],
+    *,
+    solids: tuple[Solid, ...] | None = None,
+    more: tuple[Solid, ...] = (),
+    source: MassSource = MassSource.VOLUME,
+    aliases: tuple[str, ...] = (),
+    bricklink: str = "",
+    rebrickable: str = "",
+    turning: tuple[Solid, ...] = (),
+    gears: tuple[Gear, ...] = (),
+    device: Device | None = None,
+    length: int = 0,
+    wheel_mm: float = 0.0,
+    is_loose: bool = False,
+) -> Part:
+    """A part; its solids are tubes about its sites unless said otherwise, and shops name it by its LDraw number unless told."""
+    return Part(
+        number,
+        name,
+        family,
+        where,
+        (*(tubes(site for site in where if not site.turns) if solids is None else solids), *more),
+        mass_g,
+        source,
+        bricklink or number,
+        rebrickable or number,
+        aliases,
+        turning,
+        gears,
+        device,
+        length,
+        wheel_mm,
+        is_loose,
+    )

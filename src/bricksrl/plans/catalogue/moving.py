@@ -1,0 +1,204 @@
+"""Gears, racks, turntables, wheels and what else turns. Sizes as in the part library of LDraw.org."""
+
+from __future__ import annotations
+
+from bricksrl.plans.catalogue.build import part, sites, tubes
+from bricksrl.plans.geometry import AXES, Solid, Triple, ball, box, cylinder, ring
+from bricksrl.plans.part import Fit, Gear, GearForm, MassSource, Part, Site
+
+_Z = AXES["z"]
+_CENTRE = (0.0, 0.0, 0.0)
+_TOOTH_DEPTH = 0.5
+"""A gear's solid ends so much below its pitch circle that two in mesh touch but do not overlap."""
+
+
+def moving() -> list[Part]:
+    """All of them."""
+    return [*_gears(), *_worms_and_racks(), *_turntables(), *_wheels(), *_casters()]
+
+
+def _disc(teeth: int, width: float, centre: Triple = _CENTRE) -> Solid:
+    return cylinder(centre, _Z, width, 1.25 * teeth - _TOOTH_DEPTH)
+
+
+def _gears() -> list[Part]:
+    around = "0,-20,0 0,20,0 -20,0,0 20,0,0"
+    spur, bevel, double = GearForm.SPUR, GearForm.BEVEL, GearForm.DOUBLE_BEVEL
+    rows: list[tuple[str, int, GearForm, float, str, tuple[str, ...]]] = [
+        ("10928", 8, spur, 0.289, "+ z20: 0,0,0", ("3647",)),
+        ("94925", 16, spur, 0.925, "+ z20: 0,0,0", ("4019",)),
+        ("3648b", 24, spur, 1.182, "+ z20: 0,0,0", ("3648a", "3648", "24505")),
+        ("3649", 40, spur, 3.513, f"+ z20: 0,0,0 {around}", ("34432",)),
+        ("32270", 12, double, 0.746, "+ z20: 0,0,0", ()),
+        ("18575", 20, double, 1.257, "+ z20: 0,0,0", ("32269",)),
+        ("46372", 28, double, 2.268, f"+ z20: 0,0,0 | o z20: {around}", ()),
+        ("32498", 36, double, 3.703, "+ z20: 0,-20,0 0,0,0 0,20,0 | o z20: -20,0,0 20,0,0", ()),
+    ]
+    parts = [
+        _gear(number, f"Gear {teeth}, {form.value}", teeth, form, mass, where, 20.0, 0.0, aliases)
+        for number, teeth, form, mass, where, aliases in rows
+    ]
+    return [
+        *parts,
+        _gear("18946", "Gear 16 with clutch, pin hole", 16, spur, 0.972, "o z20: 0,0,0", 20.0, 0.0, ("6542",)),
+        _gear("2471", "Gear 24 with clutch, pin hole", 24, spur, 1.353, "o z20: 0,0,0", 20.0, 0.0, ()),
+        _gear("6589", "Gear 12, bevel", 12, bevel, 0.290, "+ z10: 0,0,2", 10.0, 2.0, ("59443b",)),
+        _gear("32198", "Gear 20, bevel", 20, bevel, 0.645, "+ z10: 0,0,-2", 10.0, -2.0, ()),
+        _gear("87407", "Gear 20, bevel, pin hole", 20, bevel, 0.756, "o z20: 0,0,-10", 10.0, -5.0, ()),
+        _gear("3650c", "Gear 24, crown", 24, GearForm.CROWN, 1.284, "+ z20: 0,0,2", 10.0, 7.0, ("3650b", "3650a", "3650")),
+    ]
+
+
+def _gear(
+    number: str,
+    name: str,
+    teeth: int,
+    form: GearForm,
+    mass_g: float,
+    where: str,
+    width: float,
+    middle: float,
+    aliases: tuple[str, ...],
+) -> Part:
+    found, centre = sites(where), (0.0, 0.0, middle)
+    disc: tuple[Solid, ...] = (_disc(teeth, width, centre),)
+    if form is GearForm.DOUBLE_BEVEL:  # its edges are cut off, so that two can meet at a right angle
+        disc = (_disc(teeth, 10.0), cylinder(_CENTRE, _Z, 20.0, 1.25 * teeth - 6.0))
+    solids = (*disc, *tubes(found))
+    gear = Gear(form, teeth, centre, _Z, width)
+    return part(number, name, "gears", mass_g, found, solids=solids, gears=(gear,), aliases=aliases)
+
+
+def _worms_and_racks() -> list[Part]:
+    # One thread; its pitch radius, with which it is put beside a gear, is that of 8 teeth.
+    thread = Gear(GearForm.WORM, 1, _CENTRE, _Z, 40.0)
+    worm = part(
+        "4716",
+        "Worm 2",
+        "gears",
+        0.631,
+        sites("+ z40: 0,0,0"),
+        solids=(cylinder(_CENTRE, _Z, 40.0, 9.5),),
+        gears=(thread,),
+        aliases=("32905",),
+    )
+    racks = []
+    for number, length, teeth, mass_g, text in (
+        ("87761", 7, 18, 1.556, "+ z20: -40,0,0 40,0,0 | o y20: -60,0,0 60,0,0"),
+        ("64781", 13, 34, 2.890, "+ z20: -100,0,0 100,0,0 | o y20: -120,0,0 120,0,0"),
+    ):
+        found = sites(text)
+        gear = Gear(GearForm.RACK, teeth, (0.0, -7.5, 0.0), AXES["x"], 20.0, (0.0, -1.0, 0.0))
+        body = (box((0.0, 1.5, 0.0), (20.0 * length, 17.0, 20.0)),)
+        source = MassSource.VOLUME if length == 7 else MassSource.RULE
+        racks.append(part(number, f"Rack {length}", "gears", mass_g, found, solids=body, gears=(gear,), source=source))
+    return [worm, *racks]
+
+
+def _turntables() -> list[Part]:
+    """Upper and lower halves; they share the point where their sites for the turntable are."""
+    joint = Site(Fit.TURNTABLE, _CENTRE, AXES["y"], 20.0)
+    upper_holes = sites("o x20: -40,-20,-20 -40,-20,0 -40,-20,20 40,-20,-20 40,-20,0 40,-20,20")
+    lower_holes = sites("o x20: -40,20,-20 -40,20,0 -40,20,20 40,20,-20 40,20,0 40,20,20")
+    teeth = Gear(GearForm.SPUR, 60, (0.0, 2.5, 0.0), AXES["y"], 15.0)
+    upper = (
+        ring((0, -8, 0), "y", 4.0, 70.0, 40.0),
+        ring((0, 2.5, 0), "y", 15.0, 74.5, 68.0),
+        *(box((x, -20, 0), (20, 20, 60)) for x in (-40, 40)),
+    )
+    lower = (ring((0, 3, 0), "y", 14.0, 66.0, 45.0), *(box((x, 20, 0), (20, 20, 60)) for x in (-40, 40)))
+    small = Gear(GearForm.DOUBLE_BEVEL, 28, _CENTRE, AXES["y"], 20.0)
+    small_upper, small_lower = sites("o z20: -20,-20,0 20,-20,0"), sites("o z20: -20,20,0 20,20,0")
+    return [
+        part("18938", "Turntable 60, upper half", "turntables", 8.146, (*upper_holes, joint), solids=upper, gears=(teeth,)),
+        part("18939", "Turntable 60, lower half", "turntables", 5.355, (*lower_holes, joint), solids=lower),
+        part(
+            "99010",
+            "Turntable 28, upper half",
+            "turntables",
+            1.797,
+            (*small_upper, joint),
+            solids=(ring((0, 0, 0), "y", 20.0, 34.5, 27.5), cylinder((0, -7, 0), "y", 6.0, 30.0), *tubes(small_upper)),
+            gears=(small,),
+        ),
+        part(
+            "99009",
+            "Turntable 28, lower half",
+            "turntables",
+            1.294,
+            (*small_lower, joint),
+            solids=(cylinder((0, 3, 0), "y", 14.0, 26.0), *tubes(small_lower)),
+        ),
+    ]
+
+
+def _wheels() -> list[Part]:
+    motor_wheel = sites("+ z20: 0,0,0 | o z20: -40,0,0 -20,0,0 0,-40,0 0,-20,0 0,20,0 0,40,0 20,0,0 40,0,0")
+    tyre = (ring(_CENTRE, _Z, 35.0, 70.0, 56.0), cylinder(_CENTRE, _Z, 20.0, 57.0))
+    holes = "-17.32,-10,0 -17.32,10,0 0,-20,0 0,20,0 17.32,-10,0 17.32,10,0"
+    three = "-17.32,-10,0 17.32,-10,0 0,20,0"
+    rows: list[tuple[str, str, float, str, float, float, float, tuple[str, ...]]] = [
+        ("56145", "Rim 30 x 20", 3.715, "+ z20: 0,0,-10", 38.0, 50.0, 0.0, ("42716",)),
+        ("56908", "Rim 43 x 26", 8.184, f"+ z20: 0,0,-10 | o z20: {holes}", 54.0, 66.0, 0.0, ()),
+        ("44772", "Rim 56 x 34", 12.884, f"+ z40: 0,0,0 | o z20: {three}", 70.0, 84.0, 0.0, ()),
+        ("4185b", "Wedge belt wheel", 0.886, "+ z10: 0,0,0", 30.0, 10.0, 24.0, ("4185", "4185a")),
+        ("3736", "Pulley 37", 1.982, "+ z20: 0,0,0", 46.7, 20.0, 0.0, ()),
+    ]
+    parts = [
+        part(
+            number,
+            name,
+            "wheels",
+            mass,
+            sites(text),
+            solids=(cylinder(_CENTRE, _Z, width, radius),),
+            aliases=aliases,
+            wheel_mm=wheel_mm,
+        )
+        for number, name, mass, text, radius, width, wheel_mm, aliases in rows
+    ]
+    wheel = part(
+        "39367p02",
+        "Wheel 56 x 14 with tyre",
+        "wheels",
+        13.187,
+        motor_wheel,
+        solids=tyre,
+        aliases=("39367p01", "39367"),
+        wheel_mm=56.0,
+    )
+    tyres = [
+        _tyre(number, f"Tyre {diameter:g}", diameter, width, mass)
+        for number, diameter, width, mass in (
+            ("92402", 30.4, 34.0, 6.047),
+            ("30391", 30.4, 34.0, 5.965),
+            ("56898", 42.8, 36.0, 9.158),
+            ("44309", 43.2, 54.0, 6.546),
+            ("41897", 56.0, 70.0, 13.597),
+            ("55976", 56.8, 64.0, 19.260),
+            ("32019", 62.6, 50.0, 20.833),
+        )
+    ]
+    return [wheel, *parts, *tyres]
+
+
+def _tyre(number: str, name: str, wheel_mm: float, width: float, mass_g: float) -> Part:
+    """A tyre: it holds on its rim by itself, and is only known, not checked."""
+    body = (ring(_CENTRE, _Z, width, 1.25 * wheel_mm, 0.8 * wheel_mm),)
+    return part(number, name, "tyres", mass_g, (), solids=body, wheel_mm=wheel_mm, is_loose=True)
+
+
+def _casters() -> list[Part]:
+    """The H frame with a ball in its cup; the ball rolls, which is part of the part."""
+    where = sites("o x20: 0,-20,-40 0,-20,40 0,0,-40 0,0,0 0,0,40 0,20,-40 0,20,40 | o y20: 0,0,-20 0,0,20")
+    body = (
+        box((0, 0, 0), (20, 20, 80)),
+        box((0, 0, -40), (20, 58, 20)),
+        box((0, 0, 40), (20, 58, 20)),
+        cylinder((0, 33, 0), "y", 36.0, 28.0),
+        ball((0, 46, 0), 24.0),
+    )
+    return [
+        part("39370c01", "Ball caster", "wheels", 7.690, where, solids=body, aliases=("39370",), wheel_mm=19.2),
+        part("52629", "Ball 19 mm", "wheels", 3.853, (), solids=(ball(_CENTRE, 24.0),), is_loose=True),
+    ]

@@ -1,0 +1,202 @@
+"""The check of a plan: everything that would stop whoever builds it, where in the file it is, and what to do."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+
+import numpy as np
+
+from bricksrl.plans.bodies import MAX_BODIES, RATE_LENGTH, Bodies, find_bodies
+from bricksrl.plans.building import Trouble, step_troubles
+from bricksrl.plans.connections import Connection, Mesh, connections, meshes
+from bricksrl.plans.contact import Room
+from bricksrl.plans.finding import Finding
+from bricksrl.plans.geometry import MM_PER_LDU, Floats
+from bricksrl.plans.plan import Placed, Plan
+from bricksrl.plans.wiring import wiring
+
+_SHOWN = 5
+_MOVES = 0.02
+_REMEDIES = {
+    Trouble.IN_THE_AIR: "connect it, or add it later",
+    Trouble.BLOCKED: "add it in an earlier step",
+    Trouble.UNTRIED: "split the step",
+}
+
+
+@dataclass(frozen=True)
+class Structure:
+    """What was found out about a plan on the way."""
+
+    connections: tuple[Connection, ...]
+    meshes: tuple[Mesh, ...]
+    bodies: Bodies
+
+
+def structure_of(plan: Plan) -> Structure:
+    """Connections, gears and bodies of a plan."""
+    found, geared = connections(plan.parts), meshes(plan.parts)
+    return Structure(tuple(found), tuple(geared), find_bodies(plan.parts, found, geared))
+
+
+def check(plan: Plan) -> list[Finding]:
+    """All that is wrong with a plan, in the order of its lines; nothing where it can be built."""
+    findings = _counted(plan)
+    if plan.parts:
+        structure, room = structure_of(plan), Room(plan.parts)
+        findings += _connected(plan, structure)
+        colliding = room.collisions()
+        findings += _collisions(plan, colliding)
+        findings += _geared(plan, structure)
+        findings += _held(plan, structure)
+        findings += _steps(plan, structure, room, colliding)
+        findings += wiring(plan)
+    return sorted(findings, key=lambda finding: (finding.line, finding.kind, finding.text))
+
+
+def _counted(plan: Plan) -> list[Finding]:
+    """Unknown parts, and another number of parts than the plan says it has."""
+    findings = []
+    for unknown in plan.unknown:
+        text = f"part {unknown.number} ({_times(len(unknown.lines))}) is not in the catalogue; use another, or add it there"
+        findings.append(Finding("unknown part", unknown.lines[0], text))
+    count = len(plan.parts) + sum(len(unknown.lines) for unknown in plan.unknown)
+    if plan.count not in (None, count):
+        text = f"the plan says PARTS {plan.count}, but places {count}; put back what is missing, or correct the number"
+        findings.append(Finding("count", 0, text))
+    return findings
+
+
+def _times(count: int) -> str:
+    return "once" if count == 1 else f"{count} times"
+
+
+def _connected(plan: Plan, structure: Structure) -> list[Finding]:
+    """Pins in axle holes, axles turned against their holes, pins that are not all the way in, parts that touch nothing."""
+    findings = []
+    for link in structure.connections:
+        male, female = plan.parts[link.male], plan.parts[link.female]
+        where = f"{male.name} and {female.name} of line {female.line}"
+        both = (male.index, female.index)
+        if not link.fits:
+            findings.append(Finding("misfit", male.line, f"{where}: a pin does not go into an axle hole; use an axle", both))
+        elif link.is_crossed:
+            findings.append(
+                Finding("misfit", male.line, f"{where}: the axle is turned against its hole; turn one of the two", both)
+            )
+        elif not link.is_seated:
+            text = f"{where}: only {link.depth * MM_PER_LDU:.1f} mm are inside; push it in, or use a longer one"
+            findings.append(Finding("half-held", male.line, text, both))
+    together = {part for members in structure.bodies.members for part in members}
+    for placed in plan.parts:
+        if placed.index not in together and not placed.part.is_loose:
+            text = f"{placed.name} is connected to nothing of the robot's main body; add a pin or an axle, or take it away"
+            findings.append(Finding("loose", placed.line, text, (placed.index,)))
+    useful = Counter(link.male for link in structure.connections if link.fits)
+    for placed in plan.parts:
+        if placed.part.family == "pins" and useful[placed.index] == 1:
+            text = f"{placed.name} goes into one part only; put a second part on it, or take it away"
+            findings.append(Finding("half-held", placed.line, text, (placed.index,)))
+    return findings
+
+
+def _collisions(plan: Plan, pairs: list[tuple[int, int]]) -> list[Finding]:
+    findings = []
+    for first, second in pairs:
+        one, two = plan.parts[first], plan.parts[second]
+        text = f"{two.name} is inside {one.name} of line {one.line}; move one of the two"
+        findings.append(Finding("collision", two.line, text, (first, second)))
+    return findings
+
+
+def _geared(plan: Plan, structure: Structure) -> list[Finding]:
+    """Gears beside one another that do not mesh well."""
+    findings = []
+    for mesh in structure.meshes:
+        if mesh.is_good:
+            continue
+        one, two = plan.parts[mesh.first], plan.parts[mesh.second]
+        if abs(mesh.error) <= 1.0:
+            how = f"meet over only {mesh.engaged:.0%} of their width; shift one along its axle"
+        else:
+            how = (
+                f"are {abs(mesh.error) * MM_PER_LDU:.1f} mm too {'far apart' if mesh.error > 0 else 'near'}; move one of the two"
+            )
+        text = f"the teeth of {two.name} and {one.name} of line {one.line} {how}"
+        findings.append(Finding("gears", two.line, text, (one.index, two.index)))
+    return findings
+
+
+def _held(plan: Plan, structure: Structure) -> list[Finding]:
+    """Parts that swing or slide with all motors braked, and motors that cannot turn."""
+    bodies = structure.bodies
+    if len(bodies.members) > MAX_BODIES:
+        text = f"{len(bodies.members)} parts or groups of parts move against one another, too many to look at; connect them first"
+        return [Finding("half-held", 0, text)]
+    motors = [joint.motor for joint in bodies.joints if joint.motor is not None]
+    motions = bodies.motions(locked=motors)
+    findings = []
+    if motions.shape[1]:
+        for number, members in enumerate(bodies.members):
+            rates = _without_spin(plan, members, motions[6 * number : 6 * number + 6])
+            if np.abs(rates).max() < _MOVES or any(plan.parts[part].is_free for part in members):
+                continue
+            names = _names([plan.parts[part] for part in members])
+            first = min((plan.parts[part].line for part in members), default=0)
+            text = f"{names} can swing or slide; hold it at a second place, or say 0 !BRICKSRL FREE before it"
+            findings.append(Finding("half-held", first, text, members))
+    return findings + _locked(plan, bodies, motors)
+
+
+def _without_spin(plan: Plan, members: tuple[int, ...], rates: Floats) -> Floats:
+    """Rates [6, n] of a body; of one that is nothing but an axle with bushes without its turning about itself."""
+    axles = [plan.parts[part] for part in members if plan.parts[part].part.family == "axles"]
+    if not axles or any(plan.parts[part].part.family not in ("axles", "bushes") for part in members):
+        return rates
+    axis, place = axles[0].rotation[:, 0], axles[0].position / RATE_LENGTH
+    turning = rates[3:]
+    return np.concatenate([rates[:3] + np.cross(turning, place, axis=0), turning - np.outer(axis, axis @ turning)])
+
+
+def _locked(plan: Plan, bodies: Bodies, motors: list[int]) -> list[Finding]:
+    if not motors:
+        return []
+    motions = bodies.motions()
+    rates = np.array([bodies.rates(motor, motions) for motor in motors]).reshape(len(motors), -1)
+    still = [motor for motor, row in zip(motors, rates, strict=True) if not len(row) or np.abs(row).max() < _MOVES]
+    findings = [
+        Finding(
+            "locked",
+            plan.parts[motor].line,
+            f"{plan.parts[motor].name} cannot turn: what it drives is fixed to what holds it; take out a pin, or a gear",
+            (motor,),
+        )
+        for motor in still
+    ]
+    rank = int(np.linalg.matrix_rank(rates, tol=_MOVES)) if rates.size else 0
+    if rank < len(motors) - len(still):
+        names = ", ".join(f"line {plan.parts[motor].line}" for motor in motors if motor not in still)
+        text = f"motors block one another ({names}): they turn the same thing; take one of them off"
+        findings.append(Finding("locked", plan.parts[motors[0]].line, text, tuple(motors)))
+    return findings
+
+
+def _names(placed: list[Placed]) -> str:
+    counts = Counter(one.name for one in placed)
+    names = [f"{count} x {name}" if count > 1 else name for name, count in counts.items()]
+    return ", ".join(names[:_SHOWN]) + (f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else "")
+
+
+def _steps(plan: Plan, structure: Structure, room: Room, pairs: list[tuple[int, int]]) -> list[Finding]:
+    findings = []
+    colliding = {part for pair in pairs for part in pair}
+    for trouble in step_troubles(plan, structure.connections, room):
+        parts = tuple(part for part in trouble.parts if trouble.kind is not Trouble.BLOCKED or part not in colliding)
+        if not parts:
+            continue
+        placed = [plan.parts[part] for part in parts]
+        remedy = _REMEDIES[trouble.kind]
+        text = f"step {trouble.step.index + 1}: {_names(placed)} {trouble.kind.value}; {remedy}"
+        findings.append(Finding("step", placed[0].line, text, parts))
+    return findings

@@ -1,0 +1,266 @@
+"""Connections between parts: pins and axles in holes, turntables, teeth in teeth. LDraw units, the plan's frame."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from bricksrl.plans.geometry import AXES, Floats
+from bricksrl.plans.part import Fit, Gear, GearForm, Site
+from bricksrl.plans.plan import Placed
+
+_ASIDE, _TILT = 1.2, 0.03
+"""How far a pin may be beside the middle of its hole (LDU), and how far it may lean (sine)."""
+_LEAST_DEPTH = 4.0
+_SEATED = 0.7
+"""The part of the shorter one's length that has to be inside."""
+_MESH, _NEARLY = 1.0, 9.0
+"""How much the distance of two gears may differ from that of their pitch circles, and from where on they are strangers; LDU."""
+_MOST_COMPARED = 20_000
+"""Pairs of gears near each other; no plan that is nearly right has more."""
+_CROSS_DEG = 6.0
+_BEVEL_EXTRA = 5.0
+"""A bevel gear's middle is so much farther from the other's axis than that one's pitch radius."""
+_WORM_PITCH_RADIUS = 10.0
+_WORM_LEAD = 7.854
+"""A worm moves a gear by one tooth, pi millimetres, a turn."""
+
+
+@dataclass(frozen=True)
+class Connection:
+    """A pin or an axle in a hole, or the two halves of a turntable.
+
+    Attributes:
+        male, female: indices of the parts.
+        male_site, female_site: as the parts have them, in their own frames.
+        point: middle of what is inside [3].
+        axis: direction [3] of the male one.
+        depth: how long a piece is inside.
+        is_seated: whether enough of it is inside.
+        is_crossed: whether an axle is turned against its hole, so that it cannot go in.
+    """
+
+    male: int
+    female: int
+    male_site: Site
+    female_site: Site
+    point: Floats
+    axis: Floats
+    depth: float
+    is_seated: bool
+    is_crossed: bool
+
+    @property
+    def fits(self) -> bool:
+        """A pin does not go into an axle hole."""
+        return not (self.male_site.fit in (Fit.PIN, Fit.FRICTION_PIN) and self.female_site.fit is Fit.AXLE_HOLE)
+
+    @property
+    def is_rigid(self) -> bool:
+        """An axle in an axle hole turns with it."""
+        return self.male_site.fit is Fit.AXLE and self.female_site.fit is Fit.AXLE_HOLE
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """Two gears whose teeth are, or nearly are, in one another.
+
+    Attributes:
+        first, second: indices of the parts.
+        gears: theirs.
+        error: how much farther apart they are than they should be, LDU; negative where they are too near.
+        engaged: the share of the narrower one's width over which they meet, 0..1.
+        point: where they meet [3].
+        motion: [2, 6] what the rates (linear at the plan's origin, angular) of the first and second are multiplied with; in mesh
+            the two products add to 0.
+    """
+
+    first: int
+    second: int
+    gears: tuple[Gear, Gear]
+    error: float
+    engaged: float
+    point: Floats
+    motion: Floats
+
+    @property
+    def is_good(self) -> bool:
+        """They turn each other."""
+        return abs(self.error) <= _MESH and self.engaged >= _SEATED
+
+
+def connections(parts: Sequence[Placed]) -> list[Connection]:
+    """All pins and axles in holes and all turntables."""
+    males: list[tuple[int, Site, Floats, Floats]] = []
+    females: list[tuple[int, Site, Floats, Floats]] = []
+    for placed in parts:
+        for site in placed.part.sites:
+            entry = (placed.index, site, placed.to_plan(np.array([site.centre]))[0], placed.rotation @ np.array(site.axis))
+            (males if site.fit.is_male else females).append(entry)
+    if not females:
+        return []
+    females.sort(key=lambda entry: float(entry[2][0]))
+    owners = np.array([entry[0] for entry in females])
+    centres, axes = np.array([entry[2] for entry in females]), np.array([entry[3] for entry in females])
+    lengths = np.array([entry[1].length for entry in females])
+    is_joint = np.array([entry[1].fit is Fit.TURNTABLE for entry in females])
+    found = []
+    for owner, site, centre, axis in males:
+        reach = (site.length + float(lengths.max())) / 2 + _ASIDE
+        start, end = np.searchsorted(centres[:, 0], [centre[0] - reach, centre[0] + reach])
+        some = slice(int(start), int(end))
+        away = centres[some] - centre
+        along = away @ axis
+        aside = np.linalg.norm(away - along[:, None] * axis, axis=1)
+        tilt = np.linalg.norm(np.cross(axes[some], axis), axis=1)
+        low = np.maximum(-site.length / 2, along - lengths[some] / 2)
+        high = np.minimum(site.length / 2, along + lengths[some] / 2)
+        good = (aside < _ASIDE) & (tilt < _TILT) & (high - low > _LEAST_DEPTH) & (owners[some] != owner) & ~is_joint[some]
+        for which in np.flatnonzero(good):
+            depth = float(high[which] - low[which])
+            other, hole = females[int(start) + which][0], females[int(start) + which][1]
+            is_seated = depth >= _SEATED * min(20.0, site.length, hole.length)
+            crossed = _is_crossed(parts[owner], site, parts[other], hole)
+            point = centre + axis * float(low[which] + high[which]) / 2
+            found.append(Connection(owner, other, site, hole, point, axis, depth, is_seated, crossed))
+    return found + _turntables(females)
+
+
+def _is_crossed(axle: Placed, site: Site, holder: Placed, hole: Site) -> bool:
+    """Whether the cross of an axle and that of its hole are turned against each other; a motor turns its own to fit."""
+    if site.fit is not Fit.AXLE or hole.fit is not Fit.AXLE_HOLE or hole.turns:
+        return False
+    first, second = axle.rotation @ _arm(site), holder.rotation @ _arm(hole)
+    angle = np.degrees(np.arccos(np.clip(abs(float(first @ second)), 0.0, 1.0)))
+    return bool(min(angle, 90 - angle) > _CROSS_DEG)
+
+
+def _arm(site: Site) -> Floats:
+    """A direction of a cross, in the part's frame."""
+    return np.array(site.arm or (AXES["x"] if abs(site.axis[0]) < 0.5 else AXES["y"]))
+
+
+def _turntables(females: list[tuple[int, Site, Floats, Floats]]) -> list[Connection]:
+    joints = [entry for entry in females if entry[1].fit is Fit.TURNTABLE]
+    found = []
+    for number, (owner, site, centre, axis) in enumerate(joints):
+        for other, hole, place, direction in joints[number + 1 :]:
+            near = np.linalg.norm(place - centre) < _ASIDE and np.linalg.norm(np.cross(axis, direction)) < _TILT
+            if near and owner != other:
+                found.append(Connection(owner, other, site, hole, centre, axis, site.length, True, False))
+    return found
+
+
+def meshes(parts: Sequence[Placed]) -> list[Mesh]:
+    """Pairs of gears that mesh, or stand so near that they should."""
+    gears = [(placed, gear) for placed in parts for gear in placed.part.gears]
+    centres = np.array([_centre(placed, gear) for placed, gear in gears]).reshape(-1, 3)
+    reach = np.array([max(gear.pitch_radius, gear.width, 4.0 * gear.teeth) for _, gear in gears])
+    found: list[Mesh] = []
+    compared = 0
+    for number, (placed, gear) in enumerate(gears):
+        far = np.linalg.norm(centres[number + 1 :] - centres[number], axis=1)
+        for near in np.flatnonzero(far < reach[number + 1 :] + reach[number] + 2 * _NEARLY):
+            other, second = gears[number + 1 + int(near)]
+            compared += 1
+            if compared > _MOST_COMPARED:
+                return found
+            mesh = _mesh(placed, gear, other, second) if other.index != placed.index else None
+            if mesh is not None:
+                found.append(mesh)
+    return found
+
+
+def _mesh(first: Placed, gear: Gear, second: Placed, other: Gear) -> Mesh | None:
+    if GearForm.RACK in (gear.form, other.form):
+        return _rack(first, gear, second, other) if gear.form is GearForm.RACK else _rack(second, other, first, gear)
+    if GearForm.WORM in (gear.form, other.form):
+        return _worm(first, gear, second, other) if gear.form is GearForm.WORM else _worm(second, other, first, gear)
+    axis, axis2 = first.rotation @ np.array(gear.axis), second.rotation @ np.array(other.axis)
+    if np.linalg.norm(np.cross(axis, axis2)) < _TILT:
+        return _parallel(first, gear, second, other, axis)
+    if abs(float(axis @ axis2)) < _TILT and GearForm.SPUR not in (gear.form, other.form):
+        return _right_angle(first, gear, second, other, axis, axis2)
+    return None
+
+
+def _centre(placed: Placed, gear: Gear) -> Floats:
+    return np.asarray(placed.to_plan(np.array([gear.centre]))[0])
+
+
+def _parallel(first: Placed, gear: Gear, second: Placed, other: Gear, axis: Floats) -> Mesh | None:
+    away = _centre(second, other) - _centre(first, gear)
+    along = float(away @ axis)
+    aside = away - along * axis
+    distance = float(np.linalg.norm(aside))
+    error = distance - gear.pitch_radius - other.pitch_radius
+    shared = min(gear.width / 2, along + other.width / 2) - max(-gear.width / 2, along - other.width / 2)
+    if abs(error) > _NEARLY or shared <= 1.0 or distance < 1.0:
+        return None
+    # The point that divides the distance as the teeth do keeps the ratio exact where that is not quite that of the pitch circles.
+    share = gear.pitch_radius / (gear.pitch_radius + other.pitch_radius)
+    point = _centre(first, gear) + aside * share + axis * along / 2
+    tangent = np.cross(axis, aside / distance)
+    return _made(first, gear, second, other, error, shared / min(gear.width, other.width), point, tangent)
+
+
+def _right_angle(first: Placed, gear: Gear, second: Placed, other: Gear, axis: Floats, axis2: Floats) -> Mesh | None:
+    """Bevel gears: each one's middle is a little farther from the other's axis than that one's pitch radius."""
+    away = _centre(second, other) - _centre(first, gear)
+    normal = np.cross(axis, axis2)
+    along, along2 = float(away @ axis), float(away @ axis2)
+    # The axes meet where the first one has gone as far as the second's middle lies along it.
+    error = max(abs(along) - other.pitch_radius, abs(along2) - gear.pitch_radius, key=lambda value: abs(value - _BEVEL_EXTRA))
+    if abs(float(away @ normal)) > _NEARLY or abs(error - _BEVEL_EXTRA) > _NEARLY:
+        return None
+    error = error - _BEVEL_EXTRA + abs(float(away @ normal))
+    point = _centre(first, gear) + axis2 * np.sign(along2) * gear.pitch_radius
+    return _made(first, gear, second, other, error, 1.0, point, normal)
+
+
+def _worm(first: Placed, worm: Gear, second: Placed, gear: Gear) -> Mesh | None:
+    axis, axis2 = first.rotation @ np.array(worm.axis), second.rotation @ np.array(gear.axis)
+    away = _centre(second, gear) - _centre(first, worm)
+    if abs(float(axis @ axis2)) > _TILT or abs(float(away @ axis2)) > gear.width / 2 or abs(float(away @ axis)) > worm.width / 2:
+        return None
+    aside = away - (away @ axis) * axis - (away @ axis2) * axis2
+    distance = float(np.linalg.norm(aside))
+    error = distance - _WORM_PITCH_RADIUS - gear.pitch_radius
+    if abs(error) > _NEARLY or distance < 1.0:
+        return None
+    point = _centre(second, gear) - aside / distance * gear.pitch_radius
+    mesh = _made(first, worm, second, gear, error, 1.0, point, axis)
+    motion = mesh.motion.copy()
+    # The thread is right-handed: it also moves the teeth along as it turns.
+    motion[0, 3:] += axis * _WORM_LEAD / (2 * np.pi)
+    return Mesh(first.index, second.index, (worm, gear), error, 1.0, point, motion)
+
+
+def _rack(first: Placed, rack: Gear, second: Placed, gear: Gear) -> Mesh | None:
+    along, up = first.rotation @ np.array(rack.axis), first.rotation @ np.array(rack.up)
+    axis = second.rotation @ np.array(gear.axis)
+    away = _centre(second, gear) - _centre(first, rack)
+    error = float(away @ up) - gear.pitch_radius
+    half = rack.teeth * 7.854 / 2
+    if abs(float(axis @ along)) > _TILT or abs(float(axis @ up)) > _TILT or abs(error) > _NEARLY:
+        return None
+    if abs(float(away @ along)) > half or abs(float(away @ axis)) > 0.3 * rack.width:
+        return None
+    return _made(first, rack, second, gear, error, 1.0, _centre(second, gear) - up * gear.pitch_radius, along)
+
+
+def _made(
+    first: Placed,
+    gear: Gear,
+    second: Placed,
+    other: Gear,
+    error: float,
+    engaged: float,
+    point: Floats,
+    tangent: Floats,
+) -> Mesh:
+    """A mesh: at ``point`` both move alike along ``tangent``."""
+    row = np.concatenate([tangent, np.cross(point, tangent)])
+    return Mesh(first.index, second.index, (gear, other), error, engaged, point, np.stack([row, -row]))

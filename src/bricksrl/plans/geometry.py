@@ -1,0 +1,148 @@
+"""Solids and directions in LDraw units (LDU): 0.4 mm, y downwards; a module, the distance of two holes, is 20 LDU."""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+Triple = tuple[float, float, float]
+
+MM_PER_LDU = 0.4
+MODULE_LDU = 20.0
+AXES: dict[str, Triple] = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
+
+
+class Form(enum.Enum):
+    """The kinds of solids."""
+
+    BOX = "box"
+    CYLINDER = "cylinder"
+    BALL = "ball"
+    RING = "ring"
+
+
+@dataclass(frozen=True)
+class Solid:
+    """A convex piece of a part.
+
+    Attributes:
+        centre: its middle.
+        half: half of its size along its own axes; a cylinder is (radius, radius, half length), a ball (radius,) * 3, a ring
+            (outer radius, inner radius, half length).
+        axes: its own axes as rows, each of length 1; a cylinder's own axis is the third.
+    """
+
+    form: Form
+    centre: Triple
+    half: Triple
+    axes: tuple[Triple, Triple, Triple] = (AXES["x"], AXES["y"], AXES["z"])
+
+    def contains(self, points: Floats, margin: float) -> Bools:
+        """The points [n, 3] that lie deeper than ``margin`` below the surface."""
+        local = (points - np.array(self.centre)) @ np.array(self.axes).T
+        half = np.array(self.half) - margin
+        if self.form is Form.RING:
+            radius = np.hypot(local[:, 0], local[:, 1])
+            within = (radius < half[0]) & (radius > self.half[1] + margin)
+            return np.asarray(within & (np.abs(local[:, 2]) < half[2]))
+        if np.any(half <= 0):
+            return np.zeros(len(points), dtype=bool)
+        if self.form is Form.BOX:
+            return np.asarray((np.abs(local) < half).all(axis=1))
+        if self.form is Form.CYLINDER:
+            return np.asarray((np.hypot(local[:, 0], local[:, 1]) < half[0]) & (np.abs(local[:, 2]) < half[2]))
+        return np.asarray(np.linalg.norm(local, axis=1) < half[0])
+
+    def samples(self, spacing: float, depth: float) -> Floats:
+        """Points [n, 3] that fill the solid, the outermost of them ``depth`` below its surface."""
+        half = np.maximum(np.array(self.half) - depth, 0.0)
+        lines = [_line(float(size), spacing) for size in half]
+        if self.form is Form.BOX:
+            local = np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, 3)
+        else:
+            local = _round_samples(half, lines[2], spacing, is_ball=self.form is Form.BALL)
+        if self.form is Form.RING:
+            local = local[np.hypot(local[:, 0], local[:, 1]) > self.half[1] + depth]
+        return np.asarray(local @ np.array(self.axes) + np.array(self.centre))
+
+    @property
+    def volume(self) -> float:
+        """In LDU3."""
+        first, second, third = self.half
+        if self.form is Form.BOX:
+            return 8 * first * second * third
+        if self.form is Form.BALL:
+            return float(4 / 3 * np.pi * first**3)
+        inner = second if self.form is Form.RING else 0.0
+        return float(2 * np.pi * (first**2 - inner**2) * third)
+
+    def corners(self) -> Floats:
+        """Corners [8, 3] of the box around the solid along its own axes."""
+        signs = np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)], dtype=float)
+        half = np.array(self.half if self.form is not Form.RING else (self.half[0], self.half[0], self.half[2]))
+        return np.asarray((signs * half) @ np.array(self.axes) + np.array(self.centre))
+
+
+def _line(half: float, spacing: float) -> Floats:
+    return np.linspace(-half, half, max(2, int(np.ceil(2 * half / spacing)) + 1)) if half > 0.25 else np.zeros(1)
+
+
+def _round_samples(half: Floats, heights: Floats, spacing: float, *, is_ball: bool) -> Floats:
+    """Rings of points around the third axis [n, 3]."""
+    rows = []
+    for height in heights:
+        radius = float(np.sqrt(max(half[0] ** 2 - height**2, 0.0))) if is_ball else float(half[0])
+        for ring in np.linspace(radius, 0.0, max(2, int(np.ceil(radius / spacing)) + 1)):
+            angles = np.arange(max(1, round(2 * np.pi * ring / spacing))) * spacing / max(ring, 1e-9)
+            rows.append(np.column_stack([ring * np.cos(angles), ring * np.sin(angles), np.full(len(angles), height)]))
+    return np.concatenate(rows)
+
+
+def frame_of(axis: Triple) -> tuple[Triple, Triple, Triple]:
+    """Axes whose third is ``axis``, of length 1; right-handed."""
+    third = np.array(axis) / np.linalg.norm(axis)
+    helper = np.array(AXES["x"] if abs(third[0]) < 0.9 else AXES["y"])
+    first = helper - (helper @ third) * third
+    first /= np.linalg.norm(first)
+    second = np.cross(third, first)
+    return triple(first), triple(second), triple(third)
+
+
+def triple(values: Floats) -> Triple:
+    """Three numbers as a tuple."""
+    return float(values[0]), float(values[1]), float(values[2])
+
+
+def box(centre: Triple, size: Triple) -> Solid:
+    """A box along the axes, by its whole size."""
+    return Solid(Form.BOX, centre, (size[0] / 2, size[1] / 2, size[2] / 2))
+
+
+def cylinder(centre: Triple, axis: str | Triple, length: float, radius: float) -> Solid:
+    """A cylinder around ``axis``."""
+    direction = AXES[axis] if isinstance(axis, str) else axis
+    return Solid(Form.CYLINDER, centre, (radius, radius, length / 2), frame_of(direction))
+
+
+def ring(centre: Triple, axis: str | Triple, length: float, outer: float, inner: float) -> Solid:
+    """A tube around ``axis``."""
+    direction = AXES[axis] if isinstance(axis, str) else axis
+    return Solid(Form.RING, centre, (outer, inner, length / 2), frame_of(direction))
+
+
+def ball(centre: Triple, radius: float) -> Solid:
+    """A ball."""
+    return Solid(Form.BALL, centre, (radius, radius, radius))
+
+
+def bar(start: Triple, end: Triple, normal: Triple, width: float, thickness: float) -> Solid:
+    """A box from ``start`` to ``end``, as wide across ``normal`` and as thick along it."""
+    a, b, up = np.array(start), np.array(end), np.array(normal)
+    along = (b - a) / np.linalg.norm(b - a)
+    half = (float(np.linalg.norm(b - a)) / 2, width / 2, thickness / 2)
+    return Solid(Form.BOX, triple((a + b) / 2), half, (triple(along), triple(np.cross(up, along)), triple(up)))

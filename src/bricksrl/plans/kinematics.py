@@ -1,0 +1,267 @@
+"""From a plan to what a physics twin is made of: links with mass and inertia, hinges, gear ratios, wheels, sensors. Plain data.
+
+Metres, kilograms, radians; x forward, y left, z up, where a plan has z forward and y downwards. The origin is the plan's.
+"""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+
+import numpy as np
+
+from bricksrl.errors import PlanError
+from bricksrl.plans.bodies import MAX_BODIES, Bodies, Joint
+from bricksrl.plans.geometry import MM_PER_LDU, Floats
+from bricksrl.plans.part import DeviceKind, GearForm, Part
+from bricksrl.plans.plan import Placed, Plan
+
+TO_TWIN = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+"""Rotation from a plan's frame to that of a twin."""
+_METRES = MM_PER_LDU / 1000
+_GRID = 2.5
+"""LDU between the points over which a part's mass is spread, more in large parts."""
+
+
+@dataclass(frozen=True, eq=False)
+class Link:
+    """Parts that do not move against one another.
+
+    Attributes:
+        parts: their indices in the plan.
+        mass_kg: of all of them; of a motor the whole mass is at its case.
+        centre_m: centre of mass [3].
+        inertia: about it, kg m2 [3, 3].
+    """
+
+    parts: tuple[int, ...]
+    mass_kg: float
+    centre_m: Floats
+    inertia: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class Hinge:
+    """Two links that turn against each other.
+
+    Attributes:
+        parent, child: indices of the links; the parent is the nearer one to what stands fast, else to the first link.
+        point_m: middle, along the axis, of what connects the two [3].
+        axis: direction [3]; of a motor the one in which its shaft points out, where the child turns against the parent as the
+            shaft against its case.
+        port: of the motor that drives it, ``None`` for others.
+        closes_loop: whether the two links are connected by other hinges already.
+        slides: whether they can also slide along the axis.
+        turns_child: of a motor: whether the child is what it turns, and the parent holds its case.
+    """
+
+    parent: int
+    child: int
+    point_m: Floats
+    axis: Floats
+    port: str | None
+    closes_loop: bool
+    slides: bool
+    turns_child: bool = True
+
+
+@dataclass(frozen=True, eq=False)
+class Wheel:
+    """A wheel on the floor: its link, middle [3] in metres, diameter, and index of the part."""
+
+    link: int
+    centre_m: Floats
+    diameter_mm: float
+    part: int
+
+
+@dataclass(frozen=True, eq=False)
+class Mounted:
+    """The hub or a sensor: its link, where it is [3] in metres, where it looks [3], and index of the part.
+
+    A hub looks to its USB port.
+    """
+
+    link: int
+    port: str | None
+    name: str
+    point_m: Floats
+    looks: Floats
+    part: int
+
+
+@dataclass(frozen=True)
+class Teeth:
+    """Two links whose gears are in mesh: of each the link, its teeth, and the shape of them."""
+
+    links: tuple[int, int]
+    teeth: tuple[int, int]
+    forms: tuple[GearForm, GearForm]
+
+
+@dataclass(frozen=True, eq=False)
+class Mechanism:
+    """All of a robot.
+
+    Attributes:
+        ratios: [hinges, motors], turns of a hinge's child against its parent, about its axis, for one of a motor's shaft against
+            its case, about the direction in which it points out; in the plan's position, motors in the order of ``ports``.
+        ports: of the motors.
+        gears: which links' teeth are in one another.
+        fixed: index of the link that stands fast, ``None`` where the robot moves about.
+    """
+
+    links: tuple[Link, ...]
+    hinges: tuple[Hinge, ...]
+    ports: tuple[str, ...]
+    ratios: Floats
+    wheels: tuple[Wheel, ...]
+    mounted: tuple[Mounted, ...]
+    gears: tuple[Teeth, ...]
+    fixed: int | None
+
+    @property
+    def mass_kg(self) -> float:
+        """Of the whole robot."""
+        return sum(link.mass_kg for link in self.links)
+
+    @property
+    def centre_m(self) -> Floats:
+        """Centre of mass of the whole robot [3]."""
+        return np.asarray(sum(link.mass_kg * link.centre_m for link in self.links) / self.mass_kg)
+
+
+def mechanism(plan: Plan, bodies: Bodies) -> Mechanism:
+    """The mechanism of a plan, from its rigid bodies.
+
+    Raises:
+        PlanError: there are too many bodies to be one robot.
+    """
+    if len(bodies.members) > MAX_BODIES:
+        raise PlanError(f"{plan.path} has {len(bodies.members)} bodies; run `bricksrl plan check` on it and connect them")
+    motions = bodies.motions()
+    members = bodies.members
+    of_part = {part: number for number, parts in enumerate(members) for part in parts}
+    links = tuple(_link(plan, parts) for parts in members)
+    ordered = _hinges(plan, bodies)
+    motors = [joint for joint in bodies.joints if joint.motor is not None]
+    ports = tuple(plan.parts[joint.motor].port or "" for joint in motors if joint.motor is not None)
+    driven = [_rate(joint, *joint.bodies, motions) for joint in motors]
+    ratios = _ratios([_rate(joint, hinge.parent, hinge.child, motions) for joint, hinge in ordered], driven)
+    wheels = tuple(
+        Wheel(of_part[placed.index], _place(placed.position), placed.part.wheel_mm, placed.index)
+        for placed in plan.parts
+        if placed.part.wheel_mm and placed.index in of_part
+    )
+    gears = tuple(
+        Teeth((first, second), (mesh.gears[0].teeth, mesh.gears[1].teeth), (mesh.gears[0].form, mesh.gears[1].form))
+        for first, second, mesh in bodies.meshes
+        if first != second
+    )
+    hinges = tuple(hinge for _, hinge in ordered)
+    fixed = next((of_part[placed.index] for placed in plan.parts if placed.is_fixed and placed.index in of_part), None)
+    return Mechanism(links, hinges, ports, ratios, wheels, _mounted(plan, of_part), gears, fixed)
+
+
+def _hinges(plan: Plan, bodies: Bodies) -> list[tuple[Joint, Hinge]]:
+    """A hinge for each pair of links and axis, those of the motors first, then the nearest to the first link."""
+    left: list[tuple[Joint, int, int]] = []
+    for joint in sorted(bodies.joints, key=lambda one: one.motor is None):
+        first, second = joint.bodies
+        is_known = any({a, b} == {first, second} and _is_coaxial(other, joint) for other, a, b in left)
+        if first != second and not is_known:
+            left.append((joint, first, second))
+    is_fixed = [any(plan.parts[part].is_fixed for part in parts) for parts in bodies.members]
+    root = is_fixed.index(True) if any(is_fixed) else 0
+    reached, found = {root}, []
+    while left:
+        open_ends = [one for one in left if (one[1] in reached) != (one[2] in reached)]
+        chosen = (open_ends or left)[0]
+        left.remove(chosen)
+        joint, first, second = chosen
+        parent, child = (first, second) if first in reached else (second, first)
+        port = plan.parts[joint.motor].port if joint.motor is not None else None
+        # A motor may be held by its shaft: then its case turns, and the axis is turned round to keep the direction.
+        sign = -1.0 if port is not None and parent != first else 1.0
+        place, axis = _place(joint.point), sign * TO_TWIN @ joint.axis
+        found.append((joint, Hinge(parent, child, place, axis, port, not open_ends, joint.slides, parent == first)))
+        reached |= {first, second}
+    return found
+
+
+def _is_coaxial(one: Joint, other: Joint) -> bool:
+    aside = np.cross(other.point - one.point, one.axis)
+    return bool(np.linalg.norm(aside) < 2.0 and np.linalg.norm(np.cross(one.axis, other.axis)) < 0.05)
+
+
+def _ratios(rates: list[Floats], driven: list[Floats]) -> Floats:
+    """Turns of each hinge for one turn of each motor [hinges, motors], from the motions that are left."""
+    if not driven:
+        return np.zeros((len(rates), 0))
+    return np.asarray(np.round(np.stack(rates) @ np.linalg.pinv(np.stack(driven)), 6)) + 0.0
+
+
+def _rate(joint: Joint, parent: int, child: int, motions: Floats) -> Floats:
+    """How fast one body turns against another about a joint's axis in each of the motions [n]."""
+    turning = motions[6 * child + 3 : 6 * child + 6] - motions[6 * parent + 3 : 6 * parent + 6]
+    # Where a motor's case turns about its shaft, that is how the shaft turns about the axis turned round.
+    sign = -1.0 if joint.motor is not None and parent != joint.bodies[0] else 1.0
+    return np.asarray(sign * joint.axis @ turning)
+
+
+def _place(point: Floats) -> Floats:
+    return np.asarray(TO_TWIN @ point * _METRES)
+
+
+def _mounted(plan: Plan, of_part: dict[int, int]) -> tuple[Mounted, ...]:
+    found = []
+    for placed in plan.devices(DeviceKind.HUB) + plan.devices(DeviceKind.SENSOR):
+        device = placed.part.device
+        if device is None or placed.index not in of_part:
+            continue
+        looks = np.array(device.looks or (0.0, 0.0, 1.0))
+        low, high = placed.part.bounds
+        at = np.where(looks > 0.5, high, np.where(looks < -0.5, low, 0.0)) if device.looks else np.array(device.plug)
+        point = placed.to_plan(at[None, :])[0]
+        name = placed.device or device.name
+        facing = TO_TWIN @ placed.rotation @ looks
+        found.append(Mounted(of_part[placed.index], placed.port, name, _place(point), facing, placed.index))
+    return tuple(found)
+
+
+def _link(plan: Plan, parts: tuple[int, ...]) -> Link:
+    pieces = [_mass_of(plan.parts[part]) for part in parts]
+    mass = sum(piece[0] for piece in pieces)
+    centre = np.asarray(sum(piece[0] * piece[1] for piece in pieces) / mass)
+    inertia = np.zeros((3, 3))
+    for piece_mass, place, own in pieces:
+        inertia += own + _parallel_axis(piece_mass, place - centre)
+    return Link(parts, mass, centre, inertia)
+
+
+def _mass_of(placed: Placed) -> tuple[float, Floats, Floats]:
+    """Mass, centre and inertia about it of a part, its mass spread evenly over its material."""
+    mass = placed.part.mass_g / 1000
+    centre, inertia = _spread(placed.part)
+    turn = TO_TWIN @ placed.rotation
+    return mass, _place(placed.to_plan(centre[None, :])[0]), mass * turn @ inertia @ turn.T
+
+
+@functools.lru_cache(maxsize=512)
+def _spread(part: Part) -> tuple[Floats, Floats]:
+    """Centre [3] in LDU and inertia about it [3, 3] in m2 for 1 kg of a part, in its own frame, from a grid of points."""
+    low, high = part.bounds
+    counts = np.clip(np.ceil((high - low) / _GRID), 4, 48).astype(int)
+    cell = (high - low) / counts
+    lines = [start + size * (np.arange(count) + 0.5) for start, size, count in zip(low, cell, counts, strict=True)]
+    points = np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, 3)
+    points = points[part.contains(points, 0.0)]
+    centre = points.mean(axis=0)
+    away = (points - centre) * _METRES
+    # Each point stands for a small box, not for itself.
+    squares = away.T @ away / len(points) + np.diag((cell * _METRES) ** 2 / 12)
+    return centre, np.asarray(np.trace(squares) * np.eye(3) - squares)
+
+
+def _parallel_axis(mass: float, away: Floats) -> Floats:
+    return np.asarray(mass * (float(away @ away) * np.eye(3) - np.outer(away, away)))

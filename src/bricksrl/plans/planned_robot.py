@@ -1,0 +1,101 @@
+"""Everything that follows from a plan about the robot that it builds, found out once for each file."""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+from pathlib import Path
+
+from bricksrl.errors import PlanError
+from bricksrl.plans.articulation import Articulation, articulation
+from bricksrl.plans.bodies import Bodies, find_bodies
+from bricksrl.plans.connections import connections, meshes
+from bricksrl.plans.geometry import Floats
+from bricksrl.plans.kinematics import Mechanism, mechanism
+from bricksrl.plans.part import DeviceKind
+from bricksrl.plans.plan import Placed, Plan, read_plan
+from bricksrl.plans.trains import Train, trains
+
+
+@dataclass(frozen=True, eq=False)
+class Rolling:
+    """A motor that turns a wheel: the wheel's diameter and middle [3], and whether the motor turns clockwise to roll forwards."""
+
+    port: str
+    diameter_mm: float
+    centre_m: Floats
+    is_clockwise_forward: bool
+
+
+@dataclass(frozen=True, eq=False)
+class PlannedRobot:
+    """A plan and what follows from it."""
+
+    plan: Plan
+    bodies: Bodies
+    mechanism: Mechanism
+    trains: tuple[Train, ...]
+    articulation: Articulation
+
+    def train(self, port: str) -> Train:
+        """The train of the motor on a port."""
+        return next(train for train in self.trains if train.port == port)
+
+    def device(self, port: str) -> Placed | None:
+        """The motor or sensor on a port."""
+        wired = self.plan.devices(DeviceKind.MOTOR) + self.plan.devices(DeviceKind.SENSOR)
+        return next((placed for placed in wired if placed.port == port), None)
+
+    @property
+    def rolling(self) -> tuple[Rolling, ...]:
+        """The motors that turn wheels; of one that turns several, the wheel that is farthest to the left."""
+        found = []
+        for drive in self.articulation.drives:
+            wheels = [wheel for wheel in self.articulation.wheels if wheel.link == drive.turn.child]
+            if wheels:
+                wheel = max(wheels, key=lambda one: float(one.centre_m[1]))
+                # Turning about +y, to the left, rolls forwards.
+                forward = float(drive.turn.axis[1]) * drive.gear > 0
+                found.append(Rolling(drive.port, wheel.diameter_mm, wheel.centre_m, forward))
+        return tuple(found)
+
+
+def planned_robot(path: Path) -> PlannedRobot:
+    """The robot of a plan.
+
+    Raises:
+        PlanError: the file is no plan, a motor has no port, or something in it has no twin.
+    """
+    try:
+        state = path.stat()
+    except OSError as error:
+        raise PlanError(f"{path}: {error.strerror or error}; name an LDraw file (.ldr, .mpd or .io)") from None
+    return _planned(path.resolve(), state.st_mtime_ns, state.st_size, str(path))
+
+
+@functools.lru_cache(maxsize=16)
+def _planned(path: Path, _changed_ns: int, _size: int, _name: str) -> PlannedRobot:
+    return planned(read_plan(path))
+
+
+def planned(plan: Plan) -> PlannedRobot:
+    """The robot of a plan that is read already.
+
+    Raises:
+        PlanError: a motor has no port, two devices have one, or something in it has no twin.
+    """
+    if not plan.parts:
+        raise PlanError(f"{plan.path} has no part that the catalogue knows; run `bricksrl plan check` on it")
+    ports: set[str] = set()
+    for placed in plan.devices(DeviceKind.MOTOR) + plan.devices(DeviceKind.SENSOR):
+        if placed.port is None:
+            raise PlanError(
+                f"{plan.path}, line {placed.line}: {placed.name} has no port; say 0 !BRICKSRL PORT and its letter before it"
+            )
+        if placed.port in ports:
+            raise PlanError(f"{plan.path}, line {placed.line}: port {placed.port} is used twice; give each device its own")
+        ports.add(placed.port)
+    bodies = find_bodies(plan.parts, connections(plan.parts), meshes(plan.parts))
+    made = mechanism(plan, bodies)
+    driven = trains(made, plan.path)
+    return PlannedRobot(plan, bodies, made, driven, articulation(made, driven))

@@ -1,0 +1,152 @@
+"""Positions of a robot's parts when its motors are turned: chains, gears, rods and closed loops. Metres, the twin's axes.
+
+A motion takes a point of the plan's position to where it is then. Loops are closed by Gauss and Newton's method for the angles
+that no motor gives.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from bricksrl.plans.articulation import Articulation, Turn
+from bricksrl.plans.geometry import Floats
+
+_STEPS, _CLOSE_M, _SMALL = 30, 1e-7, 1e-6
+_LIKE_M = 0.01
+"""Weight of staying near the last angles, so that what no loop holds stays where it is."""
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """A rigid motion: ``turn`` [3, 3] and ``shift`` [3]."""
+
+    turn: Floats
+    shift: Floats
+
+    def of(self, points: Floats) -> Floats:
+        """Points [..., 3] moved."""
+        return np.asarray(points @ self.turn.T + self.shift)
+
+    def after(self, other: Motion) -> Motion:
+        """This motion after another one."""
+        return Motion(self.turn @ other.turn, self.turn @ other.shift + self.shift)
+
+
+STILL = Motion(np.eye(3), np.zeros(3))
+
+
+def turning(axis: Floats, point: Floats, angle: float) -> Motion:
+    """A turn about an axis of length 1 through a point (Rodrigues)."""
+    x, y, z = axis
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    turn = np.eye(3) + math.sin(angle) * cross + (1.0 - math.cos(angle)) * cross @ cross
+    return Motion(turn, point - turn @ point)
+
+
+class Poser:
+    """Where the bodies of an articulation are.
+
+    Attributes:
+        free: indices of the swings that no loop holds: one may turn them.
+    """
+
+    def __init__(self, made: Articulation) -> None:
+        self._made = made
+        self._angles = np.zeros(len(made.swings))
+        self._held = self._find_held()
+        self.free = tuple(number for number in range(len(made.swings)) if number not in self._held)
+
+    def motions(self, shafts: Mapping[str, float], swings: Mapping[int, float] | None = None) -> tuple[Motion, ...]:
+        """The motion of each body.
+
+        Args:
+            shafts: how far each motor's shaft is turned from the plan's position, clockwise, rad; by its port.
+            swings: angles of the free swings, rad; by their index.
+        """
+        for number, angle in (swings or {}).items():
+            if number not in self._held:
+                self._angles[number] = angle
+        if self._held:
+            self._close(shafts)
+        return self._forward(shafts, self._angles)
+
+    def of_parts(self, shafts: Mapping[str, float], motions: tuple[Motion, ...]) -> dict[int, Motion]:
+        """The motion of each part, by its index; ``motions`` are those of the bodies."""
+        made, found = self._made, dict[int, Motion]()
+        for number, body in enumerate(made.bodies):
+            found |= dict.fromkeys(body.parts, motions[number])
+        gears = {drive.port: drive.gear for drive in made.drives}
+        for one in made.followers:
+            spin = turning(-one.axis, one.point_m, one.ratio * shafts.get(one.port, 0.0) / gears[one.port])
+            found |= dict.fromkeys(one.parts, motions[one.body].after(spin))
+        for rod in made.rods:
+            near, far = motions[rod.near].of(rod.near_m), motions[rod.far].of(rod.far_m)
+            found |= dict.fromkeys(rod.parts, _from_to(rod.near_m, rod.far_m, near, far))
+        return found
+
+    def _forward(self, shafts: Mapping[str, float], angles: Floats) -> tuple[Motion, ...]:
+        made = self._made
+        turns: list[tuple[Turn, float]] = list(zip(made.swings, (float(angle) for angle in angles), strict=True))
+        drives = {drive.port: shafts.get(drive.port, 0.0) / drive.gear for drive in made.drives}
+        turns += [(drive.turn, drives[drive.port]) for drive in made.drives]
+        turns += [(one.turn, one.ratio * drives[one.port]) for one in made.geared]
+        motions = {0: STILL}
+        for turn, angle in sorted(turns, key=lambda one: one[0].child):
+            motions[turn.child] = motions[turn.parent].after(turning(turn.axis, turn.point_m, angle))
+        return tuple(motions[number] for number in range(len(made.bodies)))
+
+    def _gaps(self, shafts: Mapping[str, float], angles: Floats) -> Floats:
+        """How far rods and loops are from closed [n], m."""
+        motions, gaps = self._forward(shafts, angles), []
+        for rod in self._made.rods:
+            length = np.linalg.norm(rod.far_m - rod.near_m)
+            apart = motions[rod.far].of(rod.far_m) - motions[rod.near].of(rod.near_m)
+            gaps.append(float(np.linalg.norm(apart) - length))
+        for loop in self._made.loops:
+            gaps += (motions[loop.parent].of(loop.point_m) - motions[loop.child].of(loop.point_m)).tolist()
+        return np.array(gaps)
+
+    def _slopes(self, shafts: Mapping[str, float], angles: Floats) -> Floats:
+        """How the gaps change with the angles [gaps, angles]."""
+        steps = [np.eye(len(angles))[number] * _SMALL for number in range(len(angles))]
+        rows = [(self._gaps(shafts, angles + step) - self._gaps(shafts, angles - step)) / (2 * _SMALL) for step in steps]
+        return np.stack(rows, axis=1)
+
+    def _find_held(self) -> frozenset[int]:
+        """The swings that change a gap."""
+        if not (self._made.rods or self._made.loops) or not len(self._angles):
+            return frozenset()
+        slopes = np.abs(self._slopes({}, np.zeros(len(self._angles)))).max(axis=0)
+        return frozenset(np.flatnonzero(slopes > 1e-5).tolist())
+
+    def _close(self, shafts: Mapping[str, float]) -> None:
+        """Turn the swings until rods and loops are closed, as far as that can be."""
+        held = sorted(self._held)
+        start = self._angles.copy()
+        for _ in range(_STEPS):
+            gaps = self._gaps(shafts, self._angles)
+            if np.abs(gaps).max() < _CLOSE_M:
+                return
+            slopes = self._slopes(shafts, self._angles)[:, held]
+            weight = (_LIKE_M * 1e-3) ** 2
+            matrix = slopes.T @ slopes + weight * np.eye(len(held))
+            change = np.linalg.solve(matrix, slopes.T @ gaps)
+            self._angles[held] -= np.clip(change, -0.3, 0.3)
+        if np.abs(self._gaps(shafts, self._angles)).max() > 1e-3:
+            self._angles = start
+
+
+def _from_to(old_near: Floats, old_far: Floats, near: Floats, far: Floats) -> Motion:
+    """The motion of a rod from its pins in the plan to those now, the shortest way."""
+    before, now = old_far - old_near, far - near
+    before, now = before / np.linalg.norm(before), now / np.linalg.norm(now)
+    across = np.cross(before, now)
+    sine = float(np.linalg.norm(across))
+    if sine < 1e-9:
+        return Motion(np.eye(3), near - old_near)
+    turn = turning(across / sine, np.zeros(3), math.atan2(sine, float(before @ now))).turn
+    return Motion(turn, near - turn @ old_near)

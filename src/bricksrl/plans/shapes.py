@@ -1,0 +1,201 @@
+"""Shapes of parts: triangles from their solids, holes and teeth. Our own shapes; LDraw units."""
+
+from __future__ import annotations
+
+import enum
+import functools
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from bricksrl.plans.geometry import Floats, Form, Solid, frame_of, triple
+from bricksrl.plans.part import Fit, Gear, GearForm, Part, Site
+
+_SIDES = 20
+_TOOTH = 2.2
+"""How far a gear's teeth stand out of its pitch circle."""
+_PROUD = 0.15
+"""How far a hole's dark disc stands out of the surface, so that it is seen."""
+
+
+class Tint(enum.IntEnum):
+    """What a surface is coloured with."""
+
+    MAIN = 0
+    DARK = 1
+    TURNING = 2
+    FACE = 3
+
+
+@dataclass(frozen=True)
+class Surface:
+    """Triangles [n, 3, 3], counter-clockwise seen from outside, and their tints [n]."""
+
+    triangles: Floats
+    tints: Floats
+
+
+@functools.lru_cache(maxsize=1024)
+def surface_of(part: Part) -> Surface:
+    """How a part looks, in its own frame."""
+    pieces: list[tuple[Floats, Tint]] = []
+    if part.family == "axles":
+        pieces += [(_cross(site), Tint.MAIN) for site in part.sites]
+        pieces += [(_solid(solid), Tint.MAIN) for solid in part.solids if solid.half[0] > 7]
+    else:
+        tooth_solids = 1 if part.gears and part.gears[0].form is not GearForm.RACK else 0
+        pieces += [(_teeth(gear), Tint.MAIN) for gear in part.gears[:tooth_solids]]
+        tint = Tint.DARK if part.family == "tyres" or part.wheel_mm > 50 else Tint.MAIN
+        solids = part.solids[tooth_solids:] if part.family == "gears" else part.solids
+        pieces += [(_solid(solid), tint if solid.form is Form.RING else Tint.MAIN) for solid in solids]
+        pieces += [(_cross(site), Tint.MAIN) for site in part.sites if site.fit is Fit.AXLE]
+    pieces += [(_solid(solid), Tint.TURNING) for solid in part.turning]
+    pieces += [(_hole(site), Tint.DARK) for site in part.holes]
+    pieces += [(_solid(collar), Tint.MAIN) for collar in _collars(part)]
+    pieces += _faces(part)
+    triangles = np.concatenate([piece for piece, _ in pieces])
+    return Surface(triangles, np.concatenate([np.full(len(piece), int(tint)) for piece, tint in pieces]))
+
+
+def _solid(solid: Solid) -> Floats:
+    if solid.form is Form.BOX:
+        local = _box(solid.half)
+    elif solid.form is Form.CYLINDER:
+        local = _turned([(0, -1), (1, -1), (1, 1), (0, 1)], solid.half[0], solid.half[2])
+    elif solid.form is Form.RING:
+        inner = solid.half[1] / solid.half[0]
+        local = _turned([(inner, -1), (1, -1), (1, 1), (inner, 1), (inner, -1)], solid.half[0], solid.half[2], sides=36)
+    else:
+        angles = [math.pi * step / 10 - math.pi / 2 for step in range(11)]
+        local = _turned([(math.cos(angle), math.sin(angle)) for angle in angles], solid.half[0], solid.half[0])
+    faces = _of_tube(local, solid.half[0], solid.half[1]) if solid.form is Form.RING else _outward(local)
+    return np.asarray(faces @ np.array(solid.axes) + np.array(solid.centre))
+
+
+def _outward(triangles: Floats) -> Floats:
+    """Triangles of a convex solid about the origin, counter-clockwise from outside."""
+    return _facing(triangles, triangles.mean(axis=1))
+
+
+def _of_tube(triangles: Floats, outer: float, inner: float) -> Floats:
+    """Triangles of a tube about the third axis, counter-clockwise from outside, which within the tube is towards the axis."""
+    centres = triangles.mean(axis=1)
+    way = centres * np.array([1.0, 1.0, 0.0])
+    way[np.hypot(centres[:, 0], centres[:, 1]) < (outer + inner) / 2] *= -1.0
+    is_end = np.ptp(triangles[:, :, 2], axis=1) < 1e-9
+    way[is_end] = centres[is_end] * np.array([0.0, 0.0, 1.0])
+    return _facing(triangles, way)
+
+
+def _facing(triangles: Floats, way: Floats) -> Floats:
+    """Triangles turned over where they look away from a direction of their own [n, 3]."""
+    normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    is_turned = np.einsum("ij,ij->i", normals, way) < 0.0
+    return np.where(is_turned[:, None, None], triangles[:, ::-1], triangles)
+
+
+def _box(half: tuple[float, float, float]) -> Floats:
+    corners = np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)], dtype=float) * half
+    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    return _outward(np.array([corners[[a, b, c]] for q in quads for a, b, c in ((q[0], q[1], q[2]), (q[0], q[2], q[3]))]))
+
+
+def _turned(profile: list[tuple[float, float]], radius: float, half: float, sides: int = _SIDES) -> Floats:
+    """A profile of (radius, height), each 0..1, turned about the third axis."""
+    angles = np.arange(sides + 1) * 2 * math.pi / sides
+    rings = [
+        np.column_stack([r * radius * np.cos(angles), r * radius * np.sin(angles), np.full(sides + 1, z * half)])
+        for r, z in profile
+    ]
+    faces = []
+    for low, high in zip(rings, rings[1:], strict=False):
+        faces.append(np.stack([low[:-1], low[1:], high[1:]], axis=1))
+        faces.append(np.stack([low[:-1], high[1:], high[:-1]], axis=1))
+    return np.concatenate(faces)
+
+
+def _placed(local: Floats, site_axis: tuple[float, float, float], centre: tuple[float, float, float]) -> Floats:
+    return np.asarray(local @ np.array(frame_of(site_axis)) + np.array(centre))
+
+
+def _cross(site: Site) -> Floats:
+    """The two blades of an axle."""
+    half = site.length / 2
+    blades = np.concatenate([_box((6.0, 2.2, half)), _box((2.2, 6.0, half))])
+    return _placed(blades, site.axis, site.centre)
+
+
+def _hole(site: Site) -> Floats:
+    """Dark shapes at both ends of a hole: round ones for pins, crosses for axles."""
+    half = site.length / 2 + _PROUD
+    if site.fit is Fit.HOLE:
+        discs = [_turned([(0, z), (1, z)], 6.0, half) for z in (-1.0, 1.0)]
+        return _placed(_outward(np.concatenate(discs)), site.axis, site.centre)
+    blades = np.concatenate([_box((6.0, 2.0, half)), _box((2.0, 6.0, half))])
+    return _placed(blades, site.axis, site.centre)
+
+
+def _collars(part: Part) -> list[Solid]:
+    """The rims of a pin, a module from its ends."""
+    collars = []
+    for site in part.sites:
+        if site.fit in (Fit.PIN, Fit.FRICTION_PIN) and part.family == "pins":
+            ends = (0.0,) if site.length <= 40 else (-10.0, 10.0)
+            axis = np.array(site.axis)
+            collars += [
+                Solid(Form.CYLINDER, triple(np.array(site.centre) + axis * end), (7.8, 7.8, 1.2), frame_of(site.axis))
+                for end in ends
+            ]
+    return collars
+
+
+def _teeth(gear: Gear) -> Floats:
+    """A gear's outline, teeth included, drawn out along its axis."""
+    count, pitch = max(gear.teeth, 8), max(gear.pitch_radius, 10.0)
+    high, low = pitch + _TOOTH, pitch - _TOOTH - 0.6
+    steps = [(low, 0.0), (low, 0.45), (high, 0.62), (high, 0.88)]
+    outline = np.array(
+        [
+            (radius * math.cos(angle), radius * math.sin(angle))
+            for tooth in range(count)
+            for radius, share in steps
+            for angle in (2 * math.pi * (tooth + share) / count,)
+        ]
+    )
+    half = gear.width / 2
+    after = np.roll(outline, -1, axis=0)
+    faces = []
+    for z in (-half, half):
+        level = np.full((len(outline), 1), z)
+        middle = np.column_stack([np.zeros((len(outline), 2)), level])
+        cap = np.stack([middle, np.hstack([outline, level]), np.hstack([after, level])], axis=1)
+        faces.append(cap if z > 0 else cap[:, ::-1])
+    down, up = np.full((len(outline), 1), -half), np.full((len(outline), 1), half)
+    faces.append(np.stack([np.hstack([outline, down]), np.hstack([after, down]), np.hstack([after, up])], axis=1))
+    faces.append(np.stack([np.hstack([outline, down]), np.hstack([after, up]), np.hstack([outline, up])], axis=1))
+    return _placed(np.concatenate(faces), gear.axis, gear.centre)
+
+
+def _faces(part: Part) -> list[tuple[Floats, Tint]]:
+    """What tells an electric part's sides apart: the hub's display, button and ports, the eyes of a sensor."""
+    device = part.device
+    if device is None:
+        return []
+    low, high = part.bounds
+    pieces: list[tuple[Floats, Tint]] = []
+    sides = [np.array(place) for _, place in device.ports if abs(place[0]) > 45]
+    pieces += [(_box((1.0, 8.0, 15.5)) + place + np.array([-0.7 * np.sign(place[0]), 0.0, 0.0]), Tint.FACE) for place in sides]
+    if device.ports:
+        top, middle, long = low[1], (low + high) / 2, high[2] - low[2]
+        button = (float(middle[0]), float(top), float(middle[2] - 0.3 * long))
+        pieces.append((_box((40.0, 0.5, 40.0)) + np.array([middle[0], top, middle[2] + 0.18 * long]), Tint.FACE))
+        pieces.append((_placed(_disc(16.0), (0.0, -1.0, 0.0), button), Tint.TURNING))
+    if device.looks is not None and part.sites:
+        eyes = (-35.0, 35.0) if high[0] > 60 else (0.0,)
+        pieces += [(_placed(_disc(22.0), device.looks, (x, 0.0, float(low[2]))), Tint.FACE) for x in eyes]
+    return pieces
+
+
+def _disc(radius: float) -> Floats:
+    return _outward(_turned([(0, 1), (1, 1)], radius, 0.6))

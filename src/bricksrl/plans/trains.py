@@ -1,0 +1,135 @@
+"""Gear trains of a mechanism: what each motor drives in the end, and by how many teeth. Plain data."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter, defaultdict
+from dataclasses import dataclass
+
+import numpy as np
+
+from bricksrl.errors import PlanError
+from bricksrl.plans.geometry import Floats
+from bricksrl.plans.kinematics import Hinge, Mechanism
+from bricksrl.plans.part import GearForm
+
+_TURNS = 1e-4
+_COAXIAL_M = 0.001
+
+
+@dataclass(frozen=True)
+class Train:
+    """A motor and what it drives.
+
+    Attributes:
+        hinge: index of the hinge of the motor's shaft.
+        output: index of the hinge that is driven in the end; the same one where there are no gears.
+        ratio: turns of the output's child against its parent, about its axis, for one turn of the shaft.
+        teeth: from the motor to the output, each pair in mesh one after the other; empty where there are no gears.
+        others: indices of the other hinges that gears turn with the motor, the shaft's own included, and their ratios.
+    """
+
+    port: str
+    hinge: int
+    output: int
+    ratio: float
+    teeth: tuple[int, ...]
+    others: tuple[tuple[int, float], ...]
+
+    @property
+    def gears(self) -> tuple[int, ...]:
+        """Teeth as a description has them, ``(motor, output)``: one pair with the same ratio; empty without gears."""
+        if not self.teeth:
+            return ()
+        driving, driven = Counter(self.teeth[::2]), Counter(self.teeth[1::2])
+        first, last = list((driving - driven).elements()), list((driven - driving).elements())
+        if len(first) == len(last) == 1:  # an idler between two gears changes nothing
+            return first[0], last[0]
+        before, after = math.prod(first), math.prod(last)
+        shared = math.gcd(before, after)
+        return before // shared, after // shared
+
+
+def trains(made: Mechanism, path: str) -> tuple[Train, ...]:
+    """The train of each motor, in the order of the mechanism's ports.
+
+    Raises:
+        PlanError: something is driven by two motors at once, or by a rack.
+    """
+    beside: dict[int, list[tuple[int, int, int]]] = defaultdict(list)
+    for pair in made.gears:
+        if GearForm.RACK in pair.forms:
+            raise PlanError(f"{path}: a gear drives a rack; what slides has no twin yet, so drive something that turns")
+        beside[pair.links[0]].append((pair.links[1], pair.teeth[0], pair.teeth[1]))
+        beside[pair.links[1]].append((pair.links[0], pair.teeth[1], pair.teeth[0]))
+    found: list[Train] = []
+    for column, port in enumerate(made.ports):
+        index = next((number for number, hinge in enumerate(made.hinges) if hinge.port == port), None)
+        if index is None:
+            raise PlanError(f"{path}: the motor of port {port} turns the same thing as another, or nothing; take one of them off")
+        found.append(_train(made, beside, index, column))
+    driven = [hinge for train in found for hinge in {train.output, train.hinge, *(one for one, _ in train.others)}]
+    twice = sorted({hinge for hinge in driven if driven.count(hinge) > 1})
+    if twice:
+        ports = ", ".join(train.port for train in found if {train.output, *(one for one, _ in train.others)} & set(twice))
+        raise PlanError(f"{path}: the motors of ports {ports} turn the same thing; a twin drives each part by one motor only")
+    return tuple(found)
+
+
+def _train(made: Mechanism, beside: dict[int, list[tuple[int, int, int]]], index: int, column: int) -> Train:
+    """The train of the motor whose shaft is that hinge."""
+    shaft = made.hinges[index]
+    ratios = made.ratios[:, column]
+    rotor, case = (shaft.child, shaft.parent) if shaft.turns_child else (shaft.parent, shaft.child)
+    reached: dict[int, tuple[int, ...]] = {rotor: ()}
+    waiting = [rotor]
+    while waiting:
+        link = waiting.pop(0)
+        for other, own, theirs in beside[link]:
+            if other not in reached and other != case:
+                reached[other] = (*reached[link], own, theirs)
+                waiting.append(other)
+    hinges: dict[int, tuple[int, ...]] = {index: ()}
+    for link, teeth in reached.items():
+        for number, hinge in enumerate(made.hinges):
+            is_free = hinge.port is None and not hinge.closes_loop and abs(ratios[number]) > _TURNS
+            # A link that is in mesh turns about the axis of its gear; its other hinges are those of a linkage.
+            if teeth and is_free and link in (hinge.parent, hinge.child) and _is_ratio(ratios[number], teeth):
+                hinges.setdefault(number, teeth)
+    output = max(hinges, key=lambda number: (_weight(made, number), -len(hinges[number]), -number))
+    others = tuple((number, _exact(ratios[number], teeth)) for number, teeth in hinges.items() if number != output)
+    return Train(made.ports[column], index, output, _exact(ratios[output], hinges[output]), hinges[output], others)
+
+
+def _exact(ratio: float, teeth: tuple[int, ...]) -> float:
+    """The ratio of the teeth, with the sign of the one that was found."""
+    return math.copysign(math.prod(teeth[::2]) / math.prod(teeth[1::2]), ratio)
+
+
+def _is_ratio(ratio: float, teeth: tuple[int, ...]) -> bool:
+    return abs(abs(ratio) - math.prod(teeth[::2]) / math.prod(teeth[1::2])) < 0.02 * abs(ratio)
+
+
+def _weight(made: Mechanism, number: int) -> tuple[bool, float]:
+    """How much hangs on a hinge: whether there is a wheel, and the mass of all that it carries."""
+    above = {number: made.hinges[number].child}
+    carried, waiting = set(above.values()), list(above.values())
+    while waiting:
+        link = waiting.pop()
+        fresh = {hinge.child for hinge in made.hinges if hinge.parent == link and not hinge.closes_loop} - carried
+        carried |= fresh
+        waiting += fresh
+    return any(wheel.link in carried for wheel in made.wheels), round(sum(made.links[link].mass_kg for link in carried), 6)
+
+
+def is_balanced(made: Mechanism, hinge: Hinge, link: int, most_kg_m: float) -> bool:
+    """Whether a link's centre of mass lies on a hinge's axis, or so near that it hardly pulls."""
+    body = made.links[link]
+    away: Floats = np.cross(body.centre_m - hinge.point_m, hinge.axis)
+    return bool(body.mass_kg * np.linalg.norm(away) < most_kg_m)
+
+
+def is_coaxial(one: Hinge, other: Hinge) -> bool:
+    """Whether two hinges have one axis."""
+    aside = np.linalg.norm(np.cross(other.point_m - one.point_m, one.axis))
+    return bool(aside < _COAXIAL_M and np.linalg.norm(np.cross(one.axis, other.axis)) < 0.02)

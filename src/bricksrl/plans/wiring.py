@@ -1,0 +1,57 @@
+"""The wiring of a plan: hub, ports, cables."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bricksrl.plans.finding import Finding
+from bricksrl.plans.geometry import MM_PER_LDU
+from bricksrl.plans.part import DeviceKind
+from bricksrl.plans.plan import Placed, Plan
+
+_SLACK_MM = 30.0
+"""Of a cable, for its bends."""
+
+
+def wiring(plan: Plan) -> list[Finding]:
+    """Hub, ports, cables."""
+    hubs = plan.devices(DeviceKind.HUB)
+    wired = plan.devices(DeviceKind.MOTOR) + plan.devices(DeviceKind.SENSOR)
+    findings = []
+    if len(hubs) != 1:
+        if wired or len(hubs) > 1:
+            how = "has no hub; add one" if not hubs else f"has {len(hubs)} hubs; leave one"
+            findings.append(Finding("wiring", hubs[-1].line if hubs else 0, f"the plan {how}"))
+        return findings
+    places = dict(hubs[0].part.device.ports) if hubs[0].part.device else {}
+    used: dict[str, Placed] = {}
+    for placed in wired:
+        if placed.port is None:
+            text = f"{placed.name} has no port; say 0 !BRICKSRL PORT and its letter before it"
+            findings.append(Finding("wiring", placed.line, text, (placed.index,)))
+        elif placed.port not in places:
+            text = f"{placed.name} is on port {placed.port}, but the hub has {', '.join(sorted(places))}; choose one of these"
+            findings.append(Finding("wiring", placed.line, text, (placed.index,)))
+        elif placed.port in used:
+            text = (
+                f"{placed.name} is on port {placed.port}, and so is the one of line {used[placed.port].line}; give each its own"
+            )
+            findings.append(Finding("wiring", placed.line, text, (placed.index,)))
+        else:
+            used[placed.port] = placed
+            findings += _cable(hubs[0], places[placed.port], placed)
+    return findings
+
+
+def _cable(hub: Placed, place: tuple[float, float, float], placed: Placed) -> list[Finding]:
+    device = placed.part.device
+    if device is None:
+        return []
+    ends = hub.to_plan(np.array([place]))[0], placed.to_plan(np.array([device.plug]))[0]
+    needed = float(np.linalg.norm(ends[0] - ends[1])) * MM_PER_LDU + _SLACK_MM
+    if needed <= device.cable_mm:
+        return []
+    text = (
+        f"the cable of {placed.name} has {device.cable_mm:.0f} mm, but port {placed.port} needs {needed:.0f}; use a nearer port"
+    )
+    return [Finding("wiring", placed.line, text, (placed.index,))]

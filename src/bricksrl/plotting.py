@@ -1,0 +1,141 @@
+"""Plots: colours, style and saving, the same for all pictures. Matplotlib is imported when something is drawn."""
+
+from __future__ import annotations
+
+import contextlib
+import importlib
+import io
+import os
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from bricksrl.errors import DescriptionError
+from bricksrl.files import write_durably
+
+if TYPE_CHECKING:
+    import numpy as np
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from numpy.typing import NDArray
+
+INK, MUTED, GRID = "#1f2430", "#6b7280", "#e5e7eb"
+"""Of text, of axes and of lines behind the data."""
+LIGHT, STRONG, DARK, GREY = "#9fb8dc", "#0b5cad", "#08306b", "#c9ccd3"
+"""Of single values and intervals, of means, of what is frequent, of what does not count."""
+PALETTE = ("#0b5cad", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#4b5563", "#8c564b")
+"""Of several agents; told apart with most kinds of colour blindness (after Okabe and Ito)."""
+_LABEL_GAP = 0.06
+
+
+def new_figure(width_in: float = 8.0, height_in: float = 4.5) -> Figure:
+    """Figure without a window."""
+    import_matplotlib()
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width_in, height_in), layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def import_matplotlib() -> None:
+    """Import Matplotlib, also where ``MPLBACKEND`` names a window system that there is not: none is opened here."""
+    if "matplotlib" in sys.modules:
+        return
+    backend = os.environ.pop("MPLBACKEND", None)
+    try:
+        matplotlib = importlib.import_module("matplotlib")
+        if backend is not None:
+            with contextlib.suppress(ValueError):
+                matplotlib.rcParams["backend"] = backend
+    finally:
+        if backend is not None:
+            os.environ["MPLBACKEND"] = backend
+
+
+def check_picture(path: Path) -> Path:
+    """The path, if it names a PNG file, which is what `save` writes.
+
+    Raises:
+        DescriptionError: it has another ending.
+    """
+    if path.suffix.lower() != ".png":
+        raise DescriptionError(f"'{path}' is no name of a picture; end it in .png")
+    return path
+
+
+def style(axes: Axes, title: str = "", x: str = "", y: str = "") -> None:
+    """Title and labels, a light grid, no frame."""
+    axes.set_title(title, loc="left", color=INK, fontsize=12, fontweight="bold")
+    axes.set_xlabel(x, color=INK)
+    axes.set_ylabel(y, color=INK)
+    axes.grid(axis="y", color=GRID, zorder=0)
+    axes.spines[["top", "right", "left"]].set_visible(False)
+    axes.spines["bottom"].set_color(MUTED)
+    axes.tick_params(colors=MUTED, length=0)
+
+
+def save(figure: Figure, path: Path, dots_per_inch: int = 150) -> None:
+    """Write a figure into a PNG file, whole or not at all."""
+    png = io.BytesIO()
+    figure.savefig(png, format="png", dpi=dots_per_inch)
+    write_durably(path, png.getvalue())
+
+
+def save_image(path: Path, image: NDArray[np.uint8]) -> None:
+    """Write an image, uint8 [height, width, 3], into a PNG file, whole or not at all."""
+    import_matplotlib()
+    from matplotlib.image import imsave
+
+    png = io.BytesIO()
+    imsave(png, image, format="png")
+    write_durably(path, png.getvalue())
+
+
+def number(value: float) -> str:
+    """A value as pictures and tables show it: three digits, thousands with commas, never an exponent below a billion."""
+    if abs(value) >= 1e9:
+        return f"{value:.2e}"
+    return f"{value:,.0f}" if abs(value) >= 100 else f"{value:.3g}"
+
+
+def finish(axes: Axes, lines: Mapping[str, float] | None = None, *, legend: bool = True) -> None:
+    """Last touches: plain numbers, whole episodes, reference lines named at the right edge, the legend below the picture.
+
+    Args:
+        lines: values of reference lines by their labels.
+        legend: draw one, unless the figure gets one for all its axes.
+    """
+    from matplotlib.ticker import FuncFormatter, MaxNLocator
+
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:,.0f}"))
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda y, _: number(y) if y else "0"))
+    _reference_lines(axes, lines or {})
+    handles, labels = axes.get_legend_handles_labels()
+    if handles and legend:
+        axes.figure.legend(handles, labels, loc="outside lower left", ncols=4, frameon=False, labelcolor=INK, fontsize=9)
+
+
+def _reference_lines(axes: Axes, lines: Mapping[str, float]) -> None:
+    """A dashed line for each value, and its label outside of the axes; labels of close values are spread."""
+    for value in lines.values():
+        axes.axhline(value, color=MUTED, linewidth=1, linestyle=(0, (4, 3)), zorder=1)
+    low, high = axes.get_ylim()
+    places = sorted((value - low) / (high - low) for value in lines.values())
+    for index in range(1, len(places)):
+        places[index] = max(places[index], places[index - 1] + _LABEL_GAP)
+    for (label, value), place in zip(sorted(lines.items(), key=lambda item: item[1]), places, strict=True):
+        axes.annotate(
+            f"{label} {number(value)}",
+            (1.0, place),
+            xycoords="axes fraction",
+            xytext=(6, 0),
+            textcoords="offset points",
+            va="center",
+            color=MUTED,
+            fontsize=9,
+            annotation_clip=False,
+        )

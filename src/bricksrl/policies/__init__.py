@@ -1,0 +1,56 @@
+"""Policies: what was learned, loaded to act, shared and exported. Importing this loads no torch."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from torchrl.envs import EnvBase
+
+    from bricksrl.policies.policy import Policy
+    from bricksrl.training.config import TrainConfig
+    from bricksrl.training.restore import Which
+
+
+def load_policy(path: Path | str, env: EnvBase | None = None, *, which: Which = "last") -> Policy:
+    """The policy of a run, or one that was shared: a module of TensorDicts, as ``env.rollout(100, policy)`` takes it.
+
+    Args:
+        path: folder of a run, or of a shared policy.
+        env: where it is to act; without it, where it was trained.
+        which: its last checkpoint, or that of its best evaluation.
+
+    Raises:
+        RunError: there is no run in the folder.
+        CheckpointError: it is damaged, or ``env`` observes or acts otherwise than the run's environment.
+    """
+    from bricksrl.policies.policy import Policy
+    from bricksrl.policies.sharing import is_policy, load_shared
+    from bricksrl.training.restore import load_learner, one_robot
+    from bricksrl.training.run import make_env
+
+    path = Path(path)
+    made = make_env(one_robot(config_of(path))) if env is None else None
+    place = env if made is None else made
+    try:
+        learner = load_shared(path, place) if is_policy(path) else load_learner(path, place, which=which).learner
+        return Policy(learner.policy, learner.reset_policy)
+    finally:
+        if made is not None:
+            made.close(raise_if_closed=False)
+
+
+def config_of(path: Path) -> TrainConfig:
+    """The config of a run, or of a policy that was shared.
+
+    Raises:
+        RunError, CheckpointError: there is neither in the folder, or it is damaged.
+    """
+    from bricksrl.policies.sharing import is_policy, read_policy
+    from bricksrl.training.run_folder import RunFolder
+
+    return read_policy(path).config if is_policy(path) else RunFolder(path).read_config()
+
+
+__all__ = ["config_of", "load_policy"]

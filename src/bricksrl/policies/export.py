@@ -1,0 +1,158 @@
+"""Export of a trained policy: observation to action in one file, which needs nothing of BricksRL, and is checked once written."""
+
+from __future__ import annotations
+
+import importlib.util
+import io
+import logging
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import torch
+from tensordict import TensorDict
+from torch import Tensor, nn
+from torchrl.envs.utils import ExplorationType, set_exploration_type
+
+from bricksrl.errors import RunError
+from bricksrl.files import write_durably
+from bricksrl.policies import config_of, load_policy
+from bricksrl.training.restore import Which, one_robot
+
+if TYPE_CHECKING:
+    from bricksrl.policies.policy import Policy
+
+Format = Literal["torch-export", "onnx"]
+"""What is written: a program of ``torch.export``, or ONNX."""
+TOLERANCE = 1e-4
+"""Greatest difference of an action of the written file from the policy's; actions are in -1..1."""
+_OBSERVATIONS = 64
+_ONNX = ("onnx", "onnxscript")
+
+
+class BestAction(nn.Module):
+    """A policy's best action ``[batch, m]`` as a function of tensors: observations ``[batch, n]``, and images where it sees."""
+
+    def __init__(self, policy: Policy) -> None:
+        super().__init__()
+        self.module, self.names = policy.module, [str(key) for key in policy.in_keys]
+
+    def forward(self, *inputs: Tensor) -> Tensor:
+        seen = TensorDict(dict(zip(self.names, inputs, strict=True)), inputs[0].shape[:1])
+        with set_exploration_type(ExplorationType.DETERMINISTIC):
+            action: Tensor = self.module(seen)["action"]
+        return action
+
+
+def export_model(path: Path | str, out: Path, format_: Format = "torch-export", *, which: Which = "last") -> float:
+    """Write the policy of a run, or one that was shared, into the file ``out``; read it again, and compare.
+
+    Returns:
+        The greatest difference of its actions from the policy's, over random observations.
+
+    Raises:
+        RunError: ``out`` exists or cannot be written, packages are missing, or the policy is not a function of what it observes.
+        CheckpointError: the policy is damaged.
+    """
+    if out.exists():
+        raise RunError(f"{out} exists already; choose a new file")
+    missing = [name for name in _ONNX if format_ == "onnx" and importlib.util.find_spec(name) is None]
+    if missing:
+        raise RunError(f"{' and '.join(missing)} is not installed; run `pip install 'bricksrl[onnx]'`, or export as torch-export")
+    policy, inputs = load_policy(path, which=which), _observations(path)
+    acting = BestAction(policy).eval()
+    with torch.no_grad():
+        expected = _best(policy, acting, inputs)
+        data = _program(acting, inputs, format_)
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        write_durably(out, data)
+    except OSError as error:
+        raise RunError(f"cannot write {out} ({error.strerror}); choose another file") from None
+    with torch.no_grad():
+        difference = float((_reader(out, format_)(inputs) - expected).abs().max())
+    if not difference <= TOLERANCE:
+        out.unlink()
+        raise RunError(f"what was written acts otherwise, by {difference:.2g} of 2; export in another format")
+    return difference
+
+
+def _best(policy: Policy, acting: BestAction, inputs: tuple[Tensor, ...]) -> Tensor:
+    """The policy's actions; each is asked for twice.
+
+    Raises:
+        RunError: they are not the same.
+    """
+    first: Tensor = acting(*inputs)
+    policy.reset()
+    flipped = acting(*(one.flip(0) for one in inputs)).flip(0)
+    if not torch.allclose(first, flipped, atol=TOLERANCE):
+        raise RunError(
+            "the policy's action depends on more than what it observes; export one that acts at once and not by chance"
+        )
+    return first
+
+
+def _observations(path: Path | str) -> tuple[Tensor, ...]:
+    """Random observations ``[batch, n]`` within their bounds, and images where there are some, of where a policy was trained."""
+    from bricksrl.agents.encoder import ObservationLayout
+    from bricksrl.training.run import make_env
+
+    env = make_env(one_robot(config_of(Path(path))))
+    layout = ObservationLayout.of(env)
+    env.close(raise_if_closed=False)
+    generator = torch.Generator().manual_seed(0)
+    low, high = (torch.tensor(end).nan_to_num(posinf=1.0, neginf=-1.0) for end in (layout.low, layout.high))
+    observation = low + (high - low) * torch.rand(_OBSERVATIONS, len(low), generator=generator)
+    if not layout.image_px:
+        return (observation,)
+    side = layout.image_px
+    return observation, torch.randint(0, 256, (_OBSERVATIONS, side, side, 3), generator=generator, dtype=torch.uint8)
+
+
+def _program(acting: BestAction, inputs: tuple[Tensor, ...], format_: Format) -> bytes:
+    """The file's content; batches may be of any size.
+
+    Raises:
+        RunError: torch cannot follow what the policy does.
+    """
+    any_batch = tuple({0: torch.export.Dim.DYNAMIC} for _ in inputs)
+    buffer, quiet = io.BytesIO(), logging.getLogger("torch.onnx")
+    level = quiet.level
+    quiet.setLevel(logging.ERROR)
+    try:
+        with warnings.catch_warnings(action="ignore"):  # torch's own
+            program = torch.export.export(acting, inputs, dynamic_shapes=(any_batch,))
+            if format_ == "torch-export":
+                torch.export.save(program, buffer)
+            else:
+                write: Any = torch.onnx.export  # it takes buffers too, whatever its annotations say
+                write(program, (), buffer, input_names=acting.names, output_names=["action"], verbose=False)
+    except Exception as error:  # noqa: BLE001  whatever torch finds in a network of the user's
+        reason = (str(error) or type(error).__name__).splitlines()[0]
+        raise RunError(f"torch cannot export this policy ({reason}); use it through bricksrl.load_policy") from None
+    finally:
+        quiet.setLevel(level)
+    return buffer.getvalue()
+
+
+def _reader(path: Path, format_: Format) -> Callable[[tuple[Tensor, ...]], Tensor]:
+    """The written file as a function."""
+    if format_ == "torch-export":
+        module = torch.export.load(path).module()
+
+        def run(inputs: tuple[Tensor, ...]) -> Tensor:
+            action: Tensor = module(*inputs)
+            return action
+
+        return run
+    from onnx.reference import ReferenceEvaluator
+
+    evaluator = ReferenceEvaluator(str(path))
+
+    def evaluate(inputs: tuple[Tensor, ...]) -> Tensor:
+        given = {name: one.numpy() for name, one in zip(evaluator.input_names, inputs, strict=True)}
+        return torch.from_numpy(evaluator.run(None, given)[0])
+
+    return evaluate

@@ -1,0 +1,160 @@
+"""Policies on the Hugging Face hub: the tensors that act, as safetensors, and what they belong to, as JSON. No pickles."""
+
+from __future__ import annotations
+
+import json
+import tempfile
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from bricksrl.data.cards import policy_card
+from bricksrl.data.share import CARD, fetched, reaching
+from bricksrl.envs.trust import remember, require_trusted
+from bricksrl.errors import CheckpointError, RunError
+from bricksrl.files import whole_folder, write_durably
+from bricksrl.training.config import TrainConfig
+from bricksrl.training.run_folder import RunFolder
+
+if TYPE_CHECKING:
+    from torchrl.envs import EnvBase
+
+    from bricksrl.agents.learner import Learner
+
+TENSORS, ABOUT = "policy.safetensors", "policy.json"
+_VERSION = 1
+
+
+def is_policy(path: Path) -> bool:
+    """Whether a folder holds a policy that was shared, rather than a run."""
+    return (path / ABOUT).is_file() and (path / TENSORS).is_file()
+
+
+def export_policy(run_dir: Path, out: Path, *, licence: str = "mit") -> Path:
+    """Write what the agent of a run acts with into the folder ``out``: `TENSORS`, `ABOUT` and a card, all of them or none.
+
+    Raises:
+        RunError: ``out`` exists or cannot be written, or there is no run.
+        CheckpointError: the run's checkpoint is damaged.
+    """
+    from safetensors.torch import save
+
+    from bricksrl.training.restore import load_learner, one_robot
+    from bricksrl.training.run import make_env
+
+    if out.exists():
+        raise RunError(f"{out} exists already; choose a new folder")
+    folder = RunFolder(run_dir)
+    config = folder.read_config()
+    env = make_env(one_robot(config))
+    try:
+        trained = load_learner(run_dir, env)
+    finally:
+        env.close(raise_if_closed=False)
+    tensors = {name: tensor.contiguous() for name, tensor in trained.learner.policy_state().items()}
+    about = {
+        "bricksrl_policy": _VERSION,
+        "episodes": trained.episodes,
+        "config": replace(one_robot(config), data=None, updates=0, start=None, compile=False).to_dict(),
+    }
+    card = policy_card(config.env, config.agent, trained.episodes, _evaluation(folder), licence)
+    try:
+        with whole_folder(out) as new:
+            write_durably(new / TENSORS, save(tensors))
+            text = (json.dumps(about, indent=1, default=str) + "\n").encode()
+            remember(text)
+            write_durably(new / ABOUT, text)
+            write_durably(new / CARD, card.encode())
+    except OSError as error:
+        raise RunError(f"cannot write the policy to {out} ({error.strerror}); make room or choose another folder") from None
+    return out
+
+
+def _evaluation(folder: RunFolder) -> dict[str, Any] | None:
+    try:
+        found = json.loads(folder.evaluation_path.read_bytes())
+    except (OSError, ValueError, RecursionError):
+        return None
+    return found if isinstance(found, dict) and {"return_mean", "return_std", "episodes"} <= found.keys() else None
+
+
+@dataclass(frozen=True)
+class SharedPolicy:
+    """A policy from a folder that `export_policy` wrote: the config of its run, and its tensors by name."""
+
+    config: TrainConfig
+    tensors: dict[str, Any]
+
+
+def read_policy(path: Path) -> SharedPolicy:
+    """The policy in a folder. Nothing in it is executed.
+
+    Raises:
+        CheckpointError: there is none, or it is damaged.
+    """
+    from safetensors import SafetensorError
+    from safetensors.torch import load
+
+    try:
+        text = (path / ABOUT).read_bytes()
+        about = json.loads(text)
+        data = (path / TENSORS).read_bytes()
+    except OSError as error:
+        raise CheckpointError(f"there is no policy in {path} ({error.strerror}); choose a folder with {TENSORS}") from None
+    except (ValueError, RecursionError):
+        raise CheckpointError(f"{path / ABOUT} is no JSON; fetch the policy again") from None
+    if not isinstance(about, dict) or about.get("bricksrl_policy") != _VERSION or not isinstance(about.get("config"), dict):
+        raise CheckpointError(f"{path / ABOUT} describes no policy of this version of BricksRL; choose another")
+    require_trusted(path / ABOUT, text, about["config"])
+    try:
+        tensors = load(data)
+    except (SafetensorError, ValueError, KeyError, TypeError):
+        raise CheckpointError(f"{path / TENSORS} is no sound safetensors file; fetch the policy again") from None
+    try:
+        return SharedPolicy(TrainConfig.from_dict(about["config"]), tensors)
+    except RunError as error:
+        raise CheckpointError(f"{path / ABOUT} is damaged: {error}") from None
+
+
+def load_shared(path: Path, env: EnvBase) -> Learner:
+    """A learner with a shared policy, to act in ``env``; it does not go on learning from where it was.
+
+    Raises:
+        CheckpointError: there is none, it is damaged, or it acts in another kind of environment.
+    """
+    from bricksrl.training.restore import make_learner_for
+
+    shared = read_policy(path)
+    learner = make_learner_for(shared.config, env, device="cpu")
+    own = learner.policy_state()
+    if {name: tensor.shape for name, tensor in own.items()} != {name: t.shape for name, t in shared.tensors.items()}:
+        raise CheckpointError(f"the policy in {path} observes or acts otherwise than this environment; use the one it is for")
+    learner.policy.load_state_dict(shared.tensors)
+    return learner
+
+
+def push_policy(run_dir: Path, repo: str, *, private: bool = False) -> str:
+    """Put the policy of a run, or one that was shared, on the hub; returns its address.
+
+    Raises:
+        RunError, CheckpointError: as in `export_policy`.
+        DataError: the hub is out of reach or refuses.
+    """
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = run_dir if is_policy(run_dir) else export_policy(run_dir, Path(temporary) / "policy")
+        with reaching(repo) as api:
+            api.create_repo(repo, repo_type="model", private=private, exist_ok=True)
+            api.upload_folder(repo_id=repo, repo_type="model", folder_path=str(folder), allow_patterns=[TENSORS, ABOUT, CARD])
+            return f"{api.endpoint}/{repo}"
+
+
+def pull_policy(repo: str, out: Path, *, revision: str | None = None) -> Path:
+    """Fetch a policy from the hub into the folder ``out``; it is read before it gets that name.
+
+    Raises:
+        CheckpointError: it is none of ours, or damaged.
+        DataError: ``out`` exists, there is no such policy, or the hub is out of reach.
+    """
+    with fetched(repo, "model", out, [TENSORS, ABOUT, CARD], revision) as folder:
+        read_policy(folder)
+    return out

@@ -1,0 +1,198 @@
+"""Descriptions and building plans: what a description leaves open its plan says, and what both say has to agree."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from bricksrl.errors import DescriptionError, PlanError, UnknownNameError
+from bricksrl.plans.finding import Finding
+from bricksrl.plans.part import DeviceKind
+from bricksrl.plans.plan import Placed, Plan
+from bricksrl.plans.planned_robot import PlannedRobot, planned, planned_robot
+from bricksrl.robots.spec import (
+    Direction,
+    DriveBase,
+    Motor,
+    MotorKind,
+    PoweredUpSensor,
+    Sensor,
+    SensorKind,
+    UltrasonicSensor,
+)
+
+if TYPE_CHECKING:
+    from bricksrl.robots.spec import Robot
+
+_WHEEL_MM, _TRACK_MM = 0.5, 2.0
+_RATIO = 0.01
+
+
+def completed(robot: Robot) -> tuple[tuple[Motor, ...], tuple[Sensor, ...], DriveBase | None]:
+    """Motors, sensors and drive base of a description that names a plan.
+
+    Raises:
+        DescriptionError: the plan says something else than the description.
+        PlanError: the plan cannot be read.
+    """
+    made = planned_robot(Path(robot.plan or ""))
+    motors = _motors(robot, made)
+    sensors = _sensors(robot, made)
+    base = robot.drive_base
+    if base is not None and not (base.wheel_diameter_mm and base.axle_track_mm):
+        ports = {motor.name: motor.port for motor in motors}
+        wheels = {wheel.port: wheel for wheel in made.rolling}
+        sides = [wheels.get(ports.get(name, "")) for name in (base.left, base.right)]
+        left, right = sides
+        if left is None or right is None:
+            missing = base.left if left is None else base.right
+            raise DescriptionError(f"robot '{robot.name}': '{missing}' turns no wheel in {robot.plan}; correct the drive base")
+        base = replace(
+            base,
+            wheel_diameter_mm=base.wheel_diameter_mm or left.diameter_mm,
+            axle_track_mm=base.axle_track_mm or round(abs(float(left.centre_m[1] - right.centre_m[1])) * 1000, 3),
+        )
+    found = disagreements(robot.name, robot.hub.value, (*motors, *sensors), base, made)
+    if found:
+        where = f", line {found[0].line}" if found[0].line else ""
+        raise DescriptionError(f"{robot.plan}{where}: {found[0].text}")
+    return motors, sensors, base
+
+
+def _motors(robot: Robot, made: PlannedRobot) -> tuple[Motor, ...]:
+    """The motors that the description names, then those that only the plan has."""
+    placed = made.plan.devices(DeviceKind.MOTOR)
+    said = [replace(motor, port=motor.port or _port_of(motor.name, placed, robot)) for motor in robot.motors]
+    forward = {wheel.port: wheel.is_clockwise_forward for wheel in made.rolling}
+    for one in placed:
+        if one.port is not None and one.port not in {motor.port for motor in said} and one.part.device is not None:
+            # Motors that the plan alone names count up when the robot rolls forwards.
+            way = Direction.CLOCKWISE if forward.get(one.port, True) else Direction.COUNTERCLOCKWISE
+            name = one.device or f"motor_{one.port.lower()}"
+            said.append(Motor(name, one.port, MotorKind(one.part.device.name), way))
+    geared = {train.port: train.gears for train in made.trains}
+    return tuple(replace(motor, gears=motor.gears or geared.get(motor.port, ())) for motor in said)
+
+
+def _sensors(robot: Robot, made: PlannedRobot) -> tuple[Sensor, ...]:
+    placed = made.plan.devices(DeviceKind.SENSOR)
+    said: list[Sensor] = [replace(one, port=one.port or _port_of(one.name, placed, robot)) for one in robot.sensors]
+    for one in placed:
+        if one.port is not None and one.port not in {sensor.port for sensor in said} and one.part.device is not None:
+            name, kind = one.device or f"sensor_{one.port.lower()}", one.part.device.name
+            is_sonar = kind == UltrasonicSensor.class_name
+            said.append(UltrasonicSensor(name, one.port) if is_sonar else PoweredUpSensor(name, one.port, SensorKind(kind)))
+    return tuple(said)
+
+
+def _port_of(name: str, placed: Sequence[Placed], robot: Robot) -> str:
+    """The port that the plan has for a name."""
+    for one in placed:
+        if one.device == name and one.port is not None:
+            return one.port
+    known = ", ".join(one.device for one in placed if one.device) or "none"
+    raise DescriptionError(
+        f"robot '{robot.name}': '{name}' has no port, and {robot.plan} no device of that name (it has: {known}); say its port"
+    )
+
+
+def disagreements(
+    name: str, hub: str, devices: Sequence[Motor | Sensor], base: DriveBase | None, made: PlannedRobot
+) -> list[Finding]:
+    """What a description and a plan say differently."""
+    placed = {one.port: one for kind in (DeviceKind.MOTOR, DeviceKind.SENSOR) for one in made.plan.devices(kind)}
+    findings = []
+    for one in made.plan.devices(DeviceKind.HUB):
+        if one.part.device is not None and one.part.device.name != hub:
+            text = f"{one.name} is no {hub} hub, which the robot {name} has; make both agree"
+            findings.append(Finding("wiring", one.line, text, (one.index,)))
+    for device in devices:
+        there = placed.get(device.port)
+        if there is None:
+            text = f"the robot {name} has '{device.name}' on port {device.port}, the plan nothing; add it with 0 !BRICKSRL PORT"
+            findings.append(Finding("wiring", 0, text))
+        else:
+            findings += _compared(name, device, there, made)
+    for port, there in placed.items():
+        if port not in {device.port for device in devices}:
+            text = f"port {port} has {there.name} '{there.device or ''}', but for the robot {name} nothing; make both agree"
+            findings.append(Finding("wiring", there.line, text, (there.index,)))
+    if base is not None:
+        ports = {device.name: device.port for device in devices}
+        findings += _rolled(name, base, ports, placed, made)
+    return findings
+
+
+def _compared(name: str, device: Motor | Sensor, there: Placed, made: PlannedRobot) -> list[Finding]:
+    """Name, kind and gears of a motor or sensor."""
+    kind = device.kind.value if isinstance(device, Motor) else device.class_name
+    on = f"port {device.port} has {there.name} '{there.device or ''}'"
+    if there.part.device is None or there.part.device.name != kind:
+        text = f"{on}, but for the robot {name} '{device.name}', a {kind}; make both agree"
+        return [Finding("wiring", there.line, text, (there.index,))]
+    if there.device is not None and there.device != device.name:
+        text = f"{on}, but for the robot {name} '{device.name}'; make both agree"
+        return [Finding("wiring", there.line, text, (there.index,))]
+    train = next((train for train in made.trains if train.port == device.port), None)
+    if isinstance(device, Motor) and device.gears and train is not None and device.gears[0] != device.gears[-1]:
+        said = device.gears[0] / device.gears[-1]
+        if abs(said - abs(train.ratio)) > _RATIO * said:
+            teeth = " to ".join(map(str, train.gears)) or "no gears"
+            text = f"motor '{device.name}' has gears {device.gears} for the robot {name}, but {teeth} in the plan; correct one"
+            return [Finding("gears", there.line, text, (there.index,))]
+    return []
+
+
+def _rolled(
+    name: str, base: DriveBase, ports: dict[str, str], placed: dict[str | None, Placed], made: PlannedRobot
+) -> list[Finding]:
+    """Wheels of a drive base: their diameter, and the distance of their middles."""
+    wheels = {wheel.port: wheel for wheel in made.rolling}
+    sides = []
+    for side in (base.left, base.right):
+        wheel, there = wheels.get(ports.get(side, "")), placed.get(ports.get(side))
+        if there is None:
+            return []
+        if wheel is None or abs(wheel.diameter_mm - base.wheel_diameter_mm) > _WHEEL_MM:
+            turns = "none" if wheel is None else f"one of {wheel.diameter_mm:g} mm"
+            text = f"motor '{side}' should turn a wheel of {base.wheel_diameter_mm:g} mm, as {name} says, but turns {turns}"
+            return [Finding("wheels", there.line, f"{text}; use the wheel that is meant", (there.index,))]
+        sides.append(wheel)
+    track_mm = abs(float(sides[0].centre_m[1] - sides[1].centre_m[1])) * 1000
+    if abs(track_mm - base.axle_track_mm) > _TRACK_MM:
+        text = f"the wheels are {track_mm:.1f} mm apart, but {name} says {base.axle_track_mm:g}; make both agree"
+        return [Finding("wheels", placed[ports[base.left]].line, text)]
+    return []
+
+
+def check_named(plan: Plan) -> list[Finding]:
+    """What a plan and the description of the robot that it names say differently; nothing where it names none.
+
+    A plan that cannot be a robot at all is left to the check of plans.
+    """
+    from bricksrl import robots
+
+    if plan.robot is None:
+        return []
+    try:
+        robot, made = robots.get(plan.robot), planned(plan)
+    except UnknownNameError as error:
+        return [Finding("wiring", 0, str(error))]
+    except PlanError:
+        return []
+    return disagreements(robot.name, robot.hub.value, (*robot.motors, *robot.sensors), robot.drive_base, made)
+
+
+def check_description(robot: Robot, path: Path) -> None:
+    """Refuse a plan that says something else than a description.
+
+    Raises:
+        DescriptionError: it does.
+        PlanError: the plan cannot be read.
+    """
+    found = disagreements(robot.name, robot.hub.value, (*robot.motors, *robot.sensors), robot.drive_base, planned_robot(path))
+    if found:
+        where = f", line {found[0].line}" if found[0].line else ""
+        raise DescriptionError(f"{path}{where}: {found[0].text}")

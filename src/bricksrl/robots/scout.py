@@ -1,0 +1,14 @@
+"""The scout: a 2Wheeler with a color sensor that looks down to the floor before its axle."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from bricksrl.robots.spec import Mount, PoweredUpSensor, SensorKind
+from bricksrl.robots.two_wheeler import TWO_WHEELER
+
+SCOUT = replace(
+    TWO_WHEELER,
+    name="scout",
+    sensors=(*TWO_WHEELER.sensors, PoweredUpSensor("light", "B", SensorKind.COLOR, Mount((56.0, 0.0, 18.0), "down"))),
+)

@@ -1,0 +1,155 @@
+"""Gamepad as a driver of a robot: on Linux its device file is read, elsewhere pygame does it."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import struct
+from collections.abc import Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Protocol, Self
+
+import torch
+from torch import Tensor
+
+from bricksrl.entry import Entry
+from bricksrl.errors import DataError
+from bricksrl.teleop.mapping import reach, rest
+
+DEAD_ZONE = 0.1
+"""Sticks that nobody touches do not stand at exactly 0."""
+_EVENT = struct.Struct("<IhBB")  # time in ms, value, kind, number: linux/joystick.h
+_BUTTON, _AXIS, _INITIAL = 0x01, 0x02, 0x80
+_AXIS_MAX = 32767
+
+
+class Pad(Protocol):
+    """A gamepad."""
+
+    def axes(self) -> Sequence[float]:
+        """Positions of its sticks, each in -1..1."""
+
+    def presses(self) -> int:
+        """Number of presses of its first button since the last call."""
+
+    def close(self) -> None:
+        """Let go of it."""
+
+
+class GamepadDriver:
+    """Stick after stick drives command after command; the first button takes over and gives back.
+
+    Args:
+        commands: of the robot.
+        in_charge: drive from the start.
+        pad: the gamepad; by default the first one that is there.
+
+    Raises:
+        DataError: there is none.
+    """
+
+    def __init__(self, commands: Sequence[Entry], *, in_charge: bool = True, pad: Pad | None = None) -> None:
+        self.in_charge = in_charge
+        self._rest = rest(commands)
+        self._pad = find_pad() if pad is None else pad
+
+    def __call__(self, observation: Tensor) -> Tensor | None:
+        """An action ``[m]``; ``None`` while the policy is in charge.
+
+        Raises:
+            DataError: the gamepad was pulled out.
+        """
+        if self._pad.presses() % 2:
+            self.in_charge = not self.in_charge
+        if not self.in_charge:
+            return None
+        pushes = torch.zeros_like(self._rest)
+        axes = torch.tensor(list(self._pad.axes())[: len(pushes)])
+        pushes[: len(axes)] = torch.where(axes.abs() < DEAD_ZONE, 0.0, axes)
+        return reach(pushes, self._rest)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self._pad.close()
+
+
+def find_pad() -> Pad:
+    """The first gamepad of this computer.
+
+    Raises:
+        DataError: there is none, or nothing to read it with.
+    """
+    devices = sorted(Path("/dev/input").glob("js*")) if Path("/dev/input").is_dir() else []
+    return LinuxPad(devices[0]) if devices else PygamePad()
+
+
+class LinuxPad:
+    """A gamepad by its device file, ``/dev/input/js0``."""
+
+    def __init__(self, device: Path) -> None:
+        self._device = device
+        try:
+            self._handle = os.open(device, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0))
+        except OSError as error:
+            raise DataError(
+                f"cannot read the gamepad {device} ({error.strerror}); see that you may, or plug in another"
+            ) from None
+        self._axes: dict[int, float] = {}
+        self._presses = 0
+
+    def _read(self) -> None:
+        try:
+            while data := os.read(self._handle, _EVENT.size):
+                _, value, kind, number = _EVENT.unpack(data)
+                if kind & ~_INITIAL == _AXIS:
+                    self._axes[number] = value / _AXIS_MAX
+                elif kind == _BUTTON and number == 0:
+                    self._presses += value
+        except BlockingIOError:
+            return
+        except (OSError, struct.error):
+            raise DataError(f"the gamepad {self._device} is gone; plug it in and start again") from None
+
+    def axes(self) -> list[float]:
+        self._read()
+        return [self._axes.get(number, 0.0) for number in range(max(self._axes, default=-1) + 1)]
+
+    def presses(self) -> int:
+        self._read()
+        presses, self._presses = self._presses, 0
+        return presses
+
+    def close(self) -> None:
+        os.close(self._handle)
+
+
+class PygamePad:
+    """A gamepad by way of pygame, which has to be installed."""
+
+    def __init__(self) -> None:
+        try:
+            pygame = importlib.import_module("pygame")
+        except ImportError:
+            raise DataError("no gamepad is here, or nothing to read it with; plug it in, and: pip install pygame") from None
+        self._pygame = pygame
+        pygame.display.init()  # its events come by way of it, also without a window
+        pygame.joystick.init()
+        if not pygame.joystick.get_count():
+            raise DataError("no gamepad is here; plug one in, or drive with the keyboard")
+        self._stick = pygame.joystick.Joystick(0)
+        self._stick.init()
+
+    def axes(self) -> list[float]:
+        self._pygame.event.pump()
+        return [self._stick.get_axis(i) for i in range(self._stick.get_numaxes())]
+
+    def presses(self) -> int:
+        events = self._pygame.event.get(self._pygame.JOYBUTTONDOWN)
+        return sum(event.button == 0 for event in events)
+
+    def close(self) -> None:
+        self._pygame.joystick.quit()
+        self._pygame.display.quit()

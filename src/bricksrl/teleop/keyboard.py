@@ -1,0 +1,83 @@
+"""Keyboard of a terminal as a driver of a robot."""
+
+from __future__ import annotations
+
+import contextlib
+import signal
+import sys
+from collections.abc import Iterator, Sequence
+from types import TracebackType
+from typing import TYPE_CHECKING, Self
+
+import torch
+from torch import Tensor
+
+from bricksrl.entry import Entry
+from bricksrl.errors import DataError
+from bricksrl.teleop.mapping import KEY_PAIRS, reach, rest
+
+if TYPE_CHECKING:
+    from prompt_toolkit.input import Input
+
+
+class KeyboardDriver:
+    """Each command has two keys, one to raise it and one to lower it; a step does what was pressed since the step before.
+
+    A terminal tells of keys that go down and not of those that go up; while one is held, it repeats. Use it as a context
+    manager: inside, keys are read one by one and are not shown.
+
+    Args:
+        commands: of the robot.
+        in_charge: drive from the start; else the space bar takes over, and gives back.
+        source: where keys come from; the terminal by default.
+
+    Raises:
+        DataError: the robot has more commands than there are keys, or nobody sits at a terminal.
+    """
+
+    def __init__(self, commands: Sequence[Entry], *, in_charge: bool = True, source: Input | None = None) -> None:
+        if len(commands) > len(KEY_PAIRS):
+            raise DataError(f"{len(commands)} commands are too many for the keyboard, which drives {len(KEY_PAIRS)}; use the API")
+        self.in_charge = in_charge
+        self._rest = rest(commands)
+        self._keys: dict[str, tuple[int, float]] = {}
+        for place, (up, down) in enumerate(KEY_PAIRS[: len(commands)]):
+            self._keys |= {up: (place, 1.0), down: (place, -1.0)}
+        self._source = source if source is not None else _terminal()
+        self._held = contextlib.ExitStack()
+
+    def __call__(self, observation: Tensor) -> Tensor | None:
+        """What was pressed since the last call, as an action ``[m]``; ``None`` while the policy is in charge."""
+        pushes = torch.zeros_like(self._rest)
+        for press in self._source.read_keys():
+            key = str(getattr(press.key, "value", press.key))
+            if key == "c-c":
+                signal.raise_signal(signal.SIGINT)  # as the terminal would do were the keys not ours
+            if key == " ":
+                self.in_charge = not self.in_charge
+            if key.lower() in self._keys:
+                place, push = self._keys[key.lower()]
+                pushes[place] = push
+        return reach(pushes, self._rest) if self.in_charge else None
+
+    @contextlib.contextmanager
+    def quiet(self) -> Iterator[None]:
+        """Inside, the terminal is as it was, for a question and its answer."""
+        with self._source.cooked_mode():
+            yield
+
+    def __enter__(self) -> Self:
+        self._held.enter_context(self._source.raw_mode())
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self._held.close()
+        self._source.close()
+
+
+def _terminal() -> Input:
+    from prompt_toolkit.input import create_input
+
+    if sys.stdin is None or not sys.stdin.isatty():
+        raise DataError("nobody sits at a terminal to press keys; run this in one, or drive with a gamepad")
+    return create_input()

@@ -1,0 +1,54 @@
+"""Collection from many copies with TorchRL's collector: of a simulation in one batch, of a virtual robot in processes."""
+
+from __future__ import annotations
+
+import functools
+import math
+import warnings
+from collections.abc import Iterator
+from typing import Any
+
+from tensordict import TensorDictBase
+from torchrl.envs import Compose, EnvBase, ParallelEnv, RewardSum, StepCounter, TransformedEnv
+from torchrl.envs.utils import ExplorationType
+
+from bricksrl.envs.options import EnvOptions
+from bricksrl.envs.registry import get_task, is_simulation, make
+
+
+def make_copies(env_id: str, options: EnvOptions, copies: int, *, seed: int | None, device: str = "cpu") -> EnvBase:
+    """Copies ``[copies]`` that count the return and the steps of each episode: of a simulation in one batch on a device, of a
+    virtual robot each in a process of its own."""
+    if is_simulation(env_id):
+        env = make(env_id, options, batch_size=copies, seed=seed, device=device)
+    else:
+        one = functools.partial(make, env_id, options.env_options, seed=seed)
+        env = ParallelEnv(copies, one, mp_start_method="spawn")
+    counted = TransformedEnv(env, Compose(RewardSum(), StepCounter()))
+    counted.task = get_task(env_id, **options.options)  # processes tell none of their attributes
+    return counted
+
+
+def collect_round(env: EnvBase, policy: Any, steps: int, steps_per_batch: int) -> Iterator[TensorDictBase]:
+    """Frames ``[copies, steps_per_batch]``, at least ``steps`` of each copy from a reset on; copies that are done start anew.
+
+    Args:
+        policy: a module of TensorDicts on the environment's device; it explores.
+    """
+    with warnings.catch_warnings(action="ignore", category=DeprecationWarning):  # TorchRL's own, when it is loaded
+        from torchrl.collectors import Collector
+
+    copies = env.batch_size.numel()
+    batches = math.ceil(steps / steps_per_batch)
+    collector = Collector(
+        env,
+        policy,
+        frames_per_batch=steps_per_batch * copies,
+        total_frames=batches * steps_per_batch * copies,
+        exploration_type=ExplorationType.RANDOM,
+        auto_register_policy_transforms=False,
+    )
+    try:
+        yield from collector
+    finally:
+        collector.shutdown(close_env=False)

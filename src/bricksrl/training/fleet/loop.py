@@ -1,0 +1,252 @@
+"""Run loop of a fleet: one learner, and robots whose episodes begin and end at their own times."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
+
+from tensordict import TensorDict
+
+from bricksrl.agents.learner import Means
+from bricksrl.errors import HubError, RunError
+from bricksrl.seed import derive_seed
+from bricksrl.training.callbacks import Episode, Phase, RobotState
+from bricksrl.training.recording import open_recorder
+from bricksrl.training.run_loop import InterruptedEpisodeError, RunLoop
+
+if TYPE_CHECKING:
+    from tensordict import TensorDictBase
+
+    from bricksrl.data.episode import About, Step
+    from bricksrl.data.recorder import Recorder
+    from bricksrl.training.fleet.robots import Event, Fleet, Member
+
+_LOOK_S = 0.1
+
+
+@dataclass
+class Playing:
+    """The episode that a robot plays.
+
+    Attributes:
+        robot: its name.
+        number: in the order in which they began, which its seed and its phase follow from.
+        length: whole steps.
+        about, steps: for the dataset; ``None`` before the first step.
+    """
+
+    robot: str
+    number: int
+    phase: Phase
+    length: int = 0
+    return_: float = 0.0
+    told: Means = field(default_factory=Means)
+    about: About | None = None
+    steps: list[Step] = field(default_factory=list)
+
+
+@dataclass
+class FleetLoop(RunLoop):
+    """A run of several robots under way; its episodes are numbered as they end.
+
+    Attributes:
+        env: the robots.
+        recorder: of the one dataset that all of them record; ``None`` for none.
+    """
+
+    env: Fleet
+    recorder: Recorder | None = None
+    _playing: dict[int, Playing] = field(default_factory=dict)
+    _begun: int = 0
+    _is_started: bool = False
+    _ended_s: float = 0.0
+
+    def begin(self) -> TensorDictBase | None:
+        """Start the robots and wait until one of them plays; the others follow when they can.
+
+        Raises:
+            HubError: none of them can be reached.
+        """
+        self._start()
+        with self.signals.at_once():
+            while not any(member.state is RobotState.ACTING for member in self.env.members):
+                self._handle(self.env.next_event(_LOOK_S))
+                self._check_reach()
+                if self.signals.requested:
+                    raise KeyboardInterrupt
+        return None
+
+    def _start(self) -> None:
+        if self._is_started:
+            return
+        self._is_started = True
+        self._begun = len(self.episodes)
+        self.env.start()
+        weights = self.learner.new_weights()
+        if weights is not None:
+            self.env.hand_out(weights)
+
+    @contextmanager
+    def _recorded(self) -> Iterator[None]:
+        with open_recorder(self.config, self.env, self.folder.path) as self.recorder:
+            try:
+                yield
+            finally:  # what was done of the episodes at hand
+                for playing in list(self._playing.values()):
+                    self._record(playing, success=None, whole=False)
+                self._playing.clear()
+
+    def _episode(self, start: TensorDictBase | None) -> None:
+        """Hear all robots until an episode ends, and write it down.
+
+        Raises:
+            HubError: no robot could be reached for the run's patience.
+            InterruptedEpisodeError: the run is to stop; what was done of the episodes at hand is recorded.
+        """
+        self._start()
+        while not self.signals.requested:
+            episode = self._handle(self.env.next_event(_LOOK_S))
+            if episode is not None:
+                episode = self._counted(episode, self._ended_s)
+                self._ended_s = time.perf_counter()
+                self._keep(episode)
+                return
+            self._check_reach()
+        raise InterruptedEpisodeError
+
+    def _check_reach(self) -> None:
+        """
+        Raises:
+            HubError: all robots have been out of reach for the run's patience.
+        """
+        members = self.env.members
+        if all(member.is_out for member in members):
+            gone_s = time.monotonic() - max(member.since_s for member in members)
+            if gone_s >= self.config.patience_s:
+                raise HubError(f"no robot of the fleet can be reached; the last error: {members[-1].reason}")
+
+    def _handle(self, event: Event | None) -> Episode | None:
+        """Act upon what a robot says; returns the episode that it has ended."""
+        if event is None:
+            return None
+        member, kind, content = event
+        match kind:
+            case "ready":
+                self._assign(member)
+            case "place":
+                self._change(member, RobotState.PLACED)
+            case "unplaced":
+                raise content if isinstance(content, Exception) else RunError("the robots cannot be placed; start again")
+            case "begun":
+                self._change(member, RobotState.ACTING)
+                self._ended_s = self._ended_s or time.perf_counter()  # the run's time begins
+                self._playing[member.number].about = content
+            case "frame":
+                self._frame(member, *content)
+            case "out":
+                playing = self._playing.get(member.number)
+                self._change(member, RobotState.LEFT, content)
+                error = HubError(f"{member.name}: {content}")
+                self.callback.on_link_lost(len(self.episodes) + 1, playing.length if playing else 0, error)
+                self._wake()
+            case "failed":
+                self._failed(member, *content)
+            case "ended":
+                return self._ended(member, *content)
+            case "gone":
+                self._change(member, RobotState.LEFT, content)
+                return self._ended(member, None, True)
+        return None
+
+    def _failed(self, member: Member, kind: str, message: str) -> None:
+        """
+        Raises:
+            RunError: the robot failed in a way that trying again does not mend.
+        """
+        raise RunError(f"{member.name} failed ({kind}: {message}); correct that and resume the run")
+
+    def _change(self, member: Member, state: RobotState, reason: str = "") -> None:
+        if (state is RobotState.LEFT) is not member.is_out:
+            member.since_s = time.monotonic()
+        if state is not member.state:
+            self.callback.on_robot(member.name, state, reason)
+        member.state, member.reason = state, reason
+
+    def _assign(self, member: Member, ended: int = 0) -> None:
+        """Give a robot its next episode, unless all that are left are being played; ``ended`` are not yet counted."""
+        at_work = sum(1 for other in self.env.members if other.number in self._playing and not other.is_out)
+        if len(self.episodes) + ended + at_work >= self.config.episodes:
+            self._change(member, RobotState.DONE)
+            return
+        self._begun += 1
+        if member.state is RobotState.DONE:
+            self._change(member, RobotState.STARTING)
+        number = self._begun
+        phase = Phase.PREFILL if number <= self.prefill_episodes else Phase.TRAIN
+        self._playing[member.number] = Playing(member.name, number, phase)
+        is_random = phase is Phase.PREFILL
+        order = {"seed": derive_seed(self.config.seed, "episode", number), "is_random": is_random}
+        self.env.order(member, {**order, "policy": "random" if is_random else self.config.agent})
+
+    def _frame(self, member: Member, rows: dict[str, Any], step: Step | None) -> None:
+        """Remember a step, learn from it, and hand out what was learned."""
+        playing = self._playing[member.number]
+        frame = TensorDict(rows).unflatten_keys(".")
+        lost = bool(frame["next"].get("link_lost", False))
+        if not lost:
+            playing.length += 1
+            playing.return_ += float(frame["next", "reward"])
+            if step is not None:
+                playing.steps.append(step)
+            self.callback.on_transition(playing.number, playing.length, playing.phase, frame)
+        self.learner.remember(frame[None], member.number)
+        if playing.phase is Phase.TRAIN and not lost:
+            playing.told.add(self.learner.learn(1))
+        weights = self.learner.new_weights()
+        if weights is not None:
+            self.env.hand_out(weights)
+        self.env.go_on(member)
+        self.callback.on_step(playing.number, playing.length, playing.phase)
+
+    def _ended(self, member: Member, success: bool | None, lost: bool) -> Episode | None:
+        """The end of a robot's episode; ``None`` where it has no whole step."""
+        playing = self._playing.pop(member.number, None)
+        self.learner.end_episodes(member.number)
+        episode = None
+        if playing is not None and playing.length:
+            self._record(playing, success=success, whole=not lost)
+            length, told = playing.length, playing.told.numbers()
+            episode = Episode(
+                len(self.episodes) + 1,
+                playing.phase,
+                length,
+                length,
+                playing.return_,
+                success,
+                told,
+                link_lost=lost,
+                robot=member.name,
+            )
+            member.restarts = 0
+        if member.process is not None:
+            self._assign(member, 0 if episode is None else 1)
+        else:
+            self._wake(0 if episode is None else 1)
+        return episode
+
+    def _wake(self, ended: int = 0) -> None:
+        """Robots for which there was no episode left take over what one that left had begun."""
+        for other in self.env.members:
+            if other.state is RobotState.DONE:
+                self._assign(other, ended)
+
+    def _record(self, playing: Playing, *, success: bool | None, whole: bool) -> None:
+        if self.recorder is None or playing.about is None or not playing.steps:
+            return
+        self.recorder.begin(replace(playing.about, robot=playing.robot))
+        for step in playing.steps:
+            self.recorder.add(step)
+        self.recorder.commit(success=success, whole=whole)

@@ -1,0 +1,164 @@
+"""The process of one robot of a fleet: ``python -m bricksrl.training.fleet.worker``, started by `Fleet`.
+
+It has the robot's link, its environment and a copy of the policy, plays the episodes that it is told to, and sends each frame as
+soon as it has it. A robot that is out of reach is tried again for as long as the run lasts.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from queue import SimpleQueue
+from typing import TYPE_CHECKING, Any
+
+from bricksrl.errors import BricksError, StoppedError
+from bricksrl.training.process import END, Message, leave, parent_channel
+
+if TYPE_CHECKING:
+    import numpy as np
+    from tensordict import TensorDictBase
+    from torchrl.envs import EnvBase
+
+    from bricksrl.training.learner_side import Acting
+
+
+class _Over(BaseException):
+    """The fleet is over, or has gone."""
+
+
+class Worker:
+    """One robot: messages in, frames out.
+
+    Attributes:
+        send: sends a message to the fleet; to be set.
+    """
+
+    send: Callable[..., None]
+
+    def __init__(self) -> None:
+        self._inbox: SimpleQueue[Message] = SimpleQueue()
+        self._over = threading.Event()
+        self._weights: deque[dict[str, Any]] = deque(maxlen=1)
+        self._env: Any = None
+        self._cut_until_s = 0.0
+
+    def hear(self, message: Message | None) -> None:
+        """Take a message, in the thread that listens; ``None`` where the fleet has gone."""
+        content: Any
+        kind, content = message or END
+        match kind:
+            case "weights":
+                self._weights.append(content)
+            case "cut":
+                self._cut_until_s = time.monotonic() + content
+            case "stop" | "pause" | "resume" if self._env is not None:
+                getattr(self._env, kind)()
+            case "end":
+                self._over.set()
+                self._inbox.put((kind, content))
+            case _:
+                self._inbox.put((kind, content))
+
+    def run(self) -> None:
+        """Play episodes until the end."""
+        try:
+            _, begin = self._take()
+            env, acting = self._prepare(begin)
+            try:
+                self.send("ready")
+                while True:
+                    _, order = self._take("episode")
+                    self._episode(env, acting, begin, order)
+            finally:
+                env.close(raise_if_closed=False)
+        except (_Over, BrokenPipeError, StoppedError):
+            pass
+        except BricksError as error:
+            self.send("failed", (type(error).__name__, str(error)))
+
+    def _prepare(self, begin: dict[str, Any]) -> tuple[EnvBase, Acting]:
+        import torch
+
+        from bricksrl.training.config import TrainConfig
+        from bricksrl.training.learner_side import Acting
+        from bricksrl.training.restore import make_learner_for
+        from bricksrl.training.run import make_env
+
+        torch.set_num_threads(1)
+        config = TrainConfig.from_dict(begin["config"])
+        torch.manual_seed(begin["seed"])
+        env: Any = make_env(config, self._place if begin["is_placed"] else None)
+        acting = Acting(make_learner_for(config, env, device="cpu"))
+        acting.weights = self._weights
+        env.reconnect.patience_s, env.reconnect.wait = float("inf"), self._wait
+        env.reconnect.on_error = lambda error: self.send("out", str(error))
+        env.in_reach = lambda: time.monotonic() >= self._cut_until_s
+        self._env = env
+        return env, acting
+
+    def _episode(self, env: Any, acting: Acting, begin: dict[str, Any], order: dict[str, Any]) -> None:
+        """One episode, frame by frame; a step at which the link breaks is the last one."""
+        from bricksrl.data.transitions import about, step_of
+        from bricksrl.envs.rollout import Rollout, link_lost, play
+
+        rollout, is_random = Rollout(), order["is_random"]
+        env.set_seed(order["seed"])
+        state = env.reset()
+        told = about(env, order["policy"], seed=order["seed"], hub=begin["config"]["hub"])
+        self.send("begun", told)
+        policy = self._random if is_random else acting.explore
+        for frame in play(env, policy, state, reset_policy=acting.reset_policy):
+            rollout.add(frame)
+            lost = link_lost(frame)
+            step = step_of(frame, env) if begin["is_recorded"] and not lost else None
+            rows = frame.exclude("link_lost").flatten_keys(".")  # before an episode it says nothing
+            self.send("frame", (dict(rows.items()), step))
+            if begin["is_paced"]:
+                self._take("go")
+            if self._over.is_set():
+                raise _Over
+        success = None if rollout.is_lost else rollout.success(env)
+        self.send("ended", (success, rollout.is_lost))
+
+    def _random(self, state: TensorDictBase) -> TensorDictBase:
+        import torch
+
+        size = self._env.action_spec.shape
+        return state.set("action", 2.0 * torch.rand(size) - 1.0)
+
+    def _place(self, _rng: np.random.Generator) -> None:
+        self.send("place")
+        self._take("placed")
+
+    def _take(self, wanted: str | None = None) -> tuple[str, Any]:
+        """The next message, which has to be of this kind.
+
+        Raises:
+            _Over: the fleet is over.
+        """
+        while True:
+            message = self._inbox.get()
+            if message[0] == END[0]:
+                raise _Over
+            if wanted is None or message[0] == wanted:
+                return message
+
+    def _wait(self, duration_s: float) -> None:
+        if self._over.wait(duration_s):
+            raise _Over
+
+
+def main() -> None:
+    """Take part in one run."""
+    worker = Worker()
+    worker.send = parent_channel(worker.hear).send
+    try:
+        worker.run()
+    finally:
+        leave()
+
+
+if __name__ == "__main__":
+    main()

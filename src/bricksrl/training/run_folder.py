@@ -1,0 +1,190 @@
+"""The folder of a run: config, metrics, checkpoint, learning curve, evaluation. No run ever writes over another."""
+
+from __future__ import annotations
+
+import csv
+import io
+import itertools
+import json
+import platform
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+from bricksrl.envs.trust import code_in, remember, require_trusted
+from bricksrl.errors import RunError
+from bricksrl.files import TEMPORARY_PREFIX, whole_folder, write_durably
+from bricksrl.training.callbacks import Episode, Phase
+from bricksrl.training.config import TrainConfig
+
+_HEAD = ("episode", "phase", "steps", "length", "return", "success")
+_TAIL = ("seconds", "updates_per_step", "link_lost", "evaluation", "robot")
+
+
+@dataclass(frozen=True)
+class RunFolder:
+    """Paths and files of one run."""
+
+    path: Path
+
+    @property
+    def config_path(self) -> Path:
+        return self.path / "config.json"
+
+    @property
+    def metrics_path(self) -> Path:
+        return self.path / "metrics.csv"
+
+    @property
+    def checkpoint_path(self) -> Path:
+        return self.path / "checkpoint.bin"
+
+    @property
+    def best_path(self) -> Path:
+        """Checkpoint of the best evaluation."""
+        return self.path / "best.bin"
+
+    @property
+    def curve_path(self) -> Path:
+        return self.path / "learning_curve.png"
+
+    @property
+    def evaluation_path(self) -> Path:
+        return self.path / "evaluation.json"
+
+    @classmethod
+    def create(cls, config: TrainConfig, state: dict[str, Any], losses: tuple[str, ...]) -> RunFolder:
+        """A new folder, holding the config and a first checkpoint; it is there whole or not at all.
+
+        Args:
+            losses: names of what the metrics tell of learning.
+
+        Raises:
+            RunError: the folder exists, or cannot be made.
+        """
+        from bricksrl.training.checkpoint import save_checkpoint
+
+        usual = Path("runs") / f"{file_name(config.env)}-{file_name(config.agent)}-seed-{config.seed}"
+        wanted = [config.run_dir] if config.run_dir is not None else _numbered(usual)
+        for path in wanted:
+            if path.exists():
+                continue
+            try:
+                with whole_folder(path) as temporary:
+                    folder = cls(temporary)
+                    folder.write_config(config)
+                    folder.write_episodes([], losses)
+                    save_checkpoint(folder.checkpoint_path, state)
+            except OSError as error:
+                if path.exists():  # somebody else took it in this moment
+                    continue
+                raise RunError(f"cannot make the folder {path} ({error.strerror}); choose another one") from None
+            return cls(path)
+        raise RunError(f"{config.run_dir} exists already; resume that run or choose another folder")
+
+    def clean(self) -> None:
+        """Remove what a process that was killed left half written."""
+        for remnant in self.path.glob(f"{TEMPORARY_PREFIX}*"):
+            remnant.unlink(missing_ok=True)
+
+    def write_config(self, config: TrainConfig) -> None:
+        """Write the config, with the versions that the run is made with."""
+        packages = {name: metadata.version(name) for name in ("bricksrl", "torch", "torchrl", "tensordict", "mujoco")}
+        versions = {**packages, "python": platform.python_version()}
+        data = {"bricksrl_run": 1, "config": config.to_dict(), "versions": versions}
+        text = (json.dumps(data, indent=2) + "\n").encode()
+        if code_in(data["config"]):
+            remember(text)
+        write_durably(self.config_path, text)
+
+    def read_config(self) -> TrainConfig:
+        """The config of the run.
+
+        Raises:
+            RunError: there is no run in this folder, its config cannot be read, or it names code and was made elsewhere.
+        """
+        try:
+            text = self.config_path.read_bytes()
+            data = json.loads(text)
+        except OSError:
+            raise RunError(f"there is no run in {self.path}; choose a folder with a config.json") from None
+        except (ValueError, RecursionError):
+            raise RunError(f"{self.config_path} is no JSON; restore the file or start a new run") from None
+        if not isinstance(data, dict) or data.get("bricksrl_run") != 1 or not isinstance(data.get("config"), dict):
+            raise RunError(f"{self.config_path} is no config of a run; choose a folder that a run was made in")
+        require_trusted(self.config_path, text, data["config"])
+        return TrainConfig.from_dict(data["config"], run_dir=self.path)
+
+    def append(self, episode: Episode) -> None:
+        """Add an episode's row to the metrics."""
+        with self.metrics_path.open("r+b") as file:
+            columns = file.readline().decode().strip().split(",")
+            file.seek(0, 2)
+            file.write(_csv([_row(episode, _losses(columns))]))
+
+    def read_episodes(self) -> tuple[Episode, ...]:
+        """The episodes in the metrics.
+
+        Raises:
+            RunError: the metrics are missing or are not ours.
+        """
+        try:
+            with self.metrics_path.open(newline="") as file:
+                return tuple(_episode(row) for row in csv.DictReader(file))
+        except OSError as error:
+            raise RunError(f"cannot read {self.metrics_path} ({error.strerror}); restore the file or start a new run") from None
+        except (KeyError, ValueError, TypeError):
+            raise RunError(f"{self.metrics_path} has a row that is not ours; restore the file or start a new run") from None
+
+    def write_episodes(self, episodes: Iterable[Episode], losses: tuple[str, ...]) -> None:
+        """Replace the metrics by these episodes: after a crash they may hold one that the checkpoint does not know."""
+        rows = [_row(episode, losses) for episode in episodes]
+        write_durably(self.metrics_path, _csv([(*_HEAD, *losses, *_TAIL), *rows]))
+
+
+def file_name(env_id: str) -> str:
+    """An environment's id as a part of a file's name, also where it is the path of a task of the user's own."""
+    return re.sub(r"[^\w.-]+", "-", env_id).strip("-.")
+
+
+def _numbered(path: Path) -> Iterable[Path]:
+    """The path, then with -2, -3, ... behind its name."""
+    return (path.with_name(f"{path.name}-{number}") if number > 1 else path for number in itertools.count(1))
+
+
+def _losses(columns: Iterable[str]) -> tuple[str, ...]:
+    return tuple(name for name in columns if name not in (*_HEAD, *_TAIL))
+
+
+def _row(episode: Episode, losses: tuple[str, ...]) -> list[Any]:
+    told = [episode.losses.get(name) for name in losses]
+    success = None if episode.success is None else int(episode.success)
+    head = [episode.episode, episode.phase.value, episode.steps, episode.length, episode.return_, success]
+    ratio = None if episode.updates_per_step is None else f"{episode.updates_per_step:.4g}"
+    return [*head, *told, f"{episode.seconds:.3f}", ratio, int(episode.link_lost), episode.evaluation, episode.robot]
+
+
+def _episode(row: dict[str, str]) -> Episode:
+    return Episode(
+        episode=int(row["episode"]),
+        phase=Phase(row["phase"]),
+        steps=int(row["steps"]),
+        length=int(row["length"]),
+        return_=float(row["return"]),
+        success=bool(int(row["success"])) if row["success"] else None,
+        losses={name: float(row[name]) for name in _losses(row) if row[name]},
+        seconds=float(row["seconds"]),
+        updates_per_step=float(row["updates_per_step"]) if row["updates_per_step"] else None,
+        link_lost=row["link_lost"] == "1",
+        evaluation=float(row["evaluation"]) if row["evaluation"] else None,
+        robot=row.get("robot") or "",
+    )
+
+
+def _csv(rows: Iterable[Iterable[Any]]) -> bytes:
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows(rows)
+    return text.getvalue().encode()

@@ -1,0 +1,296 @@
+"""Run loop: collect, remember, learn, hand on the weights; episode after episode, to the last one or to an interruption."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from typing import Any, cast
+
+import torch
+from tensordict import TensorDictBase
+from torch import Tensor
+from torchrl.envs import EnvBase
+
+from bricksrl.agents.learner import Means
+from bricksrl.envs.reference_returns import reference_lines
+from bricksrl.envs.rollout import Driver, Rollout, play, play_episodes, seed_episode
+from bricksrl.errors import BricksError, DescriptionError, HubError
+from bricksrl.training.async_learner import AsyncLearner
+from bricksrl.training.callbacks import Callback, CallbackList, Episode, Phase, Progress, RunResult
+from bricksrl.training.config import TrainConfig
+from bricksrl.training.curve import WINDOW, draw_learning_curve
+from bricksrl.training.learner_side import InLoopLearner, Pace
+from bricksrl.training.recording import Recording, open_recorder
+from bricksrl.training.run_folder import RunFolder
+from bricksrl.training.signals import StopSignals
+
+STRIDE = 20
+"""Updates from data between two looks at whether to stop."""
+
+
+class InterruptedEpisodeError(Exception):
+    """The run was asked to stop in the middle of an episode; nothing outside of the package sees this."""
+
+
+@dataclass
+class RunLoop:
+    """A run under way. Of an episode in which it is asked to stop nothing counts (`InterruptedEpisodeError`).
+
+    Attributes:
+        updates_per_step: what the settings ask for; 0 for an agent that does not learn.
+        prefill_episodes: episodes of uniform actions at the start.
+        identity: what must be equal for a checkpoint to belong to the run.
+        episodes: those that are done.
+        best: mean return of the best evaluation so far.
+        driver: who may choose the action in the place of the agent.
+    """
+
+    config: TrainConfig
+    env: EnvBase
+    learner: InLoopLearner | AsyncLearner
+    callback: Callback
+    signals: StopSignals
+    updates_per_step: float
+    prefill_episodes: int
+    identity: dict[str, Any]
+    episodes: list[Episode]
+    best: float | None = None
+    driver: Driver | None = None
+    _saved_at: Pace | None = None
+    _length: int = 0
+
+    def run(self, folder: RunFolder, start: TensorDictBase | None = None) -> RunResult:
+        """Train to the last episode or to an interruption.
+
+        Args:
+            folder: gets metrics and checkpoints.
+            start: the reset of the next episode, where it was made already.
+
+        Raises:
+            HubError: the robot was out of reach for longer than the run's patience.
+            LearnerError: the process that learns failed.
+        """
+        self.folder = folder
+        with self._recorded():
+            self.callback.on_start(self.config, folder.path, len(self.episodes))
+            reached, caught_up, is_over = None, 0, self._is_good_enough()
+            try:
+                while len(self.episodes) < self.config.episodes and not is_over and not self.signals.requested:
+                    self._episode(start)
+                    start, is_over = None, self._is_good_enough()
+                pace = self.learner.pace  # once: learning goes on meanwhile
+                reached = self._reached(pace)
+                caught_up = self._catch_up(pace)
+            except InterruptedEpisodeError:
+                self.learner.finish(lambda: False)
+            except (KeyboardInterrupt, BricksError):
+                if not self.signals.requested:
+                    raise
+            finally:
+                with self.signals.held_back():
+                    title = f"{self.config.env} · {self.config.agent} · seed {self.config.seed}"
+                    lines = reference_lines(self.config.env, self.config.options)
+                    draw_learning_curve(folder.curve_path, self.episodes, title, lines)
+            interrupted = len(self.episodes) < self.config.episodes and not is_over
+            result = RunResult(folder.path, tuple(self.episodes), interrupted, reached, caught_up)
+            self.callback.on_end(result)
+        return result
+
+    @contextmanager
+    def _recorded(self) -> Iterator[None]:
+        """However the run ends, what was done of an episode until then is recorded too."""
+        with open_recorder(self.config, self.env, self.folder.path) as recorder:
+            if recorder is not None:
+                self.callback = CallbackList(Recording(self.config, self.env, recorder), self.callback)
+            yield
+
+    def begin(self) -> TensorDictBase | None:
+        """The reset of the first episode, before anything of the run is on the disk: the robot has to be there."""
+        return self.reset()
+
+    def reset(self) -> TensorDictBase:
+        """Start the next episode, which depends on nothing but the config, its number and the actions."""
+        number = len(self.episodes) + 1
+        reconnect = None if self.env.batch_size else getattr(self.env, "reconnect", None)
+        if reconnect is not None:
+            reconnect.patience_s, reconnect.wait = self.config.patience_s, self.signals.wait
+            reconnect.on_error = lambda error: self.callback.on_link_lost(len(self.episodes) + 1, self._length, error)
+        with self.signals.at_once():  # a reset may wait for a hub or for a hand, and nothing is lost in it
+            self._length = 0
+            seed_episode(self.env, self.config.seed, "episode", number)
+            state: TensorDictBase = self.env.reset()
+        return state
+
+    def _episode(self, start: TensorDictBase | None) -> None:
+        """One episode of a robot, or a round of all copies, and its checkpoint; then an evaluation where it is time for one."""
+        number, told = len(self.episodes) + 1, Means()
+        phase = Phase.PREFILL if number <= self.prefill_episodes else Phase.TRAIN
+        started_s = time.perf_counter()
+        if self.config.updates:
+            phase = Phase.OFFLINE
+            self._study(number, told)
+        start = self.reset() if start is None else start
+        started_s = started_s if self.config.updates else time.perf_counter()
+        episode = self._copies(number, phase, told) if self.env.batch_size else self._robot(number, phase, start, told)
+        if episode is None:
+            return
+        if not math.isfinite(episode.return_):
+            raise DescriptionError(
+                f"the return of episode {number} is {episode.return_}: a reward of {self.config.env} was no number; correct it, "
+                f"`bricksrl check {self.config.env}` tries it"
+            )
+        episode = self._counted(episode, started_s)
+        if self.config.eval_every and number % self.config.eval_every == 0 and not episode.link_lost:
+            episode = self._evaluated(episode)
+        self._keep(episode)
+
+    def _counted(self, episode: Episode, started_s: float) -> Episode:
+        """The episode with the steps and the time of the run up to its end; ``started_s`` is when the last one had ended."""
+        before = self.episodes[-1] if self.episodes else None
+        return replace(
+            episode,
+            steps=episode.steps + (before.steps if before else 0),
+            seconds=time.perf_counter() - started_s + (before.seconds if before else 0.0),
+            updates_per_step=self._reached(self.learner.pace),
+        )
+
+    def _keep(self, episode: Episode) -> None:
+        """Write it down, and all that was learned until its end."""
+        with self.signals.held_back():
+            self.episodes.append(episode)
+            self.folder.append(episode)
+            self.save()
+        self.callback.on_episode(episode, self._progress())
+
+    def _study(self, number: int, told: Means) -> None:
+        """The updates from data alone before an episode: those of all episodes together are what the config asks for."""
+        here = cast("InLoopLearner", self.learner)  # where nothing is learned beside a robot
+        total, episodes = self.config.updates, self.config.episodes
+        due = total * number // episodes - total * (number - 1) // episodes
+        for at in range(0, due, STRIDE):
+            told.add(here.study_updates(min(STRIDE, due - at)))
+            if self.signals.requested:
+                raise InterruptedEpisodeError
+
+    def _robot(self, number: int, phase: Phase, start: TensorDictBase, told: Means) -> Episode | None:
+        """One episode of one robot, frame by frame; ``None`` where the link broke before its first step was whole."""
+        rollout = Rollout()
+        policy = {Phase.PREFILL: self._random, Phase.TRAIN: self.learner.explore, Phase.OFFLINE: self.learner.exploit}[phase]
+        for frame in play(self.env, policy, start, driver=self.driver, reset_policy=self.learner.reset_policy):
+            rollout.add(frame)
+            self._length = len(rollout.rewards)
+            if phase is not Phase.OFFLINE:
+                if not rollout.is_lost:
+                    self.callback.on_transition(number, self._length, phase, frame)
+                self.learner.remember(frame[None])
+                if phase is Phase.TRAIN and not rollout.is_lost:
+                    told.add(self.learner.learn(1))
+                self.callback.on_step(number, self._length, phase)
+            if self.signals.requested and not bool(frame["next", "done"]):
+                raise InterruptedEpisodeError
+        self.learner.end_episodes()
+        if not rollout.rewards:
+            return None
+        if rollout.is_lost and phase is Phase.OFFLINE:
+            raise self.env.link_error  # what is shown is a measurement: it has to be whole
+        success, steps = None if rollout.is_lost else rollout.success(self.env), self._length
+        return Episode(number, phase, steps, steps, rollout.return_, success, told.numbers(), link_lost=rollout.is_lost)
+
+    def _copies(self, number: int, phase: Phase, told: Means) -> Episode:
+        """A round: as many steps of all copies as an episode has at most."""
+        from torchrl.modules import RandomPolicy
+
+        from bricksrl.training.collection import collect_round
+
+        steps = 0
+        ended, lengths, returns = (torch.zeros((), device=self.env.device) for _ in range(3))
+        policy = RandomPolicy(self.env.full_action_spec) if phase is Phase.PREFILL else self.learner.policy
+        for frames in collect_round(self.env, policy, self.env.task.max_steps, self.learner.frames_per_batch):
+            self.learner.remember(frames)
+            steps += frames.shape[-1]
+            if phase is Phase.TRAIN:
+                told.add(self.learner.learn(frames.shape[-1]))
+            after = frames["next"]
+            done = after["done"]
+            ended += done.sum()
+            returns += (after["episode_reward"] * done).sum()
+            lengths += (after["step_count"] * done).sum()
+            self.callback.on_step(number, steps, phase)
+            if self.signals.requested:
+                raise InterruptedEpisodeError
+        self.learner.end_episodes()
+        count = max(1.0, float(ended))
+        length, return_ = round(float(lengths) / count), float(returns) / count
+        return Episode(number, phase, steps * self.env.batch_size.numel(), length, return_, None, told.numbers())
+
+    def _random(self, state: TensorDictBase) -> TensorDictBase:
+        return state.set("action", 2.0 * torch.rand(self.env.action_spec.shape, device=self.env.device) - 1.0)
+
+    def _evaluated(self, episode: Episode) -> Episode:
+        """The episode with the mean return of an evaluation after it, unless its link broke; the best checkpoint is kept."""
+        generator = torch.get_rng_state()
+        if hasattr(self.env, "reconnect"):
+            self.env.reconnect.on_error = lambda _: None  # nothing of an episode of the run is lost
+        seed, reset_policy = self.config.seed, self.learner.reset_policy
+        try:
+            played = list(
+                play_episodes(self.env, self.learner.exploit, self.config.eval_episodes, seed, reset_policy=reset_policy)
+            )
+        except HubError:
+            return episode
+        finally:
+            torch.set_rng_state(generator)  # an evaluation changes nothing in what is learned
+        mean = sum(one.return_ for one in played) / len(played)
+        if self.best is None or mean > self.best:
+            self.best = mean
+            self.learner.save(self.folder.best_path, self._state([*self.episodes, episode]))
+        return replace(episode, evaluation=mean)
+
+    def _is_good_enough(self) -> bool:
+        if self.config.stop_at is None or not self.episodes:
+            return False
+        if self.config.eval_every:
+            return (self.episodes[-1].evaluation or float("-inf")) >= self.config.stop_at
+        recent = [episode.return_ for episode in self.episodes[-WINDOW:] if episode.phase is Phase.TRAIN]
+        return len(recent) == WINDOW and sum(recent) / WINDOW >= self.config.stop_at
+
+    def save(self) -> None:
+        """Have the checkpoint written."""
+        self._saved_at = self.learner.pace
+        self.learner.save(self.folder.checkpoint_path, self._state(self.episodes))
+
+    def _state(self, episodes: list[Episode]) -> dict[str, Any]:
+        return run_state(self.identity, episodes, self.best)
+
+    def _reached(self, pace: Pace) -> float | None:
+        """Updates made for each step that asked for some; ``None`` before one did."""
+        return self.updates_per_step * (pace.done / pace.asked) if pace.asked and self.updates_per_step else None
+
+    def _catch_up(self, before: Pace) -> int:
+        """Have what is due made and written; returns the number of updates."""
+        due = round((before.asked - before.done) * self.updates_per_step)
+        if due and not self.signals.requested:
+            self.callback.on_catching_up(due)
+        self.learner.finish(lambda: not self.signals.requested)
+        made = round((self.learner.pace.done - before.done) * self.updates_per_step)
+        if self.episodes and self.learner.pace != self._saved_at:
+            self.save()
+            self.learner.finish(lambda: False)
+        return made
+
+    def _progress(self) -> Progress:
+        recent = self.episodes[-WINDOW - 1 :]
+        first_seconds, first_steps = (recent[0].seconds, recent[0].steps) if len(self.episodes) > WINDOW else (0.0, 0)
+        counted = min(len(self.episodes), WINDOW)
+        seconds = max(recent[-1].seconds - first_seconds, 1e-9)
+        left = self.config.episodes - len(self.episodes)
+        return Progress(self.config.episodes, (recent[-1].steps - first_steps) / seconds, left * seconds / counted)
+
+
+def run_state(identity: dict[str, Any], episodes: list[Episode], best: float | None = None) -> dict[str, Any]:
+    """What a checkpoint holds of a run, beside its agent."""
+    generator: Tensor = torch.get_rng_state()
+    return {"identity": identity, "episodes": [episode.to_dict() for episode in episodes], "generator": generator, "best": best}

@@ -1,0 +1,1 @@
+"""Teams: groups of robots in one world, which learn together."""

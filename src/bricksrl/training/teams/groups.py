@@ -1,0 +1,268 @@
+"""Teams: MAPPO, IPPO and independent SAC for the groups of a multi-agent environment.
+
+MAPPO (Yu et al., 2022) has a critic that sees all robots of a group, IPPO (de Witt et al., 2020) one for each robot's own
+observation; both take TorchRL's losses. With independent SAC each robot's transitions are learned from as if it were alone.
+Robots of a group share their networks.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal
+
+import torch
+from tensordict import TensorDict, TensorDictBase
+from tensordict.nn import NormalParamExtractor, TensorDictModule, TensorDictSequential
+from torch import Tensor, nn
+from torchrl.data import Bounded, Composite, Unbounded
+from torchrl.modules import MultiAgentMLP, ProbabilisticActor, TanhNormal
+
+from bricksrl.agents.learner import Learner
+from bricksrl.envs.specs import SpecsEnv
+from bricksrl.errors import DescriptionError
+
+if TYPE_CHECKING:
+    from torchrl.envs import EnvBase
+
+TeamAgent = Literal["mappo", "ippo", "sac"]
+TEAM_AGENTS: tuple[TeamAgent, ...] = ("mappo", "ippo", "sac")
+Script = Callable[[Tensor], Tensor]
+"""From observations ``[*batch, n]`` to actions ``[*batch, m]``."""
+
+
+@dataclass(frozen=True)
+class TeamSettings:
+    """Settings of MAPPO and IPPO, and of what independent SAC has of its own."""
+
+    hidden: tuple[int, ...] = (64, 64)
+    learning_rate: float = 1e-3
+    gamma: float = 0.97
+    gae_lambda: float = 0.95
+    clip_epsilon: float = 0.2
+    entropy_coeff: float = 0.003
+    max_grad_norm: float = 0.5
+    steps: int = 32
+    """Steps of each copy between two times of learning."""
+    passes: int = 6
+    batch_size: int = 4096
+    updates_per_step: float = 1.0
+    """Of independent SAC, for each step of all copies."""
+
+    def __post_init__(self) -> None:
+        for name in ("steps", "passes", "batch_size"):
+            if getattr(self, name) < 1:
+                raise DescriptionError(f"{name} is {getattr(self, name)}; give 1 or more")
+
+
+class GroupLearner:
+    """One group that learns.
+
+    Attributes:
+        policy: reads ``(group, "observation")`` and writes ``(group, "action")``; explores under ``ExplorationType.RANDOM``.
+    """
+
+    policy: TensorDictModule
+
+    def learn(self, frames: TensorDictBase) -> dict[str, Tensor]:
+        """Learn from frames ``[copies, time]``; returns the means of what is told."""
+        raise NotImplementedError
+
+    def state_dict(self) -> dict[str, Tensor]:
+        """The policy's."""
+        return dict(self.policy.state_dict())
+
+    def load_state_dict(self, state: dict[str, Tensor]) -> None:
+        """Inverse of `state_dict`."""
+        self.policy.load_state_dict(state)
+
+
+class _Scaled(nn.Module):
+    """Observations divided by their nominal bounds, then a network."""
+
+    scale: Tensor
+
+    def __init__(self, net: nn.Module, scale: Tensor) -> None:
+        super().__init__()
+        self.net = net
+        self.register_buffer("scale", scale)
+
+    def forward(self, observation: Tensor) -> Tensor:
+        out: Tensor = self.net(observation / self.scale)
+        return out
+
+
+class PPOGroup(GroupLearner):
+    """A group that learns by MAPPO or IPPO.
+
+    Args:
+        scale: ``[n]``, by which observations are divided.
+        central: the critic sees all robots of the group.
+    """
+
+    def __init__(self, group: str, robots: int, scale: Tensor, size: int, settings: TeamSettings, *, central: bool) -> None:
+        from torchrl.objectives import IPPOLoss, MAPPOLoss
+        from torchrl.objectives.value import GAE
+
+        self._group, self._settings, n = group, settings, len(scale)
+        kind: dict[str, Any] = {
+            "n_agents": robots,
+            "share_params": True,
+            "activation_class": nn.Tanh,
+            "num_cells": settings.hidden,
+        }
+        net = MultiAgentMLP(n, 2 * size, centralized=False, **kind)
+        body = nn.Sequential(_Scaled(net, scale), NormalParamExtractor(scale_lb=0.05))
+        self.policy = ProbabilisticActor(
+            TensorDictModule(body, [(group, "observation")], [(group, "loc"), (group, "scale")]),
+            in_keys=[(group, "loc"), (group, "scale")],
+            out_keys=[(group, "action")],
+            distribution_class=TanhNormal,
+            return_log_prob=True,
+            log_prob_key=(group, "action_log_prob"),
+        )
+        value = _Scaled(MultiAgentMLP(n, 1, centralized=central, **kind), scale)
+        critic = TensorDictModule(value, [(group, "observation")], [(group, "state_value")])
+        make = MAPPOLoss if central else IPPOLoss
+        with warnings.catch_warnings(action="ignore"):
+            self.loss = make(
+                self.policy,
+                critic,
+                clip_epsilon=settings.clip_epsilon,
+                entropy_coeff=settings.entropy_coeff,
+                normalize_advantage=True,
+            )
+        keys = {name: (group, name) for name in ("action", "reward", "done", "terminated", "advantage", "value_target")}
+        self.loss.set_keys(**keys, sample_log_prob=(group, "action_log_prob"), value=(group, "state_value"))
+        self._advantage = GAE(gamma=settings.gamma, lmbda=settings.gae_lambda, value_network=critic)
+        ends = {name: (group, name) for name in ("reward", "done", "terminated", "advantage", "value_target")}
+        self._advantage.set_keys(**ends, value=(group, "state_value"))
+        self._optimizer = torch.optim.Adam(self.loss.parameters(), lr=settings.learning_rate)
+
+    def learn(self, frames: TensorDictBase) -> dict[str, Tensor]:
+        group, after = self._group, frames["next"]
+        for name in ("done", "terminated"):  # the episode's end is that of each robot
+            ends = after[name].unsqueeze(-2).expand(after[group, "reward"].shape)
+            after[group, name] = ends.clone()
+            frames[group, name] = torch.zeros_like(ends)
+        with torch.no_grad():
+            frames = self._advantage(frames)
+        rows = frames.reshape(-1)
+        told: dict[str, list[Tensor]] = {}
+        size = min(self._settings.batch_size, len(rows))
+        for _ in range(self._settings.passes):
+            for places in torch.randperm(len(rows), device=rows.device).split(size):
+                losses = self.loss(rows[places])
+                wanted = [value for name, value in losses.items() if name.startswith("loss_")]
+                torch.stack([value.sum() for value in wanted]).sum().backward()
+                torch.nn.utils.clip_grad_norm_(self.loss.parameters(), self._settings.max_grad_norm)
+                self._optimizer.step()
+                self._optimizer.zero_grad()
+                for name, value in losses.items():
+                    told.setdefault(name, []).append(value.detach().mean())
+        return {name: torch.stack(values).mean() for name, values in told.items()}
+
+
+class SACGroup(GroupLearner):
+    """A group each of whose robots learns by SAC as if it were alone."""
+
+    def __init__(self, group: str, robots: int, low: Tensor, high: Tensor, size: int, settings: TeamSettings) -> None:
+        from bricksrl.agents.sac import SACSettings, build
+
+        flag = Unbounded((1,), dtype=torch.bool)
+        specs = {
+            "observation_spec": Composite(observation=Bounded(low, high, low.shape, dtype=torch.float32)),
+            "action_spec": Bounded(-1.0, 1.0, (size,)),
+            "reward_spec": Unbounded((1,)),
+            "done_spec": Composite(done=flag, terminated=flag.clone(), truncated=flag.clone()),
+        }
+        own = SACSettings(
+            hidden=settings.hidden,
+            gamma=settings.gamma,
+            learning_rate=settings.learning_rate,
+            updates_per_step=1.0,
+            batch_size=256,
+        )
+        self._learner: Learner = build(SpecsEnv(specs, None), own)
+        self._group, self._robots, self._settings, self._due = group, robots, settings, 0.0
+        self.policy = TensorDictModule(_Acting(self._learner.policy), [(group, "observation")], [(group, "action")])
+
+    def learn(self, frames: TensorDictBase) -> dict[str, Tensor]:
+        group, after = self._group, frames["next"]
+        whole = frames.batch_size
+
+        def of(part: TensorDictBase, name: str) -> Tensor:
+            """Each robot of each copy as a copy of its own, ``[copies * robots, time, n]``."""
+            value = part[group, name] if (group, name) in part.keys(True) else part[name].unsqueeze(-2)
+            value = value.expand(*whole, self._robots, value.shape[-1])
+            copies: Tensor = value.transpose(1, 2).reshape(-1, whole[1], value.shape[-1])
+            return copies
+
+        ends = {name: of(after, name) for name in ("observation", "reward", "terminated", "done", "link_lost")}
+        batch = [whole[0] * self._robots, whole[1]]
+        now = {name: of(frames, name) for name in ("observation", "action")}
+        self._learner.remember(TensorDict({**now, "next": TensorDict(ends, batch)}, batch))
+        self._due += self._settings.updates_per_step * whole[1]
+        count, self._due = int(self._due), self._due % 1.0
+        return self._learner.make_updates(count)
+
+
+class _Acting(nn.Module):
+    """A policy of one robot, from observations to actions."""
+
+    def __init__(self, policy: Any) -> None:
+        super().__init__()
+        self.policy = policy
+
+    def forward(self, observation: Tensor) -> Tensor:
+        out: Tensor = self.policy(TensorDict({"observation": observation}, observation.shape[:-1]))["action"]
+        return out
+
+
+def uniform(size: int) -> Script:
+    """Random actions."""
+    return lambda observation: 2.0 * torch.rand(*observation.shape[:-1], size, device=observation.device) - 1.0
+
+
+def scripted(group: str, script: Script) -> TensorDictModule:
+    """A group that follows a script."""
+    return TensorDictModule(script, [(group, "observation")], [(group, "action")])
+
+
+def make_group(env: EnvBase, group: str, agent: TeamAgent, settings: TeamSettings) -> GroupLearner:
+    """A group of an environment that learns; networks are drawn from torch's global generator.
+
+    Raises:
+        DescriptionError: there is no such group or agent.
+    """
+    if group not in env.task.groups:
+        raise DescriptionError(f"{env.task.id} has no group '{group}'; it has {', '.join(env.task.groups)}")
+    low, high = (torch.tensor([getattr(entry, end) for entry in env.task.entries]) for end in ("low", "high"))
+    robots, size = len(env.task.groups[group]), 2
+    if agent == "sac":
+        return SACGroup(group, robots, low, high, size, settings)
+    if agent in TEAM_AGENTS:
+        return PPOGroup(group, robots, torch.maximum(low.abs(), high.abs()), size, settings, central=agent == "mappo")
+    raise DescriptionError(f"there is no agent '{agent}' for teams; choose one of {', '.join(TEAM_AGENTS)}")
+
+
+def team_policy(env: EnvBase, learners: Mapping[str, GroupLearner], scripts: Mapping[str, str]) -> TensorDictSequential:
+    """What all robots do: the groups that learn, and those that follow a script, or "random".
+
+    Raises:
+        DescriptionError: a group has neither, or there is no such script.
+    """
+    parts = []
+    for group in env.task.groups:
+        name = scripts.get(group, "")
+        if group in learners:
+            parts.append(learners[group].policy)
+        elif name == "random":
+            parts.append(scripted(group, uniform(2)))
+        elif name in env.task.scripts:
+            parts.append(scripted(group, env.task.scripts[name]))
+        else:
+            known = ", ".join(("random", *env.task.scripts))
+            raise DescriptionError(f"the group '{group}' of {env.task.id} has no script '{name}'; choose one of {known}")
+    return TensorDictSequential(*parts)

@@ -1,0 +1,204 @@
+"""Training and evaluation of teams: groups of robots in an arena."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from bricksrl.errors import CheckpointError, RunError
+from bricksrl.seed import check_seed, derive_seed
+
+if TYPE_CHECKING:
+    from tensordict.nn import TensorDictModuleBase
+    from torchrl.envs import EnvBase
+
+    from bricksrl.training.teams.groups import GroupLearner, TeamSettings
+
+
+@dataclass(frozen=True)
+class TeamConfig:
+    """A training of one or several groups.
+
+    Attributes:
+        env: an arena, by name.
+        agents: the algorithm of each group that learns.
+        scripts: what each other group follows: a script of the task, or "random".
+        frames: steps of all copies together.
+        copies: of the kinematic simulation to learn in; 0 for the arena itself, with its hubs.
+    """
+
+    env: str
+    agents: Mapping[str, str]
+    scripts: Mapping[str, str] = field(default_factory=dict)
+    frames: int = 500_000
+    copies: int = 256
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        check_seed(self.seed)
+        if not self.agents or self.frames < 1 or self.copies < 0:
+            raise RunError("a team needs a group that learns, 1 frame or more, and no negative number of copies")
+
+
+@dataclass(frozen=True)
+class TeamProgress:
+    """How far a training is: mean return of an episode of each group's robots, among those that ended, and the share that
+    succeeded."""
+
+    frames: int
+    episodes: int
+    returns: dict[str, float]
+    success: float
+
+
+@dataclass
+class Team:
+    """Groups that have learned.
+
+    Attributes:
+        policy: of all robots; explores under ``ExplorationType.RANDOM``.
+    """
+
+    config: TeamConfig
+    settings: TeamSettings
+    learners: dict[str, GroupLearner]
+    policy: TensorDictModuleBase
+
+    def save(self, path: Path) -> None:
+        """Write the networks that act."""
+        from bricksrl.training.checkpoint import save_checkpoint
+
+        plain = {**asdict(self.config), "agents": dict(self.config.agents), "scripts": dict(self.config.scripts)}
+        own = {**asdict(self.settings), "hidden": list(self.settings.hidden)}
+        groups = {group: learner.state_dict() for group, learner in self.learners.items()}
+        save_checkpoint(path, {"config": plain, "settings": own, "groups": groups})
+
+
+def load_team(path: Path, scripts: Mapping[str, str] | None = None) -> Team:
+    """A team as `Team.save` wrote it, maybe against other scripts.
+
+    Raises:
+        CheckpointError: it is damaged or none of ours.
+    """
+    from bricksrl.envs.arenas import make_arena
+    from bricksrl.training.checkpoint import load_checkpoint
+    from bricksrl.training.teams.groups import TeamSettings
+
+    state = load_checkpoint(path)
+    try:
+        config = TeamConfig(**{**state["config"], **({} if scripts is None else {"scripts": dict(scripts)})})
+        settings = TeamSettings(**{**state["settings"], "hidden": tuple(state["settings"]["hidden"])})
+        team = _fresh(make_arena(config.env), config, settings)
+        for group, learner in team.learners.items():
+            learner.load_state_dict(state["groups"][group])
+    except (KeyError, TypeError, RuntimeError) as error:
+        raise CheckpointError(f"{path} holds no team ({' '.join(str(error).split())}); train one") from None
+    return team
+
+
+def _fresh(env: EnvBase, config: TeamConfig, settings: TeamSettings) -> Team:
+    from bricksrl.training.teams.groups import make_group, team_policy
+
+    agents: Any = config.agents
+    learners = {group: make_group(env, group, agent, settings) for group, agent in agents.items()}
+    return Team(config, settings, learners, team_policy(env, learners, config.scripts))
+
+
+def train_team(
+    config: TeamConfig, settings: TeamSettings | None = None, on_progress: Callable[[TeamProgress], None] = lambda _: None
+) -> Team:
+    """Train the groups of a config; the same config gives the same team.
+
+    Raises:
+        UnknownNameError, DescriptionError: the arena, a group, an agent or a script is none.
+    """
+    from bricksrl.envs.arenas import make_arena
+    from bricksrl.training.seeding import reproducible
+    from bricksrl.training.teams.groups import TeamSettings
+
+    settings = settings or TeamSettings()
+    env = make_arena(config.env, seed=derive_seed(config.seed, "arena"), batch_size=config.copies)
+    with reproducible(derive_seed(config.seed, "team")):
+        team = _fresh(env, config, settings)
+        _learn(env, team, on_progress)
+    env.close(raise_if_closed=False)
+    return team
+
+
+def _learn(env: EnvBase, team: Team, on_progress: Callable[[TeamProgress], None]) -> None:
+    import torch
+
+    from bricksrl.training.collection import collect_round
+
+    config, copies = team.config, max(1, team.config.copies)
+    batch = team.settings.steps * copies
+    running = {group: torch.zeros(copies) for group in config.agents}
+    frames_done = 0
+    for frames in collect_round(env, team.policy, max(1, config.frames // batch) * team.settings.steps, team.settings.steps):
+        frames = frames if frames.ndim == 2 else frames[None]
+        frames_done += frames.numel()
+        on_progress(_progress(team, frames, running, frames_done))
+        for learner in team.learners.values():
+            learner.learn(frames)
+
+
+def _progress(team: Team, frames: Any, running: dict[str, Any], frames_done: int) -> TeamProgress:
+    """Returns of the episodes that ended in these frames; ``running`` are those of the ones under way."""
+    after = frames["next"]
+    done = after["done"].squeeze(-1)
+    ended = int(done.sum())
+    returns = {}
+    for group in team.config.agents:
+        total = 0.0
+        rewards = after[group, "reward"].mean((-1, -2))
+        for step in range(frames.shape[1]):
+            running[group] += rewards[:, step]
+            total += float((running[group] * done[:, step]).sum())
+            running[group] *= ~done[:, step]
+        returns[group] = total / ended if ended else float("nan")
+    won = float((after["terminated"] & after["done"]).sum()) / ended if ended else float("nan")
+    return TeamProgress(frames_done, ended, returns, won)
+
+
+@dataclass(frozen=True)
+class TeamEpisode:
+    """An evaluated episode: whether the task calls it a success, its steps, and the return of each group's robots (their
+    mean)."""
+
+    success: bool
+    length: int
+    returns: dict[str, float]
+
+
+def play_team(
+    env: EnvBase, policy: TensorDictModuleBase, episodes: int, seed: int, on_step: Callable[[], None] = lambda: None
+) -> list[TeamEpisode]:
+    """Whole episodes in an arena with its hubs; episode ``k`` depends on ``seed``, ``k`` and the policy only.
+
+    Raises:
+        HubError: a link broke.
+    """
+    import torch
+    from torchrl.envs.utils import ExplorationType, set_exploration_type
+
+    played = []
+    for number in range(1, episodes + 1):
+        env.set_seed(derive_seed(seed, "evaluation", number))
+        torch.manual_seed(derive_seed(seed, "policy", number))
+        state, length, returns = env.reset(), 0, dict.fromkeys(env.task.groups, 0.0)
+        with torch.no_grad(), set_exploration_type(ExplorationType.DETERMINISTIC):
+            while True:
+                frame = env.step(policy(state))
+                length += 1
+                on_step()
+                if bool(frame["next", "link_lost"]):
+                    raise env.link_error
+                for group in returns:
+                    returns[group] += float(frame["next", group, "reward"].mean())
+                if bool(frame["next", "done"]):
+                    break
+                state = env.step_mdp(frame)
+        played.append(TeamEpisode(env.has_succeeded, length, returns))
+    return played

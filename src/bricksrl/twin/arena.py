@@ -1,0 +1,390 @@
+"""Arena: several virtual robots in one MuJoCo world and on one clock.
+
+Each robot has a body of its own for its hub, and all bodies are parts of one world. The world moves only when every robot's hub
+has
+come as far: whoever wants time to pass first lets the other hubs run up to there, so that each motor's voltage is set before the
+physics that it acts in. Everything follows from the arguments and the calls, bit for bit.
+"""
+
+from __future__ import annotations
+
+import copy
+import functools
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from bricksrl.errors import TwinError
+from bricksrl.robots import Robot, UltrasonicSensor
+from bricksrl.twin.imu import FloatingBase
+from bricksrl.twin.models.load import load_model
+from bricksrl.twin.models.mjcf import LOOKS_GROUP, OBSTACLE_GROUP, SHAPE_GROUP, add_camera, add_light, add_surroundings, new_spec
+from bricksrl.twin.mujoco_body import MujocoBody, Pose
+from bricksrl.twin.physics import Physics
+from bricksrl.twin.scene import OPEN_FLOOR
+
+_STEPS_PER_LOOK = 20
+_SETTLING_STEPS = 400
+_WALL_HALF_HEIGHT_M, _WALL_HALF_WIDTH_M = 0.04, 0.012
+_MOST_MOTORS = 31
+"""MuJoCo has so many groups of actuators that can be switched off."""
+
+Range = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where something starts, drawn uniformly: metres, and degrees clockwise seen from above, 0 along x."""
+
+    x_m: Range = (0.0, 0.0)
+    y_m: Range = (0.0, 0.0)
+    heading_deg: Range = (0.0, 0.0)
+
+    def draw(self, rng: np.random.Generator) -> Pose:
+        """One start."""
+        x_m, y_m, heading_deg = (float(rng.uniform(*bounds)) for bounds in (self.x_m, self.y_m, self.heading_deg))
+        return Pose(x_m, y_m, heading_deg)
+
+
+@dataclass(frozen=True)
+class Contestant:
+    """A robot in an arena, by its name, and where it starts; with a colour (red, green, blue in 0..1) to tell it by."""
+
+    name: str
+    robot: Robot
+    place: Place
+    color: tuple[float, float, float] = (0.1, 0.6, 0.6)
+
+
+@dataclass(frozen=True)
+class Load:
+    """A box that robots can push: half its sizes (along x, y and z) in metres, and its friction on the floor."""
+
+    name: str
+    half_size_m: tuple[float, float, float]
+    mass_kg: float
+    friction: float
+    place: Place
+
+
+@dataclass(frozen=True)
+class Arena:
+    """Robots, start places and scene.
+
+    Attributes:
+        half_size_m: of the floor within the walls, along x and y; ``None`` for an open floor.
+        gap_m: least distance between any two robots at the start.
+
+    Raises:
+        TwinError: at construction, when the parts do not fit.
+    """
+
+    robots: tuple[Contestant, ...]
+    loads: tuple[Load, ...] = ()
+    half_size_m: tuple[float, float] | None = None
+    gap_m: float = 0.3
+
+    def __post_init__(self) -> None:
+        names = [*(one.name for one in self.robots), *(load.name for load in self.loads)]
+        if not self.robots or len(set(names)) < len(names):
+            raise TwinError(f"an arena of {', '.join(names) or 'nothing'}; give each robot and each load a name of its own")
+        if sum(len(one.robot.motors) for one in self.robots) > _MOST_MOTORS:
+            raise TwinError(f"the robots of an arena have more than {_MOST_MOTORS} motors; take fewer robots")
+
+
+@functools.lru_cache(maxsize=4)
+def _compiled(arena: Arena) -> mujoco.MjModel:
+    spec = new_spec("arena")
+    add_surroundings(spec, OPEN_FLOOR)
+    world = spec.worldbody
+    add_light(world)
+    add_camera(world, "arena", (0.0, 0.0, 0.0), (0.0, -0.75, 1.0), 2.6 * max(arena.half_size_m or (0.7,)) + 0.4)
+    if arena.half_size_m is not None:
+        _add_walls(world, *arena.half_size_m)
+    for number, one in enumerate(arena.robots):
+        child = load_model(one.robot, OPEN_FLOOR)
+        chassis = child.body("chassis")
+        if chassis is None or not chassis.joints or chassis.joints[0].type != mujoco.mjtJoint.mjJNT_FREE:
+            raise TwinError(f"robot '{one.robot.name}' stands on a fixed base; an arena is for robots that move about")
+        for geom in child.geoms:
+            if geom.contype:  # robots meet one another, and each its surroundings
+                others = sum(2 << other for other in range(len(arena.robots)) if other != number)
+                geom.contype, geom.conaffinity = 1 | 2 << number, others
+        for light in list(child.lights):
+            child.delete(light)
+        world.add_frame().attach_body(chassis, f"{one.name}/", "")
+        spec.body(f"{one.name}/chassis").add_geom(
+            type=mujoco.mjtGeom.mjGEOM_CYLINDER,
+            pos=[-0.016, 0.0, 0.062],
+            size=[0.022, 0.004, 0.0],
+            rgba=[*one.color, 1.0],
+            mass=0.0,
+            contype=0,
+            conaffinity=0,
+            group=LOOKS_GROUP,
+        )
+    for group, actuator in enumerate(spec.actuators):
+        actuator.group = group
+    for load in arena.loads:
+        _add_load(world, load)
+    try:
+        return spec.compile()
+    except ValueError as error:
+        raise TwinError(f"the arena does not compile ({' '.join(str(error).split())}); correct its parts") from error
+
+
+def _add_walls(world: mujoco.MjsBody, half_x_m: float, half_y_m: float) -> None:
+    for axis, side in ((0, 1), (0, -1), (1, 1), (1, -1)):
+        position, size = [0.0, 0.0, _WALL_HALF_HEIGHT_M], [half_x_m, half_y_m, _WALL_HALF_HEIGHT_M]
+        position[axis] = side * ((half_x_m, half_y_m)[axis] + _WALL_HALF_WIDTH_M)
+        size[axis] = _WALL_HALF_WIDTH_M
+        world.add_geom(
+            name=f"wall_{axis}{'+' if side > 0 else '-'}",
+            type=mujoco.mjtGeom.mjGEOM_BOX,
+            pos=position,
+            size=size,
+            rgba=[0.55, 0.58, 0.62, 1.0],
+            group=OBSTACLE_GROUP,
+            contype=0,
+            conaffinity=1,
+        )
+
+
+def _add_load(world: mujoco.MjsBody, load: Load) -> None:
+    body = world.add_body(name=load.name, pos=[0.0, 0.0, load.half_size_m[2]])
+    body.add_freejoint(name=load.name)
+    body.add_geom(
+        name=load.name,
+        type=mujoco.mjtGeom.mjGEOM_BOX,
+        size=list(load.half_size_m),
+        mass=load.mass_kg,
+        friction=[load.friction, 0.005, 0.0001],
+        priority=2,
+        rgba=[0.85, 0.55, 0.15, 1.0],
+        group=OBSTACLE_GROUP,
+        contype=1,
+        conaffinity=1,
+    )
+
+
+class ArenaWorld:
+    """The world of an arena, and in it a body for each robot's hub.
+
+    Args:
+        physics: of all robots.
+        seed: of the sensors' noise.
+
+    Attributes:
+        bodies: in the order of the arena's robots.
+        runners: let a robot's hub run up to a time in ms, in the same order; to be set before any time passes.
+        on_time: called with each time in ms that the world has come to, for a film.
+    """
+
+    def __init__(self, arena: Arena, physics: Physics | None = None, seed: int = 0) -> None:
+        self.arena = arena
+        self.model = copy.copy(_compiled(arena))
+        self.data = mujoco.MjData(self.model)
+        self.time_ms, self._steps = 0, 0
+        self.open_circuits = 0
+        self.runners: list[Callable[[int], None]] = []
+        self.on_time: Callable[[int], None] = lambda _: None
+        self._wanted_ms: dict[int, int] = {}
+        seeds = np.random.SeedSequence(seed).spawn(len(arena.robots))
+        physics = physics or Physics()
+        self._apply(physics)
+        self.bodies = [ArenaBody(self, one, physics, own) for one, own in zip(arena.robots, seeds, strict=True)]
+        self._loads = [int(self.model.joint(load.name).qposadr[0]) for load in arena.loads]
+        self._settle()
+
+    def _apply(self, physics: Physics) -> None:
+        self.model.geom_friction[:] *= physics.friction_scale
+        loads = [int(self.model.body(load.name).id) for load in self.arena.loads]
+        robots = np.setdiff1d(np.arange(self.model.nbody), loads)
+        self.model.body_mass[robots] *= physics.mass_scale
+        self.model.body_inertia[robots] *= physics.mass_scale
+        mujoco.mj_setConst(self.model, mujoco.MjData(self.model))
+
+    def _settle(self) -> None:
+        """Let all sink onto the floor, far from one another, and note how they stand."""
+        for number, address in enumerate([*(body.base_address for body in self.bodies), *self._loads]):
+            self.data.qpos[address] = 2.0 * number
+        mujoco.mj_step(self.model, self.data, _SETTLING_STEPS)
+        for body in self.bodies:
+            body.note_standing()
+
+    def place(self, rng: np.random.Generator) -> None:
+        """Put everything where an episode starts; motors keep their angles, the clock runs on."""
+        starts: list[Pose] = []
+        for one in self.arena.robots:
+            start = one.place.draw(rng)
+            while any(math.hypot(start.x_m - other.x_m, start.y_m - other.y_m) < self.arena.gap_m for other in starts):
+                start = one.place.draw(rng)
+            starts.append(start)
+        self.data.qvel[:] = 0.0
+        for body, start in zip(self.bodies, starts, strict=True):
+            body.put(start)
+        for load, address in zip(self.arena.loads, self._loads, strict=True):
+            start = load.place.draw(rng)
+            self.data.qpos[address : address + 7] = (start.x_m, start.y_m, load.half_size_m[2], *_turned(start.heading_deg))
+        self.data.qacc_warmstart[:] = 0.0
+        mujoco.mj_forward(self.model, self.data)
+        for body in self.bodies:
+            body.look()
+
+    def poses(self) -> list[Pose]:
+        """Of the robots, then of the loads, without noise."""
+        found = [body.pose() for body in self.bodies]
+        for address in self._loads:
+            x_m, y_m, _, w, x, y, z = self.data.qpos[address : address + 7].tolist()
+            heading = math.atan2(-2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+            found.append(Pose(x_m, y_m, math.degrees(heading)))
+        return found
+
+    def want(self, number: int, time_ms: int) -> None:
+        """A robot's hub wants it to be so late: let all others come as far, then move the world."""
+        self._wanted_ms[number] = time_ms
+        while self.time_ms < time_ms:
+            nearest_ms = min(self._wanted_ms.values())
+            for other, run in enumerate(self.runners):
+                if other not in self._wanted_ms and self.time_ms < nearest_ms:
+                    run(nearest_ms)
+            if self.time_ms < nearest_ms:
+                self._advance_to(nearest_ms)
+        del self._wanted_ms[number]
+
+    def _advance_to(self, time_ms: int) -> None:
+        left = time_ms * 2 // 5 - self._steps
+        while left > 0:
+            steps = min(left, _STEPS_PER_LOOK)
+            mujoco.mj_step(self.model, self.data, steps)
+            left -= steps
+            self._steps += steps
+            for body in self.bodies:
+                body.look()
+        self.time_ms = time_ms
+        self.on_time(time_ms)
+
+
+class ArenaBody(MujocoBody):
+    """One robot's part of an arena's world; implements :class:`bricksrl.virtual_hub.body.Body`."""
+
+    def __init__(self, world: ArenaWorld, one: Contestant, physics: Physics, seed: np.random.SeedSequence) -> None:
+        self.robot, self.scene, self.physics = one.robot, OPEN_FLOOR, physics
+        self._arena = world
+        self.model, self.data = world.model, world.data
+        self._number = world.arena.robots.index(one)
+        self._noise = np.random.default_rng(seed)
+        self.battery_mv = round(physics.battery_v * 1000)
+        self._encoder_step_mdeg = round(physics.encoder_resolution_deg * 1000)
+        self._prefix = f"{one.name}/"
+        self._bind_part()
+        self._limit_play(physics)
+        self._heading_deg = self._heading_at_start_deg = 0.0
+        for port in self._terminals:
+            self.set_voltage(port, None)
+
+    def _bind_part(self) -> None:
+        model, data = self.model, self.data
+        ports = [motor.port for motor in self.robot.motors]
+        joints = {port: model.joint(f"{self._prefix}motor_{port}") for port in ports}
+        actuators = {port: int(model.actuator(f"{self._prefix}motor_{port}").id) for port in ports}
+        self._gears = {port: float(model.actuator_gear[index, 0]) for port, index in actuators.items()}
+        self._shaft = {port: (int(joints[port].qposadr[0]), gear * math.degrees(1000.0)) for port, gear in self._gears.items()}
+        self._terminals = {port: (index, 1 << int(model.actuator_group[index])) for port, index in actuators.items()}
+        chassis = model.body(f"{self._prefix}chassis")
+        self._chassis = int(chassis.id)
+        root = int(chassis.jntadr[0])
+        self.base_address, self._base_dof = int(model.jnt_qposadr[root]), int(model.jnt_dofadr[root])
+        self._base = _PartBase(model, data, self.base_address, self._base_dof, f"{self._prefix}imu")
+        ports = [sensor.port for sensor in self.robot.sensors if isinstance(sensor, UltrasonicSensor)]
+        angles = (-12.0, -6.0, 0.0, 6.0, 12.0)
+        rays = np.array([(math.cos(math.radians(angle)), math.sin(math.radians(angle)), 0.0) for angle in angles])
+        sites = {port: self._site(f"{self._prefix}ultrasonic_{port}") for port in ports}
+        self._sonar = {port: (place, rays @ frame.T) for port, (place, frame) in sites.items()}
+        self._seen_groups = np.zeros(6, np.uint8)
+        self._seen_groups[[OBSTACLE_GROUP, SHAPE_GROUP]] = 1  # other robots too
+        self._qpos, self._qvel, self._ctrl = data.qpos, data.qvel, data.ctrl
+
+    def _limit_play(self, physics: Physics) -> None:
+        play = math.radians(physics.backlash_deg)
+        for joint in range(self.model.njnt):
+            if self.model.joint(joint).name.startswith(f"{self._prefix}backlash_"):
+                self.model.jnt_range[joint] = (-play, play)
+
+    # ---- the world's side
+
+    def note_standing(self) -> None:
+        """Remember how it stands, once it has sunk onto the floor."""
+        self._standing = self._qpos[self.base_address + 2 : self.base_address + 7].copy()
+
+    def put(self, start: Pose) -> None:
+        """Put it there, standing."""
+        quaternion = np.empty(4)
+        mujoco.mju_mulQuat(quaternion, np.array(_turned(start.heading_deg)), self._standing[1:])
+        self._qpos[self.base_address : self.base_address + 7] = (start.x_m, start.y_m, self._standing[0], *quaternion)
+
+    def look(self) -> None:
+        """Follow the heading."""
+        self._look_at_heading()
+
+    # ---- the hub's side, where it is not the same as that of a robot alone
+
+    def reset(self, rng: np.random.Generator) -> None:
+        """The hand puts all robots back together."""
+        self._arena.place(rng)
+
+    def advance_to(self, time_ms: int) -> None:
+        """Let the world come to this time, and all other robots with it."""
+        self._arena.want(self._number, time_ms)
+
+    def _look_at_heading(self) -> None:
+        self._steps_unseen = 0
+        super()._look_at_heading()
+
+    def set_voltage(self, port: str, voltage_mv: int | None) -> None:
+        """As for a robot alone; which circuits are open is the world's."""
+        self._open_circuits = self._arena.open_circuits
+        super().set_voltage(port, voltage_mv)
+        self._arena.open_circuits = self._open_circuits
+
+    def distance_mm(self, port: str) -> int:
+        """Nearest obstacle or robot that one of five rays in a cone of 24 degrees meets, with noise; 40..2000."""
+        place, rays = self._sonar[port]
+        eyes = self._in_world(place) + self._base.position()
+        nearest_mm = math.inf
+        hit = np.zeros(1, np.int32)
+        for ray in rays:
+            sight = self._in_world(ray)
+            metres = mujoco.mj_ray(self.model, self.data, eyes, sight, self._seen_groups, True, self._chassis, hit, None)
+            if metres >= 0.0:
+                nearest_mm = min(nearest_mm, metres * 1000.0)
+        if nearest_mm >= 2000:
+            return 2000
+        deviation_mm = self.physics.distance_noise_mm + self.physics.distance_noise_ratio * nearest_mm
+        return min(max(round(nearest_mm + deviation_mm * self._noise.standard_normal()), 40), 2000)
+
+    def pose_looks(self) -> None:
+        """Bring what is drawn up to the joints."""
+        mujoco.mj_kinematics(self.model, self.data)
+        mujoco.mj_camlight(self.model, self.data)
+
+
+class _PartBase(FloatingBase):
+    """Floating base of one robot of several: its own part of the world's coordinates."""
+
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, position: int, dof: int, imu: str) -> None:
+        self._gravity = model.opt.gravity
+        self._hub = model.site(imu).pos.copy()
+        self._position = data.qpos[position : position + 3]
+        self._orientation = data.qpos[position + 3 : position + 7]
+        self._spin = data.qvel[dof + 3 : dof + 6]
+        self._qacc = data.qacc[dof : dof + 6]
+
+
+def _turned(heading_deg: float) -> tuple[float, float, float, float]:
+    """Quaternion of a heading, clockwise positive seen from above."""
+    half = -math.radians(heading_deg) / 2.0
+    return math.cos(half), 0.0, 0.0, math.sin(half)

@@ -1,0 +1,47 @@
+"""Twin of a robot without a MuJoCo model: motors on the bench, and sensors whose readings the scene gives."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from bricksrl.robots import Robot
+from bricksrl.twin.physics import Physics, RandomPhysics
+from bricksrl.twin.scene import Scene
+from bricksrl.virtual_hub.bench_body import BenchBody
+
+if TYPE_CHECKING:
+    import numpy as np
+
+
+class BenchTwin(BenchBody):
+    """A bench body with the physics of a twin: battery, friction in the motors, link.
+
+    Args:
+        scene: its ``readings`` and ``end_stops``.
+        physics: the parameters, or how to draw them for each episode; ``None`` for the firmware's own motor simulation at
+            7.2 V.
+
+    Attributes:
+        physics: the parameters in force.
+
+    Raises:
+        TwinError: the scene says nothing about one of the sensors, or something about one that is not there.
+    """
+
+    def __init__(self, robot: Robot, scene: Scene, physics: Physics | RandomPhysics | None) -> None:
+        super().__init__(robot, scene.readings, scene.end_stops)
+        self.physics = Physics()
+        self._random_physics = physics if isinstance(physics, RandomPhysics) else None
+        if physics is not None:
+            self._apply(physics if isinstance(physics, Physics) else self.physics)
+
+    def _apply(self, physics: Physics) -> None:
+        self.physics = physics
+        self.battery_mv = round(physics.battery_v * 1000)
+        self.motor_friction_scale = physics.motor_friction_scale
+        self.link_interval_ms = physics.link_interval_ms
+
+    def reset(self, rng: np.random.Generator) -> None:
+        """Physics that are random are drawn; nothing has to be put back."""
+        if self._random_physics is not None:
+            self._apply(self._random_physics.sample(rng))

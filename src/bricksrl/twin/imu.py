@@ -1,0 +1,78 @@
+"""Inertial sensors of a hub on a floating or on a fixed base, from the state of MuJoCo."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+Vector = np.ndarray[tuple[int], np.dtype[np.float64]]
+
+
+class FloatingBase:
+    """Floating base, a chassis that moves freely: the first body of the model, with the hub's axes.
+
+    Everything comes from the joint's own coordinates, which steps leave up to date.
+    """
+
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        self._gravity = model.opt.gravity
+        self._hub = model.site("imu").pos.copy()
+        self._position: Vector = data.qpos[0:3]
+        self._orientation: Vector = data.qpos[3:7]
+        self._spin: Vector = data.qvel[3:6]
+        self._qacc = data.qacc
+
+    def position(self) -> Vector:
+        """Origin of the chassis [3] in the world, m."""
+        return self._position
+
+    def orientation(self) -> Vector:
+        """Quaternion [4] from the hub's axes to the world's."""
+        return self._orientation
+
+    def angular_velocity(self) -> Vector:
+        """In the hub's axes [3], rad/s."""
+        return self._spin
+
+    def specific_force(self) -> Vector:
+        """Specific force at the hub, as an accelerometer measures it [3], in the hub's axes, m/s2; at rest +9.81 upwards."""
+        spin, angular = self._spin, self._qacc[3:6]
+        to_hub, force = np.empty(4), np.empty(3)
+        mujoco.mju_negQuat(to_hub, self._orientation)
+        mujoco.mju_rotVecQuat(force, self._qacc[0:3] - self._gravity, to_hub)
+        force += np.cross(angular, self._hub) + np.cross(spin, np.cross(spin, self._hub))
+        return force
+
+
+class FixedBase:
+    """Fixed base of a robot that carries the hub on a moving part, where the site "imu" is.
+
+    Everything is as MuJoCo derived it in its last step, one step behind the joints.
+    """
+
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        self._model, self._data = model, data
+        self._site = int(model.site("imu").id)
+
+    def position(self) -> Vector:
+        """Origin of the base [3] in the world, m."""
+        return np.zeros(3)
+
+    def orientation(self) -> Vector:
+        """Quaternion [4] from the hub's axes to the world's."""
+        quaternion = np.empty(4)
+        mujoco.mju_mat2Quat(quaternion, self._data.site_xmat[self._site])
+        return quaternion
+
+    def angular_velocity(self) -> Vector:
+        """In the hub's axes [3], rad/s."""
+        velocity = np.empty(6)
+        mujoco.mj_objectVelocity(self._model, self._data, mujoco.mjtObj.mjOBJ_SITE, self._site, velocity, 1)
+        return velocity[0:3]
+
+    def specific_force(self) -> Vector:
+        """Specific force at the hub, as an accelerometer measures it [3], in the hub's axes, m/s2; at rest +9.81 upwards."""
+        acceleration = np.empty(6)
+        mujoco.mj_rnePostConstraint(self._model, self._data)
+        mujoco.mj_objectAcceleration(self._model, self._data, mujoco.mjtObj.mjOBJ_SITE, self._site, acceleration, 1)
+        return acceleration[3:6]

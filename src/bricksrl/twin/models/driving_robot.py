@@ -1,0 +1,244 @@
+"""Driving robot: a body from the numbers of a description alone, for every robot with a drive base and no model of its own.
+
+Two wheels on an axle, a ball that supports it, the hub over the motors, sensors where their mounts say. Frame of the chassis:
+x forward, y left, z up, origin in the middle of the axle. Metres and kilograms; looks in mm. Sizes and masses of hub, motors and
+sensors are those of the parts catalogue. A drive base drives ahead where both of its motors count up, however they are built in.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import mujoco
+
+from bricksrl.errors import TwinError
+from bricksrl.plans.part import DeviceKind
+from bricksrl.robots import DriveBase, HubKind, Motor, MotorKind, Robot, UltrasonicSensor
+from bricksrl.twin.models import lego
+from bricksrl.twin.models.meshes import X_AXIS, Y_AXIS, Z_AXIS, Part, box, cylinder, draw
+from bricksrl.twin.models.mjcf import (
+    SHAPE_GROUP,
+    STIFF,
+    Triple,
+    add_box,
+    add_camera,
+    add_caster,
+    add_light,
+    add_motor,
+    add_surroundings,
+    new_spec,
+)
+from bricksrl.twin.models.mounts import case_of, mount_of, mount_sensor
+from bricksrl.twin.scene import Scene
+
+_CASTER_RADIUS_MM = 9.6
+_TYRE_WIDTH_MM = 14.0
+_FRAME_KG, _CASTER_KG = 0.040, 0.010
+_WHEEL_KG, _WHEEL_MM = 0.018, 56.0
+"""Mass of a wheel of this diameter; that of others grows with their area."""
+_BEHIND_MM = -16.0
+_GROUND_MM = 3.0
+_UNKNOWN_HUB: tuple[Triple, float] = ((64.0, 40.0, 32.0), 100.0)
+_TURNED_ALIKE = {MotorKind.TECHNIC_M_ANGULAR: MotorKind.SPIKE_MEDIUM, MotorKind.TECHNIC_L_ANGULAR: MotorKind.SPIKE_LARGE}
+# Contacts settle in 6 ms: at MuJoCo's default of 20 ms the robot sinks into the floor by half a millimetre.
+
+
+@dataclass(frozen=True)
+class _Frame:
+    """Measures in mm, over the floor where they are heights."""
+
+    axle: float
+    half_track: float
+    motor_size: Triple
+    motor_height: float
+    hub: Triple
+    hub_size: Triple
+
+
+def driving_robot(robot: Robot, scene: Scene) -> mujoco.MjSpec:
+    """Model of the robot in its scene.
+
+    Raises:
+        TwinError: it has no drive base, or its wheels are too small or too near to each other for its motors.
+    """
+    base = robot.drive_base
+    if base is None:
+        raise TwinError(f"robot '{robot.name}' has neither a MuJoCo model nor a drive base; give Robot(..., model=...)")
+    if scene.wall_distance_mm is not None and not any(isinstance(one, UltrasonicSensor) for one in robot.sensors):
+        raise TwinError(f"robot '{robot.name}' has no ultrasonic sensor to place it before a wall with; leave the wall away")
+    frame = _measure(robot, base)
+    spec, axle_m = new_spec(robot.name), frame.axle / 1000
+    add_surroundings(spec, scene)
+    chassis = spec.worldbody.add_body(name="chassis", pos=[0.0, 0.0, axle_m])
+    chassis.add_freejoint(name="root")
+    _add_masses(chassis, robot, frame)
+    chassis.add_site(name="imu", pos=[side / 1000 for side in frame.hub], group=SHAPE_GROUP)
+    wheels = (robot.motor(base.left), robot.motor(base.right))
+    for motor, side in zip(wheels, (1.0, -1.0), strict=True):
+        _add_wheel(spec, chassis, motor, side, frame)
+    for motor in robot.motors:
+        if motor not in wheels:
+            _add_idle_motor(spec, chassis, motor)
+    lego.add_colours(spec)
+    sensors = [mount_sensor(spec, chassis, sensor, axle_m) for sensor in robot.sensors]
+    draw(spec, chassis, [*_parts(robot, frame), *sensors])
+    add_light(chassis)
+    reach_m = max(0.42, 4.0 * frame.half_track / 1000)
+    add_camera(chassis, "chase", (-0.005, 0.0, 0.01), (-0.62, -0.62, 0.55), reach_m)
+    add_camera(chassis, "portrait", (-0.002, 0.0, 0.008), (0.75, -0.52, 0.45), 0.75 * reach_m)
+    return spec
+
+
+def _measure(robot: Robot, base: DriveBase) -> _Frame:
+    axle, half_track = base.wheel_diameter_mm / 2, base.axle_track_mm / 2
+    motor_size, _ = _motor_case(robot.motor(base.left).kind)
+    hub_size, _ = _hub_case(robot.hub)
+    room = half_track - _TYRE_WIDTH_MM / 2
+    if axle < _CASTER_RADIUS_MM or room < motor_size[2] / 2:
+        raise TwinError(
+            f"robot '{robot.name}': wheels of {base.wheel_diameter_mm:g} mm, {base.axle_track_mm:g} mm apart, leave no room for "
+            f"its motors; give wheels of {2 * _CASTER_RADIUS_MM:g} mm or more and a wider axle track"
+        )
+    motor_height = max(0.0, motor_size[1] / 2 + _GROUND_MM - axle)
+    hub_z = motor_height + motor_size[1] / 2 + 8.0 + hub_size[2] / 2
+    hub_x, hub_y = robot.chassis.hub_mm or (_BEHIND_MM, 0.0)
+    return _Frame(axle, half_track, motor_size, motor_height, (hub_x, hub_y, hub_z), hub_size)
+
+
+def _motor_case(kind: MotorKind) -> tuple[Triple, float]:
+    case = case_of(DeviceKind.MOTOR, _TURNED_ALIKE.get(kind, kind).value)
+    assert case is not None  # noqa: S101 - the catalogue has every kind of motor, and a test says so
+    return case
+
+
+def _hub_case(kind: HubKind) -> tuple[Triple, float]:
+    return case_of(DeviceKind.HUB, kind.value) or _UNKNOWN_HUB
+
+
+def _motor_y(frame: _Frame) -> float:
+    """Of the middle of the left motor, beside its wheel, but not through the other one."""
+    return max(frame.motor_size[2] / 2, frame.half_track - _TYRE_WIDTH_MM / 2 - 8.0 - frame.motor_size[2] / 2)
+
+
+def _add_masses(chassis: mujoco.MjsBody, robot: Robot, frame: _Frame) -> None:
+    """Hub, motors, a light frame, the ballast, and the ball."""
+    _add_case(chassis, frame.hub, frame.hub_size, _hub_case(robot.hub)[1])
+    base = robot.drive_base
+    for motor in robot.motors:
+        size, mass_g = _motor_case(motor.kind)
+        if base is not None and motor.name in (base.left, base.right):
+            side = 1.0 if motor.name == base.left else -1.0
+            place = (12.0 - size[0] / 2, side * _motor_y(frame), frame.motor_height)
+            _add_case(chassis, place, (size[0], size[2], size[1]), mass_g)
+        else:
+            _add_case(chassis, (frame.hub[0], 0.0, frame.hub[2] + 30.0), (size[0], size[2], size[1]), mass_g)
+    frame_z = frame.motor_height + frame.motor_size[1] / 2 + 4.0
+    add_box(
+        chassis, (frame.hub[0] / 1000, 0.0, frame_z / 1000), (0.044, 0.024, 0.004), _FRAME_KG + robot.chassis.ballast_g / 1000
+    )
+    x, y = robot.chassis.caster_mm
+    centre = (x / 1000, y / 1000, (_CASTER_RADIUS_MM - frame.axle) / 1000)
+    add_caster(chassis, centre, _CASTER_RADIUS_MM / 1000, _CASTER_KG)
+
+
+def _add_case(chassis: mujoco.MjsBody, centre_mm: Triple, size_mm: Triple, mass_g: float) -> None:
+    (x, y, z), (length, width, height) = centre_mm, size_mm
+    add_box(chassis, (x / 1000, y / 1000, z / 1000), (length / 2000, width / 2000, height / 2000), mass_g / 1000)
+
+
+def _gear(motor: Motor, ahead: float = 1.0) -> float:
+    """Turns of the motor's shaft, clockwise, for one of the joint."""
+    ratio = motor.gears[-1] / motor.gears[0] if motor.gears else 1.0
+    return ratio * motor.direction.value * ahead
+
+
+def _add_wheel(spec: mujoco.MjSpec, chassis: mujoco.MjsBody, motor: Motor, side: float, frame: _Frame) -> None:
+    """Output of the motor or of its gears, and the wheel on it with some play; a positive turn of both drives ahead."""
+    rotor = chassis.add_body(name=f"rotor_{motor.port}", pos=[0.0, side * frame.half_track / 1000, 0.0])
+    shaft = rotor.add_joint(name=f"motor_{motor.port}", type=mujoco.mjtJoint.mjJNT_HINGE, axis=[0.0, 1.0, 0.0])
+    rotor.explicitinertial, rotor.mass, rotor.inertia = True, 0.002, [1e-7, 1e-7, 1e-7]
+    add_motor(spec, shaft, motor.port, motor.kind, gear=_gear(motor))
+    wheel = rotor.add_body(name=f"wheel_{motor.port}")
+    wheel.add_joint(
+        name=f"backlash_{motor.port}",
+        type=mujoco.mjtJoint.mjJNT_HINGE,
+        axis=[0.0, 1.0, 0.0],
+        limited=True,
+        range=[-0.05, 0.05],
+        damping=5e-4,
+        solref_limit=[0.005, 1.0],
+    )
+    radius = frame.axle / 1000
+    # A round tyre touches in one point, which also costs the solver half of what a cylinder does.
+    wheel.add_geom(
+        name=f"tyre_{motor.port}",
+        type=mujoco.mjtGeom.mjGEOM_ELLIPSOID,
+        size=[radius, _TYRE_WIDTH_MM / 2000, radius],
+        mass=_WHEEL_KG * (2 * frame.axle / _WHEEL_MM) ** 2,
+        friction=[1.0, 0.005, 0.0001],
+        priority=1,
+        solref=STIFF,
+        group=SHAPE_GROUP,
+        contype=1,
+        conaffinity=0,
+    )
+    length = frame.half_track - _motor_y(frame)
+    draw(spec, rotor, [lego.axle(max(length, 16.0)).at(0, -side * length / 2, 0)])
+    draw(spec, wheel, [lego.wheel(2 * frame.axle)])
+
+
+def _add_idle_motor(spec: mujoco.MjSpec, chassis: mujoco.MjsBody, motor: Motor) -> None:
+    """A motor that drives no wheel turns without load."""
+    rotor = chassis.add_body(name=f"rotor_{motor.port}", pos=[0.0, 0.0, 0.08])
+    shaft = rotor.add_joint(name=f"motor_{motor.port}", type=mujoco.mjtJoint.mjJNT_HINGE, axis=[0.0, 1.0, 0.0])
+    rotor.explicitinertial, rotor.mass, rotor.inertia = True, 0.002, [1e-7, 1e-7, 1e-7]
+    add_motor(spec, shaft, motor.port, motor.kind, gear=_gear(motor))
+
+
+def _parts(robot: Robot, frame: _Frame) -> list[Part]:
+    """The chassis as it is drawn, of parts of our own."""
+    base = robot.drive_base
+    assert base is not None  # noqa: S101
+    x, y = robot.chassis.caster_mm
+    parts = [_hub(robot.hub, frame.hub_size).at(*frame.hub)]
+    for name, side in ((base.left, 1.0), (base.right, -1.0)):
+        parts.append(_motor(robot.motor(name).kind, frame.motor_size, side).at(0, side * _motor_y(frame), frame.motor_height))
+    top = frame.motor_height + frame.motor_size[1] / 2 + 4.0
+    parts += [lego.beam(13, "turquoise").turned(X_AXIS, 90).at(-12, side * 20, top) for side in (1, -1)]
+    parts += [lego.beam(9, "dark_grey").turned(Z_AXIS, 90).at(ahead, 0, top) for ahead in (20, -52)]
+    height = _CASTER_RADIUS_MM - frame.axle
+    post = max(top - height - 16.0, 8.0)
+    parts.append(lego.ball_caster(_CASTER_RADIUS_MM).at(x, y, height))
+    parts.append(Part((("dark_grey", box(14, 14, post, radius=1.0).at(x, y, top - post / 2)),)))
+    return parts + [_holder(mount_of(sensor).at_mm, frame, top) for sensor in robot.sensors]
+
+
+def _holder(at_mm: Triple, frame: _Frame, top: float) -> Part:
+    """A strut from the frame to a sensor."""
+    ahead, left, up = at_mm[0] - 12.0, at_mm[1], at_mm[2] - frame.axle
+    length, height = max(abs(ahead) - 20.0, 8.0), max(abs(top - up) - 8.0, 8.0)
+    way = 1.0 if ahead >= 0 else -1.0
+    bar = box(length, 7.6, 7.6, radius=1.0).at(way * (20.0 + length / 2), left, top)
+    post = box(7.6, 7.6, height, radius=1.0).at(ahead, left, (top + up) / 2)
+    return Part((("dark_grey", bar), ("dark_grey", post)))
+
+
+def _hub(kind: HubKind, size: Triple) -> Part:
+    if kind is HubKind.PRIME:
+        return lego.hub()
+    length, width, height = size
+    lower = box(length, width, height * 0.6, radius=2.0).at(0, 0, -height * 0.2)
+    upper = box(length - 2, width - 2, height * 0.4, radius=2.0).at(0, 0, height * 0.3)
+    button = cylinder(6.0, 2.0, bevel=0.6).at(length / 4, 0, height / 2)
+    return Part((("dark_grey", lower), ("white", upper), ("azure", button)))
+
+
+def _motor(kind: MotorKind, size: Triple, side: float) -> Part:
+    """A motor that lies backwards from its shaft, which points to a side; the shaft is the origin."""
+    if kind in (MotorKind.SPIKE_MEDIUM, MotorKind.TECHNIC_M_ANGULAR):
+        return lego.medium_motor() if side > 0 else lego.medium_motor().turned(X_AXIS, 180)
+    length, height, width = size
+    case = box(length - 16, width, height, radius=2.2).at(12 - (length - 16) / 2, 0, 0)
+    cap = box(16, width - 1, height - 1, radius=2.2).at(12 - length + 8, 0, 0)
+    collar = cylinder(10.8, width + 2, bevel=0.6).along(Y_AXIS)
+    return Part((("white", case), ("dark_grey", cap), ("turquoise", collar)))

@@ -1,0 +1,52 @@
+"""Model of a robot in MuJoCo, from the place that its description names, or from the numbers of its drive base."""
+
+from __future__ import annotations
+
+import importlib
+from pathlib import Path
+
+import mujoco
+
+from bricksrl.errors import TwinError
+from bricksrl.robots import Robot
+from bricksrl.twin.models.driving_robot import driving_robot
+from bricksrl.twin.models.mjcf_file import from_file
+from bricksrl.twin.models.planned import from_plan
+from bricksrl.twin.models.scenery import add_objects
+from bricksrl.twin.scene import Scene
+
+
+def load_model(robot: Robot, scene: Scene) -> mujoco.MjSpec:
+    """Model of the robot in its scene.
+
+    Raises:
+        TwinError: the description has neither a model nor a drive base, or the model cannot be loaded, or is not one of this
+            robot.
+    """
+    place = robot.model or robot.plan
+    if place is None:
+        spec = driving_robot(robot, scene)
+    elif Path(place).suffix.lower() in (".ldr", ".mpd", ".io"):
+        spec = from_plan(Path(place), robot, scene)
+    elif place.endswith(".xml"):
+        spec = from_file(Path(place), robot, scene)
+    else:
+        spec = _built(robot, place, scene)
+    add_objects(spec, scene)
+    return spec
+
+
+def _built(robot: Robot, model: str, scene: Scene) -> mujoco.MjSpec:
+    """What the function gives that a description names."""
+    module, _, name = model.partition(":")
+    try:
+        build = getattr(importlib.import_module(module), name)
+    except (ImportError, AttributeError, ValueError) as error:
+        raise TwinError(
+            f"the model '{model}' of robot '{robot.name}' cannot be loaded ({error}); give 'module:function' or FILE.xml"
+        ) from error
+    spec = build(robot, scene) if callable(build) else build
+    if not isinstance(spec, mujoco.MjSpec):
+        found = type(spec).__name__
+        raise TwinError(f"the model '{model}' of robot '{robot.name}' gives {found}; let it be a function that returns an MjSpec")
+    return spec

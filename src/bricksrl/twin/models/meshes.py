@@ -1,0 +1,240 @@
+"""Surfaces to draw LEGO parts with: rounded boxes, turned and extruded profiles, cables. Millimetres.
+
+A :class:`Shape` is a triangle mesh, a :class:`Part` some of them in colours; :func:`draw` merges the parts of a body
+into one mesh for each colour, which is what keeps a picture cheap.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from bricksrl.twin.models.mjcf import LOOKS_GROUP
+
+Floats = NDArray[np.float64]
+Triple = tuple[float, float, float]
+
+X_AXIS, Y_AXIS, Z_AXIS = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
+
+
+@dataclass(frozen=True)
+class Shape:
+    """Triangles with smooth normals.
+
+    Attributes:
+        points: [n, 3] in mm.
+        normals: [n, 3], of length 1.
+        faces: [m, 3] indices of points, counter-clockwise seen from outside.
+    """
+
+    points: Floats
+    normals: Floats
+    faces: NDArray[np.int32]
+
+    def at(self, x: float, y: float, z: float) -> Shape:
+        """The shape moved."""
+        return Shape(self.points + np.array([x, y, z]), self.normals, self.faces)
+
+    def turned(self, axis: Triple, angle_deg: float) -> Shape:
+        """The shape turned about an axis through the origin."""
+        turn = rotation(axis, angle_deg)
+        return Shape(self.points @ turn.T, self.normals @ turn.T, self.faces)
+
+    def along(self, axis: Triple) -> Shape:
+        """The shape with its z axis laid along another axis."""
+        if axis == X_AXIS:
+            return self.turned(Y_AXIS, 90.0)
+        if axis == Y_AXIS:
+            return self.turned(X_AXIS, -90.0)
+        return self
+
+
+def rotation(axis: Triple, angle_deg: float) -> Floats:
+    """Matrix [3, 3] of a turn about an axis of length 1 (Rodrigues)."""
+    x, y, z = axis
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    angle = math.radians(angle_deg)
+    turn: Floats = np.eye(3) + math.sin(angle) * cross + (1.0 - math.cos(angle)) * cross @ cross
+    return turn
+
+
+def box(length: float, width: float, height: float, radius: float = 0.6, arc: int = 2) -> Shape:
+    """A box along x, y, z with rounded edges, centred.
+
+    It is a sphere whose eight octants are pulled apart to the corners.
+    """
+    half = np.array([length, width, height]) / 2 - radius
+    quarter = np.linspace(0.0, math.pi / 2, arc + 1)
+    polar = np.concatenate([quarter, quarter + math.pi / 2])
+    azimuth = np.concatenate([quarter + quadrant * math.pi / 2 for quadrant in range(4)])
+    signs_z = np.repeat([1.0, -1.0], arc + 1)
+    signs_x, signs_y = np.repeat([1.0, -1.0, -1.0, 1.0], arc + 1), np.repeat([1.0, 1.0, -1.0, -1.0], arc + 1)
+    rows, columns = len(polar), len(azimuth)
+    normals = np.empty((rows, columns, 3))
+    normals[..., 0] = np.sin(polar)[:, None] * np.cos(azimuth)
+    normals[..., 1] = np.sin(polar)[:, None] * np.sin(azimuth)
+    normals[..., 2] = np.cos(polar)[:, None]
+    corners = np.stack(np.broadcast_arrays(signs_x, signs_y, signs_z[:, None]), axis=-1)
+    points = corners * half + radius * normals
+    corner_columns = np.arange(4) * (arc + 1)
+    caps = [_fan(corner_columns), _fan((rows - 1) * columns + corner_columns[::-1])]
+    return Shape(points.reshape(-1, 3), normals.reshape(-1, 3), np.concatenate([_grid(rows, columns), *caps]))
+
+
+def turned(profile: Sequence[tuple[float, float]], segments: int = 32) -> Shape:
+    """A solid of revolution about z.
+
+    Args:
+        profile: (radius, z) from the top of the axis outwards and down to its bottom; every edge stays sharp.
+    """
+    parts, angles = [], np.linspace(0.0, 2 * math.pi, segments, endpoint=False)
+    for (radius_0, z_0), (radius_1, z_1) in itertools.pairwise(profile):
+        slope = np.array([z_0 - z_1, radius_1 - radius_0])
+        across, up = slope / max(float(np.hypot(*slope)), 1e-9)
+        rim = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+        points, normals = np.empty((2, segments, 3)), np.empty((2, segments, 3))
+        for row, (radius, z) in enumerate(((radius_0, z_0), (radius_1, z_1))):
+            points[row, :, :2], points[row, :, 2] = radius * rim, z
+        normals[..., :2], normals[..., 2] = across * rim, up
+        parts.append(Shape(points.reshape(-1, 3), normals.reshape(-1, 3), _grid(2, segments)))
+    return merge(parts)
+
+
+def cylinder(radius: float, length: float, bevel: float = 0.0, segments: int = 24) -> Shape:
+    """A disc or rod along z, centred."""
+    half = length / 2
+    edge = [(radius - bevel, half), (radius, half - bevel), (radius, bevel - half), (radius - bevel, -half)]
+    return turned([(0.0, half), *(edge if bevel else [edge[0], edge[2]]), (0.0, -half)], segments)
+
+
+def discs(radius: float, distance: float, segments: int = 10) -> Shape:
+    """The two ends of a cylinder along z, centred: all that is seen of a hole through a part."""
+    angles = np.linspace(0.0, 2 * math.pi, segments, endpoint=False)
+    ends = []
+    for up in (1.0, -1.0):
+        points = np.stack([radius * np.cos(angles), up * radius * np.sin(angles), np.full(segments, up * distance / 2)], axis=-1)
+        ends.append(Shape(points, np.tile((0.0, 0.0, up), (segments, 1)), _fan(np.arange(segments))))
+    return merge(ends)
+
+
+def ring(outer: float, inner: float, length: float, segments: int = 32) -> Shape:
+    """A flat ring along z, centred; open towards its hole only by what lies in it."""
+    half, bevel = length / 2, min(0.6, length / 4)
+    profile = [(inner, -half), (inner, half), (outer - bevel, half), (outer, half - bevel), (outer, bevel - half), (inner, -half)]
+    return turned(profile, segments)
+
+
+def extruded(outline: Floats, height: float, bevel: float = 0.4) -> Shape:
+    """A convex outline in x, y, given counter-clockwise as [n, 2], drawn out along z, centred, with bevelled edges."""
+    edges = np.roll(outline, -1, axis=0) - np.roll(outline, 1, axis=0)
+    outwards = np.stack([edges[:, 1], -edges[:, 0]], axis=-1)
+    outwards /= np.linalg.norm(outwards, axis=-1, keepdims=True)
+    inner, half, count = outline - bevel * outwards, height / 2, len(outline)
+    rings = [(inner, half), (outline, half - bevel), (outline, bevel - half), (inner, -half)]
+    levels = np.stack([np.column_stack([points, np.full(count, z)]) for points, z in rings])
+    side = np.column_stack([outwards, np.zeros(count)])
+    shapes = []
+    for row, tilt in ((0, 1.0), (1, 0.0), (2, -1.0)):
+        normal = (side + np.array([0.0, 0.0, tilt])) / math.hypot(1.0, tilt)
+        shapes.append(Shape(levels[row : row + 2].reshape(-1, 3), np.concatenate([normal, normal]), _grid(2, count)))
+    for row, up in ((0, 1.0), (3, -1.0)):
+        order = np.arange(count) if up > 0 else np.arange(count)[::-1]
+        shapes.append(Shape(levels[row], np.tile((0.0, 0.0, up), (count, 1)), _fan(order)))
+    return merge(shapes)
+
+
+def rounded_rectangle(length: float, width: float, radius: float, arc: int = 4) -> Floats:
+    """Outline [n, 2] of a rectangle along x, y with round corners, counter-clockwise."""
+    angles = np.concatenate([np.linspace(0.0, math.pi / 2, arc + 1) + quadrant * math.pi / 2 for quadrant in range(4)])
+    signs = np.repeat([(1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0), (1.0, -1.0)], arc + 1, axis=0)
+    corners = signs * np.array([length / 2 - radius, width / 2 - radius])
+    outline: Floats = corners + radius * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+    return outline
+
+
+def tube(points: Sequence[Triple], radius: float, steps: int = 14, segments: int = 8) -> Shape:
+    """A cable along a Bezier curve with these control points."""
+    order, t = len(points) - 1, np.linspace(0.0, 1.0, steps)[:, None]
+    path = sum(math.comb(order, i) * t**i * (1 - t) ** (order - i) * np.array(point) for i, point in enumerate(points))
+    direction = np.gradient(np.asarray(path), axis=0)
+    direction /= np.linalg.norm(direction, axis=-1, keepdims=True)
+    reference = np.where(np.abs(direction[:, 2:]) < 0.9, [Z_AXIS], [X_AXIS])
+    first = np.cross(direction, reference)
+    first /= np.linalg.norm(first, axis=-1, keepdims=True)
+    second = np.cross(direction, first)
+    angles = np.linspace(0.0, 2 * math.pi, segments, endpoint=False)
+    normals = np.cos(angles)[None, :, None] * first[:, None] + np.sin(angles)[None, :, None] * second[:, None]
+    surface = np.asarray(path)[:, None] + radius * normals
+    return Shape(surface.reshape(-1, 3), normals.reshape(-1, 3), _grid(steps, segments)[:, ::-1])
+
+
+def merge(shapes: Sequence[Shape]) -> Shape:
+    """Several shapes as one."""
+    offsets = np.cumsum([0, *(len(shape.points) for shape in shapes[:-1])])
+    return Shape(
+        np.concatenate([shape.points for shape in shapes]),
+        np.concatenate([shape.normals for shape in shapes]),
+        np.concatenate([shape.faces + offset for shape, offset in zip(shapes, offsets, strict=True)]).astype(np.int32),
+    )
+
+
+@dataclass(frozen=True)
+class Part:
+    """A LEGO part: shapes, each with the name of its colour."""
+
+    shapes: tuple[tuple[str, Shape], ...]
+
+    def at(self, x: float, y: float, z: float) -> Part:
+        """The part moved."""
+        return Part(tuple((colour, shape.at(x, y, z)) for colour, shape in self.shapes))
+
+    def turned(self, axis: Triple, angle_deg: float) -> Part:
+        """The part turned about an axis through the origin."""
+        return Part(tuple((colour, shape.turned(axis, angle_deg)) for colour, shape in self.shapes))
+
+
+def draw(spec: mujoco.MjSpec, body: mujoco.MjsBody, parts: Sequence[Part]) -> None:
+    """Put parts, in millimetres of the body's frame, onto it: one mesh for each colour, without mass or contact.
+
+    The materials of the model are named like the colours; that of a colour in numbers, ``"#rrggbbaa"``, is made here.
+    """
+    by_colour: dict[str, list[Shape]] = {}
+    for part in parts:
+        for colour, shape in part.shapes:
+            by_colour.setdefault(colour, []).append(shape)
+    for colour, shapes in by_colour.items():
+        if colour.startswith("#") and spec.material(colour) is None:
+            spec.add_material(name=colour, rgba=[part / 255 for part in bytes.fromhex(colour[1:])], specular=0.35, shininess=0.5)
+        shape, name = merge(shapes), f"{body.name}_{colour}"
+        spec.add_mesh(
+            name=name,
+            uservert=(shape.points / 1000).ravel().tolist(),
+            usernormal=shape.normals.ravel().tolist(),
+            userface=shape.faces.ravel().tolist(),
+            userfacenormal=shape.faces.ravel().tolist(),
+            inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL,
+        )
+        body.add_geom(
+            type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name, material=colour, group=LOOKS_GROUP, mass=0, contype=0, conaffinity=0
+        )
+
+
+def _grid(rows: int, columns: int) -> NDArray[np.int32]:
+    """Faces of a grid of points whose columns close to a ring; outside is where rows go down and columns turn left."""
+    row, column = np.meshgrid(np.arange(rows - 1), np.arange(columns), indexing="ij")
+    a = (row * columns + column).ravel()
+    b = (row * columns + (column + 1) % columns).ravel()
+    c, d = a + columns, b + columns
+    return np.concatenate([np.stack([a, c, d], -1), np.stack([a, d, b], -1)]).astype(np.int32)
+
+
+def _fan(indices: NDArray[np.intp]) -> NDArray[np.int32]:
+    """Faces of a convex polygon."""
+    first = np.full(len(indices) - 2, indices[0])
+    return np.stack([first, indices[1:-1], indices[2:]], -1).astype(np.int32)

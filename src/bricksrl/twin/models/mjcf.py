@@ -1,0 +1,299 @@
+"""MJCF elements that the models share: options of the physics, LEGO's motors as actuators, sensors as sites.
+
+Names carry the wiring: the joint and actuator ``motor_E`` belong to port E, the site ``ultrasonic_C`` to port C.
+Geoms are grouped: what ultrasound meets, what else collides around the robot, looks, and the robot's own shapes.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from bricksrl.robots import MotorKind
+from bricksrl.twin.objects import Block, Field, Lamp, Line, Object, Ramp
+from bricksrl.twin.scene import Scene
+from bricksrl.virtual_hub.firmware.motor_model import MOTOR_TYPES, PRESCALE_ACCELERATION, PRESCALE_SPEED, PRESCALE_VOLTAGE
+
+TIMESTEP_S = 0.0025
+OBSTACLE_GROUP, FLOOR_GROUP, LOOKS_GROUP, SHAPE_GROUP = 0, 1, 2, 3
+WALL_X_M = 0.35
+"""Where the face of a wall stands."""
+_WALL_HALF_SIZE = (0.012, 1.5, 0.096)
+_BRICK = (0.78, 0.16, 0.12)
+Triple = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class MotorConstants:
+    """A motor with its gear train, seen at its shaft, without the inductance, which is over in a millisecond.
+
+    Attributes:
+        torque_nm_v: torque of the standing motor per volt.
+        drag_nm_s: torque that it loses for each rad/s, by its back-EMF.
+        inertia_kg_m2: of the rotor, through the gears.
+        friction_nm: dry friction.
+    """
+
+    torque_nm_v: float
+    drag_nm_s: float
+    inertia_kg_m2: float
+    friction_nm: float
+
+
+@functools.cache
+def motor_constants(kind: MotorKind) -> MotorConstants:
+    """Constants of a kind of motor: of the curves that the Pybricks authors measured, as their firmware stores them.
+
+    (``servo_settings.c`` v4, in ``virtual_hub/firmware/motor_model.py``: a medium motor has 460 rad/s2 from standstill at 7.2 V.)
+    """
+    model = MOTOR_TYPES[kind].model
+    per_rad = 180.0 / math.pi * 1e-3  # of mdeg and uNm
+    return MotorConstants(
+        torque_nm_v=PRESCALE_VOLTAGE / model.torque_by_voltage * 1e-3,
+        drag_nm_s=PRESCALE_SPEED / model.torque_by_speed * per_rad,
+        inertia_kg_m2=PRESCALE_ACCELERATION / model.torque_by_acceleration * per_rad,
+        friction_nm=model.friction_unm * 1e-6,
+    )
+
+
+def new_spec(name: str) -> mujoco.MjSpec:
+    """Empty model with the options of all twins."""
+    spec = mujoco.MjSpec()
+    spec.modelname = name
+    spec.compiler.degree = False
+    set_options(spec)
+    return spec
+
+
+def set_options(spec: mujoco.MjSpec) -> None:
+    """Options of the physics of all twins: 2.5 ms divides the hub's control loop of 5 ms."""
+    spec.option.timestep = TIMESTEP_S
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    spec.option.impratio = 5.0
+
+
+def add_motor(
+    spec: mujoco.MjSpec,
+    joint: mujoco.MjsJoint,
+    port: str,
+    kind: MotorKind,
+    *,
+    gear: float = 1.0,
+    train_friction_nm: float = 0.0,
+) -> None:
+    """Drive a joint by a voltage. MuJoCo's own dcmotor takes both motor constants for equal, which costs 25 % here.
+
+    Args:
+        gear: turns of the motor's shaft for one of the joint; negative where they turn against each other.
+        train_friction_nm: dry friction between motor and joint, seen at the joint.
+    """
+    motor = motor_constants(kind)
+    actuator = spec.add_actuator(name=f"motor_{port}", target=joint.name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+    actuator.gear[0] = gear
+    actuator.gaintype = mujoco.mjtGain.mjGAIN_FIXED
+    actuator.biastype = mujoco.mjtBias.mjBIAS_AFFINE
+    actuator.gainprm[0] = motor.torque_nm_v
+    actuator.biasprm[2] = -motor.drag_nm_s
+    # A group of its own, so that the body can open this motor's circuit.
+    actuator.group = len(spec.actuators) - 1
+    joint.armature = motor.inertia_kg_m2 * gear**2
+    joint.frictionloss = motor.friction_nm * abs(gear) + train_friction_nm
+    # MuJoCo's default lets a joint creep by 3 degrees a second below its friction.
+    joint.solimp_friction = [0.999, 0.999, 0.001, 0.5, 2.0]
+
+
+def add_box(body: mujoco.MjsBody, centre: Triple, half_size: Triple, mass_kg: float, *, collides: bool = True) -> None:
+    """A box with mass that is not drawn; metres."""
+    body.add_geom(
+        type=mujoco.mjtGeom.mjGEOM_BOX,
+        pos=list(centre),
+        size=list(half_size),
+        mass=mass_kg,
+        group=SHAPE_GROUP,
+        contype=int(collides),
+        conaffinity=0,
+    )
+
+
+STIFF = [0.006, 1.0]
+"""``solref`` of a hard contact: its time constant (s) and damping ratio."""
+
+
+def add_caster(chassis: mujoco.MjsBody, centre: Triple, radius_m: float, mass_kg: float) -> None:
+    """A ball that rolls on the floor: no friction. (Dry friction of a sliding ball would make the contact chatter.)"""
+    chassis.add_geom(
+        name="caster",
+        type=mujoco.mjtGeom.mjGEOM_SPHERE,
+        pos=list(centre),
+        size=[radius_m, 0, 0],
+        mass=mass_kg,
+        condim=1,
+        priority=1,
+        solref=STIFF,
+        group=SHAPE_GROUP,
+        contype=1,
+        conaffinity=0,
+    )
+
+
+def add_surroundings(spec: mujoco.MjSpec, scene: Scene) -> None:
+    """Floor, wall, sky, and the camera that stands still."""
+    _add_looks(spec)
+    world = spec.worldbody
+    world.add_geom(
+        name="floor",
+        type=mujoco.mjtGeom.mjGEOM_PLANE,
+        size=[0, 0, 0.1],
+        material="floor",
+        group=FLOOR_GROUP,
+        contype=0,
+        conaffinity=1,
+    )
+    if scene.wall_distance_mm is not None:
+        world.add_geom(
+            name="wall",
+            type=mujoco.mjtGeom.mjGEOM_BOX,
+            pos=[WALL_X_M + _WALL_HALF_SIZE[0], 0.0, _WALL_HALF_SIZE[2]],
+            size=list(_WALL_HALF_SIZE),
+            rgba=[*_BRICK, 1.0],
+            group=OBSTACLE_GROUP,
+            contype=0,
+            conaffinity=1,
+        )
+        # A box stretches its texture over each side; a plane before it repeats it.
+        world.add_geom(
+            type=mujoco.mjtGeom.mjGEOM_PLANE,
+            pos=[WALL_X_M - 0.0005, 0.0, _WALL_HALF_SIZE[2]],
+            size=[*_WALL_HALF_SIZE[1:], 0.1],
+            quat=[0.5, -0.5, -0.5, 0.5],
+            material="bricks",
+            group=LOOKS_GROUP,
+            contype=0,
+            conaffinity=0,
+        )
+    sight, distance_m = ((-0.62, 0.1, 0.0), 1.95) if scene.wall_distance_mm is not None else ((0.0, 0.0, 0.0), 1.1)
+    if scene.objects:
+        sight, distance_m = _sight_of(scene)
+    add_camera(world, "overview", sight, (-0.18, -1.0, 0.72), distance_m)
+
+
+def _sight_of(scene: Scene) -> tuple[Triple, float]:
+    """Middle of the objects and of where the robot starts (m), and the distance from which all of it is seen."""
+    points = np.array([*zip(*scene.start_mm, strict=True), *(point for one in scene.objects for point in _points_mm(one))]) / 1000
+    low, high = points.min(0), points.max(0)
+    x, y = ((low + high) / 2).tolist()
+    return (x, y, 0.0), max(1.1, 1.25 * float(np.linalg.norm(high - low)))
+
+
+def _points_mm(one: Object) -> list[tuple[float, float]]:
+    """Points that show how far an object reaches over the floor."""
+    if isinstance(one, Line):
+        return list(one.points_mm)
+    if isinstance(one, (Field, Block, Ramp)):
+        reach = max(one.size_mm[:2]) / 2 if isinstance(one, (Field, Block)) else one.length_mm
+        return [(one.at_mm[0] + side * reach, one.at_mm[1] + side * reach) for side in (-1, 1)]
+    return [one.at_mm[:2]] if isinstance(one, Lamp) else [one.from_mm, one.to_mm]
+
+
+def pair_contacts(spec: mujoco.MjSpec) -> None:
+    """Put what may touch what into a list, once everything is in place: each shape of the robot and each of the surroundings.
+
+    MuJoCo then looks at these pairs alone. To find them itself, in each step, takes it a tenth of the time.
+    """
+    surroundings = [geom for geom in spec.geoms if geom.conaffinity]
+    shapes = [geom for geom in spec.geoms if geom.contype]
+    for number, shape in enumerate(shapes):
+        shape.name = shape.name or f"shape_{number}"
+        for other in surroundings:
+            pair = spec.add_pair(geomname1=other.name, geomname2=shape.name)
+            pair.condim = shape.condim if shape.priority > other.priority else max(shape.condim, other.condim)
+            # What is no number follows from the two, as it does without a list.
+            pair.friction, pair.solref, pair.solimp = [math.nan] * 5, [math.nan] * 2, [math.nan] * 5
+    for geom in (*surroundings, *shapes):
+        geom.contype = geom.conaffinity = 0
+
+
+def add_camera(body: mujoco.MjsBody, name: str, sight: Triple, direction: Triple, distance_m: float) -> None:
+    """A camera that looks at a point of a body's frame from a direction; on a moving body it moves along, unturned."""
+    backward = np.array(direction) / np.linalg.norm(direction)
+    right = np.cross((0.0, 0.0, 1.0), backward)
+    right /= np.linalg.norm(right)
+    quaternion = np.empty(4)
+    mujoco.mju_mat2Quat(quaternion, np.column_stack([right, np.cross(backward, right), backward]).ravel())
+    moving = body.name != "world"
+    mode = mujoco.mjtCamLight.mjCAMLIGHT_TRACK if moving else mujoco.mjtCamLight.mjCAMLIGHT_FIXED
+    position = np.array(sight) + distance_m * backward
+    body.add_camera(name=name, pos=position.tolist(), quat=quaternion.tolist(), fovy=40, mode=mode)
+
+
+def add_light(body: mujoco.MjsBody) -> None:
+    """The sun. It moves along with a robot, because shadows are drawn only near the middle of its beam."""
+    direction = np.array([0.3, 0.4, -0.85])
+    body.add_light(
+        type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
+        mode=mujoco.mjtCamLight.mjCAMLIGHT_TRACK,
+        pos=(-0.8 * direction).tolist(),
+        dir=direction.tolist(),
+        diffuse=[0.55] * 3,
+        specular=[0.3] * 3,
+        castshadow=True,
+    )
+
+
+def _add_looks(spec: mujoco.MjSpec) -> None:
+    visual = spec.visual
+    visual.map.znear, visual.map.zfar = 0.02, 30.0
+    visual.map.shadowclip = 4.0
+    visual.quality.shadowsize = 4096
+    visual.headlight.ambient, visual.headlight.diffuse, visual.headlight.specular = [0.38] * 3, [0.30] * 3, [0.1] * 3
+    spec.stat.extent, spec.stat.center = 0.5, [0.0, 0.0, 0.05]
+    spec.add_texture(
+        name="sky",
+        type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
+        builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
+        rgb1=[0.96, 0.97, 0.98],
+        rgb2=[0.72, 0.80, 0.88],
+        width=64,
+        height=64,
+    )
+    _add_tiles(spec, "floor", _floor_tile(), (0.2, 0.2))
+    _add_tiles(spec, "bricks", _brick_tile(), (0.128, 0.064))
+
+
+def _add_tiles(spec: mujoco.MjSpec, name: str, image: NDArray[np.uint8], size_m: tuple[float, float]) -> None:
+    height, width, channels = image.shape
+    texture = spec.add_texture(name=name, type=mujoco.mjtTexture.mjTEXTURE_2D, width=width, height=height, nchannel=channels)
+    texture.data = image.tobytes()
+    material = spec.add_material(
+        name=name, texuniform=True, texrepeat=[1 / size_m[0], 1 / size_m[1]], specular=0.1, shininess=0.1, reflectance=0.0
+    )
+    material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = texture.name
+
+
+def _floor_tile() -> NDArray[np.uint8]:
+    """Two by two squares of 100 mm in two light greys with a fine line between: motion becomes visible."""
+    index = np.arange(256) // 128
+    even = (index[:, None] + index) % 2 == 0
+    tone = np.where(even, 214, 204)
+    line = np.arange(256) % 128 < 1
+    tone[line, :] = tone[:, line] = 186
+    return np.stack([tone, tone + 2, tone + 5], axis=-1).astype(np.uint8)
+
+
+def _brick_tile() -> NDArray[np.uint8]:
+    """Two courses of bricks, staggered."""
+    rows, columns = np.arange(64), np.arange(128)
+    shift = np.where(rows < 32, 0, 32)
+    joint = (rows % 32 < 2)[:, None] | ((columns[None, :] + shift[:, None]) % 64 < 2)
+    light = (rows % 32 > 29)[:, None] & ~joint
+    tile = np.empty((64, 128, 3))
+    tile[:] = np.array(_BRICK) * 255
+    tile[joint] *= 0.62
+    tile[light] = np.minimum(tile[light] * 1.18, 255)
+    return tile.astype(np.uint8)

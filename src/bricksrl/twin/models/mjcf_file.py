@@ -1,0 +1,84 @@
+"""Models from MJCF files: bodies, joints and geoms are the file's; motors, sensors, floor and wall are added here.
+
+What the file names as the robot's description does is connected:
+
+- a hinge with the name of each motor; its positive turn is the one that the motor counts up, behind its gears,
+- a site with the name of each sensor on the first body, which looks along its own x axis; what presses on that body within the
+  site is what a force sensor feels,
+- a site ``imu`` where the hub is; without one, the origin of the first body.
+
+The first body has a free joint where the robot moves about. Feet of a legged robot are geoms whose names begin with ``foot_``.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import mujoco
+
+from bricksrl.errors import TwinError
+from bricksrl.robots import Motor, Robot, SensorKind, UltrasonicSensor
+from bricksrl.twin.models.mjcf import LOOKS_GROUP, OBSTACLE_GROUP, add_camera, add_light, add_motor, add_surroundings, set_options
+from bricksrl.twin.models.mounts import add_touch
+from bricksrl.twin.scene import Scene
+
+_CHASE_DISTANCE_M = 0.5
+
+
+def from_file(path: Path, robot: Robot, scene: Scene) -> mujoco.MjSpec:
+    """Model in an MJCF file, with the robot's motors and sensors, in its scene.
+
+    Raises:
+        TwinError: the file cannot be read, is no MJCF, or lacks a joint or a site that the description names.
+    """
+    if not path.is_file():
+        raise TwinError(f"there is no model {path} of robot '{robot.name}'; give the path of an MJCF file")
+    try:
+        spec = mujoco.MjSpec.from_file(str(path))
+    except ValueError as error:
+        raise TwinError(f"{path} is no MJCF file ({' '.join(str(error).split())}); correct it") from error
+    set_options(spec)
+    base = spec.worldbody.first_body()
+    if base is None:
+        raise TwinError(f"{path} has no body; describe the robot's parts as bodies")
+    for geom in spec.geoms:
+        if geom.group == OBSTACLE_GROUP:
+            geom.group = LOOKS_GROUP  # ultrasound meets obstacles only, and no robot sees itself
+    if scene.wall_distance_mm is not None and not any(isinstance(one, UltrasonicSensor) for one in robot.sensors):
+        raise TwinError(f"robot '{robot.name}' has no ultrasonic sensor to place it before a wall with; leave the wall away")
+    for motor in robot.motors:
+        joint = _named(spec.joints, motor.name, "hinge", path, robot)
+        joint.name = f"motor_{motor.port}"
+        add_motor(spec, joint, motor.port, motor.kind, gear=_gear(motor))
+    for sensor in robot.sensors:
+        site = _named(spec.sites, sensor.name, "site", path, robot)
+        if site.parent.name != base.name:
+            raise TwinError(
+                f"{path} has the site '{sensor.name}' on '{site.parent.name}'; put it on the first body, '{base.name}'"
+            )
+        if isinstance(sensor, UltrasonicSensor):
+            site.name = f"ultrasonic_{sensor.port}"
+            continue
+        site.name = f"sensor_{sensor.port}"
+        if sensor.kind is SensorKind.FORCE:
+            add_touch(spec, sensor)
+    if all(site.name != "imu" for site in spec.sites):
+        base.add_site(name="imu")
+    add_surroundings(spec, scene)
+    add_light(base)
+    add_camera(base, "chase", (0.0, 0.0, 0.0), (-0.62, -0.62, 0.55), _CHASE_DISTANCE_M)
+    return spec
+
+
+def _gear(motor: Motor) -> float:
+    """Turns of the motor's shaft, clockwise, for one of its joint."""
+    ratio = motor.gears[-1] / motor.gears[0] if motor.gears else 1.0
+    return ratio * motor.direction.value
+
+
+def _named(elements: list[mujoco.MjsElement], name: str, kind: str, path: Path, robot: Robot) -> mujoco.MjsElement:
+    for element in elements:
+        if element.name == name:
+            return element
+    known = ", ".join(element.name for element in elements if element.name) or "none"
+    raise TwinError(f"{path} has no {kind} '{name}' of robot '{robot.name}' (it has: {known}); name one so")

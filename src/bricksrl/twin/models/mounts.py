@@ -1,0 +1,145 @@
+"""Mounts of sensors: sites that look where a sensor does, its case, and what a force sensor's button feels with."""
+
+from __future__ import annotations
+
+import functools
+
+import mujoco
+import numpy as np
+
+from bricksrl.plans import catalogue
+from bricksrl.plans.part import DeviceKind
+from bricksrl.robots import Mount, PoweredUpSensor, Sensor, SensorKind
+from bricksrl.robots.spec import LOOKS
+from bricksrl.twin.models import lego
+from bricksrl.twin.models.meshes import X_AXIS, Z_AXIS, Part, box, cylinder, ring
+from bricksrl.twin.models.mjcf import SHAPE_GROUP, Triple
+
+_MM_PER_LDU = 0.4
+_DEFAULT = Mount((60.0, 0.0, 40.0), "ahead")
+_MOUNTS = {
+    SensorKind.COLOR: Mount((60.0, 0.0, 12.0), "down"),
+    SensorKind.COLOR_DISTANCE: Mount((60.0, 0.0, 12.0), "down"),
+    SensorKind.FORCE: Mount((80.0, 0.0, 30.0), "ahead"),
+}
+"""Where a sensor sits of which the description does not say it."""
+_BUTTON_MM = 8.0
+
+
+@functools.cache
+def case_of(kind: DeviceKind, name: str) -> tuple[Triple, float] | None:
+    """Size of an electric part's case, the longest side first (mm), and its mass (g); ``None`` for one in no catalogue."""
+    for part in catalogue.parts():
+        if part.device is not None and (part.device.kind, part.device.name) == (kind, name):
+            sides = sorted((2.0 * _MM_PER_LDU * half for half in part.solids[0].half), reverse=True)
+            return (sides[0], sides[1], sides[2]), part.mass_g
+    return None
+
+
+def mount_of(sensor: Sensor) -> Mount:
+    """Where a sensor sits and looks; where its description does not say it, in front, a color sensor down to the floor."""
+    if sensor.mount is not None:
+        return sensor.mount
+    return _MOUNTS.get(sensor.kind, _DEFAULT) if isinstance(sensor, PoweredUpSensor) else _DEFAULT
+
+
+def mount_sensor(spec: mujoco.MjSpec, chassis: mujoco.MjsBody, sensor: Sensor, axle_m: float) -> Part:
+    """Put a sensor onto a chassis whose origin is so high (m): its site, mass and button; returns what is drawn (mm)."""
+    mount = mount_of(sensor)
+    ahead, left, up = mount.at_mm
+    eye = np.array([ahead, left, up - axle_m * 1000.0])
+    gaze = np.array(LOOKS[mount.looks])
+    size, mass_g = case_of(DeviceKind.SENSOR, sensor.class_name) or ((24.0, 24.0, 24.0), 12.0)
+    is_ours = isinstance(sensor, PoweredUpSensor)
+    name = f"{'sensor' if is_ours else 'ultrasonic'}_{sensor.port}"
+    depth = min(size)
+    middle = eye - gaze * depth / 2
+    turn = _quaternion(gaze)
+    if isinstance(sensor, PoweredUpSensor) and sensor.kind is SensorKind.FORCE:
+        middle = eye - gaze * (max(size) / 2 + _BUTTON_MM)
+        _add_box(chassis, eye - gaze * _BUTTON_MM / 2, (_BUTTON_MM, 16.0, 16.0), turn, 0.002, collides=True)
+        chassis.add_site(
+            name=name, type=mujoco.mjtGeom.mjGEOM_BOX, pos=(eye / 1000).tolist(), size=[0.012] * 3, quat=turn, group=5
+        )
+        add_touch(spec, sensor)
+        _add_box(chassis, middle, size, turn, mass_g / 1000 - 0.002, collides=False)
+        return _aimed(_force_sensor(size), gaze).at(*eye.tolist())
+    chassis.add_site(name=name, pos=(eye / 1000).tolist(), quat=turn, group=SHAPE_GROUP)
+    if not is_ours:
+        _add_box(chassis, middle, (size[2], size[0], size[1]), turn, mass_g / 1000, collides=True)
+        return _aimed(lego.ultrasonic_sensor().at(-13.0, 0, 0), gaze).at(*eye.tolist())
+    _add_box(chassis, middle, (depth, size[0], size[1]), turn, mass_g / 1000, collides=False)
+    return _aimed(_small_sensor(size), gaze).at(*eye.tolist())
+
+
+def add_touch(spec: mujoco.MjSpec, sensor: Sensor) -> None:
+    """What presses on the body of a sensor's site, within it (N)."""
+    site = f"sensor_{sensor.port}"
+    spec.add_sensor(
+        name=f"force_{sensor.port}", type=mujoco.mjtSensor.mjSENS_TOUCH, objtype=mujoco.mjtObj.mjOBJ_SITE, objname=site
+    )
+
+
+def _quaternion(gaze: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> list[float]:
+    """A turn that lays x along a direction."""
+    quaternion, across = np.array([1.0, 0.0, 0.0, 0.0]), np.cross(X_AXIS, gaze)
+    if gaze[0] < -0.5:
+        quaternion = np.array([0.0, 0.0, 0.0, 1.0])
+    elif np.linalg.norm(across) > 0.5:
+        mujoco.mju_axisAngle2Quat(quaternion, across, np.pi / 2)
+    turn: list[float] = quaternion.tolist()
+    return turn
+
+
+def _aimed(part: Part, gaze: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> Part:
+    """A part that looks along x turned to look along another axis."""
+    if gaze[0] < -0.5:
+        return part.turned(Z_AXIS, 180.0)
+    across = np.cross(X_AXIS, gaze)
+    return part if not across.any() else part.turned((float(across[0]), float(across[1]), float(across[2])), 90.0)
+
+
+def _add_box(
+    body: mujoco.MjsBody,
+    middle_mm: np.ndarray[tuple[int, ...], np.dtype[np.float64]],
+    size_mm: Triple,
+    turn: list[float],
+    mass_kg: float,
+    *,
+    collides: bool,
+) -> None:
+    body.add_geom(
+        type=mujoco.mjtGeom.mjGEOM_BOX,
+        pos=(middle_mm / 1000).tolist(),
+        size=[side / 2000 for side in size_mm],
+        quat=turn,
+        mass=mass_kg,
+        group=SHAPE_GROUP,
+        contype=int(collides),
+        conaffinity=0,
+    )
+
+
+def _small_sensor(size: Triple) -> Part:
+    """A sensor with one round eye, which looks along x; its eye is the origin."""
+    depth, wide, high = min(size), size[0], size[1]
+    rim = ring(8.6, 6.2, 2.0).along(X_AXIS).at(-0.8, 0, 0)
+    return Part(
+        (
+            ("white", box(depth - 2, wide, high, radius=2.0).at(-depth / 2 - 1, 0, 0)),
+            ("black", cylinder(8.8, 1.6, bevel=0.4).along(X_AXIS).at(-1.4, 0, 0)),
+            ("azure", rim),
+        )
+    )
+
+
+def _force_sensor(size: Triple) -> Part:
+    """A button at the end of its case, which looks along x; the button's front is the origin."""
+    long, wide, high = size
+    return Part(
+        (
+            ("white", box(long, wide, high, radius=2.0).at(-_BUTTON_MM - long / 2, 0, 0)),
+            ("black", cylinder(8.0, _BUTTON_MM, bevel=1.0).along(X_AXIS).at(-_BUTTON_MM / 2, 0, 0)),
+            ("light_grey", box(long * 0.4, wide + 0.4, 6, radius=0.8).at(-_BUTTON_MM - long / 2, 0, 3)),
+        )
+    )

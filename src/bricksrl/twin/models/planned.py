@@ -1,0 +1,302 @@
+"""Models from building plans: bodies, joints, gears, rods, wheels, feet, sensors and looks follow from where the parts are.
+
+All bodies have the plan's axes (x forward, y left, z up) in the plan's position. The origin of the first one, which is where the
+robot's pose is measured, is below the middle of the hub, on the axle of the driven wheels where there are some.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from bricksrl.errors import TwinError
+from bricksrl.plans.articulation import Articulation, Turn
+from bricksrl.plans.end_stops import free_deg
+from bricksrl.plans.planned_robot import PlannedRobot, planned_robot
+from bricksrl.robots import Motor, PoweredUpSensor, Robot, UltrasonicSensor
+from bricksrl.robots.planned import check_description
+from bricksrl.twin.models.mjcf import SHAPE_GROUP, add_camera, add_light, add_motor, add_surroundings, new_spec, pair_contacts
+from bricksrl.twin.models.planned_looks import draw_parts, draw_spinners
+from bricksrl.twin.models.planned_shapes import add_shapes, lowest_m
+from bricksrl.twin.models.rods import add_rod
+from bricksrl.twin.scene import Scene
+
+Floats = NDArray[np.float64]
+_HINGE = mujoco.mjtJoint.mjJNT_HINGE
+_ROTOR_KG, _ROTOR_KG_M2 = 1e-4, 1e-8
+"""Of the body between a motor's joint and its play; the rotor's own inertia is the joint's armature."""
+_TRAIN_FRICTION_NM = 0.033
+"""Dry friction of a gear train at the motor's side, an estimate: arms stand by themselves while their motors coast."""
+_HEAVY_KG = 0.030
+"""What weighs more falls through its play with more damping."""
+_BEYOND_DEG = 15.0
+"""How far beyond a motor's range, at its shaft, an end stop is looked for."""
+_SAME_DIRECTION = 0.02
+
+
+def from_plan(path: Path, robot: Robot, scene: Scene) -> mujoco.MjSpec:
+    """Model of the robot in its plan, in its scene.
+
+    Raises:
+        PlanError: the plan cannot be read, or has something that has no twin.
+        DescriptionError: the plan says something else than the description.
+        TwinError: the scene is none for this robot, or something in the plan has no twin.
+    """
+    check_description(robot, path)
+    planned = planned_robot(path)
+    _check(robot, planned, scene)
+    spec = new_spec(robot.name)
+    add_surroundings(spec, scene)
+    _Build(spec, robot, planned).all()
+    # One body joins all constraints: looking for independent islands of them costs a tenth of the time for nothing.
+    spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_ISLAND
+    if planned.articulation.rods or planned.articulation.loops:
+        # No leg acts on another one but through the chassis: most of the matrices is zeros.
+        spec.option.jacobian = mujoco.mjtJacobian.mjJAC_SPARSE
+    pair_contacts(spec)
+    return spec
+
+
+def _check(robot: Robot, planned: PlannedRobot, scene: Scene) -> None:
+    """Refuse what no twin can be made of."""
+    path = planned.plan.path
+    if scene.ball:
+        raise TwinError(f"the twin of {path} holds no ball; leave the ball away")
+    if planned.articulation.is_fixed and (scene.wall_distance_mm is not None or scene.heading_deg != (0.0, 0.0)):
+        raise TwinError(f"robot '{robot.name}' stands still and sees no wall; leave wall_distance_mm and heading_deg away")
+    if scene.wall_distance_mm is not None and not any(isinstance(one, UltrasonicSensor) for one in robot.sensors):
+        raise TwinError(f"robot '{robot.name}' has no ultrasonic sensor to place it before a wall with; leave the wall away")
+    for sensor in robot.sensors:
+        if isinstance(sensor, PoweredUpSensor):
+            raise TwinError(f"nothing in {path} can say what '{sensor.name}' senses; only ultrasonic sensors have a twin")
+
+
+class _Build:
+    """A model in the making."""
+
+    def __init__(self, spec: mujoco.MjSpec, robot: Robot, planned: PlannedRobot) -> None:
+        self.spec, self.robot, self.planned = spec, robot, planned
+        self.made: Articulation = planned.articulation
+        self.motors = {motor.port: motor for motor in robot.motors}
+        self.bodies: dict[int, mujoco.MjsBody] = {}
+        self.origins: dict[int, Floats] = {0: self._origin()}
+        self.carried = self._carried()
+
+    def all(self) -> None:
+        """Everything but the surroundings."""
+        self._add_first()
+        turns: list[tuple[Turn, str | None]] = [(drive.turn, drive.port) for drive in self.made.drives]
+        turns += [(one.turn, None) for one in self.made.geared] + [(turn, None) for turn in self.made.swings]
+        for turn, port in sorted(turns, key=lambda one: one[0].child):
+            if port is not None and port in self.motors:
+                self._add_drive(turn, port)
+            else:
+                self._add_turn(turn)
+        self._couple()
+        for number, rod in enumerate(self.made.rods):
+            near = (self.bodies[rod.near], self._local(rod.near, rod.near_m))
+            far = (self.bodies[rod.far], self._local(rod.far, rod.far_m))
+            drawn = add_rod(self.spec, str(number), near, far, mass_kg=0.0)  # its mass is in that of the bodies
+            axes = _axes_along(rod.far_m - rod.near_m)
+            draw_parts(self.spec, drawn, self.planned.plan, rod.parts, rod.near_m, axes=axes)
+        self._close_loops()
+        add_shapes(self.spec, self.planned, self.bodies, self.origins)
+        self._add_sites()
+        self._draw()
+
+    def _origin(self) -> Floats:
+        """Of the first body, in the plan's frame."""
+        hub = next((one for one in self.made.mounted if one.port is None), None)
+        place = np.zeros(3) if hub is None else np.array([hub.point_m[0], hub.point_m[1], 0.0])
+        rolling = self.planned.rolling
+        if rolling:
+            place = np.mean([wheel.centre_m for wheel in rolling], axis=0)
+            place[1] = 0.0 if hub is None else hub.point_m[1]
+        return np.round(place, 6)
+
+    def _carried(self) -> dict[int, float]:
+        """Mass that moves with each body, kg."""
+        mass = {number: body.mass_kg for number, body in enumerate(self.made.bodies)}
+        made = self.made
+        turns = [*(one.turn for one in made.drives), *(one.turn for one in made.geared), *made.swings]
+        for turn in sorted(turns, key=lambda one: -one.child):
+            mass[turn.parent] += mass[turn.child]
+        return mass
+
+    def _local(self, body: int, place: Floats) -> tuple[float, float, float]:
+        """A place in a body's frame."""
+        x, y, z = (place - self.origins[body]).tolist()
+        return x, y, z
+
+    def _weigh(self, body: mujoco.MjsBody, number: int) -> None:
+        """Mass and inertia of a body."""
+        link = self.made.bodies[number]
+        xx, yy, zz = np.diag(link.inertia)
+        body.explicitinertial, body.mass = True, link.mass_kg
+        body.ipos = self._local(number, link.centre_m)
+        body.fullinertia = [xx, yy, zz, link.inertia[0, 1], link.inertia[0, 2], link.inertia[1, 2]]
+
+    def _add_first(self) -> None:
+        """The body that carries the others: free, or fast on the floor."""
+        height = float(self.origins[0][2]) - lowest_m(self.planned)
+        body = self.spec.worldbody.add_body(name="base" if self.made.is_fixed else "chassis", pos=[0.0, 0.0, height])
+        if not self.made.is_fixed:
+            body.add_freejoint(name="root")
+        self.bodies[0] = body
+        self._weigh(body, 0)
+
+    def _add_drive(self, turn: Turn, port: str) -> None:
+        """What a motor drives: a body on the geared shaft, and on that, with some play, what it turns."""
+        drive = next(one for one in self.made.drives if one.port == port)
+        motor, start = self.motors[port], self._start_deg(self.motors[port])
+        turned = math.radians(start - self._plan_deg(port)) / drive.gear
+        geared = self.bodies[turn.parent].add_body(
+            name=f"rotor_{port}", pos=self._local(turn.parent, turn.point_m), quat=_turned(turn.axis, turned)
+        )
+        geared.explicitinertial, geared.mass, geared.inertia = True, _ROTOR_KG, [_ROTOR_KG_M2] * 3
+        is_heavy = self.carried[turn.child] > _HEAVY_KG
+        shaft = geared.add_joint(name=f"motor_{port}", type=_HINGE, axis=turn.axis.tolist(), damping=1e-3 if is_heavy else 0.0)
+        shaft.ref = math.radians(start) / drive.gear
+        friction = _TRAIN_FRICTION_NM * abs(drive.gear) if drive.teeth else 0.0
+        add_motor(self.spec, shaft, port, motor.kind, gear=drive.gear, train_friction_nm=friction)
+        shaft.armature += drive.armature
+        self._limit(shaft, motor, drive.gear)
+        body = geared.add_body(name=f"driven_{port}")
+        body.add_joint(
+            name=f"backlash_{port}",
+            type=_HINGE,
+            axis=turn.axis.tolist(),
+            limited=True,
+            range=[-0.05, 0.05],
+            damping=4e-3 if is_heavy else 5e-4,
+            solref_limit=[0.010 if is_heavy else 0.005, 1.0],
+        )
+        self._take(turn, body)
+
+    def _add_turn(self, turn: Turn) -> None:
+        """What turns on a pin or an axle, or what a motor would turn that the description does not name."""
+        body = self.bodies[turn.parent].add_body(name=f"part_{turn.child}", pos=self._local(turn.parent, turn.point_m))
+        body.add_joint(name=f"turn_{turn.child}", type=_HINGE, axis=turn.axis.tolist(), damping=2e-4, armature=1e-6)
+        self._take(turn, body)
+
+    def _take(self, turn: Turn, body: mujoco.MjsBody) -> None:
+        self.bodies[turn.child], self.origins[turn.child] = body, turn.point_m
+        self._weigh(body, turn.child)
+
+    def _plan_deg(self, port: str) -> float:
+        """Angle of a motor's shaft in the plan's position."""
+        placed = self.planned.device(port)
+        return 0.0 if placed is None else placed.angle_deg
+
+    def _start_deg(self, motor: Motor) -> float:
+        """Angle of a motor's shaft when the hub is switched on: in the middle of its range; without one as in the plan."""
+        ends = _range_of_shaft(motor)
+        return self._plan_deg(motor.port) if ends is None or self.made.rods or self.made.loops else sum(ends) / 2
+
+    def _limit(self, shaft: mujoco.MjsJoint, motor: Motor, gear: float) -> None:
+        """End stops of a motor with a range: where parts of the robot would meet, or a little beyond the range."""
+        ends = _range_of_shaft(motor)
+        if ends is not None:
+            shaft.limited = True
+            stops = free_deg(self.planned, motor.port, ends[0] - _BEYOND_DEG, ends[1] + _BEYOND_DEG)
+            shaft.range = sorted(math.radians(angle) / gear for angle in stops)
+
+    def _couple(self) -> None:
+        """Gears that turn other bodies with a motor's."""
+        for one in self.made.geared:
+            if one.port not in self.motors:
+                continue
+            equal = self.spec.add_equality(type=mujoco.mjtEq.mjEQ_JOINT, objtype=mujoco.mjtObj.mjOBJ_JOINT)
+            equal.name, equal.name1, equal.name2 = f"geared_{one.turn.child}", f"turn_{one.turn.child}", f"motor_{one.port}"
+            equal.data[:5] = [0.0, one.ratio, 0.0, 0.0, 0.0]
+            # It is as far from its place in the plan as the motor's output is from its own.
+            drive = next(drive for drive in self.made.drives if drive.port == one.port)
+            start = self._start_deg(self.motors[one.port]) - self._plan_deg(one.port)
+            turned = one.ratio * math.radians(start) / drive.gear
+            self.bodies[one.turn.child].quat = _turned(one.turn.axis, turned)
+
+    def _close_loops(self) -> None:
+        """Pins that join bodies which other joints join already."""
+        for number, loop in enumerate(self.made.loops):
+            equal = self.spec.add_equality(type=mujoco.mjtEq.mjEQ_CONNECT, objtype=mujoco.mjtObj.mjOBJ_BODY)
+            equal.name, equal.name1, equal.name2 = f"loop_{number}", self.bodies[loop.parent].name, self.bodies[loop.child].name
+            equal.data[:3] = self._local(loop.parent, loop.point_m)
+            equal.solref = [2 * self.spec.option.timestep, 1.0]
+
+    def _add_sites(self) -> None:
+        """Hub and sensors."""
+        for one in self.made.mounted:
+            name = "imu" if one.port is None else f"ultrasonic_{one.port}"
+            if one.port is not None and one.port not in {sensor.port for sensor in self.robot.sensors}:
+                continue
+            if one.port is None:
+                self._check_hub(one.link, one.looks)
+            elif one.link != 0:
+                raise TwinError(f"{self.planned.plan.path}: '{one.name}' moves against the chassis; put it on the chassis")
+            site = self.bodies[one.link].add_site(name=name, pos=self._local(one.link, one.point_m), group=SHAPE_GROUP)
+            if one.port is not None:
+                site.quat = _facing(one.looks)
+
+    def _check_hub(self, link: int, looks: Floats) -> None:
+        """Refuse a hub whose IMU would say something else than the twin's."""
+        placed = self.planned.plan.parts[next(one.part for one in self.made.mounted if one.port is None)]
+        up = -placed.rotation[1, 1]
+        is_flat = abs(up + 1.0) < _SAME_DIRECTION and abs(looks[0] - 1.0) < _SAME_DIRECTION and (link == 0 or self.made.is_fixed)
+        if self.robot.needs_imu and not is_flat:
+            raise TwinError(
+                f"{self.planned.plan.path}: the hub does not lie flat on the chassis with its USB port forwards; "
+                "turn the hub, or say needs_imu=False"
+            )
+
+    def _draw(self) -> None:
+        plan, taken = self.planned.plan, {part for one in self.made.followers for part in one.parts}
+        taken |= {part for rod in self.made.rods for part in rod.parts}
+        for number, body in self.bodies.items():
+            parts = tuple(part for part in self.made.bodies[number].parts if part not in taken)
+            ports = [drive.port for drive in self.made.drives if drive.turn.child == number and not drive.teeth]
+            shafts = tuple(motor.index for motor in map(self.planned.device, ports) if motor is not None)
+            draw_parts(self.spec, body, plan, parts, self.origins[number], shafts=shafts)
+        draw_spinners(self.spec, self.planned, self.bodies, self.origins)
+        corners = np.concatenate([np.stack(placed.part.bounds) @ placed.rotation.T + placed.position for placed in plan.parts])
+        size_m = float(np.linalg.norm(np.ptp(corners, axis=0))) * 0.4 / 1000
+        base = self.bodies[0]
+        middle = tuple((self.made.bodies[0].centre_m - self.origins[0]).tolist())
+        at = self.spec.worldbody if self.made.is_fixed else base
+        sight = (middle[0], middle[1], 0.4 * size_m) if self.made.is_fixed else middle
+        add_light(at)
+        add_camera(at, "chase", sight, (-0.62, -0.62, 0.55), 2.2 * size_m)
+        add_camera(at, "portrait", sight, (0.75, -0.55, 0.42), 1.7 * size_m)
+
+
+def _range_of_shaft(motor: Motor) -> tuple[float, float] | None:
+    """Lowest and highest angle of a motor's shaft; ``None`` where it turns for ever."""
+    if motor.range_deg is None:
+        return None
+    scale = motor.gears[-1] / motor.gears[0] if motor.gears else 1.0
+    first, second = (angle * scale * motor.direction.value for angle in motor.range_deg)
+    return min(first, second), max(first, second)
+
+
+def _turned(axis: Floats, angle: float) -> list[float]:
+    """Quaternion of a turn about an axis."""
+    return [math.cos(angle / 2), *(math.sin(angle / 2) * axis).tolist()]
+
+
+def _facing(looks: Floats) -> list[float]:
+    """Quaternion that turns x to a direction, the shortest way."""
+    quaternion = np.array([1.0 + looks[0], 0.0, -looks[2], looks[1]])
+    if quaternion[0] < 1e-6:
+        return [0.0, 0.0, 0.0, 1.0]
+    return [float(value) for value in quaternion / np.linalg.norm(quaternion)]
+
+
+def _axes_along(along: Floats) -> Floats:
+    """Rows: the axes of a frame whose z points along a direction, as MuJoCo turns z there the shortest way [3, 3]."""
+    quaternion, matrix = np.empty(4), np.empty(9)
+    mujoco.mju_quatZ2Vec(quaternion, along)
+    mujoco.mju_quat2Mat(matrix, quaternion)
+    return matrix.reshape(3, 3).T

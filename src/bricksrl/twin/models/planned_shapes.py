@@ -1,0 +1,205 @@
+"""Shapes of a plan's robot that touch floor and wall: tyres, casters, feet, and a hull around everything else."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from bricksrl.plans.geometry import Form, Solid
+from bricksrl.plans.kinematics import TO_TWIN, Wheel
+from bricksrl.plans.plan import Placed
+from bricksrl.plans.planned_robot import PlannedRobot
+from bricksrl.twin.models.mjcf import SHAPE_GROUP
+
+Floats = NDArray[np.float64]
+_M = 0.4 / 1000
+STIFF = [0.006, 1.0]
+"""Contacts settle in 6 ms: at MuJoCo's default of 20 ms a robot sinks into the floor by half a millimetre."""
+TYRE_FRICTION, PLASTIC_FRICTION = 1.0, 0.8
+"""Sliding friction of rubber and of plastic on a smooth floor; estimates."""
+_FOOT_REACH_M = 0.015
+"""Bodies whose lowest point is at most so far above that of the robot are feet, where there are no wheels."""
+_SAME_AXIS_M = 0.0012
+
+
+@dataclass(frozen=True, eq=False)
+class Foot:
+    """A round lower end of a leg: its body, the two ends of its axis [3] in the twin's axes, its radius."""
+
+    body: int
+    start_m: Floats
+    end_m: Floats
+    radius_m: float
+
+
+def lowest_m(planned: PlannedRobot) -> float:
+    """The height of the lowest point of the robot in the plan's position."""
+    made = planned.articulation
+    lowest = [float(wheel.centre_m[2]) - wheel.diameter_mm / 2000 for wheel in _rolling(planned)]
+    lowest += [float(foot.start_m[2]) - foot.radius_m for foot in feet(planned)]
+    lowest += [_ball(planned, wheel)[2] - _ball(planned, wheel)[3] for wheel in _casters(planned)]
+    if made.is_fixed or not lowest:
+        lowest += [float(_corners(planned.plan.parts[part])[:, 2].min()) for body in made.bodies for part in body.parts]
+    return min(lowest)
+
+
+def feet(planned: PlannedRobot) -> tuple[Foot, ...]:
+    """The feet of a robot without wheels."""
+    made = planned.articulation
+    if made.is_fixed or made.wheels:
+        return ()
+    found = []
+    for number, body in enumerate(made.bodies):
+        rounds = [one for part in body.parts for one in _rounds(planned.plan.parts[part])]
+        if number == 0 or not rounds:
+            continue
+        centre, axis, _, radius = min(rounds, key=lambda one: one[0][2] - one[3])
+        ends = [
+            one[0] + axis * sign * one[2]
+            for one in rounds
+            for sign in (-1.0, 1.0)
+            if np.linalg.norm(np.cross(one[0] - centre, axis)) < _SAME_AXIS_M and abs(float(one[1] @ axis)) > 0.99
+        ]
+        along = np.array([float((end - centre) @ axis) for end in ends])
+        found.append(Foot(number, centre + axis * along.min(), centre + axis * along.max(), radius))
+    low = min((foot.start_m[2] - foot.radius_m for foot in found), default=0.0)
+    return tuple(foot for foot in found if foot.start_m[2] - foot.radius_m < low + _FOOT_REACH_M)
+
+
+def add_shapes(spec: mujoco.MjSpec, planned: PlannedRobot, bodies: dict[int, mujoco.MjsBody], origins: dict[int, Floats]) -> None:
+    """All shapes, on their bodies. Fixed robots have none: within the ranges of their joints nothing meets anything."""
+    if planned.articulation.is_fixed:
+        return
+    for wheel in _rolling(planned):
+        _add_tyre(planned, wheel, bodies[wheel.link], origins[wheel.link])
+    for number, wheel in enumerate(_casters(planned)):
+        x, y, z, radius = _ball(planned, wheel)
+        # The ball rolls: no friction. (Dry friction of a sliding ball would make the contact chatter at every step.)
+        bodies[wheel.link].add_geom(
+            name="caster" if number == 0 else f"caster_{number}",
+            type=mujoco.mjtGeom.mjGEOM_SPHERE,
+            pos=(np.array([x, y, z]) - origins[wheel.link]).tolist(),
+            size=[radius, 0, 0],
+            condim=1,
+            **_touching(1.0),
+        )
+    standing = feet(planned)
+    for number, foot in enumerate(standing):
+        ends = [*(foot.start_m - origins[foot.body]).tolist(), *(foot.end_m - origins[foot.body]).tolist()]
+        shape = mujoco.mjtGeom.mjGEOM_CAPSULE
+        bodies[foot.body].add_geom(
+            name=f"foot_{number}", type=shape, fromto=ends, size=[foot.radius_m, 0, 0], **_touching(PLASTIC_FRICTION)
+        )
+    for number, body in bodies.items():
+        if number not in {foot.body for foot in standing} | {wheel.link for wheel in _rolling(planned)} or number == 0:
+            _add_hull(spec, planned, number, body, origins[number])
+
+
+def _touching(friction: float) -> dict[str, object]:
+    """What all shapes that bear the robot have in common."""
+    return {
+        "mass": 0,
+        "friction": [friction, 0.005, 0.0001],
+        "priority": 1,
+        "solref": STIFF,
+        "group": SHAPE_GROUP,
+        "contype": 1,
+        "conaffinity": 0,
+    }
+
+
+def _add_tyre(planned: PlannedRobot, wheel: Wheel, body: mujoco.MjsBody, origin: Floats) -> None:
+    """A round tyre touches in one point, which also costs the solver half of what a cylinder does."""
+    placed = planned.plan.parts[wheel.part]
+    low, high = placed.part.bounds
+    radius, half_width = wheel.diameter_mm / 2000, float(high[2] - low[2]) / 2 * _M
+    axis = TO_TWIN @ placed.rotation[:, 2]
+    quaternion = np.empty(4)
+    mujoco.mju_quatZ2Vec(quaternion, axis)
+    body.add_geom(
+        name=f"tyre_{wheel.part}",
+        type=mujoco.mjtGeom.mjGEOM_ELLIPSOID,
+        pos=(wheel.centre_m - origin).tolist(),
+        quat=quaternion.tolist(),
+        size=[radius, radius, half_width],
+        **_touching(TYRE_FRICTION),
+    )
+
+
+def _add_hull(spec: mujoco.MjSpec, planned: PlannedRobot, number: int, body: mujoco.MjsBody, origin: Floats) -> None:
+    """The convex hull of a body's parts, but for wheels and casters."""
+    from scipy.spatial import ConvexHull
+
+    rolls = {wheel.part for wheel in planned.articulation.wheels}
+    parts = [part for part in planned.articulation.bodies[number].parts if part not in rolls]
+    if not parts:
+        return
+    points = np.concatenate([_corners(planned.plan.parts[part]) for part in parts]) - origin
+    if np.ptp(points, axis=0).min() < 0.001:
+        return
+    hull = points[ConvexHull(points).vertices]
+    # Corners nearer to one another than 2 mm make no difference to a bump.
+    kept = hull[np.unique(np.round(hull / 0.002), axis=0, return_index=True)[1]]
+    name = f"hull_{number}"
+    spec.add_mesh(name=name, uservert=kept.ravel().tolist(), inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL)
+    body.add_geom(
+        name=name,
+        type=mujoco.mjtGeom.mjGEOM_MESH,
+        meshname=name,
+        mass=0,
+        group=SHAPE_GROUP,
+        contype=1,
+        conaffinity=0,
+    )
+
+
+def _rolling(planned: PlannedRobot) -> list[Wheel]:
+    """The wheels that turn on the floor: of those in one place the largest, without the casters."""
+    wheels = sorted(planned.articulation.wheels, key=lambda wheel: -wheel.diameter_mm)
+    kept: list[Wheel] = []
+    for wheel in wheels:
+        if _is_caster(planned, wheel):
+            continue
+        if all(one.link != wheel.link or np.linalg.norm(one.centre_m - wheel.centre_m) > 0.008 for one in kept):
+            kept.append(wheel)
+    return kept
+
+
+def _casters(planned: PlannedRobot) -> list[Wheel]:
+    return [wheel for wheel in planned.articulation.wheels if _is_caster(planned, wheel)]
+
+
+def _is_caster(planned: PlannedRobot, wheel: Wheel) -> bool:
+    return any(solid.form is Form.BALL for solid in planned.plan.parts[wheel.part].part.solids)
+
+
+def _ball(planned: PlannedRobot, wheel: Wheel) -> tuple[float, float, float, float]:
+    """Middle and radius of a caster's ball."""
+    placed = planned.plan.parts[wheel.part]
+    ball = next(solid for solid in placed.part.solids if solid.form is Form.BALL)
+    x, y, z = _placed(placed, np.array([ball.centre]))[0].tolist()
+    return x, y, z, ball.half[0] * _M
+
+
+def _rounds(placed: Placed) -> list[tuple[Floats, Floats, float, float]]:
+    """Middle [3], axis [3], half of the length and radius of each cylinder that lies across the robot or along it."""
+    found = []
+    for solid in placed.part.solids:
+        if solid.form is Form.CYLINDER:
+            axis = TO_TWIN @ placed.rotation @ np.array(solid.axes[2])
+            if abs(float(axis[2])) < 0.1:
+                found.append((_placed(placed, np.array([solid.centre]))[0], axis, solid.half[2] * _M, solid.half[0] * _M))
+    return found
+
+
+def _corners(placed: Placed) -> Floats:
+    """Points [n, 3] that span a part."""
+    solids: tuple[Solid, ...] = (*placed.part.solids, *placed.part.turning)
+    return _placed(placed, np.concatenate([solid.corners() for solid in solids]))
+
+
+def _placed(placed: Placed, points: Floats) -> Floats:
+    return np.asarray(placed.to_plan(points) @ TO_TWIN.T * _M)

@@ -1,0 +1,142 @@
+"""Scenery: the objects of a scene in MuJoCo. What lies on the floor is drawn only; the rest is met by robots and ultrasound."""
+
+from __future__ import annotations
+
+import math
+
+import mujoco
+import numpy as np
+
+from bricksrl.errors import TwinError
+from bricksrl.twin.models.meshes import Part, Shape, discs, draw, merge
+from bricksrl.twin.models.mjcf import OBSTACLE_GROUP
+from bricksrl.twin.objects import COLORS, Block, Field, Line, Mark, Point, Ramp, Wall
+from bricksrl.twin.scene import Scene
+
+_LAYER_MM = 0.2
+"""Height of each thing on the floor over the one before, so that it covers it."""
+_RAMP_MM = 8.0
+_FRICTION = 0.4
+"""Of a block that is pushed, on the floor and against a robot; an estimate for plastic on wood."""
+
+
+def add_objects(spec: mujoco.MjSpec, scene: Scene) -> None:
+    """Put the scene's objects into a model, after the robot, which comes first.
+
+    Raises:
+        TwinError: the model has a list of what may touch what, which they are not in.
+    """
+    solids = [one for one in scene.objects if isinstance(one, (Wall, Block, Ramp))]
+    if solids and len(spec.pairs):
+        raise TwinError("this robot touches nothing but the floor and the scene's wall; leave walls, blocks and ramps away")
+    world = spec.worldbody
+    marks = [one for one in scene.objects if isinstance(one, (Line, Field))]
+    if marks:
+        draw(spec, world, [_mark_part(mark, (number + 1) * _LAYER_MM) for number, mark in enumerate(marks)])
+    for number, solid in enumerate(solids):
+        name = f"object_{number}"
+        if isinstance(solid, Wall):
+            _add_wall(world, name, solid)
+        elif isinstance(solid, Ramp):
+            _add_ramp(world, name, solid)
+        else:
+            _add_block(world, name, solid)
+
+
+def _add_wall(world: mujoco.MjsBody, name: str, wall: Wall) -> None:
+    start, end = np.array(wall.from_mm) / 1000, np.array(wall.to_mm) / 1000
+    (x, y), (along_x, along_y) = (start + end) / 2, end - start
+    half = [float(np.hypot(along_x, along_y)) / 2, wall.thickness_mm / 2000, wall.height_mm / 2000]
+    _add_geom(world, name, [float(x), float(y), half[2]], half, wall.color, _yaw(math.atan2(along_y, along_x)))
+
+
+def _add_ramp(world: mujoco.MjsBody, name: str, ramp: Ramp) -> None:
+    """A plate whose upper side leads from the floor to its height."""
+    rise, yaw = math.atan2(ramp.height_mm, ramp.length_mm), -math.radians(ramp.heading_deg)
+    half_length, half_thick = math.hypot(ramp.length_mm, ramp.height_mm) / 2000, _RAMP_MM / 2000
+    ahead = half_length * math.cos(rise) + half_thick * math.sin(rise)
+    up = half_length * math.sin(rise) - half_thick * math.cos(rise)
+    x, y = ramp.at_mm[0] / 1000 + ahead * math.cos(yaw), ramp.at_mm[1] / 1000 + ahead * math.sin(yaw)
+    tilt, quaternion = np.array([math.cos(rise / 2), 0.0, -math.sin(rise / 2), 0.0]), np.empty(4)
+    mujoco.mju_mulQuat(quaternion, np.array(_yaw(yaw)), tilt)
+    _add_geom(world, name, [x, y, up], [half_length, ramp.width_mm / 2000, half_thick], ramp.color, quaternion.tolist())
+
+
+def _add_block(world: mujoco.MjsBody, name: str, block: Block) -> None:
+    half = [side / 2000 for side in block.size_mm]
+    place = [block.at_mm[0] / 1000, block.at_mm[1] / 1000, half[2]]
+    quaternion = _yaw(-math.radians(block.heading_deg))
+    if block.mass_g is None:
+        _add_geom(world, name, place, half, block.color, quaternion, is_round=block.round)
+        return
+    body = world.add_body(name=name, pos=place, quat=quaternion)
+    body.add_freejoint(name=name)
+    _add_geom(body, name, [0.0] * 3, half, block.color, [1.0, 0.0, 0.0, 0.0], is_round=block.round, mass_kg=block.mass_g / 1000)
+
+
+def _add_geom(
+    body: mujoco.MjsBody,
+    name: str,
+    place: list[float],
+    half: list[float],
+    color: str,
+    quaternion: list[float],
+    *,
+    is_round: bool = False,
+    mass_kg: float = 0.0,
+) -> None:
+    kind = mujoco.mjtGeom.mjGEOM_CYLINDER if is_round else mujoco.mjtGeom.mjGEOM_BOX
+    body.add_geom(
+        name=name,
+        type=kind,
+        pos=place,
+        size=[half[0], half[2], 0.0] if is_round else half,
+        quat=quaternion,
+        rgba=[*COLORS[color], 1.0],
+        mass=mass_kg,
+        friction=[_FRICTION if mass_kg else 1.0, 0.005, 0.0001],
+        priority=int(mass_kg > 0),
+        group=OBSTACLE_GROUP,
+        contype=int(mass_kg > 0),
+        conaffinity=1,
+    )
+
+
+def _yaw(angle: float) -> list[float]:
+    return [math.cos(angle / 2), 0.0, 0.0, math.sin(angle / 2)]
+
+
+# ---------------------------------------------------------------- on the floor
+
+
+def _mark_part(mark: Mark, height_mm: float) -> Part:
+    red, green, blue = (round(share * 255) for share in COLORS[mark.color])
+    shape = _field(mark) if isinstance(mark, Field) else _line(mark)
+    return Part(((f"#{red:02x}{green:02x}{blue:02x}ff", shape.at(0.0, 0.0, height_mm)),))
+
+
+def _field(field: Field) -> Shape:
+    corners: list[Point] = [(1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0), (1.0, -1.0)]
+    if field.round:
+        corners = [(math.cos(math.tau * step / 64), math.sin(math.tau * step / 64)) for step in range(64)]
+    outline = np.array(corners) * np.array(field.size_mm) / 2
+    return _flat(outline).turned((0.0, 0.0, 1.0), -field.heading_deg).at(*field.at_mm, 0.0)
+
+
+def _line(line: Line) -> Shape:
+    """A rectangle for each stretch, and a disc at each corner."""
+    pieces = [discs(line.width_mm / 2, 0.01, 24).at(x, y, 0.0) for x, y in line.points_mm]
+    for start, end in zip(*line.ends_mm, strict=True):
+        along = (end - start) / max(float(np.linalg.norm(end - start)), 1e-9)
+        side = np.array([-along[1], along[0]]) * line.width_mm / 2
+        pieces.append(_flat(np.array([end + side, start + side, start - side, end - side])))
+    return merge(pieces)
+
+
+def _flat(outline: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> Shape:
+    """A convex outline ``[n, 2]``, counter-clockwise, that is seen from above, with a skin's thickness: a mesh needs a volume."""
+    count = len(outline)
+    points = np.concatenate([np.column_stack([outline, np.full(count, height)]) for height in (0.005, -0.005)])
+    normals = np.repeat([(0.0, 0.0, 1.0), (0.0, 0.0, -1.0)], count, axis=0)
+    top = np.stack([np.zeros(count - 2, int), np.arange(1, count - 1), np.arange(2, count)], -1)
+    return Shape(points, normals, np.concatenate([top, top[:, ::-1] + count]).astype(np.int32))

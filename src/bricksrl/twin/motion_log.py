@@ -1,0 +1,192 @@
+"""Recordings of a robot that carries out commands: made on any hub, kept in a file, and what a twin is fitted to.
+
+A file is one JSON object a line: first a header with robot, interface and program, then an answer of the hub a line, the first
+one to a reading without command. Times are those of the hub's own clock, so that the link does not blur them.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bricksrl.errors import TwinError
+from bricksrl.hub.interface import (
+    Distance,
+    Interface,
+    MotorAngle,
+    Pitch,
+    Roll,
+    RunAngle,
+    UntilDone,
+    Wait,
+    YawRate,
+)
+from bricksrl.hub.kinds import Channel, Command
+from bricksrl.hub.link.lockstep import HubLink
+from bricksrl.robots import Robot, UltrasonicSensor
+
+_FORMAT = 1
+_REST_STEPS, _RUN_STEPS = 16, 16
+_RUN_SHARE = 0.6
+_FAST_DEG_S = 1000
+_TURN_DEG = 600.0
+
+
+@dataclass(frozen=True)
+class RunLog:
+    """A recorded run of ``n`` commands.
+
+    Attributes:
+        robot: name of the robot.
+        program_hash: of the program that ran on its hub.
+        commands: ``[n, n_commands]``, in the commands' units.
+        gaps_ms: ``[n]``; how long the host thought between an answer and the next command.
+        times_ms: ``[n + 1]``; the hub's clock at each answer, the one before the first command included.
+        channels: ``[n + 1, n_channels]``, in the channels' units.
+    """
+
+    robot: str
+    interface: Interface
+    program_hash: int
+    commands: NDArray[np.float64]
+    gaps_ms: NDArray[np.float64]
+    times_ms: NDArray[np.int64]
+    channels: NDArray[np.float64]
+
+
+def record(link: HubLink, robot: Robot, interface: Interface, commands: Iterable[Sequence[float]]) -> RunLog:
+    """Let a robot carry out commands, one after the other.
+
+    Args:
+        link: to its hub, open.
+
+    Raises:
+        HubError: the link failed.
+    """
+    first = link.read()
+    rows, answers, gaps_ms = [], [first], []
+    for row in commands:
+        answer = link.act(row)
+        idle_ms = answer.hub_time_ms - answers[-1].hub_time_ms - answer.round_trip_s * 1000
+        gaps_ms.append(max(0.0, idle_ms))
+        rows.append([float(value) for value in row])
+        answers.append(answer)
+    return RunLog(
+        robot.name,
+        interface,
+        link.program.hash,
+        np.array(rows).reshape(-1, len(interface.commands)),
+        np.array(gaps_ms),
+        np.array([answer.hub_time_ms for answer in answers]),
+        np.array([answer.values for answer in answers], dtype=np.float64),
+    )
+
+
+def identification_interface(robot: Robot) -> Interface:
+    """Commands and channels that tell the most about a robot: every motor as fast as it goes, every sensor, 20 times a second."""
+    channels: list[Channel] = [MotorAngle(motor.name, *(map(float, motor.range_deg or (0, 360)))) for motor in robot.motors]
+    if robot.needs_imu:
+        channels += [Pitch(), Roll(), YawRate()]
+    channels += [Distance(sensor.name) for sensor in robot.sensors if isinstance(sensor, UltrasonicSensor)][:1]
+    commands = tuple(RunAngle(motor.name, -_TURN_DEG, _TURN_DEG, _FAST_DEG_S) for motor in robot.motors)
+    return Interface(commands, tuple(channels), Wait(50))
+
+
+def identification_commands(interface: Interface, steps: int, rng: np.random.Generator) -> NDArray[np.float64]:
+    """Commands that tell the most; ``[steps, n_commands]``.
+
+    Rest tells the noise of the sensors. Jerks of all strengths tell masses, friction and play. Runs at full speed tell the
+    battery, because only there the firmware's controller cannot make up for it. Each part is followed by its opposite, so that a
+    vehicle stays about where it is.
+    """
+    shares = np.zeros((steps, len(interface.commands)))
+    moving = shares[_REST_STEPS:]
+    there_and_back = 2 * _RUN_STEPS
+    run_steps = round(_RUN_SHARE * len(moving) / there_and_back) * there_and_back
+    jerks = max(0, len(moving) - run_steps) // 2
+    moving[: 2 * jerks : 2] = rng.uniform(-1.0, 1.0, (jerks, moving.shape[1])) ** 3
+    moving[1 : 2 * jerks : 2] = -moving[: 2 * jerks : 2]
+    for start in range(len(moving) - run_steps, len(moving), there_and_back):
+        signs = rng.choice([-1.0, 1.0], moving.shape[1])
+        moving[start : start + _RUN_STEPS] = signs
+        moving[start + _RUN_STEPS : start + 2 * _RUN_STEPS] = -signs
+    low, high = np.array([c.low for c in interface.commands]), np.array([c.high for c in interface.commands])
+    values: NDArray[np.float64] = np.round(np.where(shares > 0, shares * high, -shares * low))
+    return values
+
+
+def write_log(path: Path, log: RunLog) -> None:
+    """Write a log to a file, whose folder is made; one that is there is replaced."""
+    header = {
+        "bricksrl_log": _FORMAT,
+        "robot": log.robot,
+        "program": f"{log.program_hash:08x}",
+        "commands": [_describe(command) for command in log.interface.commands],
+        "channels": [_describe(channel) for channel in log.interface.channels],
+        "settle": _describe(log.interface.settle),
+    }
+    lines = [header, {"time_ms": int(log.times_ms[0]), "channels": log.channels[0].tolist()}]
+    for command, gap_ms, time_ms, channels in zip(log.commands, log.gaps_ms, log.times_ms[1:], log.channels[1:], strict=True):
+        lines.append(
+            {
+                "time_ms": int(time_ms),
+                "gap_ms": round(float(gap_ms), 3),
+                "command": command.tolist(),
+                "channels": channels.tolist(),
+            }
+        )
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text("".join(json.dumps(line) + "\n" for line in lines), encoding="utf-8")
+
+
+def read_log(path: Path) -> RunLog:
+    """Read a log.
+
+    Raises:
+        TwinError: the file cannot be read, or is no log of ours.
+    """
+    try:
+        header, first, *rest = [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
+        if header["bricksrl_log"] != _FORMAT:
+            raise ValueError(f"format {header['bricksrl_log']} is unknown")
+        interface = Interface(
+            tuple(_make(data) for data in header["commands"]),
+            tuple(_make(data) for data in header["channels"]),
+            _make(header["settle"]),
+        )
+        log = RunLog(
+            header["robot"],
+            interface,
+            int(header["program"], 16),
+            np.array([line["command"] for line in rest], dtype=np.float64).reshape(len(rest), len(interface.commands)),
+            np.array([line["gap_ms"] for line in rest], dtype=np.float64),
+            np.array([line["time_ms"] for line in (first, *rest)], dtype=np.int64),
+            np.array([line["channels"] for line in (first, *rest)], dtype=np.float64).reshape(
+                len(rest) + 1, len(interface.channels)
+            ),
+        )
+        if not np.isfinite(log.channels).all() or (np.diff(log.times_ms) < 0).any():
+            raise ValueError("a number is missing or time runs backwards")
+    except OSError as error:
+        raise TwinError(f"cannot read the log {path} ({error.strerror}); give a file that `bricksrl twin record` wrote") from None
+    except (ValueError, KeyError, TypeError) as error:
+        raise TwinError(f"cannot read the log {path} ({error}); give a file that `bricksrl twin record` wrote") from None
+    return log
+
+
+def _describe(part: Command | Channel | Wait | UntilDone) -> dict[str, Any]:
+    return {"kind": type(part).__name__, **dataclasses.asdict(part)}
+
+
+def _make(data: dict[str, Any]) -> Any:
+    fields, kinds = dict(data), [Command, Channel, Wait, UntilDone]
+    for kind in kinds:  # it grows, by those of the user's own too
+        kinds += kind.__subclasses__()
+    return {kind.__name__: kind for kind in kinds}[fields.pop("kind")](**fields)

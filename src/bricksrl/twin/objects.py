@@ -1,0 +1,230 @@
+"""Objects of a scene: lines and fields on the floor, walls, blocks that stand or can be pushed, ramps and lamps.
+
+Places are millimetres on the floor, ``(x, y)``: a robot that starts at the origin with a heading of 0 looks along x, y is to its
+left. Headings are degrees, clockwise seen from above. What lies flat on the floor changes only what colour sensors see.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bricksrl.errors import TwinError
+
+Point = tuple[float, float]
+Size = tuple[float, float, float]
+Floats = NDArray[np.float64]
+
+COLORS: dict[str, Size] = {
+    "white": (0.93, 0.93, 0.93),
+    "light_grey": (0.70, 0.70, 0.72),
+    "grey": (0.40, 0.40, 0.42),
+    "black": (0.07, 0.07, 0.08),
+    "red": (0.80, 0.06, 0.08),
+    "orange": (0.95, 0.45, 0.08),
+    "yellow": (0.96, 0.80, 0.12),
+    "green": (0.08, 0.55, 0.22),
+    "blue": (0.08, 0.30, 0.75),
+    "purple": (0.45, 0.18, 0.62),
+    "brown": (0.42, 0.26, 0.14),
+}
+"""Share of red, green and blue light that comes back, by the name of a colour."""
+
+
+@dataclass(frozen=True)
+class Line:
+    """A line on the floor, such as tape.
+
+    Attributes:
+        points_mm: its corners.
+        width_mm: from edge to edge.
+        closed: whether it leads from the last point to the first.
+
+    Raises:
+        TwinError: at construction, when there is no such line.
+    """
+
+    points_mm: tuple[Point, ...]
+    width_mm: float = 20.0
+    color: str = "black"
+    closed: bool = False
+
+    def __post_init__(self) -> None:
+        _check(self.color, "a line", (self.width_mm,), self.points_mm)
+        if len(self.points_mm) < 2:
+            raise TwinError(f"scene: a line of {len(self.points_mm)} points; give two or more")
+
+    @property
+    def ends_mm(self) -> tuple[Floats, Floats]:
+        """Beginning and end of each stretch, ``[n, 2]`` each."""
+        points = np.array(self.points_mm + (self.points_mm[:1] if self.closed else ()), dtype=np.float64)
+        return points[:-1], points[1:]
+
+    def covers(self, points_mm: Floats) -> NDArray[np.bool_]:
+        """Which of the points ``[n, 2]`` lie on it; ``[n]``."""
+        starts, ends = self.ends_mm
+        along = ends - starts
+        away = points_mm[:, None] - starts
+        share = np.clip((away * along).sum(-1) / np.maximum((along**2).sum(-1), 1e-9), 0.0, 1.0)
+        distance = np.linalg.norm(away - share[..., None] * along, axis=-1)
+        covered: NDArray[np.bool_] = distance.min(1) <= self.width_mm / 2
+        return covered
+
+
+@dataclass(frozen=True)
+class Field:
+    """A coloured rectangle on the floor, or an ellipse.
+
+    Attributes:
+        at_mm: its middle.
+        size_mm: along x and y before it is turned.
+        round: whether it is an ellipse of that size.
+
+    Raises:
+        TwinError: at construction, when there is no such field.
+    """
+
+    at_mm: Point
+    size_mm: Point
+    color: str = "red"
+    heading_deg: float = 0.0
+    round: bool = False
+
+    def __post_init__(self) -> None:
+        _check(self.color, "a field", self.size_mm, (self.at_mm, (self.heading_deg, 0.0)))
+
+    def covers(self, points_mm: Floats) -> NDArray[np.bool_]:
+        """Which of the points ``[n, 2]`` lie on it; ``[n]``."""
+        yaw = -math.radians(self.heading_deg)
+        turn = np.array([[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]])
+        inside = np.abs((points_mm - np.array(self.at_mm)) @ turn) / (np.array(self.size_mm) / 2)
+        covered: NDArray[np.bool_] = (inside**2).sum(-1) <= 1.0 if self.round else inside.max(-1) <= 1.0
+        return covered
+
+
+@dataclass(frozen=True)
+class Wall:
+    """A wall between two points.
+
+    Raises:
+        TwinError: at construction, when there is no such wall.
+    """
+
+    from_mm: Point
+    to_mm: Point
+    height_mm: float = 100.0
+    thickness_mm: float = 16.0
+    color: str = "red"
+
+    def __post_init__(self) -> None:
+        _check(self.color, "a wall", (self.height_mm, self.thickness_mm), (self.from_mm, self.to_mm))
+        if self.from_mm == self.to_mm:
+            raise TwinError(f"scene: a wall from {self.from_mm} to the same point; give two")
+
+
+@dataclass(frozen=True)
+class Block:
+    """A block, or with ``round`` an upright can, that stands still or, where it has a mass, can be pushed.
+
+    Attributes:
+        at_mm: its middle.
+        size_mm: along x and y before it is turned, and up.
+        mass_g: ``None`` for one that nothing moves.
+        spread_mm: by up to so much along x and y it is put elsewhere at the start of each episode; only where it has a mass.
+
+    Raises:
+        TwinError: at construction, when there is no such block.
+    """
+
+    at_mm: Point
+    size_mm: Size = (64.0, 64.0, 64.0)
+    color: str = "blue"
+    heading_deg: float = 0.0
+    mass_g: float | None = None
+    round: bool = False
+    spread_mm: Point = (0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        _check(self.color, "a block", self.size_mm, (self.at_mm, self.spread_mm, (self.heading_deg, 0.0)))
+        if self.mass_g is not None and not (math.isfinite(self.mass_g) and self.mass_g > 0):
+            raise TwinError(f"scene: a block of {self.mass_g} g; give a positive mass, or None for one that stands still")
+        if min(self.spread_mm) < 0 or (self.mass_g is None and any(self.spread_mm)):
+            raise TwinError(f"scene: a spread of {self.spread_mm} mm; give 0 or more, and a mass to what is to be moved")
+
+
+@dataclass(frozen=True)
+class Ramp:
+    """A slope that begins at the floor.
+
+    Attributes:
+        at_mm: the middle of its lower edge.
+        heading_deg: the direction in which it rises.
+        length_mm: over the floor; ``height_mm`` at its upper end.
+
+    Raises:
+        TwinError: at construction, when there is no such ramp.
+    """
+
+    at_mm: Point
+    length_mm: float = 400.0
+    width_mm: float = 300.0
+    height_mm: float = 60.0
+    heading_deg: float = 0.0
+    color: str = "light_grey"
+
+    def __post_init__(self) -> None:
+        size = (self.length_mm, self.width_mm, self.height_mm)
+        _check(self.color, "a ramp", size, (self.at_mm, (self.heading_deg, 0.0)))
+
+
+@dataclass(frozen=True)
+class Lamp:
+    """A lamp, which sensors of ambient light see.
+
+    Attributes:
+        at_mm: place and height.
+        light_pct: what a sensor reads that looks at it from 300 mm away.
+
+    Raises:
+        TwinError: at construction, when there is no such lamp.
+    """
+
+    at_mm: Size
+    light_pct: float = 80.0
+
+    def __post_init__(self) -> None:
+        if not all(math.isfinite(value) for value in self.at_mm) or not 0.0 < self.light_pct <= 100.0:
+            raise TwinError(f"scene: a lamp at {self.at_mm} of {self.light_pct} %; give a place in mm, and up to 100 %")
+
+
+Mark = Line | Field
+Solid = Wall | Block | Ramp
+Object = Line | Field | Wall | Block | Ramp | Lamp
+
+
+def oval(length_mm: float, width_mm: float, at_mm: Point = (0.0, 0.0), corners: int = 24) -> tuple[Point, ...]:
+    """Points of a stadium-shaped course for a closed line, which begins at ``at_mm`` and leads along x, then to the left.
+
+    Args:
+        length_mm, width_mm: of the whole, along x and y; the ends are half circles.
+        corners: of each half circle.
+    """
+    radius, straight = width_mm / 2, length_mm - width_mm
+    if straight < 0 or radius <= 0:
+        raise TwinError(f"scene: an oval of {length_mm} x {width_mm} mm; give a length of at least its width")
+    angles = np.linspace(-math.pi / 2, math.pi / 2, corners + 1)
+    right = np.stack([straight / 2 + radius * np.cos(angles), radius + radius * np.sin(angles)], -1)
+    points = np.concatenate([[(0.0, 0.0)], right, right * (-1.0, -1.0) + (0.0, width_mm)]) + np.array(at_mm)
+    return tuple((float(x), float(y)) for x, y in points)
+
+
+def _check(color: str, what: str, sizes: tuple[float, ...], places: tuple[Point, ...]) -> None:
+    if color not in COLORS:
+        raise TwinError(f"scene: there is no color '{color}'; choose {', '.join(COLORS)}")
+    if not all(math.isfinite(size) and size > 0 for size in sizes):
+        raise TwinError(f"scene: {what} of {', '.join(f'{size:g}' for size in sizes)} mm; give positive sizes")
+    if not all(math.isfinite(value) for place in places for value in place):
+        raise TwinError(f"scene: {what} at {places}; give finite places and headings")

@@ -1,0 +1,50 @@
+"""Captions of videos: a title, a line of numbers, labels; written onto images with Pillow."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, ImageDraw, ImageFont
+
+from bricksrl.plotting import import_matplotlib
+
+Pixels = NDArray[np.uint8]
+_INK, _PALE, _BACK, _OPACITY = (31, 36, 48), (73, 81, 94), (255, 255, 255), 205
+
+
+@functools.lru_cache(maxsize=8)
+def _font(size_px: int, bold: bool) -> ImageFont.FreeTypeFont:
+    """DejaVu Sans, which Matplotlib brings along."""
+    import_matplotlib()
+    import matplotlib
+
+    name = "DejaVuSans-Bold.ttf" if bold else "DejaVuSans.ttf"
+    return ImageFont.truetype(str(Path(matplotlib.get_data_path()) / "fonts" / "ttf" / name), size_px)
+
+
+def captioned(image: Pixels, title: str, line: str, labels: Iterable[tuple[int, int, str]] = ()) -> Pixels:
+    """The image ``[height, width, 3]`` with a title and a line below it in its upper left, and labels (column, row, text)."""
+    height = image.shape[0]
+    large, small = max(11, height // 26), max(9, height // 34)
+    picture = Image.fromarray(image)
+    pen = ImageDraw.Draw(picture)
+    for column, row, text in labels:
+        pen.text((column, row), text, _PALE, _font(small, False), anchor="mm")
+    lines = [(text, _font(size, bold)) for text, size, bold in ((title, large, True), (line, small, False)) if text]
+    if lines:
+        margin = height // 45
+        width = 2 * margin + round(max(pen.textlength(text, font) for text, font in lines))
+        rise = 2 * margin + round(sum(font.size for _, font in lines)) + margin // 2 * (len(lines) - 1)
+        # Only the part below the text is blended: the whole image would take longer than drawing the robot.
+        mask = Image.new("L", (width, rise), 0)
+        ImageDraw.Draw(mask).rounded_rectangle((0, 0, width - 1, rise - 1), margin // 2, _OPACITY)
+        picture.paste(_BACK, (margin, margin, margin + width, margin + rise), mask)
+        top = 2.0 * margin
+        for text, font in lines:
+            pen.text((2 * margin, top), text, _INK, font)
+            top += font.size + margin // 2
+    return np.asarray(picture)

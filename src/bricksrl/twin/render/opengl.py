@@ -1,0 +1,298 @@
+"""OpenGL renderer of virtual robots, off the screen. Training never imports this."""
+
+from __future__ import annotations
+
+import ctypes
+import importlib
+import os
+import sys
+import tempfile
+import weakref
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from bricksrl.errors import RenderingUnavailableError, TwinError
+from bricksrl.files import TEMPORARY_PREFIX
+from bricksrl.twin.mujoco_body import MujocoBody
+from bricksrl.twin.render.view import Box, MovingParts, aim, is_opaque, stands_still
+
+Image = NDArray[np.uint8]
+
+_REMEDY = "install one (Debian: apt install libegl1 libgl1-mesa-dri, or libosmesa6) or set MUJOCO_GL to one that works"
+_LIBRARIES = {"egl": ("libEGL.so.1",), "osmesa": ("libOSMesa.so.8", "libOSMesa.so.6", "libOSMesa.so")}
+_SWITCHED_OFF = ("disable", "disabled", "off", "false", "0")
+"""Values of MUJOCO_GL for which MuJoCo draws nothing."""
+_MAX_GEOMS = 1000
+
+Decorate = Callable[[mujoco.MjvScene], None]
+"""Adds to a scene what is drawn beside the model, each time before it is drawn."""
+
+
+class Renderer:
+    """Draws a body as one of its cameras sees it.
+
+    What stands still before a camera that stands still is drawn once. After that, only the part of the image is drawn anew in
+    which something moves. Where edges are hard and nothing can be seen through, only what moves is drawn there, and put over the
+    picture of the rest where it is nearer.
+
+    Args:
+        body: the robot.
+        width, height: of the image in pixels.
+        camera: name of a camera: "chase" moves along, "overview" stands still; or a camera of one's own, which is looked through
+            as it stands at each image.
+        decorate: adds what is drawn beside the model.
+        shadows: draws them; without a graphics card they cost far more than all the rest.
+        smooth: blends the edges of things; without a graphics card it doubles the time.
+
+    Raises:
+        RenderingUnavailableError: no OpenGL library works here.
+        TwinError: there is no such camera, or no such image.
+    """
+
+    def __init__(
+        self,
+        body: MujocoBody,
+        width: int = 320,
+        height: int = 240,
+        camera: str | mujoco.MjvCamera = "chase",
+        *,
+        decorate: Decorate | None = None,
+        shadows: bool = False,
+        smooth: bool = True,
+    ) -> None:
+        if not isinstance(body, MujocoBody):
+            raise TwinError(f"there is nothing to see of robot '{body.robot.name}', which has no MuJoCo model")
+        model = body.model
+        if width < 1 or height < 1:
+            raise TwinError(f"an image of {width} x {height} cannot be drawn; give positive sizes in pixels")
+        self._camera = _named_camera(model, camera) if isinstance(camera, str) else camera
+        self._decorate = decorate
+        self._body = body
+        self._option = mujoco.MjvOption()
+        self._scene = mujoco.MjvScene(model, maxgeom=_MAX_GEOMS)
+        self._scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = shadows
+        self._scene.flags[mujoco.mjtRndFlag.mjRND_REFLECTION] = False
+        self._whole = Box(0, 0, width, height)
+        self._background: tuple[Image, NDArray[np.float32]] | None = None
+        self._moving: MovingParts | None = None
+        is_own = not isinstance(camera, str)
+        if not shadows and not is_own and decorate is None and stands_still(model, self._camera.fixedcamid):
+            self._moving = MovingParts(model, self._camera.fixedcamid, width, height, self._option.geomgroup)
+            self._puts_over = not smooth and is_opaque(model, self._option.geomgroup)
+        # OpenGL clears its whole buffer for every image, so it gets one of just this size.
+        model.vis.global_.offwidth, model.vis.global_.offheight = width, height
+        model.vis.quality.offsamples = 4 if smooth else 0
+        self._gl, self._context = _open_context(model, width, height)
+        # Freed in another context than their own, OpenGL's objects would take that context's objects of the same number along.
+        self._free = weakref.finalize(self, _free_context, self._gl, self._context)
+        self._free.atexit = False  # the process takes all of it along
+
+    def render(self) -> Image:
+        """Draw what the camera sees now.
+
+        Returns:
+            uint8 [height, width, 3], red, green, blue.
+        """
+        if not self._free.alive:
+            raise TwinError("this renderer is closed; make a new one")
+        data = self._body.data
+        self._body.pose_looks()
+        self._gl.make_current()
+        if self._moving is None:
+            return self._draw(self._whole, mujoco.mjtCatBit.mjCAT_ALL)[0].copy()
+        if self._background is None:
+            self._background = self._draw(self._whole, mujoco.mjtCatBit.mjCAT_STATIC)
+        still, still_depth = self._background
+        image, box = still.copy(), self._moving.box(data)
+        if box.width and box.height:
+            part = slice(box.top, box.bottom), slice(box.left, box.right)
+            pixels, depth = self._draw(box, mujoco.mjtCatBit.mjCAT_DYNAMIC if self._puts_over else mujoco.mjtCatBit.mjCAT_ALL)
+            nearer = depth < still_depth[part] if self._puts_over else np.True_
+            for color in range(3):  # eight times as fast as one copy with the mask spread over the colors
+                np.copyto(image[part][..., color], pixels[..., color], where=nearer)
+        return image
+
+    def _draw(self, box: Box, what: int) -> tuple[Image, NDArray[np.float32]]:
+        """A part of the image and its depth, 0 (near) to 1; ``what`` says whether all, what never moves, or what moves."""
+        mujoco.mjv_updateScene(self._body.model, self._body.data, self._option, None, self._camera, what, self._scene)
+        self._scene.flags[mujoco.mjtRndFlag.mjRND_SKYBOX] = what != mujoco.mjtCatBit.mjCAT_DYNAMIC
+        if self._decorate is not None:
+            self._decorate(self._scene)
+        aim(self._scene, box, self._whole.width, self._whole.height)
+        viewport, pixels = mujoco.MjrRect(0, 0, box.width, box.height), np.empty((box.height, box.width, 3), np.uint8)
+        depth = np.empty((box.height, box.width), np.float32)
+        mujoco.mjr_render(viewport, self._scene, self._context)
+        mujoco.mjr_readPixels(pixels, depth, viewport, self._context)
+        return pixels[::-1], depth[::-1]
+
+    def close(self) -> None:
+        """Free what OpenGL holds; closing twice does nothing."""
+        self._free()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self.close()
+
+
+class VideoWriter:
+    """An mp4 file (H.264) that browsers play, written image by image; it gets its name when it is whole.
+
+    Args:
+        path: of the file; its folder is made.
+        fps: images a second.
+    """
+
+    def __init__(self, path: str | Path, fps: float) -> None:
+        self.path = Path(path)
+        self._fps = fps
+        self._file: Any = None
+        self._part: Path | None = None
+        self._size: tuple[int, ...] = ()
+
+    def add(self, frame: Image) -> None:
+        """The next image, uint8 [height, width, 3].
+
+        Raises:
+            TwinError: it is of another size than the first.
+        """
+        if self._file is None:
+            self._open(frame)
+        if frame.shape != self._size or frame.dtype != np.uint8:
+            raise TwinError(f"a frame is {frame.dtype} {frame.shape}, the first was uint8 {self._size}; give frames of one size")
+        self._file.send(np.ascontiguousarray(frame))
+
+    @property
+    def is_empty(self) -> bool:
+        """True if there is no image yet, and no file."""
+        return not self._size
+
+    def _open(self, frame: Image) -> None:
+        import imageio_ffmpeg
+
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            handle, name = tempfile.mkstemp(dir=self.path.parent, prefix=TEMPORARY_PREFIX, suffix=".mp4")
+        except OSError as error:
+            raise TwinError(f"cannot write the video {self.path} ({error.strerror}); choose another place") from None
+        os.close(handle)
+        self._part, self._size = Path(name), frame.shape
+        self._file = imageio_ffmpeg.write_frames(
+            name,
+            (self._size[1], self._size[0]),
+            fps=self._fps,
+            codec="libx264",
+            quality=7,
+            macro_block_size=2,
+            ffmpeg_log_level="error",
+        )
+        self._file.send(None)
+
+    def close(self, *, whole: bool = True) -> None:
+        """Finish the file, which gets its name now, or drop one that is not ``whole``; closing twice does nothing."""
+        file, self._file = self._file, None
+        if file is None or self._part is None:
+            return
+        try:
+            file.close()
+            if whole:
+                self._part.chmod(0o644)
+                self._part.replace(self.path)
+        finally:
+            self._part.unlink(missing_ok=True)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self.close(whole=kind is None)
+
+
+def write_video(path: str | Path, frames: Iterable[Image], fps: float) -> Path:
+    """Write images as an mp4; see :class:`VideoWriter`.
+
+    Args:
+        path: of the file; its folder is made.
+        frames: uint8 [height, width, 3], all of one size.
+        fps: images a second.
+
+    Returns:
+        The path.
+
+    Raises:
+        TwinError: there are no frames, or they differ in size.
+    """
+    with VideoWriter(path, fps) as video:
+        for frame in frames:
+            video.add(frame)
+    if video.is_empty:
+        raise TwinError(f"there are no frames to write to {path}; render at least one")
+    return video.path
+
+
+def _named_camera(model: mujoco.MjModel, name: str) -> mujoco.MjvCamera:
+    camera = mujoco.MjvCamera()
+    camera.type = mujoco.mjtCamera.mjCAMERA_FIXED
+    camera.fixedcamid = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_CAMERA, name)
+    if camera.fixedcamid < 0:
+        cameras = ", ".join(model.camera(index).name for index in range(model.ncam))
+        raise TwinError(f"there is no camera '{name}'; choose one of {cameras}")
+    return camera
+
+
+def _free_context(gl: Any, context: Any) -> None:
+    gl.make_current()
+    context.free()
+    gl.free()
+
+
+def _open_context(model: mujoco.MjModel, width: int, height: int) -> tuple[Any, Any]:
+    """An OpenGL context and MuJoCo's own in it."""
+    backend = os.environ.get("MUJOCO_GL", "").lower().strip() or _choose_backend()
+    if backend:
+        # MuJoCo's library reads this when it looks for OpenGL's functions.
+        os.environ["MUJOCO_GL"] = backend
+    if backend in _SWITCHED_OFF:
+        raise RenderingUnavailableError(f"nothing is drawn with MUJOCO_GL={backend}; unset it, or {_REMEDY}")
+    try:
+        module = importlib.import_module(f"mujoco.{backend}") if backend in ("egl", "osmesa", "glfw", "cgl") else mujoco
+        if not hasattr(module.GLContext, "_context"):
+            module.GLContext._context = None  # asked for when it is freed, also where it could not be opened
+        gl = module.GLContext(width, height)
+        gl.make_current()
+        context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100)
+    except Exception as error:
+        # Each library fails in its own way: ImportError, AttributeError, RuntimeError, an error of ctypes or of GL.
+        name = backend or "the system's OpenGL"
+        raise RenderingUnavailableError(f"nothing can be drawn with {name} ({_one_line(error)}); {_REMEDY}") from error
+    mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, context)
+    return gl, context
+
+
+def _choose_backend() -> str:
+    """The library to draw with where the user named none; empty for what MuJoCo itself takes."""
+    if not sys.platform.startswith("linux") or os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"):
+        return ""
+    for backend, names in _LIBRARIES.items():
+        if any(_loads(name) for name in names):
+            return backend
+    raise RenderingUnavailableError(f"no OpenGL library is here to draw with; {_REMEDY}")
+
+
+def _loads(name: str) -> bool:
+    try:
+        ctypes.CDLL(name)
+    except OSError:
+        return False
+    return True
+
+
+def _one_line(error: Exception) -> str:
+    return " ".join(str(error).split())[:120] or type(error).__name__

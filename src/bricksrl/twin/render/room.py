@@ -1,0 +1,124 @@
+"""Room for videos: walls, a line and a label at each metre, a camera that stands in it, and a ghost where a robot is to get to.
+
+All of it is drawn beside the model, so the physics never sees it.
+"""
+
+from __future__ import annotations
+
+import math
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from bricksrl.twin.mujoco_body import MujocoBody
+from bricksrl.twin.physics import Physics
+from bricksrl.twin.sensed_pose import sensed_qpos
+
+_BACK_M, _HEIGHT_M, _SKIRTING_M = 1.3, 1.6, 0.07
+"""The wall behind the robot: how far to the left of where it starts, how high, and its skirting board."""
+_LINE = (0.45, 0.50, 0.58, 1.0)
+_WALL, _BOARD = (0.90, 0.90, 0.87, 1.0), (0.97, 0.97, 0.96, 1.0)
+_GHOST = (0.10, 0.62, 0.25, 0.30)
+_LAG = 0.06
+"""Part of the way to the robot that the camera's look goes in an image."""
+
+
+class Room:
+    """Decoration and camera of one film of a robot.
+
+    Args:
+        body: the robot.
+        goal_deg: angles of its motors where it is to get to, by name; none for a robot without such a goal.
+
+    Attributes:
+        camera: to be given to a renderer; :meth:`follow` aims it.
+    """
+
+    def __init__(self, body: MujocoBody, goal_deg: dict[str, float] | None = None) -> None:
+        self._body = body
+        self.camera = mujoco.MjvCamera()
+        self.camera.type = mujoco.mjtCamera.mjCAMERA_FREE
+        self._moves = body.model.jnt_type[0] == mujoco.mjtJoint.mjJNT_FREE
+        has_wall = body.scene.wall_distance_mm is not None
+        self.camera.distance = 0.62 if self._moves else 0.72
+        self.camera.azimuth, self.camera.elevation = (118.0 if has_wall else 62.0), -21.0
+        self._look = np.array(self._robot())
+        self.camera.lookat[:] = self._look
+        self._ghost = MujocoBody(body.robot, body.scene, Physics(), 0) if goal_deg else None
+        self._option = mujoco.MjvOption()
+        self.aim_for(goal_deg or {})
+
+    def aim_for(self, goal_deg: dict[str, float]) -> None:
+        """Put the ghost where the robot is to get to now."""
+        if self._ghost is not None:
+            self._ghost.data.qpos[:] = sensed_qpos(self._ghost, goal_deg, (0.0, 0.0))
+            self._ghost.pose_looks()
+
+    def follow(self) -> None:
+        """Turn the camera's look a little more to where the robot is now."""
+        self._look += _LAG * (np.array(self._robot()) - self._look)
+        self.camera.lookat[:] = self._look
+
+    def _robot(self) -> tuple[float, float, float]:
+        if not self._moves:
+            return 0.04, 0.0, 0.13
+        x, y = self._body.data.qpos[:2]
+        return float(x), float(y), 0.07
+
+    def decorate(self, scene: mujoco.MjvScene) -> None:
+        """Add walls, metres and ghost."""
+        middle = round(float(self._look[0]))
+        _box(scene, (middle, _BACK_M + 0.01, _HEIGHT_M / 2), (6.0, 0.01, _HEIGHT_M / 2), _WALL)
+        _box(scene, (middle, _BACK_M - 0.008, _SKIRTING_M / 2), (6.0, 0.008, _SKIRTING_M / 2), _BOARD)
+        for metre in range(middle - 3, middle + 4):
+            _box(scene, (metre, _BACK_M / 2 - 1.0, 0.0), (0.003, _BACK_M / 2 + 1.0, 0.0004), _LINE)
+        for metre in range(-2, 2):
+            _box(scene, (middle, metre, 0.0), (6.0, 0.003, 0.0004), _LINE)
+        if self._ghost is not None:
+            self._add_ghost(scene, self._ghost)
+
+    def _add_ghost(self, scene: mujoco.MjvScene, ghost: MujocoBody) -> None:
+        first = scene.ngeom
+        what = mujoco.mjtCatBit.mjCAT_DYNAMIC
+        mujoco.mjv_addGeoms(ghost.model, ghost.data, self._option, mujoco.MjvPerturb(), what, scene)
+        for number in range(first, scene.ngeom):
+            scene.geoms[number].rgba[:] = _GHOST
+            scene.geoms[number].matid = -1
+
+    def metre_marks(self, width: int, height: int) -> list[tuple[int, int, str]]:
+        """Places in an image of so many px where labels of the metres belong: column, row, text."""
+        marks = []
+        for metre in range(round(float(self._look[0])) - 2, round(float(self._look[0])) + 3):
+            at = self._project(np.array([metre, -0.28, 0.0]), width, height)
+            if at is not None and 0 < at[0] < width and 0 < at[1] < height:
+                marks.append((*at, f"{metre} m"))
+        return marks
+
+    def _project(self, point: NDArray[np.float64], width: int, height: int) -> tuple[int, int] | None:
+        azimuth, elevation = math.radians(self.camera.azimuth), math.radians(self.camera.elevation)
+        forward = np.array(
+            [math.cos(elevation) * math.cos(azimuth), math.cos(elevation) * math.sin(azimuth), math.sin(elevation)]
+        )
+        right = np.array([math.sin(azimuth), -math.cos(azimuth), 0.0])
+        up = np.cross(right, forward)
+        away = point - (np.array(self.camera.lookat) - self.camera.distance * forward)
+        depth = float(away @ forward)
+        if depth < 0.05:
+            return None
+        focal_px = height / 2 / math.tan(math.radians(float(self._body.model.vis.global_.fovy)) / 2)
+        return round(width / 2 + focal_px * float(away @ right) / depth), round(height / 2 - focal_px * float(away @ up) / depth)
+
+
+def _box(
+    scene: mujoco.MjvScene, place: tuple[float, float, float], half: tuple[float, float, float], rgba: tuple[float, ...]
+) -> None:
+    if scene.ngeom >= scene.maxgeom:
+        return
+    geom = scene.geoms[scene.ngeom]
+    mujoco.mjv_initGeom(
+        geom, mujoco.mjtGeom.mjGEOM_BOX, np.array(half), np.array(place), np.eye(3).ravel(), np.array(rgba, np.float32)
+    )
+    geom.category = mujoco.mjtCatBit.mjCAT_DECOR
+    geom.segid = -1
+    scene.ngeom += 1

@@ -1,0 +1,64 @@
+"""Video of a virtual robot while a program moves it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, Protocol
+
+from bricksrl.errors import TwinError
+from bricksrl.twin.mujoco_body import MujocoBody
+from bricksrl.twin.render.opengl import Image, Renderer, VideoWriter
+from bricksrl.virtual_hub.body import Body
+
+SIZE = (480, 360)
+_FRAME_MS = 40
+
+
+class Draws(Protocol):
+    """Whatever gives an image of the robot as it is now."""
+
+    def render(self) -> Image: ...
+
+
+class Filmed:
+    """Stands in for a body and takes a picture whenever one is due in simulated time."""
+
+    def __init__(self, body: Any, renderer: Draws, frame_ms: int, time_ms: int, take: Callable[[Image], None]) -> None:
+        self._body = body
+        self._renderer = renderer
+        self._frame_ms = frame_ms
+        self._due_ms = time_ms
+        self._take = take
+
+    def advance_to(self, time_ms: int) -> None:
+        """Let the body move on; then look."""
+        self._body.advance_to(time_ms)
+        if time_ms >= self._due_ms:
+            self._due_ms += self._frame_ms
+            self._take(self._renderer.render())
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._body, name)
+
+
+@contextmanager
+def filmed(body: Body, path: Path) -> Iterator[Body]:
+    """Film a robot into an mp4 file, as long as this lasts, at the speed of its own time. Use the body that this gives.
+
+    Raises:
+        RenderingUnavailableError: no OpenGL library works here.
+        TwinError: there is nothing to see of the robot, or the file is no mp4.
+    """
+    if not isinstance(body, MujocoBody):
+        raise TwinError(f"there is nothing to see of robot '{body.robot.name}'; film one with a MuJoCo model")
+    if path.suffix.lower() != ".mp4":
+        raise TwinError(f"'{path}' is no name of a film; end it in .mp4")
+    with Renderer(body, *SIZE) as renderer:
+        video = VideoWriter(path, 1000 / _FRAME_MS)
+        try:
+            video.add(renderer.render())
+            yield Filmed(body, renderer, _FRAME_MS, _FRAME_MS, video.add)
+        finally:  # whatever ended the program, what it did until then is on the film
+            video.close()

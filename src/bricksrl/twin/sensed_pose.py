@@ -1,0 +1,111 @@
+"""Pose of a real robot from its sensors: motors as their angles, the chassis as its tilt, feet or wheels on the floor."""
+
+from __future__ import annotations
+
+import math
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from bricksrl.robots import Motor
+from bricksrl.twin.models.mjcf import SHAPE_GROUP
+from bricksrl.twin.mujoco_body import MujocoBody
+
+_STEP_DEG = 15.0
+_ROUNDS = 8
+_CLOSED = 1e-5
+_STEP_RAD, _NUDGE_RAD = 0.3, 1e-5
+"""The most that a leg turns in one round on the way to where its rod fits, and the least by which slopes are measured."""
+
+
+def sensed_qpos(body: MujocoBody, angles_deg: dict[str, float], tilt_deg: tuple[float, float]) -> NDArray[np.float64]:
+    """Positions of all joints of the model; those of ``body`` are where the way to them begins, and are changed.
+
+    Args:
+        angles_deg: of the motors by their names, at the output, as Pybricks gives them; a whole turn more or less is the same.
+        tilt_deg: pitch (nose down positive) and roll (right side down positive), as the hub gives them.
+    """
+    model, data = body.model, body.data
+    motors = [motor for motor in body.robot.motors if motor.name in angles_deg]
+    joints = [model.joint(f"motor_{motor.port}") for motor in motors]
+    places = [int(joint.qposadr[0]) for joint in joints]
+    factors = np.array([_joint_per_output(model, motor) for motor in motors])
+    turns_deg = np.array([angles_deg[motor.name] for motor in motors]) - np.degrees(data.qpos[places]) / factors
+    turns_deg = (turns_deg + 180.0) % 360.0 - 180.0
+    loose = _loose(model, {int(joint.id) for joint in joints})
+    steps = max(1, math.ceil(np.abs(turns_deg).max(initial=0.0) / _STEP_DEG))
+    for _ in range(steps):  # in small steps, or a leg would come out of its loop on the other side
+        data.qpos[places] += np.radians(turns_deg * factors) / steps
+        if loose:
+            _close_loops(model, data, loose)
+    if model.jnt_type[0] == mujoco.mjtJoint.mjJNT_FREE:
+        _stand(model, data, tilt_deg)
+    qpos: NDArray[np.float64] = data.qpos.copy()
+    return qpos
+
+
+def _joint_per_output(model: mujoco.MjModel, motor: Motor) -> float:
+    """Degrees of a motor's joint for one at its output: the model counts the shaft, clockwise positive."""
+    gear = float(model.actuator_gear[model.actuator(f"motor_{motor.port}").id, 0])
+    return motor.direction.value * 360.0 / motor.turn_deg / gear
+
+
+def _loose(model: mujoco.MjModel, driven: set[int]) -> list[int]:
+    """Places of the hinges that follow others: neither a motor's nor the play of one."""
+    if not model.neq:
+        return []
+    hinges = (joint for joint in range(model.njnt) if model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_HINGE)
+    return [
+        int(model.jnt_qposadr[joint])
+        for joint in hinges
+        if joint not in driven and not model.joint(joint).name.startswith("backlash_")
+    ]
+
+
+def _close_loops(model: mujoco.MjModel, data: mujoco.MjData, loose: list[int]) -> None:
+    """Turn what no motor drives until each rod is as long as it is: Gauss-Newton."""
+    start = data.qpos[loose].copy()
+    for _ in range(_ROUNDS):
+        error = _gaps(model, data)
+        if np.abs(error).max() < _CLOSED:
+            return
+        slopes = np.empty((len(error), len(loose)))
+        for column, place in enumerate(loose):
+            data.qpos[place] += _NUDGE_RAD
+            slopes[:, column] = (_gaps(model, data) - error) / _NUDGE_RAD
+            data.qpos[place] -= _NUDGE_RAD
+        step = np.linalg.lstsq(slopes, -error, rcond=1e-6)[0]
+        data.qpos[loose] += np.clip(step, -_STEP_RAD, _STEP_RAD)
+    if np.abs(_gaps(model, data)).max() > 100 * _CLOSED:
+        data.qpos[loose] = start  # what was shown before is better than a leg torn off
+
+
+def _gaps(model: mujoco.MjModel, data: mujoco.MjData) -> NDArray[np.float64]:
+    """How much longer than as built each rod is (m), and how far each joint is from where the one that it follows wants it."""
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_comPos(model, data)
+    mujoco.mj_tendon(model, data)
+    followers = np.flatnonzero(model.eq_type == mujoco.mjtEq.mjEQ_JOINT)
+    gaps = np.empty(model.ntendon + len(followers))
+    gaps[: model.ntendon] = data.ten_length - model.tendon_length0
+    for row, number in enumerate(followers, model.ntendon):
+        one, other = (model.jnt_qposadr[ids[number]] for ids in (model.eq_obj1id, model.eq_obj2id))
+        wanted = np.polyval(model.eq_data[number, 4::-1], data.qpos[other] - model.qpos0[other])
+        gaps[row] = 0.01 * (data.qpos[one] - model.qpos0[one] - wanted)
+    return gaps
+
+
+def _stand(model: mujoco.MjModel, data: mujoco.MjData, tilt_deg: tuple[float, float]) -> None:
+    """Tilt the chassis, and put the lowest point that is drawn of the robot on the floor."""
+    pitch, roll = (math.radians(angle) / 2 for angle in tilt_deg)
+    quaternion = np.empty(4)
+    by_pitch = np.array([math.cos(pitch), 0.0, math.sin(pitch), 0.0])
+    mujoco.mju_mulQuat(quaternion, by_pitch, np.array([math.cos(roll), math.sin(roll), 0.0, 0.0]))
+    data.qpos[0:7] = (0.0, 0.0, 1.0, *quaternion)
+    mujoco.mj_kinematics(model, data)
+    drawn = np.flatnonzero((model.body_weldid[model.geom_bodyid] != 0) & (model.geom_group != SHAPE_GROUP))
+    middle, half = model.geom_aabb[drawn, :3], model.geom_aabb[drawn, 3:]
+    frames = data.geom_xmat[drawn].reshape(-1, 3, 3)
+    lowest = data.geom_xpos[drawn, 2] + (frames[:, 2] * middle).sum(1) - (np.abs(frames[:, 2]) * half).sum(1)
+    data.qpos[2] -= float(lowest.min())

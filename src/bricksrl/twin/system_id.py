@@ -1,0 +1,264 @@
+"""System identification: physics of a twin that move it as a recorded robot moved.
+
+The recorded commands are carried out again on virtual hubs, at the recorded times of the hub's clock, and the parameters are
+changed until the channels agree best. Noise is read off the rest at the start of the log instead. A parameter that the log does
+not tell keeps its default: the fit says so rather than give a number.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+from scipy.stats import qmc
+
+from bricksrl import robots
+from bricksrl.errors import TwinError
+from bricksrl.hub.interface import Distance
+from bricksrl.hub.link.lockstep import HubLink
+from bricksrl.robots import Robot
+from bricksrl.seed import check_seed
+from bricksrl.twin.make_body import make_body
+from bricksrl.twin.motion_log import RunLog
+from bricksrl.twin.physics import PARAMETERS, Physics
+from bricksrl.twin.scene import Scene
+from bricksrl.virtual_hub.transport import VirtualHub
+
+Vector = NDArray[np.float64]
+OnReplay = Callable[[int, float], None]
+"""Told the number of a replay, from 1, and the smallest error so far."""
+
+FITTED = ("battery_v", "friction_scale", "motor_friction_scale", "mass_scale", "backlash_deg")
+"""Parameters that motion tells."""
+
+# What all angles depend on. The others shape details, and are sought when these are found.
+_STRONG = ("battery_v", "motor_friction_scale", "mass_scale")
+_STARTS = 2
+_WIDE, _NARROW = 0.15, 0.06  # of a parameter's range
+_LOOKS, _LONG, _SHORT = 21, 20, 16  # replays for each parameter
+_OFF = 0.25  # of the range that robots differ in: a parameter is told when being off by this much
+_LEAST_RISE = 0.15  # raises the error by this share or more
+_EXACT = 0.01  # an error, in roughnesses, as good as none
+_LEAST_REST = 4
+_SOFT = 3.0  # differences beyond this many roughnesses count by their size rather than by its square
+_NOISES = tuple(name for name in PARAMETERS if "noise" in name)
+_SILENT = dict.fromkeys((*_NOISES, "link_interval_ms"), 0.0)
+# A command that the host sends is found by the hub's program in the next millisecond.
+_LEAD_MS = 1
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Result of fitting a twin to a log.
+
+    Attributes:
+        physics: the twin's parameters; those that the log does not tell are the defaults.
+        told: parameters that motion told, and by what share the error rises when one of them is off by a quarter of the
+            range that robots differ in.
+        untold: parameters that motion was to tell and did not.
+        error_before, error_after: of each channel, root mean square over the log, in the channel's unit; with the default
+            physics and with the fitted one.
+        replays: how often the log was carried out again.
+    """
+
+    physics: Physics
+    told: dict[str, float]
+    untold: tuple[str, ...]
+    error_before: dict[str, float]
+    error_after: dict[str, float]
+    replays: int
+
+
+def replay(log: RunLog, physics: Physics, robot: Robot | None = None) -> Vector:
+    """The channels ``[n + 1, n_channels]`` of a twin without noise that gets the commands of a log at the same times.
+
+    Raises:
+        UnknownNameError, TwinError: there is no such robot, or it has no twin.
+    """
+    robot = robots.get(log.robot) if robot is None else robot
+    hub = VirtualHub(make_body(robot, scene=_scene(log), physics=replace(physics, **_SILENT)))
+    rows = []
+    with HubLink(hub, robot, log.interface) as link:
+        first = link.read()
+        rows.append(first.values)
+        offset_ms = hub.machine.time_ms - int(log.times_ms[0])
+        for command, start_ms in zip(log.commands, _starts_ms(log, physics), strict=True):
+            wait_ms = offset_ms + start_ms - _LEAD_MS - hub.machine.time_ms
+            if wait_ms > 0:
+                hub.read(wait_ms / 1000)
+            rows.append(link.act(command).values)
+    return np.array(rows, dtype=np.float64)
+
+
+def fit(
+    log: RunLog,
+    *,
+    robot: Robot | None = None,
+    names: Sequence[str] = FITTED,
+    seed: int = 0,
+    on_replay: OnReplay | None = None,
+) -> Fit:
+    """Fit a twin's physics to a log; some 300 replays, on one core two minutes for ten seconds of log.
+
+    Args:
+        robot: that of the log; ``None`` for the one of its name.
+        names: parameters to look for in the motion.
+        seed: of the places where the search looks first.
+
+    Raises:
+        TwinError: a parameter is none that motion tells, or the log is too short.
+        DescriptionError: the seed cannot be one.
+    """
+    check_seed(seed)
+    wrong = sorted(set(names) - set(FITTED))
+    if wrong or not names:
+        raise TwinError(f"motion does not tell {', '.join(wrong) or 'nothing'}; choose from {', '.join(FITTED)}")
+    if len(log.commands) < 2 * len(names):
+        raise TwinError(
+            f"the log has {len(log.commands)} steps; record {2 * len(names)} or more, `bricksrl twin record` makes 160"
+        )
+    search = _Search(log, robot, _noise(log), on_replay)
+    before = search.errors(Physics())
+    physics, rises = Physics(**search.noise), {}
+    if log.commands.any():
+        physics = search.find(tuple(names), seed)
+        rises = search.rises(physics, tuple(names))
+    told = {name: rise for name, rise in rises.items() if rise >= _LEAST_RISE}
+    default = Physics()
+    physics = replace(physics, **{name: getattr(default, name) for name in names if name not in told})
+    return Fit(
+        physics,
+        told,
+        tuple(name for name in names if name not in told),
+        before,
+        search.errors(physics),
+        search.replays,
+    )
+
+
+class _Search:
+    """Replays of one log, counted, and the best of them."""
+
+    def __init__(self, log: RunLog, robot: Robot | None, noise: dict[str, float], on_replay: OnReplay | None) -> None:
+        self.noise = noise
+        self.replays = 0
+        self._log, self._robot, self._on_replay = log, robot, on_replay
+        self._lowest = np.inf
+        channels = log.interface.channels
+        self._turns = np.array([channel.wraps for channel in channels])
+        self._sigma = np.array([np.hypot(c.roughness, noise.get(c.noise or "", 0.0)) for c in channels])
+
+    def difference(self, physics: Physics) -> Vector:
+        """Twin minus robot, ``[n, n_channels]``; of endless angles the ways since the start are compared."""
+        difference = replay(self._log, physics, self._robot) - self._log.channels
+        difference = np.where(self._turns, (difference - difference[0] + 180.0) % 360.0 - 180.0, difference)[1:]
+        self.replays += 1
+        self._lowest = min(self._lowest, float(np.sqrt(np.mean((difference / self._sigma) ** 2))))
+        if self._on_replay is not None:
+            self._on_replay(self.replays, self._lowest)
+        return difference
+
+    def errors(self, physics: Physics) -> dict[str, float]:
+        """Root mean square of each channel's difference."""
+        rms = np.sqrt((self.difference(physics) ** 2).mean(axis=0))
+        return {channel.name: float(value) for channel, value in zip(self._log.interface.channels, rms, strict=True)}
+
+    def error(self, physics: Physics) -> float:
+        """One number: as a root mean square, but far-off values count little more than near ones."""
+        squares = (self.difference(physics) / self._sigma) ** 2
+        return float(np.sqrt(np.mean(2.0 * _SOFT**2 * (np.sqrt(1.0 + squares / _SOFT**2) - 1.0))))
+
+    def find(self, names: tuple[str, ...], seed: int) -> Physics:
+        """The best parameters: first those that move everything, then those that only shape details, then the first again."""
+        strong = tuple(name for name in names if name in _STRONG)
+        weak = tuple(name for name in names if name not in _STRONG)
+        best = Physics(**self.noise)
+        if strong:
+            starts = self.look(best, strong, seed)
+            best = min((self.polish(start, strong, _WIDE, _LONG) for start in starts), key=self.error)
+        if weak:
+            best = self.polish(best, weak, _WIDE, _SHORT)
+        return self.polish(best, strong, _NARROW, _SHORT) if strong else best
+
+    def look(self, base: Physics, names: tuple[str, ...], seed: int) -> list[Physics]:
+        """The best of some points that are spread evenly over all ranges."""
+        points = qmc.Halton(len(names), rng=seed).random(_LOOKS * len(names))
+        return sorted((base, *(self._physics(base, names, point) for point in points)), key=self.error)[:_STARTS]
+
+    def polish(self, start: Physics, names: tuple[str, ...], width: float, replays: int) -> Physics:
+        """The best nearby, without slopes: those are lost in the rounding of the angles.
+
+        Args:
+            width: of where the search begins, as a share of each parameter's range.
+            replays: how many it may take for each parameter.
+        """
+        shares = np.array([(getattr(start, name) - _bounds(name)[0]) / np.ptp(_bounds(name)) for name in names])
+        # Away from the nearer end of each range, or the first simplex would be flat there.
+        corners = shares + np.diag(np.where(shares > 0.5, -width, width))
+        found = minimize(
+            lambda shares: self.error(self._physics(start, names, shares)),
+            shares,
+            method="Nelder-Mead",
+            bounds=[(0.0, 1.0)] * len(names),
+            options={"initial_simplex": np.vstack((shares, corners)), "maxfev": replays * len(names)},
+        )
+        return self._physics(start, names, found.x)
+
+    def rises(self, best: Physics, names: tuple[str, ...]) -> dict[str, float]:
+        """By what share the error rises, on average, when one parameter is off to either side."""
+        lowest, found = max(self.error(best), _EXACT), {}
+        for name in names:
+            away, (low, high) = _OFF * np.ptp(PARAMETERS[name].drawn), PARAMETERS[name].accepted
+            beside = [getattr(best, name) + side * away for side in (-1.0, 1.0)]
+            errors = [self.error(replace(best, **{name: float(value)})) for value in beside if low <= value <= high]
+            found[name] = sum(errors) / len(errors) / lowest - 1.0
+        return found
+
+    def _physics(self, base: Physics, names: tuple[str, ...], shares: Vector) -> Physics:
+        """Parameters at shares 0..1 of the ranges that they are looked for in."""
+        bounds = [_bounds(name) for name in names]
+        values = {name: float(low + share * (high - low)) for name, share, (low, high) in zip(names, shares, bounds, strict=True)}
+        return replace(base, **values)
+
+
+def _bounds(name: str) -> Vector:
+    """Where a parameter is looked for: half a range further than robots are thought to differ."""
+    low, high = PARAMETERS[name].drawn
+    lowest, highest = PARAMETERS[name].accepted
+    margin = (high - low) / 2
+    return np.array([max(lowest, low - margin), min(highest, high + margin)])
+
+
+def _scene(log: RunLog) -> Scene | None:
+    """A wall where the robot saw something at the start."""
+    place = log.interface.distance_place
+    distance_mm = 0.0 if place is None else float(log.channels[0, place])
+    return Scene(wall_distance_mm=(distance_mm, distance_mm)) if 40 < distance_mm < Distance.FARTHEST_MM else None
+
+
+def _starts_ms(log: RunLog, physics: Physics) -> NDArray[np.int64]:
+    """When each command began, on the hub's clock of the log."""
+    settle = log.interface.settle
+    if settle.fixed_ms is not None:
+        return log.times_ms[1:] - settle.fixed_ms
+    return log.times_ms[:-1] + np.round(log.gaps_ms + physics.link_interval_ms).astype(np.int64)
+
+
+def _noise(log: RunLog) -> dict[str, float]:
+    """Noise of the sensors, from the rest at the start; nothing for sensors that are not there."""
+    moving = np.flatnonzero(log.commands.any(axis=1))
+    rest = log.channels[: (int(moving[0]) if len(moving) else len(log.commands)) + 1]
+    if len(rest) <= _LEAST_REST:
+        return {}
+    deviation = rest.std(axis=0, ddof=1)
+    squares: dict[str, list[float]] = {}
+    for channel, value, mean in zip(log.interface.channels, deviation, rest.mean(axis=0), strict=True):
+        if channel.noise is None or mean >= channel.high:  # at its end, or beyond, nothing is measured
+            continue
+        share = 0.0 if channel.noise_share is None else getattr(Physics(), channel.noise_share)
+        squares.setdefault(channel.noise, []).append(max(0.0, float(value) - share * mean) ** 2)
+    found = {name: float(np.sqrt(np.mean(of))) for name, of in squares.items()}
+    return {name: min(value, PARAMETERS[name].accepted[1]) for name, value in found.items()}

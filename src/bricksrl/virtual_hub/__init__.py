@@ -1,0 +1,26 @@
+"""The virtual hub: a Pybricks hub in software, in simulated time, with any body as its robot.
+
+It runs the program that a LEGO hub would run: MicroPython's dialect, Pybricks' modules, the firmware's motor control. What the
+motors turn and the sensors see is a :class:`Body`: motors without load (:class:`BenchBody`), or a twin of ``bricksrl.twin``.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from bricksrl.virtual_hub.bench_body import BenchBody as BenchBody
+    from bricksrl.virtual_hub.body import Body as Body
+    from bricksrl.virtual_hub.run import run_file as run_file
+    from bricksrl.virtual_hub.transport import VirtualHub as VirtualHub
+
+__all__ = ["BenchBody", "Body", "VirtualHub", "run_file"]
+
+_HOME = {"BenchBody": "bench_body", "Body": "body", "VirtualHub": "transport", "run_file": "run"}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME:
+        raise AttributeError(f"module 'bricksrl.virtual_hub' has no attribute '{name}'")
+    return getattr(importlib.import_module(f"bricksrl.virtual_hub.{_HOME[name]}"), name)

@@ -1,0 +1,325 @@
+"""A motor under the firmware's control: encoder, observer, controller and voltage."""
+
+from __future__ import annotations
+
+import errno
+from math import trunc
+from typing import Protocol
+
+from bricksrl.robots import Direction, MotorKind
+from bricksrl.virtual_hub.body import Body
+from bricksrl.virtual_hub.firmware.clock import Clock
+from bricksrl.virtual_hub.firmware.control import Controller, ControlType, OnCompletion, State
+from bricksrl.virtual_hub.firmware.logger import Logger
+from bricksrl.virtual_hub.firmware.motor_model import MOTOR_TYPES
+from bricksrl.virtual_hub.firmware.observer import Observer
+from bricksrl.virtual_hub.firmware.settings import ControlSettings, servo_settings
+
+_TURN_MDEG = 360_000
+_NONE = ControlType.NONE
+_VOLTAGE = 2
+
+
+class Parent(Protocol):
+    """Something that drives motors together and must let go when one of them gets another command."""
+
+    def stop_from_servo(self) -> None: ...
+
+
+class Servo:
+    """One motor port. Angles and speeds are whole degrees at the gear train's output.
+
+    Until :meth:`setup`, the motor only coasts. Commands that a real hub refuses raise ``ValueError`` (bad value) or
+    ``OSError`` with ``errno`` (EBUSY; ENODEV while it is not in use).
+
+    Attributes:
+        is_open: whether its control loop runs.
+        is_plain: whether it has no rotation sensor.
+        is_taken: whether it must be closed before it can be taken into use. Who tries it before ends the control loop all the
+            same, and leaves the motor with its voltage.
+    """
+
+    def __init__(self, kind: MotorKind, port: str, body: Body, clock: Clock) -> None:
+        self.kind = kind
+        self.port = port
+        self.type = MOTOR_TYPES[kind]
+        self._drive_mv = self.type.model.drive_mv
+        self.is_open = self.is_taken = False
+        self.is_plain = False
+        self.parent: Parent | None = None
+        self.body = body
+        self.clock = clock
+        self._sign = 1
+        self._zero_mdeg = 0
+        self._voltage_mv: int | None = None
+        self._max_voltage_mv = self.type.max_voltage_mv
+        self.control = Controller(servo_settings(self.type, 1000, 0))
+        self.observer = self._new_observer()
+        self.log = Logger()
+
+    @property
+    def settings(self) -> ControlSettings:
+        return self.control.settings
+
+    @property
+    def is_clockwise(self) -> bool:
+        """Whether it counts up when the shaft turns clockwise."""
+        return self._sign > 0
+
+    @property
+    def is_coasting(self) -> bool:
+        return self._voltage_mv is None
+
+    @property
+    def max_voltage_mv(self) -> int:
+        """The voltage that no command exceeds."""
+        return self._max_voltage_mv
+
+    @max_voltage_mv.setter
+    def max_voltage_mv(self, value: int) -> None:
+        if not 0 <= value <= self.type.max_voltage_mv:
+            raise ValueError("the voltage limit is out of range")
+        self._max_voltage_mv = value
+
+    def setup(self, direction: Direction, gear_ratio_milli: int, reset_angle: bool, profile_deg: int) -> None:
+        """Take the motor into use; ``gear_ratio_milli`` is 1000 times the motor's turns for one of the output.
+
+        Raises:
+            OSError: EBUSY, it is in use already.
+            ValueError: the gear ratio or the profile is out of range.
+        """
+        self.is_open = False
+        if reset_angle:
+            self._zero_mdeg = self._shaft_mdeg() - self._absolute_mdeg()
+        if self.is_taken:
+            raise OSError(errno.EBUSY, "the motor is in use already")
+        self.set_voltage(None)
+        self._sign = direction.value
+        self.is_taken = True
+        self._max_voltage_mv = self.type.max_voltage_mv
+        self.control.reset()
+        self.control = Controller(servo_settings(self.type, gear_ratio_milli, profile_deg))
+        self.observer = self._new_observer()
+        self.observer.reset(self.position())
+        self.is_open = True
+
+    def setup_plain(self, direction: Direction) -> None:
+        """Take it into use as a motor without rotation sensor, which has a voltage and nothing else."""
+        self.is_plain = True
+        self.set_voltage(None)
+        self._sign = direction.value
+        self._max_voltage_mv = self.type.max_voltage_mv
+
+    def close(self) -> None:
+        """Coast, and be free to be set up anew."""
+        self.set_voltage(None)
+        self._stop_from_below()
+        self.parent = None
+        self.is_open = self.is_taken = False
+
+    def check_open(self) -> None:
+        """Raises OSError, ENODEV, while its control loop does not run."""
+        if not self.is_open:
+            raise OSError(errno.ENODEV, "the motor is not in use")
+
+    # ---- state
+
+    def position(self) -> int:
+        """Angle of the motor's shaft in mdeg, in the direction and from the zero that the program set."""
+        return (self.body.angle_mdeg(self.port) - self._zero_mdeg) * self._sign
+
+    def state(self) -> State:
+        observer = self.observer
+        return State(self.position(), observer.measured_speed, observer.speed, observer.angle)
+
+    def angle_deg(self) -> int:
+        self.check_open()
+        return self.settings.position_to_unit(self.position())
+
+    def speed_deg_s(self, window_ms: int = 100) -> int:
+        """Average speed over the last ``window_ms``. Raises ValueError for a window beyond 300 ms."""
+        return self.settings.to_unit(self.observer.window_speed(window_ms))
+
+    def load_mnm(self) -> int:
+        """Torque that something outside seems to exert."""
+        self.check_open()
+        if self._voltage_mv is None:
+            return 0
+        if self.control.is_active:
+            return trunc(-self.control.pid_average / 1000)
+        return trunc(self.type.model.torque_unm(self.observer.feedback_mv(self.position())) / 1000)
+
+    def is_done(self) -> bool:
+        return self.control.is_done
+
+    def is_stalled(self) -> bool:
+        self.check_open()
+        if self.control.is_active:
+            return self.control.is_stalled
+        return self._voltage_mv is not None and self.observer.is_stalled(self.clock.time_ticks)
+
+    # ---- commands
+
+    def reset_angle(self, angle_deg: int | None) -> None:
+        """Count from this angle on; ``None`` takes the absolute angle of the shaft. A running move stops."""
+        was_active, then = self.control.is_active, self.control.on_completion
+        voltage = self._voltage_mv
+        self.stop(OnCompletion.COAST)
+        self.control.reset()
+        new = self._absolute_mdeg() * self._sign if angle_deg is None else self.settings.position_from_unit(angle_deg)
+        self._zero_mdeg = self._shaft_mdeg() - new * self._sign
+        self.observer.reset(new)
+        if was_active:
+            self.stop(then)
+        elif voltage is not None:
+            self.set_voltage(voltage)
+
+    def dc(self, duty_pct: int) -> None:
+        """Apply a share of the battery's voltage, -100..100."""
+        self._stop_from_below()
+        self.set_voltage(trunc(max(-100, min(100, duty_pct)) * self.body.battery_mv / 100))
+
+    def coast(self) -> None:
+        self._stop_from_below()
+        self.set_voltage(None)
+
+    def brake(self) -> None:
+        self._stop_from_below()
+        self.set_voltage(0)
+
+    def hold(self) -> None:
+        self.stop(OnCompletion.HOLD)
+
+    def stop(self, then: OnCompletion) -> None:
+        """End the running move: hold at its reference, or become passive."""
+        self._take_over()
+        if then.is_active:
+            state = self.state()
+            time = self.clock.time_ticks
+            target = self.control.reference(time, state).position if self.control.is_active else state.position
+            self.track_target(self.settings.position_to_unit(target))
+            return
+        self.control.stop()
+        self.set_voltage(None if then.passive is OnCompletion.COAST else 0)
+
+    def run(self, speed: int) -> None:
+        self._take_over()
+        self.control.start_forever(self.clock.time_ticks, self.state(), self.settings.from_unit(speed))
+
+    def run_time(self, speed: int, time_ms: int, then: OnCompletion) -> None:
+        self._take_over()
+        self.control.start_timed(self.clock.time_ticks, self.state(), time_ms * 10, self.settings.from_unit(speed), then)
+
+    def run_until_stalled(self, speed: int, then: OnCompletion, duty_limit_pct: int | None) -> None:
+        limit = self.settings.max_torque
+        if duty_limit_pct is not None:
+            limit = self.type.model.torque_unm(trunc(duty_limit_pct * self.body.battery_mv / 100))
+        self.run_until_stalled_with(speed, then, limit)
+
+    def run_until_stalled_with(self, speed: int, then: OnCompletion, limit: int) -> None:
+        """Like :meth:`run_until_stalled`, with the limit as a torque in uNm.
+
+        Raises:
+            ValueError: it is to go on when it has stalled.
+        """
+        if then is OnCompletion.CONTINUE:
+            raise ValueError("a motor that has stalled cannot go on")
+        self._take_over()
+        speed = self.settings.from_unit(speed)
+        self.control.start_until_stalled(self.clock.time_ticks, self.state(), speed, limit, then)
+
+    def run_angle(self, speed: int, angle: int, then: OnCompletion) -> None:
+        """A negative speed turns the angle's sign round; speed 0 is a move of no length."""
+        self._take_over()
+        s = self.settings
+        if speed == 0:
+            angle = 0
+        distance = s.position_from_unit(-angle if speed < 0 else angle)
+        self.control.start_relative(self.clock.time_ticks, self.state(), distance, s.from_unit(speed), then)
+
+    def run_target(self, speed: int, target: int, then: OnCompletion) -> None:
+        """Only the magnitude of the speed counts; speed 0 is a move of no length."""
+        if speed == 0:
+            self.run_angle(0, 0, then)
+            return
+        self._take_over()
+        s = self.settings
+        position = s.position_from_unit(target)
+        self.control.start_position(self.clock.time_ticks, self.state(), position, s.from_unit(speed), then)
+
+    def track_target(self, target: int) -> None:
+        self._take_over()
+        self.control.start_hold(self.clock.time_ticks, self.settings.position_from_unit(target))
+
+    # ---- the loop
+
+    def update(self) -> None:
+        """One control loop: controller, voltage, observer."""
+        if not self.is_open:
+            return
+        time, position = self.clock.time_ms * 10, (self.body.angle_mdeg(self.port) - self._zero_mdeg) * self._sign
+        control, observer = self.control, self.observer
+        torque = speed = acceleration = 0
+        if control.type is not _NONE:
+            torque, speed, acceleration, passive, _ = control.update(time, position, observer.measured_speed, observer.speed)
+            if passive is None:
+                self.set_voltage(self._drive_mv(torque, speed, acceleration, control.torque_limit))
+            else:
+                self.set_voltage(None if passive is OnCompletion.COAST else 0)
+            if control.log.is_active:
+                control.log_row(self.clock.time_ms, self.state(), torque, passive)
+        if self.log.is_active:
+            self._log_row(position, torque, self.type.model.feedforward_unm(speed, acceleration))
+        observer.update(time, position, self._voltage_mv or 0)
+
+    def actuate(self, torque_unm: int, speed: int, acceleration: int) -> None:
+        """Exert a torque on top of what a reference (mdeg/s, mdeg/s2) needs without load."""
+        self.set_voltage(self._drive_mv(torque_unm, speed, acceleration))
+
+    def set_voltage(self, voltage_mv: int | None) -> None:
+        """Electrically only; controllers are not asked."""
+        if voltage_mv is None:
+            self._voltage_mv = None
+            self.body.set_voltage(self.port, None)
+            return
+        limit = self._max_voltage_mv
+        self._voltage_mv = voltage_mv = limit if voltage_mv > limit else -limit if voltage_mv < -limit else voltage_mv
+        self.body.set_voltage(self.port, voltage_mv * self._sign)
+
+    def _log_row(self, position: int, feedback_unm: int, feedforward_unm: int) -> None:
+        s, observer = self.settings, self.observer
+        self.log.add(
+            self.clock.time_ms,
+            self.clock.time_ticks,
+            s.position_to_unit(position),
+            s.to_unit(observer.measured_speed),
+            (0 if self._voltage_mv is None else _VOLTAGE) | self.is_stalled() << 2,
+            self._voltage_mv or 0,
+            s.position_to_unit(observer.angle),
+            s.to_unit(observer.speed),
+            feedback_unm,
+            feedforward_unm,
+            observer.feedback_mv(position),
+        )
+
+    def _take_over(self) -> None:
+        self.check_open()
+        if self.parent is not None:
+            self.parent.stop_from_servo()
+
+    def _stop_from_below(self) -> None:
+        """A command to the motor electrically ends its control, or that of whoever drives it."""
+        if self.control.is_active:
+            self.control.reset()
+        elif self.parent is not None:
+            self.parent.stop_from_servo()
+
+    def _shaft_mdeg(self) -> int:
+        return self.body.angle_mdeg(self.port)
+
+    def _absolute_mdeg(self) -> int:
+        """The angle of the mark on the shaft, clockwise, -180..180 degrees."""
+        return (self._shaft_mdeg() + _TURN_MDEG // 2) % _TURN_MDEG - _TURN_MDEG // 2
+
+    def _new_observer(self) -> Observer:
+        return Observer(self.type, self.settings.stall_speed, self.settings.stall_time)

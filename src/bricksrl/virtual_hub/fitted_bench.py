@@ -1,0 +1,102 @@
+"""Bench that fits itself to a program: whatever the program asks for is plugged in where it asks for it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from bricksrl.errors import TwinError
+from bricksrl.robots import HubKind, MotorKind, PoweredUpSensor, Robot, SensorKind, UltrasonicSensor
+from bricksrl.virtual_hub.bench_body import BenchBody, BenchMotor
+from bricksrl.virtual_hub.given_readings import GivenReading, for_port
+from bricksrl.virtual_hub.stimuli import Sense, Sensed, senses
+
+_ULTRASONIC = "UltrasonicSensor"
+_MOTORS = ("Motor", "DCMotor")
+_FARTHEST_MM, _FARTHEST_PCT = 2000.0, 100.0
+_DEFAULTS: Mapping[Sense, Sensed] = {
+    Sense.SURFACE: (0.0, 0.0, 0.0),
+    Sense.AMBIENT: 0.0,
+    Sense.DISTANCE: _FARTHEST_PCT,
+    Sense.FORCE: 0.0,
+    Sense.TILT: (0.0, 0.0),
+    Sense.COUNT: 0.0,
+}
+
+
+class FittedBench(BenchBody):
+    """A hub without any device, until a program asks for one; motors turn freely, and sensors sense what was given.
+
+    Args:
+        hub: the kind of hub.
+        readings: what sensors sense; those of which nothing is said see nothing near, dark, untouched and level.
+        end_stops: angles at which something blocks the motor on a port: lowest and highest, deg of the shaft.
+
+    Raises:
+        TwinError: a reading is for a port that the hub has not.
+    """
+
+    def __init__(
+        self,
+        hub: HubKind,
+        readings: Iterable[GivenReading] = (),
+        end_stops: Mapping[str, tuple[float, float]] | None = None,
+    ) -> None:
+        super().__init__(Robot("bench", hub, needs_imu=hub.model.has_imu))
+        self._given = list(readings)
+        self._stops = dict(end_stops or {})
+        self.motors: dict[str, MotorKind] = {}
+        self._devices: dict[str, str] = {}
+        for port in (*(reading.port for reading in self._given), *self._stops):
+            if port not in hub.model.ports:
+                raise TwinError(f"a {hub.value} hub has no port {port}; it has {', '.join(hub.model.ports)}")
+
+    def plug_in(self, port: str, device: str) -> bool:
+        """Plug a device in, by the name of its class in ``pybricks.pupdevices``; true if the port was free, or has just that.
+
+        Raises:
+            TwinError: the reading that was given for this port is none of that device.
+        """
+        if port in self._devices:
+            return self._devices[port] == device
+        self._devices[port] = device
+        if device in _MOTORS:
+            self.motors[port] = MotorKind.SPIKE_MEDIUM
+            low, high = self._stops.get(port, (None, None))
+            self._motors[port] = BenchMotor(None if low is None or high is None else (low * 1000.0, high * 1000.0))
+            return True
+        for reading in for_port(self._given, port):
+            reading.check(self._sense_of(reading, device), device)
+        return True
+
+    def device(self, port: str) -> str | None:
+        """Name of the class of the device that is plugged in there."""
+        return self._devices.get(port)
+
+    def sensed(self, port: str, sense: Sense) -> Sensed:
+        """What was given for this sensor at this time."""
+        device = self._devices[port]
+        for reading in for_port(self._given, port):
+            if self._sense_of(reading, device) is sense:
+                return reading.at(self._time_ms / 1000)
+        return _FARTHEST_MM if device == _ULTRASONIC else _DEFAULTS[sense]
+
+    def distance_mm(self, port: str) -> int:
+        sensed: Any = self.sensed(port, Sense.DISTANCE)
+        return min(max(round(float(sensed)), 40), 2000)
+
+    @staticmethod
+    def _sense_of(reading: GivenReading, device: str) -> Sense:
+        """What a reading is about.
+
+        Raises:
+            TwinError: the device senses nothing like it.
+        """
+        sensor = UltrasonicSensor("it", "A") if device == _ULTRASONIC else PoweredUpSensor("it", "A", SensorKind(device))
+        known = senses(sensor)
+        if reading.sense is None and known:
+            return known[0]
+        if reading.sense not in known:
+            may_be = " or ".join(known) or "nothing"
+            raise TwinError(f"the {device} on port {reading.port} senses {may_be}, no {reading.sense}; give a reading of that")
+        return reading.sense

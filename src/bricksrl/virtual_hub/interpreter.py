@@ -1,0 +1,91 @@
+"""Interpreter of hub programs on CPython, with the behaviour of MicroPython on a hub."""
+
+from __future__ import annotations
+
+import traceback
+from collections.abc import Callable
+from types import ModuleType
+from typing import Any
+
+from bricksrl.hub.transport import HubModule
+from bricksrl.virtual_hub.console import Console
+from bricksrl.virtual_hub.micropython.builtins import builtin_names
+from bricksrl.virtual_hub.micropython.compiler import compiled
+from bricksrl.virtual_hub.micropython.errors import class_name, reword
+from bricksrl.virtual_hub.micropython.text import uncaught
+
+
+class Modules(dict[str, ModuleType]):
+    """Modules that a program can import, by name.
+
+    Attributes:
+        tick: called at every turn of a ``while`` loop, so that simulated time passes in one that does not wait.
+        has_memoryview: whether the hub has that builtin.
+        find_module: a module that came along with the program, by its name, or ``None``.
+    """
+
+    def __init__(self, modules: dict[str, ModuleType], tick: Callable[[], None], has_memoryview: bool) -> None:
+        super().__init__(modules)
+        self.tick = tick
+        self.has_memoryview = has_memoryview
+        self.find_module: Callable[[str], HubModule | None] = lambda name: None
+
+
+def execute(source: str, filename: str, modules: dict[str, ModuleType], console: Console) -> None:
+    """Run a program as ``__main__`` to its end; what it raises comes out, in the hub's words.
+
+    Args:
+        source: the program.
+        filename: its name in tracebacks, e.g. ``main.py``.
+        modules: what it can import; those of ``virtual_hub.pybricks.modules``.
+        console: its standard input and output.
+
+    Raises:
+        SyntaxError: the hub's compiler refuses the program.
+        OverflowError: it holds a number that needs more than 31 bits.
+    """
+    code = compiled(source, filename)
+    if isinstance(modules, Modules):
+        tick, has_memoryview = modules.tick, modules.has_memoryview
+    else:
+        tick, has_memoryview = _nothing, True
+    names: dict[str, Any] = {"__name__": "__main__"}
+
+    def find_module(name: str) -> ModuleType:
+        if name not in modules:
+            beside = modules.find_module(name) if isinstance(modules, Modules) else None
+            if beside is None:
+                raise ImportError(f"no module named '{name}'")
+            modules[name] = ModuleType(name)
+            modules[name].__dict__.update(__builtins__=names["__builtins__"])
+            exec(compiled(beside.source, beside.file), modules[name].__dict__)
+        return modules[name]
+
+    names["__builtins__"] = builtin_names(names, find_module, console, tick, has_memoryview)
+    try:
+        exec(code, names)
+    except Exception as error:
+        reword(error, names)
+        raise
+
+
+def format_traceback(error: BaseException, filename: str) -> str:
+    """The error as a hub prints it: the lines of the program only, ending with a newline."""
+    lines = []
+    for frame, line in traceback.walk_tb(error.__traceback__):
+        if "@n" in frame.f_builtins:
+            lines.append(f'  File "{frame.f_code.co_filename}", line {line}, in {frame.f_code.co_name}')
+    if isinstance(error, SyntaxError):
+        if error.lineno is not None:
+            block = f", in {error.text}" if error.text and error.offset is None else ""
+            lines.append(f'  File "{error.filename or filename}", line {error.lineno}{block}')
+        last = f"{class_name(type(error))}: {error.msg}"
+    else:
+        last = uncaught(error)
+    if lines:
+        lines.insert(0, "Traceback (most recent call last):")
+    return "\n".join([*lines, last]) + "\n"
+
+
+def _nothing() -> None:
+    pass

@@ -1,0 +1,247 @@
+"""The builtin functions of a hub."""
+
+from __future__ import annotations
+
+import builtins
+import inspect
+import math
+import sys
+from collections.abc import Callable, Iterable
+from types import FrameType, ModuleType
+from typing import Any
+
+from bricksrl.virtual_hub.console import Console
+from bricksrl.virtual_hub.micropython.attributes import HIDDEN_NAMES, directory, store_attribute, visible_attribute, with_keywords
+from bricksrl.virtual_hub.micropython.classes import HubSuper, build_class
+from bricksrl.virtual_hub.micropython.compiler import compiled
+from bricksrl.virtual_hub.micropython.containers import HubDict, HubSet
+from bricksrl.virtual_hub.micropython.errors import EXCEPTIONS, HubOSError
+from bricksrl.virtual_hub.micropython.hash_table import hash_of
+from bricksrl.virtual_hub.micropython.operators import SMALL_MAX, int_from_float, operators, to_float, to_int, to_str
+from bricksrl.virtual_hub.micropython.text import representation, text
+
+_AS_THEY_ARE = [
+    "all",
+    "any",
+    "bin",
+    "bool",
+    "bytearray",
+    "bytes",
+    "callable",
+    "chr",
+    "classmethod",
+    "complex",
+    "enumerate",
+    "float",
+    "hex",
+    "int",
+    "iter",
+    "len",
+    "list",
+    "max",
+    "min",
+    "object",
+    "oct",
+    "ord",
+    "range",
+    "reversed",
+    "setattr",
+    "slice",
+    "sorted",
+    "staticmethod",
+    "str",
+    "tuple",
+    "type",
+    "zip",
+]
+
+
+def cooked(data: bytes) -> bytes:
+    """Bytes that go over the wire when a program writes text."""
+    return data.replace(b"\n", b"\r\n")
+
+
+def builtin_names(
+    names: dict[str, Any],
+    find_module: Callable[[str], ModuleType],
+    console: Console,
+    tick: Callable[[], None],
+    has_memoryview: bool,
+) -> dict[str, Any]:
+    """The namespace behind a program's globals ``names``; ``find_module`` raises ImportError."""
+    result: dict[str, Any] = {name: getattr(builtins, name) for name in (*_AS_THEY_ARE, *EXCEPTIONS)}
+    if has_memoryview:
+        result["memoryview"] = memoryview
+    result.update(operators(names))
+    result.update({"@tick": tick, "@attr": visible_attribute, "@store": store_attribute, "@keywords": with_keywords})
+    result.update({"Ellipsis": ..., "__debug__": True, "OSError": HubOSError, "super": HubSuper, "dict": HubDict, "set": HubSet})
+    result["__build_class__"] = build_class
+    result["__import__"] = _importer(find_module)
+    result.update(_number_functions(result["@n"], result["@pow"]))
+    result.update(_stream_functions(console))
+    result.update(_identity_functions())
+    result.update(_attribute_functions())
+    result.update(_program_functions())
+    return result
+
+
+def _importer(find_module: Callable[[str], ModuleType]) -> Callable[..., ModuleType]:
+    def find(name: str, globals: object = None, locals: object = None, fromlist: object = (), level: int = 0) -> ModuleType:
+        if level:
+            raise NotImplementedError("relative import")
+        return find_module(name)
+
+    return find
+
+
+def _number_functions(normalize: Callable[[Any], Any], power: Callable[[Any, Any], Any]) -> dict[str, Any]:
+    def sum_(values: Iterable[Any], start: Any = 0, /) -> Any:
+        for value in values:
+            start = normalize(start + value)
+        return start
+
+    def round_(value: Any, digits: int | None = None, /) -> Any:
+        if not isinstance(value, int | float):
+            raise TypeError(f"can't convert {type(value).__name__} to float")
+        if digits is None:
+            return int_from_float(round(value)) if math.isfinite(value) else int_from_float(value)
+        if isinstance(value, int):
+            raise NotImplementedError
+        scale = 10.0**digits
+        return normalize(round(normalize(value * scale)) / scale) if math.isfinite(value) else value
+
+    def divmod_(a: Any, b: Any, /) -> tuple[Any, Any]:
+        quotient, rest = divmod(a, b)
+        return normalize(quotient), normalize(rest)
+
+    def pow_(a: Any, b: Any, modulus: int | None = None, /) -> Any:
+        if modulus is not None:
+            raise NotImplementedError("3-arg pow() not supported")
+        return power(a, b)
+
+    def map_(function: Any, *values: Iterable[Any]) -> Any:
+        conversions: dict[Any, Callable[..., Any]] = {int: to_int, float: to_float, str: to_str}
+        convert = conversions.get(function) if isinstance(function, type) else None
+        return map(function, *values) if convert is None else map(lambda *args: convert(function, *args), *values)
+
+    def next_(values: Any, /) -> Any:
+        return next(values)
+
+    numbers = {
+        "abs": lambda value, /: normalize(abs(value)),
+        "sum": sum_,
+        "round": round_,
+        "divmod": divmod_,
+        "pow": pow_,
+        "map": map_,
+    }
+    return numbers | {"next": next_}
+
+
+def _stream_functions(console: Console) -> dict[str, Any]:
+    def print_(*values: Any, sep: str = " ", end: str = "\n", file: Any = None) -> None:
+        line = sep.join(map(text, values)) + end
+        if file is None:
+            console.write(cooked(line.encode()))
+        else:
+            file.write(line)
+
+    def input_(prompt: object = "") -> str:
+        """Echoes what comes in, as the hub's line editor does."""
+        console.write(cooked(text(prompt).encode()))
+        line = bytearray()
+        while (byte := console.read(1)) not in (b"\r", b"\n"):
+            line += byte
+            console.write(byte)
+        console.write(b"\r\n")
+        return line.decode()
+
+    def open_(*args: object, **kwargs: object) -> None:
+        raise HubOSError(2)
+
+    return {"print": print_, "input": input_, "open": open_}
+
+
+def _identity_functions() -> dict[str, Any]:
+    def id_(value: Any, /) -> int:
+        return id(value) & SMALL_MAX
+
+    def hash_(value: Any, /) -> int:
+        found = hash_of(value)
+        return id(value) >> 4 & SMALL_MAX if found is None else found
+
+    return {"repr": representation, "id": id_, "hash": hash_}
+
+
+def _attribute_functions() -> dict[str, Any]:
+    def getattr_(value: Any, name: str, *default: Any) -> Any:
+        try:
+            return visible_attribute(value, name) if name in HIDDEN_NAMES else getattr(value, name)
+        except AttributeError:
+            if default:
+                return default[0]
+            raise
+
+    def dir_(*values: Any) -> list[str]:
+        if not values:
+            return sorted(name for name in _namespace(sys._getframe(1)) if "@" not in name and name != "__builtins__")
+        return directory(values[0])
+
+    def hasattr_(value: Any, name: str) -> bool:
+        missing = object()
+        return getattr_(value, name, missing) is not missing
+
+    def isinstance_(value: Any, kinds: Any) -> bool:
+        return isinstance(value, _without_int(kinds) if type(value) is bool else kinds)
+
+    def issubclass_(kind: Any, kinds: Any) -> bool:
+        return issubclass(kind, _without_int(kinds) if kind is bool else kinds)
+
+    return {"dir": dir_, "getattr": getattr_, "hasattr": hasattr_, "isinstance": isinstance_, "issubclass": issubclass_}
+
+
+def _without_int(kinds: Any) -> Any:
+    """On a hub ``True`` is no integer."""
+    if isinstance(kinds, tuple):
+        return tuple(kind for kind in kinds if kind is not int)
+    return () if kinds is int else kinds
+
+
+def _namespace(frame: FrameType) -> Any:
+    """The names of the module or class around a frame: a hub does not know the local ones of a function by name."""
+    return frame.f_globals if frame.f_code.co_flags & inspect.CO_OPTIMIZED else frame.f_locals
+
+
+def _program_functions() -> dict[str, Any]:
+    def run(code: Any, globals: dict[str, Any] | None, locals: Any) -> Any:
+        frame = sys._getframe(2)
+        if not (isinstance(globals, dict | None) and isinstance(locals, dict | None)):
+            raise TypeError
+        if globals is None:
+            return eval(code, frame.f_globals, _namespace(frame) if locals is None else locals)
+        names = dict(globals) if isinstance(globals, HubDict) else globals
+        names.setdefault("__builtins__", frame.f_globals["__builtins__"])
+        try:
+            return eval(code, names, names if locals is None or locals is globals else locals)
+        finally:
+            if names is not globals:
+                for name in set(globals) - set(names):
+                    del globals[name]
+                globals.update((name, value) for name, value in names.items() if name != "__builtins__")
+
+    def decoded(source: Any) -> str:
+        return source if isinstance(source, str) else bytes(source).decode()
+
+    def eval_(source: Any, globals: dict[str, Any] | None = None, locals: Any = None) -> Any:
+        return run(compiled(decoded(source).strip(), "<string>", "eval"), globals, locals)
+
+    def exec_(source: Any, globals: dict[str, Any] | None = None, locals: Any = None) -> None:
+        run(compiled(decoded(source), "<string>"), globals, locals)
+
+    def globals_() -> dict[str, Any]:
+        return sys._getframe(1).f_globals
+
+    def locals_() -> Any:
+        return _namespace(sys._getframe(1))
+
+    return {"eval": eval_, "exec": exec_, "globals": globals_, "locals": locals_}

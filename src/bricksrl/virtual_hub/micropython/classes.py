@@ -1,0 +1,73 @@
+"""Classes of a hub: one base, no hooks into attributes, no descriptors, and ``super()`` that does not reach ``object``."""
+
+from __future__ import annotations
+
+import builtins
+from collections.abc import Callable
+from types import FunctionType
+from typing import Any
+
+_MIRRORED = {"__lt__": "__gt__", "__gt__": "__lt__", "__le__": "__ge__", "__ge__": "__le__"}
+_UNUSED = ("__setattr__", "__delattr__", "__getattribute__", "__del__", "__get__", "__set__", "__delete__", "__set_name__")
+
+
+def build_class(body: Any, class_name: str, *bases: Any, **keywords: Any) -> Any:
+    """Target of a ``class`` statement.
+
+    Raises:
+        NotImplementedError: there are several bases.
+    """
+    if len(bases) > 1:
+        raise NotImplementedError("multiple inheritance not supported")
+    made = builtins.__build_class__(body, class_name, *bases, **keywords)
+    for method in _UNUSED:
+        if method in made.__dict__:
+            delattr(made, method)
+    for name, value in list(made.__dict__.items()):
+        if isinstance(value, FunctionType) and value.__module__.startswith("bricksrl."):
+            setattr(made, name, staticmethod(value))  # what is built in does not become a method
+    for method, mirrored in _MIRRORED.items():
+        if getattr(made, mirrored) is not getattr(object, mirrored) and getattr(made, method) is getattr(object, method):
+            setattr(made, method, _refusal(method))
+    if made.__init__ is object.__init__ and made.__new__ is object.__new__:
+        made.__init__ = _take_anything
+    return made
+
+
+def _take_anything(self: Any, *args: Any, **kwargs: Any) -> None:
+    """A class without ``__init__`` takes any arguments on a hub, and forgets them."""
+
+
+def _refusal(method: str) -> Callable[[Any, Any], Any]:
+    """A comparison that a class lacks; CPython would ask the other operand the other way round, a hub does not.
+
+    Where the other operand is of a class above this one, CPython asks this one first, although the program wrote it second.
+    """
+
+    def refuse(self: Any, other: Any) -> Any:
+        if isinstance(self, type(other)) and type(self) is not type(other):
+            return NotImplemented
+        raise TypeError(f"unsupported types for {method}: '{type(self).__name__}', '{type(other).__name__}'")
+
+    return refuse
+
+
+def has_initializer(kind: type) -> bool:
+    """Whether ``kind.__init__`` can be named: only those that programs define can."""
+    initializer = kind.__init__  # type: ignore[misc]
+    return initializer is not _take_anything and hasattr(initializer, "__code__")
+
+
+class HubSuper(super):
+    """``super()``: what is defined in a class of the program, or a native one, above this one; ``object`` has nothing."""
+
+    def __getattribute__(self, name: str) -> Any:
+        instance, below = super().__getattribute__("__self__"), super().__getattribute__("__thisclass__")
+        ancestors = (instance if isinstance(instance, type) else type(instance)).__mro__
+        for kind in ancestors[ancestors.index(below) + 1 : -1]:
+            if name in kind.__dict__ and kind.__dict__[name] is not _take_anything:
+                return super().__getattribute__(name)
+        raise AttributeError(f"'super' object has no attribute '{name}'")
+
+
+HubSuper.__name__ = HubSuper.__qualname__ = "super"

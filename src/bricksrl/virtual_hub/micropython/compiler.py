@@ -1,0 +1,105 @@
+"""Compiler from the source of a program to code that CPython runs as a hub would."""
+
+from __future__ import annotations
+
+import ast
+import functools
+import re
+import warnings
+from types import CodeType
+from typing import Any
+
+import mpy_cross_v6
+
+from bricksrl.virtual_hub.micropython.operators import SMALL_MAX
+from bricksrl.virtual_hub.micropython.transform import transform
+
+
+@functools.lru_cache(maxsize=64)
+def compiled(source: str, filename: str, mode: str = "exec") -> CodeType:
+    """The code of a program, or of an expression (``mode="eval"``).
+
+    Raises:
+        SyntaxError: the hub's compiler refuses it.
+        OverflowError: it holds a number that needs more than 31 bits.
+    """
+    _check_with_hub_compiler(source, filename)
+    tree: Any = ast.parse(source, filename, mode)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", SyntaxWarning)
+        warnings.simplefilter("ignore", DeprecationWarning)
+        code = compile(transform(tree), filename, mode, dont_inherit=True)
+    classes = {node.name.lstrip("_") for node in ast.walk(tree) if isinstance(node, ast.ClassDef)} - {""}
+    if not classes or "__" not in source:
+        return code
+    written = frozenset(re.findall(r"\w+", source))
+    return _unmangled(code, re.compile(f"_(?:{'|'.join(sorted(classes))})(__\\w+)"), written)
+
+
+def _unmangled(code: CodeType, mangled: re.Pattern[str], written: frozenset[str]) -> CodeType:
+    """Names with two underscores as the program wrote them: a hub does not put the name of the class before them."""
+
+    def plain(names: tuple[str, ...]) -> tuple[str, ...]:
+        matches = [None if name in written else mangled.fullmatch(name) for name in names]
+        return tuple(match[1] if match else name for name, match in zip(names, matches, strict=True))
+
+    return code.replace(
+        co_names=plain(code.co_names),
+        co_varnames=plain(code.co_varnames),
+        co_cellvars=plain(code.co_cellvars),
+        co_freevars=plain(code.co_freevars),
+        co_consts=tuple(_unmangled(c, mangled, written) if isinstance(c, CodeType) else c for c in code.co_consts),
+    )
+
+
+def _check_with_hub_compiler(source: str, filename: str) -> None:
+    process, mpy = mpy_cross_v6.mpy_cross_compile(filename, source, extra_args=["-msmall-int-bits=31"])
+    if mpy is not None:
+        if _has_long_integer(mpy):
+            raise OverflowError("long int not supported in this build")
+        return
+    report = process.stderr.decode()
+    kind, _, message = report.strip().splitlines()[-1].partition(": ")
+    error = (IndentationError if kind == "IndentationError" else SyntaxError)(message or kind)
+    if place := re.search(r'File ".*", line (\d+)(?:, in (\S+))?', report):
+        error.filename, error.lineno, error.text = filename, int(place[1]), place[2]
+    raise error
+
+
+_HEADER_BYTES = 4
+_TEXT, _INTEGER, _TUPLE = (5, 6), 7, 10
+_WITHOUT_DATA = 4
+
+
+def _has_long_integer(mpy: bytes) -> bool:
+    """True if there is an integer among a program's constants, as the compiler has computed them, that a hub cannot read.
+
+    Format: version 6 of ``.mpy``, ``py/persistentcode.c``. Integers are written in decimal; small ones that are not in a tuple
+    are in the code itself. The hub reads the digits before it minds the sign, so its smallest integer is too long there.
+    """
+    place = _HEADER_BYTES
+
+    def number() -> int:
+        nonlocal place
+        value, more = 0, True
+        while more:
+            value, more = value << 7 | mpy[place] & 0x7F, bool(mpy[place] & 0x80)
+            place += 1
+        return value
+
+    names, constants = number(), number()
+    for _ in range(names):
+        length = number()
+        place += 0 if length & 1 else (length >> 1) + 1
+    while constants:
+        constants -= 1
+        kind = mpy[place]
+        place += 1
+        if kind == _TUPLE:
+            constants += number()
+        elif kind > _WITHOUT_DATA:
+            length = number()
+            if kind == _INTEGER and abs(int(mpy[place : place + length])) > SMALL_MAX:
+                return True
+            place += length + (kind in _TEXT)
+    return False

@@ -1,0 +1,271 @@
+"""Errors as a hub knows and words them."""
+
+from __future__ import annotations
+
+import builtins
+import errno
+import re
+from collections.abc import Callable, Mapping
+from types import FunctionType
+from typing import Any
+
+EXCEPTIONS = [
+    "ArithmeticError",
+    "AssertionError",
+    "AttributeError",
+    "BaseException",
+    "EOFError",
+    "Exception",
+    "GeneratorExit",
+    "ImportError",
+    "IndentationError",
+    "IndexError",
+    "KeyError",
+    "KeyboardInterrupt",
+    "LookupError",
+    "MemoryError",
+    "NameError",
+    "NotImplementedError",
+    "OverflowError",
+    "RuntimeError",
+    "StopAsyncIteration",
+    "StopIteration",
+    "SyntaxError",
+    "SystemExit",
+    "TypeError",
+    "UnicodeError",
+    "ValueError",
+    "ZeroDivisionError",
+]
+"""The exceptions that a hub shares with CPython; ``OSError`` is our own."""
+
+ERROR_NAMES = {
+    getattr(errno, name): name
+    for name in ("EPERM", "EIO", "EBUSY", "ENODEV", "EINVAL", "EOPNOTSUPP", "EAGAIN", "ETIMEDOUT", "ECANCELED")
+}
+
+
+class HubOSError(OSError):
+    """``OSError`` of a hub: ``errno`` is the first argument, all of them are kept, and it has no special children."""
+
+    def __init__(self, *args: object) -> None:
+        self.args = args
+
+    @property
+    def errno(self) -> object:  # type: ignore[override]
+        return self.args[0] if self.args else None
+
+
+HubOSError.__name__ = HubOSError.__qualname__ = "OSError"
+
+_OPERATORS = {
+    "+": "__add__", "-": "__sub__", "*": "__mul__", "/": "__truediv__", "//": "__floordiv__", "%": "__mod__",
+    "** or pow()": "__pow__", "<<": "__lshift__", ">>": "__rshift__", "&": "__and__", "|": "__or__", "^": "__xor__",
+    "@": "__matmul__", "<": "__lt__", "<=": "__le__", ">": "__gt__", ">=": "__ge__", "+=": "__iadd__", "-=": "__isub__",
+    "*=": "__imul__", "<<=": "__ilshift__", "divmod()": "__divmod__",
+}  # fmt: skip
+_UNARY = {"-": "__neg__", "+": "__pos__", "~": "__invert__", "abs()": "__abs__"}
+
+
+def _types(operator: str, left: str, right: str) -> str:
+    return f"unsupported types for {_OPERATORS.get(operator, operator)}: '{left}', '{right}'"
+
+
+def _counted(name: str, arguments: str) -> int:
+    """Of a function, or of a method, whose own object counts too."""
+    return int(arguments) + (not hasattr(builtins, name))
+
+
+_Rule = tuple[type[BaseException], str, Callable[["re.Match[str]"], str]]
+_RULES: tuple[_Rule, ...] = (
+    (AttributeError, r"(?:partially initialized )?module '.*' has no attribute '(\w+)'.*",
+     lambda m: f"'module' object has no attribute '{m[1]}'"),
+    (TypeError, r"'\w+' is an invalid keyword argument for sort\(\)", lambda m: "extra keyword arguments given"),
+    (TypeError, r".*takes no keyword arguments|.*positional-only arguments passed as keyword.*",
+     lambda m: "function doesn't take keyword arguments"),
+    (TypeError, r"'\w+' is an invalid keyword argument for bytearray\(\)", lambda m: "function doesn't take keyword arguments"),
+    (TypeError, r".*argument after \* must be an iterable, not (.*)|argument of type '(.*)' is not iterable",
+     lambda m: f"'{m[1] or m[2]}' object isn't iterable"),
+    (TypeError, r"\w+\(\) argument \d+ must be str, not (\w+)|ord\(\) expected string of length 1, but (\w+) found",
+     lambda m: f"can't convert '{m[1] or m[2]}' object to str implicitly"),
+    (ValueError, r"slice step cannot be zero", lambda m: "slice step can't be zero"),
+    (ValueError, r"Single '}' encountered in format string", lambda m: "single '}' encountered in format string"),
+    (ValueError, r"Single '{' encountered in format string|unmatched '{' in format spec|expected '}' before end of string",
+     lambda m: "unmatched '{' in format"),
+    (ZeroDivisionError, r".*(zero|modulo|negative power|divmod).*", lambda m: "divide by zero"),
+    (UnboundLocalError, r".*", lambda m: "local variable referenced before assignment"),
+    (NameError, r"name '(.*)' is not defined", lambda m: f"name '{m[1]}' isn't defined"),
+    (NameError, r"cannot access free variable.*", lambda m: "local variable referenced before assignment"),
+    (TypeError, r"unsupported operand type\(s\) for (.*): '(.*)' and '(.*)'", lambda m: _types(m[1], m[2], m[3])),
+    (TypeError, r"'(.*)' not supported between instances of '(.*)' and '(.*)'", lambda m: _types(m[1], m[2], m[3])),
+    (TypeError, r"can only concatenate (.*) \(not \"(.*)\"\) to .*", lambda m: _types("+", m[1], m[2])),
+    (TypeError, r"bad operand type for (?:unary )?(.*): '(.*)'", lambda m: f"unsupported type for {_UNARY[m[1]]}: '{m[2]}'"),
+    (TypeError, r"cannot unpack non-iterable (.*) object", lambda m: f"'{m[1]}' object isn't iterable"),
+    (TypeError, r"(.*) indices must be integers or slices, not (.*)", lambda m: f"{m[1]} indices must be integers, not {m[2]}"),
+    (TypeError, r"string indices must be integers, not '(.*)'", lambda m: f"string indices must be integers, not {m[1]}"),
+    (TypeError, r"('.*' object) is not (callable|iterable|subscriptable|an iterator)", lambda m: f"{m[1]} isn't {m[2]}"),
+    (TypeError, r"('.*' object) does(?: not|n't) support item (.*)", lambda m: f"{m[1]} doesn't support item {m[2]}"),
+    (TypeError, r"unhashable type: '(.*)'", lambda m: f"unsupported type for __hash__: '{m[1]}'"),
+    (IndexError, r"(list) assignment index out of range|pop index out of range", lambda m: "list index out of range"),
+    (IndexError, r"range object index out of range", lambda m: "range index out of range"),
+    (IndexError, r"index out of range", lambda m: "bytes index out of range"),
+    (IndexError, r"Replacement index \d+ out of range.*", lambda m: "tuple index out of range"),
+    (ValueError, r"not enough values to unpack \(expected .*, got (.*)\)", lambda m: f"need more than {m[1]} values to unpack"),
+    (ValueError, r"list.remove\(x\): x not in list|.* is not in list|tuple.index.*", lambda m: "object not in sequence"),
+    (ValueError, r"(?:max|min)\(\) arg is an empty sequence", lambda m: "arg is an empty sequence"),
+    (ValueError, r"bytes? must be in range\(0, 256\)", lambda m: "bytes value out of range"),
+    (ValueError, r"range\(\) arg 3 must not be zero", lambda m: "zero step"),
+    (ValueError, r"negative count", lambda m: ""),
+    (ValueError, r"Invalid format specifier.*|.* not allowed .*in string format specifier|Cannot specify .*",
+     lambda m: "invalid format specifier"),
+    (TypeError, r"is(?:instance|subclass)\(\) arg 2 must be .*",
+     lambda m: "issubclass() arg 2 must be a class or a tuple of classes"),
+    (TypeError, r"\w+(?: expected|\(\) takes) at least (\d+) arguments?(?:, got | \()(\d+)(?: given\))?",
+     lambda m: f"function missing {int(m[1]) - int(m[2])} required positional arguments"),
+    (TypeError, r"(?!function )(\w+)(?: expected|\(\) takes) at most (\d+) arguments?(?:, got | \()(\d+)(?: given\))?",
+     lambda m: f"function expected at most {_counted(m[1], m[2])} arguments, got {_counted(m[1], m[3])}"),
+    (TypeError, r"(\w+) expected (\d+) arguments?, got (\d+)",
+     lambda m: f"function takes {_counted(m[1], m[2])} positional arguments but {_counted(m[1], m[3])} were given"),
+    (TypeError, r"Hub(?:Dict|Set)\.\w+\(\) takes from \d+ to (\d+) positional arguments but (\d+) were given",
+     lambda m: f"function expected at most {m[1]} arguments, got {m[2]}"),
+    (TypeError, r"Hub(?:Dict|Set)\.\w+\(\) takes (\d+) positional arguments? but (\d+) were given",
+     lambda m: f"function takes {m[1]} positional arguments but {m[2]} were given"),
+    (TypeError, r"HubDict\.(?:pop|setdefault|fromkeys)\(\) missing 1 required positional argument: .*",
+     lambda m: "function missing 1 required positional arguments"),
+    (TypeError, r"HubSet\.\w+\(\) missing 1 required positional argument: .*",
+     lambda m: "function takes 2 positional arguments but 1 were given"),
+    (TypeError, r"sequence item \d+: expected .*",
+     lambda m: "join expects a list of str/bytes objects consistent with self object"),
+    (TypeError, r"'(.*)' object cannot be interpreted as an integer", lambda m: f"can't convert {m[1]} to int"),
+    (TypeError, r"must be str or None, not (.*)", lambda m: f"can't convert '{m[1]}' object to str implicitly"),
+    (TypeError, r"(\w+)\(\) takes exactly one argument \((\d+) given\)",
+     lambda m: f"function takes 1 positional arguments but {m[2]} were given"),
+    (TypeError, r"\w+\.\w+\(\) takes exactly one argument \((\d+) given\)",
+     lambda m: f"function takes 2 positional arguments but {int(m[1]) + 1} were given"),
+    (TypeError, r"\w+\.\w+\(\) takes no arguments \((\d+) given\)",
+     lambda m: f"function takes 1 positional arguments but {int(m[1]) + 1} were given"),
+    (TypeError, r"'in <string>' requires string as left operand, not (.*)",
+     lambda m: f"can't convert '{m[1]}' object to str implicitly"),
+    (ImportError, r"cannot import name '(.*?)' .*", lambda m: f"can't import name {m[1]}"),
+    (RecursionError, r".*", lambda m: "maximum recursion depth exceeded"),
+)  # fmt: skip
+
+
+def reword(error: BaseException, names: Mapping[str, object]) -> BaseException:
+    """Put the hub's words into an error that CPython worded; ``names`` are the program's globals. Returns the error."""
+    if len(error.args) != 1 or not isinstance(error.args[0], str) or not isinstance(error, Exception):
+        return error
+    message = error.args[0]
+    for kind, pattern, text in _RULES:
+        if isinstance(error, kind) and (match := re.fullmatch(pattern, message, re.DOTALL)):
+            worded = text(match)
+            error.args = (worded,) if worded else ()
+            if isinstance(error, ImportError):
+                error.msg = worded
+            return error
+    if isinstance(error, TypeError) and "()" in message:
+        error.args = (_call_message(message, names, error),)
+    return error
+
+
+def _locals_within(error: BaseException) -> list[object]:
+    """The values of all local names where the error came through."""
+    values: list[object] = []
+    trace = error.__traceback__
+    while trace is not None:
+        values += trace.tb_frame.f_locals.values()
+        trace = trace.tb_next
+    return values
+
+
+def _call_message(message: str, names: Mapping[str, object], error: BaseException) -> str:
+    """A call with wrong arguments: functions of the program and those of the firmware are worded differently."""
+    match = re.fullmatch(r"(.*?)\(\) (.*)", message)
+    if match is None:
+        return message
+    name, problem = match[1], match[2]
+    function = _find(name, names) or _find_among(name, names, _locals_within(error))
+    if function is None and "keyword argument" in problem and (first := _first_missing(error)):
+        return f"'{first}' argument required"
+    if function is None and "multiple values for argument" in problem:
+        return "extra keyword arguments given"
+    if multiple := re.fullmatch(r"got multiple values for argument '(.*)'", problem):
+        return f"function got multiple values for argument '{multiple[1]}'"
+    if function is None and name.endswith("<lambda>") and (given := re.match(r"takes (\d+) positional .* but (\d+) w", problem)):
+        return f"<lambda>() takes {given[1]} positional arguments but {given[2]} were given"
+    if function is None:
+        return _builtin_call_message(problem, name.startswith("tools_module")) or message
+    if keyword := re.fullmatch(r"got an unexpected keyword argument '(.*)'", problem):
+        return f"unexpected keyword argument '{keyword[1]}'"
+    if re.match(r"missing \d+ required keyword-only", problem):
+        return "function missing keyword-only argument"
+    total = function.__code__.co_argcount
+    required = total - len(function.__defaults__ or ())
+    if given := re.search(r"but (\d+) (?:positional arguments? .*)?(?:was|were) given", problem):
+        return f"{function.__name__}() takes {total} positional arguments but {given[1]} were given"
+    if missing := re.match(r"missing (\d+) required positional arguments?: '(\w+)'", problem):
+        count = required - int(missing[1])
+        place = function.__code__.co_varnames.index(missing[2])
+        if place < count or function.__kwdefaults__:  # keywords are in play, and the firmware looks for each argument by itself
+            return f"function missing required positional argument #{place}"
+        return f"{function.__name__}() takes {required} positional arguments but {count} were given"
+    return message
+
+
+def _first_missing(error: BaseException) -> str | None:
+    """The first argument that a method of the firmware was to have and did not get; ``None`` where there is no such call."""
+    trace = error.__traceback__
+    while trace is not None and trace.tb_next is not None:
+        trace = trace.tb_next
+    found: Mapping[str, Any] = trace.tb_frame.f_locals if trace is not None else {}
+    if not {"method", "args", "kwargs"} <= found.keys():
+        return None
+    method, args, named = found["method"], found["args"], found["kwargs"]
+    code = method.__code__
+    required = code.co_varnames[1 : code.co_argcount - len(method.__defaults__ or ())]
+    return next((name for name in required[len(args) :] if name not in named), None)
+
+
+def _builtin_call_message(problem: str, of_module: bool) -> str | None:
+    """``of_module``: a function of a module, whose arguments have names in the firmware."""
+    if missing := re.match(r"missing \d+ required positional arguments?: '(\w+)'", problem):
+        return f"'{missing[1]}' argument required"
+    if "unexpected keyword" in problem or "takes no keyword" in problem:
+        return "extra keyword arguments given"
+    if given := re.fullmatch(r"takes (\d+) positional arguments? but (\d+) (?:was|were) given", problem):
+        if int(given[1]) == 1 and not of_module:
+            return f"function takes 1 positional arguments but {given[2]} were given"
+        return "extra positional arguments given"
+    if re.match(r"takes from \d+ to \d+ positional arguments but \d+ were given", problem):
+        return "extra positional arguments given"
+    return None
+
+
+def _find(qualified_name: str, names: Mapping[str, object]) -> FunctionType | None:
+    """The function of the program that CPython calls by this name."""
+    parts = qualified_name.rsplit(".<locals>.", maxsplit=1)[-1].split(".")
+    found = names.get(parts[0])
+    for part in parts[1:]:
+        found = getattr(found, part, None)
+    if isinstance(found, type):
+        found = found.__dict__.get("__init__")
+    found = getattr(found, "__func__", found)
+    is_own = isinstance(found, FunctionType) and found.__globals__ is names
+    return found if is_own else None  # type: ignore[return-value]
+
+
+def _find_among(qualified_name: str, names: Mapping[str, object], values: list[object]) -> FunctionType | None:
+    """A function without a place in the program's globals: a lambda, or one that another function made."""
+    for value in (*values, *names.values()):
+        if isinstance(value, FunctionType) and value.__qualname__ == qualified_name and value.__globals__ is names:
+            return value
+    return None
+
+
+def class_name(kind: type) -> str:
+    """Name of an exception's class, or of the next one above it that a hub knows."""
+    for ancestor in kind.__mro__:
+        known = ancestor.__name__ in EXCEPTIONS or ancestor.__name__ == "OSError"
+        if known or getattr(builtins, ancestor.__name__, None) is not ancestor:
+            return ancestor.__name__
+    return kind.__name__

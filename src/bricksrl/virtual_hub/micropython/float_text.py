@@ -1,0 +1,178 @@
+"""Text of floats on a hub: the algorithm of MicroPython 1.26 for single precision (``py/formatfloat.c``).
+
+It computes the digits in single precision too, reads them back, and searches nearby for others that read back as the
+same float. So the last digits may differ from those that CPython would write for the very same float.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+from bricksrl.virtual_hub.micropython.floats import read_digits, scaled, to_single
+
+_MOST_DIGITS, _SAFE_DIGITS = 9, 6
+_ROOM = 33
+_REPR_EXPONENT = 16
+_ALL_BEHIND = 255  # no decimal point is to be put among the digits
+
+
+def float_text(x: float) -> str:
+    """``str`` and ``repr`` of a float."""
+    written = shortest_text(x)
+    return written if any(mark in written for mark in ".en") else written + ".0"
+
+
+def shortest_text(x: float) -> str:
+    """The same without ``.0`` behind whole numbers, as in a complex number."""
+    return format_float(x, "g", None)
+
+
+def format_float(x: float, code: str, precision: int | None, sign: str = "") -> str:
+    """``x`` as ``%e``, ``%f`` or ``%g`` write it.
+
+    Args:
+        code: one of ``eEfFgG``.
+        precision: as behind the point of a format, or ``None`` for as many digits as it takes to read it back.
+        sign: what stands before positive numbers: nothing, a plus, or a space.
+    """
+    if math.copysign(1, x) < 0 and not math.isnan(x):
+        x, sign = -x, "-"
+    written = f"{x:g}" if not math.isfinite(x) else _unsigned(x, code.lower(), precision, _ROOM - len(sign))
+    return sign + (written.upper() if code.isupper() else written)
+
+
+@dataclass(frozen=True)
+class _Layout:
+    """Where the digits go.
+
+    Attributes:
+        kind: ``e``, ``f`` or ``g``.
+        digits: how many.
+        point: the decimal point comes after the digit with this number.
+        lead: what stands before the digits.
+        zeros: how many zeros follow.
+        exponent: of ten, for the first digit.
+        most_exponent: up to it, ``g`` writes zeros instead of an exponent.
+    """
+
+    kind: str
+    digits: int
+    point: int
+    lead: str
+    zeros: int
+    exponent: int
+    most_exponent: int
+
+    def write(self, mantissa: int) -> str:
+        exponent, digits, point, lead, zeros = self.exponent, self.digits, self.point, self.lead, self.zeros
+        if mantissa >= 10**digits:
+            if self.kind == "f":
+                digits, point = digits + 1, point + 1
+            else:
+                mantissa, exponent = mantissa // 10, exponent + 1
+        if self.kind == "g" and 0 < exponent < self.most_exponent:
+            point, exponent = point + exponent, 0
+            if point >= digits:
+                zeros = point - (digits - 1)
+        elif self.kind == "g" and -4 <= exponent < 0:
+            while exponent < 0 and mantissa % 10 == 0:
+                mantissa, exponent, digits = mantissa // 10, exponent + 1, digits - 1
+            lead = "0." + "0" * (self.digits - digits - exponent - 1)
+            point, exponent = _ALL_BEHIND, 0
+        text = f"{mantissa:0{digits}}"[-digits:]
+        if point + 1 < digits:
+            text = f"{text[: point + 1]}.{text[point + 1 :]}"
+        before_point = point + 1 - digits
+        if 0 <= before_point < zeros:
+            text += "0" * before_point + "." + "0" * (zeros - before_point)
+        else:
+            text += "0" * zeros
+        text = lead + text
+        if self.kind == "g" and "." in text:
+            text = text.rstrip("0").rstrip(".")
+        if self.kind == "e" or (exponent and self.kind != "f"):
+            text += f"e{exponent:+03d}"
+        return text
+
+    def value(self, mantissa: int, shift: int) -> float:
+        """Value that a hub reads from :meth:`write`; ``mantissa`` stands for that times ten to the power of ``-shift``."""
+        if mantissa >= 10**self.digits and self.kind != "f":
+            return read_digits(mantissa // 10, 1 - shift)
+        return read_digits(mantissa, -shift)
+
+
+def _unsigned(x: float, kind: str, precision: int | None, room: int) -> str:
+    exponent = _exponent(x)
+    wanted = _MOST_DIGITS if precision is None else precision
+    most_exponent = _REPR_EXPONENT if precision is None else min(wanted, room - 3)
+    if kind == "f" and exponent > 0 and exponent + wanted + 2 > room:
+        kind, wanted = "g", wanted + 1
+    lead_zeros = 0
+    if kind == "f":
+        wanted = min(wanted, room - 3)
+        if exponent >= 0:
+            wanted += exponent + 1
+        elif wanted > 2 and exponent < -2:
+            lead_zeros = min(-exponent, wanted) - 2
+            wanted -= lead_zeros
+        else:
+            wanted += 1
+    elif kind == "e" or wanted == 0:
+        wanted += 1
+    most = min(wanted, _MOST_DIGITS)
+    zeros = min(wanted - most, room - most - (3 if kind == "f" else 7))
+    for digits in range(min(_SAFE_DIGITS, most), most + 1):
+        layout = _Layout(kind, digits, 0, "", zeros + most - digits, exponent, most_exponent)
+        shift = digits - 1 - exponent
+        if x == 0:
+            shift = 0
+        elif kind == "f" and exponent >= 0:
+            layout = replace(layout, point=exponent)
+        elif kind == "f":
+            shift = digits - 1
+            if lead_zeros > 0:
+                shift += lead_zeros + 1
+                layout = replace(layout, lead="0." + "0" * lead_zeros, point=_ALL_BEHIND)
+        mantissa, is_exact = _search(x, layout, shift)
+        if is_exact:
+            break
+    return layout.write(mantissa)
+
+
+def _exponent(x: float) -> int:
+    """Of ten, of the first digit, except for the rounding errors of the power that it is compared with."""
+    if x == 0:
+        return 0
+    exponent = int((math.frexp(x)[1] - 1) * to_single(0.3010299956639812))
+    if x >= 1:
+        while x >= scaled(1.0, exponent + 1):
+            exponent += 1
+    else:
+        while x < scaled(1.0, exponent):
+            exponent -= 1
+    return exponent
+
+
+def _search(x: float, layout: _Layout, shift: int) -> tuple[int, bool]:
+    """The mantissa with so many digits that reads back as ``x``, or nearest to it; and whether it does."""
+    extra = layout.digits - _SAFE_DIGITS
+    first = 1
+    if extra > 0 and shift > 1:
+        first = 100 if extra > 1 and shift > 2 else 10
+    mantissa = first * int(to_single(scaled(x, shift - len(str(first)) + 1) + 0.5))
+    difference = to_single(layout.value(mantissa, shift) - x)
+    best, best_difference = mantissa, difference
+    step = 8**extra if extra > 0 else 1
+    for _ in range(3 + 3 * (_MOST_DIGITS - _SAFE_DIGITS)):
+        if difference == 0:
+            return mantissa, True
+        mantissa += step if difference < 0 else -step
+        difference = to_single(layout.value(mantissa, shift) - x)
+        gain = abs(best_difference) - abs(difference)
+        if difference and (gain > 0 or (gain == 0 and mantissa % 10 == 0)):
+            best, best_difference = mantissa, difference
+        if step == 1 and difference:
+            return best, False
+        step = max(1, step // 2)
+    return (mantissa, True) if difference == 0 else (best, False)

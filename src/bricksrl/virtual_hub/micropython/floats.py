@@ -1,0 +1,63 @@
+"""Single precision floats, and how a hub reads them."""
+
+from __future__ import annotations
+
+import math
+import re
+import struct
+
+_SINGLE, _BITS = struct.Struct("<f"), struct.Struct("<I")
+_EXPONENT_BITS = 0x7F800000
+_EXACT_POWERS_OF_FIVE = 10
+_INFINITE_POWER = 60
+_FULL_MANTISSA = 0x19999998
+_DECIMAL = re.compile(r"(\d*)(?:\.(\d*))?(?:e([+-]?\d+))?", re.IGNORECASE)
+
+
+def to_single(x: float) -> float:
+    """The nearest 32-bit float; beyond its range, infinity."""
+    try:
+        return float(_SINGLE.unpack(_SINGLE.pack(x))[0])
+    except OverflowError:
+        return math.copysign(math.inf, x)
+
+
+def scaled(x: float, exponent: int) -> float:
+    """``x * 10**exponent`` with the errors of single precision: by a power of two, in the bits, then by one of five."""
+    if exponent == 0 or x == 0:
+        return x
+    (bits,) = _BITS.unpack(_SINGLE.pack(x))
+    bits = bits & ~_EXPONENT_BITS | bits + (exponent << 23) & _EXPONENT_BITS
+    (x,) = _SINGLE.unpack(_BITS.pack(bits))
+    if -_EXACT_POWERS_OF_FIVE <= exponent < 0:
+        return to_single(x / 5.0**-exponent)
+    return to_single(x * to_single(5.0 ** min(exponent, _INFINITE_POWER)))
+
+
+def read_digits(digits: int, exponent: int) -> float:
+    """Value that a hub reads from ``digits`` times ten to the power of ``exponent``."""
+    while digits and digits % 10 == 0:
+        digits, exponent = digits // 10, exponent + 1
+    return scaled(to_single(digits), exponent)
+
+
+def read_float(text: str) -> float:
+    """A float as a hub reads it: the digits that fit into 32 bits, then :func:`scaled`.
+
+    Raises:
+        ValueError: it is no number.
+    """
+    value = float(text)
+    unsigned = text.strip().lstrip("+-").replace("_", "")
+    match = _DECIMAL.fullmatch(unsigned)
+    if match is None:  # inf, nan
+        return value
+    whole, fraction = match[1], match[2] or ""
+    exponent = int(match[3] or 0) - len(fraction)
+    digits = 0
+    for index, digit in enumerate(whole + fraction):
+        if digits >= _FULL_MANTISSA:
+            exponent += len(whole + fraction) - index
+            break
+        digits = 10 * digits + int(digit)
+    return math.copysign(read_digits(digits, exponent), value)

@@ -1,0 +1,165 @@
+"""Text by a template, as a hub makes it: ``%``, ``str.format`` and f-strings."""
+
+from __future__ import annotations
+
+import re
+import string
+from collections.abc import Mapping
+from typing import Any
+
+from bricksrl.virtual_hub.micropython.float_text import format_float
+from bricksrl.virtual_hub.micropython.floats import to_single
+from bricksrl.virtual_hub.micropython.text import representation, text
+
+_DEFAULT_PRECISION = 6
+_SPEC = re.compile(
+    r"(?:(?P<fill>.)?(?P<align>[<>=^]))?(?P<sign>[-+ ])?#?(?P<zero>0)?(?P<width>\d+)?,?"
+    r"(?:\.(?P<precision>\d+))?(?P<code>[bcdeEfFgGnosxX%])?",
+    re.DOTALL,
+)
+
+
+def to_number(value: Any, kind: str) -> Any:
+    """A number; of an object, what its method ``__int__`` or ``__float__`` says.
+
+    Raises:
+        TypeError: it is none.
+    """
+    if isinstance(value, int | float):
+        return value
+    convert = getattr(type(value), f"__{kind}__", None)
+    if convert is None or isinstance(value, str | bytes):
+        raise TypeError(f"can't convert {type(value).__name__} to {kind}")
+    return convert(value)
+
+
+def format_value(value: object, spec: str) -> str:
+    """``format(value, spec)``; the hub does not ask the value's class."""
+    if not spec:
+        return text(value)
+    if not isinstance(value, int | float | str):
+        value = text(value)
+    code = spec[-1] if spec[-1] in "bcdeEfFgGnosxX%" else ""
+    if isinstance(value, bool):
+        value = int(value)
+    if isinstance(value, str):
+        if code not in ("", "s"):
+            raise ValueError(f"unknown format code '{code}' for object of type 'str'")
+        return format(value, spec)
+    if isinstance(value, float):
+        if code in ("b", "c", "d", "o", "s", "x", "X"):
+            raise ValueError(f"unknown format code '{code}' for object of type 'float'")
+        return _format_float(value, spec)
+    if code == "s":
+        raise ValueError("unknown format code 's' for object of type 'int'")
+    return _format_float(to_single(value), spec) if code and code in "eEfFgG%" else format(value, spec)
+
+
+def _format_float(value: float, spec: str) -> str:
+    match = _SPEC.fullmatch(spec)
+    if match is None:
+        raise ValueError("invalid format specifier")
+    code = match["code"] or "g"
+    is_percent = code == "%"
+    if is_percent:
+        value, code = to_single(value * 100), "f"
+    precision = _DEFAULT_PRECISION if match["precision"] is None else int(match["precision"])
+    sign = match["sign"] if match["sign"] in ("+", " ") else ""
+    written = format_float(value, "g" if code == "n" else code, precision, sign or "") + "%" * is_percent
+    align = match["align"] or ("=" if match["zero"] else ">")
+    return _padded(written, match["fill"] or match["zero"] or " ", align, int(match["width"] or 0))
+
+
+def _padded(written: str, fill: str, align: str, width: int) -> str:
+    if align == "=":
+        sign = written[:1] if written[:1] in ("+", "-", " ") else ""
+        return sign + written[len(sign) :].rjust(width - len(sign), fill)
+    return format(written, f"{fill}{align}{width}")
+
+
+class _Formatter(string.Formatter):
+    def get_field(self, field_name: str, args: Any, kwargs: Any) -> Any:
+        if "." in field_name or "[" in field_name:
+            raise NotImplementedError("attributes not supported")
+        return super().get_field(field_name, args, kwargs)
+
+    def format_field(self, value: Any, format_spec: str) -> str:
+        return format_value(value, format_spec)
+
+    def convert_field(self, value: Any, conversion: str | None) -> Any:
+        if conversion is None:
+            return value
+        return representation(value) if conversion == "r" else text(value)
+
+    def get_value(self, key: int | str, args: Any, kwargs: Any) -> Any:
+        if isinstance(key, int) and key >= len(args):
+            raise IndexError("tuple index out of range")
+        return args[key] if isinstance(key, int) else kwargs[key]
+
+
+def format_text(template: str, args: tuple[object, ...], kwargs: Mapping[str, object]) -> str:
+    """``template.format(*args, **kwargs)``."""
+    return _Formatter().vformat(template, args, kwargs)
+
+
+_PERCENT = re.compile(
+    r"%(?:\((?P<key>[^)]*)\))?(?P<flags>[-+ #0]*)(?P<width>\*|\d+)?(?:\.(?P<precision>\*|\d+))?(?P<code>.)?", re.DOTALL
+)
+
+
+def percent(template: Any, values: object) -> Any:
+    """``template % values`` for text and bytes."""
+    is_bytes = isinstance(template, bytes)
+    if is_bytes:
+        template = template.decode("latin-1")
+    queue = list(values) if isinstance(values, tuple) else [values]
+
+    def take() -> Any:
+        if not queue:
+            raise TypeError("format string needs more arguments")
+        return queue.pop(0)
+
+    def replace(match: re.Match[str]) -> str:
+        code = match["code"]
+        if code == "%":
+            return "%"
+        if code is None:
+            raise ValueError("incomplete format")
+        width, precision = (str(take()) if match[name] == "*" else match[name] for name in ("width", "precision"))
+        if match["key"] is not None:
+            queue.clear()
+            if not isinstance(values, dict):
+                raise TypeError("format needs a dict")
+            value = values[match["key"]]
+        else:
+            value = take()
+        return _percent_one(value, match, width or "", precision, is_bytes)
+
+    result = _PERCENT.sub(replace, template)
+    if queue and not isinstance(values, dict):
+        raise TypeError("format string didn't convert all arguments")
+    return result.encode("latin-1") if is_bytes else result
+
+
+def _percent_one(value: Any, match: re.Match[str], width: str, precision: str | None, is_bytes: bool) -> str:
+    code, flags = match["code"], match["flags"]
+    spec = f"%{flags}{width}" + (f".{precision}" if precision is not None else "")
+    if code in "sr":
+        if code == "s" and is_bytes and isinstance(value, bytes):
+            return (spec + "s") % value.decode("latin-1")
+        return (spec + "s") % (text(value) if code == "s" else representation(value))
+    if code == "c":
+        if isinstance(value, str) and len(value) != 1:
+            raise TypeError("%c needs int or char")
+        if not isinstance(value, int | str):
+            raise TypeError("integer needed")
+        return (spec + "c") % value
+    if code in "diuxXo":
+        return (spec + code) % int(to_number(value, "int"))
+    if code in "eEfFgG":
+        sign = next((mark for mark in "+ " if mark in flags), "")
+        digits = _DEFAULT_PRECISION if precision is None else int(precision)
+        written = format_float(to_single(to_number(value, "float")), code, digits, sign)
+        align = "<" if "-" in flags else "=" if "0" in flags else ">"
+        return _padded(written, "0" if align == "=" else " ", align, int(width or 0))
+    raise ValueError(f"unsupported format character '{code}' (0x{ord(code):x}) at index {match.end() - 1}")

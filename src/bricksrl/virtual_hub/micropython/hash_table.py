@@ -1,0 +1,176 @@
+"""The order in which a hub keeps the keys of dicts and the members of sets: that of an open hash table.
+
+Source: ``py/map.c``, ``py/qstr.c``, ``py/objtuple.c`` of MicroPython 1.26, with the two bytes of hash that
+Pybricks gives a string. What has its address for a hash there (objects, functions, ``None``) goes in the order of insertion here.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator
+from types import FunctionType
+from typing import Any
+
+_SIZES = (
+    *(0, 2, 4, 6, 8, 10, 12, 17, 23, 29, 37, 47, 59, 73, 97, 127, 167, 223, 293, 389, 521, 691, 919, 1223, 1627, 2161),
+    *(3229, 4831, 7243, 10861, 16273, 24407, 36607, 54907),
+)
+
+
+class _Mark:
+    """Stands in a slot without a key."""
+
+
+_FREE, _DELETED = _Mark(), _Mark()
+
+
+def hash_of(value: Any) -> int | None:
+    """``hash(value)`` on a hub; ``None`` for what has its address there.
+
+    Raises:
+        TypeError: it has none.
+    """
+    kind = type(value)
+    if getattr(kind, "hash_is_address", False):
+        return None
+    if isinstance(kind.__hash__, FunctionType):
+        return _small(hash(value))
+    if isinstance(value, int):
+        return int(value)
+    if isinstance(value, str):
+        return _text_hash(value.encode("utf-8", "surrogatepass"))
+    if isinstance(value, bytes):
+        return _text_hash(value)
+    if isinstance(value, float):
+        return _small(_float_hash(value))
+    if isinstance(value, complex):
+        return _small(_float_hash(value.real) ^ _float_hash(value.imag))
+    hash(value)
+    if isinstance(value, range):
+        raise TypeError("unhashable type: 'range'")
+    if isinstance(value, tuple):
+        parts = [hash_of(part) for part in value]
+        return None if None in parts else _small(sum(part for part in parts if part is not None))
+    return None
+
+
+def _small(value: int) -> int:
+    """The 31 bits that count least, with a sign."""
+    return (value + 0x4000_0000 & 0x7FFF_FFFF) - 0x4000_0000
+
+
+def _text_hash(data: bytes) -> int:
+    value = 5381
+    for byte in data:
+        value = value * 33 ^ byte
+    return value & 0xFFFF or 1
+
+
+def _float_hash(value: float) -> int:
+    """Its whole part; beyond 32 bits the nearest that they can hold, as ARM's processors convert."""
+    return 0 if math.isnan(value) else int(max(-(2.0**31), min(2.0**31 - 1, value)))
+
+
+class HashTable:
+    """Keys in slots. Which keys there are, its owner knows; it is asked where they are, and told of none that is there already.
+
+    Args:
+        size: slots to begin with.
+    """
+
+    __slots__ = ("_added", "_hashes", "slots")
+
+    def __init__(self, size: int = 0) -> None:
+        self.slots: list[Any] = [_FREE] * size
+        self._hashes = [0] * size
+        self._added = 0
+
+    def add(self, key: Any) -> None:
+        """Put a new key in its slot; where all are taken, there will be more."""
+        found = hash_of(key)
+        self._put(key, self._added if found is None else found & 0xFFFF_FFFF)
+        self._added += 1
+
+    def _put(self, key: Any, hash_: int) -> None:
+        slots, size = self.slots, len(self.slots)
+        for step in range(size):
+            place = (hash_ + step) % size
+            if isinstance(slots[place], _Mark):
+                slots[place], self._hashes[place] = key, hash_
+                return
+        self._grow()
+        self._put(key, hash_)
+
+    def _grow(self) -> None:
+        more = len(self.slots) + 1
+        kept = [pair for pair in zip(self.slots, self._hashes, strict=True) if not isinstance(pair[0], _Mark)]
+        size = next((size for size in _SIZES if size >= more), more + more // 2 | 1)
+        self.slots, self._hashes = [_FREE] * size, [0] * size
+        for key, hash_ in kept:
+            self._put(key, hash_)
+
+    def remove(self, key: Any) -> None:
+        """Take a key out that is there."""
+        place = next(place for place, other in enumerate(self.slots) if other is key or other == key)
+        after = self.slots[(place + 1) % len(self.slots)]
+        self.slots[place] = _FREE if after is _FREE else _DELETED
+
+    def first(self) -> Any:
+        """The first key.
+
+        Raises:
+            StopIteration: there is none.
+        """
+        return next(iter(self))
+
+    def drop_first(self) -> Any:
+        """Take the first key out, as ``popitem`` does: its slot counts as used until there are more slots."""
+        key = self.first()
+        self.slots[next(place for place, other in enumerate(self.slots) if other is key)] = _DELETED
+        return key
+
+    def clear(self) -> None:
+        """Take all keys out, and all slots."""
+        self.slots, self._hashes = [], []
+
+    def copy(self) -> HashTable:
+        """The same keys in the same slots."""
+        other = HashTable()
+        other.slots, other._hashes, other._added = list(self.slots), list(self._hashes), self._added
+        return other
+
+    def __iter__(self) -> Iterator[Any]:
+        return TableIterator(self)
+
+    @classmethod
+    def in_order(cls, keys: Iterable[Any]) -> HashTable:
+        """A table of the firmware's own, which keeps its order."""
+        table = cls()
+        table.slots = list(keys)
+        table._hashes = [0] * len(table.slots)
+        return table
+
+
+class TableIterator:
+    """Goes from slot to slot, and does not mind what happens to them meanwhile."""
+
+    __slots__ = ("_next", "_table")
+
+    def __init__(self, table: HashTable) -> None:
+        self._table = table
+        self._next = 0
+
+    def __iter__(self) -> TableIterator:
+        return self
+
+    def __next__(self) -> Any:
+        slots = self._table.slots
+        while self._next < len(slots):
+            key = slots[self._next]
+            self._next += 1
+            if not isinstance(key, _Mark):
+                return key
+        raise StopIteration
+
+
+TableIterator.__name__ = TableIterator.__qualname__ = "iterator"

@@ -1,0 +1,285 @@
+"""Arithmetic of a hub: results are 31-bit integers or 32-bit floats.
+
+The transformation of a program (``transform.py``) calls these around every operation that could leave those ranges.
+"""
+
+from __future__ import annotations
+
+import math
+import operator
+import re
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from bricksrl.virtual_hub.micropython.containers import HubDict, HubSet
+from bricksrl.virtual_hub.micropython.errors import reword
+from bricksrl.virtual_hub.micropython.floats import read_float, to_single
+from bricksrl.virtual_hub.micropython.formatting import format_text, format_value, percent, to_number
+from bricksrl.virtual_hub.micropython.text import representation, text
+
+SMALL_MAX = 2**30 - 1
+SMALL_MIN = -(2**30)
+_EXACT = 2**24
+_BASES = {"0b": 2, "0o": 8, "0x": 16}
+_LARGEST = 3.4028234663852886e38
+
+
+def small(value: int) -> int:
+    """An integer that a hub can hold.
+
+    Raises:
+        OverflowError: it needs more than 31 bits.
+    """
+    if SMALL_MIN <= value <= SMALL_MAX:
+        return value
+    raise OverflowError("small int overflow")
+
+
+def normalizer() -> Callable[[Any], Any]:
+    """A function that rounds floats and checks integers; one for each program, because it keeps a scratch cell."""
+    cell = memoryview(bytearray(4)).cast("f")
+
+    def normalize(value: Any) -> Any:
+        kind = type(value)
+        if kind is int:
+            if -0x40000000 <= value <= 0x3FFFFFFF:
+                return value
+            raise OverflowError("small int overflow")
+        if kind is float:
+            if -_LARGEST <= value <= _LARGEST:
+                cell[0] = value
+                return cell[0]
+            return to_single(value)
+        if kind is complex:
+            return complex(to_single(value.real), to_single(value.imag))
+        return value
+
+    return normalize
+
+
+def _single_int(value: Any) -> Any:
+    """Integers become floats in an operation with floats; large ones lose digits then."""
+    return to_single(value) if type(value) is int and not -_EXACT <= value <= _EXACT else value
+
+
+def int_from_float(value: float) -> int:
+    """``int(value)``."""
+    if math.isinf(value):
+        raise OverflowError("can't convert inf to int")
+    if math.isnan(value):
+        raise ValueError("can't convert NaN to int")
+    if not SMALL_MIN <= value <= SMALL_MAX:
+        raise ValueError("float too big")
+    return int(value)
+
+
+def to_int(kind: type, *args: Any, **kwargs: Any) -> Any:
+    """``int(...)`` as called under the name of ``kind``."""
+    if kind is not int:
+        return kind(*args, **kwargs)
+    _refuse_keywords(kwargs)
+    if len(args) > 2:
+        raise TypeError(f"function expected at most 2 arguments, got {len(args)}")
+    if len(args) == 1:
+        value = args[0]
+        if type(value) is float:
+            return int_from_float(value)
+        if isinstance(value, int):
+            return int(value)
+    try:
+        if args and isinstance(args[0], bytes | bytearray):
+            args = (args[0].decode(), *args[1:])
+        value = int(*args)
+    except ValueError:
+        base = args[1] if len(args) > 1 else 10
+        if base != 0 and not 2 <= base <= 36:
+            raise ValueError("int() arg 2 must be >= 2 and <= 36") from None
+        unread = re.sub(r"^\s*[-+]?", "", args[0])
+        if base == 0:
+            base = _BASES.get(unread[:2].lower(), 10)
+            unread = unread if base == 10 else unread[2:]
+        raise ValueError(f"invalid syntax for integer with base {base}: {representation(unread)}") from None
+    except TypeError:
+        raise TypeError(f"can't convert {type(args[0]).__name__} to int") from None
+    if abs(value) > SMALL_MAX:  # the digits are read before the sign counts
+        raise OverflowError("long int not supported in this build")
+    return value
+
+
+def to_float(kind: type, *args: Any, **kwargs: Any) -> Any:
+    """``float(...)`` as called under the name of ``kind``."""
+    if kind is not float:
+        return kind(*args, **kwargs)
+    _refuse_keywords(kwargs)
+    if len(args) != 1:
+        return float(*args)
+    value = args[0]
+    if not isinstance(value, str | bytes | bytearray):
+        return to_single(float(to_number(value, "float")))
+    try:
+        return read_float(value if isinstance(value, str) else value.decode())
+    except ValueError:
+        raise ValueError("invalid syntax for number") from None
+
+
+def to_str(kind: type, *args: Any, **kwargs: Any) -> Any:
+    """``str(...)`` as called under the name of ``kind``."""
+    if kind is not str:
+        return kind(*args, **kwargs)
+    _refuse_keywords(kwargs)
+    return text(args[0]) if len(args) == 1 else str(*args)
+
+
+def _refuse_keywords(kwargs: Mapping[str, object]) -> None:
+    if kwargs:
+        raise TypeError("function doesn't take keyword arguments")
+
+
+def _to_bytes(value: Any, *args: Any, **kwargs: Any) -> Any:
+    """``value.to_bytes(...)``; a negative integer is written as its two's complement."""
+    if not isinstance(value, int):
+        return value.to_bytes(*args, **kwargs)
+    _refuse_keywords(kwargs)
+    try:
+        return value.to_bytes(*args[:2], signed=value < 0)
+    except OverflowError:
+        raise OverflowError("buffer too small") from None
+
+
+def _from_bytes(kind: Any, *args: Any, **kwargs: Any) -> Any:
+    """``kind.from_bytes(...)``: no sign, and of more than four bytes those that count least."""
+    if kind is not int:
+        return kind.from_bytes(*args, **kwargs)
+    _refuse_keywords(kwargs)
+    is_little = args[1:] and args[1] == "little"
+    return small(int.from_bytes(args[0], "little" if is_little else "big") & 0xFFFFFFFF)
+
+
+def _slice(container: Any, start: Any, stop: Any, step: Any) -> Any:
+    """``container[start:stop:step]``; only lists can be read with a step."""
+    if step is not None and step != 1 and isinstance(container, str | bytes | bytearray | tuple):
+        raise NotImplementedError("only slices with step=1 (aka None) are supported")
+    return container[start:stop:step]
+
+
+def _sliced(container: Any, step: Any) -> Any:
+    """``container``, when a slice of it can be replaced or deleted: only in lists, and only one without a step."""
+    if isinstance(container, bytearray | memoryview):
+        raise TypeError(f"'{type(container).__name__}' object doesn't support item assignment")
+    if step is not None and isinstance(container, list):
+        raise NotImplementedError
+    return container
+
+
+def _set_slice(value: Any, container: Any, start: Any, stop: Any, step: Any) -> None:
+    """``container[start:stop:step] = value``."""
+    if isinstance(_sliced(container, step), list) and not isinstance(value, list | tuple):
+        raise TypeError(f"object '{type(value).__name__}' isn't a tuple or list")
+    container[start:stop:step] = value
+
+
+def _bitwise(operation: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
+    """Truth values are numbers here, and dicts have no union."""
+
+    def operate(a: Any, b: Any) -> Any:
+        if type(a) is bool and type(b) is bool:
+            return int(operation(a, b))
+        if isinstance(a, dict) and isinstance(b, dict):
+            raise TypeError(f"unsupported types for __or__: '{type(a).__name__}', '{type(b).__name__}'")
+        return operation(a, b)
+
+    return operate
+
+
+def _dict_display(*parts: Any) -> HubDict:
+    """``{key: value, ...}`` with as many slots as keys, from values and keys in turn: a hub computes the value first."""
+    values, keys = parts[::2], parts[1::2]
+    return HubDict.sized(len(keys), zip(keys, values, strict=True))
+
+
+def _dict_comprehension(pairs: list[tuple[Any, Any]]) -> HubDict:
+    """Of values and keys."""
+    return HubDict.sized(0, ((key, value) for value, key in pairs))
+
+
+def _set_display(*values: Any) -> HubSet:
+    return HubSet.sized(values, len(values))
+
+
+def _keyword_arguments(names: dict[str, Any]) -> HubDict:
+    """What arrives as ``**names``."""
+    return HubDict.sized(len(names), names.items())
+
+
+def operators(names: Mapping[str, object]) -> dict[str, Any]:
+    """Functions that the transformed program calls, by the names that no program can write. ``names``: the program's globals."""
+    normalize = normalizer()
+
+    def divide(a: Any, b: Any) -> Any:
+        if type(a) is int or type(b) is int:
+            a, b = _single_int(a), _single_int(b)
+        return normalize(a / b)
+
+    def floor_divide(a: Any, b: Any) -> Any:
+        return normalize(a // b)
+
+    def modulo(a: Any, b: Any) -> Any:
+        return percent(a, b) if isinstance(a, str | bytes) else normalize(a % b)
+
+    def power(a: Any, b: Any) -> Any:
+        if type(a) is int and type(b) is int and b > 0 and a not in (-1, 0, 1) and b > 30:
+            raise OverflowError("small int overflow")
+        try:
+            return normalize(a**b)
+        except OverflowError:
+            if isinstance(a, float) or isinstance(b, float):
+                return math.inf
+            raise
+
+    def in_place(operation: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
+        return lambda a, b: normalize(operation(a, b))
+
+    def format_call(obj: Any, *args: Any, **kwargs: Any) -> Any:
+        return format_text(obj, args, kwargs) if isinstance(obj, str) else obj.format(*args, **kwargs)
+
+    def f_string(value: Any, conversion: int, spec: str) -> str:
+        if conversion == ord("r"):
+            value = representation(value)
+        elif conversion == ord("s"):
+            value = text(value)
+        return format_value(value, spec)
+
+    return {
+        "@n": normalize,
+        "@div": divide,
+        "@floordiv": floor_divide,
+        "@mod": modulo,
+        "@pow": power,
+        "@iadd": in_place(operator.iadd),
+        "@isub": in_place(operator.isub),
+        "@imul": in_place(operator.imul),
+        "@ilshift": in_place(operator.ilshift),
+        "@and": _bitwise(operator.and_),
+        "@or": _bitwise(operator.or_),
+        "@xor": _bitwise(operator.xor),
+        "@iand": _bitwise(operator.iand),
+        "@ior": _bitwise(operator.ior),
+        "@ixor": _bitwise(operator.ixor),
+        "@int": to_int,
+        "@float": to_float,
+        "@str": to_str,
+        "@format": format_call,
+        "@to_bytes": _to_bytes,
+        "@from_bytes": _from_bytes,
+        "@f": f_string,
+        "@slice": _slice,
+        "@sliced": _sliced,
+        "@setslice": _set_slice,
+        "@dict": _dict_display,
+        "@dictof": _dict_comprehension,
+        "@set": _set_display,
+        "@setof": HubSet,
+        "@named": _keyword_arguments,
+        "@any": (Exception, SystemExit, KeyboardInterrupt, GeneratorExit),
+        "@reword": lambda error: reword(error, names),
+    }

@@ -1,0 +1,311 @@
+"""The modules ``sys``, ``select``, ``io``, ``json``, ``errno``, ``gc`` and ``micropython`` of a hub."""
+
+from __future__ import annotations
+
+import io
+import json
+import traceback
+from collections.abc import Callable, Iterator
+from types import ModuleType
+from typing import Any
+
+from greenlet import GreenletExit
+
+from bricksrl.errors import SceneError
+from bricksrl.virtual_hub.console import Console
+from bricksrl.virtual_hub.micropython.builtins import cooked
+from bricksrl.virtual_hub.micropython.containers import HubDict
+from bricksrl.virtual_hub.micropython.errors import ERROR_NAMES, HubOSError, class_name
+from bricksrl.virtual_hub.micropython.json_text import read_json
+from bricksrl.virtual_hub.micropython.numbers import module
+from bricksrl.virtual_hub.micropython.text import text
+
+_POLLIN, _POLLOUT, _POLLERR, _POLLHUP = 1, 4, 8, 16
+_CTRL_C = 3
+_ENOENT = 2
+_STACK_BYTES, _BLOCK_BYTES = 8 * 1024, 16
+_FOREVER_MS = 1000  # then it looks again, and dozes on
+
+
+class ProgramInterrupt(KeyboardInterrupt):
+    """The hub's KeyboardInterrupt, which is the program's own affair: nobody has pressed a key on this computer."""
+
+
+ProgramInterrupt.__name__ = "KeyboardInterrupt"
+
+
+def is_of_program(error: BaseException) -> bool:
+    """True if the program raised it, and neither somebody who ends the program from outside nor a scene that fails."""
+    if isinstance(error, SceneError):
+        return False
+    if isinstance(error, Exception | ProgramInterrupt):
+        return True
+    return not isinstance(error, KeyboardInterrupt | GreenletExit) and not type(error).__module__.startswith("bricksrl.")
+
+
+class Keyboard:
+    """The byte that stops a program when it comes in; ``kbd_intr(-1)`` lets it through."""
+
+    def __init__(self) -> None:
+        self.interrupt = _CTRL_C
+
+    def check(self, data: bytes) -> bytes:
+        if self.interrupt >= 0 and self.interrupt in data:
+            raise ProgramInterrupt
+        return data
+
+
+class FileIO:
+    """Standard input (0) or output (1), as bytes."""
+
+    def __init__(self, number: int, console: Console, keyboard: Keyboard, tick: Callable[[], None]) -> None:
+        self.number = number
+        self._console = console
+        self._keyboard = keyboard
+        self._tick = tick
+
+    def __repr__(self) -> str:
+        return f"<io.{type(self).__name__} {self.number}>"
+
+    def __enter__(self) -> FileIO:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        pass
+
+    def close(self) -> None:
+        pass
+
+    def flush(self) -> None:
+        pass
+
+    def events(self) -> int:
+        # Standard output never reports itself ready: programs register standard input without a mask and rely on it.
+        return _POLLIN if self._console.available() else 0
+
+    def read(self, size: int = -1) -> Any:
+        self._tick()
+        if size < 0:
+            return self._keyboard.check(self._console.read(1 << 20))
+        return self._keyboard.check(self._console.read(size)) if size else b""
+
+    def readinto(self, buffer: bytearray, size: int = -1) -> int:
+        data = self._keyboard.check(self._console.read(len(buffer) if size < 0 else min(size, len(buffer))))
+        buffer[: len(data)] = data
+        return len(data)
+
+    def readline(self, size: int = -1) -> Any:
+        line = bytearray()
+        while len(line) != size:
+            byte = self._keyboard.check(self._console.read(1))
+            line += byte
+            if byte == b"\n":
+                break
+        return bytes(line)
+
+    def write(self, data: Any) -> int:
+        if isinstance(data, str):
+            data = data.encode()
+        self._console.write(bytes(data))
+        return len(data)
+
+
+class TextIOWrapper(FileIO):
+    """Standard input or output, as text; ``buffer`` is the stream of bytes beneath."""
+
+    def __init__(self, number: int, console: Console, keyboard: Keyboard, tick: Callable[[], None]) -> None:
+        super().__init__(number, console, keyboard, tick)
+        self.buffer = FileIO(number, console, keyboard, tick)
+
+    def read(self, size: int = -1) -> str:
+        return super().read(size).replace(b"\r", b"\n").decode()  # type: ignore[no-any-return]
+
+    def readline(self, size: int = -1) -> str:
+        return super().readline(size).decode()  # type: ignore[no-any-return]
+
+    def write(self, data: Any) -> int:
+        if isinstance(data, str):
+            data = data.encode()
+        self._console.write(cooked(bytes(data)))
+        return len(data)
+
+
+class Poll:
+    """``select.poll()``; ``doze`` lets simulated time pass until input may have come, and returns how long it was."""
+
+    def __init__(self, doze: Callable[[int], int], tick: Callable[[], None]) -> None:
+        self._doze, self._tick = doze, tick
+        self._streams: dict[int, tuple[FileIO, int]] = {}
+
+    def register(self, stream: Any, eventmask: int = _POLLIN | _POLLOUT) -> None:
+        if not isinstance(stream, FileIO):
+            raise HubOSError("stream operation not supported")
+        self._streams[id(stream)] = (stream, eventmask)
+
+    def unregister(self, stream: Any) -> None:
+        self._streams.pop(id(stream), None)
+
+    def modify(self, stream: Any, eventmask: int) -> None:
+        if id(stream) not in self._streams:
+            raise HubOSError(_ENOENT)
+        self._streams[id(stream)] = (stream, eventmask)
+
+    def poll(self, timeout: int = -1, flags: int = 0) -> list[tuple[FileIO, int]]:
+        self._tick()
+        while not (ready := self._ready()) and timeout:
+            if timeout < 0:
+                self._doze(_FOREVER_MS)
+            else:
+                timeout -= self._doze(timeout)
+        if flags & 1:
+            for stream, _ in ready:
+                self.modify(stream, 0)
+        return ready
+
+    def ipoll(self, timeout: int = -1, flags: int = 0) -> Iterator[tuple[FileIO, int]]:
+        return iter(self.poll(timeout, flags))
+
+    def _ready(self) -> list[tuple[FileIO, int]]:
+        ready = []
+        for stream, mask in self._streams.values():
+            events = stream.events() & mask
+            if events:
+                ready.append((stream, events))
+        return ready
+
+
+Poll.__name__ = Poll.__qualname__ = "poll"
+
+
+def sys_module(console: Console, keyboard: Keyboard, tick: Callable[[], None], version: str, machine: str) -> ModuleType:
+    stdout = TextIOWrapper(1, console, keyboard, tick)
+
+    def print_exception(error: BaseException, file: Any = stdout) -> None:
+        file.write("Traceback (most recent call last):\n")
+        for frame, line in traceback.walk_tb(error.__traceback__):
+            name = frame.f_code.co_filename
+            if "@n" in frame.f_builtins:
+                file.write(f'  File "{name}", line {line}, in {frame.f_code.co_name}\n')
+        file.write(f"{class_name(type(error))}: {text(error)}\n")
+
+    return module(
+        "sys",
+        {
+            "stdin": TextIOWrapper(0, console, keyboard, tick),
+            "stdout": stdout,
+            "stderr": stdout,
+            "path": [""],
+            "argv": [],
+            "version": f"3.4.0; Pybricks MicroPython v{version}",
+            "version_info": (3, 4, 0),
+            "implementation": ("micropython", (1, 26, 0, ""), machine, 0x2306),
+            "byteorder": "little",
+            "print_exception": print_exception,
+        },
+    )
+
+
+def select_module(doze: Callable[[int], int], tick: Callable[[], None]) -> ModuleType:
+    flags = {"POLLIN": _POLLIN, "POLLOUT": _POLLOUT, "POLLERR": _POLLERR, "POLLHUP": _POLLHUP}
+    return module("select", {"poll": lambda: Poll(doze, tick), **flags})
+
+
+def micropython_module(keyboard: Keyboard, console: Console, heap_bytes: int) -> ModuleType:
+    """Memory of this computer is not that of a hub: all of its heap counts as free."""
+    state = {"level": 0, "locks": 0}
+
+    def kbd_intr(character: int) -> None:
+        keyboard.interrupt = character
+
+    def opt_level(level: int | None = None) -> int | None:
+        if level is None:
+            return state["level"]
+        state["level"] = level
+        return None
+
+    def heap_lock() -> None:
+        state["locks"] += 1
+
+    def heap_unlock() -> int:
+        state["locks"] = max(0, state["locks"] - 1)
+        return state["locks"]
+
+    def mem_info(verbose: Any = None) -> None:
+        lines = (
+            f"stack: 0 out of {_STACK_BYTES}",
+            f"GC: total: {heap_bytes}, used: 0, free: {heap_bytes}",
+            f" No. of 1-blocks: 0, 2-blocks: 0, max blk sz: 0, max free sz: {heap_bytes // _BLOCK_BYTES}",
+        )
+        console.write(cooked("".join(f"{line}\n" for line in lines).encode()))
+
+    def qstr_info(verbose: Any = None) -> None:
+        console.write(cooked(b"qstr pool: n_pool=0, n_qstr=0, n_str_data_bytes=0, n_total_bytes=0\n"))
+
+    names: dict[str, Any] = {
+        "mem_info": mem_info,
+        "qstr_info": qstr_info,
+        "const": lambda value: value,
+        "kbd_intr": kbd_intr,
+        "opt_level": opt_level,
+    }
+    return module("micropython", {**names, "heap_lock": heap_lock, "heap_unlock": heap_unlock, "stack_use": lambda: 0})
+
+
+def gc_module(heap_bytes: int) -> ModuleType:
+    state = {"on": True}
+    limit = [-1]
+
+    def threshold(*size: int) -> int | None:
+        if not size:
+            return limit[0]
+        limit[:] = size
+        return None
+
+    def switch(on: bool) -> Callable[[], None]:
+        def call() -> None:
+            state["on"] = on
+
+        return call
+
+    names: dict[str, Any] = {"enable": switch(True), "disable": switch(False), "isenabled": lambda: state["on"]}
+    names["threshold"] = threshold
+    return module("gc", {**names, "collect": lambda: None, "mem_alloc": lambda: 0, "mem_free": lambda: heap_bytes})
+
+
+def errno_module() -> ModuleType:
+    return module("errno", {**{name: code for code, name in ERROR_NAMES.items()}, "errorcode": HubDict.in_order(ERROR_NAMES)})
+
+
+def io_module() -> ModuleType:
+    return module("io", {"BytesIO": io.BytesIO, "StringIO": io.StringIO, "FileIO": FileIO, "TextIOWrapper": TextIOWrapper})
+
+
+def json_module() -> ModuleType:
+    def dumps(value: Any, /, *, separators: tuple[str, str] | None = None) -> str:
+        item, key = separators or (", ", ": ")
+
+        def write(value: Any) -> str:
+            if isinstance(value, dict):
+                return "{" + item.join(write_key(k) + key + write(v) for k, v in value.items()) + "}"
+            if isinstance(value, list | tuple):
+                return "[" + item.join(map(write, value)) + "]"
+            if value is None or isinstance(value, bool):
+                return json.dumps(value)
+            if isinstance(value, bytes):
+                value = value.decode()
+            return json.dumps(value, ensure_ascii=False) if isinstance(value, str) else text(value)
+
+        def write_key(name: Any) -> str:
+            return write(name) if isinstance(name, str) else f'"{write(name)}"'
+
+        return write(value)
+
+    def loads(source: str | bytes, /) -> Any:
+        if not isinstance(source, str | bytes | bytearray):
+            raise TypeError("object with buffer protocol required")
+        return read_json(source if isinstance(source, str) else bytes(source).decode())
+
+    def dump(value: Any, stream: Any, /, *, separators: tuple[str, str] | None = None) -> None:
+        stream.write(dumps(value, separators=separators))
+
+    return module("json", {"dumps": dumps, "loads": loads, "dump": dump, "load": lambda stream: loads(stream.read())})

@@ -1,0 +1,344 @@
+"""Rewrites a hub program so that CPython computes, formats and refuses what a hub does.
+
+Line numbers stay. Helpers are called by names with an ``@``, which no program can write; ``operators.py`` and
+``attributes.py`` hold them.
+"""
+
+from __future__ import annotations
+
+import ast
+import operator
+from collections.abc import Callable
+
+from bricksrl.virtual_hub.micropython.attributes import HIDDEN_NAMES
+from bricksrl.virtual_hub.micropython.floats import read_float
+from bricksrl.virtual_hub.micropython.operators import SMALL_MAX, SMALL_MIN
+from bricksrl.virtual_hub.micropython.transform_async import async_for, async_with
+
+_FOLDED: dict[type[ast.operator], Callable[[int, int], int]] = {
+    ast.Add: operator.add,
+    ast.Sub: operator.sub,
+    ast.Mult: operator.mul,
+    ast.LShift: operator.lshift,
+    ast.RShift: operator.rshift,
+    ast.BitOr: operator.or_,
+    ast.BitAnd: operator.and_,
+    ast.BitXor: operator.xor,
+    ast.FloorDiv: operator.floordiv,
+    ast.Mod: operator.mod,
+    ast.Pow: operator.pow,
+}
+_SIGNS: dict[type[ast.unaryop], Callable[[int], int]] = {
+    ast.USub: operator.neg,
+    ast.UAdd: operator.pos,
+    ast.Invert: operator.invert,
+}
+_MOST_BITS = 4096
+"""Of a power or a shift that is worked out: more would only take time, and no outcome of that size fits."""
+_WRAPPED = (ast.Add, ast.Sub, ast.Mult, ast.LShift)
+_ARITHMETIC = {ast.Div: "@div", ast.FloorDiv: "@floordiv", ast.Mod: "@mod", ast.Pow: "@pow"}
+_CALLED = {**_ARITHMETIC, ast.BitAnd: "@and", ast.BitOr: "@or", ast.BitXor: "@xor"}
+_IN_PLACE = {
+    **_ARITHMETIC,
+    ast.Add: "@iadd",
+    ast.Sub: "@isub",
+    ast.Mult: "@imul",
+    ast.LShift: "@ilshift",
+    ast.BitAnd: "@iand",
+    ast.BitOr: "@ior",
+    ast.BitXor: "@ixor",
+}
+_CONVERSIONS = ("int", "float", "str")
+_METHODS = ("format", "to_bytes", "from_bytes")
+_EMITTERS = ("native", "viper", "bytecode")
+
+
+def transform(tree: ast.Module | ast.Expression) -> ast.Module | ast.Expression:
+    """The rewritten program.
+
+    Raises:
+        OverflowError: a constant needs more than 31 bits.
+    """
+    return ast.fix_missing_locations(_Transformer().visit(tree))  # type: ignore[no-any-return]
+
+
+def _call(name: str, *args: ast.expr, at: ast.AST) -> ast.Call:
+    return ast.copy_location(ast.Call(ast.Name(name, ast.Load()), list(args), []), at)
+
+
+def _folded(node: ast.expr) -> int | None:
+    """What the hub's compiler works out by itself; only the outcome has to fit 31 bits, it computes on a PC."""
+    if isinstance(node, ast.Constant):
+        return node.value if type(node.value) is int else None
+    if isinstance(node, ast.UnaryOp) and type(node.op) in _SIGNS:
+        value = _folded(node.operand)
+        return None if value is None else int(_SIGNS[type(node.op)](value))
+    if not isinstance(node, ast.BinOp) or type(node.op) not in _FOLDED:
+        return None
+    kind, left, right = type(node.op), _folded(node.left), _folded(node.right)
+    if left is None or right is None:
+        return None
+    if (kind in (ast.FloorDiv, ast.Mod) and right == 0) or (kind in (ast.Pow, ast.LShift, ast.RShift) and right < 0):
+        return None
+    if (kind is ast.Pow and left.bit_length() * right > _MOST_BITS) or (kind is ast.LShift and right > _MOST_BITS):
+        return None
+    return int(_FOLDED[kind](left, right))
+
+
+class _Transformer(ast.NodeTransformer):
+    def visit_Constant(self, node: ast.Constant) -> ast.expr:
+        if type(node.value) is float:
+            node.value = read_float(repr(node.value))
+        elif type(node.value) is int and not SMALL_MIN <= node.value <= SMALL_MAX:
+            raise OverflowError("long int not supported in this build")
+        return node
+
+    def visit_UnaryOp(self, node: ast.UnaryOp) -> ast.expr:
+        folded = _folded(node)
+        if folded is not None:
+            return self.visit_Constant(ast.copy_location(ast.Constant(folded), node))
+        self.generic_visit(node)
+        return node
+
+    def visit_BinOp(self, node: ast.BinOp) -> ast.expr:
+        folded = _folded(node)
+        if folded is not None:
+            return self.visit_Constant(ast.copy_location(ast.Constant(folded), node))
+        self.generic_visit(node)
+        kind = type(node.op)
+        if kind in _WRAPPED:
+            return _call("@n", node, at=node)
+        if kind in _CALLED:
+            return _call(_CALLED[kind], node.left, node.right, at=node)
+        return node
+
+    def visit_Expr(self, node: ast.Expr) -> ast.AST:
+        """A number that stands alone is left out by the hub's compiler, however long it is."""
+        if isinstance(node.value, ast.BinOp) and _folded(node.value) is not None:
+            return ast.copy_location(ast.Pass(), node)
+        self.generic_visit(node)
+        return node
+
+    def visit_AugAssign(self, node: ast.AugAssign) -> ast.AST | list[ast.stmt]:
+        self.generic_visit(node)
+        kind, target = type(node.op), node.target
+        if kind not in _IN_PLACE:
+            return node
+        helper = _IN_PLACE[kind]
+        if isinstance(target, ast.Name):
+            if kind in _WRAPPED:
+                check = ast.Assign([target], _call("@n", ast.Name(target.id, ast.Load()), at=node))
+                return [node, ast.copy_location(check, node)]
+            value = _call(helper, ast.Name(target.id, ast.Load()), node.value, at=node)
+            return ast.copy_location(ast.Assign([target], value), node)
+        owner = self._keep("@owner", target.value, node)
+        statements: list[ast.stmt] = [owner]
+        place: ast.expr = ast.Name("@owner", ast.Load())
+        if isinstance(target, ast.Attribute):
+            read: ast.expr = ast.Attribute(place, target.attr, ast.Load())
+            write: ast.expr = ast.Attribute(place, target.attr, ast.Store())
+        else:
+            statements.append(self._keep("@index", target.slice, node))
+            index = ast.Name("@index", ast.Load())
+            read, write = ast.Subscript(place, index, ast.Load()), ast.Subscript(place, index, ast.Store())
+        assign = ast.copy_location(ast.Assign([write], _call(helper, read, node.value, at=node)), node)
+        statements.append(self._stored(assign))
+        return statements
+
+    @staticmethod
+    def _stored(node: ast.Assign) -> ast.stmt:
+        """``owner.name = value``, where the owner may be something that takes no attributes."""
+        if len(node.targets) > 1 or not isinstance(node.targets[0], ast.Attribute):
+            return node
+        target = node.targets[0]
+        return ast.copy_location(ast.Expr(_call("@store", node.value, target.value, ast.Constant(target.attr), at=node)), node)
+
+    @staticmethod
+    def _keep(name: str, value: ast.expr, at: ast.AST) -> ast.stmt:
+        if isinstance(value, ast.Slice):
+            bounds = [bound or ast.Constant(None) for bound in (value.lower, value.upper, value.step)]
+            value = _call("slice", *bounds, at=at)
+        return ast.copy_location(ast.Assign([ast.Name(name, ast.Store())], value), at)
+
+    def visit_Call(self, node: ast.Call) -> ast.expr:
+        function = node.func
+        if isinstance(function, ast.Name) and function.id in _CONVERSIONS:
+            self.generic_visit(node)
+            node.args.insert(0, function)
+            node.func = ast.copy_location(ast.Name("@" + function.id, ast.Load()), function)
+            return node
+        if isinstance(function, ast.Attribute) and function.attr in _METHODS:
+            self.generic_visit(node)
+            node.args.insert(0, function.value)
+            node.func = ast.copy_location(ast.Name("@" + function.attr, ast.Load()), function)
+            return node
+        self.generic_visit(node)
+        if node.keywords:
+            node.func = _call("@keywords", node.func, at=node)
+        return node
+
+    def visit_Attribute(self, node: ast.Attribute) -> ast.expr:
+        self.generic_visit(node)
+        if isinstance(node.ctx, ast.Load) and node.attr in HIDDEN_NAMES:
+            return _call("@attr", node.value, ast.Constant(node.attr), at=node)
+        return node
+
+    def visit_Subscript(self, node: ast.Subscript) -> ast.expr:
+        self.generic_visit(node)
+        s = node.slice
+        if isinstance(node.ctx, ast.Load) and isinstance(s, ast.Slice) and s.step is not None:
+            bounds = [bound or ast.Constant(None) for bound in (s.lower, s.upper, s.step)]
+            return _call("@slice", node.value, *bounds, at=node)
+        return node
+
+    def visit_Assign(self, node: ast.Assign) -> ast.AST:
+        self.generic_visit(node)
+        target = node.targets[0]
+        if len(node.targets) == 1 and isinstance(target, ast.Subscript) and isinstance(target.slice, ast.Slice):
+            bounds = [bound or ast.Constant(None) for bound in (target.slice.lower, target.slice.upper, target.slice.step)]
+            return ast.copy_location(ast.Expr(_call("@setslice", node.value, target.value, *bounds, at=node)), node)
+        return self._stored(node)
+
+    def visit_Dict(self, node: ast.Dict) -> ast.expr:
+        self.generic_visit(node)
+        pairs = zip(node.values, node.keys, strict=True)
+        return _call("@dict", *(part for pair in pairs for part in pair if part is not None), at=node)
+
+    def visit_Set(self, node: ast.Set) -> ast.expr:
+        self.generic_visit(node)
+        return _call("@set", *node.elts, at=node)
+
+    def visit_DictComp(self, node: ast.DictComp) -> ast.expr:
+        self.generic_visit(node)
+        pairs = ast.ListComp(ast.Tuple([node.value, node.key], ast.Load()), node.generators)
+        return _call("@dictof", ast.copy_location(pairs, node), at=node)
+
+    def visit_SetComp(self, node: ast.SetComp) -> ast.expr:
+        self.generic_visit(node)
+        return _call("@setof", ast.copy_location(ast.ListComp(node.elt, node.generators), node), at=node)
+
+    def visit_Lambda(self, node: ast.Lambda) -> ast.expr:
+        self.generic_visit(node)
+        if node.args.kwarg is not None:
+            name = node.args.kwarg.arg
+            inner = ast.Lambda(ast.arguments([], [ast.arg(name)], None, [], [], None, []), node.body)
+            node.body = ast.copy_location(ast.Call(inner, [_call("@named", ast.Name(name, ast.Load()), at=node)], []), node)
+        return node
+
+    @staticmethod
+    def _named(args: ast.arguments, at: ast.AST) -> list[ast.stmt]:
+        """Keyword arguments arrive in a dict of the hub's."""
+        if args.kwarg is None:
+            return []
+        name = args.kwarg.arg
+        value = _call("@named", ast.Name(name, ast.Load()), at=at)
+        return [ast.copy_location(ast.Assign([ast.Name(name, ast.Store())], value), at)]
+
+    def visit_Delete(self, node: ast.Delete) -> ast.AST:
+        self.generic_visit(node)
+        for target in node.targets:
+            if isinstance(target, ast.Subscript) and isinstance(target.slice, ast.Slice):
+                target.value = _call("@sliced", target.value, target.slice.step or ast.Constant(None), at=target)
+        return node
+
+    def visit_Import(self, node: ast.Import) -> ast.AST | list[ast.stmt]:
+        """``import a.b`` finds ``a.b`` itself on a hub, so ``as`` looks for another ``b`` in it."""
+        statements: list[ast.stmt] = []
+        for alias in node.names:
+            if alias.asname is None or "." not in alias.name:
+                statements.append(ast.copy_location(ast.Import([alias]), node))
+                continue
+            found: ast.expr = _call("__import__", ast.Constant(alias.name), at=node)
+            for part in alias.name.split(".")[1:]:
+                found = ast.copy_location(ast.Attribute(found, part, ast.Load()), node)
+            statements.append(ast.copy_location(ast.Assign([ast.Name(alias.asname, ast.Store())], found), node))
+        return statements
+
+    def visit_JoinedStr(self, node: ast.JoinedStr) -> ast.expr:
+        self.generic_visit(node)
+        if all(isinstance(part, ast.Constant) for part in node.values):
+            return node
+        join = ast.Attribute(ast.Constant(""), "join", ast.Load())
+        return ast.copy_location(ast.Call(join, [ast.Tuple(node.values, ast.Load())], []), node)
+
+    def visit_FormattedValue(self, node: ast.FormattedValue) -> ast.expr:
+        self.generic_visit(node)
+        spec = node.format_spec or ast.Constant("")
+        return _call("@f", node.value, ast.Constant(node.conversion), spec, at=node)
+
+    def visit_ExceptHandler(self, node: ast.ExceptHandler) -> ast.AST:
+        """A program cannot catch what stops it from outside."""
+        self.generic_visit(node)
+        catches_all = node.type is None or (isinstance(node.type, ast.Name) and node.type.id == "BaseException")
+        if catches_all:
+            node.type = ast.copy_location(ast.Name("@any", ast.Load()), node)
+        if node.name is not None:
+            reword = ast.Expr(_call("@reword", ast.Name(node.name, ast.Load()), at=node))
+            node.body.insert(0, ast.copy_location(reword, node))
+        return node
+
+    def visit_While(self, node: ast.While) -> ast.AST:
+        self.generic_visit(node)
+        node.body.insert(0, ast.copy_location(ast.Expr(_call("@tick", at=node)), node))
+        return node
+
+    def visit_arg(self, node: ast.arg) -> ast.AST:
+        node.annotation = None  # the hub's compiler skips annotations, whatever names are in them
+        return node
+
+    def visit_AnnAssign(self, node: ast.AnnAssign) -> ast.AST:
+        if node.value is None:
+            return ast.copy_location(ast.Pass(), node)
+        assign = ast.copy_location(ast.Assign([node.target], node.value), node)
+        self.generic_visit(assign)
+        return assign
+
+    def visit_ClassDef(self, node: ast.ClassDef) -> ast.AST:
+        """``__slots__`` are for CPython; a hub gives every object a dictionary."""
+        self.generic_visit(node)
+        for statement in node.body:
+            for target in statement.targets if isinstance(statement, ast.Assign) else ():
+                if isinstance(target, ast.Name) and target.id == "__slots__":
+                    target.id = "@slots"
+        return node
+
+    def visit_FunctionDef(self, node: ast.FunctionDef) -> ast.AST:
+        self._strip_emitters(node)
+        node.returns = None
+        self.generic_visit(node)
+        node.body = [*self._named(node.args, node), *node.body]
+        return node
+
+    def visit_AsyncFunctionDef(self, node: ast.AsyncFunctionDef) -> ast.AST:
+        """A coroutine of a hub is a generator, and ``await`` its ``yield from``."""
+        self._strip_emitters(node)
+        self.generic_visit(node)
+        never = ast.If(ast.Constant(False), [ast.Expr(ast.Yield(None))], [])
+        function = ast.FunctionDef(node.name, node.args, [never, *self._named(node.args, node), *node.body], node.decorator_list)
+        return ast.copy_location(function, node)
+
+    def visit_AsyncFor(self, node: ast.AsyncFor) -> list[ast.stmt]:
+        self.generic_visit(node)
+        return async_for(node)
+
+    def visit_AsyncWith(self, node: ast.AsyncWith) -> list[ast.stmt]:
+        self.generic_visit(node)
+        return async_with(node)
+
+    def visit_Await(self, node: ast.Await) -> ast.expr:
+        self.generic_visit(node)
+        return ast.copy_location(ast.YieldFrom(node.value), node)
+
+    @staticmethod
+    def _strip_emitters(node: ast.FunctionDef | ast.AsyncFunctionDef) -> None:
+        """``@micropython.native`` and its like are for the compiler; they are no names."""
+        node.decorator_list = [
+            d
+            for d in node.decorator_list
+            if not (
+                isinstance(d, ast.Attribute)
+                and isinstance(d.value, ast.Name)
+                and d.value.id == "micropython"
+                and d.attr in _EMITTERS
+            )
+        ]

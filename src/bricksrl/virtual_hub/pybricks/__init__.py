@@ -1,0 +1,91 @@
+"""Stand-ins for ``pybricks.*`` and the modules of MicroPython, on a simulated clock."""
+
+from __future__ import annotations
+
+from types import ModuleType
+
+from bricksrl.robots import HubKind
+from bricksrl.virtual_hub.console import Console
+from bricksrl.virtual_hub.interpreter import Modules
+from bricksrl.virtual_hub.machine import Machine
+from bricksrl.virtual_hub.micropython.numbers import math_module, module, random_module, struct_module
+from bricksrl.virtual_hub.micropython.system import (
+    Keyboard,
+    errno_module,
+    gc_module,
+    io_module,
+    json_module,
+    micropython_module,
+    select_module,
+    sys_module,
+)
+from bricksrl.virtual_hub.pybricks.context import Context
+from bricksrl.virtual_hub.pybricks.hubs import hubs_module
+from bricksrl.virtual_hub.pybricks.iodevices import iodevices_module
+from bricksrl.virtual_hub.pybricks.messaging import messaging_module
+from bricksrl.virtual_hub.pybricks.parameters import Parameters
+from bricksrl.virtual_hub.pybricks.pupdevices import pupdevices_module
+from bricksrl.virtual_hub.pybricks.robotics import robotics_module
+from bricksrl.virtual_hub.pybricks.tools import tools_module
+
+FIRMWARE_VERSION = "4.0.1"
+FIRMWARE_BUILD = "v4.0.1 on 2026-06-23"
+_HEAP_BYTES = {HubKind.PRIME: 64 * 1024, HubKind.ESSENTIAL: 64 * 1024}
+_MACHINES = {
+    HubKind.PRIME: "SPIKE Prime Hub with STM32F413VG",
+    HubKind.ESSENTIAL: "SPIKE Essential Hub with STM32F413RG",
+    HubKind.TECHNIC: "Technic Hub with STM32L431RC",
+    HubKind.CITY: "Powered Up City Hub with STM32F030RC",
+    HubKind.MOVE: "BOOST Move Hub with STM32F070RB",
+}
+_U_PREFIXED = ("sys", "select", "struct", "math", "random", "json", "io", "errno")
+
+
+def modules(machine: Machine, console: Console) -> Modules:
+    """Modules that a program on this machine can import: fresh ones, for one run.
+
+    Returns:
+        Modules by name, as a dict; exactly those of the robot's kind of hub.
+    """
+    hub = machine.robot.hub
+    machine.runs_program = True
+    context = Context(machine, console)
+    has_display = hub is HubKind.PRIME
+    parameters = Parameters(hub.model, has_display)
+    messaging = messaging_module(context)
+    pybricks = {
+        "hubs": hubs_module(context, hub),
+        "parameters": parameters.module(),
+        "pupdevices": pupdevices_module(context, parameters),
+        "iodevices": iodevices_module(context, parameters),
+        "robotics": robotics_module(context, hub.model.has_imu),
+        "tools": tools_module(context, has_display, messaging.AppData),
+        "messaging": messaging,
+    }
+    found = {f"pybricks.{name}": part for name, part in pybricks.items()}
+    found["pybricks"] = module("pybricks", {"version": (f"{hub.value}hub", FIRMWARE_VERSION, FIRMWARE_BUILD)})
+    if hub.model.has_float:
+        found["pybricks.geometry"] = pybricks["tools"]
+    language = _language_modules(machine, console)
+    found.update(language)
+    found.update({f"u{name}": language[name] for name in _U_PREFIXED if name in language})
+    return Modules(found, machine.charge_call, has_memoryview=hub in (HubKind.PRIME, HubKind.ESSENTIAL))
+
+
+def _language_modules(machine: Machine, console: Console) -> dict[str, ModuleType]:
+    hub = machine.robot.hub
+    keyboard = Keyboard()
+    heap_bytes = _HEAP_BYTES.get(hub, 16 * 1024)
+    found = {"errno": errno_module(), "micropython": micropython_module(keyboard, console, heap_bytes)}
+    if hub is HubKind.MOVE:
+        return found
+    return found | {
+        "math": math_module(),
+        "random": random_module(machine.time_ms * 1000),
+        "struct": struct_module(),
+        "json": json_module(),
+        "io": io_module(),
+        "gc": gc_module(heap_bytes),
+        "select": select_module(machine.doze, machine.charge_call),
+        "sys": sys_module(console, keyboard, machine.charge_call, FIRMWARE_VERSION, _MACHINES[hub]),
+    }

@@ -1,0 +1,82 @@
+"""``pybricks.robotics.Car``: one motor steers between two end stops, others drive."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from bricksrl.virtual_hub.firmware.control import OnCompletion
+from bricksrl.virtual_hub.firmware.servo import Servo
+from bricksrl.virtual_hub.machine import Machine
+from bricksrl.virtual_hub.pybricks.context import RunLoop, charged, expect_type, get_int, refusals
+from bricksrl.virtual_hub.pybricks.pupdevices import Motor
+
+_STEERING_SPEED_DEG_S = 300
+_POLL_MS = 10
+_LONGEST_SEARCH_MS = 10_000
+_PLAY_DEG = 10
+_COAST_BELOW_PCT = 10
+_MOST_DRIVE_MOTORS = 5
+
+
+class Car:
+    """Finds the ends of its steering when it is made, and the middle between them."""
+
+    _machine: Machine
+    _loop: RunLoop
+
+    def __init__(self, steer_motor: Any, drive_motors: Any, torque_limit: Any = 100) -> None:
+        self._steer = _servo(steer_motor)
+        motors = drive_motors if isinstance(drive_motors, list | tuple) else [drive_motors]
+        if not 1 <= len(motors) <= _MOST_DRIVE_MOTORS:
+            raise ValueError(f"drive_motors must be a list of 1 to {_MOST_DRIVE_MOTORS} motors")
+        self._drive = [_servo(motor) for motor in motors]
+        if self._steer in self._drive:
+            raise ValueError("drive_motors and steer_motor must be different")
+        if len(set(map(id, self._drive))) < len(self._drive):
+            raise ValueError("drive_motors must be unique")
+        limit = self._steer.settings.max_torque * max(0, min(100, get_int(torque_limit))) // 100
+        left = self._end_stop(-_STEERING_SPEED_DEG_S, limit)
+        right = self._end_stop(_STEERING_SPEED_DEG_S, limit)
+        self._max_angle = int((right - left) / 2)
+        self._steer.reset_angle(self._max_angle)
+        self._steer.track_target(0)
+
+    @charged
+    def steer(self, percentage: Any) -> None:
+        self._steer.track_target(int((self._max_angle - _PLAY_DEG) * _percentage(percentage) / 100))
+
+    @charged
+    def drive_power(self, power: Any) -> None:
+        share = _percentage(power)
+        sign = (share > 0) - (share < 0)
+        for servo in self._drive:
+            if abs(share) < _COAST_BELOW_PCT:
+                servo.coast()
+            else:
+                servo.dc(int(share * 8 / 10) + 20 * sign)
+
+    @charged
+    def drive_speed(self, speed: Any) -> None:
+        value = get_int(speed)
+        for servo in self._drive:
+            with refusals():
+                servo.run(value)
+
+    def _end_stop(self, speed: int, torque_unm: int) -> int:
+        self._loop.assert_blocking()
+        servo, start_ms = self._steer, self._machine.time_ms
+        servo.run_until_stalled_with(speed, OnCompletion.COAST, torque_unm)
+        while not servo.is_done():
+            if self._machine.time_ms - start_ms > _LONGEST_SEARCH_MS:
+                raise RuntimeError("The steering mechanism has no end stop. Did you build a car yet?")
+            self._machine.advance(_POLL_MS)
+        return servo.angle_deg()
+
+
+def _servo(motor: Any) -> Servo:
+    expect_type(motor, Motor)
+    return motor._servo  # type: ignore[no-any-return]
+
+
+def _percentage(value: Any) -> int:
+    return max(-100, min(100, get_int(value)))

@@ -1,0 +1,68 @@
+"""Nearest detectable color of a measured one, in the whole numbers of the firmware (``pbio/color``, v4)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import trunc
+
+from bricksrl.virtual_hub.stimuli import Hsv
+
+_LEAST_SATURATION_PCT = 40  # up to here a color counts as gray,
+_LEAST_VALUE_PCT = 1  # and so does what is as dark as this
+_WRONG_KIND = 1000  # beyond every distance between two hues or two values
+
+
+def nearest(measured: Hsv, candidates: Sequence[Hsv]) -> int | None:
+    """Index of the first of the nearest candidates; ``None`` where there are none.
+
+    Grays are told by their value and full colors by their hue, so that the distance to the surface does not matter. As soon as
+    a candidate is neither, distances are those within a double cone, from black at one tip to white at the other.
+    """
+    is_ideal = all(_is_gray(candidate) or _is_full(candidate) for candidate in candidates)
+    distance = _ideal_distance if is_ideal else _cone_distance
+    return min(range(len(candidates)), key=lambda i: distance(measured, candidates[i]), default=None)
+
+
+def _is_gray(color: Hsv) -> bool:
+    return color[0] == 0 and color[1] == 0
+
+
+def _is_full(color: Hsv) -> bool:
+    return color[1] == 100 and color[2] == 100
+
+
+def _ideal_distance(measured: Hsv, candidate: Hsv) -> int:
+    """Degrees of hue or percent of value; more where one is a gray and the other is not."""
+    hue, saturation, value = measured
+    looks_gray = saturation <= _LEAST_SATURATION_PCT or value <= _LEAST_VALUE_PCT
+    if looks_gray:
+        return abs(candidate[2] - value) if _is_gray(candidate) else _WRONG_KIND + _between_hues(candidate[0], hue)
+    return _between_hues(candidate[0], hue) if _is_full(candidate) else _WRONG_KIND + abs(candidate[2] - value)
+
+
+def _between_hues(a: int, b: int) -> int:
+    apart = abs(a - b)
+    return min(apart, 360 - apart)
+
+
+def _cone_distance(a: Hsv, b: Hsv) -> int:
+    """Squared, in a double cone 20 000 high and wide. A negative value lies below black, farther away from all colors."""
+    ax, ay, az = _in_cone(a)
+    bx, by, bz = _in_cone(b)
+    dx, dy = trunc((bx - ax) / 10_000), trunc((by - ay) / 10_000)
+    return dx * dx + dy * dy + (bz - az) ** 2
+
+
+def _in_cone(color: Hsv) -> tuple[int, int, int]:
+    """Two coordinates of chroma, times 10 000, and the lightness."""
+    hue, saturation, value = color
+    radius = max(value, 0) * saturation
+    return radius * _sine(hue + 90), radius * _sine(hue), (200 - saturation) * value
+
+
+def _sine(angle_deg: int) -> int:
+    """10 000 times the sine: a parabola for each half of a turn's halves, up and down."""
+    x = angle_deg % 360
+    x, sign = (x - 180, -1) if x >= 180 else (x, 1)
+    x = 180 - x if x >= 90 else x
+    return sign * (201 - x) * x

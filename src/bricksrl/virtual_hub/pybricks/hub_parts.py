@@ -1,0 +1,357 @@
+"""Parts of a hub object besides the IMU: lights, display, speaker, buttons, battery, system, radio."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from typing import Any
+
+from bricksrl.robots import HubKind
+from bricksrl.virtual_hub.machine import Machine
+from bricksrl.virtual_hub.micropython.containers import HubDict
+from bricksrl.virtual_hub.pybricks.context import Async, Context, charged, expect_type, get_array, get_int, percentage
+from bricksrl.virtual_hub.pybricks.matrix import Matrix
+from bricksrl.virtual_hub.pybricks.parameters import Button, Color, Side, buttons
+
+_STORAGE_BYTES = 512
+_IDLE_CURRENT_MA = 100
+_ROOM_TEMPERATURE_MDEG = 25_000
+
+
+class _Part:
+    def __init__(self, context: Context) -> None:
+        self._machine: Machine = context.machine
+        self._loop = context.loop
+        self._panel = context.machine.panel
+
+
+class ColorLight(_Part):
+    """The status light; of an animation, the panel has the first color."""
+
+    @charged
+    def on(self, color: Any) -> None:
+        self._show(color)
+
+    @charged
+    def off(self) -> None:
+        self._panel.light = None
+
+    @charged
+    def blink(self, color: Any, durations: Any) -> None:
+        for duration in list(durations):
+            if get_int(duration) <= 0:
+                raise ValueError("Invalid argument")
+        self._show(color)
+
+    @charged
+    def animate(self, colors: Any, interval: Any) -> None:
+        wanted = list(colors)
+        for color in wanted:
+            expect_type(color, Color)
+        get_int(interval)
+        for color in wanted[:1]:
+            self._show(color)
+
+    def _show(self, color: Any) -> None:
+        expect_type(color, Color)
+        self._panel.light = (color.h, color.s, color.v) if color.v > 0 else None
+
+
+_SIDE = 5
+_BRIGHTEST = 100
+_MOST_FRAMES = 255
+
+
+class LightMatrix(_Part):
+    """The display; of an animation, the panel has the first picture. Text takes its time."""
+
+    def __init__(self, context: Context) -> None:
+        super().__init__(context)
+        self._last: Async | None = None
+
+    @charged
+    def orientation(self, up: Any) -> None:
+        expect_type(up, Side)
+        if up not in (Side.TOP, Side.LEFT, Side.RIGHT, Side.BOTTOM):
+            raise ValueError("Invalid argument")
+
+    @charged
+    def icon(self, icon: Any) -> None:
+        self._panel.show(_pixels(icon))
+
+    @charged
+    def animate(self, icons: Any, interval: Any) -> None:
+        get_int(interval)
+        pictures = get_array(icons)
+        if not 2 <= len(pictures) <= _MOST_FRAMES:
+            raise ValueError("Invalid argument")
+        first, *_ = [_pixels(picture) for picture in pictures]
+        self._panel.show(first)
+
+    @charged
+    def pixel(self, row: Any, column: Any, brightness: Any = _BRIGHTEST) -> None:
+        place, value = (get_int(row), get_int(column)), percentage(brightness)
+        if all(0 <= x < _SIDE for x in place):
+            pixels = list(self._panel.display)
+            pixels[place[0] * _SIDE + place[1]] = value
+            self._panel.show(pixels, self._panel.text)
+
+    @charged
+    def on(self, brightness: Any = _BRIGHTEST) -> None:
+        self._panel.show([percentage(brightness)] * _SIDE**2)
+
+    @charged
+    def off(self) -> None:
+        self._panel.show([0] * _SIDE**2)
+
+    @charged
+    def number(self, number: Any) -> None:
+        self.show_symbol(get_int(number))
+
+    @charged
+    def char(self, char: Any) -> None:
+        expect_type(char, str)
+        self.show_symbol(char)
+
+    def show_symbol(self, symbol: Any) -> None:
+        """A character, or else a number, of which those beyond two digits show as < and >."""
+        if isinstance(symbol, str):
+            if len(symbol) != 1 or not _is_printable(symbol):
+                raise ValueError("Invalid argument")
+            text = symbol
+        else:
+            number = get_int(symbol)
+            text = ">" if number > 99 else "<" if number < -99 else str(number)
+        self._panel.show([0] * _SIDE**2, text)
+
+    @charged
+    def text(self, text: Any, on: Any = 500, off: Any = 50) -> Any:
+        on_ms, off_ms = get_int(on), get_int(off)
+        expect_type(text, str)
+        steps = iter(self._text(text, on_ms, off_ms))
+        if self._last is not None:
+            self._last.cancel()
+        result = self._loop.finish(lambda: next(steps, True), grain_ms=1)
+        self._last = result if isinstance(result, Async) else None
+        return result
+
+    def _text(self, text: str, on_ms: int, off_ms: int) -> Iterator[bool]:
+        """False as long as a character is shown, or the pause after it lasts."""
+        for index, char in enumerate(text):
+            self.show_symbol(char)
+            yield from self._pause(on_ms)
+            if off_ms > 0 or index == len(text) - 1:
+                self._panel.show([0] * _SIDE**2)
+                yield from self._pause(off_ms)
+
+    def _pause(self, duration_ms: int) -> Iterator[bool]:
+        end_ms = self._machine.time_ms + duration_ms
+        while self._machine.time_ms < end_ms:
+            yield False
+
+
+def _is_printable(char: str) -> bool:
+    return 32 <= ord(char) <= 126
+
+
+def _pixels(icon: Any) -> list[int]:
+    """The brightness of all pixels, row by row.
+
+    Raises:
+        ValueError: it has not five rows of five.
+    """
+    if isinstance(icon, Matrix):
+        if icon.shape != (_SIDE, _SIDE):
+            raise ValueError("Invalid argument")
+        return [int(max(0.0, min(float(_BRIGHTEST), value))) for value in icon]
+    rows = [get_array(row) for row in get_array(icon)]
+    if len(rows) != _SIDE or any(len(row) != _SIDE for row in rows):
+        raise ValueError("Invalid argument")
+    return [percentage(value) for row in rows for value in row]
+
+
+_NOTE = re.compile(r"(?:R|([A-G])([#b]?)([0-9])?)(/)?(\d\d?)?(\.?)(_?)")
+_FORBIDDEN_NOTES = ("Cb", "B#", "E#", "Fb")
+_SEMITONES = {"C": 0, "D": 2, "E": 4, "F": 5, "G": 7, "A": 9, "B": 11}
+_LOWEST_C_HZ = 16.3516  # C0 of the equal temperament with A4 = 440 Hz
+
+
+class Speaker(_Part):
+    """The loudspeaker. Sounds take their time; a new one ends the one that is awaited."""
+
+    def __init__(self, context: Context) -> None:
+        super().__init__(context)
+        self._volume = 100
+        self._last: Async | None = None
+
+    @charged
+    def volume(self, volume: Any = None) -> int | None:
+        if volume is None:
+            return self._volume
+        self._volume = percentage(volume)
+        return None
+
+    @charged
+    def beep(self, frequency: Any = 500, duration: Any = 100) -> Any:
+        sound_hz, duration_ms = get_int(frequency), get_int(duration)
+        if duration_ms < 0:
+            self._panel.sound_hz = sound_hz
+            return None
+        return self._play(self._sound(sound_hz, duration_ms, duration_ms))
+
+    @charged
+    def play_notes(self, notes: Any, tempo: Any = 120) -> Any:
+        waiting = iter(notes)
+        return self._play(self._notes(waiting, 4 * 60 * 1000 // get_int(tempo)))
+
+    def _play(self, sounds: Iterator[bool]) -> Any:
+        if self._last is not None:
+            self._last.cancel()
+        result = self._loop.finish(lambda: next(sounds, True), None, self._be_silent, grain_ms=1)
+        self._last = result if isinstance(result, Async) else None
+        return result
+
+    def _be_silent(self) -> None:
+        self._panel.sound_hz = 0
+
+    def _notes(self, notes: Iterator[Any], bar_ms: int) -> Iterator[bool]:
+        for note in notes:
+            yield from self._sound(*_parsed(note, bar_ms))
+
+    def _sound(self, frequency_hz: int, sound_ms: int, total_ms: int) -> Iterator[bool]:
+        """False as long as a note lasts, the silence at its end too."""
+        start_ms, self._panel.sound_hz = self._machine.time_ms, frequency_hz
+        while self._machine.time_ms < start_ms + sound_ms:
+            yield False
+        self._be_silent()
+        while self._machine.time_ms < start_ms + total_ms:
+            yield False
+
+
+def _parsed(note: Any, bar_ms: int) -> tuple[int, int, int]:
+    """Frequency, duration of the sound and of the whole note.
+
+    Raises:
+        ValueError: it is no note, in the firmware's words.
+    """
+    expect_type(note, str)
+    match = _NOTE.match(note)
+    if match is None:
+        raise ValueError("Missing note name A-G or R")
+    name, sign, octave, slash, fraction, dot, tie = match.groups()
+    if name and name + sign in _FORBIDDEN_NOTES:
+        raise ValueError(f"{name}{sign} is not allowed")
+    if name and (octave is None or not 2 <= int(octave) <= 8):
+        raise ValueError("Missing octave number 2-8")
+    if slash is None:
+        raise ValueError("Missing /")
+    if fraction is None:
+        raise ValueError("Missing fractional value 1, 2, 4, 8, etc.")
+    total_ms = bar_ms // int(fraction)
+    total_ms = 3 * total_ms // 2 if dot else total_ms
+    semitone = _SEMITONES[name] + {"#": 1, "b": -1}.get(sign, 0) if name else 0
+    frequency_hz = int(_LOWEST_C_HZ * 2 ** (int(octave) + semitone / 12)) if name else 0
+    return frequency_hz, total_ms if tie else 7 * total_ms // 8, total_ms
+
+
+class Keypad(_Part):
+    """The buttons of the hub."""
+
+    @charged
+    def pressed(self) -> set[Any]:
+        down = self._panel.pressed(self._machine.time_ms)
+        return buttons(name for name in ("left", "right", "center", "bluetooth") if name in down)
+
+
+class Battery(_Part):
+    @charged
+    def voltage(self) -> int:
+        return self._machine.body.battery_mv
+
+    @charged
+    def current(self) -> int:
+        return _IDLE_CURRENT_MA
+
+    @charged
+    def type(self) -> str:
+        return "Li-ion" if self._machine.robot.hub in (HubKind.PRIME, HubKind.ESSENTIAL) else "Alkaline"
+
+    @charged
+    def temperature(self) -> int:
+        return _ROOM_TEMPERATURE_MDEG
+
+
+class Charger(_Part):
+    """No charger is connected."""
+
+    @charged
+    def connected(self) -> int:
+        return 0
+
+    @charged
+    def status(self) -> int:
+        return 0
+
+    @charged
+    def current(self) -> int:
+        return 0
+
+
+class System(_Part):
+    def __init__(self, context: Context) -> None:
+        super().__init__(context)
+        self._storage = bytearray(_STORAGE_BYTES)
+
+    @charged
+    def set_stop_button(self, button: Any) -> None:
+        if not button:
+            names = set()
+        elif isinstance(button, Button):
+            names = {button}
+        else:
+            names = set(button)
+        for name in names:
+            expect_type(name, Button)
+        self._panel.stop_buttons = frozenset(str(name).partition(".")[2].lower() for name in names)
+
+    @charged
+    def name(self) -> str:
+        return "Pybricks Hub"
+
+    @charged
+    def reset_reason(self) -> int:
+        return 0
+
+    @charged
+    def info(self) -> dict[str, Any]:
+        found = {
+            "name": self.name(),
+            "reset_reason": 0,
+            "host_connected_ble": True,
+            "host_connected_usb": False,
+            "program_start_type": 3,
+            "program_id": 0,
+        }
+        return HubDict.sized(len(found), found.items())
+
+    def shutdown(self) -> None:
+        raise SystemExit
+
+    @charged
+    def storage(self, offset: Any, read: Any = None, write: Any = None) -> bytes | None:
+        start = get_int(offset)
+        if (read is None) == (write is None):
+            raise TypeError("Must set either read (int) or write (bytes).")
+        if write is not None and not isinstance(write, bytes | bytearray):
+            raise TypeError("expected write (bytes).")
+        size = get_int(read) if write is None else len(write)
+        if start < 0 or size < 0 or start + size > _STORAGE_BYTES:
+            raise ValueError("Invalid argument")
+        if write is None:
+            return bytes(self._storage[start : start + size])
+        self._storage[start : start + size] = write
+        return None
+
+    @charged
+    def reset_storage(self) -> None:
+        self._storage[:] = bytes(_STORAGE_BYTES)

@@ -1,0 +1,53 @@
+"""``pybricks.hubs``: only the class of the hub that the robot has."""
+
+from __future__ import annotations
+
+from types import ModuleType
+from typing import Any
+
+from bricksrl.robots import HubKind
+from bricksrl.virtual_hub.micropython.numbers import module
+from bricksrl.virtual_hub.pybricks.context import Context
+from bricksrl.virtual_hub.pybricks.hub_parts import Battery, Charger, ColorLight, Keypad, LightMatrix, Speaker, System
+from bricksrl.virtual_hub.pybricks.imu import IMU
+from bricksrl.virtual_hub.pybricks.parameters import Axis
+from bricksrl.virtual_hub.pybricks.radio import Radio
+
+_COMMON: dict[str, Any] = {"battery": Battery, "buttons": Keypad, "light": ColorLight, "system": System, "ble": Radio}
+_PARTS: dict[HubKind, dict[str, Any]] = {
+    HubKind.PRIME: {**_COMMON, "charger": Charger, "display": LightMatrix, "speaker": Speaker, "imu": IMU},
+    HubKind.ESSENTIAL: {**_COMMON, "charger": Charger, "imu": IMU},
+    HubKind.TECHNIC: {**_COMMON, "imu": IMU},
+    HubKind.CITY: _COMMON,
+    HubKind.MOVE: {**_COMMON, "imu": IMU},
+}
+
+
+class _Hub:
+    """Its parts exist once for a program, however often the class is called."""
+
+    _parts: dict[str, Any]
+
+    def __init__(self, broadcast_channel: Any = None, observe_channels: Any = ()) -> None:
+        self.__dict__.update(self._parts)
+        self._parts["ble"].tune(broadcast_channel, observe_channels)
+
+
+class _OrientedHub(_Hub):
+    def __init__(
+        self, top_side: Any = Axis.Z, front_side: Any = Axis.X, broadcast_channel: Any = None, observe_channels: Any = ()
+    ) -> None:
+        super().__init__(broadcast_channel, observe_channels)
+        self._parts["imu"].orient(top_side, front_side)
+
+
+def hubs_module(context: Context, kind: HubKind) -> ModuleType:
+    parts = {name: part(context) for name, part in _PARTS[kind].items()}
+    if kind is not HubKind.PRIME:
+        parts["button"] = parts["buttons"]  # its older name
+    base = _OrientedHub if "imu" in parts else _Hub
+    hub = type(kind.model.class_name, (base,), {"_parts": parts})
+    names = {kind.model.class_name: hub, "ThisHub": hub}
+    if kind is HubKind.PRIME:
+        names["InventorHub"] = hub
+    return module("pybricks.hubs", names)

@@ -1,0 +1,208 @@
+"""``hub.imu``."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from bricksrl.virtual_hub.micropython.errors import HubOSError
+from bricksrl.virtual_hub.micropython.floats import to_single
+from bricksrl.virtual_hub.pybricks.context import Context, charged, get_number
+from bricksrl.virtual_hub.pybricks.matrix import Matrix, vector
+from bricksrl.virtual_hub.pybricks.parameters import Axis, Side
+
+_DEG_PER_RAD = 57.296
+_DEFAULTS = (2.0, 2500.0, (0.0, 0.0, 0.0), (360.0, 360.0, 360.0), (9806.65, -9806.65) * 3, 360.0)
+_NAMES = (
+    "angular_velocity_threshold",
+    "acceleration_threshold",
+    "angular_velocity_bias",
+    "angular_velocity_scale",
+    "acceleration_correction",
+    "heading_correction",
+)
+_BOUNDS: dict[str, tuple[tuple[float, ...], float]] = {
+    "angular_velocity_scale": ((360.0,) * 3, 15.0),
+    "heading_correction": ((360.0,), 15.0),
+    "acceleration_correction": ((9806.65, -9806.65) * 3, 980.665),
+}
+"""The usual values, and how far off the firmware lets others be."""
+_LENGTHS = {"angular_velocity_bias": 3, "angular_velocity_scale": 3, "acceleration_correction": 6}
+_Vector = tuple[float, float, float]
+
+
+def _axis(value: Any) -> _Vector:
+    if not isinstance(value, Matrix):
+        raise TypeError("Axis must be Matrix.")
+    values = value.flat()
+    if len(values) != 3:
+        raise ValueError("Axis must be 1x3 or 3x1 matrix.")
+    return values[0], values[1], values[2]
+
+
+def _dot(a: _Vector, b: _Vector) -> float:
+    return sum(x * y for x, y in zip(a, b, strict=True))
+
+
+class IMU:
+    """Gyroscope and accelerometer, in the frame of the robot that ``top_side`` and ``front_side`` define."""
+
+    def __init__(self, context: Context) -> None:
+        self._machine = context.machine
+        self._heading = self._machine.heading
+        self._settings: dict[str, Any] = dict(zip(_NAMES, _DEFAULTS, strict=True))
+        self.orient(Axis.Z, Axis.X)
+
+    def orient(self, top_side: Any, front_side: Any) -> None:
+        """Say in which directions of the robot the hub's top and front look; the heading is 0 from now on.
+
+        Raises:
+            ValueError: they are not at right angles.
+        """
+        front, top = _axis(front_side), _axis(top_side)
+        if abs(_dot(front, top)) > 1e-3 or not _dot(front, front) or not _dot(top, top):
+            raise ValueError("Invalid argument")
+        front, top = (tuple(x / math.sqrt(_dot(v, v)) for x in v) for v in (front, top))  # type: ignore[assignment]
+        left = (
+            top[1] * front[2] - top[2] * front[1],
+            top[2] * front[0] - top[0] * front[2],
+            top[0] * front[1] - top[1] * front[0],
+        )
+        self._frame = self._heading.frame = front, left, top
+        self._heading.set_angle(0.0)
+        self._is_straight = front == (1.0, 0.0, 0.0) and top == (0.0, 0.0, 1.0)
+
+    @charged
+    def tilt(self, calibrated: Any = True) -> tuple[float, float]:
+        pitch, roll = self._machine.body.tilt_deg()
+        if not self._is_straight:
+            x, y, z = self._up_vector()
+            pitch = math.atan2(-x, math.hypot(y, z)) * _DEG_PER_RAD
+            roll = math.atan2(y, z) * _DEG_PER_RAD
+        return to_single(pitch), to_single(roll)
+
+    @charged
+    def up(self, calibrated: Any = True) -> Any:
+        x, y, z = self._gravity_in_hub()
+        sizes = (abs(x), abs(y), abs(z))
+        largest = sizes.index(max(sizes))
+        sides = ((Side.FRONT, Side.BACK), (Side.LEFT, Side.RIGHT), (Side.TOP, Side.BOTTOM))[largest]
+        return sides[0 if (x, y, z)[largest] >= 0 else 1]
+
+    @charged
+    def acceleration(self, axis: Any = None, calibrated: Any = True) -> Any:
+        return self._along(self._in_robot(self._machine.body.acceleration_mm_s2()), axis)
+
+    @charged
+    def angular_velocity(self, axis: Any = None, calibrated: Any = True) -> Any:
+        return self._along(self._in_robot(self._machine.body.angular_velocity_deg_s()), axis)
+
+    @charged
+    def heading(self) -> float:
+        return to_single(self._heading.angle_deg())
+
+    @charged
+    def reset_heading(self, angle: Any) -> None:
+        if any(base.needs_gyro for base in self._machine.drive_bases):
+            raise HubOSError("Can't reset heading while gyro in use. Stop driving first.")
+        if not isinstance(angle, int | float):
+            raise TypeError(f"can't convert {type(angle).__name__} to float")
+        self._heading.set_angle(angle)
+
+    @charged
+    def rotation(self, axis: Any, calibrated: Any = True) -> float:
+        pitch, roll = self._machine.body.tilt_deg()
+        _axis(axis)
+        turned = self._in_robot((roll, pitch, -self._machine.body.heading_deg()))
+        return self._along(turned, axis)  # type: ignore[no-any-return]
+
+    @charged
+    def orientation(self) -> Any:
+        pitch, roll = (math.radians(a) for a in self._machine.body.tilt_deg())
+        yaw = -math.radians(self._machine.body.heading_deg())
+        cp, sp, cr, sr, cy, sy = (f(a) for a in (pitch, roll, yaw) for f in (math.cos, math.sin))
+        return Matrix(
+            [
+                [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+                [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+                [-sp, cp * sr, cp * cr],
+            ]
+        )
+
+    @charged
+    def ready(self) -> bool:
+        return True
+
+    @charged
+    def stationary(self) -> bool:
+        if not all(servo.is_coasting for servo in self._machine.servos.values()):
+            return False
+        limit = self._settings["angular_velocity_threshold"]
+        return all(abs(rate) < limit for rate in self._machine.body.angular_velocity_deg_s())
+
+    @charged
+    def settings(
+        self,
+        angular_velocity_threshold: Any = None,
+        acceleration_threshold: Any = None,
+        heading_correction: Any = None,
+        angular_velocity_bias: Any = None,
+        angular_velocity_scale: Any = None,
+        acceleration_correction: Any = None,
+    ) -> tuple[Any, ...] | None:
+        given = {
+            "angular_velocity_threshold": angular_velocity_threshold,
+            "acceleration_threshold": acceleration_threshold,
+            "heading_correction": heading_correction,
+            "angular_velocity_bias": angular_velocity_bias,
+            "angular_velocity_scale": angular_velocity_scale,
+            "acceleration_correction": acceleration_correction,
+        }
+        if all(value is None for value in given.values()):
+            return tuple(map(_single, self._settings.values()))
+        for name, value in given.items():
+            if value is None:
+                continue
+            if name in _LENGTHS and len(value) != _LENGTHS[name]:
+                what = name.replace("_", " ").capitalize()
+                raise ValueError(f"{what} must be a {_LENGTHS[name]}-element tuple.")
+            numbers = tuple(map(get_number, value if name in _LENGTHS else (value,)))
+            if name in _BOUNDS:
+                _check_near(numbers, *_BOUNDS[name])
+            self._settings[name] = numbers if name in _LENGTHS else numbers[0]
+        self._heading.turn_deg = self._settings["heading_correction"]
+        return None
+
+    def _gravity_in_hub(self) -> _Vector:
+        """What points up, in the frame of the hub."""
+        pitch, roll = (math.radians(a) for a in self._machine.body.tilt_deg())
+        return -math.sin(pitch), math.cos(pitch) * math.sin(roll), math.cos(pitch) * math.cos(roll)
+
+    def _up_vector(self) -> _Vector:
+        return self._in_robot(self._gravity_in_hub())
+
+    def _in_robot(self, v: _Vector) -> _Vector:
+        if self._is_straight:
+            return v
+        front, left, top = self._frame
+        x, y, z = (v[0] * front[i] + v[1] * left[i] + v[2] * top[i] for i in range(3))
+        return x, y, z
+
+    @staticmethod
+    def _along(value: _Vector, axis: Any) -> Any:
+        if axis is None:
+            return vector(*value)
+        wanted = _axis(axis)
+        length = math.sqrt(_dot(wanted, wanted))
+        if not length:
+            raise ValueError("Invalid argument")
+        return to_single(_dot(value, wanted) / length)
+
+
+def _check_near(values: tuple[float, ...], usual: tuple[float, ...], most: float) -> None:
+    if any(abs(value - other) > most for value, other in zip(values, usual, strict=True)):
+        raise ValueError("Invalid argument")
+
+
+def _single(value: Any) -> Any:
+    return tuple(map(to_single, value)) if isinstance(value, tuple) else to_single(value)

@@ -1,0 +1,338 @@
+"""Sensors and lights of ``pybricks.pupdevices``, on the ports where the robot's description has them."""
+
+from __future__ import annotations
+
+import errno
+from collections.abc import Callable
+from typing import Any
+
+from bricksrl.robots import PoweredUpSensor, SensorKind
+from bricksrl.robots import UltrasonicSensor as Ultrasonic
+from bricksrl.virtual_hub.body import SensingBody
+from bricksrl.virtual_hub.machine import Machine
+from bricksrl.virtual_hub.micropython.floats import to_single
+from bricksrl.virtual_hub.pybricks.colors import nearest
+from bricksrl.virtual_hub.pybricks.context import RunLoop, expect_type, get_array, get_int, get_number, os_error
+from bricksrl.virtual_hub.pybricks.parameters import NAMED_COLORS, Color, Direction, Parameters
+from bricksrl.virtual_hub.stimuli import Sense, Sensed, brightness_pct, color, number, pitch_and_roll, reflection_pct
+
+_MOST_FORCE_MN = 10_000
+_TRAVEL_UM = 6670
+_TOUCHED_UM = 100
+_MOST_TILT_DEG = 45
+_INFRARED_MOST_RAW = 500
+_SEND_MS = 250
+
+
+class Device:
+    """Something on a port.
+
+    What it measures, or does, depends on its mode. In another mode than before, its first values are stale for ``_switch_ms``
+    (``lego_device_stale_data_delay``), and whoever reads waits as long.
+    """
+
+    _machine: Machine
+    _loop: RunLoop
+    _parameters: Parameters
+    _kind: SensorKind
+    _mode = ""
+    _switch_ms = 0
+
+    def __init__(self, port: Any) -> None:
+        self._loop.assert_blocking()
+        self._letter = self._parameters.port_letter(port)
+        if not self._is_there():
+            raise os_error(errno.ENODEV)
+
+    def _is_there(self) -> bool:
+        if self._machine.plug_in(self._letter, self._kind.value):
+            return True
+        described = (s for s in self._machine.robot.sensors if isinstance(s, PoweredUpSensor) and s.port == self._letter)
+        return isinstance(self._machine.body, SensingBody) and any(sensor.kind is self._kind for sensor in described)
+
+    def _sensed(self, sense: Sense) -> Sensed:
+        body: Any = self._machine.body  # a SensingBody, or nothing would be there
+        sensed: Sensed = body.sensed(self._letter, sense)
+        return sensed
+
+    def _measure(self, mode: str, get: Callable[[], Any]) -> Any:
+        self._machine.charge_call()
+        if mode == self._mode or not self._switch_ms:
+            self._mode = mode
+            return self._loop.value(get)
+        self._mode = mode
+        ready_ms = self._machine.time_ms + self._switch_ms
+        return self._loop.finish(lambda: self._machine.time_ms >= ready_ms, get, grain_ms=self._switch_ms)
+
+    def _write(self, mode: str) -> Any:
+        """Let it do something that nobody sees."""
+        self._machine.charge_call()
+        self._mode = mode
+        return self._loop.done()
+
+
+class LightArray:
+    """Lights around the eye of a sensor: nobody sees them, but values are checked."""
+
+    def __init__(self, device: Device, count: int) -> None:
+        self._device = device
+        self._count = count
+
+    def on(self, brightness: Any) -> Any:
+        values = brightness if isinstance(brightness, list | tuple) else (brightness,) * self._count
+        if len(values) != self._count:
+            raise ValueError(f"expected 1 number or tuple of {self._count} values")
+        for value in values:
+            get_int(value)
+        return self._device._write("LIGHT")
+
+    def off(self) -> Any:
+        return self._device._write("LIGHT")
+
+
+class ColorLight:
+    """The light of the color and distance sensor."""
+
+    def __init__(self, device: Device) -> None:
+        self._device = device
+
+    def on(self, color: Any) -> Any:
+        expect_type(color, Color)
+        return self._device._write("LIGHT")
+
+    def off(self) -> Any:
+        return self._device._write("LIGHT")
+
+
+class UltrasonicSensor(Device):
+    """Distance in mm, 2000 when nothing is near."""
+
+    _mode = "DISTL"
+    _switch_ms = 50
+
+    def __init__(self, port: Any) -> None:
+        super().__init__(port)
+        self.lights = LightArray(self, 4)
+
+    def _is_there(self) -> bool:
+        if self._machine.plug_in(self._letter, "UltrasonicSensor"):
+            return True
+        sensors = self._machine.robot.sensors
+        return any(isinstance(sensor, Ultrasonic) and sensor.port == self._letter for sensor in sensors)
+
+    def distance(self) -> Any:
+        return self._measure("DISTL", lambda: self._machine.body.distance_mm(self._letter))
+
+    def presence(self) -> Any:
+        """Presence of another ultrasonic sensor that is heard: there is none."""
+        return self._measure("LISTN", lambda: False)
+
+
+class _SeesColors(Device):
+    _mode = "RGB_I"
+    _switch_ms = 30
+
+    def __init__(self, port: Any) -> None:
+        super().__init__(port)
+        self._detectable: Any = tuple(NAMED_COLORS[name] for name in ("RED", "YELLOW", "GREEN", "BLUE", "WHITE", "NONE"))
+
+    def detectable_colors(self, colors: Any = None) -> Any:
+        self._machine.charge_call()
+        if colors is None:
+            return self._detectable
+        for candidate in get_array(colors):
+            expect_type(candidate, Color)
+        self._detectable = colors
+        return None
+
+    def reflection(self) -> Any:
+        return self._measure("RGB_I", lambda: reflection_pct(color(self._sensed(Sense.SURFACE))))
+
+    def _hsv(self, mode: str, sense: Sense) -> Any:
+        return self._measure(mode, lambda: Color(*color(self._sensed(sense))))
+
+    def _color(self, mode: str, sense: Sense) -> Any:
+        return self._measure(mode, lambda: self._nearest(sense))
+
+    def _nearest(self, sense: Sense) -> Any:
+        index = nearest(color(self._sensed(sense)), [(each.h, each.s, each.v) for each in self._detectable])
+        return None if index is None else self._detectable[index]
+
+
+class ColorSensor(_SeesColors):
+    """The SPIKE color sensor, which can switch its light off."""
+
+    _kind = SensorKind.COLOR
+
+    def __init__(self, port: Any) -> None:
+        super().__init__(port)
+        self.lights = LightArray(self, 3)
+
+    def hsv(self, surface: Any = True) -> Any:
+        return self._hsv("RGB_I", Sense.SURFACE) if surface else self._hsv("SHSV", Sense.AMBIENT)
+
+    def color(self, surface: Any = True) -> Any:
+        return self._color("RGB_I", Sense.SURFACE) if surface else self._color("SHSV", Sense.AMBIENT)
+
+    def ambient(self) -> Any:
+        return self._measure("SHSV", lambda: to_single(brightness_pct(self._sensed(Sense.AMBIENT))))
+
+
+class ColorDistanceSensor(_SeesColors):
+    """The Powered Up (BOOST) color and distance sensor."""
+
+    _kind = SensorKind.COLOR_DISTANCE
+
+    def __init__(self, port: Any) -> None:
+        super().__init__(port)
+        self.light = ColorLight(self)
+
+    def hsv(self) -> Any:
+        return self._hsv("RGB_I", Sense.SURFACE)
+
+    def color(self) -> Any:
+        return self._color("RGB_I", Sense.SURFACE)
+
+    def ambient(self) -> Any:
+        return self._measure("AMBI", lambda: round(brightness_pct(self._sensed(Sense.AMBIENT))))
+
+    def distance(self) -> Any:
+        """In steps of ten."""
+        return self._measure("PROX", lambda: self._tenths() * 10)
+
+    def _tenths(self) -> int:
+        return min(max(round(number(self._sensed(Sense.DISTANCE)) / 10), 0), 10)
+
+
+class ForceSensor(Device):
+    """A button on a spring, which is pushed in all the way at 10 N."""
+
+    _kind = SensorKind.FORCE
+
+    def force(self) -> Any:
+        return self._measure("FRAW", lambda: to_single(self._force_mn() / 1000))
+
+    def distance(self) -> Any:
+        return self._measure("FRAW", lambda: to_single(self._moved_um() / 1000))
+
+    def pressed(self, force: Any = 3) -> Any:
+        least_mn = int(get_number(force) * 1000)
+        return self._measure("FRAW", lambda: self._force_mn() >= least_mn)
+
+    def touched(self) -> Any:
+        return self._measure("FRAW", lambda: self._moved_um() > _TOUCHED_UM)
+
+    def _force_mn(self) -> int:
+        return min(max(round(number(self._sensed(Sense.FORCE)) * 1000), 0), _MOST_FORCE_MN)
+
+    def _moved_um(self) -> int:
+        return self._force_mn() * _TRAVEL_UM // _MOST_FORCE_MN
+
+
+class InfraredSensor(Device):
+    """The WeDo 2.0 motion sensor: the more light comes back, the nearer the thing (``pb_type_pupdevices_infraredsensor.c``)."""
+
+    _kind = SensorKind.INFRARED
+
+    def __init__(self, port: Any) -> None:
+        super().__init__(port)
+        self._first_count = self._passed()
+
+    def count(self) -> Any:
+        return self._measure("COUNT", lambda: self._passed() - self._first_count)
+
+    def reflection(self) -> Any:
+        return self._measure("CAL", lambda: to_single(self._raw() / 5))
+
+    def distance(self) -> Any:
+        return self._measure("CAL", lambda: 1100 // (10 + self._raw()))
+
+    def _raw(self) -> int:
+        distance_pct = min(max(number(self._sensed(Sense.DISTANCE)), 1.0), 100.0)
+        return min(round(1100 / distance_pct) - 10, _INFRARED_MOST_RAW)
+
+    def _passed(self) -> int:
+        return int(number(self._sensed(Sense.COUNT)))
+
+
+class TiltSensor(Device):
+    """The WeDo 2.0 tilt sensor, up to 45 degrees each way."""
+
+    _kind = SensorKind.TILT
+
+    def tilt(self) -> Any:
+        return self._measure("ANGLE", self._tilt)
+
+    def _tilt(self) -> tuple[int, int]:
+        angles = pitch_and_roll(self._sensed(Sense.TILT))
+        pitch, roll = (min(max(round(angle), -_MOST_TILT_DEG), _MOST_TILT_DEG) for angle in angles)
+        return pitch, roll
+
+
+class Light(Device):
+    """A lamp, which nobody sees."""
+
+    _kind = SensorKind.LIGHT
+
+    def on(self, brightness: Any = 100) -> None:
+        self._machine.charge_call()
+        get_int(brightness)
+
+    def off(self) -> None:
+        self._machine.charge_call()
+
+
+class ColorLightMatrix(Device):
+    """Three rows of three lights, which nobody sees."""
+
+    _kind = SensorKind.COLOR_LIGHT_MATRIX
+
+    def on(self, colors: Any) -> Any:
+        pixels = iter((colors,) * 9 if isinstance(colors, Color) else colors)
+        for _ in range(9):
+            expect_type(next(pixels, None), Color)
+        return self._write("PIX_O")
+
+    def off(self) -> Any:
+        return self._write("PIX_O")
+
+
+class PFMotor:
+    """A Power Functions motor that a color and distance sensor commands by infrared light, and that nobody sees."""
+
+    def __init__(self, sensor: Any, channel: Any, color: Any, positive_direction: Any = Direction.CLOCKWISE) -> None:
+        expect_type(sensor, ColorDistanceSensor)
+        if not 1 <= get_int(channel) <= 4:
+            raise ValueError("Invalid argument")
+        expect_type(color, Color)
+        if color.h not in (NAMED_COLORS["BLUE"].h, NAMED_COLORS["RED"].h):
+            raise ValueError("Invalid argument")
+        expect_type(positive_direction, Direction)
+        self._sensor = sensor
+
+    def dc(self, duty: Any) -> Any:
+        get_int(duty)
+        return self._send()
+
+    def stop(self) -> Any:
+        return self._send()
+
+    def brake(self) -> Any:
+        return self._send()
+
+    def _send(self) -> Any:
+        self._sensor._write("IR_TX")
+        machine = self._sensor._machine
+        return self._sensor._loop.wait_until(machine.time_ms + _SEND_MS)
+
+
+DEVICES: tuple[type[Device], ...] = (
+    UltrasonicSensor,
+    ColorSensor,
+    ColorDistanceSensor,
+    ForceSensor,
+    InfraredSensor,
+    TiltSensor,
+    Light,
+    ColorLightMatrix,
+)

@@ -1,0 +1,85 @@
+"""Messages between hubs over Bluetooth. A virtual hub is alone in the air: it can send, and hears nobody."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from bricksrl.virtual_hub.pybricks.context import Context, RunLoop, charged, get_int
+
+_MAX_PAYLOAD_BYTES = 26
+_NOTHING_HEARD_DBM = -128
+
+
+class Radio:
+    """``hub.ble`` and ``pybricks.messaging.BLERadio``."""
+
+    _loop: RunLoop
+
+    def __init__(self, context: Context, broadcast_channel: Any = None, observe_channels: Any = ()) -> None:
+        self._machine, self._loop = context.machine, context.loop
+        self.tune(broadcast_channel, observe_channels)
+
+    def tune(self, broadcast_channel: Any, observe_channels: Any) -> None:
+        """Choose the channels. Raises ValueError for one that does not exist."""
+        channels = [get_int(channel) for channel in observe_channels]
+        self._broadcast_channel = None if broadcast_channel is None else get_int(broadcast_channel)
+        for channel in (*channels, self._broadcast_channel or 0):
+            if not 0 <= channel <= 255:
+                raise ValueError("channel must be 0 to 255")
+        self._observed = frozenset(channels)
+
+    @charged
+    def broadcast(self, data: Any) -> Any:
+        if self._broadcast_channel is None:
+            raise RuntimeError("broadcast channel not configured")
+        if data is not None:
+            values = data if isinstance(data, list | tuple) else [data]
+            if sum(map(_encoded_bytes, values)) + (values is not data) > _MAX_PAYLOAD_BYTES:
+                raise ValueError(f"payload limited to {_MAX_PAYLOAD_BYTES} bytes")
+        return self._loop.done()
+
+    @charged
+    def observe(self, channel: Any) -> None:
+        self._check(channel)
+
+    @charged
+    def observe_enable(self, enable: Any) -> Any:
+        return self._loop.done()
+
+    @charged
+    def signal_strength(self, channel: Any) -> int:
+        self._check(channel)
+        return _NOTHING_HEARD_DBM
+
+    @charged
+    def version(self) -> str:
+        return "v1.0"
+
+    def _check(self, channel: Any) -> None:
+        if get_int(channel) not in self._observed:
+            raise ValueError("channel not configured")
+
+
+def _encoded_bytes(value: Any) -> int:
+    """Size of one value in an advertisement: a byte that tells its type, and the value."""
+    if isinstance(value, bool) or value is None:
+        return 1
+    if isinstance(value, int):
+        return 2 if -(2**7) <= value < 2**7 else 3 if -(2**15) <= value < 2**15 else 5
+    if isinstance(value, float):
+        return 5
+    if isinstance(value, str):
+        return 1 + len(value.encode())
+    if isinstance(value, bytes | bytearray):
+        return 1 + len(value)
+    raise TypeError("data must be None, True, False, int, float, str, or bytes")
+
+
+def radio_class(context: Context) -> type[Radio]:
+    """``BLERadio`` for one program: the radio of Pybricks 4, apart from the hub."""
+
+    class BLERadio(Radio):
+        def __init__(self, broadcast_channel: Any = None, observe_channels: Any = ()) -> None:
+            super().__init__(context, broadcast_channel, observe_channels)
+
+    return BLERadio

@@ -1,0 +1,239 @@
+"""``pybricks.robotics``."""
+
+from __future__ import annotations
+
+import errno
+import math
+from collections.abc import Callable
+from types import ModuleType
+from typing import Any
+
+from bricksrl.errors import TwinError
+from bricksrl.virtual_hub.firmware.control import OnCompletion
+from bricksrl.virtual_hub.machine import Machine
+from bricksrl.virtual_hub.micropython.floats import to_single
+from bricksrl.virtual_hub.micropython.numbers import module
+from bricksrl.virtual_hub.pybricks.car import Car
+from bricksrl.virtual_hub.pybricks.common import Control, acceleration_pair, acceleration_value, magnitude
+from bricksrl.virtual_hub.pybricks.context import (
+    Async,
+    Context,
+    RunLoop,
+    bound,
+    charged,
+    expect_type,
+    get_int,
+    get_scaled,
+    os_error,
+    refusals,
+)
+from bricksrl.virtual_hub.pybricks.parameters import Stop
+from bricksrl.virtual_hub.pybricks.pupdevices import Motor, completion
+
+_FARTHEST_MM = 2**15 - 1
+_DEG_PER_RAD = 57.29578
+
+
+class DriveBase:
+    """Two motors as a vehicle: mm, degrees, clockwise positive."""
+
+    _context: Context
+    _machine: Machine
+    _loop: RunLoop
+    _has_imu: bool
+
+    def __init__(self, left_motor: Any, right_motor: Any, wheel_diameter: Any, axle_track: Any) -> None:
+        for motor in (left_motor, right_motor):
+            expect_type(motor, Motor)
+        sizes_um = get_scaled(wheel_diameter, 1000), get_scaled(axle_track, 1000)
+        with refusals():
+            base = self._machine.new_drive_base(left_motor._servo, right_motor._servo, *sizes_um)
+        self._base = base
+        self._last: Async | None = None
+        self._distance_control = Control(lambda: base.distance, self._context)
+        self._heading_control = Control(lambda: base.heading, self._context)
+
+    @property
+    def distance_control(self) -> Control:
+        return self._distance_control
+
+    @property
+    def heading_control(self) -> Control:
+        return self._heading_control
+
+    # ---- moves
+
+    @charged
+    def straight(self, distance: Any, then: Any = Stop.HOLD, wait: Any = True) -> Any:
+        with refusals():
+            self._base.straight(get_int(distance), completion(then))
+        return self._finish() if wait else None
+
+    @charged
+    def turn(self, angle: Any, then: Any = Stop.HOLD, wait: Any = True, absolute: Any = False) -> Any:
+        with refusals():
+            if absolute:
+                self._base.turn_to(get_int(angle), completion(then))
+            else:
+                self._base.turn(get_int(angle), completion(then))
+        return self._finish() if wait else None
+
+    @charged
+    def move_by(self, dx: Any, dy: Any, then: Any = Stop.HOLD) -> Any:
+        """Turn towards a place, x ahead of the heading zero and y to its left, the shorter way round; then drive there.
+
+        Direction and distance are cut to whole degrees and millimetres.
+        """
+        x, y = get_int(dx), get_int(dy)
+        direction = int(to_single(math.atan2(y, x) * _DEG_PER_RAD))
+        if max(abs(x), abs(y)) > _FARTHEST_MM:
+            raise ValueError("Invalid argument")
+        with refusals():
+            self._base.turn_to(-direction, OnCompletion.HOLD)
+        distance, end = int(to_single(math.sqrt(x * x + y * y))), completion(then)
+        return self._finish(lambda: self._base.straight(distance, end))
+
+    @charged
+    def curve(self, radius: Any, angle: Any, then: Any = Stop.HOLD, wait: Any = True) -> Any:
+        with refusals():
+            self._base.curve(get_int(radius), get_int(angle), completion(then))
+        return self._finish() if wait else None
+
+    @charged
+    def arc(self, radius: Any, angle: Any = None, distance: Any = None, then: Any = Stop.HOLD, wait: Any = True) -> Any:
+        radius_mm = get_int(radius)
+        if (angle is None) == (distance is None):
+            raise ValueError("Please specify distance or angle but not both.")
+        with refusals():
+            if distance is not None:
+                self._base.arc_distance(radius_mm, get_int(distance), completion(then))
+            else:
+                self._base.arc_angle(radius_mm, get_int(angle), completion(then))
+        return self._finish() if wait else None
+
+    @charged
+    def drive(self, speed: Any, turn_rate: Any) -> None:
+        rates = get_int(speed), get_int(turn_rate)
+        self._cancel()
+        with refusals():
+            self._base.drive(*rates)
+
+    @charged
+    def stop(self) -> None:
+        self._end(OnCompletion.COAST)
+
+    @charged
+    def brake(self) -> None:
+        self._end(OnCompletion.BRAKE)
+
+    @charged
+    def hold(self) -> None:
+        self._end(OnCompletion.HOLD)
+
+    # ---- state
+
+    @charged
+    def distance(self) -> int:
+        return self._base.state()[0]
+
+    @charged
+    def angle(self) -> float:
+        return to_single(self._base.angle_deg())
+
+    @charged
+    def state(self) -> tuple[int, int, int, int]:
+        return self._base.state()
+
+    def done(self) -> bool:
+        self._machine.charge_call()
+        return self._base.is_done()
+
+    @charged
+    def stalled(self) -> bool:
+        with refusals():
+            return self._base.is_stalled()
+
+    # ---- settings
+
+    @charged
+    def reset(self, distance: Any = 0, angle: Any = 0) -> None:
+        values = get_int(distance), get_int(angle)
+        with refusals():
+            self._base.reset(*values)
+
+    @charged
+    def use_gyro(self, use_gyro: Any) -> None:
+        if not self._has_imu:
+            raise AttributeError("'DriveBase' object has no attribute 'use_gyro'")
+        with refusals():
+            self._base.use_gyro(bool(use_gyro))
+
+    @charged
+    def settings(
+        self,
+        straight_speed: Any = None,
+        straight_acceleration: Any = None,
+        turn_rate: Any = None,
+        turn_acceleration: Any = None,
+    ) -> tuple[Any, ...] | None:
+        distance, heading = self._base.distance.settings, self._base.heading.settings
+        straight = distance.to_unit(distance.default_speed), *distance.limits()[1:3]
+        turn = heading.to_unit(heading.default_speed), *heading.limits()[1:3]
+        if all(value is None for value in (straight_speed, straight_acceleration, turn_rate, turn_acceleration)):
+            return straight[0], acceleration_value(*straight[1:]), turn[0], acceleration_value(*turn[1:])
+        with refusals():
+            self._base.set_settings(
+                magnitude(straight_speed, straight[0]),
+                acceleration_pair(straight_acceleration, *straight[1:]),
+                magnitude(turn_rate, turn[0]),
+                acceleration_pair(turn_acceleration, *turn[1:]),
+            )
+        return None
+
+    def _cancel(self) -> None:
+        if self._last is not None:
+            self._last.cancel()
+            self._last = None
+
+    def _end(self, then: OnCompletion) -> None:
+        self._cancel()
+        with refusals():
+            self._base.stop(then)
+
+    def _finish(self, *others: Callable[[], None]) -> Any:
+        """Wait for the move that was started, and for others that each start when the one before is over.
+
+        Raises:
+            TwinError: it is a turn by the gyroscope, and the hub never turns.
+        """
+        if self._base.turns_by_gyro and not getattr(self._machine.body, "turns_with_its_wheels", True):
+            raise TwinError(
+                "a turn by the gyroscope never ends on the bench, where the hub lies still; "
+                "take a robot that drives, such as --robot two-wheeler, or leave use_gyro(True) out"
+            )
+        self._cancel()
+        following = iter(others)
+
+        def is_done() -> bool:
+            if not self._is_done():
+                return False
+            start = next(following, None)
+            if start is not None:
+                start()
+            return start is None
+
+        result = self._loop.finish(is_done, None, lambda: self._end(OnCompletion.COAST))
+        if isinstance(result, Async):
+            self._last = result
+        return result
+
+    def _is_done(self) -> bool:
+        if not self._base.is_open:
+            raise os_error(errno.ENODEV)
+        return self._base.is_done()
+
+
+def robotics_module(context: Context, has_imu: bool) -> ModuleType:
+    own: Any = bound(DriveBase, context)
+    own._has_imu = has_imu
+    return module("pybricks.robotics", {"DriveBase": own, "Car": bound(Car, context)})

@@ -1,0 +1,178 @@
+"""``pybricks.tools``."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from types import ModuleType
+from typing import Any
+
+from bricksrl.errors import TwinError
+from bricksrl.virtual_hub.machine import Machine
+from bricksrl.virtual_hub.micropython.numbers import module
+from bricksrl.virtual_hub.pybricks.context import Async, Context, bound, get_int
+from bricksrl.virtual_hub.pybricks.hub_parts import LightMatrix
+from bricksrl.virtual_hub.pybricks.matrix import Matrix, cross, vector
+from bricksrl.virtual_hub.pybricks.parameters import Axis
+
+
+class StopWatch:
+    """Time in ms since it was made or reset, without its pauses."""
+
+    _machine: Machine
+
+    def __init__(self) -> None:
+        self._start = self._machine.time_ms
+        self._pause: int | None = None
+
+    def time(self) -> int:
+        machine = self._machine
+        machine.charge_call()
+        return (machine.time_ms if self._pause is None else self._pause) - self._start
+
+    def pause(self) -> None:
+        self._machine.charge_call()
+        if self._pause is None:
+            self._pause = self._machine.time_ms
+
+    def resume(self) -> None:
+        self._machine.charge_call()
+        if self._pause is not None:
+            self._start += self._machine.time_ms - self._pause
+            self._pause = None
+
+    def reset(self) -> None:
+        self._machine.charge_call()
+        self._start = self._machine.time_ms
+        if self._pause is not None:
+            self._pause = self._start
+
+
+class Task:
+    """``multitask(...)``: several tasks in turns, until all of them, or with ``race`` one of them, are done."""
+
+    def __init__(self, *tasks: Any, race: Any = False) -> None:
+        self._tasks = tasks
+        self._iterators: list[Iterator[Any]] = [iter(task) for task in tasks]
+        self._results: list[Any] = [None] * len(tasks)
+        self._open = list(range(len(tasks)))
+        self._required = 1 if race else len(tasks)
+
+    def __iter__(self) -> Task:
+        return self
+
+    def __next__(self) -> None:
+        try:
+            for index in tuple(self._open):
+                try:
+                    next(self._iterators[index])
+                except StopIteration as stop:
+                    self._results[index] = stop.value
+                    self._open.remove(index)
+                    if len(self._tasks) - len(self._open) >= self._required:
+                        break
+        except BaseException:
+            self.close()
+            raise
+        if len(self._tasks) - len(self._open) >= self._required:
+            self.close()
+            raise StopIteration(tuple(self._results))
+
+    def close(self) -> None:
+        for index in self._open:
+            close: Callable[[], Any] | None = getattr(self._tasks[index], "close", None)
+            if close is not None:
+                close()
+        self._open = []
+
+
+def tools_module(context: Context, has_display: bool, app_data: type[Any]) -> ModuleType:
+    """``pybricks.tools``, where ``AppData`` has been before, too."""
+    machine, loop = context.machine, context.loop
+
+    def wait(time: Any) -> Any:
+        duration = time if type(time) is int else get_int(time)
+        if not loop.is_active:
+            if duration > 0:
+                machine.advance(duration)
+            else:
+                machine.charge_call()
+            return None
+        if duration == 0:
+            return loop.yield_once()
+        end_ms = machine.time_ms + duration
+        return Async(lambda: machine.time_ms >= end_ms, None, None)
+
+    def run_task(task: Any = None) -> bool | None:
+        if task is None:
+            return loop.is_active
+        if loop.is_active:
+            raise RuntimeError("Run loop already active.")
+        loop.is_active = True
+        try:
+            iterator = iter(task)
+            while next(iterator, _DONE) is not _DONE:
+                loop.turn_over()
+        finally:
+            loop.is_active = False
+        return None
+
+    def read_input_byte(last: Any = False, chr: Any = False) -> int | str | None:
+        machine.charge_call()
+        count = context.console.available()
+        if not count:
+            return None
+        byte = context.console.read(count if last else 1)[-1]
+        if not chr:
+            return byte
+        return bytes((byte,)).decode() if 32 <= byte <= 126 else None
+
+    def hub_menu(first: Any, second: Any, *more: Any) -> Any:
+        return _menu(context, (first, second, *more))
+
+    names: dict[str, Any] = {"wait": wait, "run_task": run_task, "read_input_byte": read_input_byte, "AppData": app_data}
+    names.update({"StopWatch": bound(StopWatch, context), "multitask": Task, "Matrix": Matrix, "vector": vector, "cross": cross})
+    names["Axis"] = Axis
+    if has_display:
+        names["hub_menu"] = hub_menu
+    return module("pybricks.tools", names)
+
+
+def _menu(context: Context, entries: tuple[Any, ...]) -> Any:
+    """The entry that is chosen with the buttons left and right, and then center.
+
+    Raises:
+        TwinError: nobody is there to press.
+    """
+    machine, display, panel = context.machine, LightMatrix(context), context.machine.panel
+    for entry in reversed(entries):
+        display.show_symbol(entry)
+    context.loop.assert_blocking()
+
+    def pressed(want: bool) -> frozenset[str]:
+        while bool(down := panel.pressed(machine.time_ms)) is not want:
+            if want and panel.is_deserted:
+                raise TwinError(
+                    'hub_menu waits for a button, and nobody presses one; choose with --press "right@1s" --press "center@2s"'
+                )
+            machine.advance(1)
+        return down
+
+    stop_buttons = panel.stop_buttons
+    if stop_buttons != {"bluetooth"}:
+        panel.stop_buttons = frozenset()
+    try:
+        chosen = 0
+        while True:
+            pressed(False)
+            down = pressed(True)
+            if "center" in down:
+                break
+            chosen = (chosen + ("right" in down) - ("right" not in down and "left" in down)) % len(entries)
+            display.show_symbol(entries[chosen])
+        pressed(False)
+    finally:
+        panel.stop_buttons = stop_buttons
+    return entries[chosen]
+
+
+_DONE = object()

@@ -1,0 +1,106 @@
+"""Stimuli of sensors. A body says what is sensed; what the sensors' methods return follows as the firmware works it out."""
+
+from __future__ import annotations
+
+import colorsys
+import enum
+from collections.abc import Callable, Mapping
+
+from bricksrl.errors import TwinError
+from bricksrl.robots import PoweredUpSensor, Sensor, SensorKind
+
+Sensed = float | tuple[float, ...]
+"""A number; a color as (hue, saturation, value); or a tilt as (pitch, roll)."""
+Reading = Callable[[Mapping[str, float]], Sensed]
+"""What is sensed, from the angles of the motors (deg at the output, by the motor's name)."""
+Hsv = tuple[int, int, int]
+
+
+class Sense(enum.StrEnum):
+    """Something outside of a sensor.
+
+    SURFACE: how a surface looks in the sensor's own light: a color, or the brightness of a gray in %.
+    AMBIENT: the light that falls into the sensor while its own is off: likewise.
+    DISTANCE: mm for the ultrasonic sensor, % for those with infrared light.
+    FORCE: N on the button.
+    TILT: pitch and roll in degrees.
+    COUNT: how many things have passed by.
+    """
+
+    SURFACE = "surface"
+    AMBIENT = "ambient"
+    DISTANCE = "distance"
+    FORCE = "force"
+    TILT = "tilt"
+    COUNT = "count"
+
+
+_SENSES = {
+    SensorKind.COLOR: (Sense.SURFACE, Sense.AMBIENT),
+    SensorKind.COLOR_DISTANCE: (Sense.SURFACE, Sense.DISTANCE, Sense.AMBIENT),
+    SensorKind.FORCE: (Sense.FORCE,),
+    SensorKind.INFRARED: (Sense.DISTANCE, Sense.COUNT),
+    SensorKind.TILT: (Sense.TILT,),
+    SensorKind.LIGHT: (),
+    SensorKind.COLOR_LIGHT_MATRIX: (),
+}
+UNSAID: Mapping[Sense, float] = {Sense.AMBIENT: 0.0, Sense.DISTANCE: 100.0, Sense.COUNT: 0.0}
+"""Of a sense that is not a sensor's first, and of which nobody says anything: it is dark, and nothing is near or has passed."""
+
+
+def senses(sensor: Sensor) -> tuple[Sense, ...]:
+    """Senses of a sensor, the first thing first, which a scene names by the sensor alone; nothing for lights."""
+    return _SENSES[sensor.kind] if isinstance(sensor, PoweredUpSensor) else (Sense.DISTANCE,)
+
+
+def number(sensed: Sensed) -> float:
+    """A sense that is one number.
+
+    Raises:
+        TwinError: it is something else.
+    """
+    return float(_expect(sensed, 1)[0])
+
+
+def brightness_pct(sensed: Sensed) -> float:
+    """The value of a color, 0..100; a number is that of a gray.
+
+    Raises:
+        TwinError: it is neither.
+    """
+    value = sensed if isinstance(sensed, int | float) else _expect(sensed, 3)[2]
+    return min(max(float(value), 0.0), 100.0)
+
+
+def color(sensed: Sensed) -> Hsv:
+    """Hue 0..359, saturation and value 0..100; a number is the value of a gray.
+
+    Raises:
+        TwinError: it is neither.
+    """
+    hue, saturation, value = (0.0, 0.0, sensed) if isinstance(sensed, int | float) else _expect(sensed, 3)
+    return round(hue) % 360, *(min(max(round(share), 0), 100) for share in (saturation, value))  # type: ignore[return-value]
+
+
+def pitch_and_roll(sensed: Sensed) -> tuple[float, float]:
+    """Both angles of a tilt.
+
+    Raises:
+        TwinError: it is something else.
+    """
+    pitch, roll = _expect(sensed, 2)
+    return pitch, roll
+
+
+def reflection_pct(hsv: Hsv) -> int:
+    """The mean of red, green and blue, as the firmware reckons it."""
+    hue, saturation, value = hsv
+    return int(round(sum(colorsys.hsv_to_rgb(hue / 360, saturation / 100, value / 100)) / 3 * 100, 6))
+
+
+def _expect(sensed: Sensed, count: int) -> tuple[float, ...]:
+    values = sensed if isinstance(sensed, tuple) else (sensed,)
+    if len(values) != count:
+        expected = {1: "a number", 2: "(pitch, roll)", 3: "a brightness or (hue, saturation, value)"}[count]
+        raise TwinError(f"the scene lets a sensor sense {sensed}; give {expected}")
+    return values

@@ -1,0 +1,304 @@
+"""Transport to a virtual hub: the program that a LEGO hub would run, run against a body in simulated time.
+
+The program is a greenlet. It runs only while the host waits for the hub, until the simulated time that the host
+waits for; so no thread is needed, and a run is reproducible. Bytes travel at connection events, as over Bluetooth.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+import threading
+from collections import deque
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from greenlet import getcurrent, greenlet
+
+from bricksrl.errors import HubError, HubProgramError
+from bricksrl.hub.program.traceback import describe_traceback
+from bricksrl.hub.protocol import app_data_slot
+from bricksrl.hub.transport import HubProgram, Pipe
+from bricksrl.virtual_hub import interpreter
+from bricksrl.virtual_hub.body import Body
+from bricksrl.virtual_hub.machine import Machine
+from bricksrl.virtual_hub.micropython.system import is_of_program
+from bricksrl.virtual_hub.pace import PIECE_MS, Pace
+from bricksrl.virtual_hub.pybricks import modules
+
+if TYPE_CHECKING:
+    import numpy as np
+
+MAX_WRITE_BYTES = 20
+_LONGEST_RUN_DOWN_MS = 1000
+_AT_REST_MDEG = 50  # for one piece: some 3 degrees a second
+HAND_MS = 1000
+"""How long it takes to put a robot back: longer than the hub's watchdog."""
+
+
+class _Stopped(BaseException):
+    """Thrown into the program when the host stops it; no program catches it."""
+
+
+class _Wire:
+    """The program's standard input and output, with the bytes that are on their way to the host."""
+
+    def __init__(self, hub: VirtualHub, stdin_bytes: int) -> None:
+        self._hub = hub
+        self._room = stdin_bytes
+        self._stdin = bytearray()
+        self.inbox = bytearray()
+        self.outbox: deque[tuple[float, bytes]] = deque()
+
+    def available(self) -> int:
+        return len(self._stdin)
+
+    def read(self, n: int) -> bytes:
+        while len(self._stdin) < n:
+            self._hub.machine.advance(1)
+        data = bytes(self._stdin[:n])
+        del self._stdin[:n]
+        return data
+
+    def write(self, data: bytes) -> None:
+        self._hub.machine.charge_call()
+        due_ms = self._hub.next_event_ms()
+        self.outbox.append((due_ms, data))
+        self._hub.wake_at(due_ms)
+
+    def write_app_data(self, data: bytes) -> None:
+        self.write(data)
+
+    def deliver_app_data(self, data: bytes) -> None:
+        """Put the host's bytes over what it wrote before."""
+        if len(data) > len(self.inbox):
+            raise HubError("the program on the hub has no room for AppData; let it make one")
+        self.inbox[: len(data)] = data
+
+    def deliver(self, data: bytes) -> None:
+        """Put the host's bytes into the ring; a write that does not fit is refused whole, as by the firmware."""
+        if len(self._stdin) + len(data) > self._room:
+            raise HubError("the hub's input buffer is full; the program does not read, wait for its answer before writing on")
+        self._stdin += data
+
+
+class VirtualHub:
+    """A :class:`~bricksrl.hub.transport.Transport` to a virtual robot.
+
+    Args:
+        body: what the motors turn and the sensors see, such as a ``BenchBody``, or a twin of ``bricksrl.twin``.
+        realtime: let simulated time keep pace with the clock on the wall: the robot moves on while the host thinks.
+
+    Attributes:
+        in_reach: False as long as the link is to be broken, for trying out what happens then.
+    """
+
+    def __init__(self, body: Body, *, realtime: bool = False) -> None:
+        self.robot = body.robot
+        self.body = body
+        self.machine = Machine(body)
+        self.machine.on_alarm = self._to_host
+        self._wire = _Wire(self, self.robot.hub.model.stdin_bytes)
+        self._program: greenlet | None = None
+        self._host: greenlet | None = None
+        self._thread = threading.get_ident()
+        self._is_to_stop = False
+        self._error: str | None = None
+        self._pipe = Pipe.STDIN
+        self._counts = itertools.cycle(range(1, 256))
+        self._pace = Pace() if realtime else None
+        self.in_reach: Callable[[], bool] = lambda: True
+
+    @property
+    def is_realtime(self) -> bool:
+        """True if simulated time keeps pace with the clock on the wall."""
+        return self._pace is not None
+
+    def open(self) -> None:
+        """Nothing to find: the hub is here.
+
+        Raises:
+            HubError: it is made to be out of reach.
+        """
+        self._check_reach()
+
+    def start(self, program: HubProgram) -> None:
+        """Start a program; one that runs is stopped first."""
+        self.stop()
+        self._pipe = program.pipe
+        self._is_to_stop = False  # whoever asked for that meant the program before
+        self._error = None
+        self._wire = _Wire(self, self.robot.hub.model.stdin_bytes)
+        self._keep_pace()  # real time has gone on meanwhile; a program that has just begun would take that for silence
+        self._program = greenlet(self._run)
+        self._thread = threading.get_ident()
+        self._run_until(self.machine.time_ms, program)
+
+    def write(self, data: bytes) -> None:
+        """Send bytes; they arrive at the next connection event.
+
+        Raises:
+            HubError: more than 20 bytes, no program, or no room in the program's input buffer.
+            HubProgramError: the program raised.
+        """
+        if len(data) > MAX_WRITE_BYTES:
+            raise HubError(f"{len(data)} bytes in one write; a hub takes {MAX_WRITE_BYTES} at most, split them")
+        self._check_reach()
+        self._keep_pace()
+        arrival_ms = math.ceil(self.next_event_ms())
+        self._run_until(self._piece(arrival_ms))
+        self.run_on_until(arrival_ms)
+        self._check()
+        if self._pipe is Pipe.APP_DATA:
+            self._wire.deliver_app_data(app_data_slot(next(self._counts), data))
+        else:
+            self._wire.deliver(data)
+
+    def read(self, timeout_s: float) -> bytes:
+        """The program's next output, when it has arrived here; ``b""`` when none came within the (simulated) time.
+
+        Raises:
+            HubError: no program runs and nothing is left to read.
+            HubProgramError: the program raised.
+        """
+        self._check_reach()
+        self._keep_pace()
+        deadline_ms = self.machine.time_ms + round(timeout_s * 1000)
+        outbox = self._wire.outbox
+        while not (outbox and outbox[0][0] <= self.machine.time_ms):
+            if not outbox:
+                self._check()
+            if self.machine.time_ms >= deadline_ms:
+                return b""
+            self._run_until(self._piece(min(deadline_ms, math.ceil(outbox[0][0])) if outbox else deadline_ms))
+            self._wait_for_wall()
+        data = bytearray()
+        while outbox and outbox[0][0] <= self.machine.time_ms:
+            data += outbox.popleft()[1]
+        self._keep_pace()
+        return bytes(data)
+
+    def stop(self) -> None:
+        """Stop the program; the motors coast.
+
+        A program belongs to the thread that started it. Another one can only ask that thread to stop it, which it does
+        before it lets the program run on.
+        """
+        if threading.get_ident() != self._thread:
+            self._is_to_stop = self._program is not None
+            return
+        self._is_to_stop = False
+        if self._program is not None:
+            program, self._program = self._program, None
+            if not program.dead:
+                program.throw(_Stopped)
+            self.machine.stop_motors()
+            self._come_to_rest()
+
+    def close(self) -> None:
+        self.stop()
+
+    def now_s(self) -> float:
+        return self.machine.time_ms / 1000
+
+    def reset(self, rng: np.random.Generator) -> None:
+        """The human hand: put the robot at the start of an episode. The program goes on running.
+
+        A hand takes its time, longer than the hub waits for the host before it stops the motors.
+        """
+        self.run_on_until(self.machine.time_ms + HAND_MS)
+        self.body.reset(rng)
+
+    # ---- between host and program
+
+    def next_event_ms(self) -> float:
+        """Time of the next connection event; an interval of 0 is a link without delay."""
+        interval_ms, now_ms = self.body.link_interval_ms, self.machine.time_ms
+        return (now_ms // interval_ms + 1) * interval_ms if interval_ms else now_ms
+
+    def wake_at(self, time_ms: float) -> None:
+        """Let the host have its turn no later than this."""
+        alarm_ms = self.machine.alarm_ms
+        if alarm_ms is not None:
+            self.machine.alarm_ms = min(alarm_ms, math.ceil(time_ms))
+
+    def _run_until(self, time_ms: int, to_start: HubProgram | None = None) -> None:
+        """Let the program run until a simulated time, or until it has written something, or ended."""
+        if self._is_to_stop:
+            self.stop()
+        program = self._program
+        if program is None or program.dead:
+            self.machine.alarm_ms = None
+            self.machine.advance(max(0, time_ms - self.machine.time_ms))
+            return
+        self._host = getcurrent()
+        program.parent = self._host
+        self.machine.alarm_ms = max(time_ms, self.machine.time_ms + 1)
+        program.switch(*(() if to_start is None else (to_start,)))
+        self.machine.alarm_ms = None
+
+    def run_on_until(self, time_ms: int) -> None:
+        """Let the program run until a simulated time, whatever it writes."""
+        while self.machine.time_ms < time_ms:
+            self._run_until(self._piece(time_ms))
+            self._wait_for_wall()
+
+    def _piece(self, time_ms: int) -> int:
+        """How far to go at once on the way to a simulated time."""
+        return time_ms if self._pace is None else min(time_ms, self.machine.time_ms + PIECE_MS)
+
+    def _come_to_rest(self) -> None:
+        """In real time: who watches sees the motors run down after a stop."""
+        if self._pace is None:
+            return
+        before: list[int] = []
+        end_ms = self.machine.time_ms + _LONGEST_RUN_DOWN_MS
+        while self.machine.time_ms < end_ms:
+            angles = [self.body.angle_mdeg(port) for port in self.machine.servos]
+            if before and max((abs(a - b) for a, b in zip(angles, before, strict=True)), default=0) <= _AT_REST_MDEG:
+                return
+            before = angles
+            self.machine.advance(PIECE_MS)
+            self._wait_for_wall()
+
+    def _to_host(self) -> None:
+        self.machine.alarm_ms = None
+        if self._host is not None and getcurrent() is self._program:
+            self._host.switch()
+
+    def _run(self, program: HubProgram) -> None:
+        """Body of the greenlet."""
+        importable = modules(self.machine, self._wire)
+        importable.find_module = {module.name: module for module in program.beside}.get
+        try:
+            interpreter.execute(program.source, program.name, importable, self._wire)
+        except (SystemExit, _Stopped):
+            pass
+        except BaseException as error:
+            if not is_of_program(error):
+                raise
+            self._error = describe_traceback(interpreter.format_traceback(error, program.name), program.source, program.name)
+        self.machine.stop_motors()
+
+    def _check_reach(self) -> None:
+        if not self.in_reach():
+            raise HubError("the virtual hub is out of reach; bring it back")
+
+    def _check(self) -> None:
+        if self._error is not None:
+            raise HubProgramError(self._error)
+        if self._program is None or self._program.dead:
+            raise HubError("no program runs on the hub; start one")
+
+    def _keep_pace(self) -> None:
+        """In real time: the robot has moved on while the host was busy, or the host waits for it."""
+        if self._pace is None:
+            return
+        wall_ms = self._pace.wall_ms()
+        if self.machine.time_ms < wall_ms - 1:
+            self.run_on_until(int(wall_ms))
+        self._wait_for_wall()
+
+    def _wait_for_wall(self) -> None:
+        if self._pace is not None:
+            self._pace.keep(self.machine.time_ms)

@@ -1,0 +1,178 @@
+"""Policies that predict chunks of actions: how chunks are carried out, and what ACT and the diffusion policy learn."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+from small import ENV, make, settings
+from tensordict import TensorDict
+from torch import Tensor
+from torchrl.data import Bounded, Composite, Unbounded
+from torchrl.envs import EnvBase
+
+from bricksrl.agents import make_learner, preset
+from bricksrl.agents.chunks import ActionChunkBuffer
+from bricksrl.agents.learner import Learner
+from bricksrl.agents.replay import EpisodicReplayBuffer
+
+RHYTHM = torch.tensor([1.0, 1.0, -1.0, -1.0, 1.0, -1.0])
+"""What is to be done in an episode, or the opposite of it."""
+
+
+class Silent(EnvBase):
+    """Only the specs of an environment of two entries and two actions."""
+
+    def __init__(self) -> None:
+        super().__init__(batch_size=())
+        self.observation_spec = Composite(observation=Bounded(-1.0, 1.0, (2,)))
+        self.action_spec = Bounded(-1.0, 1.0, (2,))
+        self.reward_spec = Unbounded((1,))
+
+    def _reset(self, tensordict: Any = None, **_: Any) -> Any: ...
+    def _step(self, tensordict: Any) -> Any: ...
+    def _set_seed(self, seed: int | None) -> None: ...
+
+
+def demonstrations(chunk: int, episodes: int = 40) -> EpisodicReplayBuffer:
+    """At the first step is shown which way around the rhythm goes, and nothing later on."""
+    length = len(RHYTHM)
+    signs = torch.tensor([1.0, -1.0]).repeat(episodes // 2)
+    observation = torch.zeros(episodes, length, 2)
+    observation[:, 0, 0] = signs
+    action = (signs[:, None] * RHYTHM)[..., None] * torch.tensor([1.0, 0.5])
+    done = torch.zeros(episodes, length, 1, dtype=torch.bool)
+    done[:, -1] = True
+    after = {"observation": observation, "reward": torch.zeros(episodes, length, 1), "terminated": done, "done": done}
+    shape = [episodes, length]
+    frames = TensorDict({"observation": observation, "action": action, "next": TensorDict(after, shape)}, shape)
+    return EpisodicReplayBuffer.from_frames(frames.reshape(-1), 32, ("observation",), chunk=chunk)
+
+
+def student(agent: str, updates: int, **changes: Any) -> Learner:
+    usual = preset("default", agent)
+    torch.manual_seed(5)
+    learner = make_learner(agent, Silent(), replace(usual, **changes))
+    learner.study(demonstrations(learner.chunk))
+    learner.make_updates(updates)
+    return learner
+
+
+def performed(learner: Learner, *signs: float) -> Tensor:
+    """What it does in an episode ``[steps, m]``, of several robots ``[steps, robots, m]``."""
+    learner.reset_policy()
+    first = torch.tensor([[sign, 0.0] for sign in signs])
+    first = first[0] if len(signs) == 1 else first
+    seen = [first] + [torch.zeros_like(first)] * (len(RHYTHM) - 1)
+    return torch.stack([learner.act(TensorDict({"observation": one}, one.shape[:-1]), explore=False) for one in seen])
+
+
+def wanted(sign: float) -> Tensor:
+    return sign * RHYTHM[:, None] * torch.tensor([1.0, 0.5])
+
+
+ACT = {"width": 32, "feedforward": 64, "heads": 2, "learning_rate": 2e-3, "dropout": 0.0, "chunk": 6}
+
+
+@pytest.fixture(scope="module")
+def act() -> Learner:
+    return student("act", 400, **ACT, executed=6, ensemble=None)
+
+
+def test_act_learns_what_the_observation_of_the_moment_does_not_tell(act: Learner) -> None:
+    for sign in (1.0, -1.0):
+        assert (performed(act, sign) - wanted(sign)).abs().mean() < 0.2
+    bc = student("bc", 200, hidden=(32, 32))
+    assert (performed(bc, 1.0) - wanted(1.0)).abs().mean() > 0.4
+
+
+def test_diffusion_learns_it_too() -> None:
+    learner = student("diffusion", 600, chunk=6, executed=6, hidden=(128, 128), learning_rate=2e-3)
+    for sign in (1.0, -1.0):
+        assert (performed(learner, sign) - wanted(sign)).abs().mean() < 0.3
+
+
+def test_it_has_to_be_told_where_an_episode_starts(act: Learner) -> None:
+    performed(act, 1.0)
+    act.act(TensorDict({"observation": torch.tensor([1.0, 0.0])}), explore=False)
+    assert torch.equal(performed(act, -1.0), performed(act, -1.0))
+    act.act(TensorDict({"observation": torch.tensor([1.0, 0.0])}), explore=False)
+    went_on = torch.stack([act.act(TensorDict({"observation": torch.tensor([-1.0, 0.0])}), explore=False) for _ in range(3)])
+    assert (went_on - wanted(1.0)[1:4]).abs().mean() < 0.2
+
+
+def test_many_robots_at_once_act_as_one_by_one(act: Learner) -> None:
+    together = performed(act, 1.0, -1.0, 1.0)
+    for robot, sign in enumerate((1.0, -1.0, 1.0)):
+        torch.testing.assert_close(together[:, robot], performed(act, sign), rtol=1e-4, atol=1e-5)
+
+
+def test_how_a_chunk_is_carried_out_matters(act: Learner) -> None:
+    found = []
+    for changes in ({"executed": 2, "ensemble": None}, {"executed": 1, "ensemble": 0.0}, {"executed": 1, "ensemble": 30.0}):
+        other = student("act", 0, **ACT, **changes)
+        other.policy.load_state_dict(act.policy.state_dict())
+        found.append(performed(other, 1.0))
+        assert torch.equal(found[-1][0], performed(act, 1.0)[0])
+    for place, one in enumerate(found[:2]):
+        assert not torch.allclose(one, performed(act, 1.0), atol=0.02), place
+    assert (found[2] - wanted(1.0)).abs().mean() < 0.2  # the oldest chunk has all the weight
+
+
+def test_dropout_is_for_learning_alone() -> None:
+    for agent in ("act", "bc"):
+        learner = make(agent, dropout=0.5)
+        seen = torch.rand(5, 8) * 100.0
+        acts = []
+        for _ in range(2):
+            learner.reset_policy()
+            acts.append(learner.act(TensorDict({"observation": seen}, [5]), explore=False))
+        assert torch.equal(*acts)
+        action = torch.rand(5, learner.chunk, 4) if learner.chunk else torch.rand(5, 4)
+        batch = TensorDict({"observation": seen, "action": action}, [5])
+        losses = []
+        for _ in range(2):
+            torch.manual_seed(4)
+            torch.rand(len(losses))
+            losses.append(float(learner.loss(batch)[learner.loss_names[0]].detach()))  # type: ignore[misc]
+        assert losses[0] != losses[1]
+
+
+def test_actions_are_within_bounds() -> None:
+    learner = student("act", 0, **ACT)
+    with torch.no_grad():
+        for parameter in learner.policy.parameters():
+            parameter.mul_(20.0)
+    assert performed(learner, 1.0).abs().max() == 1.0
+
+
+@given(
+    executed=st.integers(1, 5),
+    chunk=st.integers(5, 8),
+    ensemble=st.one_of(st.none(), st.floats(0.0, 3.0)),
+    steps=st.integers(1, 20),
+)
+def test_chunks_under_way_are_those_of_a_plain_list(executed: int, chunk: int, ensemble: float | None, steps: int) -> None:
+    buffer, made = ActionChunkBuffer(executed, ensemble), []
+    for step in range(steps):
+        made_here = torch.randn(chunk, 2)
+        if step % executed == 0:
+            made.append((step, made_here))
+        due = [(start, one[step - start]) for start, one in made if step - start < chunk]
+        due = due[-1:] if ensemble is None else due
+        weights = torch.tensor([(-(ensemble or 0.0) * place) for place in range(len(due))]).exp()
+        expected = sum(weight * action for weight, (_, action) in zip(weights / weights.sum(), due, strict=True))
+        torch.testing.assert_close(buffer.next(lambda made_here=made_here: made_here), expected)
+    buffer.clear()
+    again = torch.randn(chunk, 2)
+    assert torch.equal(buffer.next(lambda: again), again[0])
+
+
+def test_chunks_are_those_of_the_settings() -> None:
+    assert (make("act").chunk, make("diffusion").chunk, make("sac").chunk) == (8, 4, 0)
+    assert settings("act").executed == 1
+    assert make("act", env=ENV).imitates

@@ -1,0 +1,88 @@
+"""Compiled updates: the same losses and gradients as eager ones for the same noise, in one graph."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+import torch
+from small import learned, make, steps, taught
+from torch import Tensor
+
+from bricksrl.agents.actor_critic import ActorCriticLoss
+from bricksrl.agents.compiled import CompiledGradients, compile_updates
+from bricksrl.agents.learner import Learner
+from bricksrl.agents.policy_transfer import transfer_policy
+from bricksrl.errors import RunError
+
+
+def compiled(learner: Learner, backend: str = "eager") -> CompiledGradients:
+    """By the tracer alone, which needs no C++ compiler and takes seconds."""
+    assert isinstance(learner.loss, ActorCriticLoss)
+    return CompiledGradients(learner.loss, learner.device, backend)
+
+
+def gradients(learner: Learner) -> list[Tensor | None]:
+    found = [None if one.grad is None else one.grad.clone() for one in learner.parameters()]
+    for one in learner.parameters():
+        one.grad = None
+    return found
+
+
+@pytest.mark.parametrize(("agent", "changes"), [("sac", {"n_step": 3}), ("droq", {}), ("redq", {}), ("td3", {})])
+def test_losses_and_gradients_equal_eager_ones(agent: str, changes: dict[str, Any]) -> None:
+    learner = taught(make(agent, **changes))
+    graph, loss, batch = compiled(learner), learner.loss, learner.memory.sample()  # type: ignore[union-attr]
+    assert isinstance(loss, ActorCriticLoss)
+    for whole in (True, False):
+        torch.manual_seed(3)
+        losses = loss(batch) if whole else loss.critic_losses(batch)
+        torch.stack([value for name, value in losses.items() if name.startswith("loss")]).sum().backward()
+        eager = gradients(learner)
+        torch.manual_seed(3)
+        found = graph(batch, whole)
+        assert set(found.keys()) == set(losses.keys())
+        for name, value in losses.items():
+            torch.testing.assert_close(found[name], value.detach(), rtol=1e-5, atol=1e-6)
+        for one, other in zip(eager, gradients(learner), strict=True):
+            assert (one is None) == (other is None)
+            if one is not None and other is not None:
+                torch.testing.assert_close(one, other, rtol=1e-4, atol=1e-6)
+
+
+def test_updates_take_its_gradients() -> None:
+    one, other = learned("sac", actor_delay=2), learned("sac", actor_delay=2)
+    other.gradients = compiled(other)
+    for learner in (one, other):
+        torch.manual_seed(3)
+        told = learner.make_updates(4)
+        assert "loss_qvalue" in told
+    for mine, theirs in zip(one.parameters(), other.parameters(), strict=True):
+        torch.testing.assert_close(mine, theirs, rtol=1e-3, atol=1e-4)
+
+
+@pytest.mark.parametrize("agent", ["crossq", "cql", "tqc", "ppo", "bc", "random"])
+def test_other_algorithms_are_refused_in_one_line(agent: str) -> None:
+    with pytest.raises(RunError, match="^only SAC, DroQ, REDQ and TD3 can be compiled; leave --compile out$"):
+        compile_updates(make(agent))
+
+
+def test_a_policy_that_is_held_is_refused() -> None:
+    learner = make("sac")
+    transfer_policy(learner, make("td3"))
+    with pytest.raises(RunError, match="held near another one cannot be compiled"):
+        compile_updates(learner)
+
+
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")  # of its own, when it loads
+def test_a_computer_without_a_compiler_says_so_in_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    import torch._inductor.config as inductor
+
+    monkeypatch.setattr(inductor.cpp, "cxx", ("/nowhere/c++",))
+    monkeypatch.setattr(inductor, "fx_graph_cache", False)
+    learner = make("sac", hidden=(4,))
+    learner.remember(steps(20))
+    compile_updates(learner)
+    with pytest.raises(RunError, match="no compiler to make updates faster with; install one") as caught:
+        learner.make_updates(1)
+    assert "\n" not in str(caught.value)

@@ -1,0 +1,160 @@
+"""Encoders: observations in physical units to the features that networks learn from."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+from small import ENV, LAYOUT, SIGHT, settings
+from torchrl.envs import TransformedEnv
+from torchrl.envs.utils import check_env_specs
+from toys import Cart
+
+from bricksrl.agents.encoder import (
+    EncodeObservation,
+    ImageEncoder,
+    ObservationEncoder,
+    ObservationLayout,
+    encoder_keys,
+    make_encoder,
+)
+from bricksrl.agents.images import Convolutions, Keypoints, shift_images
+from bricksrl.envs.registry import get_task
+from bricksrl.errors import DescriptionError
+
+MIXED = ObservationLayout((0.0, -90.0, 0.0, -math.inf), (360.0, 90.0, 2000.0, math.inf), (True, False, False, False))
+
+
+def test_bounds_are_scaled_and_angles_split() -> None:
+    encoder = ObservationEncoder(MIXED, "sincos")
+    features = encoder(torch.tensor([90.0, -90.0, 2000.0, 7.0]))
+    assert encoder.size == 5
+    torch.testing.assert_close(features, torch.tensor([-1.0, 1.0, 7.0, 1.0, 0.0]), atol=1e-6, rtol=0)
+
+
+def test_raw_angles_are_scaled_like_any_entry() -> None:
+    encoder = ObservationEncoder(MIXED, "raw")
+    features = encoder(torch.tensor([[90.0, 0.0, 1000.0, 7.0]]))
+    assert encoder.size == 4
+    torch.testing.assert_close(features, torch.tensor([[-0.5, 0.0, 0.0, 7.0]]))
+
+
+@given(st.floats(0, 360), st.floats(-0.5, 0.5))
+def test_sine_and_cosine_know_no_seam(angle_deg: float, step_deg: float) -> None:
+    encoder = ObservationEncoder(ObservationLayout((0.0,), (360.0,), (True,)), "sincos")
+    there = (angle_deg + step_deg) % 360.0
+    assert (encoder(torch.tensor([angle_deg])) - encoder(torch.tensor([there]))).norm() < 0.01
+
+
+def test_phases_are_differences_between_angles_that_are_no_goals() -> None:
+    layout = ObservationLayout((0.0,) * 3, (360.0,) * 3, (True,) * 3, goals=((2, 0),))
+    encoder = ObservationEncoder(layout, "phases", "plain")
+    features = encoder(torch.tensor([10.0, 280.0, 90.0]))
+    assert encoder.size == 8
+    torch.testing.assert_close(features[3], torch.tensor(1.0), atol=1e-6, rtol=0)  # sine of 10 - 280, the only difference
+    torch.testing.assert_close(features[7], torch.tensor(0.0), atol=1e-6, rtol=0)
+    assert ObservationEncoder(layout, "sincos", "plain").size == 6
+
+
+@given(st.floats(0, 360), st.floats(0, 360), st.floats(-50, 50), st.floats(-50, 50))
+def test_the_way_to_a_goal_is_the_shorter_one(angle: float, goal: float, joint: float, joint_goal: float) -> None:
+    layout = ObservationLayout((0.0, -50.0) * 2, (360.0, 50.0) * 2, (True, False) * 2, ((2, 0), (3, 1)))
+    encoder = ObservationEncoder(layout, "raw", "difference")
+    features = encoder(torch.tensor([[angle, joint, goal, joint_goal]]))
+    assert encoder.size == features.shape[-1] == 6
+    way = float(features[0, 4]) * 180.0
+    assert abs(way) <= 180.001
+    assert abs(((angle + way - goal) + 180.0) % 360.0 - 180.0) < 0.01
+    assert float(features[0, 5]) * 50.0 == pytest.approx(joint_goal - joint, abs=0.01)
+
+
+@pytest.mark.parametrize("angles", ["phases", "sincos", "raw"])
+@pytest.mark.parametrize("goals", ["difference", "plain"])
+def test_any_number_of_batch_dimensions_gives_the_same(angles: str, goals: str) -> None:
+    encoder = ObservationEncoder(LAYOUT, angles, goals)  # type: ignore[arg-type]
+    observations = torch.rand(2, 3, 8) * 300.0
+    features = encoder(observations)
+    assert features.shape == (2, 3, encoder.size)
+    torch.testing.assert_close(features[1, 2], encoder(observations[1, 2]))
+    assert features.abs().max() < 20.0
+    assert not list(encoder.parameters())
+    assert not encoder.state_dict()
+
+
+def test_layouts_come_from_the_task_or_from_the_bounds_of_the_spec() -> None:
+    class WithTask:
+        task = get_task("Spinning-v0")
+        full_observation_spec_unbatched = Cart().full_observation_spec_unbatched
+
+    layout = ObservationLayout.of(WithTask())  # type: ignore[arg-type]
+    assert layout.wraps == (True, True, False, False, False, False)
+    assert layout.high == (360.0, 360.0, 90.0, 90.0, 100.0, 1.0)
+    assert ObservationLayout.of(Cart()) == ObservationLayout((0.0, -1.0), (1000.0, 1.0), (False, False))
+    assert ObservationLayout.of(SIGHT) == ObservationLayout((-1.0,) * 2, (1.0,) * 2, (False,) * 2, image_px=32)
+    assert LAYOUT.goals == ((4, 0), (5, 1), (6, 2), (7, 3))
+
+
+def test_an_encoder_is_a_transform_too() -> None:
+    encoder = ObservationEncoder(LAYOUT)
+    env = TransformedEnv(ENV, EncodeObservation(encoder))
+    check_env_specs(env)
+    found = env.rollout(3)
+    torch.testing.assert_close(found["features"], encoder(found["observation"]))
+    torch.testing.assert_close(found["next", "features"], encoder(found["next", "observation"]))
+    env = TransformedEnv(Cart(), EncodeObservation(make_encoder(Cart(), settings("sac")), "seen"))  # type: ignore[arg-type]
+    check_env_specs(env)
+    assert env.observation_spec["seen"].shape == (2,)
+
+
+def test_images_and_observations_are_joined() -> None:
+    keypoints = make_encoder(SIGHT, settings("sac", images=True))
+    assert isinstance(keypoints, ImageEncoder)
+    assert encoder_keys(keypoints) == ["observation", "image"]
+    assert encoder_keys(make_encoder(ENV, settings("sac"))) == ["observation"]
+    images = torch.stack([SIGHT.shown(column)["image"] for column in (3, 9, 20, 4, 5, 6)]).view(2, 3, 32, 32, 3)
+    features = keypoints(torch.zeros(2, 3, 2), images)
+    assert features.shape == (2, 3, keypoints.size) == (2, 3, 32 + 2)
+    torch.testing.assert_close(features[0, 2], keypoints(torch.zeros(2), images[0, 2]))
+
+
+def test_the_papers_networks() -> None:
+    made = ImageEncoder(ObservationLayout((0.0,) * 3, (1.0,) * 3, (False,) * 3, (), 64), settings("sac", encoder="convolutions"))
+    shapes = [tuple(weight.shape) for name, weight in made.named_parameters() if name.endswith("weight")]
+    assert shapes == [(32, 3, 8, 8), (64, 32, 4, 4), (64, 64, 3, 3), (256, 1024), (128, 256), (128, 3), (32, 128)]
+    assert made.size == 160
+
+
+def test_a_keypoint_follows_the_spot() -> None:
+    network = Keypoints(32)
+    with torch.no_grad():
+        moved = network(torch.stack([SIGHT.shown(column)["image"] for column in (2, 12, 22)])).view(3, -1, 2)
+    assert ((moved[1:, :, 1] - moved[:-1, :, 1]) > 0.2).all(0).any()
+    assert moved.abs().max() <= 1.0
+
+
+@pytest.mark.parametrize(("network", "side_px"), [(Keypoints, 12), (Convolutions, 32)])
+def test_images_too_small_for_the_networks_are_refused(network: type, side_px: int) -> None:
+    with pytest.raises(DescriptionError, match=f"images of {side_px} px are too small"):
+        network(side_px)
+
+
+@pytest.mark.parametrize(("network", "side_px"), [(Keypoints, 16), (Keypoints, 45), (Convolutions, 36), (Convolutions, 84)])
+def test_images_of_any_other_size_are_fine(network: type, side_px: int) -> None:
+    made = network(side_px)
+    assert made(torch.zeros(2, side_px, side_px, 3, dtype=torch.uint8)).shape == (2, made.size)
+
+
+def test_shifted_images_are_moved_whole_and_their_edges_drawn_out() -> None:
+    image = torch.arange(64 * 64).view(64, 64, 1).expand(64, 64, 3) % 251
+    images = image.to(torch.uint8).expand(40, 64, 64, 3)
+    moved = shift_images(images, 4)
+    assert moved.dtype == torch.uint8
+    channels_first = images.permute(0, 3, 1, 2).float()
+    padded = torch.nn.functional.pad(channels_first, (4, 4, 4, 4), mode="replicate").permute(0, 2, 3, 1).byte()
+    cuts = {(y, x): padded[0, y : y + 64, x : x + 64] for y in range(9) for x in range(9)}
+    found = {next(place for place, cut in cuts.items() if torch.equal(cut, one)) for one in moved}
+    assert len(found) > 20
+    assert torch.equal(shift_images(images, 0), images)

@@ -1,0 +1,110 @@
+"""Agents that learn from images: the same algorithms with an encoder that sees."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+import torch
+from small import SIGHT, make, same, saved, settings, weights
+from tensordict import TensorDict
+
+from bricksrl.agents import make_learner
+from bricksrl.agents.actor_critic import ActorCriticLoss
+from bricksrl.agents.learner import Learner
+from bricksrl.agents.replay import EpisodicReplayBuffer
+
+SEEING = ("sac", "droq", "td3", "crossq", "tqc", "iql", "cql", "td3bc")
+
+
+def frames(count: int, seed: int = 7) -> TensorDict:
+    with torch.random.fork_rng():
+        SIGHT.set_seed(seed)
+        found: TensorDict = SIGHT.rollout(count, break_when_any_done=False)
+    return found
+
+
+def seen(column: int) -> TensorDict:
+    return SIGHT.shown(column)
+
+
+def taught(learner: Learner, updates: int = 2, count: int = 20) -> Learner:
+    torch.manual_seed(2)
+    learner.remember(frames(count))
+    learner.make_updates(updates)
+    return learner
+
+
+@pytest.mark.parametrize("agent", SEEING)
+@pytest.mark.parametrize("encoder", ["keypoints", "convolutions"])
+def test_learns_and_acts(agent: str, encoder: str) -> None:
+    if encoder == "convolutions":
+        env: Any = type(SIGHT)(side_px=36)
+        learner = make_learner(agent, env, settings(agent, images=True, encoder=encoder, batch_size=6))
+        torch.manual_seed(1)
+        learner.remember(env.rollout(10, break_when_any_done=False))
+        state = env.shown(3)
+    else:
+        learner, state = make(agent, env=SIGHT, batch_size=6), seen(3)
+        learner.remember(frames(10))
+    before = weights(learner)
+    learner.make_updates(1)
+    assert not same(before, weights(learner))
+    assert learner.sees_images
+    assert learner.act(state, explore=True).shape == (2,)
+    assert learner.act(torch.stack([state, state]), explore=False).shape == (2, 2)
+
+
+@pytest.mark.parametrize("agent", ["bc", "act", "diffusion"])
+def test_imitates_what_was_done_in_sight(agent: str) -> None:
+    learner = make(agent, env=SIGHT)
+    assert learner.sees_images
+    learner.study(EpisodicReplayBuffer.from_frames(frames(40), 8, ("observation", "image"), chunk=learner.chunk))
+    assert learner.make_updates(2)
+    assert learner.act(torch.stack([seen(3), seen(9)]), explore=False).shape == (2, 2)
+
+
+def test_ppo_sees_too() -> None:
+    learner = make("ppo", env=SIGHT)
+    with torch.no_grad():
+        learner.remember(SIGHT.rollout(learner.frames_per_batch, learner.policy, break_when_any_done=False)[None])
+    assert learner.learn()
+
+
+@pytest.mark.parametrize("agent", ["sac", "td3", "crossq"])
+def test_only_the_critics_teach_the_encoder(agent: str) -> None:
+    learner = taught(make(agent, env=SIGHT))
+    loss = learner.loss
+    assert isinstance(loss, ActorCriticLoss)
+    parameters = list(loss.encoder.parameters())
+    found = loss(learner.memory.sample())  # type: ignore[union-attr]
+    assert torch.autograd.grad(found["loss_actor"], parameters, allow_unused=True, retain_graph=True) == (None,) * len(parameters)
+    gradients = torch.autograd.grad(found["loss_qvalue"], parameters)
+    assert all(gradient.abs().sum() > 0 for gradient in gradients)
+
+
+@pytest.mark.parametrize("agent", ["sac", "td3"])
+@pytest.mark.parametrize("buffer_size", [1000, 15])
+def test_a_state_survives_a_file_and_learning_goes_on_bit_for_bit(agent: str, buffer_size: int) -> None:
+    changes = {"buffer_size": buffer_size, "shift_px": 2, "actor_delay": 2}
+    one, other = make(agent, env=SIGHT, **changes), make(agent, env=SIGHT, seed=5, **changes)
+    for frame in frames(20):
+        one.remember(frame[None])
+    one.make_updates(3)
+    state = saved(one)
+    assert state["memory"]["rows"]["image"].shape == (min(buffer_size, 20), 32, 32, 3)
+    other.load_state_dict(state)
+    for each in (one, other):
+        torch.manual_seed(1)
+        each.remember(frames(5, seed=8))
+        each.make_updates(3)
+    assert same(weights(one), weights(other))
+    assert torch.equal(one.act(seen(9), explore=False), other.act(seen(9), explore=False))
+
+
+@pytest.mark.parametrize("agent", ["sac", "td3"])
+def test_learns_to_act_towards_what_it_sees(agent: str) -> None:
+    learner = make(agent, env=SIGHT, gamma=0.0, hidden=(32, 32), batch_size=32)
+    taught(learner, updates=150, count=150)
+    assert learner.act(seen(25), explore=False)[0] > 0.4
+    assert learner.act(seen(1), explore=False)[0] < -0.4

@@ -1,0 +1,288 @@
+"""The learner: what an update does and in which order, how many are due, and where batches come from."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+from small import ENV, LEARNING, REPLAYING, dataset, learned, make, same, settings, steps, taught, weights
+from tensordict import TensorDict
+from tensordict.nn import TensorDictModule
+from torch import Tensor, nn
+from torchrl.data import LazyTensorStorage, SamplerWithoutReplacement, TensorDictReplayBuffer
+from torchrl.objectives.common import LossModule
+
+from bricksrl.agents.learner import Learner
+from bricksrl.agents.replay import EpisodicReplayBuffer
+
+
+class Counting(LossModule):  # type: ignore[misc]
+    """A loss of one weight each for critics and actor, which notes what is done."""
+
+    out_keys = ("loss_qvalue", "loss_actor", "loss_extra", "told")
+
+    def __init__(self, log: list[str]) -> None:
+        super().__init__()
+        self.critic, self.actor = nn.Parameter(torch.ones(())), nn.Parameter(torch.ones(()))
+        self.log = log
+        self.seen: list[Tensor] = []
+
+    def forward(self, tensordict: TensorDict) -> TensorDict:
+        self.log.append("loss")
+        self.seen.append(tensordict["observation"].flatten())
+        critic, actor = self.critic * 1.0, self.actor * 1.0
+        return TensorDict(
+            {"loss_qvalue": critic, "loss_actor": actor, "loss_extra": self.critic * 100.0, "told": critic.detach()}
+        )
+
+
+class Target:
+    def __init__(self, log: list[str]) -> None:
+        self.log = log
+
+    def step(self) -> None:
+        self.log.append("target")
+
+
+class Descent(torch.optim.SGD):
+    def __init__(self, loss: nn.Module, log: list[str]) -> None:
+        super().__init__(loss.parameters(), lr=1.0)
+        self.log = log
+
+    def step(self, closure: None = None) -> None:  # type: ignore[override]
+        self.log.append("optimizer")
+        super().step()
+
+
+def counting(**changes: object) -> tuple[Learner, Counting, list[str]]:
+    log: list[str] = []
+    loss = Counting(log)
+    memory = EpisodicReplayBuffer(100, 4, ("observation",))
+    policy = TensorDictModule(nn.Linear(8, 4), in_keys=["observation"], out_keys=["action"])
+    usual = {"descend": ("loss_qvalue", "loss_actor"), **changes}
+    return Learner(policy, loss, Descent(loss, log), memory, Target(log), **usual), loss, log  # type: ignore[arg-type]
+
+
+def test_an_update_is_losses_then_optimizer_then_targets() -> None:
+    learner, loss, log = counting()
+    learner.remember(steps(8))
+    told = learner.make_updates(2)
+    assert log == ["loss", "optimizer", "target"] * 2
+    assert learner.updates == 2
+    assert (float(loss.critic.detach()), float(loss.actor.detach())) == (-1.0, -1.0)
+    assert {name: float(value) for name, value in told.items()} == {
+        "loss_qvalue": 0.5,
+        "loss_actor": 0.5,
+        "loss_extra": 50.0,
+        "told": 0.5,
+    }
+    assert loss.critic.grad is None or float(loss.critic.grad) == 0.0
+
+
+def test_only_named_losses_are_descended_and_all_that_begin_with_loss_otherwise() -> None:
+    for descend, expected in ((("loss_actor",), (1.0, 0.0)), (None, (-100.0, 0.0))):
+        learner, loss, _ = counting(descend=descend)
+        learner.remember(steps(8))
+        learner.make_updates(1)
+        assert (float(loss.critic.detach()), float(loss.actor.detach())) == expected
+
+
+def test_the_actor_and_the_targets_wait_for_their_turn() -> None:
+    learner, loss, log = counting(actor_delay=3, target_delay=2)
+    learner.remember(steps(8))
+    found = []
+    for _ in range(6):
+        learner.make_updates(1)
+        found.append((float(loss.critic.detach()), float(loss.actor.detach()), log.count("target")))
+    assert found == [(0.0, 1.0, 0), (-1.0, 1.0, 1), (-2.0, 0.0, 1), (-3.0, 0.0, 2), (-4.0, 0.0, 2), (-5.0, -1.0, 3)]
+
+
+def test_the_norm_of_the_gradient_is_limited() -> None:
+    learner, loss, _ = counting(clip_norm=0.5, descend=None)
+    learner.remember(steps(8))
+    learner.make_updates(1)
+    change = torch.stack((1.0 - loss.critic.detach(), 1.0 - loss.actor.detach()))
+    assert float(change.norm()) == pytest.approx(0.5, abs=1e-3)
+
+
+@pytest.mark.parametrize(("rate", "expected"), [(0.25, [0, 0, 0, 1, 0]), (1.0, [1] * 5), (2.5, [2, 3, 2, 3, 2])])
+def test_updates_are_made_as_they_fall_due(rate: float, expected: list[int]) -> None:
+    learner, loss, log = counting(updates_per_step=rate)
+    learner.remember(steps(8))
+    made = []
+    for _ in range(5):
+        before = learner.updates
+        learner.learn()
+        made.append(learner.updates - before)
+    assert made == expected
+    assert log.count("loss") == sum(expected)
+    learner.learn(4)
+    assert learner.updates == int(rate * 9)
+    assert loss is learner.loss
+
+
+def test_what_is_due_is_part_of_the_state() -> None:
+    one, other = counting(updates_per_step=0.75)[0], counting(updates_per_step=0.75)[0]
+    for _ in range(3):
+        one.learn()
+    other.load_state_dict(one.state_dict())
+    assert other._due == one._due == pytest.approx(0.25)
+
+
+def test_without_experience_there_is_nothing_to_update() -> None:
+    learner, _, log = counting()
+    assert learner.make_updates(3) == {}
+    assert log == []
+    assert learner.updates == 0
+
+
+def on_policy(passes: int, rows: int) -> tuple[Learner, Counting]:
+    learner, loss, _ = counting(on_policy=True, updates_per_step=passes)
+    learner.memory = TensorDictReplayBuffer(
+        storage=LazyTensorStorage(rows), sampler=SamplerWithoutReplacement(), batch_size=min(4, rows)
+    )
+    return learner, loss
+
+
+@pytest.mark.parametrize(("passes", "rows", "batches"), [(1, 8, 2), (3, 8, 6), (2, 10, 6), (1, 3, 1)])
+def test_on_policy_passes_see_each_row_once_and_forget_it(passes: int, rows: int, batches: int) -> None:
+    learner, loss = on_policy(passes, rows)
+    for round_ in range(2):
+        frames = steps(rows)
+        frames["observation"] = torch.arange(rows).float()[:, None] + 100.0 * round_
+        learner.remember(frames)
+        loss.seen.clear()
+        learner.learn(rows)
+        assert len(loss.seen) == batches
+        counts = torch.cat(loss.seen).long().bincount(minlength=100 * round_ + rows)[100 * round_ :]
+        assert counts.tolist() == [passes] * rows
+        assert len(learner.memory) == 0  # type: ignore[arg-type]
+
+
+def test_half_of_each_batch_comes_from_the_dataset() -> None:
+    learner = make("sac", hindsight=0.0, new_goals=0.0, batch_size=11)
+    frames = steps(40)
+    frames["next", "reward"] = torch.full((40, 1), 7.0)
+    learner.study(dataset(frames, batch_size=11))
+    assert all((batch["next", "reward"] == 7.0).all() and len(batch) == 11 for batch in learner.batches(3))
+    learner.remember(steps(30))
+    for batch in learner.batches(3):
+        assert (batch["next", "reward"][:, 0] == 7.0).tolist() == [False] * 6 + [True] * 5
+
+
+def test_many_batches_are_drawn_at_once_and_are_all_there() -> None:
+    learner = make("sac", batch_size=256, hindsight=0.0, new_goals=0.0)
+    learner.remember(steps(300, length=50))
+    batches = list(learner.batches(70))
+    assert [len(batch) for batch in batches] == [256] * 70
+    assert not torch.equal(batches[0]["observation"], batches[1]["observation"])
+
+
+def test_a_dataset_is_as_good_as_the_same_experience() -> None:
+    one, other = make("sac"), make("sac")
+    one.remember(steps(40))
+    memory = EpisodicReplayBuffer.of(ENV, settings("sac"), "cpu")
+    memory.extend(steps(40))
+    other.study(memory)
+    for each in (one, other):
+        torch.manual_seed(1)
+        each.make_updates(3)
+    assert same(weights(one), weights(other))
+
+
+@pytest.mark.parametrize("agent", LEARNING)
+def test_what_updates_tell_are_names_that_the_loss_declares(agent: str) -> None:
+    learner = make(agent)
+    told: dict[str, Tensor] = {}
+    update = learner.update
+    learner.update = lambda batch: told.update(found := update(batch)) or found  # type: ignore[method-assign]
+    taught(learner)
+    assert told
+    assert all(value.numel() == 1 and not value.requires_grad and value.isfinite() for value in told.values())
+    assert any(name.startswith("loss") for name in told)
+
+
+@pytest.mark.parametrize("agent", REPLAYING)
+def test_the_actor_learns_in_every_nth_update(agent: str) -> None:
+    learner = make(agent, actor_delay=3, imitation_updates=0)
+    before = [value.clone() for value in learner.policy.parameters()]
+    taught(learner, 2)
+    assert same(before, list(learner.policy.parameters()))
+    learner.make_updates(1)
+    assert not any(torch.equal(one, other) for one, other in zip(before, learner.policy.parameters(), strict=True))
+
+
+@pytest.mark.parametrize("delay", [1, 2])
+def test_targets_follow_by_their_share(delay: int) -> None:
+    learner = make("td3", tau=0.25, actor_delay=delay)
+    taught(learner, 1)
+    loss = learner.loss
+    assert loss is not None
+    pairs = ((loss.critics, loss.target_critics), (loss.actor, loss.target_actor))
+    for _ in range(2):
+        before = [[value.clone() for value in target.parameters()] for _, target in pairs]
+        learner.make_updates(1)
+        share = 0.25 if learner.updates % delay == 0 else 0.0
+        for (network, target), old in zip(pairs, before, strict=True):
+            for now, was, goal in zip(target.parameters(), old, network.parameters(), strict=True):
+                torch.testing.assert_close(now, was + share * (goal - was))
+
+
+def test_an_imitator_learns_from_nothing_that_it_did() -> None:
+    learner = make("bc")
+    learner.remember(steps(20))
+    assert learner.make_updates(3) == {}
+    learner.study(dataset())
+    assert "loss_bc" in learner.make_updates(3)
+
+
+def test_frames_of_a_broken_link_do_not_reach_a_buffer_of_torchrls() -> None:
+    learner, _, _ = counting()
+    learner.memory = TensorDictReplayBuffer(storage=LazyTensorStorage(50), batch_size=4)
+    frames = steps(10)
+    frames["next", "link_lost"] = torch.zeros(10, 1, dtype=torch.bool)
+    frames["next", "link_lost"][4] = True
+    learner.remember(frames)
+    assert len(learner.memory) == 9
+    learner.remember(frames[4:5])
+    assert len(learner.memory) == 9
+    learner.end_episodes()
+
+
+@pytest.mark.parametrize("agent", ["sac", "td3", "crossq"])
+def test_learns_the_action_that_pays(agent: str) -> None:
+    learner = make(agent, gamma=0.0, hidden=(32, 32), batch_size=32, hindsight=0.0, new_goals=0.0)
+    frames = steps(200)
+    frames["next", "reward"] = frames["action"][:, :1] - frames["action"][:, 1:2]
+    frames["next", "terminated"] = torch.zeros(200, 1, dtype=torch.bool)
+    learner.remember(frames)
+    learner.make_updates(250)
+    best = learner.act(frames, explore=False)
+    assert best[:, 0].mean() > 0.6
+    assert best[:, 1].mean() < -0.6
+
+
+@pytest.mark.parametrize("agent", ["sac", "td3", "crossq"])
+@pytest.mark.parametrize("terminated", [False, True])
+def test_values_go_on_through_a_time_limit_and_end_at_a_termination(agent: str, terminated: bool) -> None:
+    changes = {"gamma": 0.8, "learning_rate": 3e-3, "hindsight": 0.0, "new_goals": 0.0, "batch_size": 32, "tau": 0.1}
+    learner = make(agent, **changes, momentum=0.1, alpha_init=1e-4)
+    frames = steps(30)
+    after = frames["next"]
+    after["reward"] = torch.ones(30, 1)
+    after["terminated"] = torch.full((30, 1), terminated)
+    after["truncated"], after["done"] = torch.full((30, 1), not terminated), torch.ones(30, 1, dtype=torch.bool)
+    learner.remember(frames)
+    learner.make_updates(500 if agent == "crossq" else 200)  # CrossQ's values come slower
+    loss = learner.loss
+    assert loss is not None
+    with torch.no_grad():
+        values = loss.critics(loss.encoder(frames["observation"]), frames["action"]).mean(0)
+    if terminated:
+        assert (values - 1.0).abs().max() < 0.3
+    else:
+        assert values.min() > 2.5
+
+
+def test_learning_leaves_no_gradients_behind() -> None:
+    learner = learned("sac")
+    assert all(parameter.grad is None for parameter in learner.loss.parameters())  # type: ignore[union-attr]

@@ -1,0 +1,244 @@
+"""SAC's losses, gradients and whole updates against TorchRL's; DroQ and REDQ are settings of it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+import torch
+from oracle import (
+    ACTION,
+    GAMMA,
+    OF_GAUSSIAN,
+    Draws,
+    action_spec,
+    actor,
+    assert_close,
+    assert_same_actor_gradients,
+    assert_same_critic_gradients,
+    batch,
+    copy_body,
+    copy_critics,
+    critics,
+    moved,
+    their_critic,
+    their_gaussian,
+)
+from tensordict import TensorDict
+from torch import Tensor, nn
+from torch.nn import functional
+from torchrl.modules import TanhNormal
+from torchrl.objectives import REDQLoss, SoftUpdate
+from torchrl.objectives import SACLoss as TorchRLSACLoss
+
+from bricksrl.agents.actor_critic import PolyakUpdate
+from bricksrl.agents.cql import log_prob
+from bricksrl.agents.sac import SACLoss, SACSettings, location_and_scale, rsample
+
+pytestmark = pytest.mark.usefixtures("double")
+N = 64
+
+
+def make(**changes: Any) -> SACLoss:
+    kind = {key: changes.pop(key) for key in ("layer_norm", "dropout", "hidden", "count") if key in changes}
+    settings = SACSettings(gamma=GAMMA, alpha_init=0.3, num_qs=kind.get("count", 2), **changes)
+    loss: SACLoss = moved(SACLoss(nn.Identity(), actor(2 * ACTION), critics(**kind), settings))
+    return loss
+
+
+def oracle_of(loss: SACLoss, tau: float = 0.5) -> tuple[TorchRLSACLoss, SoftUpdate]:
+    oracle = TorchRLSACLoss(
+        their_gaussian(loss.actor, loss.settings.min_scale),
+        their_critic(loss.critics),
+        num_qvalue_nets=len(loss.critics),
+        loss_function="l2",
+        alpha_init=0.3,
+        action_spec=action_spec(),
+        deactivate_vmap=True,
+    )
+    oracle.make_value_estimator(gamma=GAMMA)
+    targets = SoftUpdate(oracle, tau=tau)
+    copy_critics(loss.critics, oracle.qvalue_network_params)
+    copy_critics(loss.target_critics, oracle.target_qvalue_network_params)
+    copy_body(loss.actor, oracle.actor_network_params, OF_GAUSSIAN)
+    return oracle, targets
+
+
+def draws() -> Draws:
+    return Draws(after=torch.randn(N, ACTION), now=torch.randn(N, ACTION))
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {},
+        {"layer_norm": True},
+        {"count": 3, "num_min_qs": 3},
+        {"count": 1, "num_min_qs": 1},
+        {"hidden": (8,), "min_scale": 0.8},
+        {"hidden": (12, 10, 8), "layer_norm": True},
+    ],
+)
+@pytest.mark.parametrize("steps", [False, True])
+def test_losses_and_gradients_equal_torchrls(options: dict[str, Any], steps: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    loss, data, noise = make(**options), batch(N, steps=steps), draws()
+    assert (data["next", "done"] & ~data["next", "terminated"]).any()
+    oracle, _ = oracle_of(loss)
+    noise.for_ours(monkeypatch, "after", "now")
+    ours = loss(data)
+    noise.for_theirs(monkeypatch, "after", "now")
+    theirs = oracle(data)
+    names = ("loss_qvalue", "loss_actor", "loss_alpha", "alpha", "entropy")
+    assert set(ours.keys()) == set(names) == set(loss.out_keys)
+    assert_close([ours[name] for name in names], [theirs[name] for name in names])
+    assert_same_critic_gradients(loss.critics, ours["loss_qvalue"], oracle.qvalue_network_params, theirs["loss_qvalue"])
+    params = oracle.actor_network_params
+    assert_same_actor_gradients(loss.actor, ours["loss_actor"], params, OF_GAUSSIAN, theirs["loss_actor"])
+    one, other = (
+        torch.autograd.grad(ours["loss_alpha"], loss.log_alpha),
+        torch.autograd.grad(theirs["loss_alpha"], oracle.log_alpha),
+    )
+    assert_close(one, other)
+
+
+def masked(x: Tensor, p: float = 0.5, training: bool = True, inplace: bool = False) -> Tensor:
+    """Dropout of the same units in each network."""
+    kept = (torch.arange(x[0].numel()) * 7 + torch.arange(len(x))[:, None]) % 5 > 0
+    return x * kept.view(x.shape) / (1.0 - p) if training and p else x
+
+
+def test_droq_equals_torchrls_with_dropout(monkeypatch: pytest.MonkeyPatch) -> None:
+    loss, data, noise = make(dropout=0.2, layer_norm=True), batch(N), draws()
+    oracle, _ = oracle_of(loss)
+    plain, _ = oracle_of(make(layer_norm=True))
+    monkeypatch.setattr(functional, "dropout", masked)
+    noise.for_ours(monkeypatch, "after", "now")
+    ours = loss(data)
+    noise.for_theirs(monkeypatch, "after", "now")
+    theirs = oracle(data)
+    assert_close([ours["loss_qvalue"], ours["loss_actor"]], [theirs["loss_qvalue"], theirs["loss_actor"]])
+    assert_same_critic_gradients(loss.critics, ours["loss_qvalue"], oracle.qvalue_network_params, theirs["loss_qvalue"])
+    noise.for_theirs(monkeypatch, "after", "now")
+    assert not torch.allclose(plain(data)["loss_qvalue"], theirs["loss_qvalue"])
+
+
+def test_redq_equals_torchrls(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its temperature learns from the next step's actions too in TorchRL, and from this step's alone with us."""
+    loss, data, noise = make(count=5, num_min_qs=2, actor_q="mean"), batch(N), draws()
+    oracle = REDQLoss(
+        their_gaussian(loss.actor, loss.settings.min_scale),
+        their_critic(loss.critics),
+        num_qvalue_nets=5,
+        sub_sample_len=2,
+        loss_function="l2",
+        alpha_init=0.3,
+        min_alpha=1e-4,
+        action_spec=action_spec(),
+        deactivate_vmap=True,
+    )
+    oracle.make_value_estimator(gamma=GAMMA)
+    SoftUpdate(oracle, tau=0.5)
+    copy_critics(loss.critics, oracle.qvalue_network_params)
+    copy_critics(loss.target_critics, oracle.target_qvalue_network_params)
+    monkeypatch.setattr(torch, "randperm", lambda k: torch.tensor([3, 1, 0, 4, 2]))
+    noise.for_ours(monkeypatch, "after", "now")
+    ours = loss(data)
+    both = Draws(both=torch.stack((noise.by_name["now"], noise.by_name["after"])))
+    both.for_theirs(monkeypatch, "both")
+    theirs = oracle(data)
+    total = 5 * theirs["loss_qvalue"]  # the mean over the critics there, their sum here
+    assert_close([ours["loss_actor"], ours["loss_qvalue"]], [theirs["loss_actor"], total])
+    assert_same_critic_gradients(loss.critics, ours["loss_qvalue"], oracle.qvalue_network_params, total)
+    params = oracle.actor_network_params
+    assert_same_actor_gradients(loss.actor, ours["loss_actor"], params, OF_GAUSSIAN, theirs["loss_actor"])
+
+
+def test_target_critics_are_drawn_anew_for_each_update() -> None:
+    loss, data = make(count=4, num_min_qs=1), batch(N)
+    encoded = loss.encode(data)
+    found = {float(loss.next_qvalue(encoded, encoded.action).sum()) for _ in range(40)}
+    each = {float(target(torch.cat((encoded.next_features, encoded.action), -1)).sum()) for target in loss.target_critics}
+    assert {round(value, 9) for value in found} == {round(value, 9) for value in each}
+
+
+@pytest.mark.parametrize("delay", [1, 3])
+def test_whole_updates_end_where_torchrls_end(delay: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    from bricksrl.agents.learner import Learner
+
+    loss = make(layer_norm=True)
+    oracle, targets = oracle_of(loss, tau=0.2)
+    learner = Learner(
+        policy=their_gaussian(loss.actor, 0.1),
+        loss=loss,
+        optimizer=torch.optim.Adam([one for one in loss.parameters() if one.requires_grad], lr=3e-3, fused=True),
+        target=PolyakUpdate((loss.critics, loss.target_critics), tau=0.2),
+        actor_delay=delay,
+    )
+    optimizer = torch.optim.Adam(oracle.parameters(), lr=3e-3)
+    for number in range(1, 7):
+        data, noise = batch(N), draws()
+        with monkeypatch.context() as patched:
+            noise.for_ours(patched, "after", "now")
+            told = learner.update(data)
+        assert ("loss_actor" in told) == (number % delay == 0)
+        with monkeypatch.context() as patched:
+            noise.for_theirs(patched, "after", "now")
+            found = oracle(data)
+        total = found["loss_qvalue"]
+        if number % delay == 0:
+            total = total + found["loss_actor"] + found["loss_alpha"]
+        optimizer.zero_grad()
+        total.backward()
+        optimizer.step()
+        targets.step()
+    mine, theirs = oracle_of(loss)[0], oracle
+    for name in ("actor_network_params", "qvalue_network_params", "target_qvalue_network_params"):
+        ends = [getattr(one, name).flatten_keys() for one in (mine, theirs)]
+        assert_close(*([one[key] for key in sorted(ends[0].keys())] for one in ends))
+    assert_close([loss.log_alpha], [oracle.log_alpha])
+
+
+def test_no_gradient_of_the_actors_loss_is_for_the_critics() -> None:
+    loss = make()
+    found = loss(batch(N))
+    (found["loss_actor"] + found["loss_alpha"]).backward()
+    assert all(parameter.grad is None for parameter in loss.critics.parameters())
+    assert all(parameter.requires_grad for parameter in loss.critics.parameters())
+    assert all(parameter.grad is None for parameter in loss.target_critics.parameters())
+    assert loss.log_alpha.grad is not None
+
+
+def test_only_the_critics_train_an_encoder() -> None:
+    encoder = nn.Linear(5, 5)
+    loss = SACLoss(encoder, actor(2 * ACTION), critics(), SACSettings())
+    found = loss(batch(N))
+    found["loss_actor"].backward(retain_graph=True)
+    assert encoder.weight.grad is None
+    found["loss_qvalue"].backward()
+    assert encoder.weight.grad is not None
+
+
+def test_log_probability_is_that_of_torchrls_tanh_normal() -> None:
+    out, noise = torch.randn(100, 6), torch.randn(100, 3)
+    action, density = rsample(out, 0.2, noise)
+    loc, scale = location_and_scale(out, 0.2)
+    theirs = TanhNormal(loc, scale)
+    assert scale.min() == 0.2
+    torch.testing.assert_close(density, theirs.log_prob(action), rtol=1e-6, atol=1e-6)
+    torch.testing.assert_close(log_prob(out, 0.2, action.clamp(-0.99, 0.99)), theirs.log_prob(action.clamp(-0.99, 0.99)))
+
+
+def test_log_probability_stays_finite_where_tanh_saturates() -> None:
+    out = torch.tensor([[50.0, 0.0], [-50.0, 0.0]], dtype=torch.float32, requires_grad=True)
+    action, density = rsample(out, 0.1, torch.ones(2, 1, dtype=torch.float32))
+    assert action.detach().abs().tolist() == [[1.0], [1.0]]
+    found = density.sum() + log_prob(out, 0.1, torch.tensor([[1.0], [-1.0]], dtype=torch.float32)).sum()
+    found.backward()
+    assert out.grad is not None
+    assert found.isfinite() and out.grad.isfinite().all()
+
+
+def test_what_a_loss_reads_is_declared() -> None:
+    loss = make()
+    needed = TensorDict({}, [N]).update(batch(N).select(*loss.in_keys))
+    assert loss(needed)["loss_qvalue"].isfinite()

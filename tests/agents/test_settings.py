@@ -1,0 +1,260 @@
+"""Settings and presets: values by name, and what is refused."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from dataclasses import FrozenInstanceError, dataclass, fields, replace
+from typing import Annotated, Any, Literal
+
+import pytest
+from small import ENV, SIGHT
+from toys import Cart
+
+from bricksrl.agents import AGENTS, PRESETS, algorithm, make_learner, preset
+from bricksrl.agents.act import ACTSettings
+from bricksrl.agents.presets import values
+from bricksrl.agents.sac import SACSettings
+from bricksrl.agents.settings import Positive, Range, Settings, check_value
+from bricksrl.agents.td3 import TD3Settings
+from bricksrl.errors import DescriptionError, UnknownNameError
+
+OF_ALL = [
+    {"learning_rate": 0.0},
+    {"learning_rate": float("inf")},
+    {"learning_rate": "fast"},
+    {"learning_rate": True},
+    {"gamma": float("nan")},
+    {"batch_size": 0},
+    {"gamma": 1.1},
+    {"adam_beta": 1.0},
+    {"hidden": ()},
+    {"hidden": (8, 0)},
+    {"hidden": (8, 20_000)},
+    {"prefill_episodes": -1},
+    {"updates_per_step": 0},
+    {"actor_delay": 0},
+    {"angles": "degrees"},
+    {"goals": "none"},
+    {"encoder": "eyes"},
+    {"hindsight": -0.1},
+    {"hindsight": 0.6, "new_goals": 0.6},
+    {"buffer_size": 1},
+    {"n_step": 0},
+    {"n_step": 65},
+    {"shift_px": -1},
+]
+OF_ONE: list[tuple[str, dict[str, Any]]] = [
+    ("sac", {"tau": 0.0}),
+    ("sac", {"tau": 2.0}),
+    ("sac", {"dropout": -0.1}),
+    ("sac", {"dropout": 1.0}),
+    ("sac", {"alpha_init": 0.0}),
+    ("sac", {"min_scale": 0.0}),
+    ("sac", {"num_qs": 0}),
+    ("sac", {"num_min_qs": 3}),
+    ("sac", {"actor_q": "max"}),
+    ("td3", {"tau": 0.0}),
+    ("td3", {"exploration_noise": -0.1}),
+    ("td3", {"target_noise": -0.1}),
+    ("td3", {"target_noise_clip": 0.0}),
+    ("crossq", {"momentum": 0.0}),
+    ("tqc", {"quantiles": 1}),
+    ("tqc", {"dropped": -1}),
+    ("tqc", {"dropped": 25}),
+    ("bc", {"dropout": 1.0}),
+    ("iql", {"expectile": 1.0}),
+    ("iql", {"temperature": -1.0}),
+    ("cql", {"min_q_weight": -1.0}),
+    ("cql", {"sampled_actions": 0}),
+    ("cql", {"drawn_actions": -1}),
+    ("cql", {"imitation_updates": -1}),
+    ("cql", {"lagrange_threshold": float("nan")}),
+    ("td3bc", {"value_weight": 0.0}),
+    ("ppo", {"clip_epsilon": 0.0}),
+    ("ppo", {"gae_lambda": 1.1}),
+    ("ppo", {"passes": 0}),
+    ("act", {"chunk": 0}),
+    ("act", {"executed": 0}),
+    ("act", {"executed": 9}),
+    ("act", {"ensemble": -0.1}),
+    ("act", {"heads": 3}),
+    ("act", {"dropout": 1.0}),
+    ("act", {"latent": 0}),
+    ("act", {"kl_weight": -1.0}),
+    ("act", {"weight_decay": -1.0}),
+    ("diffusion", {"denoising_steps": 0}),
+    ("diffusion", {"ensemble": -1.0}),
+]
+
+
+@pytest.mark.parametrize(
+    ("agent", "change"), [*((agent, change) for agent in ("sac", "td3", "crossq") for change in OF_ALL), *OF_ONE]
+)
+def test_impossible_settings_are_refused_in_one_line(agent: str, change: dict[str, Any]) -> None:
+    with pytest.raises(DescriptionError, match=next(iter(change))) as caught:
+        replace(preset("default", agent), **change)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("limits", "inside", "outside"),
+    [
+        (Range(0.0, 1.0), (0, 0.0, 1.0, 0.5), (-0.1, 1.1)),
+        (Range(0.0, 1.0, above=True), (1e-9, 1.0), (0.0,)),
+        (Range(0.0, 1.0, below=True), (0.0, 0.999), (1.0,)),
+        (Positive, (1, 1e-9, 2**24), (0, -1.0, 2**24 + 1)),
+    ],
+)
+def test_a_range_is_what_it_says(limits: Range, inside: tuple[float, ...], outside: tuple[float, ...]) -> None:
+    assert all(value in limits for value in inside)
+    assert not any(value in limits for value in outside)
+
+
+def test_messages_tell_what_may_be_given() -> None:
+    with pytest.raises(DescriptionError, match=r"^gamma is 1.5; give a number from 0 to 1$"):
+        SACSettings(gamma=1.5)
+    with pytest.raises(DescriptionError, match=r"^tau is 0; give a number above 0 to 1$"):
+        SACSettings(tau=0)
+    with pytest.raises(DescriptionError, match=r"^angles is 'round'; choose phases, sincos or raw$"):
+        SACSettings(angles="round")  # type: ignore[arg-type]
+    with pytest.raises(DescriptionError, match=r"^hidden is \(\); give the units of at least one layer"):
+        Settings(hidden=())
+    with pytest.raises(DescriptionError, match=r"^batch_size is 2.5; give a whole number$"):
+        SACSettings(batch_size=2.5)  # type: ignore[arg-type]
+    with pytest.raises(DescriptionError, match=r"^memory_mapped is 'yes'; give True or False$"):
+        SACSettings(memory_mapped="yes")  # type: ignore[arg-type]
+    with pytest.raises(DescriptionError, match=r"^network is 3; give a text$"):
+        SACSettings(network=3)  # type: ignore[arg-type]
+    with pytest.raises(DescriptionError, match=r"^hidden is \('8',\); give"):
+        SACSettings(hidden=("8",))  # type: ignore[arg-type]
+
+
+def test_settings_of_ones_own_are_checked_by_their_annotations() -> None:
+    @dataclass(frozen=True)
+    class Own(Settings):
+        rate: Annotated[float, Range(0.0, 2.0)] = 1.0
+        kind: Literal["a", "b"] = "a"
+        maybe: Annotated[float | None, Positive] = None
+
+    assert Own(rate=2, maybe=3.0, kind="b").maybe == 3.0
+    for change in ({"rate": 3.0}, {"kind": "c"}, {"maybe": 0.0}, {"batch_size": 0}):
+        with pytest.raises(DescriptionError, match=next(iter(change))):
+            Own(**change)  # type: ignore[arg-type]
+    with pytest.raises(FrozenInstanceError):
+        Own().rate = 0.5  # type: ignore[misc]
+    check_value("anything", "goes", str)
+
+
+@pytest.mark.parametrize("agent", AGENTS)
+def test_each_field_has_its_help_under_it(agent: str) -> None:
+    import ast
+    import inspect
+
+    for kind in algorithm(agent).settings.__mro__[:-1]:
+        body = ast.parse(inspect.getsource(kind)).body[0]
+        assert isinstance(body, ast.ClassDef)
+        for field, following in zip(body.body, [*body.body[1:], None], strict=True):
+            if isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name):
+                inherited = any(field.target.id in getattr(base, "__annotations__", {}) for base in kind.__mro__[1:])
+                assert inherited or isinstance(following, ast.Expr), field.target.id
+
+
+@pytest.mark.parametrize("name", PRESETS)
+@pytest.mark.parametrize("agent", AGENTS)
+def test_every_preset_makes_every_agent(name: str, agent: str) -> None:
+    if (name, agent) == ("paper", "act"):  # its authors' transformers have millions of weights
+        assert preset(name, agent).decoder_layers == 7
+        return
+    for env in (ENV, Cart()):
+        learner = make_learner(agent, env, preset(name, agent))
+        assert learner.prefill_episodes == getattr(preset(name, agent), "prefill_episodes", 0)
+        assert (learner.loss is None) == (agent == "random")
+
+
+@pytest.mark.parametrize("name", PRESETS)
+@pytest.mark.parametrize("agent", [agent for agent in AGENTS if agent != "act"])
+def test_every_preset_makes_every_agent_for_images(name: str, agent: str) -> None:
+    changes = {"encoder": "keypoints"} if agent != "random" else {}
+    learner = make_learner(agent, SIGHT, replace(preset(name, agent, images=True), **changes))
+    assert learner.sees_images == (agent != "random")
+
+
+def test_the_preset_for_images_is_small_and_keeps_few() -> None:
+    plain, images = preset("default", "sac"), preset("default", "sac", images=True)
+    assert (images.hidden, images.batch_size, images.buffer_size, images.encoder) == ((128, 128), 64, 15_000, "keypoints")
+    assert (plain.hidden, plain.batch_size, plain.buffer_size) == ((256, 256), 256, 1_000_000)
+    assert make_learner("sac", SIGHT).sees_images
+    assert preset("paper", "sac", images=True).encoder == "convolutions"
+
+
+@pytest.mark.parametrize("name", PRESETS)
+@pytest.mark.parametrize("agent", AGENTS)
+@pytest.mark.parametrize("images", [False, True])
+def test_no_value_of_a_preset_is_unknown_to_all(name: str, agent: str, images: bool) -> None:
+    kind = algorithm(agent).settings
+    assert set(values(name, agent, kind, images=images)) <= {field.name for field in fields(kind)}
+
+
+def test_the_papers_values_are_the_papers() -> None:
+    for agent in ("sac", "td3", "iql", "cql", "td3bc", "tqc"):
+        paper = preset("paper", agent)
+        assert (paper.learning_rate, paper.batch_size, paper.gamma, paper.tau) == (3e-4, 256, 0.99, 0.005)
+        assert (paper.hidden, paper.prefill_episodes, paper.updates_per_step) == ((256, 256), 10, 1.0)
+        assert (paper.angles, paper.goals, paper.critic_layer_norm) == ("raw", "plain", False)
+        assert (paper.hindsight, paper.new_goals, paper.n_step) == (0.0, 0.0, 1)
+        assert paper.buffer_size == 1_000_000
+    assert preset("paper", "sac").alpha_init == 1.0
+
+
+def test_papers_td3_and_droq_are_its_authors() -> None:
+    td3, droq = preset("paper", "td3"), preset("paper", "droq")
+    assert isinstance(td3, TD3Settings)
+    assert (td3.actor_delay, td3.exploration_noise, td3.target_noise, td3.target_noise_clip) == (2, 0.1, 0.2, 0.5)
+    assert isinstance(droq, SACSettings)
+    assert (droq.updates_per_step, droq.actor_delay, droq.dropout, droq.critic_layer_norm) == (20.0, 20, 0.01, True)
+    assert (droq.num_qs, droq.num_min_qs, droq.actor_q) == (2, 2, "mean")
+
+
+def test_papers_offline_agents_are_the_papers() -> None:
+    bc, iql, cql = (preset("paper", name) for name in ("bc", "iql", "cql"))
+    assert (bc.hidden, bc.learning_rate, bc.batch_size, bc.actor_layer_norm, bc.dropout) == ((256, 256), 3e-4, 256, True, 0.01)
+    assert (iql.temperature, iql.expectile) == (1.0, 0.5)
+    assert (cql.min_q_weight, cql.sampled_actions, cql.lagrange_threshold, cql.imitation_updates) == (1.0, 10, 5.0, 1000)
+
+
+def test_acts_values_are_its_authors() -> None:
+    act = preset("paper", "act")
+    assert isinstance(act, ACTSettings)
+    assert (act.learning_rate, act.batch_size, act.chunk, act.kl_weight, act.dropout) == (1e-5, 8, 100, 10.0, 0.1)
+    assert (act.encoder_layers, act.decoder_layers, act.feedforward, act.width, act.heads) == (4, 7, 3200, 512, 8)
+    assert (act.executed, act.ensemble, act.latent, act.weight_decay) == (1, 0.01, 32, 1e-4)
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_redq_has_ten_critics_of_which_two_make_the_target(name: str) -> None:
+    redq = preset(name, "redq")
+    assert (redq.num_qs, redq.num_min_qs, redq.actor_q) == (10, 2, "mean")
+    assert (redq.critic_layer_norm, redq.dropout) == (False, 0.0)
+    assert redq.updates_per_step == redq.actor_delay == 20
+
+
+def test_unknown_names_say_what_there_is() -> None:
+    with pytest.raises(UnknownNameError, match=r"no preset 'papr'; choose one of .*paper"):
+        preset("papr")
+    for wrong in (lambda: make_learner("dqn", ENV), lambda: preset("paper", "dqn"), lambda: algorithm("dqn")):
+        with pytest.raises(UnknownNameError, match=r"no agent 'dqn'; choose one of sac, droq, .*, or give a file: my_agent.py"):
+            wrong()
+
+
+def test_settings_of_another_agent_are_refused() -> None:
+    with pytest.raises(DescriptionError, match=r"TD3Settings, not SACSettings; see preset\('default', 'td3'\)"):
+        make_learner("td3", ENV, preset("default", "sac"))
+
+
+def test_names_load_nothing_heavy() -> None:
+    code = (
+        "import sys, bricksrl.agents, bricksrl.agents.settings, bricksrl.agents.presets\n"
+        "sys.exit(any(name in sys.modules for name in ('torch', 'matplotlib', 'mujoco', 'pyarrow')))"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=60)

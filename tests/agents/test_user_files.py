@@ -1,0 +1,184 @@
+"""Algorithms and networks of a user's own, from files."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import torch
+from small import ENV, make, settings, steps, taught, weights
+from torch import nn
+
+from bricksrl.agents import algorithm, is_reference, make_learner, preset
+from bricksrl.errors import BricksError, DescriptionError, UnknownNameError
+
+DDPG = """
+from dataclasses import dataclass
+from typing import Annotated
+
+import torch
+from torchrl.objectives import DDPGLoss, SoftUpdate
+
+from bricksrl.agents.encoder import make_encoder
+from bricksrl.agents.learner import Learner
+from bricksrl.agents.networks import action_size, action_spec, critic_operator, deterministic_policy, make_body
+from bricksrl.agents.replay import EpisodicReplayBuffer
+from bricksrl.agents.settings import OffPolicySettings, Range
+
+
+@dataclass(frozen=True)
+class DDPGSettings(OffPolicySettings):
+    tau: Annotated[float, Range(0.0, 1.0, above=True)] = 0.01
+
+
+def build(env, settings: DDPGSettings, device="cpu"):
+    m, encoder = action_size(env), make_encoder(env, settings)
+    actor, policy = deterministic_policy(encoder, make_body(settings, encoder.size, m), action_spec(env), noise=0.2)
+    critic = critic_operator(encoder, make_body(settings, encoder.size + m, 1))
+    loss = DDPGLoss(actor, critic, delay_actor=True, delay_value=True)
+    loss.make_value_estimator(gamma=settings.gamma)
+    optimizer = torch.optim.Adam(loss.parameters(), lr=settings.learning_rate)
+    memory = EpisodicReplayBuffer.of(env, settings, device)
+    return Learner(policy, loss, optimizer, memory, SoftUpdate(loss, tau=settings.tau), updates_per_step=2.0)
+
+
+other = build
+"""
+
+
+@pytest.fixture
+def ddpg(tmp_path: Path) -> str:
+    path = tmp_path / "my_agent.py"
+    path.write_text(DDPG)
+    return str(path)
+
+
+def test_a_loss_of_torchrls_that_the_package_does_not_know_learns(ddpg: str) -> None:
+    kind = algorithm(ddpg).settings
+    assert (kind.__name__, kind().tau, kind().gamma) == ("DDPGSettings", 0.01, 0.95)
+    assert vars(preset("default", ddpg)) == vars(kind())
+    learner = make_learner(ddpg, ENV, kind(hidden=(16, 16), batch_size=10))
+    before = weights(learner)
+    taught(learner)
+    assert not all(torch.equal(one, other) for one, other in zip(before, weights(learner), strict=False))
+    assert learner.loss_names[:2] == ("loss_actor", "loss_value")
+    assert learner.act(steps(3), explore=True).shape == (3, 4)
+    assert make_learner(f"{ddpg}:other", ENV).updates_per_step == 2.0
+    other = make_learner(ddpg, ENV, kind(hidden=(16, 16), batch_size=10))
+    other.load_state_dict(learner.state_dict())
+    assert torch.equal(other.act(steps(3), explore=False), learner.act(steps(3), explore=False))
+
+
+def test_its_settings_are_checked_as_those_of_others(ddpg: str) -> None:
+    with pytest.raises(DescriptionError, match="tau is 0; give a number above 0 to 1"):
+        algorithm(ddpg).settings(tau=0)
+    with pytest.raises(DescriptionError, match="DDPGSettings, not SACSettings"):
+        make_learner(ddpg, ENV, preset("default", "sac"))
+    with pytest.raises(UnknownNameError, match=r"has no preset 'paper'; it has its own defaults"):
+        preset("paper", ddpg)
+
+
+START = "from dataclasses import dataclass\n\n@dataclass(frozen=True)\nclass S:\n    a: int = 1\n\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "kind", "says"),
+    [
+        ("x = 1\n", UnknownNameError, "there is no 'build'"),
+        ("def build(\n", DescriptionError, "cannot be loaded"),
+        ("raise RuntimeError('no luck')\n", DescriptionError, r"cannot be loaded \(RuntimeError: no luck.*line 1"),
+        ("import no_such_module\n", DescriptionError, "cannot be loaded"),
+        ("build = 3\n", DescriptionError, "takes no settings; write build"),
+        ("def build(env): pass\n", DescriptionError, "takes no settings; write build"),
+        ("def build(env, settings, device): pass\n", DescriptionError, "does not say what its settings are"),
+        ("def build(env, settings: int, device): pass\n", DescriptionError, "does not say what its settings are"),
+        ("def build(env, settings: 'Gone', device): pass\n", DescriptionError, "does not say what its settings are"),
+        (START + "def build(env, settings: S, device): return 3\n", DescriptionError, "builds a int; let it return"),
+        (
+            START + "def build(env, settings: S, device): return 1 / 0\n",
+            DescriptionError,
+            r"cannot be built \(ZeroDivisionError: ",
+        ),
+        (START + "def build(env, settings: S): return 3\n", DescriptionError, r"cannot be built \(TypeError: "),
+        (
+            "from __future__ import annotations\n" + START + "def build(env, settings: S, device): raise ValueError\n",
+            DescriptionError,
+            r"cannot be built \(ValueError",
+        ),
+    ],
+)
+def test_what_is_wrong_with_a_file_is_said_in_one_line(tmp_path: Path, text: str, kind: type[BricksError], says: str) -> None:
+    path = tmp_path / "wrong.py"
+    path.write_text(text)
+    with pytest.raises(kind, match=says) as caught:
+        make_learner(str(path), ENV)
+    assert "wrong.py" in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_file_that_is_not_there() -> None:
+    with pytest.raises(UnknownNameError, match="there is no file nowhere.py"):
+        make_learner("nowhere.py:build", ENV)
+
+
+def test_what_our_errors_say_passes_through(tmp_path: Path) -> None:
+    path = tmp_path / "strict.py"
+    path.write_text(
+        START
+        + "from bricksrl.errors import DescriptionError\ndef build(env, settings: S, device): raise DescriptionError('so')\n"
+    )
+    with pytest.raises(DescriptionError, match="^so$"):
+        make_learner(str(path), ENV)
+
+
+def test_references_are_told_from_names() -> None:
+    assert [is_reference(name) for name in ("sac", "my.py", "my.py:NAME", "package.module:NAME")] == [False, True, True, True]
+
+
+NETWORK = """
+from torch import nn
+
+def make(in_size, out_size):
+    return nn.Sequential(nn.Linear(in_size, 7), nn.SiLU(), nn.Linear(7, out_size))
+
+make_network = make
+
+def broken(in_size, out_size):
+    return nn.Linear(in_size, out_size + 1)[0]
+
+def no_module(in_size, out_size):
+    return 3
+"""
+
+
+@pytest.mark.parametrize("agent", ["sac", "td3", "ppo", "iql", "bc", "diffusion"])
+def test_networks_from_a_users_factory_learn(tmp_path: Path, agent: str) -> None:
+    path = tmp_path / "my_nets.py"
+    path.write_text(NETWORK)
+    learner = make(agent, network=f"{path}:make")
+    assert any(isinstance(module, nn.SiLU) for module in learner.policy.modules())
+    before = weights(learner)
+    taught(learner)
+    assert not all(torch.equal(one, other) for one, other in zip(before, weights(learner), strict=False))
+    assert learner.act(steps(3), explore=False).shape == (3, 4)
+    assert make(agent, network=str(path)).policy is not None
+
+
+@pytest.mark.parametrize(
+    ("network", "says"),
+    [
+        ("nowhere.py", "there is no file nowhere.py"),
+        ("my_nets.py:gone", "there is no 'gone'"),
+        ("my_nets.py:broken", r"my_nets.py:broken makes no network \(TypeError: "),
+        ("my_nets.py:no_module", "makes a int; let it return a torch.nn.Module"),
+    ],
+)
+def test_what_is_wrong_with_a_factory_is_said_in_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, network: str, says: str
+) -> None:
+    (tmp_path / "my_nets.py").write_text(NETWORK)
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(BricksError, match=says) as caught:
+        make_learner("sac", ENV, replace(settings("sac"), network=network))
+    assert "\n" not in str(caught.value)

@@ -1,0 +1,60 @@
+"""A headless Chromium for tests of the page: the system's, or the one that Playwright has brought along."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+import pytest
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser, Page
+
+_NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
+_FLAGS = (
+    "--no-sandbox",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--ignore-gpu-blocklist",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--disable-quic",
+    "--no-first-run",
+)
+TIMEOUT_MS = 120_000
+"""Of everything that is waited for in the browser: the machine may be loaded."""
+
+
+@contextmanager
+def chromium() -> Iterator[Browser]:
+    """A browser; the test is skipped where there is none on this computer."""
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as playwright:
+        own = playwright.chromium.executable_path
+        found = next((path for name in _NAMES if (path := shutil.which(name))), None) or shutil.which(own)
+        if found is None:
+            pytest.skip("no Chromium is on this computer; install one (Debian: apt install chromium)")
+        browser = playwright.chromium.launch(executable_path=found, args=list(_FLAGS))
+        yield browser
+        browser.close()
+
+
+@contextmanager
+def tab(browser: Browser, url: str, width: int = 840, height: int = 560) -> Iterator[Page]:
+    """A tab, which must show no error of its scripts, and ask no other host for anything."""
+    context = browser.new_context(viewport={"width": width, "height": height})
+    page = context.new_page()
+    page.set_default_timeout(TIMEOUT_MS)
+    errors: list[str] = []
+    asked: set[str] = set()
+    page.on("pageerror", lambda error: errors.append(str(error)))
+    page.on("request", lambda request: asked.add(request.url.split("/")[2]))
+    page.goto(url)
+    yield page
+    context.close()
+    assert not errors
+    assert asked == {url.split("/")[2]}

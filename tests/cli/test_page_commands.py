@@ -1,0 +1,63 @@
+"""The commands with a page: they play, record and run, tell its address, and their errors are one line."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+
+from bricksrl.cli import main
+from bricksrl.cli.app import parse
+from bricksrl.cli.page import Drive, Play, has_screen
+
+
+def test_a_recording_on_a_page(tmp_path, capfd):
+    out = tmp_path / "data"
+    assert main(["record", "RunAway-v0", "--episodes", "2", "--out", str(out), "--page"]) == 0
+    told = capfd.readouterr()
+    assert re.search(r"^live page: http://127\.0\.0\.1:\d+/\?token=\S{20,}$", told.err, re.MULTILINE)
+    assert told.out.count("episode ") == 2
+
+
+def test_playing_some_episodes_on_a_page(capfd):
+    assert main(["play", "RunAway-v0", "--episodes", "1", "--page"]) == 0
+    told = capfd.readouterr()
+    assert told.out.startswith("1 episodes, mean return") and "live page: http://127.0.0.1:" in told.err
+
+
+def test_a_program_on_a_page(tmp_path, capfd):
+    program = tmp_path / "main.py"
+    program.write_text("from pybricks.tools import wait\nwait(100)\nprint('done')\n")
+    assert main(["hub", "run", str(program), "--page"]) == 0
+    told = capfd.readouterr()
+    assert told.out == "done\n" and "live page: http://" in told.err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (("play", "runs/nothing"), "no environment"),
+        (("play", "RunAway-v0", "--policy", "best"), "choose random"),
+        (("play", "RunAway-v0", "--page", "--page-port", "70000"), "is no port"),
+        (("drive", "RunAway-v0", "--page-host", "256.0.0.1"), "name another host"),
+        (("hub", "run", __file__, "--page", "--hub", "ble"), "only a program on a virtual hub"),
+        (("record", "RunAway-v0", "--out", "x", "--video", "x.gif"), "end it in .mp4"),
+        (("evaluate", "x", "--video", "x.gif"), "end it in .mp4"),
+    ],
+)
+def test_errors_are_one_line(fails, tmp_path, monkeypatch, arguments, says):
+    monkeypatch.chdir(tmp_path)
+    fails(*arguments, says=says)
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_page_is_for_this_computer_unless_told():
+    for words in (["drive", "Spinning-v0"], ["play", "runs/spin", "--page"], ["train", "Walker-v1", "--page"]):
+        options = parse(words).page_options()
+        assert (options.host, options.port) == ("127.0.0.1", None)
+    assert isinstance(parse(["drive", "Spinning-v0"]), Drive) and isinstance(parse(["play", "runs/spin"]), Play)
+
+
+def test_nothing_is_opened_where_nobody_sits(monkeypatch):
+    monkeypatch.setattr("sys.stderr", None)
+    assert not has_screen()

@@ -1,0 +1,57 @@
+"""``bricksrl plan``."""
+
+from __future__ import annotations
+
+import csv
+import re
+from pathlib import Path
+
+import pytest
+
+PLAN = str(Path(__file__).parents[2] / "plans" / "two_wheeler.ldr")
+
+
+def test_a_plan_without_a_mistake(bricksrl):
+    done = bricksrl("plan", "check", PLAN)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout == "36 parts of 11 kinds, 12 steps, 428 g: all is well\n"
+
+
+def test_a_mistake_has_its_line_and_an_exit_code(bricksrl, tmp_path):
+    path = tmp_path / "my.ldr"
+    path.write_text(Path(PLAN).read_text(encoding="utf-8").replace("!BRICKSRL PORT E", "!BRICKSRL PORT A"), encoding="utf-8")
+    done = bricksrl("plan", "check", str(path))
+    assert done.returncode == 1
+    assert any(line.startswith("line ") and "give each its own" in line for line in done.stdout.splitlines())
+
+
+def test_parts_for_shops(bricksrl, tmp_path):
+    assert "  18 x  2780      black" in bricksrl("plan", "parts", PLAN).stdout
+    table, wanted, sets = tmp_path / "parts.csv", tmp_path / "wanted.xml", tmp_path / "rebrickable.csv"
+    bricksrl("plan", "parts", PLAN, "--out", str(table))
+    bricksrl("plan", "parts", PLAN, "--out", str(wanted), "--format", "bricklink")
+    bricksrl("plan", "parts", PLAN, "--out", str(sets), "--format", "rebrickable")
+    rows = list(csv.DictReader(table.read_text(encoding="utf-8").splitlines()))
+    assert sum(int(row["count"]) for row in rows) == 36
+    assert sum(float(row["mass_g"]) for row in rows) == pytest.approx(428, abs=0.5)
+    counts = re.findall(r"<MINQTY>(\d+)</MINQTY>", wanted.read_text(encoding="utf-8"))
+    assert sum(map(int, counts)) == 36
+    assert {row["Part"]: row["Quantity"] for row in csv.DictReader(sets.read_text(encoding="utf-8").splitlines())}["2780"] == "18"
+
+
+def test_the_catalogue(bricksrl):
+    done = bricksrl("plan", "parts")
+    assert "2780      pins            0.19 g  Pin with friction" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["check", "no.ldr"], "error: no.ldr: No such file or directory; name an LDraw file (.ldr, .mpd or .io)"),
+        (["steps", PLAN, "--out", "plan.doc"], "error: plan.doc: a booklet is a .pdf or .html file; name one of these"),
+        (["parts", "--out", "parts.csv"], "error: --out needs a plan; name an LDraw file"),
+    ],
+)
+def test_errors_are_one_line(bricksrl, arguments, says):
+    done = bricksrl("plan", *arguments)
+    assert (done.returncode, done.stderr) == (2, f"{says}\n")

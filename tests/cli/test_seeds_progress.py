@@ -1,0 +1,34 @@
+"""Progress of several seeds: one table, or a line for each thing that happens; and the studies that there are."""
+
+from __future__ import annotations
+
+import pytest
+
+from bricksrl.cli.seeds import SeedsProgress
+from bricksrl.cli.study import StudyCommand
+from bricksrl.errors import RunError, UnknownNameError
+
+
+def test_lines_tell_of_episodes_and_of_lost_workers(capsys: pytest.CaptureFixture[str]) -> None:
+    with SeedsProgress(range(2), 3, live=False) as progress:
+        progress.tell(0, {"started": 0, "pid": 1, "node": "one"})
+        progress.tell(0, {"episode": 1, "return": 2.5})
+        progress.tell(0, {"started": 1, "pid": 2, "node": "two"})
+        progress.tell(0, {"evaluated": 7.0})
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0] == "seed 0  episode 1/3  return 2.5"
+    assert lines[1] == "seed 0  its worker was lost; resumed after episode 1"
+    assert lines[2].endswith("trained and evaluated  return 7")
+    cells = [list(column.cells) for column in progress.table().columns]
+    assert cells[0] == ["0", "1"] and cells[1] == ["1/3", "0/3"]
+    assert cells[3] == ["evaluated", "waiting"] and cells[4] == ["two", ""]
+
+
+def test_studies_are_listed_and_named(capsys: pytest.CaptureFixture[str]) -> None:
+    assert StudyCommand().execute() == 0
+    listed = capsys.readouterr().out
+    assert "sim-to-robot" in listed and "h on two cores" in listed
+    with pytest.raises(UnknownNameError, match="no study 'poetry'"):
+        StudyCommand("poetry").execute()
+    with pytest.raises(RunError, match="jobs is 0"):
+        StudyCommand("agents", jobs=0).execute()

@@ -1,0 +1,54 @@
+"""``bricksrl settings``."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+
+import pytest
+
+from bricksrl.agents import AGENTS, algorithm, preset
+from bricksrl.cli import main
+from bricksrl.cli.settings import field_docs
+
+
+@pytest.mark.parametrize("agent", AGENTS)
+def test_every_field_has_a_help(agent):
+    kind = algorithm(agent).settings
+    meanings = field_docs(kind)
+    assert [field.name for field in dataclasses.fields(kind) if not meanings.get(field.name)] == []
+
+
+def test_a_table_of_names_values_and_meanings(capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "160")
+    assert main(["settings", "td3"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    (hidden,) = (line for line in lines if line.startswith("hidden"))
+    assert hidden.split()[1] == "256,256" and "Units of each hidden layer" in hidden
+    (rate,) = (line for line in lines if line.startswith("learning_rate"))
+    assert rate.split()[1] == "0.0005" and "Adam's step size." in rate, "a default of its own, the help of its base"
+
+
+def test_json_is_what_train_takes(capsys, tmp_path):
+    from bricksrl.evaluation.settings_text import read_settings
+
+    assert main(["settings", "sac", "--preset", "paper", "--json"]) == 0
+    path = tmp_path / "settings.json"
+    path.write_text(capsys.readouterr().out)
+    assert read_settings(path, preset("default", "sac")) == preset("paper", "sac")
+    assert "gamma" in json.loads(path.read_text())
+
+
+def test_the_settings_of_a_file(capsys, tmp_path):
+    path = tmp_path / "own.py"
+    path.write_text(
+        "from dataclasses import dataclass\n\n@dataclass(frozen=True)\nclass Mine:\n    speed: float = 2.5\n"
+        '    """How fast\n    it goes."""\n\ndef build(env, settings: Mine, device): ...\n'
+    )
+    assert main(["settings", str(path)]) == 0
+    assert "speed    2.5    How fast it goes." in capsys.readouterr().out
+
+
+def test_what_is_no_agent_is_one_line(fails):
+    fails("settings", "sca", says="there is no agent 'sca'")
+    fails("settings", "sac", "--preset", "papr", says="choose one of default, paper")

@@ -1,0 +1,159 @@
+"""Documentation: every command and snippet runs, notebooks too, the site is built without warnings."""
+
+from __future__ import annotations
+
+import json
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import nbclient
+import nbformat
+import pytest
+
+from bricksrl.cli import main
+from bricksrl.cli.app import parse
+from bricksrl.envs.registry import _OWN
+
+ROOT = Path(__file__).parents[2]
+DOCS = ROOT / "docs"
+FOLLOWED = [ROOT / "README.md", *(DOCS / f"{name}.md" for name in ("start", "watch", "lesson", "own", "policies"))]
+"""Pages that are followed line by line."""
+READ = [path for path in sorted(DOCS.glob("*.md")) if path not in FOLLOWED]
+"""Pages whose commands name robots, cameras and files of the reader's: these are parsed."""
+NOTEBOOKS = sorted((DOCS / "tutorials").glob("*.ipynb"))
+
+
+def blocks(page: Path, language: str) -> list[str]:
+    """Code blocks of a page."""
+    text = page.read_text(encoding="utf-8")
+    found = re.findall(rf"^ *```{language}\n(.*?)^ *```", text, re.MULTILINE | re.DOTALL)
+    return [re.sub(r"^ {3}", "", block, flags=re.MULTILINE) for block in found]
+
+
+def commands(page: Path) -> list[list[str]]:
+    """Arguments of every command of ours on a page, in their order."""
+    lines = [line for block in blocks(page, "bash") for line in block.splitlines()]
+    lines += re.findall(r"^ {4}(bricksrl .*)$", page.read_text(encoding="utf-8"), re.MULTILINE)
+    return [shlex.split(line, comments=True)[1:] for line in lines if line.startswith("bricksrl ")]
+
+
+def cheap(words: list[str]) -> list[str]:
+    """The command with fewer episodes, updates and copies, and no video: how to train is shown, not that it is good."""
+    found = list(words)
+    for flag, most in (("--episodes", None), ("--updates", 20), ("--num-envs", 4)):
+        if flag in found:
+            at = found.index(flag) + 1
+            found[at] = str(min(int(found[at]), most) if most else 1 if int(found[at]) <= 20 else 2)
+    if "--video" in found:
+        del found[found.index("--video") : found.index("--video") + 2]
+    if "--episodes" not in found and found[0] == "train":
+        found += ["--episodes", "1"]
+    if found[:1] == ["train-offline"]:
+        found += ["--episodes", "2"]
+    return found
+
+
+def needs_a_robot(words: list[str]) -> bool:
+    return any(word.startswith(("ble", "usb")) for word in words)
+
+
+@pytest.fixture
+def clone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """A folder like a fresh clone, for one page."""
+    for name in ("examples", "plans"):
+        shutil.copytree(ROOT / name, tmp_path / name, ignore=shutil.ignore_patterns("__pycache__"))
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("MUJOCO_GL", "disable")
+    monkeypatch.setattr("bricksrl.cli.train._EVALUATED_EPISODES", 1)
+    monkeypatch.setattr("bricksrl.envs.registry._offers", dict(_OWN))
+    return tmp_path
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", FOLLOWED, ids=lambda page: page.stem)
+def test_a_page_can_be_followed_line_by_line(page: Path, clone: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    done = [words for words in commands(page) if not needs_a_robot(words) and words[:1] != ["doctor"]]
+    for words in done:
+        code = main(cheap(words))
+        told = capfd.readouterr()
+        assert code == 0, (words, told.err)
+    for block in blocks(page, "python"):
+        exec(block.replace("episodes=15", "episodes=1"), {})  # noqa: S102
+    assert done
+
+
+@pytest.mark.parametrize("page", [*FOLLOWED, *READ], ids=lambda page: page.stem)
+def test_commands_exist(page: Path) -> None:
+    for words in commands(page):
+        assert callable(parse(words).execute), words
+
+
+@pytest.mark.parametrize("page", READ, ids=lambda page: page.stem)
+def test_snippets_of_other_pages_are_python(page: Path) -> None:
+    for block in blocks(page, "python"):
+        compile(block, str(page), "exec")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("path", NOTEBOOKS[1:], ids=lambda path: path.stem)
+def test_notebooks_run(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("BRICKSRL_QUICK", "1")
+    monkeypatch.setattr("bricksrl.envs.registry._offers", dict(_OWN))
+    names: dict[str, object] = {"__name__": "notebook"}
+    exec("import bricksrl", names)  # noqa: S102
+    for cell in nbformat.read(path, 4).cells:
+        if cell.cell_type == "code" and "install" not in cell.metadata.get("tags", []):
+            exec(compile(cell.source, f"{path.name}:{cell.id}", "exec"), names)  # noqa: S102
+
+
+@pytest.mark.slow
+def test_the_first_notebook_runs_in_a_kernel(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("BRICKSRL_QUICK", "1")
+    notebook = nbformat.read(NOTEBOOKS[0], 4)
+    nbclient.NotebookClient(
+        notebook, timeout=300, kernel_name="python3", resources={"metadata": {"path": str(tmp_path)}}
+    ).execute()
+    assert any("image/png" in out.get("data", {}) for cell in notebook.cells for out in cell.get("outputs", []))
+
+
+def test_notebooks_hold_no_outputs_and_open_in_colab() -> None:
+    assert [path.name[0] for path in NOTEBOOKS] == list("1234567")
+    for path in NOTEBOOKS:
+        cells = json.loads(path.read_text(encoding="utf-8"))["cells"]
+        assert f"colab.research.google.com/github/BricksRL/bricksrl/blob/main/docs/tutorials/{path.name}" in "".join(
+            cells[0]["source"]
+        )
+        assert not any(cell.get("outputs") for cell in cells)
+
+
+@pytest.mark.slow
+def test_the_site_is_built_without_warnings_and_its_links_lead_somewhere(tmp_path: Path) -> None:
+    copy = tmp_path / "docs"
+    shutil.copytree(DOCS, copy, ignore=shutil.ignore_patterns("_build"))
+    command = [
+        sys.executable,
+        "-m",
+        "sphinx",
+        "--fail-on-warning",
+        "--keep-going",
+        "-q",
+        "-b",
+        "html",
+        str(copy),
+        str(tmp_path / "site"),
+    ]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=600, check=False)
+    assert done.returncode == 0, done.stderr
+    site = tmp_path / "site"
+    pages = {page.relative_to(site).as_posix(): page.read_text(encoding="utf-8") for page in site.rglob("*.html")}
+    assert {"index.html", "start.html", "teaching.html", "reference/cli.html", "reference/environments.html"} <= pages.keys()
+    assert "bricksrl compare" in pages["reference/cli.html"] and "RoboArmSim-v0" in pages["reference/environments.html"]
+    for name, text in pages.items():
+        for target in re.findall(r'href="([^"#:?]+)[^":]*"', text):
+            assert (site / name).parent.joinpath(target).exists(), (name, target)

@@ -1,0 +1,183 @@
+"""Several robots in one world: one clock, both interfaces, links that break."""
+
+from __future__ import annotations
+
+import warnings
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from tensordict import TensorDict
+
+from bricksrl.envs.arenas import get_arena_task, make_arena
+from bricksrl.envs.arenas.task import ArenaState, seen_from
+from bricksrl.errors import BricksError, DescriptionError, HubError, TwinError, UnknownNameError
+from bricksrl.robots import TWO_WHEELER
+from bricksrl.robots.robo_arm import ROBO_ARM
+from bricksrl.twin.arena import Arena, ArenaWorld, Contestant, Place
+
+
+def acted(env: Any, state: TensorDict, **actions: list[list[float]]) -> TensorDict:
+    for group, values in actions.items():
+        state[group, "action"] = torch.tensor(values)
+    return env.step(state)["next"]
+
+
+@pytest.mark.parametrize("name", ["Tag-v0", "Carry-v0"])
+def test_torchrl_checks_its_specs(name: str) -> None:
+    from torchrl.envs import check_env_specs
+
+    env = make_arena(name, seed=3)
+    check_env_specs(env)
+    env.close()
+
+
+def test_torchrl_checks_the_simulations_specs() -> None:
+    from torchrl.envs import check_env_specs
+
+    check_env_specs(make_arena("Tag-v0", seed=3, batch_size=4))
+
+
+@pytest.mark.parametrize("name", ["Tag-v0", "Carry-v0"])
+def test_pettingzoo_checks_its_interface(name: str) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        from pettingzoo.test import parallel_api_test
+
+        from bricksrl.envs.arenas.pettingzoo_env import ArenaParallelEnv
+
+        env = ArenaParallelEnv(name)
+        parallel_api_test(env, num_cycles=15)
+    first, _ = env.reset(seed=5)
+    again, _ = env.reset(seed=5)
+    assert first.keys() == set(get_arena_task(name).robots)
+    assert all(np.array_equal(first[robot], again[robot]) for robot in first)
+    env.close()
+
+
+def test_all_robots_move_in_the_same_time_and_their_clocks_agree() -> None:
+    env = make_arena("Tag-v0", seed=1)
+    state = env.reset()
+    clocks = [env.hub(robot).machine.time_ms for robot in env.task.robots]
+    assert len(set(clocks)) == 1
+    before = env.world.poses()
+    acted(env, state, catcher=[[1.0, 1.0]], runner=[[1.0, 1.0]])
+    after = env.world.poses()
+    later = [env.hub(robot).machine.time_ms for robot in env.task.robots]
+    assert len(set(later)) == 1 and 250 <= later[0] - clocks[0] <= 350, "one step for both, not one after the other"
+    for one, other in zip(before, after, strict=True):
+        assert np.hypot(other.x_m - one.x_m, other.y_m - one.y_m) > 0.01
+    env.close()
+
+
+def test_a_seed_and_actions_give_the_same_episode_bit_for_bit() -> None:
+    played = []
+    for _ in range(2):
+        env = make_arena("Tag-v0", seed=8)
+        state, frames = env.reset(), []
+        for step in range(6):
+            state = acted(env, state, catcher=[[0.3 * step - 1, 1.0]], runner=[[1.0, -0.5]])
+            frames.append(torch.cat([state[group, "observation"] for group in ("catcher", "runner")]))
+        played.append(torch.stack(frames))
+        env.close()
+    assert torch.equal(*played)
+
+
+def test_one_lost_link_ends_the_episode_for_all_and_the_next_reset_mends_it() -> None:
+    env = make_arena("Tag-v0", seed=1)
+    state = acted(env, env.reset(), catcher=[[1.0, 1.0]], runner=[[1.0, 1.0]])
+    seen = state["catcher", "observation"].clone()
+    env.hub("runner").in_reach = lambda: False
+    lost = acted(env, state, catcher=[[1.0, 1.0]], runner=[[1.0, 1.0]])
+    assert [bool(lost[name]) for name in ("link_lost", "truncated", "done", "terminated")] == [True, True, True, False]
+    assert torch.equal(lost["catcher", "observation"], seen) and float(lost["catcher", "reward"]) == 0.0
+    assert isinstance(env.link_error, HubError)
+    with pytest.raises(BricksError, match="reset the environment first"):
+        acted(env, lost, catcher=[[1.0, 1.0]], runner=[[1.0, 1.0]])
+    with pytest.raises(HubError, match="out of reach"):
+        env.reset()
+    env.hub("runner").in_reach = lambda: True
+    state = acted(env, env.reset(), catcher=[[1.0, 1.0]], runner=[[1.0, 1.0]])
+    assert not bool(state["link_lost"])
+    env.close()
+
+
+def test_robots_collide_and_their_sonars_see_one_another() -> None:
+    def facing(x_m: float, heading_deg: float, name: str) -> Contestant:
+        return Contestant(name, TWO_WHEELER, Place((x_m, x_m), (0.0, 0.0), (heading_deg, heading_deg)))
+
+    world = ArenaWorld(Arena((facing(-0.25, 0.0, "a"), facing(0.25, 180.0, "b"))))
+    world.place(np.random.default_rng(0))
+    seen = [body.distance_mm("C") for body in world.bodies]
+    assert all(abs(distance - 384) < 20 for distance in seen), "half a metre between the axles, less twice 58 mm"
+    for body in world.bodies:
+        body.set_voltage("E", -7000)
+        body.set_voltage("A", 7000)
+    world._advance_to(2500)
+    a, b = world.poses()
+    assert 0.09 < b.x_m - a.x_m < 0.2, "nose to nose"
+
+
+def test_the_beam_needs_two() -> None:
+    env = make_arena("Carry-v0", seed=2)
+    push = env.task.scripts["push"]
+
+    def play(share: torch.Tensor) -> bool:
+        state = env.reset()
+        while not bool(state.get("done", torch.zeros(1))):
+            state["agents", "action"] = push(state["agents", "observation"]) * share
+            state = env.step(state)["next"]
+        return bool(env.has_succeeded)
+
+    assert play(torch.tensor([[1.0], [1.0]]))
+    assert not play(torch.tensor([[1.0], [0.0]]))
+    env.close()
+
+
+def test_what_a_robot_sees_is_in_its_own_frame() -> None:
+    poses = torch.tensor([[1.0, 2.0, torch.pi / 2], [1.0, 2.5, torch.pi]])
+    assert torch.allclose(seen_from(poses, 0, 1), torch.tensor([0.5, 0.0, 0.0, 1.0]), atol=1e-6)
+    assert torch.allclose(seen_from(poses, 1, 0), torch.tensor([0.0, 0.5, 0.0, -1.0]), atol=1e-6)
+
+
+def test_tag_rewards_add_up_to_nothing() -> None:
+    task = get_arena_task("Tag-v0")
+    before = ArenaState(torch.tensor([[0.0, 0.0, 0.0], [0.5, 0.0, 0.0]]), torch.zeros(2, 2))
+    after = ArenaState(torch.tensor([[0.35, 0.0, 0.0], [0.5, 0.0, 0.0]]), torch.zeros(2, 2))
+    rewards = task.reward(before, after)
+    assert torch.allclose(rewards, torch.tensor([[8.5], [-8.5]])) and bool(task.terminated(after))
+
+
+def test_the_simulation_drives_as_the_arena_does() -> None:
+    """From the same start the same commands lead to the same places, within a few centimetres."""
+    from dataclasses import replace
+
+    task = get_arena_task("Tag-v0")
+    fixed = [Place((x_m, x_m), (0.0, 0.0), (0.0, 0.0)) for x_m in (-0.5, 0.2)]
+    robots = tuple(replace(one, place=place) for one, place in zip(task.arena.robots, fixed, strict=True))
+    task = replace(task, arena=replace(task.arena, robots=robots, gap_m=0.1))
+    ends = []
+    for copies in (0, 16):
+        env = make_arena(task, seed=1, batch_size=copies)
+        state = env.reset()
+        for _ in range(6):
+            shape = (copies, 1, 2) if copies else (1, 2)
+            state["catcher", "action"] = torch.tensor([0.6, 0.9]).expand(shape).clone()
+            state["runner", "action"] = torch.tensor([0.9, 0.5]).expand(shape).clone()
+            state = env.step(state)["next"]
+        seen = torch.stack([state[group, "observation"][..., 0, :2] for group in ("catcher", "runner")])
+        ends.append(seen.mean(1) if copies else seen)
+    assert torch.allclose(*ends, atol=0.08)
+
+
+def test_what_cannot_be_is_told() -> None:
+    with pytest.raises(UnknownNameError, match="no arena 'Chess-v0'"):
+        make_arena("Chess-v0")
+    with pytest.raises(DescriptionError, match="no kinematic simulation"):
+        make_arena("Carry-v0", batch_size=4)
+    place = Place()
+    with pytest.raises(TwinError, match="a name of its own"):
+        Arena((Contestant("a", TWO_WHEELER, place), Contestant("a", TWO_WHEELER, place)))
+    with pytest.raises(TwinError, match="fixed base"):
+        ArenaWorld(Arena((Contestant("arm", ROBO_ARM, place),)))

@@ -1,0 +1,161 @@
+"""Where a target is, reckoned from the wheels; and the two tasks of driving robots, played by hand-written controllers."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import logging
+import math
+import runpy
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import bricksrl
+from bricksrl.envs.dead_reckoning import FloorPose, Target, TargetTracker, start_pose
+from bricksrl.envs.tasks.line_follow import LINE_FOLLOW
+from bricksrl.envs.tasks.park import PARK, cost, reward
+from bricksrl.errors import DescriptionError
+from bricksrl.hub.interface import DriveSpeed, Interface, MotorAngle, RunAngle, Wait, YawRate
+from bricksrl.robots import TWO_WHEELER, WALKER
+
+CONTROLLERS = runpy.run_path(str(Path(__file__).parents[2] / "benchmarks/scripted.py"))["CONTROLLERS"]
+
+
+def test_a_place_is_seen_from_the_robot() -> None:
+    bay = FloorPose(100.0, 0.0, 30.0)
+    assert bay.seen_from(FloorPose()) == pytest.approx((100.0, 0.0, 30.0))
+    assert bay.seen_from(FloorPose(heading_deg=90.0)) == pytest.approx((0.0, 100.0, -60.0)), "it looks along -y"
+    assert FloorPose(heading_deg=-170.0).seen_from(FloorPose(heading_deg=170.0))[2] == pytest.approx(20.0), "the shorter way"
+
+
+def test_an_arc_ends_where_it_should() -> None:
+    end = FloorPose().driven(math.pi * 100.0, 180.0)
+    assert (end.x_mm, end.y_mm, end.heading_deg) == pytest.approx((0.0, -200.0, 180.0), abs=1e-9)
+    assert FloorPose(5.0, 5.0, 90.0).driven(10.0, 0.0) == FloorPose(pytest.approx(5.0), pytest.approx(-5.0), 90.0)
+
+
+def test_wheels_are_followed_over_the_end_of_a_turn() -> None:
+    interface = Interface((DriveSpeed(-1, 1),), (MotorAngle("left"), MotorAngle("right")), Wait(100))
+    values = np.array([350.0, 10.0], np.float32)
+    tracker = TargetTracker(Target(FloorPose(500.0)), TWO_WHEELER, interface, None, FloorPose(), values)
+    assert tracker.entries() == pytest.approx((500.0, 0.0, 0.0, 0.0, 0.0))
+    tracker.follow(np.array([10.0, 30.0], np.float32))
+    ahead_mm, left_mm, turn_deg, moved_mm, turned_deg = tracker.entries()
+    way_mm = 20 * math.pi * 56 / 360
+    assert (500.0 - ahead_mm, left_mm, turn_deg) == pytest.approx((way_mm, 0.0, 0.0), abs=1e-3)
+    assert (moved_mm, turned_deg) == pytest.approx((way_mm, 0.0), abs=1e-3)
+    tracker.follow(np.array([0.0, 40.0], np.float32))
+    assert tracker.entries()[3:] == pytest.approx((0.0, math.degrees(-way_mm / 130)), abs=1e-3), "back with the left wheel"
+    assert tracker.metrics() == {}, "of a real robot the truth is not known"
+
+
+def test_an_agent_does_not_see_the_angles_of_the_wheels() -> None:
+    assert PARK.observed_channels == () and LINE_FOLLOW.observed_channels == (0, 1)
+    assert [entry.name for entry in PARK.entries] == ["target_ahead", "target_left", "target_turn", "moved", "turned"]
+    interface = dataclasses.replace(PARK.interface, channels=(MotorAngle("left"), YawRate(), MotorAngle("right")))
+    assert [entry.name for entry in dataclasses.replace(PARK, interface=interface).entries][:2] == ["yaw_rate", "target_ahead"]
+
+
+def test_a_real_robot_is_put_where_an_episode_starts(caplog: pytest.LogCaptureFixture) -> None:
+    with caplog.at_level(logging.WARNING):
+        start = start_pose(PARK, None, np.random.default_rng(0))
+    assert -550 <= start.x_mm <= -300 and abs(start.y_mm) <= 150 and abs(start.heading_deg) <= 40
+    assert f"x = {start.x_mm:.0f} mm" in caplog.text
+
+
+@pytest.mark.parametrize("robot", [TWO_WHEELER, WALKER])
+def test_who_cannot_tell_is_refused(robot) -> None:
+    interface = Interface((RunAngle(robot.motors[0].name, 0, 9, 9),), (MotorAngle(robot.motors[0].name),), Wait(9))
+    with pytest.raises(DescriptionError, match="cannot tell where its target is"):
+        type(PARK)("Lost-v0", "A.", robot, interface, 9, PARK.reward, PARK.success, PARK.metrics, target=Target())
+
+
+def seen(ahead_mm: float, left_mm: float, turn_deg: float, moved_mm: float = 0.0, turned_deg: float = 0.0) -> torch.Tensor:
+    return torch.tensor([ahead_mm, left_mm, turn_deg, moved_mm, turned_deg], dtype=torch.float32)
+
+
+def test_parking_pays_for_coming_nearer_and_straightening_up() -> None:
+    far, near, askew, there = seen(300, 0, 0), seen(200, 0, 0), seen(0, 0, 20), seen(0, 0, 0)
+    assert reward(far, torch.zeros(2), near) > 0 > reward(near, torch.zeros(2), far)
+    assert reward(askew, torch.zeros(2), there) > 0 > reward(there, torch.zeros(2), there)
+    ahead, back = seen(100, 100, -90), seen(-100, 100, 90)  # a quarter of a circle, to the left; the same backwards
+    assert cost(ahead).item() == pytest.approx(cost(back).item())
+    assert cost(seen(100, 100, 0)).item() > cost(ahead).item()
+    assert not torch.cat([cost(seen(0, 0, turn)) for turn in (-180.0, 0.0, 179.0)]).isnan().any()
+
+
+@settings(max_examples=25)
+@given(x_mm=st.floats(-550, -300), y_mm=st.floats(-150, 150), heading_deg=st.floats(-40, 40))
+def test_a_turn_and_an_arc_lead_into_the_bay_without_a_rise_of_the_cost(x_mm: float, y_mm: float, heading_deg: float) -> None:
+    robot, costs = FloorPose(x_mm, y_mm, heading_deg), []
+    ahead_mm, left_mm, turn_deg = FloorPose().seen_from(robot)
+    off_deg = (-2 * math.degrees(math.atan2(left_mm, ahead_mm)) - turn_deg + 180) % 360 - 180
+    for _ in range(10):
+        costs.append(cost(seen(*FloorPose().seen_from(robot))).item())
+        robot = robot.driven(0.0, off_deg / 10)
+    turn_deg = FloorPose().seen_from(robot)[2]
+    half_rad = math.radians(turn_deg / 2)
+    way_mm = math.hypot(x_mm, y_mm) * (half_rad / math.sin(half_rad) if half_rad else 1.0)
+    for _ in range(20):
+        costs.append(cost(seen(*FloorPose().seen_from(robot))).item())
+        robot = robot.driven(way_mm / 20, turn_deg / 20)
+    costs.append(cost(seen(*FloorPose().seen_from(robot))).item())
+    assert costs[-1] == pytest.approx(0.0, abs=1e-3)
+    assert all(after <= before + 1e-4 for before, after in itertools.pairwise(costs))
+
+
+@pytest.mark.parametrize(
+    ("last", "has_parked"),
+    [
+        (seen(12, 8, 4, -3, 2), True),
+        (seen(-14, 0, -3.9, 2.9, -1.9), True),
+        (seen(12, 10, 0), False),
+        (seen(0, 0, -4.1), False),
+        (seen(0, 0, 0, 3.1, 0), False),
+        (seen(0, 0, 0, 0, -2.1), False),
+    ],
+)
+def test_parked_is_near_straight_and_at_rest(last: torch.Tensor, has_parked: bool) -> None:
+    assert PARK.terminated(last).item() is has_parked
+    assert PARK.success(torch.stack([seen(100, 0, 0), last])).item() is has_parked
+    assert not PARK.success(torch.stack([last, seen(100, 0, 0)]))
+
+
+def test_the_2wheeler_can_park_and_knows_where_it_is() -> None:
+    env = bricksrl.make("Park-v0", seed=3)
+    for _ in range(2):
+        state, observations = env.reset(), []
+        assert 300 <= state["observation"][:2].norm() <= 600
+        while not observations or not bool(state["done"]):
+            state = env.step(state.set("action", CONTROLLERS["Park-v0"](state)))["next"]
+            observations.append(state["observation"])
+        assert bool(state["terminated"]) and PARK.success(torch.stack(observations))
+        truth, reckoned = env.walk_metrics(), PARK.metrics(torch.stack(observations))
+        assert truth["true_error_mm"] == pytest.approx(reckoned["final_error_mm"].item(), abs=5) and truth["true_error_mm"] < 20
+        assert truth["true_error_deg"] < 5
+    env.close()
+
+
+def test_a_lost_scout_is_paid_for_turning_back() -> None:
+    right, left = torch.tensor([0.0, 1.0]), torch.tensor([0.0, -1.0])
+    floor, line, edge = (torch.tensor([brightness, 0.0]) for brightness in (82.0, 8.0, 45.0))
+    assert [LINE_FOLLOW.reward(edge, right, seen).item() for seen in (floor, line, edge)] == [0.25, -0.25, 0.75]
+    assert [LINE_FOLLOW.reward(edge, left, seen).item() for seen in (floor, line, edge)] == [-0.25, 0.25, 0.75]
+    assert LINE_FOLLOW.reward(edge, torch.tensor([1.0, 0.0]), edge).item() == 1.0
+
+
+def test_the_scout_can_follow_the_line() -> None:
+    env = bricksrl.make("LineFollow-v0", seed=1)
+    state, observations = env.reset(), []
+    while not observations or not bool(state["done"]):
+        state = env.step(state.set("action", CONTROLLERS["LineFollow-v0"](state)))["next"]
+        observations.append(state["observation"])
+    assert LINE_FOLLOW.success(torch.stack(observations))
+    assert not LINE_FOLLOW.success(torch.tensor([[82.0, 0.0]]).expand(60, 2)), "the bare floor"
+    assert env.walk_metrics()["forward_m"] > 0.3
+    env.close()

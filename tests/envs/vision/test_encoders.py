@@ -1,0 +1,100 @@
+"""Encoders that others have trained, as far as there is a way to them without a network."""
+
+from __future__ import annotations
+
+import dataclasses
+import sys
+from pathlib import Path
+from typing import Any
+from urllib.error import URLError
+
+import pytest
+import torch
+import torchrl.envs
+from torchrl.data import Unbounded
+from torchrl.envs import Transform
+
+import bricksrl
+from bricksrl.envs.registry import _OWN, register
+from bricksrl.envs.tasks.spinning import SPINNING
+from bricksrl.envs.vision.camera import CameraView
+from bricksrl.envs.vision.encoders import encode_images
+from bricksrl.errors import EncoderError
+
+SEEN = dataclasses.replace(
+    SPINNING, id="SeenSpinning-v0", camera=CameraView("chase", width_px=96, height_px=72, image_px=32, spot_px=6)
+)
+
+
+@pytest.fixture
+def env(monkeypatch: pytest.MonkeyPatch) -> Any:
+    monkeypatch.setattr("bricksrl.envs.registry._offers", dict(_OWN))
+    register(SEEN)
+    return bricksrl.make("SeenSpinning-v0", seed=0)
+
+
+class MeanColour(Transform):
+    """Stands in for TorchRL's transforms, with their arguments."""
+
+    told: dict[str, Any]
+
+    def __init__(self, model_name: str, **told: Any) -> None:
+        super().__init__(in_keys=told["in_keys"], out_keys=told["out_keys"])
+        type(self).told = {"model_name": model_name, **told}
+
+    def _apply_transform(self, image: torch.Tensor) -> torch.Tensor:
+        return image.float().mean((-3, -2))
+
+    def _reset(self, tensordict: Any, tensordict_reset: Any) -> Any:
+        return self._call(tensordict_reset)
+
+    def transform_observation_spec(self, spec: Any) -> Any:
+        spec["embedding"] = Unbounded((3,))
+        return spec
+
+
+@pytest.mark.parametrize(
+    ("encoder", "name", "network"), [("vip", "VIPTransform", "resnet50"), ("r3m", "R3MTransform", "resnet18")]
+)
+def test_the_image_of_any_task_becomes_an_embedding(
+    encoder: Any, name: str, network: str, env: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(torchrl.envs, name, MeanColour)
+    steps = encode_images(env, encoder, weights_dir=tmp_path).rollout(2)
+    assert steps["embedding"].shape == (2, 3)
+    assert (steps["next", "embedding"] > 0).all()
+    assert MeanColour.told == {
+        "model_name": network,
+        "in_keys": ["image"],
+        "out_keys": ["embedding"],
+        "download": True,
+        "download_path": str(tmp_path),
+    }
+    env.close()
+
+
+@pytest.mark.parametrize("failure", [URLError("no name of that host"), OSError(28, "no space\nleft"), RuntimeError("not a zip")])
+def test_weights_that_cannot_be_fetched_are_one_line(failure: Exception, env: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fetch(*_args: object, **_kwargs: object) -> None:
+        raise failure
+
+    monkeypatch.setattr(torchrl.envs, "VIPTransform", fetch)
+    with pytest.raises(EncoderError, match=r"weights of vip cannot be fetched \(.*go online once") as caught:
+        encode_images(env, "vip")
+    assert "\n" not in str(caught.value)
+
+
+def test_without_torchvision_one_line_names_the_extra(env: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in [name for name in sys.modules if name.startswith("torchvision")] or ["torchvision"]:
+        monkeypatch.setitem(sys.modules, name, None)
+    monkeypatch.setattr("torchrl.envs.transforms._observation._has_tv", False, raising=False)
+    for encoder in ("vip", "r3m"):
+        with pytest.raises(EncoderError, match=r"bricksrl\[encoders\]"):
+            encode_images(env, encoder)  # type: ignore[arg-type]
+
+
+def test_mistakes_are_named(env: Any) -> None:
+    with pytest.raises(EncoderError, match="choose one of vip, r3m"):
+        encode_images(env, "clip")  # type: ignore[arg-type]
+    with pytest.raises(EncoderError, match="has no image"):
+        encode_images(bricksrl.make("WalkerSim-v0"), "vip")

@@ -1,0 +1,93 @@
+"""Seeds over a Ray cluster of this computer: the same numbers, also where a worker is killed."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from bricksrl.errors import RunError
+from bricksrl.evaluation.cluster import Changes, Keeper, parse_on
+from bricksrl.evaluation.multi_seed import train_seeds
+from bricksrl.training import TrainConfig
+
+pytestmark = pytest.mark.realtime
+
+SWEEP = """
+import json, os, signal, sys
+from pathlib import Path
+from bricksrl.agents.sac import SACSettings
+from bricksrl.evaluation.multi_seed import train_seeds
+from bricksrl.evaluation.tuning import Tuning, tune
+from bricksrl.training import TrainConfig
+
+SETTINGS = SACSettings(hidden=(16,), batch_size=16, updates_per_step=0.25)
+folder, on, told, killed = Path(sys.argv[1]), sys.argv[2] or None, [], []
+
+def tell(seed, message):
+    told.append([seed, message])
+    if on and seed == 1 and message.get("episode") == 2 and not killed:
+        killed.append(next(said["pid"] for of, said in told if of == seed and "pid" in said))
+        os.kill(killed[0], signal.SIGKILL)
+
+config = TrainConfig("WalkerSim-v0", episodes=4, settings=SETTINGS, run_dir=folder / "sweep")
+summary = train_seeds(config, 2, jobs=2, on=on, on_line=tell)
+print(json.dumps({"returns": summary.returns, "told": told, "killed": len(killed)}))
+"""
+
+
+def sweep(folder: Path, on: str) -> dict:
+    done = subprocess.run(
+        [sys.executable, "-c", SWEEP, str(folder), on], check=False, capture_output=True, text=True, timeout=500
+    )
+    assert done.returncode == 0, done.stderr[-2000:]
+    return json.loads(done.stdout.strip().splitlines()[-1])
+
+
+def test_a_killed_worker_is_replaced_and_the_numbers_are_those_without_ray(tmp_path: Path) -> None:
+    here, there = sweep(tmp_path / "here", ""), sweep(tmp_path / "there", "ray")
+    assert there["killed"] == 1
+    started = [message["started"] for seed, message in there["told"] if seed == 1 and "started" in message]
+    assert len(started) == 2 and started[0] == 0 and started[1] >= 2, "it was resumed, not begun anew"
+    assert here["returns"] == there["returns"]
+    for seed in (0, 1):
+        one, other = (tmp_path / place / "sweep" / f"seed-{seed}" for place in ("here", "there"))
+        names = [sorted(str(path.relative_to(run)) for path in run.rglob("*") if path.is_file()) for run in (one, other)]
+        assert names[0] == names[1], "the same run folders"
+        columns = [(run / "metrics.csv").read_text().splitlines()[0].split(",") for run in (one, other)]
+        rows = [[line.split(",") for line in (run / "metrics.csv").read_text().splitlines()] for run in (one, other)]
+        seconds = columns[0].index("seconds")
+        assert [line[:seconds] for line in rows[0]] == [line[:seconds] for line in rows[1]]
+
+
+def test_where_to_run_is_parsed() -> None:
+    assert parse_on("ray") is None and parse_on("ray:10.0.0.1:6379") == "10.0.0.1:6379"
+    for wrong in ("slurm", "ray:", ""):
+        with pytest.raises(RunError, match="to run on"):
+            parse_on(wrong)
+
+
+def test_nothing_is_made_where_there_is_nothing_to_run_on(tmp_path: Path) -> None:
+    with pytest.raises(RunError, match="to run on"):
+        train_seeds(TrainConfig("WalkerSim-v0", run_dir=tmp_path / "run"), 2, on="slurm")
+    assert not (tmp_path / "run").exists()
+
+
+def test_the_keeper_gets_what_changed_and_gives_it_back(tmp_path: Path) -> None:
+    there, here = tmp_path / "there", tmp_path / "here"
+    (there / "data").mkdir(parents=True)
+    (there / "checkpoint.bin").write_bytes(b"1")
+    (there / "data" / "zz.parquet").write_bytes(b"rows")
+    changes, keeper = Changes(there), Keeper([str(here)])
+    first = changes.take()
+    assert list(first) == [str(Path("data/zz.parquet")), "checkpoint.bin"], "the checkpoint comes last"
+    keeper.keep(0, first, {"episode": 1})
+    (there / "checkpoint.bin").write_bytes(b"22")
+    second = changes.take()
+    assert second == {"checkpoint.bin": b"22"}
+    keeper.keep(0, second, {"episode": 2})
+    assert keeper.files(0) == {"checkpoint.bin": b"22", str(Path("data/zz.parquet")): b"rows"}
+    assert keeper.messages() == [(0, {"episode": 1}), (0, {"episode": 2})] and keeper.messages() == []

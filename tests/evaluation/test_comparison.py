@@ -1,0 +1,141 @@
+"""Comparison of runs: groups, intervals, probabilities, pictures."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bricksrl.cli import main
+from bricksrl.envs.reference_returns import REFERENCES
+from bricksrl.errors import DescriptionError, RunError
+from bricksrl.evaluation.comparison import compare
+from bricksrl.evaluation.statistics import probability_of_improvement
+from bricksrl.plotting import number
+from bricksrl.training import Episode, Phase, RunFolder, TrainConfig
+from bricksrl.training.curve import draw_learning_curve
+
+RESULTS = Path(__file__).parents[2] / "benchmarks/results"
+
+
+def write_run(path: Path, config: TrainConfig, returns: list[float], evaluation: float | None = None) -> Path:
+    """A folder with what a comparison reads."""
+    path.mkdir(parents=True)
+    folder = RunFolder(path)
+    folder.write_config(config)
+    episodes = [Episode(k, Phase.TRAIN, 10 * k, 10, value, None) for k, value in enumerate(returns, 1)]
+    folder.write_episodes(episodes, ())
+    if evaluation is not None:
+        folder.evaluation_path.write_text(json.dumps({"return_mean": evaluation, "trained_episodes": len(returns)}))
+    return path
+
+
+@pytest.fixture
+def runs(tmp_path: Path) -> list[Path]:
+    """Five seeds of one agent, two of another, and one elsewhere."""
+    sac = TrainConfig("Walker-v0", "sac")
+    made = [write_run(tmp_path / f"sac{s}", replace(sac, seed=s), [-200.0 + s, -50.0 + s, -10.0], -9.0 - s) for s in range(5)]
+    td3 = TrainConfig("Walker-v0", "td3")
+    made += [write_run(tmp_path / f"td3{s}", replace(td3, seed=s), [-150.0, -60.0], -50.0 - s) for s in range(2)]
+    return [*made, write_run(tmp_path / "arm", TrainConfig("RoboArm-v0"), [-100.0, -1.0], -1.5)]
+
+
+def test_groups_have_intervals_from_five_seeds_on(runs: list[Path]) -> None:
+    found = compare(runs)
+    arm, sac, td3 = found.groups
+    assert [(one.env, one.agent, len(one.seeds)) for one in found.groups] == [
+        ("RoboArm-v0", "sac", 1),
+        ("Walker-v0", "sac", 5),
+        ("Walker-v0", "td3", 2),
+    ]
+    assert found.scored_by == "evaluation"
+    assert (arm.interval, td3.interval) == (None, None)
+    assert sac.score == pytest.approx(-11.0) and sac.interval is not None and sac.interval.low < -11.0 < sac.interval.high
+    (only,) = found.improvements
+    assert (only.agent, only.other, only.probability, only.interval) == ("sac", "td3", 1.0, None)
+
+
+def test_one_run_without_an_evaluation_and_all_are_scored_by_training(runs: list[Path]) -> None:
+    (runs[0] / "evaluation.json").unlink()
+    found = compare(runs)
+    assert "last 5 episodes" in found.scored_by
+    assert found.groups[2].scores == (-105.0, -105.0)
+
+
+def test_an_evaluation_of_an_earlier_state_does_not_count(runs: list[Path]) -> None:
+    (runs[0] / "evaluation.json").write_text(json.dumps({"return_mean": 0.0, "trained_episodes": 1}))
+    assert compare(runs[:1]).scored_by != "evaluation"
+
+
+def test_settings_that_differ_are_named(tmp_path: Path) -> None:
+    config = TrainConfig("Walker-v0", "sac")
+    other = replace(config, settings=replace(config.settings, gamma=0.5))
+    paths = [write_run(tmp_path / "a", config, [1.0]), write_run(tmp_path / "b", other, [2.0])]
+    assert {group.agent for group in compare(paths).groups} == {"sac, gamma=0.95", "sac, gamma=0.5"}
+
+
+def test_a_folder_of_seeds_stands_for_them_and_nothing_counts_twice(tmp_path: Path) -> None:
+    config = TrainConfig("Walker-v0")
+    for seed in range(2):
+        write_run(tmp_path / f"all/seed-{seed}", replace(config, seed=seed), [1.0, 2.0])
+    assert compare([tmp_path / "all"]).groups[0].seeds == (0, 1)
+    with pytest.raises(RunError, match="named twice"):
+        compare([tmp_path / "all", tmp_path / "all/seed-1"])
+    copy = write_run(tmp_path / "copy", config, [1.0])
+    with pytest.raises(RunError, match="same seed"):
+        compare([tmp_path / "all", copy])
+    with pytest.raises(RunError, match="no episode yet"):
+        compare([write_run(tmp_path / "empty", config, [])])
+    with pytest.raises(RunError, match="no run"):
+        compare([tmp_path])
+
+
+def test_probability_of_improvement_counts_pairs() -> None:
+    assert probability_of_improvement([2.0, 3.0], [1.0, 2.0]) == (0.875, None)
+    rng = np.random.default_rng(0)
+    probability, interval = probability_of_improvement(rng.normal(1, 1, 200).tolist(), rng.normal(0, 1, 200).tolist())
+    assert probability == pytest.approx(0.76, abs=0.06)  # of normal variables: the distribution function at 1 / sqrt(2)
+    assert interval is not None and interval.low < probability < interval.high
+    with pytest.raises(DescriptionError):
+        probability_of_improvement([], [1.0])
+
+
+def test_the_commands_print_and_draw(runs: list[Path], tmp_path: Path, capfd) -> None:
+    picture = tmp_path / "all.png"
+    assert main(["compare", *map(str, runs), "--out", str(picture)]) == 0
+    told = capfd.readouterr().out
+    assert "needs 5 seeds" in told and "sac beats td3 with probability 100%" in told
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    assert main(["compare", *map(str, runs), "--json"]) == 0
+    assert len(json.loads(capfd.readouterr().out)["groups"]) == 3
+    assert main(["plot", str(runs[0]), "--out", str(tmp_path / "one.png")]) == 0
+    assert main(["plot", str(runs[0]), "--out", str(tmp_path / "one.pdf")]) == 2
+    assert main(["compare"]) == 2
+
+
+def test_reference_lines_are_those_of_the_results() -> None:
+    baselines = json.loads((RESULTS / "baselines.json").read_text())["environments"]
+    papers = json.loads((RESULTS / "robots.json").read_text())["environments"]
+    assert REFERENCES.keys() == baselines.keys()
+    for env, reference in REFERENCES.items():
+        measured = baselines[env]
+        assert (reference.random, reference.scripted) == (measured["random"]["return_mean"], measured["scripted"]["return_mean"])
+        paper = (papers.get(env) or {}).get("paper")
+        assert reference.paper == (paper["sac"][0] if paper else None), env
+
+
+@pytest.mark.parametrize(
+    ("value", "text"), [(8280.4, "8,280"), (-52.04, "-52"), (0.123456, "0.123"), (12.345, "12.3"), (3e9, "3.00e+09")]
+)
+def test_numbers_are_plain(value: float, text: str) -> None:
+    assert number(value) == text
+
+
+@pytest.mark.parametrize("count", [0, 1, 3])
+def test_curves_of_few_episodes(count: int, tmp_path: Path) -> None:
+    episodes = [Episode(k, Phase.TRAIN, k, 1, 8280.0 * k, None) for k in range(1, count + 1)]
+    draw_learning_curve(tmp_path / "a.png", episodes, "Spinning-v0", {"random": 75.0, "by hand": 8529.0})
+    assert (tmp_path / "a.png").exists()

@@ -1,0 +1,123 @@
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+import torch
+from tensordict import TensorDictBase
+from toys import Cart
+
+from bricksrl.agents.sac import SACSettings
+from bricksrl.envs.task import Entry
+from bricksrl.errors import CheckpointError, RunError
+from bricksrl.evaluation import evaluate
+from bricksrl.evaluation.statistics import wilson_interval
+from bricksrl.hub.interface import Interface, Wait
+from bricksrl.training import TrainConfig, train
+
+
+@pytest.fixture(scope="module")
+def run_dir(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    settings = SACSettings(hidden=(32, 32), batch_size=32)
+    config = TrainConfig(env="Cart", episodes=20, settings=settings, run_dir=tmp_path_factory.mktemp("runs") / "cart")
+    return train(config, env=Cart()).run_dir
+
+
+NOTHING = Interface((), (), Wait(1))
+
+
+@dataclass(frozen=True)
+class Task:
+    """As much of a task as evaluation asks for: the cart is to get beyond 600 mm."""
+
+    id: str = "Judged-v0"
+    entries: tuple[Entry, ...] = (Entry("x", 0.0, 1000.0, "mm", (0.0, 1000.0)), Entry("noise", -1.0, 1.0, "", (-1.0, 1.0)))
+    interface: Interface = NOTHING
+
+    def success(self, observations: torch.Tensor) -> torch.Tensor:
+        return observations[-1, 0] > 600.0
+
+    def metrics(self, observations: torch.Tensor) -> dict[str, torch.Tensor]:
+        return {"final_position_mm": observations[-1, 0]}
+
+
+def test_result_adds_up_and_is_saved(run_dir: Path) -> None:
+    heard: list[tuple[int, float]] = []
+    result = evaluate(run_dir, Cart(), episodes=6, on_episode=lambda episode, return_: heard.append((episode, return_)))
+    assert result.episodes == len(result.returns) == len(result.lengths) == 6
+    assert result.trained_episodes == 20
+    assert result.return_mean == pytest.approx(sum(result.returns) / 6)
+    assert result.return_std == pytest.approx(math.sqrt(sum((r - result.return_mean) ** 2 for r in result.returns) / 6))
+    assert result.return_interval.low <= result.return_mean <= result.return_interval.high
+    assert result.return_mean > 5.0
+    assert result.success_rate is None
+    assert heard == list(enumerate(result.returns, 1))
+    data = json.loads(result.to_json())
+    assert json.loads((run_dir / "evaluation.json").read_text()) == data
+    assert data["returns"] == list(result.returns)
+    assert "\n" not in result.to_json()
+
+
+def test_successes_and_the_tasks_numbers_are_counted(run_dir: Path) -> None:
+    env = Cart()
+    env.task = Task()
+    result = evaluate(run_dir, env, episodes=4)
+    assert result.env == "Judged-v0"
+    assert result.success_rate == 1.0
+    assert result.success_interval == wilson_interval(4, 4)
+    assert 600.0 < result.metrics["final_position_mm"] <= 1000.0
+
+
+def test_evaluation_repeats_and_another_seed_starts_elsewhere(run_dir: Path) -> None:
+    first = evaluate(run_dir, Cart(), episodes=2, seed=1)
+    assert evaluate(run_dir, Cart(), episodes=2, seed=1) == first
+    assert evaluate(run_dir, Cart(), episodes=3, seed=1).returns[:2] == first.returns
+    assert evaluate(run_dir, Cart(), episodes=2, seed=2).returns != first.returns
+
+
+def test_evaluation_changes_nothing_but_its_file(run_dir: Path) -> None:
+    (run_dir / "evaluation.json").unlink(missing_ok=True)
+    before = {path: path.read_bytes() for path in run_dir.rglob("*") if path.is_file()}
+    state = torch.get_rng_state()
+    evaluate(run_dir, Cart(), episodes=1, save=False)
+    assert {path: path.read_bytes() for path in run_dir.rglob("*") if path.is_file()} == before
+    assert torch.equal(torch.get_rng_state(), state)
+
+
+def test_an_environment_that_observes_otherwise_is_refused(run_dir: Path) -> None:
+    class Wider(Cart):
+        def __init__(self) -> None:
+            super().__init__()
+            self.observation_spec["observation"].space.high.mul_(2.0)
+
+    with pytest.raises(CheckpointError, match="another config or environment"):
+        evaluate(run_dir, Wider())
+
+
+def test_missing_run_and_no_episodes_are_refused(run_dir: Path, tmp_path: Path) -> None:
+    with pytest.raises(RunError, match="no run in"):
+        evaluate(tmp_path)
+    with pytest.raises(RunError, match="at least 1"):
+        evaluate(run_dir, Cart(), episodes=0)
+
+
+class PausedCart(Cart):
+    """Somebody pauses it in its second episode: that one ends after three steps."""
+
+    @property
+    def is_cut(self) -> bool:
+        return self.resets == 2 and self.step_count >= 3
+
+    def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
+        out = super()._step(tensordict)
+        return out.update({"truncated": out["truncated"] | self.is_cut, "done": out["done"] | self.is_cut})
+
+
+def test_an_episode_that_a_pause_cut_short_does_not_count(run_dir: Path) -> None:
+    env, seen = PausedCart(), []
+    paused = evaluate(run_dir, env, episodes=3, save=False, on_env=seen.append)
+    assert env.resets == 4 and seen == [env]
+    assert paused.returns == evaluate(run_dir, Cart(), episodes=3, save=False).returns, "it was made again, from the same start"

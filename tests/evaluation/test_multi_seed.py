@@ -1,0 +1,51 @@
+"""Several seeds side by side."""
+
+from __future__ import annotations
+
+import json
+import threading
+from pathlib import Path
+
+import pytest
+
+from bricksrl.agents.sac import SACSettings
+from bricksrl.errors import RunError
+from bricksrl.evaluation.multi_seed import seed_folder, train_seeds
+from bricksrl.training import RunFolder, TrainConfig, train
+
+SMALL = SACSettings(hidden=(16,), batch_size=16, prefill_episodes=1, updates_per_step=1)
+
+
+def test_each_seed_is_the_run_it_is_by_itself_and_the_summary_is_of_all(tmp_path: Path) -> None:
+    config = TrainConfig("RoboArmSim-v0", episodes=2, seed=3, settings=SMALL, run_dir=tmp_path / "all")
+    heard: list[tuple[int, str]] = []
+    lock = threading.Lock()
+
+    def on_line(seed: int, message: dict[str, object]) -> None:
+        with lock:
+            heard.append((seed, next(iter(message))))
+
+    summary = train_seeds(config, 2, on_line=on_line)
+    assert sorted(heard) == [(seed, kind) for seed in (3, 4) for kind in ("episode", "episode", "evaluated")]
+    assert summary.seeds == (3, 4)
+    assert summary.return_interval is None, "two seeds say too little"
+    assert len(summary.curve) == 2 and summary.returns[0] != summary.returns[1]
+    assert json.loads((tmp_path / "all" / "summary.json").read_text())["returns"] == list(summary.returns)
+    assert (tmp_path / "all" / "learning_curves.png").read_bytes().startswith(b"\x89PNG")
+    alone = train(TrainConfig("RoboArmSim-v0", episodes=2, seed=4, settings=SMALL, run_dir=tmp_path / "alone"))
+    together = RunFolder(seed_folder(tmp_path / "all", 4)).read_episodes()
+    assert [episode.return_ for episode in together] == [episode.return_ for episode in alone.episodes]
+
+
+def test_what_goes_wrong_in_a_seed_is_one_line(tmp_path: Path) -> None:
+    config = TrainConfig("RoboArmSim-v0", realtime=True, episodes=1, settings=SMALL, run_dir=tmp_path / "all")
+    with pytest.raises(RunError, match="2 of 2 seeds failed; seed 0: RoboArmSim-v0 is simulated without a robot"):
+        train_seeds(config, 2)
+    with pytest.raises(RunError, match="exists already"):
+        train_seeds(config, 2)
+    with pytest.raises(RunError, match="seeds is 1; give 2 to 1000"):
+        train_seeds(config, 1)
+    with pytest.raises(RunError, match="seeds is 1000000; give 2 to 1000"):
+        train_seeds(config, 1_000_000)
+    with pytest.raises(RunError, match="one robot"):
+        train_seeds(TrainConfig("Walker-v0", hub="ble", run_dir=tmp_path / "robot"), 2)

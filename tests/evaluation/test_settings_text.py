@@ -1,0 +1,65 @@
+from __future__ import annotations
+
+import dataclasses
+import json
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bricksrl.agents import AGENTS, preset
+from bricksrl.agents.sac import SACSettings
+from bricksrl.errors import DescriptionError
+from bricksrl.evaluation.settings_text import read_settings, with_changes
+
+
+@given(st.floats(1e-6, 1.0), st.lists(st.integers(1, 512), min_size=1, max_size=4), st.booleans())
+def test_numbers_lists_and_switches_come_through(rate: float, hidden: list[int], layer_norm: bool) -> None:
+    text = ",".join(map(str, hidden))
+    changed = with_changes(SACSettings(), [f"learning_rate={rate!r}", f"hidden={text}", f"critic-layer-norm={layer_norm}"])
+    assert (changed.learning_rate, changed.hidden, changed.critic_layer_norm) == (rate, tuple(hidden), layer_norm)
+
+
+@pytest.mark.parametrize("agent", [agent for agent in AGENTS if agent != "random"])
+def test_every_setting_of_every_agent_can_be_given_and_read(agent: str, tmp_path: Path) -> None:
+    settings = preset("default", agent)
+    values = dataclasses.asdict(settings)
+    texts = [f"{name}={','.join(map(str, value)) if isinstance(value, tuple) else value}" for name, value in values.items()]
+    assert with_changes(settings, texts) == settings
+    path = tmp_path / "settings.json"
+    path.write_text(json.dumps(values))
+    assert read_settings(path, preset("paper", agent)) == settings
+    path.write_text(json.dumps({"settings": values, "provenance": {"trials": 3}}))
+    assert read_settings(path, preset("paper", agent)) == settings
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ("learning_rat=1", "did you mean 'learning_rate'"),
+        ("colour=red", "there is no setting 'colour'"),
+        ("learning_rate", "NAME=VALUE"),
+        ("learning_rate=fast", "give a number"),
+        ("batch_size=1.5", "whole number"),
+        ("hidden=a,b", "numbers"),
+        ("critic_layer_norm=perhaps", "true or false"),
+        ("angles=round", "choose one of"),
+        ("gamma=7", "gamma"),
+    ],
+)
+def test_what_cannot_be_is_one_line(change: str, says: str) -> None:
+    with pytest.raises(DescriptionError, match=says) as caught:
+        with_changes(SACSettings(), [change])
+    assert "\n" not in str(caught.value)
+
+
+def test_files_that_hold_no_settings_are_one_line(tmp_path: Path) -> None:
+    path = tmp_path / "settings.json"
+    with pytest.raises(DescriptionError, match="cannot read"):
+        read_settings(path, SACSettings())
+    for text in ("{", "[1]", '{"settings": 3}', '{"colour": 1}', '{"gamma": "high"}'):
+        path.write_text(text)
+        with pytest.raises(DescriptionError) as caught:
+            read_settings(path, SACSettings())
+        assert "\n" not in str(caught.value)

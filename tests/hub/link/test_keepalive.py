@@ -1,0 +1,66 @@
+"""When a host tells its hub that it lives."""
+
+from __future__ import annotations
+
+import itertools
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from stand_in import RUN_AWAY, SPINNING, WALKER_INTERFACE, StandInHub
+
+from bricksrl.errors import HubError
+from bricksrl.hub.errors import SilentHubError
+from bricksrl.hub.interface import Interface
+from bricksrl.hub.link.keepalive import signs_of_life_s
+from bricksrl.hub.link.lockstep import HubLink
+from bricksrl.hub.link.states import LinkState
+from bricksrl.hub.program.generate import WATCHDOG_MS
+from bricksrl.hub.protocol import Down
+from bricksrl.robots import TWO_WHEELER, Robot
+from bricksrl.robots.walker import WALKER
+
+WATCHDOG_S = WATCHDOG_MS / 1000
+
+
+@given(st.none() | st.floats(0.0, 10.0), st.floats(0.05, 2.0))
+def test_the_hub_is_never_left_alone_for_long_and_the_answer_is_not_held_up(move_s: float | None, watchdog_s: float) -> None:
+    times_s = list(itertools.takewhile(lambda time_s: time_s < 12.0, signs_of_life_s(move_s, watchdog_s)))
+    pauses_s = [after - before for before, after in itertools.pairwise([0.0, *times_s])]
+    assert max(pauses_s) <= 0.7501 * watchdog_s, "a quarter is left for the way"
+    if move_s is not None:
+        assert not any(move_s - 1e-9 <= time_s < move_s + 0.249 * watchdog_s for time_s in times_s)
+
+
+def signs(hub: StandInHub) -> int:
+    return sum(write[1] == 0 and write[2] == Down.WATCHDOG for write in hub.writes)
+
+
+@pytest.mark.parametrize(
+    ("robot", "interface", "values", "count"),
+    [(TWO_WHEELER, SPINNING, [30, 30], 0), (WALKER, WALKER_INTERFACE, [-30] * 4, 1), (TWO_WHEELER, RUN_AWAY, [90], 2)],
+)
+def test_a_step_is_seen_through(robot: Robot, interface: Interface, values: list[float], count: int) -> None:
+    hub = StandInHub()
+    with HubLink(hub, robot, interface) as link:
+        for _ in range(3):
+            link.act(values)
+        assert signs(hub) == 3 * count and hub.starts == 1
+        assert (link.statistics.resends, link.statistics.stale_answers) == (0, 0)
+
+
+def test_a_hub_that_does_not_hear_them_breaks_the_step_off() -> None:
+    hub = StandInHub()
+    link = HubLink(hub, TWO_WHEELER, RUN_AWAY)
+    link.open()
+    hub.motors["A"].blocked = True
+    sent = itertools.count()
+    hub.down = lambda data: data if next(sent) == 0 else b""
+    with pytest.raises(SilentHubError):
+        link.act([90])
+    assert link.state is LinkState.FAULT and not hub.running and not any(motor.moving for motor in hub.motors.values())
+    with pytest.raises(HubError, match="open"):
+        link.act([90])
+    hub.down = lambda data: data
+    link.open()
+    link.act([90])

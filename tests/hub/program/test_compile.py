@@ -1,0 +1,53 @@
+"""MicroPython in, bytes for the hub out."""
+
+from __future__ import annotations
+
+import struct
+from pathlib import Path
+
+import pytest
+
+from bricksrl.errors import ProgramError
+from bricksrl.hub.program.compile import compile_mpy, compile_program, program_blob
+from bricksrl.hub.transport import HubModule, HubProgram
+from bricksrl.robots import HubKind
+
+
+def test_mpy_is_version_6_without_native_code_for_31_bit_small_integers() -> None:
+    mpy = compile_mpy("x = 1\n")
+    assert (mpy[0:1], mpy[1], mpy[2], mpy[3]) == (b"M", 6, 0, 31)
+    assert b"main.py" in mpy and b"robot.py" in compile_mpy("x = 1\n", "robot.py")
+
+
+@pytest.mark.parametrize("source", ["x = = 1\n", "if x:\npass\n", "match x:\n    case 1:\n        pass\n", "'\n", "\0"])
+def test_errors_of_syntax_are_one_line(source: str) -> None:
+    with pytest.raises(ProgramError, match=r"^main.py, line \d: SyntaxError: .*; ") as info:
+        compile_mpy(source)
+    assert "\n" not in str(info.value)
+
+
+def test_an_error_names_its_line() -> None:
+    with pytest.raises(ProgramError, match="line 3"):
+        compile_mpy("x = 1\n\ny = = 2\n")
+
+
+def test_a_compiler_that_is_not_there_is_told(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr("mpy_cross_v6.MPY_CROSS_PATH", str(tmp_path / "mpy-cross"))
+    with pytest.raises(ProgramError, match="reinstall mpy-cross-v6"):
+        compile_mpy("x = 1\n")
+
+
+def test_the_blob_is_the_program_and_the_modules_beside_it() -> None:
+    modules = compile_program(
+        HubProgram("import arm.hand\n", 0, name="wave.py", beside=(HubModule("arm.hand", "arm/hand.py", "x = 1\n"),))
+    )
+    main, hand = compile_mpy("import arm.hand\n", "wave.py"), compile_mpy("x = 1\n", "arm/hand.py")
+    expected = struct.pack("<I", len(main)) + b"__main__\0" + main + struct.pack("<I", len(hand)) + b"arm.hand\0" + hand
+    assert program_blob(modules, HubKind.PRIME) == expected
+
+
+def test_a_program_that_does_not_fit_is_refused() -> None:
+    largest = bytes(HubKind.CITY.model.program_bytes - 13)
+    assert program_blob({"__main__": largest}, HubKind.CITY)
+    with pytest.raises(ProgramError, match="20481 bytes, the city hub takes 20480"):
+        program_blob({"__main__": largest + b"x"}, HubKind.CITY)

@@ -1,0 +1,223 @@
+"""A program of one's own on a hub: what goes with it, and what comes back."""
+
+from __future__ import annotations
+
+import asyncio
+import io
+import struct
+import sys
+from pathlib import Path
+
+import pytest
+from ble_world import World
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bricksrl.cli import main
+from bricksrl.errors import ProgramError
+from bricksrl.hub.errors import HubDisconnectedError
+from bricksrl.hub.program.compile import compile_program, program_blob
+from bricksrl.hub.program.run import Transcript, run_program
+from bricksrl.hub.program.user_program import own_program
+from bricksrl.hub.transports.address import HubAddress
+from bricksrl.robots import HubKind, Motor, Robot
+
+pytestmark = pytest.mark.realtime
+
+FILES = {
+    "main.py": "import parts.arm\nfrom leg import kick, step\nimport pybricks.tools\nprint(parts.reach(), kick, step)\n",
+    "parts/arm.py": "from tools import double\ndef reach():\n    return double(21)\n",
+    "tools/__init__.py": "def double(x):\n    return 2 * x\n",
+    "leg.py": "import ustruct\nkick, step = 1, 2\n",
+    "unused.py": "raise ValueError\n",
+}
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    for name, source in FILES.items():
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text(source)
+    return tmp_path
+
+
+def unpacked(blob: bytes) -> dict[str, bytes]:
+    modules, place = {}, 0
+    while place < len(blob):
+        (length,) = struct.unpack_from("<I", blob, place)
+        name, _, rest = blob[place + 4 :].partition(b"\0")
+        modules[name.decode()] = rest[:length]
+        place += 5 + len(name) + length
+    return modules
+
+
+def test_a_program_takes_its_modules_along_as_pybricksdev_does(folder: Path) -> None:
+    from pybricksdev.compile import compile_multi_file
+
+    program = own_program(folder / "main.py")
+    assert [module.name for module in program.beside] == ["parts.arm", "leg", "tools"]
+    blob = program_blob(compile_program(program), HubKind.PRIME)
+    assert unpacked(blob) == unpacked(asyncio.run(compile_multi_file(str(folder / "main.py"), (6, 1))))
+    assert blob.index(b"__main__") == 4
+
+
+def test_programs_that_import_each_other_end(tmp_path: Path) -> None:
+    (tmp_path / "main.py").write_text("import other\n")
+    (tmp_path / "other.py").write_text("import main, other\n")
+    assert [module.name for module in own_program(tmp_path / "main.py").beside] == ["other", "main"]
+
+
+def test_files_that_cannot_be_read_or_compiled_are_one_line(folder: Path) -> None:
+    with pytest.raises(ProgramError, match="cannot read the program"):
+        own_program(folder / "none.py")
+    (folder / "leg.py").write_bytes(b"\xff\xfe")
+    with pytest.raises(ProgramError, match=r"leg\.py' is no text"):
+        own_program(folder / "main.py")
+    (folder / "leg.py").write_text("kick = = 2\n")
+    with pytest.raises(ProgramError, match=r"^leg\.py, line 1: SyntaxError"):
+        compile_program(own_program(folder / "main.py"))
+
+
+HEAD = "Traceback (most recent call last):\r\n"
+PLACES = '  File "main.py", line 3, in <module>\r\n  File "arm.py", line 1, in reach\r\n'
+RAISED = HEAD + PLACES + "ValueError: 3\r\n"
+STOPPED = "The program was stopped (SystemExit).\r\n"
+
+
+@pytest.mark.parametrize(
+    ("written", "out", "err", "code"),
+    [
+        ("a\r\nb\r\n", "a\nb\n", "", 0),
+        ("a\r\nb", "a\nb", "", 0),
+        ("a\r\n" + RAISED, "a\n", RAISED, 1),
+        (RAISED + "on\r\n", RAISED + "on\n", "", 0),
+        (RAISED + "on", RAISED + "on", "", 0),
+        (RAISED + RAISED, RAISED, RAISED, 1),
+        (HEAD + "said somebody\r\n", HEAD + "said somebody\n", "", 0),
+        ("a\r\n" + STOPPED, "a\n", STOPPED, 0),
+        (STOPPED + "not yet\r\n", STOPPED + "not yet\n", "", 0),
+        ("The ", "The ", "", 0),
+        ("\xe4\r\n", "\xe4\n", "", 0),
+    ],
+)
+@given(data=st.data())
+def test_what_the_firmware_says_is_told_apart(data: st.DataObject, written: str, out: str, err: str, code: int) -> None:
+    stdout, stderr = io.BytesIO(), io.StringIO()
+    transcript, left = Transcript(stdout, stderr), written.encode()
+    while left:
+        size = data.draw(st.integers(1, len(left)))
+        transcript.take(left[:size])
+        left = left[size:]
+    assert transcript.end() == code
+    assert stdout.getvalue().decode() == out.replace("\r\n", "\n")
+    assert stderr.getvalue() == err.replace("\r\n", "\n")
+
+
+def test_a_prompt_is_shown_at_once() -> None:
+    stdout = io.BytesIO()
+    Transcript(stdout, io.StringIO()).take(b"a\r\nTicket: ")
+    assert stdout.getvalue() == b"a\nTicket: "
+
+
+def run(world: World, path: Path, stdin: bytes | None = None, time_limit_s: float | None = None) -> tuple[int, str, str]:
+    program = own_program(path)
+    world.hub.files[program.name] = program.source
+    world.hub.files.update({module.file: module.source for module in program.beside})
+    transport = world.transport()
+    transport.open()
+    out, err = io.BytesIO(), io.StringIO()
+    typed = io.BytesIO(stdin) if stdin is not None else None
+    code = run_program(transport, program, stdout=out, stderr=err, stdin=typed, time_limit_s=time_limit_s)
+    transport.close()
+    return code, out.getvalue().decode(), err.getvalue()
+
+
+def test_it_runs_on_a_hub_over_bluetooth(world: World, folder: Path) -> None:
+    assert run(world, folder / "main.py") == (0, "42 1 2\n", "")
+    (folder / "leg.py").write_text("kick, step = 1, 2\nprint('a')\nkick / 0\n")
+    code, out, err = run(world, folder / "main.py")
+    assert (code, out) == (1, "a\n")
+    assert err.splitlines()[1:] == [
+        '  File "main.py", line 2, in <module>',
+        '  File "leg.py", line 3, in <module>',
+        "ZeroDivisionError: divide by zero",
+    ]
+    assert not world.hub.is_running
+
+
+def test_it_runs_on_a_hub_that_our_own_programs_do_not_fit(tmp_path: Path) -> None:
+    world = World(tmp_path, Robot("small", HubKind.MOVE, motors=(Motor("one", "A"),)))
+    try:
+        (tmp_path / "main.py").write_text("print(7 // 2)\n")
+        assert run(world, tmp_path / "main.py") == (0, "3\n", "")
+    finally:
+        world.close()
+
+
+def test_it_is_never_taken_for_one_that_is_there(world: World, folder: Path) -> None:
+    """A program without a HELLO comes anew every time, and leaves no note behind."""
+    link = world.link()
+    link.open()
+    link.close()
+    for name in ("one", "two"):
+        (folder / "main.py").write_text(f"print('{name}')\n")
+        assert run(world, folder / "main.py") == (0, f"{name}\n", "")
+    downloads = len(world.hub.commands)
+    link.open()
+    assert len(world.hub.commands) > downloads + 5, "our own program had to come again"
+
+
+def test_it_reads_what_is_typed(world: World, folder: Path) -> None:
+    lines = b"".join(b"%d\n" % n for n in range(100))
+    (folder / "main.py").write_text("total = 0\nfor _ in range(100):\n    total += int(input())\nprint()\nprint('sum', total)\n")
+    code, out, _ = run(world, folder / "main.py", stdin=lines)
+    assert code == 0 and out.endswith("\nsum 4950\n")
+
+
+def test_input_that_is_closed_is_no_input(world: World, folder: Path) -> None:
+    (folder / "main.py").write_text("print('runs')\n")
+    program = own_program(folder / "main.py")
+    world.hub.files[program.name] = program.source
+    closed, out = io.BytesIO(), io.BytesIO()
+    closed.close()
+    assert run_program(world.transport(), program, stdout=out, stderr=io.StringIO(), stdin=closed) == 0
+    assert out.getvalue() == b"runs\n"
+
+
+def test_it_is_stopped_in_time_and_its_motors_too(world: World, folder: Path) -> None:
+    source = "from pybricks.parameters import Port\nfrom pybricks.pupdevices import Motor\nfrom pybricks.tools import wait\n"
+    (folder / "main.py").write_text(source + "Motor(Port.A).run(500)\nprint('runs')\nwhile True:\n    wait(10)\n")
+    code, out, err = run(world, folder / "main.py", time_limit_s=0.5)
+    assert (code, out.strip(), err) == (0, "runs", "The program was stopped (SystemExit).\n")
+    assert not world.hub.is_driven and not world.hub.is_running
+
+
+def test_a_lost_link_is_told(world: World, folder: Path) -> None:
+    (folder / "main.py").write_text("from pybricks.tools import wait\nprint('runs')\nwait(60000)\n")
+
+    class Unplugs(io.BytesIO):
+        def write(self, data: bytes) -> int:  # type: ignore[override]
+            world.hub.reboot()
+            return super().write(data)
+
+    program = own_program(folder / "main.py")
+    world.hub.files[program.name] = program.source
+    transport = world.transport()
+    transport.open()
+    with pytest.raises(HubDisconnectedError):
+        run_program(transport, program, stdout=Unplugs(), stderr=io.StringIO())
+
+
+def test_the_command_runs_it(world: World, folder: Path, monkeypatch: pytest.MonkeyPatch, capfdbinary) -> None:
+    monkeypatch.setattr(HubAddress, "transport", lambda self: world.transport())
+    monkeypatch.setattr(sys, "stdin", None)
+    world.hub.files.update(FILES)
+    assert main(("hub", "run", str(folder / "main.py"), "--hub", "ble")) == 0
+    assert capfdbinary.readouterr().out == b"42 1 2\n"
+    assert not world.hub.is_connected
+
+
+def test_a_program_that_cannot_be_compiled_needs_no_hub(folder: Path, capsys) -> None:
+    (folder / "main.py").write_text("x =\n")
+    assert main(("hub", "run", str(folder / "main.py"), "--hub", "ble")) == 2
+    assert "main.py, line 2: SyntaxError" in capsys.readouterr().err

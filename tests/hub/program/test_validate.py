@@ -1,0 +1,113 @@
+"""What does not fit is told in one line, with a remedy."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import pytest
+from stand_in import RUN_AWAY, SPINNING
+
+from bricksrl.errors import BricksError, DescriptionError, ProgramError
+from bricksrl.hub.interface import (
+    Distance,
+    DriveStraight,
+    Interface,
+    MotorAngle,
+    Pitch,
+    RunAngle,
+    SensorReading,
+    UntilDone,
+    Wait,
+    YawRate,
+)
+from bricksrl.hub.program.generate import generate
+from bricksrl.hub.program.validate import validate
+from bricksrl.robots import TWO_WHEELER, DriveBase, HubKind, Motor, PoweredUpSensor, Robot, SensorKind
+from bricksrl.robots.robo_arm import ROBO_ARM
+
+LEFT = RunAngle("left", -100, 100, 400)
+
+
+def changed(**fields: Any) -> Interface:
+    return dataclasses.replace(SPINNING, **fields)
+
+
+@pytest.mark.parametrize("interface", [RUN_AWAY, SPINNING])
+def test_the_papers_interfaces_fit(interface: Interface) -> None:
+    validate(TWO_WHEELER, interface)
+
+
+@pytest.mark.parametrize(
+    ("interface", "message"),
+    [
+        (changed(commands=(RunAngle("tail", -1, 1, 10),)), "no motor 'tail'"),
+        (changed(channels=(MotorAngle("tail"),)), "no motor 'tail'"),
+        (changed(channels=(Distance("nose"),)), "no sensor 'nose'"),
+        (changed(channels=()), "no channels"),
+        (changed(channels=(Pitch(), Pitch())), "'pitch' is named 2 times"),
+        (changed(commands=(LEFT, LEFT)), "'left' is named 2 times"),
+        (changed(commands=(LEFT, DriveStraight(-1, 1))), "'left' is moved by the commands 'left' and 'straight'"),
+        (changed(commands=(RunAngle("left", 10, 10, 400),)), "give low < high"),
+        (changed(commands=(RunAngle("left", -3277, 10, 400),)), r"within \+-3276.7"),
+        (changed(commands=(RunAngle("left", float("nan"), 10, 400),)), "ranges from nan"),
+        (changed(commands=(RunAngle("left", -1, 1, 0),)), "speed 0"),
+        (changed(channels=(MotorAngle("left", 0, 4000),)), "'left_angle' ranges from 0 to 4000"),
+        (changed(settle=Wait(0)), "0 ms"),
+        (changed(settle=UntilDone(70_000)), "70000 ms"),
+    ],
+)
+def test_what_does_not_fit_is_refused(interface: Interface, message: str) -> None:
+    with pytest.raises(DescriptionError, match=message):
+        validate(TWO_WHEELER, interface)
+
+
+def test_more_commands_than_a_write_holds_are_refused() -> None:
+    commands = tuple(RunAngle(f"m{index}", -1, 1, 10) for index in range(9))
+    with pytest.raises(DescriptionError, match="at most 8"):
+        validate(TWO_WHEELER, changed(commands=commands))
+
+
+@pytest.mark.parametrize(
+    ("reading", "message"),
+    [
+        (SensorReading("light", "hsv", 0, 100), "hsv.. is 3 numbers; give as part one of hue, saturation, value"),
+        (SensorReading("light", "hsv", 0, 100, part="pitch"), "one of hue, saturation, value"),
+        (SensorReading("light", "reflection", 0, 100, part="hue"), "reflection.. is one number"),
+    ],
+)
+def test_a_reading_names_one_number(reading: SensorReading, message: str) -> None:
+    robot = Robot("seer", HubKind.PRIME, sensors=(PoweredUpSensor("light", "B", SensorKind.COLOR),))
+    with pytest.raises(DescriptionError, match=message):
+        validate(robot, Interface((), (reading,), Wait(100)))
+
+
+def test_a_drive_base_is_needed_to_drive() -> None:
+    with pytest.raises(DescriptionError, match="no drive base"):
+        validate(ROBO_ARM, Interface((DriveStraight(-1, 1),), (MotorAngle("low", 10, 70),), UntilDone()))
+
+
+def test_a_wheel_has_no_range() -> None:
+    motors = (Motor("left", "A", range_deg=(0, 90)), Motor("right", "B"))
+    robot = Robot("odd", HubKind.PRIME, motors=motors, drive_base=DriveBase("left", "right", 56, 130))
+    with pytest.raises(DescriptionError, match="wheels turn endlessly"):
+        validate(robot, Interface((DriveStraight(-1, 1),), (MotorAngle("left"),), UntilDone()))
+
+
+@pytest.mark.parametrize("channel", [Pitch(), YawRate()])
+def test_a_city_hub_has_no_imu(channel: Pitch | YawRate) -> None:
+    robot = Robot("tram", HubKind.CITY, motors=(Motor("left", "A"),))
+    with pytest.raises(DescriptionError, match="IMU"):
+        validate(robot, Interface((LEFT,), (channel,), Wait(10)))
+
+
+def test_a_move_hub_is_refused() -> None:
+    robot = Robot("vernie", HubKind.MOVE, motors=(Motor("left", "A"),))
+    with pytest.raises(ProgramError, match="is not supported; choose a prime"):
+        generate(robot, Interface((LEFT,), (MotorAngle("left"),), Wait(10)))
+
+
+def test_messages_are_one_line_and_say_what_to_do() -> None:
+    with pytest.raises(BricksError) as info:
+        validate(TWO_WHEELER, changed(channels=()))
+    assert "\n" not in str(info.value) and ";" in str(info.value)

@@ -1,0 +1,251 @@
+"""The Bluetooth transport against a played hub, over a link that delivers at connection events."""
+
+from __future__ import annotations
+
+import statistics
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from ble_world import BOUND_S, NAME, World, bounded
+from hub_programs import unplug
+from played_hub import PlayedHub
+from radio import ATT_WRITE_REQUEST
+from stand_in import SPINNING, WALKER_INTERFACE
+
+from bricksrl.errors import HubError, HubProgramError
+from bricksrl.hub.errors import AmbiguousHubError, HubDisconnectedError, HubNotFoundError
+from bricksrl.hub.link.lockstep import LinkState
+from bricksrl.hub.transport import HubProgram
+from bricksrl.hub.transports.ble import BleTransport
+from bricksrl.hub.transports.profile import Command
+from bricksrl.hub.transports.scan import scan
+from bricksrl.robots import WALKER, HubKind
+
+pytestmark = pytest.mark.realtime
+
+# ---- what it is for
+
+
+def test_it_connects_downloads_and_exchanges(world: World) -> None:
+    transport = world.transport()
+    transport.open()
+    identity = transport.identity
+    assert identity is not None and (identity.name, identity.kind) == (NAME, HubKind.PRIME)
+    assert identity.firmware == "4.0.1" and identity.profile_version == (1, 5) and identity.capabilities.slots == 5
+    transport.close()
+    with world.link(SPINNING) as link:
+        left, right = link.act([90, -45]).values[:2]
+        assert 0 < left < 90 and 315 < right < 360
+        time.sleep(0.3)
+        np.testing.assert_allclose(link.read().values[:2], [90, 315], atol=3)
+        assert world.hub.is_running
+    assert not world.hub.is_running and not world.hub.is_connected
+
+
+def test_an_exchange_takes_two_connection_intervals(tmp_path: Path) -> None:
+    world = World(tmp_path, WALKER)
+    try:
+        with world.link(WALKER_INTERFACE) as link:
+            assert link.wire.up_frame_bytes == 19
+            for interval_ms, exchanges in ((7.5, 60), (15.0, 40), (30.0, 20), (45.0, 12)):
+                world.set_interval(interval_ms)
+                link.read()
+                took_ms = statistics.median(link.read().round_trip_s for _ in range(exchanges)) * 1000
+                assert took_ms == pytest.approx(2 * interval_ms, abs=2.0)
+    finally:
+        world.close()
+
+
+def test_the_same_program_is_not_downloaded_again(world: World) -> None:
+    for _ in range(2):
+        with world.link() as link:
+            link.act([100])
+    assert world.hub.commands.count(Command.WRITE_USER_PROGRAM_META) == 2  # one download
+    with world.link(SPINNING) as link:
+        link.act([10, 10])
+    assert world.hub.commands.count(Command.WRITE_USER_PROGRAM_META) == 4
+
+
+def test_a_hub_that_lost_its_program_gets_it_again(world: World) -> None:
+    with world.link():
+        pass
+    world.hub.size = 0
+    with world.link() as link:
+        link.act([100])
+    assert world.hub.commands.count(Command.WRITE_USER_PROGRAM_META) == 4
+
+
+def test_another_program_in_its_place_is_stopped_and_replaced(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("bricksrl.hub.transports.pybricks_hub._HELLO_S", 0.3)
+    link = world.link()
+    other = "from pybricks.tools import wait\nprint('mine')\nwhile True:\n    wait(10)\n"
+    world.hub.library.append(other)
+    transport = world.transport()
+    transport.open()
+    transport.start(HubProgram(other, link.program.hash))  # this computer believes that it is ours
+    transport.close()
+    with link:
+        link.act([100])
+
+
+def test_an_unknown_program_is_never_started(world: World) -> None:
+    other = "from usys import stdout\nstdout.write('moving')\n"
+    world.hub.library.append(other)
+    transport = world.transport()
+    transport.open()
+    transport.start(HubProgram(other, 1))
+    transport.close()
+    world.record.unlink()
+    world.hub.commands.clear()
+    with world.link():
+        kinds = world.hub.commands
+        assert kinds.index(Command.WRITE_USER_RAM) < kinds.index(Command.START_USER_PROGRAM)
+
+
+def test_all_writes_wait_for_their_response(world: World) -> None:
+    seen = set[int]()
+
+    def watch(opcode: int, data: bytes) -> int:
+        seen.add(opcode)
+        return 1
+
+    world.fault(watch)
+    with world.link() as link:
+        link.act([100])
+    assert ATT_WRITE_REQUEST in seen and 0x52 not in seen  # 0x52: write without response, which hubs drop
+
+
+# ---- the program
+
+
+@pytest.mark.parametrize("flushes_late", [False, True])
+def test_a_program_that_raises_at_its_start(world: World, flushes_late: bool) -> None:
+    world.hub.flushes_late = flushes_late
+    unplug(world.hub.machine, "A")
+    error = bounded(world.link().open, HubProgramError)
+    assert "ENODEV" in str(error) and "Motor(Port.A" in str(error) and "plug the device" in str(error)
+
+
+def test_a_program_that_raises_later(world: World) -> None:
+    transport = world.transport()
+    source = "from usys import stdin\nfrom pybricks.tools import wait\nprint('ready')\nstdin.buffer.read(1)\nwait(50)\n1 // 0\n"
+    world.hub.library.append(source)
+    transport.open()
+    transport.start(HubProgram(source, 7))
+    assert transport.read(1.0) == b"ready\r\n"
+    transport.write(b"x")
+    text = b"".join(iter(lambda: transport.read(1.0), b""))
+    assert b"line 6" in text and text.endswith(b"ZeroDivisionError: divide by zero\r\n")
+    assert "has ended" in str(bounded(lambda: transport.read(1.0), HubError))
+    bounded(lambda: transport.write(b"x"), HubError)
+
+
+def test_a_program_that_raises_in_a_step_is_told_with_the_hubs_text_and_its_line(world: World) -> None:
+    link = world.link()
+    link.open()
+    world.hub.machine.servos.pop("E").close()  # the motor is pulled out
+    error = bounded(lambda: [link.act([100]) for _ in range(3)], HubProgramError)
+    assert "ENODEV" in str(error) and "at line" in str(error) and "motor_left.run_angle(400" in str(error)
+    assert link.state is LinkState.FAULT
+
+
+def test_the_button_ends_the_program(world: World) -> None:
+    link = world.link()
+    link.open()
+    world.hub.press_button()
+    world.hub.wait_until("is_running", False)
+    bounded(lambda: link.act([100]), HubError)
+    assert link.state is LinkState.FAULT
+    link.open()
+    link.act([100])
+
+
+def test_stop_from_another_thread_while_a_move_is_under_way(world: World) -> None:
+    link = world.link()
+    link.open()
+    link.act([3000])
+    assert world.hub.is_driven
+    start_s = time.monotonic()
+    thread = threading.Thread(target=link.stop)
+    thread.start()
+    world.hub.wait_until("is_driven", False)
+    assert time.monotonic() - start_s < 0.1
+    thread.join(BOUND_S)
+    assert not thread.is_alive() and not world.hub.is_running
+
+
+# ---- several hubs, and none
+
+
+def test_several_hubs(world: World) -> None:
+    other = PlayedHub(world.radio, WALKER, "Rover", "C0:01:02:03:04:06")
+    found = scan(0.3, backend=world.radio.backend())
+    assert {(hub.name, hub.address) for hub in found} == {(NAME, "C0:01:02:03:04:05"), ("Rover", "C0:01:02:03:04:06")}
+    error = bounded(world.transport(name=None).open, AmbiguousHubError)
+    assert "Rover" in str(error) and NAME in str(error)
+    bounded(world.transport(name="Rovre", timeout_s=0.5).open, HubNotFoundError)
+    for wanted in ({"name": "Rover"}, {"name": None, "address": "c0:01:02:03:04:06"}):
+        transport = world.transport(**wanted)
+        transport.open()
+        assert other.is_connected and not world.hub.is_connected
+        transport.close()
+        other.wait_until("is_connected", False)
+
+
+def test_the_only_hub_needs_no_name(world: World) -> None:
+    world.transport(name=None).open()
+    assert world.hub.is_connected
+
+
+def test_without_bluetooth(tmp_path: Path) -> None:
+    """Whatever this computer has, there is no such hub."""
+    transport = BleTransport(name="no such hub", timeout_s=0.5, record=tmp_path / "programs.json")
+    bounded(transport.open, HubError, 10.0)
+    transport.close()
+
+
+# ---- opening and closing
+
+
+def test_close_in_any_state_leaves_nothing_behind(world: World) -> None:
+    before = set(threading.enumerate())
+    transport = world.transport()
+    transport.close()
+    transport.open()
+    transport.close()
+    transport.close()
+    assert not {thread.name for thread in set(threading.enumerate()) - before}
+    for call in (lambda: transport.read(0.1), lambda: transport.write(b"x")):
+        bounded(call, HubDisconnectedError)
+    transport.stop()
+    transport.start(world.link().program)
+    assert world.hub.is_running
+    transport.close()
+    assert not world.hub.is_running
+
+
+def test_closing_while_another_thread_reads(world: World) -> None:
+    transport = world.transport()
+    transport.open()
+    transport.start(world.link().program)
+    transport.read(1.0)
+    errors: list[HubError] = []
+
+    def read() -> None:
+        errors.append(bounded(lambda: [transport.read(BOUND_S) for _ in range(4)], HubError))
+
+    thread = threading.Thread(target=read)
+    thread.start()
+    time.sleep(0.1)
+    transport.close()
+    thread.join(BOUND_S)
+    assert not thread.is_alive() and errors
+
+
+def test_a_write_holds_at_most_twenty_bytes(world: World) -> None:
+    transport = world.transport()
+    transport.open()
+    bounded(lambda: transport.write(bytes(21)), HubError)

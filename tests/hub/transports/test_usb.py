@@ -1,0 +1,261 @@
+"""The transport over USB against a played hub, over sockets and over a pseudo terminal."""
+
+from __future__ import annotations
+
+import errno
+import os
+import random
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from ble_world import BOUND_S, LONG_RUN, bounded
+from played_usb_hub import PlayedUsbHub
+from stand_in import SPINNING
+
+from bricksrl.errors import HubError, HubProgramError, HubTimeoutError
+from bricksrl.hub.errors import (
+    AmbiguousHubError,
+    HubDisconnectedError,
+    HubNotFoundError,
+    HubRefusedError,
+    Reason,
+    UsbUnavailableError,
+)
+from bricksrl.hub.interface import Interface
+from bricksrl.hub.link.lockstep import HubLink
+from bricksrl.hub.link.states import LinkState
+from bricksrl.hub.program import generate
+from bricksrl.hub.transports.profile import Command, CommandError
+from bricksrl.hub.transports.usb import UsbHub, UsbTransport, list_usb_hubs
+from bricksrl.robots import TWO_WHEELER, HubKind
+
+pytestmark = pytest.mark.realtime
+
+PORT = "/dev/played"
+
+
+class Cable:
+    """A hub on a cable, and links to it."""
+
+    def __init__(self, folder: Path) -> None:
+        self.hub = PlayedUsbHub(TWO_WHEELER, "Rover")
+        self.record = folder / "programs.json"
+        self._open: list[UsbTransport] = []
+
+    def transport(self, port: str | None = PORT, **options: Any) -> UsbTransport:
+        settings: dict[str, Any] = {
+            "open_serial": self.hub.open_serial,
+            "find_hubs": list,
+            "timeout_s": 1.0,
+            "answer_timeout_s": 0.6,
+            "record": self.record,
+        }
+        transport = UsbTransport(port, **(settings | options))
+        self._open.append(transport)
+        return transport
+
+    def link(self, interface: Interface = LONG_RUN, **options: Any) -> HubLink:
+        link = HubLink(self.transport(**options), TWO_WHEELER, interface, timeout_s=1.0)
+        self.hub.library.append(link.program.source)
+        return link
+
+    def close(self) -> None:
+        self.hub.change = lambda data: data
+        for transport in self._open:
+            transport.close()
+        self.hub.close()
+
+
+@pytest.fixture
+def cable(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Cable]:
+    monkeypatch.setattr(generate, "END_MS", 500)
+    made = Cable(tmp_path)
+    yield made
+    made.close()
+
+
+def test_it_connects_downloads_and_exchanges(cable: Cable) -> None:
+    with cable.link(SPINNING) as link:
+        identity = link._transport.identity
+        assert (identity.name, identity.kind, identity.profile_version) == ("Rover", HubKind.PRIME, (1, 6))
+        left, right = link.act([90, -45]).values[:2]
+        assert 0 < left < 90 and 315 < right < 360
+        time.sleep(0.3)
+        np.testing.assert_allclose(link.read().values[:2], [90, 315], atol=3)
+    assert not cable.hub.is_running
+    cable.hub.wait_until("is_connected", False)
+
+
+def test_the_same_program_is_not_downloaded_again(cable: Cable) -> None:
+    for _ in range(2):
+        with cable.link() as link:
+            link.act([100])
+    assert cable.hub.commands.count(Command.WRITE_USER_PROGRAM_META) == 2  # one download
+
+
+@pytest.mark.skipif(os.name != "posix", reason="pseudo terminals are a thing of POSIX")
+def test_over_a_pseudo_terminal_and_pyserial(cable: Cable) -> None:
+    with cable.link(port=cable.hub.attach_terminal(), open_serial=None) as link:
+        times = [link.read().round_trip_s for _ in range(20)]
+        link.act([100])
+    assert sorted(times)[10] < 0.05
+    assert not cable.hub.is_running
+
+
+def test_a_hub_that_does_not_tell_its_product_is_known_by_usb(cable: Cable) -> None:
+    cable.hub.tells_product = False
+    transport = cable.transport(port=None, find_hubs=lambda: [UsbHub(PORT, "123", 0x0009)])
+    transport.open()
+    assert transport.identity is not None
+    assert (transport.identity.kind, transport.identity.address) == (HubKind.PRIME, "123")
+
+
+def test_which_hub(cable: Cable) -> None:
+    assert all(isinstance(hub, UsbHub) for hub in list_usb_hubs())
+    assert "plug it in" in str(bounded(cable.transport(port=None).open, HubNotFoundError))
+    two = [UsbHub("/dev/a", "1"), UsbHub("/dev/b", "2")]
+    error = bounded(cable.transport(port=None, find_hubs=lambda: two).open, AmbiguousHubError)
+    assert "/dev/a, /dev/b" in str(error)
+    cable.transport(port="/dev/b", find_hubs=lambda: two).open()
+
+
+def test_a_port_that_may_not_be_used(cable: Cable) -> None:
+    def refuse(device: str) -> Any:
+        raise PermissionError(errno.EACCES, "Permission denied", device)
+
+    error = bounded(cable.transport(open_serial=refuse, timeout_s=30.0).open, UsbUnavailableError)
+    assert "dialout" in str(error) and error.reason is Reason.DENIED
+
+
+def test_a_port_with_something_else_behind_it(cable: Cable, tmp_path: Path) -> None:
+    cable.hub._on_message = lambda message: _nothing()  # type: ignore[method-assign]
+    bounded(cable.transport().open, HubTimeoutError)
+
+
+async def _nothing() -> None:
+    pass
+
+
+def test_a_program_that_raises_later_is_told_with_its_line(cable: Cable) -> None:
+    link = cable.link()
+    link.open()
+    servos = cable.hub.machine.servos
+    servos.pop("E").close()
+    error = bounded(lambda: [link.act([100]) for _ in range(3)], HubProgramError)
+    assert "ENODEV" in str(error) and "at line" in str(error) and "motor_left.run_angle(400" in str(error)
+    assert link.state is LinkState.FAULT
+
+
+def test_a_refused_command(cable: Cable) -> None:
+    cable.hub.faults[Command.WRITE_USER_RAM] = [CommandError.INVALID_COMMAND]
+    bounded(cable.link().open, HubRefusedError)
+
+
+def test_a_full_input_buffer_is_tried_again(cable: Cable) -> None:
+    with cable.link() as link:
+        cable.hub.faults[Command.WRITE_STDIN] = [CommandError.BUSY] * 3
+        link.act([100])
+        assert link.statistics.resends == 0
+
+
+def test_a_pulled_cable_stops_the_motors_and_the_same_hub_is_found_again(cable: Cable) -> None:
+    link = cable.link(timeout_s=3.0)
+    link.open()
+    link.act([3000])
+    assert cable.hub.is_driven
+    cable.hub.pull_the_cable()
+    bounded(lambda: link.act([3000]), HubDisconnectedError)
+    assert link.state is LinkState.FAULT
+    assert cable.hub.wait_until("is_driven", False) < 0.6
+    threading.Timer(0.3, lambda: setattr(cable.hub, "is_plugged_in", True)).start()
+    link.open()
+    link.act([100])
+
+
+HOST = """
+import sys
+from ble_world import LONG_RUN
+from bricksrl.hub.program import generate
+from bricksrl.hub.link.lockstep import HubLink
+from bricksrl.hub.transports.usb import UsbTransport
+from bricksrl.robots import TWO_WHEELER
+from pathlib import Path
+generate.END_MS = 500
+link = HubLink(UsbTransport(sys.argv[1], record=Path(sys.argv[2])), TWO_WHEELER, LONG_RUN)
+link.open()
+while True:
+    link.act([3000])
+"""
+
+
+@pytest.mark.skipif(os.name != "posix", reason="pseudo terminals and SIGKILL are things of POSIX")
+def test_a_host_process_that_is_killed(cable: Cable) -> None:
+    link = cable.link()
+    command = [sys.executable, "-c", HOST, cable.hub.attach_terminal(), str(cable.record)]
+    host = subprocess.Popen(command, env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)})
+    try:
+        cable.hub.wait_until("is_driven", True, 60.0)
+        time.sleep(0.2)
+    finally:
+        host.kill()
+        host.wait(5)
+    assert cable.hub.wait_until("is_driven", False) < 0.6
+    assert cable.hub.longest_silent_drive_ms <= generate.WATCHDOG_MS
+    cable.hub.wait_until("is_running", False, 2.0)
+    link.open()
+    link.act([100])
+
+
+def test_closing_in_any_state(cable: Cable) -> None:
+    before = set(threading.enumerate())
+    transport = cable.transport()
+    transport.close()
+    transport.open()
+    transport.close()
+    transport.close()
+    time.sleep(0.1)
+    assert not {thread.name for thread in set(threading.enumerate()) - before if thread.name.startswith("bricksrl")}
+
+
+def damage(rng: random.Random, kind: str) -> Callable[[bytes], bytes]:
+    def change(frame: bytes) -> bytes:
+        if rng.random() > 0.15:
+            return frame
+        place = rng.randrange(len(frame))
+        if kind == "lost":
+            return b""
+        if kind == "cut":
+            return frame[:place]
+        if kind == "flipped":
+            return frame[:place] + bytes((frame[place] ^ 1 << rng.randrange(8),)) + frame[place + 1 :]
+        return bytes(rng.choices(range(256), k=40)) + frame  # noise
+
+    return change
+
+
+@pytest.mark.parametrize("kind", ["lost", "cut", "flipped", "noise"])
+def test_damaged_frames_end_in_an_error_of_ours_or_not_at_all(cable: Cable, kind: str) -> None:
+    rng = random.Random(7)
+    link = cable.link()
+    answered = 0
+    for _ in range(3):
+        cable.hub.change = lambda data: data
+        link.open()
+        cable.hub.change = damage(rng, kind)
+        start_s = time.monotonic()
+        try:
+            for _ in range(6):
+                reading = link.act([rng.uniform(-200, 200)])
+                answered += 1
+                assert reading.values[1] == 0, "a motor that nobody moves has moved: a frame was decoded wrongly"
+        except HubError:
+            assert link.state is LinkState.FAULT
+        assert time.monotonic() - start_s < 4 * BOUND_S
+    assert answered > 1

@@ -1,0 +1,293 @@
+"""The page in a real browser, through its DOM: every button, two tabs, a reload in mid-run, foreign pages, a phone."""
+
+from __future__ import annotations
+
+import http.server
+import threading
+import time
+import urllib.error
+import urllib.request
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+import pytest
+from browser import chromium, tab
+
+import bricksrl
+from bricksrl.page.live import LivePage
+from bricksrl.page.play import play_on_page, resting_player
+from bricksrl.policies.named import random_player
+
+pytestmark = pytest.mark.realtime
+
+BOUND_S = 120.0
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[object]:
+    with chromium() as started:
+        yield started
+
+
+class Played(threading.Thread):
+    """A virtual two-wheeler that plays on a page, in a thread of its own as on the command line."""
+
+    def __init__(self, env_id: str, *, by_hand: bool = False) -> None:
+        super().__init__(daemon=True)
+        self.env = bricksrl.make(env_id, seed=0)
+        self.error: BaseException | None = None
+        names = ("by hand",) if by_hand else ("resting", "random")
+        self.page = LivePage(env_id, "a test", task=self.env.task, in_charge=by_hand, policies=names, speed="1x")
+        self.players = {
+            "random": lambda: random_player(self.env),
+            "resting": lambda: resting_player(self.env),
+            "by hand": lambda: resting_player(self.env),
+        }
+
+    def run(self) -> None:
+        try:
+            play_on_page(self.env, self.page, self.players)
+        except _EndedError:
+            pass
+        except BaseException as error:  # noqa: BLE001  the test looks at it
+            self.error = error
+
+    def end(self) -> None:
+        """Have the thread leave its loop at the next step."""
+
+        def leave(*_: object) -> None:
+            raise _EndedError
+
+        self.page.saw = leave
+        self.page._press("resume", None)
+        self.page._press("reset", None)
+        self.join(BOUND_S)
+        assert not self.is_alive() and self.error is None, self.error
+
+    @property
+    def steps(self) -> int:
+        return self.page.board.series["reward"].count
+
+    @property
+    def is_driven(self) -> bool:
+        return any(servo.control.is_active for servo in self.env.twin.machine.servos.values())
+
+
+class _EndedError(Exception):
+    """The test is over."""
+
+
+@contextmanager
+def playing(env_id: str, *, by_hand: bool = False) -> Iterator[Played]:
+    played = Played(env_id, by_hand=by_hand)
+    with played.page:
+        played.start()
+        yield played
+        played.end()
+
+
+@pytest.fixture
+def played() -> Iterator[Played]:
+    with playing("Spinning-v0") as one:
+        yield one
+
+
+def until(condition: Callable[[], bool], what: str) -> None:
+    start_s = time.monotonic()
+    while not condition():
+        assert time.monotonic() - start_s < BOUND_S, what
+        time.sleep(0.02)
+
+
+def at_rest(played: Played) -> int:
+    """The number of steps, once there are no more of them; the step at hand may end."""
+    count = -1
+    for _ in range(20):
+        if count == (count := played.steps):
+            return count
+        time.sleep(0.5)
+    raise AssertionError("it goes on")
+
+
+def state_is(page: object, state: str) -> None:
+    page.locator(f"#state:text-is('{state}')").wait_for()
+
+
+def button(page: object, name: str) -> object:
+    return page.get_by_role("button", name=name, exact=True)
+
+
+def test_every_button(browser: object, played: Played) -> None:
+    with tab(browser, played.page.url) as page:
+        page.wait_for_selector("#scene[data-frames]")
+        assert "token" not in page.url, "the token is in a cookie now"
+        until(lambda: played.steps > 2, "it plays")
+        button(page, "Pause").click()
+        state_is(page, "paused")
+        count = at_rest(played)
+        button(page, "Step").click()
+        until(lambda: played.steps == count + 1, "one step")
+        state_is(page, "paused")
+        button(page, "Resume").click()
+        state_is(page, "running")
+        until(lambda: played.steps > count + 2, "it goes on")
+        for name in ("max", "10x", "1x"):
+            button(page, name).click()
+            page.locator(f"#speeds button[aria-pressed=true]:text-is('{name}')").wait_for()
+            assert played.page._speed == name
+        page.get_by_role("combobox", name="Policy").select_option("resting")
+        until(lambda: played.page.policy == "resting", "another policy")
+        count = played.page.board.series["reward"].count
+        page.get_by_role("combobox", name="Policy").select_option("random")
+        until(lambda: played.page.policy == "random", "and back")
+        button(page, "EMERGENCY STOP").click()
+        state_is(page, "STOPPED")
+        until(lambda: not played.is_driven, "motors are at rest")
+        count = at_rest(played)
+        page.get_by_role("alert").get_by_text("stopped by hand").wait_for()
+        button(page, "Reset").click()
+        state_is(page, "running")
+        until(lambda: played.steps > count, "it starts again")
+        page.locator("figure[data-series='reward/0']").wait_for()
+        page.locator("[data-fact=return]").wait_for()
+        page.get_by_text("battery").wait_for()
+
+
+def test_the_space_bar_stops_whatever_has_the_focus(browser: object, played: Played) -> None:
+    with tab(browser, played.page.url) as page:
+        until(lambda: played.steps > 1, "it plays")
+        button(page, "Resume" if played.page._paused else "Pause").focus()
+        page.keyboard.press("Space")
+        state_is(page, "STOPPED")
+        assert not played.page._paused, "the button that had the focus was not pressed"
+        until(lambda: not played.is_driven, "motors are at rest")
+
+
+def test_two_tabs_and_a_reload_in_mid_run(browser: object, played: Played) -> None:
+    with tab(browser, played.page.url) as first, tab(browser, played.page.url) as second:
+        for page in (first, second):
+            page.wait_for_selector("#scene[data-frames]")
+        button(first, "Pause").click()
+        state_is(second, "paused")
+        button(second, "Resume").click()
+        state_is(first, "running")
+        until(lambda: played.steps > 5, "it plays")
+        first.reload()
+        first.wait_for_selector("#scene[data-frames]")
+        shown = first.locator("figure[data-series='reward/0']")
+        shown.wait_for()
+        first.wait_for_function("document.querySelector(\"figure[data-series='reward/0']\").dataset.count >= 5")
+        state_is(first, "running")
+    count = played.steps
+    until(lambda: played.steps > count + 2, "closing all tabs changes nothing")
+
+
+def pull_forward(page: object) -> None:
+    """Pull the stick beyond its rim, where it stands by then: what comes in above it may move it."""
+    stick = page.locator("#stick")
+    stick.hover()
+    page.mouse.down()
+    box = stick.bounding_box()
+    page.mouse.move(box["x"] + box["width"] / 2, box["y"] - 10)
+
+
+def test_a_human_drives_and_comes_to_rest(browser: object) -> None:
+    with playing("Spinning-v0", by_hand=True) as played, tab(browser, played.page.url) as page:
+        page.wait_for_selector("#scene[data-frames]")
+        slider = page.get_by_role("slider").first
+        slider.focus()
+        for _ in range(8):
+            page.keyboard.press("ArrowRight")
+        until(lambda: played.page.driver.pushes[0] > 0.35, "the slider is heard")
+        pull_forward(page)
+        until(lambda: min(played.page.driver.pushes) > 0.8, "forward")
+        start_m = played.env.twin.body.data.qpos[0].item()
+        until(lambda: abs(played.env.twin.body.data.qpos[0].item() - start_m) > 0.02, "the robot drives")
+        page.mouse.up()
+        until(lambda: played.page.driver.pushes == [0.0, 0.0], "let go")
+        pull_forward(page)
+        until(lambda: min(played.page.driver.pushes) > 0.8, "forward")
+        page.close()
+        until(lambda: played.page.driver.pushes == [0.0, 0.0], "a driver whose tab is gone pushes nothing")
+
+
+def test_a_phone(browser: object, played: Played) -> None:
+    with tab(browser, played.page.url, 390, 844) as page:
+        page.wait_for_selector("#scene[data-frames]")
+        stop, view = (page.locator(name).bounding_box() for name in ("#stop", "#view"))
+        assert stop["width"] > 340 and stop["y"] < 130 and view["width"] > 360 and view["height"] > 250
+        assert page.evaluate("document.documentElement.scrollWidth") <= 390, "nothing lies beside the screen"
+        page.evaluate("scrollTo(0, 3000)")
+        assert page.locator("#stop").bounding_box()["y"] < 130, "the stop button stays"
+        button(page, "EMERGENCY STOP").click()
+        state_is(page, "STOPPED")
+
+
+def test_a_foreign_page_can_press_no_button(browser: object, played: Played) -> None:
+    """It knows the port and even has the token in an address: neither its scripts nor its frames get in."""
+    port = played.page.url.split(":")[2].split("/")[0]
+    asks = f"""<script>
+    window.done = [];
+    for (const host of ["127.0.0.1:{port}", "localhost:{port}"]) {{
+      const socket = new WebSocket(`ws://${{host}}/ws?{played.page.url.split("?")[1]}`);
+      socket.onopen = () => {{ socket.send('{{"press": "stop"}}'); window.done.push("in"); }};
+      socket.onerror = () => window.done.push("out");
+    }}
+    </script>"""
+
+    class Foreign(http.server.BaseHTTPRequestHandler):
+        def do_GET(self) -> None:
+            self.send_response(200)
+            self.send_header("Content-Type", "text/html")
+            self.end_headers()
+            self.wfile.write(asks.encode())
+
+        def log_message(self, *_: object) -> None:
+            pass
+
+    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), Foreign) as server:
+        thread = threading.Thread(target=server.serve_forever)
+        thread.start()
+        page = browser.new_page()
+        page.goto(played.page.url)  # the browser has the cookie
+        page.goto(f"http://127.0.0.1:{server.server_port}/")
+        page.wait_for_function("window.done.length === 2")
+        assert page.evaluate("window.done") == ["out", "out"]
+        page.close()
+        server.shutdown()
+        thread.join()
+    assert not played.page.is_stopped
+
+
+def test_who_has_no_token_gets_nothing(played: Played) -> None:
+    base = played.page.url.partition("?")[0]
+    requests = [
+        urllib.request.Request(base),
+        urllib.request.Request(f"{base}scene.bin"),
+        urllib.request.Request(f"{base}page.js"),
+    ]
+    requests.append(urllib.request.Request(f"{base}?token=wrong"))
+    requests.append(urllib.request.Request(played.page.url, headers={"Host": "evil.example"}))
+    requests.append(urllib.request.Request(played.page.url, headers={"Origin": "http://evil.example"}))
+    for request in requests:
+        with pytest.raises(urllib.error.HTTPError, match="403") as caught:
+            urllib.request.urlopen(request)
+        assert b"the terminal shows" in caught.value.read()
+        caught.value.close()
+    with urllib.request.urlopen(played.page.url) as answer:
+        assert answer.status == 200 and "frame-ancestors 'none'" in answer.headers["Content-Security-Policy"]
+    for name in ("../server.py", "%2e%2e/server.py", "nothing.js"):
+        with pytest.raises(urllib.error.HTTPError, match="404") as caught:
+            urllib.request.urlopen(f"{base}{name}?{played.page.url.partition('?')[2]}")
+        caught.value.close()
+
+
+def test_memory_does_not_grow(browser: object, played: Played) -> None:
+    """A short look; `benchmarks/page_memory.py` takes ten minutes."""
+    with tab(browser, played.page.url) as page:
+        page.wait_for_selector("#scene[data-frames]")
+        button(page, "max").click()
+        until(lambda: played.steps > 500, "it plays")
+        series = played.page.board.series
+        assert len(series["reward"].rows) == 400 == len(series["channels"].rows)
+        assert page.evaluate("document.querySelectorAll('*').length") < 250

@@ -1,0 +1,74 @@
+"""Watching changes nothing: a run on a page is, bit for bit, the one without."""
+
+from __future__ import annotations
+
+import threading
+from pathlib import Path
+
+import torch
+
+from bricksrl.envs import get_task, make
+from bricksrl.page.live import LivePage
+from bricksrl.page.training import PageCallback
+from bricksrl.training import RunFolder, TrainConfig, load_learner, train
+from bricksrl.training.callbacks import Phase
+from bricksrl.training.config import settings_for
+
+
+def config(run_dir: Path) -> TrainConfig:
+    return TrainConfig("Walker-v1", episodes=3, seed=4, settings=settings_for("Walker-v1", "default", "sac"), run_dir=run_dir)
+
+
+def test_a_run_on_a_page_is_the_one_without(tmp_path: Path) -> None:
+    train(config(tmp_path / "plain"))
+    stop = threading.Event()
+    with LivePage("Walker-v1", task=get_task("Walker-v1"), on_stop=stop.set) as page:
+        train(config(tmp_path / "shown"), PageCallback(page, stop), driver=page.driver, stop=stop)
+        news = page.board
+        assert news.status[1]["state"] == "finished" and news.series["return"].count == 3
+        assert news.series["reward"].count == sum(e.length for e in RunFolder(tmp_path / "shown").read_episodes())
+        assert callable(news.poses[1]) and news.poses[1]().shape[1] == 7
+    env = make("Walker-v1")
+    plain, shown = (RunFolder(tmp_path / name) for name in ("plain", "shown"))
+    assert [e.return_ for e in plain.read_episodes()] == [e.return_ for e in shown.read_episodes()]
+    weights = [load_learner(folder.path, env).learner.policy.state_dict() for folder in (plain, shown)]
+    assert weights[0].keys() == weights[1].keys()
+    assert all(torch.equal(weights[0][name], weights[1][name]) for name in weights[0])
+
+
+class Presses(PageCallback):
+    """Presses Reset at the third step of the first episode."""
+
+    def on_step(self, episode: int, step: int, phase: Phase) -> None:
+        if (episode, step) == (1, 3):
+            self._page._press("reset", None)
+        super().on_step(episode, step, phase)
+
+
+def test_a_reset_cuts_an_episode_of_training_and_an_evaluation_after_it_goes_on(tmp_path: Path) -> None:
+    settings = settings_for("RunAway-v0", "default", "random")
+    config = TrainConfig("RunAway-v0", "random", 2, settings=settings, eval_every=1, eval_episodes=1, run_dir=tmp_path / "run")
+    stop = threading.Event()
+    with LivePage("RunAway-v0", task=get_task("RunAway-v0"), on_stop=stop.set) as page:
+        result = train(config, Presses(page, stop), driver=page.driver, stop=stop)
+    first, second = result.episodes
+    assert first.length == 4, "the step that follows is the last"
+    assert second.length > 4 and not page.reset_asked
+    assert all(episode.evaluation is not None for episode in result.episodes)
+
+
+def test_a_stop_on_the_page_ends_a_run_which_can_be_resumed(tmp_path: Path) -> None:
+    settings = settings_for("RunAway-v0", "default", "random")
+    config = TrainConfig("RunAway-v0", "random", 50, settings=settings, run_dir=tmp_path / "run")
+    stop = threading.Event()
+    with LivePage("RunAway-v0", task=get_task("RunAway-v0"), on_stop=stop.set) as page:
+
+        class Stops(PageCallback):
+            def on_step(self, episode: int, step: int, phase: Phase) -> None:
+                if (episode, step) == (2, 3):
+                    threading.Thread(target=page.stop).start()
+                super().on_step(episode, step, phase)
+
+        result = train(config, Stops(page, stop), driver=page.driver, stop=stop)
+        assert page.board.status[1]["state"] == "finished" and "bricksrl resume" in page.board.status[1]["message"]
+    assert result.interrupted and 1 <= len(result.episodes) < 50

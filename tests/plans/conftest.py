@@ -1,0 +1,16 @@
+"""What the tests of plans share."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+from plan_lines import findings_of, plan_of
+
+from bricksrl.plans.finding import Finding
+
+
+@pytest.fixture
+def findings() -> Callable[..., list[Finding]]:
+    """The findings of a plan in some lines."""
+    return lambda *lines: findings_of(plan_of(*lines))

@@ -1,0 +1,30 @@
+"""Lines of plans to try things on."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from bricksrl.plans import ldraw_file
+from bricksrl.plans.check import check
+from bricksrl.plans.finding import Finding
+from bricksrl.plans.plan import Plan, make_plan
+from bricksrl.robots.planned import check_named
+
+PLANS = Path(__file__).parents[2] / "plans"
+ROBOTS = sorted(path.stem for path in PLANS.glob("*.ldr"))
+BEAM = "1 4 0 0 0 1 0 0 0 1 0 0 0 1 32316.dat"
+
+
+def pin(x: float, y: float, z: float) -> str:
+    """The line of a pin along y."""
+    return f"1 0 {x} {y} {z} 0 0 1 1 0 0 0 1 0 2780.dat"
+
+
+def plan_of(*lines: str) -> Plan:
+    """The plan in some lines."""
+    return make_plan(ldraw_file.parse("\n".join(lines), "try.ldr"))
+
+
+def findings_of(plan: Plan) -> list[Finding]:
+    """All that is wrong with a plan, also against the description of the robot that it names."""
+    return check(plan) + check_named(plan)

@@ -1,0 +1,162 @@
+"""Gear trains, articulations, positions and end stops that follow from plans."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from plan_lines import PLANS, plan_of
+from test_bodies import FLAT, PLATE, shaft
+
+from bricksrl.errors import PlanError
+from bricksrl.plans.end_stops import free_deg
+from bricksrl.plans.planned_robot import PlannedRobot, planned, planned_robot
+from bricksrl.plans.posing import Poser
+
+HUB = "1 15 200 0 0 1 0 0 0 1 0 0 0 1 67718.dat"
+
+
+def robot(name: str) -> PlannedRobot:
+    """The robot of one of our plans."""
+    return planned_robot(PLANS / f"{name}.ldr")
+
+
+@pytest.mark.parametrize(
+    ("name", "port", "gears", "gear"),
+    [
+        ("two_wheeler", "A", (), 1),
+        ("walker", "D", (), 1),
+        ("robo_arm", "B", (20, 60), 3),
+        ("robo_arm", "D", (12, 36), 3),
+        ("robo_arm", "A", (12, 24), -2),
+        ("robo_arm", "E", (12, 24), -2),
+    ],
+)
+def test_each_motor_drives_what_it_does_in_the_twins_by_hand(name, port, gears, gear):
+    made = robot(name)
+    assert made.train(port).gears == gears
+    (drive,) = [one for one in made.articulation.drives if one.port == port]
+    assert drive.gear == pytest.approx(gear)
+
+
+def test_two_pairs_of_gears_multiply_and_an_idler_does_not():
+    def gears(*teeth: int) -> tuple[int, ...]:
+        from bricksrl.plans.trains import Train
+
+        return Train("A", 0, 1, 1.0, teeth, ()).gears
+
+    assert gears(12, 20, 20, 60) == (12, 60)
+    assert gears(8, 24, 8, 40) == (1, 15)
+    assert gears(12, 36) == (12, 36)
+    assert gears() == ()
+
+
+@pytest.mark.parametrize(
+    ("name", "bodies", "drives", "rods", "geared", "followers", "is_fixed"),
+    [("two_wheeler", 3, 2, 0, 0, 0, False), ("walker", 9, 4, 4, 0, 0, False), ("robo_arm", 6, 4, 0, 1, 6, True)],
+)
+def test_what_does_not_matter_is_left_out_and_nothing_is_lost(name, bodies, drives, rods, geared, followers, is_fixed):
+    made = robot(name)
+    found = made.articulation
+    counts = tuple(map(len, (found.bodies, found.drives, found.rods, found.geared, found.followers)))
+    assert counts == (bodies, drives, rods, geared, followers)
+    assert (found.loops, found.is_fixed) == ((), is_fixed)
+    assert found.mass_kg == pytest.approx(made.mechanism.mass_kg)
+    centre = sum(body.mass_kg * body.centre_m for body in found.bodies) / found.mass_kg
+    # A rod has half of its mass at either pin, so its own middle may be elsewhere by a little.
+    assert np.allclose(centre, made.mechanism.centre_m, atol=1e-4)
+    parts = [part for body in found.bodies for part in body.parts] + [part for rod in found.rods for part in rod.parts]
+    assert sorted(parts) == list(range(len(made.plan.parts)))
+
+
+def test_a_wheel_on_an_axle_that_turns_freely_is_a_swing():
+    axle = [PLATE, *shaft(0, 0, "39367p02")]
+    made = planned(plan_of(*axle))
+    assert len(made.articulation.swings) == 1
+    assert made.articulation.drives == ()
+
+
+def test_an_axle_that_spins_for_nothing_is_none():
+    made = planned(plan_of(PLATE, *shaft(0, 0, "3713")))
+    assert (len(made.articulation.bodies), made.articulation.swings) == (1, ())
+
+
+def test_two_motors_on_one_axle_are_refused_in_one_line():
+    motors = [
+        "0 !BRICKSRL PORT A",
+        "1 15 0 0 0 1 0 0 0 1 0 0 0 1 54696p02.dat",
+        "0 !BRICKSRL PORT B",
+        "1 15 0 -120 0 1 0 0 0 -1 0 0 0 -1 54696p02.dat",
+        "1 0 0 -60 0 0 -1 0 1 0 0 0 0 1 3706.dat",
+        f"1 7 0 -60 0 {FLAT} 39367p02.dat",
+        *(f"1 0 30 {y} 20 1 0 0 0 0 -1 0 1 0 2780.dat" for y in (20, -20, -100, -140)),
+        "1 4 40 -60 20 0 1 0 0 0 1 1 0 0 40490.dat",
+    ]
+    with pytest.raises(PlanError, match="turns? the same thing") as caught:
+        planned(plan_of(*motors))
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("lines", "says"),
+    [
+        ([HUB, "1 15 0 0 0 1 0 0 0 1 0 0 0 1 54696p02.dat"], "line 2: .* has no port"),
+        (
+            [
+                "0 !BRICKSRL PORT A",
+                "1 15 0 0 0 1 0 0 0 1 0 0 0 1 54696p02.dat",
+                "0 !BRICKSRL PORT A",
+                "1 15 90 0 0 1 0 0 0 1 0 0 0 1 54696p02.dat",
+            ],
+            "line 4: port A is used twice",
+        ),
+        (["1 15 0 0 0 1 0 0 0 1 0 0 0 1 99999.dat"], "no part that the catalogue knows"),
+    ],
+)
+def test_a_plan_that_is_no_robot_is_refused_in_one_line(lines, says):
+    with pytest.raises(PlanError, match=says):
+        planned(plan_of(*lines))
+
+
+def test_the_legs_of_the_walker_go_round():
+    made = robot("walker")
+    poser = Poser(made.articulation)
+    assert poser.free == ()
+    leg = next(drive.turn.child for drive in made.articulation.drives if drive.port == "C")
+    leg = next(swing.child for swing in made.articulation.swings if swing.parent == leg)
+    foot = np.array([0.0674, -0.056, -0.0840])
+    places = []
+    for turned in range(0, 360, 20):
+        motions = poser.motions({"C": math.radians(turned)})
+        places.append(motions[leg].of(foot))
+        for rod in made.articulation.rods:
+            apart = motions[rod.far].of(rod.far_m) - motions[rod.near].of(rod.near_m)
+            assert np.linalg.norm(apart) == pytest.approx(np.linalg.norm(rod.far_m - rod.near_m), abs=1e-6)
+    stride, across, lift = np.ptp(places, axis=0) * 1000
+    assert (stride, across, lift) == (pytest.approx(38.4, abs=1.0), pytest.approx(0, abs=1e-6), pytest.approx(16.0, abs=0.5))
+
+
+def test_gears_turn_for_the_eye_against_what_they_drive():
+    made = robot("robo_arm")
+    poser = Poser(made.articulation)
+    shafts = {"A": math.radians(90.0)}
+    motions = poser.motions(shafts)
+    of_parts = poser.of_parts(shafts, motions)
+    (motor_gear,) = [one for one in made.articulation.followers if one.port == "A"]
+    shaft_turn = of_parts[motor_gear.parts[0]].turn
+    drive = next(one for one in made.articulation.drives if one.port == "A")
+    forearm = motions[drive.turn.child].turn
+    assert np.allclose(shaft_turn @ [0, 1, 0], [0, 1, 0])
+    # The motor turns by 90 degrees, the forearm by half of that the other way.
+    first, second = (math.degrees(math.atan2(turn[0, 2], turn[0, 0])) for turn in (shaft_turn, forearm))
+    assert abs(first) == pytest.approx(90.0)
+    assert second == pytest.approx(-first / 2)
+
+
+def test_an_arm_stops_where_its_parts_meet():
+    made = robot("robo_arm")
+    assert free_deg(made, "D", 0.0, 80.0)[1] == 80.0
+    low, high = free_deg(made, "A", -300.0, 20.0)
+    assert -200 < low < -170
+    assert high == 20.0

@@ -1,0 +1,97 @@
+"""Rigid bodies, what is left to move, and gears."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from plan_lines import plan_of
+
+from bricksrl.plans.check import Structure, structure_of
+from bricksrl.plans.kinematics import mechanism
+from bricksrl.plans.plan import Plan
+
+PLATE = "1 7 0 0 0 1 0 0 0 1 0 0 0 1 39369.dat"
+UPRIGHT = "0 -1 0 1 0 0 0 0 1"
+FLAT = "1 0 0 0 0 1 0 -1 0"
+
+
+def shaft(x: float, z: float, *gears: str) -> list[str]:
+    """An upright axle of 4 in the plate, a bush below, gears on top of it from the plate on."""
+    lines = [f"1 0 {x} -10 {z} {UPRIGHT} 3705.dat", f"1 0 {x} 20 {z} {FLAT} 3713.dat"]
+    return lines + [f"1 4 {x} {-20 - 20 * level} {z} {FLAT} {number}.dat" for level, number in enumerate(gears)]
+
+
+def solved(*lines: str) -> tuple[Plan, Structure]:
+    """A plan and its structure."""
+    plan = plan_of(*lines)
+    return plan, structure_of(plan)
+
+
+def test_an_axle_with_a_gear_and_a_bush_turns_and_does_not_slide():
+    _, structure = solved(PLATE, *shaft(0, 0, "3648b"))
+    assert [len(members) for members in structure.bodies.members] == [1, 3]
+    assert structure.bodies.motions().shape == (12, 1)
+
+
+def test_without_its_bush_the_axle_slides():
+    _, structure = solved(PLATE, *(line for line in shaft(0, 0, "3648b") if "3713" not in line))
+    assert structure.bodies.motions().shape[1] == 2
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "distance"),
+    [("10928", "3648b", 40), ("3648b", "3648b", 60), ("94925", "94925", 40), ("32270", "32498", 60), ("18575", "46372", 60)],
+)
+def test_two_gears_turn_against_each_other_as_their_teeth(first, second, distance):
+    plan, structure = solved(PLATE, *shaft(0, 0, first), *shaft(distance, 0, second))
+    assert [mesh.is_good for mesh in structure.meshes] == [True]
+    motions = structure.bodies.motions()
+    assert motions.shape[1] == 1
+    teeth = [plan.parts[mesh].part.gears[0].teeth for mesh in (structure.meshes[0].first, structure.meshes[0].second)]
+    one, two = (structure.bodies.body_of(structure.meshes[0].first), structure.bodies.body_of(structure.meshes[0].second))
+    rates = [float(motions[6 * body + 4, 0]) for body in (one, two)]
+    assert rates[0] * teeth[0] == pytest.approx(-rates[1] * teeth[1])
+
+
+def test_a_ratio_is_that_of_the_teeth_where_the_grid_is_a_little_too_small_for_them():
+    # 12 and 24 teeth, 2 modules along and 1 across: 17.9 mm instead of 18.
+    _, structure = solved(PLATE, *shaft(0, 0, "32270"), *shaft(40, 20, "3648b"))
+    motions = structure.bodies.motions()
+    bodies = [structure.bodies.body_of(part) for part in (structure.meshes[0].first, structure.meshes[0].second)]
+    first, second = (float(motions[6 * body + 4, 0]) for body in bodies)
+    assert first == pytest.approx(-2 * second)
+
+
+def test_three_gears_in_a_ring_lock():
+    two = [PLATE, *shaft(0, 0, "94925"), *shaft(40, 0, "94925")]
+    ring = [*two, *shaft(20, 40, "18575")]
+    assert solved(*two)[1].bodies.motions().shape[1] == 1
+    _, structure = solved(*ring)
+    assert [mesh.is_good for mesh in structure.meshes] == [True] * 3
+    assert structure.bodies.motions().shape[1] == 0
+
+
+def test_a_worm_turns_a_gear_by_a_tooth_a_turn():
+    lines = [PLATE, *shaft(0, 0, "3648b"), "1 0 0 -20 40 1 0 0 0 1 0 0 0 1 3706.dat", "1 7 0 -20 40 0 0 1 0 1 0 -1 0 0 4716.dat"]
+    plan, structure = solved(*lines)
+    (mesh,) = structure.meshes
+    assert mesh.is_good
+    row = mesh.motion
+    worm = np.array([0, 0, 0, 1.0, 0, 0])
+    spin = row[0] @ worm if plan.parts[mesh.first].part.number == "4716" else row[1] @ worm
+    gear = np.array([0, 0, 0, 0, 1.0, 0])
+    turned = row[1] @ gear if plan.parts[mesh.first].part.number == "4716" else row[0] @ gear
+    assert abs(spin / turned) == pytest.approx(1 / 24, rel=1e-3)
+
+
+def test_a_motor_turns_what_is_on_its_shaft():
+    motor = ["0 !BRICKSRL PORT A left", "1 15 0 0 0 1 0 0 0 1 0 0 0 1 54696p02.dat"]
+    axle = "1 0 0 -60 0 0 -1 0 1 0 0 0 0 1 4519.dat"
+    wheel = f"1 7 0 -70 0 {FLAT} 39367p02.dat"
+    plan, structure = solved(*motor, axle, wheel)
+    made = mechanism(plan, structure.bodies)
+    (hinge,) = made.hinges
+    assert hinge.port == "A"
+    assert np.allclose(hinge.axis, [0, 0, 1])  # up: the shaft points to -y in the plan
+    assert np.allclose(made.ratios, [[1.0]])
+    assert structure.bodies.motions(locked=[0]).shape[1] == 0

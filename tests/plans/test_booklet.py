@@ -1,0 +1,108 @@
+"""Pictures and booklets."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+from plan_lines import BEAM, PLANS, pin, plan_of
+
+from bricksrl.errors import PlanError
+from bricksrl.plans import catalogue
+from bricksrl.plans.booklet import pages_of, write_booklet
+from bricksrl.plans.picture import VIEWS, Canvas, View, draw
+from bricksrl.plans.plan import read_plan
+from bricksrl.plans.shapes import surface_of
+
+WHEEL = "0 FILE wheel.ldr\n1 71 0 0 0 1 0 0 0 1 0 0 0 1 39367p02.dat\n0 STEP\n1 71 0 0 20 1 0 0 0 1 0 0 0 1 3713.dat"
+
+
+def test_every_part_can_be_drawn_and_looks_as_large_as_it_is():
+    for part in catalogue.parts():
+        surface = surface_of(part)
+        points = surface.triangles.reshape(-1, 3)
+        low, high = part.bounds
+        assert len(surface.tints) == len(surface.triangles)
+        assert np.abs(points.min(axis=0) - low).max() < 4.5, part.number
+        assert np.abs(points.max(axis=0) - high).max() < 4.5, part.number
+
+
+def test_surfaces_look_outwards():
+    for part in catalogue.parts():
+        triangles = surface_of(part).triangles
+        volume = float(np.einsum("ij,ij->i", triangles[:, 0], np.cross(triangles[:, 1], triangles[:, 2])).sum()) / 6
+        full = sum(solid.volume for solid in (*part.solids, *part.turning))
+        # Solids overlap one another, and holes are discs on their surface.
+        assert 0.6 * full < volume < 4.0 * full, part.number
+
+
+def test_a_view_is_upright_and_looks_from_the_front_left_above():
+    right, down, away = VIEWS[0].axes
+    assert np.allclose(np.stack([right, down, away]) @ np.stack([right, down, away]).T, np.eye(3))
+    assert np.allclose(np.cross(right, down), away)
+    assert right[1] == pytest.approx(0)
+    assert down[1] > 0  # a plan's y points down
+    assert away[1] > 0  # from above, one looks down
+    assert away[2] < 0  # from the front, one looks backwards
+
+
+def test_a_box_covers_as_many_points_as_its_shadow():
+    plan = plan_of("1 4 0 0 0 1 0 0 0 1 0 0 0 1 67718.dat")
+    canvas = Canvas((300, 200), View(0, 0), plan.parts)
+    canvas.add(plan.parts[0])
+    # From the front the hub is 140 x 80, which fills 94 % of the height or width of the picture.
+    scale = canvas.zoom
+    assert canvas.visible({0}) == pytest.approx(140 * 80 * scale**2, rel=0.03)
+
+
+def test_what_is_nearer_hides_what_is_behind():
+    lines = ["1 4 0 0 0 1 0 0 0 1 0 0 0 1 67718.dat", "1 1 0 -40 -200 1 0 0 0 1 0 0 0 1 3713.dat"]
+    plan = plan_of(*lines)
+    canvas = Canvas((300, 200), View(0, 0), plan.parts)
+    for placed in plan.parts:
+        canvas.add(placed)
+    assert canvas.visible({1}) == 0
+    behind = Canvas((300, 200), View(180, 0), plan.parts)
+    for placed in plan.parts:
+        behind.add(placed)
+    assert behind.visible({1}) > 0
+
+
+def test_new_parts_are_in_colour_and_the_others_faded():
+    plan = plan_of(BEAM, pin(0, -10, 20), "1 4 0 -20 0 1 0 0 0 1 0 0 0 1 32316.dat")
+    bright, faded = draw(plan.parts, (200, 150), bright={2}), draw(plan.parts, (200, 150), bright=set())
+    red = lambda image: int(((image[..., 0] > 110) & (image[..., 1] < 60)).sum())  # noqa: E731
+    assert red(bright) > 200
+    assert red(faded) == 0
+
+
+def test_a_page_for_each_step_and_one_for_what_is_built_twice():
+    turned = "1 16 100 0 0 -1 0 0 0 1 0 0 0 -1 wheel.ldr"
+    plan = plan_of(
+        "0 FILE car.ldr", "0 // A beam.", BEAM, "0 STEP", "1 16 0 0 0 1 0 0 0 1 0 0 0 1 wheel.ldr", turned, *WHEEL.split("\n")
+    )
+    heads = [(page.head, page.note) for page in pages_of(plan)]
+    assert heads[1:3] == [("Parts", ""), ("1", "A beam.")]
+    assert [head for head, _ in heads[3:]] == ["2 · wheel, 2 times", "3 · wheel, 2 times", "6"]
+    assert sum(item.count for item in list(pages_of(plan))[-1].items) == 2
+
+
+@pytest.mark.slow
+def test_the_booklet_of_the_two_wheeler(tmp_path):
+    plan = read_plan(PLANS / "two_wheeler.ldr")
+    pages = write_booklet(plan, tmp_path / "plan.pdf")
+    assert write_booklet(plan, tmp_path / "plan.html") == pages == 14
+    pdf, html = (tmp_path / "plan.pdf").read_bytes(), (tmp_path / "plan.html").read_text(encoding="utf-8")
+    assert pdf.startswith(b"%PDF-")
+    assert len(re.findall(rb"/Type /Page\b", pdf)) == pages
+    assert html.count("<section>") == pages
+    assert "Port A: Medium angular motor &#x27;right&#x27;" in html
+    assert len(pdf) < 2_000_000
+
+
+def test_a_booklet_has_an_ending_that_says_what_it_is(tmp_path):
+    with pytest.raises(PlanError, match=r"a booklet is a \.pdf or \.html file"):
+        write_booklet(plan_of(BEAM), tmp_path / "plan.doc")
+    with pytest.raises(PlanError, match="has no part that the catalogue knows"):
+        write_booklet(plan_of(BEAM.replace("32316", "99999")), tmp_path / "plan.pdf")

@@ -1,0 +1,71 @@
+"""The catalogue: numbers, places, sizes, masses."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import numpy as np
+import pytest
+
+from bricksrl.errors import UnknownNameError
+from bricksrl.plans import catalogue
+from bricksrl.plans.part import DeviceKind, Fit, Part
+
+PARTS = catalogue.parts()
+
+
+def test_at_least_150_kinds_each_number_once():
+    numbers = [number for part in PARTS for number in (part.number, *part.aliases)]
+    assert len(PARTS) >= 150
+    assert [number for number, count in Counter(numbers).items() if count > 1] == []
+
+
+@pytest.mark.parametrize("part", PARTS, ids=lambda part: part.number)
+def test_a_part_has_a_mass_a_size_and_samples_within_it(part: Part):
+    low, high = part.bounds
+    assert 0.05 < part.mass_g < 300
+    assert ((high - low) > 0).all() and ((high - low) < 700).all()
+    assert len(part.samples)
+    assert part.contains(part.samples, 0.5).all()
+    for site in part.sites:
+        assert np.linalg.norm(site.axis) == pytest.approx(1)
+        if site.fit in (Fit.HOLE, Fit.AXLE_HOLE):
+            assert not part.contains(np.array([site.centre]), 0.0).any()
+
+
+def test_a_mass_is_less_than_that_of_its_solids_full_of_plastic():
+    for part in PARTS:
+        if part.device is None:
+            full_g = sum(solid.volume for solid in (*part.solids, *part.turning)) * 0.4**3 * 1.05e-3
+            assert part.mass_g < 1.35 * full_g, part.number
+
+
+def test_beams_have_holes_a_module_apart():
+    for holes, number in ((3, "32523"), (15, "32278")):
+        beam = catalogue.get(number)
+        places = np.array([site.centre for site in beam.sites])
+        assert len(places) == holes
+        assert np.allclose(np.diff(places, axis=0), [0, 0, 20])
+        assert np.allclose(beam.bounds[1], [9, 10, 10 * holes - 1])
+
+
+def test_the_wheel_has_the_diameter_of_the_two_wheeler():
+    low, high = catalogue.get("39367p02").bounds
+    assert (high - low)[0] * 0.4 == pytest.approx(56)
+
+
+def test_motors_turn_an_axle_hole():
+    for part in PARTS:
+        if part.device is not None and part.device.kind is DeviceKind.MOTOR:
+            assert any(site.turns and site.fit is Fit.AXLE_HOLE for site in part.sites), part.number
+        else:
+            assert not any(site.turns for site in part.sites), part.number
+
+
+def test_numbers_are_found_with_and_without_the_ending_and_by_alias():
+    assert catalogue.get("2780.dat") is catalogue.get("2780") is catalogue.get("61332")
+
+
+def test_an_unknown_number_is_one_line():
+    with pytest.raises(UnknownNameError, match=r"^part '99999' is not in the catalogue; .*`bricksrl plan parts`"):
+        catalogue.get("99999")

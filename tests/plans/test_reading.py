@@ -1,0 +1,163 @@
+"""Reading LDraw files: steps, sub-assemblies, our comments, and files that mean harm."""
+
+from __future__ import annotations
+
+import io
+import random
+import zipfile
+from contextlib import suppress
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from plan_lines import BEAM, PLANS, pin, plan_of
+
+from bricksrl.errors import PlanError
+from bricksrl.plans import ldraw_file
+from bricksrl.plans.plan import MAX_PARTS, read_plan
+
+WHEEL = ("0 FILE wheel.ldr", "1 16 0 0 10 1 0 0 0 1 0 0 0 1 39367p02.dat", "0 STEP", "1 71 0 0 30 1 0 0 0 1 0 0 0 1 3713.dat")
+
+
+def test_steps_and_notes():
+    plan = plan_of("0 A beam", "0 // First a beam.", BEAM, "0 STEP", "0 STEP", "0 // Then", "0 // a pin.", pin(0, 10, 0))
+    assert plan.title == "A beam"
+    assert [(step.new, step.note) for step in plan.steps] == [((0,), "First a beam."), ((1,), "Then a pin.")]
+    assert plan.mass_g == pytest.approx(1.226 + 0.193, abs=0.01)
+
+
+def test_a_sub_assembly_is_built_before_it_is_joined():
+    plan = plan_of("0 FILE car.ldr", BEAM, "0 STEP", "1 1 100 0 0 -1 0 0 0 1 0 0 0 -1 wheel.ldr", *WHEEL)
+    assert [step.assembly for step in plan.steps] == [(), ("wheel.ldr:4",), ("wheel.ldr:4",), ()]
+    assert plan.steps[-1].joined == ((1, 2),)
+    wheel = plan.parts[1]
+    assert (wheel.colour, wheel.line, wheel.part.number) == (1, 6, "39367p02")
+    assert np.allclose(wheel.position, [100, 0, -10])
+    assert np.allclose(wheel.to_part(wheel.to_plan(np.array([[1.0, 2, 3]]))), [[1, 2, 3]])
+
+
+def test_our_comments_belong_to_the_next_part():
+    plan = plan_of(
+        "0 !BRICKSRL ROBOT walker", "0 !BRICKSRL PARTS 3", "0 !BRICKSRL PORT a left", BEAM, "0 !BRICKSRL FREE", BEAM, BEAM
+    )
+    assert (plan.robot, plan.count) == ("walker", 3)
+    assert [(one.port, one.device, one.is_free) for one in plan.parts] == [
+        ("A", "left", False),
+        (None, None, True),
+        (None, None, False),
+    ]
+
+
+def test_unknown_parts_are_kept_with_their_lines():
+    plan = plan_of(BEAM, BEAM.replace("32316", "99999"), BEAM.replace("32316", "99999"))
+    assert [(unknown.number, unknown.lines) for unknown in plan.unknown] == [("99999", (2, 3))]
+
+
+@pytest.mark.parametrize(
+    ("lines", "says"),
+    [
+        (["1 4 0 0 0 1 0 0 0 1 0 0 0 1"], "line 1: no part can be placed by it"),
+        (["1 4 0 0 nan 1 0 0 0 1 0 0 0 1 32316.dat"], "line 1: no part can be placed by it"),
+        (["1 4 0 0 1e30 1 0 0 0 1 0 0 0 1 32316.dat"], "line 1: no part can be placed by it"),
+        (["1 red 0 0 0 1 0 0 0 1 0 0 0 1 32316.dat"], "line 1: no part can be placed by it"),
+        (["1 4 0 0 0 2 0 0 0 1 0 0 0 1 32316.dat"], "line 1: '32316.dat' is stretched; place it without scaling"),
+        (["0 !BRICKSRL PORT"], "line 1: 'PORT' is not understood; write ROBOT NAME"),
+        (["0 !BRICKSRL"], "line 1: '' is not understood"),
+        (["0 FILE a.ldr", "0 FILE A.LDR"], "line 2: 'A.LDR' is the name of two models; give each one its own"),
+        (["0 nothing"], "places no part"),
+        (["0 FILE a.ldr", "1 4 0 0 0 1 0 0 0 1 0 0 0 1 a.ldr"], "nested more than 16 deep or in itself"),
+    ],
+)
+def test_what_cannot_be_read_is_one_line(lines, says):
+    with pytest.raises(PlanError) as error:
+        plan_of(*lines)
+    assert says in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_models_that_multiply_are_bounded():
+    text = ["0 FILE m0.ldr", *["1 4 0 0 0 1 0 0 0 1 0 0 0 1 m1.ldr"] * 10]
+    for level in range(1, 12):
+        text += [f"0 FILE m{level}.ldr", *[f"1 4 0 0 0 1 0 0 0 1 0 0 0 1 m{level + 1}.ldr"] * 10]
+    text += ["0 FILE m12.ldr", BEAM]
+    with pytest.raises(PlanError, match=f"more than {MAX_PARTS} parts"):
+        plan_of(*text)
+
+
+def test_a_file_too_large_or_binary_or_missing_is_one_line(tmp_path):
+    large, binary = tmp_path / "large.ldr", tmp_path / "binary.ldr"
+    large.write_bytes(b"0 x\n" * (ldraw_file.MAX_BYTES // 4 + 1))
+    binary.write_bytes(bytes(range(256)) * 4)
+    for path, says in (
+        (large, "more than 8 MB"),
+        (binary, "is no text"),
+        (tmp_path / "no.ldr", "name an LDraw file"),
+        (tmp_path, "name"),
+    ):
+        with pytest.raises(PlanError, match=says):
+            read_plan(path)
+
+
+def _zipped(name: str, data: bytes) -> bytes:
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr(name, data)
+    return buffer.getvalue()
+
+
+def test_a_file_of_studio_is_a_zip(tmp_path):
+    path = tmp_path / "robot.io"
+    path.write_bytes(_zipped("model.ldr", (PLANS / "two_wheeler.ldr").read_bytes()))
+    assert len(read_plan(path).parts) == len(read_plan(PLANS / "two_wheeler.ldr").parts)
+
+
+def test_zips_that_mean_harm_are_one_line(tmp_path):
+    path, model = tmp_path / "robot.io", _zipped("model.ldr", BEAM.encode())
+    at = model.index(b"PK\x01\x02") + 8
+    encrypted = model[:at] + b"\x01" + model[at + 1 :]
+    bomb = _zipped("model.ldr", b"0 x\n" * (ldraw_file.MAX_BYTES // 4 + 1))
+    cases = (
+        (encrypted, "is encrypted by Studio"),
+        (_zipped("x", b""), "holds no model.ldr"),
+        (bomb, "more than 8 MB"),
+        (model[:60], "damaged zip"),
+    )
+    for data, says in cases:
+        path.write_bytes(data)
+        with pytest.raises(PlanError, match=says):
+            read_plan(path)
+
+
+@given(st.lists(st.text(alphabet="01 -.!eBRICKSLPOTFDAxyzldrt/n\\", max_size=60), max_size=8))
+def test_any_text_is_a_plan_or_one_error(lines):
+    with suppress(PlanError):
+        assert plan_of(*lines).steps is not None
+
+
+def test_a_zip_with_damaged_bytes_is_read_or_is_one_error(tmp_path):
+    model, path, errors = _zipped("model.ldr", f"{BEAM}\n".encode() * 20), tmp_path / "robot.io", 0
+    for seed in range(600):
+        rng = random.Random(seed)
+        damaged = bytearray(model)
+        for _ in range(rng.randint(1, 4)):
+            damaged[rng.randrange(len(damaged))] = rng.randrange(256)
+        path.write_bytes(damaged[: rng.randrange(len(damaged))] if rng.random() < 0.2 else damaged)
+        try:
+            read_plan(path)
+        except PlanError:
+            errors += 1
+    assert 100 < errors < 600
+
+
+@pytest.mark.parametrize("angle", ["x", "nan", "1e9", "90 deg"])
+def test_an_angle_that_is_none_is_one_error(angle):
+    with pytest.raises(PlanError, match="is not understood"):
+        plan_of(f"0 !BRICKSRL PORT A left {angle}", BEAM)
+
+
+def test_what_is_unknown_may_be_stretched_and_what_is_known_may_not():
+    hose = "1 4 0 0 0 1 0 0 0 9 0 0 0 1 hose_piece.dat"
+    assert len(plan_of(BEAM, hose).unknown) == 1
+    with pytest.raises(PlanError, match="line 2: '32316.dat' is stretched"):
+        plan_of(hose, hose.replace("hose_piece", "32316"))

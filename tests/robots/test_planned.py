@@ -1,0 +1,94 @@
+"""Descriptions that leave things to their plan."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from bricksrl.errors import DescriptionError, PlanError
+from bricksrl.robots import (
+    ROBO_ARM,
+    TWO_WHEELER,
+    WALKER,
+    Direction,
+    DriveBase,
+    HubKind,
+    Motor,
+    MotorKind,
+    Robot,
+    UltrasonicSensor,
+)
+from bricksrl.robots.planned import check_description
+
+PLANS = Path(__file__).parents[2] / "plans"
+TWO_WHEELER_PLAN = str(PLANS / "two_wheeler.ldr")
+
+
+def robot(**said: object) -> Robot:
+    """A 2Wheeler of which a description says only that."""
+    return Robot("mine", HubKind.PRIME, plan=TWO_WHEELER_PLAN, **said)  # type: ignore[arg-type]
+
+
+def test_all_that_is_left_open_follows_from_the_plan():
+    made = robot(drive_base=DriveBase("left", "right"))
+    assert {motor.name: (motor.port, motor.direction) for motor in made.motors} == {
+        "left": ("E", Direction.COUNTERCLOCKWISE),
+        "right": ("A", Direction.CLOCKWISE),
+    }
+    assert made.sensors == (UltrasonicSensor("eyes", "C"),)
+    assert made.drive_base == DriveBase("left", "right", 56.0, 130.0)
+
+
+def test_a_name_alone_gets_its_port_and_what_is_said_stays():
+    made = robot(motors=(Motor("right", range_deg=(0, 90)),))
+    assert made.motors[0] == Motor("right", "A", range_deg=(0, 90))
+    assert [motor.name for motor in made.motors] == ["right", "left"]
+
+
+def test_gears_are_those_of_the_plan_unless_they_are_said():
+    arm = Robot("mine", HubKind.PRIME, motors=(Motor("low", gears=(1, 1)),), plan=str(PLANS / "robo_arm.ldr"))
+    assert {motor.name: motor.gears for motor in arm.motors} == {
+        "low": (1, 1),
+        "rotation": (20, 60),
+        "high": (12, 24),
+        "grab": (12, 24),
+    }
+
+
+@pytest.mark.parametrize(
+    ("said", "says"),
+    [
+        ({"motors": (Motor("left", "A"),)}, "line 19: port A has .* 'right', but .* 'left'; make both agree"),
+        ({"motors": (Motor("nose"),)}, r"'nose' has no port, and .* \(it has: right, left\)"),
+        ({"motors": (Motor("right", "A", gears=(12, 36)),)}, r"has gears \(12, 36\) .* but no gears in the plan"),
+        ({"motors": (Motor("right", "A", kind=MotorKind.SPIKE_LARGE),)}, "'right', a spike-large; make both agree"),
+        ({"drive_base": DriveBase("left", "right", 62.0)}, "should turn a wheel of 62 mm, .* turns one of 56 mm"),
+        ({"drive_base": DriveBase("left", "right", 0.0, 112.0)}, "130.0 mm apart, but mine says 112"),
+        ({"sensors": (UltrasonicSensor("ears", "C"),)}, "'eyes', but .* 'ears'"),
+    ],
+)
+def test_what_is_said_twice_agrees_or_is_one_line(said, says):
+    with pytest.raises(DescriptionError, match=says) as caught:
+        robot(**said)
+    assert "\n" not in str(caught.value)
+
+
+def test_another_hub_or_no_plan_is_one_line():
+    with pytest.raises(DescriptionError, match="is no technic hub"):
+        Robot("mine", HubKind.TECHNIC, plan=TWO_WHEELER_PLAN)
+    with pytest.raises(PlanError, match="name an LDraw file"):
+        Robot("mine", HubKind.PRIME, plan="nowhere.ldr")
+
+
+def test_without_a_plan_everything_has_to_be_said():
+    with pytest.raises(DescriptionError, match="'left' has no port; say it, or name a plan"):
+        Robot("mine", HubKind.PRIME, motors=(Motor("left"),))
+    motors = (Motor("left", "A"), Motor("right", "B"))
+    with pytest.raises(DescriptionError, match="no wheel diameter or no axle track"):
+        Robot("mine", HubKind.PRIME, motors=motors, drive_base=DriveBase("left", "right", 56))
+
+
+@pytest.mark.parametrize("one", [TWO_WHEELER, WALKER, ROBO_ARM], ids=lambda one: one.name)
+def test_our_descriptions_agree_with_our_plans(one):
+    check_description(one, PLANS / f"{one.name.replace('-', '_')}.ldr")

@@ -1,0 +1,133 @@
+from __future__ import annotations
+
+import os
+import pty
+import struct
+import sys
+import time
+from pathlib import Path
+
+import pytest
+import torch
+from prompt_toolkit.input.vt100 import Vt100Input
+
+from bricksrl.entry import Entry
+from bricksrl.errors import DataError
+from bricksrl.teleop.gamepad import GamepadDriver, LinuxPad, PygamePad
+from bricksrl.teleop.keyboard import KeyboardDriver
+from bricksrl.teleop.mapping import Paced, reach, rest
+
+pytestmark = pytest.mark.realtime
+
+LEG, ARM = Entry("leg", -100.0, 0.0, "deg"), Entry("arm", -30.0, 30.0, "deg")
+NOTHING = torch.zeros(3)
+
+
+def test_hands_at_rest_move_nothing() -> None:
+    at_rest = rest([LEG, ARM, Entry("unknown"), Entry("far", 10.0, 20.0, "deg")])
+    assert at_rest.tolist() == [1.0, 0.0, 0.0, -1.0]  # 0 degrees, and the nearest to it
+    assert reach(torch.zeros(4), at_rest).tolist() == at_rest.tolist()
+    assert reach(torch.ones(4), at_rest).tolist() == [1.0] * 4 and reach(-torch.ones(4), at_rest).tolist() == [-1.0] * 4
+    assert reach(torch.tensor([-0.5, 0.5, 9.0, 0.0]), at_rest).tolist() == [0.0, 0.5, 1.0, -1.0]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals are of POSIX")
+class TestKeyboard:
+    def keyboard(self, **options: bool) -> tuple[KeyboardDriver, int]:
+        ours, theirs = pty.openpty()
+        self.terminal = os.fdopen(theirs, "r")
+        return KeyboardDriver([LEG, ARM], source=Vt100Input(self.terminal), **options), ours
+
+    def test_keys_drive_space_gives_back_and_ctrl_c_ends(self) -> None:
+        driver, hand = self.keyboard()
+        with driver:
+            assert driver(NOTHING).tolist() == [1.0, 0.0]
+            os.write(hand, b"aw")
+            assert driver(NOTHING).tolist() == [-1.0, 1.0]
+            assert driver(NOTHING).tolist() == [1.0, 0.0]  # nothing was pressed since
+            os.write(hand, b" q")
+            assert driver(NOTHING) is None
+            os.write(hand, b"S ")
+            assert driver(NOTHING).tolist() == [1.0, -1.0]
+            os.write(hand, b"\x03")
+            with pytest.raises(KeyboardInterrupt):
+                driver(NOTHING)
+        self.terminal.close()
+        os.close(hand)
+
+    def test_a_question_is_answered_with_the_enter_key(self) -> None:
+        driver, hand = self.keyboard()
+        with driver:
+            with driver.quiet():
+                os.write(hand, b"\r")  # what the key sends; raw, it would end no line
+                assert self.terminal.readline() == "\n"
+            os.write(hand, b"a")
+            assert driver(NOTHING).tolist() == [-1.0, 0.0]
+        self.terminal.close()
+        os.close(hand)
+
+    def test_the_policy_is_in_charge_until_somebody_takes_over(self) -> None:
+        driver, hand = self.keyboard(in_charge=False)
+        with driver:
+            os.write(hand, b"q")
+            assert driver(NOTHING) is None
+            os.write(hand, b" ")
+            assert driver(NOTHING) is not None
+        self.terminal.close()
+        os.close(hand)
+
+    def test_without_a_terminal_there_are_no_keys(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        with Path(os.devnull).open() as nothing:
+            monkeypatch.setattr(sys, "stdin", nothing)
+            with pytest.raises(DataError, match="nobody sits at a terminal"):
+                KeyboardDriver([LEG])
+
+    def test_too_many_commands_are_told(self) -> None:
+        with pytest.raises(DataError, match="7 commands are too many"):
+            KeyboardDriver([ARM] * 7)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="device files are of POSIX")
+class TestGamepad:
+    def pad(self, tmp_path: Path) -> tuple[LinuxPad, int]:
+        os.mkfifo(tmp_path / "js0")
+        pad = LinuxPad(tmp_path / "js0")
+        return pad, os.open(tmp_path / "js0", os.O_WRONLY)
+
+    def test_sticks_drive_and_the_button_gives_back(self, tmp_path: Path) -> None:
+        pad, hand = self.pad(tmp_path)
+
+        def event(value: int, kind: int, number: int) -> None:
+            os.write(hand, struct.pack("<IhBB", 1, value, kind, number))
+
+        with GamepadDriver([LEG, ARM], pad=pad) as driver:
+            assert driver(NOTHING).tolist() == [1.0, 0.0]
+            event(-32767, 0x02, 0)
+            event(16384, 0x82, 1)  # as it stands when the device is opened
+            assert driver(NOTHING).tolist() == pytest.approx([-1.0, 0.5], abs=1e-4)
+            assert driver(NOTHING).tolist() == pytest.approx([-1.0, 0.5], abs=1e-4)  # sticks stay where they are
+            event(1000, 0x02, 1)  # within the dead zone
+            assert driver(NOTHING).tolist() == [-1.0, 0.0]
+            event(1, 0x01, 0)
+            event(0, 0x01, 0)
+            assert driver(NOTHING) is None
+            event(1, 0x01, 0)
+            assert driver(NOTHING) is not None
+        os.close(hand)
+
+    def test_a_device_that_is_missing_is_told(self, tmp_path: Path) -> None:
+        with pytest.raises(DataError, match="cannot read the gamepad"):
+            LinuxPad(tmp_path / "js9")
+
+    def test_without_pygame_it_is_told_what_to_install(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.setitem(sys.modules, "pygame", None)
+        with pytest.raises(DataError, match="pip install pygame"):
+            PygamePad()
+
+
+def test_a_paced_driver_takes_its_time() -> None:
+    paced = Paced(lambda _: torch.ones(1), 50.0)
+    started = time.monotonic()
+    for _ in range(5):
+        assert paced(NOTHING) is not None
+    assert 0.09 <= time.monotonic() - started < 2.0

@@ -1,0 +1,176 @@
+"""Several robots, one learner: processes that leave and come back, one dataset, nothing mixed."""
+
+from __future__ import annotations
+
+import csv
+import os
+import signal
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+from tensordict import TensorDict
+
+from bricksrl.agents.replay import EpisodicReplayBuffer
+from bricksrl.agents.sac import SACSettings
+from bricksrl.data.episode_index import read_index
+from bricksrl.data.reader import load
+from bricksrl.errors import HubError, RunError, UnknownNameError
+from bricksrl.training import Callback, Episode, Progress, RobotState, RunFolder, TrainConfig, resume, train
+from bricksrl.training.checkpoint import load_checkpoint
+from bricksrl.training.fleet.robots import Fleet, members_of
+
+pytestmark = pytest.mark.realtime
+
+SMALL = SACSettings(hidden=(16,), batch_size=16, prefill_episodes=1, n_step=3, updates_per_step=0.25)
+
+
+def config(run_dir: Path, **changes: Any) -> TrainConfig:
+    return TrainConfig("RunAway-v0", **{"episodes": 5, "robots": 2, "settings": SMALL, "run_dir": run_dir, **changes})
+
+
+class Harm(Callback):
+    """Cuts the link of the first robot after three episodes, and kills the process of the second one after four."""
+
+    def __init__(self) -> None:
+        self.states: list[tuple[str, RobotState]] = []
+        self.fleet: Any = None
+
+    def on_env(self, env: Any) -> None:
+        self.fleet = env
+
+    def on_robot(self, robot: str, state: RobotState, reason: str) -> None:
+        self.states.append((robot, state))
+
+    def on_episode(self, episode: Episode, progress: Progress) -> None:
+        if episode.episode == 3:
+            self.fleet.cut("virtual-1", 2.0)
+        if episode.episode == 4:
+            process = self.fleet.members[1].process
+            if process is not None:
+                os.kill(process.pid, signal.SIGKILL)
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Harm]:
+    path, harm = tmp_path_factory.mktemp("fleet") / "run", Harm()
+    result = train(config(path, episodes=7), harm)
+    assert not result.interrupted and len(result.episodes) == 7
+    return path, harm
+
+
+def test_a_robot_that_fails_leaves_and_comes_back(run: tuple[Path, Harm]) -> None:
+    _, harm = run
+    for robot in ("virtual-1", "virtual-2"):
+        states = [state for name, state in harm.states if name == robot]
+        assert RobotState.LEFT in states, f"{robot} never left"
+        assert RobotState.ACTING in states[: states.index(RobotState.LEFT)], f"{robot} was never there"
+    first = [state for name, state in harm.states if name == "virtual-1"]
+    assert RobotState.ACTING in first[first.index(RobotState.LEFT) :], "its link came back"
+
+
+def test_the_dataset_holds_every_frame_of_the_memory_and_names_the_robots(run: tuple[Path, Harm]) -> None:
+    path, _ = run
+    rows = read_index(path / "data").rows
+    with (path / "metrics.csv").open() as file:
+        metrics = list(csv.DictReader(file))
+    assert {row.about.robot for row in rows} == {"virtual-1", "virtual-2"}
+    ended = rows[: len(metrics)]  # after these come those that the end of the run broke off
+    assert [(row.about.robot, row.length) for row in ended] == [(one["robot"], int(one["length"])) for one in metrics]
+    assert [row.about.whole for row in ended] == [one["link_lost"] == "0" for one in metrics]
+    assert len({row.about.seed for row in rows}) == len(rows), "each episode has a start of its own"
+
+    memory = load_checkpoint(path / "checkpoint.bin")["agent"]["memory"]["rows"]
+    data = load(path / "data")
+    recorded = set(map(_key, zip(data.observation, data.action, data.next_observation, strict=True)))
+    held = zip(memory["observation"], memory["action"], memory["next.observation"], strict=True)
+    assert not [key for key in map(_key, held) if key not in recorded]
+
+
+def _key(parts: tuple[torch.Tensor, ...]) -> tuple[float, ...]:
+    return tuple(torch.cat(parts).tolist())
+
+
+def test_successors_stay_within_one_robots_episode(run: tuple[Path, Harm]) -> None:
+    path, _ = run
+    memory = load_checkpoint(path / "checkpoint.bin")["agent"]["memory"]
+    rows, successor = memory["rows"], memory["successor"]
+    linked = [(place, int(after)) for place, after in enumerate(successor) if after < SMALL.buffer_size]
+    assert len(linked) >= len(successor) // 2
+    for place, after in linked:
+        assert torch.equal(rows["next.observation"][place], rows["observation"][after])
+
+
+def test_a_fleet_goes_on_where_it_ended_and_stops_when_nobody_is_reached(run: tuple[Path, Harm]) -> None:
+    path, _ = run
+    folder = RunFolder(path)
+    folder.write_config(replace(folder.read_config(), patience_s=0.5))
+
+    class Cut(Callback):
+        def on_env(self, env: Any) -> None:
+            self.fleet = env
+
+        def on_episode(self, episode: Episode, progress: Progress) -> None:
+            for member in self.fleet.members:
+                self.fleet.cut(member.name, 1e6)
+
+    with pytest.raises(HubError, match="no robot of the fleet can be reached"):
+        resume(path, Cut(), episodes=20)
+    numbers = [episode.episode for episode in folder.read_episodes()]
+    assert numbers == list(range(1, len(numbers) + 1)) and len(numbers) > 7
+
+
+def test_rows_of_several_robots_are_not_linked_with_one_another() -> None:
+    buffer = EpisodicReplayBuffer(8, 2, ("observation",), n_step=2)
+
+    def frame(value: float, done: bool = False) -> TensorDict:
+        return TensorDict(
+            {
+                "observation": torch.tensor([[value]]),
+                "action": torch.zeros(1, 1),
+                "next": {
+                    "observation": torch.tensor([[value + 1]]),
+                    "reward": torch.zeros(1, 1),
+                    "terminated": torch.tensor([[done]]),
+                    "done": torch.tensor([[done]]),
+                },
+            },
+            [1],
+        )
+
+    for value in range(3):
+        buffer.extend(frame(value), robot=1)
+        buffer.extend(frame(10 + value, done=value == 2), robot=2)
+    assert buffer.state_dict()["successor"].tolist() == [2, 3, 4, 5, 8, 8]
+    buffer.end_episodes(1)
+    for value in range(5):  # the ring comes round: places 0 to 2 are written over
+        buffer.extend(frame(20 + value), robot=3)
+    buffer.extend(frame(3), robot=1)
+    assert buffer.state_dict()["successor"].tolist() == [1, 2, 8, 8, 8, 8, 7, 0]
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"robots": 2, "hub": "ble:A"}, "named one by one"),
+        ({"hub": "ble:A,ble:A", "robots": 1}, "give each a name"),
+        ({"hub": "ble,ble:A", "robots": 1}, "give each a name"),
+        ({"eval_every": 2}, "learn on"),
+        ({"num_envs": 2}, "learn on"),
+        ({"robots": 0}, "give 1 or more"),
+    ],
+)
+def test_what_cannot_be_a_fleet_is_told(tmp_path: Path, changes: dict[str, Any], message: str) -> None:
+    with pytest.raises(RunError, match=message):
+        config(tmp_path / "run", **changes)
+
+
+def test_real_robots_are_named_by_their_hubs(tmp_path: Path) -> None:
+    named = config(tmp_path / "run", robots=1, hub="ble:A, ble:B")
+    assert [(member.name, member.number) for member in members_of(named)] == [("ble:A", 0), ("ble:B", 1)]
+    with pytest.raises(UnknownNameError, match="no hub 'tin:B'"):
+        Fleet(replace(named, hub="ble:A,tin:B"))
+    with pytest.raises(RunError, match="num_envs"):
+        Fleet(replace(named, env="WalkerSim-v0"))

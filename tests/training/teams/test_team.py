@@ -1,0 +1,58 @@
+"""Groups of robots that learn: MAPPO, IPPO and independent SAC."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import torch
+
+from bricksrl.envs.arenas import make_arena
+from bricksrl.errors import CheckpointError, DescriptionError, RunError
+from bricksrl.training.teams.groups import TEAM_AGENTS, TeamSettings
+from bricksrl.training.teams.team import TeamConfig, TeamProgress, load_team, play_team, train_team
+
+SMALL = TeamSettings(hidden=(16,), steps=8, passes=2, updates_per_step=0.5)
+
+
+@pytest.mark.parametrize("agent", TEAM_AGENTS)
+def test_both_groups_learn_repeatably_and_are_saved(tmp_path: Path, agent: str) -> None:
+    config = TeamConfig("Tag-v0", {"catcher": agent, "runner": agent}, frames=256, copies=8, seed=4)
+    told: list[TeamProgress] = []
+    team, again = train_team(config, SMALL, told.append), train_team(config, SMALL)
+    assert told[-1].frames == 256
+    for group in ("catcher", "runner"):
+        one, other = (found.learners[group].state_dict() for found in (team, again))
+        assert all(torch.equal(one[name], other[name]) for name in one)
+    team.save(tmp_path / "team.bin")
+    loaded = load_team(tmp_path / "team.bin")
+    state = make_arena("Tag-v0", seed=1, batch_size=4).reset()
+    assert torch.equal(*(found.policy(state.clone())["catcher", "observation"] for found in (team, loaded)))
+
+
+@pytest.mark.parametrize("agent", ["mappo", "sac"])
+def test_a_team_learns_in_the_arena_itself(agent: str) -> None:
+    team = train_team(TeamConfig("Carry-v0", {"agents": agent}, frames=16, copies=0), SMALL)
+    played = play_team(make_arena("Carry-v0"), team.policy, 1, seed=3)
+    assert played[0].length >= 1 and set(played[0].returns) == {"agents"}
+
+
+def test_a_catcher_learns_to_catch() -> None:
+    settings = TeamSettings(hidden=(32,), steps=32, passes=6, learning_rate=2e-3)
+    told: list[TeamProgress] = []
+    train_team(TeamConfig("Tag-v0", {"catcher": "ippo"}, {"runner": "random"}, frames=80_000, copies=128), settings, told.append)
+    assert told[-1].success > 0.8 > 0.5 > told[2].success, "by then all episodes of the start have ended"
+
+
+def test_what_is_no_team_is_told(tmp_path: Path) -> None:
+    with pytest.raises(RunError, match="a group that learns"):
+        TeamConfig("Tag-v0", {})
+    with pytest.raises(DescriptionError, match="no script 'hide'"):
+        train_team(TeamConfig("Tag-v0", {"catcher": "ippo"}, {"runner": "hide"}, frames=8, copies=1), SMALL)
+    with pytest.raises(DescriptionError, match="no group 'cat'"):
+        train_team(TeamConfig("Tag-v0", {"cat": "ippo"}, frames=8, copies=1), SMALL)
+    with pytest.raises(DescriptionError, match="no agent 'dqn'"):
+        train_team(TeamConfig("Tag-v0", {"catcher": "dqn"}, {"runner": "flee"}, frames=8, copies=1), SMALL)
+    (tmp_path / "team.bin").write_bytes(b"nothing")
+    with pytest.raises(CheckpointError):
+        load_team(tmp_path / "team.bin")

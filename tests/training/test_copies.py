@@ -1,0 +1,116 @@
+"""Learning from many copies at once: of a simulation in one batch, of a virtual robot in processes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+from test_run_loop import Recorder, assert_same_run, ctrl_c, rows
+
+from bricksrl.agents import preset
+from bricksrl.errors import RunError
+from bricksrl.evaluation import evaluate
+from bricksrl.training import Phase, TrainConfig, resume, train
+from bricksrl.training.checkpoint import load_checkpoint
+
+ENV, COPIES, ROUND = "RoboArmSim-v0", 4, 100
+SMALL: dict[str, Any] = {"hidden": (16,), "batch_size": 32, "updates_per_step": 0.125}
+
+
+def config(agent: str, run_dir: Path, **changes: Any) -> TrainConfig:
+    settings = preset("default", agent)
+    settings = replace(settings, **{name: value for name, value in SMALL.items() if name in vars(settings)})
+    return TrainConfig(
+        ENV, agent, settings=settings, run_dir=run_dir, **{"episodes": 3, "num_envs": COPIES, "seed": 2, **changes}
+    )
+
+
+@pytest.mark.parametrize("agent", ["sac", "td3", "ppo"])
+def test_all_copies_are_learned_from(tmp_path: Path, agent: str) -> None:
+    result = train(config(agent, tmp_path / "run"))
+    assert [episode.steps for episode in result.episodes] == [k * COPIES * ROUND for k in (1, 2, 3)]
+    assert [episode.phase for episode in result.episodes][1:] == [Phase.TRAIN] * 2
+    last = result.episodes[-1]
+    assert last.losses and all(torch.isfinite(torch.tensor(list(last.losses.values()))))
+    assert 1 <= last.length <= ROUND and last.return_ < 0
+    state = load_checkpoint(tmp_path / "run" / "checkpoint.bin")["agent"]
+    if agent == "ppo":
+        assert "memory" not in state
+        return
+    assert len(state["memory"]["rows"]["action"]) == 3 * COPIES * ROUND
+    assert state["updates"] == 2 * ROUND * 0.125
+    assert evaluate(tmp_path / "run", episodes=3, save=False).episodes == 3
+
+
+@pytest.mark.parametrize("agent", ["sac", "ppo"])
+def test_an_interrupted_and_resumed_run_ends_bit_identical(tmp_path: Path, agent: str) -> None:
+    train(config(agent, tmp_path / "whole"))
+    step = 40 if agent == "ppo" else 30
+    result = train(config(agent, tmp_path / "run"), Recorder((2, step), ctrl_c))
+    assert result.interrupted and len(result.episodes) == len(rows(tmp_path / "run")) == 1
+    resume(tmp_path / "run")
+    assert_same_run(tmp_path / "whole", tmp_path / "run")
+
+
+def test_a_memory_that_has_wrapped_is_gone_on_with(tmp_path: Path) -> None:
+    whole = config("sac", tmp_path / "whole")
+    whole = replace(whole, settings=replace(whole.settings, buffer_size=500, n_step=3))
+    train(whole)
+    train(replace(whole, run_dir=tmp_path / "run", episodes=2))
+    resume(tmp_path / "run", episodes=3)
+    assert_same_run(tmp_path / "whole", tmp_path / "run")
+
+
+def test_copies_take_simulations_and_simulated_time() -> None:
+    for wrong in ({"hub": "ble"}, {"realtime": True}, {"asynchronous": True}, {"num_envs": 0}):
+        with pytest.raises(RunError, match="copies|num_envs"):
+            TrainConfig(ENV, **{"num_envs": 2, **wrong})
+
+
+LOSING = """
+import multiprocessing, pathlib
+from dataclasses import replace
+from bricksrl.envs.tasks.run_away import RUN_AWAY
+from bricksrl.errors import HubError
+from bricksrl.virtual_hub.transport import VirtualHub
+
+TASK = replace(RUN_AWAY, id="Losing-v0", doc="Runs away.", max_steps=6)
+write, writes = VirtualHub.write, 0
+
+
+def losing(self, data):
+    global writes
+    writes += 1
+    if writes == 12:
+        raise HubError("the connection was lost; bring the hub nearer")
+    write(self, data)
+
+
+try:
+    if multiprocessing.parent_process() is not None:
+        pathlib.Path(__file__).with_name("loser").touch(exist_ok=False)
+        VirtualHub.write = losing
+except FileExistsError:
+    pass
+"""
+
+
+@pytest.mark.slow
+def test_robots_in_processes_are_learned_from_and_one_that_is_lost_comes_back(tmp_path: Path) -> None:
+    (tmp_path / "losing.py").write_text(LOSING)
+    run = TrainConfig(
+        f"{tmp_path / 'losing.py'}:TASK",
+        episodes=3,
+        num_envs=2,
+        settings=config("sac", tmp_path).settings,
+        run_dir=tmp_path / "run",
+    )
+    result = train(run)
+    assert (tmp_path / "loser").exists()
+    assert [episode.steps for episode in result.episodes] == [12, 24, 36]
+    kept = load_checkpoint(tmp_path / "run" / "checkpoint.bin")["agent"]["memory"]["rows"]
+    assert len(kept["action"]) == 36 - 1, "the step without an outcome is not remembered"
+    assert evaluate(tmp_path / "run", episodes=1, save=False).episodes == 1

@@ -1,0 +1,111 @@
+"""Evaluations during training, the best checkpoint, the early end of a run, and the device."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import torch
+from test_run_loop import Recorder, assert_same_run, ctrl_c, rows
+from toys import Cart, LosingCart
+
+from bricksrl.agents.sac import SACSettings
+from bricksrl.data import load
+from bricksrl.errors import BricksError, CheckpointError, RunError
+from bricksrl.evaluation import evaluate
+from bricksrl.policies import load_policy
+from bricksrl.training import Callback, TrainConfig, load_learner, resume, train
+from bricksrl.training.checkpoint import load_checkpoint
+
+SMALL = SACSettings(hidden=(16, 16), batch_size=16, prefill_episodes=1)
+
+
+@pytest.fixture
+def config(tmp_path: Path) -> TrainConfig:
+    return TrainConfig("Cart", episodes=6, seed=4, settings=SMALL, run_dir=tmp_path / "run", eval_every=2, eval_episodes=3)
+
+
+def test_an_evaluation_changes_nothing_in_what_is_learned(config: TrainConfig, tmp_path: Path) -> None:
+    train(config, env=Cart())
+    train(replace(config, run_dir=tmp_path / "without", eval_every=0), env=Cart())
+    told = [row.pop("evaluation") for row in rows(tmp_path / "run")]
+    assert [bool(text) for text in told] == [False, True] * 3
+    one, other = ([{**row, "evaluation": ""} for row in rows(tmp_path / name)] for name in ("run", "without"))
+    assert one == other
+    assert not (tmp_path / "without" / "best.bin").exists()
+
+
+def test_the_best_checkpoint_is_kept_and_can_be_taken(config: TrainConfig) -> None:
+    result = train(config, env=Cart())
+    found = {episode.episode: episode.evaluation for episode in result.episodes if episode.evaluation is not None}
+    best = max(found, key=lambda episode: found[episode])
+    assert load_checkpoint(result.run_dir / "checkpoint.bin")["best"] == found[best]
+    assert load_learner(result.run_dir, Cart(), which="best").episodes == best
+    again = evaluate(result.run_dir, Cart(), episodes=3, seed=config.seed, which="best", save=False)
+    assert again.return_mean == pytest.approx(found[best], abs=1e-5)
+    load_policy(result.run_dir, Cart(), which="best")
+
+
+def test_without_evaluations_there_is_no_best_one(config: TrainConfig) -> None:
+    result = train(replace(config, eval_every=0, episodes=1), env=Cart())
+    with pytest.raises(CheckpointError, match="no best checkpoint"):
+        evaluate(result.run_dir, Cart(), which="best")
+
+
+def test_a_run_in_two_parts_has_the_best_of_both(config: TrainConfig, tmp_path: Path) -> None:
+    train(replace(config, run_dir=tmp_path / "whole"), env=Cart())
+    train(config, Recorder((5, 2), ctrl_c), env=Cart())
+    resume(tmp_path / "run", env=Cart())
+    assert_same_run(tmp_path / "whole", tmp_path / "run")
+    one, other = (load_learner(tmp_path / name, Cart(), which="best") for name in ("whole", "run"))
+    assert one.episodes == other.episodes
+
+
+@pytest.mark.parametrize(("stop_at", "eval_every", "ends"), [(-100.0, 2, 2), (-100.0, 0, 6), (-100.0, 4, 4), (100.0, 2, 8)])
+def test_a_run_ends_when_it_is_good_enough(config: TrainConfig, stop_at: float, eval_every: int, ends: int) -> None:
+    result = train(replace(config, episodes=8, stop_at=stop_at, eval_every=eval_every), env=Cart())
+    assert (len(result.episodes), result.interrupted) == (ends, False)
+
+
+def test_a_run_that_was_good_enough_stays_so(config: TrainConfig) -> None:
+    first = train(replace(config, stop_at=-100.0), env=Cart())
+    again = resume(first.run_dir, env=Cart())
+    assert (len(again.episodes), again.interrupted) == (2, False)
+
+
+class Untrusty(LosingCart):
+    """Its link breaks in the second step of the first evaluation, which is the third episode that is started."""
+
+    def _is_lost(self) -> bool:
+        return (self.resets, self.step_count + 1) == (3, 2)
+
+
+def test_a_link_that_breaks_in_an_evaluation_costs_that_evaluation(config: TrainConfig) -> None:
+    told = []
+
+    class Listener(Callback):
+        def on_link_lost(self, episode: int, length: int, error: BricksError) -> None:
+            told.append(episode)
+
+    result = train(replace(config, episodes=4), Listener(), env=Untrusty(2))
+    assert [episode.evaluation is None for episode in result.episodes] == [True, True, True, False]
+    assert not any(episode.link_lost for episode in result.episodes) and told == []
+    recorded = [(row.length, row.about.whole) for row in load(result.run_dir).rows]
+    assert recorded == [(episode.length, True) for episode in result.episodes]
+
+
+def test_a_device_that_is_not_here_is_one_line(config: TrainConfig, tmp_path: Path) -> None:
+    absent = "mps" if torch.cuda.is_available() else "cuda"
+    for name in (absent, "abacus"):
+        with pytest.raises(RunError, match=f"there is no device '{name}' here; choose cpu, cuda, mps or auto"):
+            train(replace(config, device=name), env=Cart())
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_auto_is_the_best_device_here(config: TrainConfig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+    monkeypatch.setattr(torch.backends.mps, "is_available", lambda: False)
+    train(replace(config, device="auto", episodes=3), env=Cart())
+    train(replace(config, episodes=3, run_dir=tmp_path / "cpu"), env=Cart())
+    assert_same_run(tmp_path / "run", tmp_path / "cpu")

@@ -1,0 +1,162 @@
+"""A kind of sensor, a robot, a task and an algorithm of the user's own: one file each, none of them in the package."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+import bricksrl
+from bricksrl.data import load
+from bricksrl.entry import Entry
+from bricksrl.envs.env_checker import check_env
+from bricksrl.finding import Outcome
+from bricksrl.hub.program.generate import generate
+from bricksrl.training import TrainConfig, train
+from bricksrl.twin.motion_log import RunLog, read_log, write_log
+
+SENSOR = """
+from dataclasses import dataclass
+from typing import ClassVar
+
+from bricksrl.hub.kinds import Channel, Imports
+
+
+@dataclass(frozen=True)
+class MotorSpeed(Channel):
+    motor: str
+    low: float = -1000.0
+    high: float = 1000.0
+    scale: ClassVar[int] = 1
+    unit: ClassVar[str] = "deg/s"
+
+    @property
+    def name(self):
+        return f"{self.motor}_speed"
+
+    @property
+    def device(self):
+        return self.motor
+
+    @property
+    def limits(self):
+        return -2000.0, 2000.0
+
+    def check(self, robot):
+        robot.motor(self.motor)
+
+    @property
+    def expression(self):
+        return f"motor_{self.motor}.speed()"
+
+
+@dataclass(frozen=True)
+class Battery(Channel):
+    low: float = 6000.0
+    high: float = 8400.0
+    scale: ClassVar[int] = 1
+    unit: ClassVar[str] = "mV"
+    name: ClassVar[str] = "battery"
+    imports: ClassVar[Imports] = (("pybricks.tools", "StopWatch"),)
+    statement: ClassVar[str] = "millivolts = hub.battery.voltage()"
+    expression: ClassVar[str] = "millivolts"
+
+    def check(self, robot):
+        pass
+"""
+ROBOT = """
+from bricksrl.robots import HubKind, Motor, Robot
+
+SPINNER = Robot("spinner", HubKind.TECHNIC, motors=(Motor("disc", "A"),))
+"""
+TASK = """
+from bricksrl.envs import Task
+from bricksrl.hub.interface import Interface, MotorAngle, RunAngle, Wait
+from my_robot import SPINNER
+from my_sensor import Battery, MotorSpeed
+
+FAST = Task(
+    id="Fast-v0",
+    doc="A disc turns fast.",
+    robot=SPINNER,
+    interface=Interface((RunAngle("disc", -90, 90, 800),), (MotorAngle("disc"), MotorSpeed("disc"), Battery()), Wait(100)),
+    max_steps=6,
+    reward=lambda previous, action, observation: observation[..., 1:2] / 1000.0,
+    success=lambda observations: observations[..., -1, 1] > 100.0,
+    metrics=lambda observations: {"speed_deg_s": observations[..., 1].mean(-1)},
+)
+"""
+AGENT = """
+from dataclasses import dataclass
+
+import torch
+from torchrl.objectives import DDPGLoss, SoftUpdate
+
+from bricksrl.agents.encoder import make_encoder
+from bricksrl.agents.learner import Learner
+from bricksrl.agents.networks import action_size, action_spec, critic_operator, deterministic_policy, make_body
+from bricksrl.agents.replay import EpisodicReplayBuffer
+from bricksrl.agents.settings import OffPolicySettings
+
+
+@dataclass(frozen=True)
+class DDPGSettings(OffPolicySettings):
+    hidden: tuple[int, ...] = (16, 16)
+    batch_size: int = 4
+    prefill_episodes: int = 1
+
+
+def build(env, settings: DDPGSettings, device="cpu"):
+    m, encoder = action_size(env), make_encoder(env, settings)
+    actor, policy = deterministic_policy(encoder, make_body(settings, encoder.size, m), action_spec(env), noise=0.2)
+    critic = critic_operator(encoder, make_body(settings, encoder.size + m, 1))
+    loss = DDPGLoss(actor, critic, delay_actor=True, delay_value=True)
+    optimizer = torch.optim.Adam(loss.parameters(), lr=settings.learning_rate)
+    memory = EpisodicReplayBuffer.of(env, settings, device)
+    return Learner(policy, loss, optimizer, memory, SoftUpdate(loss, tau=0.01), prefill_episodes=settings.prefill_episodes)
+"""
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
+    for name, text in {"my_sensor": SENSOR, "my_robot": ROBOT, "my_task": TASK, "my_agent": AGENT}.items():
+        (tmp_path / f"{name}.py").write_text(text)
+    yield tmp_path
+    for name in ("my_sensor", "my_robot"):
+        sys.modules.pop(name, None)
+
+
+def test_the_hub_program_and_the_environment_have_the_new_kinds(folder: Path) -> None:
+    reference = f"{folder / 'my_task.py'}:FAST"
+    task = bricksrl.envs.get_task(reference)
+    program = generate(task.robot, task.interface).source
+    assert "wire(motor_disc.speed() * 1)," in program
+    assert "    millivolts = hub.battery.voltage()\n" in program and "from pybricks.tools import StopWatch\n" in program
+    assert task.entries[1] == Entry("disc_speed", -1000.0, 1000.0, "deg/s", (-2000.0, 2000.0))
+    assert [finding for finding in check_env(reference) if finding.outcome is Outcome.ERROR] == []
+    env = bricksrl.make(reference, seed=0)
+    observation = env.rollout(5, lambda *_: torch.ones(1))["next", "observation"]
+    env.close()
+    assert observation[-1, 1] > 200
+    assert float(observation[-1, 2]) == pytest.approx(7200, abs=300)
+    assert env.observation_spec["observation"].nominal.tolist() == [False, True, False]
+
+
+def test_an_algorithm_of_the_users_own_learns_from_them(folder: Path) -> None:
+    config = TrainConfig(f"{folder / 'my_task.py'}:FAST", agent=str(folder / "my_agent.py"), episodes=4, run_dir=folder / "run")
+    result = train(config)
+    assert [episode.length for episode in result.episodes] == [6] * 4
+    data = load(folder / "run")
+    assert [entry.name for entry in data.description.observation] == ["disc_angle", "disc_speed", "battery"]
+
+
+def test_a_log_of_them_is_read_again(folder: Path) -> None:
+    task = bricksrl.envs.get_task(f"{folder / 'my_task.py'}:FAST")
+    log = RunLog("spinner", task.interface, 7, np.zeros((1, 1)), np.zeros(1), np.array([0, 100]), np.ones((2, 3)))
+    write_log(folder / "log.jsonl", log)
+    assert read_log(folder / "log.jsonl").interface == task.interface

@@ -1,0 +1,157 @@
+"""Algorithms of the user's own, with losses of TorchRL's that the package does not know: trained, resumed, evaluated, tuned."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+import torch
+from test_run_loop import Recorder, assert_same_run, ctrl_c
+from toys import Cart
+
+import bricksrl
+from bricksrl.agents import algorithm, preset
+from bricksrl.cli import main
+from bricksrl.errors import CheckpointError, DescriptionError, UnknownNameError
+from bricksrl.evaluation import evaluate
+from bricksrl.evaluation.tuning import BEST, Tuning, tune
+from bricksrl.policies import load_policy
+from bricksrl.training import RunFolder, TrainConfig, resume, train
+from bricksrl.training.checkpoint import load_checkpoint
+
+EXAMPLE = Path(__file__).parents[2] / "examples" / "12_own_agent.py"
+
+REDQ = '''
+from dataclasses import dataclass
+
+import torch
+from tensordict.nn import TensorDictModule
+from torchrl.data import LazyTensorStorage, TensorDictReplayBuffer
+from torchrl.modules import NormalParamExtractor, ProbabilisticActor, TanhNormal, ValueOperator
+from torchrl.objectives import REDQLoss, SoftUpdate
+
+from bricksrl.agents.learner import Learner
+
+
+@dataclass(frozen=True)
+class Redq:
+    rate: float = 1e-3
+    """Step size."""
+    hidden: tuple[int, ...] = (16,)
+    """Units."""
+
+
+class Both(torch.nn.Sequential):
+    def forward(self, *inputs):
+        return super().forward(torch.cat(inputs, -1))
+
+
+def make_redq(env, settings: Redq, device="cpu"):
+    n, m = env.observation_spec["observation"].shape[-1], env.action_spec.shape[-1]
+    units = settings.hidden[0]
+    body = torch.nn.Sequential(torch.nn.Linear(n, units), torch.nn.ReLU(), torch.nn.Linear(units, 2 * m), NormalParamExtractor())
+    actor = ProbabilisticActor(
+        TensorDictModule(body, in_keys=["observation"], out_keys=["loc", "scale"]),
+        in_keys=["loc", "scale"],
+        distribution_class=TanhNormal,
+    )
+    critic = Both(torch.nn.Linear(n + m, units), torch.nn.ReLU(), torch.nn.Linear(units, 1))
+    loss = REDQLoss(actor, ValueOperator(critic, in_keys=["observation", "action"]), num_qvalue_nets=3, target_entropy=-float(m))
+    loss.make_value_estimator(gamma=0.9)
+    return Learner(
+        policy=actor,
+        loss=loss,
+        optimizer=torch.optim.Adam(loss.parameters(), lr=settings.rate),
+        memory=TensorDictReplayBuffer(storage=LazyTensorStorage(40), batch_size=8),
+        target=SoftUpdate(loss, tau=0.01),
+        prefill_episodes=1,
+    )
+'''
+
+
+@pytest.fixture
+def redq(tmp_path: Path) -> str:
+    (tmp_path / "own.py").write_text(REDQ)
+    return f"{tmp_path / 'own.py'}:make_redq"
+
+
+def test_a_loss_that_the_package_does_not_know_is_trained_and_resumed_exactly(redq: str, tmp_path: Path) -> None:
+    """Its memory is a plain buffer of TorchRL's, and has wrapped."""
+    config = TrainConfig("Cart", redq, 8, seed=3, run_dir=tmp_path / "whole")
+    result = train(config, env=Cart())
+    assert {"loss_actor", "loss_qvalue", "loss_alpha"} <= set(result.episodes[-1].losses)
+    assert result.episodes[-1].steps > 40
+    part = TrainConfig("Cart", redq, 8, seed=3, run_dir=tmp_path / "run")
+    assert train(part, Recorder((7, 2), ctrl_c), env=Cart()).interrupted
+    resume(tmp_path / "run", env=Cart())
+    assert_same_run(tmp_path / "whole", tmp_path / "run")
+    assert RunFolder(tmp_path / "run").read_config().agent == redq
+    assert evaluate(tmp_path / "run", Cart(), episodes=2).agent == redq
+
+
+def test_the_process_beside_the_robot_learns_it_too(redq: str, tmp_path: Path) -> None:
+    result = train(TrainConfig("Cart", redq, 8, run_dir=tmp_path / "run", asynchronous=True), env=Cart())
+    assert any(episode.losses.get("loss_qvalue", 0.0) > 0 for episode in result.episodes)
+    assert load_checkpoint(tmp_path / "run" / "checkpoint.bin")["agent"]["updates"] > 0
+
+
+def test_the_example_learns_is_tuned_and_shared_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    run, agent = tmp_path / "run", str(EXAMPLE)
+    options = ("--set", "noise=0.2", "--set", "hidden=32,32", "--set", "batch_size=32", "--episodes", "6", "--run", str(run))
+    assert main(["train", "RoboArmSim-v0", "--agent", agent, *options]) == 0
+    assert RunFolder(run).read_config().settings.noise == 0.2
+    assert main(["resume", str(run), "--episodes", "8"]) == 0
+    assert main(["evaluate", str(run), "--episodes", "2", "--json"]) == 0
+    assert main(["settings", agent, "--json"]) == 0
+    written = capsys.readouterr().out
+    assert json.loads(written[written.rindex("{\n") :])["noise"] == 0.3
+    env = bricksrl.make("RoboArmSim-v0", seed=0)
+    policy = bricksrl.load_policy(run)
+    assert len(env.rollout(5, policy)) <= 5
+    with pytest.raises(CheckpointError, match="observes or acts otherwise|another config"):
+        bricksrl.load_policy(run, bricksrl.make("WalkerSim-v0"))
+    best = tune(Tuning("RoboArmSim-v0", agent, steps=20, seeds=1, episodes=1), tmp_path / "study", 2)
+    assert best.trials == 2 and 0.03 <= best.settings.noise <= 3.0
+    assert json.loads((tmp_path / "study" / BEST).read_text())["settings"]["noise"] == best.settings.noise
+
+
+@pytest.mark.slow
+def test_the_example_reaches_its_goals(tmp_path: Path) -> None:
+    train(TrainConfig("RoboArmSim-v0", str(EXAMPLE), episodes=60, run_dir=tmp_path / "run"))
+    assert evaluate(tmp_path / "run", episodes=20).success_rate >= 0.8
+
+
+@pytest.mark.parametrize(
+    ("text", "error", "says"),
+    [
+        ("1 / 0", DescriptionError, "cannot be loaded .*ZeroDivisionError"),
+        ("", UnknownNameError, "there is no 'build'"),
+        ("def build(env, device): pass", DescriptionError, "takes no settings; write build"),
+        ("def build(env, settings, device): pass", DescriptionError, "does not say what its settings are"),
+    ],
+)
+def test_what_is_no_algorithm_is_one_line(tmp_path: Path, text: str, error: type[Exception], says: str) -> None:
+    (tmp_path / "own.py").write_text(text)
+    with pytest.raises(error, match=says) as caught:
+        algorithm(str(tmp_path / "own.py"))
+    assert "\n" not in str(caught.value)
+
+
+def test_settings_of_ones_own_have_no_preset_but_the_default(redq: str) -> None:
+    assert preset("default", redq).rate == 1e-3
+    with pytest.raises(UnknownNameError, match="has no preset 'paper'"):
+        preset("paper", redq)
+
+
+def test_a_policy_takes_and_gives_what_it_is_given(tmp_path: Path) -> None:
+    train(TrainConfig("RoboArmSim-v0", episodes=1, run_dir=tmp_path / "run", record=False))
+    for path in (tmp_path / "run", str(tmp_path / "run")):
+        policy = load_policy(path)
+        one = policy.act(torch.full((8,), 3.0))
+        many = policy.act(torch.full((5, 8), 3.0).numpy())
+        assert isinstance(one, torch.Tensor) and one.shape == (4,) and many.shape == (5, 4)
+        assert type(many).__module__ == "numpy" and many.dtype.name == "float32"
+        torch.testing.assert_close(torch.from_numpy(many[2]), one)
+        copies = bricksrl.make("RoboArmSim-v0", batch_size=3, seed=1)
+        assert copies.rollout(4, policy, break_when_any_done=False)["action"].shape == (3, 4, 4)

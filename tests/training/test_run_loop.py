@@ -1,0 +1,294 @@
+from __future__ import annotations
+
+import csv
+import itertools
+import json
+import os
+import signal
+import threading
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import torch
+from tensordict import TensorDictBase
+from toys import Cart, assert_equal
+
+from bricksrl.agents.sac import SACSettings
+from bricksrl.errors import CheckpointError, HubTimeoutError, RunError, UnknownNameError
+from bricksrl.training import Callback, Episode, Phase, Progress, RunFolder, RunResult, TrainConfig, resume, train
+from bricksrl.training.checkpoint import load_checkpoint, save_checkpoint
+
+SMALL = SACSettings(hidden=(16, 16), batch_size=16, prefill_episodes=2, alpha_init=0.1)
+
+
+@pytest.fixture
+def config(tmp_path: Path) -> TrainConfig:
+    return TrainConfig(env="Cart", episodes=6, seed=4, settings=SMALL, run_dir=tmp_path / "run")
+
+
+def rows(path: Path) -> list[dict[str, str]]:
+    with (path / "metrics.csv").open(newline="") as file:
+        return [{name: value for name, value in row.items() if name != "seconds"} for row in csv.DictReader(file)]
+
+
+def names(path: Path) -> list[str]:
+    return sorted(entry.name for entry in path.iterdir())
+
+
+def assert_same_run(one: Path, other: Path) -> None:
+    """Equal in everything but the time it took."""
+    assert rows(one) == rows(other)
+    a, b = (load_checkpoint(path / "checkpoint.bin") for path in (one, other))
+    for state in (a, b):
+        for episode in state["episodes"]:
+            del episode["seconds"]
+    assert_equal(a, b)
+
+
+class Recorder(Callback):
+    """Notes all it is told, and does something once at a step."""
+
+    def __init__(self, at: tuple[int, int] | None = None, do: Callable[[], object] = lambda: None) -> None:
+        self.calls: list[str] = []
+        self.episodes: list[tuple[Episode, Progress]] = []
+        self._at, self._do = at, do
+
+    def on_start(self, config: TrainConfig, run_dir: Path, episodes_done: int) -> None:
+        self.calls.append(f"start {episodes_done}")
+
+    def on_step(self, episode: int, step: int, phase: Phase) -> None:
+        self.calls.append(f"step {episode}.{step} {phase}")
+        if (episode, step) == self._at:
+            self._do()
+
+    def on_episode(self, episode: Episode, progress: Progress) -> None:
+        self.calls.append(f"episode {episode.episode}")
+        self.episodes.append((episode, progress))
+
+    def on_end(self, result: RunResult) -> None:
+        self.calls.append("end")
+
+
+def ctrl_c() -> None:
+    os.kill(os.getpid(), signal.SIGINT)
+
+
+def test_a_run_leaves_its_files_in_order(config: TrainConfig) -> None:
+    observer = Recorder()
+    result = train(config, observer, env=Cart())
+    assert not result.interrupted
+    assert len(result.episodes) == 6
+    folder = RunFolder(result.run_dir)
+    assert names(result.run_dir) == ["checkpoint.bin", "config.json", "data", "learning_curve.png", "metrics.csv"]
+    assert folder.read_config() == config
+    assert "torchrl" in json.loads(folder.config_path.read_text())["versions"]
+    columns = "episode,phase,steps,length,return,success,loss_qvalue,loss_actor,loss_alpha,alpha,entropy,seconds"
+    assert folder.metrics_path.read_text().splitlines()[0] == f"{columns},updates_per_step,link_lost,evaluation,robot"
+    assert [episode.return_ for episode in folder.read_episodes()] == [episode.return_ for episode in result.episodes]
+    assert [episode.phase for episode in result.episodes] == [Phase.PREFILL] * 2 + [Phase.TRAIN] * 4
+    assert not result.episodes[1].losses
+    assert set(result.episodes[2].losses) == {"loss_qvalue", "loss_actor", "loss_alpha", "entropy", "alpha"}
+    assert sum(episode.length for episode in result.episodes) == result.episodes[-1].steps
+    assert folder.curve_path.read_bytes().startswith(b"\x89PNG")
+    assert (observer.calls[0], observer.calls[1], observer.calls[-1]) == ("start 0", "step 1.1 prefill", "end")
+    assert [call for call in observer.calls if call.startswith("episode")] == [f"episode {k}" for k in range(1, 7)]
+    assert observer.episodes[-1][1].remaining_s == 0.0
+    assert observer.episodes[2][1].remaining_s > 0.0
+    assert all(progress.steps_per_s > 0.0 for _, progress in observer.episodes)
+
+
+class Listener(Callback):
+    """Keeps every transition."""
+
+    def __init__(self) -> None:
+        self.seen: list[tuple[int, int, Phase, TensorDictBase]] = []
+
+    def on_transition(self, episode: int, step: int, phase: Phase, transition: TensorDictBase) -> None:
+        self.seen.append((episode, step, phase, transition.clone()))
+
+
+def test_a_listener_hears_every_step_with_all_that_the_environment_tells(config: TrainConfig) -> None:
+    listener = Listener()
+    result = train(config, listener, env=Cart())
+    for episode in result.episodes:
+        steps = [
+            (step, data) for number, step, phase, data in listener.seen if (number, phase) == (episode.episode, episode.phase)
+        ]
+        assert [step for step, _ in steps] == list(range(1, episode.length + 1))
+        outcomes = [data["next"] for _, data in steps]
+        assert sum(outcome["reward"].item() for outcome in outcomes) == pytest.approx(episode.return_, abs=1e-5)
+        assert [outcome["done"].item() for outcome in outcomes] == [False] * (episode.length - 1) + [True]
+        for (_, one), (_, other) in itertools.pairwise(steps):
+            assert torch.equal(one["next", "observation"], other["observation"])
+        last = outcomes[-1]
+        assert last["truncated"].item() == (episode.length == 8) or last["terminated"].item()
+
+
+def test_equal_seeds_give_equal_runs_and_others_do_not(config: TrainConfig, tmp_path: Path) -> None:
+    train(config, env=Cart())
+    torch.rand(7)  # whatever happened before must not matter
+    train(replace(config, run_dir=tmp_path / "again"), env=Cart())
+    assert_same_run(tmp_path / "run", tmp_path / "again")
+    train(replace(config, run_dir=tmp_path / "other", seed=5), env=Cart())
+    assert rows(tmp_path / "run") != rows(tmp_path / "other")
+
+
+def test_training_leaves_torch_as_it_was(config: TrainConfig) -> None:
+    threads, state = torch.get_num_threads(), torch.get_rng_state()
+    train(config, env=Cart())
+    assert torch.get_num_threads() == threads
+    assert torch.equal(torch.get_rng_state(), state)
+
+
+@pytest.mark.parametrize("at", [(1, 1), (2, 8), (3, 1), (4, 2), (6, 2)])
+def test_interrupted_and_resumed_run_ends_bit_identical(config: TrainConfig, tmp_path: Path, at: tuple[int, int]) -> None:
+    train(replace(config, run_dir=tmp_path / "whole"), env=Cart())
+    result = train(config, Recorder(at, ctrl_c), env=Cart())
+    assert result.interrupted
+    assert len(result.episodes) == len(rows(result.run_dir)) == at[0] - (at[1] < 8)
+    assert (result.run_dir / "learning_curve.png").exists()
+    observer = Recorder()
+    assert not resume(result.run_dir, observer, env=Cart()).interrupted
+    assert observer.calls[0] == f"start {len(result.episodes)}"
+    assert_same_run(tmp_path / "whole", tmp_path / "run")
+
+
+def test_a_finished_run_can_be_extended(config: TrainConfig, tmp_path: Path) -> None:
+    train(replace(config, run_dir=tmp_path / "whole"), env=Cart())
+    train(replace(config, episodes=3), env=Cart())
+    assert len(resume(tmp_path / "run", episodes=6, env=Cart()).episodes) == 6
+    assert_same_run(tmp_path / "whole", tmp_path / "run")
+    assert RunFolder(tmp_path / "run").read_config() == config
+    again = resume(tmp_path / "run", env=Cart())
+    assert not again.interrupted
+    assert_same_run(tmp_path / "whole", tmp_path / "run")
+    with pytest.raises(RunError, match="6 episodes already"):
+        resume(tmp_path / "run", episodes=5, env=Cart())
+
+
+def test_another_thread_can_stop_a_run(config: TrainConfig) -> None:
+    stop = threading.Event()
+    results: list[RunResult] = []
+
+    def work() -> None:
+        results.append(train(config, Recorder((4, 2), stop.set), env=Cart(), stop=stop))
+
+    thread = threading.Thread(target=work)
+    thread.start()
+    thread.join(60)
+    assert results[0].interrupted
+    assert len(results[0].episodes) == 3
+
+
+class CartInHand(Cart):
+    """Its second reset waits for a hand that never comes."""
+
+    def _reset(self, *args: object, **kwargs: object) -> object:  # type: ignore[override]
+        if self.resets == 1:
+            threading.Timer(0.2, ctrl_c).start()
+            threading.Event().wait(30)
+        return super()._reset()
+
+
+def test_ctrl_c_ends_a_waiting_reset_at_once(config: TrainConfig, tmp_path: Path) -> None:
+    result = train(config, env=CartInHand())
+    assert result.interrupted
+    assert len(result.episodes) == 1
+    resume(result.run_dir, env=Cart())
+    train(replace(config, run_dir=tmp_path / "whole"), env=Cart())
+    assert_same_run(tmp_path / "whole", tmp_path / "run")
+
+
+def test_second_ctrl_c_does_not_wait_for_the_step(config: TrainConfig) -> None:
+    def twice() -> None:
+        ctrl_c()
+        ctrl_c()
+
+    result = train(config, Recorder((4, 2), twice), env=Cart())
+    assert result.interrupted
+    assert len(result.episodes) == 3
+
+
+class BrokenCart(Cart):
+    """It raises in its fourth episode, as an environment does that does not tell of a lost link."""
+
+    def _step(self, tensordict: object) -> object:  # type: ignore[override]
+        if self.resets == 4:
+            raise HubTimeoutError("the hub did not answer; switch it on")
+        return super()._step(tensordict)  # type: ignore[arg-type]
+
+
+def test_an_error_of_the_environment_is_reported_and_nothing_learned_is_lost(config: TrainConfig, tmp_path: Path) -> None:
+    with pytest.raises(HubTimeoutError):
+        train(config, env=BrokenCart())
+    assert len(rows(tmp_path / "run")) == 3
+    assert (tmp_path / "run" / "learning_curve.png").exists()
+    resume(tmp_path / "run", env=Cart())
+    train(replace(config, run_dir=tmp_path / "whole"), env=Cart())
+    assert_same_run(tmp_path / "whole", tmp_path / "run")
+
+
+def test_a_row_that_the_checkpoint_does_not_know_goes(config: TrainConfig, tmp_path: Path) -> None:
+    train(replace(config, episodes=3), env=Cart())
+    folder = RunFolder(tmp_path / "run")
+    folder.append(replace(folder.read_episodes()[-1], episode=4))
+    resume(folder.path, episodes=6, env=Cart())
+    train(replace(config, run_dir=tmp_path / "whole"), env=Cart())
+    assert_same_run(tmp_path / "whole", tmp_path / "run")
+
+
+def test_a_folder_is_never_overwritten(config: TrainConfig) -> None:
+    assert config.run_dir is not None
+    config.run_dir.mkdir()
+    env = Cart()
+    with pytest.raises(RunError, match="exists already; resume"):
+        train(config, env=env)
+    assert env.resets == 0
+    assert names(config.run_dir) == []
+
+
+def test_without_a_folder_the_next_free_one_is_taken(
+    config: TrainConfig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for name in (f"Cart-sac-seed-{config.seed}", f"Cart-sac-seed-{config.seed}-2"):
+        assert train(replace(config, run_dir=None, episodes=1), env=Cart()).run_dir == Path("runs") / name
+
+
+def test_unknown_names_leave_no_folder(config: TrainConfig, tmp_path: Path) -> None:
+    for wrong in (replace(config, env="RunAwya-v0"), replace(config, agent="pop"), replace(config, env="RunAway-v0", hub="wifi")):
+        with pytest.raises(UnknownNameError):
+            train(wrong)
+    assert names(tmp_path) == []
+
+
+def test_resume_refuses_what_does_not_belong(config: TrainConfig, tmp_path: Path) -> None:
+    with pytest.raises(RunError, match="no run in"):
+        resume(tmp_path, env=Cart())
+    train(replace(config, episodes=2), env=Cart())
+    checkpoint = tmp_path / "run" / "checkpoint.bin"
+    state = load_checkpoint(checkpoint)
+    save_checkpoint(checkpoint, {**state, "identity": {**state["identity"], "seed": 77}})
+    with pytest.raises(CheckpointError, match="another config or environment"):
+        resume(tmp_path / "run", env=Cart())
+    checkpoint.write_bytes(b"PK\x03\x04")
+    with pytest.raises(CheckpointError, match="no checkpoint of this version"):
+        resume(tmp_path / "run", env=Cart())
+    for text in ("{", "[]", '{"bricksrl_run": 2, "config": {}}'):
+        (tmp_path / "run" / "config.json").write_text(text)
+        with pytest.raises(RunError, match=r"config\.json"):
+            resume(tmp_path / "run", env=Cart())
+
+
+def test_random_agent_runs_too(config: TrainConfig) -> None:
+    result = train(replace(config, agent="random", settings=None), env=Cart())
+    assert [episode.phase for episode in result.episodes] == [Phase.TRAIN] * 6
+    assert not result.episodes[-1].losses
+
+
+def test_learns_to_leave_the_wall(config: TrainConfig) -> None:
+    settings = SACSettings(hidden=(32, 32), batch_size=32)
+    result = train(replace(config, episodes=25, settings=settings), env=Cart())
+    assert sum(episode.return_ for episode in result.episodes[-5:]) / 5 > 5.0

@@ -1,0 +1,117 @@
+"""A user's robot with a model from an MJCF file, and models that cannot be used."""
+
+from __future__ import annotations
+
+import io
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from bricksrl.data.schema import describe_task
+from bricksrl.envs import get_task
+from bricksrl.errors import TwinError
+from bricksrl.robots import Direction, HubKind, Motor, PoweredUpSensor, Robot, SensorKind, UltrasonicSensor
+from bricksrl.twin.make_body import make_body
+from bricksrl.twin.mujoco_body import MujocoBody
+from bricksrl.twin.scene import Scene
+from bricksrl.virtual_hub import run_file
+
+ROVER_XML = """
+<mujoco>
+  <worldbody>
+    <body name="rover" pos="0 0 0.028">
+      <freejoint/>
+      <geom type="box" size="0.06 0.04 0.012" pos="0.01 0 0.02" mass="0.4"/>
+      <geom type="sphere" size="0.01" pos="-0.06 0 -0.018" condim="1" priority="1" mass="0.01"/>
+      <geom type="sphere" size="0.01" pos="0.06 0 -0.018" condim="1" priority="1" mass="0.01"/>
+      <site name="eyes" pos="0.07 0 0.02"/>
+      <body name="left_wheel" pos="0 0.056 0">
+        <joint name="left" axis="0 1 0"/>
+        <geom type="ellipsoid" size="0.028 0.007 0.028" mass="0.02" friction="1 0.005 0.0001" priority="1"/>
+      </body>
+      <body name="right_wheel" pos="0 -0.056 0">
+        <joint name="right" axis="0 1 0"/>
+        <geom type="ellipsoid" size="0.028 0.007 0.028" mass="0.02" friction="1 0.005 0.0001" priority="1"/>
+      </body>
+    </body>
+  </worldbody>
+</mujoco>
+"""
+PROGRAM = """
+from pybricks.parameters import Direction, Port
+from pybricks.pupdevices import Motor, UltrasonicSensor
+from pybricks.robotics import DriveBase
+base = DriveBase(Motor(Port.A, Direction.COUNTERCLOCKWISE), Motor(Port.B), wheel_diameter=56, axle_track=112)
+eyes = UltrasonicSensor(Port.C)
+before = eyes.distance()
+base.straight(150)
+print(base.distance(), before - eyes.distance())
+"""
+
+
+@pytest.fixture
+def rover(tmp_path: Path) -> Robot:
+    path = tmp_path / "rover.xml"
+    path.write_text(ROVER_XML)
+    motors = (Motor("left", "A", direction=Direction.COUNTERCLOCKWISE), Motor("right", "B"))
+    return Robot("rover", HubKind.PRIME, motors=motors, sensors=(UltrasonicSensor("eyes", "C"),), model=str(path))
+
+
+def test_a_user_s_robot_drives_towards_its_wall(rover: Robot, tmp_path: Path) -> None:
+    (tmp_path / "main.py").write_text(PROGRAM)
+    body = make_body(rover, scene=Scene(wall_distance_mm=(600.0, 600.0)))
+    said = io.BytesIO()
+    assert isinstance(body, MujocoBody)
+    assert run_file(tmp_path / "main.py", body, stdout=said) == 0
+    driven_mm, nearer_mm = map(int, said.getvalue().split())
+    assert driven_mm == pytest.approx(150, abs=3) and nearer_mm == pytest.approx(150, abs=8)
+
+
+def test_gears_and_direction_are_those_of_the_description(rover: Robot) -> None:
+    geared = replace(rover, motors=(replace(rover.motors[0], gears=(12, 36)), replace(rover.motors[1], gears=(12, 36))))
+    body = make_body(geared)
+    assert isinstance(body, MujocoBody)
+    assert [body.model.actuator(f"motor_{port}").gear[0] for port in "AB"] == [-3.0, 3.0]
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"motors": (Motor("nose", "A"),)}, "has no hinge 'nose' of robot 'rover' .it has: left, right."),
+        ({"sensors": (UltrasonicSensor("ears", "C"),)}, "has no site 'ears'"),
+        ({"sensors": (PoweredUpSensor("bump", "C", SensorKind.FORCE),)}, "has no site 'bump'"),
+        ({"model": "nowhere.xml"}, "no model nowhere.xml"),
+        ({"model": "bricksrl.robots:ROBOTS"}, "gives dict; let it be a function"),
+        ({"model": "bricksrl.robots:nothing"}, "cannot be loaded"),
+        ({"model": "not a module"}, "cannot be loaded"),
+        ({"model": "bricksrl.twin.models.two_wheeler:build"}, "is no 2Wheeler"),
+    ],
+)
+def test_what_does_not_fit_is_one_line(rover: Robot, change: dict[str, object], says: str) -> None:
+    with pytest.raises(TwinError, match=says):
+        make_body(replace(rover, **change))
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("<mujoco", "is no MJCF file"),
+        ("<mujoco/>", "has no body"),
+        (ROVER_XML.replace('0.028">', '0.028 3 4">'), "no MJCF|compile"),
+    ],
+)
+def test_a_file_that_is_no_model_is_one_line(rover: Robot, text: str, says: str) -> None:
+    Path(str(rover.model)).write_text(text)
+    with pytest.raises(TwinError, match=says) as caught:
+        make_body(rover)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_robot_without_a_sensor_stands_before_no_wall(rover: Robot) -> None:
+    with pytest.raises(TwinError, match="no ultrasonic sensor"):
+        make_body(replace(rover, sensors=()), scene=Scene(wall_distance_mm=(600.0, 600.0)))
+
+
+def test_datasets_describe_the_robot_and_not_its_simulation() -> None:
+    assert "model" not in describe_task(get_task("RunAway-v0"), {}).robot

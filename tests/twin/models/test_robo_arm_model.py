@@ -1,0 +1,286 @@
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import math
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+
+from bricksrl.errors import TwinError
+from bricksrl.robots import BENCH, ROBO_ARM
+from bricksrl.twin.make_body import make_body
+from bricksrl.twin.models import robo_arm
+from bricksrl.twin.mujoco_body import MujocoBody
+from bricksrl.twin.physics import Physics, RandomPhysics
+from bricksrl.twin.scene import OPEN_FLOOR, Scene
+from bricksrl.virtual_hub.firmware.control import OnCompletion
+from bricksrl.virtual_hub.machine import Machine
+
+QUIET = Physics(distance_noise_mm=0, distance_noise_ratio=0, tilt_noise_deg=0, gyro_noise_deg_s=0, acceleration_noise_mm_s2=0)
+START = {"rotation": 0, "low": 40, "high": -70, "grab": -95}
+WITH_BALL = Scene(ball=True)
+
+
+class Arm:
+    """A RoboArm whose motors the firmware's servos turn, as a hub program would."""
+
+    def __init__(self, physics: Physics | RandomPhysics = QUIET, scene: Scene = OPEN_FLOOR, seed: int = 0) -> None:
+        body = make_body(ROBO_ARM, scene=scene, physics=physics, seed=seed)
+        assert isinstance(body, MujocoBody)
+        self.body, self.machine = body, Machine(body)
+        self.servos = {motor.name: self.machine.servos[motor.port] for motor in ROBO_ARM.motors}
+        for motor in ROBO_ARM.motors:
+            ratio = round(1000 * motor.gears[1] / motor.gears[0]) if motor.gears else 1000
+            self.servos[motor.name].setup(motor.direction, ratio, True, 0)
+
+    def angles(self) -> dict[str, int]:
+        return {name: servo.angle_deg() for name, servo in self.servos.items()}
+
+    def go(self, **targets: int) -> None:
+        for name, angle in targets.items():
+            self.servos[name].run_target(250, angle, OnCompletion.HOLD)
+        self.machine.advance(2000)
+
+    def place(self, name: str) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+        """Of a body's origin in the world, m."""
+        mujoco.mj_kinematics(self.body.model, self.body.data)
+        return np.array(self.body.data.body(name).xpos)
+
+    def fingertips_apart_mm(self) -> float:
+        mujoco.mj_kinematics(self.body.model, self.body.data)
+        tips = []
+        for side in ("left", "right"):
+            finger = self.body.data.body(f"finger_{side}")
+            tips.append(finger.xpos + 0.052 * finger.xmat.reshape(3, 3)[:, 2])
+        return float(np.linalg.norm(tips[0] - tips[1])) * 1000
+
+
+def quiet(**values: Any) -> Physics:
+    return dataclasses.replace(QUIET, **values)
+
+
+class TestModel:
+    def test_another_robot_or_a_wall_is_refused(self) -> None:
+        with pytest.raises(TwinError, match="no RoboArm"):
+            robo_arm.build(BENCH, OPEN_FLOOR)
+        with pytest.raises(TwinError, match="wall"):
+            robo_arm.build(ROBO_ARM, Scene(wall_distance_mm=(200.0, 300.0)))
+        with pytest.raises(TwinError, match="heading_deg"):
+            robo_arm.build(ROBO_ARM, Scene(heading_deg=(-5.0, 5.0)))
+
+    def test_it_has_its_cameras(self) -> None:
+        model = robo_arm.build(ROBO_ARM, OPEN_FLOOR).compile()
+        assert {model.camera(index).name for index in range(model.ncam)} == {"overview", "webcam", "chase", "portrait"}
+        np.testing.assert_allclose(model.camera("webcam").pos, [0, 0, 0.68])
+
+    def test_only_a_scene_with_a_ball_has_one(self) -> None:
+        assert robo_arm.build(ROBO_ARM, WITH_BALL).compile().geom("ball").size[0] == pytest.approx(0.024)
+        with pytest.raises(KeyError):
+            robo_arm.build(ROBO_ARM, OPEN_FLOOR).compile().geom("ball")
+
+    def test_nothing_touches_anything_at_the_ends_of_all_ranges(self) -> None:
+        # Nothing is made to collide, so the ranges must keep the ball and the fingers off the floor and off the base.
+        arm = Arm(scene=WITH_BALL)
+        for low, high in itertools.product((10, 70), (-150, 10)):
+            arm.go(low=low, high=high, grab=-95)
+            ball = arm.body.data.geom("ball").xpos
+            assert ball[2] > 0.024 + 0.01
+            assert math.hypot(ball[0], ball[1]) > 0.024 + 0.03
+            assert arm.body.data.ncon == 0
+
+
+class TestAtRest:
+    def test_the_hub_reads_the_angles_of_the_start(self) -> None:
+        assert Arm().angles() == START
+
+    @pytest.mark.parametrize("scene", [OPEN_FLOOR, WITH_BALL], ids=["empty", "ball"])
+    def test_it_stands_by_itself_while_its_motors_coast(self, scene: Scene) -> None:
+        arm = Arm(scene=scene)
+        arm.machine.advance(10_000)
+        assert arm.angles() == pytest.approx(START, abs=1)
+
+    def test_so_does_a_heavy_arm_with_worn_in_motors(self) -> None:
+        arm = Arm(quiet(mass_scale=1.15, motor_friction_scale=0.7))
+        arm.machine.advance(10_000)
+        assert arm.angles() == pytest.approx(START, abs=1)
+
+    def test_without_friction_it_sinks(self) -> None:
+        arm = Arm(quiet(mass_scale=3.0, motor_friction_scale=0.0))
+        arm.machine.advance(3000)
+        assert arm.angles()["low"] > 70
+        assert arm.angles()["high"] < -100
+
+    def test_its_hub_lies_flat(self) -> None:
+        arm = Arm()
+        arm.machine.advance(1000)
+        assert arm.body.tilt_deg() == pytest.approx((0, 0), abs=0.01)
+        assert arm.body.acceleration_mm_s2() == pytest.approx((0, 0, 9810), abs=10)
+        assert arm.body.angular_velocity_deg_s() == pytest.approx((0, 0, 0), abs=0.1)
+        assert dataclasses.astuple(arm.body.pose()) == (0, 0, pytest.approx(0, abs=0.1))
+
+
+class TestJoints:
+    @pytest.mark.parametrize(
+        ("joint", "angle"),
+        [
+            ("rotation", -90),
+            ("rotation", 100),
+            ("low", 10),
+            ("low", 70),
+            ("high", -150),
+            ("high", 10),
+            ("grab", -148),
+            ("grab", -45),
+        ],
+    )
+    def test_a_joint_reaches_its_target_and_holds_it(self, joint: str, angle: int) -> None:
+        arm = Arm(scene=WITH_BALL if joint != "grab" else OPEN_FLOOR)
+        arm.go(**{joint: angle})
+        assert arm.servos[joint].is_done()
+        held = arm.angles()
+        assert held[joint] == pytest.approx(angle, abs=6)
+        arm.machine.advance(3000)
+        assert arm.angles() == pytest.approx(held, abs=1)
+        assert {name: angle for name, angle in held.items() if name != joint} == pytest.approx(
+            {name: angle for name, angle in START.items() if name != joint}, abs=2
+        )
+
+    def test_all_joints_move_together_as_the_task_moves_them(self) -> None:
+        arm = Arm()
+        for name, angle in (("rotation", 50), ("low", -20), ("high", -40), ("grab", 25)):
+            arm.servos[name].run_angle(250, angle, OnCompletion.HOLD)
+        arm.machine.advance(1500)
+        assert arm.angles() == pytest.approx({"rotation": 50, "low": 20, "high": -110, "grab": -70}, abs=6)
+
+    def test_stops_block_a_joint_not_far_beyond_its_range(self) -> None:
+        arm = Arm()
+        for name in ("low", "high", "grab"):
+            arm.servos[name].dc(60)
+        arm.machine.advance(2000)
+        highest = arm.angles()
+        for name in ("low", "high", "grab"):
+            arm.servos[name].dc(-60)
+        arm.machine.advance(2000)
+        for name, (low, high) in {m.name: m.range_deg for m in ROBO_ARM.motors if m.range_deg}.items():
+            assert high + 5 < highest[name] < high + 20
+            assert low - 20 < arm.angles()[name] < low - 5
+
+    def test_the_turntable_turns_for_ever_a_third_of_its_motor(self) -> None:
+        arm = Arm()
+        arm.servos["rotation"].run_angle(250, 800, OnCompletion.HOLD)
+        arm.machine.advance(5000)
+        assert arm.angles()["rotation"] == pytest.approx(800, abs=4)
+        assert arm.body.angle_mdeg("B") / 1000 == pytest.approx(2400, abs=12)
+        # Counter-clockwise from above, which headings count negative.
+        assert arm.body.pose().heading_deg == pytest.approx(-800, abs=5)
+        assert arm.body.heading_deg() == pytest.approx(-800, abs=5)
+
+    def test_its_gyroscope_feels_the_turntable(self) -> None:
+        arm = Arm()
+        arm.servos["rotation"].run(100)
+        arm.machine.advance(1500)
+        assert arm.body.angular_velocity_deg_s() == pytest.approx((0, 0, 100), abs=15)
+
+    def test_low_leans_forward_and_high_lifts(self) -> None:
+        arm = Arm()
+        elbow, wrist = arm.place("high"), arm.place("finger_left")
+        arm.go(low=70)
+        assert arm.place("high")[0] > elbow[0] + 0.01
+        arm.go(low=40, high=10)
+        assert arm.place("finger_left")[2] > wrist[2] + 0.03
+
+    def test_the_gripper_closes_to_where_its_fingers_meet(self) -> None:
+        arm = Arm()
+        arm.go(grab=-148)
+        assert arm.fingertips_apart_mm() < 14
+        arm.go(grab=-45)
+        assert arm.fingertips_apart_mm() > 80
+
+    def test_the_fingers_mirror_each_other(self) -> None:
+        arm, worst = Arm(quiet(backlash_deg=0.0)), 0.0
+        arm.servos["grab"].run_target(600, -140, OnCompletion.HOLD)
+        for _ in range(200):
+            arm.machine.advance(5)
+            data = arm.body.data
+            moved = data.joint("motor_E").qpos[0] - arm.body.model.joint("motor_E").qpos0[0]
+            worst = max(worst, abs(data.joint("mirrored").qpos[0] - moved))
+        assert moved == pytest.approx(math.radians(-22.5), abs=0.05)
+        assert math.degrees(worst) < 1.0
+
+
+class TestWebcam:
+    def pixel(self, arm: Arm) -> tuple[float, float]:
+        """Where the ball's centre is in the image of 640 x 480."""
+        model, data = arm.body.model, arm.body.data
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_camlight(model, data)
+        camera = data.camera("webcam")
+        x, y, z = camera.xmat.reshape(3, 3).T @ (data.geom("ball").xpos - camera.xpos)
+        focal = 240 / math.tan(math.radians(model.camera("webcam").fovy[0]) / 2)
+        return 320 - focal * x / z, 240 + focal * y / z
+
+    def test_the_arm_points_down_in_the_image_and_turns_to_the_right(self) -> None:
+        arm = Arm(scene=WITH_BALL)
+        x, y = self.pixel(arm)
+        assert x == pytest.approx(320, abs=1)
+        assert 350 < y < 460
+        arm.go(rotation=90)
+        x, y = self.pixel(arm)
+        assert 430 < x < 540
+        assert y == pytest.approx(240, abs=15)
+
+    def test_the_circle_of_the_goals_is_within_reach(self) -> None:
+        arm = Arm(scene=WITH_BALL)
+        arm.go(low=10, high=-150)
+        assert math.dist(self.pixel(arm), (320, 240)) < 150
+        arm.go(low=70, high=10)
+        assert math.dist(self.pixel(arm), (320, 240)) > 215
+
+
+class TestReset:
+    def test_the_hand_leaves_the_motors_as_they_are(self) -> None:
+        arm = Arm()
+        arm.go(rotation=30, low=20, high=-120, grab=-60)
+        held = arm.angles()
+        arm.body.reset(np.random.default_rng(0))
+        assert arm.angles() == held
+        arm.machine.advance(1000)
+        assert arm.angles() == pytest.approx(held, abs=2)
+
+    def test_random_physics_act(self) -> None:
+        arm, rng, seen = Arm(RandomPhysics()), np.random.default_rng(1), []
+        for _ in range(3):
+            arm.body.reset(rng)
+            physics, model = arm.body.physics, arm.body.model
+            seen.append(physics)
+            assert model.body_mass.sum() == pytest.approx(0.676 * physics.mass_scale, abs=0.002)
+            assert model.joint("backlash_D").range[1] == pytest.approx(math.radians(physics.backlash_deg))
+            assert model.joint("motor_D").frictionloss[0] == pytest.approx(0.1 + 3 * 0.021413 * physics.motor_friction_scale)
+        assert len(set(seen)) == 3
+
+    def test_everything_follows_from_the_seed_bit_for_bit(self) -> None:
+        def history(seed: int) -> list[Any]:
+            arm, seen = Arm(RandomPhysics(), seed=seed), []
+            for turn in (20, -30):
+                for servo in arm.servos.values():
+                    servo.run_angle(250, turn, OnCompletion.HOLD)
+                for _ in range(50):
+                    arm.machine.advance(5)
+                    seen.append((arm.angles(), arm.body.tilt_deg(), arm.body.acceleration_mm_s2(), arm.body.heading_deg()))
+                arm.body.reset(np.random.default_rng(4))
+            return seen
+
+        assert history(5) == history(5)
+        assert history(5) != history(6)
+
+    def test_backlash_is_lost_between_motor_and_turntable(self) -> None:
+        def turned(backlash_deg: float) -> float:
+            arm = Arm(quiet(backlash_deg=backlash_deg))
+            arm.go(rotation=90)
+            return abs(arm.body.pose().heading_deg)
+
+        assert abs(turned(5.0) - 90) < 6
+        assert abs(turned(0.0) - 90) < 2

@@ -1,0 +1,199 @@
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import imageio_ffmpeg
+import numpy as np
+import pytest
+
+from bricksrl.errors import RenderingUnavailableError, TwinError
+from bricksrl.robots import ROBO_ARM, TWO_WHEELER
+from bricksrl.twin.mujoco_body import MujocoBody
+from bricksrl.twin.physics import Physics
+from bricksrl.twin.render import opengl
+from bricksrl.twin.render.opengl import Image, Renderer, write_video
+from bricksrl.twin.scene import Scene
+
+SCENE = Scene(wall_distance_mm=(250.0, 250.0))
+
+
+@pytest.fixture(scope="module")
+def body() -> MujocoBody:
+    return MujocoBody(TWO_WHEELER, SCENE, Physics(), 0)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _opengl(body: MujocoBody) -> None:
+    try:
+        Renderer(body, 16, 16).close()
+    except RenderingUnavailableError as error:
+        pytest.skip(str(error))
+
+
+def picture(body: MujocoBody, width: int, height: int, camera: str = "chase", **options: bool) -> Image:
+    with Renderer(body, width, height, camera, **options) as renderer:
+        return renderer.render()
+
+
+def turquoise(image: Image) -> np.ndarray[tuple[int, int], np.dtype[np.bool_]]:
+    """Where the robot's lower half is."""
+    red, green, blue = (image[..., channel].astype(int) for channel in range(3))
+    return (green > red + 40) & (blue > red + 40)
+
+
+@pytest.mark.parametrize(("width", "height"), [(64, 64), (320, 240), (640, 480)])
+def test_a_picture_has_the_size_asked_for_and_shows_the_robot(body: MujocoBody, width: int, height: int) -> None:
+    image = picture(body, width, height)
+    assert image.shape == (height, width, 3)
+    assert image.dtype == np.uint8
+    rows, columns = np.nonzero(turquoise(image))
+    assert len(rows) > 0.002 * width * height
+    assert 0.25 < rows.mean() / height < 0.75
+    assert 0.25 < columns.mean() / width < 0.75
+
+
+def test_up_is_up(body: MujocoBody) -> None:
+    image = picture(body, 160, 120)
+    red = (image[..., 0] > 100) & (image[..., 1] < 60)
+    assert red[:40].mean() > 0.2
+    assert red[80:].mean() == 0.0
+
+
+def test_chase_moves_along_and_overview_stands_still() -> None:
+    robot = MujocoBody(TWO_WHEELER, SCENE, Physics(), 0)
+    before = {camera: picture(robot, 320, 240, camera) for camera in ("chase", "overview")}
+    robot.set_voltage("E", 5000)
+    robot.set_voltage("A", -5000)
+    robot.advance_to(2000)
+    columns = {}
+    for camera, image in before.items():
+        now = picture(robot, 320, 240, camera)
+        columns[camera] = np.nonzero(turquoise(now))[1].mean() - np.nonzero(turquoise(image))[1].mean()
+    assert abs(columns["chase"]) < 10
+    assert columns["overview"] < -40
+
+
+def test_shadows_darken_and_smoothing_changes_edges(body: MujocoBody) -> None:
+    plain = picture(body, 160, 120, "portrait", smooth=False)
+    assert picture(body, 160, 120, "portrait", smooth=False, shadows=True).mean() < plain.mean() - 0.5
+    assert not np.array_equal(picture(body, 160, 120, "portrait"), plain)
+
+
+def test_drawing_does_not_disturb_the_physics() -> None:
+    poses = []
+    for draws in (False, True):
+        robot = MujocoBody(TWO_WHEELER, SCENE, Physics(), 0)
+        robot.set_voltage("E", 4000)
+        for now_ms in range(0, 400, 100):
+            robot.advance_to(now_ms)
+            if draws:
+                picture(robot, 32, 32)
+        poses.append(robot.pose())
+    assert poses[0] == poses[1]
+
+
+@pytest.mark.parametrize(
+    ("camera", "smooth", "alpha"),
+    [("webcam", False, None), ("overview", False, None), ("webcam", True, None), ("webcam", False, 0.5)],
+)
+def test_what_stands_still_is_drawn_once_and_the_picture_is_the_same(
+    camera: str, smooth: bool, alpha: float | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    arm = MujocoBody(ROBO_ARM, Scene(ball=True), Physics(), 0)
+    if alpha is not None:  # of all that can be seen
+        arm.model.geom_rgba[:, 3] = arm.model.mat_rgba[:, 3] = alpha
+    with Renderer(arm, 160, 120, camera, smooth=smooth) as renderer:
+        for port, volts, now_ms in (("B", 6000, 400), ("A", 6000, 900), ("D", -6000, 1500)):
+            arm.set_voltage(port, volts)
+            arm.advance_to(now_ms)
+            with monkeypatch.context() as patched:
+                patched.setattr(opengl, "stands_still", lambda model, camera: False)
+                whole = picture(arm, 160, 120, camera, smooth=smooth)
+            part = renderer.render()
+            assert renderer._moving is not None
+            assert renderer._puts_over is (not smooth and alpha is None)
+            assert 0 < renderer._moving.box(arm.data).width < 160
+            assert np.abs(part.astype(int) - whole).max() <= 2
+
+
+def test_a_picture_is_repeatable_and_its_own(body: MujocoBody) -> None:
+    with Renderer(body, 64, 64) as renderer:
+        first, second = renderer.render(), renderer.render()
+    assert np.array_equal(first, second)
+    assert first.base is None or first.base is not second.base
+
+
+def test_mistakes_are_named(body: MujocoBody) -> None:
+    with pytest.raises(TwinError, match="choose one of overview, chase, portrait"):
+        Renderer(body, camera="selfie")
+    with pytest.raises(TwinError, match="0 x 240"):
+        Renderer(body, width=0)
+    renderer = Renderer(body, 16, 16)
+    renderer.close()
+    renderer.close()
+    with pytest.raises(TwinError, match="closed"):
+        renderer.render()
+
+
+PROGRAM = """
+from bricksrl.errors import RenderingUnavailableError
+from bricksrl.robots import TWO_WHEELER
+from bricksrl.twin.make_body import make_body
+try:
+    body = make_body(TWO_WHEELER)
+    from bricksrl.twin.render.opengl import Renderer
+    Renderer(body)
+except RenderingUnavailableError as error:
+    print(error)
+"""
+
+
+@pytest.mark.parametrize("backend", ["disable", "nonsense"])
+def test_without_a_library_to_draw_with_one_line_says_what_to_do(backend: str) -> None:
+    environment = {**os.environ, "MUJOCO_GL": backend}
+    done = subprocess.run([sys.executable, "-c", PROGRAM], env=environment, capture_output=True, text=True, check=True)
+    assert len(done.stdout.splitlines()) == 1
+    assert "MUJOCO_GL" in done.stdout
+    assert backend in done.stdout + done.stderr
+
+
+def test_physics_need_no_library_to_draw_with() -> None:
+    program = "import sys\nfrom bricksrl.robots import TWO_WHEELER\nfrom bricksrl.twin.make_body import make_body\n"
+    program += (
+        "make_body(TWO_WHEELER).advance_to(100)\nprint('bricksrl.twin.render.opengl' in sys.modules, 'mujoco' in sys.modules)"
+    )
+    environment = {**os.environ, "MUJOCO_GL": "disable"}
+    done = subprocess.run([sys.executable, "-c", program], env=environment, capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["False", "True"]
+
+
+def test_a_video_holds_the_frames(body: MujocoBody, tmp_path: Path) -> None:
+    frame = picture(body, 96, 64)
+    frames = [np.roll(frame, 3 * shift, axis=1) for shift in range(12)]
+    path = write_video(tmp_path / "deep" / "run.mp4", iter(frames), fps=20)
+    count, seconds = imageio_ffmpeg.count_frames_and_secs(str(path))
+    assert count == 12
+    assert seconds == pytest.approx(0.6, abs=0.05)
+    reader = imageio_ffmpeg.read_frames(str(path))
+    assert next(reader)["size"] == (96, 64)
+    decoded = np.frombuffer(next(reader), np.uint8).reshape(64, 96, 3)
+    reader.close()
+    assert np.abs(decoded.astype(int) - frame).mean() < 12
+
+
+def test_frames_of_two_sizes_or_none_make_no_video(tmp_path: Path) -> None:
+    with pytest.raises(TwinError, match="no frames"):
+        write_video(tmp_path / "none.mp4", [], fps=20)
+    with pytest.raises(TwinError, match="one size"):
+        write_video(tmp_path / "two.mp4", [np.zeros((16, 16, 3), np.uint8), np.zeros((32, 16, 3), np.uint8)], fps=20)
+
+
+def test_a_renderer_that_is_dropped_does_not_blind_the_next() -> None:
+    body = MujocoBody(TWO_WHEELER, Scene(), Physics(), 0)
+    renderer = Renderer(body, 64, 48)
+    first = renderer.render()
+    renderer = Renderer(body, 64, 48)
+    assert np.array_equal(renderer.render(), first)

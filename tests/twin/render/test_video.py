@@ -1,0 +1,92 @@
+"""Films of programs: as long as the robot's own time, whatever ends them."""
+
+from __future__ import annotations
+
+import io
+from contextlib import nullcontext
+from pathlib import Path
+
+import imageio_ffmpeg
+import numpy as np
+import pytest
+
+from bricksrl.cli import main
+from bricksrl.errors import RenderingUnavailableError, TwinError
+from bricksrl.robots import TWO_WHEELER
+from bricksrl.twin.make_body import make_body
+from bricksrl.twin.mujoco_body import MujocoBody
+from bricksrl.twin.physics import Physics
+from bricksrl.twin.render.opengl import Image, Renderer
+from bricksrl.twin.render.video import filmed
+from bricksrl.twin.scene import Scene
+from bricksrl.virtual_hub.run import run_file
+
+DRIVE = """
+from pybricks.pupdevices import Motor
+from pybricks.parameters import Port
+from pybricks.tools import wait
+motor = Motor(Port.A)
+motor.run(500)
+wait(1000)
+print(motor.angle())
+"""
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _opengl() -> None:
+    try:
+        Renderer(MujocoBody(TWO_WHEELER, Scene(), Physics(), 0), 16, 16).close()
+    except RenderingUnavailableError as error:
+        pytest.skip(str(error))
+
+
+def film(folder: Path, source: str, video: Path | None, time_limit_s: float | None = None) -> tuple[int, str, str]:
+    path = folder / "main.py"
+    path.write_text(source)
+    out, err = io.BytesIO(), io.StringIO()
+    body = make_body(TWO_WHEELER)
+    with nullcontext(body) if video is None else filmed(body, video) as seen:
+        code = run_file(path, seen, stdout=out, stderr=err, time_limit_s=time_limit_s)
+    return code, out.getvalue().decode(), err.getvalue()
+
+
+def frames(video: Path) -> list[Image]:
+    count, _ = imageio_ffmpeg.count_frames_and_secs(str(video))
+    reader = imageio_ffmpeg.read_frames(str(video))
+    width, height = next(reader)["size"]
+    read = [np.frombuffer(next(reader), np.uint8).reshape(height, width, 3) for _ in range(count)]
+    reader.close()
+    return read
+
+
+def test_a_program_is_filmed_at_the_speed_of_its_own_time(tmp_path: Path) -> None:
+    video = tmp_path / "films" / "drive.mp4"
+    assert film(tmp_path, DRIVE, video) == film(tmp_path, DRIVE, None)
+    count, seconds = imageio_ffmpeg.count_frames_and_secs(str(video))
+    assert count == 26 and seconds == pytest.approx(1.04, abs=0.05)
+    first, *_, last = frames(video)
+    assert first.shape == (360, 480, 3) and np.abs(first.astype(int) - last).max() > 50, "it turned"
+
+
+@pytest.mark.realtime
+@pytest.mark.parametrize(
+    ("source", "time_limit_s", "count", "code"),
+    [("print(1)", None, 1, 0), (DRIVE + "while True: wait(10)", 0.4, 11, 0), (DRIVE + "1 / 0", None, 26, 1)],
+)
+def test_a_film_is_whole_however_the_program_ends(
+    tmp_path: Path, source: str, time_limit_s: float | None, count: int, code: int
+) -> None:
+    video = tmp_path / "end.mp4"
+    assert film(tmp_path, source, video, time_limit_s)[0] == code
+    assert len(frames(video)) == count
+
+
+def test_what_cannot_be_filmed_is_one_line(tmp_path: Path, capsys) -> None:
+    (tmp_path / "main.py").write_text("print(1)")
+    with pytest.raises(TwinError, match=r"end it in \.mp4"):
+        film(tmp_path, "print(1)", tmp_path / "film.avi")
+    for hub, robot, says in (("virtual", "bench", "nothing to see of robot 'bench'"), ("ble", "bench", "only a virtual robot")):
+        told = ("--hub", hub, "--robot", robot, "--video", str(tmp_path / "a.mp4"))
+        assert main(("hub", "run", str(tmp_path / "main.py"), *told)) == 2
+        captured = capsys.readouterr()
+        assert captured.out == "" and captured.err.startswith("error: ") and says in captured.err

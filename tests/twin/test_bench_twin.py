@@ -1,0 +1,121 @@
+"""The twin of a robot without a MuJoCo model: free motors, and sensors that read what the scene says."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from bricksrl.errors import DescriptionError, TwinError
+from bricksrl.hub.interface import Distance, Interface, MotorAngle, RunAngle, SensorReading, Wait
+from bricksrl.hub.link.lockstep import HubLink
+from bricksrl.hub.program.generate import generate
+from bricksrl.robots import TWO_WHEELER, WALKER, Direction, HubKind, Motor, PoweredUpSensor, Robot, SensorKind, UltrasonicSensor
+from bricksrl.twin.make_body import make_body
+from bricksrl.twin.physics import Physics, RandomPhysics
+from bricksrl.twin.scene import Scene
+from bricksrl.virtual_hub.pybricks import pupsensors
+from bricksrl.virtual_hub.transport import VirtualHub
+
+ROBOT = Robot(
+    "crank",
+    HubKind.TECHNIC,
+    motors=(Motor("crank", "A", direction=Direction.COUNTERCLOCKWISE, gears=(12, 36)), Motor("other", "C")),
+    sensors=(PoweredUpSensor("light", "B", SensorKind.COLOR), UltrasonicSensor("eyes", "D")),
+)
+CHANNELS = (MotorAngle("crank", -1000, 1000), SensorReading("light", "reflection", 0, 100, "%"), Distance("eyes"))
+INTERFACE = Interface((RunAngle("crank", -90, 90, 500),), CHANNELS, Wait(1200))
+SCENE = Scene(readings={"light": lambda angles: 50 + angles["crank"] / 10, "eyes": lambda angles: 500 + angles["crank"]})
+
+
+def readings(scene: Scene, command: float) -> list[float]:
+    with HubLink(VirtualHub(make_body(ROBOT, scene=scene)), ROBOT, INTERFACE) as link:
+        return link.act([command]).values.tolist()
+
+
+@pytest.mark.parametrize("command", [80.0, -60.0])
+def test_sensors_read_what_the_scene_says_at_the_motors_angles(command: float) -> None:
+    angle, light, distance = readings(SCENE, command)
+    assert angle == pytest.approx(command, abs=2), "through direction and gears"
+    assert light == pytest.approx(50 + angle / 10, abs=0.6)
+    assert distance == pytest.approx(500 + angle, abs=1.5)
+
+
+def test_an_ultrasonic_sensor_without_a_reading_sees_nothing_and_the_others_stay_in_their_range() -> None:
+    assert readings(Scene(readings={"light": lambda angles: 7}), 10.0)[2] == 2000
+    far = Scene(readings={"light": lambda angles: 7, "eyes": lambda angles: 1})
+    assert readings(far, 10.0)[1:] == [7.0, 40.0]
+
+
+def test_the_program_uses_the_class_and_the_method() -> None:
+    source = generate(ROBOT, INTERFACE).source
+    assert "sensor_light = ColorSensor(Port.B)" in source
+    assert "sensor_light.reflection()" in source
+    assert "from pybricks.pupdevices import ColorSensor, Motor, UltrasonicSensor" in source
+
+
+def test_a_method_that_the_sensor_lacks_is_told_with_those_that_it_has() -> None:
+    interface = dataclasses.replace(INTERFACE, channels=(SensorReading("light", "reflexion", 0, 1),))
+    with pytest.raises(
+        DescriptionError, match="no reading 'reflexion'; did you mean 'reflection'. It has reflection, ambient, hsv"
+    ):
+        generate(ROBOT, interface)
+
+
+def test_what_a_scene_raises_is_not_blamed_on_the_hub_program() -> None:
+    scene = dataclasses.replace(SCENE, readings={"light": lambda angles: 1 / 0})
+    link = HubLink(VirtualHub(make_body(ROBOT, scene=scene)), ROBOT, INTERFACE)
+    with (
+        pytest.raises(TwinError, match=r"the scene says about port B .* ZeroDivisionError: .*test_bench_twin.py, line \d+"),
+        link,
+    ):
+        link.read()
+
+
+def test_readings_are_methods_of_the_virtual_sensors() -> None:
+    for kind in SensorKind:
+        device = getattr(pupsensors, kind.value)
+        assert all(callable(getattr(device, name)) for name in kind.readings), kind
+
+
+@pytest.mark.parametrize(
+    ("scene", "says"),
+    [
+        (Scene(), "nothing says what 'light'"),
+        (Scene(readings={"nose": lambda angles: 1}), "no sensor 'nose'"),
+        (Scene(wall_distance_mm=(200.0, 300.0)), "without wall"),
+    ],
+)
+def test_scenes_that_do_not_fit(scene: Scene, says: str) -> None:
+    with pytest.raises(TwinError, match=says):
+        make_body(ROBOT, scene=scene)
+
+
+def test_a_modelled_robot_has_the_sensors_of_its_model_only() -> None:
+    with pytest.raises(TwinError, match="sensors of its own"):
+        make_body(TWO_WHEELER, scene=Scene(readings={"eyes": lambda angles: 1}))
+    touching = dataclasses.replace(WALKER, sensors=(*WALKER.sensors, PoweredUpSensor("bump", "F", SensorKind.FORCE)))
+    with pytest.raises(TwinError, match="no place for 'bump'"):
+        make_body(touching)
+
+
+@pytest.mark.parametrize(
+    ("channel", "says"), [(Distance("light"), "SensorReading"), (SensorReading("eyes", "distance", 0, 9), "use Distance")]
+)
+def test_channels_fit_their_sensors(channel: Distance | SensorReading, says: str) -> None:
+    with pytest.raises(DescriptionError, match=says):
+        generate(ROBOT, dataclasses.replace(INTERFACE, channels=(channel,)))
+    with pytest.raises(DescriptionError, match="no reading"):
+        generate(ROBOT, dataclasses.replace(INTERFACE, channels=(SensorReading("light", "a b", 0, 9),)))
+
+
+def test_its_physics_can_be_given_and_drawn() -> None:
+    assert make_body(ROBOT, scene=SCENE).battery_mv == 7200
+    assert make_body(ROBOT, scene=SCENE, physics=Physics(battery_v=7.9)).battery_mv == 7900
+    body = make_body(ROBOT, scene=SCENE, physics=RandomPhysics())
+    drawn = set()
+    for seed in range(3):
+        body.reset(np.random.default_rng(seed))
+        drawn.add(body.battery_mv)
+    assert len(drawn) == 3

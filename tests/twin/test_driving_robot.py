@@ -1,0 +1,324 @@
+"""A driving robot from its numbers: every hub and motor, how it drives, and what its sensors find in the scene."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+
+from bricksrl.errors import DescriptionError, TwinError
+from bricksrl.robots import (
+    TWO_WHEELER,
+    WALKER,
+    Chassis,
+    Direction,
+    DriveBase,
+    HubKind,
+    Motor,
+    MotorKind,
+    Mount,
+    PoweredUpSensor,
+    Robot,
+    SensorKind,
+    UltrasonicSensor,
+)
+from bricksrl.twin.make_body import make_body
+from bricksrl.twin.models.mjcf import motor_constants
+from bricksrl.twin.mujoco_body import MujocoBody
+from bricksrl.twin.objects import COLORS, Block, Field, Lamp, Line, Ramp, Wall, oval
+from bricksrl.twin.physics import Physics
+from bricksrl.twin.scene import OPEN_FLOOR, Scene
+from bricksrl.virtual_hub.firmware.control import OnCompletion
+from bricksrl.virtual_hub.machine import Machine
+from bricksrl.virtual_hub.stimuli import Sense
+
+QUIET = Physics(color_noise_pct=0.0, distance_noise_mm=0.0, distance_noise_ratio=0.0, tilt_noise_deg=0.0)
+ROVER = Robot(
+    "rover",
+    HubKind.TECHNIC,
+    motors=(
+        Motor("left", "A", MotorKind.TECHNIC_L_ANGULAR, Direction.COUNTERCLOCKWISE),
+        Motor("right", "B", MotorKind.TECHNIC_L_ANGULAR),
+    ),
+    sensors=(PoweredUpSensor("light", "C", SensorKind.COLOR, Mount((60, 0, 12), "down")),),
+    drive_base=DriveBase("left", "right", 62.4, 128),
+    needs_imu=True,
+)
+
+
+def placed(scene: Scene = OPEN_FLOOR, robot: Robot = ROVER) -> MujocoBody:
+    body = make_body(robot, scene=scene, physics=QUIET)
+    assert isinstance(body, MujocoBody)
+    return body
+
+
+def driven(robot: Robot, body: MujocoBody) -> Any:
+    """A machine, and its drive base."""
+    base, machine = robot.drive_base, Machine(body)
+    assert base is not None
+    servos = []
+    for name in (base.left, base.right):
+        motor = robot.motor(name)
+        ratio = motor.gears[-1] * 1000 // motor.gears[0] if motor.gears else 1000
+        servos.append(machine.servos[motor.port])
+        servos[-1].setup(motor.direction, ratio, True, 0)
+    drive = machine.new_drive_base(*servos, round(base.wheel_diameter_mm * 1000), round(base.axle_track_mm * 1000))
+    return machine, drive
+
+
+def straight(machine: Machine, drive: Any, distance_mm: int, limit_ms: int = 8000) -> None:
+    drive.straight(distance_mm, OnCompletion.HOLD)
+    while not drive.is_done() and machine.time_ms < limit_ms:
+        machine.advance(5)
+
+
+@pytest.mark.parametrize("kind", MotorKind)
+def test_motors_turn_as_fast_without_load_as_the_curves_say(kind: MotorKind) -> None:
+    constants = motor_constants(kind)
+    stall_mnm = 1000 * (7.2 * constants.torque_nm_v - constants.friction_nm)
+    free_deg_s = math.degrees(stall_mnm / 1000 / constants.drag_nm_s)
+    # Pybricks' curves at 7.2 V; the maximum speeds that the firmware allows are 66 % (small) to 105 % (medium, large) of these.
+    expected = {
+        MotorKind.SPIKE_SMALL: (66, 941),
+        MotorKind.TECHNIC_L: (184, 1470),
+        MotorKind.TECHNIC_XL: (174, 1561),
+        MotorKind.INTERACTIVE: (97, 1196),
+        MotorKind.SPIKE_MEDIUM: (138, 951),
+        MotorKind.TECHNIC_M_ANGULAR: (138, 951),
+        MotorKind.SPIKE_LARGE: (425, 951),
+        MotorKind.TECHNIC_L_ANGULAR: (425, 951),
+    }[kind]
+    assert (stall_mnm, free_deg_s) == pytest.approx(expected, rel=0.01)
+    robot = replace(ROVER, motors=(*ROVER.motors, Motor("arm", "D", kind)))
+    body = placed(robot=robot)
+    body.battery_mv = 7200
+    body.set_voltage("D", 7200)
+    body.advance_to(1000)
+    before = body.angle_mdeg("D")
+    body.advance_to(2000)
+    assert (body.angle_mdeg("D") - before) / 1000 == pytest.approx(free_deg_s, rel=0.02)
+
+
+@pytest.mark.parametrize("hub", [HubKind.PRIME, HubKind.ESSENTIAL, HubKind.TECHNIC, HubKind.CITY])
+@pytest.mark.parametrize(
+    ("kind", "gears", "wheel_mm"),
+    [(MotorKind.SPIKE_SMALL, (), 56), (MotorKind.SPIKE_LARGE, (), 88), (MotorKind.TECHNIC_XL, (12, 20), 43.2)],
+)
+def test_it_drives_as_far_and_turns_as_much_as_its_numbers_say(
+    hub: HubKind, kind: MotorKind, gears: tuple[int, ...], wheel_mm: float
+) -> None:
+    motors = (Motor("left", "A", kind, Direction.COUNTERCLOCKWISE, gears), Motor("right", "B", kind, gears=gears))
+    robot = Robot("any", hub, motors, drive_base=DriveBase("left", "right", wheel_mm, 130))
+    body = placed(robot=robot)
+    machine, drive = driven(robot, body)
+    straight(machine, drive, 250)
+    machine.advance(300)
+    pose = body.pose()
+    assert pose.x_m == pytest.approx(0.250, abs=0.012) and abs(pose.y_m) < 0.01 and abs(pose.heading_deg) < 3
+    drive.turn(90, OnCompletion.HOLD)
+    machine.advance(2500)
+    assert body.pose().heading_deg - pose.heading_deg == pytest.approx(90, abs=5)
+    assert max(map(abs, body.tilt_deg())) < 6, "it stands on its caster"
+
+
+def test_odometry_is_what_the_drive_base_counts() -> None:
+    body = placed()
+    machine, drive = driven(ROVER, body)
+    straight(machine, drive, 400)
+    machine.advance(300)
+    assert drive.state()[0] == pytest.approx(1000 * body.pose().x_m, abs=5)
+    drive.curve(150, 180, OnCompletion.HOLD)
+    machine.advance(6000)
+    distance_mm, _, turned_deg, _ = drive.state()
+    assert distance_mm == pytest.approx(400 + math.pi * 150, abs=8) and turned_deg == pytest.approx(180, abs=4)
+    pose = body.pose()
+    assert (pose.x_m, pose.y_m) == pytest.approx((0.4, -0.3), abs=0.02) and pose.heading_deg == pytest.approx(180, abs=6)
+
+
+def test_parts_can_be_elsewhere() -> None:
+    ahead = replace(ROVER, chassis=Chassis(hub_mm=(10.0, 0.0), caster_mm=(60.0, 0.0), ballast_g=200.0), sensors=())
+    light, heavy = (placed(robot=robot).model.body_mass.sum() for robot in (replace(ROVER, sensors=()), ahead))
+    assert heavy == pytest.approx(light + 0.2)
+    machine, drive = driven(ahead, placed(robot=ahead))
+    straight(machine, drive, 100)
+    assert machine.body.pose().x_m == pytest.approx(0.1, abs=0.01)  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize(
+    ("description", "says"),
+    [
+        (lambda: Mount((0, 0, 0)), "above the floor"),
+        (lambda: Mount((0, 0, 10), "inside"), "cannot look 'inside'"),
+        (lambda: Chassis(caster_mm=(5.0, 0.0)), "20 mm or more"),
+        (lambda: Chassis(ballast_g=-1.0), "0 g or more"),
+    ],
+)
+def test_descriptions_that_cannot_be(description: Any, says: str) -> None:
+    with pytest.raises(DescriptionError, match=says):
+        description()
+
+
+def test_bodies_that_cannot_be() -> None:
+    with pytest.raises(TwinError, match="no room"):
+        make_body(replace(ROVER, drive_base=DriveBase("left", "right", 62.4, 30)))
+    with pytest.raises(TwinError, match="no ultrasonic sensor"):
+        make_body(ROVER, scene=Scene(wall_distance_mm=(200, 300)))
+    with pytest.raises(TwinError, match="touches nothing but the floor"):
+        make_body(WALKER, scene=Scene(objects=(Block((500, 0)),)))
+    bench = replace(ROVER, drive_base=None, sensors=())
+    with pytest.raises(TwinError, match="lies on the bench"):
+        make_body(bench, scene=Scene(objects=(Block((500, 0)),)))
+    told = make_body(ROVER, scene=Scene(readings={"light": lambda angles: 40}))
+    assert not isinstance(told, MujocoBody), "what the scene says holds on the bench"
+
+
+# ---------------------------------------------------------------- the scene
+
+
+@pytest.mark.parametrize("color", COLORS)
+def test_a_colour_is_seen_as_it_is(color: str) -> None:
+    hue, saturation, value = placed(Scene(objects=(Field((60, 0), (100, 100), color),))).sensed("C", Sense.SURFACE)
+    red, green, blue = COLORS[color]
+    assert value == pytest.approx(100 * max(red, green, blue), abs=0.5)
+    assert saturation == pytest.approx(100 * (1 - min(red, green, blue) / max(red, green, blue)), abs=0.5)
+    assert 0 <= hue < 360
+
+
+def test_an_edge_is_half_of_both_and_what_lies_above_counts() -> None:
+    black, white = Field((60, 50), (200, 100), "black"), Field((60, 0), (200, 300), "white")
+    for objects, expected in (((white, black), 50), ((black, white), 93), ((white,), 93), ((), 84)):
+        _, _, value = placed(Scene(objects=objects)).sensed("C", Sense.SURFACE)
+        assert value == pytest.approx(expected, abs=6), objects
+    turned = Field((60, 0), (400, 10), "red", heading_deg=90)
+    assert turned.covers(np.array([(60.0, 150.0), (150.0, 0.0)])).tolist() == [True, False]
+    disc = Field((0, 0), (100, 60), round=True)
+    assert disc.covers(np.array([(49.0, 0.0), (0.0, 29.0), (45.0, 25.0)])).tolist() == [True, True, False]
+
+
+def test_a_line_is_followed_by_eye_all_around() -> None:
+    line = Line(oval(800, 400), width_mm=20, closed=True)
+    along = np.array([(0.0, 0.0), (399.0, 200.0), (0.0, 400.0), (-399.0, 200.0), (-100.0, 0.0)])
+    assert line.covers(along).all() and not line.covers(along * 1.1 + (0.0, 25.0)).any()
+    assert not Line(((0, 0), (100, 0), (100, 100))).covers(np.array([(50.0, 50.0)])).any(), "it is not closed"
+
+
+def test_less_light_comes_back_from_afar() -> None:
+    high = replace(ROVER, sensors=(PoweredUpSensor("light", "C", SensorKind.COLOR, Mount((60, 0, 60), "down")),))
+    _, _, near = placed().sensed("C", Sense.SURFACE)
+    _, _, far = placed(robot=high).sensed("C", Sense.SURFACE)
+    assert far < near / 5
+
+
+def test_ambient_light_tells_where_the_lamp_is() -> None:
+    def light(looks: str, *objects: Any) -> float:
+        robot = replace(ROVER, sensors=(PoweredUpSensor("light", "C", SensorKind.COLOR, Mount((60, 0, 50), looks)),))
+        sensed = placed(Scene(objects=objects, light_pct=10.0), robot).sensed("C", Sense.AMBIENT)
+        assert isinstance(sensed, float)
+        return sensed
+
+    lamp = Lamp((360, 0, 50))
+    assert light("ahead", lamp) == pytest.approx(90, abs=2)
+    assert light("back", lamp) == light("ahead") == 10
+    assert light("ahead", lamp, Wall((200, -50), (200, 50))) == 10, "the wall hides it"
+    assert 10 < light("ahead", Lamp((660, 0, 50))) < 40, "a quarter at twice the distance"
+
+
+def test_distances_are_those_to_walls_and_blocks() -> None:
+    robot = replace(
+        ROVER,
+        sensors=(
+            UltrasonicSensor("eyes", "C", Mount((60, 0, 40), "left")),
+            PoweredUpSensor("near", "D", SensorKind.COLOR_DISTANCE, Mount((60, 0, 40), "ahead")),
+        ),
+    )
+    body = placed(Scene(objects=(Wall((-500, 308), (500, 308)), Block((142, 0)))), robot)
+    assert body.distance_mm("C") == pytest.approx(300, abs=2)
+    assert body.sensed("D", Sense.DISTANCE) == pytest.approx(50, abs=3), "% of 100 mm"
+    assert body.sensed("D", Sense.SURFACE)[0] == pytest.approx(220, abs=5)  # type: ignore[index]
+    assert placed(robot=robot).distance_mm("C") == 2000
+
+
+def test_a_force_sensor_feels_what_it_pushes_and_a_block_moves() -> None:
+    robot = replace(ROVER, sensors=(PoweredUpSensor("bump", "C", SensorKind.FORCE, Mount((90, 0, 30), "ahead")),))
+    scene = Scene(objects=(Block((200, 0), (60, 60, 60), mass_g=300, spread_mm=(10, 0)),))
+    body = placed(scene, robot)
+    assert body.sensed("C", Sense.FORCE) == 0
+    machine, drive = driven(robot, body)
+    pushed = []
+    drive.straight(250, OnCompletion.HOLD)
+    for _ in range(60):
+        machine.advance(50)
+        pushed.append(body.sensed("C", Sense.FORCE))
+    weight_n = 0.3 * 9.81
+    assert 0.2 * weight_n < np.mean([force for force in pushed[:25] if force > 0]) < 1.5 * weight_n  # type: ignore[operator]
+    block = int(body.model.joint("object_0").qposadr[0])
+    assert body.data.qpos[block] > 0.3, (body.pose(), pushed)
+    body.reset(np.random.default_rng(0))
+    assert body.data.qpos[block] == pytest.approx(0.2, abs=0.01) and body.data.qpos[block] != 0.2, "drawn anew"
+
+
+def test_a_robot_stalls_at_a_wall() -> None:
+    body = placed(Scene(objects=(Wall((200, -100), (200, 100)),)))
+    machine, drive = driven(ROVER, body)
+    straight(machine, drive, 400, limit_ms=3000)
+    assert body.pose().x_m < 0.2
+
+
+def test_it_climbs_a_ramp() -> None:
+    body = placed(Scene(objects=(Ramp((150, 0), length_mm=600, height_mm=80),)))
+    machine, drive = driven(ROVER, body)
+    straight(machine, drive, 450)
+    pitch_deg, _ = body.tilt_deg()
+    assert pitch_deg == pytest.approx(-math.degrees(math.atan2(80, 600)), abs=2)
+    assert body.data.qpos[2] > 0.05
+
+
+def test_it_starts_where_the_scene_says() -> None:
+    body = placed(Scene(start_mm=((-200.0, 200.0), (100.0, 100.0)), heading_deg=(90.0, 90.0)))
+    places = []
+    for seed in range(4):
+        body.reset(np.random.default_rng(seed))
+        places.append(body.pose())
+    assert all(pose.y_m == 0.1 and abs(pose.x_m) <= 0.2 and pose.heading_deg % 360 == pytest.approx(90) for pose in places)
+    assert len({pose.x_m for pose in places}) == 4
+
+
+@pytest.mark.parametrize(
+    ("wrong", "says"),
+    [
+        (lambda: Line(((0, 0),)), "two or more"),
+        (lambda: Line(((0, 0), (1, 0)), color="beige"), "no color 'beige'"),
+        (lambda: Field((0, 0), (0, 5)), "positive sizes"),
+        (lambda: Field((math.nan, 0), (5, 5)), "finite"),
+        (lambda: Wall((0, 0), (0, 0)), "give two"),
+        (lambda: Block((0, 0), mass_g=-3), "positive mass"),
+        (lambda: Block((0, 0), spread_mm=(5, 5)), "a mass to what is to be moved"),
+        (lambda: Ramp((0, 0), height_mm=0), "positive sizes"),
+        (lambda: Lamp((0, 0, 100), light_pct=500), "up to 100 %"),
+        (lambda: oval(100, 200), "at least its width"),
+        (lambda: Scene(start_mm=((5, 1), (0, 0))), "start_mm along x"),
+        (lambda: Scene(light_pct=200), "light_pct"),
+    ],
+)
+def test_objects_that_cannot_be_are_one_line(wrong: Any, says: str) -> None:
+    with pytest.raises(TwinError, match=says) as caught:
+        wrong()
+    assert "\n" not in str(caught.value)
+
+
+def test_the_2wheeler_carries_a_colour_sensor() -> None:
+    sensors = (*TWO_WHEELER.sensors, PoweredUpSensor("light", "B", SensorKind.COLOR))
+    body = placed(Scene(objects=(Field((60, 0), (60, 60), "red"),)), replace(TWO_WHEELER, sensors=sensors))
+    hue, saturation, _ = body.sensed("B", Sense.SURFACE)  # type: ignore[misc]
+    assert min(hue, 360 - hue) < 10 and saturation > 60
+
+
+def test_scenes_do_not_change_robots_without_them() -> None:
+    plain, floor = make_body(TWO_WHEELER), make_body(TWO_WHEELER, scene=Scene(objects=(Field((0, 0), (9, 9)),)))
+    assert isinstance(plain, MujocoBody) and isinstance(floor, MujocoBody)
+    assert plain.model.nq == floor.model.nq and floor.model.ngeom == plain.model.ngeom + 1
+    mujoco.mj_step(floor.model, floor.data)

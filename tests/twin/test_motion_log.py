@@ -1,0 +1,93 @@
+"""Logs: what is recorded, and that a file gives it back."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bricksrl.envs import get_task
+from bricksrl.errors import TwinError
+from bricksrl.hub.link.lockstep import HubLink
+from bricksrl.hub.program.generate import generate
+from bricksrl.robots import ROBOTS, TWO_WHEELER
+from bricksrl.twin.make_body import make_body
+from bricksrl.twin.motion_log import RunLog, identification_commands, identification_interface, read_log, record, write_log
+from bricksrl.virtual_hub.transport import VirtualHub
+
+
+@pytest.fixture(scope="module")
+def log() -> RunLog:
+    interface = identification_interface(TWO_WHEELER)
+    commands = identification_commands(interface, 30, np.random.default_rng(0))
+    with HubLink(VirtualHub(make_body(TWO_WHEELER)), TWO_WHEELER, interface) as link:
+        return record(link, TWO_WHEELER, interface, commands)
+
+
+def assert_equal(one: RunLog, other: RunLog) -> None:
+    for field in dataclasses.fields(RunLog):
+        assert np.array_equal(getattr(one, field.name), getattr(other, field.name)), field.name
+
+
+def test_it_holds_commands_answers_and_the_hubs_time(log: RunLog) -> None:
+    assert log.robot == "two-wheeler"
+    assert log.program_hash == generate(TWO_WHEELER, log.interface).hash
+    assert log.commands.shape == (30, 2)
+    assert log.channels.shape == (31, 6)
+    assert (np.diff(log.times_ms) >= 50).all()
+    assert not log.commands[:16].any(), "the robot rests at first"
+    assert log.commands[16:].any(axis=1).all()
+
+
+@pytest.mark.parametrize("robot", ROBOTS.values(), ids=lambda robot: robot.name)
+def test_every_robot_has_an_interface_that_tells_about_it(robot) -> None:
+    interface = identification_interface(robot)
+    generate(robot, interface)
+    commands = identification_commands(interface, 120, np.random.default_rng(1))
+    high = np.array([command.high for command in interface.commands])
+    assert (np.abs(commands) <= high).all()
+    assert (np.abs(commands) == high).mean(axis=0).min() > 0.3, "much of it at full speed"
+    assert not commands.sum(axis=0).any(), "there and back"
+
+
+def test_a_file_gives_it_back(log: RunLog, tmp_path: Path) -> None:
+    write_log(tmp_path / "log.jsonl", log)
+    assert_equal(read_log(tmp_path / "log.jsonl"), dataclasses.replace(log, gaps_ms=log.gaps_ms.round(3)))
+    header = json.loads((tmp_path / "log.jsonl").read_text().splitlines()[0])
+    assert (header["robot"], header["program"]) == ("two-wheeler", f"{log.program_hash:08x}")
+
+
+def test_tasks_with_moves_that_end_can_be_logged_too(tmp_path: Path) -> None:
+    task = get_task("RunAway-v0")
+    with HubLink(VirtualHub(make_body(task.robot, scene=task.scene)), task.robot, task.interface) as link:
+        log = record(link, task.robot, task.interface, [[-50.0], [30.0]])
+    write_log(tmp_path / "log.jsonl", log)
+    assert_equal(read_log(tmp_path / "log.jsonl"), dataclasses.replace(log, gaps_ms=log.gaps_ms.round(3)))
+    assert log.channels[1, 4] > log.channels[0, 4]
+
+
+@pytest.mark.parametrize(
+    "harm",
+    [
+        lambda lines: [],
+        lambda lines: lines[:1],
+        lambda lines: ["{}", *lines[1:]],
+        lambda lines: [lines[0].replace('"bricksrl_log": 1', '"bricksrl_log": 9'), *lines[1:]],
+        lambda lines: [lines[0].replace("RunAngle", "Teleport"), *lines[1:]],
+        lambda lines: [*lines[:-1], lines[-1][:20]],
+        lambda lines: [*lines[:-1], lines[-1].replace('"channels": [', '"channels": [1.0, ')],
+        lambda lines: [lines[0], *lines[:0:-1]],
+    ],
+)
+def test_a_damaged_file_is_one_line(log: RunLog, tmp_path: Path, harm) -> None:
+    path = tmp_path / "log.jsonl"
+    write_log(path, log)
+    path.write_text("\n".join(harm(path.read_text().splitlines())))
+    with pytest.raises(TwinError, match="cannot read the log") as caught:
+        read_log(path)
+    assert "\n" not in str(caught.value)
+    with pytest.raises(TwinError, match="cannot read the log"):
+        read_log(tmp_path / "nothing.jsonl")

@@ -1,0 +1,268 @@
+"""Whole programs from files, on both virtual robots."""
+
+from __future__ import annotations
+
+import io
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from bricksrl import robots
+from bricksrl.errors import ProgramError, TwinError
+from bricksrl.robots import BENCH
+from bricksrl.twin.make_body import make_body
+from bricksrl.virtual_hub.bench_body import BenchBody
+from bricksrl.virtual_hub.given_readings import parse_reading
+from bricksrl.virtual_hub.machine import Machine
+from bricksrl.virtual_hub.pace import Pace
+from bricksrl.virtual_hub.panel import Panel, parse_press
+from bricksrl.virtual_hub.run import Operation, run_file
+
+
+def run(
+    folder: Path, source: str, robot: str = "bench", stdin: bytes | None = None, time_limit_s: float | None = None
+) -> tuple[int, str, str]:
+    path = folder / "main.py"
+    path.write_text(source)
+    out, err = io.BytesIO(), io.StringIO()
+    data = io.BytesIO(stdin) if stdin is not None else None
+    code = run_file(
+        path,
+        None if robot == "bench" else make_body(robots.get(robot)),
+        stdout=out,
+        stderr=err,
+        stdin=data,
+        time_limit_s=time_limit_s,
+    )
+    return code, out.getvalue().decode(), err.getvalue()
+
+
+def test_a_program_prints_clean_lines(tmp_path: Path) -> None:
+    assert run(tmp_path, "print('a')\nprint(1/3)") == (0, "a\n0.33333334\n", "")
+
+
+def test_the_two_wheeler_drives(tmp_path: Path) -> None:
+    source = """
+from pybricks.pupdevices import Motor, UltrasonicSensor
+from pybricks.parameters import Port, Direction
+from pybricks.robotics import DriveBase
+from pybricks.hubs import PrimeHub
+hub = PrimeHub()
+base = DriveBase(Motor(Port.E, Direction.COUNTERCLOCKWISE), Motor(Port.A), 56, 130)
+eyes = UltrasonicSensor(Port.C)
+base.straight(100)
+print(abs(base.distance() - 100) <= 3, 40 <= eyes.distance() <= 2000)
+base.turn(90)
+print(abs(hub.imu.heading() - 90) < 10)
+"""
+    assert run(tmp_path, source, "two-wheeler") == (0, "True True\nTrue\n", "")
+
+
+def test_an_error_shows_where_it_was(tmp_path: Path) -> None:
+    source = "from pybricks.pupdevices import Motor\nfrom pybricks.parameters import Port\nprint(1)\nMotor(Port.B)\nprint(2)"
+    code, out, err = run(tmp_path, source, "two-wheeler")
+    assert (code, out) == (1, "1\n")
+    assert err.startswith(
+        'Traceback (most recent call last):\n  File "main.py", line 4, in <module>\nOSError: [Errno 19] ENODEV: '
+    )
+
+
+@pytest.mark.parametrize("base", ["BaseException", "KeyboardInterrupt", "GeneratorExit"])
+def test_whatever_a_program_raises_is_its_own(tmp_path: Path, base: str) -> None:
+    code, _, err = run(tmp_path, f"class Mine({base}):\n    pass\nraise Mine(3)")
+    assert (code, err.splitlines()[-1]) == (1, "Mine: 3")
+
+
+def test_a_program_may_end_itself(tmp_path: Path) -> None:
+    source = "print(1)\nclass Over(SystemExit):\n    pass\nraise {}\nprint(2)"
+    assert run(tmp_path, source.format("SystemExit(3)")) == (0, "1\n", "The program was stopped (SystemExit).\n")
+    assert run(tmp_path, source.format("Over")) == (0, "1\n", "The program was stopped (Over).\n")
+
+
+@pytest.mark.parametrize(
+    "loop",
+    ["wait(100)", "pass", "watch.time()", "print(end='')", "try:\n        wait(10)\n    except:\n        pass"],
+)
+def test_the_time_limit_stops_any_loop(tmp_path: Path, loop: str) -> None:
+    source = f"from pybricks.tools import wait, StopWatch\nwatch = StopWatch()\nprint('go')\nwhile True:\n    {loop}\n"
+    assert run(tmp_path, source, time_limit_s=0.5) == (0, "go\n", "The program was stopped (SystemExit).\n")
+
+
+def test_input_is_what_was_given(tmp_path: Path) -> None:
+    source = "import usys\nprint(usys.stdin.buffer.read(3))\nprint(input())"
+    assert run(tmp_path, source, stdin=b"abcdef\n") == (0, "b'abc'\ndef\ndef\n", "")
+    code, _, err = run(tmp_path, source)
+    assert code == 1
+    assert "EOFError: the program waits for input" in err
+
+
+def test_syntax_error(tmp_path: Path) -> None:
+    code, out, err = run(tmp_path, "print(1)\nx = = 2\n")
+    assert (code, out) == (1, "")
+    assert err.splitlines()[1:] == ['  File "main.py", line 2', "SyntaxError: invalid syntax"]
+
+
+def test_a_missing_file_is_said(tmp_path: Path) -> None:
+    with pytest.raises(ProgramError, match="nowhere.py"):
+        run_file(tmp_path / "nowhere.py", stdout=io.BytesIO(), stderr=io.StringIO())
+
+
+def test_programs_of_the_same_folder_can_be_imported(tmp_path: Path) -> None:
+    (tmp_path / "helper.py").write_text("def halve(x):\n    return x / 0\nthird = 1 / 3\nprint(__name__)\n")
+    code, out, err = run(tmp_path, "import helper\nfrom helper import halve, third\nprint(third)\nhalve(1)\n")
+    assert (code, out) == (1, "helper\n0.33333334\n")
+    assert err == (
+        "Traceback (most recent call last):\n"
+        '  File "main.py", line 4, in <module>\n'
+        '  File "helper.py", line 2, in halve\n'
+        "ZeroDivisionError: divide by zero\n"
+    )
+
+
+def fitted(folder: Path, source: str, *, press: str = "", reading: str = "", **operation: Any) -> tuple[int, str, str]:
+    path = folder / "main.py"
+    path.write_text(
+        "from pybricks.pupdevices import *\nfrom pybricks.parameters import *\nfrom pybricks.tools import *\n" + source
+    )
+    out, err = io.BytesIO(), io.StringIO()
+    done = Operation([*map(parse_press, press.split())], [*map(parse_reading, reading.split())], **operation)
+    code = run_file(path, stdout=out, stderr=err, time_limit_s=60, operation=done)
+    return code, out.getvalue().decode(), err.getvalue()
+
+
+@pytest.mark.parametrize(
+    ("name", "ports"),
+    [("PrimeHub", "ABCDEF"), ("InventorHub", "ABCDEF"), ("EssentialHub", "AB"), ("TechnicHub", "ABCD"), ("CityHub", "AB")],
+)
+def test_the_bench_has_the_hub_that_the_program_imports(tmp_path: Path, name: str, ports: str) -> None:
+    source = f"from pybricks.hubs import {name}\nhub = {name}()\nprint([hasattr(Port, p) for p in 'ABCDEF'].count(True))"
+    assert fitted(tmp_path, source) == (0, f"{len(ports)}\n", "")
+
+
+def test_the_hub_may_be_imported_by_a_module_beside_the_program(tmp_path: Path) -> None:
+    (tmp_path / "parts.py").write_text("from pybricks.hubs import CityHub\nhub = CityHub()\n")
+    assert fitted(tmp_path, "from parts import hub\nprint(hub)") == (0, "<CityHub>\n", "")
+
+
+def test_the_bench_has_on_each_port_what_the_program_asks_for(tmp_path: Path) -> None:
+    source = """
+motor, color, eyes = Motor(Port.A), ColorSensor(Port.B), UltrasonicSensor(Port.C)
+force, tilt, infrared = ForceSensor(Port.D), TiltSensor(Port.E), InfraredSensor(Port.F)
+print(color.color(), color.reflection(), color.ambient(), eyes.distance(), force.force(), tilt.tilt(), infrared.distance())
+motor.run_angle(500, 90)
+print(motor.angle() in (89, 90))
+for kind in (ColorSensor, Motor):
+    try:
+        print(kind(Port.C))
+    except OSError as e:
+        print(e.errno)
+remote = Remote()
+print(remote.buttons.pressed())
+"""
+    assert fitted(tmp_path, source) == (0, "Color.NONE 0 0.0 2000 0.0 (0, 0) 100\nTrue\n19\n19\nset()\n", "")
+
+
+def test_sensors_read_what_is_given(tmp_path: Path) -> None:
+    source = """
+color, eyes, force = ColorSensor(Port.A), UltrasonicSensor(Port.B), ForceSensor(Port.C)
+tilt, both, infrared = TiltSensor(Port.D), ColorDistanceSensor(Port.E), InfraredSensor(Port.F)
+print(color.color(), color.ambient(), eyes.distance(), force.force(), force.pressed(), tilt.tilt())
+print(both.color(), both.distance(), infrared.distance())
+"""
+    reading = "A=red A.ambient=30% B=200mm C=5N D=10,-5deg E=blue E.distance=40% F=20%"
+    printed = "Color.RED 30.0 200 5.0 True (10, -5)\nColor.BLUE 40 20\n"
+    assert fitted(tmp_path, source, reading=reading) == (0, printed, "")
+
+
+def test_readings_come_from_a_file_over_time(tmp_path: Path) -> None:
+    (tmp_path / "colors.csv").write_text("# seconds, color\n0, red\n1.5, green\n3, 240,100,100\n")
+    source = "color = ColorSensor(Port.A)\nfor i in range(4):\n    print(color.color())\n    wait(1000)"
+    done = fitted(tmp_path, source, reading=f"A=@{tmp_path / 'colors.csv'}")
+    assert done == (0, "Color.RED\nColor.RED\nColor.GREEN\nColor.BLUE\n", "")
+
+
+@pytest.mark.parametrize(
+    ("reading", "says"),
+    [
+        ("A", "'A' is no reading"),
+        ("A=purple", "'A=purple' is no reading"),
+        ("A.smell=3", "nothing senses 'smell'"),
+        ("A=1,2,3,4", "is no reading"),
+        ("A=nan", "is no reading"),
+        ("A=@nowhere", "cannot read the readings"),
+    ],
+)
+def test_readings_that_do_not_fit(tmp_path: Path, reading: str, says: str) -> None:
+    with pytest.raises(TwinError, match=says):
+        fitted(tmp_path, "ColorSensor(Port.A)", reading=reading)
+
+
+@pytest.mark.parametrize(
+    ("reading", "says"),
+    [("A=200mm", "the ColorSensor on port A senses surface or ambient, no distance"), ("A=1,2", "(1.0, 2.0) is no surface")],
+)
+def test_readings_that_do_not_fit_the_sensor_are_told_where_it_is_asked_for(tmp_path: Path, reading: str, says: str) -> None:
+    code, _, err = fitted(tmp_path, "ColorSensor(Port.A)", reading=reading)
+    assert code == 1 and "line 4" in err and says in err
+
+
+def test_a_menu_that_nobody_sees_is_told_where_it_is(tmp_path: Path) -> None:
+    code, _, err = fitted(tmp_path, "hub_menu('A', 'B')")
+    assert code == 1 and "line 4" in err and "--press" in err
+
+
+def test_a_reading_is_for_a_port_of_the_hub_and_for_the_bench(tmp_path: Path) -> None:
+    with pytest.raises(TwinError, match="a city hub has no port E"):
+        fitted(tmp_path, "from pybricks.hubs import CityHub", reading="E=red")
+    (tmp_path / "main.py").write_text("")
+    operation = Operation(readings=[parse_reading("A=red")])
+    with pytest.raises(TwinError, match="--robot bench"):
+        run_file(tmp_path / "main.py", make_body(robots.WALKER), stdout=io.BytesIO(), stderr=io.StringIO(), operation=operation)
+
+
+def test_motors_of_the_bench_may_have_end_stops_or_no_rotation_sensor(tmp_path: Path) -> None:
+    source = "arm, plain = Motor(Port.A), DCMotor(Port.B)\nprint(arm.run_until_stalled(300, duty_limit=50))\n"
+    source += "plain.dc(50)\nprint(plain, plain.settings())\nplain.brake()\nplain.stop()\nplain.close()"
+    printed = "120\nDCMotor(Port.B, Direction.CLOCKWISE) (9000,)\n"
+    assert fitted(tmp_path, source, end_stops={"A": (-90.0, 120.0)}) == (0, printed, "")
+
+
+def test_buttons_are_pressed_by_the_operation(tmp_path: Path) -> None:
+    source = "from pybricks.hubs import PrimeHub\nhub = PrimeHub()\nprint(hub_menu('A', 'B'))\nwait(9000)"
+    done = fitted(tmp_path, source, press="right@1s center@2s center@3s")
+    assert done == (0, "B\n", "The program was stopped (SystemExit).\n")
+
+
+def test_what_is_shown_can_be_watched(tmp_path: Path) -> None:
+    seen: list[str] = []
+
+    def watch(panel: Panel) -> None:
+        panel.on_change = lambda changed: seen.append(f"{changed.now_s} {changed.describe()}")
+
+    source = "from pybricks.hubs import PrimeHub\nhub = PrimeHub()\nwait(500)\nhub.light.on(Color.BLUE)\nhub.display.number(7)\n"
+    source += "hub.display.pixel(0, 0)\nhub.speaker.beep(440, 100)"
+    assert fitted(tmp_path, source, watch=watch)[0] == 0
+    assert seen[0] == "0.5 light hue 240, 100 %, 100 %; display off; sound off"
+    assert seen[1].endswith("display 7; sound off")
+    assert seen[3].endswith("sound 440") and seen[4].startswith("0.6 ") and seen[4].endswith("sound off")
+
+
+def test_in_real_time_a_program_takes_as_long_as_on_a_hub(tmp_path: Path) -> None:
+    start_s = time.monotonic()
+    assert fitted(tmp_path, "wait(300)", realtime=True)[0] == 0
+    assert 0.29 < time.monotonic() - start_s < 2.0
+
+
+def test_in_real_time_time_goes_on_in_small_pieces() -> None:
+    now_s, pieces = [0.0], []
+
+    def sleep(duration_s: float) -> None:
+        pieces.append(duration_s)
+        now_s[0] += duration_s
+
+    machine = Machine(BenchBody(BENCH))
+    machine.pace = Pace(lambda: now_s[0], sleep)
+    machine.advance(300)
+    assert max(pieces) <= 0.015 and sum(pieces) == pytest.approx(0.3)

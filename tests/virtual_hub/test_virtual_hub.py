@@ -1,0 +1,281 @@
+"""The virtual hub as a transport: connection events, buffers, stopping, errors, simulated and real time."""
+
+from __future__ import annotations
+
+import itertools
+import threading
+import time
+
+import numpy as np
+import pytest
+
+from bricksrl.errors import HubError, HubProgramError
+from bricksrl.hub.transport import HubModule, HubProgram
+from bricksrl.robots import BENCH, TWO_WHEELER
+from bricksrl.twin.make_body import make_body
+from bricksrl.twin.physics import Physics
+from bricksrl.twin.scene import Scene
+from bricksrl.virtual_hub.transport import VirtualHub
+
+ECHO = """
+from usys import stdin, stdout
+from uselect import poll
+from pybricks.tools import wait
+keys = poll()
+keys.register(stdin)
+stdout.buffer.write(b"hello")
+while True:
+    while not keys.poll(0):
+        wait(1)
+    stdout.buffer.write(stdin.buffer.read(1))
+"""
+
+DRIVE = """
+from pybricks.pupdevices import Motor
+from pybricks.parameters import Port
+from pybricks.tools import wait
+from usys import stdout
+motor = Motor(Port.A)
+motor.run(500)
+wait(1000)
+stdout.buffer.write(b"up")
+while True:
+    wait(10)
+"""
+
+NEVER_WAITS = """
+from pybricks.tools import StopWatch
+watch = StopWatch()
+while watch.time() < 50:
+    pass
+raise ValueError(watch.time())
+"""
+
+
+def hub(source: str, interval_ms: float = 15.0, **kwargs: bool) -> VirtualHub:
+    hub = VirtualHub(make_body(TWO_WHEELER, physics=Physics(link_interval_ms=interval_ms)), **kwargs)
+    hub.open()
+    hub.start(HubProgram(source, 0))
+    return hub
+
+
+def test_output_arrives_at_a_connection_event() -> None:
+    virtual = hub(ECHO)
+    assert virtual.read(1.0) == b"hello"
+    assert virtual.now_s() == pytest.approx(0.015)
+
+
+@pytest.mark.parametrize("interval_ms", [7.5, 15.0, 30.0, 45.0])
+def test_an_exchange_costs_two_connection_intervals(interval_ms: float) -> None:
+    virtual = hub(ECHO, interval_ms)
+    virtual.read(1.0)
+    start_s, rounds = virtual.now_s(), 20
+    for i in range(rounds):
+        virtual.write(bytes([65 + i]))
+        assert virtual.read(1.0) == bytes([65 + i])
+    assert (virtual.now_s() - start_s) * 1000 / rounds == pytest.approx(2 * interval_ms, abs=1.0)
+
+
+def test_a_link_without_interval_is_a_link_without_delay() -> None:
+    virtual = hub(ECHO, 0.0)
+    virtual.read(1.0)
+    start_s = virtual.now_s()
+    virtual.write(b"x")
+    assert virtual.read(1.0) == b"x"
+    assert virtual.now_s() - start_s <= 0.002
+
+
+def test_reading_in_vain_costs_the_timeout_in_simulated_time() -> None:
+    virtual = hub(ECHO)
+    virtual.read(1.0)
+    start_s = virtual.now_s()
+    assert virtual.read(0.5) == b""
+    assert virtual.now_s() - start_s == pytest.approx(0.5)
+
+
+def test_the_input_buffer_is_as_small_as_the_hubs() -> None:
+    virtual = hub("from pybricks.tools import wait\nwhile True:\n    wait(100)\n")
+    for _ in range(3):
+        virtual.write(bytes(20))
+    with pytest.raises(HubError, match="buffer is full"):
+        virtual.write(bytes(20))
+    with pytest.raises(HubError, match="21 bytes"):
+        virtual.write(bytes(21))
+
+
+def test_stopping_stops_the_motors() -> None:
+    virtual = hub(DRIVE)
+    assert virtual.read(2.0) == b"up"
+    assert virtual.machine.servos["A"].speed_deg_s() > 400
+    virtual.stop()
+    virtual.machine.advance(2000)
+    angle_mdeg = virtual.body.angle_mdeg("A")
+    virtual.machine.advance(500)
+    assert virtual.body.angle_mdeg("A") == pytest.approx(angle_mdeg, abs=1000)
+    with pytest.raises(HubError, match="no program runs"):
+        virtual.read(0.1)
+    virtual.close()
+    virtual.close()
+
+
+def test_a_program_that_ends_stops_the_motors_too() -> None:
+    virtual = hub(DRIVE.replace("while True:\n    wait(10)\n", ""))
+    assert virtual.read(2.0) == b"up"
+    with pytest.raises(HubError, match="no program runs"):
+        virtual.write(b"x")
+    assert not virtual.machine.servos["A"].is_open
+
+
+def test_an_exception_on_the_hub_reaches_the_host_in_one_line() -> None:
+    virtual = hub("from pybricks.pupdevices import Motor\nfrom pybricks.parameters import Port\nMotor(Port.F)\n")
+    with pytest.raises(HubProgramError, match=r"OSError.*ENODEV.*line 3.*plug the device") as caught:
+        virtual.read(0.1)
+    assert "\n" not in str(caught.value)
+
+
+def test_an_exception_of_the_programs_own_kind_reaches_the_host_too() -> None:
+    virtual = hub("class Mine(BaseException):\n    pass\nraise Mine(3)\n")
+    with pytest.raises(HubProgramError, match="Mine: 3"):
+        virtual.read(0.1)
+
+
+@pytest.mark.parametrize("kind", [KeyboardInterrupt, type("Ours", (BaseException,), {"__module__": "bricksrl.cli.hub"})])
+def test_what_somebody_at_this_computer_raises_is_not_the_programs(
+    kind: type[BaseException], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    virtual = hub(DRIVE)
+
+    def press(_seconds: object) -> None:
+        raise kind
+
+    monkeypatch.setattr(virtual.machine, "advance", press)
+    with pytest.raises(kind):
+        virtual.read(1.0)
+
+
+def test_a_program_can_be_started_again() -> None:
+    virtual = hub(DRIVE)
+    virtual.read(2.0)
+    virtual.start(HubProgram(ECHO, 0))
+    assert virtual.read(1.0) == b"hello"
+
+
+def test_a_program_that_never_waits_does_not_hang() -> None:
+    virtual = hub(NEVER_WAITS)
+    with pytest.raises(HubProgramError, match="ValueError: 5"):
+        virtual.read(1.0)
+
+
+def test_real_time_paces_the_robot() -> None:
+    virtual = hub(ECHO, realtime=True)
+    virtual.read(1.0)
+    start_s, before_s = time.monotonic(), virtual.now_s()
+    for _ in range(10):
+        virtual.write(b"x")
+        virtual.read(1.0)
+    assert time.monotonic() - start_s == pytest.approx(virtual.now_s() - before_s, abs=0.03)
+    # Two connection events each time; the first one may be near, where the host was slow to begin.
+    assert virtual.now_s() - before_s > 10 * 0.030 - 0.015
+
+
+def test_in_real_time_the_robot_does_not_wait_for_the_host() -> None:
+    virtual = hub(ECHO, realtime=True)
+    virtual.read(1.0)
+    before_s = virtual.now_s()
+    time.sleep(0.2)
+    virtual.write(b"x")
+    assert virtual.now_s() - before_s >= 0.2
+
+
+def test_in_real_time_time_goes_on_in_pieces_and_a_stop_is_heard_soon(monkeypatch: pytest.MonkeyPatch) -> None:
+    virtual = hub("from pybricks.tools import wait\nwait(100000)", realtime=True)
+    seen = []
+    wait_for_wall = virtual._wait_for_wall
+
+    def look() -> None:
+        seen.append(virtual.machine.time_ms)
+        wait_for_wall()
+
+    monkeypatch.setattr(virtual, "_wait_for_wall", look)
+    assert virtual.read(0.3) == b""
+    assert max(b - a for a, b in itertools.pairwise(seen)) <= 15
+    stopper = threading.Timer(0.1, virtual.stop)
+    stopper.start()
+    start_s = time.monotonic()
+    with pytest.raises(HubError, match="no program runs"):
+        virtual.read(5.0)
+    assert time.monotonic() - start_s < 1.0
+
+
+def test_in_real_time_motors_run_down_after_a_stop() -> None:
+    source = "from pybricks.pupdevices import Motor\nfrom pybricks.parameters import Port\nfrom pybricks.tools import wait\n"
+    source += "motor = Motor(Port.A)\nmotor.dc(100)\nwait(10000)"
+    virtual = VirtualHub(make_body(BENCH), realtime=True)
+    virtual.start(HubProgram(source, 0))
+    virtual.read(0.3)
+    before_ms = virtual.machine.time_ms
+    virtual.stop()
+    assert 15 < virtual.machine.time_ms - before_ms <= 1000
+    at_rest = virtual.body.angle_mdeg("A")
+    virtual.machine.advance(200)
+    assert abs(virtual.body.angle_mdeg("A") - at_rest) < 1000
+
+
+def test_the_hand_puts_the_robot_back_while_the_program_runs() -> None:
+    virtual = VirtualHub(make_body(TWO_WHEELER, scene=Scene(wall_distance_mm=(500, 500))))
+    virtual.start(HubProgram(ECHO, 0))
+    virtual.read(1.0)
+    virtual.reset(np.random.default_rng(0))
+    assert virtual.body.distance_mm("C") == pytest.approx(500, abs=20)
+    virtual.write(b"x")
+    assert virtual.read(1.0) == b"x"
+
+
+def test_the_bench_has_a_hub_too() -> None:
+    virtual = VirtualHub(make_body(BENCH))
+    virtual.start(HubProgram(ECHO, 0))
+    assert virtual.read(1.0) == b"hello"
+
+
+APP_DATA = """
+from pybricks.messaging import AppData
+for modes in ([(300, 2)], ((0, 2),), [(0, 2), (0, 3)]):
+    try:
+        AppData(modes)
+    except (TypeError, ValueError) as e:
+        print(e)
+app = AppData([(1, 3), (0, 2)])
+for call in (lambda: app.write_bytes(bytes(20)), lambda: app.get_bytes(7), lambda: app.get_bytes(1, 3), lambda: AppData([])):
+    try:
+        call()
+    except (ValueError, RuntimeError) as e:
+        print(e)
+print(app.get_bytes(1), app.get_bytes(0, 1))
+"""
+
+
+def test_app_data_is_refused_as_on_a_hub() -> None:
+    virtual = hub(APP_DATA, 0.0)
+    output = b"".join(iter(lambda: virtual.read(0.1) if virtual._wire.outbox else b"", b""))
+    lines = output.replace(bytes((0, 0, 1)), b"").decode().splitlines()
+    assert lines == [
+        "modes must be a list of (mode, size) tuples",
+        "modes must be a list of (mode, size) tuples",
+        "mode numbers must be unique",
+        "Invalid argument",
+        "invalid mode",
+        "index out of range",
+        "host rx_buffer already allocated",
+        "b'\\x00\\x00\\x00' 0",
+    ]
+
+
+def test_a_program_brings_its_modules_and_the_name_of_its_file() -> None:
+    virtual = VirtualHub(make_body(TWO_WHEELER))
+    arm = HubModule("arm", "arm.py", "def reach():\n    return 42\n")
+    source = "import arm\nfrom pybricks.tools import wait\nprint(arm.reach())\nwait(100)\n1 / 0\n"
+    virtual.start(HubProgram(source, 0, name="wave.py", beside=(arm,)))
+    assert virtual.read(1.0) == b"42\r\n"
+    with pytest.raises(HubProgramError, match=r"ZeroDivisionError.*at line 5 \(1 / 0\)"):
+        virtual.read(1.0)
+    virtual.close()
