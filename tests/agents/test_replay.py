@@ -276,6 +276,20 @@ def test_a_state_goes_on_where_it_was(made: int, memory_mapped: bool) -> None:
     assert (batches[0] == batches[1]).all()
 
 
+@pytest.mark.parametrize("made", [0, 3, 12])
+def test_a_state_takes_the_place_of_what_was_there(made: int) -> None:
+    one, other = memory(capacity=16), memory(capacity=16)
+    for first in range(made):
+        one.extend(numbered(first, 1, done=(2, 7)))
+    other.extend(numbered(40, 9))
+    other.load_state_dict(one.state_dict())
+    for buffer in (one, other):
+        buffer.extend(numbered(made, 2))
+    assert len(other) == len(one)
+    assert followers(one) == followers(other)
+    assert torch.equal(one[:]["observation"], other[:]["observation"])
+
+
 def test_a_state_that_does_not_fit_is_refused() -> None:
     full = memory(capacity=8)
     full.extend(numbered(0, 8))

@@ -182,7 +182,10 @@ def test_the_whole_agent_is_taken_over(tmp_path: Path) -> None:
     fresh = make_learner("sac", Cart(), settings).state_dict()
     assert taken[0].keys() == state.keys() == {*fresh, "memory"}
     assert_equal(taken[0], state)
-    assert len(state["memory"]["rows"]["action"]) > 10
+    known = len(state["memory"]["rows"]["action"])
+    rows = load_checkpoint(tmp_path / "second" / "checkpoint.bin")["agent"]["memory"]["rows"]
+    assert len(rows["action"]) == known + 8 > 10
+    assert torch.equal(rows["observation"][:known], state["memory"]["rows"]["observation"])
 
 
 def test_another_agent_or_other_settings_cannot_go_on(config: TrainConfig, tmp_path: Path) -> None:

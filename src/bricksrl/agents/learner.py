@@ -228,7 +228,7 @@ class Learner:
         return {**state, "memory": self.memory.state_dict() if episodic else filled_part(self.memory)}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Go on from `state_dict`, in a learner that has learned nothing yet; on any device.
+        """Go on from `state_dict`, on any device; what it knew before is forgotten.
 
         Raises:
             CheckpointError: the state belongs to another algorithm, other networks or another memory.
@@ -239,8 +239,10 @@ class Learner:
             if self.loss is not None and self.optimizer is not None:
                 self._load_loss(self.loss, state["loss"])
                 self.optimizer.load_state_dict(state["optimizer"])
-            if self.memory is not None and "memory" in state:
-                self._load_memory(self.memory, state["memory"])
+            if self.memory is not None:
+                self.memory.empty()
+                if "memory" in state:
+                    self._load_memory(self.memory, state["memory"])
         except (AssertionError, AttributeError, LookupError, OverflowError, RuntimeError, TypeError, ValueError) as error:
             reason = (str(error) or type(error).__name__).splitlines()[0]
             raise CheckpointError(f"the checkpoint does not fit this agent ({reason}); resume with the settings it had") from None

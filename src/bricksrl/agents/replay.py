@@ -129,6 +129,12 @@ class EpisodicReplayBuffer(TensorDictReplayBuffer):  # type: ignore[misc]
         self._last[robot] = torch.where(done[:, -1], self._none, places[:, -1])
         self._successor[self._none] = self._none
 
+    def empty(self, empty_write_count: bool = True) -> None:
+        """Forget all transitions."""
+        super().empty(empty_write_count)
+        self._successor.fill_(self._none)
+        self._last.clear()
+
     def end_episodes(self, robot: int | None = None) -> None:
         """Nothing that is kept next, of this robot or of any, follows from what was kept last."""
         for ended in list(self._last) if robot is None else [robot]:
@@ -183,7 +189,7 @@ class EpisodicReplayBuffer(TensorDictReplayBuffer):  # type: ignore[misc]
         return {**filled_part(self), **follows}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Go on from `state_dict`, in an empty memory.
+        """Go on from `state_dict`; what is here is forgotten.
 
         Raises:
             ValueError, KeyError, RuntimeError: the state is that of another memory.
@@ -191,6 +197,7 @@ class EpisodicReplayBuffer(TensorDictReplayBuffer):  # type: ignore[misc]
         rows = rows_of(state, self._device)
         if len(rows) > self._none:
             raise ValueError(f"a memory of {len(rows)} transitions does not fit into one of {self._none}")
+        self.empty()
         if len(rows):
             super().extend(rows)
         self._writer.load_state_dict(state["writer"])
