@@ -142,7 +142,7 @@ def test_a_study_takes_what_a_benchmark_has_measured_and_measures_what_is_missin
         }
 
     study = BenchmarkStudy("s", "S", 1.0, 1.0, (Script("small", ("1.5",), ("2.5",)), Script("large", ("3",))), tables)
-    with pytest.raises(RunError, match="needs the benchmarks of the repository"):
+    with pytest.raises(RunError, match="needs the repository.s benchmarks"):
         take_study(study, tmp_path / "study", tmp_path)
     folder = tmp_path / "benchmarks"
     (folder / "results").mkdir(parents=True)

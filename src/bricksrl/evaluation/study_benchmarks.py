@@ -68,7 +68,7 @@ def take_study(study: BenchmarkStudy, folder: Path, benchmarks: Path, *, quick: 
         RunError: there are no benchmarks in the folder, or one of them failed.
     """
     if not (benchmarks / "machine.py").exists():
-        raise RunError(f"the study '{study.name}' needs the benchmarks of the repository, and {benchmarks} has none; run it there")
+        raise RunError(f"the study '{study.name}' needs the repository's benchmarks, and {benchmarks} has none; run it there")
     results, found = folder / "results" if quick else benchmarks / "results", {}
     for script in study.scripts:
         path = results / f"{script.written}.json"
