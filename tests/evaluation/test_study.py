@@ -15,7 +15,7 @@ from bricksrl.evaluation.statistics import (
     seeds_interval,
 )
 from bricksrl.evaluation.study import name_of, robot_seconds, run_study, summary
-from bricksrl.evaluation.study_benchmarks import BENCHMARK_STUDIES, BenchmarkStudy, Script, take_study
+from bricksrl.evaluation.study_benchmarks import BENCHMARK_STUDIES, BenchmarkStudy, Script, result_of, take_study
 from bricksrl.evaluation.study_page import page
 from bricksrl.evaluation.study_tables import OUTSIDE, STUDIES, Cell, Condition, Study, drawn_twins
 from bricksrl.training import TrainConfig, train
@@ -159,9 +159,9 @@ def test_a_study_takes_what_a_benchmark_has_measured_and_measures_what_is_missin
     assert "| 1.5 |" in take_study(study, tmp_path / "study", folder).read_text(), "of the try before"
 
 
-def test_the_repositorys_results_make_their_tables(tmp_path: Path) -> None:
+def test_the_repositorys_results_make_their_tables() -> None:
     for study in BENCHMARK_STUDIES.values():
-        text = take_study(study, tmp_path / study.name, Path(__file__).parents[2] / "benchmarks").read_text()
+        text = page(result_of(study, Path(__file__).parents[2] / "benchmarks/results"))
         assert text.count("\n| ") > 8
         assert all(script.quick is not None for script in study.scripts[:1])
 

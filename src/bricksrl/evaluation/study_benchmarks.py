@@ -69,19 +69,25 @@ def take_study(study: BenchmarkStudy, folder: Path, benchmarks: Path, *, quick: 
     """
     if not (benchmarks / "machine.py").exists():
         raise RunError(f"the study '{study.name}' needs the repository's benchmarks, and {benchmarks} has none; run it there")
-    results, found = folder / "results" if quick else benchmarks / "results", {}
+    results = folder / "results" if quick else benchmarks / "results"
     for script in study.scripts:
         path = results / f"{script.written}.json"
         if quick and script.quick is None:
             continue
         if quick or not path.exists():
             _measure(benchmarks / f"{script.name}.py", (script.quick or ()) if quick else script.arguments, folder, results)
-        found[script.written] = json.loads(path.read_bytes())
+    return write_study(folder, result_of(study, results, quick=quick))
+
+
+def result_of(study: BenchmarkStudy, results: Path, *, quick: bool = False) -> Numbers:
+    """The numbers of a study from the results in a folder; what is not there is left out."""
+    paths = {script.written: results / f"{script.written}.json" for script in study.scripts}
+    found = {name: json.loads(path.read_bytes()) for name, path in paths.items() if path.exists()}
     measured_with = {name: {what: one[what] for what in ("machine", "versions")} for name, one in found.items()}
     told = {"study": study.name, "title": study.title, "quick": quick, "results": measured_with}
     tables = study.tables(found)
     tables["notes"] = [*tables.get("notes", ()), *(f"{name}: {one['note']}" for name, one in found.items() if "note" in one)]
-    return write_study(folder, {**told, **measured_with[next(iter(found))], **tables})
+    return {**told, **measured_with[next(iter(found))], **tables}
 
 
 def _measure(script: Path, arguments: tuple[str, ...], folder: Path, results: Path) -> None:
@@ -198,7 +204,8 @@ BENCHMARK_STUDIES = {
             3.0,
             (
                 Script("ablation", (), _ONE_VARIANT),
-                Script("updates", (), ("--agents", "sac", "--rounds", "1")),
+                Script("updates", (), ("--agents", "sac", "--rounds", "1", "--contestants", "torchrl")),
+                Script("race", (), ("--contestants", "ours_sac", "--seeds", "1", "--limit", "200")),
             ),
             _ablation,
         ),
