@@ -192,8 +192,8 @@ STUDIES = {
     one.name: one
     for one in (
         Study("agents", "Agents of the paper, on the robot and from simulation", 60.0, 5.0, 5, _agents, ("episode_steps",)),
-        Study("sim-to-robot", "From simulation to robots with other physics", 8.0, 4.0, 5, _sim_to_robot, _WALK),
-        Study("communication", "Steps a second and the link's interval, streaming or not", 6.0, 4.0, 5, _communication, _WALK),
+        Study("sim-to-robot", "From simulation to robots with other physics", 12.0, 4.0, 5, _sim_to_robot, _WALK),
+        Study("communication", "Steps a second and the link's interval, streaming or not", 3.0, 4.0, 5, _communication, _WALK),
         Study("strategies", "Strategies on RunAway-v0", 0.5, 2.0, 5, _strategies, _STRATEGY),
         Study("robot-time", "Robot minutes to a working policy", 1.0, 2.0, 5, _robot_time, ("episode_steps",)),
     )
