@@ -2,7 +2,8 @@
 
     python benchmarks/arena.py --seeds 5 --film docs/images/tag.mp4
 
-Each catcher learns Tag-v0 against the scripted runner in the kinematic simulation, and is then evaluated in the arena itself: two
+Each catcher learns Tag-v0 in the kinematic simulation, half of whose copies have the scripted runner and half the random one (who
+has learned with one of them alone does not catch the other), and is then evaluated in the arena itself: two
 virtual hubs in one MuJoCo world, some episodes a seed against each runner, whose starts differ from those of the training. The
 script of the catcher and a random one are measured beside it.
 """
@@ -23,10 +24,10 @@ from bricksrl.evaluation.statistics import FEWEST_SEEDS, wilson_interval
 from bricksrl.training.teams.groups import TeamSettings, team_policy
 from bricksrl.training.teams.team import TeamConfig, TeamEpisode, load_team, play_team, train_team
 
-ENV, FRAMES, COPIES = "Tag-v0", 200_000, 256
+ENV, FRAMES, COPIES = "Tag-v0", 300_000, 256
 SETTINGS = {"ippo": TeamSettings(), "sac": TeamSettings(updates_per_step=8.0)}
 FRAMES_OF = {"ippo": FRAMES, "sac": 100_000}
-RUNNERS = ("random", "flee")
+RUNNERS = ("flee", "random")
 EVALUATION_SEED = 7000
 FRAME_MS = 50
 
@@ -46,7 +47,7 @@ def rate(played: list[TeamEpisode], *, seeds: int) -> dict[str, Any]:
 def learned(agent: str, seed: int, episodes: int, path: Path) -> dict[str, Any]:
     """A catcher that learns, is kept in ``path``, and plays against each runner."""
     started_s = time.process_time()
-    config = TeamConfig(ENV, {"catcher": agent}, {"runner": "flee"}, FRAMES_OF[agent], COPIES, seed)
+    config = TeamConfig(ENV, {"catcher": agent}, {"runner": ",".join(RUNNERS)}, FRAMES_OF[agent], COPIES, seed)
     train_team(config, SETTINGS[agent]).save(path)
     cpu_s, env = time.process_time() - started_s, make_arena(ENV)
     played = {
