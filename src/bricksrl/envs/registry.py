@@ -23,7 +23,7 @@ from bricksrl.envs.tasks.run_away import RUN_AWAY
 from bricksrl.envs.tasks.spinning import SPINNING
 from bricksrl.envs.tasks.walker import walker
 from bricksrl.envs.tasks.walker_forward import WALKER_FORWARD
-from bricksrl.errors import DescriptionError, UnknownNameError
+from bricksrl.errors import DescriptionError, UnknownNameError, UnknownOptionError
 from bricksrl.hub.transport import Transport
 from bricksrl.hub.transports.address import parse_hub
 from bricksrl.robots import Robot
@@ -217,7 +217,7 @@ def get_task(env_id: str, **options: Any) -> Task:
 
     Raises:
         UnknownNameError: there is none of that name.
-        DescriptionError: it has no such option.
+        UnknownOptionError: it has no such option.
     """
     return _build(env_id, _offer(env_id), options)
 
@@ -226,7 +226,10 @@ def _build(env_id: str, offer: _Offer, options: dict[str, Any]) -> Task:
     parameters = inspect.signature(offer.build).parameters
     unknown = [name for name in options if name not in parameters]
     if unknown and not any(one.kind is one.VAR_KEYWORD for one in parameters.values()):
-        raise DescriptionError(f"{env_id} has no option {', '.join(unknown)}; it has {', '.join(parameters) or 'none'}")
+        known = ", ".join(parameters) or "none"
+        raise UnknownOptionError(
+            f"{env_id} has no option {unknown[0]} (unexpected keyword argument '{unknown[0]}'); it has {known}"
+        )
     try:
         return offer.build(**options)
     except TypeError as error:
