@@ -107,7 +107,7 @@ class Play(RobotFlags, PageFlags):
             chosen = {name: players[name]}
             players = {**{one: make for one, make in players.items() if one != name}, **chosen}
             if self.page:
-                return _on_page(self, env, env_id, players, subtitle=self.target, episodes=self.episodes)
+                return _on_page(self, env, env_id, players, subtitle=self.target if is_run else "", episodes=self.episodes)
             return _in_terminal(env, players[name](), self.episodes)
 
 
