@@ -2,8 +2,8 @@
 
     python benchmarks/page_pictures.py
 
-Writes ``docs/images/page.png``, a Walker in mid-training, and ``docs/images/page_phone.png``, a 2Wheeler driven by hand on a screen
-as wide as a phone's. Needs Chromium and some minutes.
+Writes ``docs/images/page.png``, a Walker in mid-training, and ``docs/images/page_phone.png``, a 2Wheeler driven by hand on a
+screen as wide as a phone's. Needs Chromium and some minutes.
 """
 
 from __future__ import annotations
@@ -29,7 +29,8 @@ EPISODES = 12
 @contextmanager
 def served(*arguments: str) -> Iterator[str]:
     """Address of the page of a ``bricksrl`` command, which is ended afterwards."""
-    process = subprocess.Popen([sys.executable, "-m", "bricksrl", *arguments], stdout=subprocess.PIPE, text=True)
+    words = [sys.executable, "-m", "bricksrl", *arguments]
+    process = subprocess.Popen(words, stdout=subprocess.PIPE, text=True)  # noqa: S603  our own command
     try:
         for line in process.stdout or ():
             found = re.search(r"http://\S+", line)
