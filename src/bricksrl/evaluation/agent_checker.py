@@ -20,6 +20,7 @@ from bricksrl.errors import BricksError
 from bricksrl.evaluation.settings_text import with_changes
 from bricksrl.finding import Finding
 from bricksrl.training.config import settings_from
+from bricksrl.training.seeding import reproducible
 
 if TYPE_CHECKING:
     from tensordict import TensorDictBase
@@ -50,8 +51,7 @@ def check_agent(agent: str) -> Iterator[Finding]:
         UnknownNameError, DescriptionError: there is no such algorithm.
     """
     checked = _Checked(algorithm(agent))
-    with torch.random.fork_rng(devices=[]):
-        torch.manual_seed(_SEED)
+    with reproducible(_SEED):
         yield from run_checks(
             {
                 "settings": checked.settings,
