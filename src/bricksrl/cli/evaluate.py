@@ -103,6 +103,8 @@ class Evaluate:
 
 def describe(result: EvaluationResult) -> Iterator[str]:
     """An evaluation in a few lines, with its 95 % intervals."""
+    from bricksrl.evaluation.report import labelled
+
     low, high = result.return_interval.low, result.return_interval.high
     yield f"{result.env}, {result.episodes} episodes of {result.agent} after {result.trained_episodes} episodes of training:"
     yield f"return   {result.return_mean:.4g} ± {result.return_std:.4g}  (95 % interval of the mean: {low:.4g} to {high:.4g})"
@@ -111,4 +113,4 @@ def describe(result: EvaluationResult) -> Iterator[str]:
         count = round(result.success_rate * result.episodes)
         yield f"success  {count} of {result.episodes} episodes  (95 % interval of the rate: {low:.0%} to {high:.0%})"
     for name, value in result.metrics.items():
-        yield f"{name}  {value:.4g}"
+        yield "  ".join(labelled(name, value))

@@ -106,13 +106,23 @@ def _curve_text(env: str) -> str:
     return text
 
 
+_UNITS = {"_m_s": "m/s", "_deg_s": "deg/s", "_mm": "mm", "_m": "m", "_deg": "deg", "_pct": "%"}
+"""Endings of metrics' names, the longest first."""
+
+
 def _rows(result: EvaluationResult) -> Iterable[tuple[str, str]]:
     interval = result.return_interval
     yield "return", f"{result.return_mean:.4g} ± {result.return_std:.3g}, mean in {interval.low:.4g} to {interval.high:.4g}"
     if result.success_rate is not None:
         yield "success", f"{result.success_rate:.0%} of {result.episodes} episodes"
     for name, value in result.metrics.items():
-        yield name.replace("_", " "), f"{value:.4g}"
+        yield labelled(name, value)
+
+
+def labelled(name: str, value: float) -> tuple[str, str]:
+    """A metric for people: ``forward_speed_m_s`` and 0.05246 as "forward speed" and "0.05246 m/s"."""
+    ending, unit = next(((ending, unit) for ending, unit in _UNITS.items() if name.endswith(ending)), ("", ""))
+    return name.removesuffix(ending).replace("_", " "), f"{value:.4g} {unit}".rstrip()
 
 
 def _table(rows: Iterable[tuple[str, str]]) -> str:
