@@ -7,8 +7,8 @@ every 100 steps on 40 deterministic episodes, whose time does not count; it is t
 twice: with our features and the values of our default settings (learning rate, discount, temperature, networks, layer
 normalisation where they have it, updates a step, random episodes at the start), and with their own defaults on raw
 observations. One seed of each runs after the other, so that all of them see the machine alike; medians over the seeds count. A
-contestant that is not there after ``--limit`` steps counts as that. What the result holds already is not run again: the script goes
-on where it was ended, and with ``--contestants`` some get more seeds than others.
+contestant that is not there after ``--limit`` steps counts as that. What the result holds already is not run again, so the script
+goes on where it was ended, and with ``--contestants`` some get more seeds than others.
 """
 
 from __future__ import annotations
