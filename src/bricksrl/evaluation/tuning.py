@@ -40,7 +40,7 @@ _NUMBERS: dict[str, tuple[float, float, bool]] = {
     "exploration_noise": (0.05, 0.5, False),
     "target_noise": (0.05, 0.4, False),
 }
-"""Least and greatest value, and whether the scale is logarithmic. Other float settings of a user are tuned around their default."""
+"""Least and greatest value, and whether the scale is logarithmic. A user's other floats are tuned around their default."""
 
 _OF_GOALS: dict[str, tuple[float, float, bool]] = {"hindsight": (0.0, 0.5, False), "new_goals": (0.0, 0.5, False)}
 """Further ranges, for tasks with goals only."""
