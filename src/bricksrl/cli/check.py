@@ -12,10 +12,10 @@ from bricksrl.cli.terminal import load_learning, print_line
 
 @dataclass(frozen=True)
 class Check:
-    """Check an environment or an agent, ours or your own.
+    """Check an environment or an agent, built-in or your own.
 
-    Of an environment: description, functions, hub program, specs, reset, determinism, twin. Of an agent, in a small simulation:
-    settings, building, acting, remembering, learning, saving, copies. One line a check; exit code 1 when one failed.
+    Checks of an environment: description, functions, hub program, specs, reset, determinism, twin. Checks of an agent, in a small
+    simulation: settings, build, acting, memory, learning, saving, copies. One line per check; exit code 1 if any failed.
 
     Examples:
       bricksrl check RunAway-v0

@@ -1,4 +1,4 @@
-"""``bricksrl compare`` and ``bricksrl plot``: several runs in one table, one picture."""
+"""``bricksrl compare`` and ``bricksrl plot``: several runs in one table or plot."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 class Compare:
     """Compare runs: agents, seeds and environments in one table, with the probability that one agent beats the other.
 
-    Runs that differ in nothing but their seed count as one group; the folder of `bricksrl train --seeds` stands for its seeds.
-    From five seeds on there are 95 % intervals. Runs are scored by their evaluations where all have one.
+    Runs that differ only in their seed form a group; the folder of `bricksrl train --seeds` stands for all its runs. Groups of
+    five or more seeds have 95 % intervals. Runs are scored by their evaluations if all have one, else by their last episodes.
 
     Examples:
       bricksrl compare runs/sac runs/td3
@@ -32,7 +32,7 @@ class Compare:
     out: Annotated[Path | None, arg(metavar="FILE")] = None
     """PNG file for the learning curves."""
     json: bool = False
-    """One JSON object on standard output and nothing else."""
+    """Print only one JSON object on standard output."""
 
     def execute(self) -> int:
         """Compare, print, draw."""
@@ -55,7 +55,7 @@ class Compare:
 
 @dataclass(frozen=True)
 class Plot:
-    """Draw the learning curves of runs into one picture, with reference lines: random actions, a controller by hand, the paper.
+    """Plot the learning curves of runs, with reference lines: random actions, a scripted controller, the paper.
 
     Examples:
       bricksrl plot runs/spin --out spin.png
@@ -63,7 +63,7 @@ class Plot:
     """
 
     runs: Annotated[Positional[tuple[Path, ...]], arg(metavar="RUN")]
-    """Folders of runs; that of `bricksrl train --seeds` stands for its seeds."""
+    """Folders of runs; the folder of `bricksrl train --seeds` stands for all its runs."""
     out: Annotated[Path, arg(metavar="FILE")]
     """PNG file to write."""
 

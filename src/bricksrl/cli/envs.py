@@ -11,7 +11,7 @@ from bricksrl.cli.terminal import print_line
 
 @dataclass(frozen=True)
 class List:
-    """Show the environments, agents and robots that there are.
+    """List the environments, agents, presets and robots.
 
     The JSON object also names the entries of each observation and action.
 
@@ -21,10 +21,10 @@ class List:
     """
 
     json: bool = False
-    """One JSON object instead of a table."""
+    """Print one JSON object instead of a table."""
 
     def execute(self) -> int:
-        """Print it."""
+        """Print the lists."""
         names = _collect()
         if self.json:
             print_line(json.dumps(names, indent=2))

@@ -22,7 +22,7 @@ _FILMED_EPISODES = 3
 
 @dataclass(frozen=True)
 class Evaluate:
-    """Let a trained agent do its best, without exploring and without learning, and count.
+    """Evaluate a trained agent, without exploration or learning.
 
     Examples:
       bricksrl evaluate runs/spin
@@ -34,25 +34,25 @@ class Evaluate:
     run: Annotated[Positional[Path], arg(metavar="RUN")]
     """Folder that `bricksrl train` wrote."""
     env: Annotated[str | None, arg(metavar="ENV")] = None
-    """Environment, when it is not the one that the agent was trained in."""
+    """Environment, if it is not that of the training."""
     episodes: Annotated[int, arg(metavar="N")] = 5
-    """Episodes to count."""
+    """Episodes to evaluate."""
     seed: Annotated[int, arg(metavar="N")] = 1000
-    """Of the episodes; another seed gives other starts."""
+    """Seed of the episodes; another seed gives other starts."""
     hub: Annotated[str | None, arg(metavar="HUB")] = None
-    """How to reach the robot: virtual, ble, ble:NAME, ble:ADDRESS, usb or usb:PORT; as in training without it."""
+    """How to reach the robot: virtual, ble, ble:NAME, ble:ADDRESS, usb or usb:PORT; by default as in training."""
     realtime: bool = False
-    """Let the virtual robot take as long as a real one."""
+    """Run the virtual robot in real time."""
     randomize: bool = False
-    """Draw another physics of the virtual robot for each episode; off, however the agent was trained."""
+    """Draw the physics of the virtual robot anew for each episode; by default off, even if the training randomized."""
     physics: Annotated[Path | None, arg(metavar="FILE")] = None
-    """Physics of the virtual robot: a JSON file such as `bricksrl twin fit` writes; without it as in training."""
+    """Physics of the virtual robot: a JSON file such as `bricksrl twin fit` writes; by default as in training."""
     best: bool = False
-    """Take the checkpoint of the best evaluation during training in place of the last one."""
+    """Use the checkpoint of the best evaluation during training instead of the last one."""
     video: Annotated[Path | None, arg(metavar="FILE")] = None
     """Film up to three of the episodes into this mp4 file."""
     json: bool = False
-    """One JSON object on standard output and nothing else."""
+    """Print only one JSON object on standard output."""
 
     def execute(self) -> int:
         """Evaluate and print."""
@@ -102,7 +102,7 @@ class Evaluate:
 
 
 def describe(result: EvaluationResult) -> Iterator[str]:
-    """An evaluation in a few lines, with its 95 % intervals."""
+    """Text lines of an evaluation, with its 95 % intervals."""
     from bricksrl.evaluation.report import labelled
 
     low, high = result.return_interval.low, result.return_interval.high

@@ -1,4 +1,4 @@
-"""Live page on the command line: its flags, its address, and the commands that are about nothing else."""
+"""Live page on the command line: its flags, its address, and the commands ``play`` and ``drive``."""
 
 from __future__ import annotations
 
@@ -28,15 +28,15 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class PageAddress:
-    """Where the live page is served."""
+    """Address flags of the live page."""
 
     page_host: Annotated[str, arg(metavar="ADDRESS")] = "127.0.0.1"
-    """Address that the live page is served on; 0.0.0.0 lets phones and computers in the same network in, who know the address."""
+    """Address that serves the live page; 0.0.0.0 lets devices in the same network in that know the page's full address."""
     page_port: Annotated[int | None, arg(metavar="N")] = None
-    """Port of the live page; without it the first free one from 8090 on."""
+    """Port of the live page; by default the first free one from 8090."""
 
     def page_options(self) -> PageOptions:
-        """Where the page is served."""
+        """Options of the page's server."""
         from bricksrl.page.server import PageOptions
 
         return PageOptions(self.page_host, self.page_port)
@@ -44,27 +44,27 @@ class PageAddress:
 
 @dataclass(frozen=True, kw_only=True)
 class PageFlags(PageAddress):
-    """Whether there is a live page."""
+    """Flags of the live page."""
 
     page: bool = False
-    """Show it live in the browser: the robot in 3D, curves, buttons to pause and stop, sliders to drive."""
+    """Show a live page in the browser: the robot in 3D, curves, buttons to pause and stop, sliders to drive."""
 
 
 def announce(url: str) -> None:
-    """Tell the address of a page, and open it where there is a screen and somebody before it."""
+    """Print the address of a page, and open it if there is a screen."""
     print_note(f"live page: {url}")
     if has_screen():
         webbrowser.open(url)
 
 
 def show_file(path: Path) -> None:
-    """Open a file in the browser where there is a screen and somebody before it."""
+    """Open a file in the browser if there is a screen."""
     if has_screen():
         webbrowser.open(path.absolute().as_uri())
 
 
 def has_screen() -> bool:
-    """Whether a browser that is opened here can be seen by whoever started this."""
+    """Whether the user can see a browser that is opened here."""
     if sys.stderr is None or not sys.stderr.isatty() or os.environ.get("SSH_CONNECTION"):
         return False
     return sys.platform in ("win32", "darwin") or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
@@ -72,9 +72,9 @@ def has_screen() -> bool:
 
 @dataclass(frozen=True)
 class Play(RobotFlags, PageFlags):
-    """Let a trained agent play, episode after episode, at the speed of a real robot; with --page in the browser.
+    """Play episodes with a trained agent, at the speed of a real robot; with --page in the browser.
 
-    On the page one may choose another policy to compare: random, first (before it had learned), best and last. Ctrl-C ends it.
+    The page can switch between policies: random, first (untrained), best and last. Ctrl-C ends it.
 
     Examples:
       bricksrl play runs/spin --page
@@ -84,13 +84,13 @@ class Play(RobotFlags, PageFlags):
     """
 
     target: Annotated[Positional[str], arg(metavar="RUN|ENV")]
-    """Folder that `bricksrl train` wrote, or of a policy that was shared; or an environment, for random actions."""
+    """Folder of a run or of a shared policy; or an environment, for random actions."""
     policy: Annotated[str | None, arg(metavar="NAME")] = None
-    """Policy to begin with: random, first, best or last; without it the last."""
+    """Policy to begin with: random, first, best or last; by default the last."""
     episodes: Annotated[int | None, arg(metavar="N")] = None
-    """Episodes to play; without it until Ctrl-C."""
+    """Episodes to play; by default until Ctrl-C."""
     seed: Annotated[int, arg(metavar="N")] = 1000
-    """Of the episodes."""
+    """Seed of the episodes."""
 
     def execute(self) -> int:
         """Play."""
@@ -113,7 +113,7 @@ class Play(RobotFlags, PageFlags):
 
 @dataclass(frozen=True)
 class Drive(RobotFlags, PageAddress):
-    """Drive a robot, by default a virtual one, with the sliders and the stick of a page in the browser. Ctrl-C ends it.
+    """Drive a robot, by default a virtual one, with the sliders and the joystick of a page in the browser. Ctrl-C ends it.
 
     Examples:
       bricksrl drive Spinning-v0
@@ -125,7 +125,7 @@ class Drive(RobotFlags, PageAddress):
     env: Annotated[Positional[str], arg(metavar="ENV")]
     """Environment; `bricksrl list` shows them. A task of your own: my_task.py, my_task.py:TASK or module:TASK."""
     seed: Annotated[int, arg(metavar="N")] = 0
-    """Of the episodes."""
+    """Seed of the episodes."""
 
     def execute(self) -> int:
         """Drive."""
@@ -139,7 +139,7 @@ class Drive(RobotFlags, PageAddress):
 
 @contextmanager
 def _environment(flags: Play | Drive, target: str, run: Path | None) -> Iterator[tuple[EnvBase, str]]:
-    """The environment that is named, or that of a run, open for as long as this lasts, and its id."""
+    """The named environment, or that of a run, open inside this context, and its id."""
     from bricksrl.envs import make
     from bricksrl.policies import config_of
 
@@ -190,7 +190,7 @@ def _on_page(
 
 
 def _in_terminal(env: EnvBase, player: Player, episodes: int | None) -> int:
-    """A line an episode."""
+    """Play without a page, and print a line per episode."""
     from bricksrl.cli.emergency_stop import Hand
     from bricksrl.envs.rollout import Rollout, play
 
@@ -218,7 +218,7 @@ def run_on_page(
     on_stop: Callable[[], None] = lambda: None,
     can_drive: bool = True,
 ) -> Iterator[LivePage | None]:
-    """The page of a run or a recording, served for as long as this lasts; ``None`` where nobody asked for it."""
+    """The live page of a run or a recording, served inside this context; ``None`` without ``--page``."""
     if not flags.page:
         yield None
         return

@@ -18,7 +18,7 @@ from bricksrl.errors import PlanError
 class CheckPlan:
     """Check a building plan: unknown, loose and half-held parts, collisions, gears, steps, ports, cables.
 
-    One line a finding, with the line of the file and what to do; exit code 1 when there are any.
+    One line per finding, with the line of the file and advice; exit code 1 if there are any.
 
     Examples:
       bricksrl plan check plans/two_wheeler.ldr
@@ -47,7 +47,7 @@ class CheckPlan:
 
 @dataclass(frozen=True)
 class PlanParts:
-    """List the parts of a building plan, as a table or as a file that shops read. Without a plan, list the catalogue.
+    """List the parts of a building plan, as a table or as a file for part shops. Without a plan, list the catalogue.
 
     Examples:
       bricksrl plan parts plans/two_wheeler.ldr
@@ -61,10 +61,10 @@ class PlanParts:
     out: Annotated[Path | None, arg(metavar="FILE")] = None
     """File to write."""
     format: Literal["csv", "rebrickable", "bricklink"] = "csv"
-    """Of the file: a table with masses, Rebrickable's CSV, or a wanted list of BrickLink in XML."""
+    """Format of the file: a table with masses, Rebrickable's CSV, or BrickLink's wanted list in XML."""
 
     def execute(self) -> int:
-        """Print or write it."""
+        """Print or write the list."""
         from bricksrl.files import write_durably
         from bricksrl.plans import catalogue
         from bricksrl.plans.parts_list import as_text, parts_list
@@ -115,7 +115,7 @@ class PlanSteps:
 
 @dataclass(frozen=True)
 class ShowPlan(PageAddress):
-    """Show a building plan in the browser: step after step, turned and zoomed, its joints moved by sliders. Ctrl-C ends it.
+    """Show a building plan in the browser: step by step, turned and zoomed, with sliders for its joints. Ctrl-C ends it.
 
     Examples:
       bricksrl plan show plans/walker.ldr
@@ -126,7 +126,7 @@ class ShowPlan(PageAddress):
     """An LDraw file (.ldr, .mpd), or Studio's .io."""
 
     def execute(self) -> int:
-        """Serve it until somebody ends it."""
+        """Serve the page until Ctrl-C."""
         from bricksrl.page.plan_view import PlanView
         from bricksrl.page.server import PageServer
         from bricksrl.plans.plan import read_plan

@@ -1,4 +1,4 @@
-"""``bricksrl train`` and ``bricksrl resume``: learn, evaluate, draw."""
+"""``bricksrl train`` and ``bricksrl resume``: train, evaluate, report."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ _EVALUATED_EPISODES = 5
 class Train(RobotFlags, PageFlags):
     """Train an agent on a robot, by default a virtual one.
 
-    The run folder gets the configuration, the metrics, a checkpoint, the learning curve, an evaluation and, where OpenGL is
-    there, a video. Ctrl-C ends the training early and keeps what was learned. In a terminal, space, q or Esc stops the robot at
-    once, and p pauses it; the signals SIGUSR1 and SIGTERM (Windows: Ctrl-Break) stop it too.
+    The run folder gets the configuration, the metrics, a checkpoint, the learning curve, an evaluation and, with OpenGL, a video.
+    Ctrl-C ends the training early and keeps what was learned. In a terminal, space, q or Esc stops the robot at once, and p
+    pauses it; the signals SIGUSR1 and SIGTERM (Windows: Ctrl-Break) stop it too.
 
     Examples:
       bricksrl train RunAway-v0
@@ -59,59 +59,59 @@ class Train(RobotFlags, PageFlags):
     env: Annotated[Positional[str | None], arg(metavar="ENV")] = None
     """Environment; `bricksrl list` shows them. A task of your own: my_task.py, my_task.py:TASK or module:TASK."""
     agent: Annotated[str | None, arg(metavar="NAME")] = None
-    """Agent; `bricksrl list` shows them. An algorithm of your own: my_agent.py[:NAME]. Without a name sac, or that of --from."""
+    """Agent; `bricksrl list` shows them. An algorithm of your own: my_agent.py[:NAME]. Default: sac, or the agent of --from."""
     preset: Annotated[str | None, arg(metavar="NAME")] = None
-    """Settings of the agent: default, or paper, those of the BricksRL paper. Without a name default, or those of --from."""
+    """Settings of the agent: default, or paper for those of the BricksRL paper. Default: default, or the settings of --from."""
     settings: Annotated[Path | None, arg(metavar="FILE")] = None
-    """Settings in place of those of the preset: a JSON file such as `bricksrl tune` writes."""
+    """Settings that replace those of the preset: a JSON file such as `bricksrl tune` writes."""
     changes: Annotated[UseAppendAction[tuple[str, ...]], arg(name="set", metavar="NAME=VALUE")] = ()
-    """A single setting, such as learning_rate=3e-4 or hidden=128,128. May be given several times."""
+    """A single setting, such as learning_rate=3e-4 or hidden=128,128. May be repeated."""
     device: Annotated[Literal["cpu", "cuda", "mps", "auto"], arg(metavar="NAME")] = "cpu"
-    """Where networks, replay and simulations are: cpu, cuda, mps, or auto for the best one here."""
+    """Device of networks, replay buffer and simulations: cpu, cuda, mps, or auto for the best available."""
     compile: bool = False
-    """Compile loss and gradients into one graph: takes a while at the start, for long runs."""
+    """Compile loss and gradients into one graph; slow to start, worth it for long runs."""
     num_envs: Annotated[int, arg(metavar="N")] = 1
-    """Copies to train on at once: of a simulation in one batch, of a virtual robot in as many processes."""
+    """Environments to train on in parallel: copies of a simulation in one batch, virtual robots in one process each."""
     robots: Annotated[int, arg(metavar="N")] = 1
-    """Virtual robots that learn together, each in a process; real ones are named by --hub, such as ble:A,ble:B."""
+    """Virtual robots that train one agent, each in its process; real ones are named by --hub, such as ble:A,ble:B."""
     eval_every: Annotated[int, arg(metavar="N")] = 0
-    """Evaluate after every so many episodes, and keep the best checkpoint; 0 for never."""
+    """Evaluate after every N episodes, and keep the best checkpoint; 0 for never."""
     eval_episodes: Annotated[int, arg(metavar="N")] = 5
     """Episodes of each of these evaluations."""
     stop_at: Annotated[float | None, arg(metavar="RETURN")] = None
-    """Stop once the mean return of the last five episodes, or of an evaluation where there are some, is this or more."""
+    """Stop when the mean return of the last five episodes, or of an evaluation with --eval-every, reaches this."""
     episodes: Annotated[int | None, arg(metavar="N")] = None
-    """Episodes to train for; without it as many as suit the environment."""
+    """Episodes to train for; the default depends on the environment."""
     seed: Annotated[int, arg(metavar="N")] = 0
-    """Of everything random: the same seed gives the same run."""
+    """Seed of all random numbers: the same seed gives the same run."""
     seeds: Annotated[int | None, arg(metavar="N")] = None
-    """Train so many times, with as many seeds from --seed on, side by side, and sum up."""
+    """Train N seeds, starting with --seed, in parallel, and summarise them."""
     on: Annotated[str | None, arg(metavar="WHERE")] = None
-    """Train the --seeds there: ray, or ray:ADDRESS for a cluster (pip install 'bricksrl[distributed]')."""
+    """Where to train the --seeds: ray, or ray:ADDRESS for a cluster (pip install 'bricksrl[distributed]')."""
     run: Annotated[Path | None, arg(metavar="DIR")] = None
-    """Folder to write to, which must not exist; without it runs/<env>-<agent>-<seed>-<time>."""
+    """Folder to write to, which must not exist; by default runs/<env>-<agent>-<seed>-<time>."""
     data: Annotated[Path | None, arg(metavar="DIR")] = None
     """Learn from this dataset too: half of each batch is drawn from it."""
     start: Annotated[Path | None, arg(name="from", metavar="RUN")] = None
-    """Folder of a run whose agent goes on learning here, from where it was; with another --agent, whose policy that one takes."""
+    """Folder of a run to warm-start from: its agent continues to learn or, with another --agent, provides the initial policy."""
     no_record: bool = False
-    """Do not keep the transitions; else they are a dataset, in the folder data of the run."""
+    """Do not record the transitions; by default they are a dataset in the run's folder data."""
     take_over: Literal["keyboard", "gamepad"] | None = None
-    """Let a human take over from the agent, and give back; the agent learns from these steps too, and the data marks them."""
+    """Let a human intervene with this device; the agent learns from these steps too, and the data marks them."""
 
     asynchronous: bool = False
-    """Learn beside the robot, which never waits; so it is on a real robot and with --realtime."""
+    """Learn in parallel with the robot, which never waits; the default on a real robot and with --realtime."""
     synchronous: bool = False
-    """Learn while the robot waits, on a real robot too; runs on a virtual one are then repeatable."""
+    """Learn while the robot waits, even on a real robot; runs on a virtual one are then reproducible."""
     patience: Annotated[float, arg(metavar="SECONDS")] = 300.0
-    """How long to try to reach a robot again whose link broke."""
+    """How long to retry when the link to a robot broke."""
     log: Annotated[Literal["none", "tensorboard", "wandb", "trackio"], arg(metavar="NAME")] = "none"
-    """Also tell tensorboard, wandb or trackio; metrics.csv is always written."""
+    """Also log to tensorboard, wandb or trackio; metrics.csv is always written."""
     resume: Annotated[Path | None, arg(metavar="RUN")] = None
-    """Go on with that run, as `bricksrl resume` does, in place of a new one."""
+    """Resume this run, as `bricksrl resume` does, instead of starting a new one."""
 
     def execute(self) -> int:
-        """Train, evaluate, draw."""
+        """Train, evaluate, report."""
         if self.resume is not None:
             if self.env is not None:
                 raise DescriptionError("a run that is resumed has an environment; leave ENV or --resume away")
@@ -119,7 +119,7 @@ class Train(RobotFlags, PageFlags):
             return again.execute()
         if self.env is None:
             raise DescriptionError("name an environment to train in, or a run to --resume; `bricksrl list` shows environments")
-        load_learning()  # algorithms are known with their modules
+        load_learning()  # algorithms are registered when their modules are imported
         config = self.config(self.env)
         if self.seeds is not None:
             from bricksrl.cli.seeds import train_seeds
@@ -144,11 +144,11 @@ class Train(RobotFlags, PageFlags):
 
                 return train(config, shown.callback, place=place, driver=driver, stop=shown.stop)
 
-            by_keys = self.take_over == "keyboard"  # who drives by keys needs them all
+            by_keys = self.take_over == "keyboard"  # then all keys are for driving
             return see_through(start, config, self, keys=False if by_keys else None)
 
     def config(self, env: str) -> TrainConfig:
-        """What all this says about a run."""
+        """Configuration of the run from the flags."""
         from bricksrl.envs.registry import training_episodes
         from bricksrl.evaluation.settings_text import read_settings, with_changes
         from bricksrl.training import RunFolder, TrainConfig
@@ -195,7 +195,7 @@ class Train(RobotFlags, PageFlags):
 
 @dataclass(frozen=True)
 class Resume(PageFlags):
-    """Go on with a run that was interrupted, or train a finished one for longer.
+    """Resume an interrupted run, or train a finished one for longer.
 
     Examples:
       bricksrl resume runs/spin
@@ -205,10 +205,10 @@ class Resume(PageFlags):
     run: Annotated[Positional[Path], arg(metavar="RUN")]
     """Folder that `bricksrl train` wrote."""
     episodes: Annotated[int | None, arg(metavar="N")] = None
-    """Episodes in all, those that were trained already included; without it as many as the run was started with."""
+    """Total number of episodes, including those already trained; by default that of the run's start."""
 
     def execute(self) -> int:
-        """Train on, evaluate, draw."""
+        """Resume, evaluate, report."""
         from bricksrl.training import RunFolder, resume
 
         config = RunFolder(self.run).read_config()
@@ -219,7 +219,7 @@ class Resume(PageFlags):
 
 @dataclass(frozen=True)
 class Shown:
-    """A run as it is shown: in the terminal, and on a page where there is one; and what stops it."""
+    """Displays of a run, in the terminal and on an optional page, and its stop event."""
 
     progress: LineProgress
     stop: threading.Event
@@ -227,7 +227,7 @@ class Shown:
 
     @property
     def callback(self) -> Callback:
-        """Everybody who listens."""
+        """Callback of all displays."""
         from bricksrl.training.callbacks import CallbackList
 
         if self.page is None:
@@ -237,13 +237,13 @@ class Shown:
         return CallbackList(self.progress, PageCallback(self.page, self.stop))
 
     def arguments(self) -> dict[str, Any]:
-        """What `train` and `resume` get of it."""
+        """Keyword arguments for `train` and `resume`."""
         driver = None if self.page is None else self.page.driver
         return {"place": self.progress.place, "stop": self.stop, "driver": driver}
 
 
 def see_through(start: Callable[[Shown], RunResult], config: TrainConfig, flags: PageFlags, *, keys: bool | None = None) -> int:
-    """A run from its first step to its video; returns the exit code. ``keys`` as :class:`Hand` takes it."""
+    """Run, evaluate and report a training with its displays; returns the exit code. ``keys`` is passed to :class:`Hand`."""
     from bricksrl.cli.emergency_stop import Hand
     from bricksrl.cli.progress import make_progress
 
@@ -260,7 +260,7 @@ def see_through(start: Callable[[Shown], RunResult], config: TrainConfig, flags:
             if not result.interrupted:
                 _show(result, hand, page)
                 return 0
-    except (KeyboardInterrupt, StoppedError):  # before the training, after it, or for the second time
+    except (KeyboardInterrupt, StoppedError):  # before or after the training, or a second time during it
         pass
     finally:
         progress.close()
@@ -269,7 +269,7 @@ def see_through(start: Callable[[Shown], RunResult], config: TrainConfig, flags:
 
 
 def _show(result: RunResult, hand: Hand, page: LivePage | None) -> None:
-    """Evaluate, film, and say where everything is."""
+    """Evaluate, film, and print the paths of the results."""
     from bricksrl.cli.evaluate import describe
     from bricksrl.cli.page import show_file
     from bricksrl.cli.video import report

@@ -1,4 +1,4 @@
-"""``bricksrl trust``: allow the code that a run from elsewhere names."""
+"""``bricksrl trust``: allow a run from elsewhere to execute the code that it names."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from bricksrl.cli.terminal import print_line
 
 @dataclass(frozen=True)
 class Trust:
-    """Allow a run, or a policy, that somebody else made to execute the Python files that it names.
+    """Allow a run or a policy made by somebody else to execute the Python files that it names.
 
-    Runs with a task, an algorithm or networks in files execute them. Those that were trained on this computer are trusted; one
-    from elsewhere is refused until you allow it. Read its code first: it may do whatever you may do.
+    Runs with a task, an algorithm or networks in files execute them. Runs trained on this computer are trusted; one from
+    elsewhere is refused until you allow it. Read its code first: it runs with all your permissions.
 
     Examples:
       bricksrl trust runs/from-a-friend
@@ -26,7 +26,7 @@ class Trust:
     """Folder of the run or of the policy."""
 
     def execute(self) -> int:
-        """Remember it, and say what may run now."""
+        """Declare the run trusted and print the allowed code."""
         from bricksrl.envs.trust import trust
 
         code = trust(self.run)

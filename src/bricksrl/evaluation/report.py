@@ -1,4 +1,4 @@
-"""Report of a run: one HTML file that says what was learned, with its pictures and films in it."""
+"""Report of a run: one HTML file with results, learning curve and films."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ if TYPE_CHECKING:
     from bricksrl.evaluation.film import Filmed
 
 MOST_EMBEDDED_BYTES = 12_000_000
-"""A longer film is linked, and not put into the page."""
+"""Size above which a film is linked rather than embedded."""
 
 
 @dataclass(frozen=True)
 class Films:
-    """Films of a run: of the agent before and after it had learned, and both side by side."""
+    """Films of a run: before training, after it, and both side by side."""
 
     before: Filmed
     after: Filmed
@@ -34,16 +34,16 @@ class Films:
 def write_report(
     run_dir: Path, episodes: Sequence[Episode], result: EvaluationResult, films: Films | None, no_films: str = ""
 ) -> Path:
-    """Write ``report.html`` into a run's folder, and the curve in it beside it.
+    """Write ``report.html`` into a run's folder.
 
     Args:
-        episodes: of the training.
-        result: of the evaluation after it.
-        films: ``None`` where there are none.
-        no_films: the reason for that.
+        episodes: episodes of the training.
+        result: evaluation after the training.
+        films: films of the run, or ``None``.
+        no_films: reason why there are none.
 
     Returns:
-        Its path.
+        Path of the report.
     """
     curve = run_dir / "report_curve.png"
     draw_learning_curve(curve, episodes, "", reference_lines(result.env))

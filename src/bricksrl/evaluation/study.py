@@ -1,7 +1,7 @@
-"""Runner of studies: trains each cell of a table with several seeds, evaluates, and writes what they say together.
+"""Runner of studies: trains each cell of a table with several seeds, evaluates, and writes the results.
 
-A study's folder holds a run folder for each cell and seed, so that the same command goes on where it was interrupted; what was
-trained and evaluated is not made again. ``study.json`` has the numbers, the processor and the versions; ``study.md`` the tables.
+A study's folder holds a run folder for each cell and seed, so that the same command resumes an interrupted study and repeats no
+finished run. ``study.json`` has the numbers, the processor and the versions; ``study.md`` the tables.
 """
 
 from __future__ import annotations
@@ -39,12 +39,12 @@ _PACKAGES = ("bricksrl", "torch", "torchrl", "tensordict", "mujoco", "numpy")
 SOLVED_WINDOW = 5
 
 OnSeed = Callable[[str, int, str | None], None]
-"""Told the name of a cell, a seed, and what went wrong, when it is done."""
+"""Called with the name of a cell, a seed, and its error or ``None``, when the seed is done."""
 
 
 @dataclass(frozen=True)
 class Judgement:
-    """One seed's evaluation under a condition."""
+    """Evaluation of one seed under a condition."""
 
     condition: str
     returns: tuple[float, ...]
@@ -54,12 +54,12 @@ class Judgement:
 
 @dataclass(frozen=True)
 class Outcome:
-    """One seed of a cell.
+    """Result of one seed of a cell.
 
     Attributes:
-        steps, wall_s: of the training.
-        solved_s, solved_episode: of the run's time and its episodes, when its last five episodes first reached nine tenths of the
-            best mean of five, counted from that of the first five; ``None`` where there are fewer than ten episodes.
+        steps, wall_s: robot steps and wall time of the training.
+        solved_s, solved_episode: time and episode at which the mean of the last five returns first reached 90 % of the way from
+            that of the first five to the best one; ``None`` for fewer than ten episodes.
     """
 
     seed: int
@@ -71,12 +71,12 @@ class Outcome:
 
 
 def name_of(cell: Cell) -> str:
-    """A folder's name."""
+    """Name of a cell's folder."""
     return "".join(char if char.isalnum() or char in "-." else "_" for char in f"{cell.row}-{cell.column}")
 
 
 def run_seed(cell: Cell, seed: int, folder: str) -> dict[str, Any] | str:
-    """Train and evaluate one seed, or take up where an earlier try ended; an error's text where it cannot be."""
+    """Train, or resume, and evaluate one seed; returns its outcome as a dict, or the error as text."""
     from bricksrl.evaluation.evaluator import evaluate
     from bricksrl.training import RunFolder, TrainConfig, resume, train
 
@@ -117,7 +117,7 @@ def _judgement(name: str, result: EvaluationResult) -> Judgement:
 
 
 def solved(episodes: Sequence[Episode]) -> Episode | None:
-    """The episode by which a run has learned nine tenths of what it learns."""
+    """Episode at which a run reached 90 % of its improvement, as in `Outcome`; ``None`` for fewer than ten episodes."""
     if len(episodes) < 2 * SOLVED_WINDOW:
         return None
     returns = np.array([episode.return_ for episode in episodes])
@@ -136,16 +136,16 @@ def run_study(
     on: str | None = None,
     on_seed: OnSeed = lambda *_: None,
 ) -> Path:
-    """Make what is missing of a study, and write its numbers and its page; returns the page.
+    """Run the missing parts of a study, and write ``study.json`` and ``study.md``; returns the path of the latter.
 
     Args:
-        quick: its quick form, which shows that everything works and nothing else.
-        seeds: of each cell; without it the study's own number, 2 of the quick form.
-        jobs: processes at a time; without it as many as there are cores.
-        on: "ray", or "ray:ADDRESS", with a folder that all computers see.
+        quick: run the quick form, a smoke test of the study.
+        seeds: seeds per cell; by default the study's number, 2 in the quick form.
+        jobs: concurrent processes; by default the number of cores.
+        on: "ray", or "ray:ADDRESS", with a folder shared by all computers.
 
     Raises:
-        RunError: a seed failed; the others are there all the same, and the same command goes on.
+        RunError: a seed failed; the others are kept, and the same command resumes.
     """
     cells = study.cells(quick)
     count = seeds or (2 if quick else study.seeds)
@@ -171,10 +171,10 @@ def run_study(
 
 
 def _made(orders: Sequence[tuple[Cell, int, str]], jobs: int | None, on: str | None) -> Iterable[dict[str, Any] | str]:
-    """The outcome of each order, in their order, as soon as it is there."""
+    """Outcomes of the orders, in order, each as soon as it is ready."""
     if on is not None:
         with connected(parse_on(on), jobs) as ray:
-            remote = ray.remote(run_seed).options(num_cpus=1, max_retries=3)  # on one thread, by its environment
+            remote = ray.remote(run_seed).options(num_cpus=1, max_retries=3)  # single-threaded, by its environment variables
             for job in [remote.remote(*order) for order in orders]:
                 yield ray.get(job)
         return
@@ -193,7 +193,7 @@ def _on_one_thread() -> None:
 
 
 def summary(cell: Cell, outcomes: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """What the seeds of a cell say together; conditions of the same name are joined."""
+    """Summary of a cell's seeds; conditions of the same name are pooled."""
     names = list(dict.fromkeys(one.name for one in cell.conditions))
     return {
         "row": cell.row,
@@ -208,7 +208,7 @@ def summary(cell: Cell, outcomes: Sequence[dict[str, Any]]) -> dict[str, Any]:
 
 
 def _under(name: str, outcomes: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """Everything under one condition: one mean return a seed, and all episodes' successes."""
+    """Summary of one condition: a mean return per seed, and the successes of all episodes."""
     by_seed = [[one for one in outcome["judged"] if one["condition"] == name] for outcome in outcomes]
     returns = [float(np.mean([value for one in judged for value in one["returns"]])) for judged in by_seed]
     interval = seeds_interval(returns)
@@ -235,7 +235,7 @@ def _under(name: str, outcomes: Sequence[dict[str, Any]]) -> dict[str, Any]:
 
 
 def improvements(cells: Sequence[Cell], found: dict[str, list[dict[str, Any]]]) -> list[dict[str, Any]]:
-    """For each column the probability that a seed of its first row scores more than one of each other row, under its last
+    """Per column, the probability that a seed of the first row scores more than one of each other row, in the last
     condition."""
     columns: dict[str, list[Cell]] = {}
     for cell in cells:
@@ -259,7 +259,7 @@ def improvements(cells: Sequence[Cell], found: dict[str, list[dict[str, Any]]]) 
 
 
 def page(result: dict[str, Any]) -> str:
-    """Tables in Markdown: a row for each cell and condition."""
+    """Markdown page with a table row for each cell and condition."""
     quick = " (quick form: it shows that everything works, and says nothing about learning)" if result["quick"] else ""
     lines = [
         f"# {result['title']}{quick}",

@@ -1,4 +1,4 @@
-"""Studies by name: what each trains and where it evaluates."""
+"""Definitions of the studies: their trainings and evaluations."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ _DRAW_SEED = 20
 
 @dataclass(frozen=True)
 class Condition:
-    """Where an agent is evaluated.
+    """Environment of an evaluation.
 
     Attributes:
-        env: another environment than the one it was trained in.
+        env: environment, if it differs from that of the training.
         named: fields of `EnvOptions` that differ from the nominal twin.
-        episodes: of each seed.
+        episodes: episodes per seed.
     """
 
     name: str
@@ -34,11 +34,11 @@ class Condition:
 
 @dataclass(frozen=True)
 class Cell:
-    """One training, to be made with several seeds, and its evaluations.
+    """One training, run with several seeds, and its evaluations.
 
     Attributes:
-        row, column: of the table.
-        config: fields of `TrainConfig`; its seed and its folder are the study's.
+        row, column: place in the table.
+        config: fields of `TrainConfig`, without seed and folder.
     """
 
     row: str
@@ -52,8 +52,8 @@ class Study:
     """A table of trainings.
 
     Attributes:
-        hours, quick_minutes: what it takes on two cores, roughly.
-        cells: of the whole study, or of its quick form, whose few episodes show that all of it works and nothing else.
+        hours, quick_minutes: approximate duration on two cores.
+        cells: makes the cells of the study, or of its quick form, a smoke test of a few episodes.
     """
 
     name: str
@@ -74,7 +74,7 @@ def _episodes(env: str, quick: bool) -> int:
 
 
 def _judged(quick: bool, env: str | None = None) -> tuple[Condition, ...]:
-    """The paper's 5 episodes, and 20 beside them."""
+    """Conditions with 5 episodes, as in the paper, and with 20."""
     return tuple(Condition(f"{count} episodes", env, episodes=2 if quick else count) for count in (5, 20))
 
 
@@ -93,7 +93,7 @@ def _agents(quick: bool) -> tuple[Cell, ...]:
 
 
 def drawn_twins(count: int = DRAWN_TWINS) -> list[Physics]:
-    """Twins with other physics, the same at every call."""
+    """Randomly drawn physics, the same at every call."""
     rng = np.random.default_rng(_DRAW_SEED)
     return [RandomPhysics().sample(rng) for _ in range(count)]
 
@@ -105,7 +105,7 @@ OUTSIDE = {
     "flat battery": Physics(battery_v=6.4),
     "slow link": Physics(link_interval_ms=100.0),
 }
-"""Twins outside the ranges that randomisation draws from."""
+"""Physics outside of the ranges of domain randomization."""
 
 
 def _sim_to_robot(quick: bool) -> tuple[Cell, ...]:
@@ -147,14 +147,14 @@ STUDIES = {
         Study("robot-time", "Robot minutes and wall minutes to a working policy", 12.0, 2.0, 5, _robot_time),
     )
 }
-"""By name."""
+"""Studies by name."""
 
 
 def get_study(name: str) -> Study:
-    """A study by its name.
+    """The study of that name.
 
     Raises:
-        UnknownNameError: there is none.
+        UnknownNameError: there is no such study.
     """
     if name not in STUDIES:
         raise UnknownNameError(f"there is no study '{name}'; choose {', '.join(STUDIES)}")
