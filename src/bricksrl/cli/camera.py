@@ -6,8 +6,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from tyro.conf import Positional, arg
+from tyro.conf import Positional
 
+from bricksrl.cli.options import Flag, option
 from bricksrl.cli.terminal import print_line
 from bricksrl.errors import CameraError
 
@@ -31,17 +32,17 @@ class CalibrateCamera:
       bricksrl camera calibrate --twin --out red.json
     """
 
-    env: Annotated[Positional[str], arg(metavar="ENV")] = "RoboArm_mixed-v0"
+    env: Annotated[Positional[str], option(metavar="ENV")] = "RoboArm_mixed-v0"
     """Environment with the camera."""
-    camera: Annotated[str, arg(metavar="N")] = "0"
+    camera: Annotated[str, option(metavar="N")] = "0"
     """Camera of the robot: its OpenCV number, or the address of a stream."""
-    twin: bool = False
+    twin: Flag = False
     """Take the frames from a virtual robot."""
-    at: Annotated[tuple[int, int] | None, arg(metavar="X Y")] = None
+    at: Annotated[tuple[int, int] | None, option(metavar="X Y")] = None
     """A point of the ball, in px from the upper left corner."""
-    frames: Annotated[int, arg(metavar="N")] = 5
+    frames: Annotated[int, option(metavar="N")] = 5
     """Frames to take; the first half is discarded, while the camera adapts to the light."""
-    out: Annotated[Path | None, arg(metavar="FILE")] = None
+    out: Annotated[Path | None, option(metavar="FILE")] = None
     """File to write; by default the camera's file in your settings folder, which environments read."""
 
     def execute(self) -> int:

@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated
 
-from tyro.conf import Positional, arg
+from tyro.conf import Positional
 
+from bricksrl.cli.options import option
 from bricksrl.cli.terminal import load_learning, print_line
 
 
@@ -24,7 +25,7 @@ class Check:
       bricksrl check my_agent.py
     """
 
-    what: Annotated[Positional[str], arg(metavar="ENV|AGENT")]
+    what: Annotated[Positional[str], option(metavar="ENV|AGENT")]
     """Environment or agent; `bricksrl list` shows them. Your own: my_task.py, my_task.py:TASK, module:TASK, my_agent.py."""
 
     def execute(self) -> int:

@@ -6,8 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from tyro.conf import Positional, arg
+from tyro.conf import Positional
 
+from bricksrl.cli.options import Flag, option
 from bricksrl.cli.terminal import print_line
 
 if TYPE_CHECKING:
@@ -27,11 +28,11 @@ class Compare:
       bricksrl compare runs/* --json
     """
 
-    runs: Annotated[Positional[tuple[Path, ...]], arg(metavar="RUN")]
+    runs: Annotated[Positional[tuple[Path, ...]], option(metavar="RUN")]
     """Folders of runs."""
-    out: Annotated[Path | None, arg(metavar="FILE")] = None
+    out: Annotated[Path | None, option(metavar="FILE")] = None
     """PNG file for the learning curves."""
-    json: bool = False
+    json: Flag = False
     """Print only one JSON object on standard output."""
 
     def execute(self) -> int:
@@ -62,9 +63,9 @@ class Plot:
       bricksrl plot runs/sac runs/td3 --out curves.png
     """
 
-    runs: Annotated[Positional[tuple[Path, ...]], arg(metavar="RUN")]
+    runs: Annotated[Positional[tuple[Path, ...]], option(metavar="RUN")]
     """Folders of runs; the folder of `bricksrl train --seeds` stands for all its runs."""
-    out: Annotated[Path, arg(metavar="FILE")]
+    out: Annotated[Path, option(metavar="FILE")]
     """PNG file to write."""
 
     def execute(self) -> int:

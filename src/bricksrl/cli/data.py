@@ -6,8 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
-from tyro.conf import Positional, arg
+from tyro.conf import Positional
 
+from bricksrl.cli.options import Flag, option
 from bricksrl.cli.terminal import load_learning, print_line
 from bricksrl.errors import DataError
 
@@ -23,9 +24,9 @@ class Info:
       bricksrl data info datasets/* --json
     """
 
-    datasets: Annotated[Positional[tuple[Path, ...]], arg(metavar="DIR")]
+    datasets: Annotated[Positional[tuple[Path, ...]], option(metavar="DIR")]
     """Folders of datasets."""
-    json: bool = False
+    json: Flag = False
     """Print one JSON object per dataset and line."""
 
     def execute(self) -> int:
@@ -60,7 +61,7 @@ class Check:
       bricksrl data check datasets/walker_expert
     """
 
-    dataset: Annotated[Positional[Path], arg(metavar="DIR")]
+    dataset: Annotated[Positional[Path], option(metavar="DIR")]
     """Folder of the dataset."""
 
     def execute(self) -> int:
@@ -86,9 +87,9 @@ class Repair:
       bricksrl data repair datasets/damaged --out datasets/saved
     """
 
-    dataset: Annotated[Positional[Path], arg(metavar="DIR")]
+    dataset: Annotated[Positional[Path], option(metavar="DIR")]
     """Folder of the dataset."""
-    out: Annotated[Path | None, arg(metavar="DIR")] = None
+    out: Annotated[Path | None, option(metavar="DIR")] = None
     """Folder for the intact episodes of a damaged dataset, which must not exist."""
 
     def execute(self) -> int:
@@ -130,9 +131,9 @@ class Merge:
       bricksrl data merge datasets/monday datasets/tuesday --out datasets/both
     """
 
-    datasets: Annotated[Positional[tuple[Path, ...]], arg(metavar="DIR")]
+    datasets: Annotated[Positional[tuple[Path, ...]], option(metavar="DIR")]
     """Folders of datasets, in order."""
-    out: Annotated[Path, arg(metavar="DIR")]
+    out: Annotated[Path, option(metavar="DIR")]
     """Folder of the new dataset, which must not exist."""
 
     def execute(self) -> int:
@@ -153,15 +154,15 @@ class Split:
       bricksrl data split datasets/walker --share 0.8 --out datasets/train --rest datasets/test
     """
 
-    dataset: Annotated[Positional[Path], arg(metavar="DIR")]
+    dataset: Annotated[Positional[Path], option(metavar="DIR")]
     """Folder of the dataset."""
-    out: Annotated[Path, arg(metavar="DIR")]
+    out: Annotated[Path, option(metavar="DIR")]
     """Folder for the share, which must not exist."""
-    rest: Annotated[Path, arg(metavar="DIR")]
+    rest: Annotated[Path, option(metavar="DIR")]
     """Folder for the other episodes, which must not exist."""
-    share: Annotated[float, arg(metavar="SHARE")] = 0.8
+    share: Annotated[float, option(metavar="SHARE")] = 0.8
     """Share of the episodes, between 0 and 1."""
-    seed: Annotated[int, arg(metavar="N")] = 0
+    seed: Annotated[int, option(metavar="N")] = 0
     """Seed of the random split."""
 
     def execute(self) -> int:
@@ -183,9 +184,9 @@ class Plot:
       bricksrl data plot datasets/walker_expert --out walker.png
     """
 
-    dataset: Annotated[Positional[Path], arg(metavar="DIR")]
+    dataset: Annotated[Positional[Path], option(metavar="DIR")]
     """Folder of the dataset."""
-    out: Annotated[Path, arg(metavar="FILE")]
+    out: Annotated[Path, option(metavar="FILE")]
     """PNG file to write."""
 
     def execute(self) -> int:
@@ -206,11 +207,11 @@ class Import:
       bricksrl data import my_buffer --env Walker-v0 --out datasets/walker
     """
 
-    source: Annotated[Positional[Path], arg(metavar="DIR")]
+    source: Annotated[Positional[Path], option(metavar="DIR")]
     """Folder of one such dataset, or a parent folder of several."""
-    out: Annotated[Path, arg(metavar="DIR")]
+    out: Annotated[Path, option(metavar="DIR")]
     """Folder to write to."""
-    env: Annotated[str | None, arg(metavar="ENV")] = None
+    env: Annotated[str | None, option(metavar="ENV")] = None
     """Environment of the datasets; by default inferred from the names of the folders."""
 
     def execute(self) -> int:
@@ -233,11 +234,11 @@ class Export:
       bricksrl data export datasets/walker --format minari --out ~/.minari/datasets/bricksrl/walker-v0
     """
 
-    dataset: Annotated[Positional[Path], arg(metavar="DIR")]
+    dataset: Annotated[Positional[Path], option(metavar="DIR")]
     """Folder of the dataset."""
     format: Literal["numpy", "parquet", "minari"]
     """Format to write."""
-    out: Annotated[Path, arg(metavar="PATH")]
+    out: Annotated[Path, option(metavar="PATH")]
     """File or folder to write, which must not exist."""
 
     def execute(self) -> int:
@@ -261,13 +262,13 @@ class Push:
       bricksrl data push runs/walker me/walker-sac --policy
     """
 
-    folder: Annotated[Positional[Path], arg(metavar="DIR")]
+    folder: Annotated[Positional[Path], option(metavar="DIR")]
     """Folder of the dataset, or of the run."""
-    repo: Annotated[Positional[str], arg(metavar="REPO")]
+    repo: Annotated[Positional[str], option(metavar="REPO")]
     """Its name on the hub: name/dataset."""
-    policy: bool = False
+    policy: Flag = False
     """Share the policy of the run instead of its data: a safetensors file, never a pickle."""
-    private: bool = False
+    private: Flag = False
     """Make the repository private."""
 
     def execute(self) -> int:
@@ -290,13 +291,13 @@ class Pull:
       bricksrl data pull me/walker-sac --policy --out policies/walker
     """
 
-    repo: Annotated[Positional[str], arg(metavar="REPO")]
+    repo: Annotated[Positional[str], option(metavar="REPO")]
     """Its name on the hub: name/dataset."""
-    out: Annotated[Path, arg(metavar="DIR")]
+    out: Annotated[Path, option(metavar="DIR")]
     """Folder to write to, which must not exist."""
-    policy: bool = False
+    policy: Flag = False
     """Download a policy instead of a dataset."""
-    revision: Annotated[str | None, arg(metavar="NAME")] = None
+    revision: Annotated[str | None, option(metavar="NAME")] = None
     """Branch, tag or commit; by default the newest."""
 
     def execute(self) -> int:

@@ -15,8 +15,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import Annotated
 
-from tyro.conf import arg
-
+from bricksrl.cli.options import Flag, option
 from bricksrl.cli.terminal import print_line
 from bricksrl.errors import DescriptionError
 from bricksrl.finding import Finding, Outcome
@@ -49,9 +48,9 @@ class Doctor:
       bricksrl doctor --json
     """
 
-    timeout_s: Annotated[float, arg(metavar="SECONDS")] = 60.0
+    timeout_s: Annotated[float, option(metavar="SECONDS")] = 60.0
     """Timeout of each check."""
-    json: bool = False
+    json: Flag = False
     """Print only one JSON object on standard output."""
 
     def execute(self) -> int:

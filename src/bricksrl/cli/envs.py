@@ -6,6 +6,7 @@ import json
 from dataclasses import dataclass
 from typing import Any
 
+from bricksrl.cli.options import Flag
 from bricksrl.cli.terminal import print_line
 
 
@@ -20,7 +21,7 @@ class List:
       bricksrl list --json
     """
 
-    json: bool = False
+    json: Flag = False
     """Print one JSON object instead of a table."""
 
     def execute(self) -> int:

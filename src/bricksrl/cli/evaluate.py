@@ -8,8 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from tyro.conf import Positional, arg
+from tyro.conf import Positional
 
+from bricksrl.cli.options import Flag, option
 from bricksrl.cli.terminal import INTERRUPTED, load_learning, print_interrupted, print_line, print_note
 from bricksrl.cli.video import check_film
 from bricksrl.errors import StoppedError, TwinError
@@ -31,27 +32,27 @@ class Evaluate:
       bricksrl evaluate runs/spin --hub ble
     """
 
-    run: Annotated[Positional[Path], arg(metavar="RUN")]
+    run: Annotated[Positional[Path], option(metavar="RUN")]
     """Folder that `bricksrl train` wrote."""
-    env: Annotated[str | None, arg(metavar="ENV")] = None
+    env: Annotated[str | None, option(metavar="ENV")] = None
     """Environment, if it is not that of the training."""
-    episodes: Annotated[int, arg(metavar="N")] = 5
+    episodes: Annotated[int, option(metavar="N")] = 5
     """Episodes to evaluate."""
-    seed: Annotated[int, arg(metavar="N")] = 1000
+    seed: Annotated[int, option(metavar="N")] = 1000
     """Seed of the episodes; another seed gives other starts."""
-    hub: Annotated[str | None, arg(metavar="HUB")] = None
+    hub: Annotated[str | None, option(metavar="HUB")] = None
     """How to reach the robot: virtual, ble, ble:NAME, ble:ADDRESS, usb or usb:PORT; by default as in training."""
-    realtime: bool = False
+    realtime: Flag = False
     """Run the virtual robot in real time."""
-    randomize: bool = False
+    randomize: Flag = False
     """Draw the physics of the virtual robot anew for each episode; by default off, even if the training randomized."""
-    physics: Annotated[Path | None, arg(metavar="FILE")] = None
+    physics: Annotated[Path | None, option(metavar="FILE")] = None
     """Physics of the virtual robot: a JSON file such as `bricksrl twin fit` writes; by default as in training."""
-    best: bool = False
+    best: Flag = False
     """Use the checkpoint of the best evaluation during training instead of the last one."""
-    video: Annotated[Path | None, arg(metavar="FILE")] = None
+    video: Annotated[Path | None, option(metavar="FILE")] = None
     """Film up to three of the episodes into this mp4 file."""
-    json: bool = False
+    json: Flag = False
     """Print only one JSON object on standard output."""
 
     def execute(self) -> int:

@@ -6,8 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
-from tyro.conf import Positional, arg
+from tyro.conf import Positional
 
+from bricksrl.cli.options import Flag, option
 from bricksrl.cli.terminal import load_learning, print_line
 
 
@@ -23,13 +24,13 @@ class Export:
       bricksrl export runs/spin --format onnx --out spin.onnx
     """
 
-    run: Annotated[Positional[Path], arg(metavar="RUN")]
+    run: Annotated[Positional[Path], option(metavar="RUN")]
     """Folder of a run, or of a shared policy."""
-    out: Annotated[Path, arg(metavar="FILE")]
+    out: Annotated[Path, option(metavar="FILE")]
     """File to write, which must not exist."""
-    format: Annotated[Literal["torch-export", "onnx"], arg(metavar="NAME")] = "torch-export"
+    format: Annotated[Literal["torch-export", "onnx"], option(metavar="NAME")] = "torch-export"
     """torch-export, for torch.export.load; or onnx, which needs the packages onnx and onnxscript."""
-    best: bool = False
+    best: Flag = False
     """Use the checkpoint of the best evaluation during training instead of the last one."""
 
     def execute(self) -> int:

@@ -12,9 +12,10 @@ from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Annotated
 
-from tyro.conf import Positional, UseAppendAction, arg
+from tyro.conf import Positional, UseAppendAction
 
-from bricksrl.cli.page import PageFlags, announce
+from bricksrl.cli.options import Flag, PageFlag, option
+from bricksrl.cli.page import LivePageGroup, PageAddress, announce
 from bricksrl.cli.terminal import INTERRUPTED, print_interrupted, print_line
 from bricksrl.errors import DescriptionError, UnknownNameError
 
@@ -36,9 +37,9 @@ class Program:
       bricksrl hub program RunAway-v0 --out run_away.py
     """
 
-    env: Annotated[Positional[str], arg(metavar="ENV")]
+    env: Annotated[Positional[str], option(metavar="ENV")]
     """Environment; `bricksrl list` shows them."""
-    out: Annotated[Path | None, arg(metavar="FILE")] = None
+    out: Annotated[Path | None, option(metavar="FILE")] = None
     """The .py file to write; by default the program is printed."""
 
     def execute(self) -> int:
@@ -60,7 +61,7 @@ class Program:
 
 
 @dataclass(frozen=True)
-class Run(PageFlags):
+class Run:
     """Run a Pybricks program on a hub, virtual or real, and print its output and traceback; exit code 1 if it raises.
 
     Files beside the program that it imports are included. It reads standard input. Ctrl-C stops the program and its motors.
@@ -79,27 +80,29 @@ class Run(PageFlags):
       bricksrl hub run main.py --hub ble
     """
 
-    file: Annotated[Positional[Path], arg(metavar="FILE")]
+    file: Annotated[Positional[Path], option(metavar="FILE")]
     """Pybricks program."""
-    robot: Annotated[str | None, arg(metavar="ROBOT")] = None
+    robot: Annotated[str | None, option(metavar="ROBOT")] = None
     """Robot of a virtual hub: two-wheeler, walker, robo-arm or bench; an environment such as RunAway-v0, for its robot and scene;
     or a Python file with your own robot. Default: bench, or two-wheeler for a video or a page."""
-    hub: Annotated[str, arg(metavar="HUB")] = "virtual"
+    hub: Annotated[str, option(metavar="HUB")] = "virtual"
     """Which hub: virtual, in simulated time, or ble, ble:NAME, ble:ADDRESS, usb, usb:PORT."""
-    time_limit_s: Annotated[float | None, arg(metavar="SECONDS")] = None
+    time_limit_s: Annotated[float | None, option(metavar="SECONDS")] = None
     """Time after which the program is stopped, without an error."""
-    video: Annotated[Path | None, arg(metavar="FILE")] = None
+    video: Annotated[Path | None, option(metavar="FILE")] = None
     """Film the virtual robot into this mp4 file."""
-    press: Annotated[UseAppendAction[tuple[str, ...]], arg(metavar="BUTTON@TIME")] = ()
+    press: Annotated[UseAppendAction[tuple[str, ...]], option(metavar="BUTTON@TIME")] = ()
     """Button press on the virtual hub: left@2.5s, center@4s+1s (held for 1 s), remote.left_plus@3s. May be repeated."""
-    reading: Annotated[UseAppendAction[tuple[str, ...]], arg(metavar="PORT=VALUE")] = ()
+    reading: Annotated[UseAppendAction[tuple[str, ...]], option(metavar="PORT=VALUE")] = ()
     """Reading of a sensor on the bench: B=red, B=40%, B=200mm, B=3N, B=10,-5deg, or B=@FILE with lines "seconds, value"."""
-    end_stop: Annotated[UseAppendAction[tuple[str, ...]], arg(metavar="PORT=LOW..HIGH")] = ()
+    end_stop: Annotated[UseAppendAction[tuple[str, ...]], option(metavar="PORT=LOW..HIGH")] = ()
     """End stops (deg) of a motor on the bench: C=-90..120."""
-    realtime: bool = False
+    realtime: Flag = False
     """Run a virtual hub in real time. The keys left, right, space (center) and b (bluetooth) press its buttons."""
-    panel: bool = False
+    panel: Flag = False
     """Print changes of the virtual hub's light, display and loudspeaker on standard error."""
+    page: PageFlag = False
+    live_page: LivePageGroup = PageAddress()
 
     def execute(self) -> int:
         """Run the program."""
@@ -198,7 +201,7 @@ class Run(PageFlags):
             raise DescriptionError("the page has a pace of its own; leave out --page, or --video and --realtime")
         from bricksrl.page.program import ProgramPage
 
-        page = stack.enter_context(ProgramPage(self.file.name, self.page_options()))
+        page = stack.enter_context(ProgramPage(self.file.name, self.live_page.page_options()))
         announce(page.url)
         return page.attend
 

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from tyro.conf import Positional, arg
+from tyro.conf import Positional
 
+from bricksrl.cli.options import Flag, option
 from bricksrl.cli.terminal import is_terminal, print_line, yes
 from bricksrl.errors import BricksError, DescriptionError, HubError
 
@@ -22,9 +23,9 @@ if TYPE_CHECKING:
 _NAME_BYTES = 15
 _SCAN_S = 5.0
 
-Env = Annotated[Positional[str], arg(metavar="ENV")]
-Hub = Annotated[str, arg(metavar="HUB")]
-Folder = Annotated[Path | None, arg(metavar="DIR")]
+Env = Annotated[Positional[str], option(metavar="ENV")]
+Hub = Annotated[str, option(metavar="HUB")]
+Folder = Annotated[Path | None, option(metavar="DIR")]
 
 
 @dataclass(frozen=True)
@@ -41,9 +42,9 @@ class Scan:
 
     hub: Hub = "ble"
     """Where to scan: ble, or virtual for the always present virtual hub."""
-    seconds: Annotated[float, arg(metavar="SECONDS")] = _SCAN_S
+    seconds: Annotated[float, option(metavar="SECONDS")] = _SCAN_S
     """Duration of the scan."""
-    json: bool = False
+    json: Flag = False
     """Print only a JSON list on standard output."""
 
     def execute(self) -> int:
@@ -77,7 +78,7 @@ class Rename:
       bricksrl hub rename Rover
     """
 
-    name: Annotated[Positional[str], arg(metavar="NAME")]
+    name: Annotated[Positional[str], option(metavar="NAME")]
     """The new name, 15 bytes at most."""
 
     def execute(self) -> int:
@@ -143,9 +144,9 @@ class Latency:
     """Environment, whose program runs on the hub."""
     hub: Hub = "ble"
     """Which hub: ble, ble:NAME, ble:ADDRESS, usb, usb:PORT, or virtual."""
-    exchanges: Annotated[int, arg(metavar="N")] = 100
+    exchanges: Annotated[int, option(metavar="N")] = 100
     """Number of readings to time."""
-    json: bool = False
+    json: Flag = False
     """Print only one JSON object on standard output."""
 
     def execute(self) -> int:
@@ -186,11 +187,11 @@ class CheckHub:
     """Environment; `bricksrl list` shows them."""
     hub: Hub = "ble"
     """Which hub: ble, ble:NAME, ble:ADDRESS, usb, usb:PORT, or virtual."""
-    yes: bool = False
+    yes: Flag = False
     """Make the test moves without asking, and do not ask whether they were right."""
     calibrations: Folder = None
     """Folder of calibrations; by default that in your settings folder."""
-    json: bool = False
+    json: Flag = False
     """Print only one JSON object on standard output."""
 
     def execute(self) -> int:
@@ -243,13 +244,13 @@ class Calibrate:
     """Environment; `bricksrl list` shows them."""
     hub: Hub = "ble"
     """Which hub: ble, ble:NAME, ble:ADDRESS, usb, usb:PORT, or virtual."""
-    by_hand: bool = False
+    by_hand: Flag = False
     """Set the zeros of motors without a range to their present angles; put legs and turntable there first."""
-    reverse: Annotated[tuple[str, ...], arg(metavar="MOTOR ...")] = ()
+    reverse: Annotated[tuple[str, ...], option(metavar="MOTOR ...")] = ()
     """Motors whose direction to reverse; nothing else is calibrated then."""
-    forget: bool = False
+    forget: Flag = False
     """Delete the saved calibration of the robot."""
-    yes: bool = False
+    yes: Flag = False
     """Move without asking."""
     calibrations: Folder = None
     """Folder to write to; by default that in your settings folder."""

@@ -8,8 +8,9 @@ from importlib import resources
 from pathlib import Path
 from typing import Annotated
 
-from tyro.conf import Positional, arg
+from tyro.conf import Positional
 
+from bricksrl.cli.options import option
 from bricksrl.cli.terminal import print_line
 from bricksrl.errors import DescriptionError
 from bricksrl.files import write_durably
@@ -41,7 +42,7 @@ class NewTask:
       bricksrl new task my_task.py
     """
 
-    file: Annotated[Positional[Path], arg(metavar="FILE")]
+    file: Annotated[Positional[Path], option(metavar="FILE")]
     """The Python file to write, which must not exist."""
 
     def execute(self) -> int:
@@ -57,7 +58,7 @@ class NewRobot:
       bricksrl new robot my_robot.py
     """
 
-    file: Annotated[Positional[Path], arg(metavar="FILE")]
+    file: Annotated[Positional[Path], option(metavar="FILE")]
     """The Python file to write, which must not exist."""
 
     def execute(self) -> int:
@@ -73,7 +74,7 @@ class NewAgent:
       bricksrl new agent my_agent.py
     """
 
-    file: Annotated[Positional[Path], arg(metavar="FILE")]
+    file: Annotated[Positional[Path], option(metavar="FILE")]
     """The Python file to write, which must not exist."""
 
     def execute(self) -> int:

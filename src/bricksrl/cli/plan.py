@@ -7,9 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
-from tyro.conf import Positional, arg
+from tyro.conf import Positional
 
-from bricksrl.cli.page import PageAddress, announce
+from bricksrl.cli.options import option
+from bricksrl.cli.page import LivePageGroup, PageAddress, announce
 from bricksrl.cli.terminal import INTERRUPTED, print_line
 from bricksrl.errors import PlanError
 
@@ -25,7 +26,7 @@ class CheckPlan:
       bricksrl plan check my_robot.mpd
     """
 
-    plan: Annotated[Positional[Path], arg(metavar="FILE")]
+    plan: Annotated[Positional[Path], option(metavar="FILE")]
     """An LDraw file (.ldr, .mpd), or Studio's .io."""
 
     def execute(self) -> int:
@@ -56,9 +57,9 @@ class PlanParts:
       bricksrl plan parts
     """
 
-    plan: Annotated[Positional[Path | None], arg(metavar="FILE")] = None
+    plan: Annotated[Positional[Path | None], option(metavar="FILE")] = None
     """An LDraw file (.ldr, .mpd), or Studio's .io."""
-    out: Annotated[Path | None, arg(metavar="FILE")] = None
+    out: Annotated[Path | None, option(metavar="FILE")] = None
     """File to write."""
     format: Literal["csv", "rebrickable", "bricklink"] = "csv"
     """Format of the file: a table with masses, Rebrickable's CSV, or BrickLink's wanted list in XML."""
@@ -98,9 +99,9 @@ class PlanSteps:
       bricksrl plan steps my_robot.mpd --out my_robot.html
     """
 
-    plan: Annotated[Positional[Path], arg(metavar="FILE")]
+    plan: Annotated[Positional[Path], option(metavar="FILE")]
     """An LDraw file (.ldr, .mpd), or Studio's .io."""
-    out: Annotated[Path, arg(metavar="FILE")]
+    out: Annotated[Path, option(metavar="FILE")]
     """The .pdf or .html to write."""
 
     def execute(self) -> int:
@@ -114,7 +115,7 @@ class PlanSteps:
 
 
 @dataclass(frozen=True)
-class ShowPlan(PageAddress):
+class ShowPlan:
     """Show a building plan in the browser: step by step, turned and zoomed, with sliders for its joints. Ctrl-C ends it.
 
     Examples:
@@ -122,8 +123,9 @@ class ShowPlan(PageAddress):
       bricksrl plan show my_robot.mpd --page-host 0.0.0.0
     """
 
-    plan: Annotated[Positional[Path], arg(metavar="FILE")]
+    plan: Annotated[Positional[Path], option(metavar="FILE")]
     """An LDraw file (.ldr, .mpd), or Studio's .io."""
+    live_page: LivePageGroup = PageAddress()
 
     def execute(self) -> int:
         """Serve the page until Ctrl-C."""
@@ -133,7 +135,7 @@ class ShowPlan(PageAddress):
 
         view = PlanView(read_plan(self.plan))
         try:
-            with PageServer(view.board, view.press, lambda: None, self.page_options()) as server:
+            with PageServer(view.board, view.press, lambda: None, self.live_page.page_options()) as server:
                 announce(server.url)
                 threading.Event().wait()
         except KeyboardInterrupt:

@@ -9,10 +9,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
-from tyro.conf import Positional, arg
+from tyro.conf import Positional
 
-from bricksrl.cli.page import PageFlags, run_on_page
-from bricksrl.cli.robot_flags import RobotFlags
+from bricksrl.cli.options import Flag, PageFlag, option
+from bricksrl.cli.page import LivePageGroup, PageAddress, run_on_page
+from bricksrl.cli.robot_flags import RobotFlags, RobotGroup
 from bricksrl.cli.teleop import HANDS, driving, quiet
 from bricksrl.cli.terminal import INTERRUPTED, load_learning, print_interrupted, print_line, print_note
 from bricksrl.cli.video import filmed_env
@@ -34,7 +35,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Record(RobotFlags, PageFlags):
+class Record:
     """Record episodes of a policy or a human as a dataset in LeRobot's format.
 
     Each episode is on the disk when its line is printed. Ctrl-C ends the recording and keeps the whole episodes; keys and signals
@@ -47,22 +48,25 @@ class Record(RobotFlags, PageFlags):
       bricksrl record Walker-v0 --policy runs/walker --take-over gamepad --out datasets/corrected
     """
 
-    env: Annotated[Positional[str], arg(metavar="ENV")]
+    env: Annotated[Positional[str], option(metavar="ENV")]
     """Environment; `bricksrl list` shows them. A task of your own: my_task.py, my_task.py:TASK or module:TASK."""
-    out: Annotated[Path, arg(metavar="DIR")]
+    out: Annotated[Path, option(metavar="DIR")]
     """Folder of the dataset: a new one, or one to extend."""
-    policy: Annotated[str, arg(metavar="POLICY")] = "random"
+    policy: Annotated[str, option(metavar="POLICY")] = "random"
     """Policy: random, keyboard, gamepad, or the folder of a run or of a shared policy."""
-    take_over: Literal["keyboard", "gamepad"] | None = None
+    take_over: Annotated[Literal["keyboard", "gamepad"] | None, option(metavar="DEVICE")] = None
     """Let a human intervene with this device; these steps are marked in the data."""
-    episodes: Annotated[int, arg(metavar="N")] = 10
+    episodes: Annotated[int, option(metavar="N")] = 10
     """Episodes to record."""
-    seed: Annotated[int, arg(metavar="N")] = 0
+    seed: Annotated[int, option(metavar="N")] = 0
     """Seed of the episodes and of random actions."""
-    video: Annotated[Path | None, arg(metavar="FILE")] = None
+    video: Annotated[Path | None, option(metavar="FILE")] = None
     """Film the virtual robot into this mp4 file."""
-    explore: bool = False
+    explore: Flag = False
     """Let the agent of a run explore as in training; by default it acts deterministically."""
+    page: PageFlag = False
+    robot: RobotGroup = RobotFlags()
+    live_page: LivePageGroup = PageAddress()
 
     def execute(self) -> int:
         """Record, and print a line per episode."""
@@ -84,7 +88,7 @@ class Record(RobotFlags, PageFlags):
             print_line(f"episode {count}/{self.episodes}  return {episode.return_:.4g}  {episode.length} steps{by_hand}")
 
         hands = self.policy if self.policy in HANDS else self.take_over
-        options = self.env_options()
+        options = self.robot.env_options()
         task = get_task(self.env, **options.options)
         try:
             with (
@@ -93,7 +97,7 @@ class Record(RobotFlags, PageFlags):
                 self._environment(options, human, hand) as env,
                 filmed_env(env, self.video, f"{self.env}: {self.policy}"),
                 Recorder(self.out, describe(env, options.options)) as recorder,
-                run_on_page(self, self.env, options.options) as page,
+                run_on_page(self.live_page if self.page else None, self.env, options.options) as page,
             ):
                 hand.take(env)
                 self._collect(env, recorder, human, tell, page)
@@ -112,11 +116,11 @@ class Record(RobotFlags, PageFlags):
             with quiet(human):
                 hand.place(rng)
 
-        by_hand = self.hub == "virtual" and (self.policy in HANDS or self.take_over is not None)
+        by_hand = self.robot.hub == "virtual" and (self.policy in HANDS or self.take_over is not None)
         try:
-            env = make(self.env, options, seed=self.seed, realtime=self.realtime or by_hand, place=place)
+            env = make(self.env, options, seed=self.seed, realtime=self.robot.realtime or by_hand, place=place)
         except DescriptionError:
-            if not by_hand or self.realtime:
+            if not by_hand or self.robot.realtime:
                 raise
             env = make(self.env, options, seed=self.seed, place=place)  # a kinematic simulation: `_collect` paces the driver
         try:
@@ -159,7 +163,7 @@ class Record(RobotFlags, PageFlags):
             self.episodes,
             name=self.policy,
             seed=self.seed,
-            hub=self.hub,
+            hub=self.robot.hub,
             driver=driver,
             reset_policy=reset_policy,
             on_episode=on_episode,

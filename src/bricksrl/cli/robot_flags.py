@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from tyro.conf import UseAppendAction, arg
+from tyro.conf import OmitArgPrefixes, UseAppendAction
 
+from bricksrl.cli.options import Flag, option
 from bricksrl.errors import DescriptionError
 
 if TYPE_CHECKING:
@@ -19,19 +20,19 @@ if TYPE_CHECKING:
 class RobotFlags:
     """Flags of the robot's connection and physics."""
 
-    hub: Annotated[str, arg(metavar="HUB")] = "virtual"
+    hub: Annotated[str, option(metavar="HUB")] = "virtual"
     """How to reach the robot: virtual, ble or usb; ble:NAME, ble:ADDRESS or usb:PORT if there are several."""
-    streaming: bool = False
+    streaming: Flag = False
     """Let the hub stream observations at 100 Hz and apply the latest command, so that steps do not wait for the link."""
-    app_data: bool = False
+    app_data: Flag = False
     """Send commands over AppData, where a new command replaces an unread one, instead of standard input."""
-    realtime: bool = False
+    realtime: Flag = False
     """Run a virtual robot in real time; always on while a human drives."""
-    randomize: bool = False
+    randomize: Flag = False
     """Draw the physics of the virtual robot (battery, friction, masses, noise, link) anew for each episode."""
-    physics: Annotated[Path | None, arg(metavar="FILE")] = None
+    physics: Annotated[Path | None, option(metavar="FILE")] = None
     """Physics of the virtual robot: a JSON file such as `bricksrl twin fit` writes."""
-    option: Annotated[UseAppendAction[tuple[str, ...]], arg(metavar="NAME=VALUE")] = ()
+    task_options: Annotated[UseAppendAction[tuple[str, ...]], option(name="option", metavar="NAME=VALUE")] = ()
     """Option of the environment's task, such as sparse=true, threshold_deg=20 or calibration=red.json. May be repeated."""
 
     def env_options(self) -> EnvOptions:
@@ -46,8 +47,12 @@ class RobotFlags:
             realtime=self.realtime,
             randomize=self.randomize,
             physics=None if self.physics is None else read_physics(self.physics),
-            options=dict(map(parse_option, self.option)),
+            options=dict(map(parse_option, self.task_options)),
         )
+
+
+RobotGroup = Annotated[RobotFlags, OmitArgPrefixes]
+"""A command's robot flags, as a group of its own in the help."""
 
 
 def parse_option(text: str) -> tuple[str, Any]:

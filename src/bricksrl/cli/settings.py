@@ -7,8 +7,9 @@ import json
 from dataclasses import dataclass
 from typing import Annotated, Any
 
-from tyro.conf import Positional, arg
+from tyro.conf import Positional
 
+from bricksrl.cli.options import Flag, option
 from bricksrl.cli.terminal import print_line
 
 
@@ -22,11 +23,11 @@ class Settings:
       bricksrl settings my_agent.py
     """
 
-    agent: Annotated[Positional[str], arg(metavar="AGENT")]
+    agent: Annotated[Positional[str], option(metavar="AGENT")]
     """Agent; `bricksrl list` shows them. One of your own: my_agent.py, my_agent.py:NAME or module:NAME."""
-    preset: Annotated[str, arg(metavar="NAME")] = "default"
+    preset: Annotated[str, option(metavar="NAME")] = "default"
     """Preset whose values are shown: default or paper."""
-    json: bool = False
+    json: Flag = False
     """Print one JSON object of names and values, for `bricksrl train --settings`, instead of a table."""
 
     def execute(self) -> int:

@@ -6,8 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-from tyro.conf import Positional, arg
+from tyro.conf import Positional
 
+from bricksrl.cli.options import Flag, option
 from bricksrl.cli.terminal import INTERRUPTED, load_learning, print_interrupted, print_line
 
 
@@ -25,17 +26,17 @@ class StudyCommand:
       bricksrl study sim-to-robot --seeds 10 --on ray
     """
 
-    name: Annotated[Positional[str | None], arg(metavar="NAME")] = None
+    name: Annotated[Positional[str | None], option(metavar="NAME")] = None
     """Name of the study."""
-    quick: bool = False
+    quick: Flag = False
     """Run only a few episodes of some cells, as a smoke test."""
-    seeds: Annotated[int | None, arg(metavar="N")] = None
+    seeds: Annotated[int | None, option(metavar="N")] = None
     """Seeds per cell; by default those of the study, or 2 with --quick."""
-    jobs: Annotated[int | None, arg(metavar="N")] = None
+    jobs: Annotated[int | None, option(metavar="N")] = None
     """Concurrent processes; by default the number of cores."""
-    on: Annotated[str | None, arg(metavar="WHERE")] = None
+    on: Annotated[str | None, option(metavar="WHERE")] = None
     """Where to run: ray, or ray:ADDRESS for a cluster whose computers share the folder."""
-    folder: Annotated[Path | None, arg(metavar="DIR")] = None
+    folder: Annotated[Path | None, option(metavar="DIR")] = None
     """Folder of the study; by default studies/<name>, or studies/<name>-quick."""
 
     def execute(self) -> int:

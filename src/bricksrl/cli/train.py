@@ -9,10 +9,11 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from tyro.conf import Positional, UseAppendAction, arg
+from tyro.conf import Positional, UseAppendAction
 
-from bricksrl.cli.page import PageFlags, run_on_page
-from bricksrl.cli.robot_flags import RobotFlags
+from bricksrl.cli.options import Flag, PageFlag, option
+from bricksrl.cli.page import LivePageGroup, PageAddress, run_on_page
+from bricksrl.cli.robot_flags import RobotFlags, RobotGroup
 from bricksrl.cli.terminal import INTERRUPTED, load_learning, print_interrupted, print_line
 from bricksrl.errors import DescriptionError, StoppedError
 
@@ -30,7 +31,7 @@ _EVALUATED_EPISODES = 5
 
 
 @dataclass(frozen=True)
-class Train(RobotFlags, PageFlags):
+class Train:
     """Train an agent on a robot, by default a virtual one.
 
     The run folder gets the configuration, the metrics, a checkpoint, the learning curve, an evaluation and, with OpenGL, a video.
@@ -56,66 +57,68 @@ class Train(RobotFlags, PageFlags):
       bricksrl train --resume runs/spin
     """
 
-    env: Annotated[Positional[str | None], arg(metavar="ENV")] = None
+    env: Annotated[Positional[str | None], option(metavar="ENV")] = None
     """Environment; `bricksrl list` shows them. A task of your own: my_task.py, my_task.py:TASK or module:TASK."""
-    agent: Annotated[str | None, arg(metavar="NAME")] = None
+    agent: Annotated[str | None, option(metavar="NAME")] = None
     """Agent; `bricksrl list` shows them. An algorithm of your own: my_agent.py[:NAME]. Default: sac, or the agent of --from."""
-    preset: Annotated[str | None, arg(metavar="NAME")] = None
-    """Settings of the agent: default, or paper for those of the BricksRL paper. Default: default, or the settings of --from."""
-    settings: Annotated[Path | None, arg(metavar="FILE")] = None
-    """Settings that replace those of the preset: a JSON file such as `bricksrl tune` writes."""
-    changes: Annotated[UseAppendAction[tuple[str, ...]], arg(name="set", metavar="NAME=VALUE")] = ()
-    """A single setting, such as learning_rate=3e-4 or hidden=128,128. May be repeated."""
-    device: Annotated[Literal["cpu", "cuda", "mps", "auto"], arg(metavar="NAME")] = "cpu"
-    """Device of networks, replay buffer and simulations: cpu, cuda, mps, or auto for the best available."""
-    compile: bool = False
-    """Compile loss and gradients into one graph; slow to start, worth it for long runs."""
-    num_envs: Annotated[int, arg(metavar="N")] = 1
-    """Environments to train on in parallel: copies of a simulation in one batch, virtual robots in one process each."""
-    robots: Annotated[int, arg(metavar="N")] = 1
-    """Virtual robots that train one agent, each in its process; real ones are named by --hub, such as ble:A,ble:B."""
-    eval_every: Annotated[int, arg(metavar="N")] = 0
-    """Evaluate after every N episodes, and keep the best checkpoint; 0 for never."""
-    eval_episodes: Annotated[int, arg(metavar="N")] = 5
-    """Episodes of each of these evaluations."""
-    stop_at: Annotated[float | None, arg(metavar="RETURN")] = None
-    """Stop when the mean return of the last five episodes, or of an evaluation with --eval-every, reaches this."""
-    episodes: Annotated[int | None, arg(metavar="N")] = None
+    episodes: Annotated[int | None, option(metavar="N")] = None
     """Episodes to train for; the default depends on the environment."""
-    seed: Annotated[int, arg(metavar="N")] = 0
+    seed: Annotated[int, option(metavar="N")] = 0
     """Seed of all random numbers: the same seed gives the same run."""
-    seeds: Annotated[int | None, arg(metavar="N")] = None
-    """Train N seeds, starting with --seed, in parallel, and summarise them."""
-    on: Annotated[str | None, arg(metavar="WHERE")] = None
-    """Where to train the --seeds: ray, or ray:ADDRESS for a cluster (pip install 'bricksrl[distributed]')."""
-    run: Annotated[Path | None, arg(metavar="DIR")] = None
+    run: Annotated[Path | None, option(metavar="DIR")] = None
     """Folder to write to, which must not exist; by default runs/<env>-<agent>-<seed>-<time>."""
-    data: Annotated[Path | None, arg(metavar="DIR")] = None
+    page: PageFlag = False
+    changes: Annotated[UseAppendAction[tuple[str, ...]], option(name="set", metavar="NAME=VALUE")] = ()
+    """A single setting, such as learning_rate=3e-4 or hidden=128,128. May be repeated."""
+    preset: Annotated[str | None, option(metavar="NAME")] = None
+    """Settings of the agent: default, or paper for those of the BricksRL paper. Default: default, or the settings of --from."""
+    settings: Annotated[Path | None, option(metavar="FILE")] = None
+    """Settings that replace those of the preset: a JSON file such as `bricksrl tune` writes."""
+    data: Annotated[Path | None, option(metavar="DIR")] = None
     """Learn from this dataset too: half of each batch is drawn from it."""
-    start: Annotated[Path | None, arg(name="from", metavar="RUN")] = None
+    start: Annotated[Path | None, option(name="from", metavar="RUN")] = None
     """Folder of a run to warm-start from: its agent continues to learn or, with another --agent, provides the initial policy."""
-    no_record: bool = False
-    """Do not record the transitions; by default they are a dataset in the run's folder data."""
-    take_over: Literal["keyboard", "gamepad"] | None = None
-    """Let a human intervene with this device; the agent learns from these steps too, and the data marks them."""
-
-    asynchronous: bool = False
-    """Learn in parallel with the robot, which never waits; the default on a real robot and with --realtime."""
-    synchronous: bool = False
-    """Learn while the robot waits, even on a real robot; runs on a virtual one are then reproducible."""
-    patience: Annotated[float, arg(metavar="SECONDS")] = 300.0
-    """How long to retry when the link to a robot broke."""
-    log: Annotated[Literal["none", "tensorboard", "wandb", "trackio"], arg(metavar="NAME")] = "none"
-    """Also log to tensorboard, wandb or trackio; metrics.csv is always written."""
-    resume: Annotated[Path | None, arg(metavar="RUN")] = None
+    resume: Annotated[Path | None, option(metavar="RUN")] = None
     """Resume this run, as `bricksrl resume` does, instead of starting a new one."""
+    seeds: Annotated[int | None, option(metavar="N")] = None
+    """Train N seeds, starting with --seed, in parallel, and summarise them."""
+    on: Annotated[str | None, option(metavar="WHERE")] = None
+    """Where to train the --seeds: ray, or ray:ADDRESS for a cluster (pip install 'bricksrl[distributed]')."""
+    num_envs: Annotated[int, option(metavar="N")] = 1
+    """Environments to train on in parallel: copies of a simulation in one batch, virtual robots in one process each."""
+    robots: Annotated[int, option(metavar="N")] = 1
+    """Virtual robots that train one agent, each in its process; real ones are named by --hub, such as ble:A,ble:B."""
+    device: Annotated[Literal["cpu", "cuda", "mps", "auto"], option(metavar="NAME")] = "cpu"
+    """Device of networks, replay buffer and simulations: cpu, cuda, mps, or auto for the best available."""
+    compile: Flag = False
+    """Compile loss and gradients into one graph; slow to start, worth it for long runs."""
+    eval_every: Annotated[int, option(metavar="N")] = 0
+    """Evaluate after every N episodes, and keep the best checkpoint; 0 for never."""
+    eval_episodes: Annotated[int, option(metavar="N")] = 5
+    """Episodes of each of these evaluations."""
+    stop_at: Annotated[float | None, option(metavar="RETURN")] = None
+    """Stop when the mean return of the last five episodes, or of an evaluation with --eval-every, reaches this."""
+    take_over: Annotated[Literal["keyboard", "gamepad"] | None, option(metavar="DEVICE")] = None
+    """Let a human intervene with this device; the agent learns from these steps too, and the data marks them."""
+    no_record: Flag = False
+    """Do not record the transitions; by default they are a dataset in the run's folder data."""
+    log: Annotated[Literal["none", "tensorboard", "wandb", "trackio"], option(metavar="NAME")] = "none"
+    """Also log to tensorboard, wandb or trackio; metrics.csv is always written."""
+    asynchronous: Flag = False
+    """Learn in parallel with the robot, which never waits; the default on a real robot and with --realtime."""
+    synchronous: Flag = False
+    """Learn while the robot waits, even on a real robot; runs on a virtual one are then reproducible."""
+    patience: Annotated[float, option(metavar="SECONDS")] = 300.0
+    """How long to retry when the link to a robot broke."""
+    robot: RobotGroup = RobotFlags()
+    live_page: LivePageGroup = PageAddress()
 
     def execute(self) -> int:
         """Train, evaluate, report."""
         if self.resume is not None:
             if self.env is not None:
                 raise DescriptionError("a run that is resumed has an environment; leave ENV or --resume away")
-            again = Resume(self.resume, self.episodes, page=self.page, page_host=self.page_host, page_port=self.page_port)
+            again = Resume(self.resume, self.episodes, self.page, self.live_page)
             return again.execute()
         if self.env is None:
             raise DescriptionError("name an environment to train in, or a run to --resume; `bricksrl list` shows environments")
@@ -129,8 +132,9 @@ class Train(RobotFlags, PageFlags):
             raise DescriptionError("a single run needs no cluster; give --seeds, or leave --on away")
         from bricksrl.training import train
 
+        address = self.live_page if self.page else None
         if self.take_over is None:
-            return see_through(lambda shown: train(config, shown.callback, **shown.arguments()), config, self)
+            return see_through(lambda shown: train(config, shown.callback, **shown.arguments()), config, address)
         from bricksrl.cli.teleop import driving, quiet
         from bricksrl.data.schema import describe_task
         from bricksrl.envs import get_task
@@ -145,7 +149,7 @@ class Train(RobotFlags, PageFlags):
                 return train(config, shown.callback, place=place, driver=driver, stop=shown.stop)
 
             by_keys = self.take_over == "keyboard"  # then all keys are for driving
-            return see_through(start, config, self, keys=False if by_keys else None)
+            return see_through(start, config, address, keys=False if by_keys else None)
 
     def config(self, env: str) -> TrainConfig:
         """Configuration of the run from the flags."""
@@ -168,7 +172,7 @@ class Train(RobotFlags, PageFlags):
         if self.settings is not None:
             settings = read_settings(self.settings, settings)
         time = datetime.now().astimezone().strftime("%Y%m%d-%H%M%S")
-        options = vars(self.env_options()) | ({"realtime": True} if self.take_over is not None else {})
+        options = vars(self.robot.env_options()) | ({"realtime": True} if self.take_over is not None else {})
         return TrainConfig(
             **options,
             env=env,
@@ -194,7 +198,7 @@ class Train(RobotFlags, PageFlags):
 
 
 @dataclass(frozen=True)
-class Resume(PageFlags):
+class Resume:
     """Resume an interrupted run, or train a finished one for longer.
 
     Examples:
@@ -202,18 +206,20 @@ class Resume(PageFlags):
       bricksrl resume runs/spin --episodes 60
     """
 
-    run: Annotated[Positional[Path], arg(metavar="RUN")]
+    run: Annotated[Positional[Path], option(metavar="RUN")]
     """Folder that `bricksrl train` wrote."""
-    episodes: Annotated[int | None, arg(metavar="N")] = None
+    episodes: Annotated[int | None, option(metavar="N")] = None
     """Total number of episodes, including those already trained; by default that of the run's start."""
+    page: PageFlag = False
+    live_page: LivePageGroup = PageAddress()
 
     def execute(self) -> int:
         """Resume, evaluate, report."""
         from bricksrl.training import RunFolder, resume
 
-        config = RunFolder(self.run).read_config()
+        config, address = RunFolder(self.run).read_config(), self.live_page if self.page else None
         return see_through(
-            lambda shown: resume(self.run, shown.callback, episodes=self.episodes, **shown.arguments()), config, self
+            lambda shown: resume(self.run, shown.callback, episodes=self.episodes, **shown.arguments()), config, address
         )
 
 
@@ -242,7 +248,9 @@ class Shown:
         return {"place": self.progress.place, "stop": self.stop, "driver": driver}
 
 
-def see_through(start: Callable[[Shown], RunResult], config: TrainConfig, flags: PageFlags, *, keys: bool | None = None) -> int:
+def see_through(
+    start: Callable[[Shown], RunResult], config: TrainConfig, address: PageAddress | None, *, keys: bool | None = None
+) -> int:
     """Run, evaluate and report a training with its displays; returns the exit code. ``keys`` is passed to :class:`Hand`."""
     from bricksrl.cli.emergency_stop import Hand
     from bricksrl.cli.progress import make_progress
@@ -251,7 +259,7 @@ def see_through(start: Callable[[Shown], RunResult], config: TrainConfig, flags:
     try:
         load_learning()
         with (
-            run_on_page(flags, config.env, config.options, on_stop=stop.set, can_drive=config.num_envs == 1) as page,
+            run_on_page(address, config.env, config.options, on_stop=stop.set, can_drive=config.num_envs == 1) as page,
             Hand(stop, progress.tell, keys=keys) as hand,
         ):
             progress.on_ready, progress.quiet = hand.take, hand.quiet

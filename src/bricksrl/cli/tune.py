@@ -6,8 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-from tyro.conf import Positional, arg
+from tyro.conf import Positional
 
+from bricksrl.cli.options import option
 from bricksrl.cli.terminal import INTERRUPTED, load_learning, print_interrupted, print_line
 
 
@@ -23,24 +24,24 @@ class Tune:
       bricksrl train WalkerSim-v0 --settings tuning/WalkerSim-v0-sac/best.json
     """
 
-    env: Annotated[Positional[str], arg(metavar="ENV")]
+    env: Annotated[Positional[str], option(metavar="ENV")]
     """Environment; `bricksrl list` shows them. Kinematic simulations are the fastest."""
-    agent: Annotated[str, arg(metavar="NAME")] = "sac"
+    agent: Annotated[str, option(metavar="NAME")] = "sac"
     """Agent; `bricksrl list` shows them."""
-    trials: Annotated[int, arg(metavar="N")] = 20
+    trials: Annotated[int, option(metavar="N")] = 20
     """Trials to run with this command."""
-    steps: Annotated[int, arg(metavar="N")] = 2000
+    steps: Annotated[int, option(metavar="N")] = 2000
     """Robot steps of each training."""
-    seeds: Annotated[int, arg(metavar="N")] = 2
+    seeds: Annotated[int, option(metavar="N")] = 2
     """Trainings per trial; bad trials are pruned early."""
-    episodes: Annotated[int, arg(metavar="N")] = 10
+    episodes: Annotated[int, option(metavar="N")] = 10
     """Episodes of each evaluation."""
-    seed: Annotated[int, arg(metavar="N")] = 0
+    seed: Annotated[int, option(metavar="N")] = 0
     """Seed of the proposals."""
-    folder: Annotated[Path | None, arg(metavar="DIR")] = None
+    folder: Annotated[Path | None, option(metavar="DIR")] = None
     """Folder of the study; by default tuning/<env>-<agent>."""
 
-    on: Annotated[str | None, arg(metavar="WHERE")] = None
+    on: Annotated[str | None, option(metavar="WHERE")] = None
     """Train the seeds of a trial in parallel: ray, or ray:ADDRESS for a cluster (pip install 'bricksrl[distributed]')."""
 
     def execute(self) -> int:

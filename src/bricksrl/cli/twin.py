@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from tyro.conf import Positional, arg
+from tyro.conf import Positional
 
+from bricksrl.cli.options import Flag, option
 from bricksrl.cli.terminal import print_line, yes
 from bricksrl.errors import TwinError
 from bricksrl.seed import check_seed
@@ -36,19 +37,19 @@ class Record:
       bricksrl twin record walker --steps 200 --out walker.jsonl
     """
 
-    robot: Annotated[Positional[str], arg(metavar="ROBOT")]
+    robot: Annotated[Positional[str], option(metavar="ROBOT")]
     """Robot; `bricksrl list` shows them."""
-    out: Annotated[Path, arg(metavar="FILE")]
+    out: Annotated[Path, option(metavar="FILE")]
     """File to write."""
-    hub: Annotated[str, arg(metavar="HUB")] = "virtual"
+    hub: Annotated[str, option(metavar="HUB")] = "virtual"
     """How to reach the robot: virtual, ble, ble:NAME, ble:ADDRESS, usb or usb:PORT."""
-    yes: bool = False
+    yes: Flag = False
     """Let a real robot move without asking."""
-    steps: Annotated[int, arg(metavar="N")] = 160
+    steps: Annotated[int, option(metavar="N")] = 160
     """Commands, at 20 per second."""
-    seed: Annotated[int, arg(metavar="N")] = 0
+    seed: Annotated[int, option(metavar="N")] = 0
     """Seed of the commands."""
-    physics: Annotated[Path | None, arg(metavar="FILE")] = None
+    physics: Annotated[Path | None, option(metavar="FILE")] = None
     """Physics of a virtual robot: a JSON file such as `bricksrl twin fit` writes."""
 
     def execute(self) -> int:
@@ -106,13 +107,13 @@ class Fit:
       bricksrl twin fit robot.jsonl --out robot.json
     """
 
-    log: Annotated[Positional[Path], arg(metavar="LOG")]
+    log: Annotated[Positional[Path], option(metavar="LOG")]
     """File that `bricksrl twin record` wrote."""
-    robot: Annotated[str | None, arg(metavar="ROBOT")] = None
+    robot: Annotated[str | None, option(metavar="ROBOT")] = None
     """Robot, if it is not that of the log."""
-    parameters: Annotated[tuple[str, ...], arg(metavar="NAME")] = FITTED
+    parameters: Annotated[tuple[str, ...], option(metavar="NAME")] = FITTED
     """Parameters to fit; leave out those that you know."""
-    out: Annotated[Path | None, arg(metavar="FILE")] = None
+    out: Annotated[Path | None, option(metavar="FILE")] = None
     """File for the physics; by default the log's name with the suffix .physics.json."""
 
     def execute(self) -> int:
