@@ -227,9 +227,8 @@ def _build(env_id: str, offer: _Offer, options: dict[str, Any]) -> Task:
     unknown = [name for name in options if name not in parameters]
     if unknown and not any(one.kind is one.VAR_KEYWORD for one in parameters.values()):
         known = ", ".join(parameters) or "none"
-        raise UnknownOptionError(
-            f"{env_id} has no option {unknown[0]} (unexpected keyword argument '{unknown[0]}'); it has {known}"
-        )
+        python_says = f"unexpected keyword argument '{unknown[0]}'"
+        raise UnknownOptionError(f"{env_id} has no option {unknown[0]}; it has {known} ({python_says})")
     try:
         return offer.build(**options)
     except TypeError as error:
