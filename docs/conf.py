@@ -50,7 +50,7 @@ def environments() -> str:
     """A section for each environment: its task's own description."""
     from bricksrl.envs import get_task, list_envs
 
-    parts = ["# Environments\n", "These descriptions come from the tasks. `bricksrl list --json` prints the entries of observations and actions for programs.\n"]
+    parts = ["# Environments\n", "Each description comes from its task. `bricksrl list --json` prints them for programs.\n"]
     for env_id, summary in list_envs().items():
         body = re.sub(r"^## ", "### ", get_task(env_id).doc.partition("\n")[2].strip(), flags=re.MULTILINE)
         parts.append(f"## {env_id}\n\n{summary}\n\n{body}\n")
