@@ -38,13 +38,13 @@ class Cause(enum.Enum):
     RESTED = "a pause begins"
     STOPPED = "`stop`, `close`, or the end of this program"
     HALTED = "emergency stop"
-    NO_ANSWER = "no answer in time, or a write that is not acknowledged"
+    NO_ANSWER = "no answer in time, or a write without acknowledgement"
     LINK_LOST = "the link is lost: out of reach, switched off, unplugged, rebooted"
     BUSY = "the hub stays busy"
-    REFUSED = "the hub refuses a command, or answers what is not ours"
+    REFUSED = "the hub refuses a command, or sends an unknown answer"
     RAISED = "the program raised"
     ENDED = "the program was stopped on the hub, by its button"
-    SILENCE = "the program ended because it had not heard from this computer, for 0.4 s in mid-step or 10 s more between steps"
+    SILENCE = "the program ended because it had not heard from this computer, for 0.4 s during a step or 10 s more between steps"
     NOT_FOUND = "the hub is not found, or this computer has no Bluetooth or serial port"
     UNKNOWN = "anything else that the transport reports"
 
@@ -73,47 +73,51 @@ class Transition:
     hub: str
 
 
-_WATCHDOG = "stops its motors after 0.4 s of silence; ends its program (in mid-step at once, else 10 s later) and advertises"
+_WATCHDOG = "stops its motors after 0.4 s of silence; ends its program (at once during a step, else 10 s later) and advertises"
 
 TABLE: dict[Cause, Transition] = {
     Cause.OPENED: Transition(
         _CLOSED,
         LinkState.READY,
         None,
-        "brings the program where it is not there yet, starts it, compares its hash",
+        "downloads the program if it is missing, starts it, compares its hash",
         "moves nothing",
     ),
-    Cause.ACTED: Transition(_OPEN, LinkState.ARMED, None, "waits for the answer, and sends again", "carries it out once"),
-    Cause.RESTED: Transition(_OPEN, LinkState.READY, None, "reads now and then, to keep the program alive", "stops its motors"),
+    Cause.ACTED: Transition(_OPEN, LinkState.ARMED, None, "waits for the answer, sends again if none comes", "executes it once"),
+    Cause.RESTED: Transition(
+        _OPEN, LinkState.READY, None, "reads from time to time, to keep the program alive", "stops its motors"
+    ),
     Cause.STOPPED: Transition(_ANY, LinkState.DISCONNECTED, None, "stops the program", "stops its motors at once"),
     Cause.HALTED: Transition(
         _ANY, LinkState.FAULT, StoppedError, "stops the program; everything raises until `release`", "stops its motors at once"
     ),
     Cause.NO_ANSWER: Transition(
-        _ANY, LinkState.FAULT, HubTimeoutError, "gives up; `open` connects anew where it must", _WATCHDOG
+        _ANY, LinkState.FAULT, HubTimeoutError, "gives up; `open` connects again if necessary", _WATCHDOG
     ),
     Cause.LINK_LOST: Transition(
-        _ANY, LinkState.FAULT, HubDisconnectedError, "`open` looks for the same hub, with growing pauses, for 20 s", _WATCHDOG
+        _ANY, LinkState.FAULT, HubDisconnectedError, "`open` searches for the same hub, with growing pauses, for 20 s", _WATCHDOG
     ),
-    Cause.BUSY: Transition(_ANY, LinkState.FAULT, HubBusyError, "has tried again for 2 s; `open` starts afresh", _WATCHDOG),
-    Cause.REFUSED: Transition(_ANY, LinkState.FAULT, HubRefusedError, "`open` brings the program again", _WATCHDOG),
+    Cause.BUSY: Transition(_ANY, LinkState.FAULT, HubBusyError, "has retried for 2 s; `open` starts again", _WATCHDOG),
+    Cause.REFUSED: Transition(_ANY, LinkState.FAULT, HubRefusedError, "`open` downloads the program again", _WATCHDOG),
     Cause.RAISED: Transition(
         _ANY,
         LinkState.FAULT,
         HubProgramError,
-        "tells the hub's text and the line; `open` starts it again",
+        "reports the hub's text and the line; `open` starts the program again",
         "stops its motors at once",
     ),
-    Cause.ENDED: Transition(_ANY, LinkState.FAULT, ProgramStoppedError, "`open` starts it again", "stops its motors at once"),
+    Cause.ENDED: Transition(
+        _ANY, LinkState.FAULT, ProgramStoppedError, "`open` starts the program again", "stops its motors at once"
+    ),
     Cause.SILENCE: Transition(
         _OPEN,
         LinkState.FAULT,
         SilentHubError,
-        "`read` starts it again by itself; `act` does not",
+        "`read` starts the program again; `act` does not",
         "has stopped its motors and advertises",
     ),
     Cause.NOT_FOUND: Transition(_ANY, LinkState.FAULT, HubNotFoundError, "says what to do", _WATCHDOG),
-    Cause.UNKNOWN: Transition(_ANY, LinkState.FAULT, HubError, "`open` starts afresh", _WATCHDOG),
+    Cause.UNKNOWN: Transition(_ANY, LinkState.FAULT, HubError, "`open` starts again", _WATCHDOG),
 }
 
 _CAUSES: tuple[tuple[type[BricksError], Cause], ...] = (
