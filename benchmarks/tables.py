@@ -257,6 +257,27 @@ def copies(result: Result) -> str:
     return table(["agent", "copies", "goal", "seeds that reach it", "CPU time, median [min to max]"], rows)
 
 
+def race(result: Result) -> str:
+    """CPU seconds to a return of -20, start-up included."""
+    rows = []
+    for name, found in result["contestants"].items():
+        package, _, agent = name.removesuffix("_like_ours").partition("_")
+        settings = "default" if package == "ours" else "as ours" if name.endswith("_like_ours") else "its own"
+        times = [run[-1][1] for run in found["runs"]]
+        rows.append(
+            [
+                {"ours": "BricksRL", "sb3": "Stable-Baselines3", "sbx": "SBX"}[package],
+                agent,
+                settings,
+                f"{found['there']} of {len(times)}",
+                f"{found['steps']:.0f}",
+                f"{found['cpu_s']:.0f} s [{min(times):.0f} to {max(times):.0f}]",
+            ]
+        )
+    head = ["package", "agent", "settings", "seeds that reach it", "robot steps, median", "CPU time, median [min to max]"]
+    return table(head, rows)
+
+
 def cql_updates(result: Result) -> str:
     """CPU milliseconds per CQL update."""
     rows = [[name, f"{cpu_ms:.1f}", f"{1e3 / cpu_ms:.1f}"] for name, cpu_ms in result["cpu_ms"].items()]
@@ -312,6 +333,7 @@ SECTIONS: dict[str, tuple[str, Callable[[Result], str]]] = {
     "baselines": ("Random actions and hand-written controllers (return, success)", baselines),
     "learning": ("Learning in the simulations, evaluated without exploration", learning),
     "copies": ("Learning from many copies of WalkerSim-v0 at once, start-up included", copies),
+    "race": ("Race to a return of -20 on WalkerSim-v0, start-up included", race),
     "camera_learning": ("The camera task", camera),
     "seeds": ("Five seeds at once: parallel processes or stacked networks", seeds),
     "ablation": ("Ablation: each default setting set back to the paper's value", ablation),
