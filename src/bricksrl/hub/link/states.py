@@ -1,4 +1,4 @@
-"""States of a link, and the transition for each event: one table, for the code, its tests, and the documentation."""
+"""States and transitions of a link, as one table for the code, its tests and the documentation."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from bricksrl.hub.errors import (
 
 
 class LinkState(enum.Enum):
-    """State of a link, and with it the use that it allows."""
+    """State of a link."""
 
     DISCONNECTED = "disconnected"
-    """Nothing of ours runs on the hub: call ``open``."""
+    """No program of ours runs on the hub: call ``open``."""
     READY = "ready"
-    """The program answers and has moved nothing yet."""
+    """The program is running and has not moved anything yet."""
     ARMED = "armed"
     """Motors may be moving; the hub stops them when the host falls silent."""
     FAULT = "fault"
@@ -59,11 +59,11 @@ class Transition:
     """Effect of one cause.
 
     Attributes:
-        before: states in which it can come.
-        after: state that follows.
-        error: what the call raises; ``None`` for nothing.
-        host: what this computer does.
-        hub: what the hub does by itself.
+        before: states in which the cause can occur.
+        after: next state.
+        error: error that the call raises; ``None`` for none.
+        host: reaction of this computer.
+        hub: reaction of the hub.
     """
 
     before: frozenset[LinkState]
@@ -136,15 +136,15 @@ _CAUSES: tuple[tuple[type[BricksError], Cause], ...] = (
 
 
 def cause_of(error: BricksError) -> Cause:
-    """Cause behind an error."""
+    """Cause of an error."""
     return next((cause for kind, cause in _CAUSES if isinstance(error, kind)), Cause.UNKNOWN)
 
 
 def after(state: LinkState, cause: Cause) -> LinkState:
-    """The state that follows.
+    """Next state.
 
     Raises:
-        ValueError: the cause cannot come in this state: a mistake in our own code.
+        ValueError: the cause cannot occur in this state, which is a bug of ours.
     """
     transition = TABLE[cause]
     if state not in transition.before:
@@ -153,7 +153,7 @@ def after(state: LinkState, cause: Cause) -> LinkState:
 
 
 def markdown() -> str:
-    """The table, for the documentation."""
+    """Table of transitions in Markdown, for the documentation."""
     lines = ["| what happens | in state | then | the call raises | this computer | the hub |", "|---|---|---|---|---|---|"]
     for cause, row in TABLE.items():
         before = "any" if row.before == _ANY else ", ".join(state.value for state in LinkState if state in row.before)
