@@ -1,4 +1,4 @@
-"""Tables of docs/results.md and of the README, written from the results in `benchmarks/results/`.
+"""Tables of docs/results.md, docs/studies.md and the README, written from the results in `benchmarks/results/`.
 
     python benchmarks/tables.py            # write them
     python benchmarks/tables.py --check    # check that they match the results
@@ -17,9 +17,14 @@ from typing import Any, TypeAlias
 
 from machine import RESULTS, command
 
+from bricksrl.evaluation.study_benchmarks import BENCHMARK_STUDIES, result_of
+from bricksrl.evaluation.study_page import page as study_page
+from bricksrl.evaluation.study_tables import STUDIES
+
 Result: TypeAlias = dict[str, Any]
 ROOT = Path(__file__).parent.parent
 PAGE = ROOT / "docs" / "results.md"
+STUDIES_PAGE = ROOT / "docs" / "studies.md"
 README = ROOT / "README.md"
 SHOWN_MARKS = (250, 500, 1000, 2500, 7500)
 """Robot steps that the page shows; the results have more."""
@@ -36,6 +41,13 @@ The agents were made anew on TorchRL's parts. Measured with them: learning of SA
 is said of learning is of the agents before, and is to be measured again.
 """
 
+STUDIES_HEAD = """# Studies
+
+`bricksrl study` lists them, `bricksrl study NAME` makes one, `--quick` shows in minutes that all of it works. This page is
+written by `python benchmarks/tables.py` from the `study.json` of those that were made at full length, which lie in
+`benchmarks/results/study_NAME.json`, and from the results of the benchmarks. A study without a table here has not been made.
+"""
+
 
 def number(value: float | None) -> str:
     """Three or four significant digits; an empty string for ``None``."""
@@ -49,8 +61,10 @@ def percent(rate: float | None) -> str:
     return "" if rate is None else f"{100 * rate:.0f} %"
 
 
-def within(value: float, interval: Iterable[float]) -> str:
-    """A mean and its interval."""
+def within(value: float, interval: Iterable[float], seeds: int = LEAST_SEEDS) -> str:
+    """A mean and its interval, which fewer seeds than `LEAST_SEEDS` do not have."""
+    if seeds < LEAST_SEEDS:
+        return number(value)
     low, high = interval
     return f"{number(value)} [{number(low)}, {number(high)}]"
 
@@ -85,7 +99,7 @@ def robots(result: Result) -> str:
                 f"`{env}`",
                 str(len(found["seeds"])),
                 f"{found['episodes']} ({steps} steps)",
-                within(summary["return_mean"], summary["return_interval"]) if is_enough else number(summary["return_mean"]),
+                within(summary["return_mean"], summary["return_interval"], len(found["seeds"])),
                 "" if theirs is None else f"{theirs[0]:.4g} ± {theirs[1]:.3g}",
                 told,
                 f"{summary['training_s_median']:.0f} s",
@@ -123,7 +137,7 @@ def learning(result: Result) -> str:
                     agent,
                     str(len(found["seeds"])),
                     f"{one['mark']}",
-                    within(one["return_mean"], one["return_interval"]),
+                    within(one["return_mean"], one["return_interval"], len(found["seeds"])),
                     percent(one["success_mean"]) if env.startswith("RoboArm") else "",
                     f"{one['cpu_s']:.0f} s",
                 ]
@@ -166,7 +180,7 @@ def ablation(result: Result) -> str:
         for agent, found in agents.items():
             for name, one in found["variants"].items():
                 what = f"`{name}`" if name in ("default", "paper") else f"`{name}={one['setting'][name]}`"
-                cell = within(one["return_mean"], one["return_interval"])
+                cell = within(one["return_mean"], one["return_interval"], len(one["returns"]))
                 success = percent(one["success_mean"]) if env.startswith("RoboArm") else ""
                 rows.append([f"`{env}`", agent, str(len(one["returns"])), str(found["steps"]), what, cell, success])
     return table(["environment", "agent", "seeds", "robot steps", "settings", "return", "success"], rows)
@@ -202,8 +216,7 @@ def offline(result: Result) -> str:
                 cells.append("")
                 continue
             paper = "" if cell["paper"] is None else f" ({number(cell['paper'])})"
-            one_seed = len(cell["seeds"]) == 1
-            ours = number(cell["return_mean"]) if one_seed else within(cell["return_mean"], cell["interval"])
+            ours = within(cell["return_mean"], cell["interval"], len(cell["seeds"]))
             cells.append(f"{ours}{paper}, n={len(cell['seeds'])}")
         rows.append([data, *cells])
     return table(["dataset", *(f"{agent} (paper)" for agent in agents)], rows)
@@ -365,6 +378,18 @@ def page() -> str:
     return "\n".join(parts)
 
 
+def studies() -> str:
+    """All of docs/studies.md: the studies that were made, and those whose numbers the benchmarks have."""
+    parts = []
+    for name in (*STUDIES, *BENCHMARK_STUDIES):
+        path = RESULTS / f"study_{name}.json"
+        if name in BENCHMARK_STUDIES:
+            parts.append(study_page(result_of(BENCHMARK_STUDIES[name], RESULTS)))
+        elif path.exists():
+            parts.append(study_page(json.loads(path.read_text())))
+    return "\n".join((STUDIES_HEAD, *(re.sub("^#", "##", part, flags=re.MULTILINE) for part in parts)))
+
+
 def readme(text: str) -> str:
     """The README with the current table of the robots."""
     made = robots(json.loads((RESULTS / "robots.json").read_text()))
@@ -376,7 +401,7 @@ def main() -> None:
     parser = command(__doc__)
     parser.add_argument("--check", action="store_true")
     chosen = parser.parse_args()
-    wanted = {PAGE: page(), README: readme(README.read_text(encoding="utf-8"))}
+    wanted = {PAGE: page(), STUDIES_PAGE: studies(), README: readme(README.read_text(encoding="utf-8"))}
     for path, text in wanted.items():
         if not chosen.check:
             path.write_text(text, encoding="utf-8")

@@ -80,15 +80,17 @@ def link_lost(frame: TensorDictBase) -> bool:
 
 @dataclass
 class Rollout:
-    """Rewards and observations of an episode, collected frame by frame.
+    """Rewards, actions and observations of an episode, collected frame by frame.
 
     Attributes:
         rewards: one per step.
+        action_sizes: mean absolute value of each step's action, in 0..1.
         observations: the observation ``[n]`` after each step.
         is_lost: whether the link to the robot broke; that frame does not count.
     """
 
     rewards: list[float] = field(default_factory=list)
+    action_sizes: list[float] = field(default_factory=list)
     observations: list[Tensor] = field(default_factory=list)
     is_lost: bool = False
 
@@ -98,7 +100,13 @@ class Rollout:
             self.is_lost = True
             return
         self.rewards.append(float(frame["next", "reward"]))
+        self.action_sizes.append(float(frame["action"].abs().mean()))
         self.observations.append(frame["next", "observation"])
+
+    @property
+    def action_size(self) -> float:
+        """Mean absolute value of the actions, in 0..1."""
+        return sum(self.action_sizes) / max(1, len(self.action_sizes))
 
     @property
     def return_(self) -> float:
@@ -132,6 +140,7 @@ class Judged:
 
     return_: float
     length: int
+    action_size: float
     success: bool | None
     metrics: dict[str, float]
 
@@ -156,7 +165,7 @@ def play_episodes(
                 episode.add(frame)
             if episode.is_lost:
                 raise env.link_error
-        yield Judged(episode.return_, len(episode.rewards), episode.success(env), episode.metrics(env))
+        yield Judged(episode.return_, len(episode.rewards), episode.action_size, episode.success(env), episode.metrics(env))
 
 
 def _play_copies(env: EnvBase, policy: Policy, episodes: int, seed: int) -> Iterator[Judged]:
@@ -164,11 +173,13 @@ def _play_copies(env: EnvBase, policy: Policy, episodes: int, seed: int) -> Iter
     copies = env.batch_size.numel()
     for start in range(0, episodes, copies):
         seed_episode(env, seed, "evaluation", 1 + start)
-        frames = env.rollout(env.task.max_steps, policy, break_when_any_done=False)["next"].cpu()
+        rollout = env.rollout(env.task.max_steps, policy, break_when_any_done=False).cpu()
+        frames, sizes = rollout["next"], rollout["action"].abs().mean(-1)
         done = frames["done"].squeeze(-1)
         lengths = torch.where(done.any(-1), done.int().argmax(-1) + 1, done.shape[-1])
         for copy in range(min(copies, episodes - start)):
             whole = frames[copy, : int(lengths[copy])]
             success, metrics = env.task.success(whole["observation"]), env.task.metrics(whole["observation"])
             numbers = {name: float(value) for name, value in metrics.items()}
-            yield Judged(float(whole["reward"].sum()), len(whole), bool(success), numbers)
+            size = float(sizes[copy, : len(whole)].mean())
+            yield Judged(float(whole["reward"].sum()), len(whole), size, bool(success), numbers)

@@ -42,6 +42,7 @@ class EvaluationResult:
         return_mean, return_std: mean and population standard deviation of the returns; the latter is 0 for one episode.
         return_iqm: interquartile mean of the returns.
         return_interval: 95 % bootstrap interval of their mean.
+        action_size: mean absolute value of the actions, in 0..1.
         success_rate, success_interval: rate of success and its 95 % Wilson interval; ``None`` where the environment defines no
             success.
         metrics: mean of each metric of the task, units in the names.
@@ -60,6 +61,7 @@ class EvaluationResult:
     return_interval: Interval
     returns: tuple[float, ...]
     lengths: tuple[int, ...]
+    action_size: float
     success_rate: float | None
     success_interval: Interval | None
     metrics: dict[str, float]
@@ -178,6 +180,7 @@ def _summarise(
         return_interval=stratified_bootstrap_interval([returns.tolist()], mean),
         returns=tuple(returns.tolist()),
         lengths=tuple(one.length for one in judged),
+        action_size=sum(one.action_size for one in judged) / len(judged),
         success_rate=sum(outcomes) / len(outcomes) if outcomes else None,
         success_interval=wilson_interval(sum(outcomes), len(outcomes)) if outcomes else None,
         metrics={name: sum(one[name] for one in metrics) / len(metrics) for name in metrics[0]},

@@ -38,7 +38,8 @@ between two legs, and the action as the agent gave it: 0.1 a step at best.
 | terminated | pitch or roll is beyond 60 degrees to either side |
 | truncated  | after 100 steps                                   |
 
-While something is 40 mm away or nearer (an option, `blocked_at_mm`), the robot waits with its motors held and says so.
+While something is 40 mm away or nearer (an option, `blocked_at_mm`), the robot waits with its motors held and says so. With the
+option `step_ms`, the time of a step, an episode has as many steps as fit into the same 25 seconds.
 
 ## Success and metrics
 
@@ -48,6 +49,7 @@ An episode succeeds when the robot does not fall over. The metric is the mean re
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from bricksrl.envs.task import Task
@@ -58,6 +60,8 @@ from bricksrl.robots import WALKER
 if TYPE_CHECKING:
     from torch import Tensor
 
+STEP_MS = 250
+EPISODE_MS = 25_000
 SAFE_TILT_DEG = 60.0
 """A Walker that is tilted further has fallen over."""
 BLOCKED_AT_MM = 40.0
@@ -105,21 +109,24 @@ def metrics(observations: Tensor) -> dict[str, Tensor]:
 INTERFACE = Interface(
     commands=tuple(RunAngle(leg, -100, 0, speed_deg_s=600) for leg in _LEGS),
     channels=(*(MotorAngle(leg) for leg in _LEGS), Pitch(), Roll(), Distance("eyes")),
-    settle=Wait(250),
+    settle=Wait(STEP_MS),
 )
 
 
-def walker(env_id: str, *, blocked_at_mm: float = BLOCKED_AT_MM) -> Task:
+def walker(env_id: str, *, blocked_at_mm: float = BLOCKED_AT_MM, step_ms: int = STEP_MS) -> Task:
     """The task, for the robot or for its simulation.
 
     Args:
         blocked_at_mm: distance at which, and nearer, the robot waits until its way is clear.
+        step_ms: time of a step, from the command to the answer.
 
     Raises:
-        DescriptionError: the distance is negative.
+        DescriptionError: the distance is negative, or a step takes no time or longer than an episode.
     """
     if blocked_at_mm < 0:
         raise DescriptionError(f"{env_id}: blocked_at_mm is {blocked_at_mm}; give 0 or more")
+    if not 1 <= step_ms <= EPISODE_MS:
+        raise DescriptionError(f"{env_id}: step_ms is {step_ms}; give 1 to {EPISODE_MS}")
 
     def blocked(observation: Tensor) -> Tensor:
         return observation[..., _DISTANCE] <= blocked_at_mm
@@ -128,8 +135,8 @@ def walker(env_id: str, *, blocked_at_mm: float = BLOCKED_AT_MM) -> Task:
         id=env_id,
         doc=__doc__,
         robot=WALKER,
-        interface=INTERFACE,
-        max_steps=100,
+        interface=replace(INTERFACE, settle=Wait(step_ms)),
+        max_steps=EPISODE_MS // step_ms,
         reward=reward,
         success=success,
         metrics=metrics,
