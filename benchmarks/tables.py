@@ -78,8 +78,8 @@ def robots(result: Result) -> str:
                 told += f", the paper's {percent(paper['sac_success_rate'])}"
             if "on_line_share" in metrics:
                 told += f"; on the line for {percent(metrics['on_line_share'])} of the time"
-            if "true_error_mm" in metrics:
-                told += f"; stands {metrics['true_error_mm']:.0f} mm and {metrics['true_error_deg']:.1f} degrees off"
+            if "final_error_mm" in metrics:
+                told += f"; stands {metrics['final_error_mm']:.0f} mm and {metrics['final_error_deg']:.1f} degrees off"
         rows.append(
             [
                 f"`{env}`",

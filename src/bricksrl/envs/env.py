@@ -15,7 +15,7 @@ from torchrl.envs import EnvBase
 
 from bricksrl.envs.connection import Connection, Reconnect
 from bricksrl.envs.dead_reckoning import TargetTracker, start_pose
-from bricksrl.envs.episode import EpisodeState, Timing, observe, with_numbers
+from bricksrl.envs.episode import EpisodeState, Timing, observe, with_numbers, with_truth
 from bricksrl.envs.specs import NominalBounded
 from bricksrl.envs.stop_flag import StopFlag
 from bricksrl.envs.task import Task, never
@@ -244,8 +244,9 @@ class HubEnv(EnvBase):  # type: ignore[misc]
             "done": terminated | truncated,
             "link_lost": torch.zeros(1, dtype=torch.bool),
         }
+        if task.is_judged_by_more:
+            episode.judged.append(with_truth(observation, episode.tracker, self._entries))
         if episode.watch is not None:
-            episode.judged.append(observation)
             out["observation"] = observation[: self._entries].clone()
             out["image"] = torch.from_numpy(episode.watch.image)
         return TensorDict(out, batch_size=())
@@ -294,12 +295,13 @@ class HubEnv(EnvBase):  # type: ignore[misc]
     def judged(self, observations: torch.Tensor) -> torch.Tensor:
         """What the task's success and metrics get for these observations ``[steps, n]`` of the episode at hand, of all its steps.
 
-        It is the observations themselves, but for a task whose camera has a goal, where what the camera found is added.
+        It is the observations themselves, but what the camera found is added where it has a goal, and where a task's target is
+        from a virtual robot is the truth.
 
         Raises:
             BricksError: the observations are those of another episode.
         """
-        if self.task.camera is None:
+        if not self.task.is_judged_by_more:
             return observations
         judged = self._episode.judged if self._episode is not None else []
         if len(judged) != len(observations):
@@ -318,7 +320,7 @@ class HubEnv(EnvBase):  # type: ignore[misc]
         return Timing(self._episode.age_s, self._episode.hub_time_s)
 
     def walk_metrics(self) -> dict[str, float]:
-        """What only a virtual robot tells of this episode: its way, speed and straightness; what is left to its target."""
+        """What only a virtual robot tells of this episode: its way, speed and straightness; the errors of its reckoning."""
         if self._episode is None:
             return {}
         tracker = self._episode.tracker

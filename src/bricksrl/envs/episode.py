@@ -36,7 +36,8 @@ class EpisodeState:
         observation: the last one, as the task's functions get it.
         watch: what the camera shows; ``None`` for a task without one.
         tracker: where the target is; ``None`` for a task without one.
-        judged: every observation that followed a step, as the task's functions get it; only where there is a camera.
+        judged: every observation that followed a step, as success and metrics get it; only where that is more than the agent
+            sees.
         is_cut: whether a pause ended the episode.
         measured_s: the link's clock when the last observation was measured; ``hub_time_s`` the hub's.
         age_s: of the observation that the last action answered.
@@ -60,6 +61,14 @@ def observe(
     """Channels, what was drawn for the episode, what the host measured, and where the target is, ``[n]``."""
     target = () if tracker is None else (np.array(tracker.entries(), dtype=np.float32),)
     return torch.from_numpy(np.concatenate((channels, drawn, measured, *target)))
+
+
+def with_truth(observation: torch.Tensor, tracker: TargetTracker | None, end: int) -> torch.Tensor:
+    """An observation that tells where the target truly is, in the entries before ``end``."""
+    if tracker is None:
+        return observation
+    truth = torch.tensor(tracker.truth(), dtype=observation.dtype)
+    return torch.cat((observation[: end - len(truth)], truth, observation[end:]))
 
 
 def with_numbers(observation: torch.Tensor, watch: Watch) -> torch.Tensor:

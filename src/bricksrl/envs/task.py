@@ -68,7 +68,7 @@ class Task:
         scene: what stands around the robot when it is virtual.
         sampled_entries, measured_entries: what follows the channels in the observation. The latter are what the host measures
             after every step: the way forward in it. They are 0 after a reset.
-        target: a place that a driving robot is to reach.
+        target: a place that a driving robot is to reach. Success and metrics get where it truly is, if the robot is virtual.
         walks: a virtual robot reports how far, fast and straight it went.
         camera: what looks at the robot and adds an image to the observation.
 
@@ -123,6 +123,11 @@ class Task:
         channels = (self.interface.channels[place].entry for place in self.observed_channels)
         target = () if self.target is None else self.target.entries
         return (*channels, *self.sampled_entries, *self.measured_entries, *target)
+
+    @property
+    def is_judged_by_more(self) -> bool:
+        """Whether success and metrics may get more than the agent sees."""
+        return self.camera is not None or self.target is not None
 
     @property
     def task_entries(self) -> tuple[Entry, ...]:
