@@ -92,8 +92,8 @@ def robots(result: Result) -> str:
                 told += f" (paper: {percent(paper['sac_success_rate'])})"
             if "on_line_share" in metrics:
                 told += f"; on the line for {percent(metrics['on_line_share'])} of the time"
-            if "true_error_mm" in metrics:
-                told += f"; final error {metrics['true_error_mm']:.0f} mm and {metrics['true_error_deg']:.1f} degrees"
+            if "final_error_mm" in metrics:
+                told += f"; final error {metrics['final_error_mm']:.0f} mm and {metrics['final_error_deg']:.1f} degrees"
         rows.append(
             [
                 f"`{env}`",

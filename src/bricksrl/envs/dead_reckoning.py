@@ -134,12 +134,17 @@ class TargetTracker:
         self._last_step = (left_mm + right_mm) / 2, math.degrees((left_mm - right_mm) / self._base.axle_track_mm)
         self.at = self.at.driven(*self._last_step)
 
+    def truth(self) -> tuple[float, ...]:
+        """As `entries`, from where a virtual robot truly is; of a real one nobody knows better."""
+        at = self.at if self._true_pose is None else floor_pose(self._true_pose())
+        return (*self._target.place.seen_from(at), *self._last_step)
+
     def metrics(self) -> dict[str, float]:
-        """True remaining distance and turn to the target; empty for a real robot."""
+        """Errors of the dead reckoning; empty for a real robot."""
         if self._true_pose is None:
             return {}
-        ahead_mm, left_mm, turn_deg = self._target.place.seen_from(floor_pose(self._true_pose()))
-        return {"true_error_mm": math.hypot(ahead_mm, left_mm), "true_error_deg": abs(turn_deg)}
+        ahead_mm, left_mm, turn_deg = floor_pose(self._true_pose()).seen_from(self.at)
+        return {"reckoning_error_mm": math.hypot(ahead_mm, left_mm), "reckoning_error_deg": abs(turn_deg)}
 
     def _angles(self, values: NDArray[np.float32]) -> tuple[float, ...]:
         return tuple(float(values[place]) for place in self._places)

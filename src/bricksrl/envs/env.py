@@ -15,7 +15,7 @@ from torchrl.envs import EnvBase
 
 from bricksrl.envs.connection import Connection, Reconnect
 from bricksrl.envs.dead_reckoning import TargetTracker, start_pose
-from bricksrl.envs.episode import EpisodeState, Timing, observe, with_numbers
+from bricksrl.envs.episode import EpisodeState, Timing, observe, with_numbers, with_truth
 from bricksrl.envs.specs import NominalBounded
 from bricksrl.envs.stop_flag import StopFlag
 from bricksrl.envs.task import Task, never
@@ -244,8 +244,9 @@ class HubEnv(EnvBase):  # type: ignore[misc]
             "done": terminated | truncated,
             "link_lost": torch.zeros(1, dtype=torch.bool),
         }
+        if task.is_judged_by_more:
+            episode.judged.append(with_truth(observation, episode.tracker, self._entries))
         if episode.watch is not None:
-            episode.judged.append(observation)
             out["observation"] = observation[: self._entries].clone()
             out["image"] = torch.from_numpy(episode.watch.image)
         return TensorDict(out, batch_size=())
@@ -294,12 +295,13 @@ class HubEnv(EnvBase):  # type: ignore[misc]
     def judged(self, observations: torch.Tensor) -> torch.Tensor:
         """Input of the task's success and metrics for the observations ``[steps, n]`` of the whole current episode.
 
-        These are the observations; where the task's camera has a goal, with the camera's two distances appended.
+        These are the observations; where the task's camera has a goal, with the camera's two distances appended; where the task
+        has a target, with the true pose of a virtual robot.
 
         Raises:
             BricksError: the number of observations is not that of the current episode's steps.
         """
-        if self.task.camera is None:
+        if not self.task.is_judged_by_more:
             return observations
         judged = self._episode.judged if self._episode is not None else []
         if len(judged) != len(observations):
@@ -318,7 +320,7 @@ class HubEnv(EnvBase):  # type: ignore[misc]
         return Timing(self._episode.age_s, self._episode.hub_time_s)
 
     def walk_metrics(self) -> dict[str, float]:
-        """Metrics of a virtual robot's true motion: distance, speed, straightness; remaining distance to the target."""
+        """Metrics of a virtual robot's true motion: distance, speed, straightness; errors of its dead reckoning."""
         if self._episode is None:
             return {}
         tracker = self._episode.tracker

@@ -36,7 +36,7 @@ class EpisodeState:
         observation: the last one, as the task's functions get it.
         watch: the camera's view; ``None`` for a task without a camera.
         tracker: position of the target; ``None`` for a task without a target.
-        judged: observations after each step, as the task's functions get them; only with a camera.
+        judged: observations after each step, as the task's functions get them; only with a camera or a target.
         is_cut: whether a pause truncated the episode.
         measured_s: the link's clock when the last observation was measured; ``hub_time_s`` is the hub's.
         age_s: age of the observation that the last action was chosen for.
@@ -60,6 +60,14 @@ def observe(
     """The observation ``[n]``: channels, sampled entries, measured entries, then the target's."""
     target = () if tracker is None else (np.array(tracker.entries(), dtype=np.float32),)
     return torch.from_numpy(np.concatenate((channels, drawn, measured, *target)))
+
+
+def with_truth(observation: torch.Tensor, tracker: TargetTracker | None, end: int) -> torch.Tensor:
+    """An observation that tells where the target truly is, in the entries before ``end``."""
+    if tracker is None:
+        return observation
+    truth = torch.tensor(tracker.truth(), dtype=observation.dtype)
+    return torch.cat((observation[: end - len(truth)], truth, observation[end:]))
 
 
 def with_numbers(observation: torch.Tensor, watch: Watch) -> torch.Tensor:

@@ -114,7 +114,7 @@ class GymnasiumEnv(gymnasium.Env[Observation, Array]):
 
     def _info(self, *, ended: bool) -> dict[str, Any]:
         episode = torch.stack(self._observations)
-        if self.env.task.camera is not None:
+        if self.env.task.is_judged_by_more:
             episode = self.env.judged(episode)
         info: dict[str, Any] = {name: float(value) for name, value in self.env.task.metrics(episode).items()}
         if ended:

@@ -68,7 +68,7 @@ class Task:
         scene: surroundings of a virtual robot.
         sampled_entries, measured_entries: entries after the channels. The measured ones are computed by the host after every
             step (the distance forward in it), and 0 after a reset.
-        target: a pose that a driving robot is to reach.
+        target: a pose that a driving robot is to reach; success and metrics get the true pose of a virtual robot.
         walks: whether a virtual robot reports distance, speed and straightness.
         camera: a camera on the robot, which adds an image to the observation.
 
@@ -123,6 +123,11 @@ class Task:
         channels = (self.interface.channels[place].entry for place in self.observed_channels)
         target = () if self.target is None else self.target.entries
         return (*channels, *self.sampled_entries, *self.measured_entries, *target)
+
+    @property
+    def is_judged_by_more(self) -> bool:
+        """Whether success and metrics may get more than the agent sees."""
+        return self.camera is not None or self.target is not None
 
     @property
     def task_entries(self) -> tuple[Entry, ...]:
