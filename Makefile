@@ -37,7 +37,7 @@ check: $(INSTALLED)
 	$(BIN)/lint-imports --no-logo
 
 test: check
-	$(BIN)/python -m pytest --numprocesses auto -m 'not realtime'
+	$(BIN)/python -m pytest --numprocesses auto -m 'not realtime' --reruns 1 --only-rerun Timeout
 	$(BIN)/python -m pytest -m realtime --reruns 2
 
 format: $(INSTALLED)

@@ -8,6 +8,8 @@ from collections.abc import Iterator
 import pytest
 import torch
 
+torch.use_deterministic_algorithms(True, warn_only=True)  # fills memory that nobody wrote with NaN: whoever reads it is found out
+
 
 @pytest.fixture(autouse=True)
 def seeded() -> Iterator[None]:

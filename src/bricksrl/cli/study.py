@@ -1,4 +1,4 @@
-"""``bricksrl study``: the tables behind the claims, each by one command."""
+"""``bricksrl study``: run a predefined study of several trainings."""
 
 from __future__ import annotations
 
@@ -6,17 +6,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-from tyro.conf import Positional, arg
+from tyro.conf import Positional
 
+from bricksrl.cli.options import Flag, option
 from bricksrl.cli.terminal import INTERRUPTED, load_learning, print_interrupted, print_line
 
 
 @dataclass(frozen=True)
 class StudyCommand:
-    """Train and evaluate a whole table, with several seeds, and write its numbers and its page.
+    """Train and evaluate a whole table of agents and environments, with several seeds, and write its numbers and its page.
 
-    Without a name it says which studies there are and how long they take. What was made is not made again: the same command goes
-    on where it was interrupted. Studies of the repository's benchmarks take the results that lie there.
+    Without a name, list the studies and their durations. The same command resumes an interrupted study and repeats no finished
+    run. Studies that are benchmarks of the repository take the results that lie there.
 
     Examples:
       bricksrl study
@@ -26,23 +27,23 @@ class StudyCommand:
       bricksrl study sim-to-robot --seeds 10 --on ray
     """
 
-    name: Annotated[Positional[str | None], arg(metavar="NAME")] = None
-    """Study."""
-    quick: bool = False
-    """A few episodes of some of its cells: to see that everything works."""
-    seeds: Annotated[int | None, arg(metavar="N")] = None
-    """Of each cell; without it those of the study, and 2 with --quick."""
-    jobs: Annotated[int | None, arg(metavar="N")] = None
-    """Processes at a time; without it as many as there are cores."""
-    on: Annotated[str | None, arg(metavar="WHERE")] = None
-    """Run it there: ray, or ray:ADDRESS for a cluster whose computers all see the folder."""
-    folder: Annotated[Path | None, arg(metavar="DIR")] = None
-    """Folder of the study; without it studies/<name>, or studies/<name>-quick."""
-    benchmarks: Annotated[Path, arg(metavar="DIR")] = Path("benchmarks")
+    name: Annotated[Positional[str | None], option(metavar="NAME")] = None
+    """Name of the study."""
+    quick: Flag = False
+    """Run only a few episodes of some cells, as a smoke test."""
+    seeds: Annotated[int | None, option(metavar="N")] = None
+    """Seeds per cell; by default those of the study, or 2 with --quick."""
+    jobs: Annotated[int | None, option(metavar="N")] = None
+    """Concurrent processes; by default the number of cores."""
+    on: Annotated[str | None, option(metavar="WHERE")] = None
+    """Where to run: ray, or ray:ADDRESS for a cluster whose computers share the folder."""
+    folder: Annotated[Path | None, option(metavar="DIR")] = None
+    """Folder of the study; by default studies/<name>, or studies/<name>-quick."""
+    benchmarks: Annotated[Path, option(metavar="DIR")] = Path("benchmarks")
     """Folder of the repository's benchmarks."""
 
     def execute(self) -> int:
-        """Make it, or tell what there is."""
+        """Run the study, or list the studies."""
         from bricksrl.errors import RunError, UnknownNameError
         from bricksrl.evaluation.study_benchmarks import BENCHMARK_STUDIES, BenchmarkStudy, take_study
         from bricksrl.evaluation.study_tables import STUDIES, Study

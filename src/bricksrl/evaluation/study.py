@@ -1,7 +1,7 @@
-"""Runner of studies: trains each cell of a table with several seeds, evaluates, and writes what they say together.
+"""Runner of studies: trains each cell of a table with several seeds, evaluates, and writes the results.
 
-A study's folder holds a run folder for each cell and seed, so that the same command goes on where it was interrupted; what was
-trained and evaluated is not made again. ``study.json`` has the numbers, the processor and the versions; ``study.md`` the tables.
+A study's folder holds a run folder for each cell and seed, so that the same command resumes an interrupted study and repeats no
+finished run. ``study.json`` has the numbers, the processor and the versions; ``study.md`` the tables.
 """
 
 from __future__ import annotations
@@ -35,12 +35,12 @@ from bricksrl.files import write_durably
 
 _PACKAGES = ("bricksrl", "torch", "torchrl", "tensordict", "mujoco", "numpy")
 OnSeed = Callable[[str, int, str | None], None]
-"""Told the name of a cell, a seed, and what went wrong, when it is done."""
+"""Called with the name of a cell, a seed, and its error or ``None``, when the seed is done."""
 
 
 @dataclass(frozen=True)
 class Judgement:
-    """One seed's evaluation under a condition."""
+    """Evaluation of one seed under a condition."""
 
     condition: str
     returns: tuple[float, ...]
@@ -50,7 +50,7 @@ class Judgement:
 
 @dataclass(frozen=True)
 class Outcome:
-    """One seed of a cell.
+    """Result of one seed of a cell.
 
     Attributes:
         steps, wall_s: of the training.
@@ -67,7 +67,7 @@ class Outcome:
 
 
 def name_of(cell: Cell) -> str:
-    """A folder's name."""
+    """Name of a cell's folder."""
     return "".join(char if char.isalnum() or char in "-." else "_" for char in f"{cell.row}-{cell.column}")
 
 
@@ -142,16 +142,16 @@ def run_study(
     on: str | None = None,
     on_seed: OnSeed = lambda *_: None,
 ) -> Path:
-    """Make what is missing of a study, and write its numbers and its page; returns the page.
+    """Run the missing parts of a study, and write ``study.json`` and ``study.md``; returns the path of the latter.
 
     Args:
-        quick: its quick form, which shows that everything works and nothing else.
-        seeds: of each cell; without it the study's own number, 2 of the quick form.
-        jobs: processes at a time; without it as many as there are cores.
-        on: "ray", or "ray:ADDRESS", with a folder that all computers see.
+        quick: run the quick form, a smoke test of the study.
+        seeds: seeds per cell; by default the study's number, 2 in the quick form.
+        jobs: concurrent processes; by default the number of cores.
+        on: "ray", or "ray:ADDRESS", with a folder shared by all computers.
 
     Raises:
-        RunError: a seed failed; the others are there all the same, and the same command goes on.
+        RunError: a seed failed; the others are kept, and the same command resumes.
     """
     cells = study.cells(quick)
     count = seeds or (2 if quick else study.seeds)
@@ -184,10 +184,10 @@ def write_study(folder: Path, result: dict[str, Any]) -> Path:
 
 
 def _made(orders: Sequence[tuple[Cell, int, str]], jobs: int | None, on: str | None) -> Iterable[dict[str, Any] | str]:
-    """The outcome of each order, in their order, as soon as it is there."""
+    """Outcomes of the orders, in order, each as soon as it is ready."""
     if on is not None:
         with connected(parse_on(on), jobs) as ray:
-            remote = ray.remote(run_seed).options(num_cpus=1, max_retries=3)  # on one thread, by its environment
+            remote = ray.remote(run_seed).options(num_cpus=1, max_retries=3)  # single-threaded, by its environment variables
             for job in [remote.remote(*order) for order in orders]:
                 yield ray.get(job)
         return
@@ -206,7 +206,7 @@ def _on_one_thread() -> None:
 
 
 def summary(cell: Cell, outcomes: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """What the seeds of a cell say together; conditions of the same name are joined."""
+    """Summary of a cell's seeds; conditions of the same name are pooled."""
     names = list(dict.fromkeys(one.name for one in cell.conditions))
     return {
         "row": cell.row,
@@ -222,7 +222,7 @@ def summary(cell: Cell, outcomes: Sequence[dict[str, Any]]) -> dict[str, Any]:
 
 
 def _under(name: str, outcomes: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """Everything under one condition: one mean return a seed, and all episodes' successes."""
+    """Summary of one condition: a mean return per seed, and the successes of all episodes."""
     by_seed = [[one for one in outcome["judged"] if one["condition"] == name] for outcome in outcomes]
     returns = [float(np.mean([value for one in judged for value in one["returns"]])) for judged in by_seed]
     found = {**over_seeds(returns), "episodes": sum(len(one["returns"]) for judged in by_seed for one in judged)}
@@ -253,7 +253,7 @@ def over_seeds(returns: Sequence[float]) -> dict[str, Any]:
 
 
 def improvements(cells: Sequence[Cell], found: dict[str, list[dict[str, Any]]]) -> list[dict[str, Any]]:
-    """For each column the probability that a seed of its first row scores more than one of each other row, under its last
+    """Per column, the probability that a seed of the first row scores more than one of each other row, in the last
     condition."""
     columns: dict[str, list[Cell]] = {}
     for cell in cells:

@@ -1,4 +1,4 @@
-"""Studies by name: what each trains and where it evaluates."""
+"""Definitions of the studies: their trainings and evaluations."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ _STRATEGY = ("final_distance_mm", "action_size", "largest_pitch_deg", "episode_s
 
 @dataclass(frozen=True)
 class Condition:
-    """Where an agent is evaluated.
+    """Environment of an evaluation.
 
     Attributes:
-        env: another environment than the one it was trained in.
+        env: environment, if it differs from that of the training.
         named: fields of `EnvOptions` that differ from the nominal twin.
         episodes: of each seed.
         learn_episodes: the agent goes on learning there for so many episodes before.
@@ -40,7 +40,7 @@ class Condition:
 
 @dataclass(frozen=True)
 class Cell:
-    """One training, to be made with several seeds, and its evaluations.
+    """One training, run with several seeds, and its evaluations.
 
     Attributes:
         row, column: of the table.
@@ -84,7 +84,7 @@ def _episodes(env: str, quick: bool) -> int:
 
 
 def _judged(quick: bool, env: str | None = None) -> tuple[Condition, ...]:
-    """The paper's 5 episodes, and 20 beside them."""
+    """Conditions with 5 episodes, as in the paper, and with 20."""
     return tuple(Condition(f"{count} episodes", env, episodes=2 if quick else count) for count in (5, 20))
 
 
@@ -113,7 +113,7 @@ def _agents(quick: bool) -> tuple[Cell, ...]:
 
 
 def drawn_twins(count: int = DRAWN_TWINS) -> list[Physics]:
-    """Twins with other physics, the same at every call."""
+    """Randomly drawn physics, the same at every call."""
     rng = np.random.default_rng(_DRAW_SEED)
     return [RandomPhysics().sample(rng) for _ in range(count)]
 
@@ -125,7 +125,7 @@ OUTSIDE = {
     "flat battery": Physics(battery_v=6.4),
     "slow link": Physics(link_interval_ms=100.0),
 }
-"""Twins outside the ranges that randomisation draws from."""
+"""Physics outside of the ranges of domain randomization."""
 
 
 def _sim_to_robot(quick: bool) -> tuple[Cell, ...]:

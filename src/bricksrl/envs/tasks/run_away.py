@@ -57,7 +57,7 @@ NEAR_MM = 40.0
 FAR_MM = 2000.0
 """The ultrasonic sensor reports nothing farther."""
 AWAY_MM = 1000.0
-"""Last distance of a successful episode."""
+"""Least final distance of a successful episode."""
 
 _PITCH = 2
 _DISTANCE = slice(4, 5)

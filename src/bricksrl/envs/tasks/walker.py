@@ -73,13 +73,13 @@ _DISTANCE = slice(6, 7)
 
 
 def shortest_angle_deg(one: Tensor, other: Tensor) -> Tensor:
-    """The angle between two directions, 0..180."""
+    """Angle between two directions, in 0..180 degrees."""
     turn = other - one
     return (turn - 360.0 * (turn / 360.0).round()).abs()
 
 
 def gait_reward(observation: Tensor) -> Tensor:
-    """Distance of the legs from a trot, 0 at best; ``[*batch, 1]``."""
+    """Negative deviation of the legs from a trot, 0 at best; ``[*batch, 1]``."""
     lf, rf, lb, rb = (observation[..., i : i + 1] for i in range(4))
     apart = shortest_angle_deg(lf, rf) + shortest_angle_deg(lb, rb)
     together = shortest_angle_deg(lf, rb) + shortest_angle_deg(rf, lb)
@@ -87,12 +87,12 @@ def gait_reward(observation: Tensor) -> Tensor:
 
 
 def reward(_previous: Tensor, action: Tensor, observation: Tensor) -> Tensor:
-    """Large steps in a trot; ``[*batch, 1]``."""
+    """Reward for large steps in a trot; ``[*batch, 1]``."""
     return gait_reward(observation) - action.sum(-1, keepdim=True) / 40.0
 
 
 def terminated(observation: Tensor) -> Tensor:
-    """Fallen over; bool ``[*batch, 1]``."""
+    """True if the robot has fallen over; bool ``[*batch, 1]``."""
     return (observation[..., _TILT].abs() > SAFE_TILT_DEG).any(-1, keepdim=True)
 
 
@@ -102,7 +102,7 @@ def success(observations: Tensor) -> Tensor:
 
 
 def metrics(observations: Tensor) -> dict[str, Tensor]:
-    """Share of a trot in the episode ``[*batch, steps, n]``; ``[*batch]``."""
+    """Mean gait reward of the episode ``[*batch, steps, n]``; ``[*batch]``."""
     return {"mean_gait_reward": gait_reward(observations)[..., 0].mean(-1)}
 
 
