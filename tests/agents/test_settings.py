@@ -15,9 +15,10 @@ from bricksrl.agents import AGENTS, PRESETS, algorithm, make_learner, preset
 from bricksrl.agents.act import ACTSettings
 from bricksrl.agents.presets import values
 from bricksrl.agents.sac import SACSettings
-from bricksrl.agents.settings import Positive, Range, Settings, check_value
+from bricksrl.agents.settings import Positive, Range, Settings
 from bricksrl.agents.td3 import TD3Settings
 from bricksrl.errors import DescriptionError, UnknownNameError
+from bricksrl.fields import check_value
 
 OF_ALL = [
     {"learning_rate": 0.0},

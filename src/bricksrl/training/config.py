@@ -8,9 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from bricksrl.agents import algorithm, preset
-from bricksrl.agents.settings import LARGEST, check_fields
+from bricksrl.agents.settings import LARGEST
 from bricksrl.envs.options import EnvOptions
 from bricksrl.errors import BricksError, RunError
+from bricksrl.fields import check_fields
 from bricksrl.seed import check_seed
 from bricksrl.twin.physics import Physics
 

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from bricksrl.agents import make_learner
-from bricksrl.agents.settings import check_fields
 from bricksrl.errors import BricksError, CheckpointError, DescriptionError, RunError
+from bricksrl.fields import check_fields
 from bricksrl.training.callbacks import Episode
 from bricksrl.training.config import TrainConfig
 from bricksrl.training.run_folder import RunFolder
