@@ -13,14 +13,12 @@ from bricksrl.errors import DescriptionError
 from bricksrl.fields import check_fields
 
 LARGEST, MOST_UNITS, MOST_WEIGHTS = 2**24, 2**14, 2**26
-"""Limits of any number, of a layer, and of the weights between hidden layers: settings come from files too, and one that fills
-the memory is a mistake or worse."""
+"""Limits of any number, of a layer, and of the weights between hidden layers: what comes from a file may fill the memory."""
 
 
 @dataclass(frozen=True)
 class Range:
-    """The numbers that a setting may be: from ``low`` to ``high``; with ``above`` only beyond ``low``, with ``below`` only short
-    of ``high``."""
+    """The numbers from ``low`` to ``high``; with ``above`` only beyond ``low``, with ``below`` only short of ``high``."""
 
     low: float = 0.0
     high: float = LARGEST
@@ -65,8 +63,8 @@ class Settings:
     def __post_init__(self) -> None:
         check_fields(type(self), vars(self))
         if not self.hidden or not all(isinstance(units, int) and 1 <= units <= MOST_UNITS for units in self.hidden):
-            wanted = f"the units of at least one layer, up to {MOST_UNITS:,} in each"
-            raise DescriptionError(f"hidden is {self.hidden}; give {wanted}, as in (256, 256)")
+            wanted = f"the units of at least one layer, up to {MOST_UNITS:,} in each, as in (256, 256)"
+            raise DescriptionError(f"hidden is {self.hidden}; give {wanted}")
         weights = sum(before * after for before, after in itertools.pairwise(self.hidden))
         if weights > MOST_WEIGHTS:
             raise DescriptionError(f"hidden is {self.hidden}: {weights:,} weights a network; give up to {MOST_WEIGHTS:,}")

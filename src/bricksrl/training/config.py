@@ -109,9 +109,8 @@ class TrainConfig(EnvOptions):
         """Plain values, fit for JSON; the folder is left out, it is where this is written."""
         data = dataclasses.asdict(self)
         del data["run_dir"]
-        if self.settings is not None:
-            values = data["settings"].items()
-            data["settings"] = {name: list(value) if isinstance(value, tuple) else value for name, value in values}
+        values = data["settings"].items()
+        data["settings"] = {name: list(value) if isinstance(value, tuple) else value for name, value in values}
         return data
 
     @classmethod
