@@ -41,17 +41,17 @@ def variants(env: str, agent: str) -> dict[str, Settings]:
     return {**found, "paper": paper}
 
 
-def run(env: str, agent: str, settings: Settings, seed: int) -> tuple[float, float | None]:
+def run(env: str, agent: str, settings: Settings, seed: int, steps: int) -> tuple[float, float | None]:
     """Return and success of one agent after its training."""
     import torch
 
     from bricksrl.evaluation import evaluate
 
     torch.set_num_threads(1)
-    observer = StopWhen(lambda episode: episode.steps >= STEPS[env])
+    observer = StopWhen(lambda episode: episode.steps >= steps)
     with tempfile.TemporaryDirectory() as parent:
         folder = Path(parent) / "run"
-        config = TrainConfig(env, agent, STEPS[env], seed, settings=settings, record=False, run_dir=folder)
+        config = TrainConfig(env, agent, steps, seed, settings=settings, record=False, run_dir=folder)
         train(config, observer, stop=observer.stop)
         found = evaluate(folder, episodes=EVALUATED_EPISODES, save=False)
     return found.return_mean, found.success_rate
@@ -77,6 +77,8 @@ def main() -> None:
     parser.add_argument("--envs", nargs="+", default=list(STEPS), choices=list(STEPS))
     parser.add_argument("--agent", default="sac", choices=AGENTS)
     parser.add_argument("--seeds", type=int, default=5)
+    parser.add_argument("--only", nargs="+", help="these of the variants")
+    parser.add_argument("--steps", type=int, help="robot steps, in place of those of each environment")
     parser.add_argument("--processes", type=int, default=os.cpu_count())
     chosen = parser.parse_args()
     os.environ.update({"OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"})  # before torch is loaded, in the processes
@@ -85,12 +87,15 @@ def main() -> None:
     with multiprocessing.get_context("spawn").Pool(chosen.processes, maxtasksperchild=1) as pool:
         for env in chosen.envs:
             found: dict[str, Any] = {}
+            steps = chosen.steps or STEPS[env]
             for name, settings in variants(env, chosen.agent).items():
-                jobs = [(env, chosen.agent, settings, seed) for seed in range(chosen.seeds)]
+                if chosen.only is not None and name not in chosen.only:
+                    continue
+                jobs = [(env, chosen.agent, settings, seed, steps) for seed in range(chosen.seeds)]
                 value = asdict(settings) if name in ("default", "paper") else {name: getattr(settings, name)}
                 found[name] = {"setting": value, **summary(pool.starmap(run, jobs, chunksize=1))}
                 print(env, name, found[name]["return_mean"], found[name]["return_interval"], flush=True)
-            known.setdefault(env, {})[chosen.agent] = {"steps": STEPS[env], "variants": found}
+            known.setdefault(env, {})[chosen.agent] = {"steps": steps, "variants": found}
             print(write("ablation", {"evaluated_episodes": EVALUATED_EPISODES, "environments": known}), flush=True)
 
 

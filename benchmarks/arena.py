@@ -21,7 +21,7 @@ from torchrl.envs.utils import ExplorationType, set_exploration_type
 from bricksrl.envs.arenas import make_arena
 from bricksrl.evaluation.statistics import FEWEST_SEEDS, wilson_interval
 from bricksrl.training.teams.groups import TeamSettings, team_policy
-from bricksrl.training.teams.team import TeamConfig, load_team, play_team, train_team
+from bricksrl.training.teams.team import TeamConfig, TeamEpisode, load_team, play_team, train_team
 
 ENV, FRAMES, COPIES = "Tag-v0", 400_000, 256
 SETTINGS = {"ippo": TeamSettings(), "sac": TeamSettings(updates_per_step=8.0)}
@@ -31,19 +31,21 @@ EVALUATION_SEED = 7000
 FRAME_MS = 50
 
 
-def rate(successes: list[bool], *, seeds: int) -> dict[str, Any]:
-    """A share, with its Wilson interval from five seeds on."""
+def rate(played: list[TeamEpisode], *, seeds: int) -> dict[str, Any]:
+    """The share of episodes that the catcher has won, with its Wilson interval from five seeds on, and their mean length."""
+    successes = [one.success for one in played]
     found: dict[str, Any] = {"won": sum(successes), "episodes": len(successes)}
     found["rate"] = round(sum(successes) / len(successes), 3)
     if seeds >= FEWEST_SEEDS:
         interval = wilson_interval(sum(successes), len(successes))
         found["rate_95"] = [round(interval.low, 3), round(interval.high, 3)]
+    found["steps_mean"] = round(sum(one.length for one in played) / len(played), 1)
     return found
 
 
 def learned(agent: str, seeds: int, episodes: int, folder: Path) -> dict[str, Any]:
     """Catchers of one algorithm against each runner."""
-    won: dict[str, list[bool]] = {runner: [] for runner in RUNNERS}
+    all_played: dict[str, list[TeamEpisode]] = {runner: [] for runner in RUNNERS}
     cpu_s = []
     for seed in range(seeds):
         started_s = time.process_time()
@@ -54,10 +56,10 @@ def learned(agent: str, seeds: int, episodes: int, folder: Path) -> dict[str, An
         env = make_arena(ENV)
         for runner in RUNNERS:
             played = play_team(env, load_team(path, {"runner": runner}).policy, episodes, EVALUATION_SEED + seed)
-            won[runner] += [one.success for one in played]
+            all_played[runner] += played
             print(agent, seed, runner, sum(one.success for one in played), "of", episodes, flush=True)
         env.close()
-    return {"training_cpu_s": cpu_s, **{f"against_{runner}": rate(outcomes, seeds=seeds) for runner, outcomes in won.items()}}
+    return {"training_cpu_s": cpu_s, **{f"against_{runner}": rate(played, seeds=seeds) for runner, played in all_played.items()}}
 
 
 def scripts(episodes: int) -> dict[str, Any]:
@@ -68,7 +70,7 @@ def scripts(episodes: int) -> dict[str, Any]:
         for runner in RUNNERS:
             policy = team_policy(env, {}, {"catcher": catcher, "runner": runner})
             played = play_team(env, policy, episodes, EVALUATION_SEED)
-            found[f"{catcher}_against_{runner}"] = rate([one.success for one in played], seeds=1)
+            found[f"{catcher}_against_{runner}"] = rate(played, seeds=1)
     env.close()
     return found
 

@@ -21,15 +21,9 @@ from torch import Tensor
 
 import bricksrl
 from bricksrl.envs.rollout import seed_episode
+from bricksrl.evaluation.paper import RETURNS, SUCCESS
 from bricksrl.evaluation.statistics import mean, stratified_bootstrap_interval, wilson_interval
 
-PAPER: dict[str, dict[str, Any]] = {
-    "RunAway-v0": {"random": [-0.51, 1.84]},
-    "Spinning-v0": {"random": [71.97, 501.79]},
-    "Walker-v0": {"random": [-191.99, 18.19]},
-    "RoboArm-v0": {"random": [-149.26, 88.19], "random_success": 0.32},
-    "RoboArm_mixed-v0": {"random": [-57.23, 10.01], "random_success": 0.40},
-}
 REASONS = {
     "RunAway-v0": "The virtual robot starts 200 to 300 mm before the wall; the paper does not say where its robot did.",
     "RoboArm-v0": "The paper's success rate depends on its threshold, 50 degrees here.",
@@ -81,6 +75,14 @@ def measure(env_id: str, policy: Callable[[TensorDictBase], Tensor], episodes: i
     return found
 
 
+def paper_of(env_id: str) -> dict[str, Any] | None:
+    """What random actions did on LEGO's robot."""
+    if env_id not in RETURNS or env_id.endswith("Sim-v0"):
+        return None
+    success = {"random_success": SUCCESS[env_id]["random"]} if env_id in SUCCESS else {}
+    return {"random": list(RETURNS[env_id]["random"])} | success
+
+
 def main() -> None:
     """Measure and write; results of other environments stay in the file."""
     parser = command(__doc__)
@@ -97,7 +99,7 @@ def main() -> None:
         }
         table[env_id] = {name: measure(env_id, policy, chosen.episodes) for name, policy in policies.items()}
         table[env_id]["scripted"]["controller"] = (CONTROLLERS[env_id].__doc__ or "").splitlines()[0]
-        table[env_id]["paper"] = PAPER.get(env_id)
+        table[env_id]["paper"] = paper_of(env_id)
         if env_id in REASONS:
             table[env_id]["why_they_differ"] = REASONS[env_id]
         print(env_id, table[env_id], flush=True)

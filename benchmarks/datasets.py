@@ -17,15 +17,10 @@ from typing import Any
 
 from machine import command, write
 
+from bricksrl.evaluation.paper import DATASETS
+
 TASKS = {"Walker-v0": 75, "RoboArm-v0": 250, "RunAway-v0": 40, "Spinning-v0": 15}
 """Episodes of training, as many as the paper's."""
-PAPER: dict[str, dict[str, float]] = {
-    "Walker-v0": {"mean_reward": -69.12, "expert_transitions": 9244, "random_transitions": 10000},
-    "RoboArm-v0": {"mean_reward": -9.87, "expert_transitions": 1297, "random_transitions": 10000},
-    "RunAway-v0": {"mean_reward": 18.04, "expert_transitions": 1987, "random_transitions": 1612},
-    "Spinning-v0": {"mean_reward": 8981.19, "expert_transitions": 5000, "random_transitions": 5000},
-}
-"""Its table of datasets; 100 episodes each."""
 SEED = 0
 
 
@@ -80,7 +75,7 @@ def table(results: dict[str, dict[str, Any]]) -> list[str]:
     """The paper's table and ours, a line a task."""
     lines = [f"{'task':13}{'mean reward':>24}{'expert transitions':>22}{'random transitions':>22}{'random reward':>15}"]
     for env_id, ours in results.items():
-        paper = PAPER[env_id]
+        paper = DATASETS[env_id]
         cells = [
             f"{ours['expert']['mean_reward']:.4g} ({paper['mean_reward']:.4g})",
             f"{ours['expert']['transitions']} ({paper['expert_transitions']:.0f})",
@@ -114,7 +109,7 @@ def main() -> None:
         print(line)
     print("in brackets: the paper's")
     if not arguments.no_result:
-        print(write("datasets", {"seed": SEED, "tasks": results, "paper": PAPER, "seconds": time.perf_counter() - started_s}))
+        print(write("datasets", {"seed": SEED, "tasks": results, "paper": DATASETS, "seconds": time.perf_counter() - started_s}))
 
 
 if __name__ == "__main__":

@@ -4,25 +4,28 @@
 
 Each run is `bricksrl train RunAway-v0 --realtime` with SAC's default settings, with one robot and with four. Its time is that
 from the first robot's first step to the end of the first of three episodes in a row that return 20 of 20, on the wall's clock;
-what the processes take to start is left out. In one more run of four the first robot's link is cut for 30 seconds. Counted are
-then the frames that the replay buffer and the dataset hold, and the links between frames of the buffer that are not one robot's
-successive steps.
+what the processes take to start is left out: they begin together. Beside it stand the steps of the robot that made the most until
+then, which depend on no clock; with ``--simulated`` they alone are measured, in simulated time. In one more run of four the first
+robot's link is cut for 30 seconds. Counted are then the frames that the replay buffer and the dataset hold, and the links between
+frames of the buffer that are not one robot's successive steps.
 """
 
 from __future__ import annotations
 
+import argparse
 import json
 import tempfile
 import threading
 import time
 from collections import Counter
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from machine import RESULTS, command, write
+from machine import RESULTS, command, describe, write
 
-from bricksrl.evaluation.statistics import interquartile_mean, stratified_bootstrap_interval
+from bricksrl.evaluation.statistics import FEWEST_SEEDS, interquartile_mean, stratified_bootstrap_interval
 from bricksrl.training import Callback, Episode, Progress, RobotState, TrainConfig, train
 
 ENV, GOAL, IN_A_ROW = "RunAway-v0", 20.0, 3
@@ -34,15 +37,18 @@ class UntilSolved(Callback):
 
     def __init__(self) -> None:
         self.returns: list[float] = []
+        self.steps: Counter[str] = Counter()
         self.solved: Episode | None = None
 
     def on_episode(self, episode: Episode, progress: Progress) -> None:
         self.returns.append(episode.return_)
+        if self.solved is None:
+            self.steps[episode.robot] += episode.length
         if self.solved is None and self.returns[-IN_A_ROW:] == [GOAL] * IN_A_ROW:
             self.solved = episode
 
 
-def race(robots: int, seed: int, episodes: int) -> dict[str, Any]:
+def race(robots: int, seed: int, episodes: int, *, realtime: bool) -> dict[str, Any]:
     """One run; ends soon after it is solved."""
     notes, stop = UntilSolved(), threading.Event()
 
@@ -54,12 +60,13 @@ def race(robots: int, seed: int, episodes: int) -> dict[str, Any]:
 
     notes = Until()
     with tempfile.TemporaryDirectory() as folder:
-        config = TrainConfig(ENV, episodes=episodes, robots=robots, realtime=True, seed=seed, run_dir=Path(folder) / "run")
+        config = TrainConfig(ENV, episodes=episodes, robots=robots, realtime=realtime, seed=seed, run_dir=Path(folder) / "run")
         result = train(config, notes, stop=stop)
     solved = notes.solved
     return {
         "seed": seed,
-        "solved_s": None if solved is None else round(solved.seconds, 1),
+        "solved_s": None if solved is None or not realtime else round(solved.seconds, 1),
+        "steps_of_a_robot": None if solved is None else max(notes.steps.values()),
         "steps": None if solved is None else solved.steps,
         "episodes": len(result.episodes),
         "updates_per_step": result.updates_per_step,
@@ -144,14 +151,33 @@ def _key(parts: Any) -> tuple[float, ...]:
 
 def summarised(runs: list[dict[str, Any]]) -> dict[str, Any]:
     """Runs, and what their times say together; an interval only of five or more that were all solved."""
-    times = [run["solved_s"] for run in runs if run["solved_s"] is not None]
-    summary: dict[str, Any] = {"runs": runs, "solved": len(times)}
-    if times:
-        summary["solved_s_iqm"] = round(float(interquartile_mean(np.array(times))), 1)
-    if len(times) >= 5 and len(times) == len(runs):
-        interval = stratified_bootstrap_interval([times])
-        summary["solved_s_95"] = [round(interval.low, 1), round(interval.high, 1)]
+    summary: dict[str, Any] = {"runs": runs, "solved": sum(run["steps"] is not None for run in runs)}
+    for name in ("solved_s", "steps_of_a_robot"):
+        values = [run[name] for run in runs if run.get(name) is not None]
+        if values:
+            summary[f"{name}_iqm"] = round(float(interquartile_mean(np.array(values))), 1)
+        if len(values) >= FEWEST_SEEDS and len(values) == len(runs):
+            interval = stratified_bootstrap_interval([values])
+            summary[f"{name}_95"] = [round(interval.low, 1), round(interval.high, 1)]
     return summary
+
+
+def races(chosen: argparse.Namespace, known: dict[str, Any], tell: Callable[[dict[str, Any]], None]) -> dict[str, Any]:
+    """One robot and four, each with all seeds, and how many times as fast four are."""
+    results: dict[str, Any] = {}
+    for robots in (1, 4):
+        name = f"{robots}_robots" if robots > 1 else "1_robot"
+        runs = known.get(name, {}).get("runs", [])
+        for seed in range(len(runs), chosen.seeds):
+            runs.append(race(robots, seed, chosen.episodes, realtime=not chosen.simulated))
+            results[name] = summarised(runs)
+            print(robots, runs[-1], flush=True)
+            tell({**known, **results})
+        results[name] = summarised(runs)
+    for what, name in (("times_as_fast", "solved_s_iqm"), ("times_fewer_steps_of_a_robot", "steps_of_a_robot_iqm")):
+        one, four = results["1_robot"].get(name), results["4_robots"].get(name)
+        results[what] = None if one is None or four is None else round(one / four, 2)
+    return results
 
 
 def main() -> None:
@@ -161,19 +187,18 @@ def main() -> None:
     parser.add_argument("--episodes", type=int, default=60, help="at most, of each run")
     parser.add_argument("--go-on", action="store_true", help="keep the runs that the results hold")
     parser.add_argument("--cut-episodes", type=int, default=150, help="at most, of the run with a cut")
+    parser.add_argument("--simulated", action="store_true", help="in simulated time: the steps only, added to the results")
     chosen = parser.parse_args()
+    path = RESULTS / "fleet.json"
+    known: dict[str, Any] = json.loads(path.read_text()) if path.exists() else {}
+    if chosen.simulated:
+        before = known.get("simulated", {}) if chosen.go_on else {}
+        found = races(chosen, before, lambda now: write("fleet", {**known, "simulated": now}) and None)
+        print(write("fleet", {**known, "simulated": {**found, **describe()}}))
+        return
     results: dict[str, Any] = {"environment": ENV, "agent": "sac", "goal": f"{IN_A_ROW} episodes of {GOAL:g} in a row"}
-    known = json.loads((RESULTS / "fleet.json").read_text()) if chosen.go_on else {}
-    for robots in (1, 4):
-        name = f"{robots}_robots" if robots > 1 else "1_robot"
-        runs = known.get(name, {}).get("runs", [])
-        for seed in range(len(runs), chosen.seeds):
-            runs.append(race(robots, seed, chosen.episodes))
-            results[name] = summarised(runs)
-            print(robots, runs[-1], write("fleet", {**known, **results}), flush=True)
-        results[name] = summarised(runs)
-    one, four = results["1_robot"].get("solved_s_iqm"), results["4_robots"].get("solved_s_iqm")
-    results["times_as_fast"] = None if one is None or four is None else round(one / four, 2)
+    results |= {name: known[name] for name in ("simulated",) if name in known}
+    results |= races(chosen, known if chosen.go_on else {}, lambda now: write("fleet", {**known, **results, **now}) and None)
     results["cut"] = with_a_cut(chosen.cut_episodes)
     print(results["times_as_fast"], results["cut"], flush=True)
     print(write("fleet", results))

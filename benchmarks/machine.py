@@ -14,7 +14,8 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-RESULTS = Path(__file__).parent / "results"
+RESULTS = Path(os.environ.get("BRICKSRL_RESULTS", Path(__file__).parent / "results"))
+"""Where results are written; `bricksrl study` has its quick forms written elsewhere."""
 _PACKAGES = ("bricksrl", "torch", "torchrl", "tensordict", "mujoco", "numpy", "greenlet")
 
 

@@ -26,6 +26,7 @@ from machine import command, write
 
 from bricksrl.agents import preset
 from bricksrl.evaluation import evaluate
+from bricksrl.evaluation.paper import OFFLINE
 from bricksrl.evaluation.statistics import mean, stratified_bootstrap_interval
 from bricksrl.training import TrainConfig, train
 
@@ -39,16 +40,6 @@ OFFLINE_UPDATES = {
     "RoboArm-v0": {"expert": 5000, "random": 10_000},
 }
 """Updates that the paper made from each of its datasets, by task and kind of dataset."""
-PAPER: dict[tuple[str, str], dict[str, float]] = {
-    ("Walker-v0", "random"): {"td3": -79.71, "sac": -66.91, "bc": -202.46, "iql": -136.13, "cql": -72.75},
-    ("Walker-v0", "expert"): {"td3": -153.45, "sac": -255.41, "bc": -85.65, "iql": -74.80, "cql": -77.93},
-    ("RoboArm-v0", "random"): {"td3": -124.22, "sac": -54.67, "bc": -117.72, "iql": -76.89, "cql": -46.91},
-    ("RoboArm-v0", "expert"): {"td3": -201.94, "sac": -218.76, "bc": -7.34, "iql": -3.10, "cql": -17.41},
-    ("RunAway-v0", "random"): {"td3": 19.86, "sac": 14.74, "bc": -0.27, "iql": 14.07, "cql": 19.60},
-    ("RunAway-v0", "expert"): {"td3": 9.06, "sac": 10.80, "bc": 18.13, "iql": 18.80, "cql": 19.74},
-    ("Spinning-v0", "random"): {"td3": 6160.25, "sac": 5416.11, "bc": 35.55, "iql": 4544.28, "cql": 4509.31},
-    ("Spinning-v0", "expert"): {"td3": 6168.28, "sac": 9349.52, "bc": 9150.02, "iql": 9096.60, "cql": 9099.03},
-}
 
 
 @dataclass(frozen=True)
@@ -132,7 +123,7 @@ def summary(runs: list[dict[str, Any]]) -> dict[str, Any]:
     """One cell of the table."""
     means = [one["return_mean"] for one in runs]
     interval = stratified_bootstrap_interval([means], mean)
-    paper = PAPER[runs[0]["env"], runs[0]["kind"]].get(runs[0]["agent"])
+    paper = OFFLINE[runs[0]["env"], runs[0]["kind"]].get(runs[0]["agent"])
     return {
         "return_mean": round(statistics.fmean(means), 2),
         "interval": [round(interval.low, 2), round(interval.high, 2)],

@@ -7,7 +7,8 @@ every 100 steps on 40 deterministic episodes, whose time does not count; it is t
 twice: with our features and the values of our default settings (learning rate, discount, temperature, networks, layer
 normalisation where they have it, updates a step, random episodes at the start), and with their own defaults on raw
 observations. One seed of each runs after the other, so that all of them see the machine alike; medians over the seeds count. A
-contestant that is not there after ``--limit`` steps counts as that.
+contestant that is not there after ``--limit`` steps counts as that. What the result holds already is not run again, so the script
+goes on where it was ended, and with ``--contestants`` some get more seeds than others.
 """
 
 from __future__ import annotations
@@ -190,7 +191,7 @@ def work(name: str, seed: int, limit: int) -> None:
 
 def main() -> None:
     """Race all of them and write the medians."""
-    from machine import command, write
+    from machine import RESULTS, command, write
 
     parser = command(__doc__)
     parser.add_argument("--seeds", type=int, choices=range(1, 101), metavar="N", default=5)
@@ -204,21 +205,26 @@ def main() -> None:
     names = [name for name in chosen.contestants if not CONTESTANTS[name][0] or importlib.util.find_spec(CONTESTANTS[name][0])]
     for name in set(chosen.contestants) - set(names):
         print(f"{name} is left out: {CONTESTANTS[name][0]} is missing; pip install 'bricksrl[benchmarks]'")
-    runs: dict[str, list[Any]] = {name: [] for name in names}
+    path = RESULTS / "race.json"
+    known: dict[str, Any] = json.loads(path.read_text()) if path.exists() else {}
+    setup = {"env": ENV, "goal": GOAL, "limit": chosen.limit, "evaluated_episodes": EVALUATED}
+    found: dict[str, Any] = known["contestants"] if known.get("setup") == setup else {}
     for seed in range(chosen.seeds):
         for name in names:
+            runs = found.get(name, {}).get("runs", [])
+            if len(runs) > seed:
+                continue
             command_line = [sys.executable, __file__, "--work", name, str(seed), "--limit", str(chosen.limit)]
             done = subprocess.run(  # noqa: S603  this script
                 command_line, env={**os.environ, **ONE_THREAD}, capture_output=True, text=True, check=True
             )
-            runs[name].append(json.loads(done.stdout.splitlines()[-1]))
-            steps, cpu_s, value = runs[name][-1][-1]
+            found[name] = summary([*runs, json.loads(done.stdout.splitlines()[-1])])
+            steps, cpu_s, value = found[name]["runs"][-1][-1]
             print(f"seed {seed}  {name:22} {steps:5} steps {cpu_s:7.1f} s CPU  return {value:.1f}", flush=True)
-        setup = {"env": ENV, "goal": GOAL, "limit": chosen.limit, "seeds": seed + 1, "evaluated_episodes": EVALUATED}
-        path = write("race", {"setup": setup, "contestants": {name: summary(of_name) for name, of_name in runs.items()}})
-    for name, of_name in runs.items():
-        found = summary(of_name)
-        print(f"{name:22} {found['steps']:6} steps {found['cpu_s']:7.1f} s CPU, {found['there']} of {len(of_name)} there")
+            write("race", {"setup": setup, "contestants": {one: found[one] for one in CONTESTANTS if one in found}})
+    for name, one in found.items():
+        there = f"{one['there']} of {len(one['runs'])} there"
+        print(f"{name:22} {one['steps']:6} steps {one['cpu_s']:7.1f} s CPU, {there}")
     print(path)
 
 

@@ -24,6 +24,7 @@ import numpy as np
 from machine import RESULTS, command, write
 
 from bricksrl.evaluation import evaluate
+from bricksrl.evaluation.paper import RETURNS, SUCCESS
 from bricksrl.evaluation.statistics import interquartile_mean, mean, stratified_bootstrap_interval, wilson_interval
 from bricksrl.training import TrainConfig, train
 
@@ -37,14 +38,6 @@ EPISODES = {
     "RoboArm-v0": 250,
     "RoboArm_mixed-v0": 250,
 }
-PAPER: dict[str, dict[str, Any]] = {
-    "RunAway-v0": {"sac": [8.72, 2.82], "td3": [7.64, 2.31], "droq": [8.96, 0.87]},
-    "Spinning-v0": {"sac": [7407.20, 109.53], "td3": [7558.21, 28.61], "droq": [7456.85, 18.02]},
-    "Walker-v0": {"sac": [-52.04, 8.79], "td3": [-62.94, 16.76], "droq": [-57.63, 10.44]},
-    "RoboArm-v0": {"sac": [-27.77, 37.13], "td3": [-20.29, 31.35], "droq": [-55.02, 62.45], "sac_success_rate": 0.72},
-    "RoboArm_mixed-v0": {"sac": [-18.21, 6.98], "td3": [-60.24, 16.06], "droq": [-19.39, 11.07], "sac_success_rate": 0.68},
-}
-"""Means and standard deviations of its tables 2 and 3, on LEGO's robots."""
 EVALUATED_EPISODES = 20
 
 
@@ -93,6 +86,14 @@ def summary(runs: list[dict[str, Any]]) -> dict[str, Any]:
     return found
 
 
+def paper_of(env_id: str) -> dict[str, Any] | None:
+    """Its means and standard deviations on LEGO's robots, and the success of its SAC where it names one."""
+    if env_id not in RETURNS:
+        return None
+    success = {"sac_success_rate": SUCCESS[env_id]["sac"]} if env_id in SUCCESS else {}
+    return {agent: list(RETURNS[env_id][agent]) for agent in ("sac", "td3", "droq")} | success
+
+
 def main() -> None:
     """Train all and write the results."""
     parser = command(__doc__)
@@ -113,7 +114,7 @@ def main() -> None:
         with tempfile.TemporaryDirectory() as folder, ProcessPoolExecutor(chosen.processes, get_context("spawn")) as pool:
             waiting = [pool.submit(run, env_id, chosen.agent, episodes, seed, folder) for seed in seeds]
             runs = sorted([*kept, *(one.result() for one in waiting)], key=lambda one: int(one["seed"]))
-        known[env_id] = {"episodes": episodes, "summary": summary(runs), "paper": PAPER.get(env_id), "seeds": runs}
+        known[env_id] = {"episodes": episodes, "summary": summary(runs), "paper": paper_of(env_id), "seeds": runs}
         print(env_id, known[env_id]["summary"], flush=True)
         ordered = {env: known[env] for env in EPISODES if env in known}
         print(write(name, {"agent": chosen.agent, "preset": "default", "environments": ordered}), flush=True)

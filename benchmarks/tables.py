@@ -1,9 +1,9 @@
-"""The tables of docs/results.md and of the README, written from the results in `benchmarks/results/`.
+"""Tables of docs/results.md, docs/studies.md and the README, written from the results in `benchmarks/results/`.
 
     python benchmarks/tables.py            # write them
-    python benchmarks/tables.py --check    # say whether they are what the results say
+    python benchmarks/tables.py --check    # check that they match the results
 
-What was not measured yet has no table.
+A benchmark without a result has no table.
 """
 
 from __future__ import annotations
@@ -17,14 +17,19 @@ from typing import Any, TypeAlias
 
 from machine import RESULTS, command
 
+from bricksrl.evaluation.study_benchmarks import BENCHMARK_STUDIES, result_of
+from bricksrl.evaluation.study_page import page as study_page
+from bricksrl.evaluation.study_tables import STUDIES
+
 Result: TypeAlias = dict[str, Any]
 ROOT = Path(__file__).parent.parent
 PAGE = ROOT / "docs" / "results.md"
+STUDIES_PAGE = ROOT / "docs" / "studies.md"
 README = ROOT / "README.md"
 SHOWN_MARKS = (250, 500, 1000, 2500, 7500)
-"""Robot steps at which the page shows what was learned; the results have more."""
+"""Robot steps that the page shows; the results have more."""
 LEAST_SEEDS = 5
-"""Of an interval."""
+"""The fewest seeds with an interval."""
 BLOCK = re.compile(r"(?<=<!-- benchmarks/tables.py -->\n).*?(?=<!-- end -->)", re.DOTALL)
 HEAD = """# Results
 
@@ -36,21 +41,30 @@ The agents were made anew on TorchRL's parts. Measured with them: learning of SA
 is said of learning is of the agents before, and is to be measured again.
 """
 
+STUDIES_HEAD = """# Studies
+
+`bricksrl study` lists them, `bricksrl study NAME` makes one, `--quick` shows in minutes that all of it works. This page is
+written by `python benchmarks/tables.py` from the `study.json` of those that were made at full length, which lie in
+`benchmarks/results/study_NAME.json`, and from the results of the benchmarks. A study without a table here has not been made.
+"""
+
 
 def number(value: float | None) -> str:
-    """Three or four digits that count; nothing for what is not there."""
+    """Three or four significant digits; an empty string for ``None``."""
     if value is None:
         return ""
     return f"{value:.0f}" if abs(value) >= 1000 else f"{value:.3g}"
 
 
 def percent(rate: float | None) -> str:
-    """A share as whole percents."""
+    """A share in whole percent."""
     return "" if rate is None else f"{100 * rate:.0f} %"
 
 
-def within(value: float, interval: Iterable[float]) -> str:
-    """A mean and its interval."""
+def within(value: float, interval: Iterable[float], seeds: int = LEAST_SEEDS) -> str:
+    """A mean and its interval, which fewer seeds than `LEAST_SEEDS` do not have."""
+    if seeds < LEAST_SEEDS:
+        return number(value)
     low, high = interval
     return f"{number(value)} [{number(low)}, {number(high)}]"
 
@@ -63,7 +77,7 @@ def table(head: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
 
 
 def robots(result: Result) -> str:
-    """What SAC learned on each robot."""
+    """SAC on each robot."""
     rows = []
     for env, found in result["environments"].items():
         summary, paper, steps = found["summary"], found["paper"] or {}, found["seeds"][0]["steps"]
@@ -75,28 +89,28 @@ def robots(result: Result) -> str:
             low, high = summary["success_interval"]
             told = f"success {percent(summary['success_rate'])}" + (f" [{100 * low:.0f}, {100 * high:.0f}]" if is_enough else "")
             if "sac_success_rate" in paper:
-                told += f", the paper's {percent(paper['sac_success_rate'])}"
+                told += f" (paper: {percent(paper['sac_success_rate'])})"
             if "on_line_share" in metrics:
                 told += f"; on the line for {percent(metrics['on_line_share'])} of the time"
-            if "true_error_mm" in metrics:
-                told += f"; stands {metrics['true_error_mm']:.0f} mm and {metrics['true_error_deg']:.1f} degrees off"
+            if "final_error_mm" in metrics:
+                told += f"; final error {metrics['final_error_mm']:.0f} mm and {metrics['final_error_deg']:.1f} degrees"
         rows.append(
             [
                 f"`{env}`",
                 str(len(found["seeds"])),
                 f"{found['episodes']} ({steps} steps)",
-                within(summary["return_mean"], summary["return_interval"]) if is_enough else number(summary["return_mean"]),
+                within(summary["return_mean"], summary["return_interval"], len(found["seeds"])),
                 "" if theirs is None else f"{theirs[0]:.4g} ± {theirs[1]:.3g}",
                 told,
                 f"{summary['training_s_median']:.0f} s",
             ]
         )
-    head = ["environment", "seeds", "episodes", "return", "the paper's SAC", "and", "training"]
+    head = ["environment", "seeds", "episodes", "return", "SAC in the paper", "success and metrics", "training time"]
     return table(head, rows)
 
 
 def baselines(result: Result) -> str:
-    """Random actions and controllers written by hand."""
+    """Random actions and hand-written controllers."""
     rows = []
     for env, found in result["environments"].items():
         cells = []
@@ -109,11 +123,11 @@ def baselines(result: Result) -> str:
         if "random_success" in paper:
             theirs += f", {percent(paper['random_success'])}"
         rows.append([f"`{env}`", *cells, theirs, found.get("why_they_differ", "")])
-    return table(["environment", "random", "scripted", "the paper's random", "why they differ"], rows)
+    return table(["environment", "random", "hand-written", "random in the paper", "why they differ"], rows)
 
 
 def learning(result: Result) -> str:
-    """Return and success after so many robot steps in the simulations."""
+    """Return and success over robot steps in the simulations."""
     rows = []
     for env, agents in result["environments"].items():
         for agent, found in agents.items():
@@ -123,14 +137,14 @@ def learning(result: Result) -> str:
                     agent,
                     str(len(found["seeds"])),
                     f"{one['mark']}",
-                    within(one["return_mean"], one["return_interval"]),
+                    within(one["return_mean"], one["return_interval"], len(found["seeds"])),
                     percent(one["success_mean"]) if env.startswith("RoboArm") else "",
                     f"{one['cpu_s']:.0f} s",
                 ]
                 for one in found["summary"]
                 if one["mark"] in SHOWN_MARKS
             ]
-    return table(["environment", "agent", "seeds", "robot steps in all", "return", "success", "CPU time"], rows)
+    return table(["environment", "agent", "seeds", "robot steps in total", "return", "success", "CPU time"], rows)
 
 
 def camera(result: Result) -> str:
@@ -141,39 +155,39 @@ def camera(result: Result) -> str:
             low, high = one["success_range"]
             success = f"{percent(one['success_median'])} ({100 * low:.0f} to {100 * high:.0f})"
             rows.append([agent, str(len(found["seeds"])), str(one["episodes"]), success, f"{one['cpu_s_median']:.0f} s"])
-    return table(["agent", "seeds", "episodes in all", "success: median (range)", "CPU time"], rows)
+    return table(["agent", "seeds", "episodes in total", "success: median (range)", "CPU time"], rows)
 
 
 def seeds(result: Result) -> str:
-    """Many seeds at once: a process for each, or one program with stacked networks."""
+    """Many seeds at once: one process per seed, or one program with stacked networks."""
     at_a_time, rows = result["processes"], []
     one_s = at_a_time["1_at_a_time_s"]
     for name, wall_s in at_a_time.items():
         count = name.split("_")[0]
-        rows.append(["training", f"a process for each seed, {count} at a time", f"{wall_s:.0f} s", f"{one_s / wall_s:.2f}"])
+        rows.append(["training", f"one process per seed, {count} at a time", f"{wall_s:.0f} s", f"{one_s / wall_s:.2f}"])
     for name, found in result["updates"].items():
         threads, alone_ms = name.split("_")[0], found["one_after_the_other_ms"]
         rows.append(["updates", f"one after the other, threads: {threads}", f"{alone_ms:.1f} ms", "1"])
         stacked_ms = found["stacked_ms"]
         rows.append(["updates", f"stacked, threads: {threads}", f"{stacked_ms:.1f} ms", f"{alone_ms / stacked_ms:.2f}"])
-    return table(["what", "how", "wall time", "times as fast"], rows)
+    return table(["what", "how", "wall time", "speedup"], rows)
 
 
 def ablation(result: Result) -> str:
-    """Each default setting taken back to the paper's."""
+    """Each default setting set back to the paper's value."""
     rows = []
     for env, agents in result["environments"].items():
         for agent, found in agents.items():
             for name, one in found["variants"].items():
                 what = f"`{name}`" if name in ("default", "paper") else f"`{name}={one['setting'][name]}`"
-                cell = within(one["return_mean"], one["return_interval"])
+                cell = within(one["return_mean"], one["return_interval"], len(one["returns"]))
                 success = percent(one["success_mean"]) if env.startswith("RoboArm") else ""
                 rows.append([f"`{env}`", agent, str(len(one["returns"])), str(found["steps"]), what, cell, success])
     return table(["environment", "agent", "seeds", "robot steps", "settings", "return", "success"], rows)
 
 
 def datasets(result: Result) -> str:
-    """Of 100 episodes each."""
+    """Datasets of 100 episodes each."""
     rows = []
     for env, ours in result["tasks"].items():
         paper = result["paper"][env]
@@ -186,11 +200,12 @@ def datasets(result: Result) -> str:
                 f"{ours['random']['transitions']} ({paper['random_transitions']})",
             ]
         )
-    return table(["task (paper)", "expert: mean return", "transitions", "random: mean return", "transitions"], rows)
+    head = ["task", "expert: mean return (paper)", "transitions (paper)", "random: mean return", "transitions (paper)"]
+    return table(head, rows)
 
 
 def offline(result: Result) -> str:
-    """What agents learned from datasets alone."""
+    """Agents trained on datasets alone."""
     agents = sorted({agent for found in result["datasets"].values() for agent in found})
     rows = []
     for data, found in result["datasets"].items():
@@ -201,20 +216,19 @@ def offline(result: Result) -> str:
                 cells.append("")
                 continue
             paper = "" if cell["paper"] is None else f" ({number(cell['paper'])})"
-            one_seed = len(cell["seeds"]) == 1
-            ours = number(cell["return_mean"]) if one_seed else within(cell["return_mean"], cell["interval"])
+            ours = within(cell["return_mean"], cell["interval"], len(cell["seeds"]))
             cells.append(f"{ours}{paper}, n={len(cell['seeds'])}")
         rows.append([data, *cells])
     return table(["dataset", *(f"{agent} (paper)" for agent in agents)], rows)
 
 
 def warm_start(result: Result) -> str:
-    """Episodes until the goal."""
+    """Episodes until the target return."""
     ways = {
-        "alone": "SAC from nothing",
+        "alone": "SAC from scratch",
         "data": "SAC, half of each batch from the dataset",
-        "start": "from IQL that learned from it",
-        "policy": "SAC from the policy of BC that learned from it, the dataset beside",
+        "start": "from an IQL agent trained on the dataset",
+        "policy": "SAC from the policy of a BC agent trained on the dataset, with the dataset",
     }
     rows = [
         [
@@ -225,11 +239,11 @@ def warm_start(result: Result) -> str:
         ]
         for way, found in result["ways"].items()
     ]
-    return table(["way", "seeds", "episodes to -25: median", "each"], rows)
+    return table(["method", "seeds", "episodes to -25: median", "each seed"], rows)
 
 
 def updates(result: Result) -> str:
-    """CPU milliseconds of an update."""
+    """CPU milliseconds per update."""
     rows = []
     for agent, found in result["agents"].items():
         others = [
@@ -238,11 +252,11 @@ def updates(result: Result) -> str:
         ]
         rows.append([agent, f"{found['ours']['cpu_ms']:.2f}", *others])
     names = ["ours, `--compile`", "TorchRL, tuned", "TorchRL", "Stable-Baselines3", "SBX"]
-    return table(["CPU ms an update", "ours", *names], rows)
+    return table(["CPU ms per update", "ours", *names], rows)
 
 
 def copies(result: Result) -> str:
-    """CPU seconds to a goal from many copies."""
+    """CPU seconds to a goal with many copies."""
     rows = [
         [
             agent,
@@ -253,13 +267,34 @@ def copies(result: Result) -> str:
         ]
         for agent, found in result["agents"].items()
     ]
-    return table(["agent", "copies", "goal", "seeds that reach it", "CPU time, median [least to most]"], rows)
+    return table(["agent", "copies", "goal", "seeds that reach it", "CPU time, median [min to max]"], rows)
+
+
+def race(result: Result) -> str:
+    """CPU seconds to a return of -20, start-up included."""
+    rows = []
+    for name, found in result["contestants"].items():
+        package, _, agent = name.removesuffix("_like_ours").partition("_")
+        settings = "default" if package == "ours" else "as ours" if name.endswith("_like_ours") else "its own"
+        times = [run[-1][1] for run in found["runs"]]
+        rows.append(
+            [
+                {"ours": "BricksRL", "sb3": "Stable-Baselines3", "sbx": "SBX"}[package],
+                agent,
+                settings,
+                f"{found['there']} of {len(times)}",
+                f"{found['steps']:.0f}",
+                f"{found['cpu_s']:.0f} s [{min(times):.0f} to {max(times):.0f}]",
+            ]
+        )
+    head = ["package", "agent", "settings", "seeds that reach it", "robot steps, median", "CPU time, median [min to max]"]
+    return table(head, rows)
 
 
 def cql_updates(result: Result) -> str:
-    """CPU milliseconds of an update of CQL."""
+    """CPU milliseconds per CQL update."""
     rows = [[name, f"{cpu_ms:.1f}", f"{1e3 / cpu_ms:.1f}"] for name, cpu_ms in result["cpu_ms"].items()]
-    return table(["CQL", "CPU ms an update", "updates a CPU-second"], rows)
+    return table(["CQL", "CPU ms per update", "updates per CPU second"], rows)
 
 
 def realtime_learning(result: Result) -> str:
@@ -268,7 +303,7 @@ def realtime_learning(result: Result) -> str:
         [agent, f"{one['wall_over_motion']:.2f}", f"{one['updates_per_step_reached']:g} of {one['updates_per_step_asked']}"]
         for agent, one in result["agents"].items()
     ]
-    return table(["agent", "wall time over motion time", "updates a step reached"], rows)
+    return table(["agent", "wall time over motion time", "updates per step"], rows)
 
 
 def realtime_factor(result: Result) -> str:
@@ -283,8 +318,8 @@ def realtime_factor(result: Result) -> str:
         ]
         for env, one in result["environments"].items()
     ]
-    columns = ["environment", "times real time", "steps a CPU-second", "`mj_step` alone, times real time", "whole over `mj_step`"]
-    return table(columns, rows)
+    head = ["environment", "times real time", "steps per CPU second", "`mj_step` alone, times real time", "total over `mj_step`"]
+    return table(head, rows)
 
 
 def simulation_speed(result: Result) -> str:
@@ -294,40 +329,41 @@ def simulation_speed(result: Result) -> str:
         for env, found in result["environments"].items()
         for one in found
     ]
-    return table(["environment", "batch", "threads", "steps a second"], rows)
+    return table(["environment", "batch", "threads", "steps per second"], rows)
 
 
 def link_rates(result: Result) -> str:
-    """Over a simulated radio."""
+    """Exchanges over a simulated radio."""
     rows = [
         [interval, f"{one['p50_ms']:.1f} ms", f"{one['p99_ms']:.1f} ms", f"{one['rate_hz']:.1f} Hz"]
         for interval, one in result["lock_step"].items()
     ]
-    return table(["connection interval", "an exchange: median", "p99", "rate"], rows)
+    return table(["connection interval", "one exchange: median", "p99", "rate"], rows)
 
 
 SECTIONS: dict[str, tuple[str, Callable[[Result], str]]] = {
-    "robots": ("What SAC learns on each robot, in the paper's number of episodes", robots),
-    "baselines": ("Random actions and controllers written by hand (return, success)", baselines),
-    "learning": ("Learning in the simulations, evaluated without exploring", learning),
+    "robots": ("SAC on each robot, with the paper's number of episodes", robots),
+    "baselines": ("Random actions and hand-written controllers (return, success)", baselines),
+    "learning": ("Learning in the simulations, evaluated without exploration", learning),
     "copies": ("Learning from many copies of WalkerSim-v0 at once, start-up included", copies),
+    "race": ("Race to a return of -20 on WalkerSim-v0, start-up included", race),
     "camera_learning": ("The camera task", camera),
-    "seeds": ("Five seeds at once: processes side by side, or stacked networks", seeds),
-    "ablation": ("Where the default settings come from: each taken back by itself to the paper's", ablation),
+    "seeds": ("Five seeds at once: parallel processes or stacked networks", seeds),
+    "ablation": ("Ablation: each default setting set back to the paper's value", ablation),
     "datasets": ("Datasets of 100 episodes", datasets),
-    "offline": ("Learned from datasets alone, with the paper's settings and number of updates", offline),
-    "offline_default": ("The same with the default settings", offline),
+    "offline": ("Offline learning, with the paper's settings and number of updates", offline),
+    "offline_default": ("Offline learning, with the default settings", offline),
     "warm_start": ("Warm start on Walker-v0", warm_start),
-    "updates": ("What an update costs", updates),
-    "cql_updates": ("What an update of CQL costs", cql_updates),
-    "realtime_learning": ("Learning beside a robot that takes real time", realtime_learning),
+    "updates": ("Cost of an update", updates),
+    "cql_updates": ("Cost of a CQL update", cql_updates),
+    "realtime_learning": ("Learning in parallel with a robot that takes real time", realtime_learning),
     "realtime_factor": ("Speed of the virtual robots, hub program and environment included", realtime_factor),
     "simulation_speed": ("Speed of the batched simulations", simulation_speed),
-    "link_rates": ("The link, over a simulated radio", link_rates),
+    "link_rates": ("Rate of the link, over a simulated radio", link_rates),
 }
 
 COMMANDS = {"offline_default": "offline.py --preset default"}
-"""Of sections that are not named after their script."""
+"""Scripts of sections that have another name."""
 
 
 def page() -> str:
@@ -342,8 +378,20 @@ def page() -> str:
     return "\n".join(parts)
 
 
+def studies() -> str:
+    """All of docs/studies.md: the studies that were made, and those whose numbers the benchmarks have."""
+    parts = []
+    for name in (*STUDIES, *BENCHMARK_STUDIES):
+        path = RESULTS / f"study_{name}.json"
+        if name in BENCHMARK_STUDIES:
+            parts.append(study_page(result_of(BENCHMARK_STUDIES[name], RESULTS)))
+        elif path.exists():
+            parts.append(study_page(json.loads(path.read_text())))
+    return "\n".join((STUDIES_HEAD, *(re.sub("^#", "##", part, flags=re.MULTILINE) for part in parts)))
+
+
 def readme(text: str) -> str:
-    """The README with the table of the robots as the results have it now."""
+    """The README with the current table of the robots."""
     made = robots(json.loads((RESULTS / "robots.json").read_text()))
     return BLOCK.sub(lambda _: f"\n{made}\n", text)
 
@@ -353,12 +401,12 @@ def main() -> None:
     parser = command(__doc__)
     parser.add_argument("--check", action="store_true")
     chosen = parser.parse_args()
-    wanted = {PAGE: page(), README: readme(README.read_text(encoding="utf-8"))}
+    wanted = {PAGE: page(), STUDIES_PAGE: studies(), README: readme(README.read_text(encoding="utf-8"))}
     for path, text in wanted.items():
         if not chosen.check:
             path.write_text(text, encoding="utf-8")
         elif not path.exists() or path.read_text(encoding="utf-8") != text:
-            sys.exit(f"error: {path.relative_to(ROOT)} is not what the results say; run python benchmarks/tables.py")
+            sys.exit(f"error: {path.relative_to(ROOT)} does not match the results; run python benchmarks/tables.py")
 
 
 if __name__ == "__main__":

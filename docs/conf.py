@@ -50,7 +50,7 @@ def environments() -> str:
     """A section for each environment: its task's own description."""
     from bricksrl.envs import get_task, list_envs
 
-    parts = ["# Environments\n", "From the descriptions of the tasks. `bricksrl list --json` has them for programs.\n"]
+    parts = ["# Environments\n", "Each description comes from its task. `bricksrl list --json` prints them for programs.\n"]
     for env_id, summary in list_envs().items():
         body = re.sub(r"^## ", "### ", get_task(env_id).doc.partition("\n")[2].strip(), flags=re.MULTILINE)
         parts.append(f"## {env_id}\n\n{summary}\n\n{body}\n")
@@ -63,7 +63,7 @@ def commands() -> str:
 
     os.environ["COLUMNS"] = "100"
     names = [[name] for name in _COMMANDS] + [[group, name] for group, (_, below) in _GROUPS.items() for name in below]
-    parts = ["# Command line\n", "What `bricksrl COMMAND --help` prints.\n"]
+    parts = ["# Command line\n", "All commands, with the help that `bricksrl COMMAND --help` prints.\n"]
     parts += [f"## bricksrl {' '.join(name)}\n\n```text\n{help_of(name)}\n```\n" for name in sorted(names)]
     return "\n".join(parts)
 

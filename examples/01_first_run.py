@@ -1,4 +1,4 @@
-"""A first run: the 2Wheeler drives away from a wall. The same lines move a real robot, with another hub."""
+"""First run: the 2Wheeler drives away from a wall. With `hub="ble"`, the same lines move a real robot."""
 
 import torch
 from tensordict import TensorDictBase
@@ -7,7 +7,7 @@ import bricksrl
 
 
 def back_off(state: TensorDictBase) -> TensorDictBase:
-    """Away from the wall that the robot looks at: full speed backwards."""
+    """Drive backwards, away from the wall in front of the robot, as far as a step allows."""
     return state.set("action", torch.tensor([-1.0]))
 
 

@@ -1,4 +1,4 @@
-"""Train an agent on a virtual robot and see how good it is."""
+"""Train an agent on a virtual robot, then evaluate it."""
 
 from bricksrl.evaluation import evaluate
 from bricksrl.training import TrainConfig, train
@@ -11,7 +11,7 @@ def main(episodes: int = 15) -> None:
     result = evaluate(run.run_dir, episodes=5)
     print(f"after training: {result.return_mean:.0f}, successes: {result.success_rate:.0%}")
 
-    # Another battery, floor and link in every episode: does it still work?
+    # Does it still work with a different battery, floor and link in each episode?
     hard = evaluate(run.run_dir, episodes=5, randomize=True, save=False)
     print(f"on other robots: {hard.return_mean:.0f}; all files: {run.run_dir}")
 

@@ -1,4 +1,4 @@
-"""A task of your own on the 2Wheeler: stop at 400 mm from the wall.
+"""Your own task: the 2Wheeler stops 400 mm from a wall.
 
 bricksrl check examples/03_own_task.py
 bricksrl train examples/03_own_task.py --episodes 30

@@ -1,6 +1,6 @@
-"""A robot of your own: a Technic hub turns a disc, half black and half white, under a colour sensor. It learns to find white.
+"""Your own robot: a Technic hub turns a black disc with a white quarter under a colour sensor, and learns to find white.
 
-A robot without a MuJoCo model lies on the bench: its motors turn without load, and the scene says what its sensors read.
+This robot has no MuJoCo model, so it lies on a bench: its motor turns without load, and the scene says what its sensor reads.
 """
 
 from torch import Tensor

@@ -1,4 +1,4 @@
-"""TorchRL's transforms on a robot: actions repeated, observations normalised, the last three frames side by side."""
+"""TorchRL transforms on a robot: repeat actions, normalise observations, stack the last three frames."""
 
 import torch
 from torchrl.envs import CatFrames, Compose, FrameSkipTransform, ObservationNorm, RewardSum, StepCounter, TransformedEnv

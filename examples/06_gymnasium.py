@@ -1,8 +1,8 @@
-"""The same environments for libraries that speak Gymnasium."""
+"""The environments through the Gymnasium API."""
 
 import gymnasium
 
-import bricksrl  # noqa: F401  makes the environments known
+import bricksrl  # noqa: F401  registers the environments
 
 
 def main() -> None:

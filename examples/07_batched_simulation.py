@@ -1,4 +1,4 @@
-"""Thousands of robot arms at once, on any device: a simulation without a hub."""
+"""Batched simulation: thousands of robot arms at once, without a hub, on any device."""
 
 import time
 
@@ -21,7 +21,7 @@ def main(batch_size: int = 4096, steps: int = 100) -> None:
     state = env.reset()
     arrived, started_s = 0, time.perf_counter()
     for _ in range(steps):
-        outcome, state = env.step_and_maybe_reset(straight_to_the_goal(state))  # arms that arrived get a new goal
+        outcome, state = env.step_and_maybe_reset(straight_to_the_goal(state))  # arms at their goal get a new one
         arrived += int(outcome["next", "terminated"].sum())
     seconds = time.perf_counter() - started_s
     print(f"{batch_size * steps / seconds:,.0f} steps a second, {batch_size * steps / arrived:.2f} steps to a goal")

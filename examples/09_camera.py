@@ -1,4 +1,4 @@
-"""A camera for any task, and TorchRL's transforms on its images: the last two stacked, one action for two steps."""
+"""A camera for any task, with TorchRL transforms: stack the last two images, repeat each action for two steps."""
 
 from dataclasses import replace
 
@@ -32,7 +32,7 @@ def main() -> None:
     print("stacked:", list(steps["stack"].shape), "of mean", round(steps["stack"].mean().item(), 2))
     assert torch.equal(steps["stack"][3, :3], steps["image"][2])
 
-    try:  # what others have trained on millions of images; its weights are fetched once
+    try:  # an encoder pretrained on millions of images; its weights are downloaded once
         encoded = encode_images(env, "r3m").rollout(2)["embedding"]
         print("encoded:", list(encoded.shape))
     except EncoderError as error:

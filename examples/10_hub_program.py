@@ -1,7 +1,7 @@
-"""A Pybricks program, as a LEGO hub runs it: backs away from a wall and looks at it. It needs nothing of BricksRL.
+"""Pybricks program: a robot backs away from a wall and measures its distance. It runs on a LEGO hub and does not need BricksRL.
 
-bricksrl hub run examples/10_hub_program.py --robot RunAway-v0 --video away.mp4   # a virtual robot, and a film of it
-bricksrl hub run examples/10_hub_program.py --hub ble                             # the 2Wheeler that you have built
+bricksrl hub run examples/10_hub_program.py --robot RunAway-v0 --video away.mp4   # a virtual robot, filmed
+bricksrl hub run examples/10_hub_program.py --hub ble                             # your own 2Wheeler
 """
 
 from pybricks.hubs import PrimeHub

@@ -1,6 +1,6 @@
-"""A test of a Pybricks program without a hub: the virtual hub alone, and a robot whose sensor sees a wall 80 cm ahead.
+"""Test of a Pybricks program without a hub: on the virtual hub, in a robot whose sensor sees a wall 80 cm ahead.
 
-pytest examples/11_test_a_program.py   # any test runner will do; no MuJoCo, no torch
+pytest examples/11_test_a_program.py   # works with any test runner; needs neither MuJoCo nor torch
 """
 
 import io
@@ -32,7 +32,7 @@ print("stopped", eyes.distance(), "mm before the wall")
 
 
 def distance_mm(angles: dict[str, float]) -> float:
-    """What the ultrasonic sensor reads when the wheels have turned so far."""
+    """Reading of the ultrasonic sensor for these wheel angles."""
     return 800 - pi * 56 * (angles["left"] + angles["right"]) / 2 / 360
 
 

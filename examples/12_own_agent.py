@@ -1,4 +1,4 @@
-"""An algorithm of your own, in a few lines: DDPG (Lillicrap et al., 2016) of TorchRL's loss, which the package does not know.
+"""Your own algorithm in a few lines: DDPG (Lillicrap et al., 2016) with TorchRL's loss, which BricksRL does not include.
 
 bricksrl check examples/12_own_agent.py
 bricksrl train RoboArmSim-v0 --agent examples/12_own_agent.py --set noise=0.2

@@ -1,6 +1,6 @@
-"""A robot that follows from its building plan: a car whose front axle is driven and steered learns to go round in a circle.
+"""A robot from its building plan: a car with a driven and steered front axle learns to drive in a circle.
 
-Ports, motors, wheels, masses and the whole twin are read from the LDraw file beside this one.
+Ports, motors, wheels, masses and the twin are read from the LDraw file next to this one.
 
 bricksrl plan check examples/13_front_steered.ldr
 bricksrl plan steps examples/13_front_steered.ldr --out front_steered.pdf

@@ -1,9 +1,9 @@
-"""A driving robot of your own: a Technic hub, two large motors, a color sensor. It learns to stop on the grey stripe.
+"""Your own driving robot: a Technic hub with two large motors and a color sensor learns to stop on a grey stripe.
 
 bricksrl check examples/14_driving_robot.py
 bricksrl train examples/14_driving_robot.py --episodes 15
 
-It has a drive base, so its body comes from these numbers alone: it drives on a floor, and its sensor sees what lies there.
+Because it has a drive base, its virtual body follows from these numbers. It drives on a floor, and its sensor sees the floor.
 """
 
 from bricksrl.envs import Task

@@ -11,6 +11,10 @@ class DescriptionError(BricksError, ValueError):
     """A robot or an interface is described that cannot be built."""
 
 
+class UnknownOptionError(DescriptionError, TypeError):
+    """An option that an environment does not have: a ``TypeError``, which libraries that try options out expect."""
+
+
 class PlanError(BricksError):
     """A building plan that cannot be read or followed."""
 

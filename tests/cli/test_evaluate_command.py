@@ -45,7 +45,7 @@ def test_text_names_each_episode_and_the_mean(trained, capsys):
     written = capsys.readouterr().out
     assert re.findall(r"^episode (\d)/2  return ", written, re.MULTILINE) == ["1", "2"]
     assert re.search(r"^return   -?\d\S* ± \S+", written, re.MULTILINE)
-    assert "final_distance_mm" in written
+    assert re.search(r"^final distance  \d+ mm$", written, re.MULTILINE)
 
 
 def damage(run_dir):

@@ -53,7 +53,7 @@ def test_errors_are_one_line(fails, tmp_path, monkeypatch, arguments, says):
 
 def test_the_page_is_for_this_computer_unless_told():
     for words in (["drive", "Spinning-v0"], ["play", "runs/spin", "--page"], ["train", "Walker-v1", "--page"]):
-        options = parse(words).page_options()
+        options = parse(words).live_page.page_options()
         assert (options.host, options.port) == ("127.0.0.1", None)
     assert isinstance(parse(["drive", "Spinning-v0"]), Drive) and isinstance(parse(["play", "runs/spin"]), Play)
 

@@ -11,6 +11,8 @@ import numpy as np
 import pytest
 import torch
 from gymnasium.utils.env_checker import check_env
+from torchrl.envs import GymEnv
+from torchrl.envs.utils import check_env_specs
 
 import bricksrl
 from bricksrl.errors import RenderingUnavailableError
@@ -26,6 +28,16 @@ def test_gymnasiums_own_checker_has_nothing_to_say(env_id: str) -> None:
         warnings.simplefilter("error")
         check_env(env, skip_render_check=True)
     env.close()
+
+
+@IDS
+def test_torchrl_wraps_it_as_any_environment_of_gymnasiums(env_id: str) -> None:
+    """It first tries an option that few environments have."""
+    env = GymEnv(f"bricksrl/{env_id}")
+    check_env_specs(env)
+    env.close()
+    with pytest.raises(TypeError, match="no option colour"):
+        gymnasium.make(f"bricksrl/{env_id}", colour="red")
 
 
 def test_spaces_hold_what_a_hub_can_report() -> None:

@@ -9,14 +9,16 @@ import numpy as np
 import pytest
 
 from bricksrl.agents.sac import SACSettings
-from bricksrl.errors import RunError, UnknownNameError
+from bricksrl.errors import RunError
 from bricksrl.evaluation.statistics import (
     interquartile_mean,
     seeds_interval,
 )
-from bricksrl.evaluation.study import name_of, run_study, solved, summary
-from bricksrl.evaluation.study_tables import OUTSIDE, STUDIES, Cell, Condition, Study, drawn_twins, get_study
-from bricksrl.training import Episode, Phase
+from bricksrl.evaluation.study import name_of, robot_seconds, run_study, summary
+from bricksrl.evaluation.study_benchmarks import BENCHMARK_STUDIES, BenchmarkStudy, Script, result_of, take_study
+from bricksrl.evaluation.study_page import page
+from bricksrl.evaluation.study_tables import OUTSIDE, STUDIES, Cell, Condition, Study, drawn_twins
+from bricksrl.training import TrainConfig, train
 from bricksrl.twin.physics import Physics
 
 SMALL = SACSettings(hidden=(8,), batch_size=8, updates_per_step=0.1)
@@ -64,7 +66,7 @@ def test_a_seed_that_fails_is_told_and_the_others_are_kept(tmp_path: Path) -> No
 
 def outcome(seed: int, returns: list[float], successes: int | None) -> dict:
     judged = {"condition": "same", "returns": returns, "successes": successes, "metrics": {"x_m": seed}}
-    return {"seed": seed, "judged": [judged], "steps": 10, "wall_s": 1.0, "solved_s": None, "solved_episode": None}
+    return {"seed": seed, "judged": [judged], "steps": 10, "wall_s": 1.0, "robot_s": 120.0, "reached": True}
 
 
 def test_intervals_are_given_from_five_seeds_on() -> None:
@@ -83,12 +85,85 @@ def test_no_interval_of_fewer_than_five() -> None:
     assert interval is not None and interval.low < interquartile_mean(np.arange(1.0, 6.0)) < interval.high
 
 
-def test_a_run_is_solved_where_it_has_nine_tenths_of_what_it_gains() -> None:
-    returns = [0.0] * 5 + [10.0] * 10
-    episodes = [Episode(k + 1, Phase.TRAIN, 10 * k, 10, value, None, seconds=float(k)) for k, value in enumerate(returns)]
-    found = solved(episodes)
-    assert found is not None and found.episode == 10
-    assert solved(episodes[:9]) is None
+def test_the_page_stands_beside_the_paper_and_leaves_out_what_it_does_not_know() -> None:
+    cell = Cell("sac", "Robot-v0", {}, (Condition("same"),), {"return": (1.0, 0.5), "success": 0.7, "minutes": 15})
+    result = {"title": "T", "study": "t", "quick": False, "metrics": ["x_m"], "machine": {"processor": "P", "cores": 2}}
+    found = {**result, "versions": {}, "cells": [summary(cell, [outcome(seed, [2.0], 1) for seed in range(5)])]}
+    lines = page(found).splitlines()
+    names = [name.strip() for name in lines[5].strip("|").split("|")]
+    row = dict(zip(names, (value.strip() for value in lines[7].strip("|").split("|")), strict=True))
+    assert row["return"] == "2 [2, 2]" and row["the paper's return"] == "1 ± 0.5" and row["the paper's success"] == "70 %"
+    assert row["success"] == "100 % [56.55, 100]" and row["x_m"] == "2" and row["reached"] == "5 of 5"
+    assert row["robot minutes"] == "2.0" and row["the paper's minutes"] == "15"
+    assert "robot minutes" not in page({**found, "cells": [{**found["cells"][0], "robot_s": [None] * 5}]})
+
+
+def test_an_agent_goes_on_learning_where_it_is_evaluated_and_its_run_stays_as_it_was(tmp_path: Path) -> None:
+    later = Condition("later", "RunAway-v0", {"physics": Physics(friction_scale=0.8)}, 1, learn_episodes=2)
+    config = {"env": "RunAway-v0", "agent": "sac", "episodes": 2, "settings": SMALL, "stop_at": 1e6}
+    study = Study("l", "L", 0.1, 0.1, 5, lambda _: (Cell("sac", "c", config, (Condition("same", episodes=1), later)),))
+    run_study(study, tmp_path, seeds=1, jobs=1)
+    cell = json.loads((tmp_path / "study.json").read_text())["cells"][0]
+    assert set(cell["conditions"]) == {"same", "later"} and cell["reached"] == [False]
+    assert {"action_size", "episode_steps", "largest_pitch_deg"} <= set(cell["conditions"]["later"]["metrics"])
+    folders = tmp_path / "sac-c"
+    lines = [len((folders / name / "metrics.csv").read_text().splitlines()) for name in ("seed-0", "seed-0-condition-1")]
+    assert lines == [3, 3]
+
+
+def test_robot_time_is_what_the_hub_counted(tmp_path: Path) -> None:
+    config = {"agent": "random", "episodes": 2, "settings": None}
+    run = train(TrainConfig("Walker-v0", run_dir=tmp_path / "walk", **config))
+    steps = run.episodes[-1].steps
+    assert robot_seconds(tmp_path / "walk") == pytest.approx(0.25 * steps, rel=0.2)
+    train(TrainConfig("WalkerSim-v0", run_dir=tmp_path / "sim", **config))
+    assert robot_seconds(tmp_path / "sim") is None
+
+
+BENCHMARK = """
+import json, os, pathlib, sys
+out = pathlib.Path(os.environ["BRICKSRL_RESULTS"]) / "small.json"
+machine = {"processor": "P", "cores": 1}
+out.write_text(json.dumps({"value": float(sys.argv[1]), "machine": machine, "versions": {}, "note": "old"}))
+"""
+
+
+def test_a_study_takes_what_a_benchmark_has_measured_and_measures_what_is_missing(tmp_path: Path) -> None:
+    def tables(found: dict) -> dict:
+        return {
+            "cells": [
+                {
+                    "row": "r",
+                    "column": "c",
+                    "seeds": 1,
+                    "conditions": {"x": {"return_iqm": found["small"]["value"], "return_95": None}},
+                }
+            ]
+        }
+
+    study = BenchmarkStudy("s", "S", 1.0, 1.0, (Script("small", ("1.5",), ("2.5",)), Script("large", ("3",))), tables)
+    with pytest.raises(RunError, match="needs the repository.s benchmarks"):
+        take_study(study, tmp_path / "study", tmp_path)
+    folder = tmp_path / "benchmarks"
+    (folder / "results").mkdir(parents=True)
+    (folder / "machine.py").touch()
+    (folder / "small.py").write_text(BENCHMARK)
+    (folder / "large.py").write_text("raise SystemExit('no room')")
+    quick = take_study(study, tmp_path / "quick", folder, quick=True)
+    assert "| r | c | 1 | x | 2.5 |" in quick.read_text() and "small: old" in quick.read_text()
+    assert not (folder / "results" / "small.json").exists()
+    with pytest.raises(RunError, match="large.py failed: no room"):
+        take_study(study, tmp_path / "study", folder)
+    (folder / "results" / "large.json").write_text('{"machine": {}, "versions": {}}')
+    (folder / "small.py").unlink()
+    assert "| 1.5 |" in take_study(study, tmp_path / "study", folder).read_text(), "of the try before"
+
+
+def test_the_repositorys_results_make_their_tables() -> None:
+    for study in BENCHMARK_STUDIES.values():
+        text = page(result_of(study, Path(__file__).parents[2] / "benchmarks/results"))
+        assert text.count("\n| ") > 8
+        assert all(script.quick is not None for script in study.scripts[:1])
 
 
 def test_the_studies_are_what_they_say() -> None:
@@ -99,5 +174,3 @@ def test_the_studies_are_what_they_say() -> None:
         assert all(cell.conditions for cell in (*whole, *quick))
     assert len(drawn_twins()) == 20 and drawn_twins() == drawn_twins()
     assert Physics() not in OUTSIDE.values()
-    with pytest.raises(UnknownNameError, match="no study 'x'; choose agents"):
-        get_study("x")

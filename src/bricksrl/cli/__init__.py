@@ -1,6 +1,6 @@
 """The command ``bricksrl``.
 
-Nothing here imports torch or MuJoCo before a command runs that needs them: help answers at once.
+torch and MuJoCo are imported only by commands that need them, so that help is printed at once.
 """
 
 from __future__ import annotations
@@ -18,16 +18,16 @@ _NARROWEST = 20
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code: 0, 1 for a hub program that failed, 2 for an error, 130 for Ctrl-C."""
-    os.environ.setdefault("RL_LOGGING_LEVEL", "WARNING")  # TorchRL's notes about its buffers are not for our users
-    if sys.flags.optimize > 1:  # TorchRL and the help of this command are made of docstrings
+    os.environ.setdefault("RL_LOGGING_LEVEL", "WARNING")  # hide TorchRL's notes about its buffers
+    if sys.flags.optimize > 1:  # TorchRL and the help texts need docstrings
         sys.stderr.write("error: Python leaves docstrings out (-OO); unset PYTHONOPTIMIZE or set it to 1\n")
         return 2
     columns = os.environ.get("COLUMNS", "")
     if columns.isdecimal() and int(columns) < _NARROWEST:
-        del os.environ["COLUMNS"]  # tables of no width say nothing
+        del os.environ["COLUMNS"]  # tables this narrow are unreadable
     for stream in (sys.stdout, sys.stderr):
         if stream is not None and hasattr(stream, "reconfigure"):
-            stream.reconfigure(errors="replace")  # a terminal without our characters shows others
+            stream.reconfigure(errors="replace")  # for terminals that lack a character
     try:
         from bricksrl.cli.app import run
 

@@ -1,4 +1,4 @@
-"""The tree of commands, and what becomes of their errors."""
+"""Tree of commands, and handling of their errors."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from bricksrl.errors import BricksError
 
 _DESCRIPTION = """Reinforcement learning on LEGO robots that run Pybricks.
 
-Without a robot at hand, everything runs on a virtual hub: the very program of the hub, in simulated time.
+Without a robot, everything runs on a virtual hub, which executes the same hub program in simulated time.
 
 Examples:
   bricksrl list
@@ -74,19 +74,19 @@ _DATA = {
     "pull": "data:Pull",
 }
 _GROUPS = {
-    "hub": ("A hub: find, check, calibrate and stop it; its program; programs of your own on a virtual hub.", _HUB),
-    "data": ("Datasets: look at them, mend, join and split them, bring them in and out, share them.", _DATA),
-    "camera": ("The camera of a task: find out what counts as red before it.", {"calibrate": "camera:CalibrateCamera"}),
+    "hub": ("Hubs: find, check, calibrate and stop one; print its program; run your own programs.", _HUB),
+    "data": ("Datasets: inspect, repair, merge, split, import, export and share them.", _DATA),
+    "camera": ("The camera of a task: calibrate its colors.", {"calibrate": "camera:CalibrateCamera"}),
     "plan": (
         "Building plans: check an LDraw file, list its parts, draw its booklet.",
         {"check": "plan:CheckPlan", "parts": "plan:PlanParts", "steps": "plan:PlanSteps", "show": "plan:ShowPlan"},
     ),
     "new": (
-        "A commented file to start from: a task, a robot, an algorithm of your own.",
+        "Templates: write a commented file to start a task, a robot or an algorithm from.",
         {"task": "new:NewTask", "robot": "new:NewRobot", "agent": "new:NewAgent"},
     ),
     "twin": (
-        "The twin of a robot: record what a robot does, fit the twin to it.",
+        "The twin of a robot: record the robot's motion, fit the twin's physics to it.",
         {"record": "twin:Record", "fit": "twin:Fit"},
     ),
 }
@@ -96,11 +96,11 @@ class Command(Protocol):
     """One parsed command line."""
 
     def execute(self) -> int:
-        """Do it and return the exit code."""
+        """Run the command and return its exit code."""
 
 
 def run(arguments: Sequence[str]) -> int:
-    """Parse the arguments and run the command; an error of ours becomes one line on standard error."""
+    """Parse the arguments and run the command; a `BricksError` becomes one line on standard error."""
     if list(arguments) == ["--version"]:
         print_line(f"bricksrl {bricksrl.__version__}")
         return 0
@@ -109,7 +109,7 @@ def run(arguments: Sequence[str]) -> int:
     except BricksError as error:
         print_error(str(error))
         return 2
-    except BrokenPipeError:  # who read our output, such as `head`, has gone
+    except BrokenPipeError:  # the reader of our output, such as `head`, has closed the pipe
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     except OSError as error:
@@ -123,13 +123,13 @@ def run(arguments: Sequence[str]) -> int:
 
         message = failure_of_user(error)
         if message is None:
-            raise  # a fault of ours, whose place is to be seen
+            raise  # a bug of ours: show the traceback
         print_error(message)
         return 2
 
 
 def parse(arguments: Sequence[str]) -> Command:
-    """The command that the arguments name; exits like argparse for help, and for arguments that are wrong."""
+    """Parse the arguments into a command; exits like argparse for help and for invalid arguments."""
     words = addressed(arguments)
     complaint = io.StringIO()
     try:
@@ -143,7 +143,7 @@ def parse(arguments: Sequence[str]) -> Command:
 
 
 def _parse(words: Sequence[str], arguments: Sequence[str]) -> object:
-    """The command that is named, alone: the other ones would have to be imported for the parser to know them."""
+    """Parse with the parser of the named command only, as a parser of all would have to import every command."""
     prog, config = " ".join(["bricksrl", *words]), (FlagCreatePairsOff,)
     if not words:
         return _overview().cli(prog=prog, description=_DESCRIPTION, args=arguments, config=config)
@@ -162,7 +162,7 @@ def _overview() -> SubcommandApp:
 
 
 def _listing(commands: Mapping[str, str]) -> SubcommandApp:
-    """Commands with the first line of their help."""
+    """A parser of commands, with the first line of their help."""
     app = SubcommandApp()
     for name, place in commands.items():
         command = _load(place)
@@ -177,7 +177,7 @@ def _load(place: str) -> type:
 
 
 def addressed(arguments: Sequence[str]) -> list[str]:
-    """Words that name the command, as far as there is one: none, ``train``, or ``hub`` and ``scan``."""
+    """Leading words that name a command or a group: none, ``train``, or ``hub`` and ``scan``."""
     words = [word for word in arguments[:1] if word in {*_COMMANDS, *_GROUPS}]
     group = _GROUPS.get(words[0]) if words else None
     if group and arguments[1:] and arguments[1] in group[1]:

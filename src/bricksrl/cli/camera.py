@@ -1,4 +1,4 @@
-"""``bricksrl camera``: what a camera sees, and what counts as red there."""
+"""``bricksrl camera``: color calibration of a camera."""
 
 from __future__ import annotations
 
@@ -6,8 +6,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from tyro.conf import Positional, arg
+from tyro.conf import Positional
 
+from bricksrl.cli.options import Flag, option
 from bricksrl.cli.terminal import print_line
 from bricksrl.errors import CameraError
 
@@ -19,11 +20,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class CalibrateCamera:
-    """Find out which colours the red ball has before this camera, in this light.
+    """Calibrate the colors of the red ball for this camera and light.
 
-    Put the ball into the picture. Without --at it is the largest of the most strongly red regions. The PNG shows what was found:
-    a line around the ball, and beside it all that counts as red. A robot's camera finds its calibration by itself; for a file of
-    your own, and for a virtual robot, say `--option calibration=FILE` when you train.
+    Put the ball into the picture. Without --at, the ball is the largest of the most strongly red regions. The PNG shows the
+    result: the ball outlined, and beside it every pixel that counts as red. A real robot uses the saved calibration of its
+    camera; to use another file, or with a virtual robot, train with `--option calibration=FILE`.
 
     Examples:
       bricksrl camera calibrate
@@ -31,21 +32,21 @@ class CalibrateCamera:
       bricksrl camera calibrate --twin --out red.json
     """
 
-    env: Annotated[Positional[str], arg(metavar="ENV")] = "RoboArm_mixed-v0"
-    """Environment whose camera it is."""
-    camera: Annotated[str, arg(metavar="N")] = "0"
-    """Camera beside the robot, as OpenCV numbers it, or the address of a stream."""
-    twin: bool = False
-    """Take the frames from the virtual robot instead."""
-    at: Annotated[tuple[int, int] | None, arg(metavar="X Y")] = None
-    """A point of the ball, in px from the upper left."""
-    frames: Annotated[int, arg(metavar="N")] = 5
-    """Frames to look at; a camera needs some to get used to the light."""
-    out: Annotated[Path | None, arg(metavar="FILE")] = None
-    """File to write; without it the user's settings, where environments look for it."""
+    env: Annotated[Positional[str], option(metavar="ENV")] = "RoboArm_mixed-v0"
+    """Environment with the camera."""
+    camera: Annotated[str, option(metavar="N")] = "0"
+    """Camera of the robot: its OpenCV number, or the address of a stream."""
+    twin: Flag = False
+    """Take the frames from a virtual robot."""
+    at: Annotated[tuple[int, int] | None, option(metavar="X Y")] = None
+    """A point of the ball, in px from the upper left corner."""
+    frames: Annotated[int, option(metavar="N")] = 5
+    """Frames to take; the first half is discarded, while the camera adapts to the light."""
+    out: Annotated[Path | None, option(metavar="FILE")] = None
+    """File to write; by default the camera's file in your settings folder, which environments read."""
 
     def execute(self) -> int:
-        """Look, print, write."""
+        """Take frames, calibrate, print and write."""
         from bricksrl.envs.registry import get_task
         from bricksrl.envs.vision.camera import find_red
         from bricksrl.envs.vision.color_calibration import FoundRed, calibrate_red, picture, saved_path, spanning, write_red

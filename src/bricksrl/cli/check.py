@@ -5,17 +5,18 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated
 
-from tyro.conf import Positional, arg
+from tyro.conf import Positional
 
+from bricksrl.cli.options import option
 from bricksrl.cli.terminal import load_learning, print_line
 
 
 @dataclass(frozen=True)
 class Check:
-    """Check an environment or an agent, ours or your own.
+    """Check an environment or an agent, built-in or your own.
 
-    Of an environment: description, functions, hub program, specs, reset, determinism, twin. Of an agent, in a small simulation:
-    settings, building, acting, remembering, learning, saving, copies. One line a check; exit code 1 when one failed.
+    Checks of an environment: description, functions, hub program, specs, reset, determinism, twin. Checks of an agent, in a small
+    simulation: settings, build, acting, memory, learning, saving, copies. One line per check; exit code 1 if any failed.
 
     Examples:
       bricksrl check RunAway-v0
@@ -24,7 +25,7 @@ class Check:
       bricksrl check my_agent.py
     """
 
-    what: Annotated[Positional[str], arg(metavar="ENV|AGENT")]
+    what: Annotated[Positional[str], option(metavar="ENV|AGENT")]
     """Environment or agent; `bricksrl list` shows them. Your own: my_task.py, my_task.py:TASK, module:TASK, my_agent.py."""
 
     def execute(self) -> int:

@@ -1,4 +1,4 @@
-"""``bricksrl compare`` and ``bricksrl plot``: several runs in one table, one picture."""
+"""``bricksrl compare`` and ``bricksrl plot``: several runs in one table or plot."""
 
 from __future__ import annotations
 
@@ -6,8 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from tyro.conf import Positional, arg
+from tyro.conf import Positional
 
+from bricksrl.cli.options import Flag, option
 from bricksrl.cli.terminal import print_line
 
 if TYPE_CHECKING:
@@ -18,8 +19,8 @@ if TYPE_CHECKING:
 class Compare:
     """Compare runs: agents, seeds and environments in one table, with the probability that one agent beats the other.
 
-    Runs that differ in nothing but their seed count as one group; the folder of `bricksrl train --seeds` stands for its seeds.
-    From five seeds on there are 95 % intervals. Runs are scored by their evaluations where all have one.
+    Runs that differ only in their seed form a group; the folder of `bricksrl train --seeds` stands for all its runs. Groups of
+    five or more seeds have 95 % intervals. Runs are scored by their evaluations if all have one, else by their last episodes.
 
     Examples:
       bricksrl compare runs/sac runs/td3
@@ -27,12 +28,12 @@ class Compare:
       bricksrl compare runs/* --json
     """
 
-    runs: Annotated[Positional[tuple[Path, ...]], arg(metavar="RUN")]
+    runs: Annotated[Positional[tuple[Path, ...]], option(metavar="RUN")]
     """Folders of runs."""
-    out: Annotated[Path | None, arg(metavar="FILE")] = None
+    out: Annotated[Path | None, option(metavar="FILE")] = None
     """PNG file for the learning curves."""
-    json: bool = False
-    """One JSON object on standard output and nothing else."""
+    json: Flag = False
+    """Print only one JSON object on standard output."""
 
     def execute(self) -> int:
         """Compare, print, draw."""
@@ -55,16 +56,16 @@ class Compare:
 
 @dataclass(frozen=True)
 class Plot:
-    """Draw the learning curves of runs into one picture, with reference lines: random actions, a controller by hand, the paper.
+    """Plot the learning curves of runs, with reference lines: random actions, a scripted controller, the paper.
 
     Examples:
       bricksrl plot runs/spin --out spin.png
       bricksrl plot runs/sac runs/td3 --out curves.png
     """
 
-    runs: Annotated[Positional[tuple[Path, ...]], arg(metavar="RUN")]
-    """Folders of runs; that of `bricksrl train --seeds` stands for its seeds."""
-    out: Annotated[Path, arg(metavar="FILE")]
+    runs: Annotated[Positional[tuple[Path, ...]], option(metavar="RUN")]
+    """Folders of runs; the folder of `bricksrl train --seeds` stands for all its runs."""
+    out: Annotated[Path, option(metavar="FILE")]
     """PNG file to write."""
 
     def execute(self) -> int:

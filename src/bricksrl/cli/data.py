@@ -1,4 +1,4 @@
-"""``bricksrl data``: look at datasets, mend them, join and split them, bring them in and out, share them."""
+"""``bricksrl data``: inspect, check, repair, merge, split, plot, import, export and share datasets."""
 
 from __future__ import annotations
 
@@ -6,33 +6,34 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
-from tyro.conf import Positional, arg
+from tyro.conf import Positional
 
+from bricksrl.cli.options import Flag, option
 from bricksrl.cli.terminal import load_learning, print_line
 from bricksrl.errors import DataError
 
 
 @dataclass(frozen=True)
 class Info:
-    """Show what datasets hold: mean return, transitions, episodes, and where they come from.
+    """Show a summary of datasets: returns, transitions, episodes, and their origin.
 
-    The folder of a run is as good as that of its dataset.
+    The folder of a run stands for its dataset.
 
     Examples:
       bricksrl data info datasets/walker_expert
       bricksrl data info datasets/* --json
     """
 
-    datasets: Annotated[Positional[tuple[Path, ...]], arg(metavar="DIR")]
+    datasets: Annotated[Positional[tuple[Path, ...]], option(metavar="DIR")]
     """Folders of datasets."""
-    json: bool = False
-    """One JSON object a dataset, a line each."""
+    json: Flag = False
+    """Print one JSON object per dataset and line."""
 
     def execute(self) -> int:
-        """Print it."""
+        """Summarise and print."""
         from bricksrl.data.summary import summarise
 
-        for path in _some(self.datasets):
+        for path in _not_empty(self.datasets):
             summary = summarise(path)
             if self.json:
                 print_line(summary.to_json())
@@ -60,7 +61,7 @@ class Check:
       bricksrl data check datasets/walker_expert
     """
 
-    dataset: Annotated[Positional[Path], arg(metavar="DIR")]
+    dataset: Annotated[Positional[Path], option(metavar="DIR")]
     """Folder of the dataset."""
 
     def execute(self) -> int:
@@ -76,23 +77,23 @@ class Check:
 
 @dataclass(frozen=True)
 class Repair:
-    """Bring a dataset back in order after its recording was killed, or save the whole episodes of a damaged one.
+    """Repair a dataset after its recording was killed, or save the intact episodes of a damaged one.
 
-    Without --out the index is made anew from what is whole on the disk; exit code 1 when something is still wrong. With --out
-    the dataset stays as it is, and its whole episodes are written to a new one.
+    Without --out the index is rebuilt from the intact files; exit code 1 if something is still wrong. With --out the dataset is
+    not changed, and its intact episodes are written to a new one.
 
     Examples:
       bricksrl data repair datasets/walker_expert
       bricksrl data repair datasets/damaged --out datasets/saved
     """
 
-    dataset: Annotated[Positional[Path], arg(metavar="DIR")]
+    dataset: Annotated[Positional[Path], option(metavar="DIR")]
     """Folder of the dataset."""
-    out: Annotated[Path | None, arg(metavar="DIR")] = None
-    """Folder for the whole episodes of a damaged dataset, which must not exist."""
+    out: Annotated[Path | None, option(metavar="DIR")] = None
+    """Folder for the intact episodes of a damaged dataset, which must not exist."""
 
     def execute(self) -> int:
-        """Repair and say what was done."""
+        """Repair and print what was done."""
         from bricksrl.data.edit import salvage
         from bricksrl.data.integrity import check
         from bricksrl.data.layout import Layout
@@ -124,23 +125,23 @@ class Repair:
 
 @dataclass(frozen=True)
 class Merge:
-    """Join datasets of one robot, rate and shape into a new one of few files; a single one becomes a tidy copy.
+    """Merge datasets of the same robot, rate and shape into a new one with few files; a single one is compacted.
 
     Examples:
       bricksrl data merge datasets/monday datasets/tuesday --out datasets/both
     """
 
-    datasets: Annotated[Positional[tuple[Path, ...]], arg(metavar="DIR")]
-    """Folders of datasets, in their order."""
-    out: Annotated[Path, arg(metavar="DIR")]
-    """Folder of the new one, which must not exist."""
+    datasets: Annotated[Positional[tuple[Path, ...]], option(metavar="DIR")]
+    """Folders of datasets, in order."""
+    out: Annotated[Path, option(metavar="DIR")]
+    """Folder of the new dataset, which must not exist."""
 
     def execute(self) -> int:
-        """Join."""
+        """Merge and print the counts."""
         from bricksrl.data.edit import merge
         from bricksrl.data.reader import dataset_folder
 
-        index = merge([dataset_folder(path) for path in _some(self.datasets)], self.out)
+        index = merge([dataset_folder(path) for path in _not_empty(self.datasets)], self.out)
         print_line(f"{len(index.rows)} episodes, {index.steps} steps: {self.out}")
         return 0
 
@@ -153,19 +154,19 @@ class Split:
       bricksrl data split datasets/walker --share 0.8 --out datasets/train --rest datasets/test
     """
 
-    dataset: Annotated[Positional[Path], arg(metavar="DIR")]
+    dataset: Annotated[Positional[Path], option(metavar="DIR")]
     """Folder of the dataset."""
-    out: Annotated[Path, arg(metavar="DIR")]
+    out: Annotated[Path, option(metavar="DIR")]
     """Folder for the share, which must not exist."""
-    rest: Annotated[Path, arg(metavar="DIR")]
+    rest: Annotated[Path, option(metavar="DIR")]
     """Folder for the other episodes, which must not exist."""
-    share: Annotated[float, arg(metavar="SHARE")] = 0.8
-    """Of the episodes, between 0 and 1."""
-    seed: Annotated[int, arg(metavar="N")] = 0
-    """Of the draw."""
+    share: Annotated[float, option(metavar="SHARE")] = 0.8
+    """Share of the episodes, between 0 and 1."""
+    seed: Annotated[int, option(metavar="N")] = 0
+    """Seed of the random split."""
 
     def execute(self) -> int:
-        """Split."""
+        """Split and print the counts."""
         from bricksrl.data.edit import split
         from bricksrl.data.reader import dataset_folder
 
@@ -177,15 +178,15 @@ class Split:
 
 @dataclass(frozen=True)
 class Plot:
-    """Draw the returns and every channel of a dataset.
+    """Plot the returns and every channel of a dataset.
 
     Examples:
       bricksrl data plot datasets/walker_expert --out walker.png
     """
 
-    dataset: Annotated[Positional[Path], arg(metavar="DIR")]
+    dataset: Annotated[Positional[Path], option(metavar="DIR")]
     """Folder of the dataset."""
-    out: Annotated[Path, arg(metavar="FILE")]
+    out: Annotated[Path, option(metavar="FILE")]
     """PNG file to write."""
 
     def execute(self) -> int:
@@ -199,19 +200,19 @@ class Plot:
 
 @dataclass(frozen=True)
 class Import:
-    """Import the datasets of the BricksRL paper: folders of memory-mapped tensors, of one task or of all.
+    """Import datasets of the BricksRL paper: folders of memory-mapped tensors, of one task or of all.
 
     Examples:
       bricksrl data import BricksRL-Datasets --out datasets/paper
       bricksrl data import my_buffer --env Walker-v0 --out datasets/walker
     """
 
-    source: Annotated[Positional[Path], arg(metavar="DIR")]
-    """Folder of one such dataset, or one above several."""
-    out: Annotated[Path, arg(metavar="DIR")]
+    source: Annotated[Positional[Path], option(metavar="DIR")]
+    """Folder of one such dataset, or a parent folder of several."""
+    out: Annotated[Path, option(metavar="DIR")]
     """Folder to write to."""
-    env: Annotated[str | None, arg(metavar="ENV")] = None
-    """Environment that they are of; told by the names of the folders without it."""
+    env: Annotated[str | None, option(metavar="ENV")] = None
+    """Environment of the datasets; by default inferred from the names of the folders."""
 
     def execute(self) -> int:
         """Import."""
@@ -225,7 +226,7 @@ class Import:
 
 @dataclass(frozen=True)
 class Export:
-    """Write a dataset in the format of another tool.
+    """Export a dataset to the format of another tool.
 
     Examples:
       bricksrl data export datasets/walker --format numpy --out walker.npz
@@ -233,11 +234,11 @@ class Export:
       bricksrl data export datasets/walker --format minari --out ~/.minari/datasets/bricksrl/walker-v0
     """
 
-    dataset: Annotated[Positional[Path], arg(metavar="DIR")]
+    dataset: Annotated[Positional[Path], option(metavar="DIR")]
     """Folder of the dataset."""
     format: Literal["numpy", "parquet", "minari"]
     """Format to write."""
-    out: Annotated[Path, arg(metavar="PATH")]
+    out: Annotated[Path, option(metavar="PATH")]
     """File or folder to write, which must not exist."""
 
     def execute(self) -> int:
@@ -252,7 +253,7 @@ class Export:
 
 @dataclass(frozen=True)
 class Push:
-    """Put a dataset, or the policy of a run, on the Hugging Face hub, with a card.
+    """Upload a dataset, or the policy of a run, to the Hugging Face hub, with a card.
 
     Log in first: `hf auth login`, or set HF_TOKEN.
 
@@ -261,17 +262,17 @@ class Push:
       bricksrl data push runs/walker me/walker-sac --policy
     """
 
-    folder: Annotated[Positional[Path], arg(metavar="DIR")]
+    folder: Annotated[Positional[Path], option(metavar="DIR")]
     """Folder of the dataset, or of the run."""
-    repo: Annotated[Positional[str], arg(metavar="REPO")]
+    repo: Annotated[Positional[str], option(metavar="REPO")]
     """Its name on the hub: name/dataset."""
-    policy: bool = False
-    """Share the policy of the run rather than its data: a safetensors file, never a pickle."""
-    private: bool = False
-    """Show it to nobody else."""
+    policy: Flag = False
+    """Share the policy of the run instead of its data: a safetensors file, never a pickle."""
+    private: Flag = False
+    """Make the repository private."""
 
     def execute(self) -> int:
-        """Push and print its address."""
+        """Upload and print the address."""
         from bricksrl.data.share import push_dataset
         from bricksrl.policies.sharing import push_policy
 
@@ -283,24 +284,24 @@ class Push:
 
 @dataclass(frozen=True)
 class Pull:
-    """Fetch a dataset, or a policy, from the Hugging Face hub. It is checked before it gets its name.
+    """Download a dataset, or a policy, from the Hugging Face hub. It is checked before it is moved to its folder.
 
     Examples:
       bricksrl data pull me/walker-expert --out datasets/walker_expert
       bricksrl data pull me/walker-sac --policy --out policies/walker
     """
 
-    repo: Annotated[Positional[str], arg(metavar="REPO")]
+    repo: Annotated[Positional[str], option(metavar="REPO")]
     """Its name on the hub: name/dataset."""
-    out: Annotated[Path, arg(metavar="DIR")]
+    out: Annotated[Path, option(metavar="DIR")]
     """Folder to write to, which must not exist."""
-    policy: bool = False
-    """Fetch a policy."""
-    revision: Annotated[str | None, arg(metavar="NAME")] = None
-    """Branch, tag or commit; the newest without it."""
+    policy: Flag = False
+    """Download a policy instead of a dataset."""
+    revision: Annotated[str | None, option(metavar="NAME")] = None
+    """Branch, tag or commit; by default the newest."""
 
     def execute(self) -> int:
-        """Pull and say where it is."""
+        """Download and print the path."""
         from bricksrl.data.share import pull_dataset
         from bricksrl.policies.sharing import pull_policy
 
@@ -310,7 +311,7 @@ class Pull:
         return 0
 
 
-def _some(paths: tuple[Path, ...]) -> tuple[Path, ...]:
+def _not_empty(paths: tuple[Path, ...]) -> tuple[Path, ...]:
     if not paths:
         raise DataError("no dataset is named; give its folder")
     return paths

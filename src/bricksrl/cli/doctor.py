@@ -1,4 +1,4 @@
-"""``bricksrl doctor``: a check of this computer for all that BricksRL needs."""
+"""``bricksrl doctor``: check of this computer for everything that BricksRL needs."""
 
 from __future__ import annotations
 
@@ -15,8 +15,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import Annotated
 
-from tyro.conf import arg
-
+from bricksrl.cli.options import Flag, option
 from bricksrl.cli.terminal import print_line
 from bricksrl.errors import DescriptionError
 from bricksrl.finding import Finding, Outcome
@@ -40,22 +39,22 @@ Answer = tuple[Outcome, str]
 
 @dataclass(frozen=True)
 class Doctor:
-    """Look at this computer: Python, packages, compiler, physics, OpenGL, OpenCV, Bluetooth, USB, disk.
+    """Check this computer: Python, packages, compiler, physics, OpenGL, OpenCV, Bluetooth, USB, disk.
 
-    A line each, with what to do; exit code 1 when something is missing that everything needs.
+    One line per check, with advice; exit code 1 if a required part is missing.
 
     Examples:
       bricksrl doctor
       bricksrl doctor --json
     """
 
-    timeout_s: Annotated[float, arg(metavar="SECONDS")] = 60.0
-    """How long one of them may take."""
-    json: bool = False
-    """One JSON object on standard output and nothing else."""
+    timeout_s: Annotated[float, option(metavar="SECONDS")] = 60.0
+    """Timeout of each check."""
+    json: Flag = False
+    """Print only one JSON object on standard output."""
 
     def execute(self) -> int:
-        """Look and print."""
+        """Check and print."""
         if not 0 < self.timeout_s <= _LONGEST_S:
             raise DescriptionError(f"timeout-s is {self.timeout_s:g}; give a positive number of up to {_LONGEST_S:g}")
         findings = []
@@ -71,13 +70,13 @@ class Doctor:
 
 
 def bounded(name: str, look: Callable[[], Answer], timeout_s: float) -> Finding:
-    """Answer of a look; one that takes too long, or raises, is a finding too. It is left behind, in a thread."""
+    """Finding of a check with a timeout: a check that raises, or is too slow and left running in a thread, is a finding too."""
     answers: list[Answer] = []
 
     def run() -> None:
         try:
             answers.append(look())
-        except BaseException as error:  # noqa: BLE001  a broken package may raise anything, and that is what is to be told
+        except BaseException as error:  # noqa: BLE001  a broken package may raise anything
             answers.append((Outcome.ERROR, f"{type(error).__name__}: {' '.join(str(error).split())}; install bricksrl again"))
 
     thread = threading.Thread(target=run, daemon=True)
@@ -88,7 +87,7 @@ def bounded(name: str, look: Callable[[], Answer], timeout_s: float) -> Finding:
 
 
 def look_at_python() -> Answer:
-    """Version and system."""
+    """Check the version of Python."""
     here = f"{platform.python_version()}, {platform.system()} {platform.machine()}"
     if sys.version_info < _OLDEST_PYTHON:
         return Outcome.ERROR, f"{here}; install Python 3.11 or later"
@@ -96,7 +95,7 @@ def look_at_python() -> Answer:
 
 
 def look_at_packages() -> Answer:
-    """Packages that bricksrl requires, in a version that will do."""
+    """Check the required packages and their versions."""
     from packaging.requirements import Requirement
 
     there, wrong = [], []
@@ -119,14 +118,14 @@ def look_at_packages() -> Answer:
 
 
 def look_at_compiler() -> Answer:
-    """Compiler of hub programs: does it run?"""
+    """Check that the compiler of hub programs runs."""
     from bricksrl.hub.program.compile import compile_mpy
 
     return Outcome.OK, f"mpy-cross makes {len(compile_mpy('print(1)'))} bytes of one line"
 
 
 def look_at_physics() -> Answer:
-    """Whether MuJoCo moves something."""
+    """Check that MuJoCo simulates a falling body."""
     from bricksrl.twin.make_body import check_mujoco
 
     check_mujoco()
@@ -141,7 +140,7 @@ def look_at_physics() -> Answer:
 
 
 def look_at_opengl() -> Answer:
-    """OpenGL: can pictures be drawn? Tried in a separate process, because a broken driver takes its process down."""
+    """Check that OpenGL renders, in a separate process, because a broken driver may crash it."""
     try:
         done = subprocess.run([sys.executable, "-c", _DRAW], capture_output=True, text=True, timeout=_DRAW_S, check=False)  # noqa: S603
     except subprocess.TimeoutExpired:
@@ -153,7 +152,7 @@ def look_at_opengl() -> Answer:
 
 
 def look_at_opencv() -> Answer:
-    """OpenCV: can cameras be read?"""
+    """Check that OpenCV is installed."""
     try:
         import cv2
     except ImportError as error:
@@ -162,7 +161,7 @@ def look_at_opencv() -> Answer:
 
 
 def look_at_bluetooth() -> Answer:
-    """Bluetooth: can hubs be looked for? On Linux also why not."""
+    """Check that hubs can be scanned for; on Linux also why not."""
     from bricksrl.hub.errors import BluetoothUnavailableError
     from bricksrl.hub.transports.bluetooth import lack_of_bluetooth
     from bricksrl.hub.transports.scan import scan
@@ -179,7 +178,7 @@ def look_at_bluetooth() -> Answer:
 
 
 def look_at_usb() -> Answer:
-    """Serial ports, one of which a hub at a cable would be."""
+    """List the serial ports; a hub on a cable is one of them."""
     from serial.tools.list_ports import comports
 
     ports = sorted(port.device for port in comports())
@@ -187,7 +186,7 @@ def look_at_usb() -> Answer:
 
 
 def look_at_disk() -> Answer:
-    """Room for runs where we are, and whether we may write there."""
+    """Check free space and write permission in the working folder."""
     here = Path.cwd()
     free_gb = shutil.disk_usage(here).free / 1e9
     room = f"{free_gb:.1f} GB free in {here}"

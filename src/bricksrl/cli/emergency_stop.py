@@ -1,4 +1,4 @@
-"""Emergency stop and pause of a robot at work, by keys and by signals."""
+"""Emergency stop and pause of a running robot, by keys and by signals."""
 
 from __future__ import annotations
 
@@ -29,15 +29,15 @@ _END_S = 10.0
 
 
 class Hand:
-    """While entered, a key or a signal stops the robot, or pauses it. Signals work in the main thread only.
+    """Emergency stop: while entered, keys stop or pause the robot, and signals stop it. Signals need the main thread.
 
-    What is wanted is done in a separate thread: a signal may come while the main thread holds any lock.
+    Requests are executed in a separate thread, since a signal may arrive while the main thread holds any lock.
 
     Args:
-        stop: set when the robot is stopped, so that what runs ends.
-        tell: writes a line for the human.
-        keys: whether to listen to them; by itself where there is a terminal.
-        source: of the keys; the terminal without it.
+        stop: set when the robot is stopped, so that the run ends.
+        tell: prints a line for the user.
+        keys: whether to listen to keys; by default if there is a terminal.
+        source: source of the keys; by default the terminal.
     """
 
     def __init__(
@@ -53,7 +53,7 @@ class Hand:
         self._listener = contextlib.ExitStack()
 
     def take(self, env: EnvBase) -> None:
-        """What the hand lies on from now on; where it is no robot, but a simulation, to stop is the same as Ctrl-C."""
+        """Set the environment to stop and pause; for one that cannot pause, a simulation, stop is the same as Ctrl-C."""
         self._env = env if hasattr(env, "pause") else None
         if self._stop.is_set():
             self._wishes.put("stop")
@@ -76,7 +76,7 @@ class Hand:
 
     @contextlib.contextmanager
     def quiet(self) -> Iterator[None]:
-        """Inside, keys are an answer to what the terminal asks, and not meant for the robot."""
+        """Ignore keys inside this context, so that they can answer a question on the terminal."""
         self._listener.close()
         try:
             yield
@@ -85,7 +85,7 @@ class Hand:
                 self._listener.enter_context(KeyListener(self._on_key, self._source))
 
     def place(self, rng: np.random.Generator) -> None:
-        """Have the robot put where an episode starts, as :func:`place_robot`."""
+        """Ask for the robot to be placed, as :func:`place_robot`."""
         with self.quiet():
             place_robot(rng)
 
@@ -102,7 +102,7 @@ class Hand:
         while (wish := self._wishes.get()) != "end":
             try:
                 self._stop_robot() if wish == "stop" else self._pause_robot()
-            except BricksError as error:  # it could not be told, and stops by itself
+            except BricksError as error:  # the hub could not be reached; its watchdog stops it
                 print_error(str(error))
 
     def _stop_robot(self) -> None:

@@ -6,12 +6,13 @@ import json
 from dataclasses import dataclass
 from typing import Any
 
+from bricksrl.cli.options import Flag
 from bricksrl.cli.terminal import print_line
 
 
 @dataclass(frozen=True)
 class List:
-    """Show the environments, agents and robots that there are.
+    """List the environments, agents, presets and robots.
 
     The JSON object also names the entries of each observation and action.
 
@@ -20,11 +21,11 @@ class List:
       bricksrl list --json
     """
 
-    json: bool = False
-    """One JSON object instead of a table."""
+    json: Flag = False
+    """Print one JSON object instead of a table."""
 
     def execute(self) -> int:
-        """Print it."""
+        """Print the lists."""
         names = _collect()
         if self.json:
             print_line(json.dumps(names, indent=2))

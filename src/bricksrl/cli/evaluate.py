@@ -8,8 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from tyro.conf import Positional, arg
+from tyro.conf import Positional
 
+from bricksrl.cli.options import Flag, option
 from bricksrl.cli.terminal import INTERRUPTED, load_learning, print_interrupted, print_line, print_note
 from bricksrl.cli.video import check_film
 from bricksrl.errors import StoppedError, TwinError
@@ -22,7 +23,7 @@ _FILMED_EPISODES = 3
 
 @dataclass(frozen=True)
 class Evaluate:
-    """Let a trained agent do its best, without exploring and without learning, and count.
+    """Evaluate a trained agent, without exploration or learning.
 
     Examples:
       bricksrl evaluate runs/spin
@@ -31,28 +32,28 @@ class Evaluate:
       bricksrl evaluate runs/spin --hub ble
     """
 
-    run: Annotated[Positional[Path], arg(metavar="RUN")]
+    run: Annotated[Positional[Path], option(metavar="RUN")]
     """Folder that `bricksrl train` wrote."""
-    env: Annotated[str | None, arg(metavar="ENV")] = None
-    """Environment, when it is not the one that the agent was trained in."""
-    episodes: Annotated[int, arg(metavar="N")] = 5
-    """Episodes to count."""
-    seed: Annotated[int, arg(metavar="N")] = 1000
-    """Of the episodes; another seed gives other starts."""
-    hub: Annotated[str | None, arg(metavar="HUB")] = None
-    """How to reach the robot: virtual, ble, ble:NAME, ble:ADDRESS, usb or usb:PORT; as in training without it."""
-    realtime: bool = False
-    """Let the virtual robot take as long as a real one."""
-    randomize: bool = False
-    """Draw another physics of the virtual robot for each episode; off, however the agent was trained."""
-    physics: Annotated[Path | None, arg(metavar="FILE")] = None
-    """Physics of the virtual robot: a JSON file such as `bricksrl twin fit` writes; without it as in training."""
-    best: bool = False
-    """Take the checkpoint of the best evaluation during training in place of the last one."""
-    video: Annotated[Path | None, arg(metavar="FILE")] = None
+    env: Annotated[str | None, option(metavar="ENV")] = None
+    """Environment, if it is not that of the training."""
+    episodes: Annotated[int, option(metavar="N")] = 5
+    """Episodes to evaluate."""
+    seed: Annotated[int, option(metavar="N")] = 1000
+    """Seed of the episodes; another seed gives other starts."""
+    hub: Annotated[str | None, option(metavar="HUB")] = None
+    """How to reach the robot: virtual, ble, ble:NAME, ble:ADDRESS, usb or usb:PORT; by default as in training."""
+    realtime: Flag = False
+    """Run the virtual robot in real time."""
+    randomize: Flag = False
+    """Draw the physics of the virtual robot anew for each episode; by default off, even if the training randomized."""
+    physics: Annotated[Path | None, option(metavar="FILE")] = None
+    """Physics of the virtual robot: a JSON file such as `bricksrl twin fit` writes; by default as in training."""
+    best: Flag = False
+    """Use the checkpoint of the best evaluation during training instead of the last one."""
+    video: Annotated[Path | None, option(metavar="FILE")] = None
     """Film up to three of the episodes into this mp4 file."""
-    json: bool = False
-    """One JSON object on standard output and nothing else."""
+    json: Flag = False
+    """Print only one JSON object on standard output."""
 
     def execute(self) -> int:
         """Evaluate and print."""
@@ -102,7 +103,9 @@ class Evaluate:
 
 
 def describe(result: EvaluationResult) -> Iterator[str]:
-    """An evaluation in a few lines, with its 95 % intervals."""
+    """Text lines of an evaluation, with its 95 % intervals."""
+    from bricksrl.evaluation.report import labelled
+
     low, high = result.return_interval.low, result.return_interval.high
     yield f"{result.env}, {result.episodes} episodes of {result.agent} after {result.trained_episodes} episodes of training:"
     yield f"return   {result.return_mean:.4g} ± {result.return_std:.4g}  (95 % interval of the mean: {low:.4g} to {high:.4g})"
@@ -111,4 +114,4 @@ def describe(result: EvaluationResult) -> Iterator[str]:
         count = round(result.success_rate * result.episodes)
         yield f"success  {count} of {result.episodes} episodes  (95 % interval of the rate: {low:.0%} to {high:.0%})"
     for name, value in result.metrics.items():
-        yield f"{name}  {value:.4g}"
+        yield "  ".join(labelled(name, value))

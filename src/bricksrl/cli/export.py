@@ -6,34 +6,35 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
-from tyro.conf import Positional, arg
+from tyro.conf import Positional
 
+from bricksrl.cli.options import Flag, option
 from bricksrl.cli.terminal import load_learning, print_line
 
 
 @dataclass(frozen=True)
 class Export:
-    """Write a trained policy, observation to action, into a file that needs nothing of BricksRL.
+    """Export a trained policy to a file that can be used without BricksRL.
 
-    The file is read again and compared with the policy. It takes observations [batch, n] in the units of the environment, and
-    images [batch, side, side, 3] where the policy sees, and gives actions [batch, m] in -1..1.
+    The file is read back and compared with the policy. Its model maps observations [batch, n] in the units of the environment,
+    and images [batch, side, side, 3] where the policy uses them, to actions [batch, m] in -1..1.
 
     Examples:
       bricksrl export runs/spin --out spin.pt2
       bricksrl export runs/spin --format onnx --out spin.onnx
     """
 
-    run: Annotated[Positional[Path], arg(metavar="RUN")]
-    """Folder that `bricksrl train` wrote, or of a shared policy."""
-    out: Annotated[Path, arg(metavar="FILE")]
+    run: Annotated[Positional[Path], option(metavar="RUN")]
+    """Folder of a run, or of a shared policy."""
+    out: Annotated[Path, option(metavar="FILE")]
     """File to write, which must not exist."""
-    format: Annotated[Literal["torch-export", "onnx"], arg(metavar="NAME")] = "torch-export"
-    """torch-export, which torch.export.load reads; or onnx, for which onnx and onnxscript are to be installed."""
-    best: bool = False
-    """Take the checkpoint of the best evaluation during training in place of the last one."""
+    format: Annotated[Literal["torch-export", "onnx"], option(metavar="NAME")] = "torch-export"
+    """torch-export, for torch.export.load; or onnx, which needs the packages onnx and onnxscript."""
+    best: Flag = False
+    """Use the checkpoint of the best evaluation during training instead of the last one."""
 
     def execute(self) -> int:
-        """Export, check, and say so."""
+        """Export, check and print the difference."""
         load_learning()
         from bricksrl.policies.export import export_model
 

@@ -12,9 +12,10 @@ from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Annotated
 
-from tyro.conf import Positional, UseAppendAction, arg
+from tyro.conf import Positional, UseAppendAction
 
-from bricksrl.cli.page import PageFlags, announce
+from bricksrl.cli.options import Flag, PageFlag, option
+from bricksrl.cli.page import LivePageGroup, PageAddress, announce
 from bricksrl.cli.terminal import INTERRUPTED, print_interrupted, print_line
 from bricksrl.errors import DescriptionError, UnknownNameError
 
@@ -29,20 +30,20 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Program:
-    """Print the MicroPython program that runs on the hub in an environment, or write it to a file.
+    """Print the MicroPython program that runs on the hub for an environment, or write it to a file.
 
     Examples:
       bricksrl hub program RunAway-v0
       bricksrl hub program RunAway-v0 --out run_away.py
     """
 
-    env: Annotated[Positional[str], arg(metavar="ENV")]
+    env: Annotated[Positional[str], option(metavar="ENV")]
     """Environment; `bricksrl list` shows them."""
-    out: Annotated[Path | None, arg(metavar="FILE")] = None
-    """The .py file to write; without it the program is printed."""
+    out: Annotated[Path | None, option(metavar="FILE")] = None
+    """The .py file to write; by default the program is printed."""
 
     def execute(self) -> int:
-        """Print or write it."""
+        """Print or write the program."""
         from bricksrl.envs import get_task
         from bricksrl.files import write_durably
         from bricksrl.hub.program.generate import generate
@@ -60,13 +61,13 @@ class Program:
 
 
 @dataclass(frozen=True)
-class Run(PageFlags):
-    """Run a Pybricks program on a hub, virtual or real: its output, its traceback, exit code 1 when it raises.
+class Run:
+    """Run a Pybricks program on a hub, virtual or real, and print its output and traceback; exit code 1 if it raises.
 
-    Files beside the program that it imports go with it. Standard input is what it reads. Ctrl-C stops it, and its motors.
+    Files beside the program that it imports are included. It reads standard input. Ctrl-C stops the program and its motors.
 
-    Without a robot, a virtual hub lies on a bench and fits itself to the program: it is of the kind that the program imports, and
-    has on each port the device that the program asks for there.
+    Without a robot, the virtual hub adapts to the program: it is of the kind that the program imports, and has on each port the
+    device that the program expects there.
 
     Examples:
       bricksrl hub run main.py
@@ -79,31 +80,33 @@ class Run(PageFlags):
       bricksrl hub run main.py --hub ble
     """
 
-    file: Annotated[Positional[Path], arg(metavar="FILE")]
+    file: Annotated[Positional[Path], option(metavar="FILE")]
     """Pybricks program."""
-    robot: Annotated[str | None, arg(metavar="ROBOT")] = None
-    """Robot that a virtual hub sits in: two-wheeler, walker, robo-arm, or bench. Or an environment, such as RunAway-v0: its
-    robot, in its surroundings. Or a Python file with one of your own. Default: bench, and two-wheeler for a video or a page."""
-    hub: Annotated[str, arg(metavar="HUB")] = "virtual"
+    robot: Annotated[str | None, option(metavar="ROBOT")] = None
+    """Robot of a virtual hub: two-wheeler, walker, robo-arm or bench; an environment such as RunAway-v0, for its robot and scene;
+    or a Python file with your own robot. Default: bench, or two-wheeler for a video or a page."""
+    hub: Annotated[str, option(metavar="HUB")] = "virtual"
     """Which hub: virtual, in simulated time, or ble, ble:NAME, ble:ADDRESS, usb, usb:PORT."""
-    time_limit_s: Annotated[float | None, arg(metavar="SECONDS")] = None
-    """Time after which the program is stopped; that is no error."""
-    video: Annotated[Path | None, arg(metavar="FILE")] = None
+    time_limit_s: Annotated[float | None, option(metavar="SECONDS")] = None
+    """Time after which the program is stopped, without an error."""
+    video: Annotated[Path | None, option(metavar="FILE")] = None
     """Film the virtual robot into this mp4 file."""
-    press: Annotated[UseAppendAction[tuple[str, ...]], arg(metavar="BUTTON@TIME")] = ()
-    """Press a button of the virtual hub: left@2.5s, or center@4s+1s for one that lasts; remote.left_plus@3s. Again for more."""
-    reading: Annotated[UseAppendAction[tuple[str, ...]], arg(metavar="PORT=VALUE")] = ()
-    """What a sensor on the bench senses: B=red, B=40%, B=200mm, B=3N, B=10,-5deg, or B=@FILE with lines "seconds, value"."""
-    end_stop: Annotated[UseAppendAction[tuple[str, ...]], arg(metavar="PORT=LOW..HIGH")] = ()
-    """Angles (deg) at which something blocks a motor on the bench: C=-90..120."""
-    realtime: bool = False
-    """Let a virtual hub take as long as a real one. The keys left, right, space (center) and b (bluetooth) press its buttons."""
-    panel: bool = False
-    """Write what light, display and loudspeaker of the virtual hub do to standard error."""
+    press: Annotated[UseAppendAction[tuple[str, ...]], option(metavar="BUTTON@TIME")] = ()
+    """Button press on the virtual hub: left@2.5s, center@4s+1s (held for 1 s), remote.left_plus@3s. May be repeated."""
+    reading: Annotated[UseAppendAction[tuple[str, ...]], option(metavar="PORT=VALUE")] = ()
+    """Reading of a sensor on the bench: B=red, B=40%, B=200mm, B=3N, B=10,-5deg, or B=@FILE with lines "seconds, value"."""
+    end_stop: Annotated[UseAppendAction[tuple[str, ...]], option(metavar="PORT=LOW..HIGH")] = ()
+    """End stops (deg) of a motor on the bench: C=-90..120."""
+    realtime: Flag = False
+    """Run a virtual hub in real time. The keys left, right, space (center) and b (bluetooth) press its buttons."""
+    panel: Flag = False
+    """Print changes of the virtual hub's light, display and loudspeaker on standard error."""
+    page: PageFlag = False
+    live_page: LivePageGroup = PageAddress()
 
     def execute(self) -> int:
-        """Run it."""
-        # A Ctrl-C of ours, not one that the program sees: its own KeyboardInterrupt is an error like any other.
+        """Run the program."""
+        # Ctrl-C must not reach the program on the virtual hub, where a KeyboardInterrupt is an ordinary error.
         before = signal.signal(signal.SIGINT, _interrupt)
         try:
             return self._run()
@@ -123,7 +126,7 @@ class Run(PageFlags):
             from bricksrl.virtual_hub.run import run_file
 
             read = None if stdin is None or stdin.isatty() else stdin.buffer
-            read_program(self.file)  # before a film begins
+            read_program(self.file)  # raises before a film begins
             with ExitStack() as stack:
                 return run_file(
                     self.file,
@@ -153,7 +156,7 @@ class Run(PageFlags):
             transport.close()
 
     def _body(self, stack: ExitStack) -> Body | None:
-        """The robot, filmed where that is asked for; ``None`` for the bench that fits itself to the program."""
+        """Body of the robot, filmed on request; ``None`` for the bench that adapts to the program."""
         from bricksrl import robots
 
         robot, scene = self._robot()
@@ -191,14 +194,14 @@ class Run(PageFlags):
         )
 
     def _attend(self, stack: ExitStack) -> Callable[[Machine], None] | None:
-        """The page, where it is wanted."""
+        """The live page's hook into the machine; ``None`` without a page."""
         if not self.page:
             return None
         if self.video is not None or self.realtime:
             raise DescriptionError("the page has a pace of its own; leave out --page, or --video and --realtime")
         from bricksrl.page.program import ProgramPage
 
-        page = stack.enter_context(ProgramPage(self.file.name, self.page_options()))
+        page = stack.enter_context(ProgramPage(self.file.name, self.live_page.page_options()))
         announce(page.url)
         return page.attend
 
@@ -226,7 +229,7 @@ _KEYS = {"left": "left", "right": "right", " ": "center", "c-m": "center", "b": 
 
 
 def _keys(stack: ExitStack) -> Callable[[Panel], None] | None:
-    """Buttons pressed by keys, where there is a terminal."""
+    """Connection of keys to the panel's buttons; ``None`` without a terminal."""
     from bricksrl.cli.key_listener import KeyListener, can_listen
 
     if not can_listen():
@@ -264,7 +267,7 @@ def _end_stop(text: str) -> tuple[str, tuple[float, float]]:
 
 
 class _Interrupted(BaseException):
-    """Ctrl-C."""
+    """Ctrl-C by the user."""
 
 
 def _interrupt(_signum: int, _frame: FrameType | None) -> None:

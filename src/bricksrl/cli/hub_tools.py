@@ -1,4 +1,4 @@
-"""``bricksrl hub``: the owner's tools around a hub, real or virtual."""
+"""``bricksrl hub``: tools for a hub, real or virtual: scan, rename, stop, latency, check, calibrate."""
 
 from __future__ import annotations
 
@@ -8,8 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from tyro.conf import Positional, arg
+from tyro.conf import Positional
 
+from bricksrl.cli.options import Flag, option
 from bricksrl.cli.terminal import is_terminal, print_line, yes
 from bricksrl.errors import BricksError, DescriptionError, HubError
 
@@ -22,16 +23,16 @@ if TYPE_CHECKING:
 _NAME_BYTES = 15
 _SCAN_S = 5.0
 
-Env = Annotated[Positional[str], arg(metavar="ENV")]
-Hub = Annotated[str, arg(metavar="HUB")]
-Folder = Annotated[Path | None, arg(metavar="DIR")]
+Env = Annotated[Positional[str], option(metavar="ENV")]
+Hub = Annotated[str, option(metavar="HUB")]
+Folder = Annotated[Path | None, option(metavar="DIR")]
 
 
 @dataclass(frozen=True)
 class Scan:
-    """Show the Pybricks hubs that advertise themselves: name, address, signal, kind.
+    """List the advertising Pybricks hubs: name, address, signal, kind.
 
-    A hub does not advertise itself while it runs a program, or while a computer is connected to it.
+    A hub does not advertise while it runs a program or is connected to a computer.
 
     Examples:
       bricksrl hub scan
@@ -40,14 +41,14 @@ class Scan:
     """
 
     hub: Hub = "ble"
-    """Where to look: ble, or virtual for the hub that everybody has."""
-    seconds: Annotated[float, arg(metavar="SECONDS")] = _SCAN_S
-    """How long to listen."""
-    json: bool = False
-    """A JSON list on standard output and nothing else."""
+    """Where to scan: ble, or virtual for the always present virtual hub."""
+    seconds: Annotated[float, option(metavar="SECONDS")] = _SCAN_S
+    """Duration of the scan."""
+    json: Flag = False
+    """Print only a JSON list on standard output."""
 
     def execute(self) -> int:
-        """Listen and print; exit code 1 when no hub is there."""
+        """Scan and print; exit code 1 if no hub was found."""
         from bricksrl.hub.transports.scan import FoundHub, scan
         from bricksrl.robots import HubKind
 
@@ -71,17 +72,17 @@ class Scan:
 
 @dataclass(frozen=True)
 class Rename:
-    """Tell how a hub gets another name: Pybricks takes it only when the firmware is installed.
+    """Explain how to rename a hub: Pybricks sets the name only when its firmware is installed.
 
     Examples:
       bricksrl hub rename Rover
     """
 
-    name: Annotated[Positional[str], arg(metavar="NAME")]
+    name: Annotated[Positional[str], option(metavar="NAME")]
     """The new name, 15 bytes at most."""
 
     def execute(self) -> int:
-        """Say what to do; exit code 2, because nothing was renamed."""
+        """Print what to do; exit code 2, because nothing was renamed."""
         size = len(self.name.encode())
         if not 1 <= size <= _NAME_BYTES or not self.name.isprintable():
             raise DescriptionError(f"a hub's name has 1 to {_NAME_BYTES} bytes, this one {size}; choose another")
@@ -93,9 +94,9 @@ class Rename:
 
 @dataclass(frozen=True)
 class Stop:
-    """Stop the program on a hub at once, whose ever it is, and with it the motors.
+    """Stop the program on a hub at once, whoever started it, and with it the motors.
 
-    A hub whose program runs while no computer is connected to it cannot be reached: press its button.
+    A hub that runs a program without a connected computer cannot be reached: press its button.
 
     Examples:
       bricksrl hub stop
@@ -106,7 +107,7 @@ class Stop:
     """Which hub: ble, ble:NAME, ble:ADDRESS, usb, usb:PORT, or virtual."""
 
     def execute(self) -> int:
-        """Stop it."""
+        """Stop the program."""
         from bricksrl.hub.errors import HubNotFoundError
         from bricksrl.hub.transports.address import parse_hub
         from bricksrl.hub.transports.profile import Status
@@ -132,7 +133,7 @@ class Stop:
 
 @dataclass(frozen=True)
 class Latency:
-    """Measure how fast the link to a robot is. Moves nothing.
+    """Measure the latency of the link to a robot, without moving it.
 
     Examples:
       bricksrl hub latency Walker-v1
@@ -143,10 +144,10 @@ class Latency:
     """Environment, whose program runs on the hub."""
     hub: Hub = "ble"
     """Which hub: ble, ble:NAME, ble:ADDRESS, usb, usb:PORT, or virtual."""
-    exchanges: Annotated[int, arg(metavar="N")] = 100
-    """Readings to measure."""
-    json: bool = False
-    """One JSON object on standard output and nothing else."""
+    exchanges: Annotated[int, option(metavar="N")] = 100
+    """Number of readings to time."""
+    json: Flag = False
+    """Print only one JSON object on standard output."""
 
     def execute(self) -> int:
         """Measure and print."""
@@ -172,9 +173,9 @@ class Latency:
 
 @dataclass(frozen=True)
 class CheckHub:
-    """Check a robot before it learns: hub, ports, battery, IMU, angles, round trip, and the direction of each motor.
+    """Check a robot before training: hub, ports, battery, IMU, angles, round trip, and the direction of each motor.
 
-    The test moves are asked for first. Exit code 1 when something is wrong.
+    Test moves need confirmation. Exit code 1 if something is wrong.
 
     Examples:
       bricksrl hub check Walker-v1
@@ -186,15 +187,15 @@ class CheckHub:
     """Environment; `bricksrl list` shows them."""
     hub: Hub = "ble"
     """Which hub: ble, ble:NAME, ble:ADDRESS, usb, usb:PORT, or virtual."""
-    yes: bool = False
+    yes: Flag = False
     """Make the test moves without asking, and do not ask whether they were right."""
     calibrations: Folder = None
-    """Folder of calibrations; without it the user's own."""
-    json: bool = False
-    """One JSON object on standard output and nothing else."""
+    """Folder of calibrations; by default that in your settings folder."""
+    json: Flag = False
+    """Print only one JSON object on standard output."""
 
     def execute(self) -> int:
-        """Check and print, a line a finding."""
+        """Check and print one line per finding."""
         from bricksrl.finding import Outcome
         from bricksrl.hub.diagnostics.calibration import calibration_of
         from bricksrl.hub.diagnostics.preflight import check_robot
@@ -228,9 +229,9 @@ class CheckHub:
 
 @dataclass(frozen=True)
 class Calibrate:
-    """Find the zeros of a robot's motors, and keep them for its hub.
+    """Calibrate the zeros of a robot's motors, and save them for its hub.
 
-    Joints with a range are turned to their stops. The zeros of all other motors are where they stand now, with `--by-hand`.
+    Joints with a range are turned to their stops. With `--by-hand`, the present angles of all other motors become their zeros.
 
     Examples:
       bricksrl hub calibrate RoboArm-v0
@@ -243,24 +244,24 @@ class Calibrate:
     """Environment; `bricksrl list` shows them."""
     hub: Hub = "ble"
     """Which hub: ble, ble:NAME, ble:ADDRESS, usb, usb:PORT, or virtual."""
-    by_hand: bool = False
-    """Motors without a range stand at their zero now; put legs and turntable there first."""
-    reverse: Annotated[tuple[str, ...], arg(metavar="MOTOR ...")] = ()
-    """Motors that turn the other way round than they did; nothing else is calibrated then."""
-    forget: bool = False
-    """Forget what is known about the robot."""
-    yes: bool = False
+    by_hand: Flag = False
+    """Set the zeros of motors without a range to their present angles; put legs and turntable there first."""
+    reverse: Annotated[tuple[str, ...], option(metavar="MOTOR ...")] = ()
+    """Motors whose direction to reverse; nothing else is calibrated then."""
+    forget: Flag = False
+    """Delete the saved calibration of the robot."""
+    yes: Flag = False
     """Move without asking."""
     calibrations: Folder = None
-    """Folder to write to; without it the user's own."""
+    """Folder to write to; by default that in your settings folder."""
 
     def execute(self) -> int:
-        """Calibrate and write."""
+        """Calibrate and save."""
         from bricksrl.hub.diagnostics.calibration import Calibration, forget_calibration, load_calibration, save_calibration
 
         task = _task(self.env)
         for name in self.reverse:
-            task.robot.motor(name)  # raises where there is none
+            task.robot.motor(name)  # raises for an unknown name
         transport = _transport(self.hub, task)
         try:
             transport.open()
@@ -314,7 +315,7 @@ def _task(env_id: str) -> Task:
 
 
 def _transport(hub: str, task: Task) -> Transport:
-    """A transport to the hub, not open yet."""
+    """An unopened transport to the hub."""
     from bricksrl.hub.transports.address import parse_hub
 
     address = parse_hub(hub)
@@ -327,7 +328,7 @@ def _transport(hub: str, task: Task) -> Transport:
 
 
 def _hub_id(transport: Transport) -> str:
-    """What calibrations are kept under; known when the hub is connected."""
+    """Key of a hub's calibrations: its address, known once it is connected."""
     identity = getattr(transport, "identity", None)
     if identity is None:
         return "virtual"

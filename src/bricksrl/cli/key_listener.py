@@ -1,4 +1,4 @@
-"""Keys that are pressed while a robot is at work, from a terminal."""
+"""Listener for single key presses in a terminal."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ if TYPE_CHECKING:
     from prompt_toolkit.input import Input
 
 ESCAPE_S = 0.05
-"""An escape that nothing follows for so long is the key, and not the beginning of another one's name."""
+"""Time after which an escape character is the Esc key and not the start of an escape sequence."""
 _END_S = 2.0
 
 
 class KeyListener:
-    """While entered, calls ``on_key`` with each key, in a separate thread. Ctrl-C stays what it is.
+    """Context that calls ``on_key`` for each key press, in a separate thread. Ctrl-C still interrupts.
 
     Args:
-        on_key: gets the key's name: a letter, or one of prompt_toolkit's, such as ``"escape"``.
-        source: what is read; the terminal without it.
+        on_key: called with the key's name: a letter, or one of prompt_toolkit's names, such as ``"escape"``.
+        source: input to read; by default the terminal.
     """
 
     def __init__(self, on_key: Callable[[str], None], source: Input | None = None) -> None:
@@ -76,14 +76,14 @@ class KeyListener:
                 flush.cancel()
 
     def _press(self, key: str) -> None:
-        if key == "c-c":  # the terminal no longer makes a signal of it
+        if key == "c-c":  # in raw mode the terminal sends no signal for it
             interrupt_main()
         else:
             self._on_key(key)
 
 
 def interrupt_main() -> None:
-    """Ctrl-C for the main thread, also where it waits."""
+    """Send Ctrl-C to the main thread, even while it is blocked."""
     if hasattr(signal, "pthread_kill"):
         signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)
     else:
@@ -93,7 +93,7 @@ def interrupt_main() -> None:
 
 
 def can_listen() -> bool:
-    """True if keys can be read: standard input is a terminal, and it is ours; a job in the background would be suspended."""
+    """True if keys can be read: standard input is a terminal and we run in its foreground, where reading does not suspend us."""
     if sys.stdin is None or not sys.stdin.isatty():
         return False
     if not hasattr(os, "tcgetpgrp"):

@@ -1,4 +1,4 @@
-"""``bricksrl new``: a commented file to start from."""
+"""``bricksrl new``: templates of a task, a robot and an algorithm."""
 
 from __future__ import annotations
 
@@ -8,18 +8,19 @@ from importlib import resources
 from pathlib import Path
 from typing import Annotated
 
-from tyro.conf import Positional, arg
+from tyro.conf import Positional
 
+from bricksrl.cli.options import option
 from bricksrl.cli.terminal import print_line
 from bricksrl.errors import DescriptionError
 from bricksrl.files import write_durably
 
 
 def write_template(kind: str, path: Path) -> None:
-    """Write the template of a task, a robot or an agent to a new Python file, with the file's own name in it.
+    """Write the template of a task, a robot or an agent to a new Python file, with the file's name filled in.
 
     Raises:
-        DescriptionError: the name is no Python file's, or the file exists.
+        DescriptionError: the name is not that of a Python module, or the file exists.
     """
     if path.suffix != ".py" or not path.stem.isidentifier():
         raise DescriptionError(
@@ -35,49 +36,49 @@ def write_template(kind: str, path: Path) -> None:
 
 @dataclass(frozen=True)
 class NewTask:
-    """Write a file with a task of your own, commented, which trains as it is.
+    """Write a commented template of a task, which can be trained as it is.
 
     Examples:
       bricksrl new task my_task.py
     """
 
-    file: Annotated[Positional[Path], arg(metavar="FILE")]
+    file: Annotated[Positional[Path], option(metavar="FILE")]
     """The Python file to write, which must not exist."""
 
     def execute(self) -> int:
-        """Write it and say what to do with it."""
+        """Write the file and print the next commands."""
         return _write("task", self.file, f"bricksrl train {self.file} --episodes 30")
 
 
 @dataclass(frozen=True)
 class NewRobot:
-    """Write a file with a robot of your own and a first task for it, commented, which trains as it is.
+    """Write a commented template of a robot with a first task, which can be trained as it is.
 
     Examples:
       bricksrl new robot my_robot.py
     """
 
-    file: Annotated[Positional[Path], arg(metavar="FILE")]
+    file: Annotated[Positional[Path], option(metavar="FILE")]
     """The Python file to write, which must not exist."""
 
     def execute(self) -> int:
-        """Write it and say what to do with it."""
+        """Write the file and print the next commands."""
         return _write("robot", self.file, f"bricksrl train {self.file} --episodes 30")
 
 
 @dataclass(frozen=True)
 class NewAgent:
-    """Write a file with an algorithm of your own, commented, which learns as it is.
+    """Write a commented template of an algorithm, which learns as it is.
 
     Examples:
       bricksrl new agent my_agent.py
     """
 
-    file: Annotated[Positional[Path], arg(metavar="FILE")]
+    file: Annotated[Positional[Path], option(metavar="FILE")]
     """The Python file to write, which must not exist."""
 
     def execute(self) -> int:
-        """Write it and say what to do with it."""
+        """Write the file and print the next commands."""
         return _write("agent", self.file, f"bricksrl train WalkerSim-v0 --agent {self.file} --episodes 20")
 
 

@@ -1,4 +1,4 @@
-"""``bricksrl train-offline``: learn from a dataset alone."""
+"""``bricksrl train-offline``: offline reinforcement learning and imitation from a dataset."""
 
 from __future__ import annotations
 
@@ -7,21 +7,22 @@ from datetime import datetime
 from pathlib import Path
 from typing import Annotated
 
-from tyro.conf import Positional, arg
+from tyro.conf import Positional
 
-from bricksrl.cli.page import PageFlags
+from bricksrl.cli.options import PageFlag, option
+from bricksrl.cli.page import LivePageGroup, PageAddress
 from bricksrl.cli.terminal import load_learning
 from bricksrl.cli.train import see_through
 from bricksrl.errors import RunError
 
 
 @dataclass(frozen=True)
-class TrainOffline(PageFlags):
+class TrainOffline:
     """Train an agent from a dataset alone, without the robot.
 
-    Now and then the agent shows in an episode what it has learned. The run folder is that of `bricksrl train`; what was
-    learned goes on learning on the robot with `bricksrl train ENV --from RUN`, by
-    the same agent or, with `--agent sac`, by another one from its policy.
+    The agent is tested in a few episodes, spread over the updates. The run folder is that of `bricksrl train`. To continue the
+    training on the robot, use `bricksrl train ENV --from RUN`, with the same agent or, with `--agent sac`, with another one that
+    starts from its policy.
 
     Examples:
       bricksrl train-offline Walker-v0 --data datasets/walker
@@ -29,22 +30,24 @@ class TrainOffline(PageFlags):
       bricksrl train-offline RoboArm-v0 --data datasets/arm --agent bc --preset paper
     """
 
-    env: Annotated[Positional[str], arg(metavar="ENV")]
-    """Environment that the data is of; `bricksrl list` shows them."""
-    data: Annotated[Path, arg(metavar="DIR")]
+    env: Annotated[Positional[str], option(metavar="ENV")]
+    """Environment of the data; `bricksrl list` shows them."""
+    data: Annotated[Path, option(metavar="DIR")]
     """Folder of the dataset, or of a run that recorded one."""
-    agent: Annotated[str, arg(metavar="NAME")] = "iql"
-    """Agent: bc, act, iql, cql, td3bc; or one that is made for learning on the robot, as sac and td3."""
-    preset: Annotated[str, arg(metavar="NAME")] = "default"
-    """Settings of the agent: default, or paper, those of the BricksRL paper."""
-    updates: Annotated[int, arg(metavar="N")] = 5000
+    agent: Annotated[str, option(metavar="NAME")] = "iql"
+    """Agent: bc, act, iql, cql, td3bc; or an agent for online learning, such as sac and td3."""
+    preset: Annotated[str, option(metavar="NAME")] = "default"
+    """Settings of the agent: default, or paper for those of the BricksRL paper."""
+    updates: Annotated[int, option(metavar="N")] = 5000
     """Updates from the data."""
-    episodes: Annotated[int, arg(metavar="N")] = 10
-    """Episodes in which the agent shows what it has learned, evenly spread over the updates."""
-    seed: Annotated[int, arg(metavar="N")] = 0
-    """Of everything random: the same seed gives the same run."""
-    run: Annotated[Path | None, arg(metavar="DIR")] = None
-    """Folder to write to, which must not exist; without it runs/<env>-<agent>-<seed>-<time>."""
+    episodes: Annotated[int, option(metavar="N")] = 10
+    """Test episodes, spread evenly over the updates."""
+    seed: Annotated[int, option(metavar="N")] = 0
+    """Seed of all random numbers: the same seed gives the same run."""
+    run: Annotated[Path | None, option(metavar="DIR")] = None
+    """Folder to write to, which must not exist; by default runs/<env>-<agent>-<seed>-<time>."""
+    page: PageFlag = False
+    live_page: LivePageGroup = PageAddress()
 
     def execute(self) -> int:
         """Train, evaluate, draw."""
@@ -54,7 +57,7 @@ class TrainOffline(PageFlags):
 
         if self.updates < 1:
             raise RunError(f"updates is {self.updates}; make at least 1")
-        load_learning()  # algorithms are known with their modules
+        load_learning()  # algorithms are registered when their modules are imported
         time = datetime.now().astimezone().strftime("%Y%m%d-%H%M%S")
         config = TrainConfig(
             env=self.env,
@@ -66,4 +69,5 @@ class TrainOffline(PageFlags):
             updates=self.updates,
             run_dir=self.run or Path("runs") / f"{file_name(self.env)}-{file_name(self.agent)}-{self.seed}-{time}",
         )
-        return see_through(lambda shown: train(config, shown.callback, stop=shown.stop), config, self)
+        address = self.live_page if self.page else None
+        return see_through(lambda shown: train(config, shown.callback, stop=shown.stop), config, address)

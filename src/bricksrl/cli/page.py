@@ -1,4 +1,4 @@
-"""Live page on the command line: its flags, its address, and the commands that are about nothing else."""
+"""Live page on the command line: its flags, its address, and the commands ``play`` and ``drive``."""
 
 from __future__ import annotations
 
@@ -12,9 +12,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from tyro.conf import Positional, arg
+from tyro.conf import OmitArgPrefixes, Positional
 
-from bricksrl.cli.robot_flags import RobotFlags
+from bricksrl.cli.options import PageFlag, option
+from bricksrl.cli.robot_flags import RobotFlags, RobotGroup
 from bricksrl.cli.terminal import INTERRUPTED, load_learning, place_robot, print_line, print_note
 from bricksrl.errors import DescriptionError, StoppedError
 
@@ -28,53 +29,49 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class PageAddress:
-    """Where the live page is served."""
+    """Address flags of the live page."""
 
-    page_host: Annotated[str, arg(metavar="ADDRESS")] = "127.0.0.1"
-    """Address that the live page is served on; 0.0.0.0 lets phones and computers in the same network in, who know the address."""
-    page_port: Annotated[int | None, arg(metavar="N")] = None
-    """Port of the live page; without it the first free one from 8090 on."""
+    page_host: Annotated[str, option(metavar="ADDRESS")] = "127.0.0.1"
+    """Address that serves the live page; 0.0.0.0 lets devices in the same network in that know the page's full address."""
+    page_port: Annotated[int | None, option(metavar="N")] = None
+    """Port of the live page; by default the first free one from 8090."""
 
     def page_options(self) -> PageOptions:
-        """Where the page is served."""
+        """Options of the page's server."""
         from bricksrl.page.server import PageOptions
 
         return PageOptions(self.page_host, self.page_port)
 
 
-@dataclass(frozen=True, kw_only=True)
-class PageFlags(PageAddress):
-    """Whether there is a live page."""
-
-    page: bool = False
-    """Show it live in the browser: the robot in 3D, curves, buttons to pause and stop, sliders to drive."""
+LivePageGroup = Annotated[PageAddress, OmitArgPrefixes]
+"""A command's address of the live page, as a group of its own in the help."""
 
 
 def announce(url: str) -> None:
-    """Tell the address of a page, and open it where there is a screen and somebody before it."""
+    """Print the address of a page, and open it if there is a screen."""
     print_note(f"live page: {url}")
     if has_screen():
         webbrowser.open(url)
 
 
 def show_file(path: Path) -> None:
-    """Open a file in the browser where there is a screen and somebody before it."""
+    """Open a file in the browser if there is a screen."""
     if has_screen():
         webbrowser.open(path.absolute().as_uri())
 
 
 def has_screen() -> bool:
-    """Whether a browser that is opened here can be seen by whoever started this."""
+    """Whether the user can see a browser that is opened here."""
     if sys.stderr is None or not sys.stderr.isatty() or os.environ.get("SSH_CONNECTION"):
         return False
     return sys.platform in ("win32", "darwin") or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
 
 
 @dataclass(frozen=True)
-class Play(RobotFlags, PageFlags):
-    """Let a trained agent play, episode after episode, at the speed of a real robot; with --page in the browser.
+class Play:
+    """Play episodes with a trained agent, at the speed of a real robot; with --page in the browser.
 
-    On the page one may choose another policy to compare: random, first (before it had learned), best and last. Ctrl-C ends it.
+    The page can switch between policies: random, first (untrained), best and last. Ctrl-C ends it.
 
     Examples:
       bricksrl play runs/spin --page
@@ -83,14 +80,17 @@ class Play(RobotFlags, PageFlags):
       bricksrl play runs/spin --episodes 3
     """
 
-    target: Annotated[Positional[str], arg(metavar="RUN|ENV")]
-    """Folder that `bricksrl train` wrote, or of a policy that was shared; or an environment, for random actions."""
-    policy: Annotated[str | None, arg(metavar="NAME")] = None
-    """Policy to begin with: random, first, best or last; without it the last."""
-    episodes: Annotated[int | None, arg(metavar="N")] = None
-    """Episodes to play; without it until Ctrl-C."""
-    seed: Annotated[int, arg(metavar="N")] = 1000
-    """Of the episodes."""
+    target: Annotated[Positional[str], option(metavar="RUN|ENV")]
+    """Folder of a run or of a shared policy; or an environment, for random actions."""
+    policy: Annotated[str | None, option(metavar="NAME")] = None
+    """Policy to begin with: random, first, best or last; by default the last."""
+    episodes: Annotated[int | None, option(metavar="N")] = None
+    """Episodes to play; by default until Ctrl-C."""
+    seed: Annotated[int, option(metavar="N")] = 1000
+    """Seed of the episodes."""
+    page: PageFlag = False
+    robot: RobotGroup = RobotFlags()
+    live_page: LivePageGroup = PageAddress()
 
     def execute(self) -> int:
         """Play."""
@@ -107,13 +107,14 @@ class Play(RobotFlags, PageFlags):
             chosen = {name: players[name]}
             players = {**{one: make for one, make in players.items() if one != name}, **chosen}
             if self.page:
-                return _on_page(self, env, env_id, players, subtitle=self.target, episodes=self.episodes)
+                subtitle = self.target if is_run else ""
+                return _on_page(self.live_page, env, env_id, players, subtitle=subtitle, episodes=self.episodes)
             return _in_terminal(env, players[name](), self.episodes)
 
 
 @dataclass(frozen=True)
-class Drive(RobotFlags, PageAddress):
-    """Drive a robot, by default a virtual one, with the sliders and the stick of a page in the browser. Ctrl-C ends it.
+class Drive:
+    """Drive a robot, by default a virtual one, with the sliders and the joystick of a page in the browser. Ctrl-C ends it.
 
     Examples:
       bricksrl drive Spinning-v0
@@ -122,10 +123,12 @@ class Drive(RobotFlags, PageAddress):
       bricksrl drive Spinning-v0 --page-host 0.0.0.0
     """
 
-    env: Annotated[Positional[str], arg(metavar="ENV")]
+    env: Annotated[Positional[str], option(metavar="ENV")]
     """Environment; `bricksrl list` shows them. A task of your own: my_task.py, my_task.py:TASK or module:TASK."""
-    seed: Annotated[int, arg(metavar="N")] = 0
-    """Of the episodes."""
+    seed: Annotated[int, option(metavar="N")] = 0
+    """Seed of the episodes."""
+    robot: RobotGroup = RobotFlags()
+    live_page: LivePageGroup = PageAddress()
 
     def execute(self) -> int:
         """Drive."""
@@ -134,16 +137,16 @@ class Drive(RobotFlags, PageAddress):
         load_learning()
         with _environment(self, self.env, None) as (env, env_id):
             players = {"by hand": lambda: resting_player(env)}
-            return _on_page(self, env, env_id, players, subtitle="driven by hand", in_charge=True)
+            return _on_page(self.live_page, env, env_id, players, subtitle="driven by hand", in_charge=True)
 
 
 @contextmanager
 def _environment(flags: Play | Drive, target: str, run: Path | None) -> Iterator[tuple[EnvBase, str]]:
-    """The environment that is named, or that of a run, open for as long as this lasts, and its id."""
+    """The named environment, or that of a run, open inside this context, and its id."""
     from bricksrl.envs import make
     from bricksrl.policies import config_of
 
-    env_id, options = target, flags.env_options()
+    env_id, options = target, flags.robot.env_options()
     if run is not None:
         config = config_of(run)
         env_id = config.env
@@ -156,7 +159,7 @@ def _environment(flags: Play | Drive, target: str, run: Path | None) -> Iterator
 
 
 def _on_page(
-    flags: PageAddress,
+    address: PageAddress,
     env: EnvBase,
     env_id: str,
     players: Mapping[str, Callable[[], Player]],
@@ -176,7 +179,7 @@ def _on_page(
         in_charge=in_charge,
         policies=tuple(players),
         speed="1x",
-        options=flags.page_options(),
+        options=address.page_options(),
     )
     try:
         with page, Hand(stop := threading.Event(), print_note) as hand:
@@ -190,7 +193,7 @@ def _on_page(
 
 
 def _in_terminal(env: EnvBase, player: Player, episodes: int | None) -> int:
-    """A line an episode."""
+    """Play without a page, and print a line per episode."""
     from bricksrl.cli.emergency_stop import Hand
     from bricksrl.envs.rollout import Rollout, play
 
@@ -211,21 +214,21 @@ def _in_terminal(env: EnvBase, player: Player, episodes: int | None) -> int:
 
 @contextmanager
 def run_on_page(
-    flags: PageFlags,
+    address: PageAddress | None,
     env_id: str,
     options: Mapping[str, object],
     *,
     on_stop: Callable[[], None] = lambda: None,
     can_drive: bool = True,
 ) -> Iterator[LivePage | None]:
-    """The page of a run or a recording, served for as long as this lasts; ``None`` where nobody asked for it."""
-    if not flags.page:
+    """The live page of a run or a recording, served inside this context; ``None`` without an address."""
+    if address is None:
         yield None
         return
     from bricksrl.envs import get_task
     from bricksrl.page.live import LivePage
 
     task = get_task(env_id, **options)
-    with LivePage(env_id, task=task, can_drive=can_drive, on_stop=on_stop, options=flags.page_options()) as page:
+    with LivePage(env_id, task=task, can_drive=can_drive, on_stop=on_stop, options=address.page_options()) as page:
         announce(page.url)
         yield page

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
-from tyro.conf import Positional, arg
+from tyro.conf import Positional
 
-from bricksrl.cli.page import PageAddress, announce
+from bricksrl.cli.options import option
+from bricksrl.cli.page import LivePageGroup, PageAddress, announce
 from bricksrl.cli.terminal import INTERRUPTED, print_line
 from bricksrl.errors import PlanError
 
@@ -18,14 +19,14 @@ from bricksrl.errors import PlanError
 class CheckPlan:
     """Check a building plan: unknown, loose and half-held parts, collisions, gears, steps, ports, cables.
 
-    One line a finding, with the line of the file and what to do; exit code 1 when there are any.
+    One line per finding, with the line of the file and advice; exit code 1 if there are any.
 
     Examples:
       bricksrl plan check plans/two_wheeler.ldr
       bricksrl plan check my_robot.mpd
     """
 
-    plan: Annotated[Positional[Path], arg(metavar="FILE")]
+    plan: Annotated[Positional[Path], option(metavar="FILE")]
     """An LDraw file (.ldr, .mpd), or Studio's .io."""
 
     def execute(self) -> int:
@@ -47,7 +48,7 @@ class CheckPlan:
 
 @dataclass(frozen=True)
 class PlanParts:
-    """List the parts of a building plan, as a table or as a file that shops read. Without a plan, list the catalogue.
+    """List the parts of a building plan, as a table or as a file for part shops. Without a plan, list the catalogue.
 
     Examples:
       bricksrl plan parts plans/two_wheeler.ldr
@@ -56,15 +57,15 @@ class PlanParts:
       bricksrl plan parts
     """
 
-    plan: Annotated[Positional[Path | None], arg(metavar="FILE")] = None
+    plan: Annotated[Positional[Path | None], option(metavar="FILE")] = None
     """An LDraw file (.ldr, .mpd), or Studio's .io."""
-    out: Annotated[Path | None, arg(metavar="FILE")] = None
+    out: Annotated[Path | None, option(metavar="FILE")] = None
     """File to write."""
     format: Literal["csv", "rebrickable", "bricklink"] = "csv"
-    """Of the file: a table with masses, Rebrickable's CSV, or a wanted list of BrickLink in XML."""
+    """Format of the file: a table with masses, Rebrickable's CSV, or BrickLink's wanted list in XML."""
 
     def execute(self) -> int:
-        """Print or write it."""
+        """Print or write the list."""
         from bricksrl.files import write_durably
         from bricksrl.plans import catalogue
         from bricksrl.plans.parts_list import as_text, parts_list
@@ -98,9 +99,9 @@ class PlanSteps:
       bricksrl plan steps my_robot.mpd --out my_robot.html
     """
 
-    plan: Annotated[Positional[Path], arg(metavar="FILE")]
+    plan: Annotated[Positional[Path], option(metavar="FILE")]
     """An LDraw file (.ldr, .mpd), or Studio's .io."""
-    out: Annotated[Path, arg(metavar="FILE")]
+    out: Annotated[Path, option(metavar="FILE")]
     """The .pdf or .html to write."""
 
     def execute(self) -> int:
@@ -114,26 +115,27 @@ class PlanSteps:
 
 
 @dataclass(frozen=True)
-class ShowPlan(PageAddress):
-    """Show a building plan in the browser: step after step, turned and zoomed, its joints moved by sliders. Ctrl-C ends it.
+class ShowPlan:
+    """Show a building plan in the browser: step by step, turned and zoomed, with sliders for its joints. Ctrl-C ends it.
 
     Examples:
       bricksrl plan show plans/walker.ldr
       bricksrl plan show my_robot.mpd --page-host 0.0.0.0
     """
 
-    plan: Annotated[Positional[Path], arg(metavar="FILE")]
+    plan: Annotated[Positional[Path], option(metavar="FILE")]
     """An LDraw file (.ldr, .mpd), or Studio's .io."""
+    live_page: LivePageGroup = PageAddress()
 
     def execute(self) -> int:
-        """Serve it until somebody ends it."""
+        """Serve the page until Ctrl-C."""
         from bricksrl.page.plan_view import PlanView
         from bricksrl.page.server import PageServer
         from bricksrl.plans.plan import read_plan
 
         view = PlanView(read_plan(self.plan))
         try:
-            with PageServer(view.board, view.press, lambda: None, self.page_options()) as server:
+            with PageServer(view.board, view.press, lambda: None, self.live_page.page_options()) as server:
                 announce(server.url)
                 threading.Event().wait()
         except KeyboardInterrupt:

@@ -1,4 +1,4 @@
-"""A training run as it goes on: a live bar on a terminal, a line an episode elsewhere."""
+"""Progress of a training run: a live bar on a terminal, a line per episode elsewhere."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ _SPARKLINE_EPISODES = 30
 
 
 class LineProgress(Callback):
-    """One line an episode.
+    """Progress as a line per episode.
 
     Attributes:
-        run_dir: where the run writes; ``None`` before it began.
-        episodes_done: whole episodes that are in the folder.
-        on_ready: gets the environment, before anything moves in it.
+        run_dir: folder of the run; ``None`` before it started.
+        episodes_done: whole episodes in the folder.
+        on_ready: called with the environment before the robot moves.
     """
 
     def __init__(self) -> None:
@@ -57,7 +57,7 @@ class LineProgress(Callback):
         )
 
     def _learning(self, episode: Episode) -> str:
-        """How learning follows, where it goes on beside the robot."""
+        """Text with the updates per step of asynchronous learning; else empty."""
         if not self._asynchronous or episode.updates_per_step is None:
             return ""
         return f"  {episode.updates_per_step:.3g} updates/step"
@@ -76,7 +76,7 @@ class LineProgress(Callback):
         print_line(f"the robot is done; {updates} updates are left to learn, Ctrl-C leaves them out")
 
     def place(self, rng: np.random.Generator) -> None:
-        """As :func:`place_robot`."""
+        """Ask for the robot to be placed, as :func:`place_robot`."""
         with self.quiet():
             place_robot(rng)
 
@@ -84,21 +84,21 @@ class LineProgress(Callback):
         self.close()
 
     def tell(self, line: str) -> None:
-        """A line for the human, beside the results."""
+        """Print a line for the user, apart from the results."""
         print_note(line)
 
     def saved(self) -> str:
-        """Description of what is left when the run ends now."""
+        """Text on what is saved if the run ends now."""
         if self.run_dir is None or not self.episodes_done:
             return "no episode was finished, so nothing was saved"
         return f"{self.episodes_done} episodes are saved in {self.run_dir}; `bricksrl resume {self.run_dir}` goes on"
 
     def close(self) -> None:
-        """Leave the terminal as it was; more than once is fine."""
+        """Restore the terminal; may be called repeatedly."""
 
 
 class LiveProgress(LineProgress):
-    """A bar that moves with every step, the returns so far as a sparkline."""
+    """Progress as a bar, with a sparkline of the last returns."""
 
     def __init__(self) -> None:
         from rich.progress import BarColumn, MofNCompleteColumn, TextColumn
@@ -134,7 +134,7 @@ class LiveProgress(LineProgress):
         self._bar.console.print(line, markup=False, highlight=False)
 
     def place(self, rng: np.random.Generator) -> None:
-        self._bar.stop()  # the line that is asked on stays readable
+        self._bar.stop()  # or it would overwrite the question
         try:
             super().place(rng)
         finally:
@@ -146,19 +146,19 @@ class LiveProgress(LineProgress):
 
 
 def make_progress() -> LineProgress:
-    """Progress display that fits standard output."""
+    """Progress display for standard output: live on a terminal, else lines."""
     return LiveProgress() if sys.stdout.isatty() else LineProgress()
 
 
 def clock(seconds: float) -> str:
-    """``h:mm:ss``, without hours when there are none."""
+    """Duration as ``h:mm:ss``, or ``m:ss`` below one hour."""
     minutes, rest = divmod(round(seconds), 60)
     hours, minutes = divmod(minutes, 60)
     return f"{hours}:{minutes:02}:{rest:02}" if hours else f"{minutes}:{rest:02}"
 
 
 def sparkline(values: list[float]) -> str:
-    """A bar for each value, the lowest and the highest one as short and as high as they get."""
+    """Sparkline with a bar per value, scaled between the lowest and the highest one."""
     low, high = min(values), max(values)
     if low == high:
         return _BARS[len(_BARS) // 2] * len(values)

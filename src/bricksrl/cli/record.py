@@ -1,4 +1,4 @@
-"""``bricksrl record``: datasets, of a policy or of a human."""
+"""``bricksrl record``: record datasets of a policy or a human."""
 
 from __future__ import annotations
 
@@ -9,10 +9,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
-from tyro.conf import Positional, arg
+from tyro.conf import Positional
 
-from bricksrl.cli.page import PageFlags, run_on_page
-from bricksrl.cli.robot_flags import RobotFlags
+from bricksrl.cli.options import Flag, PageFlag, option
+from bricksrl.cli.page import LivePageGroup, PageAddress, run_on_page
+from bricksrl.cli.robot_flags import RobotFlags, RobotGroup
 from bricksrl.cli.teleop import HANDS, driving, quiet
 from bricksrl.cli.terminal import INTERRUPTED, load_learning, print_interrupted, print_line, print_note
 from bricksrl.cli.video import filmed_env
@@ -34,12 +35,11 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Record(RobotFlags, PageFlags):
-    """Record episodes of a policy or of a human as a dataset that LeRobot and everybody else can read.
+class Record:
+    """Record episodes of a policy or a human as a dataset in LeRobot's format.
 
-    Each episode is on the disk when its line appears. Ctrl-C ends the recording and keeps what there is; keys and signals stop
-    and pause the robot as in training. A dataset that is there already goes on, if it is of the same robot, environment and
-    shape.
+    Each episode is on the disk when its line is printed. Ctrl-C ends the recording and keeps the whole episodes; keys and signals
+    stop and pause the robot as in training. An existing dataset is extended, if it has the same robot, environment and shape.
 
     Examples:
       bricksrl record RunAway-v0 --policy random --episodes 100 --out datasets/run_away_random
@@ -48,25 +48,28 @@ class Record(RobotFlags, PageFlags):
       bricksrl record Walker-v0 --policy runs/walker --take-over gamepad --out datasets/corrected
     """
 
-    env: Annotated[Positional[str], arg(metavar="ENV")]
+    env: Annotated[Positional[str], option(metavar="ENV")]
     """Environment; `bricksrl list` shows them. A task of your own: my_task.py, my_task.py:TASK or module:TASK."""
-    out: Annotated[Path, arg(metavar="DIR")]
-    """Folder of the dataset: a new one, or one that goes on."""
-    policy: Annotated[str, arg(metavar="POLICY")] = "random"
-    """What acts: random, keyboard, gamepad, or the folder of a run or of a policy that was shared."""
-    take_over: Literal["keyboard", "gamepad"] | None = None
-    """Let a human take over from the policy, and give back; these steps are marked in the data."""
-    episodes: Annotated[int, arg(metavar="N")] = 10
+    out: Annotated[Path, option(metavar="DIR")]
+    """Folder of the dataset: a new one, or one to extend."""
+    policy: Annotated[str, option(metavar="POLICY")] = "random"
+    """Policy: random, keyboard, gamepad, or the folder of a run or of a shared policy."""
+    take_over: Annotated[Literal["keyboard", "gamepad"] | None, option(metavar="DEVICE")] = None
+    """Let a human intervene with this device; these steps are marked in the data."""
+    episodes: Annotated[int, option(metavar="N")] = 10
     """Episodes to record."""
-    seed: Annotated[int, arg(metavar="N")] = 0
-    """Of the episodes and of random actions."""
-    video: Annotated[Path | None, arg(metavar="FILE")] = None
-    """Film the virtual robot into this mp4 file meanwhile."""
-    explore: bool = False
-    """Let the agent of a run explore, as it does in training; without it, it does its best."""
+    seed: Annotated[int, option(metavar="N")] = 0
+    """Seed of the episodes and of random actions."""
+    video: Annotated[Path | None, option(metavar="FILE")] = None
+    """Film the virtual robot into this mp4 file."""
+    explore: Flag = False
+    """Let the agent of a run explore as in training; by default it acts deterministically."""
+    page: PageFlag = False
+    robot: RobotGroup = RobotFlags()
+    live_page: LivePageGroup = PageAddress()
 
     def execute(self) -> int:
-        """Record, a line an episode."""
+        """Record, and print a line per episode."""
         from bricksrl.cli.emergency_stop import Hand
         from bricksrl.data.recorder import Recorder
         from bricksrl.data.schema import describe, describe_task
@@ -85,7 +88,7 @@ class Record(RobotFlags, PageFlags):
             print_line(f"episode {count}/{self.episodes}  return {episode.return_:.4g}  {episode.length} steps{by_hand}")
 
         hands = self.policy if self.policy in HANDS else self.take_over
-        options = self.env_options()
+        options = self.robot.env_options()
         task = get_task(self.env, **options.options)
         try:
             with (
@@ -94,7 +97,7 @@ class Record(RobotFlags, PageFlags):
                 self._environment(options, human, hand) as env,
                 filmed_env(env, self.video, f"{self.env}: {self.policy}"),
                 Recorder(self.out, describe(env, options.options)) as recorder,
-                run_on_page(self, self.env, options.options) as page,
+                run_on_page(self.live_page if self.page else None, self.env, options.options) as page,
             ):
                 hand.take(env)
                 self._collect(env, recorder, human, tell, page)
@@ -113,13 +116,13 @@ class Record(RobotFlags, PageFlags):
             with quiet(human):
                 hand.place(rng)
 
-        by_hand = self.hub == "virtual" and (self.policy in HANDS or self.take_over is not None)
+        by_hand = self.robot.hub == "virtual" and (self.policy in HANDS or self.take_over is not None)
         try:
-            env = make(self.env, options, seed=self.seed, realtime=self.realtime or by_hand, place=place)
+            env = make(self.env, options, seed=self.seed, realtime=self.robot.realtime or by_hand, place=place)
         except DescriptionError:
-            if not by_hand or self.realtime:
+            if not by_hand or self.robot.realtime:
                 raise
-            env = make(self.env, options, seed=self.seed, place=place)  # without a robot: paced below
+            env = make(self.env, options, seed=self.seed, place=place)  # a kinematic simulation: `_collect` paces the driver
         try:
             yield env
         finally:
@@ -149,7 +152,7 @@ class Record(RobotFlags, PageFlags):
             policy = random_policy(env, self.seed)
         elif self.policy in HANDS:
             still = rest(recorder.description.action)
-            policy = lambda state: state.set("action", still)  # noqa: E731  a human gives back: the robot rests
+            policy = lambda state: state.set("action", still)  # noqa: E731  the robot rests while the human does not drive
         else:
             learner = _learner(Path(self.policy), env)
             policy, reset_policy = (learner.explore if self.explore else learner.exploit), learner.reset_policy
@@ -160,7 +163,7 @@ class Record(RobotFlags, PageFlags):
             self.episodes,
             name=self.policy,
             seed=self.seed,
-            hub=self.hub,
+            hub=self.robot.hub,
             driver=driver,
             reset_policy=reset_policy,
             on_episode=on_episode,
@@ -169,7 +172,7 @@ class Record(RobotFlags, PageFlags):
 
 
 def _learner(path: Path, env: EnvBase) -> Learner:
-    """The policy of a run, or one that was shared."""
+    """Learner of a run, or of a shared policy."""
     from bricksrl.policies.sharing import is_policy, load_shared
     from bricksrl.training import load_learner
 
@@ -177,7 +180,7 @@ def _learner(path: Path, env: EnvBase) -> Learner:
 
 
 def _told(tell: Callable[[Collected], None], page: LivePage) -> Callable[[Collected], None]:
-    """Tell the terminal about an episode, and the page."""
+    """Callback that reports an episode to the terminal and to the page."""
 
     def both(episode: Collected) -> None:
         tell(episode)
@@ -188,8 +191,8 @@ def _told(tell: Callable[[Collected], None], page: LivePage) -> Callable[[Collec
 
 
 def _unseen(_frame: TensorDictBase) -> None:
-    """There is no page to show a step on."""
+    """Do nothing: there is no page to show a step on."""
 
 
 def _nothing() -> None:
-    """The policy has nothing to forget."""
+    """Do nothing: the policy has no state."""

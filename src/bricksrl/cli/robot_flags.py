@@ -1,4 +1,4 @@
-"""Flags of a robot and its world, shared by the commands that make an environment."""
+"""Flags of the robot's connection and physics, shared by the commands that make an environment."""
 
 from __future__ import annotations
 
@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from tyro.conf import UseAppendAction, arg
+from tyro.conf import OmitArgPrefixes, UseAppendAction
 
+from bricksrl.cli.options import Flag, option
 from bricksrl.errors import DescriptionError
 
 if TYPE_CHECKING:
@@ -17,25 +18,25 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class RobotFlags:
-    """How a robot is reached and what its world is, as on the command line."""
+    """Flags of the robot's connection and physics."""
 
-    hub: Annotated[str, arg(metavar="HUB")] = "virtual"
-    """How to reach the robot: virtual, ble or usb; ble:NAME, ble:ADDRESS or usb:PORT where there are several."""
-    streaming: bool = False
-    """Have the hub send observations 100 times a second, and take the latest command: steps then last their own time only."""
-    app_data: bool = False
-    """Speak to the program over AppData, where a new command replaces an old one, instead of its standard input."""
-    realtime: bool = False
-    """Let a virtual robot take as long as a real one; always so with a human at the keys."""
-    randomize: bool = False
-    """Draw another physics of the virtual robot (battery, friction, masses, noise, link) for each episode."""
-    physics: Annotated[Path | None, arg(metavar="FILE")] = None
+    hub: Annotated[str, option(metavar="HUB")] = "virtual"
+    """How to reach the robot: virtual, ble or usb; ble:NAME, ble:ADDRESS or usb:PORT if there are several."""
+    streaming: Flag = False
+    """Let the hub stream observations at 100 Hz and apply the latest command, so that steps do not wait for the link."""
+    app_data: Flag = False
+    """Send commands over AppData, where a new command replaces an unread one, instead of standard input."""
+    realtime: Flag = False
+    """Run a virtual robot in real time; always on while a human drives."""
+    randomize: Flag = False
+    """Draw the physics of the virtual robot (battery, friction, masses, noise, link) anew for each episode."""
+    physics: Annotated[Path | None, option(metavar="FILE")] = None
     """Physics of the virtual robot: a JSON file such as `bricksrl twin fit` writes."""
-    option: Annotated[UseAppendAction[tuple[str, ...]], arg(metavar="NAME=VALUE")] = ()
-    """Option of the environment's task, as often as needed: sparse=true, threshold_deg=20, calibration=red.json."""
+    task_options: Annotated[UseAppendAction[tuple[str, ...]], option(name="option", metavar="NAME=VALUE")] = ()
+    """Option of the environment's task, such as sparse=true, threshold_deg=20 or calibration=red.json. May be repeated."""
 
     def env_options(self) -> EnvOptions:
-        """Options of the environment that the flags stand for."""
+        """The flags as options of an environment."""
         from bricksrl.envs.options import EnvOptions
         from bricksrl.twin.physics import read_physics
 
@@ -46,15 +47,19 @@ class RobotFlags:
             realtime=self.realtime,
             randomize=self.randomize,
             physics=None if self.physics is None else read_physics(self.physics),
-            options=dict(map(parse_option, self.option)),
+            options=dict(map(parse_option, self.task_options)),
         )
 
 
+RobotGroup = Annotated[RobotFlags, OmitArgPrefixes]
+"""A command's robot flags, as a group of its own in the help."""
+
+
 def parse_option(text: str) -> tuple[str, Any]:
-    """``NAME=VALUE`` as a name and a number, true or false, or else a text.
+    """Parse ``NAME=VALUE`` into the name and the value: JSON, or else a string.
 
     Raises:
-        DescriptionError: there is no value.
+        DescriptionError: the text has no name or no ``=``.
     """
     name, equals, value = text.partition("=")
     if not (name.isidentifier() and equals):

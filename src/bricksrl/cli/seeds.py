@@ -1,4 +1,4 @@
-"""``bricksrl train --seeds``: several seeds side by side, in one table or a line for each episode, and what they say together."""
+"""``bricksrl train --seeds``: progress of parallel seeds, as a table or as lines, and their summary."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 @dataclass
 class _Row:
-    """One seed: where it is, how far, and what it got last."""
+    """State of one seed: computer, episode, last return."""
 
     state: str = "waiting"
     episode: int = 0
@@ -27,7 +27,7 @@ class _Row:
 
 
 class SeedsProgress:
-    """A table of all seeds on a terminal, which moves as they do; elsewhere a line for each thing that happens."""
+    """Progress of all seeds: a live table on a terminal, a line per event elsewhere."""
 
     def __init__(self, seeds: range, episodes: int, *, live: bool | None = None) -> None:
         self._rows = {seed: _Row() for seed in seeds}
@@ -49,7 +49,7 @@ class SeedsProgress:
             self._live.stop()
 
     def tell(self, seed: int, message: dict[str, Any]) -> None:
-        """Take in what a run said; called from several threads."""
+        """Update from a message of a run; may be called from several threads."""
         with self._lock:
             row, line = self._rows[seed], ""
             if "started" in message:
@@ -70,7 +70,7 @@ class SeedsProgress:
                 print_line(line)
 
     def table(self) -> Table:
-        """All seeds, as they are now."""
+        """Table of all seeds."""
         from rich.table import Table
 
         table = Table("seed", "episode", "return", "state", "computer", box=None)
@@ -81,7 +81,7 @@ class SeedsProgress:
 
 
 def train_seeds(config: TrainConfig, count: int, on: str | None = None) -> int:
-    """Train them, and say where everything is."""
+    """Train ``count`` seeds and print their summary; returns the exit code."""
     from bricksrl.evaluation import multi_seed
 
     multi_seed.check_count(count)

@@ -1,4 +1,4 @@
-"""``bricksrl settings``: the settings of an agent, with their defaults and what they mean."""
+"""``bricksrl settings``: settings of an agent, with values and meanings."""
 
 from __future__ import annotations
 
@@ -7,8 +7,9 @@ import json
 from dataclasses import dataclass
 from typing import Annotated, Any
 
-from tyro.conf import Positional, arg
+from tyro.conf import Positional
 
+from bricksrl.cli.options import Flag, option
 from bricksrl.cli.terminal import print_line
 
 
@@ -22,15 +23,15 @@ class Settings:
       bricksrl settings my_agent.py
     """
 
-    agent: Annotated[Positional[str], arg(metavar="AGENT")]
+    agent: Annotated[Positional[str], option(metavar="AGENT")]
     """Agent; `bricksrl list` shows them. One of your own: my_agent.py, my_agent.py:NAME or module:NAME."""
-    preset: Annotated[str, arg(metavar="NAME")] = "default"
+    preset: Annotated[str, option(metavar="NAME")] = "default"
     """Preset whose values are shown: default or paper."""
-    json: bool = False
-    """One JSON object of names and values, as `bricksrl train --settings` takes it, instead of a table."""
+    json: Flag = False
+    """Print one JSON object of names and values, for `bricksrl train --settings`, instead of a table."""
 
     def execute(self) -> int:
-        """Print them."""
+        """Print the settings."""
         from bricksrl.agents import preset
 
         settings = preset(self.preset, self.agent)
@@ -51,11 +52,11 @@ class Settings:
 
 
 def field_docs(kind: type[Any]) -> dict[str, str]:
-    """The docstrings below the fields of a dataclass, by name, those of its bases included."""
+    """Docstrings of a dataclass's fields, by name, including those of its bases."""
     from docstring_parser import parse_from_object
 
     found: dict[str, str] = {}
     for base in reversed(kind.__mro__[:-1]):
-        told = parse_from_object(base).params
-        found |= {one.arg_name: " ".join((one.description or "").split()) for one in told if one.args[0] == "attribute"}
+        params = parse_from_object(base).params
+        found |= {one.arg_name: " ".join((one.description or "").split()) for one in params if one.args[0] == "attribute"}
     return found

@@ -1,4 +1,4 @@
-"""Keyboard or gamepad for the commands that let a human drive."""
+"""Teleoperation by keyboard or gamepad, for the commands that let a human drive."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ HANDS = ("keyboard", "gamepad")
 
 @contextmanager
 def driving(hands: str | None, description: Description, *, in_charge: bool) -> Iterator[KeyboardDriver | GamepadDriver | None]:
-    """The driver, after telling what the keys do; ``None`` for no hands.
+    """The driver of a keyboard or a gamepad, after printing the keys' meanings; ``None`` for no device.
 
     Raises:
-        DataError: there is no such thing to drive with here.
+        DataError: the device is not available.
     """
     from bricksrl.teleop.gamepad import GamepadDriver
     from bricksrl.teleop.keyboard import KeyboardDriver
@@ -39,7 +39,7 @@ def driving(hands: str | None, description: Description, *, in_charge: bool) -> 
 
 
 def quiet(driver: object) -> AbstractContextManager[None]:
-    """Inside, keys are an answer to what the terminal asks, and do not drive."""
+    """Context in which the driver ignores keys, so that they can answer a question on the terminal."""
     from bricksrl.teleop.keyboard import KeyboardDriver
 
     return driver.quiet() if isinstance(driver, KeyboardDriver) else nullcontext()

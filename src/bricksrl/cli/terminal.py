@@ -1,4 +1,4 @@
-"""The terminal: results on standard output, all else on standard error, a line each; questions; slow imports in one piece."""
+"""Terminal: results on standard output, all other lines and questions on standard error; uninterrupted slow imports."""
 
 from __future__ import annotations
 
@@ -14,38 +14,38 @@ if TYPE_CHECKING:
     import numpy as np
 
 INTERRUPTED = 130
-"""Exit code after Ctrl-C, as shells have it."""
+"""Exit code after Ctrl-C, as in shells."""
 _HEAVY = ("torch", "torchrl.data", "torchrl.envs")
 
 
 def print_line(line: str = "") -> None:
-    """A line of results, at once even into a pipe."""
+    """Print a line of results, flushed even into a pipe."""
     sys.stdout.write(f"{line}\n")
     sys.stdout.flush()
 
 
 def print_error(message: str) -> None:
-    """``error: ...`` in one line, whatever the message holds."""
+    """Print ``error: ...`` as one line, with the line breaks of the message removed."""
     sys.stderr.write(f"error: {' '.join(message.split())}\n")
 
 
 def print_note(line: str) -> None:
-    """A line for the human, beside the results."""
+    """Print a line for the user, apart from the results."""
     sys.stderr.write(f"{line}\n")
 
 
 def print_interrupted(saved: str) -> None:
-    """A line on what Ctrl-C left."""
+    """Print a line on what is saved after Ctrl-C."""
     sys.stderr.write(f"interrupted: {saved}\n")
 
 
 def is_terminal() -> bool:
-    """True if somebody can answer."""
+    """True if the user can be asked."""
     return sys.stdin is not None and sys.stdin.isatty() and sys.stderr.isatty()
 
 
 def yes(question: str) -> bool:
-    """True if the answer is yes; no where nobody can answer. Asks on standard error, results stay clean."""
+    """Ask a question on standard error; True if the answer is yes, False without a terminal."""
     if not is_terminal():
         return False
     sys.stderr.write(f"{question} [y/N] ")
@@ -54,10 +54,10 @@ def yes(question: str) -> bool:
 
 
 def place_robot(_rng: np.random.Generator | None = None) -> None:
-    """Ask the owner of a real robot to put it where an episode starts, and wait for it.
+    """Ask the user to put a real robot where an episode starts, and wait for Enter.
 
     Raises:
-        RunError: nobody is there to ask.
+        RunError: standard input has ended.
     """
     sys.stderr.write("put the robot where an episode starts, then press Enter ")
     sys.stderr.flush()
@@ -67,7 +67,7 @@ def place_robot(_rng: np.random.Generator | None = None) -> None:
 
 
 def load_learning() -> None:
-    """Import what all learning needs; a Ctrl-C meanwhile counts when it is done, because these modules may swallow it."""
+    """Import torch and TorchRL; a Ctrl-C meanwhile is raised afterwards, because these modules may swallow it."""
     from bricksrl.twin.make_body import check_mujoco
 
     interrupted = False

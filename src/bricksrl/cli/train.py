@@ -1,4 +1,4 @@
-"""``bricksrl train`` and ``bricksrl resume``: learn, evaluate, draw."""
+"""``bricksrl train`` and ``bricksrl resume``: train, evaluate, report."""
 
 from __future__ import annotations
 
@@ -9,10 +9,11 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from tyro.conf import Positional, UseAppendAction, arg
+from tyro.conf import Positional, UseAppendAction
 
-from bricksrl.cli.page import PageFlags, run_on_page
-from bricksrl.cli.robot_flags import RobotFlags
+from bricksrl.cli.options import Flag, PageFlag, option
+from bricksrl.cli.page import LivePageGroup, PageAddress, run_on_page
+from bricksrl.cli.robot_flags import RobotFlags, RobotGroup
 from bricksrl.cli.terminal import INTERRUPTED, load_learning, print_interrupted, print_line
 from bricksrl.errors import DescriptionError, StoppedError
 
@@ -30,12 +31,12 @@ _EVALUATED_EPISODES = 5
 
 
 @dataclass(frozen=True)
-class Train(RobotFlags, PageFlags):
+class Train:
     """Train an agent on a robot, by default a virtual one.
 
-    The run folder gets the configuration, the metrics, a checkpoint, the learning curve, an evaluation and, where OpenGL is
-    there, a video. Ctrl-C ends the training early and keeps what was learned. In a terminal, space, q or Esc stops the robot at
-    once, and p pauses it; the signals SIGUSR1 and SIGTERM (Windows: Ctrl-Break) stop it too.
+    The run folder gets the configuration, the metrics, a checkpoint, the learning curve, an evaluation and, with OpenGL, a video.
+    Ctrl-C ends the training early and keeps what was learned. In a terminal, space, q or Esc stops the robot at once, and p
+    pauses it; the signals SIGUSR1 and SIGTERM (Windows: Ctrl-Break) stop it too.
 
     Examples:
       bricksrl train RunAway-v0
@@ -56,70 +57,72 @@ class Train(RobotFlags, PageFlags):
       bricksrl train --resume runs/spin
     """
 
-    env: Annotated[Positional[str | None], arg(metavar="ENV")] = None
+    env: Annotated[Positional[str | None], option(metavar="ENV")] = None
     """Environment; `bricksrl list` shows them. A task of your own: my_task.py, my_task.py:TASK or module:TASK."""
-    agent: Annotated[str | None, arg(metavar="NAME")] = None
-    """Agent; `bricksrl list` shows them. An algorithm of your own: my_agent.py[:NAME]. Without a name sac, or that of --from."""
-    preset: Annotated[str | None, arg(metavar="NAME")] = None
-    """Settings of the agent: default, or paper, those of the BricksRL paper. Without a name default, or those of --from."""
-    settings: Annotated[Path | None, arg(metavar="FILE")] = None
-    """Settings in place of those of the preset: a JSON file such as `bricksrl tune` writes."""
-    changes: Annotated[UseAppendAction[tuple[str, ...]], arg(name="set", metavar="NAME=VALUE")] = ()
-    """A single setting, such as learning_rate=3e-4 or hidden=128,128. May be given several times."""
-    device: Annotated[Literal["cpu", "cuda", "mps", "auto"], arg(metavar="NAME")] = "cpu"
-    """Where networks, replay and simulations are: cpu, cuda, mps, or auto for the best one here."""
-    compile: bool = False
-    """Compile loss and gradients into one graph: takes a while at the start, for long runs."""
-    num_envs: Annotated[int, arg(metavar="N")] = 1
-    """Copies to train on at once: of a simulation in one batch, of a virtual robot in as many processes."""
-    robots: Annotated[int, arg(metavar="N")] = 1
-    """Virtual robots that learn together, each in a process; real ones are named by --hub, such as ble:A,ble:B."""
-    eval_every: Annotated[int, arg(metavar="N")] = 0
-    """Evaluate after every so many episodes, and keep the best checkpoint; 0 for never."""
-    eval_episodes: Annotated[int, arg(metavar="N")] = 5
-    """Episodes of each of these evaluations."""
-    stop_at: Annotated[float | None, arg(metavar="RETURN")] = None
-    """Stop once the mean return of the last five episodes, or of an evaluation where there are some, is this or more."""
-    episodes: Annotated[int | None, arg(metavar="N")] = None
-    """Episodes to train for; without it as many as suit the environment."""
-    seed: Annotated[int, arg(metavar="N")] = 0
-    """Of everything random: the same seed gives the same run."""
-    seeds: Annotated[int | None, arg(metavar="N")] = None
-    """Train so many times, with as many seeds from --seed on, side by side, and sum up."""
-    on: Annotated[str | None, arg(metavar="WHERE")] = None
-    """Train the --seeds there: ray, or ray:ADDRESS for a cluster (pip install 'bricksrl[distributed]')."""
-    run: Annotated[Path | None, arg(metavar="DIR")] = None
-    """Folder to write to, which must not exist; without it runs/<env>-<agent>-<seed>-<time>."""
-    data: Annotated[Path | None, arg(metavar="DIR")] = None
+    agent: Annotated[str | None, option(metavar="NAME")] = None
+    """Agent; `bricksrl list` shows them. An algorithm of your own: my_agent.py[:NAME]. Default: sac, or the agent of --from."""
+    episodes: Annotated[int | None, option(metavar="N")] = None
+    """Episodes to train for; the default depends on the environment."""
+    seed: Annotated[int, option(metavar="N")] = 0
+    """Seed of all random numbers: the same seed gives the same run."""
+    run: Annotated[Path | None, option(metavar="DIR")] = None
+    """Folder to write to, which must not exist; by default runs/<env>-<agent>-<seed>-<time>."""
+    page: PageFlag = False
+    changes: Annotated[UseAppendAction[tuple[str, ...]], option(name="set", metavar="NAME=VALUE")] = ()
+    """A single setting, such as learning_rate=3e-4 or hidden=128,128. May be repeated."""
+    preset: Annotated[str | None, option(metavar="NAME")] = None
+    """Settings of the agent: default, or paper for those of the BricksRL paper. Default: default, or the settings of --from."""
+    settings: Annotated[Path | None, option(metavar="FILE")] = None
+    """Settings that replace those of the preset: a JSON file such as `bricksrl tune` writes."""
+    data: Annotated[Path | None, option(metavar="DIR")] = None
     """Learn from this dataset too: half of each batch is drawn from it."""
-    start: Annotated[Path | None, arg(name="from", metavar="RUN")] = None
-    """Folder of a run whose agent goes on learning here, from where it was; with another --agent, whose policy that one takes."""
-    no_record: bool = False
-    """Do not keep the transitions; else they are a dataset, in the folder data of the run."""
-    take_over: Literal["keyboard", "gamepad"] | None = None
-    """Let a human take over from the agent, and give back; the agent learns from these steps too, and the data marks them."""
-
-    asynchronous: bool = False
-    """Learn beside the robot, which never waits; so it is on a real robot and with --realtime."""
-    synchronous: bool = False
-    """Learn while the robot waits, on a real robot too; runs on a virtual one are then repeatable."""
-    patience: Annotated[float, arg(metavar="SECONDS")] = 300.0
-    """How long to try to reach a robot again whose link broke."""
-    log: Annotated[Literal["none", "tensorboard", "wandb", "trackio"], arg(metavar="NAME")] = "none"
-    """Also tell tensorboard, wandb or trackio; metrics.csv is always written."""
-    resume: Annotated[Path | None, arg(metavar="RUN")] = None
-    """Go on with that run, as `bricksrl resume` does, in place of a new one."""
+    start: Annotated[Path | None, option(name="from", metavar="RUN")] = None
+    """Folder of a run to warm-start from: its agent continues to learn or, with another --agent, provides the initial policy."""
+    resume: Annotated[Path | None, option(metavar="RUN")] = None
+    """Resume this run, as `bricksrl resume` does, instead of starting a new one."""
+    seeds: Annotated[int | None, option(metavar="N")] = None
+    """Train N seeds, starting with --seed, in parallel, and summarise them."""
+    on: Annotated[str | None, option(metavar="WHERE")] = None
+    """Where to train the --seeds: ray, or ray:ADDRESS for a cluster (pip install 'bricksrl[distributed]')."""
+    num_envs: Annotated[int, option(metavar="N")] = 1
+    """Environments to train on in parallel: copies of a simulation in one batch, virtual robots in one process each."""
+    robots: Annotated[int, option(metavar="N")] = 1
+    """Virtual robots that train one agent, each in its process; real ones are named by --hub, such as ble:A,ble:B."""
+    device: Annotated[Literal["cpu", "cuda", "mps", "auto"], option(metavar="NAME")] = "cpu"
+    """Device of networks, replay buffer and simulations: cpu, cuda, mps, or auto for the best available."""
+    compile: Flag = False
+    """Compile loss and gradients into one graph; slow to start, worth it for long runs."""
+    eval_every: Annotated[int, option(metavar="N")] = 0
+    """Evaluate after every N episodes, and keep the best checkpoint; 0 for never."""
+    eval_episodes: Annotated[int, option(metavar="N")] = 5
+    """Episodes of each of these evaluations."""
+    stop_at: Annotated[float | None, option(metavar="RETURN")] = None
+    """Stop when the mean return of the last five episodes, or of an evaluation with --eval-every, reaches this."""
+    take_over: Annotated[Literal["keyboard", "gamepad"] | None, option(metavar="DEVICE")] = None
+    """Let a human intervene with this device; the agent learns from these steps too, and the data marks them."""
+    no_record: Flag = False
+    """Do not record the transitions; by default they are a dataset in the run's folder data."""
+    log: Annotated[Literal["none", "tensorboard", "wandb", "trackio"], option(metavar="NAME")] = "none"
+    """Also log to tensorboard, wandb or trackio; metrics.csv is always written."""
+    asynchronous: Flag = False
+    """Learn in parallel with the robot, which never waits; the default on a real robot and with --realtime."""
+    synchronous: Flag = False
+    """Learn while the robot waits, even on a real robot; runs on a virtual one are then reproducible."""
+    patience: Annotated[float, option(metavar="SECONDS")] = 300.0
+    """How long to retry when the link to a robot broke."""
+    robot: RobotGroup = RobotFlags()
+    live_page: LivePageGroup = PageAddress()
 
     def execute(self) -> int:
-        """Train, evaluate, draw."""
+        """Train, evaluate, report."""
         if self.resume is not None:
             if self.env is not None:
                 raise DescriptionError("a run that is resumed has an environment; leave ENV or --resume away")
-            again = Resume(self.resume, self.episodes, page=self.page, page_host=self.page_host, page_port=self.page_port)
+            again = Resume(self.resume, self.episodes, self.page, self.live_page)
             return again.execute()
         if self.env is None:
             raise DescriptionError("name an environment to train in, or a run to --resume; `bricksrl list` shows environments")
-        load_learning()  # algorithms are known with their modules
+        load_learning()  # algorithms are registered when their modules are imported
         config = self.config(self.env)
         if self.seeds is not None:
             from bricksrl.cli.seeds import train_seeds
@@ -129,8 +132,9 @@ class Train(RobotFlags, PageFlags):
             raise DescriptionError("a single run needs no cluster; give --seeds, or leave --on away")
         from bricksrl.training import train
 
+        address = self.live_page if self.page else None
         if self.take_over is None:
-            return see_through(lambda shown: train(config, shown.callback, **shown.arguments()), config, self)
+            return see_through(lambda shown: train(config, shown.callback, **shown.arguments()), config, address)
         from bricksrl.cli.teleop import driving, quiet
         from bricksrl.data.schema import describe_task
         from bricksrl.envs import get_task
@@ -144,11 +148,11 @@ class Train(RobotFlags, PageFlags):
 
                 return train(config, shown.callback, place=place, driver=driver, stop=shown.stop)
 
-            by_keys = self.take_over == "keyboard"  # who drives by keys needs them all
-            return see_through(start, config, self, keys=False if by_keys else None)
+            by_keys = self.take_over == "keyboard"  # then all keys are for driving
+            return see_through(start, config, address, keys=False if by_keys else None)
 
     def config(self, env: str) -> TrainConfig:
-        """What all this says about a run."""
+        """Configuration of the run from the flags."""
         from bricksrl.envs.registry import training_episodes
         from bricksrl.evaluation.settings_text import read_settings, with_changes
         from bricksrl.training import RunFolder, TrainConfig
@@ -168,7 +172,7 @@ class Train(RobotFlags, PageFlags):
         if self.settings is not None:
             settings = read_settings(self.settings, settings)
         time = datetime.now().astimezone().strftime("%Y%m%d-%H%M%S")
-        options = vars(self.env_options()) | ({"realtime": True} if self.take_over is not None else {})
+        options = vars(self.robot.env_options()) | ({"realtime": True} if self.take_over is not None else {})
         return TrainConfig(
             **options,
             env=env,
@@ -194,32 +198,34 @@ class Train(RobotFlags, PageFlags):
 
 
 @dataclass(frozen=True)
-class Resume(PageFlags):
-    """Go on with a run that was interrupted, or train a finished one for longer.
+class Resume:
+    """Resume an interrupted run, or train a finished one for longer.
 
     Examples:
       bricksrl resume runs/spin
       bricksrl resume runs/spin --episodes 60
     """
 
-    run: Annotated[Positional[Path], arg(metavar="RUN")]
+    run: Annotated[Positional[Path], option(metavar="RUN")]
     """Folder that `bricksrl train` wrote."""
-    episodes: Annotated[int | None, arg(metavar="N")] = None
-    """Episodes in all, those that were trained already included; without it as many as the run was started with."""
+    episodes: Annotated[int | None, option(metavar="N")] = None
+    """Total number of episodes, including those already trained; by default that of the run's start."""
+    page: PageFlag = False
+    live_page: LivePageGroup = PageAddress()
 
     def execute(self) -> int:
-        """Train on, evaluate, draw."""
+        """Resume, evaluate, report."""
         from bricksrl.training import RunFolder, resume
 
-        config = RunFolder(self.run).read_config()
+        config, address = RunFolder(self.run).read_config(), self.live_page if self.page else None
         return see_through(
-            lambda shown: resume(self.run, shown.callback, episodes=self.episodes, **shown.arguments()), config, self
+            lambda shown: resume(self.run, shown.callback, episodes=self.episodes, **shown.arguments()), config, address
         )
 
 
 @dataclass(frozen=True)
 class Shown:
-    """A run as it is shown: in the terminal, and on a page where there is one; and what stops it."""
+    """Displays of a run, in the terminal and on an optional page, and its stop event."""
 
     progress: LineProgress
     stop: threading.Event
@@ -227,7 +233,7 @@ class Shown:
 
     @property
     def callback(self) -> Callback:
-        """Everybody who listens."""
+        """Callback of all displays."""
         from bricksrl.training.callbacks import CallbackList
 
         if self.page is None:
@@ -237,13 +243,15 @@ class Shown:
         return CallbackList(self.progress, PageCallback(self.page, self.stop))
 
     def arguments(self) -> dict[str, Any]:
-        """What `train` and `resume` get of it."""
+        """Keyword arguments for `train` and `resume`."""
         driver = None if self.page is None else self.page.driver
         return {"place": self.progress.place, "stop": self.stop, "driver": driver}
 
 
-def see_through(start: Callable[[Shown], RunResult], config: TrainConfig, flags: PageFlags, *, keys: bool | None = None) -> int:
-    """A run from its first step to its video; returns the exit code. ``keys`` as :class:`Hand` takes it."""
+def see_through(
+    start: Callable[[Shown], RunResult], config: TrainConfig, address: PageAddress | None, *, keys: bool | None = None
+) -> int:
+    """Run, evaluate and report a training with its displays; returns the exit code. ``keys`` is passed to :class:`Hand`."""
     from bricksrl.cli.emergency_stop import Hand
     from bricksrl.cli.progress import make_progress
 
@@ -251,7 +259,7 @@ def see_through(start: Callable[[Shown], RunResult], config: TrainConfig, flags:
     try:
         load_learning()
         with (
-            run_on_page(flags, config.env, config.options, on_stop=stop.set, can_drive=config.num_envs == 1) as page,
+            run_on_page(address, config.env, config.options, on_stop=stop.set, can_drive=config.num_envs == 1) as page,
             Hand(stop, progress.tell, keys=keys) as hand,
         ):
             progress.on_ready, progress.quiet = hand.take, hand.quiet
@@ -260,7 +268,7 @@ def see_through(start: Callable[[Shown], RunResult], config: TrainConfig, flags:
             if not result.interrupted:
                 _show(result, hand, page)
                 return 0
-    except (KeyboardInterrupt, StoppedError):  # before the training, after it, or for the second time
+    except (KeyboardInterrupt, StoppedError):  # before or after the training, or a second time during it
         pass
     finally:
         progress.close()
@@ -269,7 +277,7 @@ def see_through(start: Callable[[Shown], RunResult], config: TrainConfig, flags:
 
 
 def _show(result: RunResult, hand: Hand, page: LivePage | None) -> None:
-    """Evaluate, film, and say where everything is."""
+    """Evaluate, film, and print the paths of the results."""
     from bricksrl.cli.evaluate import describe
     from bricksrl.cli.page import show_file
     from bricksrl.cli.video import report

@@ -1,4 +1,4 @@
-"""``bricksrl trust``: allow the code that a run from elsewhere names."""
+"""``bricksrl trust``: allow a run from elsewhere to execute the code that it names."""
 
 from __future__ import annotations
 
@@ -6,27 +6,28 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-from tyro.conf import Positional, arg
+from tyro.conf import Positional
 
+from bricksrl.cli.options import option
 from bricksrl.cli.terminal import print_line
 
 
 @dataclass(frozen=True)
 class Trust:
-    """Allow a run, or a policy, that somebody else made to execute the Python files that it names.
+    """Allow a run or a policy made by somebody else to execute the Python files that it names.
 
-    Runs with a task, an algorithm or networks in files execute them. Those that were trained on this computer are trusted; one
-    from elsewhere is refused until you allow it. Read its code first: it may do whatever you may do.
+    Runs with a task, an algorithm or networks in files execute them. Runs trained on this computer are trusted; one from
+    elsewhere is refused until you allow it. Read its code first: it runs with all your permissions.
 
     Examples:
       bricksrl trust runs/from-a-friend
     """
 
-    run: Annotated[Positional[Path], arg(metavar="RUN")]
+    run: Annotated[Positional[Path], option(metavar="RUN")]
     """Folder of the run or of the policy."""
 
     def execute(self) -> int:
-        """Remember it, and say what may run now."""
+        """Declare the run trusted and print the allowed code."""
         from bricksrl.envs.trust import trust
 
         code = trust(self.run)

@@ -1,4 +1,4 @@
-"""``bricksrl tune``: better settings for an agent, by experiment."""
+"""``bricksrl tune``: hyperparameter tuning of an agent."""
 
 from __future__ import annotations
 
@@ -6,45 +6,46 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-from tyro.conf import Positional, arg
+from tyro.conf import Positional
 
+from bricksrl.cli.options import option
 from bricksrl.cli.terminal import INTERRUPTED, load_learning, print_interrupted, print_line
 
 
 @dataclass(frozen=True)
 class Tune:
-    """Look for settings of an agent that learn more in as many robot steps.
+    """Tune the hyperparameters of an agent for a fixed number of robot steps.
 
-    Optuna proposes settings; each is trained with some seeds and evaluated, in simulation. The folder gets the study, with which
-    the same command goes on, from several terminals at a time too, and best.json, which `bricksrl train --settings` takes.
+    Optuna proposes settings; each is trained with some seeds and evaluated, in simulation. The folder gets the study, which the
+    same command continues, also from several terminals at once, and best.json for `bricksrl train --settings`.
 
     Examples:
       bricksrl tune WalkerSim-v0 --agent sac --trials 50
       bricksrl train WalkerSim-v0 --settings tuning/WalkerSim-v0-sac/best.json
     """
 
-    env: Annotated[Positional[str], arg(metavar="ENV")]
-    """Environment; `bricksrl list` shows them. The simulations are the fastest."""
-    agent: Annotated[str, arg(metavar="NAME")] = "sac"
+    env: Annotated[Positional[str], option(metavar="ENV")]
+    """Environment; `bricksrl list` shows them. Kinematic simulations are the fastest."""
+    agent: Annotated[str, option(metavar="NAME")] = "sac"
     """Agent; `bricksrl list` shows them."""
-    trials: Annotated[int, arg(metavar="N")] = 20
-    """Settings to try in this command."""
-    steps: Annotated[int, arg(metavar="N")] = 2000
+    trials: Annotated[int, option(metavar="N")] = 20
+    """Trials to run with this command."""
+    steps: Annotated[int, option(metavar="N")] = 2000
     """Robot steps of each training."""
-    seeds: Annotated[int, arg(metavar="N")] = 2
-    """Trainings of each settings; hopeless ones are ended after the first."""
-    episodes: Annotated[int, arg(metavar="N")] = 10
+    seeds: Annotated[int, option(metavar="N")] = 2
+    """Trainings per trial; bad trials are pruned early."""
+    episodes: Annotated[int, option(metavar="N")] = 10
     """Episodes of each evaluation."""
-    seed: Annotated[int, arg(metavar="N")] = 0
-    """Of the proposals."""
-    folder: Annotated[Path | None, arg(metavar="DIR")] = None
-    """Folder of the study; without it tuning/<env>-<agent>."""
+    seed: Annotated[int, option(metavar="N")] = 0
+    """Seed of the proposals."""
+    folder: Annotated[Path | None, option(metavar="DIR")] = None
+    """Folder of the study; by default tuning/<env>-<agent>."""
 
-    on: Annotated[str | None, arg(metavar="WHERE")] = None
-    """Train the seeds of a trial side by side: ray, or ray:ADDRESS for a cluster (pip install 'bricksrl[distributed]')."""
+    on: Annotated[str | None, option(metavar="WHERE")] = None
+    """Train the seeds of a trial in parallel: ray, or ray:ADDRESS for a cluster (pip install 'bricksrl[distributed]')."""
 
     def execute(self) -> int:
-        """Tune, and say what is best."""
+        """Tune, and print the best trial."""
         from bricksrl.errors import RunError
         from bricksrl.evaluation.tuning import BEST, Tuning, tune
         from bricksrl.training.run_folder import file_name

@@ -1,4 +1,4 @@
-"""``bricksrl twin``: record what a robot does, and fit its twin to that."""
+"""``bricksrl twin``: record a robot's motion, and fit its twin to it."""
 
 from __future__ import annotations
 
@@ -7,13 +7,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from tyro.conf import Positional, arg
+from tyro.conf import Positional
 
+from bricksrl.cli.options import Flag, option
 from bricksrl.cli.terminal import print_line, yes
 from bricksrl.errors import TwinError
 from bricksrl.seed import check_seed
 
-# Written out here, because the fit itself takes a second to import.
+# Listed here, because importing the fit takes a second.
 FITTED = ("battery_v", "friction_scale", "motor_friction_scale", "mass_scale", "backlash_deg")
 
 if TYPE_CHECKING:
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Record:
-    """Let a robot make the moves that tell the most about it, and write what its hub answers.
+    """Record a robot's motion under identification commands, for `bricksrl twin fit`.
 
     Give it a metre of free floor: it stands still for a second, jerks, then runs at full speed, about ten seconds in all.
     Ctrl-C stops it.
@@ -36,19 +37,19 @@ class Record:
       bricksrl twin record walker --steps 200 --out walker.jsonl
     """
 
-    robot: Annotated[Positional[str], arg(metavar="ROBOT")]
+    robot: Annotated[Positional[str], option(metavar="ROBOT")]
     """Robot; `bricksrl list` shows them."""
-    out: Annotated[Path, arg(metavar="FILE")]
+    out: Annotated[Path, option(metavar="FILE")]
     """File to write."""
-    hub: Annotated[str, arg(metavar="HUB")] = "virtual"
+    hub: Annotated[str, option(metavar="HUB")] = "virtual"
     """How to reach the robot: virtual, ble, ble:NAME, ble:ADDRESS, usb or usb:PORT."""
-    yes: bool = False
+    yes: Flag = False
     """Let a real robot move without asking."""
-    steps: Annotated[int, arg(metavar="N")] = 160
-    """Commands, twenty a second."""
-    seed: Annotated[int, arg(metavar="N")] = 0
-    """Of the moves."""
-    physics: Annotated[Path | None, arg(metavar="FILE")] = None
+    steps: Annotated[int, option(metavar="N")] = 160
+    """Commands, at 20 per second."""
+    seed: Annotated[int, option(metavar="N")] = 0
+    """Seed of the commands."""
+    physics: Annotated[Path | None, option(metavar="FILE")] = None
     """Physics of a virtual robot: a JSON file such as `bricksrl twin fit` writes."""
 
     def execute(self) -> int:
@@ -74,7 +75,7 @@ class Record:
         return 0
 
     def _link(self, robot: Robot, interface: Interface) -> HubLink:
-        """A link to the robot, not open yet; a real one was allowed to move."""
+        """An unopened link to the robot; for a real one the user has agreed that it moves."""
         from bricksrl.hub.diagnostics.calibration import calibration_of
         from bricksrl.hub.link.lockstep import HubLink
         from bricksrl.hub.transports.address import parse_hub
@@ -97,23 +98,23 @@ class Record:
 
 @dataclass(frozen=True)
 class Fit:
-    """Fit the physics of a twin to a recorded run, and say how well the twin moved before and after.
+    """Fit the physics of a twin to a recorded motion, and print the twin's error before and after.
 
-    Takes about two minutes for ten seconds of log. `bricksrl train ENV --physics FILE` then uses what it found.
+    Takes about two minutes for ten seconds of log. Use the result with `bricksrl train ENV --physics FILE`.
 
     Examples:
       bricksrl twin fit robot.jsonl
       bricksrl twin fit robot.jsonl --out robot.json
     """
 
-    log: Annotated[Positional[Path], arg(metavar="LOG")]
+    log: Annotated[Positional[Path], option(metavar="LOG")]
     """File that `bricksrl twin record` wrote."""
-    robot: Annotated[str | None, arg(metavar="ROBOT")] = None
-    """Robot, when it is not the one that the log names."""
-    parameters: Annotated[tuple[str, ...], arg(metavar="NAME")] = FITTED
-    """Parameters to look for; those that you know stay out."""
-    out: Annotated[Path | None, arg(metavar="FILE")] = None
-    """File for the physics; without it the log's name with the ending .physics.json."""
+    robot: Annotated[str | None, option(metavar="ROBOT")] = None
+    """Robot, if it is not that of the log."""
+    parameters: Annotated[tuple[str, ...], option(metavar="NAME")] = FITTED
+    """Parameters to fit; leave out those that you know."""
+    out: Annotated[Path | None, option(metavar="FILE")] = None
+    """File for the physics; by default the log's name with the suffix .physics.json."""
 
     def execute(self) -> int:
         """Fit, print, write."""

@@ -1,4 +1,4 @@
-"""Films and the report at the end of a run, and films of what a command does."""
+"""Films and the report at the end of a run, and the film of a recording."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ if TYPE_CHECKING:
     from bricksrl.training import RunResult
 
 FILM_BUDGET_S = 20.0
-"""About how long each film of a run may take to draw."""
+"""Approximate drawing time of each film of a run."""
 _FRAME_MS = 80
 
 
 def film_before_and_after(run_dir: Path, env: str, *, budget_s: float = FILM_BUDGET_S) -> Films:
-    """Film an episode of a run's agent before it had learned and one after, and join them.
+    """Film an episode of a run's agent before training and one after, and join them side by side.
 
     Raises:
         RenderingUnavailableError: no OpenGL library works here.
@@ -41,7 +41,7 @@ def film_before_and_after(run_dir: Path, env: str, *, budget_s: float = FILM_BUD
 
 
 def report(result: RunResult, evaluation: EvaluationResult) -> tuple[Path, str]:
-    """Film a run and write its report; returns that, and where the film is or why there is none."""
+    """Film a run and write its report; returns the report's path, and the film's path or the reason why there is none."""
     from bricksrl.evaluation.report import write_report
 
     try:
@@ -53,14 +53,14 @@ def report(result: RunResult, evaluation: EvaluationResult) -> tuple[Path, str]:
 
 
 def check_film(path: Path) -> None:
-    """Raises TwinError unless a film can have this name."""
+    """Raise TwinError unless the name ends in .mp4."""
     if path.suffix.lower() != ".mp4":
         raise TwinError(f"'{path}' is no name of a film; end it in .mp4")
 
 
 @contextmanager
 def filmed_env(env: EnvBase, path: Path | None, title: str) -> Iterator[None]:
-    """Film the virtual robot of an environment as long as this lasts, whatever is done with it; without a path nothing.
+    """Film the virtual robot of an environment inside this context; without a path do nothing.
 
     Raises:
         TwinError: there is no virtual robot to film, or the file is no mp4.
@@ -93,7 +93,7 @@ def filmed_env(env: EnvBase, path: Path | None, title: str) -> Iterator[None]:
             open_now.append(renderer)
 
             class Camera:
-                """The renderer, with captions."""
+                """Renderer with captions."""
 
                 def render(self) -> Image:
                     room.follow()

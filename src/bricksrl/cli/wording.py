@@ -1,4 +1,4 @@
-"""Wording of errors in the arguments: what the parser says, in words for people who do not program."""
+"""Wording of argument errors: the parser's messages in plain words."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ _WANTED = {"INT": "a whole number", "FLOAT": "a number", "INT INT": "two whole n
 
 
 def one_line(box: str, command: str = "bricksrl") -> str:
-    """Message of the parser's box of several lines as one line: its first paragraph, and whose help to read."""
+    """One line from the parser's boxed message: its first paragraph, and the command with the help."""
     lines = [line.strip("│╭╮╰╯─ ") for line in box.splitlines()[1:]]
     message = "\n".join(lines).partition("\n\n")[0]
     return f"{plain(' '.join(message.split()).removesuffix('.'))}; see `{command} --help`"
 
 
 def plain(message: str) -> str:
-    """A message of the parser in plain words; one that is not known stays as it is.
+    """A message of the parser in plain words; an unknown one is returned unchanged.
 
     ``Error parsing --seed: invalid literal for int() with base 10: 'x'`` becomes ``--seed is 'x'; give a whole number``.
     """

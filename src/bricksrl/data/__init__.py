@@ -1,4 +1,4 @@
-"""Datasets of what robots did: recording, reading, checking, sharing. Importing this loads neither torch nor Arrow."""
+"""Datasets of robot episodes: recording, reading, checking, sharing. Importing this loads neither torch nor Arrow."""
 
 from __future__ import annotations
 

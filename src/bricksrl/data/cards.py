@@ -1,4 +1,4 @@
-"""Cards of datasets and policies on the Hugging Face hub, written from what they hold."""
+"""Cards of datasets and policies for the Hugging Face hub."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from bricksrl.data.summary import Summary
 
 
 def dataset_card(summary: Summary, licence: str) -> str:
-    """The card of a dataset, as Markdown."""
+    """Card of a dataset, as Markdown."""
     success = "" if summary.success_rate is None else f"| success | {summary.success_rate:.0%} |\n"
     camera = f"\nImages of the camera `{summary.camera}` are in `videos`, without loss.\n" if summary.camera else ""
     return f"""---
@@ -57,7 +57,7 @@ episodes = data.load("folder")
 
 
 def policy_card(env: str, agent: str, episodes: int, evaluation: dict[str, Any] | None, licence: str) -> str:
-    """The card of a policy, as Markdown; with the numbers of an evaluation where there is one."""
+    """Card of a policy, as Markdown, with the results of an evaluation if there is one."""
     found = "It has not been evaluated yet."
     if evaluation is not None:
         mean, std, count = evaluation["return_mean"], evaluation["return_std"], evaluation["episodes"]

@@ -1,4 +1,4 @@
-"""Collecting: a policy, a human, or both let a robot act, and all of it is recorded."""
+"""Data collection: recording of episodes of a policy, a human, or both."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Collected:
-    """One recorded episode: its number in the dataset, from 0; the sum of its rewards; its steps, and those of a human."""
+    """Recorded episode: number in the dataset from 0, return, number of steps, and of those by a human, success."""
 
     episode: int
     return_: float
@@ -32,10 +32,10 @@ class Collected:
 
 
 def random_policy(env: EnvBase, seed: int) -> Policy:
-    """Uniform actions; their seed is theirs alone.
+    """Policy of uniform random actions, with a generator of its own.
 
     Raises:
-        DescriptionError: it cannot be one.
+        DescriptionError: the seed is invalid.
     """
     check_seed(seed)
     generator = torch.Generator().manual_seed(seed)
@@ -57,20 +57,20 @@ def collect(
     on_episode: Callable[[Collected], None] | None = None,
     on_frame: Callable[[TensorDictBase], None] = lambda _: None,
 ) -> list[Collected]:
-    """Record whole episodes. One that breaks off, by an error or Ctrl-C, is recorded as far as it went.
+    """Record episodes. An episode interrupted by an error or Ctrl-C is recorded up to that step.
 
     Args:
-        name: of the policy, for the record.
-        seed: of the episodes, which depend on it, their number in the dataset and the actions only.
-        hub: how the robot is reached, for the record.
+        name: name of the policy, to be stored.
+        seed: seed of the episodes; each depends only on it, its number in the dataset and the actions.
+        hub: how the robot is reached, to be stored.
         driver: asked first at each step.
-        reset_policy: as `play` takes it.
-        on_frame: told each step, as TorchRL's ``EnvBase.step`` returns it.
+        reset_policy: as in `play`.
+        on_frame: called with each step, as returned by TorchRL's ``EnvBase.step``.
 
     Raises:
         HubError: the link to the robot failed.
         DataError: the episode cannot be recorded.
-        DescriptionError: the seed cannot be one.
+        DescriptionError: the seed is invalid.
     """
     check_seed(seed)
     done = []

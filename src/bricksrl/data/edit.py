@@ -1,6 +1,6 @@
-"""New datasets of old episodes: joined, split, saved from a damaged one. What is there is never changed.
+"""Editing of datasets: merge, split, and salvage of a damaged one, each into a new dataset. Sources are never changed.
 
-A dataset that is written here has few large files, as LeRobot likes them, where a recording has one for each episode.
+The datasets written here have few large files, as LeRobot prefers, where a recording has one file per episode.
 """
 
 from __future__ import annotations
@@ -29,12 +29,12 @@ from bricksrl.files import whole_folder, write_durably
 from bricksrl.seed import check_seed
 
 STEPS_PER_FILE = 20_000
-"""Where a new file begins."""
+"""Steps after which a new file begins."""
 
 
 @dataclass(frozen=True)
 class Whole:
-    """An episode with all that belongs to it: its columns ``[length, ...]``, its images, its row."""
+    """Complete episode: its row, columns ``[length, ...]`` and images."""
 
     row: EpisodeRow
     columns: dict[str, NDArray[Any]]
@@ -42,10 +42,10 @@ class Whole:
 
 
 def merge(sources: Sequence[Path], out: Path) -> Index:
-    """Write the episodes of all ``sources``, one dataset after the other, as one; of a single one, that is a tidy copy.
+    """Merge the episodes of all ``sources``, in order, into a new dataset; a single source is copied compactly.
 
     Raises:
-        DataError: a source is damaged, they differ, or ``out`` exists.
+        DataError: a source is damaged, their descriptions differ, or ``out`` exists.
     """
     indices = [read_index(source) for source in sources]
     for source, index in zip(sources[1:], indices[1:], strict=True):
@@ -57,11 +57,11 @@ def merge(sources: Sequence[Path], out: Path) -> Index:
 
 
 def split(source: Path, first: Path, second: Path, share: float, seed: int) -> tuple[Index, Index]:
-    """Write a random share of the episodes to ``first`` and the others to ``second``, each in their order.
+    """Write a random share of the episodes to ``first`` and the others to ``second``, both in order.
 
     Raises:
-        DataError: the source is damaged, a target exists, or one of them would be empty.
-        DescriptionError: the seed cannot be one.
+        DataError: the source is damaged, a target exists, or a target would be empty.
+        DescriptionError: the seed is invalid.
     """
     if not math.isfinite(share):
         raise DataError(f"share is {share:g}; give a number between 0 and 1")
@@ -84,10 +84,10 @@ def split(source: Path, first: Path, second: Path, share: float, seed: int) -> t
 
 
 def salvage(source: Path, out: Path) -> tuple[Index, list[str]]:
-    """Write the episodes of a damaged dataset that are whole to a new one, and tell what was lost.
+    """Write the intact episodes of a damaged dataset to a new one; returns its index and messages on what was lost.
 
     Raises:
-        DataError: its description is damaged, nothing is whole, or ``out`` exists.
+        DataError: the description is damaged, no episode is intact, or ``out`` exists.
     """
     layout = Layout(source)
     _refuse_existing(out)
@@ -121,35 +121,35 @@ def _file_indices(layout: Layout) -> Iterator[FileIndex]:
 
 
 def read_episodes(index: Index, rows: Iterable[EpisodeRow]) -> Iterator[Whole]:
-    """These episodes of a dataset, one by one.
+    """Read episodes of a dataset, one by one.
 
     Raises:
-        DataError: one is damaged.
+        DataError: an episode is damaged.
     """
     key, side = index.description.image_key, index.description.image_px
     names = [name for name, _, _ in numbers(index.description)]
     tables: dict[FileIndex, pa.Table] = {}
     videos: dict[FileIndex, NDArray[np.uint8]] = {}
     for row in rows:
-        mates = [other for other in index.rows if other.data_file == row.data_file]
+        same_file = [other for other in index.rows if other.data_file == row.data_file]
         if row.data_file not in tables:
-            tables = {row.data_file: read_file(index, mates)}
-        own = tables[row.data_file].slice(row.start - mates[0].start, row.length)
-        columns = from_table(own, index.description, names, index.layout.data(row.data_file))
+            tables = {row.data_file: read_file(index, same_file)}
+        table = tables[row.data_file].slice(row.start - same_file[0].start, row.length)
+        columns = from_table(table, index.description, names, index.layout.data(row.data_file))
         images = None
         if key is not None and row.video_file is not None:
-            mates = [other for other in index.rows if other.video_file == row.video_file]
+            same_file = [other for other in index.rows if other.video_file == row.video_file]
             if row.video_file not in videos:
                 path = index.layout.video(key, row.video_file)
                 check_digest(path, row.video_sha256)
-                videos = {row.video_file: decode(path, sum(mate.length for mate in mates), side)}
-            at = row.start - mates[0].start
+                videos = {row.video_file: decode(path, sum(other.length for other in same_file), side)}
+            at = row.start - same_file[0].start
             images = videos[row.video_file][at : at + row.length]
         yield Whole(row, columns, images)
 
 
 def write_dataset(out: Path, description: Description, episodes: Iterable[Whole]) -> Index:
-    """Write a dataset; it is all there or not at all.
+    """Write a dataset atomically.
 
     Raises:
         DataError: ``out`` exists, or there are no episodes.
@@ -192,7 +192,7 @@ def _groups(episodes: Iterable[Whole]) -> Iterator[list[Whole]]:
 def _write_group(
     layout: Layout, description: Description, group: Sequence[Whole], episode: int, start: int, at: FileIndex
 ) -> list[EpisodeRow]:
-    """Write one data file and one video file; returns the rows of the episodes in their new places."""
+    """Write one data file and one video file; returns the new rows of the episodes."""
     rows, tables = [], []
     played_s = 0.0
     for number, whole in enumerate(group, episode):

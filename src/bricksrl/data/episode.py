@@ -1,4 +1,4 @@
-"""Episode on its way to the disk: its steps, and the row about it."""
+"""Episode to be written: its steps and its row in ``meta/episodes``."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ class Step:
     """One step of an episode.
 
     Attributes:
-        observation, next_observation: ``[n]``, before and after.
-        action: ``[m]``, in -1..1, as it was given to the environment.
-        image, next_image: uint8 ``[side, side, 3]``, where there is a camera.
-        intervention: a human chose the action.
-        age_s: how old the observation was when the action left for the robot.
-        hub_time_s: the hub's clock when it measured ``next_observation``; not a number where there is no hub.
+        observation, next_observation: ``[n]``, before and after the step.
+        action: ``[m]``, in -1..1, as given to the environment.
+        image, next_image: uint8 ``[side, side, 3]``, with a camera.
+        intervention: whether a human chose the action.
+        age_s: age of the observation when the action was sent to the robot.
+        hub_time_s: the hub's clock when it measured ``next_observation``; NaN without a hub.
     """
 
     observation: ArrayLike
@@ -47,16 +47,16 @@ class About:
     """Provenance of an episode: policy, seed, hub, versions, success.
 
     Attributes:
-        policy: what chose the actions, such as ``"random"``, ``"sac"``, ``"keyboard"``.
-        seed: of the episode; ``None`` where nobody gave one.
-        success: whether the task calls it one; ``None`` where it does not say.
-        whole: it went to its end; false where something broke it off.
+        policy: source of the actions, such as ``"random"``, ``"sac"``, ``"keyboard"``.
+        seed: seed of the episode; ``None`` if none was given.
+        success: success by the task; ``None`` if it defines none.
+        whole: whether the episode ran to its end; false if it was interrupted.
         started: date and time of its start, with the time zone.
         hub: how the robot was reached.
-        robot: its name, where several recorded together.
-        program_hash: of the program on its hub; ``None`` without a hub.
-        versions: of the programs that recorded it.
-        physics: of a virtual robot, as plain values.
+        robot: name of the robot, if several recorded together.
+        program_hash: hash of the program on its hub; ``None`` without a hub.
+        versions: versions of the recording packages.
+        physics: physics of a virtual robot, as plain values.
     """
 
     policy: str = ""
@@ -72,7 +72,7 @@ class About:
 
 
 def columns_of(steps: list[Step], description: Description, episode: int, start: int) -> dict[str, NDArray[Any]]:
-    """The columns of an episode that is number ``episode`` and begins at row ``start`` of the dataset."""
+    """Columns of episode number ``episode``, which begins at row ``start`` of the dataset."""
     n = len(steps)
     terminated = np.array([step.terminated for step in steps], bool)
     truncated = np.array([step.truncated for step in steps], bool)
@@ -102,15 +102,15 @@ def _rows(vectors: list[ArrayLike]) -> NDArray[np.float32]:
 
 @dataclass(frozen=True)
 class EpisodeRow:
-    """The row of ``meta/episodes`` about one episode.
+    """Row of an episode in ``meta/episodes``.
 
     Attributes:
-        start: row of the dataset that it begins at.
-        data_file: with its steps; ``data_sha256`` is that file's digest, ``None`` where nobody wrote one down.
+        start: first row of the episode in the dataset.
+        data_file: file with its steps; ``data_sha256`` is the file's digest, ``None`` if none was recorded.
         video_file, video_start_s, video_sha256: the same for its images.
-        final_image: the image after the last step, which the video does not have; raw bytes.
+        final_image: raw bytes of the image after the last step, which the video does not have.
         return_: sum of its rewards.
-        statistics: of its columns.
+        statistics: statistics of its columns.
     """
 
     episode: int
@@ -130,7 +130,7 @@ class EpisodeRow:
 
 
 def row_of(columns: dict[str, NDArray[Any]], about: About, at: FileIndex, digest: str) -> EpisodeRow:
-    """The row about an episode whose steps are alone in the file ``at``."""
+    """Row of an episode that is alone in the file ``at``."""
     return EpisodeRow(
         episode=int(columns["episode_index"][0]),
         length=len(columns["index"]),
@@ -146,7 +146,7 @@ def row_of(columns: dict[str, NDArray[Any]], about: About, at: FileIndex, digest
 
 
 def with_images(row: EpisodeRow, images: NDArray[np.uint8], final: Image, key: str, at: FileIndex, digest: str) -> EpisodeRow:
-    """The row with the images ``[length, side, side, 3]``, which are alone in the video file ``at``."""
+    """The row extended by the images ``[length, side, side, 3]``, which are alone in the video file ``at``."""
     joined = {**row.statistics, key: image_statistics(images)}
     final_image = np.ascontiguousarray(final).tobytes()
     return dataclasses.replace(row, statistics=joined, video_file=at, video_sha256=digest, final_image=final_image)

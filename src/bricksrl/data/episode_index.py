@@ -1,6 +1,6 @@
-"""Index of a dataset: its description, and a row for each episode that was committed (``meta/episodes``).
+"""Index of a dataset: its description, and a row for each committed episode (``meta/episodes``).
 
-The rows have LeRobot's columns, and ours about how an episode came about.
+The rows have LeRobot's columns, and ours with the provenance of an episode.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ from bricksrl.files import write_durably
 
 @dataclass(frozen=True)
 class Index:
-    """Content of a dataset.
+    """Index of a dataset.
 
     Attributes:
-        rows: of its episodes, in order; they lie one after the other.
-        last_file: of the files with rows; ``None`` where there is none.
+        rows: rows of its episodes, in order and contiguous.
+        last_file: last file with rows; ``None`` if there is none.
     """
 
     layout: Layout
@@ -44,15 +44,15 @@ class Index:
 
 
 def is_dataset(root: Path) -> bool:
-    """True if one was begun there."""
+    """True if the folder has a dataset, even an empty one."""
     return Layout(root).description.exists() or Layout(root).info.exists()
 
 
 def read_index(root: Path) -> Index:
-    """The index of the dataset in the folder ``root``.
+    """Read the index of the dataset in the folder ``root``.
 
     Raises:
-        DataError: there is none, it is damaged, or it was made by something else.
+        DataError: there is no dataset, it is damaged, or it was not made by BricksRL.
     """
     layout = Layout(root)
     if not layout.info.exists():
@@ -62,13 +62,13 @@ def read_index(root: Path) -> Index:
     description = read_description(layout)
     episodes = read_episode_count(layout, description)
     rows, last = read_all_rows(layout, description)
-    rows = rows[:episodes]  # what lies behind was on its way when its writer was killed
+    rows = rows[:episodes]  # later rows are from an unfinished commit of a killed writer
     check_order(rows, episodes, layout)
     return Index(layout, description, tuple(rows), last)
 
 
 def read_description(layout: Layout) -> Description:
-    """Description in ``meta/bricksrl.json``."""
+    """Read the description in ``meta/bricksrl.json``."""
     try:
         return Description.from_json(layout.description.read_bytes(), str(layout.description))
     except OSError as error:
@@ -76,7 +76,7 @@ def read_description(layout: Layout) -> Description:
 
 
 def read_episode_count(layout: Layout, description: Description) -> int:
-    """Number of episodes that were committed."""
+    """Read the number of committed episodes."""
     try:
         found = json.loads(layout.info.read_bytes())
     except OSError as error:
@@ -94,7 +94,7 @@ def read_episode_count(layout: Layout, description: Description) -> int:
 
 
 def read_all_rows(layout: Layout, description: Description) -> tuple[list[EpisodeRow], FileIndex | None]:
-    """The rows of all files in a row, those of an unfinished commit included, and the last of the files."""
+    """Read the rows of all consecutive files, including those of an unfinished commit; returns them and the last file."""
     rows: list[EpisodeRow] = []
     at, last = FileIndex(), None
     while layout.episodes(at).exists():
@@ -104,16 +104,16 @@ def read_all_rows(layout: Layout, description: Description) -> tuple[list[Episod
 
 
 def left_over(layout: Layout, description: Description, last: FileIndex | None) -> list[Path]:
-    """Files of an episode that no row tells of: its writer was killed before that."""
+    """Files of an episode without a row, because its writer was killed."""
     at = FileIndex() if last is None else last.next()
     if layout.data(at.next()).exists() or layout.episodes(at.next()).exists():
-        return []  # a writer leaves one at most: here something else is missing
+        return []  # a killed writer leaves one at most: here row files are missing
     paths = [layout.data(at)] if description.image_key is None else [layout.data(at), layout.video(description.image_key, at)]
     return [path for path in paths if path.exists()]
 
 
 def check_order(rows: Sequence[EpisodeRow], episodes: int, layout: Layout) -> None:
-    """Raise DataError unless the rows are those of ``episodes`` episodes, one after the other."""
+    """Raise DataError unless the rows are those of ``episodes`` consecutive episodes."""
     start = 0
     for number, row in enumerate(rows):
         if row.episode != number or row.start != start:
@@ -127,13 +127,13 @@ def check_order(rows: Sequence[EpisodeRow], episodes: int, layout: Layout) -> No
 
 
 def write_index(layout: Layout, description: Description, rows: Sequence[EpisodeRow]) -> None:
-    """Write what counts and joins all episodes; the count comes last, and with it the newest episode exists."""
+    """Write the joint statistics and the number of episodes; the latter comes last, and commits the newest episode."""
     write_durably(layout.stats, to_json(join_statistics([row.statistics for row in rows])))
     write_durably(layout.info, to_json(info(description, len(rows), sum(row.length for row in rows))))
 
 
 def to_json(value: Any) -> bytes:
-    """As LeRobot writes it."""
+    """JSON in LeRobot's formatting."""
     return (json.dumps(value, indent=4) + "\n").encode()
 
 
@@ -142,12 +142,12 @@ _STATS = ("min", "max", "mean", "std", "count")
 
 
 def sentence(description: Description) -> str:
-    """Instruction to the robot, in words; a dataset has one."""
+    """Task instruction of the dataset, in words; all episodes share it."""
     return description.env
 
 
 def rows_table(rows: Sequence[EpisodeRow], description: Description, at: FileIndex) -> pa.Table:
-    """Rows as they are kept in the file ``at``."""
+    """Table of the rows for the file ``at``."""
     cells: dict[str, tuple[list[Any], pa.DataType]] = {
         "episode_index": ([row.episode for row in rows], _WHOLE),
         "tasks": ([[sentence(description)]] * len(rows), pa.list_(_TEXT)),
@@ -193,10 +193,10 @@ def rows_table(rows: Sequence[EpisodeRow], description: Description, at: FileInd
 
 
 def read_rows(path: Path, description: Description) -> list[EpisodeRow]:
-    """The rows in a file.
+    """Read the rows in a file.
 
     Raises:
-        DataError: it is missing, damaged or none of such a dataset.
+        DataError: the file is missing, damaged or not of such a dataset.
     """
     records = read_parquet(path).to_pylist()
     try:
@@ -276,5 +276,5 @@ def _statistics(record: dict[str, Any], description: Description) -> Statistics:
 
 
 def moved(row: EpisodeRow, episode: int, start: int) -> EpisodeRow:
-    """The row where the episode gets another number and place."""
+    """The row with another episode number and start."""
     return dataclasses.replace(row, episode=episode, start=start)

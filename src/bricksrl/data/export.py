@@ -1,4 +1,4 @@
-"""Datasets for other tools: plain NumPy, one plain Parquet file, Minari."""
+"""Export of datasets to NumPy, one plain Parquet file, and Minari."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 def export_numpy(path: Path, out: Path) -> None:
-    """One ``.npz`` file of arrays over all steps, as `Episodes` has them, and ``description``, a JSON text.
+    """Write an ``.npz`` file of arrays over all steps, as in `Episodes`, and ``description``, a JSON text.
 
     Raises:
         DataError: the dataset cannot be read, or ``out`` exists.
@@ -40,7 +40,7 @@ def export_numpy(path: Path, out: Path) -> None:
 
 
 def export_parquet(path: Path, out: Path) -> None:
-    """One Parquet file with a row for each step and a column for each number, named after its channel; without images.
+    """Write a Parquet file with a row per step and a column per number, named after its channel; without images.
 
     Raises:
         DataError: as in `export_numpy`.
@@ -60,12 +60,12 @@ def export_parquet(path: Path, out: Path) -> None:
 
 
 def export_minari(path: Path, out: Path) -> None:
-    """A Minari dataset ``out``, a folder as Minari keeps them: ``namespace/name-v0`` below any folder.
+    """Write a Minari dataset into the folder ``out``, named as Minari requires: ``namespace/name-v0`` below any folder.
 
-    `minari.load_dataset` finds it when ``MINARI_DATASETS_PATH`` names that folder.
+    `minari.load_dataset` finds it if ``MINARI_DATASETS_PATH`` is that folder.
 
     Raises:
-        DataError: as in `export_numpy`; also when Minari is not installed, or ``out`` does not end like ``bricksrl/walker-v0``.
+        DataError: as in `export_numpy`; also if Minari is not installed, or ``out`` does not end like ``bricksrl/walker-v0``.
     """
     try:
         import minari
@@ -77,7 +77,7 @@ def export_minari(path: Path, out: Path) -> None:
     name = f"{out.parent.name}/{out.name}"
     buffers = [EpisodeBuffer(**_minari_episode(episodes, k)) for k in range(len(episodes.rows))]
     with _datasets_in(out.parent.parent), warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # it would like to know authors
+        warnings.simplefilter("ignore")  # it warns that there are no authors
         try:
             minari.create_dataset_from_buffers(
                 name,
@@ -131,7 +131,7 @@ def _observation_space(episodes: Episodes) -> Any:
 
 @contextmanager
 def _datasets_in(folder: Path) -> Iterator[None]:
-    """Minari takes its folder from the environment alone."""
+    """Set Minari's folder, which it takes from an environment variable only."""
     before = os.environ.get("MINARI_DATASETS_PATH")
     os.environ["MINARI_DATASETS_PATH"] = str(folder.resolve())
     try:

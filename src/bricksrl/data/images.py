@@ -1,4 +1,4 @@
-"""Images of an episode as a video that loses nothing: H.264 on the colours themselves."""
+"""Images of an episode as a lossless video: H.264 in RGB."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from bricksrl.errors import DataError
 
 _QUIET = ("-hide_banner", "-loglevel", "error", "-nostdin")
 _LOSSLESS = ("-c:v", "libx264rgb", "-crf", "0", "-preset", "veryfast", "-g", "2", "-movflags", "+faststart")
-_ONE_MP4_FILE = ("-protocol_whitelist", "file", "-f", "mp4")  # a playlist in disguise could name other files and servers
+_ONE_MP4_FILE = ("-protocol_whitelist", "file", "-f", "mp4")  # a disguised playlist could name other files and servers
 
 
 def encode(images: NDArray[np.uint8], rate_hz: float) -> bytes:
-    """Images ``[steps, height, width, 3]`` as an mp4 file, from which `decode` gives the same numbers back.
+    """Encode images ``[steps, height, width, 3]`` losslessly as an mp4 file, the inverse of `decode`.
 
     Raises:
-        DataError: no ffmpeg is here, or it failed.
+        DataError: ffmpeg is not installed, or it failed.
     """
     _, height, width, _ = images.shape
     raw = ("-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}", "-r", f"{rate_hz:g}", "-i", "pipe:0")
@@ -34,10 +34,10 @@ def encode(images: NDArray[np.uint8], rate_hz: float) -> bytes:
 
 
 def decode(path: Path, count: int, side: int) -> NDArray[np.uint8]:
-    """The first ``count`` images of a file, ``[count, side, side, 3]``.
+    """Decode the first ``count`` images of a file, ``[count, side, side, 3]``.
 
     Raises:
-        DataError: the file is no such video, or shorter.
+        DataError: the file is no such video, or too short.
     """
     wanted = count * side * side * 3
     raw = ("-frames:v", str(count), "-f", "rawvideo", "-pix_fmt", "rgb24", "pipe:1")

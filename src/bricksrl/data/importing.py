@@ -1,12 +1,12 @@
-"""The paper's datasets: folders of memory-mapped tensors, as the released code saved its replay buffers.
+"""Import of the paper's datasets: folders of memory-mapped tensors, as the released code saved its replay buffers.
 
 A folder holds ``meta.json`` with shapes and types, one ``.memmap`` file of plain numbers for each tensor, and the same below
 ``next``. Only these are read; nothing is unpickled.
 
-The released code differs from the paper in orders and ranges, which is undone here: angles from -180 to 179 become 0 to 360;
-the Walker's actions come as left front, left back, right front, right back; the RoboArm's angles and goals as grab, high, low,
-rotation. Some versions of its Walker report an acceleration in place of the distance: the channel is then named so. Ends by the
-time limit were stored like any other end; here they are truncations.
+The released code differs from the paper in orders and ranges, which is undone here: angles from -180 to 179 become 0 to 360; the
+Walker's actions are ordered left front, left back, right front, right back; the RoboArm's angles and goals grab, high, low,
+rotation. Some versions of its Walker report an acceleration instead of the distance: the channel is then renamed. Time limits
+were stored like any other end; here they become truncations.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ Arrays = dict[str, NDArray[Any]]
 
 @dataclass(frozen=True)
 class _Order:
-    """Which of the released code's columns come first, second... in ours."""
+    """Indices of the released code's columns, in our order."""
 
     observation: tuple[int, ...]
     action: tuple[int, ...]
@@ -62,7 +62,7 @@ _ORDERS = {
 
 @dataclass(frozen=True)
 class Imported:
-    """One dataset of the paper: where it was, and what became of it."""
+    """Imported dataset: its source, its new folder and its index."""
 
     source: Path
     out: Path
@@ -70,13 +70,13 @@ class Imported:
 
 
 def import_paper(source: Path, out: Path, *, env: str | None = None) -> list[Imported]:
-    """Import one of the paper's datasets into ``out``, or all that lie below a folder, each into a separate folder there.
+    """Import one of the paper's datasets into ``out``, or all below a folder, each into a subfolder of ``out``.
 
     Args:
-        env: which task they are of; told by the names of the folders without it.
+        env: environment of the datasets; by default inferred from the names of the folders.
 
     Raises:
-        DataError: there is none, one is damaged, or ``out`` exists.
+        DataError: there is no dataset, one is damaged, or ``out`` exists.
     """
     folders = [path.parent for path in sorted(source.rglob("meta.json")) if (path.parent / "next").is_dir()]
     if not folders:
@@ -115,7 +115,7 @@ def _import_one(folder: Path, out: Path, env: str, policy: str) -> Index:
     action = action[:, list(_ORDERS[env].action)]
     description = _description(task, observation)
     done, reward = after["done"].reshape(-1).astype(bool), after["reward"].reshape(-1).astype(np.float64)
-    # Where the next row goes on from somewhere else, an episode ended too.
+    # Where the next row does not continue this one, an episode ended too.
     jumps = np.append(~np.isclose(observation[1:], following[:-1], equal_nan=True).all(axis=1), True)
     return write_dataset(
         out, description, _episodes(description, task, policy, observation, action, reward, following, done, jumps)
@@ -161,7 +161,7 @@ def _require(arrays: Arrays, names: tuple[str, ...], folder: Path) -> None:
 
 
 def _rows(arrays: Arrays, name: str, folder: Path) -> NDArray[Any]:
-    """A tensor as ``[N, n]``."""
+    """Tensor reshaped to ``[N, n]``."""
     array = arrays[name]
     if array.size == 0 or array.ndim == 0:
         raise DataError(f"{folder} has no steps in its tensor {name}; restore it from a copy")
@@ -169,7 +169,7 @@ def _rows(arrays: Arrays, name: str, folder: Path) -> NDArray[Any]:
 
 
 def _observations(arrays: Arrays, task: Task, folder: Path) -> NDArray[np.float32]:
-    """``[N, n]`` in our order and ranges."""
+    """Observations ``[N, n]`` in our order and ranges."""
     env = task.id
     parts = [_rows(arrays, "observation", folder)]
     if env == "RoboArm-v0":
@@ -190,7 +190,7 @@ def _observations(arrays: Arrays, task: Task, folder: Path) -> NDArray[np.float3
 
 
 def _description(task: Task, observation: NDArray[np.float32]) -> Description:
-    """That of the task, but for a channel that the released code reports in the place of another."""
+    """Description of the task, with the last channel renamed where the released code reports an acceleration in it."""
     description = describe_task(task)
     last, values = description.observation[-1], observation[:, -1]
     if last.name == "distance" and ((values < 0).any() or (values > 2000).any()):
@@ -200,23 +200,23 @@ def _description(task: Task, observation: NDArray[np.float32]) -> Description:
 
 
 def read_tensors(folder: Path) -> Arrays:
-    """The tensors of one folder, by name. Their files are read as plain numbers.
+    """Read the tensors of one folder, by name, as plain numbers.
 
     Raises:
-        DataError: ``meta.json`` or a file is missing, damaged or of another size than it says.
+        DataError: ``meta.json`` or a file is missing, damaged or of the wrong size.
     """
     meta = folder / "meta.json"
     try:
         if meta.stat().st_size > _MAX_META_BYTES:
             raise DataError(f"{meta} is too large for what it should hold; it is none of the paper's")
-        said = json.loads(meta.read_bytes())
+        tensors = json.loads(meta.read_bytes())
     except OSError as error:
         raise DataError(f"cannot read {meta} ({error.strerror}); choose a folder with memory-mapped tensors") from None
     except (ValueError, RecursionError):
         raise DataError(f"{meta} is no JSON; restore it from a copy") from None
-    if not isinstance(said, dict):
+    if not isinstance(tensors, dict):
         raise DataError(f"{meta} describes no tensors; restore it from a copy")
-    return {name: _read_tensor(folder, name, entry) for name, entry in said.items() if _is_tensor(entry)}
+    return {name: _read_tensor(folder, name, entry) for name, entry in tensors.items() if _is_tensor(entry)}
 
 
 def _is_tensor(entry: Any) -> bool:

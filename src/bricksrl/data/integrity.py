@@ -1,4 +1,4 @@
-"""Integrity of a dataset: every file, every digest, every step."""
+"""Integrity check of a dataset: every file, digest and step."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ _CARD = "README.md"
 
 
 def check(root: Path) -> list[str]:
-    """Faults of a dataset, a line each; none when all is well. Nothing is changed, and no foreign file is opened.
+    """Faults of a dataset, one line each; empty if it is intact. Nothing is changed, and no foreign file is opened.
 
     Raises:
-        DataError: there is no dataset of ours.
+        DataError: there is no dataset made by BricksRL.
     """
     index = read_index(root)
     return [*_steps(index), *_files(index), *_joint(index)]
@@ -48,10 +48,10 @@ def _steps(index: Index) -> Iterator[str]:
 
 
 def _joint(index: Index) -> Iterator[str]:
-    """Files that say something of all episodes together, compared with the rows of the episodes."""
+    """Faults of the files on all episodes (info, statistics, tasks), compared with the rows of the episodes."""
     layout, remedy = index.layout, f"run `bricksrl data repair {index.layout.root}`"
     expected = info(index.description, len(index.rows), index.steps)
-    found = json.loads(layout.info.read_bytes())  # has been read before
+    found = json.loads(layout.info.read_bytes())  # readable: `read_index` has parsed it
     for key in sorted(key for key in expected if key not in found or found[key] != expected[key]):
         yield f"{layout.info} says '{key}' is {found.get(key)!r:.60}, and it is {expected[key]!r:.60}; {remedy}"
     if layout.stats.exists() and index.rows:
@@ -66,7 +66,7 @@ def _joint(index: Index) -> Iterator[str]:
 
 
 def _same(found: Any, expected: Any) -> bool:
-    """True if two values of JSON are equal, but for the last digits of numbers."""
+    """True if two JSON values are equal up to the last digits of numbers."""
     if isinstance(expected, dict):
         return isinstance(found, dict) and found.keys() == expected.keys() and all(_same(found[k], expected[k]) for k in expected)
     if isinstance(expected, list):
@@ -77,7 +77,7 @@ def _same(found: Any, expected: Any) -> bool:
 
 
 def _files(index: Index) -> Iterator[str]:
-    """Files that belong to nothing."""
+    """Missing, unfinished and foreign files."""
     layout = index.layout
     known = {layout.info, layout.stats, layout.tasks, layout.description, layout.root / LOCK, layout.root / _CARD}
     key = index.description.image_key

@@ -2,15 +2,15 @@
 
 ::
 
-    meta/info.json                          how many episodes there are: the index, written last
-    meta/stats.json                         smallest, largest, mean and deviation of every column
-    meta/tasks.parquet                      what the robot is to do, in words
+    meta/info.json                          number of episodes, columns, paths; written last
+    meta/stats.json                         minimum, maximum, mean and deviation of every column
+    meta/tasks.parquet                      the task instruction, in words
     meta/episodes/chunk-000/file-000.parquet    a row for each episode
     meta/bricksrl.json                      our description: robot, units, ranges; LeRobot does not read it
     data/chunk-000/file-000.parquet         a row for each step
     videos/<camera>/chunk-000/file-000.mp4  an image for each step
 
-A column of vectors of length 1 holds plain numbers, as LeRobot has it.
+A column of vectors of length 1 holds plain numbers, as in LeRobot.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from bricksrl.data.schema import Description
 
 CODEBASE_VERSION = "v3.0"
 CHUNK_SIZE = 1000
-"""Files in a folder."""
+"""Maximum number of files in a folder."""
 DATA_PATH = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 VIDEO_PATH = "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.mp4"
 EPISODES_PATH = "meta/episodes/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
@@ -36,13 +36,13 @@ OBSERVATION, ACTION, NEXT = "observation.state", "action", "next.observation.sta
 
 @dataclass(frozen=True, order=True)
 class FileIndex:
-    """Position of one of the files."""
+    """Number of a file: its chunk folder and its number in it."""
 
     chunk: int = 0
     file: int = 0
 
     def next(self) -> FileIndex:
-        """The one after it."""
+        """The next file."""
         return FileIndex(self.chunk + 1, 0) if self.file == CHUNK_SIZE - 1 else FileIndex(self.chunk, self.file + 1)
 
 
@@ -79,7 +79,7 @@ class Layout:
 
 
 def features(description: Description) -> dict[str, dict[str, Any]]:
-    """The columns as ``info.json`` declares them."""
+    """Columns as declared in ``info.json``."""
     observation = [channel.name for channel in description.observation]
     action = [channel.name for channel in description.action]
     columns: dict[str, dict[str, Any]] = {
@@ -124,12 +124,12 @@ def _video_feature(description: Description) -> dict[str, Any]:
 
 
 def rate(description: Description) -> int | float:
-    """Steps a second; LeRobot has whole numbers."""
+    """Steps per second, as an integer if possible, as in LeRobot."""
     return int(description.rate_hz) if description.rate_hz.is_integer() else description.rate_hz
 
 
 def info(description: Description, episodes: int, frames: int) -> dict[str, Any]:
-    """The content of ``info.json``."""
+    """Content of ``info.json``."""
     return {
         "codebase_version": CODEBASE_VERSION,
         "robot_type": description.robot.get("name"),
@@ -148,7 +148,7 @@ def info(description: Description, episodes: int, frames: int) -> dict[str, Any]
 
 
 def numbers(description: Description) -> Iterator[tuple[str, int, pa.DataType]]:
-    """Each column that is kept in Parquet: its name, its length, its type."""
+    """Name, length and type of each column that is stored in Parquet."""
     for name, feature in features(description).items():
         if feature["dtype"] != "video":
             yield name, feature["shape"][0], _TYPES[feature["dtype"]]

@@ -1,4 +1,4 @@
-"""Parquet files: between arrays in memory and bytes, both ways, and the statistics that LeRobot keeps of every column."""
+"""Parquet files: conversion between arrays and bytes, and LeRobot's statistics of columns."""
 
 from __future__ import annotations
 
@@ -22,22 +22,22 @@ Columns = Mapping[str, NDArray[Any]]
 """Arrays ``[steps]`` and ``[steps, n]`` by the names of the columns."""
 
 Statistics = dict[str, dict[str, list[Any]]]
-"""``min``, ``max``, ``mean``, ``std`` and ``count`` of each column, as LeRobot has them."""
+"""``min``, ``max``, ``mean``, ``std`` and ``count`` of each column, as in LeRobot."""
 
 
 def to_parquet(table: pa.Table) -> bytes:
-    """The file. Its pages carry checksums, so that a reader notices damage."""
+    """Bytes of a Parquet file, with page checksums to detect damage."""
     sink = io.BytesIO()
     pq.write_table(table, sink, compression="snappy", write_page_checksum=True)
     return sink.getvalue()
 
 
 def read_parquet(path: Path, columns: Sequence[str] | None = None, *, digest: str | None = None) -> pa.Table:
-    """A table as `to_parquet` wrote it. Nothing in the file is executed.
+    """Read a table that `to_parquet` wrote. Nothing in the file is executed.
 
     Args:
-        columns: those that are needed.
-        digest: SHA-256 that the file must have.
+        columns: columns to read; by default all.
+        digest: required SHA-256 of the file.
 
     Raises:
         DataError: the file is missing, damaged, or without these columns.
@@ -63,7 +63,7 @@ def read_parquet(path: Path, columns: Sequence[str] | None = None, *, digest: st
 
 
 def to_table(columns: Columns, description: Description) -> pa.Table:
-    """The columns of steps as an Arrow table in the layout of the data files."""
+    """Arrow table of the columns, in the layout of the data files."""
     arrays = []
     for name, n, kind in numbers(description):
         values = columns[name]
@@ -75,10 +75,10 @@ def to_table(columns: Columns, description: Description) -> pa.Table:
 
 
 def from_table(table: pa.Table, description: Description, names: Iterable[str], where: Path) -> dict[str, NDArray[Any]]:
-    """Inverse of `to_table` for some of the columns; vectors of length 1 come back as ``[steps, 1]`` where they are vectors.
+    """Inverse of `to_table` for some of the columns; vectors of length 1 are returned as ``[steps]``.
 
     Raises:
-        DataError: a column has another type than the description says.
+        DataError: a column has another type than in the description.
     """
     shapes = {name: (n, kind) for name, n, kind in numbers(description)}
     arrays = {}
@@ -97,13 +97,13 @@ def from_table(table: pa.Table, description: Description, names: Iterable[str], 
 
 
 def _is_list_of(kind: pa.DataType, item: pa.DataType) -> bool:
-    """Other programs write vectors as lists of any length."""
+    """True for lists of the item type, fixed-size or not: other programs write vectors as variable-length lists."""
     is_list = pa.types.is_list(kind) or pa.types.is_fixed_size_list(kind)
     return bool(is_list and kind.value_type == item)
 
 
 def has_task(path: Path, sentence: str) -> bool:
-    """True if the file is a ``meta/tasks.parquet`` of this one task."""
+    """True if the file is a ``meta/tasks.parquet`` with this task only."""
     try:
         return bool(read_parquet(path).to_pylist() == pq.read_table(io.BytesIO(tasks_table(sentence))).to_pylist())
     except DataError:
@@ -111,7 +111,7 @@ def has_task(path: Path, sentence: str) -> bool:
 
 
 def tasks_table(sentence: str) -> bytes:
-    """``meta/tasks.parquet``: the sentence is pandas' index of the table, as LeRobot looks it up."""
+    """Bytes of ``meta/tasks.parquet``: the sentence is the pandas index of the table, as LeRobot expects."""
     column = {"field_name": None, "metadata": None}
     about = {
         "index_columns": ["task"],
@@ -133,7 +133,7 @@ def statistics(columns: Columns) -> Statistics:
 
 
 def image_statistics(images: NDArray[np.uint8]) -> dict[str, list[Any]]:
-    """Statistics of images ``[steps, height, width, 3]``, for each colour in 0..1, of shape ``[3, 1, 1]`` but for the count."""
+    """Statistics of images ``[steps, height, width, 3]`` per colour in 0..1, of shape ``[3, 1, 1]`` except the count."""
     values = _statistics(images.reshape(-1, 3) / 255.0)
     count = [len(images)]
     return {name: count if name == "count" else [[[v]] for v in value] for name, value in values.items()}
@@ -141,13 +141,13 @@ def image_statistics(images: NDArray[np.uint8]) -> dict[str, list[Any]]:
 
 def _statistics(values: NDArray[np.float64]) -> dict[str, list[Any]]:
     rows = values.reshape(len(values), -1)
-    with np.errstate(invalid="ignore"):  # a clock that is not there reads NaN
+    with np.errstate(invalid="ignore"):  # a missing clock reads NaN
         found = {"min": rows.min(0), "max": rows.max(0), "mean": rows.mean(0), "std": rows.std(0)}
     return {**{name: value.tolist() for name, value in found.items()}, "count": [len(rows)]}
 
 
 def join_statistics(parts: Sequence[Statistics]) -> Statistics:
-    """The statistics of all episodes together from those of each."""
+    """Statistics of all episodes together, from those of each episode."""
     return {name: _join([part[name] for part in parts]) for name in (parts[0] if parts else ())}
 
 

@@ -1,4 +1,4 @@
-"""Reading a dataset into memory: all transitions of all episodes, in their order."""
+"""Reader of a dataset into memory: all transitions of all episodes, in order."""
 
 from __future__ import annotations
 
@@ -41,20 +41,20 @@ _COLUMNS = (
 
 @dataclass(frozen=True)
 class Episodes:
-    """``N`` transitions of whole episodes, one after the other.
+    """``N`` transitions of consecutive episodes.
 
     Attributes:
-        description: what the numbers are.
+        description: names, units and ranges of the numbers.
         observation, next_observation: float32 ``[N, n]``.
         action: float32 ``[N, m]``, in -1..1.
         reward: float32 ``[N]``.
-        terminated, truncated: bool ``[N]``; values go on through a truncation.
+        terminated, truncated: bool ``[N]``; bootstrap values through a truncation only.
         episode: int64 ``[N]``, from 0.
-        intervention: bool ``[N]``; a human chose the action.
-        age_s: float32 ``[N]``; age of the observation when the action left.
-        hub_time_s: float64 ``[N]``; the hub's clock at ``next_observation``, not a number without a hub.
-        image, next_image: uint8 ``[N, side, side, 3]``; ``None`` without a camera, or where they were not asked for.
-        rows: what is known about each episode.
+        intervention: bool ``[N]``; whether a human chose the action.
+        age_s: float32 ``[N]``; age of the observation when the action was sent.
+        hub_time_s: float64 ``[N]``; the hub's clock at ``next_observation``, NaN without a hub.
+        image, next_image: uint8 ``[N, side, side, 3]``; ``None`` without a camera, or if not requested.
+        rows: row of each episode.
     """
 
     description: Description
@@ -80,7 +80,7 @@ class Episodes:
         return np.array([row.return_ for row in self.rows])
 
     def to_tensordict(self) -> TensorDict:
-        """The transitions as TorchRL has them, ``[N]``: what comes after a step under ``next``, flags and rewards ``[N, 1]``."""
+        """Transitions ``[N]`` in TorchRL's format: outcomes under ``next``, flags and rewards ``[N, 1]``."""
         from tensordict import TensorDict
 
         n = [len(self)]
@@ -98,13 +98,13 @@ class Episodes:
 
 
 def load(path: Path | str, *, images: bool = True) -> Episodes:
-    """The dataset in a folder, or that of a run in its folder. Nothing in it is executed, nothing is written.
+    """Load the dataset in a folder, or in the folder of a run. Nothing in it is executed, nothing is written.
 
     Args:
-        images: read those too, where there are any.
+        images: read the images too, if there are any.
 
     Raises:
-        DataError: there is no dataset, it is damaged, or it is none of ours.
+        DataError: there is no dataset, it is damaged, or it was not made by BricksRL.
     """
     import torch
 
@@ -133,13 +133,13 @@ def load(path: Path | str, *, images: bool = True) -> Episodes:
 
 
 def dataset_folder(path: Path) -> Path:
-    """The folder of the dataset: the given one, or ``data`` in that of a run."""
+    """Folder of the dataset: the given one, or ``data`` in the folder of a run."""
     inside = path / "data"
     return inside if (inside / "meta/info.json").exists() and not (path / "meta/info.json").exists() else path
 
 
 def read_columns(index: Index, names: Sequence[str]) -> dict[str, NDArray[Any]]:
-    """Columns of all steps: ``[N]``, vectors ``[N, n]`` also where ``n`` is 1.
+    """Read columns of all steps: ``[N]``, vectors ``[N, n]`` even for ``n`` = 1.
 
     Raises:
         DataError: a file is missing or damaged.
@@ -157,28 +157,28 @@ def read_columns(index: Index, names: Sequence[str]) -> dict[str, NDArray[Any]]:
 
 
 def read_file(index: Index, rows: Sequence[EpisodeRow]) -> pa.Table:
-    """The steps of episodes that are in one file, checked against what is known of them."""
+    """Read the steps of the episodes in one file, checked against their rows."""
     path = index.layout.data(rows[0].data_file)
     table = read_parquet(path, digest=rows[0].data_sha256)
-    table = table.slice(0, sum(row.length for row in rows))  # behind them may be episodes of an unfinished commit
-    told = from_table(table, index.description, ("index", "episode_index"), path)
+    table = table.slice(0, sum(row.length for row in rows))  # episodes of an unfinished commit may follow
+    found = from_table(table, index.description, ("index", "episode_index"), path)
     lengths = [row.length for row in rows]
-    if sum(lengths) != len(table) or not (  # what a row says may be any number: nothing is made of that size before
-        np.array_equal(told["index"], rows[0].start + np.arange(len(table)))
-        and np.array_equal(told["episode_index"], np.repeat([row.episode for row in rows], lengths))
+    if sum(lengths) != len(table) or not (  # checked first, since a damaged row may claim any size
+        np.array_equal(found["index"], rows[0].start + np.arange(len(table)))
+        and np.array_equal(found["episode_index"], np.repeat([row.episode for row in rows], lengths))
     ):
         raise DataError(f"{path} holds other steps than meta/episodes says; restore both from one copy")
     return table
 
 
 def by_file(rows: Sequence[EpisodeRow]) -> Iterator[list[EpisodeRow]]:
-    """The rows of each data file."""
+    """Rows grouped by data file."""
     for _, part in itertools.groupby(rows, key=lambda row: row.data_file):
         yield list(part)
 
 
 def read_images(index: Index) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
-    """The images before and after all steps, each ``[N, side, side, 3]``.
+    """Read the images before and after all steps, each ``[N, side, side, 3]``.
 
     Raises:
         DataError: a video is missing or damaged.
@@ -196,18 +196,18 @@ def read_images(index: Index) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
         images = decode(path, sum(row.length for row in rows), side)
         at = 0
         for row in rows:
-            own = images[at : at + row.length]
+            episode = images[at : at + row.length]
             final = np.frombuffer(row.final_image or b"", np.uint8)
-            if final.size != own[0].size:
+            if final.size != episode[0].size:
                 raise DataError(f"episode {row.episode} in {index.layout.root} has no final image; restore meta/episodes")
-            before.append(own)
-            after.append(np.concatenate([own[1:], final.reshape(1, side, side, 3)]))
+            before.append(episode)
+            after.append(np.concatenate([episode[1:], final.reshape(1, side, side, 3)]))
             at += row.length
     return np.concatenate(before), np.concatenate(after)
 
 
 def check_digest(path: Path, digest: str | None) -> None:
-    """Raise DataError unless the file has the SHA-256 digest; a file without one only has to be there."""
+    """Raise DataError unless the file has the SHA-256 digest, or merely exists if ``digest`` is ``None``."""
     try:
         data = path.read_bytes()
     except OSError as error:

@@ -1,4 +1,4 @@
-"""Recording: each episode becomes one durable commit, whatever happens to the program afterwards."""
+"""Recorder of episodes, each of which is committed durably to the disk."""
 
 from __future__ import annotations
 
@@ -25,17 +25,17 @@ if TYPE_CHECKING:
 
 
 class Recorder:
-    """Writes episodes into a dataset, a new one or one that is there.
+    """Recorder of episodes into a new or an existing dataset.
 
-    `add` keeps a step in memory; `commit` brings the episode to the disk: its steps and images, then its row, then the index.
-    Whoever kills the program in between loses that episode and no other. Use it as a context manager: leaving commits what
-    there is of an episode as one that was broken off.
+    `add` keeps a step in memory; `commit` writes the episode: its steps and images, then its row, then the index. If the program
+    is killed in between, only that episode is lost. Use it as a context manager: leaving commits the unfinished episode as an
+    interrupted one.
 
     Args:
-        root: folder of the dataset. It is made with the first episode.
+        root: folder of the dataset, created with the first episode.
 
     Raises:
-        DataError: the folder holds something else, data of another robot, rate or shape, or somebody records into it.
+        DataError: the folder holds something else or data of another robot, rate or shape, or is being recorded into.
     """
 
     def __init__(self, root: Path, description: Description) -> None:
@@ -70,29 +70,29 @@ class Recorder:
 
     @property
     def episodes(self) -> int:
-        """Committed so far, those of earlier recordings included."""
+        """Number of committed episodes, including earlier recordings."""
         return len(self._rows)
 
     @property
     def steps(self) -> int:
-        """Number of steps of the episode that is being recorded."""
+        """Number of steps of the present episode."""
         return len(self._steps)
 
     def begin(self, about: About) -> None:
-        """An episode starts; what there is of an earlier one is forgotten."""
+        """Begin an episode; uncommitted steps are discarded."""
         self._about = about
         self._steps.clear()
 
     def add(self, step: Step) -> None:
-        """Keep a step of the episode."""
+        """Add a step to the episode."""
         self._steps.append(step)
 
     def commit(self, *, success: bool | None = None, whole: bool = True) -> None:
-        """The episode ended; when this returns it is on the disk. An episode without steps leaves nothing.
+        """Write the episode; when this returns it is on the disk. An episode without steps is not written.
 
         Args:
-            success: whether the task calls it one.
-            whole: it came to its own end; false where it was broken off: its last step then counts as truncated.
+            success: success by the task.
+            whole: whether the episode ran to its end; if it was interrupted, its last step counts as truncated.
         """
         if not self._steps:
             return
@@ -104,7 +104,7 @@ class Recorder:
         row = self._write(replace(self._about, success=success, whole=whole))
         self._rows.append(row)
         self._next = self._next.next()
-        self._steps.clear()  # the row is on the disk: whatever becomes of the index, the episode is not written a second time
+        self._steps.clear()  # the row is on the disk: even if the index fails, the episode is not written again
         write_index(self._layout, self.description, self._rows)
 
     def _create(self) -> None:
@@ -116,7 +116,7 @@ class Recorder:
         self._is_new = False
 
     def _write(self, about: About) -> EpisodeRow:
-        """Everything of the episode but the index."""
+        """Write all of the episode except the index."""
         start = self._rows[-1].start + self._rows[-1].length if self._rows else 0
         columns = columns_of(self._steps, self.description, len(self._rows), start)
         data = to_parquet(to_table(columns, self.description))
@@ -141,7 +141,7 @@ class Recorder:
         return with_images(row, images, final, key, self._next, hashlib.sha256(video).hexdigest())
 
     def close(self) -> None:
-        """Commit what there is of an episode, as one that was broken off, and let go of the folder."""
+        """Commit the unfinished episode as an interrupted one, and release the folder."""
         try:
             self.commit(whole=False)
         finally:

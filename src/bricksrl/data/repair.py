@@ -23,11 +23,11 @@ from bricksrl.files import remove_unfinished, write_durably
 
 @dataclass(frozen=True)
 class Recovery:
-    """Result of a repair: what was found and done.
+    """Result of a repair.
 
     Attributes:
-        adopted: episodes that were whole on the disk and not in the index yet.
-        unfinished: files that were not whole, and are removed.
+        adopted: number of intact episodes that were added to the index.
+        unfinished: number of unfinished files that were removed.
     """
 
     index: Index
@@ -36,16 +36,15 @@ class Recovery:
 
 
 def recover(root: Path, *, anew: bool = False) -> Recovery:
-    """Bring the index to what is on the disk. Only for the one who may write.
+    """Update the index from the files on the disk. The caller must hold the write lock.
 
-    A row is written when all of its episode is on the disk, so that a row that the index does not count is an episode that
-    was recorded to its end.
+    A row is written after all other files of its episode, so a row that the index does not count is a complete episode.
 
     Args:
-        anew: write an index also where the one that is there is damaged.
+        anew: rebuild a damaged index too.
 
     Raises:
-        DataError: the dataset is damaged otherwise than by a writer that was killed.
+        DataError: the dataset has damage that a killed writer cannot cause.
     """
     layout = Layout(root)
     description = read_description(layout)

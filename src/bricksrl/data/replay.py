@@ -1,4 +1,4 @@
-"""A dataset as a replay buffer of TorchRL."""
+"""TorchRL replay buffer of a dataset."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ _KEYS = {OBSERVATION: "observation", NEXT: ("next", "observation")}
 
 
 def replay(path: Path | str, *, batch_size: int, slice_len: int | None = None) -> LeRobotExperienceReplay:
-    """The transitions of a dataset in TorchRL's own buffer for LeRobot's data, which samples steps or parts of episodes.
+    """Load a dataset into TorchRL's buffer for LeRobot's data, which samples steps or slices of episodes.
 
-    The keys are those of our environments. (TorchRL's way over the Hugging Face hub gives other keys, and vectors of length 1
-    without their dimension.)
+    The keys are those of our environments. (TorchRL's loader from the Hugging Face hub has other keys, and drops the dimension
+    of vectors of length 1.)
 
     Args:
-        slice_len: sample runs of so many steps in a row, ``batch_size`` steps in all; without it single steps.
+        slice_len: sample slices of this many consecutive steps, ``batch_size`` steps in all; by default single steps.
 
     Raises:
         DataError: the dataset cannot be read.

@@ -1,4 +1,4 @@
-"""Schema of a dataset: names, order, units and rate of its numbers. Equal for all episodes of a dataset."""
+"""Schema of a dataset: names, order, units and rate of its numbers, equal for all its episodes."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from bricksrl.envs.task import Task
 
 VERSION = 1
-"""Of what this writes; others are refused."""
+"""Version of the schema; others are refused."""
 
 
 @dataclass(frozen=True)
@@ -27,10 +27,10 @@ class Description:
 
     Attributes:
         env: id of the environment.
-        rate_hz: steps a second as the task asks for them; 1 where each step takes as long as it takes.
-        observation, action: the vectors, number by number; actions are in -1..1, their channels tell what that maps to.
-        robot: the robot's whole description as plain values; empty where there is none.
-        options: what the environment was made with, beyond its id.
+        rate_hz: nominal steps per second of the task; 1 if its steps have no fixed time.
+        observation, action: entries of the vectors; actions are in -1..1, their entries give the mapped ranges.
+        robot: the robot's whole description as plain values; empty without a robot.
+        options: options of the environment.
         camera: name of the camera; ``None`` without one.
         image_px: side of its square image.
     """
@@ -46,11 +46,11 @@ class Description:
 
     @property
     def image_key(self) -> str | None:
-        """The camera's feature in the LeRobot format."""
+        """Name of the camera's feature in the LeRobot format."""
         return None if self.camera is None else f"observation.images.{self.camera}"
 
     def to_json(self) -> bytes:
-        """As it is kept beside the data."""
+        """Content of ``meta/bricksrl.json``."""
         vectors = {key: [_entry_to_json(entry) for entry in getattr(self, key)] for key in ("observation", "action")}
         return (json.dumps({"bricksrl_dataset": VERSION, **dataclasses.asdict(self), **vectors}, indent=1) + "\n").encode()
 
@@ -59,7 +59,7 @@ class Description:
         """Inverse of `to_json`.
 
         Raises:
-            DataError: it is none of ours.
+            DataError: the data is no such description, or damaged.
         """
         try:
             values = json.loads(data)
@@ -77,7 +77,7 @@ class Description:
         return description
 
     def check(self) -> None:
-        """Raise ValueError or TypeError unless all types are those that are written above."""
+        """Raise ValueError or TypeError unless all attributes have their types."""
         texts = [self.env, *(text for entry in (*self.observation, *self.action) for text in (entry.name, entry.unit))]
         sound = [
             all(isinstance(text, str) for text in texts),
@@ -91,7 +91,7 @@ class Description:
             raise ValueError("not a description")
 
     def differences(self, other: Description) -> list[str]:
-        """Differences to ``other``, a phrase for each attribute; empty where data of both may be joined."""
+        """Differences to ``other``, a phrase for each attribute; empty if data of both may be joined."""
         phrases = []
         for name in ("env", "rate_hz", "camera", "image_px", "options"):
             ours, theirs = getattr(self, name), getattr(other, name)
@@ -117,18 +117,18 @@ def _difference(ours: tuple[Entry, ...], theirs: tuple[Entry, ...]) -> str:
 
 
 def describe(env: EnvBase, options: dict[str, Any] | None = None, *, name: str | None = None) -> Description:
-    """The description of an environment, ours or any other with one observation and one action vector.
+    """Description of an environment, ours or any other with one observation and one action vector.
 
     Args:
-        options: what it was made with.
-        name: of one that has no task and so no id; by default that of its class.
+        options: options of the environment.
+        name: name of an environment without a task; by default that of its class.
     """
     task: Task | None = getattr(env, "task", None)
     return _describe_specs(env, options or {}, name or type(env).__name__) if task is None else describe_task(task, options)
 
 
 def describe_task(task: Task, options: dict[str, Any] | None = None) -> Description:
-    """The description of what is recorded in a task."""
+    """Description of data recorded in a task."""
     settle = task.interface.settle
     camera = task.camera
     return Description(
@@ -138,7 +138,7 @@ def describe_task(task: Task, options: dict[str, Any] | None = None) -> Descript
         action=tuple(command.entry for command in task.interface.commands),
         robot={
             name: value for name, value in _plain(task.robot).items() if name not in ("model", "plan")
-        },  # how it is simulated, not what it is
+        },  # these concern its simulation only
         options=_plain(options or {}),
         camera=None if camera is None else camera.name,
         image_px=0 if camera is None else camera.image_px,
@@ -162,7 +162,7 @@ def _entry_from_json(values: dict[str, Any]) -> Entry:
 
 
 def _plain(value: Any) -> Any:
-    """Dataclasses, enums and tuples as JSON has them."""
+    """Convert dataclasses, enums and tuples to JSON types."""
     if dataclasses.is_dataclass(value):
         return {f.name: _plain(getattr(value, f.name)) for f in dataclasses.fields(value)}
     if isinstance(value, enum.Enum):

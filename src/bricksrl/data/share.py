@@ -1,7 +1,7 @@
-"""Sharing datasets and policies by way of the Hugging Face hub.
+"""Sharing of datasets and policies on the Hugging Face hub.
 
-Whoever sets ``HF_ENDPOINT`` shares by way of another server. What is fetched is checked before it gets its name, and nothing in
-it is executed: a policy is a safetensors file and two JSON files.
+``HF_ENDPOINT`` selects another server. A download is checked before it is moved to its folder, and nothing in it is executed: a
+policy is a safetensors file and two JSON files.
 """
 
 from __future__ import annotations
@@ -29,13 +29,13 @@ _PATTERNS = ["meta/*", "meta/**", "data/**", "videos/**", CARD]
 
 
 def push_dataset(path: Path, repo: str, *, private: bool = False, licence: str = "mit") -> str:
-    """Put a dataset on the hub, with a card that is written here, and with the tag that LeRobot looks for; returns its address.
+    """Upload a dataset to the hub, with a generated card and the version tag that LeRobot requires; returns its address.
 
     Args:
-        repo: ``name/dataset``.
+        repo: name of the repository, as ``name/dataset``.
 
     Raises:
-        DataError: the dataset is not sound, huggingface_hub is not installed, or the hub is out of reach or refuses.
+        DataError: the dataset is not intact, huggingface_hub is not installed, or the hub is out of reach or refuses.
     """
     root = dataset_folder(path)
     wrong = check(root)
@@ -52,13 +52,13 @@ def push_dataset(path: Path, repo: str, *, private: bool = False, licence: str =
 
 
 def pull_dataset(repo: str, out: Path, *, revision: str | None = None) -> Path:
-    """Fetch a dataset from the hub into the folder ``out``.
+    """Download a dataset from the hub into the folder ``out``.
 
     Args:
-        revision: branch, tag or commit; the newest without it.
+        revision: branch, tag or commit; by default the newest.
 
     Raises:
-        DataError: ``out`` exists, there is no such dataset, it is none of ours or damaged, or the hub is out of reach.
+        DataError: ``out`` exists, there is no such dataset of BricksRL, it is damaged, or the hub is out of reach.
     """
     with fetched(repo, "dataset", out, _PATTERNS, revision) as folder:
         wrong = [line for line in check(folder) if "is no file of a dataset" not in line]
@@ -71,7 +71,7 @@ def pull_dataset(repo: str, out: Path, *, revision: str | None = None) -> Path:
 
 @contextmanager
 def fetched(repo: str, kind: str, out: Path, patterns: list[str], revision: str | None) -> Iterator[Path]:
-    """A repository's files in a folder that becomes ``out`` when all is well inside, and is removed otherwise."""
+    """Download a repository into a temporary folder, which is renamed to ``out`` on success and removed on an error."""
     if out.exists():
         raise DataError(f"{out} exists already; choose a new folder")
     with whole_folder(out) as folder:
@@ -85,7 +85,7 @@ def fetched(repo: str, kind: str, out: Path, patterns: list[str], revision: str 
 
 @contextmanager
 def reaching(repo: str) -> Iterator[HfApi]:
-    """The hub; inside, its errors become ours.
+    """Client of the hub; its errors inside this context are translated into ours.
 
     Raises:
         DataError: huggingface_hub is not installed, the hub is out of reach, or it refuses.
@@ -104,7 +104,7 @@ def reaching(repo: str) -> Iterator[HfApi]:
     except ImportError as error:
         raise DataError("no huggingface_hub is here to share with; install it: pip install 'bricksrl[data]'") from error
     disable_progress_bars()
-    transport_error: type[Exception] = vars(errors)["HTTPError"]  # of the HTTP client that this version has
+    transport_error: type[Exception] = vars(errors)["HTTPError"]  # its HTTP client differs between versions
     api = HfApi(endpoint=os.environ.get("HF_ENDPOINT"))
     try:
         yield api

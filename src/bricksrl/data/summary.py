@@ -1,4 +1,4 @@
-"""A dataset in numbers, as the paper's table of datasets has them, and in pictures."""
+"""Summary of a dataset: numbers, as in the paper's table of datasets, and plots."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ _COLUMNS = 4
 
 @dataclass(frozen=True)
 class Summary:
-    """Numbers of a dataset.
+    """Summary of a dataset.
 
     Attributes:
-        return_mean, return_std: of the returns of the episodes; the paper calls the first one mean reward.
-        success_rate: share of the episodes that the task calls a success; ``None`` where it never says.
-        broken_off: episodes that did not come to their own end.
-        interventions: steps whose action a human chose.
-        age_mean_s: mean age of an observation when the action left.
-        policies: what chose the actions, and in how many episodes.
+        return_mean, return_std: mean and deviation of the episodes' returns; the paper calls the first one mean reward.
+        success_rate: rate of success by the task; ``None`` if it defines none.
+        broken_off: number of interrupted episodes.
+        interventions: number of steps with a human's action.
+        age_mean_s: mean age of an observation when the action was sent.
+        policies: number of episodes by policy.
     """
 
     env: str
@@ -60,10 +60,10 @@ class Summary:
 
 
 def summarise(path: Path) -> Summary:
-    """The numbers of a dataset.
+    """Summarise a dataset.
 
     Raises:
-        DataError: there is none, or it is damaged.
+        DataError: there is no dataset, or it is damaged.
     """
     index = read_index(dataset_folder(path))
     ages = read_columns(index, ["age_s"])["age_s"]
@@ -93,7 +93,7 @@ def summarise(path: Path) -> Summary:
 
 
 def plot(path: Path, out: Path) -> None:
-    """Draw the returns, and every channel and action over the steps of an episode, into a PNG file.
+    """Plot the returns, and every channel and action over the steps of an episode, into an image file.
 
     Raises:
         DataError: there is no dataset, or it is damaged.
@@ -116,7 +116,7 @@ def plot(path: Path, out: Path) -> None:
 
 
 def _panels(index: Index, columns: dict[str, NDArray[Any]]) -> list[tuple[str, NDArray[Any]]]:
-    """Title and values ``[N]`` of each."""
+    """Title and values ``[N]`` of each panel."""
     found: list[tuple[str, NDArray[Any]]] = []
     for i, channel in enumerate(index.description.observation):
         found.append((f"{channel.name} [{channel.unit}]" if channel.unit else channel.name, columns[OBSERVATION][:, i]))
@@ -138,7 +138,7 @@ def _returns(left: Axes, right: Axes, returns: NDArray[np.float64]) -> None:
 
 
 def _density(axes: Axes, title: str, step: NDArray[Any], values: NDArray[Any]) -> None:
-    """How often which value occurs at which step of an episode: dark is often."""
+    """Plot a 2D histogram of the values over the steps of an episode: dark is frequent."""
     from matplotlib.colors import LinearSegmentedColormap
 
     colours = LinearSegmentedColormap.from_list("often", [LIGHT, DARK])

@@ -1,4 +1,4 @@
-"""Recorded steps from the transitions of an environment."""
+"""Conversion of an environment's transitions to recorded steps."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ _PACKAGES = ("torch", "torchrl", "mujoco")
 
 
 def step_of(transition: TensorDictBase, env: EnvBase, *, intervention: bool = False) -> Step:
-    """A step as TorchRL's ``EnvBase.step`` returns it, copied: the environment may use its tensors again.
+    """Step from a transition of TorchRL's ``EnvBase.step``, copied, since the environment may reuse its tensors.
 
     Args:
-        env: that made it; where it tells when things were measured, that is kept.
+        env: environment of the transition; its ``timing``, if any, is recorded.
     """
     after = transition["next"]
     timing = getattr(env, "timing", None)
@@ -58,9 +58,9 @@ def about(env: EnvBase, policy: str, *, seed: int | None = None, hub: str = "vir
     """Provenance of an episode that starts now.
 
     Args:
-        policy: what chooses the actions.
-        seed: of the episode.
-        hub: how the robot is reached; left out where there is none.
+        policy: source of the actions.
+        seed: seed of the episode.
+        hub: how the robot is reached; ignored without a robot.
     """
     task = getattr(env, "task", None)
     on_hub = hasattr(env, "twin")

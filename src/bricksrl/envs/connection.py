@@ -1,4 +1,4 @@
-"""A robot within reach of an environment, and how it is reached again after its link broke."""
+"""Connection of an environment to its robot, and reconnection after the link broke."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ if TYPE_CHECKING:
 _FIRST_PAUSE_S, _LONGEST_PAUSE_S = 0.5, 15.0
 
 Placement = Callable[[np.random.Generator], None]
-"""Puts the robot where an episode starts. For a virtual robot a method, for a real one a hand."""
+"""Places the robot at the start of an episode: a virtual robot is moved by a method, a real one by a person."""
 
 
 @dataclass(frozen=True)
 class Connection:
-    """A robot within reach.
+    """A connected robot.
 
     Attributes:
-        link: to its hub; the environment opens and closes it.
-        place: puts it where an episode starts, at every reset, while the link is open.
-        odometer: tells how far it gets.
-        twin: the virtual hub at the other end, for rendering; ``None`` where the robot is real.
-        camera: what looks at it, for a task with a camera.
+        link: link to the hub; the environment opens and closes it.
+        place: places the robot at the start of an episode; called at every reset, while the link is open.
+        odometer: measures the distance travelled.
+        twin: the virtual hub, for rendering; ``None`` for a real robot.
+        camera: source of images, for a task with a camera.
     """
 
     link: HubLink
@@ -43,12 +43,12 @@ class Connection:
 
 @dataclass
 class Reconnect:
-    """Trying to reach a robot again whose link broke: at once, then after pauses that grow.
+    """Reconnection after the link broke: at once, then with exponential backoff.
 
     Attributes:
-        patience_s: how long to try before the error is raised; 0 raises it at once.
-        wait: waits for so many seconds; it may raise.
-        on_error: told each error, in a step or a reset.
+        patience_s: time to retry before the error is raised; 0 raises it at once.
+        wait: sleeps for a number of seconds; may raise.
+        on_error: called with each error of a step or a reset.
     """
 
     patience_s: float = 0.0
@@ -59,21 +59,21 @@ class Reconnect:
     _tries: int = 0
 
     def answered(self, *, to_step: bool) -> None:
-        """The robot answered to a step, or to a reset only, with which nothing is mended yet that broke before."""
+        """Record an answer of the robot. After an error, only an answer to a step counts as recovery, not one to a reset."""
         if to_step or self._error is None:
             self._error, self._tries = None, 0
 
     def failed(self, error: HubError) -> None:
-        """The link broke in a step or a reset."""
+        """Record that the link broke in a step or a reset."""
         self.on_error(error)
         self._since_s = time.monotonic() if self._error is None else self._since_s
         self._error = error
 
     def before_try(self) -> None:
-        """Wait for the time of a reset.
+        """Wait until the next reset may be tried.
 
         Raises:
-            HubError: the last error, where it was tried for long enough.
+            HubError: the last error, once ``patience_s`` is used up.
         """
         if self._error is not None and self._tries:
             pause_s = min(_FIRST_PAUSE_S * 2.0 ** (self._tries - 1), _LONGEST_PAUSE_S)

@@ -1,4 +1,4 @@
-"""Dead reckoning: where a place on the floor is, seen from a driving robot, from the turns of its wheels since the start."""
+"""Dead reckoning: position of a target relative to a driving robot, from its wheel rotations since the start."""
 
 from __future__ import annotations
 
@@ -27,21 +27,21 @@ _ANY_WAY_MM, _ANY_TURN_DEG = (-1e5, 1e5), (-180.0, 180.0)
 
 @dataclass(frozen=True)
 class FloorPose:
-    """Place and heading on the floor: mm along x and y, degrees clockwise from x."""
+    """Position and heading on the floor: mm along x and y, degrees clockwise from x."""
 
     x_mm: float = 0.0
     y_mm: float = 0.0
     heading_deg: float = 0.0
 
     def seen_from(self, robot: FloorPose) -> tuple[float, float, float]:
-        """How far it is ahead and to the left of the robot (mm), and how far the robot has to turn to look along it (deg)."""
+        """This pose in the robot's frame: mm ahead, mm to the left, and the heading difference in -180..180 deg."""
         x_mm, y_mm, heading = self.x_mm - robot.x_mm, self.y_mm - robot.y_mm, math.radians(robot.heading_deg)
         ahead_mm = x_mm * math.cos(heading) - y_mm * math.sin(heading)
         left_mm = x_mm * math.sin(heading) + y_mm * math.cos(heading)
         return ahead_mm, left_mm, (self.heading_deg - robot.heading_deg + 180.0) % 360.0 - 180.0
 
     def driven(self, way_mm: float, turn_deg: float) -> FloorPose:
-        """Where a robot is that has driven along an arc: so far, and turned by so much clockwise."""
+        """The pose after driving an arc of length ``way_mm`` that turns the robot by ``turn_deg`` clockwise."""
         heading = math.radians(self.heading_deg + turn_deg / 2)
         chord_mm = way_mm * math.sin(math.radians(turn_deg) / 2) / (math.radians(turn_deg) / 2) if turn_deg else way_mm
         x_mm, y_mm = self.x_mm + chord_mm * math.cos(heading), self.y_mm - chord_mm * math.sin(heading)
@@ -50,17 +50,17 @@ class FloorPose:
 
 @dataclass(frozen=True)
 class Target:
-    """A place in a task's scene that a driving robot is to reach. Where it is from the robot joins the observation.
+    """A pose in a task's scene that a driving robot is to reach. Its pose relative to the robot is part of the observation.
 
-    The robot starts in the ranges of the scene, and its host knows where: a virtual robot is asked, a real one is put there. From
-    then on only the turns of its wheels tell. Their angles are among the task's channels, wrapped into 0..360 degrees, but not in
-    the observation: they say nothing that matters, and an agent would need many episodes to find that out.
+    The start pose lies in the ranges of the scene and is known to the host: it is read from a virtual robot, and a real one is
+    placed there. From then on the pose is integrated from the wheel angles. These are channels of the task, wrapped into 0..360
+    degrees, but not part of the observation: they carry nothing useful, and an agent would need many episodes to learn that.
 
     Attributes:
-        place: of the middle of the robot's axle in the scene.
-        range_mm, range_deg: nominal range of its distance ahead and to the left, and of the turn to it; features are scaled by
-            them, so they are best of the size at which a robot has to take care.
-        step_mm, step_deg: nominal range of what the robot drives and turns in a step.
+        place: target pose of the middle of the robot's axle in the scene.
+        range_mm, range_deg: nominal range of the distances ahead and to the left, and of the turn. Features are scaled by them,
+            so choose the distance at which precision matters.
+        step_mm, step_deg: nominal range of the distance and the turn of one step.
     """
 
     place: FloorPose = FloorPose()
@@ -71,7 +71,7 @@ class Target:
 
     @property
     def entries(self) -> tuple[Entry, ...]:
-        """What it adds to the observation."""
+        """Entries that the target adds to the observation."""
         return (
             Entry("target_ahead", -self.range_mm, self.range_mm, "mm", limits=_ANY_WAY_MM),
             Entry("target_left", -self.range_mm, self.range_mm, "mm", limits=_ANY_WAY_MM),
@@ -82,10 +82,10 @@ class Target:
 
 
 def wheels(robot: Robot, interface: Interface) -> tuple[int, int]:
-    """Places of the angles of the left and the right wheel among the channels.
+    """Indices of the left and the right wheel's angle among the channels.
 
     Raises:
-        DescriptionError: the robot has no drive base, or they are not observed.
+        DescriptionError: the robot has no drive base, or the angles are not observed.
     """
     base, places = robot.drive_base, interface.angle_places
     if base is None or not {base.left, base.right} <= set(places):
@@ -96,15 +96,15 @@ def wheels(robot: Robot, interface: Interface) -> tuple[int, int]:
 
 
 class TargetTracker:
-    """Where a task's target is from its robot, over one episode.
+    """Tracker of a task's target relative to the robot, over one episode.
 
     Args:
-        target: of the task.
-        robot: which drives.
-        interface: which observes its wheels.
-        true_pose: of a virtual robot; ``None`` for a real one.
-        at: where the robot starts.
-        values: the channels ``[n]`` at the start.
+        target: the task's target.
+        robot: the driving robot.
+        interface: channels, with the angle of each wheel.
+        true_pose: returns a virtual robot's true pose; ``None`` for a real robot.
+        at: start pose of the robot.
+        values: channels ``[n]`` at the start.
     """
 
     def __init__(
@@ -116,46 +116,51 @@ class TargetTracker:
         at: FloorPose,
         values: NDArray[np.float32],
     ) -> None:
-        assert robot.drive_base is not None  # noqa: S101 - the task has seen to it
+        assert robot.drive_base is not None  # noqa: S101 - the task checked it
         self._target, self._base, self._true_pose, self.at = target, robot.drive_base, true_pose, at
         self._places = wheels(robot, interface)
         self._angles_deg = self._angles(values)
         self._last_step = (0.0, 0.0)
 
     def entries(self) -> tuple[float, ...]:
-        """Where it is, as `FloorPose.seen_from`, and what the robot drove (mm) and turned (deg) in its last step."""
+        """The target as `FloorPose.seen_from`, then the distance (mm) and the turn (deg) of the last step."""
         return (*self._target.place.seen_from(self.at), *self._last_step)
 
     def follow(self, values: NDArray[np.float32]) -> None:
-        """Take in the channels ``values [n]`` after a step."""
+        """Update the pose from the channels ``values [n]`` after a step."""
         now = self._angles(values)
         left_mm, right_mm = (self._way_mm(after - before) for after, before in zip(now, self._angles_deg, strict=True))
         self._angles_deg = now
         self._last_step = (left_mm + right_mm) / 2, math.degrees((left_mm - right_mm) / self._base.axle_track_mm)
         self.at = self.at.driven(*self._last_step)
 
+    def truth(self) -> tuple[float, ...]:
+        """As `entries`, from where a virtual robot truly is; of a real one nobody knows better."""
+        at = self.at if self._true_pose is None else floor_pose(self._true_pose())
+        return (*self._target.place.seen_from(at), *self._last_step)
+
     def metrics(self) -> dict[str, float]:
-        """What is left to the target in truth, where the robot is virtual."""
+        """Errors of the dead reckoning; empty for a real robot."""
         if self._true_pose is None:
             return {}
-        ahead_mm, left_mm, turn_deg = self._target.place.seen_from(floor_pose(self._true_pose()))
-        return {"true_error_mm": math.hypot(ahead_mm, left_mm), "true_error_deg": abs(turn_deg)}
+        ahead_mm, left_mm, turn_deg = floor_pose(self._true_pose()).seen_from(self.at)
+        return {"reckoning_error_mm": math.hypot(ahead_mm, left_mm), "reckoning_error_deg": abs(turn_deg)}
 
     def _angles(self, values: NDArray[np.float32]) -> tuple[float, ...]:
         return tuple(float(values[place]) for place in self._places)
 
     def _way_mm(self, turned_deg: float) -> float:
-        """Way of a wheel that turned by less than half a turn."""
+        """Distance rolled by a wheel that turned by less than half a turn."""
         return ((turned_deg + 180.0) % 360.0 - 180.0) / self._base.turn_deg(1.0)
 
 
 def floor_pose(pose: Pose) -> FloorPose:
-    """A virtual robot's pose on the floor."""
+    """The floor pose of a virtual robot's pose."""
     return FloorPose(pose.x_m * 1000, pose.y_m * 1000, pose.heading_deg)
 
 
 def start_pose(task: Task, true_pose: Callable[[], Pose] | None, rng: np.random.Generator) -> FloorPose:
-    """Where an episode starts: a virtual robot is there already, a real one is to be put there, as the log says."""
+    """Start pose of an episode: a virtual robot's present one; for a real robot a drawn one, where the log asks to put it."""
     if true_pose is not None:
         return floor_pose(true_pose())
     ranges = (*task.scene.start_mm, task.scene.heading_deg)

@@ -15,7 +15,7 @@ from torchrl.envs import EnvBase
 
 from bricksrl.envs.connection import Connection, Reconnect
 from bricksrl.envs.dead_reckoning import TargetTracker, start_pose
-from bricksrl.envs.episode import EpisodeState, Timing, observe, with_numbers
+from bricksrl.envs.episode import EpisodeState, Timing, observe, with_numbers, with_truth
 from bricksrl.envs.specs import NominalBounded
 from bricksrl.envs.stop_flag import StopFlag
 from bricksrl.envs.task import Task, never
@@ -29,9 +29,9 @@ if TYPE_CHECKING:
     from bricksrl.virtual_hub.transport import VirtualHub
 
 BLOCKED_TIMEOUT_S = 120.0
-"""How long a robot waits for its way to be cleared."""
+"""How long a blocked robot waits for the obstacle to be removed."""
 PAUSE_PERIOD_S = 0.2
-"""How often a robot that holds still hears from us, so that the program on its hub goes on."""
+"""Period of the reads during a pause, which keep the hub program's watchdog from ending it."""
 
 _log = logging.getLogger(__name__)
 
@@ -44,32 +44,32 @@ class HubEnv(EnvBase):  # type: ignore[misc]
     ===============  =======  =======  =====================================================
     key              shape    dtype    meaning
     ===============  =======  =======  =====================================================
-    ``observation``  ``[n]``  float32  channels in their order, then the host's entries
+    ``observation``  ``[n]``  float32  channels in order, then the host's entries
     ``image``        below    uint8    only for a task with a camera: ``[side, side, 3]``
     ``action``       ``[m]``  float32  in -1..1, mapped linearly to the command ranges;
-                                       what lies beyond is clamped
-    ``reward``       ``[1]``  float32  the task's
-    ``terminated``   ``[1]``  bool     the task's own end
-    ``truncated``    ``[1]``  bool     the time limit
-    ``done``         ``[1]``  bool     either
+                                       values outside are clamped
+    ``reward``       ``[1]``  float32  reward of the task
+    ``terminated``   ``[1]``  bool     end defined by the task
+    ``truncated``    ``[1]``  bool     time limit, pause or lost link
+    ``done``         ``[1]``  bool     terminated or truncated
     ``link_lost``    ``[1]``  bool     the link broke in this step
     ===============  =======  =======  =====================================================
 
-    A reset places the robot, reads its sensors and moves nothing. The first reset opens the link. A link that breaks in a step is
-    data: the link is closed, so that the motors stop, and the step ends the episode as truncated and marked ``link_lost``; it
-    shows what was seen before, and is nothing to learn from. The next reset opens the link again, and tries for as long as
+    A reset places the robot and reads its sensors; it moves no motor. The first reset opens the link. A link that breaks in a
+    step raises nothing: the link is closed, so that the motors stop, and the step ends the episode as truncated and
+    ``link_lost``, with the previous observation; it must not be learned from. The next reset reopens the link, with retries as
     ``reconnect`` says.
 
-    ``in_reach`` of a virtual robot may be set before the first reset: as long as it returns False the link is broken.
+    ``in_reach`` of a virtual robot may be set before the first reset: while it returns False, the link is broken.
 
-    ``stop``, ``pause`` and ``resume`` may be called from any thread. A pause ends the episode after the step at hand, as
-    truncated, so that no step reaches across it; the next reset waits for the end of the pause.
+    ``stop``, ``pause`` and ``resume`` may be called from any thread. A pause truncates the episode after the current step, so
+    that no step spans it; the next reset waits for the end of the pause.
 
     Args:
-        task: what is to be learned.
-        connect: gives the robot. It gets a seed, for a virtual one, and is called when the robot is first needed; for a
+        task: the task to run.
+        connect: returns the connection, given a seed for a virtual robot. Called when the robot is first needed, and for a
             virtual robot again after each new seed, so that it starts from the same state.
-        seed: of everything random; ``None`` for another one every time.
+        seed: seed of all random numbers; ``None`` for a fresh one.
     """
 
     def __init__(self, task: Task, connect: Callable[[int], Connection], *, seed: int | None = None) -> None:
@@ -90,14 +90,14 @@ class HubEnv(EnvBase):  # type: ignore[misc]
 
     @property
     def twin(self) -> VirtualHub | None:
-        """The virtual hub; ``None`` where the robot is real. A new seed brings a new one."""
+        """The virtual hub; ``None`` for a real robot. A new seed makes a new one."""
         return self._robot().twin
 
     def watch(self, watcher: Callable[[Connection], None]) -> Callable[[], None]:
-        """Have a function told each robot of this environment, the one at hand included; a new seed brings a new virtual one.
+        """Call ``watcher`` with the present connection and with each later one: a new seed makes a new virtual robot.
 
         Returns:
-            What ends that.
+            A function that removes the watcher.
         """
         self._watchers.append(watcher)
         if self._connection is not None:
@@ -105,38 +105,38 @@ class HubEnv(EnvBase):  # type: ignore[misc]
         return lambda: self._watchers.remove(watcher)
 
     def close(self, *, raise_if_closed: bool = True) -> None:
-        """Stop the robot and let go of the hub. May be called twice; a reset opens the link again."""
+        """Stop the robot and close the link. May be called twice; a reset opens the link again."""
         super().close(raise_if_closed=raise_if_closed)
         self._close_link()
 
     def stop(self) -> None:
-        """Stop motors and program at once, in the middle of a step too; step and reset raise StoppedError until `resume`.
+        """Stop motors and program at once, even during a step; step and reset raise StoppedError until `resume`.
 
         Raises:
-            HubError: the hub could not be told; its watchdog then stops the motors.
+            HubError: the hub could not be reached; its watchdog then stops the motors.
         """
         self._stop_flag.stop()
         if self._connection is not None:
             self._connection.link.emergency_stop()
 
     def pause(self) -> None:
-        """Have the robot hold still from the end of the step at hand on, until `resume`."""
+        """Hold the robot still after the current step, until `resume`."""
         self._stop_flag.pause()
 
     def resume(self) -> None:
-        """After `pause` or `stop`: the robot may move again, with the next reset."""
+        """End `pause` or `stop`: the robot may move again after the next reset."""
         if self._connection is not None:
             self._connection.link.release()
         self._stop_flag.go_on()
 
     @property
     def is_paused(self) -> bool:
-        """True if the robot is to hold still."""
+        """True while a pause is requested."""
         return self._stop_flag.is_paused
 
     @property
     def is_cut(self) -> bool:
-        """True if a pause ended the episode at hand."""
+        """True if a pause truncated the current episode."""
         return self._episode is not None and self._episode.is_cut
 
     def _make_specs(self) -> None:
@@ -167,7 +167,7 @@ class HubEnv(EnvBase):  # type: ignore[misc]
                 state = self._begin()
             except HubError as error:
                 if isinstance(error, HubProgramError) and self._robot().twin is not None:
-                    raise  # the program of a virtual hub does the same every time
+                    raise  # a virtual hub's program is deterministic: retrying would fail again
                 self.reconnect.failed(error)
             else:
                 self.reconnect.answered(to_step=False)
@@ -206,7 +206,7 @@ class HubEnv(EnvBase):  # type: ignore[misc]
         return out
 
     def _lost(self, episode: EpisodeState) -> TensorDictBase:
-        """The outcome of a step in which the link broke: nothing new, and the end of the episode."""
+        """The outcome of a step in which the link broke: the previous observation, truncated."""
         no, yes = torch.zeros(1, dtype=torch.bool), torch.ones(1, dtype=torch.bool)
         out = {"observation": episode.observation[: self._entries].clone(), "reward": torch.zeros(1), "terminated": no}
         if episode.watch is not None:
@@ -214,7 +214,7 @@ class HubEnv(EnvBase):  # type: ignore[misc]
         return TensorDict({**out, "truncated": yes, "done": yes.clone(), "link_lost": yes.clone()}, batch_size=())
 
     def _act(self, tensordict: TensorDictBase) -> TensorDictBase:
-        action = tensordict.get("action").detach().clamp(-1.0, 1.0)  # a copy: the agent's own tensor stays as it is
+        action = tensordict.get("action").detach().clamp(-1.0, 1.0)  # a copy: the agent's tensor is not changed
         commands = self._commands(action)
         task, episode = self.task, self._episode
         if episode is None:
@@ -237,30 +237,31 @@ class HubEnv(EnvBase):  # type: ignore[misc]
             self._guarded(link.rest)
         truncated = torch.full_like(terminated, episode.is_cut or episode.step_count >= task.max_steps)
         out = {
-            "observation": observation.clone(),  # whoever changes it in place does not change our previous one
+            "observation": observation.clone(),  # a caller's in-place change must not alter episode.observation
             "reward": reward,
             "terminated": terminated,
             "truncated": truncated,
             "done": terminated | truncated,
             "link_lost": torch.zeros(1, dtype=torch.bool),
         }
+        if task.is_judged_by_more:
+            episode.judged.append(with_truth(observation, episode.tracker, self._entries))
         if episode.watch is not None:
-            episode.judged.append(observation)
             out["observation"] = observation[: self._entries].clone()
             out["image"] = torch.from_numpy(episode.watch.image)
         return TensorDict(out, batch_size=())
 
     def _step_proc_data(self, next_tensordict_out: TensorDictBase) -> TensorDictBase:
-        """``_step`` leaves nothing to complete; where a task's own functions give other shapes, TorchRL puts them right."""
+        """Skip TorchRL's completion of ``_step``'s output, unless a task's functions return shapes that it has to correct."""
         if next_tensordict_out.get("reward").shape == next_tensordict_out.get("terminated").shape == (1,):
             return next_tensordict_out
         return super()._step_proc_data(next_tensordict_out)
 
     def _wait_while_blocked(self, episode: EpisodeState) -> None:
-        """Read on, without moving, until nothing is in the way; reading keeps the hub from letting go of its motors.
+        """Read without moving until the task is no longer blocked; reading feeds the hub's watchdog.
 
         Raises:
-            HubError: it is still there after two minutes.
+            HubError: still blocked after two minutes.
         """
         if self.task.blocked is never or not self.task.blocked(episode.observation):
             return
@@ -276,7 +277,7 @@ class HubEnv(EnvBase):  # type: ignore[misc]
             episode.observation = self._measure(reading, episode)
 
     def _measure(self, reading: Reading, episode: EpisodeState) -> torch.Tensor:
-        """What the task's functions get after a step; asks odometer and camera only where somebody wants to know."""
+        """The observation for the task's functions after a step; reads odometer and camera only where the task uses them."""
         episode.measured_s = self._robot().link.now_s() - reading.age_s
         episode.hub_time_s = reading.hub_time_ms / 1000
         forward_mm: list[float] = []
@@ -292,14 +293,15 @@ class HubEnv(EnvBase):  # type: ignore[misc]
         return with_numbers(observation, episode.watch)
 
     def judged(self, observations: torch.Tensor) -> torch.Tensor:
-        """What the task's success and metrics get for these observations ``[steps, n]`` of the episode at hand, of all its steps.
+        """Input of the task's success and metrics for the observations ``[steps, n]`` of the whole current episode.
 
-        It is the observations themselves, but for a task whose camera has a goal, where what the camera found is added.
+        These are the observations; where the task's camera has a goal, with the camera's two distances appended; where the task
+        has a target, with the true pose of a virtual robot.
 
         Raises:
-            BricksError: the observations are those of another episode.
+            BricksError: the number of observations is not that of the current episode's steps.
         """
-        if self.task.camera is None:
+        if not self.task.is_judged_by_more:
             return observations
         judged = self._episode.judged if self._episode is not None else []
         if len(judged) != len(observations):
@@ -311,21 +313,21 @@ class HubEnv(EnvBase):  # type: ignore[misc]
         """Times of the last step.
 
         Raises:
-            BricksError: none was made.
+            BricksError: no step was made yet.
         """
         if self._episode is None or not self._episode.step_count:
             raise BricksError(f"{self.task.id} has made no step yet; make one first")
         return Timing(self._episode.age_s, self._episode.hub_time_s)
 
     def walk_metrics(self) -> dict[str, float]:
-        """What only a virtual robot tells of this episode: its way, speed and straightness; what is left to its target."""
+        """Metrics of a virtual robot's true motion: distance, speed, straightness; errors of its dead reckoning."""
         if self._episode is None:
             return {}
         tracker = self._episode.tracker
         return {**(self._odometer.metrics() if self.task.walks else {}), **({} if tracker is None else tracker.metrics())}
 
     def _tracker(self, reading: Reading) -> TargetTracker | None:
-        """Whoever follows the way to the task's target in the episode that begins."""
+        """The tracker of the task's target for the new episode; ``None`` for a task without one."""
         task, twin = self.task, self._robot().twin
         if task.target is None:
             return None
@@ -351,7 +353,7 @@ class HubEnv(EnvBase):  # type: ignore[misc]
                 watcher(self._connection)
             if self._connection.twin is not None:
                 self._connection.twin.in_reach = self.in_reach
-            self._stop_flag.check()  # whoever wanted to stop the robot did not find it yet
+            self._stop_flag.check()  # a stop requested before this had no link to act on
         return self._connection
 
     def _start(self) -> Reading:
@@ -362,14 +364,14 @@ class HubEnv(EnvBase):  # type: ignore[misc]
         return robot.link.read()
 
     def _hold_still(self, link: HubLink) -> None:
-        """Wait for the end of a pause; reading keeps the program on the hub from ending."""
+        """Wait for the end of a pause; reading feeds the hub program's watchdog."""
         while not self._stop_flag.wait(PAUSE_PERIOD_S):
             if link.is_open:
                 link.read()
         self._stop_flag.check()
 
     def _guarded(self, exchange: Callable[[], _T]) -> _T:
-        """Talk to hub or camera; when that fails, close the link, so that the motors stop and the next reset starts afresh."""
+        """Run an exchange with hub or camera; on failure close the link: the motors stop, and the next reset reopens it."""
         try:
             return exchange()
         except (HubError, CameraError, StoppedError):

@@ -1,4 +1,4 @@
-"""Checker of environments and tasks: one answer for each promise that an environment makes."""
+"""Checker of environments and tasks: one finding for each part of an environment's contract."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ _SEED = 7
 
 
 class Broken(Exception):
-    """A promise that is not kept; the message says which."""
+    """A failed check; the message says what is wrong."""
 
 
 class Skip(Exception):
-    """There is nothing to check."""
+    """A check that does not apply; the message says why."""
 
 
 def check_env(env_id: str) -> Iterator[Finding]:
@@ -51,14 +51,14 @@ def check_env(env_id: str) -> Iterator[Finding]:
 
 
 def run_checks(checks: dict[str, Callable[[], str]]) -> Iterator[Finding]:
-    """The outcome of each check by its name: a function that returns what it found, and raises `Broken`, or `Skip`."""
+    """Run checks by name: each returns its result as text, or raises `Broken` or `Skip`."""
     told: dict[str, str] = {}
     for name, check in checks.items():
         try:
             yield Finding(name, Outcome.OK, check())
         except (Skip, RenderingUnavailableError) as reason:
             yield Finding(name, Outcome.SKIPPED, str(reason))
-        except Exception as error:  # noqa: BLE001 - whatever the user's own functions raise is what is to be told
+        except Exception as error:  # noqa: BLE001 - any error of the user's functions is a finding
             kind = "" if isinstance(error, (Broken, BricksError)) else f"{type(error).__name__}: "
             place = "" if isinstance(error, (Broken, BricksError)) else line_of_user(error)
             text = " ".join(f"{kind}{error}{place}".split())
@@ -67,7 +67,7 @@ def run_checks(checks: dict[str, Callable[[], str]]) -> Iterator[Finding]:
 
 
 def table(doc: str, heading: str) -> list[list[str]]:
-    """The rows of the table below a heading of a description, without its header; none where there is no such table."""
+    """Rows of the table below a heading of a description, without its header; empty if there is none."""
     section = doc.partition(f"## {heading}\n")[2].partition("\n## ")[0]
     rows = [line for line in section.splitlines() if line.startswith("|")]
     return [[cell.strip() for cell in row.strip("|").split("|")] for row in rows[2:]]
@@ -151,7 +151,7 @@ def _determinism(env_id: str) -> str:
 
 
 def _rollout(env_id: str) -> TensorDictBase:
-    """A few random steps, always the same ones."""
+    """A few random steps, the same on every call."""
     import torch
 
     env = make(env_id, seed=_SEED)
@@ -186,7 +186,7 @@ def _twin(env_id: str) -> str:
 
 
 def _functions(task: Task) -> str:
-    """Reward, ends, success and metrics have the shapes that they promise, for one episode and for many."""
+    """Check that reward, ends, success and metrics return the documented shapes and types on a batch."""
     import torch
 
     generator, steps = torch.Generator().manual_seed(_SEED), _STEPS

@@ -1,4 +1,4 @@
-"""State of an episode on one robot, and the observation that it makes of what was read."""
+"""State of an episode on one robot, and the assembly of its observations."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ class Timing:
     """Times of one step.
 
     Attributes:
-        age_s: how old the observation was that the action answered, when the action left.
-        hub_time_s: the hub's clock when it measured the observation that followed.
+        age_s: age of the observation that the action was chosen for, when the action was sent.
+        hub_time_s: the hub's clock when it measured the next observation.
     """
 
     age_s: float
@@ -30,16 +30,16 @@ class Timing:
 
 @dataclass(slots=True)
 class EpisodeState:
-    """What changes from step to step; apart from the environment, where every assignment costs ten microseconds.
+    """State that changes every step; not in the environment, where each attribute assignment costs ten microseconds.
 
     Attributes:
         observation: the last one, as the task's functions get it.
-        watch: what the camera shows; ``None`` for a task without one.
-        tracker: where the target is; ``None`` for a task without one.
-        judged: every observation that followed a step, as the task's functions get it; only where there is a camera.
-        is_cut: whether a pause ended the episode.
-        measured_s: the link's clock when the last observation was measured; ``hub_time_s`` the hub's.
-        age_s: of the observation that the last action answered.
+        watch: the camera's view; ``None`` for a task without a camera.
+        tracker: position of the target; ``None`` for a task without a target.
+        judged: observations after each step, as the task's functions get them; only with a camera or a target.
+        is_cut: whether a pause truncated the episode.
+        measured_s: the link's clock when the last observation was measured; ``hub_time_s`` is the hub's.
+        age_s: age of the observation that the last action was chosen for.
     """
 
     drawn: NDArray[np.float32]
@@ -57,11 +57,19 @@ class EpisodeState:
 def observe(
     channels: NDArray[np.float32], drawn: NDArray[np.float32], measured: NDArray[np.float32], tracker: TargetTracker | None
 ) -> torch.Tensor:
-    """Channels, what was drawn for the episode, what the host measured, and where the target is, ``[n]``."""
+    """The observation ``[n]``: channels, sampled entries, measured entries, then the target's."""
     target = () if tracker is None else (np.array(tracker.entries(), dtype=np.float32),)
     return torch.from_numpy(np.concatenate((channels, drawn, measured, *target)))
 
 
+def with_truth(observation: torch.Tensor, tracker: TargetTracker | None, end: int) -> torch.Tensor:
+    """An observation that tells where the target truly is, in the entries before ``end``."""
+    if tracker is None:
+        return observation
+    truth = torch.tensor(tracker.truth(), dtype=observation.dtype)
+    return torch.cat((observation[: end - len(truth)], truth, observation[end:]))
+
+
 def with_numbers(observation: torch.Tensor, watch: Watch) -> torch.Tensor:
-    """An observation with the numbers behind it that a task's functions get of what the camera shows."""
+    """An observation with the camera's distances appended, as the task's functions get it."""
     return torch.cat((observation, torch.from_numpy(watch.numbers())))

@@ -28,12 +28,12 @@ class GymnasiumEnv(gymnasium.Env[Observation, Array]):
     """A BricksRL environment with Gymnasium's interface.
 
     Observation and action are float32 arrays with the bounds of the task's tables; where a range is only nominal, the bounds
-    are those of what a hub can report. Of a task with a camera the observation is a dict of such an array, "observation", and
-    the uint8 "image". ``info`` holds the task's metrics of the episode so far and, at its end, ``success``.
+    are those that a hub can report. With a camera, the observation is a dict of this array, "observation", and the uint8
+    "image". ``info`` holds the task's metrics of the episode so far and, at its end, ``success``.
 
     Args:
-        env_id: such as ``"RunAway-v0"``.
-        render_mode: ``None`` or ``"rgb_array"``, which draws a virtual robot.
+        env_id: id of the environment, such as ``"RunAway-v0"``.
+        render_mode: ``None``, or ``"rgb_array"`` to draw a virtual robot.
         options, named: as in :func:`bricksrl.make`.
     """
 
@@ -60,16 +60,16 @@ class GymnasiumEnv(gymnasium.Env[Observation, Array]):
         self.action_space = gymnasium.spaces.Box(-1.0, 1.0, self.env.action_spec.shape)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Observation, dict[str, Any]]:
-        """Start an episode. A seed makes this and all following episodes repeatable."""
+        """Start an episode. A seed makes this and all later episodes reproducible."""
         super().reset(seed=seed)
         if seed is not None:
             self.env.set_seed(seed)
-            self._close_renderer()  # it draws the virtual robot that the new seed replaces
+            self._close_renderer()  # its virtual robot is replaced by the new seed
         self._observations = []
         return self._shown(self.env.reset()), {}
 
     def step(self, action: Array) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Act; returns observation, reward, terminated, truncated and info."""
+        """Take one step; returns observation, reward, terminated, truncated and info."""
         sent = TensorDict({"action": torch.tensor(action, dtype=torch.float32)}, batch_size=())
         result = self.env.step(sent)["next"]
         terminated, truncated = bool(result["terminated"]), bool(result["truncated"])
@@ -80,10 +80,10 @@ class GymnasiumEnv(gymnasium.Env[Observation, Array]):
         return self._shown(result), float(result["reward"]), terminated, truncated, info
 
     def render(self) -> NDArray[np.uint8] | None:
-        """The picture of the virtual robot, uint8 ``[height, width, 3]``; ``None`` without a render mode.
+        """Image of the virtual robot, uint8 ``[height, width, 3]``; ``None`` without a render mode.
 
         Raises:
-            RenderingUnavailableError: the robot is real, or nothing is here to draw with.
+            RenderingUnavailableError: the robot is real, or OpenGL is missing.
         """
         if self.render_mode is None:
             return None
@@ -99,7 +99,7 @@ class GymnasiumEnv(gymnasium.Env[Observation, Array]):
         return self._renderer.render()
 
     def close(self) -> None:
-        """Stop the robot and let go of the hub. May be called twice."""
+        """Stop the robot and close the link. May be called twice."""
         self._close_renderer()
         self.env.close()
 
@@ -114,7 +114,7 @@ class GymnasiumEnv(gymnasium.Env[Observation, Array]):
 
     def _info(self, *, ended: bool) -> dict[str, Any]:
         episode = torch.stack(self._observations)
-        if self.env.task.camera is not None:
+        if self.env.task.is_judged_by_more:
             episode = self.env.judged(episode)
         info: dict[str, Any] = {name: float(value) for name, value in self.env.task.metrics(episode).items()}
         if ended:

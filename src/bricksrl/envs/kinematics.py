@@ -1,4 +1,4 @@
-"""Parameters of a kinematic simulation; the numbers only, so that naming environments needs no torch."""
+"""Parameters of a kinematic simulation, without torch, so that the registry imports none."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from bricksrl.errors import DescriptionError
 
 @dataclass(frozen=True)
 class Kinematics:
-    """Each commanded motor turns by its command, with some noise.
+    """Kinematic model: each commanded motor turns by its command plus noise.
 
     Attributes:
         noise: standard deviation of the normal noise on each normalised action, before it is mapped to degrees.
         noise_on: ``"action"``, or ``"state"`` for the same noise, in the same degrees, on the angle after the move.
-        motion: ``"instant"``: a motor is where it was sent when the next command comes. ``"firmware"``: it gets as far in the
-            task's time as the firmware's trajectory does, and takes its speed along into the next command.
+        motion: ``"instant"``: a motor reaches its target before the next command. ``"firmware"``: it follows the firmware's
+            trajectory for the task's step time and carries its speed over into the next command.
 
     Raises:
-        DescriptionError: the noise is negative or on neither, or there is no such motion.
+        DescriptionError: the noise is negative, or ``noise_on`` or ``motion`` is unknown.
     """
 
     noise: float

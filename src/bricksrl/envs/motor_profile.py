@@ -1,9 +1,9 @@
 """Motion profile of the firmware: the angle that a motor covers in a fixed time when it gets a new target while it turns.
 
-A new command of the firmware's ``run_angle`` starts where the reference of the last one is, at its speed: speed up, cruise, slow
-down, each with constant acceleration, towards the place that is so many degrees further on. This is that trajectory in closed
-form (as in Pybricks' ``pbio/trajectory.c``), without the rounding of the firmware's integers and without the motor's lag behind
-its reference: together less than two degrees, which a test holds against the firmware's own answers.
+The firmware's ``run_angle`` starts at the position and speed of the previous command's reference and follows a trapezoidal speed
+profile (accelerate, cruise, decelerate) to the target, which is relative to that position. This is the trajectory in closed form
+(as in Pybricks' ``pbio/trajectory.c``), without the firmware's integer rounding and the motor's lag behind its reference:
+together less than two degrees, which a test checks against the firmware's values.
 """
 
 from __future__ import annotations
@@ -12,29 +12,29 @@ import torch
 from torch import Tensor
 
 ACCELERATION_DEG_S2 = 2000.0
-"""What Pybricks speeds up and slows down with, for every motor of the robots here."""
+"""Acceleration and deceleration in Pybricks, for every motor of our robots."""
 
 
 def turn_on(turn_deg: Tensor, speed_deg_s: Tensor, limit_deg_s: Tensor, time_s: float) -> tuple[Tensor, Tensor]:
-    """Degrees turned after ``time_s``, and the speed then.
+    """Angle turned after ``time_s`` (deg) and the speed then (deg/s).
 
     Args:
-        turn_deg: the command ``[*batch]``, from where the motor is; negative for the other direction.
-        speed_deg_s: when the command comes ``[*batch]``.
-        limit_deg_s: of the command, above 0; broadcast against the others.
+        turn_deg: commanded angle ``[*batch]``, relative to the present position; signed.
+        speed_deg_s: speed when the command arrives ``[*batch]``.
+        limit_deg_s: speed limit of the command, above 0; broadcast against the others.
     """
     a = ACCELERATION_DEG_S2
     sign = turn_deg.sign()
     way = turn_deg.abs()
-    # A start that is too fast to stop in time is taken for the fastest from which that is possible.
+    # A start speed too high to stop in time is clipped to the highest from which stopping is possible.
     start = torch.minimum(sign * speed_deg_s, (2.0 * a * way).sqrt())
     back = torch.where(start < 0, start.square() / (2.0 * a), 0.0)
     top = torch.minimum((2.0 * a * (way + back)).sqrt(), limit_deg_s)
     first = torch.where(start < top, a, -a)
-    origin = -start.square() / (2.0 * first)  # where the first ramp, drawn on, has speed zero
+    origin = -start.square() / (2.0 * first)  # position where the first ramp, extrapolated, has speed zero
     ramped = origin + top.square() / (2.0 * first)
     braking = way - top.square() / (2.0 * a)
-    meet = braking < ramped  # too short for the limit: the ramps meet halfway, without a cruise
+    meet = braking < ramped  # too short to reach the limit: triangular profile, without a cruise
     ramped = torch.where(meet, (origin + way) / 2.0, ramped)
     braking = torch.where(meet, ramped, braking)
     top = torch.where(meet, (2.0 * first * (ramped - origin)).clamp_min(0.0).sqrt(), top)

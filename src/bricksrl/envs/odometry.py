@@ -1,4 +1,4 @@
-"""Odometry: the way that a robot went, from its virtual robot's true pose or estimated from its ultrasonic sensor."""
+"""Odometry: distance travelled, from a virtual robot's true pose or estimated from the ultrasonic sensor."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 class TrueOdometer:
-    """Measures a virtual robot along the direction that it faced at the start of the episode."""
+    """Odometer of a virtual robot, along its heading at the start of the episode."""
 
     def __init__(self, pose: Callable[[], Pose]) -> None:
         self._pose = pose
@@ -28,17 +28,17 @@ class TrueOdometer:
         self._path_m = self._forward_m = 0.0
 
     def forward_mm(self, time_s: float, _values: NDArray[np.float32]) -> float:
-        """Millimetres forward since the last call; take the time of this one."""
+        """Distance forward since the last call, in mm; ``time_s`` is the time of this one."""
         pose, heading = self._pose(), math.radians(self._start.heading_deg)
         self._path_m += math.hypot(pose.x_m - self._last.x_m, pose.y_m - self._last.y_m)
-        # Headings count clockwise, y points left.
+        # Headings are clockwise, y points left.
         forward_m = (pose.x_m - self._start.x_m) * math.cos(heading) - (pose.y_m - self._start.y_m) * math.sin(heading)
         step_mm = (forward_m - self._forward_m) * 1000
         self._forward_m, self._last, self._now_s = forward_m, pose, time_s
         return step_mm
 
     def metrics(self) -> dict[str, float]:
-        """Metrics of the episode as a walk; straightness is the way forward over the way gone, 1 at best."""
+        """Metrics of the episode's motion; straightness is the distance forward over the path length, at most 1."""
         time_s = self._now_s - self._start_s
         return {
             "forward_m": self._forward_m,
@@ -49,9 +49,9 @@ class TrueOdometer:
 
 
 class SonarOdometer:
-    """Estimates the way of a real robot that walks towards a wall, from the distance that its sensor reports.
+    """Odometer of a real robot that walks towards a wall, from its ultrasonic distance.
 
-    It knows nothing where the wall is out of sight, and takes a turn for a way.
+    It measures nothing while the wall is out of range, and mistakes a turn for a distance.
     """
 
     def __init__(self, interface: Interface) -> None:
@@ -62,7 +62,7 @@ class SonarOdometer:
         self._last_mm = Distance.FARTHEST_MM
 
     def forward_mm(self, _time_s: float, values: NDArray[np.float32]) -> float:
-        """Approach to the wall since the last call; 0 where it was out of sight."""
+        """Decrease of the distance to the wall since the last call, in mm; 0 where it was out of range."""
         now_mm = Distance.FARTHEST_MM if self._column is None else float(values[self._column])
         known = max(now_mm, self._last_mm) < Distance.FARTHEST_MM
         step_mm = self._last_mm - now_mm if known else 0.0
@@ -70,7 +70,7 @@ class SonarOdometer:
         return step_mm
 
     def metrics(self) -> dict[str, float]:
-        """Nothing: an estimate is not reported as a measurement."""
+        """Empty: an estimate is not reported as a measurement."""
         return {}
 
 

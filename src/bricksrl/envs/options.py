@@ -1,4 +1,4 @@
-"""Options of an environment: how its robot is reached, what its world is, which variant of its task it has."""
+"""Options of an environment: connection to the robot, physics, and variant of the task."""
 
 from __future__ import annotations
 
@@ -12,26 +12,26 @@ from bricksrl.twin.physics import Physics, RandomPhysics
 
 @dataclass(frozen=True, kw_only=True)
 class EnvOptions:
-    """How a robot is reached, what its world is, and the options of the task.
+    """Connection to the robot, physics of a virtual one, and options of the task.
 
     Raises:
-        DescriptionError: at construction, when two of them contradict each other.
+        DescriptionError: at construction, when two options contradict each other.
     """
 
     hub: str = "virtual"
-    """How to reach the robot: "virtual" runs the hub program on a simulated one, "ble" finds a real one over Bluetooth,
-    "ble:NAME" or "ble:ADDRESS" that one, and "usb" or "usb:PORT" one on a cable."""
+    """How to reach the robot: "virtual" simulates it, "ble" finds a real hub over Bluetooth, "ble:NAME" or "ble:ADDRESS" takes
+    that one, and "usb" or "usb:PORT" one on a cable."""
     realtime: bool = False
-    """Let a virtual robot take as long as a real one."""
+    """Run a virtual robot in real time."""
     streaming: bool = False
-    """Have the hub send its observations all the time, and take the latest command; steps then follow one another at a fixed
-    rate, and the age of each observation is in the link's readings and statistics."""
+    """Stream: the hub sends observations continuously and applies the latest command. Steps then run at a fixed rate, and the
+    link's readings and statistics hold the age of each observation."""
     app_data: bool = False
-    """Speak to the program on the hub over AppData instead of its standard input."""
+    """Send to the hub program over AppData instead of its standard input."""
     randomize: bool = False
-    """Draw another physics of a virtual robot for each episode."""
+    """Domain randomization: draw the physics of a virtual robot anew for each episode."""
     physics: Physics | None = None
-    """Physics of a virtual robot, such as a fitted one; without it a freshly charged robot on a smooth floor."""
+    """Physics of a virtual robot, such as a fitted one; by default a freshly charged robot on a smooth floor."""
     options: dict[str, Any] = field(default_factory=dict)
     """Options of the task, such as ``{"sparse": True}``; plain values."""
 
@@ -40,23 +40,23 @@ class EnvOptions:
             raise DescriptionError("the physics is given and is to be random too; choose one of the two")
 
     def changed(self, **named: Any) -> Self:
-        """With fields by their names; any other name is an option of the task."""
-        own = {one.name for one in fields(EnvOptions)}
-        given = {name: value for name, value in named.items() if name in own}
-        options = {**self.options, **{name: value for name, value in named.items() if name not in own}}
+        """A copy with fields changed by name; any other name is an option of the task."""
+        names = {one.name for one in fields(EnvOptions)}
+        given = {name: value for name, value in named.items() if name in names}
+        options = {**self.options, **{name: value for name, value in named.items() if name not in names}}
         return replace(self, **{"options": options, **given})
 
     @property
     def env_options(self) -> EnvOptions:
-        """These alone, where a class has more."""
+        """These options alone, for a subclass with further fields."""
         return EnvOptions(**{one.name: getattr(self, one.name) for one in fields(EnvOptions)})
 
     @property
     def pipe(self) -> Pipe:
-        """The way into the program on the hub."""
+        """The channel for input to the hub program."""
         return Pipe.APP_DATA if self.app_data else Pipe.STDIN
 
     @property
     def physics_or_draw(self) -> Physics | RandomPhysics | None:
-        """Physics, or how to draw one for each episode."""
+        """The fixed physics, or a sampler of one for each episode."""
         return RandomPhysics() if self.randomize else self.physics

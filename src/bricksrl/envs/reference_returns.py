@@ -1,7 +1,7 @@
-"""Reference returns of our environments: random actions, a controller written by hand, and the paper's SAC.
+"""Reference returns of our environments: random actions, a scripted controller, and the paper's SAC.
 
-The first two are those of `benchmarks/results/baselines.json`, over 20 to 50 episodes on virtual robots. The paper's are the
-means of its SAC on real robots (BricksRL, arXiv:2406.17490), as in `benchmarks/results/robots.json`.
+The first two are from `benchmarks/results/baselines.json`, over 20 to 50 episodes on virtual robots. The paper's are the means
+of its SAC on real robots (BricksRL, arXiv:2406.17490), as in `benchmarks/results/robots.json`.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Reference:
-    """Mean returns that a curve is read against; ``None`` where the paper has none."""
+    """Mean returns to compare a learning curve with; ``None`` where the paper has none."""
 
     random: float
     scripted: float
@@ -39,5 +39,5 @@ REFERENCES = {
 
 
 def reference_lines(env: str, options: dict[str, object] | None = None) -> dict[str, float]:
-    """Lines of an environment by their labels; none where its task has options, or is not one of ours."""
+    """Reference returns of an environment by label; empty where its task has options, or is not one of ours."""
     return {} if options or env not in REFERENCES else REFERENCES[env].lines()

@@ -1,4 +1,4 @@
-"""Environments by name. Importing this imports neither torch nor MuJoCo; making an environment does."""
+"""Registry of environments. Importing it imports neither torch nor MuJoCo; making an environment does."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from bricksrl.envs.tasks.run_away import RUN_AWAY
 from bricksrl.envs.tasks.spinning import SPINNING
 from bricksrl.envs.tasks.walker import walker
 from bricksrl.envs.tasks.walker_forward import WALKER_FORWARD
-from bricksrl.errors import DescriptionError, UnknownNameError
+from bricksrl.errors import DescriptionError, UnknownNameError, UnknownOptionError
 from bricksrl.hub.transport import Transport
 from bricksrl.hub.transports.address import parse_hub
 from bricksrl.robots import Robot
@@ -46,13 +46,13 @@ Calibration = Callable[[Robot], Robot]
 
 @dataclass(frozen=True)
 class _Offer:
-    """An environment that can be made.
+    """A registered environment.
 
     Attributes:
-        build: the task, from its options.
-        kinematics: how it is simulated without a robot; ``None`` where a robot, real or virtual, carries it out.
-        episodes: how long to train for: the paper's budget, where it has one.
-        note: what distinguishes it from others of the same task.
+        build: makes the task from its options.
+        kinematics: parameters of its kinematic simulation; ``None`` where a robot, real or virtual, runs the task.
+        episodes: default length of a training run: the paper's budget, where it has one.
+        note: difference from other environments of the same task.
     """
 
     build: Callable[..., Task]
@@ -94,23 +94,23 @@ def make(
     place: Placement | None = None,
     **named: Any,
 ) -> EnvBase:
-    """An environment, ready to be reset: ``make("RoboArm-v0", hub="ble", sparse=True)``.
+    """Make an environment: ``make("RoboArm-v0", hub="ble", sparse=True)``.
 
     Args:
-        env_id: one of :func:`list_envs`, or where a task of your own is written: ``"my_task.py:TASK"``, ``"module:TASK"``.
-        options: how the robot is reached and what its world is.
-        seed: of everything random; the same seed and actions give the same episodes, bit for bit.
-        batch_size, device: of a simulation without a robot: number of copies (``8``, or ``[8]`` as TorchRL writes it), 0 for one
-            without a batch dimension, and where its tensors live.
-        kinematics: of a simulation without a robot: its noise, in place of the task's own.
-        place: puts a real robot where an episode starts and returns when it is there; by default the log asks for it.
-        named: single fields of :class:`EnvOptions` by their names, such as ``hub`` and ``realtime``, and options of the task,
-            such as ``sparse`` and ``threshold_deg`` of the RoboArm or ``camera`` of the one that sees.
+        env_id: one of :func:`list_envs`, or the location of a user's task: ``"my_task.py:TASK"``, ``"module:TASK"``.
+        options: connection, physics and task options.
+        seed: seed of all random numbers; the same seed and actions give the same episodes, bit for bit.
+        batch_size, device: for a kinematic simulation: number of copies (``8``, or ``[8]`` as in TorchRL), 0 for one without a
+            batch dimension; and the device of its tensors.
+        kinematics: for a kinematic simulation: parameters in place of the environment's.
+        place: places a real robot at the start of an episode and returns when it is there; by default the log asks for it.
+        named: single fields of :class:`EnvOptions` by name, such as ``hub`` and ``realtime``, and options of the task, such as
+            ``sparse`` and ``threshold_deg`` of the RoboArm.
 
     Raises:
         UnknownNameError: there is no such environment or no such kind of hub.
-        DescriptionError: the environment has no such option, a step of it has no fixed time and cannot be streamed, or the seed
-            cannot be one.
+        DescriptionError: the environment has no such option, its steps have no fixed time and cannot be streamed, or the seed
+            is invalid.
     """
     check_seed(seed)
     options = (options or EnvOptions()).env_options.changed(**named)
@@ -162,7 +162,7 @@ def _on_twin(task: Task, options: EnvOptions, seed: int | None) -> HubEnv:
 
 
 def _with_saved_red(task: Task) -> Task:
-    """The task with what counts as red before its camera, where that was calibrated."""
+    """The task with the saved color calibration of its camera, if there is one."""
     from bricksrl.envs.vision.color_calibration import saved_red
 
     view = task.camera
@@ -179,18 +179,18 @@ def _on_robot(task: Task, options: EnvOptions, transport: ProfileTransport, seed
     from bricksrl.envs.vision.camera import VideoCamera
     from bricksrl.hub.diagnostics.calibration import calibration_of
 
-    def put_back(_rng: np.random.Generator) -> None:
+    def ask_to_place(_rng: np.random.Generator) -> None:
         _log.warning("%s: put the robot where an episode starts", task.id)
 
     camera = None if task.camera is None else VideoCamera(task.camera)
     calibrate = calibration_of(lambda: transport.identity.address if transport.identity else "")
     link = _link(task, options, transport, calibrate)
-    connection = Connection(link, place or put_back, SonarOdometer(task.interface), camera=camera)
+    connection = Connection(link, place or ask_to_place, SonarOdometer(task.interface), camera=camera)
     return HubEnv(task, lambda _seed: connection, seed=seed)
 
 
 def is_simulation(env_id: str) -> bool:
-    """Whether an environment is simulated without a robot, many copies at once.
+    """Whether an environment is a batched kinematic simulation.
 
     Raises:
         UnknownNameError: there is no environment of that name.
@@ -199,7 +199,7 @@ def is_simulation(env_id: str) -> bool:
 
 
 def training_episodes(env_id: str) -> int:
-    """For how many episodes to train there, unless somebody knows better.
+    """Default number of training episodes of an environment.
 
     Raises:
         UnknownNameError: there is no environment of that name.
@@ -208,16 +208,16 @@ def training_episodes(env_id: str) -> int:
 
 
 def list_envs() -> dict[str, str]:
-    """Each environment's id and what it is about, in one line."""
+    """Summary of each environment, in one line, by id."""
     return {env_id: _build(env_id, offer, {}).summary + offer.note for env_id, offer in sorted(_offers.items())}
 
 
 def get_task(env_id: str, **options: Any) -> Task:
-    """The task behind an environment.
+    """The task of an environment.
 
     Raises:
-        UnknownNameError: there is none of that name.
-        DescriptionError: it has no such option.
+        UnknownNameError: there is no environment of that name.
+        UnknownOptionError: it has no such option.
     """
     return _build(env_id, _offer(env_id), options)
 
@@ -226,7 +226,9 @@ def _build(env_id: str, offer: _Offer, options: dict[str, Any]) -> Task:
     parameters = inspect.signature(offer.build).parameters
     unknown = [name for name in options if name not in parameters]
     if unknown and not any(one.kind is one.VAR_KEYWORD for one in parameters.values()):
-        raise DescriptionError(f"{env_id} has no option {', '.join(unknown)}; it has {', '.join(parameters) or 'none'}")
+        known = ", ".join(parameters) or "none"
+        python_says = f"unexpected keyword argument '{unknown[0]}'"
+        raise UnknownOptionError(f"{env_id} has no option {unknown[0]}; it has {known} ({python_says})")
     try:
         return offer.build(**options)
     except TypeError as error:
@@ -247,7 +249,7 @@ def _offer(env_id: str) -> _Offer:
 
 
 def _with_own_id(build: Callable[..., Task]) -> Callable[..., Task]:
-    """A builder of a task of the user's own, which refuses the id of another one of ours."""
+    """A builder of a user's task that rejects the id of a different built-in task."""
 
     @functools.wraps(build)
     def checked(**options: Any) -> Task:
@@ -266,7 +268,7 @@ def _check_id(task: Task) -> None:
 
 
 def register(task: Task) -> None:
-    """Make a task of your own available by its id: to :func:`make` and, as ``bricksrl/<id>``, to Gymnasium.
+    """Register a task by its id for :func:`make` and, as ``bricksrl/<id>``, for Gymnasium.
 
     Registering the same id again replaces the earlier task.
 
@@ -281,7 +283,7 @@ def register(task: Task) -> None:
 
 
 def offer_to_gymnasium(env_ids: Iterable[str] | None = None) -> None:
-    """Register environments, all of them by default, as ``bricksrl/<id>``; called as soon as somebody imports Gymnasium."""
+    """Register environments, by default all, with Gymnasium as ``bricksrl/<id>``; called when Gymnasium is imported."""
     import gymnasium
 
     for env_id in _offers if env_ids is None else env_ids:

@@ -1,4 +1,4 @@
-"""Rollout: one episode, frame by frame; training, evaluation, recording and filming all play episodes by this loop."""
+"""Rollout: the one episode loop of training, evaluation, recording and filming."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ if TYPE_CHECKING:
     from torchrl.envs import EnvBase
 
 Policy = Callable[["TensorDictBase"], "TensorDictBase"]
-"""A policy as TorchRL has it: writes "action" ``[m]``, in -1..1, to what the environment shows."""
+"""A TorchRL policy: writes "action" ``[m]``, in -1..1, into the environment's tensordict."""
 
 
 class Driver(Protocol):
-    """A human, or a program in the place of one, who may choose the action."""
+    """A human, or a program in place of one, that may override the policy's action."""
 
     def __call__(self, observation: Tensor) -> Tensor | None:
-        """An action ``[m]`` in -1..1 for an observation ``[n]``, or ``None`` to leave this step to the policy."""
+        """Action ``[m]`` in -1..1 for an observation ``[n]``, or ``None`` to leave this step to the policy."""
 
 
 def play(
@@ -34,16 +34,16 @@ def play(
     driver: Driver | None = None,
     reset_policy: Callable[[], None] = lambda: None,
 ) -> Iterator[TensorDictBase]:
-    """The frames of one episode as TorchRL's ``EnvBase.step`` returns them: what was seen and done, and "next" what followed.
+    """Play one episode and yield its frames, as ``EnvBase.step`` returns them: observation and action, and "next" the outcome.
 
     Args:
-        start: what a reset gave; without it the environment is reset.
-        driver: asked first at each step; "intervention" then says whether the action was the driver's.
-        reset_policy: called when what the policy sees next does not follow from its last action: an episode starts, or the driver
-            has chosen one.
+        start: the output of a reset; without it the environment is reset.
+        driver: asked first at each step; "intervention" then tells whether the action was the driver's.
+        reset_policy: called when the next observation does not follow from the policy's last action: at the start of the
+            episode, and when the driver chose an action.
 
     Raises:
-        HubError: the robot cannot be reached for the start of the episode.
+        HubError: the robot cannot be reached at the start of the episode.
     """
     state = env.reset() if start is None else start
     reset_policy()
@@ -62,43 +62,51 @@ def play(
 
 
 def seed_episode(env: EnvBase, seed: int, purpose: str, episode: int) -> None:
-    """Make the next episode of ``env`` depend on nothing but these arguments and the actions.
+    """Seed the next episode of ``env`` so that it depends only on these arguments and the actions.
 
-    That is what lets an interrupted run go on as if nothing had happened: of the environment there is nothing to save.
+    An interrupted run can therefore resume exactly, without saving any state of the environment.
     """
-    # many environments seed torch's global generator here, which the policy draws from: leave it as it was
+    # many environments seed torch's global generator here, which the policy draws from: restore it
     state = torch.get_rng_state()
     env.set_seed(derive_seed(seed, purpose, episode))
     torch.set_rng_state(state)
 
 
 def link_lost(frame: TensorDictBase) -> bool:
-    """Whether the link to the robot broke at a frame, which then has no outcome."""
+    """Whether the link to the robot broke in a frame, which then has no valid outcome."""
     lost = frame["next"].get("link_lost", None)
     return lost is not None and bool(lost)
 
 
 @dataclass
 class Rollout:
-    """The rewards and observations of an episode, as its frames come in.
+    """Rewards, actions and observations of an episode, collected frame by frame.
 
     Attributes:
-        rewards: one for each step.
-        observations: those ``[n]`` that followed the steps.
+        rewards: one per step.
+        action_sizes: mean absolute value of each step's action, in 0..1.
+        observations: the observation ``[n]`` after each step.
         is_lost: whether the link to the robot broke; that frame does not count.
     """
 
     rewards: list[float] = field(default_factory=list)
+    action_sizes: list[float] = field(default_factory=list)
     observations: list[Tensor] = field(default_factory=list)
     is_lost: bool = False
 
     def add(self, frame: TensorDictBase) -> None:
-        """Count a frame."""
+        """Add a frame."""
         if link_lost(frame):
             self.is_lost = True
             return
         self.rewards.append(float(frame["next", "reward"]))
+        self.action_sizes.append(float(frame["action"].abs().mean()))
         self.observations.append(frame["next", "observation"])
+
+    @property
+    def action_size(self) -> float:
+        """Mean absolute value of the actions, in 0..1."""
+        return sum(self.action_sizes) / max(1, len(self.action_sizes))
 
     @property
     def return_(self) -> float:
@@ -106,21 +114,21 @@ class Rollout:
         return float(torch.tensor(self.rewards).sum())
 
     def success(self, env: EnvBase) -> bool | None:
-        """Whether the task calls this, the last episode of ``env``, a success; ``None`` without a task of ours or a step."""
+        """Success by the task, for the last episode of ``env``; ``None`` if ``env`` has no task or the episode no step."""
         task = getattr(env, "task", None)
         return None if task is None or not self.rewards else bool(task.success(self._judged(env)))
 
     def metrics(self, env: EnvBase) -> dict[str, float]:
-        """The task's own numbers about this, the last episode of ``env``; none for an environment without a task of ours."""
+        """Metrics by the task, for the last episode of ``env``; empty if ``env`` has no task or the episode no step."""
         task = getattr(env, "task", None)
         if task is None or not self.rewards:
             return {}
-        own = {name: float(value) for name, value in task.metrics(self._judged(env)).items()}
+        metrics = {name: float(value) for name, value in task.metrics(self._judged(env)).items()}
         walk = getattr(env, "walk_metrics", None)
-        return own if walk is None else {**own, **walk()}
+        return metrics if walk is None else {**metrics, **walk()}
 
     def _judged(self, env: EnvBase) -> Tensor:
-        """The observations ``[steps, n]`` as the task's functions get them."""
+        """Observations ``[steps, n]`` as the task's functions get them."""
         observations = torch.stack(self.observations)
         judged = getattr(env, "judged", None)
         return observations if judged is None else judged(observations)
@@ -128,10 +136,11 @@ class Rollout:
 
 @dataclass(frozen=True)
 class Judged:
-    """An episode, and what its task says of it, which has to be asked before the next reset."""
+    """Result of an episode, evaluated by its task before the next reset."""
 
     return_: float
     length: int
+    action_size: float
     success: bool | None
     metrics: dict[str, float]
 
@@ -139,7 +148,7 @@ class Judged:
 def play_episodes(
     env: EnvBase, policy: Policy, episodes: int, seed: int, *, reset_policy: Callable[[], None] = lambda: None
 ) -> Iterator[Judged]:
-    """Whole episodes; episode ``k`` depends on ``seed``, ``k`` and the policy only. Copies of a simulation play side by side.
+    """Play whole episodes; episode ``k`` depends only on ``seed``, ``k`` and the policy. Copies of a simulation run in parallel.
 
     Raises:
         HubError: the link to the robot broke.
@@ -149,26 +158,28 @@ def play_episodes(
         return
     for number in range(1, episodes + 1):
         episode: Rollout | None = None
-        while episode is None or getattr(env, "is_cut", False):  # a pause cuts an episode short: it does not count
+        while episode is None or getattr(env, "is_cut", False):  # an episode that a pause truncated does not count
             episode = Rollout()
             seed_episode(env, seed, "evaluation", number)
             for frame in play(env, policy, reset_policy=reset_policy):
                 episode.add(frame)
             if episode.is_lost:
                 raise env.link_error
-        yield Judged(episode.return_, len(episode.rewards), episode.success(env), episode.metrics(env))
+        yield Judged(episode.return_, len(episode.rewards), episode.action_size, episode.success(env), episode.metrics(env))
 
 
 def _play_copies(env: EnvBase, policy: Policy, episodes: int, seed: int) -> Iterator[Judged]:
-    """The first episode of each copy, until there are so many."""
+    """The first episode of each copy, repeated until ``episodes`` are played."""
     copies = env.batch_size.numel()
     for start in range(0, episodes, copies):
         seed_episode(env, seed, "evaluation", 1 + start)
-        frames = env.rollout(env.task.max_steps, policy, break_when_any_done=False)["next"].cpu()
+        rollout = env.rollout(env.task.max_steps, policy, break_when_any_done=False).cpu()
+        frames, sizes = rollout["next"], rollout["action"].abs().mean(-1)
         done = frames["done"].squeeze(-1)
         lengths = torch.where(done.any(-1), done.int().argmax(-1) + 1, done.shape[-1])
         for copy in range(min(copies, episodes - start)):
             whole = frames[copy, : int(lengths[copy])]
             success, metrics = env.task.success(whole["observation"]), env.task.metrics(whole["observation"])
             numbers = {name: float(value) for name, value in metrics.items()}
-            yield Judged(float(whole["reward"].sum()), len(whole), bool(success), numbers)
+            size = float(sizes[copy, : len(whole)].mean())
+            yield Judged(float(whole["reward"].sum()), len(whole), size, bool(success), numbers)

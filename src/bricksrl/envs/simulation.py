@@ -1,10 +1,10 @@
-"""Kinematic simulation: a task without a robot, many times at once on any device.
+"""Kinematic simulation: batched copies of a task without a robot, on any device.
 
 Each commanded motor turns by its command, at once (``angle += command``) or as far as the firmware's trajectory gets in the
-task's time. Endless motors wrap into 0..360 degrees, joints stop at their range, as on the hub. Channels without a motor read 0.
+task's step time. Endless motors wrap into 0..360 degrees, joints stop at their range, as on the hub. Other channels read 0.
 
-Inside, every number of the observation is one row over all copies (``[n, copies]``), so that all arithmetic runs along memory:
-that is twice as fast. What leaves is the transposed view.
+The state is stored as ``[n, copies]``, so that all arithmetic runs along contiguous memory, which is twice as fast. Outputs are
+transposed views.
 """
 
 from __future__ import annotations
@@ -30,14 +30,14 @@ class SimulatedEnv(EnvBase):  # type: ignore[misc]
     """``batch_size`` independent copies of a task; keys and specs are those of :class:`~bricksrl.envs.env.HubEnv`.
 
     Args:
-        task: all its commands turn motors, and all its motor channels are commanded.
-        kinematics: the noise.
-        batch_size: number of copies, plain or as TorchRL writes it (``[8]``); 0 or ``[]`` for one without a batch dimension.
-        device: where the tensors live.
-        seed: of starts, goals and noise.
+        task: a task whose commands all turn motors, and whose motor channels are all commanded.
+        kinematics: motion and noise.
+        batch_size: number of copies, as an integer or as in TorchRL (``[8]``); 0 or ``[]`` for one without a batch dimension.
+        device: device of the tensors.
+        seed: seed of starts, goals and noise.
 
     Raises:
-        DescriptionError: the task has commands or motors that kinematics cannot move, or the batch has no such size.
+        DescriptionError: the task has commands or motors that kinematics cannot move, or the batch size is invalid.
     """
 
     def __init__(
@@ -63,7 +63,7 @@ class SimulatedEnv(EnvBase):  # type: ignore[misc]
         self._speed = torch.zeros(len(task.interface.commands), self._copies, device=self.device)
 
     def _plan(self, task: Task) -> None:
-        """Turn the task's commands and channels into tensors, one entry a command."""
+        """Convert the task's commands and channels into tensors, with one row per command."""
         commands, channels = task.interface.commands, task.interface.channels
         if task.measured_entries:
             raise DescriptionError(f"{task.id} cannot be simulated; kinematics do not tell how far a robot gets")
@@ -85,15 +85,15 @@ class SimulatedEnv(EnvBase):  # type: ignore[misc]
         self._limit = tensor([turn.speed_deg_s for turn in turns])
         self._time_s = _time_s(task, self._kinematics)
         self._low, self._high = tensor([a.low for a in angles]), tensor([a.high for a in angles])
-        # Wrapping and stopping alike: whole turns are taken off where a motor turns endlessly, then all are clamped.
+        # Wrap and stop in one formula: whole turns are subtracted for endless motors, then all angles are clamped.
         wraps = tensor([float(angle.wraps) for angle in angles])
         self._turns_per_deg, self._deg_per_turn = wraps / 360.0, wraps * 360.0
-        # A slice where the commanded motors come one after the other: it copies nothing.
-        in_a_row = places == list(range(places[0], places[0] + len(places)))
-        self._angles = slice(places[0], places[0] + len(places)) if in_a_row else torch.tensor(places, device=self.device)
+        # A slice where the commanded motors are contiguous: indexing then copies nothing.
+        contiguous = places == list(range(places[0], places[0] + len(places)))
+        self._angles = slice(places[0], places[0] + len(places)) if contiguous else torch.tensor(places, device=self.device)
         entries = task.entries
         drawn = {*places, *range(len(channels), len(entries))}
-        # Entries that a reset draws uniformly; the others read 0. A whole number has its own upper end to round down from.
+        # Entries that a reset draws uniformly; the others read 0. Integers are rounded down, so their range ends at high + 1.
         self._whole = torch.tensor([False] * len(channels) + [h.whole for h in task.sampled_entries], device=self.device)[:, None]
         ends = [e.high + whole for e, whole in zip(entries, self._whole[:, 0].tolist(), strict=True)]
         self._start_low = tensor([e.low if i in drawn else 0.0 for i, e in enumerate(entries)])
@@ -113,7 +113,7 @@ class SimulatedEnv(EnvBase):  # type: ignore[misc]
         self._rng.manual_seed(int(seed or 0))  # it takes no NumPy integers
 
     def maybe_reset(self, tensordict: TensorDictBase) -> TensorDictBase:
-        """Start those copies anew that are done. The others are not touched: that is most of the work at most steps."""
+        """Reset the copies that are done, and only those: resetting all would dominate the time of a step."""
         done = tensordict.get("done").view(-1).nonzero().squeeze(1)
         if len(done):
             self._start(done)
@@ -124,8 +124,8 @@ class SimulatedEnv(EnvBase):  # type: ignore[misc]
 
     def _reset(self, tensordict: TensorDictBase | None = None, **_kwargs: Any) -> TensorDictBase:
         mask = tensordict.get("_reset", None) if tensordict is not None else None
-        everyone = torch.arange(self._copies, device=self.device)
-        self._start(everyone if mask is None else mask.view(-1).nonzero().squeeze(1))
+        all_copies = torch.arange(self._copies, device=self.device)
+        self._start(all_copies if mask is None else mask.view(-1).nonzero().squeeze(1))
         return TensorDict({"observation": self._out(self._state.t())}, self.batch_size, device=self.device)
 
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
@@ -145,7 +145,7 @@ class SimulatedEnv(EnvBase):  # type: ignore[misc]
         return TensorDict({key: self._out(value) for key, value in out.items()}, self.batch_size, device=self.device)
 
     def _move(self, state: Tensor, action: Tensor) -> tuple[Tensor, Tensor]:
-        """The next state ``[n, copies]`` and speeds ``[m, copies]``; state and action ``[m, copies]`` stay as they are."""
+        """Next state ``[n, copies]`` and speeds ``[m, copies]``; ``state`` and ``action [m, copies]`` are not changed."""
         noise = torch.randn(action.shape, generator=self._rng, device=self.device).mul_(self._noise)
         turn = torch.addcmul(self._middle, action, self._half)
         on_action = self._kinematics.noise_on == "action"
@@ -161,12 +161,12 @@ class SimulatedEnv(EnvBase):  # type: ignore[misc]
         return moved, speed
 
     def _bounded(self, angles: Tensor) -> Tensor:
-        """Endless motors wrapped, joints stopped; changes ``angles`` in place and returns it."""
+        """Wrap endless motors and clamp joints; changes ``angles`` in place and returns it."""
         turns = (angles * self._turns_per_deg).floor_()
         return angles.addcmul_(turns, self._deg_per_turn, value=-1.0).clamp_(self._low, self._high)
 
     def _start(self, copies: Tensor) -> None:
-        """Random starts of these copies; tensors that were given out before keep their numbers."""
+        """Draw new start states for ``copies``; tensors returned earlier are not changed."""
         share = torch.rand((self._state.shape[0], len(copies)), generator=self._rng, device=self.device)
         drawn = torch.addcmul(self._start_low, share, self._start_span)
         drawn = torch.where(self._whole, drawn.floor(), drawn)
@@ -186,10 +186,10 @@ def _shape(batch_size: int | Sequence[int]) -> torch.Size:
 
 
 def _time_s(task: Task, kinematics: Kinematics) -> float | None:
-    """How long a motor has until the next command; ``None`` where it needs no time.
+    """Time until the next command; ``None`` for instant motion.
 
     Raises:
-        DescriptionError: it takes as long as it needs, or its motors have ends, at which the firmware does what is not told here.
+        DescriptionError: the task's steps have no fixed time, or a motor has end stops, where the firmware is not modelled.
     """
     if kinematics.motion == "instant":
         return None

@@ -1,4 +1,4 @@
-"""Specs: bounds that are only nominal, what the entries of an observation mean, and an environment that is nothing but specs."""
+"""Specs: nominal bounds, the layout of an observation, and an environment that consists of its specs only."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     from bricksrl.envs.task import Task
 
 
-class _KeepsItsClass(type(Bounded)):  # type: ignore[misc]
-    """``Bounded`` turns every instance into one of its own two classes; this turns it back."""
+class _KeepClass(type(Bounded)):  # type: ignore[misc]
+    """Metaclass that undoes ``Bounded``'s: that one changes the class of each instance to one of its own two."""
 
     def __call__(cls, *args: Any, **kwargs: Any) -> Any:
         spec = super().__call__(*args, **kwargs)
@@ -28,14 +28,14 @@ class _KeepsItsClass(type(Bounded)):  # type: ignore[misc]
         return spec
 
 
-class NominalBounded(BoundedContinuous, metaclass=_KeepsItsClass):  # type: ignore[misc]
-    """``Bounded`` where chosen entries may lie outside of the box.
+class NominalBounded(BoundedContinuous, metaclass=_KeepClass):  # type: ignore[misc]
+    """``Bounded`` spec where marked entries may lie outside of the box.
 
-    Such entries show ``low`` and ``high`` and are drawn from between them, but any finite number is in the spec and none is
-    projected. All operations on specs keep this.
+    Marked entries have ``low`` and ``high`` and are sampled between them, but any finite number is in the spec and none is
+    projected. All operations on specs preserve this.
 
     Attributes:
-        nominal: bool of the shape of the spec; ``True`` where the bounds are nominal.
+        nominal: bool of the spec's shape; ``True`` where the bounds are nominal.
     """
 
     nominal: Tensor
@@ -46,7 +46,7 @@ class NominalBounded(BoundedContinuous, metaclass=_KeepsItsClass):  # type: igno
 
     @classmethod
     def of(cls, entries: Sequence[Entry], batch: Sequence[int] = (), device: torch.device | None = None) -> NominalBounded:
-        """The spec of a vector, for so many copies of it."""
+        """Spec of a vector of ``entries``, with leading dimensions ``batch``."""
         low, high = (torch.tensor([getattr(e, end) for e in entries], device=device) for end in ("low", "high"))
         nominal = torch.tensor([e.bounds != (e.low, e.high) for e in entries], device=device)
         shape = (*batch, len(entries))
@@ -62,7 +62,7 @@ class NominalBounded(BoundedContinuous, metaclass=_KeepsItsClass):  # type: igno
         return torch.where(self._mask(val), val, super()._project(val))
 
     def _mask(self, val: Tensor) -> Tensor:
-        """``nominal`` for a value, also where a transform such as ``CatFrames`` has repeated the entries in place."""
+        """``nominal`` for a value, also after a transform such as ``CatFrames`` repeated the entries of the spec."""
         mask = self.nominal
         if mask.shape != self.shape:
             repeats = [size // was if size % was == 0 else 0 for size, was in zip(self.shape, mask.shape, strict=True)]
@@ -70,7 +70,7 @@ class NominalBounded(BoundedContinuous, metaclass=_KeepsItsClass):  # type: igno
         return mask.to(val.device)
 
     def _with(self, spec: Any, nominal: Tensor) -> NominalBounded:
-        if not isinstance(spec, NominalBounded):  # ``Bounded.to`` names its own class
+        if not isinstance(spec, NominalBounded):  # ``Bounded.to`` makes a plain ``Bounded``
             spec = NominalBounded(spec.low, spec.high, spec.shape, spec.device, spec.dtype)
         kept: NominalBounded = spec
         kept.nominal = nominal.clone()
@@ -113,7 +113,7 @@ class NominalBounded(BoundedContinuous, metaclass=_KeepsItsClass):  # type: igno
 
 
 def entries_of(env: EnvBase) -> tuple[Entry, ...]:
-    """The observation of any environment, entry by entry: from its task where it has one, else the bounds of its spec."""
+    """Entries of any environment's observation: those of its task if it has one, else made from its spec's bounds."""
     task: Task | None = getattr(env, "task", None)
     return spec_entries(env.full_observation_spec_unbatched["observation"], "observation") if task is None else task.entries
 
@@ -164,7 +164,7 @@ def _goal_pairs(entries: Sequence[Entry]) -> tuple[tuple[int, int], ...]:
 
 
 class SpecsEnv(EnvBase):  # type: ignore[misc]
-    """The specs and the task of an environment that is elsewhere: enough to build an agent for it, nothing to act in."""
+    """Specs and task of a remote environment: enough to build an agent for it; it cannot be reset or stepped."""
 
     def __init__(self, specs: dict[str, Any], task: Task | None) -> None:
         super().__init__(batch_size=())
@@ -179,4 +179,4 @@ class SpecsEnv(EnvBase):  # type: ignore[misc]
         raise BricksError("this environment is elsewhere; act in the one that it stands for")
 
     def _set_seed(self, _seed: int | None) -> None:
-        """Nothing is random here."""
+        """Do nothing: there is nothing random."""

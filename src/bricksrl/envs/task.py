@@ -1,6 +1,6 @@
-"""Task: a robot, the commands and channels it uses, and pure functions of tensors.
+"""Task: a robot, its commands and channels, and pure functions of tensors.
 
-Nothing here knows of TorchRL or of a hub, and importing a task imports neither torch nor MuJoCo. All functions are batched:
+A task is independent of TorchRL and of the hub, and importing one imports neither torch nor MuJoCo. All functions are batched:
 observations have the shape ``[*batch, n]``, actions ``[*batch, m]`` (in -1..1), rewards and ends ``[*batch, 1]``.
 """
 
@@ -26,10 +26,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class SampledEntry(Entry):
-    """An entry of the observation that is drawn at every reset and stays for the episode.
+    """Entry of the observation that is drawn at every reset and constant for the episode.
 
     Attributes:
-        whole: draw one of the whole numbers ``low, low + 1, ..., high`` rather than any number between.
+        whole: draw an integer ``low, low + 1, ..., high`` instead of a real number.
     """
 
     whole: bool = False
@@ -42,7 +42,7 @@ class SampledEntry(Entry):
 
 
 def never(observation: Tensor) -> Tensor:
-    """The end of a task that only its time limit ends: ``False`` of shape ``[*batch, 1]``."""
+    """``False`` of shape ``[*batch, 1]``: ``terminated`` of a task that ends by its time limit only."""
     return observation.new_zeros((*observation.shape[:-1], 1)).bool()
 
 
@@ -50,30 +50,30 @@ def never(observation: Tensor) -> Tensor:
 class Task:
     """A reinforcement learning task on a robot.
 
-    The observation is the interface's channels in their order, then the sampled entries, then the measured ones, then those of
-    the target. Where there is one, the angles of the wheels are left out. Where a camera has a goal, the task's functions get two
-    more entries, which the agent does not: see ``task_entries``.
+    The observation consists of the interface's channels in order, the sampled entries, the measured entries and the target's
+    entries. With a target, the wheel angles are left out. Where a camera has a goal, the task's functions get two further entries
+    that the agent does not: see ``task_entries``.
 
     Attributes:
         id: name and version, such as ``"RunAway-v0"``.
         doc: the description; its first line is the summary.
         max_steps: steps after which an episode is truncated.
-        reward: ``(previous observation, action, observation)`` to the reward ``[*batch, 1]``. The action is the agent's own,
+        reward: maps ``(previous observation, action, observation)`` to the reward ``[*batch, 1]``. The action is the agent's,
             in -1..1, before it is mapped to commands.
-        success: the observations ``[*batch, steps, n]`` that followed the steps of a whole episode to ``[*batch]`` bool.
-        metrics: the same observations to named numbers ``[*batch]`` beside the return; units in the names.
-        terminated: an observation to ``[*batch, 1]`` bool.
-        blocked: an observation to ``[*batch, 1]`` bool: something is in the way of a robot, which waits with its motors held
-            until it is gone. A simulation without a robot never waits.
-        scene: what stands around the robot when it is virtual.
-        sampled_entries, measured_entries: what follows the channels in the observation. The latter are what the host measures
-            after every step: the way forward in it. They are 0 after a reset.
-        target: a place that a driving robot is to reach.
-        walks: a virtual robot reports how far, fast and straight it went.
-        camera: what looks at the robot and adds an image to the observation.
+        success: maps the observations ``[*batch, steps, n]`` after each step of a whole episode to bool ``[*batch]``.
+        metrics: maps the same observations to named numbers ``[*batch]``; units in the names.
+        terminated: maps an observation to bool ``[*batch, 1]``.
+        blocked: maps an observation to bool ``[*batch, 1]``: an obstacle is in the robot's way; the robot then waits, motors
+            held, until it is gone. A kinematic simulation never waits.
+        scene: surroundings of a virtual robot.
+        sampled_entries, measured_entries: entries after the channels. The measured ones are computed by the host after every
+            step (the distance forward in it), and 0 after a reset.
+        target: a pose that a driving robot is to reach; success and metrics get the true pose of a virtual robot.
+        walks: whether a virtual robot reports distance, speed and straightness.
+        camera: a camera on the robot, which adds an image to the observation.
 
     Raises:
-        DescriptionError: at construction, when the parts do not fit.
+        DescriptionError: at construction, when the parts are inconsistent.
     """
 
     id: str
@@ -99,7 +99,7 @@ class Task:
         if self.max_steps < 1:
             raise DescriptionError(f"task {self.id}: an episode of {self.max_steps} steps is empty; give max_steps of 1 or more")
         if self.target is not None:
-            wheels(self.robot, self.interface)  # or it could not tell where that is
+            wheels(self.robot, self.interface)  # raises where dead reckoning is impossible
         if not self.interface.commands or not self.entries:
             raise DescriptionError(f"task {self.id}: nothing to command or nothing to observe; name commands and channels")
         names = [entry.name for entry in self.entries]
@@ -113,22 +113,27 @@ class Task:
 
     @property
     def observed_channels(self) -> tuple[int, ...]:
-        """Places of the channels that are in the observation."""
+        """Indices of the channels that are in the observation."""
         reckoned = () if self.target is None else wheels(self.robot, self.interface)
         return tuple(place for place in range(len(self.interface.channels)) if place not in reckoned)
 
     @property
     def entries(self) -> tuple[Entry, ...]:
-        """The observation vector, entry by entry."""
+        """Entries of the observation vector."""
         channels = (self.interface.channels[place].entry for place in self.observed_channels)
         target = () if self.target is None else self.target.entries
         return (*channels, *self.sampled_entries, *self.measured_entries, *target)
 
     @property
-    def task_entries(self) -> tuple[Entry, ...]:
-        """What reward, ends, success and metrics get: the observation; where a camera has a goal, also how far red things are.
+    def is_judged_by_more(self) -> bool:
+        """Whether success and metrics may get more than the agent sees."""
+        return self.camera is not None or self.target is not None
 
-        That is their mean distance (of the last that were seen in the episode; 0 before) and the distance of the nearest.
+    @property
+    def task_entries(self) -> tuple[Entry, ...]:
+        """Entries that reward, ends, success and metrics get: the observation and, where a camera has a goal, two distances.
+
+        These are the mean distance of the red objects from it (the last seen in the episode; 0 before) and that of the nearest.
         """
         if self.camera is None or self.camera.goal is None:
             return self.entries

@@ -1,7 +1,7 @@
-"""Trust in runs and policies whose config names code: what was made elsewhere is not executed before its owner says so.
+"""Trust in runs and policies whose config names code: code from elsewhere is executed only after the user allowed it.
 
-A config may name files: a task, an algorithm, a network. Whoever uses the run executes them. This computer therefore keeps, in
-the user's folder for settings, the digests of the configs that were written here, or were declared trusted.
+A config may name files: a task, an algorithm, a network. Using the run executes them. The digests of configs that were written
+on this computer, or declared trusted, are therefore kept in the user's settings folder.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from bricksrl.hub.diagnostics.calibration import calibration_folder
 
 
 def code_in(config: Any) -> tuple[str, ...]:
-    """Places in Python files or modules that the plain values of a config name; using the config executes them."""
+    """References to Python files or modules in a config; using the config executes them."""
     if not isinstance(config, dict):
         return ()
     settings = config.get("settings")
@@ -29,19 +29,19 @@ def code_in(config: Any) -> tuple[str, ...]:
 
 
 def remember(data: bytes) -> None:
-    """Keep the digest of a config file that was written here; where nothing can be kept, the owner is asked later."""
+    """Keep the digest of a config file written here; if it cannot be written, the user has to declare trust later."""
     with contextlib.suppress(OSError):
         _keep(data)
 
 
 def require_trusted(path: Path, data: bytes, config: Any) -> None:
-    """Nothing happens for a config that names no code, was written here, or was declared trusted.
+    """Require that a config names no code, was written here, or was declared trusted.
 
     Args:
-        path: the config's file; ``data`` are its bytes, and ``config`` is the config in it.
+        path: file of the config; ``data`` are its bytes, and ``config`` is its content.
 
     Raises:
-        RunError: it names code, and was made elsewhere or changed.
+        RunError: the config names code, and was made elsewhere or changed.
     """
     code = code_in(config)
     if code and not _digest_path(data).exists():
@@ -52,10 +52,10 @@ def require_trusted(path: Path, data: bytes, config: Any) -> None:
 
 
 def trust(folder: Path) -> tuple[str, ...]:
-    """Declare the config of a run, or of a shared policy, trusted as it is now; returns the code that it names.
+    """Declare the present config of a run or a shared policy trusted; returns the references to code in it.
 
     Raises:
-        RunError: there is no run and no policy, or the digest cannot be kept.
+        RunError: there is no run or policy in the folder, or the digest cannot be written.
     """
     for name in ("config.json", "policy.json"):
         path = folder / name

@@ -1,4 +1,4 @@
-"""Tasks and robots from files of the user: ``my_task.py``, ``my_task.py:TASK``, ``package.module:TASK``."""
+"""Loading of tasks and robots from the user's code: ``my_task.py``, ``my_task.py:TASK``, ``package.module:TASK``."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ from bricksrl.twin.scene import Scene
 
 
 def is_reference(env_id: str) -> bool:
-    """True if this names a place in the user's own code rather than an environment."""
+    """True if this refers to the user's code rather than to a registered name."""
     return ":" in env_id or env_id.endswith(".py")
 
 
 def load_object(reference: str, default: str) -> Any:
-    """What has a name in the user's own code.
+    """Object of that name in the user's code.
 
     Args:
-        reference: a Python file or an importable module, a colon, and the name; of a file the name may be left out.
-        default: the name where it is left out.
+        reference: a Python file or an importable module, a colon, and the name; for a file the name may be omitted.
+        default: the name where it is omitted.
 
     Raises:
         UnknownNameError: there is no such file, module or name.
@@ -45,21 +45,21 @@ def load_object(reference: str, default: str) -> Any:
 
 
 def _parts(reference: str) -> tuple[str, str]:
-    """The place and the name in it, which may be empty."""
+    """File or module, and the name in it, which may be empty."""
     place, colon, name = reference.rpartition(":")
     return (reference, "") if not colon or name.endswith(".py") else (place, name)
 
 
 def load_builder(reference: str) -> Callable[..., Task]:
-    """The task at a place in the user's own code, as a function of its options.
+    """Builder of a task in the user's code, as a function of its options.
 
     Args:
         reference: a Python file or an importable module, a colon, and the name of a :class:`Task` in it or of a function that
-            returns one; of a file that holds a single task, its name can be left out.
+            returns one; the name may be omitted for a file with a single task.
 
     Raises:
         UnknownNameError: there is no such file, module or name.
-        DescriptionError: what has the name is no task, or the code raised.
+        DescriptionError: the named object is no task, or the code raised.
     """
     place, name = _parts(reference)
     module = _load(place, reference)
@@ -85,14 +85,14 @@ def load_builder(reference: str) -> Callable[..., Task]:
 
 
 def load_robot(reference: str) -> tuple[Robot, Scene | None]:
-    """The robot at a place in the user's own code, and the scene of the task that it is part of, if there is one.
+    """Robot in the user's code, and the scene if it is given by a task.
 
     Args:
-        reference: as for tasks; what has the name is a :class:`bricksrl.robots.Robot` or a task.
+        reference: as for tasks; names a :class:`bricksrl.robots.Robot` or a task.
 
     Raises:
-        UnknownNameError: there is no such file, module or name, or there are several.
-        DescriptionError: what has the name is no robot, or the code raised.
+        UnknownNameError: there is no such file, module or name, or the file has no single robot.
+        DescriptionError: the named object is no robot, or the code raised.
     """
     place, colon, name = reference.rpartition(":")
     if not colon or name.endswith(".py"):
@@ -133,7 +133,7 @@ def _load(place: str, reference: str) -> ModuleType:
 
 
 def line_of_user(error: BaseException) -> str:
-    """Place in the user's own files where an exception came about, as ", my_task.py, line 7"; empty where there is none."""
+    """Location in the user's files where an exception was raised, as ", my_task.py, line 7"; empty if there is none."""
     installed = {sysconfig.get_path(name) for name in ("stdlib", "platstdlib", "purelib", "platlib", "scripts")}
     foreign = [str(Path(__file__).resolve().parents[1]), *filter(None, installed)]
     for frame in reversed(traceback.extract_tb(error.__traceback__)):
@@ -144,7 +144,7 @@ def line_of_user(error: BaseException) -> str:
 
 
 def failure_of_user(error: BaseException) -> str | None:
-    """An exception that came about in the user's own files, in one line; ``None`` for any other."""
+    """One-line message of an exception raised in the user's files; ``None`` for any other."""
     line = line_of_user(error)
     return f"{type(error).__name__}: {error}{line}; correct it" if line else None
 
@@ -161,7 +161,7 @@ def _run_file(path: Path) -> ModuleType:
 
 @contextmanager
 def _importable(folder: str) -> Iterator[None]:
-    """What lies beside the user's file can be imported, as if Python ran that file."""
+    """Put the folder of the user's file on ``sys.path``, as if Python ran that file."""
     sys.path.insert(0, folder)
     try:
         yield
@@ -170,7 +170,7 @@ def _importable(folder: str) -> Iterator[None]:
 
 
 def _only_task(module: ModuleType, reference: str) -> str:
-    # What the file has imported is not written in it, but a task does not know where it was made: count objects, not names.
+    # A task does not record the module that defines it, so imported tasks count too; aliases of one object count once.
     tasks = {id(value): name for name, value in vars(module).items() if isinstance(value, Task)}
     if len(tasks) != 1:
         found = ", ".join(tasks.values()) or "none"

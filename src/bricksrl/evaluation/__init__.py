@@ -1,4 +1,4 @@
-"""Evaluation: how good a trained agent is. Importing this loads no torch."""
+"""Evaluation of trained agents. Importing this loads no torch."""
 
 from __future__ import annotations
 

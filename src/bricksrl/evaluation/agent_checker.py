@@ -1,4 +1,4 @@
-"""Checks of an agent, one answer after the other, in a small simulation: for ours, and for algorithms of the user's own."""
+"""Checker of algorithms, built-in or the user's, in a small simulation."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ from bricksrl.errors import BricksError
 from bricksrl.evaluation.settings_text import with_changes
 from bricksrl.finding import Finding
 from bricksrl.training.config import settings_from
+from bricksrl.training.seeding import reproducible
 
 if TYPE_CHECKING:
     from tensordict import TensorDictBase
@@ -28,12 +29,12 @@ if TYPE_CHECKING:
     from bricksrl.agents.learner import Learner
 
 ENV = "RoboArmSim-v0"
-"""Small, and with a goal."""
+"""A small environment with goals."""
 _SEED, _STEPS, _COPIES = 7, 40, 3
 
 
 def is_agent(name: str) -> bool:
-    """Whether this names an algorithm rather than an environment: one of ours, or a place in the user's code with a ``build``."""
+    """Whether this names an algorithm rather than an environment: a built-in one, or a ``build`` function in the user's code."""
     if not is_reference(name):
         return name in AGENTS
     try:
@@ -50,8 +51,7 @@ def check_agent(agent: str) -> Iterator[Finding]:
         UnknownNameError, DescriptionError: there is no such algorithm.
     """
     checked = _Checked(algorithm(agent))
-    with torch.random.fork_rng(devices=[]):
-        torch.manual_seed(_SEED)
+    with reproducible(_SEED):
         yield from run_checks(
             {
                 "settings": checked.settings,
@@ -67,7 +67,7 @@ def check_agent(agent: str) -> Iterator[Finding]:
 
 @dataclass
 class _Checked:
-    """An algorithm, and the learner that is made of it on the way."""
+    """Checks of one algorithm, and the learner that the ``build`` check makes of it for the later ones."""
 
     algorithm: Algorithm
     learner: Learner | None = None
@@ -122,15 +122,15 @@ class _Checked:
         if learner.loss is None:
             raise Skip("it learns nothing")
         before = [one.detach().clone() for one in learner.parameters()]
-        told = learner.learn(_STEPS if learner.on_policy else min(1000, max(2, round(4 / max(learner.updates_per_step, 1e-9)))))
-        if not told:
+        losses = learner.learn(_STEPS if learner.on_policy else min(1000, max(2, round(4 / max(learner.updates_per_step, 1e-9)))))
+        if not losses:
             raise Broken("nothing was learned; fill the memory, and give updates_per_step")
-        wrong = [name for name, value in told.items() if not bool(torch.isfinite(value))]
+        wrong = [name for name, value in losses.items() if not bool(torch.isfinite(value))]
         if wrong:
             raise Broken(f"{', '.join(wrong)} is no number after {learner.updates} updates")
         if all(torch.equal(one, other) for one, other in zip(before, learner.parameters(), strict=True)):
             raise Broken(f"{learner.updates} updates changed nothing; let the optimizer have the loss's parameters")
-        return f"{learner.updates} updates: {', '.join(f'{name} {float(value):.3g}' for name, value in told.items())}"
+        return f"{learner.updates} updates: {', '.join(f'{name} {float(value):.3g}' for name, value in losses.items())}"
 
     def saving(self) -> str:
         learner, env = self._learner(), make(ENV, seed=_SEED)
@@ -155,9 +155,9 @@ class _Checked:
         if learner.imitates or learner.loss is None:
             raise Skip("it does not learn from a robot")
         learner.remember(_frames(learner, env))
-        told = learner.learn(_STEPS)
-        if not told or not all(bool(torch.isfinite(value)) for value in told.values()):
-            raise Broken(f"what it learns from {_COPIES} copies is {told or 'nothing'}")
+        losses = learner.learn(_STEPS)
+        if not losses or not all(bool(torch.isfinite(value)) for value in losses.values()):
+            raise Broken(f"what it learns from {_COPIES} copies is {losses or 'nothing'}")
         return f"{learner.updates} updates from {_COPIES} copies side by side"
 
     def _learner(self) -> Learner:
@@ -175,7 +175,7 @@ class _Checked:
 
 
 def _frames(learner: Learner, env: EnvBase) -> TensorDictBase:
-    """Steps of the exploring policy, episodes one after the other."""
+    """Consecutive episodes of the exploring policy."""
     from torchrl.envs.utils import ExplorationType, set_exploration_type
 
     steps = max(_STEPS, learner.frames_per_batch)

@@ -1,8 +1,8 @@
-"""Several seeds of a training over a Ray cluster (the extra ``distributed``), or over the cores of this computer with it.
+"""Training of several seeds on a Ray cluster, or with Ray on this computer's cores (the extra ``distributed``).
 
-A run is a function of its configuration, so a sweep is that function made remote. Each run writes its folder where it runs, and
-after each episode sends what has changed to a keeper on this computer, where the folder grows as if the run were here. Where a
-worker or its computer is lost, Ray starts the run again elsewhere: it gets its folder back from the keeper and resumes.
+Each run is a Ray task. It writes its folder on the worker's computer and after each episode sends the changed files to an actor
+on this computer, which mirrors the folder. Where a worker is lost, Ray restarts the run elsewhere: it gets its folder back from
+the actor and resumes.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ _STORE_BYTES = 100_000_000
 _ENVIRONMENT = {"OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1", "RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO": "0"}
 
 OnMessage = Callable[[int, dict[str, Any]], None]
-"""Told the number of an order, and what its run said."""
+"""Called with the index of an order and a message of its run."""
 
 
 def parse_on(text: str) -> str | None:
-    """The address of a cluster from ``ray`` or ``ray:ADDRESS``; ``None`` for one of this computer alone.
+    """Parse ``ray`` or ``ray:ADDRESS`` into the address of the cluster; ``None`` for a local one.
 
     Raises:
-        RunError: it is neither.
+        RunError: the text is neither.
     """
     kind, colon, address = text.partition(":")
     if kind != "ray" or (colon and not address):
@@ -41,10 +41,10 @@ def parse_on(text: str) -> str | None:
 
 @contextmanager
 def connected(address: str | None, cpus: int | None = None) -> Iterator[Any]:
-    """Ray, connected to a cluster, or to one that lasts as long as this.
+    """The ``ray`` module, connected to a cluster, or to a local one for the duration of this context.
 
     Args:
-        cpus: runs at a time of a cluster of this computer; without it as many as there are cores.
+        cpus: concurrent runs of a local cluster; by default the number of cores.
 
     Raises:
         RunError: Ray is not installed, or the cluster does not answer.
@@ -74,15 +74,14 @@ def connected(address: str | None, cpus: int | None = None) -> Iterator[Any]:
 
 
 class Keeper:
-    """What runs send home: their files, written here, and their messages. An actor on the computer of whoever asked for the
-    runs."""
+    """Ray actor on the driver's computer that collects the files and the messages of the runs."""
 
     def __init__(self, folders: Sequence[str]) -> None:
         self._folders = [Path(folder) for folder in folders]
         self._messages: list[tuple[int, dict[str, Any]]] = []
 
     def keep(self, number: int, files: dict[str, bytes], message: dict[str, Any]) -> None:
-        """Write files into the folder of a run; those that others depend on come first."""
+        """Write files into the folder of a run, in their order, and store its message."""
         for name, data in files.items():
             path = self._folders[number] / name
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -90,25 +89,25 @@ class Keeper:
         self._messages.append((number, message))
 
     def files(self, number: int) -> dict[str, bytes]:
-        """All that there is of a run."""
+        """All files of a run, by path in its folder."""
         folder = self._folders[number]
         return {str(path.relative_to(folder)): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
 
     def messages(self) -> list[tuple[int, dict[str, Any]]]:
-        """Those since the last call."""
-        said, self._messages = self._messages, []
-        return said
+        """Messages since the last call, each with the index of its run."""
+        messages, self._messages = self._messages, []
+        return messages
 
 
 class Changes:
-    """Files of a folder that changed since the last look; the checkpoint, which the others have to be there for, comes last."""
+    """Tracker of changed files in a folder; the checkpoint comes last, as it depends on the others."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
         self._known: dict[str, tuple[int, int]] = {}
 
     def take(self) -> dict[str, bytes]:
-        """Their content, by their paths in the folder."""
+        """Contents of the files that changed since the last call, by path in the folder."""
         changed = {}
         for path in sorted(self._folder.rglob("*"), key=lambda path: (path.name == "checkpoint.bin", path)):
             if not path.is_file():
@@ -122,7 +121,7 @@ class Changes:
 
 
 def train_there(number: int, config: dict[str, Any], evaluated_episodes: int, keeper: Any) -> str | None:
-    """One run, in a worker of the cluster: from nothing, or from what the keeper has of it. Returns what went wrong."""
+    """Start one run on a worker, or resume it from the keeper's files, and evaluate it; returns the error, if any."""
     import ray
     import torch
 
@@ -131,18 +130,18 @@ def train_there(number: int, config: dict[str, Any], evaluated_episodes: int, ke
 
     torch.set_num_threads(1)
 
-    class Telling(Callback):
+    class Reporter(Callback):
         def on_start(self, config: TrainConfig, run_dir: Path, episodes_done: int) -> None:
-            home({"started": episodes_done, "pid": os.getpid(), "node": platform.node()})
+            send({"started": episodes_done, "pid": os.getpid(), "node": platform.node()})
 
         def on_episode(self, episode: Episode, progress: Progress) -> None:
-            home({"episode": episode.episode, "return": episode.return_})
+            send({"episode": episode.episode, "return": episode.return_})
 
     with tempfile.TemporaryDirectory(prefix="bricksrl-") as temporary:
         folder = Path(temporary) / "run"
         changes = Changes(folder)
 
-        def home(message: dict[str, Any]) -> None:
+        def send(message: dict[str, Any]) -> None:
             ray.get(keeper.keep.remote(number, changes.take(), message))
 
         try:
@@ -152,10 +151,10 @@ def train_there(number: int, config: dict[str, Any], evaluated_episodes: int, ke
                     path = folder / name
                     path.parent.mkdir(parents=True, exist_ok=True)
                     path.write_bytes(data)
-                resume(folder, Telling())
+                resume(folder, Reporter())
             else:
-                train(TrainConfig.from_dict(config, run_dir=folder), Telling())
-            home({"evaluated": evaluate(folder, episodes=evaluated_episodes).return_mean})
+                train(TrainConfig.from_dict(config, run_dir=folder), Reporter())
+            send({"evaluated": evaluate(folder, episodes=evaluated_episodes).return_mean})
         except BricksError as error:
             return str(error)
     return None
@@ -169,10 +168,10 @@ def train_on_cluster(
     *,
     cpus: int | None = None,
 ) -> list[str | None]:
-    """Train all orders, each a config and its folder here; returns what went wrong with each.
+    """Train all orders, each a config and its local folder; returns the error of each, or ``None``.
 
     Raises:
-        RunError: there is no such cluster.
+        RunError: the cluster cannot be reached.
     """
     with connected(address, cpus) as ray:
         from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
@@ -199,7 +198,7 @@ def train_on_cluster(
 
 
 def map_on_cluster(ray: Any, function: Callable[..., Any], orders: Sequence[tuple[Any, ...]]) -> list[Any]:
-    """What a function gives for each order, computed side by side; a worker that is lost is replaced."""
+    """Map a function over argument tuples in parallel; a lost worker is replaced."""
     remote = ray.remote(function).options(num_cpus=1, max_retries=_RETRIES)
     found: list[Any] = ray.get([remote.remote(*order) for order in orders])
     return found

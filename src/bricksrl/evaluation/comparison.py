@@ -1,4 +1,4 @@
-"""Comparison of runs: agents, seeds and environments in one table and one picture."""
+"""Comparison of runs by agent, seed and environment, as a table and a plot."""
 
 from __future__ import annotations
 
@@ -35,11 +35,11 @@ _COLUMNS = 2
 
 @dataclass(frozen=True)
 class Group:
-    """Runs of one agent in one environment, that differ in nothing but their seeds.
+    """Runs of one agent in one environment that differ only in their seeds.
 
     Attributes:
-        agent: its name, with the settings in which groups of it differ.
-        seeds, scores, curves: of each run: its seed, its score, and the moving mean of its returns, episode by episode.
+        agent: name of the agent, with the settings in which its groups differ.
+        seeds, scores, curves: seed, score, and moving mean of the episode returns of each run.
         steps: robot steps of the longest run.
         score: interquartile mean of the scores.
         interval: its 95 % bootstrap interval; ``None`` for fewer than five runs.
@@ -64,7 +64,7 @@ class Group:
 
 @dataclass(frozen=True)
 class Improvement:
-    """Probability that a run of ``agent`` scores higher than one of ``other``, and its 95 % interval from five runs each on."""
+    """Probability that a run of ``agent`` scores higher than one of ``other``, with its 95 % interval from five runs each."""
 
     env: str
     agent: str
@@ -75,7 +75,7 @@ class Improvement:
 
 @dataclass(frozen=True)
 class Comparison:
-    """All groups, pairwise probabilities of improvement, and what a score is: of evaluations, or of the last episodes."""
+    """All groups, their pairwise probabilities of improvement, and the source of the scores: evaluations or last episodes."""
 
     groups: tuple[Group, ...]
     improvements: tuple[Improvement, ...]
@@ -89,12 +89,12 @@ class Comparison:
 
 
 def compare(paths: Sequence[Path]) -> Comparison:
-    """Compare runs; the folder of several seeds stands for all of them.
+    """Compare runs; a folder of several seeds stands for all its runs.
 
-    Runs are scored by their evaluations where all have one, else by the mean of their last episodes of training.
+    Runs are scored by their evaluations if all have one, else by the mean of their last training episodes.
 
     Raises:
-        RunError: a folder holds no run, one that has no episode yet, or one that is named twice.
+        RunError: a folder holds no run or one without episodes, a run is named twice, or two runs of a group share a seed.
     """
     runs = [_Run.read(path) for path in _run_folders(paths)]
     evaluated = all(run.evaluation is not None for run in runs)
@@ -136,7 +136,7 @@ class _Run:
 
     @property
     def kind(self) -> str:
-        """All of the config in which runs of one group are equal."""
+        """Part of the config that is equal for all runs of a group, as JSON."""
         data = self.config.to_dict()
         for name in ("env", "seed", "episodes", "device", "log", "record"):
             del data[name]
@@ -144,7 +144,7 @@ class _Run:
 
 
 def _evaluation(folder: RunFolder, episodes: Sequence[Episode]) -> float | None:
-    """Mean return of the evaluation of the run as it is now, in its own environment; ``None`` without one."""
+    """Mean return of the run's evaluation; ``None`` if there is none, or it was made after fewer episodes."""
     try:
         found = json.loads(folder.evaluation_path.read_bytes())
         return float(found["return_mean"]) if found["trained_episodes"] == len(episodes) else None
@@ -153,7 +153,7 @@ def _evaluation(folder: RunFolder, episodes: Sequence[Episode]) -> float | None:
 
 
 def _run_folders(paths: Sequence[Path]) -> Iterator[Path]:
-    """The folder of each run once: one that holds several seeds stands for them."""
+    """Folders of the runs, with a folder of several seeds replaced by those of its runs."""
     seen: set[Path] = set()
     for path in paths:
         seeds = sorted(one.parent for one in path.glob("seed-*/config.json"))
@@ -167,7 +167,7 @@ def _run_folders(paths: Sequence[Path]) -> Iterator[Path]:
 
 
 def _label(run: _Run, all_of_env: Sequence[_Run]) -> str:
-    """The agent's name, and the settings in which it differs from others of that name in the environment."""
+    """Name of the agent, and the settings in which it differs from others of that name in the environment."""
     same = [other for other in all_of_env if other.config.agent == run.config.agent]
     if len(same) == 1:
         return run.config.agent
@@ -195,12 +195,12 @@ def _pair(interval: Interval | None) -> list[float] | None:
 
 
 def draw(path: Path, groups: Sequence[Group]) -> None:
-    """Draw the learning curves into a PNG file, a panel for each environment.
+    """Plot the learning curves into an image file, with one panel per environment.
 
-    From five runs of a group on, their interquartile mean and its 95 % interval; of fewer, each run, and their mean.
+    A group of five or more runs is shown by its interquartile mean and 95 % interval, a smaller one by its runs and their mean.
 
     Raises:
-        DescriptionError: the file is none for a picture.
+        DescriptionError: the file name is not that of an image.
     """
     check_picture(path)
     envs = list(dict.fromkeys(group.env for group in groups))
@@ -225,7 +225,7 @@ def draw(path: Path, groups: Sequence[Group]) -> None:
 
 
 def _seeds(groups: Sequence[Group], agent: str) -> str:
-    """Numbers of seeds of an agent in all its panels."""
+    """Text with the numbers of seeds of an agent over all panels."""
     counts = sorted({len(group.seeds) for group in groups if group.agent == agent})
     return f"{' or '.join(map(str, counts))} seed{'' if counts == [1] else 's'}"
 

@@ -1,4 +1,4 @@
-"""Evaluation of a trained agent: whole episodes without exploring and without learning."""
+"""Evaluation of a trained agent: whole episodes without exploration or learning."""
 
 from __future__ import annotations
 
@@ -27,24 +27,25 @@ if TYPE_CHECKING:
     from bricksrl.training.config import TrainConfig
 
 MOST_COPIES = 1024
-"""Copies of a simulation that are evaluated side by side."""
+"""Maximum number of simulation copies that are evaluated in parallel."""
 OnEpisode = Callable[[int, float], None]
-"""Told the number of an episode that ended, from 1, and its return."""
+"""Called with the number of a finished episode, from 1, and its return."""
 
 
 @dataclass(frozen=True)
 class EvaluationResult:
-    """Deterministic episodes of one agent.
+    """Result of the deterministic evaluation of one agent.
 
     Attributes:
-        run_dir, env, agent, hub, seed: what was evaluated, and where.
-        trained_episodes: episodes that the agent had learned from.
-        return_mean, return_std: of the returns; the deviation is the population's, 0 for a single episode.
+        run_dir, env, agent, hub, seed: run, environment, agent, connection, and seed of the evaluation.
+        trained_episodes: episodes that the agent was trained for.
+        return_mean, return_std: mean and population standard deviation of the returns; the latter is 0 for one episode.
         return_iqm: interquartile mean of the returns.
         return_interval: 95 % bootstrap interval of their mean.
-        success_rate, success_interval: share of successes and its 95 % Wilson interval; ``None`` where the environment has no
-            notion of success.
-        metrics: mean of each of the task's own numbers, units in the names.
+        action_size: mean absolute value of the actions, in 0..1.
+        success_rate, success_interval: rate of success and its 95 % Wilson interval; ``None`` where the environment defines no
+            success.
+        metrics: mean of each metric of the task, units in the names.
     """
 
     run_dir: str
@@ -60,6 +61,7 @@ class EvaluationResult:
     return_interval: Interval
     returns: tuple[float, ...]
     lengths: tuple[int, ...]
+    action_size: float
     success_rate: float | None
     success_interval: Interval | None
     metrics: dict[str, float]
@@ -69,10 +71,10 @@ class EvaluationResult:
         return json.dumps(dataclasses.asdict(self))
 
     def save(self) -> None:
-        """Write it into the run's ``evaluation.json``, over an earlier one.
+        """Write the result to the run's ``evaluation.json``, replacing an earlier one.
 
         Raises:
-            RunError: nothing can be written there.
+            RunError: the file cannot be written.
         """
         path = RunFolder(Path(self.run_dir)).evaluation_path
         try:
@@ -94,22 +96,22 @@ def evaluate(
     place: Placement | None = None,
     **named: Any,
 ) -> EvaluationResult:
-    """Let the agent of a run do its best, as its last checkpoint has it.
+    """Evaluate the agent of a run deterministically.
 
     Args:
-        env: where; an environment that is ready (it stays open), or an id; without one, where the agent was trained.
-        seed: of the episodes, which differ from those of any training.
+        env: an environment (it stays open) or an id; by default the environment of the training.
+        seed: seed of the episodes, which differ from those of any training.
         which: checkpoint: the last one, or that of the best evaluation during training.
-        save: write the result into the run's ``evaluation.json``, over an earlier one, as `EvaluationResult.save` does.
-        on_env: gets the environment before anything moves in it: whoever may stop or pause the robot keeps it.
-        place: puts a real robot where an episode starts and returns when it is there.
-        named: of an environment named by its id: fields of :class:`~bricksrl.envs.EnvOptions` that are not as in training, such
-            as ``hub``. Without a word it is neither randomized nor in real time, however the agent was trained.
+        save: write the result to the run's ``evaluation.json``, replacing an earlier one.
+        on_env: called with the environment before the robot moves, for instance to keep it for stop and pause.
+        place: places a real robot at the start of an episode and returns when it is there.
+        named: for an environment made here: fields of :class:`~bricksrl.envs.EnvOptions` that differ from the training, such as
+            ``hub``. By default it is neither randomized nor in real time, whatever the training was.
 
     Raises:
         RunError: there is no run in the folder, or ``episodes`` is below 1.
-        DescriptionError: the seed cannot be one.
-        CheckpointError: its checkpoint is damaged, or ``env`` observes or acts otherwise than what the agent was trained in.
+        DescriptionError: the seed is invalid.
+        CheckpointError: the checkpoint is damaged, or ``env`` has other observations or actions than the training.
     """
     if episodes < 1:
         raise RunError(f"episodes is {episodes}; evaluate at least 1")
@@ -149,7 +151,7 @@ def evaluate(
 
 
 def _elsewhere(config: TrainConfig, env: str, **named: Any) -> TrainConfig:
-    """The config of a run for an evaluation: for one robot, and what belongs to another environment or hub left away."""
+    """The config for an evaluation: one robot, without physics or options that belong to another environment or hub."""
     same, hub = env == config.env, named.get("hub", config.hub)
     fitted = same and hub == "virtual" and not named.get("randomize", False)
     physics, options = config.physics if fitted else None, config.options if same else {}
@@ -178,6 +180,7 @@ def _summarise(
         return_interval=stratified_bootstrap_interval([returns.tolist()], mean),
         returns=tuple(returns.tolist()),
         lengths=tuple(one.length for one in judged),
+        action_size=sum(one.action_size for one in judged) / len(judged),
         success_rate=sum(outcomes) / len(outcomes) if outcomes else None,
         success_interval=wilson_interval(sum(outcomes), len(outcomes)) if outcomes else None,
         metrics={name: sum(one[name] for one in metrics) / len(metrics) for name in metrics[0]},

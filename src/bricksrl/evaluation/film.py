@@ -1,4 +1,4 @@
-"""Films of policies on virtual robots: the camera in a room, captions, goals; and two of them side by side."""
+"""Films of policies on virtual robots, with a room, captions and goals; and of two policies side by side."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ if TYPE_CHECKING:
     from bricksrl.twin.render.room import Room
 
 QUICK_S = 0.03
-"""An image that takes no longer may have shadows."""
+"""Longest time to draw an image without shadows for shadows to be tried."""
 _LAST_S = 0.8
-"""How long the last image of an episode stays."""
+"""How long the last image of an episode is held."""
 _HOLDS = (1, 2, 3, 4)
 _MOST_S, _SPEED = 12.0, 2.0
 """Longer episodes are shown twice as fast."""
@@ -31,14 +31,14 @@ _MOST_S, _SPEED = 12.0, 2.0
 
 @dataclass(frozen=True)
 class FilmOptions:
-    """How a film is made.
+    """Options of a film.
 
     Attributes:
-        title: of each image.
-        episodes: shown one after the other.
-        seed: of the episodes.
+        title: caption of each image; by default the task's id.
+        episodes: number of episodes, shown one after the other.
+        seed: seed of the episodes.
         size: width and height in px.
-        budget_s: about how long drawing may take; with less of it there are fewer images a second, and no shadows.
+        budget_s: approximate time for drawing; a small one reduces the frame rate.
     """
 
     title: str = ""
@@ -50,7 +50,7 @@ class FilmOptions:
 
 @dataclass(frozen=True)
 class Filmed:
-    """A film, and the return and the way forward (m; where the robot walks) of each episode in it."""
+    """A film, and the return and the distance forward (m; 0 unless the robot walks) of each of its episodes."""
 
     path: Path
     returns: tuple[float, ...]
@@ -63,12 +63,12 @@ def film(
     """Film a policy into an mp4 file.
 
     Args:
-        env: has a virtual robot with a MuJoCo model.
-        reset: makes the policy forget its plans, at each start of an episode.
+        env: an environment with a virtual robot that has a MuJoCo model.
+        reset: resets the policy's state at the start of each episode.
 
     Raises:
         RenderingUnavailableError: no OpenGL library works here.
-        TwinError: there is nothing to see.
+        TwinError: the environment has no such robot.
     """
     from bricksrl.envs.rollout import play, seed_episode
     from bricksrl.twin.mujoco_body import MujocoBody
@@ -104,7 +104,7 @@ def _write(video: Any, images: Iterator[Image]) -> None:
 
 @dataclass
 class _Take:
-    """One episode while it is filmed; its images are drawn while the robot moves and written after each step."""
+    """Recording of one episode; its images are drawn while the robot moves and written after each step."""
 
     env: EnvBase
     body: MujocoBody
@@ -125,12 +125,12 @@ class _Take:
         expected_ms = self.env.task.max_steps * _step_ms(self.env)
         self.speed = _SPEED if expected_ms > _MOST_S * 1000 else 1.0
         afford = max(1.0, self.options.budget_s / self.options.episodes / cost_s)
-        # At 25 images a second, an image stands for 40 ms at the speed of 1; where that is too much to draw, images stay longer.
+        # At 25 images/s, an image covers 40 ms at speed 1; if that is too many to draw in the budget, each is held for longer.
         self.hold = next((n for n in _HOLDS if expected_ms / (40 * n * self.speed) <= afford), _HOLDS[-1])
         self.frame_ms = round(40 * self.speed * self.hold)
 
     def _renderer(self) -> tuple[Renderer, float]:
-        """What draws, with shadows where that is quick, and the time that an image takes."""
+        """A renderer, with shadows if they are fast enough, and its time per image."""
         from bricksrl.twin.render.opengl import Renderer
 
         width, height = self.options.size
@@ -152,13 +152,13 @@ class _Take:
         return (rich, rich_s) if rich_s <= 2 * QUICK_S else (plain, cost_s)
 
     def install(self, machine: Any) -> None:
-        """Take an image whenever one is due in simulated time."""
+        """Hook into the machine's body, to draw an image every ``frame_ms`` of simulated time."""
         from bricksrl.twin.render.video import Filmed as FilmedBody
 
         machine.body = FilmedBody(machine.body, self, self.frame_ms, machine.time_ms, self._images.append)
 
     def render(self) -> Image:
-        """One image, with its captions."""
+        """One image with captions."""
         from bricksrl.twin.render.captions import captioned
 
         self.room.follow()
@@ -177,38 +177,38 @@ class _Take:
         return float(walked.get("forward_m", 0.0))
 
     def saw(self, frame: Any) -> None:
-        """A step has been made."""
+        """Update the captions' values from a frame."""
         self.reward = float(frame["next", "reward"])
         self.total, self.step = self.total + self.reward, self.step + 1
         self.forward_m = self._way_m()
 
     def images(self) -> Iterator[Image]:
-        """The images since the last call, each as often as it is shown."""
+        """Images since the last call, each repeated ``hold`` times."""
         for image in self._images:
             for _ in range(self.hold):
                 yield image
         self._images.clear()
 
     def ending(self) -> Iterator[Image]:
-        """The last moment, for a while."""
+        """The final image, repeated for `_LAST_S`."""
         image = self.render()
         for _ in range(round(25 * _LAST_S)):
             yield image
 
     def close(self) -> None:
-        """Let go of OpenGL."""
+        """Release the renderer."""
         self.renderer.close()
 
 
 def goals_of(env: EnvBase, start: Any) -> dict[str, float]:
-    """The angles where the task wants the motors to be in this episode, by name: entries that are called like ``low_goal``."""
+    """Goal angles of the motors in this episode, by motor: the entries named like ``low_goal``."""
     values = start["observation"].tolist()
     names = [entry.name for entry in env.task.entries]
     return {n.removesuffix("_goal"): v for n, v in zip(names, values, strict=False) if n.endswith("_goal")}
 
 
 def _step_ms(env: EnvBase) -> float:
-    """About how long a step takes."""
+    """Approximate duration of a step."""
     from bricksrl.data.schema import describe_task
 
     with suppress(AttributeError, ZeroDivisionError):
@@ -217,7 +217,7 @@ def _step_ms(env: EnvBase) -> float:
 
 
 def side_by_side(left: Path, right: Path, path: Path, height: int = 540) -> Path:
-    """Two films in one, each whole and so many px high; it lasts as long as the longer one.
+    """Join two films side by side, each ``height`` px high, for the duration of the longer one.
 
     Raises:
         TwinError: they cannot be joined.
@@ -243,7 +243,7 @@ def _duration_s(path: Path) -> float:
 
 
 def film_run(run_dir: Path, which: str, path: Path, options: FilmOptions) -> Filmed:
-    """Film the policy of a run: ``first`` (before it had learned), ``best``, ``last``, or ``random`` actions.
+    """Film the policy of a run: ``first`` (untrained), ``best``, ``last``, or ``random`` actions.
 
     Raises:
         RunError, CheckpointError: there is no such run or policy.

@@ -1,7 +1,7 @@
-"""The same training with several seeds, side by side, and what they say together.
+"""Training with several seeds in parallel, and the summary of their results.
 
-Each seed is a separate process on one thread, as many at a time as there are cores. `benchmarks/seeds.py` measures this against
-one program that trains all of them as stacked networks.
+Each seed is a single-threaded process, with as many at a time as there are cores. `benchmarks/seeds.py` compares this with one
+program that trains all seeds as stacked networks.
 """
 
 from __future__ import annotations
@@ -34,21 +34,20 @@ if TYPE_CHECKING:
 
 EVALUATED_EPISODES = 5
 MOST_SEEDS = 1000
-"""Trainings of one command."""
+"""Maximum number of seeds of one command."""
 
 OnLine = Callable[[int, dict[str, Any]], None]
-"""Told, from several threads, a seed and what its process said: an episode and its return, or the return of its evaluation."""
+"""Called, from several threads, with a seed and a message: an episode and its return, or the return of the evaluation."""
 
 
 @dataclass(frozen=True)
 class SeedsSummary:
-    """Several seeds of one training.
+    """Summary of several seeds of one training.
 
     Attributes:
         returns: mean return of the evaluation of each seed.
-        return_iqm, return_interval: interquartile mean of these, and its 95 % bootstrap interval; ``None`` for fewer than five.
-        curve: for each episode of training the interquartile mean over the seeds, and the ends of its interval, where there is
-            one.
+        return_iqm, return_interval: their interquartile mean and its 95 % bootstrap interval; ``None`` for fewer than five.
+        curve: per training episode, the interquartile mean over the seeds and the ends of its interval, or ``None``.
     """
 
     env: str
@@ -65,12 +64,12 @@ class SeedsSummary:
 
 
 def seed_folder(folder: Path, seed: int) -> Path:
-    """Where a seed's run is."""
+    """Folder of a seed's run."""
     return folder / f"seed-{seed}"
 
 
 def check_count(count: int) -> None:
-    """Raise RunError unless so many seeds can be trained by one command."""
+    """Raise RunError unless ``count`` is an allowed number of seeds."""
     if not 2 <= count <= MOST_SEEDS:
         raise RunError(f"seeds is {count}; give 2 to {MOST_SEEDS}, or leave --seeds away")
 
@@ -83,15 +82,15 @@ def train_seeds(
     on: str | None = None,
     on_line: OnLine = lambda seed, message: None,
 ) -> SeedsSummary:
-    """Train with ``count`` seeds from ``config.seed`` on, each into a separate folder within ``config.run_dir``; then sum up.
+    """Train ``count`` seeds, starting with ``config.seed``, each in its folder within ``config.run_dir``, and summarise them.
 
     Args:
-        jobs: processes at a time; without it as many as there are cores.
-        on: where: "ray", or "ray:ADDRESS" for a cluster; without it in processes here. The numbers are the same.
+        jobs: concurrent processes; by default the number of cores.
+        on: "ray", or "ray:ADDRESS" for a cluster; by default local processes. The results are the same.
 
     Raises:
-        RunError: the folder exists, the robot is a real one, or a seed failed; the others are then trained all the same.
-        DescriptionError: the last seed cannot be one.
+        RunError: the folder exists, the robot is real, or a seed failed; the other seeds are still trained.
+        DescriptionError: the last seed is invalid.
     """
     check_count(count)
     if config.hub != "virtual":
@@ -114,7 +113,7 @@ def train_seeds(
             )
     except BaseException:
         with contextlib.suppress(OSError):
-            folder.rmdir()  # unless something was trained
+            folder.rmdir()  # fails if anything was written
         raise
     errors = [(seed, error) for seed, error in zip(seeds, found, strict=True) if error is not None]
     if errors:
@@ -128,7 +127,7 @@ def train_seeds(
 
 
 def _in_processes(configs: Sequence[TrainConfig], jobs: int | None, on_line: OnLine) -> list[str | None]:
-    """Train all; returns what went wrong with each."""
+    """Train all in local processes; returns the error of each, or ``None``."""
     processes = _Processes()
 
     def run(config: TrainConfig) -> str | None:
@@ -144,7 +143,7 @@ def _in_processes(configs: Sequence[TrainConfig], jobs: int | None, on_line: OnL
 
 
 class _Processes:
-    """Those that are running, so that they can be ended together."""
+    """Set of running worker processes, which can be terminated together."""
 
     def __init__(self) -> None:
         self._running: set[subprocess.Popen[str]] = set()
@@ -152,7 +151,7 @@ class _Processes:
         self._over = False
 
     def run(self, config: TrainConfig, on_message: Callable[[dict[str, Any]], None]) -> str | None:
-        """Train one seed; returns what went wrong."""
+        """Train one seed; returns the error, if any."""
         order = {"config": config.to_dict(), "run_dir": str(config.run_dir), "evaluated_episodes": EVALUATED_EPISODES}
         command = [sys.executable, "-m", "bricksrl.evaluation.multi_seed_worker"]
         environment = {**os.environ, "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
@@ -177,7 +176,7 @@ class _Processes:
         return error or (None if process.returncode == 0 else f"its process ended with exit code {process.returncode}")
 
     def end(self) -> None:
-        """End them all, and start no more; what was saved stays."""
+        """Terminate all processes and start no more; saved files are kept."""
         with self._lock:
             self._over = True
             for process in self._running:
@@ -185,7 +184,7 @@ class _Processes:
 
 
 def summarise(run_dirs: Sequence[Path]) -> SeedsSummary:
-    """What runs say together that differ in nothing but their seed, each with an evaluation.
+    """Summarise evaluated runs that differ only in their seed.
 
     Raises:
         RunError: a folder holds no run, or no evaluation.

@@ -1,6 +1,6 @@
-"""One seed of several, in a separate process: ``python -m bricksrl.evaluation.multi_seed_worker``, started by `seeds`.
+"""Worker process that trains one seed: ``python -m bricksrl.evaluation.multi_seed_worker``, started by `multi_seed`.
 
-Reads what to train as a line of JSON, and writes a line of JSON for each episode and one for the evaluation.
+It reads the order as a line of JSON, and writes a line of JSON for each episode and one for the evaluation or the error.
 """
 
 from __future__ import annotations
@@ -17,18 +17,18 @@ from bricksrl.evaluation import evaluate
 from bricksrl.training import Callback, Episode, Progress, TrainConfig, train
 
 
-class Telling(Callback):
-    """Writes a line an episode."""
+class Reporter(Callback):
+    """Callback that writes a line per episode."""
 
     def __init__(self, out: TextIO) -> None:
         self._out = out
 
     def on_episode(self, episode: Episode, progress: Progress) -> None:
-        tell(self._out, {"episode": episode.episode, "return": episode.return_})
+        send(self._out, {"episode": episode.episode, "return": episode.return_})
 
 
-def tell(out: TextIO, message: dict[str, Any]) -> None:
-    """Write a line, at once."""
+def send(out: TextIO, message: dict[str, Any]) -> None:
+    """Write a message as a line, and flush."""
     out.write(json.dumps(message) + "\n")
     out.flush()
 
@@ -40,16 +40,16 @@ def main() -> int:
     order = json.loads(sys.stdin.readline())
     config = TrainConfig.from_dict(order["config"], run_dir=Path(order["run_dir"]))
     try:
-        train(config, Telling(out))
-        tell(out, {"evaluated": evaluate(Path(order["run_dir"]), episodes=order["evaluated_episodes"]).return_mean})
+        train(config, Reporter(out))
+        send(out, {"evaluated": evaluate(Path(order["run_dir"]), episodes=order["evaluated_episodes"]).return_mean})
     except BricksError as error:
-        tell(out, {"error": str(error)})
+        send(out, {"error": str(error)})
         return 2
     except Exception as error:
         message = failure_of_user(error)
         if message is None:
             raise
-        tell(out, {"error": message})
+        send(out, {"error": message})
         return 2
     return 0
 

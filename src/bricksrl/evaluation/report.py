@@ -1,4 +1,4 @@
-"""Report of a run: one HTML file that says what was learned, with its pictures and films in it."""
+"""Report of a run: one HTML file with results, learning curve and films."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ if TYPE_CHECKING:
     from bricksrl.evaluation.film import Filmed
 
 MOST_EMBEDDED_BYTES = 12_000_000
-"""A longer film is linked, and not put into the page."""
+"""Size above which a film is linked rather than embedded."""
 
 
 @dataclass(frozen=True)
 class Films:
-    """Films of a run: of the agent before and after it had learned, and both side by side."""
+    """Films of a run: before training, after it, and both side by side."""
 
     before: Filmed
     after: Filmed
@@ -34,16 +34,16 @@ class Films:
 def write_report(
     run_dir: Path, episodes: Sequence[Episode], result: EvaluationResult, films: Films | None, no_films: str = ""
 ) -> Path:
-    """Write ``report.html`` into a run's folder, and the curve in it beside it.
+    """Write ``report.html`` into a run's folder.
 
     Args:
-        episodes: of the training.
-        result: of the evaluation after it.
-        films: ``None`` where there are none.
-        no_films: the reason for that.
+        episodes: episodes of the training.
+        result: evaluation after the training.
+        films: films of the run, or ``None``.
+        no_films: reason why there are none.
 
     Returns:
-        Its path.
+        Path of the report.
     """
     curve = run_dir / "report_curve.png"
     draw_learning_curve(curve, episodes, "", reference_lines(result.env))
@@ -106,13 +106,23 @@ def _curve_text(env: str) -> str:
     return text
 
 
+_UNITS = {"_m_s": "m/s", "_deg_s": "deg/s", "_mm": "mm", "_m": "m", "_deg": "deg", "_pct": "%"}
+"""Endings of metrics' names, the longest first."""
+
+
 def _rows(result: EvaluationResult) -> Iterable[tuple[str, str]]:
     interval = result.return_interval
     yield "return", f"{result.return_mean:.4g} ± {result.return_std:.3g}, mean in {interval.low:.4g} to {interval.high:.4g}"
     if result.success_rate is not None:
         yield "success", f"{result.success_rate:.0%} of {result.episodes} episodes"
     for name, value in result.metrics.items():
-        yield name.replace("_", " "), f"{value:.4g}"
+        yield labelled(name, value)
+
+
+def labelled(name: str, value: float) -> tuple[str, str]:
+    """A metric for people: ``forward_speed_m_s`` and 0.05246 as "forward speed" and "0.05246 m/s"."""
+    ending, unit = next(((ending, unit) for ending, unit in _UNITS.items() if name.endswith(ending)), ("", ""))
+    return name.removesuffix(ending).replace("_", " "), f"{value:.4g} {unit}".rstrip()
 
 
 def _table(rows: Iterable[tuple[str, str]]) -> str:

@@ -1,4 +1,4 @@
-"""Settings of an agent from text: single ones, as on a command line, or a file of them. Importing this loads no torch."""
+"""Parsing of an agent's settings, from the command line or a JSON file. Importing this loads no torch."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ S = TypeVar("S")
 
 
 def with_changes(settings: S, changes: Iterable[str]) -> S:
-    """The settings, a frozen dataclass, with changes such as ``"learning_rate=3e-4"`` or ``"hidden=128,128"``.
+    """A copy of the settings, a frozen dataclass, with changes such as ``"learning_rate=3e-4"`` or ``"hidden=128,128"``.
 
     Raises:
-        DescriptionError: there is no such setting, or it cannot have that value.
+        DescriptionError: there is no such setting, or its value is invalid.
     """
     given: dict[str, str] = {}
     for change in changes:
@@ -33,10 +33,10 @@ def with_changes(settings: S, changes: Iterable[str]) -> S:
 
 
 def read_settings(path: Path, settings: S) -> S:
-    """The settings with those of a JSON file, such as `bricksrl tune` writes: names and values, the others as they are.
+    """A copy of the settings with the values of a JSON file, such as `bricksrl tune` writes; others are unchanged.
 
     Raises:
-        DescriptionError: the file cannot be read, or has what is no setting of this agent.
+        DescriptionError: the file cannot be read, or names an unknown setting or an invalid value.
     """
     try:
         data = json.loads(path.read_text())

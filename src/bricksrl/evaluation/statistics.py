@@ -1,4 +1,4 @@
-"""Statistics of few runs: robust means, and intervals that say how little is known."""
+"""Statistics of few runs: robust means, confidence intervals, probability of improvement."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 from bricksrl.errors import DescriptionError
 
 Statistic = Callable[[NDArray[np.float64]], NDArray[np.float64]]
-"""From scores ``[*batch, n]`` to one number each, ``[*batch]``."""
+"""Statistic of scores: ``[*batch, n]`` to ``[*batch]``."""
 
 
 @dataclass(frozen=True)
 class Interval:
-    """From ``low`` to ``high``, both included."""
+    """Closed interval from ``low`` to ``high``."""
 
     low: float
     high: float
@@ -30,9 +30,9 @@ def mean(scores: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def interquartile_mean(scores: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Mean of what is left when a quarter is cut off at each end (rounded down): ``[*batch, n]`` to ``[*batch]``.
+    """Mean without the lowest and highest quarter (rounded down): ``[*batch, n]`` to ``[*batch]``.
 
-    Robust against a run that failed, as the median, and yet uses half of the scores.
+    Robust against failed runs like the median, but uses half of the scores.
     """
     ordered = np.sort(np.asarray(scores, dtype=np.float64), axis=-1)
     n = ordered.shape[-1]
@@ -51,7 +51,7 @@ def stratified_bootstrap_interval(
     """Percentile bootstrap interval of a statistic of all scores, resampled within each stratum.
 
     Args:
-        strata: the scores by group, for instance the episodes of each run, or the runs of each task.
+        strata: scores by group, for instance the episodes of each run, or the runs of each task.
         seed: the same seed gives the same interval.
 
     Raises:
@@ -71,11 +71,11 @@ def stratified_bootstrap_interval(
 
 
 FEWEST_SEEDS = 5
-"""Of fewer runs an interval would say more than is known."""
+"""Fewest runs for a meaningful interval."""
 
 
 def seeds_interval(scores: Sequence[float], statistic: Statistic = interquartile_mean) -> Interval | None:
-    """The 95 % bootstrap interval of a statistic of one score a seed; ``None`` of fewer than `FEWEST_SEEDS`."""
+    """95 % bootstrap interval of a statistic of one score per seed; ``None`` for fewer than `FEWEST_SEEDS`."""
     return None if len(scores) < FEWEST_SEEDS else stratified_bootstrap_interval([scores], statistic)
 
 
@@ -110,10 +110,10 @@ def probability_of_improvement(
 
 
 def wilson_interval(successes: int, trials: int, *, confidence: float = 0.95) -> Interval:
-    """Wilson's score interval of a success rate, sound for few trials and for rates of 0 and 1.
+    """Wilson score interval of a success rate, valid for few trials and for rates of 0 and 1.
 
     Raises:
-        DescriptionError: the counts are no counts of successes among trials.
+        DescriptionError: there are no trials, or the successes are not between 0 and ``trials``.
     """
     if trials < 1 or not 0 <= successes <= trials:
         raise DescriptionError(f"{successes} successes in {trials} trials is no rate; give 0 to {max(trials, 1)} of at least 1")

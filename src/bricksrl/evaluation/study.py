@@ -1,7 +1,7 @@
-"""Runner of studies: trains each cell of a table with several seeds, evaluates, and writes what they say together.
+"""Runner of studies: trains each cell of a table with several seeds, evaluates, and writes the results.
 
-A study's folder holds a run folder for each cell and seed, so that the same command goes on where it was interrupted; what was
-trained and evaluated is not made again. ``study.json`` has the numbers, the processor and the versions; ``study.md`` the tables.
+A study's folder holds a run folder for each cell and seed, so that the same command resumes an interrupted study and repeats no
+finished run. ``study.json`` has the numbers, the processor and the versions; ``study.md`` the tables.
 """
 
 from __future__ import annotations
@@ -9,17 +9,18 @@ from __future__ import annotations
 import json
 import os
 import platform
+import shutil
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass
 from importlib import metadata
 from multiprocessing import get_context
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from bricksrl.errors import BricksError, RunError
+from bricksrl.errors import BricksError, DataError, RunError
 from bricksrl.evaluation.cluster import connected, parse_on
 from bricksrl.evaluation.statistics import (
     interquartile_mean,
@@ -28,23 +29,18 @@ from bricksrl.evaluation.statistics import (
     seeds_interval,
     wilson_interval,
 )
-from bricksrl.evaluation.study_tables import Cell, Study
+from bricksrl.evaluation.study_page import page
+from bricksrl.evaluation.study_tables import Cell, Condition, Study
 from bricksrl.files import write_durably
 
-if TYPE_CHECKING:
-    from bricksrl.evaluation.evaluator import EvaluationResult
-    from bricksrl.training.callbacks import Episode
-
 _PACKAGES = ("bricksrl", "torch", "torchrl", "tensordict", "mujoco", "numpy")
-SOLVED_WINDOW = 5
-
 OnSeed = Callable[[str, int, str | None], None]
-"""Told the name of a cell, a seed, and what went wrong, when it is done."""
+"""Called with the name of a cell, a seed, and its error or ``None``, when the seed is done."""
 
 
 @dataclass(frozen=True)
 class Judgement:
-    """One seed's evaluation under a condition."""
+    """Evaluation of one seed under a condition."""
 
     condition: str
     returns: tuple[float, ...]
@@ -54,30 +50,29 @@ class Judgement:
 
 @dataclass(frozen=True)
 class Outcome:
-    """One seed of a cell.
+    """Result of one seed of a cell.
 
     Attributes:
         steps, wall_s: of the training.
-        solved_s, solved_episode: of the run's time and its episodes, when its last five episodes first reached nine tenths of the
-            best mean of five, counted from that of the first five; ``None`` where there are fewer than ten episodes.
+        robot_s: time that the training's steps took on the robot, by the hub's clock; ``None`` without a hub.
+        reached: whether the training ended at the return that it was to stop at; ``None`` where it had none.
     """
 
     seed: int
     judged: tuple[Judgement, ...]
     steps: int
     wall_s: float
-    solved_s: float | None
-    solved_episode: int | None
+    robot_s: float | None
+    reached: bool | None
 
 
 def name_of(cell: Cell) -> str:
-    """A folder's name."""
+    """Name of a cell's folder."""
     return "".join(char if char.isalnum() or char in "-." else "_" for char in f"{cell.row}-{cell.column}")
 
 
 def run_seed(cell: Cell, seed: int, folder: str) -> dict[str, Any] | str:
     """Train and evaluate one seed, or take up where an earlier try ended; an error's text where it cannot be."""
-    from bricksrl.evaluation.evaluator import evaluate
     from bricksrl.training import RunFolder, TrainConfig, resume, train
 
     path = Path(folder) / f"seed-{seed}"
@@ -90,20 +85,10 @@ def run_seed(cell: Cell, seed: int, folder: str) -> dict[str, Any] | str:
             resume(path)
         else:
             train(TrainConfig(**{**cell.config, "seed": seed, "run_dir": path, "asynchronous": False}))
-        judged = [
-            _judgement(one.name, evaluate(path, one.env, episodes=one.episodes, save=False, **one.named))
-            for one in cell.conditions
-        ]
-        episodes = RunFolder(path).read_episodes()
-        at = solved(episodes)
-        outcome = Outcome(
-            seed,
-            tuple(judged),
-            episodes[-1].steps,
-            episodes[-1].seconds,
-            None if at is None else at.seconds,
-            None if at is None else at.episode,
-        )
+        judged = [_judge(path, seed, number, one) for number, one in enumerate(cell.conditions)]
+        last = RunFolder(path).read_episodes()[-1]
+        reached = None if "stop_at" not in cell.config else last.episode < cell.config["episodes"]
+        outcome = Outcome(seed, tuple(judged), last.steps, last.seconds, robot_seconds(path), reached)
     except BricksError as error:
         return str(error)
     write_durably(done, (json.dumps(asdict(outcome), indent=2) + "\n").encode())
@@ -111,19 +96,38 @@ def run_seed(cell: Cell, seed: int, folder: str) -> dict[str, Any] | str:
     return result
 
 
-def _judgement(name: str, result: EvaluationResult) -> Judgement:
-    successes = None if result.success_rate is None else round(result.success_rate * result.episodes)
-    return Judgement(name, result.returns, successes, result.metrics)
+def _judge(run: Path, seed: int, number: int, one: Condition) -> Judgement:
+    """Evaluate a run under a condition, after it has gone on learning there where that is asked for."""
+    from bricksrl.evaluation.evaluator import evaluate
+    from bricksrl.training import RunFolder, TrainConfig, train
+
+    judged = run
+    if one.learn_episodes:
+        judged = run.with_name(f"{run.name}-condition-{number}")
+        shutil.rmtree(judged, ignore_errors=True)  # of a try that was broken off
+        config = RunFolder(run).read_config()
+        own = {"agent": config.agent, "settings": config.settings, "start": str(run), "seed": seed, "run_dir": judged}
+        train(TrainConfig(one.env or config.env, episodes=one.learn_episodes, asynchronous=False, **{**own, **one.named}))
+    found = evaluate(judged, one.env, episodes=one.episodes, save=False, **one.named)
+    successes = None if found.success_rate is None else round(found.success_rate * found.episodes)
+    metrics = {**found.metrics, "action_size": found.action_size, "episode_steps": float(np.mean(found.lengths))}
+    return Judgement(one.name, found.returns, successes, metrics)
 
 
-def solved(episodes: Sequence[Episode]) -> Episode | None:
-    """The episode by which a run has learned nine tenths of what it learns."""
-    if len(episodes) < 2 * SOLVED_WINDOW:
+def robot_seconds(run: Path) -> float | None:
+    """Time that the recorded steps of a run took by the hub's clock; ``None`` where there was no hub, or no recording."""
+    from bricksrl.data.reader import load
+
+    try:
+        data = load(run / "data", images=False)
+    except DataError:
         return None
-    returns = np.array([episode.return_ for episode in episodes])
-    means = np.convolve(returns, np.ones(SOLVED_WINDOW) / SOLVED_WINDOW, "valid")
-    wanted = means[0] + 0.9 * (means.max() - means[0])
-    return episodes[int(np.argmax(means >= wanted)) + SOLVED_WINDOW - 1]
+    total_s = 0.0
+    for number in data.episode.unique():
+        times_s = data.hub_time_s[data.episode == number]
+        if len(times_s) > 1:  # from the end of the first step on; it took as long as the others
+            total_s += float(times_s[-1] - times_s[0]) * len(times_s) / (len(times_s) - 1)
+    return total_s if np.isfinite(total_s) else None
 
 
 def run_study(
@@ -136,16 +140,16 @@ def run_study(
     on: str | None = None,
     on_seed: OnSeed = lambda *_: None,
 ) -> Path:
-    """Make what is missing of a study, and write its numbers and its page; returns the page.
+    """Run the missing parts of a study, and write ``study.json`` and ``study.md``; returns the path of the latter.
 
     Args:
-        quick: its quick form, which shows that everything works and nothing else.
-        seeds: of each cell; without it the study's own number, 2 of the quick form.
-        jobs: processes at a time; without it as many as there are cores.
-        on: "ray", or "ray:ADDRESS", with a folder that all computers see.
+        quick: run the quick form, a smoke test of the study.
+        seeds: seeds per cell; by default the study's number, 2 in the quick form.
+        jobs: concurrent processes; by default the number of cores.
+        on: "ray", or "ray:ADDRESS", with a folder shared by all computers.
 
     Raises:
-        RunError: a seed failed; the others are there all the same, and the same command goes on.
+        RunError: a seed failed; the others are kept, and the same command resumes.
     """
     cells = study.cells(quick)
     count = seeds or (2 if quick else study.seeds)
@@ -160,21 +164,28 @@ def run_study(
             errors.append(f"{name_of(cell)} seed {seed}: {outcome}")
         else:
             found[name_of(cell)].append(outcome)
-    result = {"study": study.name, "title": study.title, "quick": quick, **_machine(), "cells": []}
+    result = {"study": study.name, "title": study.title, "quick": quick, "metrics": study.metrics, **_machine()}
     result["cells"] = [summary(cell, found[name_of(cell)]) for cell in cells if found[name_of(cell)]]
     result["improvements"] = improvements(cells, found)
-    write_durably(folder / "study.json", (json.dumps(result, indent=2) + "\n").encode())
-    write_durably(folder / "study.md", page(result).encode())
+    written = write_study(folder, result)
     if errors:
         raise RunError(f"{len(errors)} of {len(orders)} runs failed; the first: {errors[0]}")
+    return written
+
+
+def write_study(folder: Path, result: dict[str, Any]) -> Path:
+    """Write the numbers of a study and its page; returns the page."""
+    folder.mkdir(parents=True, exist_ok=True)
+    write_durably(folder / "study.json", (json.dumps(result, indent=2) + "\n").encode())
+    write_durably(folder / "study.md", page(result).encode())
     return folder / "study.md"
 
 
 def _made(orders: Sequence[tuple[Cell, int, str]], jobs: int | None, on: str | None) -> Iterable[dict[str, Any] | str]:
-    """The outcome of each order, in their order, as soon as it is there."""
+    """Outcomes of the orders, in order, each as soon as it is ready."""
     if on is not None:
         with connected(parse_on(on), jobs) as ray:
-            remote = ray.remote(run_seed).options(num_cpus=1, max_retries=3)  # on one thread, by its environment
+            remote = ray.remote(run_seed).options(num_cpus=1, max_retries=3)  # single-threaded, by its environment variables
             for job in [remote.remote(*order) for order in orders]:
                 yield ray.get(job)
         return
@@ -193,7 +204,7 @@ def _on_one_thread() -> None:
 
 
 def summary(cell: Cell, outcomes: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """What the seeds of a cell say together; conditions of the same name are joined."""
+    """Summary of a cell's seeds; conditions of the same name are pooled."""
     names = list(dict.fromkeys(one.name for one in cell.conditions))
     return {
         "row": cell.row,
@@ -201,23 +212,18 @@ def summary(cell: Cell, outcomes: Sequence[dict[str, Any]]) -> dict[str, Any]:
         "seeds": len(outcomes),
         "steps": [one["steps"] for one in outcomes],
         "wall_s": [round(one["wall_s"], 1) for one in outcomes],
-        "solved_s": [one["solved_s"] for one in outcomes],
-        "solved_episode": [one["solved_episode"] for one in outcomes],
+        "robot_s": [one["robot_s"] for one in outcomes],
+        "reached": [one["reached"] for one in outcomes],
+        "paper": dict(cell.paper),
         "conditions": {name: _under(name, outcomes) for name in names},
     }
 
 
 def _under(name: str, outcomes: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """Everything under one condition: one mean return a seed, and all episodes' successes."""
+    """Summary of one condition: a mean return per seed, and the successes of all episodes."""
     by_seed = [[one for one in outcome["judged"] if one["condition"] == name] for outcome in outcomes]
     returns = [float(np.mean([value for one in judged for value in one["returns"]])) for judged in by_seed]
-    interval = seeds_interval(returns)
-    found: dict[str, Any] = {
-        "returns": returns,
-        "return_iqm": float(interquartile_mean(np.array(returns))),
-        "return_95": None if interval is None else [interval.low, interval.high],
-        "episodes": sum(len(one["returns"]) for judged in by_seed for one in judged),
-    }
+    found = {**over_seeds(returns), "episodes": sum(len(one["returns"]) for judged in by_seed for one in judged)}
     successes = [one["successes"] for judged in by_seed for one in judged]
     if all(value is not None for value in successes):
         found |= {"successes": sum(successes), "success_rate": sum(successes) / found["episodes"]}
@@ -234,8 +240,18 @@ def _under(name: str, outcomes: Sequence[dict[str, Any]]) -> dict[str, Any]:
     return found
 
 
+def over_seeds(returns: Sequence[float]) -> dict[str, Any]:
+    """One mean return a seed, and what they say together."""
+    interval = seeds_interval(returns)
+    return {
+        "returns": list(returns),
+        "return_iqm": float(interquartile_mean(np.array(returns))),
+        "return_95": None if interval is None else [interval.low, interval.high],
+    }
+
+
 def improvements(cells: Sequence[Cell], found: dict[str, list[dict[str, Any]]]) -> list[dict[str, Any]]:
-    """For each column the probability that a seed of its first row scores more than one of each other row, under its last
+    """Per column, the probability that a seed of the first row scores more than one of each other row, in the last
     condition."""
     columns: dict[str, list[Cell]] = {}
     for cell in cells:
@@ -256,42 +272,6 @@ def improvements(cells: Sequence[Cell], found: dict[str, list[dict[str, Any]]]) 
                 }
             )
     return pairs
-
-
-def page(result: dict[str, Any]) -> str:
-    """Tables in Markdown: a row for each cell and condition."""
-    quick = " (quick form: it shows that everything works, and says nothing about learning)" if result["quick"] else ""
-    lines = [
-        f"# {result['title']}{quick}",
-        "",
-        f"Written by `bricksrl study {result['study']}`. Square brackets are 95 % intervals;",
-    ]
-    lines += ["nothing of fewer than 5 seeds has one. All robots are virtual.", ""]
-    lines += ["| row | column | seeds | condition | return (IQM) | success | minutes | minutes to 90 % |"]
-    lines += ["|---|---|---|---|---|---|---|---|"]
-    for cell in result["cells"]:
-        solved_s = [value for value in cell["solved_s"] if value is not None]
-        minutes = f"{float(interquartile_mean(np.array(solved_s))) / 60:.1f}" if len(solved_s) == cell["seeds"] else ""
-        wall = f"{float(interquartile_mean(np.array(cell['wall_s']))) / 60:.1f}"
-        for name, one in cell["conditions"].items():
-            rate = "" if "success_rate" not in one else f"{100 * one['success_rate']:.0f} %{_within(one.get('success_95'), 100)}"
-            shown = f"{one['return_iqm']:.4g}{_within(one['return_95'])}"
-            lines.append(
-                f"| {cell['row']} | {cell['column']} | {cell['seeds']} | {name} | {shown} | {rate} | {wall} | {minutes} |"
-            )
-    if result["improvements"]:
-        lines += ["", "| column | row | over | probability of improvement |", "|---|---|---|---|"]
-        for one in result["improvements"]:
-            lines.append(
-                f"| {one['column']} | {one['row']} | {one['over']} | {one['probability']:.2f}{_within(one['probability_95'])} |"
-            )
-    machine, versions = result["machine"], result["versions"]
-    lines += ["", f"{machine['processor']}, {machine['cores']} cores; " + ", ".join(f"{k} {v}" for k, v in versions.items())]
-    return "\n".join(lines) + "\n"
-
-
-def _within(interval: Sequence[float] | None, factor: float = 1.0) -> str:
-    return "" if interval is None else f" [{factor * interval[0]:.3g}, {factor * interval[1]:.3g}]"
 
 
 def _machine() -> dict[str, Any]:

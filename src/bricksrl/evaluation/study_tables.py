@@ -1,4 +1,4 @@
-"""Studies by name: what each trains and where it evaluates."""
+"""Definitions of the studies: their trainings and evaluations."""
 
 from __future__ import annotations
 
@@ -9,42 +9,50 @@ from typing import Any
 import numpy as np
 
 from bricksrl.envs.registry import training_episodes
-from bricksrl.errors import UnknownNameError
+from bricksrl.evaluation import paper
 from bricksrl.twin.physics import Physics, RandomPhysics
 
 DRAWN_TWINS = 20
+LEARN_ON_TWINS = 3
+"""Of the drawn ones, on which an agent goes on learning."""
 _DRAW_SEED = 20
+_WALK = ("forward_speed_m_s",)
+_STRATEGY = ("final_distance_mm", "action_size", "largest_pitch_deg", "episode_steps")
 
 
 @dataclass(frozen=True)
 class Condition:
-    """Where an agent is evaluated.
+    """Environment of an evaluation.
 
     Attributes:
-        env: another environment than the one it was trained in.
+        env: environment, if it differs from that of the training.
         named: fields of `EnvOptions` that differ from the nominal twin.
         episodes: of each seed.
+        learn_episodes: the agent goes on learning there for so many episodes before.
     """
 
     name: str
     env: str | None = None
     named: Mapping[str, Any] = field(default_factory=dict)
     episodes: int = 20
+    learn_episodes: int = 0
 
 
 @dataclass(frozen=True)
 class Cell:
-    """One training, to be made with several seeds, and its evaluations.
+    """One training, run with several seeds, and its evaluations.
 
     Attributes:
         row, column: of the table.
         config: fields of `TrainConfig`; its seed and its folder are the study's.
+        paper: what the paper has in its place: "return" (mean and deviation), "success" (a share), "minutes" of a training.
     """
 
     row: str
     column: str
     config: Mapping[str, Any]
     conditions: tuple[Condition, ...]
+    paper: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -54,6 +62,7 @@ class Study:
     Attributes:
         hours, quick_minutes: what it takes on two cores, roughly.
         cells: of the whole study, or of its quick form, whose few episodes show that all of it works and nothing else.
+        metrics: of the evaluated episodes, shown on its page.
     """
 
     name: str
@@ -62,6 +71,7 @@ class Study:
     quick_minutes: float
     seeds: int
     cells: Callable[[bool], tuple[Cell, ...]]
+    metrics: tuple[str, ...] = ()
 
 
 ON_THE_ROBOT = ("RunAway-v0", "Spinning-v0", "Walker-v0", "RoboArm-v0", "RoboArm_mixed-v0")
@@ -70,30 +80,40 @@ PAPERS_AGENTS = ("td3", "sac", "droq", "random")
 
 
 def _episodes(env: str, quick: bool) -> int:
-    return 3 if quick else training_episodes(env)
+    return 2 if quick else training_episodes(env)
 
 
 def _judged(quick: bool, env: str | None = None) -> tuple[Condition, ...]:
-    """The paper's 5 episodes, and 20 beside them."""
+    """Conditions with 5 episodes, as in the paper, and with 20."""
     return tuple(Condition(f"{count} episodes", env, episodes=2 if quick else count) for count in (5, 20))
 
 
+def _papers(env: str, agent: str) -> dict[str, Any]:
+    """What the paper has of an agent that was trained there."""
+    found: dict[str, Any] = {"return": paper.RETURNS[env][agent]}
+    success = paper.SUCCESS.get(env, {}).get(agent)
+    return found if success is None else {**found, "success": success}
+
+
 def _agents(quick: bool) -> tuple[Cell, ...]:
-    robots = ("RunAway-v0", "Walker-v0") if quick else ON_THE_ROBOT
-    cells = [
-        Cell(agent, env, {"env": env, "agent": agent, "episodes": _episodes(env, quick)}, _judged(quick))
-        for env in robots
+    places = {env: env for env in ON_THE_ROBOT} | IN_SIMULATION
+    if quick:
+        places = {env: places[env] for env in ("RunAway-v0", "WalkerSim-v0")}
+    return tuple(
+        Cell(
+            agent,
+            env if env == there else f"{there} from {env}",
+            {"env": env, "agent": agent, "episodes": _episodes(env, quick)},
+            _judged(quick, there),
+            _papers(env, agent),
+        )
+        for env, there in places.items()
         for agent in PAPERS_AGENTS
-    ]
-    for env, there in list(IN_SIMULATION.items())[: 1 if quick else None]:
-        for agent in PAPERS_AGENTS:
-            config = {"env": env, "agent": agent, "episodes": _episodes(env, quick)}
-            cells.append(Cell(agent, f"{there} from {env}", config, _judged(quick, there)))
-    return tuple(cells)
+    )
 
 
 def drawn_twins(count: int = DRAWN_TWINS) -> list[Physics]:
-    """Twins with other physics, the same at every call."""
+    """Randomly drawn physics, the same at every call."""
     rng = np.random.default_rng(_DRAW_SEED)
     return [RandomPhysics().sample(rng) for _ in range(count)]
 
@@ -105,57 +125,77 @@ OUTSIDE = {
     "flat battery": Physics(battery_v=6.4),
     "slow link": Physics(link_interval_ms=100.0),
 }
-"""Twins outside the ranges that randomisation draws from."""
+"""Physics outside of the ranges of domain randomization."""
 
 
 def _sim_to_robot(quick: bool) -> tuple[Cell, ...]:
     drawn, episodes = drawn_twins(2 if quick else DRAWN_TWINS), 1 if quick else 5
     trained = {"WalkerSim-v0": "Walker-v0", "WalkerSim-v1": "Walker-v0", "RoboArmSim-v0": "RoboArm-v0", "Walker-v1": "Walker-v1"}
+    twins: list[tuple[str, Physics]] = [("drawn twins", one) for one in drawn] + list(OUTSIDE.items())
     cells = []
     for env, there in list(trained.items())[: 1 if quick else None]:
         conditions = [Condition("nominal twin", there, episodes=2 if quick else 20)]
-        conditions += [Condition("drawn twins", there, {"physics": one}, episodes) for one in drawn]
-        conditions += [Condition(name, there, {"physics": one}, episodes) for name, one in OUTSIDE.items()]
+        conditions += [Condition(name, there, {"physics": one}, episodes) for name, one in twins]
+        for learn in (1,) if quick else (2, 5):
+            of_some = [*twins[:LEARN_ON_TWINS], *OUTSIDE.items()][: 2 if quick else None]
+            conditions += [
+                Condition(f"{name}, {learn} episodes later", there, {"physics": one}, episodes, learn) for name, one in of_some
+            ]
         options = {"randomize": True} if env == there else {}
         cells.append(Cell("sac", env, {"env": env, "episodes": _episodes(env, quick), **options}, tuple(conditions)))
     return tuple(cells)
 
 
 def _communication(quick: bool) -> tuple[Cell, ...]:
-    cells = []
-    for interval_ms in (15.0,) if quick else (7.5, 15.0, 30.0, 45.0):
-        for streaming in (False, True):
-            config = {"env": "Walker-v0", "episodes": _episodes("Walker-v0", quick), "streaming": streaming}
-            config["physics"] = Physics(link_interval_ms=interval_ms)
-            row = "streaming" if streaming else "lock-step"
-            cells.append(Cell(row, f"{interval_ms:g} ms", config, (Condition("as trained", episodes=2 if quick else 20),)))
-    return tuple(cells)
+    """The rate of steps over a link of 15 ms, and the link's interval at 4 Hz, each in lock-step and streaming."""
+    rates_hz = {4.0: 250} if quick else {2.0: 500, 4.0: 250, 11.0: 91, 30.0: 33}
+    ways = [(f"{hz:g} Hz", {"options": {"step_ms": step_ms}}) for hz, step_ms in rates_hz.items()]
+    ways += [
+        (f"4 Hz, {interval_ms:g} ms", {"physics": Physics(link_interval_ms=interval_ms)})
+        for interval_ms in ((45.0,) if quick else (7.5, 30.0, 45.0))
+    ]
+    config = {"env": "Walker-v0", "episodes": 2 if quick else 20}
+    after = (Condition("as trained", episodes=2 if quick else 20),)
+    return tuple(
+        Cell(row, column, {**config, "streaming": row == "streaming", **way}, after)
+        for column, way in ways
+        for row in ("lock-step", "streaming")
+    )
+
+
+def _strategies(quick: bool) -> tuple[Cell, ...]:
+    after = (Condition("20 episodes", episodes=2 if quick else 20),)
+    return tuple(
+        Cell(
+            agent,
+            "RunAway-v0",
+            {"env": "RunAway-v0", "agent": agent, "episodes": _episodes("RunAway-v0", quick)},
+            after,
+            _papers("RunAway-v0", agent),
+        )
+        for agent in ("td3", "sac", "droq")
+    )
 
 
 def _robot_time(quick: bool) -> tuple[Cell, ...]:
-    robots = ("RunAway-v0",) if quick else ("RunAway-v0", "Spinning-v0", "Walker-v0", "RoboArm-v0")
-    after = (Condition("20 episodes", episodes=2 if quick else 20),)
-    return tuple(Cell("sac", env, {"env": env, "episodes": _episodes(env, quick)}, after) for env in robots)
+    """SAC until five episodes in a row have the mean return that the paper's best agent has after its training."""
+    cells = []
+    for env in ("RunAway-v0",) if quick else ON_THE_ROBOT:
+        goal = max(mean for mean, _ in paper.RETURNS[env].values())
+        config = {"env": env, "episodes": _episodes(env, quick), "stop_at": goal}
+        after = (Condition("20 episodes", episodes=2 if quick else 20),)
+        cells.append(Cell("sac", env, config, after, {**_papers(env, "sac"), "minutes": paper.MINUTES[env]}))
+    return tuple(cells)
 
 
 STUDIES = {
     one.name: one
     for one in (
-        Study("agents", "Agents of the paper, on the robot and from simulation", 60.0, 15.0, 5, _agents),
-        Study("sim-to-robot", "From simulation to robots with other physics", 6.0, 4.0, 5, _sim_to_robot),
-        Study("communication", "The link's interval, in lock-step and streaming", 12.0, 4.0, 5, _communication),
-        Study("robot-time", "Robot minutes and wall minutes to a working policy", 12.0, 2.0, 5, _robot_time),
+        Study("agents", "Agents of the paper, on the robot and from simulation", 60.0, 5.0, 5, _agents, ("episode_steps",)),
+        Study("sim-to-robot", "From simulation to robots with other physics", 8.0, 4.0, 5, _sim_to_robot, _WALK),
+        Study("communication", "Steps a second and the link's interval, streaming or not", 6.0, 4.0, 5, _communication, _WALK),
+        Study("strategies", "Strategies on RunAway-v0", 0.5, 2.0, 5, _strategies, _STRATEGY),
+        Study("robot-time", "Robot minutes to a working policy", 1.0, 2.0, 5, _robot_time, ("episode_steps",)),
     )
 }
 """By name."""
-
-
-def get_study(name: str) -> Study:
-    """A study by its name.
-
-    Raises:
-        UnknownNameError: there is none.
-    """
-    if name not in STUDIES:
-        raise UnknownNameError(f"there is no study '{name}'; choose {', '.join(STUDIES)}")
-    return STUDIES[name]

@@ -1,6 +1,6 @@
-"""Hyperparameters by experiment: Optuna proposes settings, each is trained with a few seeds for so many steps, and evaluated.
+"""Hyperparameter tuning with Optuna: each proposed set is trained with a few seeds for a number of steps, and evaluated.
 
-The study is an SQLite file in a folder, so that it can be gone on with, and several commands may work on it at a time.
+The study is an SQLite file in a folder, so that it can be resumed, and several commands may work on it at a time.
 """
 
 from __future__ import annotations
@@ -40,10 +40,10 @@ _NUMBERS: dict[str, tuple[float, float, bool]] = {
     "exploration_noise": (0.05, 0.5, False),
     "target_noise": (0.05, 0.4, False),
 }
-"""Least and greatest value, and whether the scale is logarithmic. Settings of other names are tuned around their default."""
+"""Least and greatest value, and whether the scale is logarithmic. A user's other floats are tuned around their default."""
 
 _OF_GOALS: dict[str, tuple[float, float, bool]] = {"hindsight": (0.0, 0.5, False), "new_goals": (0.0, 0.5, False)}
-"""The same, only in a task with goals."""
+"""Further ranges, for tasks with goals only."""
 
 _CHOICES: dict[str, tuple[Any, ...]] = {
     "hidden": ("64,64", "128,128", "256,256"),
@@ -59,12 +59,12 @@ _CHOICES: dict[str, tuple[Any, ...]] = {
 
 @dataclass(frozen=True)
 class Tuning:
-    """What a study is about.
+    """Definition of a tuning study.
 
     Attributes:
-        steps: robot steps of each training; it ends with the episode in which they are reached.
-        seeds: trainings of each settings; the objective is the mean of their evaluations.
-        episodes: of each evaluation.
+        steps: robot steps of each training, which ends with the episode that reaches them.
+        seeds: trainings per trial; the objective is the mean of their evaluations.
+        episodes: episodes of each evaluation.
     """
 
     env: str
@@ -81,7 +81,7 @@ class Tuning:
 
 @dataclass(frozen=True)
 class Best:
-    """The best settings so far: the mean return of their evaluations, and out of how many finished trials."""
+    """Best settings so far, the mean return of their evaluations, and the number of finished trials."""
 
     settings: Any
     value: float
@@ -89,11 +89,11 @@ class Best:
 
 
 OnTrial = Callable[[int, float | None, float | None], None]
-"""Told a trial's number, its value (``None`` where it was ended early), and the best value so far."""
+"""Called with a trial's number, its value (``None`` if it was pruned), and the best value so far."""
 
 
 def propose(trial: optuna.trial.BaseTrial, start: Any, *, goals: bool) -> Any:
-    """Settings that differ from ``start`` in what the trial proposes."""
+    """Settings ``start`` with the values that the trial proposes."""
     names = {field.name for field in dataclasses.fields(start)}
     values: dict[str, Any] = {}
     for name, (low, high, log) in {**_NUMBERS, **(_OF_GOALS if goals else {})}.items():
@@ -112,7 +112,7 @@ def propose(trial: optuna.trial.BaseTrial, start: Any, *, goals: bool) -> Any:
 
 
 def _others(start: Any) -> list[tuple[str, float]]:
-    """The numbers with a fraction that a user's own settings have and the tables here do not."""
+    """Float settings of a user's algorithm that the tables above do not name."""
     if type(start).__module__.startswith("bricksrl."):
         return []
     known = {*_NUMBERS, *_OF_GOALS, *_CHOICES}
@@ -123,15 +123,14 @@ def _others(start: Any) -> list[tuple[str, float]]:
 def tune(
     tuning: Tuning, folder: Path, trials: int, *, seed: int = 0, on: str | None = None, on_trial: OnTrial = lambda *_: None
 ) -> Best:
-    """Make ``trials`` more trials, and write the best settings so far to ``best.json``.
+    """Run ``trials`` more trials, and write the best settings so far to ``best.json``.
 
     Args:
-        on: "ray", or "ray:ADDRESS" for a cluster, to train the seeds of a trial side by side; what is proposed and found is the
-            same.
+        on: "ray", or "ray:ADDRESS" for a cluster, to train the seeds of a trial in parallel; the results are the same.
 
     Raises:
-        RunError: Optuna is not installed, the folder holds a study of something else, or no trial was finished.
-        DescriptionError: the seed cannot be one.
+        RunError: Optuna is not installed, the folder holds a study of another definition, or no trial was finished.
+        DescriptionError: the seed is invalid.
         UnknownNameError: there is no such environment or agent.
     """
     try:
@@ -141,7 +140,7 @@ def tune(
     check_seed(seed)
     start = settings_for(tuning.env, "default", tuning.agent)
     goals = _has_goals(tuning.env)
-    optuna.logging.set_verbosity(logging.ERROR)  # a trial that fails raises, and is told once
+    optuna.logging.set_verbosity(logging.ERROR)  # a failed trial raises: one message is enough
     _check_trains(tuning)
     with one_after_the_other(folder):  # several commands may begin with the same study at once
         study = optuna.create_study(
@@ -154,7 +153,7 @@ def tune(
         _check_same(study, tuning, folder)
     study.sampler = optuna.samplers.TPESampler(seed=(seed + len(study.trials)) % (LARGEST_SEED + 1))
     if not study.trials:
-        study.enqueue_trial(_as_proposed(start, goals=goals))  # what there is has to be beaten
+        study.enqueue_trial(_as_proposed(start, goals=goals))  # the default settings are the first trial
 
     def objective(trial: optuna.Trial) -> float:
         settings = propose(trial, start, goals=goals)
@@ -167,13 +166,13 @@ def tune(
                 raise optuna.TrialPruned
         return mean
 
-    def told(study: optuna.Study, trial: optuna.trial.FrozenTrial) -> None:
+    def after_trial(study: optuna.Study, trial: optuna.trial.FrozenTrial) -> None:
         done = trial.state == optuna.trial.TrialState.COMPLETE
         best = _write_best(study, tuning, start, folder, goals=goals)
         on_trial(trial.number, trial.value if done else None, None if best is None else best.value)
 
     with _evaluations(tuning, on) as evaluated:
-        study.optimize(objective, n_trials=trials, callbacks=[told])
+        study.optimize(objective, n_trials=trials, callbacks=[after_trial])
     best = _write_best(study, tuning, start, folder, goals=goals)
     if best is None:
         raise RunError(f"no trial of {folder} was finished; give more --trials")
@@ -181,7 +180,7 @@ def tune(
 
 
 class _StopAt(Callback):
-    """Ends a run with the episode in which so many steps are made."""
+    """Callback that ends a run with the episode that reaches ``steps``."""
 
     def __init__(self, steps: int) -> None:
         self.stop = threading.Event()
@@ -194,7 +193,7 @@ class _StopAt(Callback):
 
 @contextmanager
 def _evaluations(tuning: Tuning, on: str | None) -> Iterator[Callable[[Any], Iterable[float]]]:
-    """What gives the evaluations of settings, seed by seed: one after the other here, or side by side on a cluster."""
+    """A function from settings to their evaluations, one per seed: computed one by one, or in parallel on a cluster."""
     if on is None:
         yield lambda settings: (_train_and_evaluate(tuning, settings, seed) for seed in range(tuning.seeds))
         return
@@ -223,7 +222,7 @@ def _train_and_evaluate(tuning: Tuning, settings: Any, seed: int) -> float:
 
 
 def _check_trains(tuning: Tuning) -> None:
-    """Raise RunError for an agent that learns from a dataset alone."""
+    """Raise RunError for an agent that does not learn online."""
     from bricksrl.agents import make_learner
     from bricksrl.envs import make
 
@@ -243,7 +242,7 @@ def _has_goals(env: str) -> bool:
 
 
 def _as_proposed(settings: Any, *, goals: bool) -> dict[str, Any]:
-    """The parameters of a trial that proposes these settings, where they are within the ranges."""
+    """Trial parameters that propose these settings, as far as they lie in the search space."""
     found: dict[str, Any] = {}
     for name, (low, high, _) in {**_NUMBERS, **(_OF_GOALS if goals else {})}.items():
         value = getattr(settings, name, None)
@@ -266,7 +265,7 @@ def _check_same(study: optuna.Study, tuning: Tuning, folder: Path) -> None:
 
 
 def _write_best(study: optuna.Study, tuning: Tuning, start: Any, folder: Path, *, goals: bool) -> Best | None:
-    """Write what is best so far; ``None`` as long as no trial was finished."""
+    """Write the best settings so far; ``None`` while no trial is finished."""
     import optuna
 
     finished = [trial for trial in study.trials if trial.state == optuna.trial.TrialState.COMPLETE]

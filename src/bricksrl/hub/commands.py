@@ -1,7 +1,7 @@
-"""Commands of a hub: what its motors, its drive base, its light and its loudspeaker are told at every step.
+"""Commands of a hub to its motors, drive base, light and loudspeaker, sent at every step.
 
-Each is one number with a range, to which the hub clamps it, and one line of the hub program. Moves that go on (``RunSpeed``,
-``RunDuty``, ``DriveSpeed``, ``DriveTurnRate``) do so until the next step; where the host falls silent, the hub's watchdog stops
+Each is one number with a range, to which the hub clamps it, and one line of the hub program. Endless moves (``RunSpeed``,
+``RunDuty``, ``DriveSpeed``, ``DriveTurnRate``) continue until the next step; if the host falls silent, the hub's watchdog stops
 them.
 """
 
@@ -17,9 +17,9 @@ from bricksrl.hub.kinds import WIRE_MAX, Command, Imports
 from bricksrl.robots import DriveBase, HubKind, Robot
 
 _LEAST_DEG = 10.0
-"""That a wheel turns by in a second even where it is told to turn slowly; of what a test move is held to."""
+"""Maximum turn that a test of an endless move requires."""
 _LOWEST_HZ = 64
-"""The deepest sound that a hub plays."""
+"""Lowest tone that a hub plays."""
 
 
 def _at_least(turn_deg: float) -> float:
@@ -31,7 +31,7 @@ def _at_least(turn_deg: float) -> float:
 
 @dataclass(frozen=True)
 class _OfMotor(Command):
-    """Something that one motor does."""
+    """Command of one motor."""
 
     motor: str
     low: float
@@ -80,7 +80,7 @@ class RunAngle(_OfMotor):
 
 @dataclass(frozen=True)
 class _Endless(_OfMotor):
-    """Something that turns a motor until it is told otherwise, and so is nothing for a motor with a range."""
+    """Command that turns a motor until the next one, and thus is not for a motor with a range."""
 
     ends: ClassVar[bool] = False
 
@@ -96,7 +96,7 @@ class _Endless(_OfMotor):
 
 @dataclass(frozen=True)
 class RunSpeed(_Endless):
-    """Turn one motor at a speed, held against load: ``Motor.run(speed)``."""
+    """Turn one motor at a controlled speed: ``Motor.run(speed)``."""
 
     unit: ClassVar[str] = "deg/s"
 
@@ -110,7 +110,7 @@ class RunSpeed(_Endless):
 
 @dataclass(frozen=True)
 class RunDuty(_Endless):
-    """Give one motor a share of the battery's voltage: ``Motor.dc(duty)``."""
+    """Drive one motor with a duty cycle, in percent of the battery's voltage: ``Motor.dc(duty)``."""
 
     low: float = -100.0
     high: float = 100.0
@@ -131,7 +131,7 @@ class RunDuty(_Endless):
 
 @dataclass(frozen=True)
 class TrackTarget(_OfMotor):
-    """Bring one motor to an angle as fast as it can, without a profile, and hold it there: ``Motor.track_target(angle)``."""
+    """Move one motor to an angle as fast as possible, without a profile, and hold it: ``Motor.track_target(angle)``."""
 
     unit: ClassVar[str] = "deg"
     ends: ClassVar[bool] = False
@@ -160,7 +160,7 @@ class TrackTarget(_OfMotor):
 
 @dataclass(frozen=True)
 class _OfDriveBase(Command):
-    """Something that both motors of the drive base do."""
+    """Command of both motors of the drive base."""
 
     low: float
     high: float
@@ -226,7 +226,7 @@ class Curve(_OfDriveBase):
     """Drive along a circle by an angle, to the right for a positive one, without waiting: ``DriveBase.curve(..., wait=False)``.
 
     Attributes:
-        radius_mm: of the circle that the middle of the robot drives on; with a negative one it drives backwards.
+        radius_mm: radius of the path of the robot's centre; negative to drive backwards.
     """
 
     radius_mm: int
@@ -255,7 +255,7 @@ class Curve(_OfDriveBase):
 
 @dataclass(frozen=True)
 class _Drive(_OfDriveBase):
-    """One of the two numbers of ``DriveBase.drive(speed, turn_rate)``; the other one is 0 where it is no command."""
+    """One of the two arguments of ``DriveBase.drive(speed, turn_rate)``; the other is 0 unless it is a command too."""
 
     ends: ClassVar[bool] = False
     call: ClassVar[str] = "drive"
@@ -270,7 +270,7 @@ class _Drive(_OfDriveBase):
 
 @dataclass(frozen=True)
 class DriveSpeed(_Drive):
-    """Speed of ``DriveBase.drive(speed, turn_rate)``, ahead positive."""
+    """Speed of ``DriveBase.drive(speed, turn_rate)``, forward positive."""
 
     unit: ClassVar[str] = "mm/s"
     name: ClassVar[str] = "drive_speed"
@@ -305,7 +305,7 @@ def drive_base(robot: Robot, wanted_for: str) -> DriveBase:
     """The robot's drive base.
 
     Raises:
-        DescriptionError: it has none.
+        DescriptionError: the robot has no drive base.
     """
     if robot.drive_base is None:
         raise DescriptionError(f"robot '{robot.name}' has no drive base for '{wanted_for}'; describe one or command its motors")
@@ -313,7 +313,7 @@ def drive_base(robot: Robot, wanted_for: str) -> DriveBase:
 
 
 def drive_base_setup(robot: Robot, wanted_for: str) -> tuple[str, ...]:
-    """The statement of a hub program that makes the drive base ``drive_base``."""
+    """Statement of a hub program that makes the object ``drive_base``."""
     base = drive_base(robot, wanted_for)
     size = f"wheel_diameter={base.wheel_diameter_mm!r}, axle_track={base.axle_track_mm!r}"
     return (f"drive_base = DriveBase(motor_{base.left}, motor_{base.right}, {size})",)
@@ -324,7 +324,7 @@ def drive_base_setup(robot: Robot, wanted_for: str) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class _OfHub(Command):
-    """Something that the hub does without a motor."""
+    """Command of the hub itself, without a motor."""
 
     mover: ClassVar[None] = None
 
@@ -359,10 +359,10 @@ class HubLight(_OfHub):
 
 @dataclass(frozen=True)
 class HubSound(_OfHub):
-    """A short tone of the hub's loudspeaker: ``hub.speaker.beep(frequency, duration)``; below 64 Hz it is silent.
+    """Short tone of the hub's loudspeaker: ``hub.speaker.beep(frequency, duration)``; silent below 64 Hz.
 
     Attributes:
-        duration_ms: of the tone, for which the hub waits.
+        duration_ms: duration of the tone, for which the hub waits.
     """
 
     low: float = 0.0

@@ -1,4 +1,4 @@
-"""Errors of the link to a hub: children of ``HubError`` for links that cannot be had, or break."""
+"""Errors of the link to a hub: subclasses of ``HubError`` for links that cannot be made, or break."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from bricksrl.errors import HubError
 
 
 class Reason(enum.Enum):
-    """Reason why a hub cannot be reached, for programs that have to decide what to do."""
+    """Reason why a hub cannot be reached, for programs that react to it."""
 
     NO_ADAPTER = "this computer has no Bluetooth"
     SWITCHED_OFF = "Bluetooth is switched off"
@@ -21,7 +21,7 @@ class Reason(enum.Enum):
 
 
 class MediumUnavailableError(HubError):
-    """This computer lacks what is needed to reach a hub: ``reason`` says what."""
+    """This computer cannot reach hubs this way: ``reason`` says why."""
 
     def __init__(self, message: str, reason: Reason = Reason.UNKNOWN) -> None:
         super().__init__(message)
@@ -37,7 +37,7 @@ class UsbUnavailableError(MediumUnavailableError):
 
 
 class HubNotFoundError(HubError):
-    """No hub, or not the one that was asked for, is in reach."""
+    """No hub, or not the requested one, is in reach."""
 
     reason: ClassVar[Reason] = Reason.NOT_FOUND
 
@@ -55,11 +55,11 @@ class HubRefusedError(HubError):
 
 
 class ProgramStoppedError(HubError):
-    """The program on the hub has ended, or was stopped, for example with the hub's button."""
+    """The program on the hub ended, or was stopped, for example with the hub's button."""
 
 
 class SilentHubError(ProgramStoppedError):
-    """The program on the hub said good-bye, for example because it had not heard from this computer."""
+    """The program on the hub ended with a BYE frame, for example after silence of this computer."""
 
 
 class AmbiguousHubError(HubNotFoundError):

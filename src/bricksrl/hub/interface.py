@@ -1,7 +1,7 @@
 """Interface between a task and a hub: the commands that the hub takes and the channels that it reports.
 
-From an ``Interface`` and a ``Robot`` follow the hub program, the bytes on the wire and the specs of the environment. All values
-are in the units of their names; the wire carries int16 fixed point numbers.
+An ``Interface`` and a ``Robot`` determine the hub program, the wire format and the specs of the environment. All values are in
+the units of their names; the wire carries int16 fixed-point numbers.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ __all__ = [
 
 @dataclass(frozen=True)
 class MotorAngle(Channel):
-    """``Motor.angle()``; wrapped into 0..360 where the range is exactly that, else as it is, even beyond its range."""
+    """``Motor.angle()``; wrapped into 0..360 if that is the range, else unchanged, even beyond the range."""
 
     motor: str
     low: float = 0.0
@@ -92,7 +92,7 @@ class MotorAngle(Channel):
 
 
 class _OfImu(Channel):
-    """What the hub's own IMU measures."""
+    """Channel of the hub's IMU."""
 
     def check(self, robot: Robot) -> None:
         if not robot.hub.model.has_imu:
@@ -151,7 +151,7 @@ class YawRate(_OfImu):
 
 @dataclass(frozen=True)
 class Heading(_OfImu):
-    """``hub.imu.heading()``, clockwise positive, counted on beyond whole turns; the range is nominal."""
+    """``hub.imu.heading()``, clockwise positive, not wrapped; the range is nominal."""
 
     low: float = -180.0
     high: float = 180.0
@@ -166,7 +166,7 @@ class Heading(_OfImu):
 
 @dataclass(frozen=True)
 class _OfDriveBase(Channel):
-    """What the drive base counts from its wheels, since the program started; the range is nominal."""
+    """Odometry of the drive base since the program started; the range is nominal."""
 
     low: float
     high: float
@@ -189,7 +189,7 @@ class _OfDriveBase(Channel):
 
 @dataclass(frozen=True)
 class DriveDistance(_OfDriveBase):
-    """``DriveBase.distance()``, ahead positive."""
+    """``DriveBase.distance()``, forward positive."""
 
     scale: ClassVar[int] = 1
     unit: ClassVar[str] = "mm"
@@ -210,7 +210,7 @@ class DriveAngle(_OfDriveBase):
 
 @dataclass(frozen=True)
 class Distance(Channel):
-    """``UltrasonicSensor.distance()``; ``FARTHEST_MM`` where nothing is in sight."""
+    """``UltrasonicSensor.distance()``; ``FARTHEST_MM`` if nothing is in range."""
 
     sensor: str
     low: float = 0.0
@@ -237,15 +237,15 @@ class Distance(Channel):
 
 
 PARTS = {"hsv": ("hue", "saturation", "value"), "tilt": ("pitch", "roll")}
-"""Methods of sensors that return several numbers at once, and what these are."""
+"""Names of the numbers that some methods of sensors return together."""
 
 
 @dataclass(frozen=True)
 class SensorReading(Channel):
-    """A number that a method of a sensor returns, such as ``ColorSensor.reflection()``; the range is that of the number.
+    """Number that a method of a sensor returns, such as ``ColorSensor.reflection()``, with its range.
 
     Attributes:
-        part: which one, where the method returns several, such as ``"hue"`` of ``"hsv"``: see ``PARTS``. The hub calls the
+        part: name of the number if the method returns several, such as ``"hue"`` of ``"hsv"``: see ``PARTS``. The hub calls the
             method once for all of them.
     """
 
@@ -309,24 +309,24 @@ def _limits_of_wire(channel: Channel) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class Wait:
-    """Answer a fixed time after the commands started."""
+    """Steps of a fixed time: the hub answers that long after the commands started."""
 
     time_ms: int
 
     @property
     def fixed_ms(self) -> int | None:
-        """Length of a step, where it is always the same."""
+        """Duration of a step; ``None`` if it varies."""
         return self.time_ms
 
     @property
     def longest_ms(self) -> int:
-        """Time after which a step has ended in any case."""
+        """Longest duration of a step."""
         return self.time_ms
 
 
 @dataclass(frozen=True)
 class UntilDone:
-    """Answer when the moves have ended; a move that is blocked for longer than the timeout is stopped."""
+    """Steps that end when all moves have ended; a move that takes longer than the timeout is stopped."""
 
     timeout_ms: int = 3000
 
@@ -349,10 +349,10 @@ class Interface:
 
     @property
     def angle_places(self) -> dict[str, int]:
-        """Place among the channels of each motor's angle, by the motor's name."""
+        """Index of each motor's angle among the channels, by motor name."""
         return {channel.motor: place for place, channel in enumerate(self.channels) if isinstance(channel, MotorAngle)}
 
     @property
     def distance_place(self) -> int | None:
-        """Place among the channels of the first distance."""
+        """Index of the first distance among the channels; ``None`` if there is none."""
         return next((place for place, channel in enumerate(self.channels) if isinstance(channel, Distance)), None)

@@ -1,7 +1,7 @@
 """Kinds of commands and channels: base classes of the numbers between a hub and this computer.
 
-A kind is one frozen dataclass, in ``interface.py`` or in a file of the user's own: it says what it needs of a robot, how it is
-written in the hub program, and what its numbers are. All values are in the units of their names.
+A kind is one frozen dataclass, in ``interface.py`` or in a user's file: it defines its requirements on a robot, its code in the
+hub program, and its range, unit and scale. All values are in the units of their names.
 """
 
 from __future__ import annotations
@@ -15,19 +15,19 @@ from bricksrl.entry import Entry
 from bricksrl.robots import Robot
 
 WIRE_MAX = 2**15 - 1
-"""The largest number of the wire, an int16."""
+"""Largest number on the wire, an int16."""
 
 Imports = tuple[tuple[str, str], ...]
-"""Modules, and a name in each, that a hub program imports."""
+"""Pairs of a module and a name that a hub program imports from it."""
 
 
 class _Number:
-    """A number of the wire.
+    """Number on the wire.
 
     Attributes:
-        low, high: range, in the unit; a hub clamps commands to it.
-        scale: the number times this goes over the wire.
-        imports: names that the hub program needs for it, beside hub, ports and devices.
+        low, high: range in its unit; the hub clamps commands to it.
+        scale: factor from the number to its fixed-point value on the wire.
+        imports: names that the hub program imports for it, besides hub, ports and devices.
     """
 
     scale: ClassVar[int] = 10
@@ -49,19 +49,18 @@ class _Number:
 
     @property
     def entry(self) -> Entry:
-        """Its name, range and unit."""
+        """Name, range and unit."""
         return Entry(self.name, self.low, self.high, self.unit)
 
 
 @dataclass(frozen=True)
 class Command(_Number, ABC):
-    """A number that the hub is sent at every step, and what it does with it.
+    """Number that is sent to the hub at every step, and its effect.
 
     Attributes:
-        mover: the moving object on the hub, which can be asked whether it is ``done()`` and told to ``stop()``; ``None`` for a
-            light or a sound.
+        mover: moving object in the hub program, with the methods ``done()`` and ``stop()``; ``None`` for a light or a sound.
         ends: whether the move ends by itself, so that a step may wait for it.
-        call: commands with the same one are the arguments of one call on the hub; ``None`` for a call of its own.
+        call: commands with the same ``call`` are the arguments of one call on the hub; ``None`` for a separate call.
     """
 
     ends: ClassVar[bool] = True
@@ -74,23 +73,23 @@ class Command(_Number, ABC):
 
     @abstractmethod
     def check(self, robot: Robot) -> None:
-        """Raise DescriptionError unless the robot can carry it out."""
+        """Raise DescriptionError unless the robot supports the command."""
 
     @abstractmethod
     def motors(self, robot: Robot) -> tuple[str, ...]:
-        """Names of the motors that it turns."""
+        """Names of the motors that the command turns."""
 
     @abstractmethod
     def turns_deg(self, robot: Robot, amount: float) -> tuple[float, ...]:
-        """Angle that each of its motors turns by; of a move that goes on, what it turns by in a second at least."""
+        """Angle that each of its motors turns by; for an endless move, at least in one second."""
 
     @property
     @abstractmethod
     def text(self) -> str:
-        """Its meaning, for the top of the hub program."""
+        """Description of the command, for the header of the hub program."""
 
     def setup(self, robot: Robot) -> tuple[str, ...]:
-        """Statements of the hub program that make the mover, after the motors; there once, however many commands have them."""
+        """Statements of the hub program that make the mover, after the motors; equal ones of several commands occur once."""
         return ()
 
     @abstractmethod
@@ -98,18 +97,18 @@ class Command(_Number, ABC):
         """Statement of the hub program that starts the move, without waiting for its end; ``amount`` is an expression."""
 
     def start_all(self, robot: Robot, amounts: Mapping[str, str]) -> str:
-        """Statement that starts all commands of one ``call``: expressions of their amounts by their names."""
+        """Statement that starts all commands of one ``call``; ``amounts`` are expressions by command name."""
         return self.start(robot, amounts[self.name])
 
 
 @dataclass(frozen=True)
 class Channel(_Number, ABC):
-    """A number that the hub reports at every step.
+    """Number that the hub reports at every step.
 
     Attributes:
-        noise, noise_share: parameters of the twin's physics: the standard deviation of its noise, and what comes on top as a
-            share of the value.
-        roughness: difference between a robot and its twin, in the unit, that means nothing: rounding, how a tick falls.
+        noise, noise_share: names of the twin's physics parameters for its noise: the standard deviation, and an additional one as
+            a share of the value.
+        roughness: insignificant difference between a robot and its twin, in the unit, due to rounding and clock ticks.
     """
 
     noise: ClassVar[str | None] = None
@@ -118,21 +117,21 @@ class Channel(_Number, ABC):
 
     @property
     def device(self) -> str | None:
-        """Name of the motor or sensor that it reads; ``None`` for the hub itself."""
+        """Name of the motor or sensor that the channel reads; ``None`` for the hub itself."""
         return None
 
     def devices(self, robot: Robot) -> tuple[str, ...]:
-        """Names of the motors and sensors that the hub program needs for it."""
+        """Names of the motors and sensors that the hub program needs for the channel."""
         return () if self.device is None else (self.device,)
 
     @property
     def wraps(self) -> bool:
-        """An angle that runs around from 360 to 0."""
+        """True for an angle that wraps from 360 to 0."""
         return False
 
     @property
     def limits(self) -> tuple[float, float] | None:
-        """Ends of what can occur, where the range is only nominal."""
+        """Possible range, if ``low`` and ``high`` are only nominal."""
         return None
 
     @property
@@ -141,21 +140,21 @@ class Channel(_Number, ABC):
 
     @abstractmethod
     def check(self, robot: Robot) -> None:
-        """Raise DescriptionError unless the robot has what it reads."""
+        """Raise DescriptionError unless the robot supports the channel."""
 
     def setup(self, robot: Robot) -> tuple[str, ...]:
-        """Statements of the hub program that make what it reads, after the motors; there once, as those of commands."""
+        """Statements of the hub program that make the object to read, after the motors; equal ones occur once."""
         return ()
 
     @property
     def statement(self) -> str | None:
-        """Line of the hub program before all channels are read, such as a call that gives several numbers.
+        """Line of the hub program before all channels are read, such as a call that returns several numbers.
 
-        It is there once, however many channels have it.
+        Equal lines of several channels occur once.
         """
         return None
 
     @property
     @abstractmethod
     def expression(self) -> str:
-        """Its value in the hub program, in its unit: an expression of ``hub``, ``motor_NAME`` and ``sensor_NAME``."""
+        """Expression of the value in the hub program, in its unit, from ``hub``, ``motor_NAME`` and ``sensor_NAME``."""

@@ -1,9 +1,9 @@
-"""The frames between host and hub, as pure functions, and a decoder that finds them in any stream of bytes.
+"""Protocol between host and hub: frames as pure functions, and a decoder for any stream of bytes.
 
 Data frame, both ways: ``A5 seq payload crc8`` with ``seq`` 1..255. Down, the payload is the actions; up, it is
 the hub's clock (u16 milliseconds) and the channels; each number is int16 little endian, ``round(value * scale)``.
 Control frame: ``A5 00 kind payload crc8``, ``kind`` one ASCII byte with a fixed payload length. The lengths of
-data frames follow from the ``Interface``. ``program/generate.py`` writes the hub's side from the definitions below.
+data frames follow from the ``Interface``. ``program/generate.py`` generates the hub's side from these definitions.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ from bricksrl.hub.interface import Interface
 PROTOCOL_VERSION = 1
 MAGIC = 0xA5
 NOTIFICATION_BYTES = 19
-"""Payload of one notification, on every hub; a longer answer costs a further connection interval."""
+"""Payload of one notification, on every hub; a longer answer takes a further connection interval."""
 WRITE_BYTES = 20
-"""The smallest standard input ring takes no more at once."""
+"""Largest write that every hub's standard input buffer accepts."""
 APP_DATA_BYTES = WRITE_BYTES + 2
-"""Of a program's place for AppData: a count, a length, and a frame."""
+"""Size of a program's AppData buffer: a count, a length, and a frame."""
 MAX_ACTIONS = 8
 CRC_POLYNOMIAL = 0x107
 
@@ -37,7 +37,7 @@ _TEXT_BYTES = 4096
 
 
 class EncodingError(BricksError, ValueError):
-    """Values that have no place on the wire."""
+    """Values that cannot be encoded."""
 
 
 class Down(enum.IntEnum):
@@ -58,7 +58,7 @@ class Up(enum.IntEnum):
 
 
 class ByeReason(enum.IntEnum):
-    """Reason for which the program on the hub ended."""
+    """Reason why the program on the hub ended."""
 
     STOPPED = 1
     SILENCE = 2
@@ -91,12 +91,12 @@ def crc8(data: bytes) -> int:
 
 
 def next_seq(seq: int) -> int:
-    """The sequence number after ``seq``: 1..255, never 0."""
+    """Sequence number after ``seq``: 1..255, never 0."""
     return seq % 255 + 1
 
 
 def data_frame(seq: int, payload: bytes) -> bytes:
-    """A data frame, as it goes over the wire.
+    """Bytes of a data frame.
 
     Raises:
         EncodingError: ``seq`` is not in 1..255.
@@ -108,13 +108,13 @@ def data_frame(seq: int, payload: bytes) -> bytes:
 
 
 def control_frame(kind: int, payload: bytes = b"") -> bytes:
-    """A control frame, as it goes over the wire."""
+    """Bytes of a control frame."""
     head = bytes((MAGIC, 0, kind)) + payload
     return head + bytes((crc8(head),))
 
 
 def app_data_slot(count: int, frame: bytes) -> bytes:
-    """A frame as it is put into the program's AppData; another ``count`` (1..255) than before makes it a new one."""
+    """Content of the program's AppData buffer for a frame; a changed ``count`` (1..255) marks it as new."""
     return bytes((count, len(frame))) + frame
 
 
@@ -131,7 +131,7 @@ def parse_hello(payload: bytes) -> tuple[int, int]:
 
 @dataclass(frozen=True, slots=True)
 class DataFrame:
-    """Actions or channels, under a sequence number."""
+    """Actions or channels, with a sequence number."""
 
     seq: int
     payload: bytes
@@ -139,7 +139,7 @@ class DataFrame:
 
 @dataclass(frozen=True, slots=True)
 class ControlFrame:
-    """Anything that is not data; ``kind`` is a :class:`Down` or :class:`Up`."""
+    """Control frame; ``kind`` is a :class:`Down` or :class:`Up`."""
 
     kind: int
     payload: bytes
@@ -158,11 +158,11 @@ class _Scaled(Protocol):
 
 @dataclass(frozen=True)
 class WireFormat:
-    """Format of an interface's numbers in its data frames.
+    """Format of an interface's data frames.
 
     Attributes:
-        command_names, command_scales: of the actions, in order.
-        channel_names, channel_scales: of the channels, in order.
+        command_names, command_scales: names and scales of the actions, in order.
+        channel_names, channel_scales: names and scales of the channels, in order.
     """
 
     command_names: tuple[str, ...]
@@ -176,7 +176,7 @@ class WireFormat:
 
     @classmethod
     def of(cls, interface: Interface) -> WireFormat:
-        """The format that belongs to an interface."""
+        """Format of an interface."""
         commands: Sequence[_Scaled] = interface.commands
         channels: Sequence[_Scaled] = interface.channels
         return cls(
@@ -218,7 +218,7 @@ class WireFormat:
         return -(-self.up_frame_bytes // NOTIFICATION_BYTES)
 
     def encode_actions(self, values: Iterable[float]) -> bytes:
-        """Payload for the actions ``[n_commands]`` in units of their names; what is too large saturates.
+        """Payload for the actions ``[n_commands]`` in the units of their names; values out of range saturate.
 
         Raises:
             EncodingError: the wrong number of values, or one that is not a number.
@@ -226,7 +226,7 @@ class WireFormat:
         return struct.pack(self.action_format, *_to_int16(values, self.command_scales, self.command_names))
 
     def decode_actions(self, payload: bytes) -> tuple[float, ...]:
-        """The actions as the hub sees them, in units of their names.
+        """Actions as the hub decodes them, in the units of their names.
 
         Raises:
             HubProtocolError: the payload has another length.
@@ -244,7 +244,7 @@ class WireFormat:
         return struct.pack(self.answer_format, time_ms & 0xFFFF, *numbers)
 
     def decode_answer(self, payload: bytes) -> tuple[int, NDArray[np.float32]]:
-        """The hub's clock (0..65535 ms) and the channels ``[n_channels]`` in their units.
+        """Hub's clock (0..65535 ms) and the channels ``[n_channels]`` in their units.
 
         Raises:
             HubProtocolError: the payload has another length.
@@ -254,13 +254,13 @@ class WireFormat:
 
 
 class FrameDecoder:
-    """Finds the frames in a stream of bytes, whatever lies between them.
+    """Decoder of frames in a stream of bytes, with any other bytes between them.
 
-    After garbage, the second data frame at the latest comes out, and every one before it that was whole. No input
-    makes it raise.
+    After garbage, it finds the second data frame at the latest, and every intact one before the garbage. It never
+    raises.
 
     Attributes:
-        crc_errors: candidates for a frame whose crc was wrong.
+        crc_errors: candidates for a frame with a wrong CRC.
         skipped_bytes: bytes that belonged to no frame.
     """
 
@@ -274,11 +274,11 @@ class FrameDecoder:
 
     @property
     def text(self) -> str:
-        """The last of what was skipped: a program that fails prints its traceback between the frames."""
+        """The last skipped bytes as text: a failing program prints its traceback between the frames."""
         return self._text.decode("utf-8", "replace")
 
     def feed(self, data: bytes) -> list[Frame]:
-        """Take bytes, give the frames that they complete."""
+        """Take bytes and return the frames that they complete."""
         buffer = self._buffer
         buffer += data
         frames: list[Frame] = []
@@ -305,7 +305,7 @@ class FrameDecoder:
         return frames
 
     def _frame_size(self, start: int) -> int:
-        """Length of the frame that begins here, 0 when none can; while it is unknown, more than there is."""
+        """Length of the frame that begins here, 0 if none can; while unknown, more than the available bytes."""
         head = self._buffer[start : start + 3]
         if len(head) < 2:
             return 2

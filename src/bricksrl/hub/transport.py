@@ -7,21 +7,21 @@ from dataclasses import dataclass
 from typing import Protocol
 
 MAIN_FILE = "main.py"
-"""Name of a program in its tracebacks, where it has no file."""
+"""File name in the tracebacks of a program without a file."""
 
 
 class Pipe(enum.Enum):
-    """Way of the bytes to a program and back."""
+    """Channel for the bytes to a program and back."""
 
     STDIN = "stdin"
-    """Standard input and output: a queue. What does not fit the hub's buffer is refused and comes again."""
+    """Standard input and output: a queue. A write that does not fit the hub's buffer is refused and retried."""
     APP_DATA = "app-data"
-    """AppData: a place that every write replaces, so that nothing waits in it."""
+    """AppData: a buffer that every write overwrites, so that nothing queues."""
 
 
 @dataclass(frozen=True)
 class HubModule:
-    """A module that a program brings along: its name on the hub (``parts.arm``), its file (``parts/arm.py``), its source."""
+    """Module of a program: its name on the hub (``parts.arm``), its file (``parts/arm.py``), its source."""
 
     name: str
     file: str
@@ -30,14 +30,14 @@ class HubModule:
 
 @dataclass(frozen=True)
 class HubProgram:
-    """A MicroPython program for a hub, and how to speak to it.
+    """MicroPython program for a hub, and its communication channel.
 
     Attributes:
-        source: of the program itself.
-        hash: of all of it; its HELLO frame carries it.
-        name: of its file, in tracebacks.
+        source: source of the main file.
+        hash: hash of the whole program, which its HELLO frame carries.
+        pipe, name: channel for its input and output; name of its file in tracebacks.
         beside: modules that it imports.
-        says_hello: whether it begins with that frame, by which a transport knows that it is on the hub already.
+        says_hello: whether it begins with a HELLO frame, by which a transport recognises it on the hub.
     """
 
     source: str
@@ -49,25 +49,25 @@ class HubProgram:
 
 
 class Transport(Protocol):
-    """One hub: virtual, over Bluetooth, or over USB. Calls come from one thread, but for ``stop``.
+    """Transport to one hub: virtual, over Bluetooth, or over USB. All methods but ``stop`` are called from one thread.
 
-    All errors are ``HubError`` or its children. ``close`` stops the program, may be called in any state, twice too.
+    All errors are ``HubError`` or its subclasses. ``close`` stops the program; it may be called in any state and repeatedly.
     """
 
     def open(self) -> None:
         """Find the hub and connect to it."""
 
     def start(self, program: HubProgram) -> None:
-        """Bring the program onto the hub (only where it is not there yet) and start it."""
+        """Download the program to the hub, unless it is there already, and start it."""
 
     def write(self, data: bytes) -> None:
-        """Write at most 20 bytes to the program; returns when the hub has taken them."""
+        """Write at most 20 bytes to the program; returns when the hub has accepted them."""
 
     def read(self, timeout_s: float) -> bytes:
-        """The next bytes from the program, or ``b""`` when none came in time."""
+        """Next bytes from the program, or ``b""`` if none came in time."""
 
     def stop(self) -> None:
-        """Stop the program and with it the motors. From any thread, also while another one waits in another call."""
+        """Stop the program and with it the motors. May be called from any thread, even while another call is blocked."""
 
     def close(self) -> None:
         """Stop and disconnect."""

@@ -11,7 +11,8 @@ import torch
 from tensordict import TensorDict
 
 from bricksrl.envs.arenas import get_arena_task, make_arena
-from bricksrl.envs.arenas.task import ArenaState, seen_from
+from bricksrl.envs.arenas.tag import TAG
+from bricksrl.envs.arenas.task import ArenaState, seen_from, turned_towards
 from bricksrl.errors import BricksError, DescriptionError, HubError, TwinError, UnknownNameError
 from bricksrl.robots import TWO_WHEELER
 from bricksrl.robots.robo_arm import ROBO_ARM
@@ -147,6 +148,22 @@ def test_tag_rewards_add_up_to_nothing() -> None:
     after = ArenaState(torch.tensor([[0.35, 0.0, 0.0], [0.5, 0.0, 0.0]]), torch.zeros(2, 2))
     rewards = task.reward(before, after)
     assert torch.allclose(rewards, torch.tensor([[8.5], [-8.5]])) and bool(task.terminated(after))
+
+
+def test_the_runners_script_holds_out_longer_than_one_that_drives_straight_away() -> None:
+    def mean_steps(script: Any) -> float:
+        env = make_arena("Tag-v0", seed=1, batch_size=128)
+        state, steps, free = env.reset(), torch.zeros(128, 1), torch.ones(128, 1, dtype=torch.bool)
+        while bool(free.any()) and steps.max() < 80:
+            state["catcher", "action"] = TAG.scripts["chase"](state["catcher", "observation"])
+            state["runner", "action"] = script(state["runner", "observation"])
+            steps += free
+            state = env.step_mdp(env.step(state))
+            free &= ~state["terminated"]
+        return float(steps.mean())
+
+    away = mean_steps(lambda seen: turned_towards(-seen[..., 4], -seen[..., 5]))
+    assert mean_steps(TAG.scripts["flee"]) > away + 1.0 > 5.0
 
 
 def test_the_simulation_drives_as_the_arena_does() -> None:

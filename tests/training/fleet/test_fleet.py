@@ -7,7 +7,7 @@ import os
 import signal
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import pytest
 import torch
@@ -16,12 +16,14 @@ from tensordict import TensorDict
 from bricksrl.agents.episodic_replay import EpisodicReplayBuffer
 from bricksrl.agents.learner_state import memory_state
 from bricksrl.agents.sac import SACSettings
+from bricksrl.data.episode import About
 from bricksrl.data.episode_index import read_index
 from bricksrl.data.reader import load
 from bricksrl.errors import HubError, RunError, UnknownNameError
 from bricksrl.training import Callback, Episode, Progress, RobotState, RunFolder, TrainConfig, resume, train
 from bricksrl.training.checkpoint import load_checkpoint
-from bricksrl.training.fleet.robots import Fleet, members_of
+from bricksrl.training.fleet.loop import FleetLoop
+from bricksrl.training.fleet.robots import Fleet, Member, members_of
 
 pytestmark = pytest.mark.realtime
 
@@ -150,6 +152,57 @@ def test_rows_of_several_robots_are_not_linked_with_one_another() -> None:
         buffer.extend(frame(20 + value), robot=3)
     buffer.extend(frame(3), robot=1)
     assert memory_state(buffer)["successor"].tolist() == [1, 2, 8, 8, 8, 8, 7, 0]
+
+
+class Stub:
+    """A fleet without processes, and a recorder: notes what it is asked for."""
+
+    def __init__(self, robots: int) -> None:
+        self.members = [Member(f"r{place}", place, "virtual") for place in range(robots)]
+        for member in self.members:
+            member.process = cast("Any", "there")
+        self.log: list[tuple[str, Any]] = []
+
+    def order(self, member: Member, episode: dict[str, Any]) -> None:
+        self.log.append(("order", member.number))
+
+    def __getattr__(self, name: str) -> Any:
+        return lambda *content, **named: self.log.append((name, content))
+
+
+def stub_loop(tmp_path: Path, robots: int) -> tuple[FleetLoop, Stub]:
+    stub = Stub(robots)
+    loop = FleetLoop(
+        config(tmp_path / "run"), cast("Any", stub), cast("Any", stub), Callback(), cast("Any", None), 1.0, 1, {}, []
+    )
+    loop.recorder = cast("Any", stub)
+    return loop, stub
+
+
+def test_first_episodes_begin_together_once_every_process_is_there_or_has_failed(tmp_path: Path) -> None:
+    loop, stub = stub_loop(tmp_path, 3)
+    one, two, three = stub.members
+    loop._handle((two, "ready", None))
+    assert not stub.log
+    three.process = None
+    loop._handle((three, "gone", "it died"))
+    assert [kind for kind, _ in stub.log] == ["end_episodes"], "the first one is still on its way"
+    loop._handle((one, "ready", None))
+    assert stub.log[1:] == [("order", 0), ("order", 1)]
+    three.process = cast("Any", "there again")
+    loop._handle((three, "ready", None))
+    assert stub.log[3:] == [("order", 2)], "and that one joins them at once"
+
+
+def test_a_robot_has_its_next_episode_before_the_last_one_is_written_to_the_disk(tmp_path: Path) -> None:
+    loop, stub = stub_loop(tmp_path, 1)
+    loop._handle((stub.members[0], "ready", None))
+    playing = loop._playing[0]
+    playing.length, playing.about, playing.steps = 1, About(policy="random"), cast("Any", ["step"])
+    stub.log.clear()
+    episode = loop._handle((stub.members[0], "ended", (True, False)))
+    assert episode is not None and episode.length == 1
+    assert [kind for kind, _ in stub.log] == ["end_episodes", "order", "begin", "add", "commit"]
 
 
 @pytest.mark.parametrize(

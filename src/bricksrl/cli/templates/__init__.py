@@ -1,1 +1,1 @@
-"""Templates of `bricksrl new`: files that are copied for the user, who goes on from there."""
+"""Templates of `bricksrl new`, which are copied for the user."""

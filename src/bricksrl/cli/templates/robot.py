@@ -32,12 +32,12 @@ def reflection_pct(angles: Mapping[str, float]) -> float:
 
 
 def white_pct(observation: Tensor) -> Tensor:
-    """The second channel of the observation: what the sensor reads."""
+    """The second channel of the observation: the sensor's reading."""
     return observation[..., 1:2]
 
 
 def reward(previous: Tensor, action: Tensor, observation: Tensor) -> Tensor:
-    """The more white, the better."""
+    """Higher the more white the sensor sees."""
     return white_pct(observation) / 100.0
 
 

@@ -29,17 +29,17 @@ INTERFACE = Interface(
 # The last dimension of an observation holds the channels in their order; dimensions before it are steps and copies. The slice
 # 0:1 takes the first channel, the distance in mm, and keeps the dimension.
 def error_mm(observation: Tensor) -> Tensor:
-    """Distance from where the robot is to stop."""
+    """Distance from the target position."""
     return (observation[..., 0:1] - 400.0).abs()
 
 
 def reward(previous: Tensor, action: Tensor, observation: Tensor) -> Tensor:
-    """What is good: the nearer to 400 mm, the higher. Keep rewards between about -10 and 10 a step."""
+    """Higher the nearer to 400 mm. Keep rewards between about -10 and 10 per step."""
     return -error_mm(observation) / 100.0
 
 
 def success(observations: Tensor) -> Tensor:
-    """Whether an episode was one: the last observation of its steps."""
+    """Whether an episode succeeded, by its last observation."""
     return error_mm(observations[..., -1, :])[..., 0] < 20.0
 
 

@@ -37,6 +37,7 @@ The catcher has won when the runner was caught.
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 from bricksrl.entry import Entry
@@ -54,6 +55,13 @@ CATCHER, RUNNER = 0, 1
 STEP_MS = 250
 _TRAVEL_DEG = (150.0, 112.0)
 _SPEED_DEG_S = 900
+_STEP_M = (0.073, 0.055)
+"""How far the wheels of 56 mm roll in a step."""
+_TURN_RAD = 0.7
+"""How far the runner turns in a step, about: in place, and while it speeds up."""
+_REACH_M = 0.73
+"""How far from the middle a robot gets, walls being at 0.8 m."""
+_DIRECTIONS, _LOOK_STEPS = 16, 16
 _WON = 5.0
 _PER_M = 10.0
 
@@ -99,17 +107,29 @@ def reward(before: ArenaState, after: ArenaState) -> Tensor:
 
 
 def flee(observation: Tensor) -> Tensor:
-    """The runner's script: away from the catcher, and off the walls the nearer they are; ``[*batch, 10]`` to ``[*batch, 2]``."""
+    """The runner's script, ``[*batch, 10]`` to ``[*batch, 2]``: of 16 directions that in which a catcher that drives straight at
+    the runner needs longest, when the runner first turns there, drives on and slides along the walls."""
     import torch
 
-    position, cos, sin = observation[..., 0:2], observation[..., 2], observation[..., 3]
+    start, cos, sin = observation[..., 0:2], observation[..., 2], observation[..., 3]
     ahead, left = observation[..., 4], observation[..., 5]
-    apart = torch.stack((ahead, left), -1).norm(dim=-1).clamp_min(0.1)
-    off_wall = -((position / HALF_M) ** 5) * 1.5 - 0.1 * position
-    wall_ahead = off_wall[..., 0] * cos + off_wall[..., 1] * sin
-    wall_left = off_wall[..., 1] * cos - off_wall[..., 0] * sin
-    # along the wall rather than into a corner: turn aside from the line between the two
-    return turned_towards(-ahead / apart - 0.4 * left / apart + wall_ahead, -left / apart + 0.4 * ahead / apart + wall_left)
+    angles = torch.arange(_DIRECTIONS, device=observation.device) * (2.0 * math.pi / _DIRECTIONS)
+    ways = torch.stack((angles.cos(), angles.sin()), -1)
+    catcher = start + torch.stack((ahead * cos - left * sin, ahead * sin + left * cos), -1)
+    runner, catcher = (one.unsqueeze(-2).expand(*one.shape[:-1], _DIRECTIONS, 2) for one in (start, catcher))
+    toward = torch.stack((cos, sin), -1) @ ways.T
+    turning = toward.clamp(-1.0, 1.0).arccos() / _TURN_RAD  # steps until it looks there
+    free, score = torch.ones_like(turning), torch.zeros_like(turning)
+    for step in range(1, _LOOK_STEPS + 1):
+        driven = _STEP_M[RUNNER] * (step - turning).clamp(0.0, 1.0)
+        runner = (runner + driven.unsqueeze(-1) * ways).clamp(-_REACH_M, _REACH_M)
+        gap = runner - catcher
+        apart = gap.norm(dim=-1)
+        catcher = catcher + gap * (_STEP_M[CATCHER] / apart.clamp_min(_STEP_M[CATCHER])).unsqueeze(-1)
+        free = free * (apart > CAUGHT_M + _STEP_M[CATCHER])
+        score = score + free * (1.0 + apart)
+    way = ways[score.argmax(-1)]
+    return turned_towards(way[..., 0] * cos + way[..., 1] * sin, way[..., 1] * cos - way[..., 0] * sin)
 
 
 def chase(observation: Tensor) -> Tensor:

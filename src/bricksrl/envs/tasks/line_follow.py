@@ -1,7 +1,7 @@
 """The scout follows the left edge of a black line with its color sensor, around a course with curves to both sides.
 
-A step is 60 ms of driving. The robot starts on the edge, a little beside it and askew. All that it sees is how bright the spot
-below its sensor is, halfway between line and floor where it is on the edge, and how fast it turns.
+A step is 60 ms of driving. The robot starts with its sensor over the edge, a little beside it and askew. All that it sees is how
+bright the spot below its sensor is, halfway between line and floor where it is on the edge, and how fast it turns.
 
 ## Action
 
@@ -24,8 +24,9 @@ at full speed.
 ## Reward
 
 How near the sensor is to the edge, from 1 where the brightness is halfway to 0 where there is nothing but line or nothing but
-floor, times 0.5 at the lowest speed to 1 at the highest. A robot that has lost the edge gets up to 0.25 for turning back towards
-it, to the right over the floor and to the left over the line, and as much is taken off for turning away.
+floor, times 0.5 at the lowest speed to 1 at the highest. A step of a robot that has lost the edge costs 0.25 where it turns back
+as fast as it can, to the right over the floor and to the left over the line, and up to 0.75 where it turns away. Only the edge
+pays: a robot that is paid for turning back learns to turn in circles.
 
 ## End of an episode
 
@@ -83,7 +84,7 @@ def reward(_previous: Tensor, action: Tensor, observation: Tensor) -> Tensor:
     off_pct = _off_pct(observation)
     near = (1.0 - off_pct / BARE_PCT).clamp(min=0.0)
     towards = (observation[..., :1] - EDGE_PCT).sign() * action[..., 1:2]
-    return near * (0.75 + 0.25 * action[..., :1]) + 0.25 * towards * (off_pct >= BARE_PCT)
+    return near * (0.75 + 0.25 * action[..., :1]) + (0.25 * towards - 0.5) * (off_pct >= BARE_PCT)
 
 
 def _on_line_share(observations: Tensor) -> Tensor:
@@ -115,6 +116,6 @@ LINE_FOLLOW = Task(
     metrics=metrics,
     walks=True,
     scene=Scene(
-        objects=(Line(course(), width_mm=LINE_MM, closed=True),), start_mm=((-60.0, -50.0), (-3.0, 3.0)), heading_deg=(-8.0, 8.0)
+        objects=(Line(course(), width_mm=LINE_MM, closed=True),), start_mm=((-60.0, -50.0), (-2.0, 2.0)), heading_deg=(-4.0, 4.0)
     ),
 )

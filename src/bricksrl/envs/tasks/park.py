@@ -14,9 +14,9 @@ the turns of its wheels where the bay is. What counts is the middle of its axle.
 
 | Num | Observation   | Min  | Max | Unit |
 |-----|---------------|------|-----|------|
-| 0   | target_ahead  | -200 | 200 | mm   |
-| 1   | target_left   | -200 | 200 | mm   |
-| 2   | target_turn   | -60  | 60  | deg  |
+| 0   | target_ahead  | -100 | 100 | mm   |
+| 1   | target_left   | -100 | 100 | mm   |
+| 2   | target_turn   | -30  | 30  | deg  |
 | 3   | moved         | -20  | 20  | mm   |
 | 4   | turned        | -12  | 12  | deg  |
 
@@ -25,11 +25,10 @@ far it drove and turned in its last step.
 
 ## Reward
 
-A robot drives ahead and back, not sideways: its way into the bay is an arc of a circle, and one that ends straight in it turns by
-twice the angle at which the robot sees the bay. What is left to do is therefore a cost of 1 for each 100 mm of distance d, and of
-1 for each 30 degrees of heading; from afar (d over 50 mm) this counts from the heading in which such an arc begins, near the bay
-from that of the bay. A turn on the spot and an arc bring it to 0 without a rise between. The reward is 5 times what a step takes
-off the cost, less 0.3 for the time.
+A robot drives ahead and back, not sideways: it has to face the bay, ahead or back, drive there, and turn to its heading. What is
+left to do is a cost of 1 for each 100 mm of distance d, and of 1 for each 30 degrees of these two turns; what they exceed the one
+turn from heading to heading by is counted 1 / (1 + (15 mm / d)^4) times, for in the bay there is nothing to face. So wherever the
+robot stands and however askew, a step lessens the cost. The reward is 5 times what a step takes off it, less 0.3 for the time.
 
 ## End of an episode
 
@@ -40,9 +39,10 @@ off the cost, less 0.3 for the time.
 
 ## Success and metrics
 
-An episode succeeds when the robot has parked. By how much wheels slip, what they tell is wrong: with 15 mm and 4 degrees by their
-account it stands within 20 mm and 5 degrees. The metrics are what is left by that account, `final_error_mm` and
-`final_error_deg`; a virtual robot adds what is left in truth, `true_error_mm` and `true_error_deg`.
+An episode succeeds when the robot stands within 20 mm and 5 degrees at its end. The metrics are what is left, `final_error_mm`
+and `final_error_deg`. Wheels slip, and by so much what they tell is wrong; hence the narrower limits of the end. Of a virtual
+robot the truth is known: success and metrics are by it, and `reckoning_error_mm` and `reckoning_error_deg` say how wrong the
+wheels were.
 """
 
 from __future__ import annotations
@@ -60,9 +60,12 @@ if TYPE_CHECKING:
     from torch import Tensor
 
 PARKED_MM, PARKED_DEG = 15.0, 4.0
+"""By the robot's own account."""
+WITHIN_MM, WITHIN_DEG = 20.0, 5.0
+"""By the truth, where it is known: wheels slip by about 5 mm on their way."""
 REST_MM, REST_DEG = 3.0, 2.0
 """Of the last step."""
-_UNIT_MM, _UNIT_DEG, _NEAR_MM = 100.0, 30.0, 50.0
+_UNIT_MM, _UNIT_DEG = 100.0, 30.0
 _GAIN, _OF_TIME = 5.0, 0.3
 _BAY = (220.0, 200.0)
 
@@ -76,19 +79,23 @@ def _left_deg(observation: Tensor) -> Tensor:
     return observation[..., 2:3].abs()
 
 
-def _off_arc_deg(observation: Tensor) -> Tensor:
-    """By how much the robot would have to turn to be able to drive into the bay along one arc, ahead or back."""
-    arc = -2.0 * observation[..., 1:2].atan2(observation[..., 0:1]).rad2deg()
-    off: Tensor = ((arc - observation[..., 2:3] + 180.0).remainder(360.0) - 180.0).abs()
-    return off
+def _detour_deg(observation: Tensor) -> Tensor:
+    """What the robot turns in excess of its turn to the heading of the bay, if it faces the bay first, ahead or back."""
+    ahead_mm, left_mm, turn_deg = observation[..., 0:1], observation[..., 1:2], observation[..., 2:3]
+    there_deg = -left_mm.atan2(ahead_mm).rad2deg()
+    ways = [(_wrapped(first).abs() + _wrapped(turn_deg - first).abs()) for first in (there_deg, there_deg + 180.0)]
+    return ways[0].minimum(ways[1]) - turn_deg.abs()
+
+
+def _wrapped(angle_deg: Tensor) -> Tensor:
+    return (angle_deg + 180.0).remainder(360.0) - 180.0
 
 
 def cost(observation: Tensor) -> Tensor:
     """What is left to do; ``[*batch, 1]``."""
     left_mm = _left_mm(observation)
-    far = left_mm**2 / (left_mm**2 + _NEAR_MM**2)
-    heading_deg = far * _off_arc_deg(observation) + (1.0 - far) * _left_deg(observation)
-    return left_mm / _UNIT_MM + heading_deg / _UNIT_DEG
+    far = 1.0 / (1.0 + (PARKED_MM / left_mm) ** 4)
+    return left_mm / _UNIT_MM + (_left_deg(observation) + far * _detour_deg(observation)) / _UNIT_DEG
 
 
 def reward(previous: Tensor, _action: Tensor, observation: Tensor) -> Tensor:
@@ -96,16 +103,16 @@ def reward(previous: Tensor, _action: Tensor, observation: Tensor) -> Tensor:
     return _GAIN * (cost(previous) - cost(observation)) - _OF_TIME
 
 
-def parked(observation: Tensor) -> Tensor:
-    """Whether the robot stands in the bay; bool ``[*batch, 1]``."""
-    is_there = (_left_mm(observation) <= PARKED_MM) & (_left_deg(observation) <= PARKED_DEG)
+def parked(observation: Tensor, within_mm: float = PARKED_MM, within_deg: float = PARKED_DEG) -> Tensor:
+    """Whether the robot stands in the bay, at rest; bool ``[*batch, 1]``."""
+    is_there = (_left_mm(observation) <= within_mm) & (_left_deg(observation) <= within_deg)
     rests = (observation[..., 3:4].abs() <= REST_MM) & (observation[..., 4:5].abs() <= REST_DEG)
     return is_there & rests
 
 
 def success(observations: Tensor) -> Tensor:
-    """True if the robot has parked at the end of the episode ``[*batch, steps, n]``; bool ``[*batch]``."""
-    return parked(observations[..., -1, :])[..., 0]
+    """True if the robot stands in the bay at the end of the episode ``[*batch, steps, n]``; bool ``[*batch]``."""
+    return parked(observations[..., -1, :], WITHIN_MM, WITHIN_DEG)[..., 0]
 
 
 def metrics(observations: Tensor) -> dict[str, Tensor]:
@@ -128,7 +135,7 @@ PARK = Task(
     success=success,
     metrics=metrics,
     terminated=parked,
-    target=Target(),
+    target=Target(range_mm=100.0, range_deg=30.0),
     scene=Scene(
         objects=(
             Field((0.0, 0.0), _BAY, "light_grey"),

@@ -79,7 +79,7 @@ def robo_arm(env_id: str, *, sparse: bool = False, threshold_deg: float = THRESH
     """The task with its options.
 
     Args:
-        sparse: pay only for having arrived.
+        sparse: reward 1 at the goal and 0 elsewhere.
         threshold_deg: sum of the errors under which the goal is reached.
 
     Raises:

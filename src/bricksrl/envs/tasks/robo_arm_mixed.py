@@ -91,10 +91,10 @@ def robo_arm_mixed(env_id: str, *, sparse: bool = False, camera: int | str = 0, 
     """The task with its options.
 
     Args:
-        sparse: pay only for having arrived.
-        camera: beside a real robot, as OpenCV numbers it, or an address of a stream.
-        calibration: file that `bricksrl camera calibrate` wrote, of what counts as red. Without one a real robot takes what was
-            saved for its camera.
+        sparse: reward 1 at the goal and 0 elsewhere.
+        camera: camera of a real robot: its OpenCV number, or the address of a stream.
+        calibration: color calibration written by `bricksrl camera calibrate`. By default a real robot uses the one saved for its
+            camera.
 
     Raises:
         CameraError: the calibration cannot be read.

@@ -37,7 +37,7 @@ Wheel angles are wrapped into 0..360. Nose down is positive pitch.
 
 The paper names no success for this task. Here an episode succeeds when it ends 1000 mm or more from the wall. (Not at 2000 mm:
 the best policy takes its 20 steps with care, because reaching the sensor's limit ends the episode and the reward with it.) The
-metric is the last distance, `final_distance_mm`.
+metrics are the last distance, `final_distance_mm`, and how far the robot tipped at most, `largest_pitch_deg`.
 """
 
 from __future__ import annotations
@@ -57,8 +57,9 @@ NEAR_MM = 40.0
 FAR_MM = 2000.0
 """The ultrasonic sensor reports nothing farther."""
 AWAY_MM = 1000.0
-"""Last distance of a successful episode."""
+"""Least final distance of a successful episode."""
 
+_PITCH = 2
 _DISTANCE = slice(4, 5)
 
 
@@ -80,8 +81,11 @@ def success(observations: Tensor) -> Tensor:
 
 
 def metrics(observations: Tensor) -> dict[str, Tensor]:
-    """The last distance of the episode ``[*batch, steps, n]``; ``[*batch]``."""
-    return {"final_distance_mm": observations[..., -1, _DISTANCE.start]}
+    """The last distance and the largest pitch of the episode ``[*batch, steps, n]``; ``[*batch]``."""
+    return {
+        "final_distance_mm": observations[..., -1, _DISTANCE.start],
+        "largest_pitch_deg": observations[..., _PITCH].abs().amax(-1),
+    }
 
 
 RUN_AWAY = Task(

@@ -53,7 +53,7 @@ if TYPE_CHECKING:
     from torch import Tensor
 
 SUCCESS_DEG_S = 100.0
-"""Mean yaw rate of a successful episode."""
+"""Least mean yaw rate of a successful episode."""
 
 _YAW_RATE = slice(4, 5)
 _DIRECTION = slice(5, 6)

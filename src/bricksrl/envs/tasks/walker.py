@@ -38,7 +38,8 @@ between two legs, and the action as the agent gave it: 0.1 a step at best.
 | terminated | pitch or roll is beyond 60 degrees to either side |
 | truncated  | after 100 steps                                   |
 
-While something is 40 mm away or nearer (an option, `blocked_at_mm`), the robot waits with its motors held and says so.
+While something is 40 mm away or nearer (an option, `blocked_at_mm`), the robot waits with its motors held and says so. With the
+option `step_ms`, the time of a step, an episode has as many steps as fit into the same 25 seconds.
 
 ## Success and metrics
 
@@ -48,6 +49,7 @@ An episode succeeds when the robot does not fall over. The metric is the mean re
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from bricksrl.envs.task import Task
@@ -58,6 +60,8 @@ from bricksrl.robots import WALKER
 if TYPE_CHECKING:
     from torch import Tensor
 
+STEP_MS = 250
+EPISODE_MS = 25_000
 SAFE_TILT_DEG = 60.0
 """A Walker that is tilted further has fallen over."""
 BLOCKED_AT_MM = 40.0
@@ -69,13 +73,13 @@ _DISTANCE = slice(6, 7)
 
 
 def shortest_angle_deg(one: Tensor, other: Tensor) -> Tensor:
-    """The angle between two directions, 0..180."""
+    """Angle between two directions, in 0..180 degrees."""
     turn = other - one
     return (turn - 360.0 * (turn / 360.0).round()).abs()
 
 
 def gait_reward(observation: Tensor) -> Tensor:
-    """Distance of the legs from a trot, 0 at best; ``[*batch, 1]``."""
+    """Negative deviation of the legs from a trot, 0 at best; ``[*batch, 1]``."""
     lf, rf, lb, rb = (observation[..., i : i + 1] for i in range(4))
     apart = shortest_angle_deg(lf, rf) + shortest_angle_deg(lb, rb)
     together = shortest_angle_deg(lf, rb) + shortest_angle_deg(rf, lb)
@@ -83,12 +87,12 @@ def gait_reward(observation: Tensor) -> Tensor:
 
 
 def reward(_previous: Tensor, action: Tensor, observation: Tensor) -> Tensor:
-    """Large steps in a trot; ``[*batch, 1]``."""
+    """Reward for large steps in a trot; ``[*batch, 1]``."""
     return gait_reward(observation) - action.sum(-1, keepdim=True) / 40.0
 
 
 def terminated(observation: Tensor) -> Tensor:
-    """Fallen over; bool ``[*batch, 1]``."""
+    """True if the robot has fallen over; bool ``[*batch, 1]``."""
     return (observation[..., _TILT].abs() > SAFE_TILT_DEG).any(-1, keepdim=True)
 
 
@@ -98,28 +102,31 @@ def success(observations: Tensor) -> Tensor:
 
 
 def metrics(observations: Tensor) -> dict[str, Tensor]:
-    """Share of a trot in the episode ``[*batch, steps, n]``; ``[*batch]``."""
+    """Mean gait reward of the episode ``[*batch, steps, n]``; ``[*batch]``."""
     return {"mean_gait_reward": gait_reward(observations)[..., 0].mean(-1)}
 
 
 INTERFACE = Interface(
     commands=tuple(RunAngle(leg, -100, 0, speed_deg_s=600) for leg in _LEGS),
     channels=(*(MotorAngle(leg) for leg in _LEGS), Pitch(), Roll(), Distance("eyes")),
-    settle=Wait(250),
+    settle=Wait(STEP_MS),
 )
 
 
-def walker(env_id: str, *, blocked_at_mm: float = BLOCKED_AT_MM) -> Task:
+def walker(env_id: str, *, blocked_at_mm: float = BLOCKED_AT_MM, step_ms: int = STEP_MS) -> Task:
     """The task, for the robot or for its simulation.
 
     Args:
         blocked_at_mm: distance at which, and nearer, the robot waits until its way is clear.
+        step_ms: time of a step, from the command to the answer.
 
     Raises:
-        DescriptionError: the distance is negative.
+        DescriptionError: the distance is negative, or a step takes no time or longer than an episode.
     """
     if blocked_at_mm < 0:
         raise DescriptionError(f"{env_id}: blocked_at_mm is {blocked_at_mm}; give 0 or more")
+    if not 1 <= step_ms <= EPISODE_MS:
+        raise DescriptionError(f"{env_id}: step_ms is {step_ms}; give 1 to {EPISODE_MS}")
 
     def blocked(observation: Tensor) -> Tensor:
         return observation[..., _DISTANCE] <= blocked_at_mm
@@ -128,8 +135,8 @@ def walker(env_id: str, *, blocked_at_mm: float = BLOCKED_AT_MM) -> Task:
         id=env_id,
         doc=__doc__,
         robot=WALKER,
-        interface=INTERFACE,
-        max_steps=100,
+        interface=replace(INTERFACE, settle=Wait(step_ms)),
+        max_steps=EPISODE_MS // step_ms,
         reward=reward,
         success=success,
         metrics=metrics,

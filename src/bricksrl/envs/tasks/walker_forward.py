@@ -55,26 +55,26 @@ if TYPE_CHECKING:
     from torch import Tensor
 
 UNIT_MM = 20.0
-"""Way forward that pays 1."""
+"""Distance forward with reward 1."""
 SUCCESS_STEP_MM = 10.0
-"""Mean way forward of a step in a successful episode."""
+"""Least mean distance forward per step of a successful episode."""
 
 _FORWARD = slice(7, 8)
 
 
 def reward(_previous: Tensor, _action: Tensor, observation: Tensor) -> Tensor:
-    """The way forward; ``[*batch, 1]``."""
+    """Distance forward in units of 20 mm; ``[*batch, 1]``."""
     return observation[..., _FORWARD] / UNIT_MM
 
 
 def success(observations: Tensor) -> Tensor:
-    """True if the robot got ahead on its legs in the episode ``[*batch, steps, n]``; bool ``[*batch]``."""
+    """True if the robot walked far enough without falling in the episode ``[*batch, steps, n]``; bool ``[*batch]``."""
     fell = terminated(observations)[..., 0].any(-1)
     return (observations[..., _FORWARD.start].mean(-1) >= SUCCESS_STEP_MM) & ~fell
 
 
 def metrics(observations: Tensor) -> dict[str, Tensor]:
-    """Mean way forward of a step of the episode ``[*batch, steps, n]``; ``[*batch]``."""
+    """Mean distance forward per step of the episode ``[*batch, steps, n]``; ``[*batch]``."""
     return {"mean_step_mm": observations[..., _FORWARD.start].mean(-1)}
 
 

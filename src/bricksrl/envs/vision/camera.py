@@ -1,7 +1,7 @@
-"""A camera as a sensor: what a task says of it, what is found in its frames, and where the frames come from.
+"""Camera as a sensor: its description in a task, detection of red objects in its frames, and sources of frames.
 
-A frame is uint8 ``[height, width, 3]``, red, green, blue, as it was taken; nobody draws into it. The agent gets a small image of
-it, into which the goal is drawn, and never the frame. Places are ``(x, y)`` in px of the frame, from its upper left.
+A frame is uint8 ``[height, width, 3]`` in RGB and is never drawn into. The agent does not get the frame but a small image of it
+with the goal drawn in. Positions are ``(x, y)`` in px of the frame, from its upper left corner.
 """
 
 from __future__ import annotations
@@ -29,21 +29,21 @@ Place = tuple[int, int]
 _log = logging.getLogger(__name__)
 
 _GREEN = (0, 255, 0)
-_HUE_AROUND_RED_DEG = 60.0  # where red is the strongest of the three colours
+_HUE_AROUND_RED_DEG = 60.0  # hues within this distance of 0 have red as the strongest channel
 
 
 @dataclass(frozen=True)
 class RedWindow:
-    """Window of colours that count as red, and the pixels in one piece that make a thing.
+    """HSV window of colours that count as red, and the minimum area of an object.
 
     Attributes:
-        hue_deg: lowest and highest hue; red is 0, and what lies below it on the circle of hues is negative.
-        saturation: lowest, 0..1.
+        hue_deg: lowest and highest hue; red is 0, hues below it are negative.
+        saturation: lowest saturation, 0..1.
         value: lowest brightness, 0..1.
-        area_px: a thing has more pixels than this.
+        area_px: an object is a connected region of more pixels than this.
 
     Raises:
-        DescriptionError: at construction, when nothing red is in the window.
+        DescriptionError: at construction, when a limit is out of range.
     """
 
     hue_deg: tuple[float, float] = (-60.0, 24.0)
@@ -61,13 +61,13 @@ class RedWindow:
 
 @dataclass(frozen=True)
 class VisualGoal:
-    """A place in the frame that something red is to be brought to; drawn anew for every episode.
+    """Goal position in the frame for a red object; drawn for every episode.
 
     Attributes:
-        places: one of these is drawn,
-        jitter_px: and moved by up to so many whole px to either side, in x and in y.
-        radius_px: of the green disc that shows the goal to the agent.
-        red: what counts as red.
+        places: candidate positions; one is drawn uniformly.
+        jitter_px: maximum random shift of it, in whole px, in x and in y.
+        radius_px: radius of the green disc that shows the goal to the agent.
+        red: window of colours that count as red.
     """
 
     places: tuple[Place, ...]
@@ -84,15 +84,15 @@ class VisualGoal:
 
 @dataclass(frozen=True)
 class CameraView:
-    """A camera that looks at the robot. Its image joins the observation under the key ``"image"``.
+    """Camera that looks at the robot. Its image is part of the observation, under the key ``"image"``.
 
     Attributes:
-        name: of the camera in a virtual robot's model.
-        device: of the camera beside a real robot: OpenCV's number of it, or an address of a stream.
-        width_px, height_px: of a frame.
+        name: camera in a virtual robot's model.
+        device: camera of a real robot: its OpenCV number, or the address of a stream.
+        width_px, height_px: size of a frame.
         image_px: side of the agent's square image.
-        goal: what is to be reached in the image; ``None`` for a camera that only shows.
-        spot_px: where no OpenGL works, a virtual robot is drawn by rays, one for each square of so many px of the frame.
+        goal: goal in the image; ``None`` for a camera without one.
+        spot_px: without OpenGL, a virtual robot is drawn by ray casting, with one ray per square of this side.
 
     Raises:
         DescriptionError: at construction, when the image is larger than the frame or the goal lies outside of it.
@@ -119,7 +119,7 @@ class CameraView:
 
     @property
     def farthest_px(self) -> float:
-        """Diagonal of a frame: nothing in it is farther from anything else."""
+        """Diagonal of a frame: the largest possible distance."""
         return math.hypot(self.width_px, self.height_px)
 
 
@@ -127,30 +127,30 @@ class Camera(Protocol):
     """Source of frames."""
 
     def frame(self) -> Frame:
-        """Frame that the camera sees now; opens the camera where it is closed.
+        """Present frame; opens the camera if it is closed.
 
         Raises:
-            CameraError: a real camera is not there, or what reads it is not installed.
-            RenderingUnavailableError: nothing is here to draw a virtual robot with.
+            CameraError: a real camera cannot be read, or OpenCV is not installed.
+            RenderingUnavailableError: a virtual robot cannot be drawn.
         """
 
     def close(self) -> None:
-        """Let go of the camera; closing twice does nothing."""
+        """Release the camera; closing twice does nothing."""
 
 
-# ---------------------------------------------------------------- what is found in a frame
+# ---------------------------------------------------------------- detection in a frame
 
 
 def find_red(frame: Frame, window: RedWindow) -> NDArray[np.float64]:
-    """Centres of the red things in a frame ``[height, width, 3]``: of the box around each of them, ``[things, 2]``."""
+    """Centres of the bounding boxes of the red objects in a frame ``[height, width, 3]``: ``[objects, 2]``."""
     from scipy import ndimage
 
-    # Cheap first: few pixels of a frame are mostly red, and only those have their hue computed. Each number is compared with the
-    # two that follow it, whatever its colour: that passes through memory in order, and every third answer is about a red one.
-    numbers = np.ascontiguousarray(frame).reshape(-1)
-    strong = numbers[:-2] > numbers[1:-1]
-    strong &= numbers[:-2] > numbers[2:]
-    strong &= numbers[:-2] >= math.ceil(255 * window.value)
+    # Hue is computed only for the few pixels that are mostly red. For this, each value of the flat array is compared with the two
+    # that follow it: memory is passed through in order, and every third result belongs to a red channel.
+    flat = np.ascontiguousarray(frame).reshape(-1)
+    strong = flat[:-2] > flat[1:-1]
+    strong &= flat[:-2] > flat[2:]
+    strong &= flat[:-2] >= math.ceil(255 * window.value)
     rows, columns = np.divmod(np.flatnonzero(strong[::3]), frame.shape[1])
     strongest, second, third = frame[rows, columns].astype(np.float32).T
     chroma = strongest - np.minimum(second, third)
@@ -171,15 +171,15 @@ def find_red(frame: Frame, window: RedWindow) -> NDArray[np.float64]:
 
 
 def distances_px(centres: NDArray[np.float64], goal: Place) -> NDArray[np.float64]:
-    """Distances from each of the centres ``[things, 2]`` to the goal; ``[things]``."""
+    """Distances from each of the centres ``[objects, 2]`` to the goal; ``[objects]``."""
     return np.hypot(centres[:, 0] - goal[0], centres[:, 1] - goal[1])
 
 
 def shrink(frame: Frame, side_px: int, disc: tuple[Place, int] | None = None) -> Frame:
-    """The frame as an image ``[side, side, 3]``; each pixel is the mean of what it covers, so that small things stay visible.
+    """Area-averaged image ``[side, side, 3]`` of the frame, in which small objects stay visible.
 
     Args:
-        disc: middle and radius, in px of the frame, of a green disc in the image; the frame itself stays as it is.
+        disc: centre and radius, in px of the frame, of a green disc to draw into the image; the frame is not changed.
     """
     canvas = frame.astype(np.float32)
     if disc is not None:
@@ -191,16 +191,16 @@ def shrink(frame: Frame, side_px: int, disc: tuple[Place, int] | None = None) ->
 
 
 def _squash(canvas: NDArray[np.float32], few: int) -> NDArray[np.float32]:
-    """Rows ``[many, ...]`` to ``[few, ...]``, each the mean of those that it covers."""
+    """Area-average rows ``[many, ...]`` to ``[few, ...]``."""
     many, *rest = canvas.shape
-    blocks = math.gcd(few, many)  # rows of two blocks have nothing to do with each other
+    blocks = math.gcd(few, many)  # no new row spans two blocks
     squashed = _cover(few // blocks, many // blocks) @ canvas.reshape(blocks, many // blocks, -1)
     return squashed.reshape(few, *rest)
 
 
 @functools.lru_cache(maxsize=16)
 def _cover(few: int, many: int) -> NDArray[np.float32]:
-    """Share that each of ``many`` pixels in a row has in each of the ``few`` that cover the same length; ``[few, many]``."""
+    """Weights of area averaging from ``many`` pixels in a row to ``few``; ``[few, many]``."""
     edges = np.arange(few + 1)[:, None] * (many / few)
     reached = np.clip(edges - np.arange(many), 0.0, 1.0)  # share of each pixel that lies before each edge
     share: NDArray[np.float32] = (np.diff(reached, axis=0) * (few / many)).astype(np.float32)
@@ -208,7 +208,7 @@ def _cover(few: int, many: int) -> NDArray[np.float32]:
 
 
 def draw_disc(canvas: NDArray[Any], centre: Place, radius_px: int) -> None:
-    """Draw a green disc, which may reach over the edges, into ``[height, width, 3]``."""
+    """Draw a green disc into ``[height, width, 3]``; it is clipped at the edges."""
     x, y = centre
     left, top = max(x - radius_px, 0), max(y - radius_px, 0)
     part = canvas[top : max(y + radius_px + 1, 0), left : max(x + radius_px + 1, 0)]
@@ -216,22 +216,22 @@ def draw_disc(canvas: NDArray[Any], centre: Place, radius_px: int) -> None:
     part[(rows - y) ** 2 + (columns - x) ** 2 <= radius_px**2] = _GREEN
 
 
-# ---------------------------------------------------------------- an episode before a camera
+# ---------------------------------------------------------------- state of an episode
 
 
 class Watch:
-    """View of a camera over one episode.
+    """Goal, image and distances of a camera over one episode.
 
     Args:
-        view: the task's.
-        rng: what the goal is drawn from.
-        frame: at the start.
+        view: the task's camera.
+        rng: generator that the goal is drawn from.
+        frame: frame at the start.
 
     Attributes:
-        goal: its place, the same for the whole episode; ``None`` for a camera that only shows.
-        image: the agent's, uint8 ``[side, side, 3]``.
-        mean_px: mean distance of the red things from the goal; as before where none is seen, 0 at the start.
-        nearest_px: distance of the nearest of them; the diagonal of the frame where none is seen.
+        goal: position of the goal, constant for the episode; ``None`` for a camera without one.
+        image: the agent's image, uint8 ``[side, side, 3]``.
+        mean_px: mean distance of the red objects from the goal; unchanged where none is seen, 0 at the start.
+        nearest_px: distance of the nearest red object; the diagonal of the frame where none is seen.
     """
 
     def __init__(self, view: CameraView, rng: np.random.Generator, frame: Frame) -> None:
@@ -241,7 +241,7 @@ class Watch:
         self.image = self._image(frame)
 
     def see(self, frame: Frame) -> None:
-        """Take in what the camera sees after a step."""
+        """Update image and distances from the frame after a step."""
         self.image = self._image(frame)
         if self._view.goal is None or self.goal is None:
             return
@@ -251,7 +251,7 @@ class Watch:
             self.mean_px, self.nearest_px = float(found_px.mean()), float(found_px.min())
 
     def numbers(self) -> NDArray[np.float32]:
-        """Mean and smallest distance in px ``[2]``; of a camera that only shows, none ``[0]``."""
+        """Mean and smallest distance in px ``[2]``; empty ``[0]`` for a camera without a goal."""
         return np.array([] if self.goal is None else [self.mean_px, self.nearest_px], np.float32)
 
     def _image(self, frame: Frame) -> Frame:
@@ -259,21 +259,21 @@ class Watch:
         return shrink(frame, self._view.image_px, None if goal is None or place is None else (place, goal.radius_px))
 
 
-# ---------------------------------------------------------------- where frames come from
+# ---------------------------------------------------------------- sources of frames
 
 
 class TwinCamera:
-    """A camera in the model of a virtual robot. Where no OpenGL works, rays draw what it sees, coarser and without shine."""
+    """Camera in the model of a virtual robot. Without OpenGL it is ray cast, coarser and without specular light."""
 
     def __init__(self, body: Body, view: CameraView) -> None:
         self._body, self._view = body, view
         self._renderer: Renderer | RayCaster | None = None
 
     def frame(self) -> Frame:
-        """Frame that the camera sees now.
+        """Present frame.
 
         Raises:
-            RenderingUnavailableError: the robot has no picture.
+            RenderingUnavailableError: the virtual robot has no MuJoCo model.
         """
         if self._renderer is None:
             from bricksrl.twin.mujoco_body import MujocoBody
@@ -289,36 +289,36 @@ class TwinCamera:
 
         view = self._view
         try:
-            # Smooth edges would take most of the time and vanish in the small image anyway.
+            # Anti-aliasing would take most of the time, and its effect vanishes in the small image.
             return Renderer(body, view.width_px, view.height_px, view.name, smooth=False)
         except RenderingUnavailableError as error:
             _log.info("drawing by rays: %s", error)
             return RayCaster(body, view.width_px, view.height_px, view.name, view.spot_px)
 
     def close(self) -> None:
-        """Free what OpenGL holds."""
+        """Release the renderer."""
         if self._renderer is not None:
             self._renderer.close()
             self._renderer = None
 
 
 class VideoCamera:
-    """A camera beside a real robot, read with OpenCV."""
+    """Camera beside a real robot, read with OpenCV."""
 
     def __init__(self, view: CameraView) -> None:
         self._view = view
         self._capture: Any = None
 
     def frame(self) -> Frame:
-        """Frame that the camera sees now.
+        """Present frame.
 
         Raises:
-            CameraError: OpenCV is not installed, the camera is not there, or its frames have another size.
+            CameraError: OpenCV is not installed, the camera cannot be read, or its frames have another size.
         """
         view = self._view
         if self._capture is None:
             self._capture = _open_capture(view)
-        self._capture.grab()  # a driver keeps one frame in store, taken before the robot moved
+        self._capture.grab()  # discard the driver's buffered frame, taken before the robot moved
         taken, frame = self._capture.read()
         if not taken:
             self.close()
@@ -328,10 +328,10 @@ class VideoCamera:
             self.close()
             wanted = f"{view.width_px} x {view.height_px}"
             raise CameraError(f"camera {view.device} gives {width} x {height} px, not {wanted}; take one that can")
-        return np.ascontiguousarray(frame[..., ::-1])  # OpenCV has blue first
+        return np.ascontiguousarray(frame[..., ::-1])  # BGR to RGB
 
     def close(self) -> None:
-        """Let go of the camera."""
+        """Release the camera."""
         if self._capture is not None:
             self._capture.release()
             self._capture = None

@@ -1,4 +1,4 @@
-"""Calibration of red: which colours a ball has before this camera in this light, found in a frame and kept in a file."""
+"""Calibration of red: the colours of a ball for this camera and light, estimated from a frame and kept in a file."""
 
 from __future__ import annotations
 
@@ -18,38 +18,38 @@ from bricksrl.errors import BricksError, CameraError
 from bricksrl.hub.diagnostics.calibration import calibration_folder
 
 _AROUND_RED_DEG = 60.0
-_LEAST_CHROMA = 0.12  # saturation times value; below it no hue is to be trusted
-_LEAST_PX = 5  # fewer are the noise of a sensor
-_SEED_PX = 50  # so many pixels at least are as strongly coloured as those that the search starts from
-_POINT_PX = 3  # how far around a point that somebody names its colour is taken
+_LEAST_CHROMA = 0.12  # saturation times value; below it the hue is unreliable
+_LEAST_PX = 5  # fewer are sensor noise
+_SEED_PX = 50  # rank of the pixel whose chroma sets the threshold for seeds
+_POINT_PX = 3  # half side of the square around a given point whose colour is taken
 _UNLIKE_HUE_DEG, _LEAST_SATURATION_RATIO, _LEAST_VALUE_RATIO = 30.0, 0.5, 0.35
-"""How far the colour of one thing goes from its middle: in its shade it is darker, in its shine paler."""
+"""Spread of one object's colour around its median: darker in shade, less saturated in highlights."""
 _MARGIN_DEG, _MARGIN = 8.0, 0.8
 
 
 @dataclass(frozen=True)
 class FoundRed:
-    """The window of red that fits a thing, and where that thing is: bool ``[height, width]``."""
+    """Window of red fitted to an object, and the object's mask: bool ``[height, width]``."""
 
     window: RedWindow
     mask: NDArray[np.bool_]
 
     @property
     def middle(self) -> Place:
-        """Middle of the thing, in px."""
+        """Centroid of the object, in px."""
         rows, columns = np.nonzero(self.mask)
         return round(float(columns.mean())), round(float(rows.mean()))
 
 
 def calibrate_red(frame: Frame, at: Place | None = None) -> FoundRed:
-    """Find the red thing in a frame, and the window of hue, saturation and value that holds its colours with some margin.
+    """Find the red object in a frame, and the HSV window that holds its colours with a margin.
 
     Args:
         frame: uint8 ``[height, width, 3]``.
-        at: a point of the thing; without one it is the largest of the most strongly red regions.
+        at: a point of the object; by default it is the largest of the most strongly red regions.
 
     Raises:
-        CameraError: nothing is red, there or anywhere.
+        CameraError: nothing is red, at that point or anywhere, or the object is too small.
     """
     hue_deg, saturation, value = _colours(frame)
     chroma = np.where(np.abs(hue_deg) <= _AROUND_RED_DEG, saturation * value, 0.0)
@@ -73,7 +73,7 @@ def calibrate_red(frame: Frame, at: Place | None = None) -> FoundRed:
 
 
 def _colours(frame: Frame) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Hue, -60..60 degrees where red is the strongest, else 180; saturation and value, 0..1; ``[height, width]`` each."""
+    """Hue (-60..60 degrees where red is the strongest, else 180), saturation and value (0..1); ``[height, width]`` each."""
     red, green, blue = np.moveaxis(frame.astype(np.float64) / 255, -1, 0)
     value, least = frame.max(-1) / 255, frame.min(-1) / 255
     chroma = value - least
@@ -89,14 +89,14 @@ def _around(frame: Frame, at: Place) -> NDArray[np.bool_]:
 
 
 def _strongest(chroma: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """The largest region of those with nearly the strongest colour."""
+    """The largest region of nearly the strongest chroma."""
     count = min(_SEED_PX, chroma.size)
     strong = chroma >= max(0.75 * float(np.partition(chroma, -count, axis=None)[-count]), _LEAST_CHROMA)
     return _region(strong, strong)
 
 
 def _region(mask: NDArray[np.bool_], seed: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """The connected part of the mask that holds most of the seed."""
+    """The connected component of the mask that holds most of the seed."""
     from scipy import ndimage
 
     labels, _ = ndimage.label(mask, np.ones((3, 3)))
@@ -107,7 +107,7 @@ def _region(mask: NDArray[np.bool_], seed: NDArray[np.bool_]) -> NDArray[np.bool
 
 
 def spanning(windows: list[RedWindow]) -> RedWindow:
-    """The window that holds all of these."""
+    """The smallest window that contains all of these."""
     return RedWindow(
         (min(window.hue_deg[0] for window in windows), max(window.hue_deg[1] for window in windows)),
         min(window.saturation for window in windows),
@@ -116,7 +116,7 @@ def spanning(windows: list[RedWindow]) -> RedWindow:
 
 
 def picture(frame: Frame, found: FoundRed) -> Frame:
-    """The frame with a line around the thing, and beside it only what is in the window; ``[height, 2 width, 3]``."""
+    """The frame with the object outlined and, beside it, dimmed outside of the window; ``[height, 2 width, 3]``."""
     from scipy import ndimage
 
     window = found.window
@@ -133,12 +133,12 @@ def picture(frame: Frame, found: FoundRed) -> Frame:
 
 
 def saved_path(device: int | str, folder: Path | None = None) -> Path:
-    """Path of a camera's calibration: beside those of the robots."""
+    """Path of a camera's calibration, in the folder of the robots' calibrations."""
     return (folder or calibration_folder()) / f"camera-{re.sub(r'[^A-Za-z0-9_-]+', '-', str(device))}.json"
 
 
 def write_red(path: Path, window: RedWindow) -> None:
-    """Write a window, whole or not at all.
+    """Write a window atomically.
 
     Raises:
         CameraError: the file cannot be written.
@@ -153,10 +153,10 @@ def write_red(path: Path, window: RedWindow) -> None:
 
 
 def read_red(path: Path) -> RedWindow:
-    """The window that `write_red` wrote.
+    """Read the window that `write_red` wrote.
 
     Raises:
-        CameraError: the file is missing or not ours.
+        CameraError: the file is missing or invalid.
     """
     try:
         data: dict[str, Any] = json.loads(path.read_bytes())["red"]
@@ -170,10 +170,10 @@ def read_red(path: Path) -> RedWindow:
 
 
 def saved_red(device: int | str, folder: Path | None = None) -> RedWindow | None:
-    """The window that was saved for this camera; ``None`` where there is none.
+    """The saved window of this camera; ``None`` if there is none.
 
     Raises:
-        CameraError: the file is not ours.
+        CameraError: the file is invalid.
     """
     path = saved_path(device, folder)
     return read_red(path) if path.exists() else None

@@ -1,4 +1,4 @@
-"""Pretrained image encoders in place of images: VIP and R3M, through TorchRL's transforms."""
+"""Pretrained image encoders VIP and R3M, through TorchRL's transforms."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ _NETWORKS = {"vip": ("VIPTransform", "resnet50"), "r3m": ("R3MTransform", "resne
 
 
 def encode_images(env: EnvBase, encoder: Literal["vip", "r3m"], *, weights_dir: Path | None = None) -> Any:
-    """The environment, with a vector ``embedding`` in place of its ``image``: 1024 numbers of VIP, 512 of R3M.
+    """Replace an environment's ``image`` by a vector ``embedding`` of 1024 (VIP) or 512 (R3M) numbers.
 
-    The weights are fetched from the network once and kept.
+    The weights are downloaded once and cached.
 
     Args:
-        weights_dir: where they are kept; without it where ``torch.hub`` keeps all.
+        weights_dir: cache folder; by default that of ``torch.hub``.
 
     Raises:
-        EncoderError: torchvision is not installed, the weights cannot be fetched, or the environment has no image.
+        EncoderError: torchvision is not installed, the weights cannot be downloaded, or the environment has no image.
     """
     from torchrl import envs
 
@@ -36,7 +36,7 @@ def encode_images(env: EnvBase, encoder: Literal["vip", "r3m"], *, weights_dir: 
         made = getattr(envs, transform)(network, in_keys=["image"], out_keys=["embedding"], download=True, download_path=place)
     except ImportError:
         raise EncoderError(f"{encoder} needs torchvision; install it: pip install 'bricksrl[encoders]'") from None
-    except (OSError, RuntimeError) as error:  # no network, no place on the disk, a file that is no network's weights
+    except (OSError, RuntimeError) as error:  # no connection, no disk space, invalid weights
         reason = " ".join(str(error).split())[:120]
         message = f"the weights of {encoder} cannot be fetched ({reason}); go online once, or name a weights_dir"
         raise EncoderError(message) from error

@@ -1,7 +1,7 @@
-"""Calibration of one robot against its description: zeros of its motors, and the ones that turn the other way.
+"""Calibration of one robot against its description: zeros and reversed directions of its motors.
 
-A calibration belongs to a hub, by its address, and to what is built around it. It changes the description, and from that
-everything else follows.
+A calibration belongs to a hub, by its address, and to the robot built around it. It modifies the description, from which the hub
+program is made.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ class Calibration:
     """Zeros and directions found on one robot.
 
     Attributes:
-        zeros_deg: for each motor, what its output shows where the description has 0.
-        reversed: motors that turn against the description.
+        zeros_deg: for each motor, the measured output angle at the description's 0.
+        reversed: motors that turn opposite to the description.
     """
 
     zeros_deg: dict[str, int] = field(default_factory=dict)
@@ -38,7 +38,7 @@ class Calibration:
 
 
 def calibrated(robot: Robot, calibration: Calibration) -> Robot:
-    """The description of the robot as it was built.
+    """The robot's description with its calibration applied.
 
     Raises:
         DescriptionError: the calibration names motors that the robot does not have.
@@ -55,10 +55,10 @@ def _calibrated(motor: Motor, calibration: Calibration) -> Motor:
 
 
 def zero_between(stops_deg: tuple[int, int], motor: Motor) -> int:
-    """The zero of a joint that is blocked at these shown angles: its range lies in the middle between them.
+    """Zero of a joint from the measured angles of its two stops: its range is centred between them.
 
     Raises:
-        CalibrationError: it cannot reach its whole range.
+        CalibrationError: the motor has no range, or the stops are too close for it.
     """
     if motor.range_deg is None:
         raise CalibrationError(f"motor '{motor.name}' has no range, so no stops; calibrate it by hand")
@@ -71,7 +71,7 @@ def zero_between(stops_deg: tuple[int, int], motor: Motor) -> int:
 
 
 def calibration_folder() -> Path:
-    """Folder of the calibrations, in the user's folder for settings."""
+    """Folder of the calibrations, in the user's settings folder."""
     home = Path.home()
     if sys.platform == "win32":
         base = Path(os.environ.get("APPDATA") or home / "AppData" / "Roaming")
@@ -83,10 +83,10 @@ def calibration_folder() -> Path:
 
 
 def load_calibration(hub_id: str, robot: Robot, folder: Path | None = None) -> Calibration:
-    """Calibration of the robot on this hub; an empty calibration where nothing is.
+    """Saved calibration of the robot on this hub; an empty one if there is none.
 
     Raises:
-        CalibrationError: the file is not ours.
+        CalibrationError: the file is invalid.
     """
     path = _path(hub_id, robot, folder)
     try:
@@ -100,7 +100,7 @@ def load_calibration(hub_id: str, robot: Robot, folder: Path | None = None) -> C
 
 
 def calibration_of(hub_id: Callable[[], str], folder: Path | None = None) -> Callable[[Robot], Robot]:
-    """Function that a link takes as ``calibrate``; ``hub_id`` is asked when the hub is connected."""
+    """Argument ``calibrate`` for a link; ``hub_id`` is called when the hub is connected."""
 
     def calibrate(robot: Robot) -> Robot:
         return calibrated(robot, load_calibration(hub_id(), robot, folder))
@@ -109,7 +109,7 @@ def calibration_of(hub_id: Callable[[], str], folder: Path | None = None) -> Cal
 
 
 def save_calibration(hub_id: str, robot: Robot, calibration: Calibration, folder: Path | None = None) -> Path:
-    """Write it, whole or not at all; returns where.
+    """Write a calibration atomically; returns its path.
 
     Raises:
         CalibrationError: the file cannot be written.
@@ -127,7 +127,7 @@ def save_calibration(hub_id: str, robot: Robot, calibration: Calibration, folder
 
 
 def forget_calibration(hub_id: str, robot: Robot, folder: Path | None = None) -> None:
-    """Go back to the description; without effect where nothing is known.
+    """Delete the saved calibration; without effect if there is none.
 
     Raises:
         CalibrationError: the file cannot be deleted.

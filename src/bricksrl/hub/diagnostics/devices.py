@@ -1,4 +1,4 @@
-"""Device numbers of LEGO's motors and sensors, and what they are.
+"""Device ids of LEGO's motors and sensors, and their names.
 
 Source: the firmware's list of devices (``lego_device_type_id_t``), Pybricks 4.
 """
@@ -30,7 +30,7 @@ SENSOR_IDS = {
 }
 ULTRASONIC_ID = 62
 NOTHING = 0
-"""No device, or one that does not present itself."""
+"""No device, or one that does not identify itself."""
 
 _OTHERS = {
     1: "medium linear motor without angle",
@@ -46,17 +46,17 @@ _NAMES = (
 
 
 def device_id(device: Motor | Sensor) -> int:
-    """The number that a described device has."""
+    """Device id of a described device."""
     if isinstance(device, Motor):
         return MOTOR_IDS[device.kind]
     return SENSOR_IDS[device.kind] if isinstance(device, PoweredUpSensor) else ULTRASONIC_ID
 
 
 def device_name(number: int) -> str:
-    """Name of a device, in words."""
+    """Readable name of a device id."""
     return _NAMES.get(number, f"device {number}")
 
 
 def turns_alike(expected: int, found: int) -> bool:
-    """True if both are motors with an angle, so that a program for one also drives the other."""
+    """True if both are motors with an encoder, so that a program for one also drives the other."""
     return {expected, found} <= set(MOTOR_IDS.values())

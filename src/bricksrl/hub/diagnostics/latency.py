@@ -1,4 +1,4 @@
-"""Latency of a link: round trip, the share of a step that it takes, and what makes it faster."""
+"""Latency of a link: round trip, its share of a step, and advice to reduce it."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from bricksrl.hub.interface import Interface
 from bricksrl.hub.link.lockstep import HubLink
 
 SLOW_INTERVAL_MS = 20.0
-"""Above it there is something to gain."""
+"""Connection interval above which a shorter one is possible."""
 _INTERVAL_UNIT_MS = 1.25
 _INTERVALS_PER_ROUND_TRIP = 2
 """A command waits for the next connection event, and its answer for the one after that."""
@@ -34,10 +34,10 @@ class Latency:
     """Measured latency of a link.
 
     Attributes:
-        exchanges: readings of the sensors, one after the other.
-        p50_ms, p99_ms: of their round trips.
-        interval_ms: connection interval that follows from their median.
-        link_share: part of a step of the environment that the link takes; ``None`` where a step has no fixed time.
+        exchanges: number of consecutive sensor readings.
+        p50_ms, p99_ms: percentiles of their round trips.
+        interval_ms: connection interval inferred from the median.
+        link_share: link's share of a step of the environment; ``None`` if a step has no fixed time.
     """
 
     exchanges: int
@@ -48,12 +48,12 @@ class Latency:
 
     @property
     def is_slow(self) -> bool:
-        """True if a shorter interval can be had."""
+        """True if a shorter interval is possible."""
         return self.interval_ms > SLOW_INTERVAL_MS
 
 
 def measure(link: HubLink, interface: Interface, exchanges: int = 100) -> Latency:
-    """Read the sensors so many times, over a link that is open. Moves nothing.
+    """Time ``exchanges`` sensor readings over an open link; nothing moves.
 
     Raises:
         HubError: the link failed.
@@ -63,7 +63,7 @@ def measure(link: HubLink, interface: Interface, exchanges: int = 100) -> Latenc
 
 
 def latency(round_trips_s: list[float], interface: Interface) -> Latency:
-    """Latency from the round trips ``[n]`` of readings, n > 0."""
+    """Latency statistics of the round trips ``[n]`` of readings, n > 0."""
     p50_ms, p99_ms = (float(value) * 1000 for value in np.percentile(round_trips_s, (50, 99)))
     step_ms = interface.settle.fixed_ms
     return Latency(

@@ -1,4 +1,4 @@
-"""Preflight check of a robot: hub, ports, battery, sensors and motors against the description, one finding after the other."""
+"""Preflight check of a robot: hub, ports, battery, sensors and motors against the description."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ from bricksrl.robots import HubKind, Motor, Robot
 TEST_MOVE = 30.0
 """Degrees or millimetres of a test move."""
 _LEAST_SHARE = 0.5
-"""Of a test move that a motor has to make."""
+"""Share of a test move that a motor has to complete."""
 _RANGE_MARGIN_DEG = 8.0
-"""A joint may give way a little beyond its range."""
+"""Tolerance for a joint that yields beyond its range."""
 _TEST_MOVE_READS = 40
 
-# Below the first the hub warns, below the second it switches off soon; the firmware's own limits (battery.c).
+# Below the first voltage the hub warns, below the second it soon switches off; limits of the firmware (battery.c).
 _LITHIUM_MV = (6800, 6000)
 _CELLS_MV = (5400, 4800)
 _LITHIUM_HUBS = (HubKind.PRIME, HubKind.ESSENTIAL)
@@ -41,14 +41,14 @@ def check_robot(
     is_right: Callable[[str], bool] | None = None,
     calibrate: Callable[[Robot], Robot] | None = None,
 ) -> Iterator[Finding]:
-    """Look at everything that a task needs of a robot. The transport is opened, and closed at the end.
+    """Check everything that a task needs of a robot. Opens the transport, and closes it at the end.
 
     Args:
-        transport: the hub.
-        robot, interface: what is expected at its other end.
+        transport: transport to the hub.
+        robot, interface: expected robot and interface.
         may_move: asked before the first test move.
-        is_right: asked after each test move, e.g. "left turned by 30 degrees"; ``None`` where nobody watches.
-        calibrate: as :class:`HubLink` takes it.
+        is_right: asked after each test move, e.g. "left turned by 30 degrees"; ``None`` if nobody watches.
+        calibrate: as for :class:`HubLink`.
 
     Raises:
         HubError: the hub cannot be reached.
@@ -78,7 +78,7 @@ def _with_program(
     is_right: Callable[[str], bool] | None,
     calibrate: Callable[[Robot], Robot] | None,
 ) -> Iterator[Finding]:
-    """What the program of the environment itself tells."""
+    """Checks that run the environment's program: angles, latency, directions."""
     try:
         with HubLink(transport, robot, interface, calibrate=calibrate) as link:
             yield Finding("program", Outcome.OK, f"runs (hash {link.program.hash:08x})")
@@ -94,7 +94,7 @@ def _with_program(
 
 
 def check_hub(identity: object, robot: Robot) -> Iterator[Finding]:
-    """Kind and versions, as a connected hub tells them; nothing where it tells nothing, as the virtual one."""
+    """Kind and versions of a connected hub; empty for one without an identity, such as the virtual hub."""
     kind = getattr(identity, "kind", None)
     if kind is None:
         return
@@ -113,7 +113,7 @@ def check_hub(identity: object, robot: Robot) -> Iterator[Finding]:
 
 
 def check_ports(robot: Robot, found: Survey) -> Iterator[Finding]:
-    """Every port: what is expected and what is there."""
+    """Port check: expected against connected device."""
     expected = {device.port: device for device in (*robot.motors, *robot.sensors)}
     for port in robot.hub.model.ports:
         number, device = found.ports.get(port, NOTHING), expected.get(port)
@@ -134,14 +134,14 @@ def check_ports(robot: Robot, found: Survey) -> Iterator[Finding]:
 
 
 def _where(robot: Robot, wanted: int, port: str, found: Survey) -> str:
-    """A remedy: the port where the missing device might be."""
+    """Advice on the missing device: the port where it might be, or to plug it in."""
     taken = {device.port for device in (*robot.motors, *robot.sensors) if device_id(device) == wanted}
     elsewhere = [other for other, number in found.ports.items() if number == wanted and other not in taken]
     return f"move it from port {elsewhere[0]} to {port}" if elsewhere else f"plug it into port {port} until it clicks"
 
 
 def check_battery(hub: HubKind, battery_mv: int) -> Finding:
-    """Battery check: enough voltage for what the motors are asked."""
+    """Battery check: enough voltage for the motors."""
     low_mv, critical_mv = _LITHIUM_MV if hub in _LITHIUM_HUBS else _CELLS_MV
     remedy = "charge it" if hub in _LITHIUM_HUBS else "put fresh batteries in"
     volts = f"{battery_mv / 1000:.2f} V"
@@ -153,7 +153,7 @@ def check_battery(hub: HubKind, battery_mv: int) -> Finding:
 
 
 def check_imu(robot: Robot, found: Survey) -> Iterator[Finding]:
-    """IMU check: gyroscope and accelerometer ready, where the robot needs them."""
+    """IMU check, for robots that need it: gyroscope and accelerometer are ready."""
     if not robot.needs_imu:
         return
     lies = f"pitch {found.pitch_deg}, roll {found.roll_deg} deg"
@@ -168,7 +168,7 @@ def check_imu(robot: Robot, found: Survey) -> Iterator[Finding]:
 
 
 def check_angles(robot: Robot, interface: Interface, values: NDArray[np.float32]) -> Iterator[Finding]:
-    """Angle check: joints within their ranges; ``values [n_channels]`` are a reading of the program."""
+    """Angle check: joints are within their ranges in the reading ``values [n_channels]``."""
     for name, place in interface.angle_places.items():
         range_deg = robot.motor(name).range_deg
         if range_deg is None:
@@ -183,7 +183,7 @@ def check_angles(robot: Robot, interface: Interface, values: NDArray[np.float32]
 
 
 def check_latency(found: Latency) -> Finding:
-    """Latency check: a link as fast as it can be."""
+    """Latency check: the connection interval is short."""
     share = "" if found.link_share is None else f", {found.link_share:.0%} of a step"
     detail = f"{found.p50_ms:.0f} ms, p99 {found.p99_ms:.0f} ms, connection interval {found.interval_ms:g} ms{share}"
     if found.is_slow:
@@ -192,7 +192,7 @@ def check_latency(found: Latency) -> Finding:
 
 
 def small_move(command: Command, range_deg: tuple[int, int] | None, angle_deg: float | None) -> float:
-    """A small value of a command; for a joint, of which the angle is known, towards the middle of its range."""
+    """A small value of a command; for a joint with a known angle, towards the middle of its range."""
     towards = 1.0
     if range_deg is not None and angle_deg is not None and angle_deg > sum(range_deg) / 2:
         towards = -1.0
@@ -201,7 +201,7 @@ def small_move(command: Command, range_deg: tuple[int, int] | None, angle_deg: f
 
 
 def _check_move(link: HubLink, robot: Robot, interface: Interface, index: int, is_right: Callable[[str], bool] | None) -> Finding:
-    """Give one command a small value, the others none, and see what its motors do."""
+    """Send a small value for one command and 0 for the others, and compare the motion of its motors."""
     command = interface.commands[index]
     before = link.read().values
     motors = [robot.motor(name) for name in command.motors(robot)]
@@ -223,7 +223,7 @@ def _check_move(link: HubLink, robot: Robot, interface: Interface, index: int, i
         if angle is None or now is None:
             continue
         turned = (now - angle + 180.0) % 360.0 - 180.0
-        if command.ends:  # angles may be wrapped: of those that it can have turned by, the one nearest to what it was told
+        if command.ends:  # angles may be wrapped: add the whole turns that bring it nearest to the command
             turned += 360.0 * round((turn_deg - turned) / 360.0)
         if turned * np.sign(turn_deg) < _LEAST_SHARE * abs(turn_deg):
             what = f"'{motor.name}' (port {motor.port}) turned by {turned:.0f} deg after {value:g} {command.unit}"
@@ -238,6 +238,6 @@ def _check_move(link: HubLink, robot: Robot, interface: Interface, index: int, i
 
 
 def _angle(interface: Interface, values: NDArray[np.float32], motor: Motor) -> float | None:
-    """Of a motor, where it is observed."""
+    """Angle of a motor, if it is observed."""
     place = interface.angle_places.get(motor.name)
     return None if place is None else float(values[place])

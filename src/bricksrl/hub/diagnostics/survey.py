@@ -1,6 +1,6 @@
-"""Survey of a hub: programs made from the robot's description that report what is plugged in, run over any transport.
+"""Survey of a hub: programs generated from the robot's description that report the connected devices, for any transport.
 
-Each runs once and prints lines of words; it begins with the HELLO of its hash, by which a transport knows it.
+Each runs once and prints lines of words; it begins with a HELLO frame with its hash, by which a transport identifies it.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from bricksrl.robots import Motor, Robot
 
 STALL_SPEED_DEG_S = 60
 STALL_TORQUE_MNM = 250
-"""More than a medium motor has: a raised arm needs all of it, and at this speed it does no harm to what blocks it."""
+"""More than a medium motor has: a raised arm needs all of it, and at this speed the stops are not damaged."""
 STALL_LIMIT_MS = 10_000
 STALL_LIMIT_DEG = 400
 _SURVEY_S = 20.0
@@ -30,14 +30,14 @@ _HUB_PART = "# --- the hub's part ---\n"
 
 @dataclass(frozen=True)
 class Survey:
-    """Answer of a hub to a survey.
+    """Result of a survey.
 
     Attributes:
-        ports: for each port the number of the device on it, 0 for none.
-        angles_deg: for each motor that is there, what its output shows.
-        battery_mv, firmware, name: of the hub.
-        imu_ready, imu_still: ``None`` on a hub without an IMU.
-        pitch_deg, roll_deg: how the hub lies; 0 on a hub without an IMU.
+        ports: device id on each port, 0 for none.
+        angles_deg: output angle of each connected motor.
+        battery_mv, firmware, name: battery voltage, firmware version and name of the hub.
+        imu_ready, imu_still: state of the IMU; ``None`` on a hub without one.
+        pitch_deg, roll_deg: tilt of the hub; 0 on a hub without an IMU.
     """
 
     ports: dict[str, int]
@@ -52,7 +52,7 @@ class Survey:
 
 
 def survey_program(robot: Robot) -> HubProgram:
-    """The program behind `survey`."""
+    """Hub program of `survey`."""
     model = robot.hub.model
     ports = ", ".join(f'("{port}", Port.{port})' for port in model.ports)
     return _program(
@@ -65,7 +65,7 @@ def survey_program(robot: Robot) -> HubProgram:
 
 
 def survey(transport: Transport, robot: Robot) -> Survey:
-    """Ask the hub, over a transport that is open. Moves nothing; stops the program that ran before.
+    """Survey a hub over an open transport. Nothing moves; a running program is stopped.
 
     Raises:
         HubError: the hub cannot be reached, or does not answer.
@@ -78,20 +78,20 @@ def parse_survey(lines: list[str]) -> Survey:
     """Survey from the lines that the program printed.
 
     Raises:
-        HubError: something is missing.
+        HubError: the lines are incomplete.
     """
-    said: dict[str, list[list[str]]] = {}
+    words: dict[str, list[list[str]]] = {}
     for line in lines:
         word, *rest = line.split(" ")
-        said.setdefault(word, []).append(rest)
+        words.setdefault(word, []).append(rest)
     try:
-        imu = [int(number) for number in said["imu"][0]] if "imu" in said else []
+        imu = [int(number) for number in words["imu"][0]] if "imu" in words else []
         return Survey(
-            ports={port: int(number) for port, number in said["port"]},
-            angles_deg={motor: int(angle) for motor, angle in said.get("angle", [])},
-            battery_mv=int(said["battery"][0][0]),
-            firmware=said["firmware"][0][0],
-            name=" ".join(said["name"][0]),
+            ports={port: int(number) for port, number in words["port"]},
+            angles_deg={motor: int(angle) for motor, angle in words.get("angle", [])},
+            battery_mv=int(words["battery"][0][0]),
+            firmware=words["firmware"][0][0],
+            name=" ".join(words["name"][0]),
             imu_ready=bool(imu[0]) if imu else None,
             imu_still=bool(imu[1]) if imu else None,
             pitch_deg=imu[2] if imu else 0,
@@ -102,7 +102,7 @@ def parse_survey(lines: list[str]) -> Survey:
 
 
 def stops_program(robot: Robot) -> HubProgram:
-    """The program behind `find_stops`."""
+    """Hub program of `find_stops`."""
     constants = [
         _motors(_joints(robot)),
         f"TORQUE_MNM = {STALL_TORQUE_MNM}",
@@ -115,10 +115,10 @@ def stops_program(robot: Robot) -> HubProgram:
 
 
 def find_stops(transport: Transport, robot: Robot) -> dict[str, tuple[int, int] | None]:
-    """Turn each motor with a range to both stops, one after the other, and stop in the middle. This moves the robot.
+    """Turn each motor with a range to both stops, one motor at a time, and stop in the middle. This moves the robot.
 
     Returns:
-        For each the shown angles at which it is blocked; ``None`` for one that nothing blocks.
+        For each motor, the measured angles of its stops; ``None`` if it has none.
 
     Raises:
         HubError: the hub cannot be reached, or does not answer; the motors are then stopped.
@@ -139,12 +139,12 @@ def find_stops(transport: Transport, robot: Robot) -> dict[str, tuple[int, int] 
 
 
 def run(transport: Transport, program: HubProgram, timeout_s: float) -> list[str]:
-    """The lines that a program prints before its last one, ``end``; it is stopped when it takes too long.
+    """Run a program and return the lines that it prints before the last one, ``end``; it is stopped after the timeout.
 
     Raises:
         HubError: the hub cannot be reached, or the program ended without that line.
-        HubTimeoutError: it took too long.
-        HubProgramError: it raised.
+        HubTimeoutError: the program took too long.
+        HubProgramError: the program raised.
     """
     transport.start(program)
     data = b""

@@ -1,8 +1,8 @@
-"""Keepalive: when to tell a hub that this computer lives, while the hub carries out a step and there is nothing else to say.
+"""Keepalive: times of the frames that keep the hub's watchdog from firing while the hub carries out a step.
 
-A hub stops its motors when it has not heard from its host for the time of its watchdog. So a sign of life goes out at
-least twice within that time; no oftener, because a write takes two connection intervals until it is acknowledged, and
-an emergency stop and the next command have to wait for that. For the same reason none goes out when the answer is due.
+A hub stops its motors after hearing nothing from its host for the watchdog's time. So a keepalive is sent twice within
+that time; not more often, because a write takes two connection intervals until it is acknowledged, and an emergency stop
+and the next command have to wait for that. For the same reason none is sent when the answer is due.
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ _PER_WATCHDOG = 2
 
 
 def signs_of_life_s(move_s: float | None, watchdog_s: float) -> Iterator[float]:
-    """Times of the signs, from the command on; without end.
+    """Times of the keepalives, counted from the command; an infinite iterator.
 
     Args:
-        move_s: time until the answer is due on the hub; ``None`` where nobody knows.
-        watchdog_s: of the hub.
+        move_s: time until the answer is due on the hub; ``None`` if unknown.
+        watchdog_s: time of the hub's watchdog.
     """
     return itertools.accumulate(_pauses_s(move_s, watchdog_s / _PER_WATCHDOG))
 

@@ -1,14 +1,13 @@
-"""Lock-step exchange with the program on a hub: one command goes down, one answer comes up.
+"""Lock-step exchange with the program on a hub: one command down, one answer up.
 
-What happens when something is lost. The host sends the same frame again after a quarter of its timeout. The hub knows
-a sequence number that comes again: it sends its last answer again, or goes on with the move that is under way, so
-a command is never carried out twice. Answers to other sequence numbers are ignored. When nothing came in time, the
-link is in FAULT until ``open`` is called; the hub stops its motors by itself. While a step takes its time, the host
-tells the hub now and then that it lives (``keepalive.py``).
-When the host has been silent for so long that the program on the hub ended, ``read`` starts it again; ``act`` does
-not, because the robot has let go of its position in the meantime. ``states.py`` has all of this as a table.
+Lost frames: the host resends the same frame after a quarter of its timeout. The hub recognises a repeated sequence
+number: it resends its last answer, or continues the current move, so that a command is never carried out twice. Answers
+to other sequence numbers are ignored. If no answer comes in time, the link is in FAULT until ``open`` is called; the hub
+stops its motors by itself. During a step, the host sends keepalives (``keepalive.py``).
+If the program on the hub has ended because the host was silent for too long, ``read`` restarts it; ``act`` does not,
+because the robot has meanwhile stopped holding its position. ``states.py`` has all transitions as a table.
 
-``emergency_stop`` may be called from any thread. Nothing moves then until ``release``, whoever calls ``open`` meanwhile.
+``emergency_stop`` may be called from any thread. Nothing moves then until ``release``, even if ``open`` is called.
 """
 
 from __future__ import annotations
@@ -57,16 +56,16 @@ _WATCHDOG_MAX_MS = 0xFFFF
 
 
 class HubLink:
-    """The link to one robot, over any transport. Use it as a context manager: leaving stops the robot.
+    """Link to one robot, over any transport. Use it as a context manager: leaving stops the robot.
 
     Args:
-        transport: the hub; the link opens and closes it.
-        robot, interface: what is at the other end; the hub's program is made from them.
-        timeout_s: how long an answer may take beyond the time that the commands themselves take.
-        watchdog_s: silence after which the hub stops its motors; grows to four times the slowest hundredth of the
-            link's delays where that is more.
-        pipe: how bytes get to the program and back.
-        calibrate: turns the description into that of the robot at hand; called when the hub is connected.
+        transport: transport to the hub; the link opens and closes it.
+        robot, interface: robot and interface that the hub's program is generated from.
+        timeout_s: time limit of an answer, beyond the duration of the commands.
+        watchdog_s: silence after which the hub stops its motors; raised to four times the 99th percentile of the link's
+            delays if that is more.
+        pipe: channel for input to the program.
+        calibrate: applies the robot's calibration to the description; called when the hub is connected.
 
     Raises:
         DescriptionError, ProgramError: see ``generate``.
@@ -103,14 +102,14 @@ class HubLink:
         self._listener = Listener(transport, self.wire, self._meter)
 
     def open(self) -> None:
-        """Connect, start the program and hear its HELLO. Also the way out of FAULT, and without effect when all is well.
+        """Connect, start the program and wait for its HELLO. Also leaves FAULT; without effect on an open link.
 
         Raises:
             HubError: the hub cannot be reached.
-            HubProtocolError: another program than ours answers.
-            HubTimeoutError: none answers.
-            HubProgramError: ours raised at its start, for example because a device is not plugged in.
-            StoppedError: the robot was stopped by hand, before or meanwhile.
+            HubProtocolError: another program answers.
+            HubTimeoutError: no program answers.
+            HubProgramError: the program raised at its start, for example because a device is not plugged in.
+            StoppedError: an emergency stop came before or meanwhile.
         """
         self._check_halted()
         if self.is_open:
@@ -125,11 +124,11 @@ class HubLink:
 
     @property
     def is_open(self) -> bool:
-        """True if the program answers, as far as is known."""
+        """True if the program is running, as far as is known."""
         return self.state in (LinkState.READY, LinkState.ARMED)
 
     def read(self) -> Reading:
-        """The sensors, without moving anything. Starts the program again where it ended by itself.
+        """Read the sensors without moving. Restarts the program if it ended by itself.
 
         Raises:
             HubError: the link is not open, or failed.
@@ -151,7 +150,7 @@ class HubLink:
             HubError: the link is not open, or failed, or the program on the hub has ended.
             HubTimeoutError: no answer came; whether the robot moved is unknown.
             HubProgramError: the program raised.
-            StoppedError: the robot was stopped by hand, before or meanwhile.
+            StoppedError: an emergency stop came before or meanwhile.
         """
         payload = self.wire.encode_actions(values)
         self._require_open()
@@ -160,7 +159,7 @@ class HubLink:
         return self._exchange(data_frame(self._seq, payload), self._longest_move_s, self._known_move_s)
 
     def rest(self) -> None:
-        """Stop the motors; the program goes on, and is READY. For a pause, in which ``read`` keeps the program alive.
+        """Stop the motors; the program keeps running, in READY. For a pause, in which ``read`` keeps the program alive.
 
         Raises:
             HubError: the link is not open, or failed; the hub's watchdog then stops the motors.
@@ -174,31 +173,31 @@ class HubLink:
             self.state = after(self.state, Cause.RESTED)
 
     def emergency_stop(self) -> None:
-        """Stop motors and program at once, from any thread; whoever waits for an answer gets a ``StoppedError``.
+        """Stop motors and program at once, from any thread; a call that waits for an answer raises ``StoppedError``.
 
-        Everything raises ``StoppedError`` from now on, until ``release``.
+        All later calls raise ``StoppedError`` until ``release``.
 
         Raises:
-            HubError: the hub could not be told; its watchdog then stops the motors.
+            HubError: the hub could not be reached; its watchdog then stops the motors.
         """
         self._halted.set()
         self._transport.stop()
 
     def release(self) -> None:
-        """After an emergency stop: ``open`` starts the program again."""
+        """End an emergency stop: ``open`` may start the program again."""
         if self._halted.is_set() and self.is_open:
             self.state = after(self.state, Cause.HALTED)
         self._halted.clear()
 
     def now_s(self) -> float:
-        """The transport's clock: the computer's, or the simulated one."""
+        """Time of the transport's clock: the computer's, or the simulated one."""
         return self._transport.now_s()
 
     def stop(self) -> None:
         """Stop the motors and the program. ``open`` starts it again.
 
         Raises:
-            HubError: the transport could not do it; the hub's watchdog then does.
+            HubError: the transport failed; the hub's watchdog then stops the motors.
         """
         if self.state is LinkState.DISCONNECTED:
             return
@@ -206,11 +205,11 @@ class HubLink:
         self._transport.stop()
 
     def close(self) -> None:
-        """Stop the program and disconnect. May be called in any state, twice too, and never raises."""
+        """Stop the program and disconnect. May be called in any state and repeatedly, and never raises."""
         for name, step in (("stop", self.stop), ("disconnect", self._transport.close)):
             try:
                 step()
-            except Exception as error:  # noqa: BLE001  closing goes on, and the hub stops by itself
+            except Exception as error:  # noqa: BLE001  closing must go on; the hub stops by itself
                 is_ours = isinstance(error, HubError)
                 _log.warning("closing the link to the hub: could not %s (%s)", name, error, exc_info=not is_ours)
         self._transport_is_open = self._has_started = False
@@ -229,7 +228,7 @@ class HubLink:
 
     @property
     def statistics(self) -> LinkStatistics:
-        """A snapshot."""
+        """Snapshot of the link's statistics."""
         return self._meter.snapshot(self._watchdog_ms / 1000)
 
     def _check_halted(self) -> None:
@@ -238,7 +237,7 @@ class HubLink:
 
     @contextlib.contextmanager
     def _fault(self) -> Iterator[None]:
-        """What fails within leads to the state that the table has for it; after an emergency stop nothing counts as a failure."""
+        """Set the state that the table has for an error raised inside; during an emergency stop raise StoppedError instead."""
         try:
             yield
         except (HubError, StoppedError) as error:
@@ -260,11 +259,11 @@ class HubLink:
         self._seq = 0
         self._watchdog_ms = WATCHDOG_MS
         if self._has_started:
-            with contextlib.suppress(HubError):  # what has to be stopped may be out of reach, which the start will tell
+            with contextlib.suppress(HubError):  # if the hub is out of reach, the start will raise
                 self._transport.stop()
         self._transport.start(self.program)
         self._has_started = True
-        if self._halted.is_set():  # meanwhile, so that it may have stopped what was before
+        if self._halted.is_set():  # an emergency stop during the start may have stopped only the previous program
             self._transport.stop()
             raise _stopped()
         self._expect_hello()
@@ -274,10 +273,10 @@ class HubLink:
         self.state = after(self.state, Cause.OPENED)
 
     def _begin(self) -> None:
-        """What has to be said to a program that has just said hello."""
+        """Hook: set up a program that has just sent its HELLO."""
 
     def _expect_hello(self) -> None:
-        """Wait for the HELLO that the program sends at its start, and ask for it where it does not come."""
+        """Wait for the HELLO that the program sends at its start, and request it if it does not come."""
         hello = self._hear_hello() or self._say_hello()
         check_hello(hello, self.program.hash)
 
@@ -286,7 +285,7 @@ class HubLink:
         return frame if isinstance(frame, ControlFrame) else None
 
     def _say_hello(self) -> ControlFrame:
-        """Ask for a HELLO, with which the hub stops its motors, until it comes."""
+        """Request a HELLO, on which the hub stops its motors, until it comes."""
         for _ in range(_SENDS_PER_TIMEOUT - 1):
             self._transport.write(control_frame(Down.HELLO))
             hello = self._hear_hello()
@@ -308,12 +307,12 @@ class HubLink:
             if answer is None:
                 raise HubTimeoutError(self._listener.silence("the hub did not answer", longest_move_s + self._timeout_s))
             reading = self._reading(answer, started_s, known_move_s or 0.0)
-        # Waiting for what was lost is no delay of the link: counted, it would make the watchdog wait for ever longer.
+        # Waiting for a lost frame is no delay of the link: if counted, it would raise the watchdog's time ever further.
         self._meter.record(reading.round_trip_s, known_move_s if self._meter.resends == resends else None, reading.age_s)
         return reading
 
     def _reading(self, answer: DataFrame, started_s: float, move_s: float) -> Reading:
-        """The answer, which has just arrived, to a command that was sent at ``started_s`` and takes at least ``move_s``."""
+        """Reading from an answer that has just arrived, to a command sent at ``started_s`` that takes at least ``move_s``."""
         arrived_s = self.now_s()
         wrapped_ms, values = self.wire.decode_answer(answer.payload)
         time_ms = self._clock.unwrap(wrapped_ms)
@@ -322,7 +321,7 @@ class HubLink:
 
     @contextlib.contextmanager
     def _explained(self) -> Iterator[None]:
-        """A fault, as ``_fault``; a program that raised or said good-bye explains it better than the transport can."""
+        """Like ``_fault``, but prefer the program's traceback or BYE to the transport's error."""
         with self._fault():
             try:
                 yield
@@ -346,7 +345,7 @@ class HubLink:
         return None
 
     def _await_answer(self, window_s: float, move_s: float | None) -> DataFrame | None:
-        """The answer, if it comes in time. Meanwhile the hub hears, before its watchdog bites, that this computer lives."""
+        """The answer, if it comes in time. Meanwhile, send keepalives to the hub."""
         started_s = self.now_s()
         for sign_s in signs_of_life_s(move_s, self._watchdog_ms / 1000):
             answer = self._listener.wait_for(self._is_answer, started_s + min(sign_s, window_s) - self.now_s())

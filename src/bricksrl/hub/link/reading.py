@@ -1,4 +1,4 @@
-"""Readings of a link, and the hello and good-bye of the program at its other end."""
+"""Readings of a link, and the HELLO and BYE frames of the hub program."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ class Reading:
     Attributes:
         values: float32 ``[n_channels]``, in channel order and units.
         hub_time_ms: the hub's clock when it read its sensors, since its program started; it does not wrap.
-        round_trip_s: from the first sending of the command to the first answer.
-        age_s: how long ago the sensors were read, when this was returned; see ``clock.py``.
+        round_trip_s: time from the first sending of the command to the first answer.
+        age_s: age of the sensor values when the reading was returned; see ``clock.py``.
     """
 
     values: NDArray[np.float32]
@@ -30,19 +30,19 @@ class Reading:
 
 
 def good_bye(bye: ControlFrame) -> SilentHubError:
-    """The error for a BYE frame."""
+    """Error for a BYE frame."""
     is_silence = bye.payload[0] == ByeReason.SILENCE
     why = "it had not heard from this computer for too long" if is_silence else "it was told to"
     return SilentHubError(f"the program on the hub ended because {why}; call open() to start it again")
 
 
 def is_hello(frame: Frame) -> bool:
-    """True if a program presents itself."""
+    """True for a HELLO frame."""
     return isinstance(frame, ControlFrame) and frame.kind == Up.HELLO
 
 
 def check_hello(hello: ControlFrame, expected_hash: int) -> None:
-    """Raises HubProtocolError unless the program that says hello is the expected one and speaks our protocol."""
+    """Raise HubProtocolError unless the HELLO has the expected program hash and our protocol version."""
     version, program_hash = parse_hello(hello.payload)
     if version != PROTOCOL_VERSION:
         raise HubProtocolError(

@@ -1,4 +1,4 @@
-"""Receiver of what the program on a hub sends: frames, a traceback, good-byes, and the text between them."""
+"""Receiver of the hub program's output: frames, a traceback, BYE frames, and the text between them."""
 
 from __future__ import annotations
 
@@ -14,26 +14,26 @@ from bricksrl.hub.protocol import UP_PAYLOAD_BYTES, ControlFrame, Frame, FrameDe
 from bricksrl.hub.transport import Transport
 
 _READS_PER_WAIT = 1000
-_CLOCK_TICK_S = 0.001  # of a virtual hub: a wait of less than half of it is none, and would be repeated in vain
+_CLOCK_TICK_S = 0.001  # tick of a virtual hub: a wait of less than half of it would not advance its clock
 _TRACEBACK_READS = 50
 _TRACEBACK_PAUSE_S = 0.2
 
 
 class Listener:
-    """Reads a transport, and counts in the meter what it cannot use."""
+    """Receiver of frames from a transport, which counts invalid bytes in the meter."""
 
     def __init__(self, transport: Transport, wire: WireFormat, meter: LinkMeter) -> None:
         self._transport, self._wire, self._meter = transport, wire, meter
         self.begin("")
 
     def begin(self, source: str) -> None:
-        """Another program: forget what came before."""
+        """Start with a new program: discard all earlier input."""
         self._source = source
         self._decoder = FrameDecoder(self._wire.answer_bytes, UP_PAYLOAD_BYTES)
         self._frames: deque[Frame] = deque()
 
     def wait_for(self, is_wanted: Callable[[Frame], bool], window_s: float) -> Frame | None:
-        """The first wanted frame that comes in time. Bounded in reads too, should the transport's clock stand still."""
+        """The first wanted frame that comes in time. The number of reads is bounded too, in case the clock stands still."""
         deadline_s = self._transport.now_s() + window_s
         for _ in range(_READS_PER_WAIT):
             while self._frames:
@@ -53,7 +53,7 @@ class Listener:
         self._meter.crc_errors += decoder.crc_errors - crc_errors
         self._meter.skipped_bytes += decoder.skipped_bytes - skipped_bytes
         if "Traceback" in self._decoder.text:
-            with contextlib.suppress(HubError):  # what there is of the traceback tells more than the end of the link
+            with contextlib.suppress(HubError):  # a partial traceback says more than a lost link
                 for _ in range(_TRACEBACK_READS):
                     rest = self._transport.read(_TRACEBACK_PAUSE_S)
                     if not rest:
@@ -62,7 +62,7 @@ class Listener:
             raise HubProgramError(describe_traceback(self._decoder.text, self._source))
 
     def look_for_last_words(self) -> None:
-        """After a failure: a program that raised or said good-bye explains it better than the transport can."""
+        """After a failure, raise the error of a traceback or a BYE frame, which says more than the transport's."""
         try:
             self._feed(self._transport.read(0.0))
         except HubProgramError:
@@ -74,7 +74,7 @@ class Listener:
                 raise good_bye(frame)
 
     def silence(self, what: str, waited_s: float) -> str:
-        """Message for when nothing came."""
-        said = self._decoder.text.strip().splitlines()
-        last_line = f" (it printed: {said[-1]})" if said else ""
+        """Error message for a timeout."""
+        printed = self._decoder.text.strip().splitlines()
+        last_line = f" (it printed: {printed[-1]})" if printed else ""
         return f"{what} within {waited_s:g} s{last_line}; check that it is on and near, then call open()"

@@ -1,4 +1,4 @@
-"""States of a link, and the transition for each event: one table, for the code, its tests, and the documentation."""
+"""States and transitions of a link, as one table for the code, its tests and the documentation."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from bricksrl.hub.errors import (
 
 
 class LinkState(enum.Enum):
-    """State of a link, and with it the use that it allows."""
+    """State of a link."""
 
     DISCONNECTED = "disconnected"
-    """Nothing of ours runs on the hub: call ``open``."""
+    """No program of ours runs on the hub: call ``open``."""
     READY = "ready"
-    """The program answers and has moved nothing yet."""
+    """The program is running and has not moved anything yet."""
     ARMED = "armed"
     """Motors may be moving; the hub stops them when the host falls silent."""
     FAULT = "fault"
@@ -38,13 +38,13 @@ class Cause(enum.Enum):
     RESTED = "a pause begins"
     STOPPED = "`stop`, `close`, or the end of this program"
     HALTED = "emergency stop"
-    NO_ANSWER = "no answer in time, or a write that is not acknowledged"
+    NO_ANSWER = "no answer in time, or a write without acknowledgement"
     LINK_LOST = "the link is lost: out of reach, switched off, unplugged, rebooted"
     BUSY = "the hub stays busy"
-    REFUSED = "the hub refuses a command, or answers what is not ours"
+    REFUSED = "the hub refuses a command, or sends an unknown answer"
     RAISED = "the program raised"
     ENDED = "the program was stopped on the hub, by its button"
-    SILENCE = "the program ended because it had not heard from this computer, for 0.4 s in mid-step or 10 s more between steps"
+    SILENCE = "the program ended because it had not heard from this computer, for 0.4 s during a step or 10 s more between steps"
     NOT_FOUND = "the hub is not found, or this computer has no Bluetooth or serial port"
     UNKNOWN = "anything else that the transport reports"
 
@@ -59,11 +59,11 @@ class Transition:
     """Effect of one cause.
 
     Attributes:
-        before: states in which it can come.
-        after: state that follows.
-        error: what the call raises; ``None`` for nothing.
-        host: what this computer does.
-        hub: what the hub does by itself.
+        before: states in which the cause can occur.
+        after: next state.
+        error: error that the call raises; ``None`` for none.
+        host: reaction of this computer.
+        hub: reaction of the hub.
     """
 
     before: frozenset[LinkState]
@@ -73,47 +73,51 @@ class Transition:
     hub: str
 
 
-_WATCHDOG = "stops its motors after 0.4 s of silence; ends its program (in mid-step at once, else 10 s later) and advertises"
+_WATCHDOG = "stops its motors after 0.4 s of silence; ends its program (at once during a step, else 10 s later) and advertises"
 
 TABLE: dict[Cause, Transition] = {
     Cause.OPENED: Transition(
         _CLOSED,
         LinkState.READY,
         None,
-        "brings the program where it is not there yet, starts it, compares its hash",
+        "downloads the program if it is missing, starts it, compares its hash",
         "moves nothing",
     ),
-    Cause.ACTED: Transition(_OPEN, LinkState.ARMED, None, "waits for the answer, and sends again", "carries it out once"),
-    Cause.RESTED: Transition(_OPEN, LinkState.READY, None, "reads now and then, to keep the program alive", "stops its motors"),
+    Cause.ACTED: Transition(_OPEN, LinkState.ARMED, None, "waits for the answer, sends again if none comes", "executes it once"),
+    Cause.RESTED: Transition(
+        _OPEN, LinkState.READY, None, "reads from time to time, to keep the program alive", "stops its motors"
+    ),
     Cause.STOPPED: Transition(_ANY, LinkState.DISCONNECTED, None, "stops the program", "stops its motors at once"),
     Cause.HALTED: Transition(
         _ANY, LinkState.FAULT, StoppedError, "stops the program; everything raises until `release`", "stops its motors at once"
     ),
     Cause.NO_ANSWER: Transition(
-        _ANY, LinkState.FAULT, HubTimeoutError, "gives up; `open` connects anew where it must", _WATCHDOG
+        _ANY, LinkState.FAULT, HubTimeoutError, "gives up; `open` connects again if necessary", _WATCHDOG
     ),
     Cause.LINK_LOST: Transition(
-        _ANY, LinkState.FAULT, HubDisconnectedError, "`open` looks for the same hub, with growing pauses, for 20 s", _WATCHDOG
+        _ANY, LinkState.FAULT, HubDisconnectedError, "`open` searches for the same hub, with growing pauses, for 20 s", _WATCHDOG
     ),
-    Cause.BUSY: Transition(_ANY, LinkState.FAULT, HubBusyError, "has tried again for 2 s; `open` starts afresh", _WATCHDOG),
-    Cause.REFUSED: Transition(_ANY, LinkState.FAULT, HubRefusedError, "`open` brings the program again", _WATCHDOG),
+    Cause.BUSY: Transition(_ANY, LinkState.FAULT, HubBusyError, "has retried for 2 s; `open` starts again", _WATCHDOG),
+    Cause.REFUSED: Transition(_ANY, LinkState.FAULT, HubRefusedError, "`open` downloads the program again", _WATCHDOG),
     Cause.RAISED: Transition(
         _ANY,
         LinkState.FAULT,
         HubProgramError,
-        "tells the hub's text and the line; `open` starts it again",
+        "reports the hub's text and the line; `open` starts the program again",
         "stops its motors at once",
     ),
-    Cause.ENDED: Transition(_ANY, LinkState.FAULT, ProgramStoppedError, "`open` starts it again", "stops its motors at once"),
+    Cause.ENDED: Transition(
+        _ANY, LinkState.FAULT, ProgramStoppedError, "`open` starts the program again", "stops its motors at once"
+    ),
     Cause.SILENCE: Transition(
         _OPEN,
         LinkState.FAULT,
         SilentHubError,
-        "`read` starts it again by itself; `act` does not",
+        "`read` starts the program again; `act` does not",
         "has stopped its motors and advertises",
     ),
     Cause.NOT_FOUND: Transition(_ANY, LinkState.FAULT, HubNotFoundError, "says what to do", _WATCHDOG),
-    Cause.UNKNOWN: Transition(_ANY, LinkState.FAULT, HubError, "`open` starts afresh", _WATCHDOG),
+    Cause.UNKNOWN: Transition(_ANY, LinkState.FAULT, HubError, "`open` starts again", _WATCHDOG),
 }
 
 _CAUSES: tuple[tuple[type[BricksError], Cause], ...] = (
@@ -132,15 +136,15 @@ _CAUSES: tuple[tuple[type[BricksError], Cause], ...] = (
 
 
 def cause_of(error: BricksError) -> Cause:
-    """Cause behind an error."""
+    """Cause of an error."""
     return next((cause for kind, cause in _CAUSES if isinstance(error, kind)), Cause.UNKNOWN)
 
 
 def after(state: LinkState, cause: Cause) -> LinkState:
-    """The state that follows.
+    """Next state.
 
     Raises:
-        ValueError: the cause cannot come in this state: a mistake in our own code.
+        ValueError: the cause cannot occur in this state, which is a bug of ours.
     """
     transition = TABLE[cause]
     if state not in transition.before:
@@ -149,7 +153,7 @@ def after(state: LinkState, cause: Cause) -> LinkState:
 
 
 def markdown() -> str:
-    """The table, for the documentation."""
+    """Table of transitions in Markdown, for the documentation."""
     lines = ["| what happens | in state | then | the call raises | this computer | the hub |", "|---|---|---|---|---|---|"]
     for cause, row in TABLE.items():
         before = "any" if row.before == _ANY else ", ".join(state.value for state in LinkState if state in row.before)

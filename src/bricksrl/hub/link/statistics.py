@@ -16,14 +16,14 @@ def _recent() -> deque[float]:
 
 @dataclass(frozen=True)
 class LinkStatistics:
-    """A snapshot, since the link was made; the percentiles are over the last 500 exchanges and 0 before the first.
+    """Snapshot of counts since the link was made; percentiles are over the last 500 exchanges, and 0 before the first.
 
     Attributes:
         exchanges: commands and readings that were answered.
         resends: frames sent again because no answer came in time.
         stale_answers: answers to another sequence number than the one waited for.
-        round_trip_p50_s, round_trip_p99_s: from the first sending to the answer, the commands' own time included.
-        age_p50_s, age_p99_s: of the observations, when they were returned.
+        round_trip_p50_s, round_trip_p99_s: time from the first sending to the answer, including the commands' duration.
+        age_p50_s, age_p99_s: age of the observations when they were returned.
         crc_errors, skipped_bytes: see ``FrameDecoder``.
         watchdog_s: silence after which the hub stops its motors.
     """
@@ -52,10 +52,10 @@ class LinkMeter:
     round_trips_s: deque[float] = field(default_factory=_recent)
     ages_s: deque[float] = field(default_factory=_recent)
     delays_s: deque[float] = field(default_factory=_recent)
-    """Round trips without the time that the commands themselves take, where that is known."""
+    """Round trips minus the commands' duration, where that is known."""
 
     def record(self, round_trip_s: float, move_s: float | None, age_s: float) -> None:
-        """Count an exchange. ``move_s`` is the time that its command took; ``None`` where nobody knows."""
+        """Count an exchange. ``move_s`` is the duration of its command; ``None`` if unknown."""
         self.exchanges += 1
         self.ages_s.append(age_s)
         self.round_trips_s.append(round_trip_s)
@@ -63,7 +63,7 @@ class LinkMeter:
             self.delays_s.append(max(0.0, round_trip_s - move_s))
 
     def delay_p99_s(self) -> float:
-        """Delay of the link alone, at its slowest; 0 while unknown."""
+        """99th percentile of the link's delay; 0 while unknown."""
         return float(np.percentile(list(self.delays_s), 99)) if self.delays_s else 0.0
 
     def snapshot(self, watchdog_s: float) -> LinkStatistics:

@@ -1,11 +1,11 @@
-"""Streaming link: the hub sends observations all the time, and takes the latest command.
+"""Streaming link: the hub sends observations continuously, and applies the latest command.
 
-In lock-step a step waits for two connection intervals beyond its own time, and the robot stands by meanwhile. Here
-steps follow one another at a fixed rate: ``act`` sends the command and returns at the end of its step, with the newest
-observation that the hub made under that command. How old that is, is in ``Reading.age_s``.
+In lock-step a step takes two connection intervals beyond its own time, during which the robot idles. Here steps have a
+fixed rate: ``act`` sends the command and returns at the end of its step, with the newest observation that the hub made
+under that command. Its age is in ``Reading.age_s``.
 
-A frame goes out at least three times within the time of the watchdog, so that the hub knows that this computer lives;
-the hub takes a sequence number that it has seen for a sign of life and moves nothing.
+The frame is sent at least three times within the time of the watchdog, as a keepalive; the hub ignores commands with a
+sequence number that it has seen.
 """
 
 from __future__ import annotations
@@ -29,10 +29,10 @@ from bricksrl.hub.transport import Pipe, Transport
 from bricksrl.robots import Robot
 
 PERIOD_MS = 10
-"""Between two observations: 100 Hz."""
+"""Period of the observations: 100 Hz."""
 _SENDS_PER_WATCHDOG = 3
 _TICK_S = 0.0005
-"""Half a millisecond: what a simulated clock, which ticks in milliseconds, takes for no time."""
+"""Half a tick of a simulated clock: shorter waits do not advance it."""
 _WAITS_PER_STEP = 100_000
 
 
@@ -41,7 +41,7 @@ class StreamingLink(HubLink):
 
     Args:
         transport, robot, interface, timeout_s, watchdog_s, pipe, calibrate: see :class:`HubLink`.
-        period_ms: between two observations.
+        period_ms: period of the observations.
 
     Raises:
         DescriptionError: a step of this interface has no fixed time.
@@ -68,9 +68,9 @@ class StreamingLink(HubLink):
         self._due_s = -math.inf
 
     def act(self, values: Sequence[float] | NDArray[np.floating]) -> Reading:
-        """Give a new command, and return at the end of the step with the newest observation made under it.
+        """Send a new command, and return at the end of the step with the newest observation made under it.
 
-        Steps start ``settle.time_ms`` apart, as long as the caller takes less time than that between them.
+        Steps start ``settle.time_ms`` apart, if the caller takes less time than that between them.
 
         Raises:
             EncodingError, HubError, HubTimeoutError, HubProgramError: as in lock-step.
@@ -86,7 +86,7 @@ class StreamingLink(HubLink):
             self._adapt_watchdog()
             resends = self._meter.resends
             reading = self._stream(data_frame(self._seq, payload), started_s)
-        # Waiting for what was lost is no delay of the link.
+        # Waiting for a lost frame is no delay of the link.
         self._meter.record(reading.round_trip_s, 0.0 if self._meter.resends == resends else None, reading.age_s)
         return reading
 
@@ -95,11 +95,11 @@ class StreamingLink(HubLink):
         self._ask()
 
     def _ask(self) -> None:
-        """Have the hub send observations."""
+        """Ask the hub to send observations."""
         self._transport.write(control_frame(Down.STREAM, struct.pack("<H", self._period_ms)))
 
     def _is_answer(self, frame: Frame) -> bool:
-        """What came under an earlier command is no sign of trouble here."""
+        """Like lock-step, but observations under an earlier command are normal and not counted as stale."""
         if isinstance(frame, ControlFrame):
             return super()._is_answer(frame)
         return frame.seq == self._seq
@@ -110,14 +110,14 @@ class StreamingLink(HubLink):
         give_up_s = self._due_s + self._timeout_s
         newest: Reading | None = None
         next_send_s = started_s
-        for _ in range(_WAITS_PER_STEP):  # should the transport's clock stand still
+        for _ in range(_WAITS_PER_STEP):  # bounded, in case the transport's clock stands still
             now_s = self.now_s() + _TICK_S
             if newest is not None and now_s >= self._due_s:
                 return replace(newest, age_s=self._clock.age_s(newest.hub_time_ms, self.now_s()))
             if now_s >= give_up_s:
                 break
             if now_s >= next_send_s:
-                if newest is None and next_send_s > started_s:  # the command was lost, or the wish for observations
+                if newest is None and next_send_s > started_s:  # the command was lost, or the request for observations
                     self._meter.resends += 1
                     self._ask()
                 self._transport.write(frame)

@@ -1,4 +1,4 @@
-"""Link of a robot that acts with others: all hubs are commanded before any is read."""
+"""Link of a robot in a team: all hubs are commanded before any is read."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from bricksrl.hub.protocol import data_frame, next_seq
 
 
 class TeamLink(HubLink):
-    """A `HubLink` whose command and answer are apart, so that several robots move at the same time."""
+    """A `HubLink` with separate command and answer, so that several robots move at the same time."""
 
     _frame = b""
     _sent_s = 0.0
 
     def send(self, values: Sequence[float] | NDArray[np.floating]) -> None:
-        """Have the hub carry out the commands ``[n_commands]``, in their units; `receive` then waits for what came of it.
+        """Send the commands ``[n_commands]``, in their units; `receive` then waits for the answer.
 
         Raises:
             EncodingError: the wrong number of values, or one that is not a number; nothing was sent.
@@ -37,7 +37,7 @@ class TeamLink(HubLink):
             self._transport.write(self._frame)
 
     def receive(self) -> Reading:
-        """The channels when the commands that were sent last have settled.
+        """Wait for the answer to the last sent commands.
 
         Raises:
             HubError, HubTimeoutError, HubProgramError, StoppedError: as `HubLink.act`.

@@ -22,7 +22,7 @@ def compile_mpy(source: str, name: str = MAIN_FILE) -> bytes:
     """Compile a program to ``.mpy`` version 6. ``name`` is the file name that tracebacks show.
 
     Raises:
-        ProgramError: the source is not MicroPython, or no compiler could be run.
+        ProgramError: the source is not MicroPython, or the compiler could not be run.
     """
     try:
         process, mpy = mpy_cross_compile(name, source, extra_args=[_SMALL_INT_BITS])
@@ -38,10 +38,10 @@ def compile_mpy(source: str, name: str = MAIN_FILE) -> bytes:
 
 
 def compile_program(program: HubProgram) -> dict[str, bytes]:
-    """The ``.mpy`` of a program and of the modules beside it, by their names on the hub.
+    """Compile a program and the modules beside it to ``.mpy``, by their names on the hub.
 
     Raises:
-        ProgramError: one of them is not MicroPython, or no compiler could be run.
+        ProgramError: one of them is not MicroPython, or the compiler could not be run.
     """
     beside = {module.name: compile_mpy(module.source, module.file) for module in program.beside}
     return {MAIN_MODULE: compile_mpy(program.source, program.name), **beside}
@@ -51,7 +51,7 @@ def program_blob(modules: Mapping[str, bytes], hub: HubKind) -> bytes:
     """Content of a hub's program area: ``<I length> name "\\0" mpy`` for each module, the program itself first.
 
     Raises:
-        ProgramError: it is larger than the program area.
+        ProgramError: the content is larger than the program area.
     """
     blob = b"".join(struct.pack("<I", len(mpy)) + name.encode() + b"\0" + mpy for name, mpy in modules.items())
     room = hub.model.program_bytes

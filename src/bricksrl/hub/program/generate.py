@@ -1,7 +1,7 @@
 """Generator of the MicroPython program for a robot and an interface.
 
-A program is: a header that says what it is for, the constants of the wire, the robot's devices, ``start_moves`` and
-``read_channels``, and then the loop from ``onboard/loop.py``, which is the same for every robot.
+A program consists of a header comment, the constants of the wire, the robot's devices, ``start_moves`` and
+``read_channels``, and the loop from ``onboard/loop.py``, which is the same for every robot.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from bricksrl.hub.transport import HubProgram, Pipe
 from bricksrl.robots import Direction, Motor, Robot, Sensor
 
 WATCHDOG_MS = 400
-"""Silence after which the hub stops its motors, until a WATCHDOG frame says otherwise."""
+"""Default silence after which the hub stops its motors; a WATCHDOG frame changes it."""
 END_MS = 10_000
 """Further silence after which the program ends, so that the hub advertises again."""
 
@@ -41,12 +41,12 @@ _ONBOARD = {Pipe.STDIN: "stdio", Pipe.APP_DATA: "app_data"}
 
 
 def generate(robot: Robot, interface: Interface, pipe: Pipe = Pipe.STDIN) -> HubProgram:
-    """The program that lets ``robot`` take the commands and report the channels of ``interface``.
+    """Generate the program with which ``robot`` takes the commands and reports the channels of ``interface``.
 
-    The hash is that of the text before the hash itself is written into it.
+    The hash is that of the text with a hash of zeros.
 
     Raises:
-        DescriptionError: robot and interface do not fit each other.
+        DescriptionError: robot and interface do not match.
         ProgramError: the robot's hub cannot run such a program.
     """
     validate(robot, interface)
@@ -54,7 +54,7 @@ def generate(robot: Robot, interface: Interface, pipe: Pipe = Pipe.STDIN) -> Hub
     way_imports, way = _onboard(_ONBOARD[pipe])
     parts = [
         _constants(interface, pipe),
-        way,  # first of all, since the host may write as soon as the program runs
+        way,  # first, since the host may write as soon as the program runs
         _devices(robot, interface),
         _start_moves(robot, interface),
         _read_channels(interface),
@@ -148,21 +148,21 @@ def _constants(interface: Interface, pipe: Pipe) -> str:
 
 
 def _motors(robot: Robot, interface: Interface) -> list[Motor]:
-    """The motors that the interface commands or reads, in the robot's order."""
+    """Motors that the interface commands or reads, in the robot's order."""
     names = {name for channel in interface.channels for name in channel.devices(robot)}
     names |= {name for command in interface.commands for name in command.motors(robot)}
     return [motor for motor in robot.motors if motor.name in names]
 
 
 def _sensors(robot: Robot, interface: Interface) -> list[Sensor]:
-    """The sensors that the interface reads, each once, in the order of its channels."""
+    """Sensors that the interface reads, without duplicates, in the order of its channels."""
     names = [name for channel in interface.channels for name in channel.devices(robot)]
     sensors = {sensor.name: sensor for sensor in robot.sensors}
     return [sensors[name] for name in dict.fromkeys(names) if name in sensors]
 
 
 def _joints(robot: Robot, interface: Interface) -> set[str]:
-    """Names of the motors with a range that turn by angles, from target to target."""
+    """Names of the motors with a range that are commanded by `RunAngle`."""
     commanded = {name for command in interface.commands if isinstance(command, RunAngle) for name in command.motors(robot)}
     return {motor.name for motor in robot.motors if motor.name in commanded and motor.range_deg is not None}
 
@@ -205,7 +205,7 @@ def _motor_lines(motor: Motor, is_joint: bool) -> list[str]:
 
 
 def _from_zero(motor: Motor, shown: str) -> str:
-    """Expression for the angle from the calibrated zero: of those that differ by whole turns, the one near the range."""
+    """Expression of the angle relative to the calibrated zero, shifted by whole turns to be near the range."""
     if not motor.turn_deg.is_integer():
         return f"{shown} - {motor.zero_deg}"
     turn, middle = int(motor.turn_deg), sum(motor.range_deg or (0, 0)) // 2

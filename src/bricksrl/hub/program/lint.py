@@ -1,7 +1,7 @@
-"""Lint of hub programs: what Python has and the hub's language lacks, found before a program is sent.
+"""Linter of hub programs: finds Python features that the hub lacks, before a program is sent.
 
-It looks at the source only, so it cannot see everything; ``compile_mpy`` says the rest about the syntax. Sources: the
-firmware's MicroPython configuration and the Pybricks documentation, both of Pybricks 4.
+It is static and therefore incomplete; ``compile_mpy`` finds further syntax errors. Sources: the firmware's MicroPython
+configuration and the Pybricks documentation, both of Pybricks 4.
 """
 
 from __future__ import annotations
@@ -79,7 +79,7 @@ _MISSING_ATTRIBUTES = {
 
 
 def lint(source: str, hub: HubKind) -> tuple[Finding, ...]:
-    """All findings in a program for that kind of hub, in order of their lines."""
+    """All findings in a program for that kind of hub, by line."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
@@ -94,10 +94,10 @@ def lint(source: str, hub: HubKind) -> tuple[Finding, ...]:
 
 
 def require_clean(source: str, hub: HubKind) -> None:
-    """Refuse a program with findings.
+    """Require that a program has no findings.
 
     Raises:
-        ProgramError: names the first finding and how many there are.
+        ProgramError: there are findings; the message has the first and their number.
     """
     findings = lint(source, hub)
     if findings:
@@ -112,7 +112,7 @@ def _finding(line: int, message: str) -> Finding:
 class _Checker:
     def __init__(self, tree: ast.Module, hub: HubKind) -> None:
         self._hub = hub
-        self._is_small = not hub.model.has_float  # its firmware leaves out streams, struct and sets, too
+        self._is_small = not hub.model.has_float  # such firmware has no streams, struct or sets either
         self._bound = set(_bound_names(tree))
         self._builtins = set(_BUILTINS)
         self._modules = set(_MODULES_EVERYWHERE)
@@ -123,7 +123,7 @@ class _Checker:
             self._builtins.add("memoryview")
 
     def check(self, node: ast.AST) -> Iterator[tuple[int, str]]:
-        """Findings in one node, without its children."""
+        """Lines and messages of the findings in one node, without its children."""
         line = getattr(node, "lineno", 1)
         for message in self._messages(node):
             yield line, message
@@ -232,7 +232,7 @@ def _exit_remedy(name: str) -> str:
 
 
 def _bound_names(tree: ast.Module) -> Iterator[str]:
-    """Every name that the program binds anywhere; which scope sees it is left to the hub."""
+    """Names that the program binds anywhere; scopes are not checked."""
     for node in ast.walk(tree):
         match node:
             case ast.Name(id=name, ctx=ast.Store()) | ast.Attribute(attr=name, ctx=ast.Store()):

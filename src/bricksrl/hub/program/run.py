@@ -1,4 +1,4 @@
-"""Run of a user's program on a hub: what it prints, what it raises, what it reads."""
+"""Run of a user's program on a hub, with its output, traceback and input."""
 
 from __future__ import annotations
 
@@ -30,21 +30,21 @@ def run_program(
     stdin: BinaryIO | None = None,
     time_limit_s: float | None = None,
 ) -> int:
-    """Start a program over a transport, which connects where it has not yet, and stay until it ends.
+    """Start a program over a transport, connecting it if necessary, and wait until it ends.
 
     Args:
-        transport: to the hub.
+        transport: transport to the hub.
         program: from :func:`~bricksrl.hub.program.user_program.own_program`.
-        stdout: gets what it prints, as it comes.
-        stderr: gets the traceback when it raises, or that it was stopped.
-        stdin: what the program can read; read in a thread, and passed on as the hub takes it.
+        stdout: receives the program's output as it comes.
+        stderr: receives the traceback, or the message that the program was stopped.
+        stdin: input of the program; read in a thread, and passed on as the hub accepts it.
         time_limit_s: seconds after which the program is stopped.
 
     Returns:
-        Exit code: 1 when the program raised, 0 else.
+        Exit code: 1 if the program raised, else 0.
 
     Raises:
-        ProgramError: the program is wrong, or too large for the hub, or the time limit is no time.
+        ProgramError: the program is invalid or too large for the hub, or the time limit is invalid.
         HubError: the hub cannot be reached, or the link was lost.
     """
     check_time_limit(time_limit_s)
@@ -61,14 +61,14 @@ def run_program(
                 try:
                     transport.write(data)
                 except HubBusyError:
-                    typed.put_back(data)  # the program reads nothing just now
+                    typed.put_back(data)  # the program is not reading at present
             transcript.take(transport.read(_READ_S if typed is None else _READ_BESIDE_INPUT_S))
     except ProgramStoppedError:
         return transcript.end()
 
 
 class _Typed:
-    """Standard input, read in a separate thread, since nobody can wait for it and for the hub at once."""
+    """Non-blocking standard input, read in a separate thread."""
 
     def __init__(self, stream: BinaryIO) -> None:
         self._stream = stream
@@ -78,12 +78,12 @@ class _Typed:
 
     def _read(self) -> None:
         read = getattr(self._stream, "read1", self._stream.read)
-        with contextlib.suppress(OSError, ValueError):  # closed: nothing more is typed
+        with contextlib.suppress(OSError, ValueError):  # the stream was closed
             while data := read(WRITE_BYTES):
                 self._pieces.put(data)
 
     def next(self) -> bytes:
-        """The next bytes; ``b""`` while there are none."""
+        """Next bytes; ``b""`` while there are none."""
         data, self._again = self._again, b""
         try:
             return data or self._pieces.get_nowait()
@@ -95,9 +95,9 @@ class _Typed:
 
 
 class Transcript:
-    """Tells apart what a program prints and how the firmware says that it ended: a hub writes both to the same place.
+    """Separator of a program's output from the firmware's closing message: a hub writes both to the same stream.
 
-    A traceback that other output follows was printed by the program itself.
+    A traceback that is followed by other output was printed by the program itself.
     """
 
     def __init__(self, stdout: BinaryIO, stderr: TextIO) -> None:
@@ -107,17 +107,17 @@ class Transcript:
         self._held: list[str] = []
 
     def take(self, data: bytes) -> None:
-        """More output of the hub."""
+        """Take further output of the hub."""
         *lines, self._line = (self._line + data).replace(b"\r\n", b"\n").split(b"\n")
         for line in lines:
             self._take_line(line)
-        shown = self._line.removesuffix(b"\r")  # the rest of a line's end may follow
+        shown = self._line.removesuffix(b"\r")  # the "\n" of a line end may follow
         if not self._held and not any(words.startswith(shown) for words in _LAST_WORDS):
             self._print(shown)
             self._line = self._line[len(shown) :]
 
     def end(self) -> int:
-        """No more output; the exit code."""
+        """Flush at the end of the output; returns the exit code."""
         if self._line:
             self._let_go()
             self._print(self._line)
@@ -135,7 +135,7 @@ class Transcript:
             self._print(line + b"\n")
 
     def _goes_on(self, text: str) -> bool:
-        """True if a line belongs to the traceback before it: places, and then the error."""
+        """True if a line continues the held traceback: locations, then the error."""
         if self._held[0] != _HEAD:
             return False
         return text.startswith(_PLACE) if len(self._held) == 1 else self._held[-1].startswith(_PLACE)

@@ -1,4 +1,4 @@
-"""MicroPython traceback, as a hub prints it, in one line that says where and what to do."""
+"""Summary of a hub's MicroPython traceback in one line, with location and remedy."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _HINTS = {
 
 
 def describe_traceback(text: str, source: str, name: str = MAIN_FILE) -> str:
-    """One line from the hub's text: the last exception, the line of ``source`` of file ``name`` that raised it, a remedy."""
+    """One line from the hub's output: the last exception, its line in ``source`` (file ``name``), and a remedy."""
     text = text[text.rfind("Traceback (") :]
     error = next((line.strip() for line in reversed(text.splitlines()) if _is_error(line)), "an unknown error")
     numbers = re.findall(rf'File "{re.escape(name)}", line (\d+)', text)
@@ -26,5 +26,5 @@ def describe_traceback(text: str, source: str, name: str = MAIN_FILE) -> str:
 
 
 def _is_error(line: str) -> bool:
-    """True if a line names an exception: neither indented, nor the heading, nor the firmware's closing remark."""
+    """True if a line names an exception: neither indented, nor the heading, nor the firmware's closing message."""
     return re.match(r"[A-Za-z_]\w*(:|$)", line) is not None

@@ -1,4 +1,4 @@
-"""User's program: its file, and those beside it that it imports."""
+"""User's program: its file, and the modules beside it that it imports."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from bricksrl.hub.transport import HubModule, HubProgram
 
 
 def read_program(path: Path) -> str:
-    """The source of a program.
+    """Source of a program.
 
     Raises:
         ProgramError: the file cannot be read.
@@ -27,17 +27,17 @@ def read_program(path: Path) -> str:
 
 
 def check_time_limit(time_limit_s: float | None) -> None:
-    """Check of a time limit in seconds; ``None`` for never.
+    """Check a time limit in seconds; ``None`` for no limit.
 
     Raises:
-        ProgramError: that is no time.
+        ProgramError: the limit is not a positive finite number.
     """
     if time_limit_s is not None and not 0 < time_limit_s < math.inf:
         raise ProgramError(f"the time limit is {time_limit_s} s; give a number above zero, or none")
 
 
 def module_beside(path: Path, name: str) -> HubModule | None:
-    """The module ``name`` (``parts.arm``) beside a program; ``None`` where there is none.
+    """The module ``name`` (such as ``parts.arm``) beside a program; ``None`` if there is none.
 
     Raises:
         ProgramError: the file cannot be read.
@@ -50,7 +50,7 @@ def module_beside(path: Path, name: str) -> HubModule | None:
 
 
 def own_program(path: Path) -> HubProgram:
-    """A program, and all modules beside it that it may import, as a hub takes them: it imports nothing from elsewhere.
+    """A program for a hub, with all modules beside it that it may import.
 
     Raises:
         ProgramError: a file cannot be read.
@@ -70,7 +70,7 @@ def own_program(path: Path) -> HubProgram:
 
 
 def _imported(source: str) -> Iterator[str]:
-    """Names of modules in all import statements; what cannot be parsed, the hub's compiler will refuse."""
+    """Names of modules in all import statements; empty for invalid source, which the hub's compiler rejects later."""
     try:
         tree = ast.parse(source)
     except (SyntaxError, ValueError):

@@ -17,8 +17,8 @@ def validate(robot: Robot, interface: Interface) -> None:
     """Check that the robot has every device that the interface names and that all ranges fit the wire.
 
     Raises:
-        ProgramError: no program of ours runs on this kind of hub.
-        DescriptionError: robot and interface do not fit each other.
+        ProgramError: this kind of hub is not supported.
+        DescriptionError: robot and interface do not match.
     """
     model = robot.hub.model
     if model.stdin_bytes == 0:

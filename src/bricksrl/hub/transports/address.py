@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 VIRTUAL = "virtual"
 _REAL = ("ble", "usb")
 _CHOICES = "'virtual', 'ble' or 'usb'; 'ble:NAME', 'ble:ADDRESS' or 'usb:PORT' where there are several"
-# Of a radio; macOS tells instead an identifier of its own.
+# Bluetooth device address, or the identifier that macOS uses instead.
 _BLE_ADDRESS = re.compile(r"([0-9A-F]{2}:){5}[0-9A-F]{2}|[0-9A-F]{8}(-[0-9A-F]{4}){3}-[0-9A-F]{12}", re.IGNORECASE)
 
 
@@ -24,7 +24,7 @@ class HubAddress:
 
     Attributes:
         medium: ``"virtual"``, ``"ble"`` or ``"usb"``.
-        which: name or address of a hub over Bluetooth, or serial port; ``None`` for the only one there is.
+        which: name or address of a hub over Bluetooth, or serial port; ``None`` for the only one in reach.
     """
 
     medium: str
@@ -35,7 +35,7 @@ class HubAddress:
         return self.medium == VIRTUAL
 
     def transport(self) -> ProfileTransport:
-        """A transport to it, not yet open.
+        """An unopened transport to the hub.
 
         Raises:
             UnknownNameError: the hub is virtual, and needs a robot.
@@ -54,7 +54,7 @@ class HubAddress:
 
 
 def parse_hub(text: str) -> HubAddress:
-    """Address from its text.
+    """Parse the address of a hub.
 
     Raises:
         UnknownNameError: there is no such kind of hub.

@@ -1,4 +1,4 @@
-"""Transport over Bluetooth Low Energy, to a real hub."""
+"""Transport to a real hub over Bluetooth Low Energy."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ class BleTransport(ProfileTransport):
     """A :class:`~bricksrl.hub.transport.Transport` over Bluetooth.
 
     Args:
-        name, address: which hub, by either; with neither it must be the only one in reach.
-        backend: what reaches the radio; ``None`` for bleak's own choice.
+        name, address: name or address of the hub; with neither it must be the only one in reach.
+        backend: bleak backend; ``None`` for bleak's default.
         timeout_s, answer_timeout_s, record: see :class:`ProfileTransport`.
     """
 
@@ -51,7 +51,7 @@ class BleTransport(ProfileTransport):
 
 
 class BlePort:
-    """The profile over a GATT connection of bleak's."""
+    """Pybricks Profile over a GATT connection, with bleak."""
 
     def __init__(self, device: BLEDevice, client_backend: type[BaseBleakClient] | None, timeout_s: float) -> None:
         self.name, self.address = device.name or "", device.address

@@ -1,4 +1,4 @@
-"""Bluetooth of this computer: what it lacks, the remedy, and bleak's errors as ours."""
+"""Bluetooth of this computer: diagnosis, remedies, and translation of bleak's errors."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _RFKILL_FOLDER = Path("/sys/class/rfkill")
 _SYSTEM_BUS = Path("/run/dbus/system_bus_socket")
 _SERVICES = "`sudo systemctl start dbus bluetooth`"
 
-# Of bleak's BleakBluetoothNotAvailableReason.
+# Names in bleak's BleakBluetoothNotAvailableReason.
 _REASONS = {
     "NO_BLUETOOTH": Reason.NO_ADAPTER,
     "NO_BLE_CENTRAL_ROLE": Reason.NO_ADAPTER,
@@ -35,7 +35,7 @@ _REMEDIES = {
 
 
 def lack_of_bluetooth() -> tuple[Reason, str] | None:
-    """On Linux, what is missing, from the outside in: adapter, switch, service. ``None`` where nothing can be told."""
+    """Reason why Bluetooth is unavailable on Linux: adapter, switch or service. ``None`` if none is found."""
     if sys.platform != "linux":
         return None
     if not (_BLUETOOTH_FOLDER.is_dir() and any(_BLUETOOTH_FOLDER.glob("hci*"))):
@@ -50,15 +50,15 @@ def lack_of_bluetooth() -> tuple[Reason, str] | None:
 
 
 def remedy(platform: str = sys.platform) -> str:
-    """Remedy where Bluetooth fails for an unknown reason."""
+    """Remedy for Bluetooth that fails for an unknown reason."""
     return _REMEDIES.get(platform, "switch this computer's Bluetooth on, and allow this program to use it")
 
 
 @contextmanager
 def bleak_errors(what: str, otherwise: type[HubError]) -> Iterator[None]:
-    """Turns what bleak raises while it does ``what`` (e.g. ``"connect to the hub"``) into our errors.
+    """Translate bleak's errors while it does ``what`` (e.g. ``"connect to the hub"``) into our errors.
 
-    ``otherwise`` is the error for what bleak does not explain further.
+    ``otherwise`` is the type for errors that bleak does not specify further.
     """
     from bleak.exc import BleakBluetoothNotAvailableError, BleakDeviceNotFoundError, BleakError, BleakGATTProtocolError
 
@@ -81,9 +81,9 @@ def bleak_errors(what: str, otherwise: type[HubError]) -> Iterator[None]:
 
 
 def no_bluetooth(what: str, error: BaseException) -> BluetoothUnavailableError:
-    """Error with what this computer lacks, or else with what the error says."""
-    told = getattr(getattr(error, "reason", None), "name", "")
-    reason, why = lack_of_bluetooth() or (_REASONS.get(told, Reason.UNKNOWN), f"{_one_line(error)}; {remedy()}")
+    """Error with the reason found on this computer, or else with bleak's."""
+    name = getattr(getattr(error, "reason", None), "name", "")
+    reason, why = lack_of_bluetooth() or (_REASONS.get(name, Reason.UNKNOWN), f"{_one_line(error)}; {remedy()}")
     return BluetoothUnavailableError(f"could not {what}: {why}", reason)
 
 

@@ -1,9 +1,9 @@
-"""Frames in a stream of bytes: the variant of Consistent Overhead Byte Stuffing that SPIKE and Pybricks hubs use over USB.
+"""Framing over USB: the variant of Consistent Overhead Byte Stuffing (COBS) of SPIKE and Pybricks hubs.
 
-Source: https://lego.github.io/spike-prime-docs/encoding.html. A message is cut into blocks at its bytes 0, 1 and 2, which
-are taken out; a code before each block says how long it is and which of the three ended it, ``byte * 84 + length + 2``,
-the code itself counted; 255 stands for 84 bytes that none of them ended. Then every byte is XORed with 3, so that no 1, 2
-or 3 is left, and 2 ends the frame. A 1 may come before it (for messages of high priority) and means nothing here.
+Source: https://lego.github.io/spike-prime-docs/encoding.html. A message is split into blocks at its bytes 0, 1 and 2, which
+are removed; a code before each block gives its length (including the code) and the byte that ended it:
+``byte * 84 + length + 2``; 255 stands for 84 bytes that none of them ended. Then every byte is XORed with 3, so that no 1,
+2 or 3 is left, and 2 ends the frame. A leading 1 (for messages of high priority) is ignored here.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ _FULL = 0xFF
 
 
 def encode(message: bytes) -> bytes:
-    """A frame with its end."""
+    """Encode a message into a frame, including its end."""
     out = bytearray((_FULL,))
     code_at = 0
     for byte in message:
@@ -37,10 +37,10 @@ def encode(message: bytes) -> bytes:
 
 
 def decode(frame: bytes) -> bytes:
-    """The message in a frame, given without its end.
+    """Decode a frame, given without its end, into a message.
 
     Raises:
-        HubProtocolError: it is none.
+        HubProtocolError: the frame is invalid.
     """
     data = bytes(byte ^ _XOR for byte in frame.removeprefix(bytes((_HIGH_PRIORITY,))))
     out = bytearray()
@@ -58,7 +58,7 @@ def decode(frame: bytes) -> bytes:
 
 
 def _parse_code(code: int) -> tuple[int | None, int]:
-    """The byte that ended a block, if any, and how long the block is with its code."""
+    """The byte that ended a block, if any, and the length of the block including its code."""
     if code == _FULL:
         return None, _BLOCK_BYTES + 1
     if code <= _CODE_OFFSET:
@@ -68,10 +68,10 @@ def _parse_code(code: int) -> tuple[int | None, int]:
 
 
 class Framer:
-    """Cuts a stream into frames. What is too long to be one is dropped up to the next end.
+    """Splitter of a stream into frames. Overlong input is dropped up to the next end.
 
     Attributes:
-        damaged: frames that were none.
+        damaged: number of invalid frames.
     """
 
     def __init__(self, longest_bytes: int = 2048) -> None:
@@ -81,7 +81,7 @@ class Framer:
         self._is_too_long = False
 
     def feed(self, data: bytes) -> list[bytes]:
-        """Take bytes, give the messages that they complete. Never raises."""
+        """Take bytes and return the messages that they complete. Never raises."""
         messages = []
         *ended, rest = data.split(bytes((END,)))
         for part in ended:

@@ -1,6 +1,6 @@
-"""Connection to one hub: commands with bounds, its status, and the program's output, over Bluetooth or USB alike.
+"""Connection to one hub, over Bluetooth or USB: commands with timeouts, status, and the program's output.
 
-Everything here runs in the thread of the event loop.
+All methods run in the event loop's thread.
 """
 
 from __future__ import annotations
@@ -23,48 +23,48 @@ _log = logging.getLogger(__name__)
 _OLDEST_PROFILE = (1, 3)
 _FIRST_STATUS_S = 3 * profile.STATUS_PERIOD_S
 _LAST_WORDS_S = 0.3
-"""The firmware may say that a program has ended before it has sent the rest of its output."""
+"""Time for the rest of a program's output, which may arrive after the report of its end."""
 _BUSY_PAUSE_S = 0.01
 _LONGEST_BUSY_PAUSE_S = 0.16
 
 
 class Port(Protocol):
-    """The medium under a connection: what differs between Bluetooth and USB.
+    """Medium of a connection, Bluetooth or USB.
 
-    Errors are ``HubError`` or its children; a call that takes too long is cancelled.
+    Errors are ``HubError`` or its subclasses; a call that takes too long is cancelled.
 
     Attributes:
-        name, address: of the hub at its other end.
+        name, address: name and address of the hub.
     """
 
     name: str
     address: str
 
     async def open(self, on_event: Callable[[bytes], None], on_loss: Callable[[str], None]) -> None:
-        """Connect. From ``subscribe`` on each event goes to ``on_event``; the end of the link, and why, to ``on_loss``."""
+        """Connect. After ``subscribe``, each event goes to ``on_event``; the reason of a lost link goes to ``on_loss``."""
 
     async def read(self, characteristic: str) -> bytes:
         """Value of a characteristic, by its UUID."""
 
     async def subscribe(self) -> None:
-        """Have the hub send its events."""
+        """Subscribe to the hub's events."""
 
     async def write(self, command: bytes, what: str) -> None:
-        """Write a command and wait for its acknowledgement; ``what`` it does, for messages."""
+        """Write a command and wait for its acknowledgement; ``what`` describes it in error messages."""
 
     async def close(self) -> None:
-        """Let go of the hub."""
+        """Disconnect."""
 
 
 @dataclass(frozen=True)
 class HubIdentity:
-    """Identity of a connected hub, as it reports it.
+    """Identity that a connected hub reports.
 
     Attributes:
-        name, address: as it advertises itself; on macOS the address is one that only this computer knows.
-        kind: of hub.
+        name, address: advertised name and address; on macOS the address is valid on this computer only.
+        kind: kind of hub.
         firmware: version of Pybricks, e.g. ``"4.0.1"``.
-        profile_version: of the Pybricks Profile, e.g. ``(1, 5)``.
+        profile_version: version of the Pybricks Profile, e.g. ``(1, 5)``.
         capabilities: sizes and features.
     """
 
@@ -77,12 +77,12 @@ class HubIdentity:
 
 
 class HubConnection:
-    """A hub and the link to it, from ``connect`` to ``disconnect`` or to a failure. It is not used again after that.
+    """Connection to a hub, from ``connect`` to ``disconnect`` or to a failure; it cannot be reused.
 
     Attributes:
-        identity: of the hub; there after ``connect``.
-        status: its last report; there after ``connect``.
-        output: gets what the program writes, and its end.
+        identity: identity of the hub; set by ``connect``.
+        status: last status report; set by ``connect``.
+        output: buffer of the program's output and its end.
     """
 
     identity: HubIdentity
@@ -107,19 +107,19 @@ class HubConnection:
 
     @property
     def is_running(self) -> bool:
-        """True if a program runs on the hub, as far as it has told."""
+        """True if a program runs on the hub, by its last report."""
         return self.is_connected and Status.USER_PROGRAM_RUNNING in self.status.flags
 
     @property
     def place(self) -> str:
-        """Place of the program that the hub would start now: its address and the slot that is selected."""
+        """Location of the program that the hub would start: its address and the selected slot."""
         return f"{self.identity.address} slot {self.status.slot}"
 
     async def connect(self) -> None:
-        """Connect, learn what the hub is, and have it report.
+        """Connect, identify the hub, and subscribe to its reports.
 
         Raises:
-            HubError: one of its children says why it did not work.
+            HubError: the subclass and the message give the reason.
         """
         self._loss = None
         try:
@@ -140,7 +140,7 @@ class HubConnection:
             raise
 
     async def disconnect(self) -> None:
-        """Let go of the hub. Never raises, and is bounded."""
+        """Disconnect. Never raises, and has a timeout."""
         self._lose("this computer disconnected")
         try:
             async with asyncio.timeout(self._answer_timeout_s):
@@ -149,12 +149,12 @@ class HubConnection:
             _log.debug("disconnecting from the hub: %s", error)
 
     async def command(self, data: bytes, what: str) -> None:
-        """Write a command; try again while the hub is busy.
+        """Write a command; retry while the hub is busy.
 
         Raises:
-            HubBusyError: it stayed busy.
-            HubRefusedError: the hub refused it.
-            HubTimeoutError: the hub did not acknowledge it; the link is given up, since its state is unknown.
+            HubBusyError: the hub stayed busy.
+            HubRefusedError: the hub refused the command.
+            HubTimeoutError: the hub did not acknowledge it; the link is dropped, since its state is unknown.
             HubDisconnectedError: the link is broken.
         """
         loop = asyncio.get_running_loop()
@@ -172,10 +172,10 @@ class HubConnection:
                 return
 
     async def download(self, blob: bytes) -> None:
-        """Bring a program onto the hub.
+        """Download a program to the hub.
 
         Raises:
-            HubProtocolError: the hub has no room for it, or cannot run it.
+            HubProtocolError: the program is too large for the hub, or the hub cannot run it.
             HubError: see ``command``.
         """
         capabilities = self.identity.capabilities
@@ -189,7 +189,7 @@ class HubConnection:
             await self.command(command, "write the program onto the hub")
 
     async def start_program(self) -> None:
-        """Start the program on the hub and wait until it runs, or has already ended.
+        """Start the program on the hub and wait until it runs or has ended.
 
         Raises:
             HubError: see ``command``.
@@ -211,7 +211,7 @@ class HubConnection:
         """Stop the program, and with it the motors; wait until it has ended.
 
         Raises:
-            HubTimeoutError: it goes on.
+            HubTimeoutError: the program did not end.
             HubError: see ``command``.
         """
         self._is_running_expected = False
@@ -222,7 +222,7 @@ class HubConnection:
         self._check_connected()
 
     async def wait_for_output(self, data: bytes, timeout_s: float) -> bool:
-        """True if the program writes these bytes in time; they stay to be read."""
+        """True if the program writes these bytes in time; they remain in the buffer."""
         await self._wait_for(lambda: self.output.holds(data) or not self.is_running, timeout_s)
         return self.output.holds(data)
 
@@ -256,7 +256,7 @@ class HubConnection:
             ) from None
 
     async def _wait_for(self, is_so: Callable[[], bool], timeout_s: float) -> bool:
-        """Wait until something is so, or the link is lost."""
+        """Wait until ``is_so()``, or until the link is lost or the time is up."""
         try:
             async with asyncio.timeout(timeout_s):
                 while not is_so() and self.is_connected:
@@ -313,5 +313,5 @@ class HubConnection:
             self._last_words.cancel()
         self.output.end(HubDisconnectedError, f"the link to the hub is lost ({reason}); open it again")
         if self._write_bound is not None and not self._write_bound.expired():
-            self._write_bound.reschedule(0)  # what waits for an answer need not wait on
+            self._write_bound.reschedule(0)  # wake up the pending write
         self._changed.set()

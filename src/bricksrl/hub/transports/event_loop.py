@@ -1,4 +1,4 @@
-"""Event loop of asyncio in a background thread, for code that is synchronous everywhere else."""
+"""Asyncio event loop in a background thread, for use from synchronous code."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _GRACE_S = 1.0
 
 
 class EventLoopThread:
-    """Runs coroutines for other threads; every call has a bound, whatever the coroutine does."""
+    """Thread that runs coroutines for other threads, with a timeout on every call."""
 
     def __init__(self, name: str) -> None:
         self._loop = asyncio.new_event_loop()
@@ -24,10 +24,10 @@ class EventLoopThread:
         self._thread.start()
 
     def run(self, coroutine: Coroutine[Any, Any, _T], timeout_s: float, what: str) -> _T:
-        """The coroutine's result. When it has not ended by itself after ``timeout_s`` it is cancelled.
+        """Run a coroutine and return its result; it is cancelled after ``timeout_s``.
 
         Raises:
-            HubTimeoutError: it took longer; ``what`` says what it was doing.
+            HubTimeoutError: it took longer; ``what`` describes it in the message.
             HubError: the loop is closed.
         """
         try:
@@ -47,7 +47,7 @@ class EventLoopThread:
             future.cancel()
 
     def close(self) -> None:
-        """Cancel what still runs and end the thread. What refuses to end is left behind, as a daemon."""
+        """Cancel all coroutines and end the thread; one that does not end is left behind as a daemon."""
         with contextlib.suppress(RuntimeError):
             self._loop.call_soon_threadsafe(self._loop.stop)
         self._thread.join(2 * _GRACE_S)

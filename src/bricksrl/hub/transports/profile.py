@@ -1,4 +1,4 @@
-"""Pybricks Profile, as enums and pure functions: how a host talks to the firmware of a hub over Bluetooth.
+"""Pybricks Profile as enums and pure functions: the protocol between a host and a hub's firmware over Bluetooth.
 
 Versions 1.3 to 1.6. Commands are written, with response, to one characteristic; events are notified by the same one.
 """
@@ -19,7 +19,7 @@ _UUID = "c5f5{:04x}-8280-46da-89f4-6d8051e4aeef"
 _STANDARD_UUID = "0000{:04x}-0000-1000-8000-00805f9b34fb"
 
 SERVICE_UUID = _UUID.format(1)
-"""What every Pybricks hub advertises."""
+"""Service that every Pybricks hub advertises."""
 COMMAND_EVENT_UUID = _UUID.format(2)
 CAPABILITIES_UUID = _UUID.format(3)
 DEVICE_NAME_UUID = _STANDARD_UUID.format(0x2A00)
@@ -29,7 +29,7 @@ PNP_ID_UUID = _STANDARD_UUID.format(0x2A50)
 
 LEGO_COMPANY_ID = 0x0397
 STATUS_PERIOD_S = 0.5
-"""A hub reports its status this often, and at every change."""
+"""Period of a hub's status reports; changes are reported at once."""
 
 _PRODUCT_IDS = {
     0x40: HubKind.MOVE,
@@ -44,25 +44,25 @@ _DATA_HEAD = struct.Struct("<BI")
 
 
 class Command(enum.IntEnum):
-    """First byte of what the host writes."""
+    """First byte of a command of the host."""
 
     STOP_USER_PROGRAM = 0
     START_USER_PROGRAM = 1
-    """Then, for a hub with slots, the slot. Refused as BUSY while a program runs."""
+    """Followed by the slot, on a hub with slots. Refused as BUSY while a program runs."""
     START_REPL = 2
     WRITE_USER_PROGRAM_META = 3
-    """Then u32: the size of the program, 0 while it is being written."""
+    """Followed by u32: the size of the program, 0 while it is being written."""
     WRITE_USER_RAM = 4
-    """Then u32 offset and a piece of the program."""
+    """Followed by u32 offset and a piece of the program."""
     REBOOT_TO_UPDATE_MODE = 5
     WRITE_STDIN = 6
-    """Then bytes for the program. Refused whole, as BUSY, when they do not fit its buffer."""
+    """Followed by bytes for the program. Refused as a whole, as BUSY, if they do not fit its buffer."""
     WRITE_APP_DATA = 7
-    """Then u16 offset and bytes, which replace what was there: a latest value, no queue."""
+    """Followed by u16 offset and bytes, which overwrite the buffer: the latest value, no queue."""
 
 
 class CommandError(enum.IntEnum):
-    """Error codes of the attribute protocol with which a hub refuses a command."""
+    """Error codes of the attribute protocol (ATT) of a refused command."""
 
     INVALID_HANDLE = 0x01
     NOT_SUPPORTED = 0x06
@@ -73,7 +73,7 @@ class CommandError(enum.IntEnum):
 
 
 class Event(enum.IntEnum):
-    """First byte of what the hub notifies."""
+    """First byte of a notification of the hub."""
 
     STATUS_REPORT = 0
     WRITE_STDOUT = 1
@@ -116,10 +116,10 @@ class Capabilities:
     """Capabilities that a hub reports.
 
     Attributes:
-        max_write_bytes: of one command, its first byte included.
-        features: of its firmware.
-        max_program_bytes: room for a program.
-        slots: places for programs; 0 before version 1.5 of the profile.
+        max_write_bytes: largest size of a command, including its first byte.
+        features: features of the firmware.
+        max_program_bytes: largest size of a program.
+        slots: number of program slots; 0 before version 1.5 of the profile.
     """
 
     max_write_bytes: int
@@ -130,12 +130,12 @@ class Capabilities:
 
 @dataclass(frozen=True, slots=True)
 class StatusReport:
-    """The hub's status.
+    """Status report of a hub.
 
     Attributes:
-        flags: what is the case.
-        program_id: of the program that runs; 0 before version 1.4.
-        slot: that the hub has selected; 0 before version 1.5.
+        flags: status flags.
+        program_id: id of the running program; 0 before version 1.4.
+        slot: selected slot; 0 before version 1.5.
     """
 
     flags: Status
@@ -152,16 +152,16 @@ class Stdout:
 
 @dataclass(frozen=True, slots=True)
 class AppData:
-    """Bytes that the program sent beside its standard output."""
+    """Bytes that the program sent as AppData."""
 
     data: bytes
 
 
 def parse_event(data: bytes) -> StatusReport | Stdout | AppData | None:
-    """Event in a notification; ``None`` for an event that these versions do not know.
+    """Event in a notification; ``None`` for an unknown event.
 
     Raises:
-        HubProtocolError: it is cut short.
+        HubProtocolError: the notification is truncated.
     """
     if not data:
         raise HubProtocolError("a notification of the hub is empty; update its firmware on code.pybricks.com")
@@ -179,10 +179,10 @@ def parse_event(data: bytes) -> StatusReport | Stdout | AppData | None:
 
 
 def parse_capabilities(data: bytes) -> Capabilities:
-    """The value of the capabilities characteristic.
+    """Parse the value of the capabilities characteristic.
 
     Raises:
-        HubProtocolError: it has another form.
+        HubProtocolError: the value is too short.
     """
     if len(data) < _CAPABILITIES.size - 1:
         raise HubProtocolError(f"the hub's capabilities have {len(data)} bytes; update its firmware on code.pybricks.com")
@@ -194,7 +194,7 @@ def parse_version(data: bytes) -> tuple[int, int]:
     """Major and minor version from the profile version characteristic, e.g. ``b"1.5.0"``.
 
     Raises:
-        HubProtocolError: it is none.
+        HubProtocolError: the value is no version.
     """
     found = re.match(rb"(\d+)\.(\d+)", data)
     if found is None:
@@ -203,10 +203,10 @@ def parse_version(data: bytes) -> tuple[int, int]:
 
 
 def parse_hub_kind(pnp_id: bytes) -> HubKind:
-    """The kind of hub, from its plug-and-play id.
+    """Kind of hub from its plug-and-play id.
 
     Raises:
-        HubProtocolError: it is no hub that we know.
+        HubProtocolError: the id is not that of a known hub.
     """
     try:
         _, vendor, product, _ = struct.unpack("<BHHH", pnp_id)
@@ -233,12 +233,12 @@ def write_stdin(data: bytes) -> bytes:
 
 
 def write_app_data(offset: int, data: bytes) -> bytes:
-    """Command: bytes that replace the program's incoming AppData from ``offset`` on."""
+    """Command: bytes that overwrite the program's incoming AppData from ``offset`` on."""
     return struct.pack("<BH", Command.WRITE_APP_DATA, offset) + data
 
 
 def download(blob: bytes, max_write_bytes: int) -> Iterator[bytes]:
-    """Commands that bring a program onto the hub, in order. It counts as absent until the last of them."""
+    """Commands that download a program to the hub, in order; the program is invalid until the last one."""
     yield _DATA_HEAD.pack(Command.WRITE_USER_PROGRAM_META, 0)
     piece_bytes = max_write_bytes - _DATA_HEAD.size
     for offset in range(0, len(blob), piece_bytes):
@@ -247,7 +247,7 @@ def download(blob: bytes, max_write_bytes: int) -> Iterator[bytes]:
 
 
 def refusal(what: str, code: int) -> HubError:
-    """The error for an error code of the profile, with which a hub refused ``what``."""
+    """Error for a refused command ``what``, from its error code."""
     if code == CommandError.BUSY:
         return HubBusyError(f"could not {what}: the hub is busy; stop its program, or wait until it reads its input")
     name = CommandError(code).name.lower().replace("_", " ") if code in set(CommandError) else "unknown"

@@ -1,4 +1,4 @@
-"""Program cache: the program that this computer brought onto each hub last. Without it, programs are downloaded."""
+"""Program cache: hash of the program that this computer last downloaded to each hub, to skip repeated downloads."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ _log = logging.getLogger(__name__)
 
 
 class ProgramRecord:
-    """A file with the hash of each hub's program, by the hub's address; ``None`` for one in the user's cache."""
+    """File with the hash of the program on each hub, by address and slot; ``None`` for the file in the user's cache."""
 
     def __init__(self, path: Path | None) -> None:
         self._path = path or _cache_folder() / "programs.json"
 
     def get(self, address: str) -> int | None:
-        """The program's hash, if known."""
+        """Hash of the program on a hub, if known."""
         found = self._load().get(address)
         return found if isinstance(found, int) else None
 

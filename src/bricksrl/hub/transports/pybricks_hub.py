@@ -1,7 +1,7 @@
-"""Transport to a real hub, whatever the medium: what Bluetooth and USB have in common.
+"""Transport to a real hub, independent of the medium: common part of Bluetooth and USB.
 
-A hub keeps its program. What this computer brought there last is written down, and is started without a download when
-it is the one that is wanted; its HELLO then proves it. A program of somebody else's is never started: it might move.
+A hub keeps its program. The program that this computer downloaded last is recorded, and started without a download if it
+is the wanted one; its HELLO confirms it. An unknown program is never started, because it might move the robot.
 """
 
 from __future__ import annotations
@@ -40,10 +40,10 @@ class ProfileTransport(ABC):
     """A :class:`~bricksrl.hub.transport.Transport` to a hub that runs Pybricks.
 
     Args:
-        timeout_s: how long the hub may take to be found and connected. A hub whose link was lost can be found again when
-            its program has ended, ten seconds later.
-        answer_timeout_s: how long the hub may take to acknowledge one command.
-        record: file that remembers which program is on which hub; ``None`` for one in the user's cache.
+        timeout_s: time limit to find and connect the hub. A hub whose link was lost can be found again after its program
+            has ended, ten seconds later.
+        answer_timeout_s: time limit for the acknowledgement of a command.
+        record: file that records which program is on which hub; ``None`` for the file in the user's cache.
     """
 
     def __init__(self, *, timeout_s: float, answer_timeout_s: float, record: Path | None) -> None:
@@ -53,13 +53,13 @@ class ProfileTransport(ABC):
         self._loop: EventLoopThread | None = None
         self._connection: HubConnection | None = None
         self._same: HubIdentity | None = None
-        """The hub that was connected before; after a loss it has to be the same."""
+        """Hub of the first connection; after a loss, only this one is reconnected."""
         self._pipe = Pipe.STDIN
         self._counts = itertools.cycle(range(1, 256))
 
     @abstractmethod
     async def _find(self, timeout_s: float) -> Port:
-        """The way to the hub; where there was one before, to the same one."""
+        """Find the hub; on a reconnection, the same one."""
 
     @property
     def identity(self) -> HubIdentity | None:
@@ -72,13 +72,13 @@ class ProfileTransport(ABC):
         return self._connection.status if self._connection is not None else None
 
     def open(self) -> None:
-        """Find the hub and connect to it, in as many attempts as fit the time.
+        """Find the hub and connect to it, with retries until the timeout.
 
         Raises:
-            MediumUnavailableError: this computer has no Bluetooth or USB that may be used.
+            MediumUnavailableError: Bluetooth or USB is not available on this computer.
             HubNotFoundError: the hub is not in reach.
-            HubProtocolError: it needs newer firmware.
-            HubError: it cannot be connected.
+            HubProtocolError: the hub needs newer firmware.
+            HubError: the hub cannot be connected.
         """
         if self._loop is None:
             self._loop = EventLoopThread("bricksrl-hub")
@@ -86,11 +86,11 @@ class ProfileTransport(ABC):
         self._loop.run(self._connected(), self._timeout_s + _GRACE_S, "connect to the hub")
 
     def start(self, program: HubProgram) -> None:
-        """Bring the program onto the hub, where it is not there yet, and start it. Connects again after a loss.
+        """Download the program to the hub, unless it is there already, and start it. Reconnects after a loss.
 
         Raises:
-            ProgramError: the program is wrong, or too large for the hub.
-            HubError: the hub cannot be reached, or does not take the program.
+            ProgramError: the program is invalid or too large for the hub.
+            HubError: the hub cannot be reached, or refuses the program.
         """
         modules = compile_program(program)
         if self._loop is None:
@@ -100,11 +100,11 @@ class ProfileTransport(ABC):
         self._running_loop().run(self._start(program, modules), limit_s, "start the program on the hub")
 
     def write(self, data: bytes) -> None:
-        """Write to the program; waits, for a time, while its buffer is full.
+        """Write to the program; waits, with a timeout, while its buffer is full.
 
         Raises:
             HubBusyError: the buffer stayed full.
-            HubTimeoutError: the hub did not acknowledge the bytes; the link is given up.
+            HubTimeoutError: the hub did not acknowledge the bytes; the link is dropped.
             HubDisconnectedError: the link is lost.
             HubError: no program runs, or the data has more than 20 bytes.
         """
@@ -120,7 +120,7 @@ class ProfileTransport(ABC):
         self._running_loop().run(command, 2 * self._answer_timeout_s + _GRACE_S, "write to the program")
 
     def read(self, timeout_s: float) -> bytes:
-        """The program's next output; ``b""`` when none came in time, and once when the program has ended.
+        """Next output of the program; ``b""`` if none came in time, and once when the program has ended.
 
         Raises:
             HubDisconnectedError: the link is lost, and everything has been read.
@@ -129,7 +129,7 @@ class ProfileTransport(ABC):
         return self._require_connection().output.read(timeout_s)
 
     def stop(self) -> None:
-        """Stop the program, and with it the motors. Where the link is lost, the hub does it by itself.
+        """Stop the program, and with it the motors. If the link is lost, the hub does so by itself.
 
         Raises:
             HubError: the hub does not answer, or does not stop.
@@ -140,7 +140,7 @@ class ProfileTransport(ABC):
         self._running_loop().run(connection.stop_program(), 3 * self._answer_timeout_s + _GRACE_S, "stop the program")
 
     def close(self) -> None:
-        """Stop the program and disconnect. May be called in any state, twice too; what fails is logged."""
+        """Stop the program and disconnect. May be called in any state and repeatedly; failures are logged."""
         loop, self._loop = self._loop, None
         connection, self._connection = self._connection, None
         if loop is None:
@@ -160,7 +160,7 @@ class ProfileTransport(ABC):
     # ---- in the thread of the event loop
 
     async def _connected(self) -> HubConnection:
-        """The connection, made anew where there is none."""
+        """The open connection; connects if there is none."""
         if self._connection is not None:
             if self._connection.is_connected:
                 return self._connection
@@ -228,7 +228,7 @@ class ProfileTransport(ABC):
 
 
 async def _start_present(connection: HubConnection, program: HubProgram) -> bool:
-    """Start the program that is on the hub. Whether it is the one that is meant; any other is stopped again."""
+    """Start the program that is on the hub; True if it is the expected one, else it is stopped again."""
     hello = control_frame(Up.HELLO, hello_payload(program.hash))
     try:
         await connection.start_program()

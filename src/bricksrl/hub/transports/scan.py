@@ -1,4 +1,4 @@
-"""Scan for hubs in reach."""
+"""Bluetooth scan for hubs in reach."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _REMEDY = "switch it on, bring it near, and close other programs that are connec
 
 @dataclass(frozen=True)
 class BleBackend:
-    """Backend that reaches the radio, where it is not bleak's own choice for this operating system."""
+    """Bleak backend in place of the operating system's default."""
 
     scanner: type[BaseBleakScanner]
     client: type[BaseBleakClient]
@@ -39,13 +39,13 @@ class BleBackend:
 
 @dataclass(frozen=True)
 class FoundHub:
-    """A hub that advertises itself; one whose program runs does not.
+    """An advertising hub; a hub that runs a program does not advertise.
 
     Attributes:
-        name: that its owner gave it.
-        address: of its radio; on macOS one that only this computer knows.
-        rssi_dbm: strength of its signal; -60 is near, -90 is far.
-        kind: of hub, where its firmware or this computer tells.
+        name: name given by its owner.
+        address: Bluetooth address; on macOS an identifier that is valid on this computer only.
+        rssi_dbm: signal strength; -60 is near, -90 is far.
+        kind: kind of hub, if known.
     """
 
     name: str
@@ -55,14 +55,14 @@ class FoundHub:
 
 
 _Seen: TypeAlias = "dict[str, tuple[BLEDevice, FoundHub]]"
-"""By address."""
+"""Found hubs by address."""
 
 
 def scan(timeout_s: float = 5.0, *, backend: BleBackend | None = None) -> list[FoundHub]:
-    """All hubs with Pybricks that advertise themselves within this time, the nearest first.
+    """Advertising Pybricks hubs, found within ``timeout_s``, the strongest signal first.
 
     Raises:
-        BluetoothUnavailableError: this computer has no Bluetooth that may be used.
+        BluetoothUnavailableError: Bluetooth is not available on this computer.
     """
     loop = EventLoopThread("bricksrl-scan")
     try:
@@ -82,21 +82,21 @@ async def _scan(timeout_s: float, backend: BleBackend | None) -> list[FoundHub]:
 
 
 async def find(name: str | None, address: str | None, timeout_s: float, backend: BleBackend | None) -> BLEDevice:
-    """The hub of this name or address; without either, the only one in reach.
+    """Find the hub with this name or address; without either, the only one in reach.
 
-    A hub that this computer is still connected to, because a program died, does not advertise itself, but counts.
+    A hub that is still connected to this computer, because a program died, does not advertise, but is found too.
 
     Raises:
-        HubNotFoundError: it is not there.
-        AmbiguousHubError: several are there, and none was named.
-        BluetoothUnavailableError: this computer has no Bluetooth that may be used.
+        HubNotFoundError: the hub was not found.
+        AmbiguousHubError: several hubs were found, and none was named.
+        BluetoothUnavailableError: Bluetooth is not available on this computer.
     """
     seen: _Seen = {}
     for device in await _still_connected(backend):
         seen[device.address] = (device, FoundHub(device.name or "", device.address, 0))
     if not _wanted(seen, name, address):
         await _listen(seen, lambda: bool(_wanted(seen, name, address)), timeout_s, backend)
-    if name is None and address is None and len(seen) == 1:  # it must be the only one: see whether there are others
+    if name is None and address is None and len(seen) == 1:  # check that there are no others
         await _listen(seen, lambda: len(seen) > 1, _OTHERS_S, backend)
     found = _wanted(seen, name, address)
     if len(found) != 1:
@@ -107,7 +107,7 @@ async def find(name: str | None, address: str | None, timeout_s: float, backend:
 
 
 async def _listen(seen: _Seen, is_enough: Callable[[], bool], timeout_s: float, backend: BleBackend | None) -> None:
-    """Add hubs that advertise themselves, until there are enough or the time is up."""
+    """Add advertising hubs until ``is_enough()`` or the timeout."""
     from bleak import BleakScanner
 
     scanner = BleakScanner(service_uuids=[SERVICE_UUID], backend=backend.scanner if backend else None)
@@ -145,7 +145,7 @@ def _found(device: BLEDevice, advertisement: AdvertisementData) -> FoundHub:
     pnp_id = (advertisement.service_data or {}).get(PNP_ID_UUID)
     kind = None
     if pnp_id is not None:
-        with contextlib.suppress(HubProtocolError):  # something else that has Pybricks' service
+        with contextlib.suppress(HubProtocolError):  # another device with Pybricks' service
             kind = parse_hub_kind(pnp_id)
     return FoundHub(advertisement.local_name or device.name or "", device.address, advertisement.rssi, kind)
 

@@ -1,7 +1,7 @@
-"""Transport over USB, to a hub with Pybricks 4.1: a serial port that carries frames of ``cobs.py``.
+"""Transport to a hub with Pybricks 4.1 over USB: a serial port with frames of ``cobs.py``.
 
-Message, host to hub: ``1 on`` subscribes to events, ``2 tag command`` is a command of the profile, ``3 service u16`` asks
-for a characteristic. Hub to host: ``1 tag u32`` is a command's error code (0 for none), ``2 event`` an event,
+Message, host to hub: ``1 on`` subscribes to events, ``2 tag command`` is a command of the profile, ``3 service u16`` reads
+a characteristic. Hub to host: ``1 tag u32`` is a command's error code (0 for none), ``2 event`` an event,
 ``3 service u16 value`` a characteristic. Source: ``lib/pbio/include/pbio/protocol.h`` of the firmware.
 """
 
@@ -42,7 +42,7 @@ _CHARACTERISTICS = {
 
 
 class SerialPort(Protocol):
-    """Part of ``serial.Serial`` that is used; ``read`` waits for ``_READ_S`` at most."""
+    """Used part of ``serial.Serial``; ``read`` waits for ``_READ_S`` at most."""
 
     @property
     def in_waiting(self) -> int: ...
@@ -59,12 +59,12 @@ OpenSerial = Callable[[str], SerialPort]
 
 @dataclass(frozen=True)
 class UsbHub:
-    """A serial port that a hub may be behind.
+    """Hub on a serial port.
 
     Attributes:
         device: name of the port.
-        address: what tells this hub from others: its serial number, where USB tells it.
-        product: id of the USB product; 0 where unknown.
+        address: identifier of the hub: its serial number if known, else the port.
+        product: id of the USB product; 0 if unknown.
     """
 
     device: str
@@ -73,7 +73,7 @@ class UsbHub:
 
 
 def list_usb_hubs() -> list[UsbHub]:
-    """Hubs on this computer's USB ports, as far as the operating system knows."""
+    """Hubs on this computer's USB ports, by their USB ids."""
     from serial.tools.list_ports import comports
 
     found = [port for port in comports() if port.vid == _LEGO_VENDOR and port.pid in _PRODUCTS]
@@ -85,8 +85,8 @@ class UsbTransport(ProfileTransport):
 
     Args:
         port: serial port, such as ``/dev/ttyACM0`` or ``COM3``; without one there must be a single hub.
-        open_serial: opens a serial port; by default pyserial does.
-        find_hubs: lists what is plugged in.
+        open_serial: opens a serial port; by default with pyserial.
+        find_hubs: lists the connected hubs.
         timeout_s, answer_timeout_s, record: see :class:`ProfileTransport`.
     """
 
@@ -121,7 +121,7 @@ class UsbTransport(ProfileTransport):
 
 
 class UsbPort:
-    """The profile over a serial port. A thread reads; the port is written in another, since writing may wait."""
+    """Pybricks Profile over a serial port. Reads and blocking writes run in separate threads."""
 
     def __init__(self, hub: UsbHub, open_serial: OpenSerial) -> None:
         self.name, self.address = hub.device, hub.address
@@ -140,7 +140,7 @@ class UsbPort:
             self._serial = await asyncio.to_thread(self._open_serial, self._hub.device)
         self._reader = threading.Thread(target=self._read_for_ever, args=(self._serial,), name="bricksrl-usb", daemon=True)
         self._reader.start()
-        await self._send(b"")  # ends whatever another program left half written
+        await self._send(b"")  # ends a partial frame that another program left
         self.name = (await self.read(profile.DEVICE_NAME_UUID)).decode("utf-8", "replace") or self._hub.device
 
     async def read(self, characteristic: str) -> bytes:
@@ -149,7 +149,7 @@ class UsbPort:
         self._values[selector] = future
         await self._send(bytes((_READ,)) + _SELECTOR.pack(*selector))
         value = await future
-        if not value and characteristic == profile.PNP_ID_UUID:  # the first betas do not tell it
+        if not value and characteristic == profile.PNP_ID_UUID:  # the first betas do not report it
             product = _PRODUCTS.get(self._hub.product, 0)
             return struct.pack("<BHHH", 1, profile.LEGO_COMPANY_ID, product, 0)
         return value
@@ -185,24 +185,24 @@ class UsbPort:
             await asyncio.to_thread(serial.write, frame)
 
     def _read_for_ever(self, serial: SerialPort) -> None:
-        """The reading thread."""
+        """Body of the reading thread."""
         reason = "its cable was pulled, or it was switched off"
         while not self._is_closing.is_set():
             try:
                 data = serial.read(max(1, serial.in_waiting))
-            except (OSError, TypeError, ValueError):  # of a port that is gone, or is being closed
+            except (OSError, TypeError, ValueError):  # the port is gone, or is being closed
                 break
             for message in self._framer.feed(data):
-                self._tell(self._take, message)
+                self._call_in_loop(self._take, message)
         if not self._is_closing.is_set():
-            self._tell(self._on_loss, reason)
+            self._call_in_loop(self._on_loss, reason)
 
-    def _tell(self, call: Callable[..., None], *arguments: object) -> None:
+    def _call_in_loop(self, call: Callable[..., None], *arguments: object) -> None:
         with contextlib.suppress(RuntimeError):  # the event loop has ended
             self._loop.call_soon_threadsafe(call, *arguments)
 
     def _take(self, message: bytes) -> None:
-        """One message, in the thread of the event loop; what is cut short is dropped."""
+        """Handle one message, in the event loop's thread; truncated ones are dropped."""
         kind, body = message[0], message[1:]
         if kind == _EVENT:
             self._on_event(body)
@@ -219,13 +219,13 @@ class UsbPort:
 def _open_serial(device: str) -> SerialPort:
     import serial
 
-    # The hub sends only while somebody holds the port open (DTR, which pyserial sets).
+    # The hub sends only while the port is open (DTR, which pyserial sets).
     return serial.Serial(device, timeout=_READ_S, write_timeout=1.0, exclusive=True)  # type: ignore[no-any-return]
 
 
 @contextlib.contextmanager
 def _serial_errors(what: str) -> Iterator[None]:
-    """Turns what pyserial raises into our errors."""
+    """Translate pyserial's errors into ours."""
     try:
         yield
     except OSError as error:  # serial.SerialException is one

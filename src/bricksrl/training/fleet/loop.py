@@ -135,7 +135,8 @@ class FleetLoop(RunLoop):
         member, kind, content = event
         match kind:
             case "ready":
-                self._assign(member)
+                member.is_ready = True
+                self._assign_idle()
             case "place":
                 self._change(member, RobotState.PLACED)
             case "unplaced":
@@ -158,7 +159,9 @@ class FleetLoop(RunLoop):
                 return self._ended(member, *content)
             case "gone":
                 self._change(member, RobotState.LEFT, content)
-                return self._ended(member, None, True)
+                episode = self._ended(member, None, True)
+                self._assign_idle(0 if episode is None else 1)
+                return episode
         return None
 
     def _failed(self, member: Member, kind: str, message: str) -> None:
@@ -174,6 +177,14 @@ class FleetLoop(RunLoop):
         if state is not member.state:
             self.callback.on_robot(member.name, state, reason)
         member.state, member.reason = state, reason
+
+    def _assign_idle(self, ended: int = 0) -> None:
+        """Give robots their first episodes once all processes are there or have failed: the run's time begins for all at once."""
+        members = self.env.members
+        if all(member.is_ready or member.is_out for member in members):
+            for member in members:
+                if member.is_ready and member.number not in self._playing and member.state is not RobotState.DONE:
+                    self._assign(member, ended)
 
     def _assign(self, member: Member, ended: int = 0) -> None:
         """Give a robot its next episode, unless all that are left are being played; ``ended`` are not yet counted."""
@@ -216,7 +227,12 @@ class FleetLoop(RunLoop):
         playing = self._playing.pop(member.number, None)
         self.learner.end_episodes(member.number)
         episode = None
-        if playing is not None and playing.length:
+        is_whole = playing is not None and playing.length > 0
+        if member.process is not None:  # first of all: a robot need not wait for the disk
+            self._assign(member, int(is_whole))
+        else:
+            self._wake(int(is_whole))
+        if playing is not None and is_whole:
             self._record(playing, success=success, whole=not lost)
             length, told = playing.length, numbers(playing.told)
             episode = Episode(
@@ -231,10 +247,6 @@ class FleetLoop(RunLoop):
                 robot=member.name,
             )
             member.restarts = 0
-        if member.process is not None:
-            self._assign(member, 0 if episode is None else 1)
-        else:
-            self._wake(0 if episode is None else 1)
         return episode
 
     def _wake(self, ended: int = 0) -> None:

@@ -40,6 +40,7 @@ class Member:
         number: in the replay buffer.
         hub: how to reach it.
         since_s: monotonic time of the last change between being there and having left.
+        is_ready: its process can play.
         starts: of its process.
         restarts: since an episode of it was whole.
     """
@@ -50,6 +51,7 @@ class Member:
     state: RobotState = RobotState.STARTING
     reason: str = ""
     since_s: float = field(default_factory=time.monotonic)
+    is_ready: bool = False
     starts: int = 0
     restarts: int = 0
     restart_at_s: float | None = None
@@ -143,7 +145,7 @@ class Fleet(SpecsEnv):
                 self._start(member)
 
     def _start(self, member: Member) -> None:
-        member.restart_at_s = None
+        member.restart_at_s, member.is_ready = None, False
         member.starts += 1
         start = member.starts
 
@@ -179,7 +181,7 @@ class Fleet(SpecsEnv):
         if kind == "gone":
             if content != member.starts:
                 return None
-            code = self._reap(member)
+            code, member.is_ready = self._reap(member), False
             pause_s = min(_RESTART_S * 2.0**member.restarts, _LONGEST_RESTART_S)
             member.restarts, member.restart_at_s = member.restarts + 1, now_s + pause_s
             return member, "gone", f"its process ended with code {code}"

@@ -1,6 +1,6 @@
-"""MicroPython: the way to the host over AppData, a place that the host writes over.
+"""MicroPython: communication with the host over AppData, a buffer that the host overwrites.
 
-Its first byte is another one with every write, its second says how many bytes follow.
+Its first byte changes with every write, its second is the number of bytes that follow.
 """
 # mypy: ignore-errors
 # ruff: noqa: F821

@@ -1,4 +1,4 @@
-"""MicroPython: says what is plugged in and how the hub is. Moves nothing."""
+"""MicroPython: reports the connected devices and the state of the hub. Moves nothing."""
 # mypy: ignore-errors
 # ruff: noqa: F821
 # --- the hub's part ---

@@ -1,10 +1,10 @@
-"""MicroPython: the loop on the hub, the same for every robot. ``generate.py`` puts it behind the robot's own part.
+"""MicroPython: the loop on the hub, the same for every robot. ``generate.py`` appends it to the robot-specific part.
 
-The names in capitals, ``start_moves`` and ``read_channels`` are those of the robot's part; ``listen``, ``receive`` and
-``put`` come from ``stdio.py`` or ``app_data.py``. A command is carried out once: when its sequence number comes again,
-the answer is sent again and nothing moves. A new command replaces one that is still under way. After STREAM the
-channels are sent all the time, under the number of the latest command. Only what the host sends counts as a sign of
-life, in the middle of a step too. Whoever changes this file changes every program's hash.
+The names in capitals, ``start_moves`` and ``read_channels`` are defined in the robot-specific part; ``listen``,
+``receive`` and ``put`` in ``stdio.py`` or ``app_data.py``. A command is carried out once: when its sequence number is
+repeated, the answer is resent and nothing moves. A new command replaces one in progress. After STREAM the channels are
+sent continuously, with the sequence number of the latest command. Only frames from the host feed the watchdog, even
+during a step. Changing the hub's part of this file changes every program's hash.
 """
 # mypy: ignore-errors
 # ruff: noqa: F821

@@ -1,4 +1,4 @@
-"""MicroPython: the way to the host over standard input and output."""
+"""MicroPython: communication with the host over standard input and output."""
 # mypy: ignore-errors
 # --- the hub's part ---
 

@@ -1,0 +1,77 @@
+"""Pictures of the live page for the documentation, taken in a headless Chromium.
+
+    python benchmarks/page_pictures.py
+
+Writes ``docs/images/page.png``, a Walker in mid-training, and ``docs/images/page_phone.png``, a 2Wheeler driven by hand on a
+screen as wide as a phone's. Needs Chromium and some minutes.
+"""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from machine import command
+from playwright.sync_api import Page, sync_playwright
+
+FOLDER = Path(__file__).parents[1] / "docs" / "images"
+FLAGS = ("--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist")
+EPISODES = 12
+"""Of the training before the picture is taken."""
+
+
+@contextmanager
+def served(*arguments: str) -> Iterator[str]:
+    """Address of the page of a ``bricksrl`` command, which is ended afterwards."""
+    words = [sys.executable, "-m", "bricksrl", *arguments]
+    process = subprocess.Popen(words, stdout=subprocess.PIPE, text=True)  # noqa: S603  our own command
+    try:
+        for line in process.stdout or ():
+            found = re.search(r"http://\S+", line)
+            if found is not None:
+                yield found[0]
+                break
+    finally:
+        process.kill()
+        process.wait()
+
+
+@contextmanager
+def tab(url: str, width: int, height: int) -> Iterator[Page]:
+    """The page in a browser of this size."""
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=list(FLAGS))
+        page = browser.new_context(viewport={"width": width, "height": height}).new_page()
+        page.set_default_timeout(600_000)
+        page.goto(url)
+        page.wait_for_selector("#scene")
+        yield page
+        browser.close()
+
+
+def main() -> None:
+    """Take both pictures."""
+    command(__doc__).parse_args()
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        served("train", "Walker-v1", "--episodes", "60", "--page", "--no-record", "--run", f"{folder}/run") as url,
+        tab(url, 1200, 800) as page,
+    ):
+        page.wait_for_function(f"document.querySelector('#facts').textContent.includes('episode {EPISODES}')")
+        page.get_by_role("button", name="1x", exact=True).click()
+        page.wait_for_timeout(8_000)
+        page.screenshot(path=FOLDER / "page.png")
+    with served("drive", "RunAway-v0") as url, tab(url, 390, 844) as page:
+        page.wait_for_timeout(6_000)
+        page.screenshot(path=FOLDER / "page_phone.png")
+    print(FOLDER)
+
+
+if __name__ == "__main__":
+    main()

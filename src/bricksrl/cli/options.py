@@ -1,0 +1,21 @@
+"""Command-line options as all commands declare them."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Annotated
+
+from tyro.conf import arg
+
+
+def _default(shown: str) -> str:
+    """What the help says of a default: nothing where there is none."""
+    return "" if shown in ("None", "False", "") else f"(default: {shown})"
+
+
+option = partial(arg, help_behavior_hint=_default)
+"""Annotation of an option: its name and the placeholder of its value, as tyro's ``arg``."""
+Flag = Annotated[bool, option()]
+"""An option without a value."""
+PageFlag = Annotated[bool, option(help="Show it live in the browser: the robot in 3D, curves, buttons, sliders to drive.")]
+"""``--page``."""
