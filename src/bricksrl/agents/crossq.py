@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, ClassVar
 
 import torch
 from torch import Tensor, nn
@@ -70,10 +69,10 @@ class BatchNorm(nn.BatchNorm1d):
         return super().forward(x.reshape(-1, x.shape[-1])).view(x.shape)
 
 
-def batch_normalised(network: Iterable[nn.Module], momentum: float) -> nn.Sequential:
+def batch_normalised(network: nn.Module, momentum: float) -> nn.Sequential:
     """A multilayer perceptron with a batch normalisation before each of its linear layers."""
     layers: list[nn.Module] = []
-    for layer in network:
+    for layer in network.children():
         if isinstance(layer, nn.Linear):
             layers.append(BatchNorm(layer.in_features, eps=1e-3, momentum=momentum))  # the epsilon of CrossQ's authors
         layers.append(layer)
@@ -85,7 +84,7 @@ def build(env: EnvBase, settings: CrossQSettings, device: torch.device | str = "
     m, encoder = action_size(env), make_encoder(env, settings)
 
     def body(in_size: int, out_size: int) -> nn.Module:
-        made: Any = make_body(settings, in_size, out_size)
+        made = make_body(settings, in_size, out_size)
         return made if settings.network else batch_normalised(made, settings.momentum)
 
     actor = body(encoder.size, 2 * m).eval()

@@ -115,19 +115,19 @@ class Learner:
         """The policy that acts."""
         return self.policy if self._copy is None else self._copy
 
-    def explore(self, state: TensorDictBase) -> TensorDictBase:
-        """Write an exploring "action" to what an environment shows."""
-        return self._act(state, ExplorationType.RANDOM)
+    def explore(self, tensordict: TensorDictBase) -> TensorDictBase:
+        """Write an exploring "action" to what an environment shows; TorchRL knows a policy by its argument's name."""
+        return self._act(tensordict, ExplorationType.RANDOM)
 
-    def exploit(self, state: TensorDictBase) -> TensorDictBase:
+    def exploit(self, tensordict: TensorDictBase) -> TensorDictBase:
         """Write the policy's best "action" to what an environment shows."""
-        return self._act(state, ExplorationType.DETERMINISTIC)
+        return self._act(tensordict, ExplorationType.DETERMINISTIC)
 
-    def _act(self, state: TensorDictBase, kind: ExplorationType) -> TensorDictBase:
+    def _act(self, tensordict: TensorDictBase, kind: ExplorationType) -> TensorDictBase:
         if self.weights:
             self.acting.load_state_dict(self.weights.pop())
         with torch.no_grad(), set_exploration_type(kind):
-            acted: TensorDictBase = self.acting(state)
+            acted: TensorDictBase = self.acting(tensordict)
         return acted
 
     def remember(self, frames: TensorDictBase, robot: int = 0) -> None:

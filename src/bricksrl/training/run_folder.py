@@ -46,7 +46,8 @@ class RunFolder:
 
         usual = Path("runs") / f"{file_name(config.env)}-{file_name(config.agent)}-seed-{config.seed}"
         numbered = (usual.with_name(f"{usual.name}-{number}") for number in itertools.count(2))
-        for path in itertools.chain([usual], numbered) if config.run_dir is None else [config.run_dir]:
+        wanted: Iterable[Path] = itertools.chain([usual], numbered) if config.run_dir is None else [config.run_dir]
+        for path in wanted:
             if path.exists():
                 continue
             try:
