@@ -7,6 +7,7 @@ import os
 import signal
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, cast
 
 import pytest
@@ -157,6 +158,8 @@ def test_rows_of_several_robots_are_not_linked_with_one_another() -> None:
 class Stub:
     """A fleet without processes, and a recorder: notes what it is asked for."""
 
+    actor = SimpleNamespace(prefill_episodes=1)
+
     def __init__(self, robots: int) -> None:
         self.members = [Member(f"r{place}", place, "virtual") for place in range(robots)]
         for member in self.members:
@@ -172,9 +175,8 @@ class Stub:
 
 def stub_loop(tmp_path: Path, robots: int) -> tuple[FleetLoop, Stub]:
     stub = Stub(robots)
-    loop = FleetLoop(
-        config(tmp_path / "run"), cast("Any", stub), cast("Any", stub), Callback(), cast("Any", None), 1.0, 1, {}, []
-    )
+    state = {"identity": {}, "episodes": [], "best": None}
+    loop = FleetLoop(config(tmp_path / "run"), cast("Any", stub), cast("Any", stub), Callback(), cast("Any", None), state)
     loop.recorder = cast("Any", stub)
     return loop, stub
 
