@@ -131,7 +131,8 @@ def run_theirs(package: str, agent: str, seed: int, limit: int, *, like_ours: bo
 
     import bricksrl.envs  # registers with Gymnasium
     from bricksrl.agents import preset
-    from bricksrl.agents.encoder import ObservationEncoder, ObservationLayout
+    from bricksrl.agents.encoder import ObservationEncoder
+    from bricksrl.envs.specs import ObservationLayout
 
     race = Race(limit)
     env = gymnasium.make(f"bricksrl/{ENV}")

@@ -96,7 +96,7 @@ def _best(policy: Policy, acting: BestAction, inputs: tuple[Tensor, ...]) -> Ten
 
 def _observations(path: Path | str) -> tuple[Tensor, ...]:
     """Random observations ``[batch, n]`` within their bounds, and images if there are any, of a policy's environment."""
-    from bricksrl.agents.encoder import ObservationLayout
+    from bricksrl.envs.specs import ObservationLayout
     from bricksrl.training.run import make_env
 
     env = make_env(one_robot(config_of(Path(path))))
