@@ -125,8 +125,8 @@ def imitated() -> float:
 
 def test_the_task_leaves_room_to_improve(imitated: float) -> None:
     class Middle:
-        def act(self, state: TensorDict, *, explore: bool) -> Tensor:
-            return (-state["observation"] / REACH).clamp(-1.0, 1.0)
+        def exploit(self, state: TensorDict) -> TensorDict:
+            return state.set("action", (-state["observation"] / REACH).clamp(-1.0, 1.0))
 
     assert regret(Middle()) == pytest.approx(0.0, abs=2e-3)
     assert float((BEST - OF_BEHAVIOUR).mean()) > 0.2
