@@ -2,7 +2,8 @@
 
     python benchmarks/arena.py --seeds 5 --film docs/images/tag.mp4
 
-Each catcher learns Tag-v0 against the scripted runner in the kinematic simulation, and is then evaluated in the arena itself: two
+Each catcher learns Tag-v0 in the kinematic simulation, half of whose copies have the scripted runner and half the random one (who
+has learned with one of them alone does not catch the other), and is then evaluated in the arena itself: two
 virtual hubs in one MuJoCo world, some episodes a seed against each runner, whose starts differ from those of the training. The
 script of the catcher and a random one are measured beside it.
 """
@@ -23,10 +24,10 @@ from bricksrl.evaluation.statistics import FEWEST_SEEDS, wilson_interval
 from bricksrl.training.teams.groups import TeamSettings, team_policy
 from bricksrl.training.teams.team import TeamConfig, TeamEpisode, load_team, play_team, train_team
 
-ENV, FRAMES, COPIES = "Tag-v0", 400_000, 256
+ENV, FRAMES, COPIES = "Tag-v0", 300_000, 256
 SETTINGS = {"ippo": TeamSettings(), "sac": TeamSettings(updates_per_step=8.0)}
 FRAMES_OF = {"ippo": FRAMES, "sac": 100_000}
-RUNNERS = ("random", "flee")
+RUNNERS = ("flee", "random")
 EVALUATION_SEED = 7000
 FRAME_MS = 50
 
@@ -43,23 +44,27 @@ def rate(played: list[TeamEpisode], *, seeds: int) -> dict[str, Any]:
     return found
 
 
-def learned(agent: str, seeds: int, episodes: int, folder: Path) -> dict[str, Any]:
-    """Catchers of one algorithm against each runner."""
-    all_played: dict[str, list[TeamEpisode]] = {runner: [] for runner in RUNNERS}
-    cpu_s = []
-    for seed in range(seeds):
-        started_s = time.process_time()
-        config = TeamConfig(ENV, {"catcher": agent}, {"runner": "flee"}, FRAMES_OF[agent], COPIES, seed)
-        path = folder / f"{agent}-{seed}.bin"
-        train_team(config, SETTINGS[agent]).save(path)
-        cpu_s.append(round(time.process_time() - started_s, 1))
-        env = make_arena(ENV)
-        for runner in RUNNERS:
-            played = play_team(env, load_team(path, {"runner": runner}).policy, episodes, EVALUATION_SEED + seed)
-            all_played[runner] += played
-            print(agent, seed, runner, sum(one.success for one in played), "of", episodes, flush=True)
-        env.close()
-    return {"training_cpu_s": cpu_s, **{f"against_{runner}": rate(played, seeds=seeds) for runner, played in all_played.items()}}
+def learned(agent: str, seed: int, episodes: int, path: Path) -> dict[str, Any]:
+    """A catcher that learns, is kept in ``path``, and plays against each runner."""
+    started_s = time.process_time()
+    config = TeamConfig(ENV, {"catcher": agent}, {"runner": ",".join(RUNNERS)}, FRAMES_OF[agent], COPIES, seed)
+    train_team(config, SETTINGS[agent]).save(path)
+    cpu_s, env = time.process_time() - started_s, make_arena(ENV)
+    played = {
+        runner: play_team(env, load_team(path, {"runner": runner}).policy, episodes, EVALUATION_SEED + seed) for runner in RUNNERS
+    }
+    env.close()
+    for runner, found in played.items():
+        print(agent, seed, runner, rate(found, seeds=1), flush=True)
+    return {"training_cpu_s": round(cpu_s, 1), "played": played}
+
+
+def summary(runs: list[dict[str, Any]]) -> dict[str, Any]:
+    """All seeds of an algorithm together."""
+    against = {
+        f"against_{runner}": rate([one for run in runs for one in run["played"][runner]], seeds=len(runs)) for runner in RUNNERS
+    }
+    return {"seeds": len(runs), "training_cpu_s": [run["training_cpu_s"] for run in runs], **against}
 
 
 def scripts(episodes: int) -> dict[str, Any]:
@@ -113,12 +118,18 @@ def main() -> None:
     parser.add_argument("--film", type=Path)
     chosen = parser.parse_args()
     torch.set_num_threads(1)
+    result: dict[str, Any] = {"environment": ENV, "frames": FRAMES_OF, "copies": COPIES, "agents": {}}
     with tempfile.TemporaryDirectory() as folder:
-        agents = {agent: learned(agent, chosen.seeds, chosen.episodes, Path(folder)) for agent in chosen.agents}
-        result = {"environment": ENV, "frames": FRAMES_OF, "copies": COPIES, "seeds": chosen.seeds, "agents": agents}
-        print(write("arena", {**result, "scripts": scripts(chosen.episodes)}))
-        if chosen.film is not None:
-            print(film(Path(folder) / f"{chosen.agents[0]}-0.bin", chosen.film, 3), "frames")
+        for agent in chosen.agents:
+            runs = []
+            for seed in range(chosen.seeds):
+                path = Path(folder) / f"{agent}-{seed}.bin"
+                runs.append(learned(agent, seed, chosen.episodes, path))
+                result["agents"][agent] = summary(runs)
+                write("arena", result)
+                if chosen.film is not None and agent == chosen.agents[0] and seed == 0:
+                    print(film(path, chosen.film, 3), "frames", flush=True)
+    print(write("arena", {**result, "scripts": scripts(chosen.episodes)}))
 
 
 if __name__ == "__main__":

@@ -162,7 +162,7 @@ def summarised(runs: list[dict[str, Any]]) -> dict[str, Any]:
     return summary
 
 
-def races(chosen: argparse.Namespace, known: dict[str, Any], tell: Callable[[dict[str, Any]], None]) -> dict[str, Any]:
+def races(chosen: argparse.Namespace, known: dict[str, Any], tell: Callable[[dict[str, Any]], object]) -> dict[str, Any]:
     """One robot and four, each with all seeds, and how many times as fast four are."""
     results: dict[str, Any] = {}
     for robots in (1, 4):
@@ -193,12 +193,12 @@ def main() -> None:
     known: dict[str, Any] = json.loads(path.read_text()) if path.exists() else {}
     if chosen.simulated:
         before = known.get("simulated", {}) if chosen.go_on else {}
-        found = races(chosen, before, lambda now: write("fleet", {**known, "simulated": now}) and None)
+        found = races(chosen, before, lambda now: write("fleet", {**known, "simulated": now}))
         print(write("fleet", {**known, "simulated": {**found, **describe()}}))
         return
     results: dict[str, Any] = {"environment": ENV, "agent": "sac", "goal": f"{IN_A_ROW} episodes of {GOAL:g} in a row"}
     results |= {name: known[name] for name in ("simulated",) if name in known}
-    results |= races(chosen, known if chosen.go_on else {}, lambda now: write("fleet", {**known, **results, **now}) and None)
+    results |= races(chosen, known if chosen.go_on else {}, lambda now: write("fleet", {**known, **results, **now}))
     results["cut"] = with_a_cut(chosen.cut_episodes)
     print(results["times_as_fast"], results["cut"], flush=True)
     print(write("fleet", results))

@@ -3,7 +3,8 @@
     bricksrl train Walker-v1 --episodes 20 --seed 0 --run runs/walker
     python benchmarks/moving_pictures.py runs/walker
 
-Writes ``docs/images/<environment>_learning.gif``, each below a megabyte: where one is larger, it gets fewer pixels and colours.
+Writes ``docs/images/<environment>_learning.gif``, each below a megabyte: where one is larger, it gets fewer pixels and colours. A
+film itself may be named too, and becomes a GIF of its name.
 """
 
 from __future__ import annotations
@@ -52,15 +53,16 @@ def gif(pictures: list[Image.Image], width: int, colours: int) -> bytes:
 
 def main() -> None:
     parser = command(__doc__)
-    parser.add_argument("runs", nargs="+", type=Path, metavar="RUN", help="folder of a run that was filmed")
+    parser.add_argument("runs", nargs="+", type=Path, metavar="RUN", help="folder of a run that was filmed, or a film")
     for run in parser.parse_args().runs:
-        pictures = list(frames(run / "before_after.mp4"))
-        name = RunFolder(run).read_config().env.lower().replace("-", "_")
+        is_film = run.suffix == ".mp4"
+        pictures = list(frames(run if is_film else run / "before_after.mp4"))
+        name = run.stem if is_film else f"{RunFolder(run).read_config().env.lower().replace('-', '_')}_learning"
         for width, colours in SIZES:
             data = gif(pictures, width, colours)
             if len(data) < MOST_BYTES:
                 break
-        path = FOLDER / f"{name}_learning.gif"
+        path = FOLDER / f"{name}.gif"
         path.write_bytes(data)
         print(f"{path}: {len(data) / 1000:.0f} kB, {width} px wide, {colours} colours, {len(pictures)} pictures")
 

@@ -29,6 +29,7 @@ def test_json_is_all_that_stands_on_standard_output(bricksrl, trained):
     assert result["return_mean"] == pytest.approx(sum(result["returns"]) / 2)
     assert 0 <= result["success_rate"] <= 1
     assert result["return_std"] >= 0
+    assert 0 < result["action_size"] <= 1
     assert 40 <= result["metrics"]["final_distance_mm"] <= 2000
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
 from bricksrl.cli.seeds import SeedsProgress
@@ -32,3 +34,10 @@ def test_studies_are_listed_and_named(capsys: pytest.CaptureFixture[str]) -> Non
         StudyCommand("poetry").execute()
     with pytest.raises(RunError, match="jobs is 0"):
         StudyCommand("agents", jobs=0).execute()
+
+
+def test_a_study_of_the_benchmarks_is_taken_from_their_results(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    benchmarks = Path(__file__).parents[2] / "benchmarks"
+    assert StudyCommand("datasets", folder=tmp_path / "study", benchmarks=benchmarks).execute() == 0
+    page = tmp_path / "study" / "study.md"
+    assert str(page) in capsys.readouterr().out and "-69.12" in page.read_text()

@@ -10,6 +10,7 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
+from bricksrl.envs.registry import get_task
 from bricksrl.envs.task import SampledEntry, Task
 from bricksrl.envs.tasks.run_away import RUN_AWAY
 from bricksrl.envs.tasks.spinning import SPINNING
@@ -56,6 +57,21 @@ def test_run_away_succeeds_when_it_ends_a_metre_away(path_mm: tuple[float, ...],
     episode = at_distance(*path_mm)
     assert RUN_AWAY.success(episode).item() is succeeds
     assert RUN_AWAY.metrics(episode)["final_distance_mm"].item() == path_mm[-1]
+
+
+def test_run_away_tells_how_far_the_robot_tipped() -> None:
+    episode = at_distance(300, 400, 500)
+    episode[:, 2] = torch.tensor([1.0, -4.0, 2.0])
+    assert RUN_AWAY.metrics(episode)["largest_pitch_deg"].item() == 4.0
+
+
+def test_a_walkers_episode_takes_25_seconds_whatever_its_steps_take() -> None:
+    task = get_task("Walker-v0", step_ms=500)
+    assert (task.max_steps, task.interface.settle.fixed_ms) == (50, 500)
+    assert get_task("Walker-v0").max_steps == 100
+    for step_ms in (0, 25_001):
+        with pytest.raises(DescriptionError, match="step_ms"):
+            get_task("Walker-v0", step_ms=step_ms)
 
 
 @given(rate=RATES_DEG_S)

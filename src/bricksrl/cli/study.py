@@ -45,11 +45,12 @@ class StudyCommand:
     def execute(self) -> int:
         """Run the study, or list the studies."""
         from bricksrl.errors import RunError, UnknownNameError
-        from bricksrl.evaluation.study_benchmarks import BENCHMARK_STUDIES, take_study
-        from bricksrl.evaluation.study_tables import STUDIES
+        from bricksrl.evaluation.study_benchmarks import BENCHMARK_STUDIES, BenchmarkStudy, take_study
+        from bricksrl.evaluation.study_tables import STUDIES, Study
 
         if self.name is None:
-            for one in (*STUDIES.values(), *BENCHMARK_STUDIES.values()):
+            every: list[Study | BenchmarkStudy] = [*STUDIES.values(), *BENCHMARK_STUDIES.values()]
+            for one in every:
                 taken = "" if one.name in STUDIES else ", at once where it was measured"
                 print_line(f"{one.name:15} {one.title}; {one.hours:g} h on two cores{taken}, --quick {one.quick_minutes:g} min")
             return 0

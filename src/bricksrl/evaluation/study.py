@@ -74,6 +74,7 @@ def name_of(cell: Cell) -> str:
 def run_seed(cell: Cell, seed: int, folder: str) -> dict[str, Any] | str:
     """Train and evaluate one seed, or resume it; returns its outcome, or the text of an error."""
     from bricksrl.training import RunFolder, TrainConfig, resume, train
+    from bricksrl.training.curve import WINDOW
 
     path = Path(folder) / f"seed-{seed}"
     done = path / "outcome.json"
@@ -86,9 +87,10 @@ def run_seed(cell: Cell, seed: int, folder: str) -> dict[str, Any] | str:
         else:
             train(TrainConfig(**{**cell.config, "seed": seed, "run_dir": path, "asynchronous": False}))
         judged = [_judge(path, seed, number, one) for number, one in enumerate(cell.conditions)]
-        last = RunFolder(path).read_episodes()[-1]
-        reached = None if "stop_at" not in cell.config else last.episode < cell.config["episodes"]
-        outcome = Outcome(seed, tuple(judged), last.steps, last.seconds, robot_seconds(path), reached)
+        episodes = RunFolder(path).read_episodes()
+        goal, last = cell.config.get("stop_at"), [one.return_ for one in episodes[-WINDOW:]]
+        reached = None if goal is None else len(last) == WINDOW and sum(last) / WINDOW >= goal
+        outcome = Outcome(seed, tuple(judged), episodes[-1].steps, episodes[-1].seconds, robot_seconds(path), reached)
     except BricksError as error:
         return str(error)
     write_durably(done, (json.dumps(asdict(outcome), indent=2) + "\n").encode())

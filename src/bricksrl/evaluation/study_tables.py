@@ -149,7 +149,9 @@ def _sim_to_robot(quick: bool) -> tuple[Cell, ...]:
 def _communication(quick: bool) -> tuple[Cell, ...]:
     """Step rates over a link of 15 ms, and link intervals at 4 Hz, each in lock-step and streaming."""
     rates_hz = {4.0: 250} if quick else {2.0: 500, 4.0: 250, 11.0: 91, 30.0: 33}
-    ways = [(f"{hz:g} Hz", {"options": {"step_ms": step_ms}}) for hz, step_ms in rates_hz.items()]
+    ways: list[tuple[str, dict[str, Any]]] = [
+        (f"{hz:g} Hz", {"options": {"step_ms": step_ms}}) for hz, step_ms in rates_hz.items()
+    ]
     ways += [
         (f"4 Hz, {interval_ms:g} ms", {"physics": Physics(link_interval_ms=interval_ms)})
         for interval_ms in ((45.0,) if quick else (7.5, 30.0, 45.0))
@@ -158,7 +160,7 @@ def _communication(quick: bool) -> tuple[Cell, ...]:
     after = (Condition("as trained", episodes=2 if quick else 20),)
     return tuple(
         Cell(row, column, {**config, "streaming": row == "streaming", **way}, after)
-        for column, way in ways
+        for column, way in ways.items()
         for row in ("lock-step", "streaming")
     )
 
@@ -192,8 +194,8 @@ STUDIES = {
     one.name: one
     for one in (
         Study("agents", "Agents of the paper, on the robot and from simulation", 60.0, 5.0, 5, _agents, ("episode_steps",)),
-        Study("sim-to-robot", "From simulation to robots with other physics", 8.0, 4.0, 5, _sim_to_robot, _WALK),
-        Study("communication", "Steps a second and the link's interval, streaming or not", 6.0, 4.0, 5, _communication, _WALK),
+        Study("sim-to-robot", "From simulation to robots with other physics", 12.0, 4.0, 5, _sim_to_robot, _WALK),
+        Study("communication", "Steps a second and the link's interval, streaming or not", 3.0, 4.0, 5, _communication, _WALK),
         Study("strategies", "Strategies on RunAway-v0", 0.5, 2.0, 5, _strategies, _STRATEGY),
         Study("robot-time", "Robot minutes to a working policy", 1.0, 2.0, 5, _robot_time, ("episode_steps",)),
     )

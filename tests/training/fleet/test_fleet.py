@@ -6,6 +6,7 @@ import csv
 import os
 import signal
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
@@ -166,6 +167,9 @@ class Stub:
             member.process = cast("Any", "there")
         self.log: list[tuple[str, Any]] = []
 
+    def welcome(self, member: Member) -> None:
+        member.is_ready = True
+
     def order(self, member: Member, episode: dict[str, Any]) -> None:
         self.log.append(("order", member.number))
 
@@ -194,6 +198,19 @@ def test_first_episodes_begin_together_once_every_process_is_there_or_has_failed
     three.process = cast("Any", "there again")
     loop._handle((three, "ready", None))
     assert stub.log[3:] == [("order", 2)], "and that one joins them at once"
+
+
+def test_a_process_that_starts_gets_weights_only_once_it_can_take_them(tmp_path: Path) -> None:
+    fleet = Fleet(config(tmp_path / "run"))
+    sent: list[tuple[int, str]] = []
+    for member in fleet.members:
+        send = partial(lambda number, kind, _content: sent.append((number, kind)), member.number)
+        member.process = cast("Any", SimpleNamespace(send=send))
+    fleet.hand_out({"weight": torch.zeros(1)})
+    assert sent == [], "a pipe that nobody reads would be full, and the whole fleet would wait"
+    fleet.welcome(fleet.members[1])
+    fleet.hand_out({"weight": torch.ones(1)})
+    assert sent == [(1, "weights"), (1, "weights")]
 
 
 def test_a_robot_has_its_next_episode_before_the_last_one_is_written_to_the_disk(tmp_path: Path) -> None:

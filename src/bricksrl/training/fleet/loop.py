@@ -135,7 +135,7 @@ class FleetLoop(RunLoop):
         member, kind, content = event
         match kind:
             case "ready":
-                member.is_ready = True
+                self.env.welcome(member)
                 self._assign_idle()
             case "place":
                 self._change(member, RobotState.PLACED)

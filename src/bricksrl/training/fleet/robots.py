@@ -165,6 +165,10 @@ class Fleet(SpecsEnv):
             "is_placed": self._placer is not None,
         }
         self._tell(member, "begin", begin)
+
+    def welcome(self, member: Member) -> None:
+        """A robot's process is there: it gets what was learned, now and from now on."""
+        member.is_ready = True
         if self._weights is not None:
             self._tell(member, "weights", self._weights)
 
@@ -205,9 +209,12 @@ class Fleet(SpecsEnv):
             self._tell(member, "go")
 
     def hand_out(self, weights: dict[str, Tensor]) -> None:
-        """Give all robots what was learned."""
+        """Give what was learned to all robots whose processes are there: a pipe to one that starts would be full for seconds, and
+        all robots would wait for it."""
         self._weights = weights
-        self._tell_all("weights", weights)
+        for member in self.members:
+            if member.is_ready:
+                self._tell(member, "weights", weights)
 
     def _tell(self, member: Member, kind: str, content: Any = None) -> None:
         if member.process is not None:

@@ -8,7 +8,7 @@ Robots of a group share their networks.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -230,6 +230,18 @@ def scripted(group: str, script: Script) -> TensorDictModule:
     return TensorDictModule(script, [(group, "observation")], [(group, "action")])
 
 
+def taking_turns(scripts: Sequence[Script]) -> Script:
+    """Copy ``k`` of many follows script ``k`` modulo their number; a single environment the first one."""
+
+    def act(observation: Tensor) -> Tensor:
+        if observation.ndim < 3:
+            return scripts[0](observation)
+        copies = torch.arange(len(observation), device=observation.device)
+        return torch.stack([script(observation) for script in scripts])[copies % len(scripts), copies]
+
+    return act
+
+
 def make_group(env: EnvBase, group: str, agent: TeamAgent, settings: TeamSettings) -> GroupLearner:
     """A group of an environment that learns; networks are drawn from torch's global generator.
 
@@ -248,21 +260,21 @@ def make_group(env: EnvBase, group: str, agent: TeamAgent, settings: TeamSetting
 
 
 def team_policy(env: EnvBase, learners: Mapping[str, GroupLearner], scripts: Mapping[str, str]) -> TensorDictSequential:
-    """What all robots do: the groups that learn, and those that follow a script, or "random".
+    """What all robots do: the groups that learn, and those that follow a script, "random", or several with commas between, which
+    the copies of a simulation take in turns.
 
     Raises:
         DescriptionError: a group has neither, or there is no such script.
     """
+    known = {"random": uniform(2), **env.task.scripts}
     parts = []
     for group in env.task.groups:
-        name = scripts.get(group, "")
         if group in learners:
             parts.append(learners[group].policy)
-        elif name == "random":
-            parts.append(scripted(group, uniform(2)))
-        elif name in env.task.scripts:
-            parts.append(scripted(group, env.task.scripts[name]))
-        else:
-            known = ", ".join(("random", *env.task.scripts))
-            raise DescriptionError(f"the group '{group}' of {env.task.id} has no script '{name}'; choose one of {known}")
+            continue
+        names = scripts.get(group, "").split(",")
+        for name in set(names) - set(known):
+            choose = ", ".join(known)
+            raise DescriptionError(f"the group '{group}' of {env.task.id} has no script '{name}'; choose one of {choose}")
+        parts.append(scripted(group, taking_turns([known[name] for name in names])))
     return TensorDictSequential(*parts)

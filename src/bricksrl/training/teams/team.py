@@ -24,7 +24,8 @@ class TeamConfig:
     Attributes:
         env: an arena, by name.
         agents: the algorithm of each group that learns.
-        scripts: what each other group follows: a script of the task, or "random".
+        scripts: what each other group follows: a script of the task, "random", or several with commas between, which the copies
+            take in turns.
         frames: steps of all copies together.
         copies: of the kinematic simulation to learn in; 0 for the arena itself, with its hubs.
     """
