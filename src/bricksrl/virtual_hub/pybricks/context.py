@@ -87,6 +87,17 @@ def get_number(value: Any) -> float:
     return float(value)
 
 
+def get_text(value: Any) -> str:
+    """A text, or the bytes of one.
+
+    Raises:
+        TypeError: it is neither.
+    """
+    if not isinstance(value, str | bytes):
+        raise TypeError(f"can't convert '{type(value).__name__}' object to str implicitly")
+    return value if isinstance(value, str) else value.decode("latin-1")
+
+
 def get_array(value: Any) -> Sequence[Any]:
     """A tuple or list as it is.
 
