@@ -224,6 +224,33 @@ class RunLoop:
         return self.value(lambda: None)
 
 
+class Latest:
+    """The command of a device that is awaited: a new one always wins, and who awaits the old one goes on."""
+
+    def __init__(self, loop: RunLoop) -> None:
+        self._loop = loop
+        self._awaited: Async | None = None
+
+    def cancel(self) -> None:
+        if self._awaited is not None:
+            self._awaited.cancel()
+            self._awaited = None
+
+    def finish(
+        self,
+        is_done: Callable[[], bool],
+        result: Callable[[], Any] | None = None,
+        on_close: Callable[[], None] | None = None,
+        grain_ms: int = 0,
+    ) -> Any:
+        """As that of the run loop, in place of the command before."""
+        self.cancel()
+        outcome = self._loop.finish(is_done, result, on_close, grain_ms)
+        if isinstance(outcome, Async):
+            self._awaited = outcome
+        return outcome
+
+
 class Context:
     """One program on one machine."""
 

@@ -11,7 +11,7 @@ from bricksrl.virtual_hub.machine import Machine
 from bricksrl.virtual_hub.micropython.containers import HubDict
 from bricksrl.virtual_hub.micropython.numbers import expect_whole
 from bricksrl.virtual_hub.micropython.streams import as_bytes
-from bricksrl.virtual_hub.pybricks.context import Async, Context, charged, expect_type, get_array, get_int, get_text, percentage
+from bricksrl.virtual_hub.pybricks.context import Context, Latest, charged, expect_type, get_array, get_int, get_text, percentage
 from bricksrl.virtual_hub.pybricks.matrix import Matrix
 from bricksrl.virtual_hub.pybricks.parameters import Button, Color, Side, buttons
 
@@ -69,7 +69,7 @@ class LightMatrix(_Part):
 
     def __init__(self, context: Context) -> None:
         super().__init__(context)
-        self._last: Async | None = None
+        self._latest = Latest(self._loop)
 
     @charged
     def orientation(self, up: Any) -> None:
@@ -128,11 +128,7 @@ class LightMatrix(_Part):
     def text(self, text: Any, on: Any = 500, off: Any = 50) -> Any:
         on_ms, off_ms = get_int(on), get_int(off)
         steps = iter(self._text(get_text(text), on_ms, off_ms))
-        if self._last is not None:
-            self._last.cancel()
-        result = self._loop.finish(lambda: next(steps, True), grain_ms=1)
-        self._last = result if isinstance(result, Async) else None
-        return result
+        return self._latest.finish(lambda: next(steps, True), grain_ms=1)
 
     def _text(self, text: str, on_ms: int, off_ms: int) -> Iterator[bool]:
         """False as long as a character is shown, or the pause after it lasts."""
@@ -181,7 +177,7 @@ class Speaker(_Part):
     def __init__(self, context: Context) -> None:
         super().__init__(context)
         self._volume = 100
-        self._last: Async | None = None
+        self._latest = Latest(self._loop)
 
     @charged
     def volume(self, volume: Any = None) -> int | None:
@@ -204,11 +200,7 @@ class Speaker(_Part):
         return self._play(self._notes(waiting, 4 * 60 * 1000 // get_int(tempo)))
 
     def _play(self, sounds: Iterator[bool]) -> Any:
-        if self._last is not None:
-            self._last.cancel()
-        result = self._loop.finish(lambda: next(sounds, True), None, self._be_silent, grain_ms=1)
-        self._last = result if isinstance(result, Async) else None
-        return result
+        return self._latest.finish(lambda: next(sounds, True), None, self._be_silent, grain_ms=1)
 
     def _be_silent(self) -> None:
         self._panel.sound_hz = 0
