@@ -160,7 +160,7 @@ def _communication(quick: bool) -> tuple[Cell, ...]:
     after = (Condition("as trained", episodes=2 if quick else 20),)
     return tuple(
         Cell(row, column, {**config, "streaming": row == "streaming", **way}, after)
-        for column, way in ways.items()
+        for column, way in ways
         for row in ("lock-step", "streaming")
     )
 

@@ -32,7 +32,7 @@ class BytesIO(io.BytesIO):
 class StringIO(BytesIO):
     """Text as a file."""
 
-    def read(self, size: int = -1, /) -> Any:
+    def read(self, size: Any = -1, /) -> Any:
         return super().read(size).decode()
 
     def readline(self, size: Any = -1, /) -> Any:
