@@ -44,9 +44,9 @@ measured with the earlier agents.
 
 STUDIES_HEAD = """# Studies
 
-`bricksrl study` lists the studies, `bricksrl study NAME` runs one, and `--quick` runs a few episodes of it as a test. This page is
-written by `python benchmarks/tables.py` from the studies that were run at full length, whose results lie in `benchmarks/results/`,
-and from the benchmarks. A study without a table has not been run yet.
+`bricksrl study` lists the studies, `bricksrl study NAME` runs one, and `--quick` runs a few episodes of it as a test. This page
+is written by `python benchmarks/tables.py` from the studies that were run at full length, whose results lie in
+`benchmarks/results/`, and from the benchmarks. A study without a table has not been run yet.
 """
 
 

@@ -16,7 +16,7 @@ from torchrl.data import Bounded, Composite, Unbounded
 from torchrl.envs import EnvBase
 
 from bricksrl.agents import make_learner, preset
-from bricksrl.agents.chunks import ActionChunkBuffer, recorded_memory
+from bricksrl.agents.imitation.chunks import ActionChunkBuffer, recorded_memory
 from bricksrl.agents.learner import Learner
 from bricksrl.agents.replay import TransitionReplayBuffer
 

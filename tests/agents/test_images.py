@@ -11,7 +11,7 @@ from tensordict import TensorDict
 
 from bricksrl.agents import make_learner
 from bricksrl.agents.actor_critic import ActorCriticLoss
-from bricksrl.agents.chunks import recorded_memory
+from bricksrl.agents.imitation.chunks import recorded_memory
 from bricksrl.agents.learner import Learner
 
 SEEING = ("sac", "droq", "td3", "crossq", "tqc", "iql", "cql", "td3bc")

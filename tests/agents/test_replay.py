@@ -12,8 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tensordict import TensorDict
 
-from bricksrl.agents.chunks import recorded_memory
 from bricksrl.agents.episodic_replay import EpisodicReplayBuffer
+from bricksrl.agents.imitation.chunks import recorded_memory
 from bricksrl.agents.learner_state import load_memory_state, memory_state
 from bricksrl.errors import DescriptionError
 

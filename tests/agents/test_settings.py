@@ -12,7 +12,7 @@ from small import ENV, SIGHT
 from toys import Cart
 
 from bricksrl.agents import AGENTS, PRESETS, algorithm, make_learner, preset
-from bricksrl.agents.act import ACTSettings
+from bricksrl.agents.imitation.act import ACTSettings
 from bricksrl.agents.presets import values
 from bricksrl.agents.sac import SACSettings
 from bricksrl.agents.settings import Positive, Range, Settings

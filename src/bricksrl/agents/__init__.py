@@ -17,7 +17,19 @@ if TYPE_CHECKING:
 
     from bricksrl.agents.learner import Learner
 
-AGENTS = ("sac", "droq", "redq", "td3", "crossq", "tqc", "ppo", "bc", "act", "diffusion", "iql", "cql", "td3bc", "random")
+_MODULES = {
+    "sac": "sac",
+    "droq": "sac",
+    "redq": "sac",
+    "td3": "td3",
+    "crossq": "crossq",
+    "tqc": "tqc",
+    "ppo": "ppo",
+    **{name: f"imitation.{name}" for name in ("bc", "act", "diffusion")},
+    **{name: f"offline.{name}" for name in ("iql", "cql", "td3bc")},
+    "random": "random",
+}
+AGENTS = tuple(_MODULES)
 """Algorithms by name; each is a file, but for two that are settings of SAC."""
 PRESETS = ("default", "paper")
 """Presets by name."""
@@ -46,7 +58,7 @@ def algorithm(agent: str) -> Algorithm:
         build = load_object(agent, "build")
         module = inspect.getmodule(build)
     elif agent in AGENTS:
-        module = importlib.import_module(f"bricksrl.agents.{'sac' if agent in ('droq', 'redq') else agent}")
+        module = importlib.import_module(f"bricksrl.agents.{_MODULES[agent]}")
         build = module.build
     else:
         raise UnknownNameError(f"there is no agent '{agent}'; choose one of {', '.join(AGENTS)}, or give a file: my_agent.py")

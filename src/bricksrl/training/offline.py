@@ -44,7 +44,7 @@ def study(config: TrainConfig, learner: Learner, env: EnvBase) -> None:
         DataError: the dataset cannot be used.
         RunError: the agent learns from no dataset, or from nothing else and there is none.
     """
-    from bricksrl.agents.chunks import recorded_memory
+    from bricksrl.agents.imitation.chunks import recorded_memory
     from bricksrl.agents.replay import TransitionReplayBuffer, make_replay_buffer
 
     if learner.imitates and config.data is None:

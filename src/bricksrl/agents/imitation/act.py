@@ -13,8 +13,8 @@ from torchrl.envs import EnvBase
 from torchrl.modules.models import ACTModel
 from torchrl.objectives import ACTLoss
 
-from bricksrl.agents.chunks import ChunkPolicy, ChunkSettings, chunk_learner
 from bricksrl.agents.encoder import encoder_keys, make_encoder
+from bricksrl.agents.imitation.chunks import ChunkPolicy, ChunkSettings, chunk_learner
 from bricksrl.agents.learner import Learner
 from bricksrl.agents.networks import action_size
 from bricksrl.agents.settings import NotNegative, Positive, Range, ShareBelowOne

@@ -12,8 +12,8 @@ from torchrl.envs import EnvBase
 from torchrl.modules import DiffusionActor
 from torchrl.objectives import DiffusionBCLoss
 
-from bricksrl.agents.chunks import ChunkPolicy, ChunkSettings, chunk_learner
 from bricksrl.agents.encoder import encoder_keys, make_encoder
+from bricksrl.agents.imitation.chunks import ChunkPolicy, ChunkSettings, chunk_learner
 from bricksrl.agents.learner import Learner
 from bricksrl.agents.networks import action_size, make_body
 from bricksrl.agents.settings import NotNegative, Range
