@@ -110,7 +110,7 @@ def run_ours(agent: str, seed: int, limit: int) -> Race:
                 torch.set_rng_state(state)
 
     def act(observation: torch.Tensor) -> torch.Tensor:
-        action: torch.Tensor = judge.learner.act(TensorDict({"observation": observation}, [len(observation)]), explore=False)
+        action: torch.Tensor = judge.learner.exploit(TensorDict({"observation": observation}, [len(observation)]))["action"]
         return action
 
     judge = Judge()
