@@ -9,16 +9,15 @@ import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
-from small import ENV, make, settings
+from small import ENV, dataset, make, settings
 from tensordict import TensorDict
 from torch import Tensor
 from torchrl.data import Bounded, Composite, Unbounded
 from torchrl.envs import EnvBase
 
 from bricksrl.agents import make_learner, preset
-from bricksrl.agents.imitation.chunks import ActionChunkBuffer, recorded_memory
+from bricksrl.agents.imitation.chunks import ActionChunkBuffer
 from bricksrl.agents.learner import Learner
-from bricksrl.agents.replay import TransitionReplayBuffer
 
 RHYTHM = torch.tensor([1.0, 1.0, -1.0, -1.0, 1.0, -1.0])
 """What is to be done in an episode, or the opposite of it."""
@@ -38,7 +37,7 @@ class Silent(EnvBase):
     def _set_seed(self, seed: int | None) -> None: ...
 
 
-def demonstrations(chunk: int, episodes: int = 40) -> TransitionReplayBuffer:
+def demonstrations(chunk: int, episodes: int = 40) -> Any:
     """At the first step is shown which way around the rhythm goes, and nothing later on."""
     length = len(RHYTHM)
     signs = torch.tensor([1.0, -1.0]).repeat(episodes // 2)
@@ -50,7 +49,7 @@ def demonstrations(chunk: int, episodes: int = 40) -> TransitionReplayBuffer:
     after = {"observation": observation, "reward": torch.zeros(episodes, length, 1), "terminated": done, "done": done}
     shape = [episodes, length]
     frames = TensorDict({"observation": observation, "action": action, "next": TensorDict(after, shape)}, shape)
-    return recorded_memory(frames.reshape(-1), 32, ("observation",), chunk=chunk)
+    return dataset(frames.reshape(-1), chunk=chunk, batch_size=32)
 
 
 def student(agent: str, updates: int, **changes: Any) -> Learner:

@@ -159,13 +159,12 @@ def test_rows_of_several_robots_are_not_linked_with_one_another() -> None:
 class Stub:
     """A fleet without processes, and a recorder: notes what it is asked for."""
 
-    actor = SimpleNamespace(prefill_episodes=1)
-
     def __init__(self, robots: int) -> None:
         self.members = [Member(f"r{place}", place, "virtual") for place in range(robots)]
         for member in self.members:
             member.process = cast("Any", "there")
         self.log: list[tuple[str, Any]] = []
+        self.actor = SimpleNamespace(prefill_episodes=1)
 
     def welcome(self, member: Member) -> None:
         member.is_ready = True
