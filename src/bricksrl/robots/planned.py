@@ -38,6 +38,7 @@ def completed(robot: Robot) -> tuple[tuple[Motor, ...], tuple[Sensor, ...], Driv
         PlanError: the plan cannot be read.
     """
     made = planned_robot(Path(robot.plan or ""))
+    _refuse_strangers(robot, made)
     motors = _motors(robot, made)
     sensors = _sensors(robot, made)
     base = robot.drive_base
@@ -59,6 +60,15 @@ def completed(robot: Robot) -> tuple[tuple[Motor, ...], tuple[Sensor, ...], Driv
         where = f", line {found[0].line}" if found[0].line else ""
         raise DescriptionError(f"{robot.plan}{where}: {found[0].text}")
     return motors, sensors, base
+
+
+def _refuse_strangers(robot: Robot, made: PlannedRobot) -> None:
+    """Refuse motors and sensors that no hub of ours runs, as those of EV3."""
+    kinds = {kind.value for kind in (*MotorKind, *SensorKind)} | {UltrasonicSensor.class_name}
+    for one in made.plan.devices(DeviceKind.MOTOR) + made.plan.devices(DeviceKind.SENSOR):
+        if one.part.device is not None and one.part.device.name not in kinds:
+            where = f"{robot.plan}, line {one.line}"
+            raise DescriptionError(f"{where}: no hub of ours runs {one.name}; take a motor or sensor of Powered Up or SPIKE")
 
 
 def _motors(robot: Robot, made: PlannedRobot) -> tuple[Motor, ...]:
