@@ -149,13 +149,9 @@ def _sim_to_robot(quick: bool) -> tuple[Cell, ...]:
 def _communication(quick: bool) -> tuple[Cell, ...]:
     """Step rates over a link of 15 ms, and link intervals at 4 Hz, each in lock-step and streaming."""
     rates_hz = {4.0: 250} if quick else {2.0: 500, 4.0: 250, 11.0: 91, 30.0: 33}
-    ways: list[tuple[str, dict[str, Any]]] = [
-        (f"{hz:g} Hz", {"options": {"step_ms": step_ms}}) for hz, step_ms in rates_hz.items()
-    ]
-    ways += [
-        (f"4 Hz, {interval_ms:g} ms", {"physics": Physics(link_interval_ms=interval_ms)})
-        for interval_ms in ((45.0,) if quick else (7.5, 30.0, 45.0))
-    ]
+    intervals_ms = (45.0,) if quick else (7.5, 30.0, 45.0)
+    ways: dict[str, dict[str, Any]] = {f"{hz:g} Hz": {"options": {"step_ms": step_ms}} for hz, step_ms in rates_hz.items()}
+    ways |= {f"4 Hz, {ms:g} ms": {"physics": Physics(link_interval_ms=ms)} for ms in intervals_ms}
     config = {"env": "Walker-v0", "episodes": 2 if quick else 20}
     after = (Condition("as trained", episodes=2 if quick else 20),)
     return tuple(
