@@ -108,7 +108,7 @@ def learning(name: str) -> dict[str, float]:
     kept = learner.memory[:]
     return {
         "update_cpu_ms": cpu_ms(lambda: learner.make_updates(1), 20),
-        "act_cpu_ms": cpu_ms(lambda: learner.act(before, explore=True)),
+        "act_cpu_ms": cpu_ms(lambda: learner.explore(before)),
         "replay_steps": len(learner.memory),
         "replay_megabytes": round(kept.bytes() / 1e6, 1),
     }

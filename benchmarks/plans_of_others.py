@@ -18,19 +18,33 @@ from bricksrl.errors import PlanError
 from bricksrl.plans.bodies import MAX_BODIES
 from bricksrl.plans.check import structure_of
 from bricksrl.plans.kinematics import mechanism
+from bricksrl.plans.part import DeviceKind
 from bricksrl.plans.plan import Plan, read_plan
 
 ENDINGS = (".ldr", ".mpd", ".io")
+_COLUMNS = ("parts", "known", "hinges", "motors", "motors_turning", "wheels", "wheels_driven", "cpu_s")
+_TURNS = 0.02
 
 
-def joints(plan: Plan) -> tuple[int, int]:
-    """Joints between bodies, and motors that can turn."""
+def moving(plan: Plan) -> dict[str, int]:
+    """Joints between bodies, motors that can turn, wheels, and wheels that a motor turns."""
+    wheels = [placed.index for placed in plan.parts if placed.part.wheel_mm]
+    found = {"hinges": 0, "motors_turning": 0, "wheels": len(wheels), "wheels_driven": 0}
     bodies = structure_of(plan).bodies
     if len(bodies.members) > MAX_BODIES:
-        return 0, 0
-    made = mechanism(plan, bodies)
-    turning = sum(bool(abs(made.ratios[:, motor]).max(initial=0.0) > 0.01) for motor in range(len(made.ports)))
-    return len(made.hinges), turning
+        return found
+    motions = bodies.motions()
+    of_part = {part: number for number, parts in enumerate(bodies.members) for part in parts}
+    driven = set()
+    for motor in [joint.motor for joint in bodies.joints if joint.motor is not None]:
+        rates = bodies.rates(motor, motions)
+        if abs(rates).max(initial=0.0) < _TURNS:
+            continue
+        found["motors_turning"] += 1
+        least = motions @ rates / (rates @ rates)  # the least motion in which the shaft makes one turn
+        turning = least.reshape(-1, 6)[:, 3:]
+        driven |= {wheel for wheel in wheels if wheel in of_part and abs(turning[of_part[wheel]] - turning[0]).max() > _TURNS}
+    return {**found, "hinges": len(mechanism(plan, bodies).hinges), "wheels_driven": len(driven)}
 
 
 def look(path: Path) -> dict[str, Any]:
@@ -41,9 +55,10 @@ def look(path: Path) -> dict[str, Any]:
     except PlanError as error:
         return {"read": False, "reason": str(error).rpartition("; ")[0].rpartition(": ")[2].rpartition(" is ")[2][:60]}
     unknown = sum(len(one.lines) for one in plan.unknown)
-    found: dict[str, Any] = {"read": True, "parts": len(plan.parts) + unknown, "known": len(plan.parts), "hinges": 0, "motors": 0}
+    found: dict[str, Any] = {"read": True, "parts": len(plan.parts) + unknown, "known": len(plan.parts)}
+    found |= {"motors": len(plan.devices(DeviceKind.MOTOR)), "hinges": 0, "motors_turning": 0, "wheels": 0, "wheels_driven": 0}
     if plan.parts:
-        found["hinges"], found["motors"] = joints(plan)
+        found |= moving(plan)
     return {**found, "cpu_s": round(time.process_time() - started_s, 2)}
 
 
@@ -67,7 +82,13 @@ def main() -> None:
         "files_all_parts_known": sum(one["parts"] == one["known"] for one in read),
         "files_with_moving_joints": sum(one["hinges"] > 0 for one in read),
         "hinges": sum(one["hinges"] for one in read),
-        "each": [{name: one[name] for name in ("parts", "known", "hinges", "motors", "cpu_s") if name in one} for one in read],
+        "motors": sum(one["motors"] for one in read),
+        "motors_turning": sum(one["motors_turning"] for one in read),
+        "files_with_motors": sum(one["motors"] > 0 for one in read),
+        "files_whose_motors_all_turn": sum(0 < one["motors"] == one["motors_turning"] for one in read),
+        "files_with_motors_and_wheels": sum(one["motors"] > 0 and one["wheels"] > 0 for one in read),
+        "files_whose_motors_turn_wheels": sum(one["wheels_driven"] > 0 for one in read),
+        "each": [{name: one[name] for name in _COLUMNS} for one in read],
     }
     print(write("plans_of_others", summary))
 

@@ -110,7 +110,7 @@ def run_ours(agent: str, seed: int, limit: int) -> Race:
                 torch.set_rng_state(state)
 
     def act(observation: torch.Tensor) -> torch.Tensor:
-        action: torch.Tensor = judge.learner.act(TensorDict({"observation": observation}, [len(observation)]), explore=False)
+        action: torch.Tensor = judge.learner.exploit(TensorDict({"observation": observation}, [len(observation)]))["action"]
         return action
 
     judge = Judge()
@@ -131,7 +131,8 @@ def run_theirs(package: str, agent: str, seed: int, limit: int, *, like_ours: bo
 
     import bricksrl.envs  # registers with Gymnasium
     from bricksrl.agents import preset
-    from bricksrl.agents.encoder import ObservationEncoder, ObservationLayout
+    from bricksrl.agents.encoder import ObservationEncoder
+    from bricksrl.envs.specs import ObservationLayout
 
     race = Race(limit)
     env = gymnasium.make(f"bricksrl/{ENV}")

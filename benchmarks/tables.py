@@ -37,15 +37,16 @@ This page is written by `python benchmarks/tables.py` from `benchmarks/results/`
 the versions it was measured with. Square brackets are 95 % bootstrap intervals over seeds (for rates: Wilson intervals). All
 robots are virtual; nobody here has run this on LEGO's yet.
 
-The agents were made anew on TorchRL's parts. Measured with them: learning of SAC, learning from many copies, updates. What else
-is said of learning is of the agents before, and is to be measured again.
+The agents were rewritten on TorchRL's parts. Measured with them: SAC and TD3 in the simulations, SAC on RunAway-v0, Spinning-v0,
+RoboArm-v0, LineFollow-v0 and Park-v0, the race, many copies, updates, exact resume, memory. The other results on learning were
+measured with the earlier agents.
 """
 
 STUDIES_HEAD = """# Studies
 
-`bricksrl study` lists them, `bricksrl study NAME` makes one, `--quick` shows in minutes that all of it works. This page is
-written by `python benchmarks/tables.py` from the `study.json` of those that were made at full length, which lie in
-`benchmarks/results/study_NAME.json`, and from the results of the benchmarks. A study without a table here has not been made.
+`bricksrl study` lists the studies, `bricksrl study NAME` runs one, and `--quick` runs a few episodes of it as a test. This page
+is written by `python benchmarks/tables.py` from the studies that were run at full length, whose results lie in
+`benchmarks/results/`, and from the benchmarks. A study without a table has not been run yet.
 """
 
 

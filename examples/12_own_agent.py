@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from torchrl.objectives import DDPGLoss, SoftUpdate
 
-from bricksrl.agents import encoder, learner, networks, settings
+from bricksrl.agents import encoder, learner, networks, operators, settings
 
 
 @dataclass(frozen=True)
@@ -20,7 +20,7 @@ class Settings(settings.OffPolicySettings):
 def build(env, settings: Settings, device="cpu"):
     features, m = encoder.make_encoder(env, settings), networks.action_size(env)
     body = networks.make_body(settings, features.size, m, layer_norm=True)
-    critic = networks.critic_operator(features, networks.make_body(settings, features.size + m, 1, layer_norm=True))
+    critic = operators.critic_operator(features, networks.make_body(settings, features.size + m, 1, layer_norm=True))
     actor, policy = networks.deterministic_policy(features, body, networks.action_spec(env), noise=settings.noise)
     loss = DDPGLoss(actor, critic, delay_actor=True, delay_value=True).to(device)
     loss.make_value_estimator(gamma=settings.gamma)

@@ -14,7 +14,8 @@ from torchrl.data import Bounded, TensorSpec
 from torchrl.modules import ProbabilisticActor, ValueOperator
 
 from bricksrl.agents.actor_critic import ActorCriticLoss, Critics
-from bricksrl.agents.networks import critic_operator, deterministic_policy, gaussian_policy, mlp
+from bricksrl.agents.networks import deterministic_policy, gaussian_policy, mlp
+from bricksrl.agents.operators import critic_operator
 
 SIZE, ACTION = 5, 3
 GAMMA = 0.9

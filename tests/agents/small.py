@@ -16,8 +16,9 @@ from torchrl.envs.utils import ExplorationType, set_exploration_type
 
 import bricksrl
 from bricksrl.agents import make_learner, preset
-from bricksrl.agents.encoder import ObservationLayout
+from bricksrl.agents.imitation.chunks import recorded_memory
 from bricksrl.agents.learner import Learner
+from bricksrl.envs.specs import ObservationLayout
 
 
 class Sight(EnvBase):
@@ -123,7 +124,7 @@ def taught(learner: Learner, updates: int = 3) -> Learner:
     """The learner after it has seen some steps and made some updates."""
     torch.manual_seed(2)
     if learner.imitates:
-        learner.study(dataset(chunk=learner.chunk))
+        learner.dataset = dataset(chunk=learner.chunk)
     if learner.on_policy:
         ENV.set_seed(5)
         learner.remember(rollout(learner))
@@ -143,10 +144,7 @@ def rollout(learner: Learner) -> TensorDictBase:
 
 def dataset(frames: TensorDictBase | None = None, *, chunk: int = 0, batch_size: int = 10) -> Any:
     """A memory of steps to study from."""
-    from bricksrl.agents.replay import EpisodicReplayBuffer
-
-    frames = steps(40) if frames is None else frames
-    return EpisodicReplayBuffer.from_frames(frames, batch_size, ("observation",), chunk=chunk)
+    return recorded_memory(steps(40) if frames is None else frames, batch_size, ("observation",), chunk=chunk)
 
 
 def tensors(state: Any) -> list[Tensor]:

@@ -44,30 +44,30 @@ def restarted(learner: Learner) -> Learner:
 def test_acts_on_one_observation_and_on_many(agent: str) -> None:
     learner, seen = (learned(agent) if agent != "random" else make("random")), steps(6)
     for state, shape in ((seen[0], (4,)), (seen, (6, 4)), (seen.view(2, 3), (2, 3, 4))):
-        for explore in (False, True):
-            action = restarted(learner).act(state, explore=explore)
+        for way in ("exploit", "explore"):
+            action = getattr(restarted(learner), way)(state)["action"]
             assert action.shape == shape
             assert not action.requires_grad
             assert action.abs().max() <= 1.0
     if agent not in ("random", "diffusion"):  # these draw
-        many = restarted(learner).act(seen, explore=False)
-        alone = torch.stack([restarted(learner).act(one, explore=False) for one in seen])
+        many = restarted(learner).exploit(seen)["action"]
+        alone = torch.stack([restarted(learner).exploit(one)["action"] for one in seen])
         torch.testing.assert_close(many, alone, rtol=1e-4, atol=1e-5)
 
 
 @pytest.mark.parametrize("agent", REPLAYING)
 def test_explores_around_the_best(agent: str) -> None:
     learner, seen = learned(agent), steps(1)[0]
-    best = learner.act(seen, explore=False)
-    assert torch.equal(best, learner.act(seen, explore=False))
-    drawn = torch.stack([learner.act(seen, explore=True) for _ in range(50)])
+    best = learner.exploit(seen)["action"]
+    assert torch.equal(best, learner.exploit(seen)["action"])
+    drawn = torch.stack([learner.explore(seen)["action"] for _ in range(50)])
     assert drawn.std(0).min() > 0.02
 
 
 def test_more_noise_explores_more() -> None:
     def spread(noise: float) -> float:
         learner, seen = make("td3", exploration_noise=noise), steps(1)[0]
-        return float(torch.stack([learner.act(seen, explore=True) for _ in range(50)]).std(0).mean())
+        return float(torch.stack([learner.explore(seen)["action"] for _ in range(50)]).std(0).mean())
 
     assert spread(0.0) == pytest.approx(0.0, abs=1e-6)
     assert spread(0.3) > 2 * spread(0.1) > 0.1
@@ -75,7 +75,7 @@ def test_more_noise_explores_more() -> None:
 
 def test_random_is_uniform_and_learns_nothing() -> None:
     learner = make("random")
-    actions = learner.act(steps(1)[0].expand(4000), explore=False)
+    actions = learner.exploit(steps(1)[0].expand(4000))["action"]
     assert actions.mean(0).abs().max() < 0.05
     assert actions.std(0) == pytest.approx(torch.full((4,), 3**-0.5), abs=0.02)
     learner.remember(steps(5))
@@ -87,8 +87,8 @@ def test_random_is_uniform_and_learns_nothing() -> None:
 def test_acting_changes_nothing(agent: str) -> None:
     learner = learned(agent) if agent != "random" else make(agent)
     before = weights(learner)
-    for explore in (False, True):
-        learner.act(steps(20), explore=explore)
+    for act in (learner.exploit, learner.explore):
+        act(steps(20))
     assert same(before, weights(learner))
 
 
@@ -101,7 +101,7 @@ def test_a_copy_of_the_policy_is_a_policy_of_its_own(agent: str) -> None:
             torch.manual_seed(1)
             one = copied(seen.select(*copied.in_keys))["action"]
             torch.manual_seed(1)
-            assert torch.equal(one, restarted(learner).act(seen, explore=False))
+            assert torch.equal(one, restarted(learner).exploit(seen)["action"])
             for tensor in learner.policy.parameters():
                 tensor.data += 0.1
             assert all(torch.equal(a, b) for a, b in zip(before, tensors(dict(copied.state_dict())), strict=True))
@@ -120,7 +120,7 @@ def test_a_policys_state_acts_the_same_elsewhere(agent: str) -> None:
     actions = []
     for learner in (one, other):
         torch.manual_seed(1)
-        actions.append(restarted(learner).act(seen, explore=False))
+        actions.append(restarted(learner).exploit(seen)["action"])
     assert torch.equal(*actions)
 
 
@@ -128,7 +128,7 @@ def go_on(learner: Learner) -> list[Tensor]:
     """All that changes in more steps and updates."""
     torch.manual_seed(1)
     if learner.imitates:
-        learner.study(dataset(chunk=learner.chunk))
+        learner.dataset = dataset(chunk=learner.chunk)
     if learner.on_policy:
         ENV.set_seed(6)
         learner.remember(rollout(learner))
@@ -137,7 +137,7 @@ def go_on(learner: Learner) -> list[Tensor]:
         for frame in steps(8):
             learner.remember(frame[None])
             learner.learn()
-    return [*weights(learner), restarted(learner).act(steps(4), explore=False)]
+    return [*weights(learner), restarted(learner).exploit(steps(4))["action"]]
 
 
 @pytest.mark.parametrize("agent", LEARNING)

@@ -9,16 +9,15 @@ import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
-from small import ENV, make, settings
+from small import ENV, dataset, make, settings
 from tensordict import TensorDict
 from torch import Tensor
 from torchrl.data import Bounded, Composite, Unbounded
 from torchrl.envs import EnvBase
 
 from bricksrl.agents import make_learner, preset
-from bricksrl.agents.chunks import ActionChunkBuffer
+from bricksrl.agents.imitation.chunks import ActionChunkBuffer
 from bricksrl.agents.learner import Learner
-from bricksrl.agents.replay import EpisodicReplayBuffer
 
 RHYTHM = torch.tensor([1.0, 1.0, -1.0, -1.0, 1.0, -1.0])
 """What is to be done in an episode, or the opposite of it."""
@@ -38,7 +37,7 @@ class Silent(EnvBase):
     def _set_seed(self, seed: int | None) -> None: ...
 
 
-def demonstrations(chunk: int, episodes: int = 40) -> EpisodicReplayBuffer:
+def demonstrations(chunk: int, episodes: int = 40) -> Any:
     """At the first step is shown which way around the rhythm goes, and nothing later on."""
     length = len(RHYTHM)
     signs = torch.tensor([1.0, -1.0]).repeat(episodes // 2)
@@ -50,14 +49,14 @@ def demonstrations(chunk: int, episodes: int = 40) -> EpisodicReplayBuffer:
     after = {"observation": observation, "reward": torch.zeros(episodes, length, 1), "terminated": done, "done": done}
     shape = [episodes, length]
     frames = TensorDict({"observation": observation, "action": action, "next": TensorDict(after, shape)}, shape)
-    return EpisodicReplayBuffer.from_frames(frames.reshape(-1), 32, ("observation",), chunk=chunk)
+    return dataset(frames.reshape(-1), chunk=chunk, batch_size=32)
 
 
 def student(agent: str, updates: int, **changes: Any) -> Learner:
     usual = preset("default", agent)
     torch.manual_seed(5)
     learner = make_learner(agent, Silent(), replace(usual, **changes))
-    learner.study(demonstrations(learner.chunk))
+    learner.dataset = demonstrations(learner.chunk)
     learner.make_updates(updates)
     return learner
 
@@ -68,7 +67,7 @@ def performed(learner: Learner, *signs: float) -> Tensor:
     first = torch.tensor([[sign, 0.0] for sign in signs])
     first = first[0] if len(signs) == 1 else first
     seen = [first] + [torch.zeros_like(first)] * (len(RHYTHM) - 1)
-    return torch.stack([learner.act(TensorDict({"observation": one}, one.shape[:-1]), explore=False) for one in seen])
+    return torch.stack([learner.exploit(TensorDict({"observation": one}, one.shape[:-1]))["action"] for one in seen])
 
 
 def wanted(sign: float) -> Tensor:
@@ -98,10 +97,10 @@ def test_diffusion_learns_it_too() -> None:
 
 def test_it_has_to_be_told_where_an_episode_starts(act: Learner) -> None:
     performed(act, 1.0)
-    act.act(TensorDict({"observation": torch.tensor([1.0, 0.0])}), explore=False)
+    act.exploit(TensorDict({"observation": torch.tensor([1.0, 0.0])}))
     assert torch.equal(performed(act, -1.0), performed(act, -1.0))
-    act.act(TensorDict({"observation": torch.tensor([1.0, 0.0])}), explore=False)
-    went_on = torch.stack([act.act(TensorDict({"observation": torch.tensor([-1.0, 0.0])}), explore=False) for _ in range(3)])
+    act.exploit(TensorDict({"observation": torch.tensor([1.0, 0.0])}))
+    went_on = torch.stack([act.exploit(TensorDict({"observation": torch.tensor([-1.0, 0.0])}))["action"] for _ in range(3)])
     assert (went_on - wanted(1.0)[1:4]).abs().mean() < 0.2
 
 
@@ -130,7 +129,7 @@ def test_dropout_is_for_learning_alone() -> None:
         acts = []
         for _ in range(2):
             learner.reset_policy()
-            acts.append(learner.act(TensorDict({"observation": seen}, [5]), explore=False))
+            acts.append(learner.exploit(TensorDict({"observation": seen}, [5]))["action"])
         assert torch.equal(*acts)
         action = torch.rand(5, learner.chunk, 4) if learner.chunk else torch.rand(5, 4)
         batch = TensorDict({"observation": seen, "action": action}, [5])
@@ -138,7 +137,7 @@ def test_dropout_is_for_learning_alone() -> None:
         for _ in range(2):
             torch.manual_seed(4)
             torch.rand(len(losses))
-            losses.append(float(learner.loss(batch)[learner.loss_names[0]].detach()))  # type: ignore[misc]
+            losses.append(float(learner.loss(batch)[learner.loss.out_keys[0]].detach()))  # type: ignore[misc]
         assert losses[0] != losses[1]
 
 

@@ -27,7 +27,7 @@ from torchrl.objectives import CQLLoss as TorchRLCQLLoss
 from torchrl.objectives import SoftUpdate
 
 from bricksrl.agents.actor_critic import Batch
-from bricksrl.agents.cql import CQLLoss, CQLSettings, draw_places
+from bricksrl.agents.offline.cql import CQLLoss, CQLSettings, draw_places
 
 N = 64
 

@@ -23,7 +23,8 @@ from oracle import (
 from torch import nn
 from torchrl.objectives import CrossQLoss as TorchRLCrossQLoss
 
-from bricksrl.agents.crossq import CrossQLoss, CrossQSettings
+from bricksrl.agents.actor_critic import Critics
+from bricksrl.agents.crossq import CrossQLoss, CrossQSettings, batch_normalised
 
 pytestmark = pytest.mark.usefixtures("double")
 N = 64
@@ -31,7 +32,7 @@ N = 64
 
 def make() -> CrossQLoss:
     """A loss whose networks have seen a batch before: their running statistics are no longer 0 and 1."""
-    body, values = actor(2 * ACTION, batch_norm=0.1), critics(batch_norm=0.1)
+    body, values = batch_normalised(actor(2 * ACTION), 0.1), Critics(batch_normalised(one, 0.1) for one in critics())
     for _ in range(3):
         body(torch.randn(N, 5) * 2.0 + 1.0)
         values(torch.randn(N, 5) * 2.0 + 1.0, torch.rand(N, ACTION))

@@ -13,16 +13,11 @@ from torchrl.envs import TransformedEnv
 from torchrl.envs.utils import check_env_specs
 from toys import Cart
 
-from bricksrl.agents.encoder import (
-    EncodeObservation,
-    ImageEncoder,
-    ObservationEncoder,
-    ObservationLayout,
-    encoder_keys,
-    make_encoder,
-)
-from bricksrl.agents.images import Convolutions, Keypoints, shift_images
+from bricksrl.agents.encoder import ObservationEncoder, encoder_keys, make_encoder
+from bricksrl.agents.images import Convolutions, ImageEncoder, Keypoints, shift_images
+from bricksrl.agents.operators import EncodeObservation
 from bricksrl.envs.registry import get_task
+from bricksrl.envs.specs import ObservationLayout
 from bricksrl.errors import DescriptionError
 
 MIXED = ObservationLayout((0.0, -90.0, 0.0, -math.inf), (360.0, 90.0, 2000.0, math.inf), (True, False, False, False))

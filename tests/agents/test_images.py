@@ -11,8 +11,8 @@ from tensordict import TensorDict
 
 from bricksrl.agents import make_learner
 from bricksrl.agents.actor_critic import ActorCriticLoss
+from bricksrl.agents.imitation.chunks import recorded_memory
 from bricksrl.agents.learner import Learner
-from bricksrl.agents.replay import EpisodicReplayBuffer
 
 SEEING = ("sac", "droq", "td3", "crossq", "tqc", "iql", "cql", "td3bc")
 
@@ -50,18 +50,18 @@ def test_learns_and_acts(agent: str, encoder: str) -> None:
     before = weights(learner)
     learner.make_updates(1)
     assert not same(before, weights(learner))
-    assert learner.sees_images
-    assert learner.act(state, explore=True).shape == (2,)
-    assert learner.act(torch.stack([state, state]), explore=False).shape == (2, 2)
+    assert "image" in learner.policy.in_keys
+    assert learner.explore(state)["action"].shape == (2,)
+    assert learner.exploit(torch.stack([state, state]))["action"].shape == (2, 2)
 
 
 @pytest.mark.parametrize("agent", ["bc", "act", "diffusion"])
 def test_imitates_what_was_done_in_sight(agent: str) -> None:
     learner = make(agent, env=SIGHT)
-    assert learner.sees_images
-    learner.study(EpisodicReplayBuffer.from_frames(frames(40), 8, ("observation", "image"), chunk=learner.chunk))
+    assert "image" in learner.policy.in_keys
+    learner.dataset = recorded_memory(frames(40), 8, ("observation", "image"), chunk=learner.chunk)
     assert learner.make_updates(2)
-    assert learner.act(torch.stack([seen(3), seen(9)]), explore=False).shape == (2, 2)
+    assert learner.exploit(torch.stack([seen(3), seen(9)]))["action"].shape == (2, 2)
 
 
 def test_ppo_sees_too() -> None:
@@ -99,12 +99,12 @@ def test_a_state_survives_a_file_and_learning_goes_on_bit_for_bit(agent: str, bu
         each.remember(frames(5, seed=8))
         each.make_updates(3)
     assert same(weights(one), weights(other))
-    assert torch.equal(one.act(seen(9), explore=False), other.act(seen(9), explore=False))
+    assert torch.equal(one.exploit(seen(9))["action"], other.exploit(seen(9))["action"])
 
 
 @pytest.mark.parametrize("agent", ["sac", "td3"])
 def test_learns_to_act_towards_what_it_sees(agent: str) -> None:
     learner = make(agent, env=SIGHT, gamma=0.0, hidden=(32, 32), batch_size=32)
     taught(learner, updates=150, count=150)
-    assert learner.act(seen(25), explore=False)[0] > 0.4
-    assert learner.act(seen(1), explore=False)[0] < -0.4
+    assert learner.exploit(seen(25))["action"][0] > 0.4
+    assert learner.exploit(seen(1))["action"][0] < -0.4

@@ -12,7 +12,7 @@ from torchrl.data import LazyTensorStorage, SamplerWithoutReplacement, TensorDic
 from torchrl.objectives.common import LossModule
 
 from bricksrl.agents.learner import Learner
-from bricksrl.agents.replay import EpisodicReplayBuffer
+from bricksrl.agents.replay import TransitionReplayBuffer, make_replay_buffer
 
 
 class Counting(LossModule):  # type: ignore[misc]
@@ -56,7 +56,7 @@ class Descent(torch.optim.SGD):
 def counting(**changes: object) -> tuple[Learner, Counting, list[str]]:
     log: list[str] = []
     loss = Counting(log)
-    memory = EpisodicReplayBuffer(100, 4, ("observation",))
+    memory = TransitionReplayBuffer(100, 4, ("observation",))
     policy = TensorDictModule(nn.Linear(8, 4), in_keys=["observation"], out_keys=["action"])
     usual = {"descend": ("loss_qvalue", "loss_actor"), **changes}
     return Learner(policy, loss, Descent(loss, log), memory, Target(log), **usual), loss, log  # type: ignore[arg-type]
@@ -125,7 +125,7 @@ def test_what_is_due_is_part_of_the_state() -> None:
     for _ in range(3):
         one.learn()
     other.load_state_dict(one.state_dict())
-    assert other._due == one._due == pytest.approx(0.25)
+    assert other.due == one.due == pytest.approx(0.25)
 
 
 def test_without_experience_there_is_nothing_to_update() -> None:
@@ -162,7 +162,7 @@ def test_half_of_each_batch_comes_from_the_dataset() -> None:
     learner = make("sac", hindsight=0.0, new_goals=0.0, batch_size=11)
     frames = steps(40)
     frames["next", "reward"] = torch.full((40, 1), 7.0)
-    learner.study(dataset(frames, batch_size=11))
+    learner.dataset = dataset(frames, batch_size=11)
     assert all((batch["next", "reward"] == 7.0).all() and len(batch) == 11 for batch in learner.batches(3))
     learner.remember(steps(30))
     for batch in learner.batches(3):
@@ -180,9 +180,9 @@ def test_many_batches_are_drawn_at_once_and_are_all_there() -> None:
 def test_a_dataset_is_as_good_as_the_same_experience() -> None:
     one, other = make("sac"), make("sac")
     one.remember(steps(40))
-    memory = EpisodicReplayBuffer.of(ENV, settings("sac"), "cpu")
+    memory = make_replay_buffer(ENV, settings("sac"), "cpu")
     memory.extend(steps(40))
-    other.study(memory)
+    other.dataset = memory
     for each in (one, other):
         torch.manual_seed(1)
         each.make_updates(3)
@@ -231,7 +231,7 @@ def test_an_imitator_learns_from_nothing_that_it_did() -> None:
     learner = make("bc")
     learner.remember(steps(20))
     assert learner.make_updates(3) == {}
-    learner.study(dataset())
+    learner.dataset = dataset()
     assert "loss_bc" in learner.make_updates(3)
 
 
@@ -256,7 +256,7 @@ def test_learns_the_action_that_pays(agent: str) -> None:
     frames["next", "terminated"] = torch.zeros(200, 1, dtype=torch.bool)
     learner.remember(frames)
     learner.make_updates(250)
-    best = learner.act(frames, explore=False)
+    best = learner.exploit(frames)["action"]
     assert best[:, 0].mean() > 0.6
     assert best[:, 1].mean() < -0.6
 

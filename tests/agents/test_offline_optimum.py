@@ -19,8 +19,8 @@ from torchrl.data import Bounded, Composite, Unbounded
 from torchrl.envs import EnvBase
 
 from bricksrl.agents import make_learner, preset
+from bricksrl.agents.episodic_replay import EpisodicReplayBuffer
 from bricksrl.agents.learner import Learner
-from bricksrl.agents.replay import EpisodicReplayBuffer
 
 GAMMA, REACH, GAIN, NOISE = 0.8, 0.3, 0.5, 0.6
 GRID = torch.linspace(-1.0, 1.0, 401)
@@ -85,7 +85,7 @@ def made_data(batch_size: int, count: int = 4000) -> EpisodicReplayBuffer:
 
 
 def acted(learner: Any, x: Tensor) -> Tensor:
-    action: Tensor = learner.act(TensorDict({"observation": x[:, None]}, [len(x)]), explore=False)[:, 0]
+    action: Tensor = learner.exploit(TensorDict({"observation": x[:, None]}, [len(x)]))["action"][:, 0]
     return action
 
 
@@ -102,7 +102,7 @@ def learned(name: str, updates: int = 500, **changes: Any) -> Learner:
     wanted = {**SMALL, **changes}
     usual = preset("default", name)
     learner = make_learner(name, Line(), replace(usual, **{key: wanted[key] for key in wanted if hasattr(usual, key)}))
-    learner.study(made_data(SMALL["batch_size"]))
+    learner.dataset = made_data(SMALL["batch_size"])
     learner.make_updates(updates)
     return learner
 
@@ -125,8 +125,8 @@ def imitated() -> float:
 
 def test_the_task_leaves_room_to_improve(imitated: float) -> None:
     class Middle:
-        def act(self, state: TensorDict, *, explore: bool) -> Tensor:
-            return (-state["observation"] / REACH).clamp(-1.0, 1.0)
+        def exploit(self, state: TensorDict) -> TensorDict:
+            return state.set("action", (-state["observation"] / REACH).clamp(-1.0, 1.0))
 
     assert regret(Middle()) == pytest.approx(0.0, abs=2e-3)
     assert float((BEST - OF_BEHAVIOUR).mean()) > 0.2

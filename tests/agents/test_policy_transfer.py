@@ -34,8 +34,8 @@ def test_it_is_the_same_policy(before: str, after: str) -> None:
     one, seen = learned(before, updates=30, actor_layer_norm=False, dropout=0.0), steps(5)
     other = make(after, seed=5)
     transfer_policy(other, one)
-    torch.testing.assert_close(other.act(seen, explore=False), one.act(seen, explore=False), rtol=1e-5, atol=1e-6)
-    explored = torch.stack([other.act(seen[0], explore=True) for _ in range(50)])
+    torch.testing.assert_close(other.exploit(seen)["action"], one.exploit(seen)["action"], rtol=1e-5, atol=1e-6)
+    explored = torch.stack([other.explore(seen[0])["action"] for _ in range(50)])
     assert explored.std(0).max() > 0.01
     if after == "td3":
         assert same(list(of(other).actor.parameters()), list(of(other).target_actor.parameters()))
@@ -49,7 +49,7 @@ def test_layer_normalisations_come_along() -> None:
     one = learned("bc", updates=30, actor_layer_norm=True, dropout=0.0)
     other = make("sac", seed=5, actor_layer_norm=True)
     transfer_policy(other, one)
-    torch.testing.assert_close(other.act(steps(5), explore=False), one.act(steps(5), explore=False), rtol=1e-5, atol=1e-6)
+    torch.testing.assert_close(other.exploit(steps(5))["action"], one.exploit(steps(5))["action"], rtol=1e-5, atol=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -145,6 +145,6 @@ def test_it_does_not_collapse_under_new_critics() -> None:
         learner.remember(seen)
         torch.manual_seed(1)
         learner.make_updates(60)
-        distances.append(float((learner.act(seen, explore=False) - source.act(seen, explore=False)).square().mean().sqrt()))
+        distances.append(float((learner.exploit(seen)["action"] - source.exploit(seen)["action"]).square().mean().sqrt()))
     assert distances[0] < 0.5 * distances[1]
     anchor(make("sac"))

@@ -10,15 +10,15 @@ from small import ENV, LAYOUT, TASK, make, settings, steps
 from tensordict import TensorDict
 from torch import Tensor
 
-from bricksrl.agents.relabelling import GoalRelabelling
-from bricksrl.agents.replay import HORIZON, EpisodicReplayBuffer
+from bricksrl.agents.episodic_replay import HORIZON, EpisodicReplayBuffer, GoalRelabelling
+from bricksrl.agents.replay import make_replay_buffer
 
 GOALS = GoalRelabelling(TASK, LAYOUT, 0.5, 0.5)
 
 
 def buffer(frames: TensorDict, batch_size: int = 100, capacity: int = 1000, **shares: float) -> EpisodicReplayBuffer:
     changes = {"hindsight": 0.0, "new_goals": 0.0, **shares}
-    found = EpisodicReplayBuffer.of(ENV, settings("sac", batch_size=batch_size, buffer_size=capacity, **changes), "cpu")
+    found = make_replay_buffer(ENV, settings("sac", batch_size=batch_size, buffer_size=capacity, **changes), "cpu")
     found.extend(frames)
     return found
 
@@ -128,7 +128,7 @@ def test_hindsight_does_not_reach_across_a_broken_link() -> None:
 
 def test_n_step_sums_are_those_of_the_new_goal() -> None:
     frames = steps(30)
-    found = EpisodicReplayBuffer.of(ENV, settings("sac", batch_size=64, new_goals=1.0, hindsight=0.0, n_step=3, gamma=0.9), "cpu")
+    found = make_replay_buffer(ENV, settings("sac", batch_size=64, new_goals=1.0, hindsight=0.0, n_step=3, gamma=0.9), "cpu")
     found.extend(frames)
     places = {tuple(row): number for number, row in enumerate(frames["observation"][:, :4].tolist())}
     for row in found.sample():

@@ -12,7 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tensordict import TensorDict
 
-from bricksrl.agents.replay import EpisodicReplayBuffer
+from bricksrl.agents.episodic_replay import EpisodicReplayBuffer
+from bricksrl.agents.imitation.chunks import recorded_memory
+from bricksrl.agents.learner_state import load_memory_state, memory_state
 from bricksrl.errors import DescriptionError
 
 GAMMA = 0.9
@@ -229,7 +231,7 @@ def test_all_that_is_in_it_comes_up_alike() -> None:
 def test_chunks_are_the_actions_that_followed_and_the_last_one_again() -> None:
     frames = numbered(0, 12, done=(4,))
     expected = {0: [0, 1, 2, 3], 2: [2, 3, 4, 4], 4: [4, 4, 4, 4], 5: [5, 6, 7, 8], 9: [9, 10, 11, 11], 11: [11, 11, 11, 11]}
-    batch = EpisodicReplayBuffer.from_frames(frames, 32, ("observation",), chunk=4).sample(300)
+    batch = recorded_memory(frames, 32, ("observation",), chunk=4).sample(300)
     assert batch["action"].shape == (300, 4, 2)
     found = {int(row["observation"]): row["action"][:, 0].int().tolist() for row in batch}
     assert {number: found[number] for number in expected} == expected
@@ -259,12 +261,12 @@ def test_a_state_goes_on_where_it_was(made: int, memory_mapped: bool) -> None:
     for first in range(made):
         one.extend(numbered(first, 1, done=(2, 7)))
     file = io.BytesIO()
-    torch.save(one.state_dict(), file)
+    torch.save(memory_state(one), file)
     file.seek(0)
     state = torch.load(file, weights_only=True)
     assert sum(len(rows) for rows in state["rows"].values()) == min(made, 8) * len(state["rows"])
     other = memory(capacity=8)
-    other.load_state_dict(state)
+    load_memory_state(other, state)
     for first in range(made, made + 6):
         for buffer in (one, other):
             buffer.extend(numbered(first, 1, done=(2, 7)))
@@ -282,7 +284,7 @@ def test_a_state_takes_the_place_of_what_was_there(made: int) -> None:
     for first in range(made):
         one.extend(numbered(first, 1, done=(2, 7)))
     other.extend(numbered(40, 9))
-    other.load_state_dict(one.state_dict())
+    load_memory_state(other, memory_state(one))
     for buffer in (one, other):
         buffer.extend(numbered(made, 2))
     assert len(other) == len(one)
@@ -294,13 +296,13 @@ def test_a_state_that_does_not_fit_is_refused() -> None:
     full = memory(capacity=8)
     full.extend(numbered(0, 8))
     with pytest.raises(ValueError, match="8 transitions does not fit into one of 4"):
-        memory(capacity=4).load_state_dict(full.state_dict())
+        load_memory_state(memory(capacity=4), memory_state(full))
 
 
 def test_the_state_is_a_copy() -> None:
     buffer = memory(capacity=4)
     buffer.extend(numbered(0, 4))
-    state = buffer.state_dict()
+    state = memory_state(buffer)
     buffer.extend(numbered(4, 4))
     assert state["rows"]["observation"].flatten().tolist() == [0.0, 1.0, 2.0, 3.0]
     assert state["successor"].tolist() == [1, 2, 3, 4]

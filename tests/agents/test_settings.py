@@ -12,12 +12,13 @@ from small import ENV, SIGHT
 from toys import Cart
 
 from bricksrl.agents import AGENTS, PRESETS, algorithm, make_learner, preset
-from bricksrl.agents.act import ACTSettings
+from bricksrl.agents.imitation.act import ACTSettings
 from bricksrl.agents.presets import values
 from bricksrl.agents.sac import SACSettings
-from bricksrl.agents.settings import Positive, Range, Settings, check_value
+from bricksrl.agents.settings import Positive, Range, Settings
 from bricksrl.agents.td3 import TD3Settings
 from bricksrl.errors import DescriptionError, UnknownNameError
+from bricksrl.fields import check_value
 
 OF_ALL = [
     {"learning_rate": 0.0},
@@ -177,14 +178,14 @@ def test_every_preset_makes_every_agent(name: str, agent: str) -> None:
 def test_every_preset_makes_every_agent_for_images(name: str, agent: str) -> None:
     changes = {"encoder": "keypoints"} if agent != "random" else {}
     learner = make_learner(agent, SIGHT, replace(preset(name, agent, images=True), **changes))
-    assert learner.sees_images == (agent != "random")
+    assert ("image" in learner.policy.in_keys) == (agent != "random")
 
 
 def test_the_preset_for_images_is_small_and_keeps_few() -> None:
     plain, images = preset("default", "sac"), preset("default", "sac", images=True)
     assert (images.hidden, images.batch_size, images.buffer_size, images.encoder) == ((128, 128), 64, 15_000, "keypoints")
     assert (plain.hidden, plain.batch_size, plain.buffer_size) == ((256, 256), 256, 1_000_000)
-    assert make_learner("sac", SIGHT).sees_images
+    assert "image" in make_learner("sac", SIGHT).policy.in_keys
     assert preset("paper", "sac", images=True).encoder == "convolutions"
 
 

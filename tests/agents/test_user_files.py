@@ -22,8 +22,9 @@ from torchrl.objectives import DDPGLoss, SoftUpdate
 
 from bricksrl.agents.encoder import make_encoder
 from bricksrl.agents.learner import Learner
-from bricksrl.agents.networks import action_size, action_spec, critic_operator, deterministic_policy, make_body
-from bricksrl.agents.replay import EpisodicReplayBuffer
+from bricksrl.agents.networks import action_size, action_spec, deterministic_policy, make_body
+from bricksrl.agents.operators import critic_operator
+from bricksrl.agents.replay import make_replay_buffer
 from bricksrl.agents.settings import OffPolicySettings, Range
 
 
@@ -39,7 +40,7 @@ def build(env, settings: DDPGSettings, device="cpu"):
     loss = DDPGLoss(actor, critic, delay_actor=True, delay_value=True)
     loss.make_value_estimator(gamma=settings.gamma)
     optimizer = torch.optim.Adam(loss.parameters(), lr=settings.learning_rate)
-    memory = EpisodicReplayBuffer.of(env, settings, device)
+    memory = make_replay_buffer(env, settings, device)
     return Learner(policy, loss, optimizer, memory, SoftUpdate(loss, tau=settings.tau), updates_per_step=2.0)
 
 
@@ -62,12 +63,12 @@ def test_a_loss_of_torchrls_that_the_package_does_not_know_learns(ddpg: str) -> 
     before = weights(learner)
     taught(learner)
     assert not all(torch.equal(one, other) for one, other in zip(before, weights(learner), strict=False))
-    assert learner.loss_names[:2] == ("loss_actor", "loss_value")
-    assert learner.act(steps(3), explore=True).shape == (3, 4)
+    assert tuple(learner.loss.out_keys)[:2] == ("loss_actor", "loss_value")
+    assert learner.explore(steps(3))["action"].shape == (3, 4)
     assert make_learner(f"{ddpg}:other", ENV).updates_per_step == 2.0
     other = make_learner(ddpg, ENV, kind(hidden=(16, 16), batch_size=10))
     other.load_state_dict(learner.state_dict())
-    assert torch.equal(other.act(steps(3), explore=False), learner.act(steps(3), explore=False))
+    assert torch.equal(other.exploit(steps(3))["action"], learner.exploit(steps(3))["action"])
 
 
 def test_its_settings_are_checked_as_those_of_others(ddpg: str) -> None:
@@ -161,7 +162,7 @@ def test_networks_from_a_users_factory_learn(tmp_path: Path, agent: str) -> None
     before = weights(learner)
     taught(learner)
     assert not all(torch.equal(one, other) for one, other in zip(before, weights(learner), strict=False))
-    assert learner.act(steps(3), explore=False).shape == (3, 4)
+    assert learner.exploit(steps(3))["action"].shape == (3, 4)
     assert make(agent, network=str(path)).policy is not None
 
 

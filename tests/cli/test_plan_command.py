@@ -26,7 +26,9 @@ def test_a_mistake_has_its_line_and_an_exit_code(bricksrl, tmp_path):
 
 
 def test_parts_for_shops(bricksrl, tmp_path):
-    assert "  18 x  2780      black" in bricksrl("plan", "parts", PLAN).stdout
+    listed = bricksrl("plan", "parts", PLAN).stdout
+    assert "  18 x  2780      black" in listed
+    assert "Set 45678 SPIKE Prime: all of its hub, motors and sensors" in listed
     table, wanted, sets = tmp_path / "parts.csv", tmp_path / "wanted.xml", tmp_path / "rebrickable.csv"
     bricksrl("plan", "parts", PLAN, "--out", str(table))
     bricksrl("plan", "parts", PLAN, "--out", str(wanted), "--format", "bricklink")

@@ -82,10 +82,10 @@ def test_parking_pays_for_coming_nearer_and_straightening_up() -> None:
     far, near, askew, there = seen(300, 0, 0), seen(200, 0, 0), seen(0, 0, 20), seen(0, 0, 0)
     assert reward(far, torch.zeros(2), near) > 0 > reward(near, torch.zeros(2), far)
     assert reward(askew, torch.zeros(2), there) > 0 > reward(there, torch.zeros(2), there)
-    ahead, back = seen(100, 100, -90), seen(-100, 100, 90)  # half a turn to face it, half a turn there; the same backwards
+    ahead, back = seen(100, 100, -90), seen(-100, 100, 90)  # half of the turn to face it, half of it there; the same backwards
     assert cost(ahead).item() == pytest.approx(cost(back).item())
     assert cost(seen(100, 100, 0)).item() == pytest.approx(cost(ahead).item(), abs=0.01), "there and back is as much to turn"
-    assert cost(seen(0, 20, 0)).item() > cost(seen(20, 0, 0)).item() + 1, "it cannot drive sideways"
+    assert cost(seen(0, 50, 0)).item() > cost(seen(50, 0, 0)).item() + 1, "it cannot drive sideways"
     assert not torch.cat([cost(seen(0, 0, turn)) for turn in (-180.0, 0.0, 179.0)]).isnan().any()
 
 
@@ -93,8 +93,8 @@ STEPS = [(way_mm, turn_deg) for way_mm in (-15.0, 0.0, 15.0) for turn_deg in (-9
 """What the robot can drive and turn in a step."""
 
 
-@given(distance_mm=st.floats(16, 600), direction_deg=st.floats(-180, 180), heading_deg=st.floats(-180, 180))
-def test_outside_of_the_bay_a_step_lessens_the_cost(distance_mm: float, direction_deg: float, heading_deg: float) -> None:
+@given(distance_mm=st.floats(32, 600), direction_deg=st.floats(-180, 180), heading_deg=st.floats(-180, 180))
+def test_away_from_the_bay_a_step_lessens_the_cost(distance_mm: float, direction_deg: float, heading_deg: float) -> None:
     direction = math.radians(direction_deg)
     robot = FloorPose(distance_mm * math.cos(direction), distance_mm * math.sin(direction), heading_deg)
     now, *after = [cost(seen(*FloorPose().seen_from(at))).item() for at in (robot, *(robot.driven(*step) for step in STEPS))]

@@ -95,3 +95,38 @@ def test_a_motor_turns_what_is_on_its_shaft():
     assert np.allclose(hinge.axis, [0, 0, 1])  # up: the shaft points to -y in the plan
     assert np.allclose(made.ratios, [[1.0]])
     assert structure.bodies.motions(locked=[0]).shape[1] == 0
+
+
+def test_a_differential_halves_what_turns_its_axles():
+    """Gears of 12 on both axles and on the peg between them, as they stand in other people's plans."""
+    plan, structure = solved(
+        "1 4 0 0 0 1 0 0 0 1 0 0 0 1 62821.dat",
+        "1 7 0 0 -17.5 1 0 0 0 1 0 0 0 1 6589.dat",
+        "1 7 0 0 17.5 -1 0 0 0 1 0 0 0 -1 6589.dat",
+        "1 7 17.5 0 0 0 0 -1 0 1 0 1 0 0 6589.dat",
+        "1 0 0 0 -40 0 0 1 0 1 0 -1 0 0 4519.dat",
+        "1 0 0 0 40 0 0 1 0 1 0 -1 0 0 4519.dat",
+    )
+    bodies = structure.bodies
+    assert sum(mesh.is_good for mesh in structure.meshes) == 2
+    motions = bodies.motions()
+    left, right = (motions[6 * bodies.body_of(part) + 5] for part in (1, 2))
+    assert np.abs(left).max() > 0.1
+    assert np.allclose(left, -right, atol=1e-6)  # the first body, at rest, is the differential itself
+    assert [plan.parts[part].part.name for part in bodies.members[0]] == ["Differential 28"]
+
+
+def test_studs_hold_plates_and_bricks_together():
+    brick, plate = "1 4 0 0 0 1 0 0 0 1 0 0 0 1 3001.dat", "1 4 20 -8 0 0 0 1 0 1 0 -1 0 0 3022.dat"
+    _, structure = solved(brick, plate)
+    assert len(structure.connections) == 4
+    assert all(link.is_rigid and link.is_seated for link in structure.connections)
+    assert structure.bodies.members == ((0, 1),)
+    _, apart = solved(brick, plate.replace("-8 0", "-12 0"))
+    assert apart.connections == ()
+
+
+def test_a_pin_goes_through_a_technic_brick_and_not_into_its_studs():
+    pin = "1 0 0 10 10 0 0 1 0 1 0 -1 0 0 2780.dat"
+    _, structure = solved("1 4 0 0 0 1 0 0 0 1 0 0 0 1 3700.dat", pin, pin.replace("0 10 10", "10 -2 0"))
+    assert [(link.male, link.female) for link in structure.connections] == [(1, 0)]

@@ -84,8 +84,23 @@ def test_a_page_for_each_step_and_one_for_what_is_built_twice():
     )
     heads = [(page.head, page.note) for page in pages_of(plan)]
     assert heads[1:3] == [("Parts", ""), ("1", "A beam.")]
-    assert [head for head, _ in heads[3:]] == ["2 · wheel, 2 times", "3 · wheel, 2 times", "6"]
-    assert sum(item.count for item in list(pages_of(plan))[-1].items) == 2
+    assert [head for head, _ in heads[3:]] == ["2 · wheel, 2 times", "3 · wheel, 2 times", "4"]
+    assert [(item.count, item.text) for item in list(pages_of(plan))[-1].items] == [(2, "wheel")]
+
+
+def test_a_pin_that_other_new_parts_hide_is_outlined():
+    upper = BEAM.replace("1 4 0 0 0", "1 4 0 -20 0")
+    orange = lambda page: int(((page.picture[..., 0] > 140) & (page.picture[..., 2] < 70) & (page.picture[..., 1] > 60)).sum())  # noqa: E731
+    hidden, alone = (list(pages_of(plan_of(BEAM, *lines)))[-1] for lines in ([upper, pin(0, -10, 20)], [upper]))
+    assert orange(hidden) > orange(alone) + 20
+
+
+def test_each_cable_has_its_letter_at_the_port_and_at_the_device():
+    plan = read_plan(PLANS / "two_wheeler.ldr")
+    page = list(pages_of(plan))[-1]
+    assert [cable.port for cable in page.cables] == ["A", "C", "E"]
+    high, wide = page.picture.shape[:2]
+    assert all(0 < x < wide and 0 < y < high for cable in page.cables for x, y in cable.ends)
 
 
 @pytest.mark.slow

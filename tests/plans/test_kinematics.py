@@ -111,3 +111,10 @@ def test_the_robo_arm_turns_with_the_gears_of_its_description():
     assert fingers == [pytest.approx(0.5), pytest.approx(-0.5)]
     arm = robots.ROBO_ARM
     assert abs(ratios["B", 0, 0, 0]) == pytest.approx(arm.motor("rotation").gears[0] / arm.motor("rotation").gears[-1])
+
+
+def test_a_motor_with_nothing_on_its_shaft_turns_its_shaft():
+    plan = plan_of("0 !BRICKSRL PORT A arm", "1 4 0 0 0 1 0 0 0 1 0 0 0 1 54696.dat")
+    made = mechanism(plan, structure_of(plan).bodies)
+    assert [link.parts for link in made.links] == [(0,), ()]
+    assert made.ratios.tolist() == [[1.0]]

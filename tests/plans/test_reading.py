@@ -161,3 +161,22 @@ def test_what_is_unknown_may_be_stretched_and_what_is_known_may_not():
     assert len(plan_of(BEAM, hose).unknown) == 1
     with pytest.raises(PlanError, match="line 2: '32316.dat' is stretched"):
         plan_of(hose, hose.replace("hose_piece", "32316"))
+
+
+def test_files_of_parts_that_a_document_carries_along_are_parts_and_may_be_there_twice():
+    plate = ["0 FILE 99999.dat", "0 !LDRAW_ORG Unofficial_Part", "1 16 0 0 0 1 0 0 0 1 0 0 0 1 box.dat"]
+    plan = plan_of("0 FILE a.ldr", BEAM, BEAM.replace("32316", "99999"), *plate, *plate)
+    assert len(plan.parts) == 1
+    assert [(one.number, len(one.lines)) for one in plan.unknown] == [("99999", 1)]
+
+
+@pytest.mark.parametrize(
+    "segments",
+    [
+        ["1 16 0 0 0 1 0 0 0 9 0 0 0 1 4-4cyli.dat"] * 40,
+        ["0 !LDCAD GENERATED [generator=LDCad 1.6] [master=a.ldr]", *["1 16 0 0 0 1 0 0 0 1 0 0 0 1 u9218.dat"] * 40],
+    ],
+)
+def test_a_hose_that_is_drawn_of_pieces_is_one_unknown_part(segments):
+    plan = plan_of("0 FILE a.ldr", BEAM, BEAM.replace("32316.dat", "hose.ldr"), "0 FILE hose.ldr", *segments)
+    assert [(one.number, len(one.lines)) for one in plan.unknown] == [("hose.ldr", 1)]

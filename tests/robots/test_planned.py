@@ -92,3 +92,10 @@ def test_without_a_plan_everything_has_to_be_said():
 @pytest.mark.parametrize("one", [TWO_WHEELER, WALKER, ROBO_ARM], ids=lambda one: one.name)
 def test_our_descriptions_agree_with_our_plans(one):
     check_description(one, PLANS / f"{one.name.replace('-', '_')}.ldr")
+
+
+def test_a_motor_that_no_hub_runs_is_one_line(tmp_path):
+    plan = tmp_path / "ev3.ldr"
+    plan.write_text("0 !BRICKSRL PORT A arm\n1 4 0 0 0 1 0 0 0 1 0 0 0 1 99455.dat\n")
+    with pytest.raises(DescriptionError, match=r"line 2: no hub of ours runs EV3 medium motor \(99455\); take"):
+        Robot("mine", HubKind.PRIME, plan=str(plan))

@@ -64,7 +64,7 @@ def learner(*, patient: bool = False, pace: Pace = Pace()) -> Iterator[AsyncLear
 
 
 def best_action(side: AsyncLearner) -> torch.Tensor:
-    return side.exploit(TensorDict({"observation": SEEN}))["action"]
+    return side.actor.exploit(TensorDict({"observation": SEEN}))["action"]
 
 
 def remember(side: AsyncLearner, count: int) -> None:
@@ -100,7 +100,7 @@ def test_the_robot_goes_on_and_the_learner_follows_but_never_leads(tmp_path: Pat
         assert (state["more"], state["pace"]) == (1, {"asked": 201, "done": 201})
         saved = make_learner("sac", Cart(), SMALL)
         saved.load_state_dict(state["agent"])
-        assert torch.equal(saved.act(TensorDict({"observation": SEEN}), explore=False), after)
+        assert torch.equal(saved.exploit(TensorDict({"observation": SEEN}))["action"], after)
         assert len(state["agent"]["memory"]["rows"]["action"]) == 30
 
 

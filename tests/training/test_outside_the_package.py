@@ -98,8 +98,9 @@ from torchrl.objectives import DDPGLoss, SoftUpdate
 
 from bricksrl.agents.encoder import make_encoder
 from bricksrl.agents.learner import Learner
-from bricksrl.agents.networks import action_size, action_spec, critic_operator, deterministic_policy, make_body
-from bricksrl.agents.replay import EpisodicReplayBuffer
+from bricksrl.agents.networks import action_size, action_spec, deterministic_policy, make_body
+from bricksrl.agents.operators import critic_operator
+from bricksrl.agents.replay import make_replay_buffer
 from bricksrl.agents.settings import OffPolicySettings
 
 
@@ -116,7 +117,7 @@ def build(env, settings: DDPGSettings, device="cpu"):
     critic = critic_operator(encoder, make_body(settings, encoder.size + m, 1))
     loss = DDPGLoss(actor, critic, delay_actor=True, delay_value=True)
     optimizer = torch.optim.Adam(loss.parameters(), lr=settings.learning_rate)
-    memory = EpisodicReplayBuffer.of(env, settings, device)
+    memory = make_replay_buffer(env, settings, device)
     return Learner(policy, loss, optimizer, memory, SoftUpdate(loss, tau=0.01), prefill_episodes=settings.prefill_episodes)
 """
 

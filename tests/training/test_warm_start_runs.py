@@ -75,8 +75,8 @@ def test_it_is_the_same_policy(runs: dict[str, str], before: str, after: str) ->
     transfer_policy(other, one)
     for _ in range(5):
         state = env.reset()
-        torch.testing.assert_close(one.act(state, explore=False), other.act(state, explore=False))
-        explored = torch.stack([other.act(state, explore=True) for _ in range(50)])
+        torch.testing.assert_close(one.exploit(state)["action"], other.exploit(state)["action"])
+        explored = torch.stack([other.explore(state)["action"] for _ in range(50)])
         assert explored.std(0).max() > 0.01
 
 
@@ -106,7 +106,7 @@ def test_what_holds_it_is_gone_on_with(runs: dict[str, str], data: str, tmp_path
     observation = make(ENV, seed=1).reset()
     features = before.policy.module.encoder(observation["observation"])
     action = held.policy(features)[:4].tanh()
-    torch.testing.assert_close(action, before.act(observation, explore=False))
+    torch.testing.assert_close(action, before.exploit(observation)["action"])
 
 
 def test_in_the_end_it_is_free(runs: dict[str, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

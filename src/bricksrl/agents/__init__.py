@@ -17,7 +17,19 @@ if TYPE_CHECKING:
 
     from bricksrl.agents.learner import Learner
 
-AGENTS = ("sac", "droq", "redq", "td3", "crossq", "tqc", "ppo", "bc", "act", "diffusion", "iql", "cql", "td3bc", "random")
+_MODULES = {
+    "sac": "sac",
+    "droq": "sac",
+    "redq": "sac",
+    "td3": "td3",
+    "crossq": "crossq",
+    "tqc": "tqc",
+    "ppo": "ppo",
+    **{name: f"imitation.{name}" for name in ("bc", "act", "diffusion")},
+    **{name: f"offline.{name}" for name in ("iql", "cql", "td3bc")},
+    "random": "random",
+}
+AGENTS = tuple(_MODULES)
 """Algorithms by name; each is a file, but for two that are settings of SAC."""
 PRESETS = ("default", "paper")
 """Presets by name."""
@@ -46,24 +58,19 @@ def algorithm(agent: str) -> Algorithm:
         build = load_object(agent, "build")
         module = inspect.getmodule(build)
     elif agent in AGENTS:
-        module = importlib.import_module(f"bricksrl.agents.{'sac' if agent in ('droq', 'redq') else agent}")
+        module = importlib.import_module(f"bricksrl.agents.{_MODULES[agent]}")
         build = module.build
     else:
         raise UnknownNameError(f"there is no agent '{agent}'; choose one of {', '.join(AGENTS)}, or give a file: my_agent.py")
-    return Algorithm(agent, _settings_of(build, module, agent), build)
-
-
-def _settings_of(build: Any, module: Any, agent: str) -> type[Any]:
     wanted = "write build(env, settings: Settings, device) with a frozen dataclass Settings"
     try:
-        parameter = inspect.signature(build).parameters["settings"]
+        kind = inspect.signature(build).parameters["settings"].annotation
     except (KeyError, TypeError, ValueError):
         raise DescriptionError(f"{agent} takes no settings; {wanted}") from None
-    kind = parameter.annotation
     kind = getattr(module, kind, None) if isinstance(kind, str) else kind
     if not (isinstance(kind, type) and is_dataclass(kind)):
         raise DescriptionError(f"{agent} does not say what its settings are; {wanted}")
-    return kind
+    return Algorithm(agent, kind, build)
 
 
 def preset(name: str = "default", agent: str = "sac", *, images: bool = False) -> Any:
@@ -106,13 +113,14 @@ def make_learner(agent: str, env: EnvBase, settings: Any = None, device: str = "
     if is_reference(agent) and type(settings).__name__ == found.settings.__name__:
         settings = found.settings(**vars(settings))  # the file was loaded anew, and its class with it
     if not isinstance(settings, found.settings):
-        raise DescriptionError(
-            f"{agent} has {found.settings.__name__}, not {type(settings).__name__}; see preset('default', '{agent}')"
-        )
+        theirs = type(settings).__name__
+        raise DescriptionError(f"{agent} has {found.settings.__name__}, not {theirs}; see preset('default', '{agent}')")
     try:
         learner = found.build(env, settings, device)
+    except BricksError:
+        raise
     except Exception as error:
-        if isinstance(error, BricksError) or not is_reference(agent):
+        if not is_reference(agent):
             raise
         reason = f"{type(error).__name__}: {error}".splitlines()[0]
         raise DescriptionError(f"{agent} cannot be built ({reason}); correct it") from error

@@ -1,16 +1,14 @@
 """Actor-critic losses: the parts that SAC, TD3, CrossQ and CQL share.
 
-They are `LossModule`s with TorchRL's keys in plain autograd; TorchRL's own are their oracles in the tests. Each has `qvalue_loss`
-and `actor_loss`, so that whoever updates the actor less often computes the former alone. Encoder features are computed once for
-all networks; only the critics' loss trains an encoder, and the target critics see through it as it is.
+Each is a `LossModule` with TorchRL's keys, whose own are their oracles, of a `qvalue_loss` and an `actor_loss`, which not every
+update computes. Features are computed once for all networks; only the critics' loss trains their encoder.
 """
 
 from __future__ import annotations
 
-import copy
 from abc import abstractmethod
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING
 
 import torch
 from tensordict import TensorDict, TensorDictBase
@@ -24,8 +22,6 @@ from bricksrl.agents.settings import OffPolicySettings
 
 if TYPE_CHECKING:
     from bricksrl.agents.policy_transfer import PolicyAnchor
-
-M = TypeVar("M", bound=nn.Module)
 
 
 class Critics(nn.ModuleList):
@@ -113,11 +109,6 @@ class ActorCriticLoss(LossModule):  # type: ignore[misc]
 def squared_errors(values: Tensor, target: Tensor) -> Tensor:
     """Mean squared error of values ``[k, batch]``, summed over the ``k`` critics."""
     return (values - target).square().mean(-1).sum()
-
-
-def frozen_copy(network: M) -> M:
-    """A target network: a copy that gets no gradients."""
-    return copy.deepcopy(network).requires_grad_(False)
 
 
 class PolyakUpdate:

@@ -15,9 +15,9 @@ from torch import Tensor, nn
 from torch.func import functional_call, grad
 
 from bricksrl.agents.actor_critic import ActorCriticLoss, Batch
-from bricksrl.agents.cql import CQLLoss
 from bricksrl.agents.crossq import CrossQLoss
 from bricksrl.agents.learner import Learner
+from bricksrl.agents.offline.cql import CQLLoss
 from bricksrl.errors import RunError
 
 _OF_CRITICS = ("loss.critics.", "loss.encoder.")
@@ -71,10 +71,7 @@ class CompiledGradients:
         Raises:
             RunError: there is no compiler.
         """
-        rows: dict[Any, Any] = {key: batch[key] for key in self._keys if isinstance(key, str)}
-        rows["next"] = {key[1]: batch[key] for key in self._keys if isinstance(key, tuple)}
-        steps = batch.get("steps_to_next_obs", None)
-        rows |= {} if steps is None else {"steps_to_next_obs": steps}
+        rows = batch.select(*self._keys, "steps_to_next_obs", strict=False).to_dict()
         learned: dict[str, Tensor] = {**self._learned[whole]}
         try:
             with torch.no_grad():  # else the graph also keeps what a second derivative would need

@@ -62,11 +62,33 @@ class CrossQLoss(SACLoss):
         return found
 
 
+class BatchNorm(nn.BatchNorm1d):
+    """Batch normalisation of the last dimension of ``[*batch, size]``; with the running statistics unless it trains."""
+
+    def forward(self, x: Tensor) -> Tensor:
+        return super().forward(x.reshape(-1, x.shape[-1])).view(x.shape)
+
+
+def batch_normalised(network: nn.Module, momentum: float) -> nn.Sequential:
+    """A multilayer perceptron with a batch normalisation before each of its linear layers."""
+    layers: list[nn.Module] = []
+    for layer in network.children():
+        if isinstance(layer, nn.Linear):
+            layers.append(BatchNorm(layer.in_features, eps=1e-3, momentum=momentum))  # the epsilon of CrossQ's authors
+        layers.append(layer)
+    return nn.Sequential(*layers)
+
+
 def build(env: EnvBase, settings: CrossQSettings, device: torch.device | str = "cpu") -> Learner:
     """CrossQ for an environment; networks are drawn from torch's global generator."""
     m, encoder = action_size(env), make_encoder(env, settings)
-    actor = make_body(settings, encoder.size, 2 * m, batch_norm=settings.momentum).eval()
-    critics = Critics([make_body(settings, encoder.size + m, 1, batch_norm=settings.momentum) for _ in range(2)]).eval()
+
+    def body(in_size: int, out_size: int) -> nn.Module:
+        made = make_body(settings, in_size, out_size)
+        return made if settings.network else batch_normalised(made, settings.momentum)
+
+    actor = body(encoder.size, 2 * m).eval()
+    critics = Critics([body(encoder.size + m, 1) for _ in range(2)]).eval()
     policy = gaussian_policy(encoder, actor, action_spec(env), min_scale=settings.min_scale)
     loss = CrossQLoss(encoder, actor, critics, settings).to(device)
     return off_policy_learner(env, settings, policy.to(device), loss)

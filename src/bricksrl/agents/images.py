@@ -1,4 +1,4 @@
-"""Images: networks that make features of them, and their augmentation."""
+"""Images: encoders that make features of them, and their augmentation."""
 
 from __future__ import annotations
 
@@ -6,6 +6,9 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from bricksrl.agents.encoder import ObservationEncoder
+from bricksrl.agents.settings import Settings
+from bricksrl.envs.specs import ObservationLayout
 from bricksrl.errors import DescriptionError
 
 
@@ -57,6 +60,28 @@ class Convolutions(nn.Module):
         """Images uint8 ``[batch, side, side, 3]`` to ``[batch, 128]``."""
         features: Tensor = self.layers(normalise_images(images))
         return features
+
+
+class ImageEncoder(nn.Module):
+    """Observations and images to features ``[*batch, size]``, joined; the paper's convolutions with its dense layers for both."""
+
+    in_keys = ("observation", "image")
+
+    def __init__(self, layout: ObservationLayout, settings: Settings) -> None:
+        super().__init__()
+        self.numbers = ObservationEncoder(layout, settings.angles, settings.goals)
+        self.image: Keypoints | Convolutions
+        if settings.encoder == "keypoints":
+            self.image, self.dense, size = Keypoints(layout.image_px), nn.Sequential(), self.numbers.size
+        else:
+            self.image, size = Convolutions(layout.image_px), 32
+            self.dense = nn.Sequential(nn.Linear(self.numbers.size, 128), nn.ReLU(), nn.Linear(128, 32), nn.ReLU())
+        self.size = self.image.size + size
+
+    def forward(self, observation: Tensor, image: Tensor) -> Tensor:
+        """Observations ``[*batch, n]`` and images uint8 ``[*batch, side, side, 3]`` to features."""
+        found = self.image(image.reshape(-1, *image.shape[-3:])).view(*image.shape[:-3], -1)
+        return torch.cat((found, self.dense(self.numbers(observation))), -1)
 
 
 def shift_images(images: Tensor, most_px: int) -> Tensor:

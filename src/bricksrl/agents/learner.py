@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 import math
-from collections import defaultdict
+from collections import defaultdict, deque
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from typing import Any
@@ -17,9 +18,8 @@ from torchrl.envs import EnvBase
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 from torchrl.objectives import LossModule
 
-from bricksrl.agents.replay import EpisodicReplayBuffer, filled_part, rows_of
+from bricksrl.agents.replay import TransitionReplayBuffer, link_lost, make_replay_buffer, with_outcome
 from bricksrl.agents.settings import OffPolicySettings, Settings
-from bricksrl.errors import CheckpointError
 
 MOST_ROWS = 8192
 """Transitions that are drawn at once for several updates; more would only take memory."""
@@ -30,28 +30,17 @@ ACTOR_LOSSES = ("loss_actor", "loss_alpha")
 def adam(parameters: Iterable[Tensor], settings: Settings, weight_decay: float = 0.0) -> torch.optim.Optimizer:
     """Adam with decoupled weight decay over all that gets a gradient, as settings ask for."""
     learned = [parameter for parameter in parameters if parameter.requires_grad]
-    rates: dict[str, Any] = {"lr": settings.learning_rate, "betas": (settings.adam_beta, 0.999), "fused": True}
-    return torch.optim.AdamW(learned, weight_decay=weight_decay, **rates)
+    betas = (settings.adam_beta, 0.999)
+    return torch.optim.AdamW(learned, lr=settings.learning_rate, betas=betas, weight_decay=weight_decay, fused=True)
 
 
-class Means:
-    """Means of what learning tells, by name."""
-
-    def __init__(self) -> None:
-        self._values: defaultdict[str, list[Tensor]] = defaultdict(list)
-
-    def add(self, told: dict[str, Tensor]) -> None:
-        """Count what one update told, or the means of several."""
-        for name, value in told.items():
-            self._values[name].append(value)
-
-    def means(self) -> dict[str, Tensor]:
-        """Over what was counted."""
-        return {name: torch.stack(values).mean() for name, values in self._values.items()}
-
-    def numbers(self) -> dict[str, float]:
-        """The means, off their device."""
-        return {name: float(value) for name, value in self.means().items()}
+def means(told: Iterable[dict[str, Tensor]]) -> dict[str, Tensor]:
+    """The mean of each value, by name, over all updates that tell it."""
+    values: defaultdict[str, list[Tensor]] = defaultdict(list)
+    for one in told:
+        for name, value in one.items():
+            values[name].append(value)
+    return {name: torch.stack(found).mean() for name, found in values.items()}
 
 
 @dataclass
@@ -77,6 +66,8 @@ class Learner:
         chunk: actions that it predicts at once, and that are an action of its dataset; 0 for single actions.
         reset_policy: called when what the policy sees next does not follow from its last action.
         gradients: computes losses and gradients of a batch in place of autograd; see `bricksrl.agents.compiled`.
+        dataset: half of each batch is drawn from it, all of it as long as the memory is empty (RLPD, Ball et al., 2023).
+        weights: the newest of a policy that learns elsewhere, for the next action; any thread may put them there.
     """
 
     policy: TensorDictModuleBase
@@ -99,7 +90,9 @@ class Learner:
     gradients: Callable[[TensorDictBase, bool], TensorDictBase] | None = None
     updates: int = field(default=0, init=False)
     dataset: ReplayBuffer | None = field(default=None, init=False)
-    _due: float = field(default=0.0, init=False)
+    weights: deque[dict[str, Tensor]] = field(default_factory=lambda: deque(maxlen=1), init=False)
+    due: float = field(default=0.0, init=False)
+    _copy: TensorDictModuleBase | None = field(default=None, init=False)
 
     @property
     def device(self) -> torch.device:
@@ -107,38 +100,49 @@ class Learner:
         tensors = self.parameters() or [*self.policy.parameters(), *self.policy.buffers()]
         return tensors[0].device if tensors else torch.device("cpu")
 
-    @property
-    def loss_names(self) -> tuple[str, ...]:
-        """Names of what `learn` tells, as far as the loss declares them."""
-        return () if self.loss is None else tuple(name for name in self.loss.out_keys if isinstance(name, str))
-
-    @property
-    def sees_images(self) -> bool:
-        """Whether the policy reads images."""
-        return "image" in self.policy.in_keys
-
     def parameters(self) -> list[Tensor]:
         """All that the optimiser moves."""
         groups: list[dict[str, Any]] = [] if self.optimizer is None else self.optimizer.param_groups
         return [parameter for group in groups for parameter in group["params"]]
+
+    def act_on(self, device: torch.device | str | None) -> None:
+        """Act on a device from now on, where an environment is: with a copy of the policy where it is another one."""
+        if device is not None and torch.device(device).type != self.device.type:
+            self._copy = copy.deepcopy(self.policy).to(device)
+
+    @property
+    def acting(self) -> TensorDictModuleBase:
+        """The policy that acts."""
+        return self.policy if self._copy is None else self._copy
+
+    def explore(self, tensordict: TensorDictBase) -> TensorDictBase:
+        """Write an exploring "action" to what an environment shows; TorchRL knows a policy by its argument's name."""
+        return self._act(tensordict, ExplorationType.RANDOM)
+
+    def exploit(self, tensordict: TensorDictBase) -> TensorDictBase:
+        """Write the policy's best "action" to what an environment shows."""
+        return self._act(tensordict, ExplorationType.DETERMINISTIC)
+
+    def _act(self, tensordict: TensorDictBase, kind: ExplorationType) -> TensorDictBase:
+        if self.weights:
+            self.acting.load_state_dict(self.weights.pop())
+        with torch.no_grad(), set_exploration_type(kind):
+            acted: TensorDictBase = self.acting(tensordict)
+        return acted
 
     def remember(self, frames: TensorDictBase, robot: int = 0) -> None:
         """Keep collected frames ``[time]`` or ``[copies, time]``; those of several robots may come in turn."""
         if self.memory is None or self.imitates:
             return
         frames = frames.to(self.device)
-        lost = frames["next"].get("link_lost", None)
-        frames = self.prepare(frames)
-        if isinstance(self.memory, EpisodicReplayBuffer):
-            self.memory.extend(frames, robot=robot)
-            return
-        frames = frames.reshape(-1) if lost is None else frames[~lost.squeeze(-1)]
-        if len(frames):
-            self.memory.extend(frames)
+        if isinstance(self.memory, TransitionReplayBuffer):
+            self.memory.extend(self.prepare(frames), robot=robot)
+        elif len(rows := with_outcome(self.prepare(frames), link_lost(frames))):
+            self.memory.extend(rows)
 
     def end_episodes(self, robot: int | None = None) -> None:
         """What is remembered next, of this robot or of any, does not follow from what was remembered last."""
-        if isinstance(self.memory, EpisodicReplayBuffer):
+        if isinstance(self.memory, TransitionReplayBuffer):
             self.memory.end_episodes(robot)
 
     def learn(self, steps: int = 1) -> dict[str, Tensor]:
@@ -148,24 +152,22 @@ class Learner:
             told = self.make_updates(int(self.updates_per_step * math.ceil(len(self.memory) / size)))
             self.memory.empty()
             return told
-        self._due += self.updates_per_step * steps
-        count = int(self._due)
-        self._due -= count
-        return self.make_updates(count)
+        self.due, count = math.modf(self.due + self.updates_per_step * steps)
+        return self.make_updates(int(count))
 
     def make_updates(self, count: int) -> dict[str, Tensor]:
         """So many updates; returns the mean of each value that they tell, nothing where there is nothing to learn from."""
         if self.loss is None or not self._sources():
             return {}
-        told = Means()
-        for batch in self.batches(count):
-            told.add(self.update(batch))
-        return told.means()
+        told = means(map(self.update, self.batches(count)))
+        if self._copy is not None:
+            self._copy.load_state_dict(self.policy.state_dict())
+        return told
 
     def batches(self, count: int) -> Iterable[TensorDictBase]:
-        """So many batches: half of each from the dataset where there is one (RLPD, Ball et al., 2023)."""
+        """So many batches; several are drawn at once, which costs less."""
         sources = self._sources()
-        if not isinstance(sources[0], EpisodicReplayBuffer):
+        if not isinstance(sources[0], TransitionReplayBuffer):
             for _ in range(count):
                 yield sources[0].sample()
             return
@@ -199,33 +201,18 @@ class Learner:
             self.target.step()
         return {name: value.detach() for name, value in losses.items() if isinstance(name, str) and value.numel() == 1}
 
-    def act(self, state: TensorDictBase, *, explore: bool) -> Tensor:
-        """An action ``[*batch, m]`` for what an environment shows; without ``explore`` the policy's best one."""
-        kind = ExplorationType.RANDOM if explore else ExplorationType.DETERMINISTIC
-        with torch.no_grad(), set_exploration_type(kind):
-            action: Tensor = self.policy(state.select(*self.policy.in_keys))["action"]
-        return action
-
     def policy_state(self) -> dict[str, Tensor]:
         """All tensors that acting depends on, copied to the CPU."""
         return {name: tensor.detach().to("cpu", copy=True) for name, tensor in self.policy.state_dict().items()}
-
-    def study(self, dataset: ReplayBuffer) -> None:
-        """Draw half of each batch from this memory from now on, all of it as long as the own one is empty."""
-        self.dataset = dataset
 
     def _sources(self) -> list[Any]:
         return [source for source in (self.memory, self.dataset) if source is not None and len(source)]
 
     def state_dict(self) -> dict[str, Any]:
         """All that learning changes: tensors, numbers, strings, and dictionaries and lists of them."""
-        state: dict[str, Any] = {"policy": dict(self.policy.state_dict()), "updates": self.updates, "due": self._due}
-        if self.loss is not None and self.optimizer is not None:
-            state |= {"loss": dict(self.loss.state_dict()), "optimizer": self.optimizer.state_dict()}
-        if self.memory is None or self.on_policy or not len(self.memory):
-            return state
-        episodic = isinstance(self.memory, EpisodicReplayBuffer)
-        return {**state, "memory": self.memory.state_dict() if episodic else filled_part(self.memory)}
+        from bricksrl.agents.learner_state import state_of
+
+        return state_of(self)
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Go on from `state_dict`, on any device; what it knew before is forgotten.
@@ -233,59 +220,16 @@ class Learner:
         Raises:
             CheckpointError: the state belongs to another algorithm, other networks or another memory.
         """
-        try:
-            self.policy.load_state_dict(state["policy"])
-            self.updates, self._due = int(state["updates"]), float(state["due"])
-            if self.loss is not None and self.optimizer is not None:
-                self._load_loss(self.loss, state["loss"])
-                self.optimizer.load_state_dict(state["optimizer"])
-            if self.memory is not None:
-                self.memory.empty()
-                if "memory" in state:
-                    self._load_memory(self.memory, state["memory"])
-        except (AssertionError, AttributeError, LookupError, OverflowError, RuntimeError, TypeError, ValueError) as error:
-            reason = (str(error) or type(error).__name__).splitlines()[0]
-            raise CheckpointError(f"the checkpoint does not fit this agent ({reason}); resume with the settings it had") from None
+        from bricksrl.agents.learner_state import load_state
 
-    def _load_loss(self, loss: LossModule, state: dict[str, Any]) -> None:
-        if any(name.startswith("anchor.") for name in state):
-            from bricksrl.agents.policy_transfer import anchor
-
-            anchor(self)
-        for name in state.keys() - loss.state_dict().keys():
-            if getattr(loss, name, state) is None:  # losses of TorchRL's make some buffers when they first need them
-                delattr(loss, name)
-                loss.register_buffer(name, state[name])
-        loss.load_state_dict(state)
-
-    def _load_memory(self, memory: ReplayBuffer, state: dict[str, Any]) -> None:
-        if state["writer"].get("_cursor", 0) not in range(memory.storage.max_size):
-            raise ValueError("its memory goes on where there is none")
-        if isinstance(memory, EpisodicReplayBuffer):
-            memory.load_state_dict(state)
-        else:
-            memory.extend(rows_of(state, self.device))
-            memory.writer.load_state_dict(state["writer"])
+        load_state(self, state)
 
 
 def off_policy_learner(
-    env: EnvBase,
-    settings: OffPolicySettings,
-    policy: TensorDictModuleBase,
-    loss: LossModule,
-    target: Any = None,
-    **numbers: Any,
+    env: EnvBase, settings: OffPolicySettings, policy: TensorDictModuleBase, loss: LossModule, target: Any = None, **numbers: Any
 ) -> Learner:
     """The learner of a policy and a loss, with the optimiser, the replay buffer and the numbers that settings ask for."""
     learned = list(loss.parameters())
-    return Learner(
-        policy,
-        loss,
-        adam(learned, settings),
-        EpisodicReplayBuffer.of(env, settings, learned[0].device),
-        target,
-        updates_per_step=settings.updates_per_step,
-        prefill_episodes=settings.prefill_episodes,
-        actor_delay=settings.actor_delay,
-        **numbers,
-    )
+    memory = make_replay_buffer(env, settings, learned[0].device)
+    numbers |= {name: getattr(settings, name) for name in ("updates_per_step", "prefill_episodes", "actor_delay")}
+    return Learner(policy, loss, adam(learned, settings), memory, target, **numbers)

@@ -2,52 +2,26 @@
 
 from __future__ import annotations
 
-import copy
-from typing import Any, TypeVar
+from typing import Any
 
-import torch
 from tensordict.nn import NormalParamExtractor, TensorDictModule, TensorDictSequential
 from torch import Tensor, nn
 from torchrl.data import Composite, TensorSpec
 from torchrl.envs import EnvBase
-from torchrl.modules import AdditiveGaussianModule, ProbabilisticActor, TanhNormal, ValueOperator
+from torchrl.modules import AdditiveGaussianModule, ProbabilisticActor, TanhNormal
 
 from bricksrl.agents.encoder import encoder_keys
 from bricksrl.agents.settings import Settings
 from bricksrl.errors import DescriptionError
 
-M = TypeVar("M", bound=nn.Module)
 
-
-class BatchNorm(nn.BatchNorm1d):
-    """Batch normalisation of the last dimension of ``[*batch, size]``; with the running statistics unless it trains.
-
-    The momentum and epsilon of CrossQ's authors (Bhatt et al., 2024).
-    """
-
-    def __init__(self, size: int, momentum: float = 0.01) -> None:
-        super().__init__(size, eps=1e-3, momentum=momentum)
-
-    def forward(self, x: Tensor) -> Tensor:
-        return super().forward(x.reshape(-1, x.shape[-1])).view(x.shape)
-
-
-def mlp(
-    in_size: int,
-    out_size: int,
-    hidden: tuple[int, ...],
-    *,
-    layer_norm: bool = False,
-    dropout: float = 0.0,
-    batch_norm: float | None = None,
-) -> nn.Sequential:
+def mlp(in_size: int, out_size: int, hidden: tuple[int, ...], *, layer_norm: bool = False, dropout: float = 0.0) -> nn.Sequential:
     """A multilayer perceptron ``[*batch, in_size]`` to ``[*batch, out_size]`` with ReLU between its layers.
 
     Args:
         layer_norm, dropout: after each hidden layer, before its ReLU, as in DroQ (Hiraoka et al., 2022).
-        batch_norm: momentum of batch normalisations before each layer, as in CrossQ; ``None`` for none.
     """
-    layers: list[nn.Module] = [] if batch_norm is None else [BatchNorm(in_size, batch_norm)]
+    layers: list[nn.Module] = []
     size = in_size
     for units in hidden:
         layers.append(nn.Linear(size, units))
@@ -56,8 +30,6 @@ def mlp(
         if layer_norm:
             layers.append(nn.LayerNorm(units))
         layers.append(nn.ReLU(inplace=True))
-        if batch_norm is not None:
-            layers.append(BatchNorm(units, batch_norm))
         size = units
     return nn.Sequential(*layers, nn.Linear(size, out_size))
 
@@ -92,24 +64,6 @@ class Actor(nn.Module):
 
     def forward(self, *inputs: Tensor) -> Any:
         return self.head(self.body(self.encoder(*inputs)))
-
-
-class Critic(nn.Module):
-    """An action value ``[*batch, out]`` of what is observed and an action, the action last: for TorchRL's losses."""
-
-    def __init__(self, encoder: nn.Module, body: nn.Module) -> None:
-        super().__init__()
-        self.encoder, self.body = encoder, body
-
-    def forward(self, *inputs: Tensor) -> Tensor:
-        value: Tensor = self.body(torch.cat((self.encoder(*inputs[:-1]), inputs[-1]), -1))
-        return value
-
-
-def acting_copy(policy: M) -> M:
-    """A policy of the same parameters that acts without dropout while a loss trains them with it."""
-    shared = {id(parameter): parameter for parameter in policy.parameters()}
-    return copy.deepcopy(policy, shared).eval()
 
 
 def action_size(env: EnvBase) -> int:
@@ -149,13 +103,3 @@ def deterministic_policy(
     actor = TensorDictModule(Actor(encoder, body, nn.Tanh()), in_keys=encoder_keys(encoder), out_keys=["action"])
     exploration = AdditiveGaussianModule(spec, sigma_init=noise, sigma_end=noise, annealing_num_steps=1)
     return actor, TensorDictSequential(actor, exploration)
-
-
-def value_operator(encoder: nn.Module, body: nn.Module) -> ValueOperator:
-    """A state value for TorchRL's losses."""
-    return ValueOperator(Actor(encoder, body, nn.Identity()), in_keys=encoder_keys(encoder))
-
-
-def critic_operator(encoder: nn.Module, body: nn.Module) -> ValueOperator:
-    """An action value for TorchRL's losses."""
-    return ValueOperator(Critic(encoder, body), in_keys=[*encoder_keys(encoder), "action"])

@@ -43,7 +43,7 @@ def transfer_policy(learner: Learner, source: Learner) -> None:
         PolicyFormError: their networks differ in form.
     """
     loss = learner.loss
-    if not isinstance(loss, ActorCriticLoss) or learner.sees_images:
+    if not isinstance(loss, ActorCriticLoss) or "image" in learner.policy.in_keys:
         raise PolicyFormError("that takes a network from observations to one action, and critics to learn on with")
     mine, theirs = _actor(learner), _actor(source)
     to, of = _layers(mine.body), _layers(theirs.body)
@@ -60,9 +60,8 @@ def transfer_policy(learner: Learner, source: Learner) -> None:
             to[-1][size:] = math.log(math.expm1(MARGIN * loss.settings.min_scale - 0.01)) - math.log(math.expm1(0.99))
         known = getattr(source.loss, "log_alpha", None)
         loss.log_alpha.copy_(loss.log_alpha.clamp_max(math.log(ALPHA)) if known is None else known)
-    target_actor = getattr(loss, "target_actor", None)
-    if target_actor is not None:
-        target_actor.load_state_dict(loss.actor.state_dict())
+    if hasattr(loss, "target_actor"):
+        loss.target_actor.load_state_dict(loss.actor.state_dict())
     anchor(learner)
 
 

@@ -14,7 +14,8 @@ from torchrl.objectives.value import GAE
 
 from bricksrl.agents.encoder import make_encoder
 from bricksrl.agents.learner import Learner, adam
-from bricksrl.agents.networks import action_size, action_spec, gaussian_policy, make_body, value_operator
+from bricksrl.agents.networks import action_size, action_spec, gaussian_policy, make_body
+from bricksrl.agents.operators import value_operator
 from bricksrl.agents.settings import NotNegative, Positive, Range, Settings, Share
 
 

@@ -6,6 +6,7 @@ drawn anew, give the target (Chen et al., 2021).
 
 from __future__ import annotations
 
+import copy
 import math
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal
@@ -15,7 +16,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 from torchrl.envs import EnvBase
 
-from bricksrl.agents.actor_critic import ActorCriticLoss, Batch, Critics, PolyakUpdate, frozen_copy
+from bricksrl.agents.actor_critic import ActorCriticLoss, Batch, Critics, PolyakUpdate
 from bricksrl.agents.encoder import make_encoder
 from bricksrl.agents.learner import Learner, off_policy_learner
 from bricksrl.agents.networks import action_size, action_spec, gaussian_policy, make_body
@@ -64,7 +65,7 @@ class SACLoss(ActorCriticLoss):
 
     def __init__(self, encoder: nn.Module, actor: nn.Module, critics: Critics, settings: Any) -> None:
         super().__init__(encoder, actor, critics, settings)
-        self.settings, self.target_critics = settings, frozen_copy(critics)
+        self.settings, self.target_critics = settings, copy.deepcopy(critics).requires_grad_(False)
         self.log_alpha = nn.Parameter(torch.tensor(math.log(settings.alpha_init)))
 
     @property
@@ -80,16 +81,13 @@ class SACLoss(ActorCriticLoss):
 
     def next_qvalue(self, batch: Batch, next_action: Tensor) -> Tensor:
         """The least value ``[batch]`` of the target critics that are drawn for this update."""
-        if self.settings.num_min_qs == len(self.target_critics):
-            least: Tensor = self.target_critics(batch.next_features, next_action).amin(0)
-            return least
+        count, critics = self.settings.num_min_qs, self.target_critics
+        drawn = torch.randperm(len(critics))[:count] if count < len(critics) else None
+        if drawn is None or torch.compiler.is_compiling():  # a graph cannot tell which ones will be drawn
+            values: Tensor = critics(batch.next_features, next_action)
+            return (values if drawn is None else values[drawn.to(values.device)]).amin(0)
         x = torch.cat((batch.next_features, next_action), -1)
-        drawn = torch.randperm(len(self.target_critics))[: self.settings.num_min_qs]
-        if torch.compiler.is_compiling():  # a graph cannot tell which ones will be drawn
-            values: Tensor = self.target_critics(batch.next_features, next_action)
-            return values[drawn.to(values.device)].amin(0)
-        some = torch.stack([self.target_critics[i](x).squeeze(-1) for i in drawn.tolist()])
-        return some.amin(0)
+        return torch.stack([critics[i](x).squeeze(-1) for i in drawn.tolist()]).amin(0)
 
     def actor_loss(self, batch: Batch) -> dict[str, Tensor]:
         """Losses of actor and temperature."""
@@ -121,10 +119,7 @@ def location_and_scale(out: Tensor, min_scale: float) -> tuple[Tensor, Tensor]:
 
 
 def rsample(out: Tensor, min_scale: float, noise: Tensor) -> tuple[Tensor, Tensor]:
-    """A reparametrised draw ``[*batch, m]`` for standard normal ``noise``, and its log-probability ``[*batch]``.
-
-    As TorchRL's ``TanhNormal`` draws it, in fewer operations.
-    """
+    """A draw ``[*batch, m]`` for standard normal ``noise`` and its log-probability ``[*batch]``: a faster ``TanhNormal``."""
     loc, scale = location_and_scale(out, min_scale)
     x = torch.addcmul(loc, scale, noise)
     # log of the normal density, less log(1 - tanh(x)^2) = 2 (log 2 - x - softplus(-2 x)), which stays finite for large x
@@ -134,11 +129,7 @@ def rsample(out: Tensor, min_scale: float, noise: Tensor) -> tuple[Tensor, Tenso
 
 
 def build(env: EnvBase, settings: SACSettings, device: torch.device | str = "cpu", make_loss: type[SACLoss] = SACLoss) -> Learner:
-    """SAC for an environment; networks are drawn from torch's global generator.
-
-    Args:
-        make_loss: a loss that builds upon that of SAC.
-    """
+    """SAC, or with another loss what builds upon it, for an environment; networks are drawn from torch's global generator."""
     m, encoder = action_size(env), make_encoder(env, settings)
     actor = make_body(settings, encoder.size, 2 * m, layer_norm=settings.actor_layer_norm)
     kind = {"layer_norm": settings.critic_layer_norm, "dropout": settings.dropout}

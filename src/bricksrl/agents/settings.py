@@ -6,22 +6,19 @@ A field's docstring is its help: ``bricksrl settings AGENT`` shows it. Importing
 from __future__ import annotations
 
 import itertools
-import math
-import typing
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from bricksrl.errors import DescriptionError
+from bricksrl.fields import check_fields
 
 LARGEST, MOST_UNITS, MOST_WEIGHTS = 2**24, 2**14, 2**26
-"""Limits of any number, of a layer, and of the weights between hidden layers: settings come from files too, and one that fills
-the memory is a mistake or worse."""
+"""Limits of any number, of a layer, and of the weights between hidden layers: what comes from a file may fill the memory."""
 
 
 @dataclass(frozen=True)
 class Range:
-    """The numbers that a setting may be: from ``low`` to ``high``; with ``above`` only beyond ``low``, with ``below`` only short
-    of ``high``."""
+    """The numbers from ``low`` to ``high``; with ``above`` only beyond ``low``, with ``below`` only short of ``high``."""
 
     low: float = 0.0
     high: float = LARGEST
@@ -66,8 +63,8 @@ class Settings:
     def __post_init__(self) -> None:
         check_fields(type(self), vars(self))
         if not self.hidden or not all(isinstance(units, int) and 1 <= units <= MOST_UNITS for units in self.hidden):
-            wanted = f"the units of at least one layer, up to {MOST_UNITS:,} in each"
-            raise DescriptionError(f"hidden is {self.hidden}; give {wanted}, as in (256, 256)")
+            wanted = f"the units of at least one layer, up to {MOST_UNITS:,} in each, as in (256, 256)"
+            raise DescriptionError(f"hidden is {self.hidden}; give {wanted}")
         weights = sum(before * after for before, after in itertools.pairwise(self.hidden))
         if weights > MOST_WEIGHTS:
             raise DescriptionError(f"hidden is {self.hidden}: {weights:,} weights a network; give up to {MOST_WEIGHTS:,}")
@@ -112,48 +109,3 @@ class TargetSettings(OffPolicySettings):
     """Share by which target networks follow the others at each update (soft update), of TD3 at each of the actor's."""
     critic_layer_norm: bool = True
     """Layer normalisation in the critics."""
-
-
-def check_fields(kind: type, values: dict[str, Any]) -> None:
-    """Check values against the annotations of a dataclass's fields of these names; any other name passes.
-
-    Raises:
-        DescriptionError: one is not of those that its annotation allows.
-    """
-    for name, hint in typing.get_type_hints(kind, include_extras=True).items():
-        if name in values:
-            check_value(name, values[name], hint)
-
-
-def check_value(name: str, value: Any, hint: Any) -> None:
-    """Check a value against an annotation.
-
-    Raises:
-        DescriptionError: it is not one of the values that the annotation allows.
-    """
-    limits = next((one for one in getattr(hint, "__metadata__", ()) if isinstance(one, Range)), None)
-    hint = hint.__origin__ if limits is not None else hint
-    kinds = typing.get_args(hint) if type(None) in typing.get_args(hint) else (hint,)
-    if value is None and type(None) in kinds:
-        return
-    if limits is not None:
-        if isinstance(value, float) and not math.isfinite(value):
-            raise DescriptionError(f"{name} is {value}; give a finite number")
-        if isinstance(value, bool) or not isinstance(value, int | float) or value not in limits:
-            raise DescriptionError(f"{name} is {value!r}; give {limits}")
-    for kind in {typing.get_origin(kind) or kind for kind in kinds} & _NAMES.keys():
-        if type(value) is not kind and not (kind is float and type(value) is int):
-            raise DescriptionError(f"{name} is {value!r}; give {_NAMES[kind]}")
-    if typing.get_origin(hint) is Literal and value not in typing.get_args(hint):
-        *others, last = map(str, typing.get_args(hint))
-        raise DescriptionError(f"{name} is '{value}'; choose {', '.join(others)} or {last}")
-
-
-_NAMES: dict[Any, str] = {
-    int: "a whole number",
-    float: "a number",
-    bool: "True or False",
-    str: "a text",
-    tuple: "several values",
-    dict: "a table of names and values",
-}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -9,7 +10,7 @@ import torch
 from torch import Tensor, nn
 from torchrl.envs import EnvBase
 
-from bricksrl.agents.actor_critic import ActorCriticLoss, Batch, Critics, PolyakUpdate, frozen_copy
+from bricksrl.agents.actor_critic import ActorCriticLoss, Batch, Critics, PolyakUpdate
 from bricksrl.agents.encoder import make_encoder
 from bricksrl.agents.learner import Learner, off_policy_learner
 from bricksrl.agents.networks import action_size, action_spec, deterministic_policy, make_body
@@ -45,7 +46,8 @@ class TD3Loss(ActorCriticLoss):
 
     def __init__(self, encoder: nn.Module, actor: nn.Module, critics: Critics, settings: TD3Settings) -> None:
         super().__init__(encoder, actor, critics, settings)
-        self.target_actor, self.target_critics = frozen_copy(actor), frozen_copy(critics)
+        self.target_actor = copy.deepcopy(actor).requires_grad_(False)
+        self.target_critics = copy.deepcopy(critics).requires_grad_(False)
         self.target_noise, self.target_noise_clip = settings.target_noise, settings.target_noise_clip
 
     @torch.no_grad()

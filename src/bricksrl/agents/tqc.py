@@ -11,7 +11,8 @@ from torchrl.objectives import SoftUpdate, TQCLoss
 
 from bricksrl.agents.encoder import make_encoder
 from bricksrl.agents.learner import Learner, off_policy_learner
-from bricksrl.agents.networks import action_size, action_spec, critic_operator, gaussian_policy, make_body
+from bricksrl.agents.networks import action_size, action_spec, gaussian_policy, make_body
+from bricksrl.agents.operators import critic_operator
 from bricksrl.agents.sac import EntropySettings
 from bricksrl.agents.settings import Range, TargetSettings
 from bricksrl.errors import DescriptionError

@@ -1,4 +1,4 @@
-"""Command-line options as all commands declare them."""
+"""Annotations of command-line options, for all commands."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from tyro.conf import arg
 
 
 def _default(shown: str) -> str:
-    """What the help says of a default: nothing where there is none."""
+    """Text of a default in the help; empty for None, False and empty values."""
     return "" if shown in ("None", "False", "") else f"(default: {shown})"
 
 

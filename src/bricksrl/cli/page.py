@@ -44,7 +44,7 @@ class PageAddress:
 
 
 LivePageGroup = Annotated[PageAddress, OmitArgPrefixes]
-"""A command's address of the live page, as a group of its own in the help."""
+"""Address of a command's live page, as a separate group in the help."""
 
 
 def announce(url: str) -> None:

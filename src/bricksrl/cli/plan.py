@@ -48,7 +48,9 @@ class CheckPlan:
 
 @dataclass(frozen=True)
 class PlanParts:
-    """List the parts of a building plan, as a table or as a file for part shops. Without a plan, list the catalogue.
+    """List the parts of a building plan, as a table or as a file for part shops, and sets with its electronics.
+
+    Without a plan, list the catalogue.
 
     Examples:
       bricksrl plan parts plans/two_wheeler.ldr
@@ -70,6 +72,7 @@ class PlanParts:
         from bricksrl.plans import catalogue
         from bricksrl.plans.parts_list import as_text, parts_list
         from bricksrl.plans.plan import read_plan
+        from bricksrl.plans.sets import purchases
 
         if self.plan is None:
             if self.out is not None:
@@ -87,6 +90,11 @@ class PlanParts:
         for unknown in plan.unknown:
             print_line(f"{len(unknown.lines):4} x  {unknown.number:10}not in the catalogue")
         print_line(f"{len(plan.parts)} parts, {plan.mass_g:.0f} g{f': {self.out}' if self.out else ''}")
+        bought = purchases(plan)
+        for line in bought:
+            print_line(f"Set {line}")
+        if bought:
+            print_line("What else a set contains is not known here; compare the list with the set's own.")
         return 0
 
 

@@ -25,13 +25,13 @@ if TYPE_CHECKING:
     from tensordict import TensorDictBase
     from torchrl.envs import EnvBase
 
+    from bricksrl.agents.learner import Learner
     from bricksrl.cli.emergency_stop import Hand
     from bricksrl.data.collect import Collected
     from bricksrl.data.recorder import Recorder
     from bricksrl.envs.options import EnvOptions
     from bricksrl.envs.rollout import Driver, Policy
     from bricksrl.page.live import LivePage
-    from bricksrl.training.learner_side import Acting
 
 
 @dataclass(frozen=True)
@@ -154,8 +154,8 @@ class Record:
             still = rest(recorder.description.action)
             policy = lambda state: state.set("action", still)  # noqa: E731  the robot rests while the human does not drive
         else:
-            acting = _acting(Path(self.policy), env)
-            policy, reset_policy = (acting.explore if self.explore else acting.exploit), acting.reset_policy
+            learner = _learner(Path(self.policy), env)
+            policy, reset_policy = (learner.explore if self.explore else learner.exploit), learner.reset_policy
         collect(
             env,
             policy,
@@ -171,13 +171,12 @@ class Record:
         )
 
 
-def _acting(path: Path, env: EnvBase) -> Acting:
-    """Policy of a run, or a shared one."""
+def _learner(path: Path, env: EnvBase) -> Learner:
+    """Learner of a run, or of a shared policy."""
     from bricksrl.policies.sharing import is_policy, load_shared
     from bricksrl.training import load_learner
-    from bricksrl.training.learner_side import Acting
 
-    return Acting(load_shared(path, env) if is_policy(path) else load_learner(path, env).learner)
+    return load_shared(path, env) if is_policy(path) else load_learner(path, env).learner
 
 
 def _told(tell: Callable[[Collected], None], page: LivePage) -> Callable[[Collected], None]:

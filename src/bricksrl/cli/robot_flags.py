@@ -52,7 +52,7 @@ class RobotFlags:
 
 
 RobotGroup = Annotated[RobotFlags, OmitArgPrefixes]
-"""A command's robot flags, as a group of its own in the help."""
+"""Robot flags of a command, as a separate group in the help."""
 
 
 def parse_option(text: str) -> tuple[str, Any]:

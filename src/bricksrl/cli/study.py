@@ -14,10 +14,10 @@ from bricksrl.cli.terminal import INTERRUPTED, load_learning, print_interrupted,
 
 @dataclass(frozen=True)
 class StudyCommand:
-    """Train and evaluate a whole table of agents and environments, with several seeds, and write its numbers and its page.
+    """Train and evaluate a table of agents and environments with several seeds; write its numbers and a page.
 
     Without a name, list the studies and their durations. The same command resumes an interrupted study and repeats no finished
-    run. Studies that are benchmarks of the repository take the results that lie there.
+    run. Studies made of the repository's benchmarks reuse the results that exist.
 
     Examples:
       bricksrl study

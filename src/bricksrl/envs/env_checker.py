@@ -52,7 +52,7 @@ def check_env(env_id: str) -> Iterator[Finding]:
 
 def run_checks(checks: dict[str, Callable[[], str]]) -> Iterator[Finding]:
     """Run checks by name: each returns its result as text, or raises `Broken` or `Skip`."""
-    told: dict[str, str] = {}
+    first_checks: dict[str, str] = {}
     for name, check in checks.items():
         try:
             yield Finding(name, Outcome.OK, check())
@@ -62,7 +62,7 @@ def run_checks(checks: dict[str, Callable[[], str]]) -> Iterator[Finding]:
             kind = "" if isinstance(error, (Broken, BricksError)) else f"{type(error).__name__}: "
             place = "" if isinstance(error, (Broken, BricksError)) else line_of_user(error)
             text = " ".join(f"{kind}{error}{place}".split())
-            first = told.setdefault(text, name)
+            first = first_checks.setdefault(text, name)
             yield Finding(name, Outcome.ERROR, text if first == name else f"the same as in {first}")
 
 

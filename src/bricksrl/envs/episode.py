@@ -63,7 +63,7 @@ def observe(
 
 
 def with_truth(observation: torch.Tensor, tracker: TargetTracker | None, end: int) -> torch.Tensor:
-    """An observation that tells where the target truly is, in the entries before ``end``."""
+    """The observation with the target's entries, which end at index ``end``, replaced by their true values."""
     if tracker is None:
         return observation
     truth = torch.tensor(tracker.truth(), dtype=observation.dtype)

@@ -1,8 +1,9 @@
-"""Specs: a bounded TorchRL spec with nominal bounds, and an environment that consists of its specs only."""
+"""Specs: nominal bounds, the layout of an observation, and an environment that consists of its specs only."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from math import inf
 from typing import TYPE_CHECKING, Any
 
@@ -123,6 +124,43 @@ def spec_entries(spec: Any, prefix: str) -> tuple[Entry, ...]:
     ends = [getattr(space, end, None) for end in ("low", "high")]
     low, high = ([without] * n if end is None else end.flatten().tolist() for end, without in zip(ends, (-inf, inf), strict=True))
     return tuple(Entry(f"{prefix}_{i}", low[i], high[i]) for i in range(n))
+
+
+@dataclass(frozen=True)
+class ObservationLayout:
+    """The meaning of an observation ``[n]``, entry by entry, as features and hindsight need it, and the size of its image.
+
+    Attributes:
+        low, high: bounds; infinite where there are none.
+        wraps: angles in degrees that run around from 360 to 0.
+        goals: pairs of places: of a goal, and of the entry that is to reach it.
+        image_px: side of the square image beside the observation; 0 for none.
+    """
+
+    low: tuple[float, ...]
+    high: tuple[float, ...]
+    wraps: tuple[bool, ...]
+    goals: tuple[tuple[int, int], ...] = ()
+    image_px: int = 0
+
+    @classmethod
+    def of(cls, env: EnvBase) -> ObservationLayout:
+        """The layout of an environment's observation: from its task where it has one, else the bounds of its spec."""
+        spec = env.full_observation_spec_unbatched
+        image_px = int(spec["image"].shape[-2]) if "image" in spec.keys() else 0  # noqa: SIM118  a Composite
+        entries = entries_of(env)
+        bounds = tuple(e.low for e in entries), tuple(e.high for e in entries)
+        return cls(*bounds, tuple(e.wraps for e in entries), _goal_pairs(entries), image_px)
+
+
+def _goal_pairs(entries: Sequence[Entry]) -> tuple[tuple[int, int], ...]:
+    """Each entry ``X_goal`` with the entry ``X_angle`` of the same kind; none where a goal lacks one."""
+    places = {entry.name: place for place, entry in enumerate(entries)}
+    goals = [place for name, place in places.items() if name.endswith("_goal")]
+    pairs = [(goal, places.get(entries[goal].name.removesuffix("_goal") + "_angle")) for goal in goals]
+    found = tuple((goal, reached) for goal, reached in pairs if reached is not None)
+    alike = all(entries[goal].wraps == entries[reached].wraps for goal, reached in found)
+    return found if alike and len(found) == len(goals) else ()
 
 
 class SpecsEnv(EnvBase):  # type: ignore[misc]

@@ -97,9 +97,9 @@ class _Checked:
 
     def acting(self) -> str:
         learner, env = self._learner(), make(ENV, seed=_SEED)
-        for explore in (True, False):
+        for act in (learner.explore, learner.exploit):
             learner.reset_policy()
-            action = learner.act(env.reset(), explore=explore)
+            action = act(env.reset().select(*learner.policy.in_keys))["action"]
             if action.shape != env.action_spec.shape:
                 raise Broken(f"an action has the shape {list(action.shape)}; give {list(env.action_spec.shape)}")
             if not bool((action.abs() <= 1.0 + 1e-6).all()):
@@ -144,7 +144,7 @@ class _Checked:
         for one in (learner, other):
             one.reset_policy()
             torch.manual_seed(_SEED)
-            actions.append(one.act(state, explore=False))
+            actions.append(one.exploit(state)["action"])
         if not torch.equal(*actions):
             raise Broken("a learner that is saved and restored acts otherwise; register what the policy depends on")
         return f"{len(file.getvalue())} bytes, and the same actions from them"
@@ -166,13 +166,12 @@ class _Checked:
         return self.learner
 
     def _study(self, learner: Learner) -> int:
-        from bricksrl.agents.replay import EpisodicReplayBuffer
+        from bricksrl.agents.imitation.chunks import recorded_memory
 
         size = getattr(preset("default", self.algorithm.name), "batch_size", 256)
         frames = _frames(learner, make(ENV, seed=_SEED))
-        dataset = EpisodicReplayBuffer.from_frames(frames, size, ("observation",), chunk=learner.chunk, device=learner.device)
-        learner.study(dataset)
-        return len(dataset)
+        learner.dataset = recorded_memory(frames, size, ("observation",), chunk=learner.chunk, device=learner.device)
+        return len(learner.dataset)
 
 
 def _frames(learner: Learner, env: EnvBase) -> TensorDictBase:

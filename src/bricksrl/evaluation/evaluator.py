@@ -119,7 +119,6 @@ def evaluate(
     from bricksrl.envs.registry import is_simulation
     from bricksrl.envs.rollout import play_episodes
     from bricksrl.seed import derive_seed
-    from bricksrl.training.learner_side import Acting
     from bricksrl.training.seeding import reproducible
 
     config = RunFolder(run_dir).read_config()
@@ -135,9 +134,10 @@ def evaluate(
             on_env(env)
         with reproducible(derive_seed(seed, "evaluation")):
             trained = load_learner(run_dir, env, which=which)
-            acting = Acting(trained.learner, getattr(env, "device", None))
+            actor = trained.learner
+            actor.act_on(getattr(env, "device", None))
             judged = []
-            for one in play_episodes(env, acting.exploit, episodes, seed, reset_policy=acting.reset_policy):
+            for one in play_episodes(env, actor.exploit, episodes, seed, reset_policy=actor.reset_policy):
                 judged.append(one)
                 if on_episode is not None:
                     on_episode(len(judged), one.return_)

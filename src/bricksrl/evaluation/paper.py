@@ -1,4 +1,4 @@
-"""Numbers of the BricksRL paper (arXiv:2406.17490), measured on LEGO's robots, that ours stand beside."""
+"""Numbers of the BricksRL paper (arXiv:2406.17490), measured on LEGO robots, for comparison."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ RETURNS: dict[str, dict[str, Spread]] = {
     "RoboArmSim-v0": {"td3": (-12.78, 21.09), "sac": (-3.45, 2.66), "droq": (-14.04, 26.05), "random": (-149.26, 88.19)},
     "RoboArm_mixed-v0": {"td3": (-60.24, 16.06), "sac": (-18.21, 6.98), "droq": (-19.39, 11.07), "random": (-57.23, 10.01)},
 }
-"""Its table 2: by where an agent was trained; those of the simulations were evaluated on the robot too."""
+"""Table 2 of the paper, by training environment; agents trained in simulation were evaluated on the robot too."""
 
 SUCCESS: dict[str, dict[str, float]] = {
     "RoboArm-v0": {"td3": 0.88, "sac": 0.72, "droq": 0.64, "random": 0.32},
     "RoboArmSim-v0": {"td3": 0.88, "sac": 1.0, "droq": 0.88},
     "RoboArm_mixed-v0": {"td3": 0.08, "sac": 0.68, "droq": 0.68, "random": 0.40},
 }
-"""Its table 3, shares of 25 episodes."""
+"""Table 3 of the paper: success rates over 25 episodes."""
 
 MINUTES = {"RunAway-v0": 15.0, "Spinning-v0": 10.0, "Walker-v0": 70.0, "RoboArm-v0": 60.0, "RoboArm_mixed-v0": 40.0}
-"""What a training of SAC took on the robot, as its text says."""
+"""Duration of a training of SAC on the robot, as the text of the paper states."""
 
 OFFLINE: dict[tuple[str, str], dict[str, float]] = {
     ("Walker-v0", "random"): {"td3": -79.71, "sac": -66.91, "bc": -202.46, "iql": -136.13, "cql": -72.75},
@@ -36,7 +36,7 @@ OFFLINE: dict[tuple[str, str], dict[str, float]] = {
     ("Spinning-v0", "random"): {"td3": 6160.25, "sac": 5416.11, "bc": 35.55, "iql": 4544.28, "cql": 4509.31},
     ("Spinning-v0", "expert"): {"td3": 6168.28, "sac": 9349.52, "bc": 9150.02, "iql": 9096.60, "cql": 9099.03},
 }
-"""Its table of offline agents: mean returns by task, kind of dataset and agent."""
+"""The paper's table of offline agents: mean returns by task, kind of dataset and agent."""
 
 DATASETS: dict[str, dict[str, float]] = {
     "Walker-v0": {"mean_reward": -69.12, "expert_transitions": 9244, "random_transitions": 10000},
@@ -44,4 +44,4 @@ DATASETS: dict[str, dict[str, float]] = {
     "RunAway-v0": {"mean_reward": 18.04, "expert_transitions": 1987, "random_transitions": 1612},
     "Spinning-v0": {"mean_reward": 8981.19, "expert_transitions": 5000, "random_transitions": 5000},
 }
-"""Its table of datasets, of 100 episodes each; the reward is the experts'."""
+"""The paper's table of datasets of 100 episodes each; the reward is that of the expert data."""

@@ -107,7 +107,7 @@ def _curve_text(env: str) -> str:
 
 
 _UNITS = {"_m_s": "m/s", "_deg_s": "deg/s", "_mm": "mm", "_m": "m", "_deg": "deg", "_pct": "%"}
-"""Endings of metrics' names, the longest first."""
+"""Units of metrics by ending of the name, longest endings first."""
 
 
 def _rows(result: EvaluationResult) -> Iterable[tuple[str, str]]:
@@ -120,7 +120,7 @@ def _rows(result: EvaluationResult) -> Iterable[tuple[str, str]]:
 
 
 def labelled(name: str, value: float) -> tuple[str, str]:
-    """A metric for people: ``forward_speed_m_s`` and 0.05246 as "forward speed" and "0.05246 m/s"."""
+    """Label and value of a metric, with its unit: "forward speed" and "0.05246 m/s" for ``forward_speed_m_s``."""
     ending, unit = next(((ending, unit) for ending, unit in _UNITS.items() if name.endswith(ending)), ("", ""))
     return name.removesuffix(ending).replace("_", " "), f"{value:.4g} {unit}".rstrip()
 

@@ -53,9 +53,9 @@ class Outcome:
     """Result of one seed of a cell.
 
     Attributes:
-        steps, wall_s: of the training.
-        robot_s: time that the training's steps took on the robot, by the hub's clock; ``None`` without a hub.
-        reached: whether the training ended at the return that it was to stop at; ``None`` where it had none.
+        steps, wall_s: number of steps and duration of the training.
+        robot_s: time of the training's steps by the hub's clock; ``None`` without a hub.
+        reached: whether the training stopped early, at its ``stop_at`` return; ``None`` without one.
     """
 
     seed: int
@@ -72,7 +72,7 @@ def name_of(cell: Cell) -> str:
 
 
 def run_seed(cell: Cell, seed: int, folder: str) -> dict[str, Any] | str:
-    """Train and evaluate one seed, or take up where an earlier try ended; an error's text where it cannot be."""
+    """Train and evaluate one seed, or resume it; returns its outcome, or the text of an error."""
     from bricksrl.training import RunFolder, TrainConfig, resume, train
     from bricksrl.training.curve import WINDOW
 
@@ -99,17 +99,17 @@ def run_seed(cell: Cell, seed: int, folder: str) -> dict[str, Any] | str:
 
 
 def _judge(run: Path, seed: int, number: int, one: Condition) -> Judgement:
-    """Evaluate a run under a condition, after it has gone on learning there where that is asked for."""
+    """Evaluate a run under a condition, after further training there if the condition asks for it."""
     from bricksrl.evaluation.evaluator import evaluate
     from bricksrl.training import RunFolder, TrainConfig, train
 
     judged = run
     if one.learn_episodes:
         judged = run.with_name(f"{run.name}-condition-{number}")
-        shutil.rmtree(judged, ignore_errors=True)  # of a try that was broken off
+        shutil.rmtree(judged, ignore_errors=True)  # left by an interrupted study
         config = RunFolder(run).read_config()
-        own = {"agent": config.agent, "settings": config.settings, "start": str(run), "seed": seed, "run_dir": judged}
-        train(TrainConfig(one.env or config.env, episodes=one.learn_episodes, asynchronous=False, **{**own, **one.named}))
+        base = {"agent": config.agent, "settings": config.settings, "start": str(run), "seed": seed, "run_dir": judged}
+        train(TrainConfig(one.env or config.env, episodes=one.learn_episodes, asynchronous=False, **{**base, **one.named}))
     found = evaluate(judged, one.env, episodes=one.episodes, save=False, **one.named)
     successes = None if found.success_rate is None else round(found.success_rate * found.episodes)
     metrics = {**found.metrics, "action_size": found.action_size, "episode_steps": float(np.mean(found.lengths))}
@@ -117,7 +117,7 @@ def _judge(run: Path, seed: int, number: int, one: Condition) -> Judgement:
 
 
 def robot_seconds(run: Path) -> float | None:
-    """Time that the recorded steps of a run took by the hub's clock; ``None`` where there was no hub, or no recording."""
+    """Time of a run's recorded steps by the hub's clock; ``None`` without a hub or a recording."""
     from bricksrl.data.reader import load
 
     try:
@@ -127,7 +127,7 @@ def robot_seconds(run: Path) -> float | None:
     total_s = 0.0
     for number in data.episode.unique():
         times_s = data.hub_time_s[data.episode == number]
-        if len(times_s) > 1:  # from the end of the first step on; it took as long as the others
+        if len(times_s) > 1:  # times start at the end of the first step, whose duration is taken as the mean of the others
             total_s += float(times_s[-1] - times_s[0]) * len(times_s) / (len(times_s) - 1)
     return total_s if np.isfinite(total_s) else None
 
@@ -176,7 +176,7 @@ def run_study(
 
 
 def write_study(folder: Path, result: dict[str, Any]) -> Path:
-    """Write the numbers of a study and its page; returns the page."""
+    """Write the numbers of a study and its page; returns the path of the page."""
     folder.mkdir(parents=True, exist_ok=True)
     write_durably(folder / "study.json", (json.dumps(result, indent=2) + "\n").encode())
     write_durably(folder / "study.md", page(result).encode())
@@ -243,7 +243,7 @@ def _under(name: str, outcomes: Sequence[dict[str, Any]]) -> dict[str, Any]:
 
 
 def over_seeds(returns: Sequence[float]) -> dict[str, Any]:
-    """One mean return a seed, and what they say together."""
+    """Mean return of each seed, their interquartile mean and its interval."""
     interval = seeds_interval(returns)
     return {
         "returns": list(returns),
@@ -253,8 +253,7 @@ def over_seeds(returns: Sequence[float]) -> dict[str, Any]:
 
 
 def improvements(cells: Sequence[Cell], found: dict[str, list[dict[str, Any]]]) -> list[dict[str, Any]]:
-    """Per column, the probability that a seed of the first row scores more than one of each other row, in the last
-    condition."""
+    """Probability, per column, that a seed of the first row outscores one of each other row in the last condition."""
     columns: dict[str, list[Cell]] = {}
     for cell in cells:
         columns.setdefault(cell.column, []).append(cell)

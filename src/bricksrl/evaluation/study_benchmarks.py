@@ -1,4 +1,4 @@
-"""Studies whose numbers the benchmarks of the repository measure: taken from their results, or measured where there are none."""
+"""Studies made of the repository's benchmarks: existing results are read, missing ones are measured."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ Numbers = dict[str, Any]
 
 @dataclass(frozen=True)
 class Script:
-    """A benchmark, and its arguments.
+    """Benchmark script and its arguments.
 
     Attributes:
-        name: of the script, and of its result.
-        result: the result's name, where it is another one.
-        quick: arguments of its quick form; ``None`` where the quick study leaves it out.
+        name: name of the script, and by default of its result.
+        result: name of its result, if it differs from the script's.
+        quick: arguments of its quick form; ``None`` if it is not part of the quick study.
     """
 
     name: str
@@ -41,12 +41,12 @@ class Script:
 
 @dataclass(frozen=True)
 class BenchmarkStudy:
-    """A table of benchmarks.
+    """Study whose tables are made of benchmark results.
 
     Attributes:
-        hours, quick_minutes: what measuring takes on two cores, roughly; nothing where all results are there.
-        scripts: in the order in which they need one another.
-        tables: from the results by name to ``cells``, ``tables`` and ``notes`` of a study.
+        hours, quick_minutes: approximate duration of all measurements on two cores.
+        scripts: benchmarks, each after those that it depends on.
+        tables: maps the results by name to ``cells``, ``tables`` and ``notes`` of a study.
     """
 
     name: str
@@ -58,11 +58,11 @@ class BenchmarkStudy:
 
 
 def take_study(study: BenchmarkStudy, folder: Path, benchmarks: Path, *, quick: bool = False) -> Path:
-    """Write the numbers and the page of a study from what the benchmarks have measured; returns the page.
+    """Write the numbers and the page of a study from benchmark results; returns the path of the page.
 
     Args:
-        benchmarks: folder of the repository with the scripts, their results in ``results``. What is not there is measured, in the
-            quick form everything, into the study's own folder.
+        benchmarks: the repository's folder of benchmark scripts, with its subfolder ``results``. Missing results are measured;
+            the quick form measures everything, and writes it to the study's folder.
 
     Raises:
         RunError: there are no benchmarks in the folder, or one of them failed.
@@ -80,23 +80,23 @@ def take_study(study: BenchmarkStudy, folder: Path, benchmarks: Path, *, quick: 
 
 
 def result_of(study: BenchmarkStudy, results: Path, *, quick: bool = False) -> Numbers:
-    """The numbers of a study from the results in a folder; what is not there is left out."""
+    """Numbers of a study from the results in a folder; missing results are skipped."""
     paths = {script.written: results / f"{script.written}.json" for script in study.scripts}
     found = {name: json.loads(path.read_bytes()) for name, path in paths.items() if path.exists()}
     measured_with = {name: {what: one[what] for what in ("machine", "versions")} for name, one in found.items()}
-    told = {"study": study.name, "title": study.title, "quick": quick, "results": measured_with}
+    about = {"study": study.name, "title": study.title, "quick": quick, "results": measured_with}
     tables = study.tables(found)
     tables["notes"] = [*tables.get("notes", ()), *(f"{name}: {one['note']}" for name, one in found.items() if "note" in one)]
-    return {**told, **measured_with[next(iter(found))], **tables}
+    return {**about, **measured_with[next(iter(found))], **tables}
 
 
 def _measure(script: Path, arguments: tuple[str, ...], folder: Path, results: Path) -> None:
-    """Run a benchmark in the study's folder, where it keeps its runs and datasets, and takes them up again."""
+    """Run a benchmark in the study's folder, which keeps its runs and datasets, so that it can resume."""
     for one in (folder, results):
         one.mkdir(parents=True, exist_ok=True)
-    told = {**os.environ, "BRICKSRL_RESULTS": str(results.absolute())}
+    variables = {**os.environ, "BRICKSRL_RESULTS": str(results.absolute())}
     command = [sys.executable, str(script.absolute()), *arguments]
-    done = subprocess.run(command, cwd=folder, env=told, check=False, capture_output=True, text=True)  # noqa: S603  ours
+    done = subprocess.run(command, cwd=folder, env=variables, check=False, capture_output=True, text=True)  # noqa: S603  ours
     if done.returncode:
         why = done.stderr.strip().splitlines()[-1:] or [f"it ended with code {done.returncode}"]
         raise RunError(f"{script.name} failed: {why[0]}")
@@ -113,7 +113,7 @@ def _cell(row: str, column: str, condition: str, returns: list[float], theirs: N
 
 
 def _offline(found: dict[str, Numbers]) -> Numbers:
-    """Agents by dataset, with the paper's settings and with the default ones."""
+    """Cells of agents by dataset, with the paper's and with the default settings."""
     cells = []
     for result in found.values():
         if "preset" not in result:
@@ -145,10 +145,10 @@ def _ablation(found: dict[str, Numbers]) -> Numbers:
     for env, agents in found["ablation"]["environments"].items():
         for agent, result in agents.items():
             for name, one in result["variants"].items():
-                told = name if name in ("default", "paper") else f"{name} = {one['setting'][name]}"
+                label = name if name in ("default", "paper") else f"{name} = {one['setting'][name]}"
                 after = f"{result['steps']} steps"
                 more = {} if one["success_mean"] is None or env.startswith("Walker") else {"success_rate": one["success_mean"]}
-                cells.append(_cell(f"{agent}, {told}", env, after, one["returns"], {}, **more))
+                cells.append(_cell(f"{agent}, {label}", env, after, one["returns"], {}, **more))
     tables = [_costs(found["updates"])] if "updates" in found else []
     if "race" in found:
         tables.append(_race(found["race"]))
@@ -159,7 +159,7 @@ def _ablation(found: dict[str, Numbers]) -> Numbers:
 
 
 def _costs(result: Numbers) -> Numbers:
-    """CPU time of an update, ours and others'."""
+    """Table of the CPU time of an update, by agent and library."""
     peers = list(dict.fromkeys(peer for one in result["agents"].values() for peer in one))
     rows = [
         [agent, *(f"{one[peer]['cpu_ms']:.2f}" if peer in one else "" for peer in peers)]
@@ -169,7 +169,7 @@ def _costs(result: Numbers) -> Numbers:
 
 
 def _race(result: Numbers) -> Numbers:
-    """Robot steps and CPU time to a goal, medians over the seeds."""
+    """Table of robot steps and CPU time to a goal: medians over the seeds."""
     rows = [
         [name, f"{one['there']} of {len(one['runs'])}", f"{one['steps']:.0f}", f"{one['cpu_s']:.0f}"]
         for name, one in result["contestants"].items()

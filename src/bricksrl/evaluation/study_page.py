@@ -1,4 +1,4 @@
-"""Page of a study: its tables in Markdown, beside the paper's numbers."""
+"""Page of a study: its tables in Markdown, next to the paper's numbers."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ Numbers = dict[str, Any]
 
 
 def page(result: Numbers) -> str:
-    """Tables in Markdown: a row for each cell and condition, and only columns that say something."""
+    """Tables in Markdown: a row for each cell and condition, without empty columns."""
     quick = " (quick form: it shows that everything works, and says nothing about learning)" if result["quick"] else ""
     lines = [f"# {result['title']}{quick}", ""]
     lines += [f"Written by `bricksrl study {result['study']}`. Interquartile means over seeds; square brackets are 95 %"]
@@ -38,7 +38,7 @@ def page(result: Numbers) -> str:
 
 
 def _columns(result: Numbers) -> dict[str, Callable[[Numbers, str, Numbers], str]]:
-    """What each column says of a cell and one of its conditions."""
+    """Columns by heading, each a function of a cell, a condition's name and its results."""
     metrics = {name: _metric(name) for name in result.get("metrics", ())}
     return {
         "row": lambda cell, name, one: cell["row"],
@@ -81,7 +81,7 @@ def _percent(rate: float | None) -> str:
 
 
 def _spread(value: Sequence[float] | float | None) -> str:
-    """A mean, with its deviation where there is one."""
+    """A mean, with its standard deviation if known."""
     if value is None:
         return ""
     return f"{value:.4g}" if isinstance(value, int | float) else f"{value[0]:.4g} ± {value[1]:.3g}"

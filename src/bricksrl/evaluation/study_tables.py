@@ -14,7 +14,7 @@ from bricksrl.twin.physics import Physics, RandomPhysics
 
 DRAWN_TWINS = 20
 LEARN_ON_TWINS = 3
-"""Of the drawn ones, on which an agent goes on learning."""
+"""Number of drawn twins on which an agent is trained further."""
 _DRAW_SEED = 20
 _WALK = ("forward_speed_m_s",)
 _STRATEGY = ("final_distance_mm", "action_size", "largest_pitch_deg", "episode_steps")
@@ -27,8 +27,8 @@ class Condition:
     Attributes:
         env: environment, if it differs from that of the training.
         named: fields of `EnvOptions` that differ from the nominal twin.
-        episodes: of each seed.
-        learn_episodes: the agent goes on learning there for so many episodes before.
+        episodes: number of evaluated episodes per seed.
+        learn_episodes: number of further training episodes there, before the evaluation.
     """
 
     name: str
@@ -43,9 +43,9 @@ class Cell:
     """One training, run with several seeds, and its evaluations.
 
     Attributes:
-        row, column: of the table.
-        config: fields of `TrainConfig`; its seed and its folder are the study's.
-        paper: what the paper has in its place: "return" (mean and deviation), "success" (a share), "minutes" of a training.
+        row, column: position in the table.
+        config: fields of `TrainConfig`; seed and folder are set by the study.
+        paper: the paper's numbers: "return" (mean and standard deviation), "success" (rate), "minutes" of a training.
     """
 
     row: str
@@ -57,12 +57,12 @@ class Cell:
 
 @dataclass(frozen=True)
 class Study:
-    """A table of trainings.
+    """Table of trainings.
 
     Attributes:
-        hours, quick_minutes: what it takes on two cores, roughly.
-        cells: of the whole study, or of its quick form, whose few episodes show that all of it works and nothing else.
-        metrics: of the evaluated episodes, shown on its page.
+        hours, quick_minutes: approximate duration on two cores.
+        cells: returns the cells of the study, or of its quick form, a smoke test with few episodes.
+        metrics: metrics of the evaluated episodes that its page shows.
     """
 
     name: str
@@ -89,7 +89,7 @@ def _judged(quick: bool, env: str | None = None) -> tuple[Condition, ...]:
 
 
 def _papers(env: str, agent: str) -> dict[str, Any]:
-    """What the paper has of an agent that was trained there."""
+    """The paper's numbers of an agent trained there."""
     found: dict[str, Any] = {"return": paper.RETURNS[env][agent]}
     success = paper.SUCCESS.get(env, {}).get(agent)
     return found if success is None else {**found, "success": success}
@@ -125,7 +125,7 @@ OUTSIDE = {
     "flat battery": Physics(battery_v=6.4),
     "slow link": Physics(link_interval_ms=100.0),
 }
-"""Physics outside of the ranges of domain randomization."""
+"""Physics outside the ranges of domain randomization."""
 
 
 def _sim_to_robot(quick: bool) -> tuple[Cell, ...]:
@@ -147,7 +147,7 @@ def _sim_to_robot(quick: bool) -> tuple[Cell, ...]:
 
 
 def _communication(quick: bool) -> tuple[Cell, ...]:
-    """The rate of steps over a link of 15 ms, and the link's interval at 4 Hz, each in lock-step and streaming."""
+    """Step rates over a link of 15 ms, and link intervals at 4 Hz, each in lock-step and streaming."""
     rates_hz = {4.0: 250} if quick else {2.0: 500, 4.0: 250, 11.0: 91, 30.0: 33}
     intervals_ms = (45.0,) if quick else (7.5, 30.0, 45.0)
     ways: dict[str, dict[str, Any]] = {f"{hz:g} Hz": {"options": {"step_ms": step_ms}} for hz, step_ms in rates_hz.items()}
@@ -156,7 +156,7 @@ def _communication(quick: bool) -> tuple[Cell, ...]:
     after = (Condition("as trained", episodes=2 if quick else 20),)
     return tuple(
         Cell(row, column, {**config, "streaming": row == "streaming", **way}, after)
-        for column, way in ways.items()
+        for column, way in ways
         for row in ("lock-step", "streaming")
     )
 
@@ -176,7 +176,7 @@ def _strategies(quick: bool) -> tuple[Cell, ...]:
 
 
 def _robot_time(quick: bool) -> tuple[Cell, ...]:
-    """SAC until five episodes in a row have the mean return that the paper's best agent has after its training."""
+    """SAC, trained until the mean return of five consecutive episodes reaches that of the paper's best agent."""
     cells = []
     for env in ("RunAway-v0",) if quick else ON_THE_ROBOT:
         goal = max(mean for mean, _ in paper.RETURNS[env].values())
@@ -196,4 +196,4 @@ STUDIES = {
         Study("robot-time", "Robot minutes to a working policy", 1.0, 2.0, 5, _robot_time, ("episode_steps",)),
     )
 }
-"""By name."""
+"""Studies by name."""

@@ -80,7 +80,7 @@ class RunAngle(_OfMotor):
 
 @dataclass(frozen=True)
 class _Endless(_OfMotor):
-    """Command that turns a motor until the next one, and thus is not for a motor with a range."""
+    """Command that turns a motor until the next command; not for motors with a range."""
 
     ends: ClassVar[bool] = False
 

@@ -1,6 +1,6 @@
 """Live page: a robot in the browser while it learns, plays or is driven. Importing this loads nothing else.
 
-Whoever has a scene can show it, with sliders of its own:
+Any scene can be shown, with its own sliders:
 
     board = Board()
     board.show_scene(scene, poses(positions))  # bricksrl.page.scene

@@ -1,6 +1,6 @@
-"""Board: the latest of everything that the page shows, written by whoever has it and read by each browser's connection.
+"""Board: the latest state of everything on the page, written by the program and read by each browser's connection.
 
-Writing is an assignment or an append, so that the thread that steps the robot loses no time; encoding is the reader's work. Any
+A write is an assignment or an append, so that it does not delay the thread that steps the robot; readers do the encoding. Any
 thread may write, and any may read.
 """
 
@@ -19,20 +19,20 @@ from numpy.typing import NDArray
 from bricksrl.page.scene import Floats, Scene
 
 KEPT_STEPS, KEPT_EPISODES = 400, 4000
-"""Values that a browser gets which comes later, or is loaded anew; bounded, so that memory is."""
+"""Maximum numbers of values that are kept, for browsers that connect later."""
 Poses = Floats | Callable[[], Floats]
-"""Poses ``[bodies, 7]``, or what works them out when somebody looks, in the thread that serves the page."""
+"""Poses ``[bodies, 7]``, or a function that computes them on demand, in the thread that serves the page."""
 POSES, IMAGE = 1, 2
-"""First byte of what goes over the wire as bytes."""
+"""First byte of a binary message: its kind."""
 
 
 @dataclass
 class Series:
-    """Rows of numbers, each of the same length; the last ones are kept.
+    """Series of rows of numbers, of which the last ones are kept.
 
     Attributes:
-        names: of the columns.
-        count: rows since the start, those that were dropped included.
+        names: names of the columns.
+        count: number of rows since the start, including dropped ones.
     """
 
     names: tuple[str, ...]
@@ -44,19 +44,19 @@ class Series:
         self.rows = deque(maxlen=self.kept)
 
     def add(self, row: Sequence[float]) -> None:
-        """The next row."""
+        """Append a row."""
         self.rows.append(row)
         self.count += 1
 
     def since(self, count: int) -> tuple[int, list[Sequence[float]]]:
-        """The number of the first row that is given, and the rows from row ``count`` on, as far as they are kept."""
+        """The kept rows from number ``count`` on, and the number of the first of them."""
         end, rows = self.count, list(self.rows)
         missing = min(max(0, end - count), len(rows))
         return end - missing, rows[len(rows) - missing :]
 
 
 class Board:
-    """What the page shows now. Each part has a version, which grows when the part changes."""
+    """State of the page. Each part has a version, which is incremented when the part changes."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -67,7 +67,7 @@ class Board:
         self.series: dict[str, Series] = {}
 
     def show_scene(self, scene: Scene, poses: Poses) -> None:
-        """Draw another scene, its bodies in these poses."""
+        """Show another scene, with its bodies in these poses."""
         self.scene = (self.scene[0] + 1, scene)
         self.show_poses(poses)
 
@@ -76,28 +76,28 @@ class Board:
         self.poses = (self.poses[0] + 1, poses)
 
     def show_image(self, image: NDArray[np.uint8]) -> None:
-        """Show what a camera sees, ``[height, width, 3]``."""
+        """Show a camera image ``[height, width, 3]``."""
         self.image = (self.image[0] + 1, image)
 
     def tell(self, **parts: Any) -> None:
-        """Change parts of the status, plain values by name."""
+        """Update parts of the status: plain values by name."""
         with self._lock:
             version, status = self.status
             if any(name not in status or status[name] != value for name, value in parts.items()):
                 self.status = (version + 1, {**status, **parts})
 
     def new_series(self, name: str, columns: Sequence[str], *, kept: int = KEPT_STEPS) -> Series:
-        """Rows that are plotted; one of the same name is replaced."""
+        """Add a series to plot; one of the same name is replaced."""
         series = Series(tuple(columns), kept)
         self.series = {**self.series, name: series}
         return series
 
 
 class Reader:
-    """What one browser has not got yet.
+    """Reader of a board's changes for one browser.
 
     Args:
-        board: what it looks at.
+        board: the board to read.
     """
 
     def __init__(self, board: Board) -> None:
@@ -106,7 +106,7 @@ class Reader:
         self._series: dict[str, tuple[int, int]] = {}
 
     def news(self, *, numbers: bool) -> list[bytes | dict[str, Any]]:
-        """Messages to send, in their order; ``numbers`` is for status and series too, which need not come with every frame."""
+        """Messages with the changes since the last call, in order; ``numbers`` includes image, status and series."""
         board, messages = self._board, list[bytes | dict[str, Any]]()
         version, _ = board.scene
         if version != self._scene and version:
@@ -132,7 +132,7 @@ class Reader:
         if version != self._status:
             self._status = version
             messages.append({"status": status})
-        rows = {name: told for name, series in board.series.items() if (told := self._rows(name, series))}
+        rows = {name: new for name, series in board.series.items() if (new := self._rows(name, series))}
         return [*messages, {"series": rows}] if rows else messages
 
     def _rows(self, name: str, series: Series) -> dict[str, Any] | None:
@@ -143,5 +143,5 @@ class Reader:
             return None
         first, rows = series.since(max(count, 0))
         self._series[name] = (id(series), first + len(rows))
-        told: dict[str, Any] = {"first": first, "rows": [[round(float(value), 4) for value in row] for row in rows]}
-        return told if count >= 0 else {**told, "names": series.names, "kept": series.kept}
+        new: dict[str, Any] = {"first": first, "rows": [[round(float(value), 4) for value in row] for row in rows]}
+        return new if count >= 0 else {**new, "names": series.names, "kept": series.kept}

@@ -1,4 +1,4 @@
-"""Clock of a virtual robot that somebody watches: simulated time at a chosen speed, and a look now and then."""
+"""Clock of a virtual robot on a page: simulated time at a selectable speed, and periodic updates of the view."""
 
 from __future__ import annotations
 
@@ -10,24 +10,24 @@ from bricksrl.virtual_hub.machine import Machine
 from bricksrl.virtual_hub.pace import Pace
 
 SPEEDS = {"1x": 1.0, "10x": 10.0, "max": 0.0}
-"""Of simulated time; 0 is as fast as it goes."""
+"""Speeds of simulated time; 0 is as fast as possible."""
 LOOK_S = 0.04
-"""Between two looks at the robot, in time on the wall."""
+"""Period of the view's updates, in wall time."""
 _BEHIND_S, _AHEAD_S = 0.05, 0.01
-"""Further behind, what was lost is not caught up with; less ahead is not worth a pause."""
+"""Lag beyond which the clock is restarted instead of catching up; least lead for which it waits."""
 
 
 class SteeredPace(Pace):
-    """Pace of a machine whose speed may change at any moment; a stop ends the waiting at once.
+    """Pace of a machine with a variable speed; a stop ends a wait at once.
 
-    Called by the thread that steps the robot, once for each control loop of simulated time, so it does next to nothing.
+    It is called by the thread that steps the robot, once per control loop of simulated time, so it must be fast.
 
     Args:
-        machine: whose time it holds back.
+        machine: machine whose time is paced.
         halted: set when the robot is to stop.
-        speed: simulated seconds for a second, 0 for as many as there can be.
-        look: called when it is time for a look.
-        halt: called once halted; without it the host has its turn, which stops the program.
+        speed: returns simulated seconds per second, 0 for as fast as possible.
+        look: called periodically to update the view.
+        halt: called when halted; by default control returns to the host, which stops the program.
     """
 
     def __init__(
@@ -46,7 +46,7 @@ class SteeredPace(Pace):
         self._from_s, self._from_ms = 0.0, 0.0
 
     def keep(self, time_ms: float) -> None:
-        """Look, and wait where simulated time is ahead."""
+        """Update the view, and wait if simulated time is ahead."""
         now_s = time.monotonic()
         if now_s >= self._look_s:
             self._look_s = now_s + LOOK_S

@@ -1,4 +1,4 @@
-"""Driver by the sliders and the stick of the page."""
+"""Driver by the sliders and the joystick of the page."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from bricksrl.entry import Entry
 from bricksrl.teleop.mapping import reach, rest
 
 FORGOTTEN_S = 1.5
-"""The page tells again and again what is pushed; after so long a silence the robot comes to rest: the tab is gone."""
+"""Time without a message of the page, which repeats the pushes, after which the robot rests: the tab is gone."""
 
 
 class PageDriver:
-    """A human at the page, as a driver of the rollout: asked at each step, from the thread that steps the robot.
+    """Human at the page, as a driver of the rollout, called at each step in the thread that steps the robot.
 
     Args:
-        commands: of the robot.
+        commands: commands of the robot.
         in_charge: drive from the start.
     """
 
@@ -33,7 +33,7 @@ class PageDriver:
         self._pushed_s = 0.0
 
     def push(self, values: Any) -> bool:
-        """What is pushed now, a number in -1..1 for each command; false where it is none."""
+        """Set the pushes, a number in -1..1 per command; returns False if they are invalid."""
         if not isinstance(values, list) or len(values) != len(self.commands):
             return False
         if not all(isinstance(value, int | float) and math.isfinite(value) for value in values):
@@ -42,22 +42,22 @@ class PageDriver:
         return True
 
     def let_go(self) -> None:
-        """Nothing is pushed."""
+        """Reset all pushes to 0."""
         self._pushes = torch.zeros(len(self.commands))
 
     @property
     def pushes(self) -> list[float]:
-        """What is pushed, as far as the page still says so."""
+        """Present pushes; 0 after a silence of the page."""
         if time.monotonic() - self._pushed_s > FORGOTTEN_S:
             self.let_go()
         return [round(value, 3) for value in self._pushes.tolist()]
 
     def __call__(self, observation: Tensor) -> Tensor | None:
-        """An action ``[m]``; ``None`` while the policy is in charge."""
+        """Action ``[m]``; ``None`` while the policy is in charge."""
         return reach(torch.tensor(self.pushes), self._rest) if self.in_charge else None
 
     def actions(self) -> list[float]:
-        """What the pushes stand for, in the units of the commands."""
+        """Command values of the pushes, in the units of the commands."""
         values = reach(torch.tensor(self.pushes), self._rest).tolist()
         return [
             (c.high + c.low) / 2 + (c.high - c.low) / 2 * value if math.isfinite(c.high - c.low) else value
@@ -66,14 +66,14 @@ class PageDriver:
 
 
 def stick_map(commands: Sequence[Entry]) -> list[list[float]]:
-    """How far the stick, to the right and forward, pushes each command: rows of two numbers.
+    """Weights of the joystick's axes (right, forward) for each command: rows of two numbers.
 
-    Commands of a left and a right side drive like a tank; of others the first follows the stick sideways and the second forward,
-    a single one forward.
+    Commands of a left and a right side are driven like a tank; otherwise the first follows the joystick sideways and the second
+    forward, and a single one forward.
     """
     sides = [1.0 if "left" in command.name else -1.0 if "right" in command.name else 0.0 for command in commands]
     if all(sides):
-        # A leg or wheel whose range lies below zero goes forward when it is lowered.
+        # A leg or wheel with a range below zero moves forward with decreasing values.
         return [[side * _forward(c), _forward(c)] for side, c in zip(sides, commands, strict=True)]
     if len(commands) == 1:
         return [[0.0, 1.0]]

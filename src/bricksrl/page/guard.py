@@ -1,8 +1,8 @@
-"""Guard of the page: who may connect. Pure functions of the headers of a request.
+"""Access control of the page, as pure functions of a request's headers.
 
-A page on this computer can be reached by every web page that is open in the same browser. So a request counts only when it knows
-the token (in the address at first, in a cookie afterwards), names this server as its host (or a foreign name could be made to
-point here: DNS rebinding), and, for a WebSocket, comes from a page of this server.
+A server on this computer can be reached by every web page in the same browser. So a request is accepted only if it has the token
+(first in the address, then in a cookie), names this server as its host (against DNS rebinding), and, for a WebSocket, comes from
+a page of this server.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ HEADERS = {
     "X-Content-Type-Options": "nosniff",
     "X-Frame-Options": "DENY",
 }
-"""Of every answer."""
+"""Headers of every response."""
 
 
 @dataclass(frozen=True)
 class Guard:
-    """The token of a page, where it is served, and whether other computers are to reach it."""
+    """Token and port of a page, and whether other computers may connect."""
 
     token: str
     port: int
@@ -36,11 +36,11 @@ class Guard:
 
     @property
     def cookie(self) -> str:
-        """Name of the cookie; cookies do not know of ports, and there may be several pages."""
+        """Name of the cookie, with the port, as cookies are shared by all ports of a host."""
         return f"bricksrl_{self.port}"
 
     def knows_host(self, host: str | None) -> bool:
-        """Whether a request named this server, and no foreign name that points here; other computers name its number."""
+        """Whether the Host header names this server: a loopback name or, for an open page, an IP address."""
         if host is None:
             return False
         name, _, port = host.rpartition(":")
@@ -56,11 +56,11 @@ class Guard:
         return any(secrets.compare_digest(one.encode(), self.token.encode()) for one in given)
 
     def knows_origin(self, origin: str | None, host: str | None) -> bool:
-        """Whether a WebSocket was opened by a page of this server."""
+        """Whether the Origin header is a page of this server."""
         return origin is not None and origin == f"http://{host}"
 
     def refusal(self, path: str, headers: Mapping[str, str], *, is_socket: bool) -> str | None:
-        """The reason not to answer this request; ``None`` where there is none."""
+        """Reason to refuse a request; ``None`` to accept it."""
         host = headers.get("Host")
         if not self.knows_host(host):
             return "this page has another address; open the one that the terminal shows"
@@ -73,12 +73,12 @@ class Guard:
 
     @property
     def set_cookie(self) -> str:
-        """Header that lets the browser in again, without the token in the address."""
+        """Value of the Set-Cookie header with the token."""
         return f"{self.cookie}={self.token}; HttpOnly; SameSite=Strict; Path=/"
 
 
 def new_token() -> str:
-    """A secret that nobody guesses."""
+    """A random secret."""
     return secrets.token_urlsafe(18)
 
 

@@ -1,7 +1,7 @@
-"""Live page of an environment: what is pressed becomes what the robot does, what the robot does is shown.
+"""Live page of an environment: shows the robot, and passes the user's presses to it.
 
-Two threads meet here. The one that steps the robot calls `attach`, `saw`, `hold`, `begin` and `end`; presses come in threads of
-the server's and only set what the first one looks at, but for an emergency stop, which goes to the hub at once.
+Two threads meet here. The one that steps the robot calls `attach`, `saw`, `hold`, `begin` and `end`; presses arrive in threads of
+the server and only set flags for the first one, except an emergency stop, which goes to the hub at once.
 """
 
 from __future__ import annotations
@@ -32,24 +32,24 @@ if TYPE_CHECKING:
 
 _LOOK_S = 0.05
 _STEP_S = 0.1
-"""Time of a step of a simulation that has no robot, at the speed of 1."""
+"""Step time of a simulation without a robot, at speed 1."""
 
 
 class LivePage:
-    """The page of a robot that learns, plays or is driven; entered, it is served.
+    """Page of a robot that learns, plays or is driven, served while entered.
 
     Args:
-        title, subtitle: of the page.
-        commands: of the robot, for a human who drives it; none where nobody may.
-        in_charge: the human drives from the start.
-        policies: names to choose from.
-        speed: at the start, one of :data:`SPEEDS`.
-        on_stop: called at an emergency stop, before the robot is told, so it returns at once.
-        options: where it is served.
+        title, subtitle: titles of the page.
+        task: task of the environment, for its entries and commands.
+        in_charge, can_drive: whether a human drives from the start, and may drive at all.
+        policies: names of the selectable policies.
+        speed: initial speed, one of :data:`SPEEDS`.
+        on_stop: called at an emergency stop, before the robot is stopped; must return at once.
+        options: address of the server.
 
     Attributes:
-        driver: the human at the page; ``None`` where there is nothing to drive.
-        policy: the one that is chosen.
+        driver: the human at the page; ``None`` if driving is not possible.
+        policy: name of the selected policy.
     """
 
     def __init__(
@@ -100,7 +100,7 @@ class LivePage:
 
     @property
     def url(self) -> str:
-        """Address, with its token."""
+        """Address with the token."""
         return self._server.url
 
     def __enter__(self) -> Self:
@@ -114,13 +114,13 @@ class LivePage:
     # ---------------------------------------------------------------- presses, in threads of the server
 
     def stop(self) -> None:
-        """Emergency stop: the robot first, then whatever else is to stop."""
+        """Emergency stop of the run and the robot, from any thread."""
         self._halted.set()
         self._on_stop()
         try:
             if self._env is not None and hasattr(self._env, "stop"):
                 self._env.stop()
-        except BricksError as error:  # it could not be told, and stops by itself
+        except BricksError as error:  # the hub could not be reached; its watchdog stops it
             self.board.tell(message=str(error))
         finally:
             if self.driver is not None:
@@ -171,15 +171,15 @@ class LivePage:
 
     @property
     def reset_asked(self) -> bool:
-        """True if the episode is to end."""
+        """True if a reset is requested, which ends the episode."""
         return self._reset_asked
 
     def forget_reset(self) -> None:
-        """The episode that was to end has ended."""
+        """Clear a requested reset."""
         self._reset_asked = False
 
     def attach(self, env: EnvBase) -> None:
-        """Show this environment from now on."""
+        """Show another environment."""
         self._leave()
         self._env, self._leave = (None if env.batch_size else env), lambda: None
         if env.batch_size:  # robots of other processes, or none
@@ -197,13 +197,13 @@ class LivePage:
         self._tell()
 
     def begin(self) -> None:
-        """An episode begins."""
+        """Begin an episode."""
         self._sum, self._steps = 0.0, 0
         self.forget_reset()
         self._tell()
 
     def saw(self, frame: TensorDictBase) -> None:
-        """A step has been made: what TorchRL's ``EnvBase.step`` returned."""
+        """Show a step, as returned by TorchRL's ``EnvBase.step``."""
         after = frame["next"]
         reward = float(after["reward"])
         self._sum, self._steps = self._sum + reward, self._steps + 1
@@ -229,7 +229,7 @@ class LivePage:
         self._tell()
 
     def see(self, frame: TensorDictBase) -> None:
-        """As `saw`, and then wait for as long as the page says so: for whoever has one place for both."""
+        """Call `saw`, then `hold`."""
         self.saw(frame)
         self.hold()
 
@@ -246,13 +246,13 @@ class LivePage:
         self.view.show_sensed(self._task.robot, self._task.scene, angles, tilt)
 
     def end(self, return_: float, episode: str) -> None:
-        """An episode has ended; ``episode`` is what is shown of its number, or of the next one's."""
+        """End an episode; ``episode`` is the text shown as its number, or the next one's."""
         self._returns.add((return_,))
         self._facts["episode"] = episode
         self._tell()
 
     def hold(self, is_over: Callable[[], bool] = lambda: False) -> None:
-        """Wait before the next step for as long as the page says so; a simulation without a robot gets its pace here."""
+        """Wait before the next step while paused; a simulation without a robot is paced here too."""
         while self._paused and not self._is_real and not self._reset_asked and not self._halted.is_set():
             if self._steps_asked:
                 self._steps_asked -= 1
@@ -267,18 +267,18 @@ class LivePage:
             self._halted.wait(max(0.0, self._paced_s - time.monotonic()))
 
     def was_stopped(self) -> None:
-        """The robot was stopped, by whomever."""
+        """Record that the robot was stopped."""
         self._halted.set()
         self._tell()
 
     def wait_for_reset(self, is_over: Callable[[], bool] = lambda: False) -> None:
-        """After a stop or a failure: wait until somebody resets, or it is over."""
+        """After a stop or a failure: wait for a reset, or until ``is_over()``."""
         while not self._reset_asked and not is_over():
             with self._changed:
                 self._changed.wait(_LOOK_S)
 
     def release(self) -> None:
-        """After an emergency stop: the robot may move again, with the next reset."""
+        """End an emergency stop: the robot may move again after the next reset."""
         self._halted.clear()
         if self._env is not None and hasattr(self._env, "resume"):
             self._env.resume()
@@ -291,7 +291,7 @@ class LivePage:
 
     @property
     def _factor(self) -> float:
-        """Speed of simulated time; a human drives at the speed of the clock on the wall, and a robot in real time has its own."""
+        """Speed of simulated time: 1 while a human drives, 0 (not paced here) for a robot in real time."""
         if self._is_real:
             return 0.0
         return 1.0 if self.driver is not None and self.driver.in_charge else SPEEDS[self._speed]
@@ -308,12 +308,12 @@ class LivePage:
         self.board.tell(controls=can, speed=speed, policy=self.policy, facts=dict(self._facts))
         if driver is not None:
             names = [{"name": c.name, "unit": c.unit} for c in driver.commands]
-            told = {"commands": names, "stick": stick_map(driver.commands), "pushes": driver.pushes, "actions": driver.actions()}
-            self.board.tell(drive={**told, "in_charge": driver.in_charge, "can_give_back": self._can_give_back})
+            drive = {"commands": names, "stick": stick_map(driver.commands), "pushes": driver.pushes, "actions": driver.actions()}
+            self.board.tell(drive={**drive, "in_charge": driver.in_charge, "can_give_back": self._can_give_back})
 
     _is_ended = False
 
     def finish(self, message: str = "") -> None:
-        """The run is over; the page stays as it is for as long as it is served."""
+        """Show that the run is over."""
         self._is_ended = True
         self.board.tell(state="finished", message=message)

@@ -1,4 +1,4 @@
-"""Building plan in the browser: its steps forward and back, and each motor and free joint on a slider."""
+"""Building plan in the browser, with sliders for its step and for each motor and free joint."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ _MOST_DEG = 360
 
 
 class PlanView:
-    """A plan on a page.
+    """View of a plan on a page.
 
     Args:
-        plan: what is shown; one that is no robot yet shows its steps and has no joints.
+        plan: plan to show; one that is not a complete robot has steps but no joints.
 
     Attributes:
-        board: for the page's server.
+        board: board for the page's server.
     """
 
     def __init__(self, plan: Plan) -> None:
@@ -58,7 +58,7 @@ class PlanView:
         self._tell()
 
     def press(self, name: str, value: Any) -> None:
-        """What somebody pressed on the page; what is none of ours is left alone."""
+        """Handle a press on the page; unknown ones are ignored."""
         with self._lock:
             if name == "step":
                 self._step = self._step % len(self._plan.steps) + 1
@@ -86,7 +86,7 @@ class PlanView:
                     self._swings[swing] = angle
 
     def _joints(self) -> dict[str, tuple[str | None, int | None]]:
-        """Each slider's name with the motor's port or the number of the swing that it turns."""
+        """Sliders by name, each with the motor's port or the number of the joint that it turns."""
         if self._robot is None or self._poser is None:
             return {}
         found: dict[str, tuple[str | None, int | None]] = {}
@@ -110,7 +110,7 @@ class PlanView:
         self.board.tell(sliders=sliders, facts=facts | ({"builds": where} if where else {}), message=self._trouble or step.note)
 
     def _shown(self) -> set[int]:
-        """The parts that lie on the table when the chosen step is done: at the last one all of them."""
+        """Parts of the assembly after the selected step."""
         step = self._plan.steps[self._step - 1]
         shown: set[int] = set()
         for earlier in self._plan.steps[: self._step]:
@@ -119,7 +119,7 @@ class PlanView:
         return shown
 
     def _poses(self) -> Floats:
-        """Pose of each part [parts, 7]."""
+        """Poses of the parts [parts, 7]."""
         moved: dict[int, Motion] = {}
         if self._robot is not None and self._poser is not None:
             moved = self._poser.of_parts(self._shafts, self._poser.motions(self._shafts, self._swings))
@@ -133,7 +133,7 @@ class PlanView:
 
 
 def _scene(plan: Plan) -> Scene:
-    """A body for each part, its origin that of the part."""
+    """Scene with a body for each part, with the part's origin."""
     pieces: dict[Part, dict[Tint, Mesh]] = {}
     bodies, corners = [], []
     for placed in plan.parts:

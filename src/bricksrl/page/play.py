@@ -1,4 +1,4 @@
-"""Playing on the page: episode after episode, by the policy that is chosen there or by a human, until somebody ends it."""
+"""Playing on the page: episodes by the selected policy or a human, until they are ended."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ if TYPE_CHECKING:
     from torchrl.envs import EnvBase
 
 _COAST_MS = 500
-"""Simulated time for which motors are shown to run down after a stop."""
+"""Simulated time for which the coasting motors are shown after a stop."""
 
 
 def resting_player(env: EnvBase) -> Player:
-    """No motor moves: while nobody drives."""
+    """Player that moves no motor, for while nobody drives."""
     from bricksrl.data.schema import describe_task
     from bricksrl.teleop.mapping import rest
 
@@ -37,13 +37,13 @@ def play_on_page(
     episodes: int | None = None,
     stop: threading.Event | None = None,
 ) -> list[float]:
-    """Play until there were so many episodes, or for ever; returns the returns of the whole ones.
+    """Play a number of episodes, or endlessly; returns the returns of the whole ones.
 
-    An emergency stop ends the episode; the next one begins when somebody resets. So does a robot that cannot be reached.
+    An emergency stop or an unreachable robot ends the episode; the next one begins after a reset on the page.
 
     Args:
-        players: by the names that the page shows; each is made when it is first chosen.
-        stop: set where a stop is to end all this, as by a key in the terminal.
+        players: players by name; each is made when it is first selected.
+        stop: set if a stop is to end the playing, as by a key in the terminal.
 
     Raises:
         StoppedError: the robot was stopped, and ``stop`` is set.
@@ -83,7 +83,7 @@ def play_on_page(
 
 
 def _episode(env: EnvBase, page: LivePage, act: Policy, reset: Callable[[], None], number: str) -> float | None:
-    """The return of an episode; ``None`` where it was cut short."""
+    """Play an episode; returns its return, or ``None`` if it was cut short."""
     total, page_note = 0.0, page.note
     start = env.reset()
     page_note(episode=number)
@@ -112,7 +112,7 @@ def _wait(page: LivePage, stop: threading.Event) -> None:
 
 
 def _coast(env: EnvBase) -> None:
-    """Nobody else lets simulated time go on after a stop: show how the motors run down."""
+    """Advance simulated time after a stop, to show the motors coast."""
     twin = getattr(env, "twin", None)
     if twin is None or not hasattr(twin, "machine"):
         return

@@ -1,4 +1,4 @@
-"""Live page of a program that runs on a virtual hub: the robot, its hub, and a red button."""
+"""Live page of a program on a virtual hub: the robot, its hub, and a stop button."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from bricksrl.virtual_hub.run import stop_program
 
 
 class ProgramPage:
-    """The page of one program; entered, it is served.
+    """Page of one program, served while entered.
 
     Args:
-        title: of the page.
-        options: where it is served.
+        title: title of the page.
+        options: address of the server.
     """
 
     def __init__(self, title: str, options: PageOptions | None = None) -> None:
@@ -34,7 +34,7 @@ class ProgramPage:
 
     @property
     def url(self) -> str:
-        """Address, with its token."""
+        """Address with the token."""
         return self._server.url
 
     def __enter__(self) -> Self:
@@ -45,13 +45,13 @@ class ProgramPage:
         self._server.close()
 
     def attend(self, machine: Machine) -> None:
-        """Show what this machine moves, as `Operation.attend` calls it."""
+        """Show the robot of a machine; called as `Operation.attend`."""
         self._machine = machine
         self._view.show_machine(machine, stop_program)
         self.board.tell(state="running")
 
     def stop(self) -> None:
-        """End the program with the next control loop; its motors coast."""
+        """End the program at the next control loop; its motors coast."""
         self._halted.set()
         self.board.tell(state="stopped", message="The program was stopped by hand.")
 

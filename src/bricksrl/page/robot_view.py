@@ -1,7 +1,7 @@
-"""View of a robot: its pose, hub and link on the board. The thread that steps the robot leaves a copy of the joints, no more.
+"""View of a robot: its pose, hub and link on the board. The thread that steps the robot only copies the joint positions.
 
-Everything that is drawn is worked out on a robot of the page's own (the mirror), by the thread that serves the page and only
-while somebody looks: watching changes nothing in the simulation, bit for bit.
+Poses are computed on a separate model (the mirror), by the thread that serves the page, and only if a browser is connected. So
+watching does not change the simulation, bit for bit.
 """
 
 from __future__ import annotations
@@ -33,14 +33,14 @@ _NO_MODEL = "This robot has no model to draw; its numbers are below."
 
 
 class Mirror:
-    """A robot that is only drawn; its joints are set, nothing is simulated."""
+    """Model of a robot for drawing only: its joints are set, not simulated."""
 
     def __init__(self, body: MujocoBody, twin: TwinScene) -> None:
         self.body, self.twin = body, twin
 
     @classmethod
     def of(cls, robot: Robot, scene: Scene) -> Mirror:
-        """The mirror of a robot that has a MuJoCo model."""
+        """Make the mirror of a robot with a MuJoCo model."""
         from bricksrl.page.twin_scene import twin_scene
         from bricksrl.twin.mujoco_body import MujocoBody
         from bricksrl.twin.physics import Physics
@@ -49,19 +49,19 @@ class Mirror:
         return cls(body, twin_scene(body))
 
     def poses(self, qpos: NDArray[np.float64]) -> Floats:
-        """Poses ``[bodies, 7]`` of the scene's bodies at these positions of the joints."""
+        """Poses ``[bodies, 7]`` of the scene's bodies at these joint positions."""
         self.body.data.qpos[:] = qpos
         self.body.pose_looks()
         return self.twin.poses(self.body.data)
 
 
 class RobotView:
-    """What the board shows of one robot after the other.
+    """View of the present robot on a board.
 
     Args:
-        board: gets it.
-        halted: set while the robot is to stand still after an emergency stop.
-        speed: of a virtual robot, see :class:`SteeredPace`.
+        board: board to write to.
+        halted: set while the robot is stopped by an emergency stop.
+        speed: speed of a virtual robot, see :class:`SteeredPace`.
     """
 
     def __init__(self, board: Board, halted: threading.Event, speed: Callable[[], float]) -> None:
@@ -73,19 +73,19 @@ class RobotView:
 
     @property
     def is_virtual(self) -> bool:
-        """True if the robot at hand is a virtual one whose time can be held."""
+        """True if the present robot is virtual."""
         return self.connection is not None and self.connection.twin is not None
 
     def show(self, connection: Connection) -> None:
-        """Show this robot from now on."""
+        """Show another robot."""
         self.connection = connection
         if connection.twin is not None:
             self.show_machine(connection.twin.machine, body=connection.twin.body)
 
     def show_machine(self, machine: Machine, halt: Callable[[], None] | None = None, body: Body | None = None) -> None:
-        """Show the robot that this machine moves, and that is ``body`` where something stands in for it there.
+        """Show the robot of a machine; ``body`` is the robot's body if the machine has a proxy of it.
 
-        ``halt`` is as :class:`SteeredPace` takes it.
+        ``halt`` is as in :class:`SteeredPace`.
         """
         from bricksrl.twin.mujoco_body import MujocoBody
 
@@ -99,7 +99,7 @@ class RobotView:
         self._look(machine, mirror, body)
 
     def show_sensed(self, robot: Robot, scene: Scene, angles_deg: dict[str, float], tilt_deg: tuple[float, float]) -> None:
-        """Show a real robot as its sensors say: angles of its motors by name, pitch and roll."""
+        """Show a real robot from its sensors: motor angles by name, pitch and roll."""
         from bricksrl.twin.sensed_pose import sensed_qpos
 
         if robot.model is None:
@@ -113,13 +113,13 @@ class RobotView:
         self._board.show_poses(lambda: mirror.poses(sensed_qpos(mirror.body, angles_deg, tilt_deg)))
 
     def show_link(self) -> None:
-        """Tell about the link, and where the robot is virtual about its battery and hub; a few times a second is enough."""
+        """Show the link's state and statistics, and a virtual robot's battery."""
         connection = self.connection
         if connection is None:
             return
         link = connection.link
         numbers = link.statistics
-        told: dict[str, Any] = {
+        shown: dict[str, Any] = {
             "link": link.state.value,
             "round trip": f"{numbers.round_trip_p50_s * 1000:.0f} ms (99 %: {numbers.round_trip_p99_s * 1000:.0f} ms)",
             "age of what is seen": f"{numbers.age_p50_s * 1000:.0f} ms",
@@ -127,11 +127,11 @@ class RobotView:
             "damaged": f"{numbers.crc_errors}",
         }
         if connection.twin is not None:
-            told["battery"] = f"{connection.twin.body.battery_mv / 1000:.2f} V"
-        self._board.tell(link=told)
+            shown["battery"] = f"{connection.twin.body.battery_mv / 1000:.2f} V"
+        self._board.tell(link=shown)
 
     def _mirror(self, robot: Robot, scene: Scene) -> Mirror:
-        """The mirror of the robot, drawn from now on."""
+        """The mirror of a robot, cached; shows its scene if it is another one."""
         key = (robot.name, scene)
         if key not in self._mirrors:
             self._mirrors[key] = Mirror.of(robot, scene)
@@ -142,7 +142,7 @@ class RobotView:
         return mirror
 
     def _look(self, machine: Machine, mirror: Mirror | None, body: MujocoBody | None) -> None:
-        """In the thread that steps the robot: copy the joints."""
+        """Copy the joint positions; called in the thread that steps the robot."""
         if mirror is not None and body is not None:
             qpos = body.data.qpos.copy()
             self._board.show_poses(lambda: mirror.poses(qpos))
@@ -153,5 +153,5 @@ class RobotView:
 
 
 def panel_of(panel: Panel) -> dict[str, Any]:
-    """Display and light of a hub, as the page draws them."""
+    """Display, text and light of a hub, for the page."""
     return {"display": list(panel.display), "text": panel.text, "light": panel.light}

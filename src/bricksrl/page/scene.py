@@ -1,7 +1,7 @@
-"""Scene of named bodies in 3D, as a browser draws it: meshes that stay, poses that change. Metres, z up.
+"""Scene of named bodies in 3D for a browser: constant meshes, variable poses. Metres, z up.
 
-A scene is sent once, as one binary file; after that a pose of each body is enough. Nothing here knows of robots, MuJoCo or
-torch: a twin (:mod:`bricksrl.page.twin_scene`) and a building plan are two of the things that can be shown.
+A scene is sent once, as one binary file; after that only poses are sent. This module is independent of robots, MuJoCo and torch:
+it shows twins (:mod:`bricksrl.page.twin_scene`) and building plans alike.
 """
 
 from __future__ import annotations
@@ -22,25 +22,25 @@ Triple = tuple[float, float, float]
 Colour = tuple[float, float, float, float]
 """Red, green, blue and opacity, each in 0..1."""
 Quaternion = tuple[float, float, float, float]
-"""w, x, y, z; of length 1."""
+"""Unit quaternion w, x, y, z."""
 
 NO_TURN: Quaternion = (1.0, 0.0, 0.0, 0.0)
 HIDDEN = math.nan
-"""As the x of a body's pose: the body is not drawn."""
+"""Value of x in a body's pose that hides the body."""
 _ROUND = 24
-"""Sides of what is round."""
+"""Number of segments of a circle."""
 
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
-    """Triangles with a normal at each corner.
+    """Triangle mesh with a normal at each point.
 
     Attributes:
         points, normals: float32 ``[n, 3]``.
         faces: int ``[m, 3]``, counter-clockwise from outside.
 
     Raises:
-        PageError: at construction, when the shapes do not fit, or a face names a point that is not there.
+        PageError: at construction, when the arrays' shapes do not match, or a face index is out of range.
     """
 
     points: Floats
@@ -57,7 +57,7 @@ class Mesh:
 
 @dataclass(frozen=True)
 class Shape:
-    """A mesh in a colour, somewhere in the frame of its body. ``pattern`` is "" or "bricks"."""
+    """Coloured mesh with a pose in its body's frame. ``pattern`` is "" or "bricks"."""
 
     mesh: Mesh
     colour: Colour
@@ -68,7 +68,7 @@ class Shape:
 
 @dataclass(frozen=True)
 class SceneBody:
-    """What moves as a whole."""
+    """Rigid body with its shapes."""
 
     name: str
     shapes: tuple[Shape, ...]
@@ -76,13 +76,13 @@ class SceneBody:
 
 @dataclass(frozen=True)
 class View:
-    """Where the camera starts.
+    """Initial pose of the camera.
 
     Attributes:
-        target: the point that it looks at.
-        distance_m: of the camera from there.
-        yaw_deg, pitch_deg: direction in which the camera stands, counter-clockwise from x seen from above, and its elevation.
-        follow: number of the body that it follows; ``None`` where it stands still.
+        target: point that it looks at.
+        distance_m: distance of the camera from the target.
+        yaw_deg, pitch_deg: direction of the camera from the target, counter-clockwise from x seen from above, and elevation.
+        follow: number of the body that it follows; ``None`` for a fixed camera.
     """
 
     target: Triple = (0.0, 0.0, 0.05)
@@ -94,17 +94,17 @@ class View:
 
 @dataclass(frozen=True)
 class Scene:
-    """Bodies, the floor below them (its height in metres; ``None`` for none), and where the camera starts."""
+    """Bodies, height of the floor in metres (``None`` for none), and initial view."""
 
     bodies: tuple[SceneBody, ...]
     floor_m: float | None = 0.0
     view: View = field(default_factory=View)
 
     def to_bytes(self) -> bytes:
-        """One file: the length of a JSON header (uint32), the header, and the arrays that it gives the places of.
+        """Binary file: the length of a JSON header (uint32), the header with the arrays' offsets, and the arrays.
 
-        Arrays are little-endian: points float32, normals int8 with a fourth byte of padding, faces uint32. Each begins at a
-        multiple of 4 bytes behind the header.
+        Arrays are little-endian: points float32, normals int8 with a fourth byte of padding, faces uint32. Their offsets after
+        the header are multiples of 4 bytes.
         """
         arrays: list[bytes] = []
         length = 0
@@ -146,7 +146,7 @@ def _shape(shape: Shape, numbers: dict[int, int]) -> dict[str, object]:
 
 
 def poses(positions: Sequence[Sequence[float]] | NDArray[np.floating], turns: object = None) -> Floats:
-    """Poses ``[bodies, 7]`` of positions ``[bodies, 3]`` (m) and turns ``[bodies, 4]`` (w, x, y, z), by default none.
+    """Poses ``[bodies, 7]`` from positions ``[bodies, 3]`` (m) and quaternions ``[bodies, 4]`` (w, x, y, z), by default none.
 
     An x of :data:`HIDDEN` hides a body.
     """
@@ -159,7 +159,7 @@ def poses(positions: Sequence[Sequence[float]] | NDArray[np.floating], turns: ob
 
 
 def flat_mesh(triangles: NDArray[np.floating]) -> Mesh:
-    """Mesh of triangles ``[n, 3, 3]``, each of them flat; those without an area are left out."""
+    """Flat-shaded mesh of triangles ``[n, 3, 3]``; those without an area are left out."""
     across = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     size = np.linalg.norm(across, axis=1)
     kept, normals = triangles[size > 0.0], across[size > 0.0] / size[size > 0.0, None]
@@ -197,7 +197,7 @@ def ellipsoid(radii: Triple) -> Mesh:
 
 
 def capsule(radius: float, half_length: float) -> Mesh:
-    """Cylinder along z with half a ball at either end; ``half_length`` is that of the cylinder."""
+    """Cylinder along z with a hemisphere at either end; ``half_length`` is that of the cylinder."""
     angles = np.linspace(-math.pi / 2, math.pi / 2, _ROUND // 2 + 2)
     normals = np.stack([np.cos(angles), np.sin(angles)], axis=1)
     outline = radius * normals
@@ -214,7 +214,7 @@ def cylinder(radius: float, half_length: float) -> Mesh:
 
 
 def _turned(outline: NDArray[np.floating], normals: NDArray[np.floating]) -> Mesh:
-    """The solid that an outline ``[n, 2]`` of radius and height, from below, makes around z."""
+    """Solid of revolution about z of an outline ``[n, 2]`` of radius and height, from below."""
     around = np.linspace(0.0, 2.0 * math.pi, _ROUND + 1)
     turn = np.stack([np.cos(around), np.sin(around)], axis=1)[:, None, :]
 

@@ -1,4 +1,4 @@
-"""Server of the live page: files, a scene and a WebSocket, in a thread of its own with an event loop of its own."""
+"""Server of the live page: files, a scene and a WebSocket, in a separate thread with its own event loop."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ if TYPE_CHECKING:
     from websockets.http11 import Request, Response
 
 FRAME_S = 0.04
-"""Between two looks of a connection at whether the robot has moved."""
+"""Period of a connection's updates of poses."""
 NUMBERS_S = 0.2
-"""Between two looks at the numbers."""
+"""Period of its updates of numbers."""
 PORTS = range(8090, 8110)
-"""Tried one after the other where no port is named."""
+"""Ports tried in order if none is given."""
 _KINDS = {"html": "text/html", "css": "text/css", "js": "text/javascript", "svg": "image/svg+xml"}
 _MOST_CONNECTIONS, _LONGEST_MESSAGE = 12, 4096
 _START_S, _END_S = 10.0, 5.0
@@ -40,16 +40,16 @@ _START_S, _END_S = 10.0, 5.0
 _log = logging.getLogger(__name__)
 
 Press = Callable[[str, Any], None]
-"""Told the name of a button or slider, and its value."""
+"""Called with the name of a button or slider, and its value."""
 
 
 @dataclass(frozen=True)
 class PageOptions:
-    """Where the page is served.
+    """Address of the page's server.
 
     Attributes:
-        host: address to listen on; 127.0.0.1 lets nobody in from other computers, 0.0.0.0 does.
-        port: ``None`` for the first free one of :data:`PORTS`, 0 for any.
+        host: address to listen on; 127.0.0.1 for this computer only, 0.0.0.0 for others too.
+        port: port to listen on; ``None`` for the first free one of :data:`PORTS`, 0 for any.
     """
 
     host: str = "127.0.0.1"
@@ -57,18 +57,18 @@ class PageOptions:
 
 
 class PageServer:
-    """The page, from `__enter__` to `__exit__`.
+    """Server of a page, running while entered.
 
     Args:
-        board: what it shows.
-        on_press: told every press but an emergency stop, one after the other, in a thread of its own.
-        on_stop: told an emergency stop, at once, also where a press before it has not come to an end.
+        board: state to show.
+        on_press: called with each press except an emergency stop, one at a time, in a separate thread.
+        on_stop: called for an emergency stop, at once, even while an earlier press is being handled.
 
     Attributes:
         url: address with the token.
 
     Raises:
-        PageError: on entering, the address is taken or none of this computer.
+        PageError: on entering, the address is in use or not of this computer.
     """
 
     def __init__(self, board: Board, on_press: Press, on_stop: Callable[[], None], options: PageOptions | None = None) -> None:
@@ -85,7 +85,7 @@ class PageServer:
 
     @property
     def viewers(self) -> int:
-        """Number of browsers that look."""
+        """Number of connected browsers."""
         return self._readers
 
     def __enter__(self) -> Self:
@@ -109,7 +109,7 @@ class PageServer:
         self.close()
 
     def close(self) -> None:
-        """Say good-bye to the browsers and stop serving; closing twice does nothing."""
+        """Close the connections and stop serving; closing twice does nothing."""
         if self._loop is not None and self._closing is not None:
             with contextlib.suppress(RuntimeError):  # closed already
                 self._loop.call_soon_threadsafe(self._closing.set)
@@ -128,7 +128,7 @@ class PageServer:
         from websockets.asyncio.server import serve
 
         quiet = logging.getLogger(f"{__name__}.websockets")
-        quiet.setLevel(logging.CRITICAL)  # whoever knocks without a token is no error of ours
+        quiet.setLevel(logging.CRITICAL)  # refused requests are no errors of ours
         self._loop, self._closing = asyncio.get_running_loop(), asyncio.Event()
         async with serve(
             self._converse,
@@ -141,14 +141,14 @@ class PageServer:
         ) as server:
             self._ready.set()
             await self._closing.wait()
-            await self._good_bye(server)
+            await self._close_connections(server)
 
-    async def _good_bye(self, server: Server) -> None:
+    async def _close_connections(self, server: Server) -> None:
         for connection in list(server.connections):
             await connection.close(1001, "the run has ended")
 
     def _answer(self, connection: ServerConnection, request: Request) -> Response | None:
-        """The answer to a request; ``None`` lets a WebSocket in."""
+        """Response to a request; ``None`` accepts a WebSocket."""
         path = urllib.parse.urlsplit(request.path).path
         refusal = self._guard.refusal(request.path, request.headers, is_socket=path == "/ws")
         if refusal is not None:
@@ -175,23 +175,23 @@ class PageServer:
         return self._scene[1]
 
     async def _converse(self, connection: ServerConnection) -> None:
-        """One browser, for as long as it is there."""
+        """Serve one browser until it disconnects."""
         from websockets.exceptions import ConnectionClosed
 
         self._readers += 1
-        telling = asyncio.create_task(self._tell(connection))
+        sender = asyncio.create_task(self._send_news(connection))
         try:
             async for message in connection:
-                self._hear(message)
+                self._receive(message)
         except ConnectionClosed:
             pass
         finally:
             self._readers -= 1
-            telling.cancel()
-            await asyncio.gather(telling, return_exceptions=True)
+            sender.cancel()
+            await asyncio.gather(sender, return_exceptions=True)
             self._presses.put(("left", None))
 
-    async def _tell(self, connection: ServerConnection) -> None:
+    async def _send_news(self, connection: ServerConnection) -> None:
         reader, due_s = Reader(self._board), 0.0
         while True:
             now_s = time.monotonic()
@@ -201,11 +201,11 @@ class PageServer:
                 await connection.send(message if isinstance(message, bytes) else json.dumps(message))
             await asyncio.sleep(FRAME_S)
 
-    def _hear(self, message: str | bytes) -> None:
-        """A press. What is none is left alone: only our own page is let in, and it may be of another version."""
+    def _receive(self, message: str | bytes) -> None:
+        """Handle a press; other messages, as of another version of the page, are ignored."""
         try:
-            said = json.loads(message)
-            name, value = said["press"], said.get("value")
+            content = json.loads(message)
+            name, value = content["press"], content.get("value")
         except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
             return
         if name == "stop":
@@ -219,12 +219,12 @@ class PageServer:
         while (press := self._presses.get()) is not None:
             try:
                 self._on_press(*press)
-            except Exception as error:  # noqa: BLE001  one press that fails must not leave the others unheard
+            except Exception as error:  # noqa: BLE001  a failed press must not block later ones
                 _log.warning("the page: %s", error)
 
 
 def _listen(options: PageOptions) -> socket.socket:
-    """A socket on the address, or the first free port."""
+    """Open a listening socket on the given port, or on the first free one."""
     if options.port is not None and not 0 <= options.port < 65536:
         raise PageError(f"{options.port} is no port; give one in 0 to 65535, or none")
     failed: OSError | None = None
@@ -238,17 +238,17 @@ def _listen(options: PageOptions) -> socket.socket:
 
 
 def _own_address() -> str:
-    """This computer's number in its network; nothing is sent to find it."""
+    """IP address of this computer in its network, found without sending anything."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
-            probe.connect(("192.0.2.1", 9))  # of documentation, RFC 5737: where it would leave from
+            probe.connect(("192.0.2.1", 9))  # documentation address (RFC 5737): gives the outgoing interface
             return str(probe.getsockname()[0])
         except OSError:
             return "127.0.0.1"
 
 
 def _file(name: str) -> tuple[str, bytes] | None:
-    """Content type and bytes of a file of the page; ``None`` where it has no such file."""
+    """Content type and bytes of a file of the page; ``None`` if there is no such file."""
     kind = _KINDS.get(name.rpartition(".")[2])
     folder = importlib.resources.files("bricksrl.page") / "static"
     if kind is None or "/" in name or "\\" in name or name not in {file.name for file in folder.iterdir()}:

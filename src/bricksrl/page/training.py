@@ -1,4 +1,4 @@
-"""Live page of a training run: a callback that shows it, and lets the page pause it, reset it and take over."""
+"""Live page of a training run: a callback that shows it, and lets the page pause and reset it."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ _PHASES = {Phase.PREFILL: "random start", Phase.TRAIN: "learning", Phase.OFFLINE
 
 
 class PageCallback(Callback):
-    """Shows a run on a page.
+    """Callback that shows a run on a page.
 
     Args:
-        page: entered already.
-        stop: what ends the run.
+        page: page that is already entered.
+        stop: event that ends the run.
     """
 
     def __init__(self, page: LivePage, stop: threading.Event) -> None:
@@ -49,12 +49,12 @@ class PageCallback(Callback):
         self._page.note(episode=f"{episode}/{self._episodes}", phase=_PHASES[phase])
         self._page.saw(transition)
         if bool(transition["next", "done"]):
-            self._go_on()  # before an evaluation, which would wait for the end of the pause
+            self._go_on()  # before an evaluation, which would block on the pause
 
     def on_step(self, episode: int, step: int, phase: Phase) -> None:
         self._page.hold(self._stop.is_set)
         if self._page.reset_asked and self._resume is None and self._can_cut:
-            # A pause ends the episode with the step that follows, as one that was cut short; nothing is remembered across it.
+            # A pause truncates the episode after the next step, so that no transition spans the reset.
             self._env.pause()
             self._resume = self._env.resume
 
@@ -75,7 +75,7 @@ class PageCallback(Callback):
             self._page.finish("")
 
     def _go_on(self) -> None:
-        """The episode is over, and with it what was asked of it."""
+        """Clear a requested reset and its pause at the end of an episode."""
         self._page.forget_reset()
         resume, self._resume = self._resume, None
         if resume is not None and not self._page.is_stopped:

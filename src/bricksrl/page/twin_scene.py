@@ -1,4 +1,4 @@
-"""Scene of a virtual robot: what MuJoCo draws of its twin, as bodies with meshes, and their poses."""
+"""Scene of a virtual robot: MuJoCo's visible geometry as bodies with meshes, and their poses."""
 
 from __future__ import annotations
 
@@ -30,19 +30,19 @@ _GEOM = mujoco.mjtGeom
 
 @dataclass(frozen=True)
 class TwinScene:
-    """A scene, and which body of the model each of its bodies is."""
+    """A scene, and the model's body number of each of its bodies."""
 
     scene: Scene
     bodies: tuple[int, ...]
 
     def poses(self, data: mujoco.MjData) -> Floats:
-        """Poses ``[bodies, 7]`` as ``data`` has them: only for the thread that steps it, after ``pose_looks``."""
+        """Poses ``[bodies, 7]`` from ``data``; to be called in the thread that steps it, after ``pose_looks``."""
         chosen = list(self.bodies)
         return poses(data.xpos[chosen], data.xquat[chosen])
 
 
 def twin_scene(body: MujocoBody) -> TwinScene:
-    """Everything that MuJoCo draws of a twin and of what stands around it, but the floor."""
+    """Scene of all visible geometry of a twin and its surroundings, except the floor."""
     model = body.model
     shapes: dict[int, list[Shape]] = {}
     meshes: dict[int, Mesh] = {}
@@ -96,7 +96,7 @@ def _mesh(model: mujoco.MjModel, geom: int, meshes: dict[int, Mesh]) -> Mesh | N
 
 
 def _triangles(model: mujoco.MjModel, mesh: int) -> Mesh:
-    """A mesh of the model; a point appears once for each normal that it has, so that sharp edges stay sharp."""
+    """A mesh of the model; a point is repeated for each of its normals, so that sharp edges stay sharp."""
     first = int(model.mesh_faceadr[mesh])
     faces = slice(first, first + int(model.mesh_facenum[mesh]))
     corners = np.stack([model.mesh_face[faces].ravel(), model.mesh_facenormal[faces].ravel()], axis=1)

@@ -1,6 +1,7 @@
 """The booklet of a plan: cover, parts list, a page for each step, cables. PDF or HTML; no LDraw library, no OpenGL.
 
-In a step the new parts are in colour and the others faded; where new parts are hidden their outline is orange.
+In a step the new parts are in colour and the others faded; where new parts are hidden their outline is orange, also that of pins,
+axles and bushes that other new parts hide. On the page of the cables each end has the letter of its port.
 """
 
 from __future__ import annotations
@@ -8,6 +9,7 @@ from __future__ import annotations
 import base64
 import html
 import io
+import textwrap
 from collections import Counter
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -27,9 +29,14 @@ from bricksrl.plotting import import_matplotlib
 _STEP_SIZE, _COVER_SIZE, _PART_SIZE = (760, 540), (820, 560), (150, 110)
 _HIDDEN = 0.35
 """Share of the new parts' points that has to be seen from the usual side; else the model is turned."""
+_SUNK, _FASTENERS = 0.25, ("pins", "axles", "bushes")
+"""A new part of these families is outlined where less of it than that share is seen."""
 _PART_ZOOM = 2.4
+_NOTE_WIDTH = 120
+"""Letters of a line of a step's note."""
 _A_PAGE = 16
 _MODULE_IN = 8 / 25.4
+_CABLE = "#c2410c"
 FORMATS = (".pdf", ".html")
 
 
@@ -44,6 +51,15 @@ class Item:
 
 
 @dataclass(frozen=True)
+class Cable:
+    """A cable: its port, what the page says of it, and where port and device are in the picture, pixels from the left and top."""
+
+    port: str
+    text: str
+    ends: tuple[tuple[float, float], tuple[float, float]]
+
+
+@dataclass(frozen=True)
 class Page:
     """A page: a picture or none, and kinds of parts or lines of text."""
 
@@ -52,6 +68,7 @@ class Page:
     picture: Pixels | None
     items: tuple[Item, ...]
     lines: tuple[str, ...] = ()
+    cables: tuple[Cable, ...] = ()
 
 
 def write_booklet(plan: Plan, path: Path) -> int:
@@ -79,20 +96,20 @@ def pages_of(plan: Plan) -> Iterator[Page]:
         items = tuple(_listed(entry) for entry in entries[start : start + _A_PAGE])
         yield Page("Parts", "", None, items)
     times = Counter(_kind(step) for step in plan.steps)
+    number = 0
     for step in plan.steps:
         if times[_kind(step)] > 0:
-            yield _step_page(plan, step, times[_kind(step)] if step.assembly else 1)
+            number += 1
+            yield _step_page(plan, step, number, times[_kind(step)] if step.assembly else 1)
         if step.assembly:
             times[_kind(step)] = 0
-    lines = _cables(plan)
-    if lines:
-        yield Page(
-            "Cables",
-            "Plug in the cables last, and keep them away from what turns.",
-            draw(plan.parts, _STEP_SIZE, VIEWS[3]),
-            (),
-            lines,
-        )
+    canvas = Canvas(_STEP_SIZE, VIEWS[3], plan.parts)
+    cables = _cables(plan, canvas)
+    if cables:
+        for placed in plan.parts:
+            canvas.add(placed)
+        note = "Plug in the cables last, and keep them away from what turns."
+        yield Page("Cables", note, canvas.picture(set()), (), tuple(cable.text for cable in cables), cables)
 
 
 def _kind(step: Step) -> tuple[str, int]:
@@ -121,21 +138,25 @@ def _part_picture(part: Part, colour: int) -> Pixels:
     return canvas.picture()
 
 
-def _step_page(plan: Plan, step: Step, times: int) -> Page:
+def _step_page(plan: Plan, step: Step, number: int, times: int) -> Page:
+    """The page of a step; steps that are done several times have one page, so that pages count by themselves."""
     new = [plan.parts[index] for index in step.new]
     joined = [plan.parts[index] for group in step.joined for index in group]
     bright = {placed.index for placed in (*new, *joined)}
     there = [plan.parts[index] for index in sorted(_there(plan, step))]
-    view, picture = _best(there, bright)
+    view, picture = _best(there, bright, set(step.new))
     where = f" · {_title(step.assembly[-1])}" if step.assembly else ""
     where += f", {times} times" if times > 1 else ""
     turned = "" if view == VIEWS[0] else " (the model is turned)"
     counts = Counter((placed.part, placed.colour) for placed in new)
     items = [Item(_part_picture(part, colour), count, part.name, part.length) for (part, colour), count in counts.items()]
-    for group in step.joined:
-        parts = [plan.parts[index] for index in group]
-        items.append(Item(draw(parts, _PART_SIZE), 1, _title(parts[0].assembly[len(step.assembly)])))
-    return Page(f"{step.index + 1}{where}", step.note + turned, picture, tuple(items))
+    groups = [[plan.parts[index] for index in group] for group in step.joined]
+    titles = Counter(_title(parts[0].assembly[len(step.assembly)]) for parts in groups)
+    for parts in groups:
+        title = _title(parts[0].assembly[len(step.assembly)])
+        if title in titles:
+            items.append(Item(draw(parts, _PART_SIZE), titles.pop(title), title))
+    return Page(f"{number}{where}", step.note + turned, picture, tuple(items))
 
 
 def _title(assembly: str) -> str:
@@ -152,7 +173,7 @@ def _there(plan: Plan, step: Step) -> set[int]:
     return there
 
 
-def _best(there: list[Placed], bright: set[int]) -> tuple[View, Pixels]:
+def _best(there: list[Placed], bright: set[int], new: set[int]) -> tuple[View, Pixels]:
     """The usual view, or the one that shows most of the new parts where they are hidden from there."""
     best: tuple[float, View, Canvas, Canvas] | None = None
     for view in VIEWS:
@@ -168,23 +189,40 @@ def _best(there: list[Placed], bright: set[int]) -> tuple[View, Pixels]:
             break
     if best is None:
         raise PlanError("a step without parts cannot be drawn; take it out of the plan")
-    return best[1], best[2].picture(bright, best[3])
+    sunk = _sunk([placed for placed in there if placed.index in new], there, best[1], best[2])
+    return best[1], best[2].picture(bright, (best[3], *sunk))
 
 
-def _cables(plan: Plan) -> tuple[str, ...]:
-    """A line for each motor and sensor."""
+def _sunk(new: list[Placed], there: list[Placed], view: View, canvas: Canvas) -> tuple[Canvas, ...]:
+    """The fasteners of which hardly anything is seen, by themselves; none where there are none."""
+    small = [placed for placed in new if placed.part.family in _FASTENERS]
+    alone = Canvas(canvas.size, view, there)
+    for placed in small:
+        alone.add(placed)
+    hidden = [one for one in small if canvas.visible({one.index}) < _SUNK * alone.visible({one.index})]
+    outlines = Canvas(canvas.size, view, there)
+    for placed in hidden:
+        outlines.add(placed)
+    return (outlines,) if hidden else ()
+
+
+def _cables(plan: Plan, canvas: Canvas) -> tuple[Cable, ...]:
+    """Those of all motors and sensors."""
     hubs = plan.devices(DeviceKind.HUB)
     places = dict(hubs[0].part.device.ports) if hubs and hubs[0].part.device else {}
-    lines = []
+    cables = []
     for placed in sorted(plan.devices(DeviceKind.MOTOR) + plan.devices(DeviceKind.SENSOR), key=lambda one: one.port or ""):
         device = placed.part.device
-        if device is None or placed.port not in places:
+        if device is None or placed.port is None or placed.port not in places:
             continue
         ends = hubs[0].to_plan(np.array([places[placed.port]]))[0], placed.to_plan(np.array([device.plug]))[0]
         far = float(np.linalg.norm(ends[0] - ends[1])) * MM_PER_LDU
         name = f" '{placed.device}'" if placed.device else ""
-        lines.append(f"Port {placed.port}: {placed.part.name}{name}, {far:.0f} mm away; its cable has {device.cable_mm:.0f} mm")
-    return tuple(lines)
+        text = f"Port {placed.port}: {placed.part.name}{name}, {far:.0f} mm away; its cable has {device.cable_mm:.0f} mm"
+        middle = placed.to_plan(np.mean(placed.part.bounds, axis=0)[None, :])[0]
+        (x, y), (x2, y2) = canvas.pixel_of(np.stack([ends[0], middle])).tolist()
+        cables.append(Cable(placed.port, text, ((x, y), (x2, y2))))
+    return tuple(cables)
 
 
 def _pdf(plan: Plan, pages: Iterable[Page]) -> bytes:
@@ -210,13 +248,18 @@ def _lay_out(figure: object, page: Page, number: int) -> None:
         raise TypeError("a page is laid out on a Figure")
     is_list = page.picture is None
     figure.text(0.03, 0.93, page.head, fontsize=24 if len(page.head) < 20 else 16, weight="bold", va="center")
-    figure.text(0.03, 0.045, page.note, fontsize=9, va="center", wrap=True)
+    figure.text(0.03, 0.045, textwrap.fill(page.note, _NOTE_WIDTH), fontsize=9, va="center")
     figure.text(0.975, 0.045, f"{number}", fontsize=9, ha="right", va="center", color="0.4")
     if page.picture is not None:
         left = 0.26 if page.items else 0.05
         axes = figure.add_axes((left, 0.08 + 0.045 * len(page.lines), 0.98 - left, 0.82 - 0.045 * len(page.lines)))
         axes.imshow(page.picture, interpolation="antialiased")
         axes.set_axis_off()
+        badge = {"boxstyle": "circle,pad=0.2", "facecolor": "white", "edgecolor": _CABLE, "linewidth": 0.8}
+        for cable in page.cables:
+            axes.plot(*zip(*cable.ends, strict=True), color=_CABLE, linewidth=1.0)
+            for x, y in cable.ends:
+                axes.text(x, y, cable.port, fontsize=7, weight="bold", ha="center", va="center", bbox=badge)
     for row, line in enumerate(reversed(page.lines)):
         figure.text(0.05, 0.09 + 0.045 * row, line, fontsize=10, va="center")
     columns = 4 if is_list else 1
@@ -227,7 +270,14 @@ def _lay_out(figure: object, page: Page, number: int) -> None:
         axes.imshow(item.picture, interpolation="antialiased")
         axes.set_axis_off()
         figure.text(x, y + 0.025, f"{item.count} x", fontsize=11, weight="bold", va="center")
-        figure.text(x + 0.045, y + 0.025, item.text, fontsize=7.5 if is_list else 8, va="center", linespacing=1.1)
+        figure.text(
+            x + 0.031 + 0.014 * len(str(item.count)),
+            y + 0.025,
+            item.text,
+            fontsize=7.5 if is_list else 8,
+            va="center",
+            linespacing=1.1,
+        )
     axles = sorted({item.axle for item in page.items if 0 < item.axle <= 16}) if not is_list else []
     for row, length in enumerate(axles):
         width = length * _MODULE_IN / 8.27
@@ -247,7 +297,7 @@ def _html(plan: Plan, pages: Iterable[Page]) -> str:
         if figures:
             parts.append(f"<div class=items>{figures}</div>")
         if page.picture is not None:
-            parts.append(f'<img alt="{html.escape(page.head)}" src="{_source(page.picture)}">')
+            parts.append(_drawing(page.head, page.picture, page.cables))
         parts += [f"<p>{html.escape(line)}</p>" for line in (*page.lines, *([page.note] if page.note else []))]
         body.append(f"<section>{''.join(parts)}</section>")
     style = (
@@ -256,6 +306,22 @@ def _html(plan: Plan, pages: Iterable[Page]) -> str:
     )
     head = f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{html.escape(plan.title)}</title><style>{style}</style>'
     return f"{head}<body>{''.join(body)}</body></html>\n"
+
+
+def _drawing(head: str, picture: Pixels, cables: tuple[Cable, ...]) -> str:
+    """A picture with its cables as SVG."""
+    high, wide = picture.shape[:2]
+    lines = []
+    for cable in cables:
+        (x, y), (x2, y2) = cable.ends
+        lines.append(f'<path d="M{x:.0f} {y:.0f}L{x2:.0f} {y2:.0f}" stroke="{_CABLE}"/>')
+        lines += [
+            f'<circle cx="{x:.0f}" cy="{y:.0f}" r="9" fill="#fff" stroke="{_CABLE}"/>'
+            f'<text x="{x:.0f}" y="{y + 4:.0f}" font-size="12" text-anchor="middle">{html.escape(cable.port)}</text>'
+            for x, y in cable.ends
+        ]
+    image = f'<image width="{wide}" height="{high}" href="{_source(picture)}"/>'
+    return f'<svg role="img" aria-label="{html.escape(head)}" viewBox="0 0 {wide} {high}">{image}{"".join(lines)}</svg>'
 
 
 def _source(picture: Pixels) -> str:

@@ -1,4 +1,4 @@
-"""Connections between parts: pins and axles in holes, turntables, teeth in teeth. LDraw units, the plan's frame."""
+"""Connections between parts: pins and axles in holes, studs, turntables, teeth in teeth. LDraw units, the plan's frame."""
 
 from __future__ import annotations
 
@@ -13,7 +13,8 @@ from bricksrl.plans.plan import Placed
 
 _ASIDE, _TILT = 1.2, 0.03
 """How far a pin may be beside the middle of its hole (LDU), and how far it may lean (sine)."""
-_LEAST_DEPTH = 4.0
+_LEAST_DEPTH = 3.5
+"""Of what counts as inside, LDU; a stud is 4 high."""
 _SEATED = 0.7
 """The part of the shorter one's length that has to be inside."""
 _MESH, _NEARLY = 1.0, 9.0
@@ -21,8 +22,6 @@ _MESH, _NEARLY = 1.0, 9.0
 _MOST_COMPARED = 20_000
 """Pairs of gears near each other; no plan that is nearly right has more."""
 _CROSS_DEG = 6.0
-_BEVEL_EXTRA = 5.0
-"""A bevel gear's middle is so much farther from the other's axis than that one's pitch radius."""
 _WORM_PITCH_RADIUS = 10.0
 _WORM_LEAD = 7.854
 """A worm moves a gear by one tooth, pi millimetres, a turn."""
@@ -59,8 +58,8 @@ class Connection:
 
     @property
     def is_rigid(self) -> bool:
-        """An axle in an axle hole turns with it."""
-        return self.male_site.fit is Fit.AXLE and self.female_site.fit is Fit.AXLE_HOLE
+        """An axle in an axle hole turns with it; a stud, also a single one, is taken to hold."""
+        return (self.male_site.fit, self.female_site.fit) in ((Fit.AXLE, Fit.AXLE_HOLE), (Fit.STUD, Fit.STUD_HOLE))
 
 
 @dataclass(frozen=True)
@@ -92,7 +91,7 @@ class Mesh:
 
 
 def connections(parts: Sequence[Placed]) -> list[Connection]:
-    """All pins and axles in holes and all turntables."""
+    """All pins and axles in holes, all studs and turntables."""
     males: list[tuple[int, Site, Floats, Floats]] = []
     females: list[tuple[int, Site, Floats, Floats]] = []
     for placed in parts:
@@ -106,6 +105,7 @@ def connections(parts: Sequence[Placed]) -> list[Connection]:
     centres, axes = np.array([entry[2] for entry in females]), np.array([entry[3] for entry in females])
     lengths = np.array([entry[1].length for entry in females])
     is_joint = np.array([entry[1].fit is Fit.TURNTABLE for entry in females])
+    is_for_stud = np.array([entry[1].fit is Fit.STUD_HOLE for entry in females])
     found = []
     for owner, site, centre, axis in males:
         reach = (site.length + float(lengths.max())) / 2 + _ASIDE
@@ -118,6 +118,7 @@ def connections(parts: Sequence[Placed]) -> list[Connection]:
         low = np.maximum(-site.length / 2, along - lengths[some] / 2)
         high = np.minimum(site.length / 2, along + lengths[some] / 2)
         good = (aside < _ASIDE) & (tilt < _TILT) & (high - low > _LEAST_DEPTH) & (owners[some] != owner) & ~is_joint[some]
+        good &= is_for_stud[some] == (site.fit is Fit.STUD)
         for which in np.flatnonzero(good):
             depth = float(high[which] - low[which])
             other, hole = females[int(start) + which][0], females[int(start) + which][1]
@@ -207,15 +208,15 @@ def _parallel(first: Placed, gear: Gear, second: Placed, other: Gear, axis: Floa
 
 
 def _right_angle(first: Placed, gear: Gear, second: Placed, other: Gear, axis: Floats, axis2: Floats) -> Mesh | None:
-    """Bevel gears: each one's middle is a little farther from the other's axis than that one's pitch radius."""
+    """Bevel gears, whose axes meet."""
     away = _centre(second, other) - _centre(first, gear)
     normal = np.cross(axis, axis2)
     along, along2 = float(away @ axis), float(away @ axis2)
     # The axes meet where the first one has gone as far as the second's middle lies along it.
-    error = max(abs(along) - other.pitch_radius, abs(along2) - gear.pitch_radius, key=lambda value: abs(value - _BEVEL_EXTRA))
-    if abs(float(away @ normal)) > _NEARLY or abs(error - _BEVEL_EXTRA) > _NEARLY:
+    error = max(abs(along) - other.pitch_radius - gear.set_back, abs(along2) - gear.pitch_radius - other.set_back, key=abs)
+    if abs(float(away @ normal)) > _NEARLY or abs(error) > _NEARLY:
         return None
-    error = error - _BEVEL_EXTRA + abs(float(away @ normal))
+    error += abs(float(away @ normal))
     point = _centre(first, gear) + axis2 * np.sign(along2) * gear.pitch_radius
     return _made(first, gear, second, other, error, 1.0, point, normal)
 

@@ -21,6 +21,8 @@ TO_TWIN = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 _METRES = MM_PER_LDU / 1000
 _GRID = 2.5
 """LDU between the points over which a part's mass is spread, more in large parts."""
+_SHAFT_KG, _SHAFT_RADIUS_M = 0.002, 0.01
+"""Of a motor's shaft with nothing on it; estimates, so that it is a link at all."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,7 +144,10 @@ def mechanism(plan: Plan, bodies: Bodies) -> Mechanism:
     motions = bodies.motions()
     members = bodies.members
     of_part = {part: number for number, parts in enumerate(members) for part in parts}
-    links = tuple(_link(plan, parts) for parts in members)
+    links = tuple(
+        _link(plan, parts) if parts else _bare_shaft(plan, rotors[0])
+        for parts, rotors in zip(members, bodies.rotors, strict=True)
+    )
     ordered = _hinges(plan, bodies)
     motors = [joint for joint in bodies.joints if joint.motor is not None]
     ports = tuple(plan.parts[joint.motor].port or "" for joint in motors if joint.motor is not None)
@@ -227,6 +232,14 @@ def _mounted(plan: Plan, of_part: dict[int, int]) -> tuple[Mounted, ...]:
         facing = TO_TWIN @ placed.rotation @ looks
         found.append(Mounted(of_part[placed.index], placed.port, name, _place(point), facing, placed.index))
     return tuple(found)
+
+
+def _bare_shaft(plan: Plan, motor: int) -> Link:
+    """The piece that a motor turns, with nothing on it."""
+    placed = plan.parts[motor]
+    site = next(site for site in placed.part.sites if site.turns)
+    centre = _place(placed.to_plan(np.array([site.centre]))[0])
+    return Link((), _SHAFT_KG, centre, np.eye(3) * _SHAFT_KG * _SHAFT_RADIUS_M**2)
 
 
 def _link(plan: Plan, parts: tuple[int, ...]) -> Link:

@@ -24,6 +24,7 @@ MARK = "!BRICKSRL"
 _STUDIO_MODELS = ("model.ldr", "model2.ldr")
 _DAMAGE = (zipfile.BadZipFile, zipfile.LargeZipFile, zlib.error, ValueError, LookupError, OSError, EOFError, RuntimeError)
 """Errors of the zip reader at bytes that are damaged."""
+_OF_THE_LIBRARY = ("Part", "Subpart", "Shortcut", "Primitive", "8_Primitive", "48_Primitive")
 _STRETCH = 0.02
 _MOST_DEG = 36_000.0
 
@@ -63,7 +64,7 @@ class Model:
 
     Attributes:
         notes: text for each step that has some.
-        is_shape: whether it draws something itself, so that it is a part and no assembly.
+        is_shape: whether it draws something itself, or says that it is of the part library, so that it is a part and no assembly.
     """
 
     name: str
@@ -175,6 +176,8 @@ class _Parser:
             "STEP": self._step,
             "ROTSTEP": self._step,
             "//": self._note,
+            "!LDRAW_ORG": self._kind,
+            "!LDCAD": self._generated,
             MARK: self._ours,
         }
 
@@ -201,6 +204,9 @@ class _Parser:
     def _file(self, number: int, words: list[str]) -> None:
         name = " ".join(words)
         key = key_of(name)
+        if key in self.models and key.endswith(".dat"):
+            self._model = Model(name, number)  # files that carry their parts along carry some of them twice
+            return
         if not name or key in self.models:
             raise self._error(
                 number, f"'{name}' is the name of two models" if name else "a model without a name", "give each one its own"
@@ -209,6 +215,16 @@ class _Parser:
 
     def _step(self, number: int, _words: list[str]) -> None:
         self._current(number).step += 1
+
+    def _kind(self, number: int, words: list[str]) -> None:
+        """What a file of the part library says it is."""
+        if words and words[0].removeprefix("Unofficial_") in _OF_THE_LIBRARY:
+            self._current(number).is_shape = True
+
+    def _generated(self, number: int, words: list[str]) -> None:
+        """The segments of a cable or hose that LDCad has drawn into a file of their own."""
+        if words[:1] == ["GENERATED"] and any(word.startswith("[master=") for word in words):
+            self._current(number).is_shape = True
 
     def _note(self, number: int, words: list[str]) -> None:
         model = self._current(number)

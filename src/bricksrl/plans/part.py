@@ -25,11 +25,15 @@ class Fit(enum.Enum):
     FRICTION_PIN = "friction pin"
     AXLE = "axle"
     TURNTABLE = "turntable"
+    STUD = "stud"
+    STUD_HOLE = "stud hole"
+    PEG = "peg"
+    """Of a differential: round, with room for the axle hole of a gear that turns on it."""
 
     @property
     def is_male(self) -> bool:
         """It goes into another part."""
-        return self in (Fit.PIN, Fit.FRICTION_PIN, Fit.AXLE)
+        return self in (Fit.PIN, Fit.FRICTION_PIN, Fit.AXLE, Fit.STUD, Fit.PEG)
 
 
 @dataclass(frozen=True)
@@ -72,6 +76,8 @@ class Gear:
         axis: of a rack the direction in which it runs.
         width: along the axis.
         up: of a rack, from its pitch line to its teeth.
+        set_back: where two mesh at a right angle, how much farther from the other's axis its middle is than that one's pitch
+            radius.
     """
 
     form: GearForm
@@ -80,6 +86,7 @@ class Gear:
     axis: Triple
     width: float
     up: Triple = (0.0, 0.0, 0.0)
+    set_back: float = 5.0
 
     @property
     def pitch_radius(self) -> float:

@@ -130,12 +130,17 @@ class Canvas:
         owners = np.concatenate(self._owners)[triangles] if self._owners else np.full_like(triangles, -1)
         return np.where(is_empty, -1, owners), triangles
 
-    def picture(self, bright: set[int] | None = None, ghosts: Canvas | None = None) -> Pixels:
+    def pixel_of(self, points: Floats) -> Floats:
+        """Where points [n, 3] of the plan are in the picture: pixels from the left and from the top [n, 2]."""
+        away = (points @ self._axes.T - self._middle)[:, :2] * self.zoom
+        return np.asarray((away + np.array([self._width, self._height]) / 2) / _SCALE)
+
+    def picture(self, bright: set[int] | None = None, ghosts: Sequence[Canvas] = ()) -> Pixels:
         """The picture [height, width, 3].
 
         Args:
             bright: parts in their colours, while all others are faded; ``None`` fades none.
-            ghosts: the same view of parts of which the outline is drawn where they are hidden.
+            ghosts: the same view of parts of which the outlines are drawn where they are hidden.
         """
         owners, triangles = self._seen()
         if not self._owners:
@@ -150,9 +155,9 @@ class Canvas:
         image[is_empty] = 1.0
         edge = self._edges(owners, normals)
         image[edge] = np.where(faded[edge][:, None], _FADED_EDGE, _EDGE)
-        if ghosts is not None:
-            others, triangles = ghosts._seen()
-            outline = ghosts._edges(others, np.concatenate(ghosts._normals)[triangles])
+        for ghost in ghosts:
+            others, triangles = ghost._seen()
+            outline = ghost._edges(others, np.concatenate(ghost._normals)[triangles])
             image[outline & (others >= 0) & (owners != others)] = _GHOST
         full = image.reshape(self.size[1], _SCALE, self.size[0], _SCALE, 3).mean(axis=(1, 3))
         return np.asarray(np.round(full * 255), dtype=np.uint8)

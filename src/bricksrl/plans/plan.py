@@ -169,7 +169,14 @@ class _Builder:
     def _assembly(self, reference: Reference) -> Model | None:
         """The model that a line puts there; ``None`` where it is a part."""
         model = self.document.models.get(ldraw_file.key_of(reference.name))
-        return None if model is None or model.is_shape or catalogue.find(reference.name) else model
+        return None if model is None or catalogue.find(reference.name) or self._is_drawn(model) else model
+
+    def _is_drawn(self, model: Model) -> bool:
+        """Whether a model is one part: a shape, or a hose or cable of stretched pieces."""
+        if model.is_shape or not any(reference.is_stretched for reference in model.references):
+            return model.is_shape
+        models = self.document.models
+        return not any(catalogue.find(one.name) or ldraw_file.key_of(one.name) in models for one in model.references)
 
     def _join(
         self, reference: Reference, colour: int, matrix: Floats, offset: Floats, assembly: tuple[str, ...]

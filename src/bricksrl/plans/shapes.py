@@ -9,10 +9,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bricksrl.plans.geometry import Floats, Form, Solid, frame_of, triple
+from bricksrl.plans.geometry import Floats, Form, Solid, cylinder, frame_of, triple
 from bricksrl.plans.part import Fit, Gear, GearForm, Part, Site
 
 _SIDES = 20
+_STUD_RADIUS = 6.0
 _TOOTH = 2.2
 """How far a gear's teeth stand out of its pitch circle."""
 _PROUD = 0.15
@@ -50,6 +51,7 @@ def surface_of(part: Part) -> Surface:
         solids = part.solids[tooth_solids:] if part.family == "gears" else part.solids
         pieces += [(_solid(solid), tint if solid.form is Form.RING else Tint.MAIN) for solid in solids]
         pieces += [(_cross(site), Tint.MAIN) for site in part.sites if site.fit is Fit.AXLE]
+    pieces += [(_solid(stud), Tint.MAIN) for stud in _studs(part)]
     pieces += [(_solid(solid), Tint.TURNING) for solid in part.turning]
     pieces += [(_hole(site), Tint.DARK) for site in part.holes]
     pieces += [(_solid(collar), Tint.MAIN) for collar in _collars(part)]
@@ -150,6 +152,10 @@ def _collars(part: Part) -> list[Solid]:
     return collars
 
 
+def _studs(part: Part) -> list[Solid]:
+    return [cylinder(site.centre, site.axis, site.length, _STUD_RADIUS) for site in part.sites if site.fit is Fit.STUD]
+
+
 def _teeth(gear: Gear) -> Floats:
     """A gear's outline, teeth included, drawn out along its axis."""
     count, pitch = max(gear.teeth, 8), max(gear.pitch_radius, 10.0)
@@ -193,7 +199,7 @@ def _faces(part: Part) -> list[tuple[Floats, Tint]]:
         pieces.append((_placed(_disc(16.0), (0.0, -1.0, 0.0), button), Tint.TURNING))
     if device.looks is not None and part.sites:
         eyes = (-35.0, 35.0) if high[0] > 60 else (0.0,)
-        pieces += [(_placed(_disc(22.0), device.looks, (x, 0.0, float(low[2]))), Tint.FACE) for x in eyes]
+        pieces += [(_placed(_disc(22.0), device.looks, (x, float(low[1] + high[1]) / 2, float(low[2]))), Tint.FACE) for x in eyes]
     return pieces
 
 

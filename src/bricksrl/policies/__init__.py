@@ -1,4 +1,4 @@
-"""Policies: what was learned, loaded to act, shared and exported. Importing this loads no torch."""
+"""Trained policies: loading, sharing, export. Importing this loads no torch."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ if TYPE_CHECKING:
 
 
 def load_policy(path: Path | str, env: EnvBase | None = None, *, which: Which = "last") -> Policy:
-    """The policy of a run, or one that was shared: a module of TensorDicts, as ``env.rollout(100, policy)`` takes it.
+    """Load the policy of a run, or a shared one, as a TensorDict module for ``env.rollout(100, policy)``.
 
     Args:
         path: folder of a run, or of a shared policy.
-        env: where it is to act; without it, where it was trained.
-        which: its last checkpoint, or that of its best evaluation.
+        env: environment to act in; by default that of the training.
+        which: the last checkpoint, or that of the best evaluation.
 
     Raises:
         RunError: there is no run in the folder.
-        CheckpointError: it is damaged, or ``env`` observes or acts otherwise than the run's environment.
+        CheckpointError: the policy is damaged, or ``env`` has other observations or actions than the run's environment.
     """
     from bricksrl.policies.policy import Policy
     from bricksrl.policies.sharing import is_policy, load_shared
@@ -42,10 +42,10 @@ def load_policy(path: Path | str, env: EnvBase | None = None, *, which: Which = 
 
 
 def config_of(path: Path) -> TrainConfig:
-    """The config of a run, or of a policy that was shared.
+    """Config of a run, or of a shared policy.
 
     Raises:
-        RunError, CheckpointError: there is neither in the folder, or it is damaged.
+        RunError, CheckpointError: the folder has neither, or it is damaged.
     """
     from bricksrl.policies.sharing import is_policy, read_policy
     from bricksrl.training.run_folder import RunFolder

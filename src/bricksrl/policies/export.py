@@ -1,4 +1,4 @@
-"""Export of a trained policy: observation to action in one file, which needs nothing of BricksRL, and is checked once written."""
+"""Export of a trained policy, from observation to action, to one file that is independent of BricksRL, and verified."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ if TYPE_CHECKING:
     from bricksrl.policies.policy import Policy
 
 Format = Literal["torch-export", "onnx"]
-"""What is written: a program of ``torch.export``, or ONNX."""
+"""File format: a program of ``torch.export``, or ONNX."""
 TOLERANCE = 1e-4
-"""Greatest difference of an action of the written file from the policy's; actions are in -1..1."""
+"""Largest allowed difference between an action of the file and the policy's; actions are in -1..1."""
 _OBSERVATIONS = 64
 _ONNX = ("onnx", "onnxscript")
 
 
 class BestAction(nn.Module):
-    """A policy's best action ``[batch, m]`` as a function of tensors: observations ``[batch, n]``, and images where it sees."""
+    """Deterministic action ``[batch, m]`` of a policy, as a function of observations ``[batch, n]`` and images, if used."""
 
     def __init__(self, policy: Policy) -> None:
         super().__init__()
@@ -46,13 +46,13 @@ class BestAction(nn.Module):
 
 
 def export_model(path: Path | str, out: Path, format_: Format = "torch-export", *, which: Which = "last") -> float:
-    """Write the policy of a run, or one that was shared, into the file ``out``; read it again, and compare.
+    """Export the policy of a run, or a shared one, to the file ``out``; read it back, and compare.
 
     Returns:
-        The greatest difference of its actions from the policy's, over random observations.
+        The largest difference of its actions from the policy's, over random observations.
 
     Raises:
-        RunError: ``out`` exists or cannot be written, packages are missing, or the policy is not a function of what it observes.
+        RunError: ``out`` exists or cannot be written, packages are missing, or the policy is no function of its observation.
         CheckpointError: the policy is damaged.
     """
     if out.exists():
@@ -79,10 +79,10 @@ def export_model(path: Path | str, out: Path, format_: Format = "torch-export", 
 
 
 def _best(policy: Policy, acting: BestAction, inputs: tuple[Tensor, ...]) -> Tensor:
-    """The policy's actions; each is asked for twice.
+    """The policy's actions, computed twice in different order.
 
     Raises:
-        RunError: they are not the same.
+        RunError: the results differ.
     """
     first: Tensor = acting(*inputs)
     policy.reset()
@@ -95,8 +95,8 @@ def _best(policy: Policy, acting: BestAction, inputs: tuple[Tensor, ...]) -> Ten
 
 
 def _observations(path: Path | str) -> tuple[Tensor, ...]:
-    """Random observations ``[batch, n]`` within their bounds, and images where there are some, of where a policy was trained."""
-    from bricksrl.agents.encoder import ObservationLayout
+    """Random observations ``[batch, n]`` within their bounds, and images if there are any, of a policy's environment."""
+    from bricksrl.envs.specs import ObservationLayout
     from bricksrl.training.run import make_env
 
     env = make_env(one_robot(config_of(Path(path))))
@@ -112,24 +112,24 @@ def _observations(path: Path | str) -> tuple[Tensor, ...]:
 
 
 def _program(acting: BestAction, inputs: tuple[Tensor, ...], format_: Format) -> bytes:
-    """The file's content; batches may be of any size.
+    """Content of the file, for any batch size.
 
     Raises:
-        RunError: torch cannot follow what the policy does.
+        RunError: torch cannot export the policy.
     """
     any_batch = tuple({0: torch.export.Dim.DYNAMIC} for _ in inputs)
     buffer, quiet = io.BytesIO(), logging.getLogger("torch.onnx")
     level = quiet.level
     quiet.setLevel(logging.ERROR)
     try:
-        with warnings.catch_warnings(action="ignore"):  # torch's own
+        with warnings.catch_warnings(action="ignore"):  # torch's warnings
             program = torch.export.export(acting, inputs, dynamic_shapes=(any_batch,))
             if format_ == "torch-export":
                 torch.export.save(program, buffer)
             else:
-                write: Any = torch.onnx.export  # it takes buffers too, whatever its annotations say
+                write: Any = torch.onnx.export  # it accepts buffers too, contrary to its annotations
                 write(program, (), buffer, input_names=acting.names, output_names=["action"], verbose=False)
-    except Exception as error:  # noqa: BLE001  whatever torch finds in a network of the user's
+    except Exception as error:  # noqa: BLE001  torch may raise anything on a user's network
         reason = (str(error) or type(error).__name__).splitlines()[0]
         raise RunError(f"torch cannot export this policy ({reason}); use it through bricksrl.load_policy") from None
     finally:
@@ -138,7 +138,7 @@ def _program(acting: BestAction, inputs: tuple[Tensor, ...], format_: Format) ->
 
 
 def _reader(path: Path, format_: Format) -> Callable[[tuple[Tensor, ...]], Tensor]:
-    """The written file as a function."""
+    """The exported file as a function."""
     if format_ == "torch-export":
         module = torch.export.load(path).module()
 

@@ -1,4 +1,4 @@
-"""Policies of a run by name, to compare: random, first (before it had learned), best, last."""
+"""Policies of a run by name, for comparison: random, first (untrained), best, last."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Player:
-    """A policy, and what makes it forget its plans when an episode starts."""
+    """A policy, and the reset of its state at the start of an episode."""
 
     act: Acting
     reset: Callable[[], None] = lambda: None
 
 
 def named_policies(run_dir: Path, env: EnvBase) -> dict[str, Callable[[], Player]]:
-    """The policies of a run, or of one that was shared, each made when it is called; the last name is the last checkpoint.
+    """Factories of the policies of a run, or of a shared one, by name; the last name is the last checkpoint.
 
-    ``best`` is there only where the run was evaluated while it learned.
+    ``best`` exists only if the run was evaluated during training.
 
     Raises:
-        RunError, CheckpointError: there is no run in the folder, or, when it is made, it does not fit ``env``.
+        RunError, CheckpointError: there is no run in the folder, or, when called, the policy does not match ``env``.
     """
     from bricksrl.policies import load_policy
     from bricksrl.policies.sharing import is_policy
@@ -44,12 +44,12 @@ def named_policies(run_dir: Path, env: EnvBase) -> dict[str, Callable[[], Player
 
 
 def random_player(env: EnvBase) -> Player:
-    """Uniform actions."""
+    """Player of uniform random actions."""
     return Player(lambda state: state.set("action", env.action_spec.rand()))
 
 
 def _first(run_dir: Path, env: EnvBase) -> Player:
-    """The agent of a run as it was before it had learned anything."""
+    """The untrained agent of a run, with its initial parameters."""
     from bricksrl.policies.policy import Policy
     from bricksrl.seed import derive_seed
     from bricksrl.training.restore import make_learner_for

@@ -1,4 +1,4 @@
-"""Policy: what was learned, ready to act; in TorchRL's way, and on plain arrays."""
+"""Policy: a trained agent's deterministic actions, as a TorchRL module and for plain arrays."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ if TYPE_CHECKING:
 
 
 class Policy(TensorDictModuleBase):  # type: ignore[misc]
-    """The best actions of a trained agent, without exploring: ``env.rollout(100, policy)``, or `act` on an observation.
+    """Deterministic policy of a trained agent: ``env.rollout(100, policy)``, or `act` on an observation.
 
     Args:
-        module: reads "observation", and "image" where it sees, and writes "action".
-        reset: forgets what was planned; `reset` calls it.
+        module: module that reads "observation", and "image" if the policy uses it, and writes "action".
+        reset: resets the state of the policy; called by `reset`.
     """
 
     def __init__(self, module: TensorDictModuleBase, reset: Callable[[], None]) -> None:
@@ -35,10 +35,10 @@ class Policy(TensorDictModuleBase):  # type: ignore[misc]
         return tensordict.set("action", action)
 
     def act(self, observation: Any, image: Any = None) -> Any:
-        """The action ``[*batch, m]``, in -1..1, for an observation ``[*batch, n]``: an array for an array, a tensor for a tensor.
+        """Action ``[*batch, m]``, in -1..1, for an observation ``[*batch, n]``: an array for an array, a tensor for a tensor.
 
         Args:
-            image: uint8 ``[*batch, side, side, 3]``, for a policy that sees.
+            image: uint8 ``[*batch, side, side, 3]``, for a policy that uses images.
         """
         given = torch.as_tensor(observation, dtype=torch.float32)
         seen = {"observation": given} if image is None else {"observation": given, "image": torch.as_tensor(image)}
@@ -46,5 +46,5 @@ class Policy(TensorDictModuleBase):  # type: ignore[misc]
         return action if isinstance(observation, Tensor) else np.asarray(action)
 
     def reset(self) -> None:
-        """An episode starts: for policies that carry out what they planned before."""
+        """Reset the policy's state at the start of an episode, such as a chunk of planned actions."""
         self._reset()

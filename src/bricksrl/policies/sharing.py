@@ -1,4 +1,4 @@
-"""Policies on the Hugging Face hub: the tensors that act, as safetensors, and what they belong to, as JSON. No pickles."""
+"""Sharing of policies on the Hugging Face hub: tensors as safetensors and config as JSON. No pickles."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ _VERSION = 1
 
 
 def is_policy(path: Path) -> bool:
-    """Whether a folder holds a policy that was shared, rather than a run."""
+    """Whether a folder holds a shared policy rather than a run."""
     return (path / ABOUT).is_file() and (path / TENSORS).is_file()
 
 
 def export_policy(run_dir: Path, out: Path, *, licence: str = "mit") -> Path:
-    """Write what the agent of a run acts with into the folder ``out``: `TENSORS`, `ABOUT` and a card, all of them or none.
+    """Write the policy of a run to the folder ``out``, atomically: `TENSORS`, `ABOUT` and a card.
 
     Raises:
         RunError: ``out`` exists or cannot be written, or there is no run.
@@ -80,17 +80,17 @@ def _evaluation(folder: RunFolder) -> dict[str, Any] | None:
 
 @dataclass(frozen=True)
 class SharedPolicy:
-    """A policy from a folder that `export_policy` wrote: the config of its run, and its tensors by name."""
+    """Shared policy, as written by `export_policy`: the config of its run, and its tensors by name."""
 
     config: TrainConfig
     tensors: dict[str, Any]
 
 
 def read_policy(path: Path) -> SharedPolicy:
-    """The policy in a folder. Nothing in it is executed.
+    """Read the policy in a folder. Nothing in it is executed.
 
     Raises:
-        CheckpointError: there is none, or it is damaged.
+        CheckpointError, RunError: there is no policy, it is damaged, or its config names untrusted code.
     """
     from safetensors import SafetensorError
     from safetensors.torch import load
@@ -117,24 +117,24 @@ def read_policy(path: Path) -> SharedPolicy:
 
 
 def load_shared(path: Path, env: EnvBase) -> Learner:
-    """A learner with a shared policy, to act in ``env``; it does not go on learning from where it was.
+    """A learner with a shared policy, to act in ``env``; its other training state is not restored.
 
     Raises:
-        CheckpointError: there is none, it is damaged, or it acts in another kind of environment.
+        CheckpointError: there is no policy, it is damaged, or ``env`` has other observations or actions.
     """
     from bricksrl.training.restore import make_learner_for
 
     shared = read_policy(path)
     learner = make_learner_for(shared.config, env, device="cpu")
-    own = learner.policy_state()
-    if {name: tensor.shape for name, tensor in own.items()} != {name: t.shape for name, t in shared.tensors.items()}:
+    state = learner.policy_state()
+    if {name: tensor.shape for name, tensor in state.items()} != {name: t.shape for name, t in shared.tensors.items()}:
         raise CheckpointError(f"the policy in {path} observes or acts otherwise than this environment; use the one it is for")
     learner.policy.load_state_dict(shared.tensors)
     return learner
 
 
 def push_policy(run_dir: Path, repo: str, *, private: bool = False) -> str:
-    """Put the policy of a run, or one that was shared, on the hub; returns its address.
+    """Upload the policy of a run, or a shared one, to the hub; returns its address.
 
     Raises:
         RunError, CheckpointError: as in `export_policy`.
@@ -149,10 +149,10 @@ def push_policy(run_dir: Path, repo: str, *, private: bool = False) -> str:
 
 
 def pull_policy(repo: str, out: Path, *, revision: str | None = None) -> Path:
-    """Fetch a policy from the hub into the folder ``out``; it is read before it gets that name.
+    """Download a policy from the hub into the folder ``out``; it is checked before it is moved there.
 
     Raises:
-        CheckpointError: it is none of ours, or damaged.
+        CheckpointError: the repository has no policy of BricksRL, or it is damaged.
         DataError: ``out`` exists, there is no such policy, or the hub is out of reach.
     """
     with fetched(repo, "model", out, [TENSORS, ABOUT, CARD], revision) as folder:

@@ -1,4 +1,4 @@
-"""Descriptions of robots: the one place where ports, motors and sensors are written down."""
+"""Descriptions of robots: the single source of their ports, motors and sensors."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def get(name: str) -> Robot:
     """The robot of that name.
 
     Raises:
-        UnknownNameError: there is none.
+        UnknownNameError: there is no such robot.
     """
     try:
         return ROBOTS[name]

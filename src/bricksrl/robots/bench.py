@@ -1,4 +1,4 @@
-"""A bare Prime hub on the bench: a medium motor without load on every port."""
+"""Bench: a bare Prime hub with an unloaded medium motor on every port."""
 
 from __future__ import annotations
 

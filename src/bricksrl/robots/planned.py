@@ -1,4 +1,4 @@
-"""Descriptions and building plans: what a description leaves open its plan says, and what both say has to agree."""
+"""Completion of robot descriptions from building plans, and check that both agree."""
 
 from __future__ import annotations
 
@@ -31,13 +31,14 @@ _RATIO = 0.01
 
 
 def completed(robot: Robot) -> tuple[tuple[Motor, ...], tuple[Sensor, ...], DriveBase | None]:
-    """Motors, sensors and drive base of a description that names a plan.
+    """Motors, sensors and drive base of a description, completed from its plan.
 
     Raises:
-        DescriptionError: the plan says something else than the description.
+        DescriptionError: the plan contradicts the description.
         PlanError: the plan cannot be read.
     """
     made = planned_robot(Path(robot.plan or ""))
+    _refuse_strangers(robot, made)
     motors = _motors(robot, made)
     sensors = _sensors(robot, made)
     base = robot.drive_base
@@ -61,34 +62,43 @@ def completed(robot: Robot) -> tuple[tuple[Motor, ...], tuple[Sensor, ...], Driv
     return motors, sensors, base
 
 
+def _refuse_strangers(robot: Robot, made: PlannedRobot) -> None:
+    """Refuse motors and sensors that no hub of ours runs, as those of EV3."""
+    kinds = {kind.value for kind in (*MotorKind, *SensorKind)} | {UltrasonicSensor.class_name}
+    for one in made.plan.devices(DeviceKind.MOTOR) + made.plan.devices(DeviceKind.SENSOR):
+        if one.part.device is not None and one.part.device.name not in kinds:
+            where = f"{robot.plan}, line {one.line}"
+            raise DescriptionError(f"{where}: no hub of ours runs {one.name}; take a motor or sensor of Powered Up or SPIKE")
+
+
 def _motors(robot: Robot, made: PlannedRobot) -> tuple[Motor, ...]:
-    """The motors that the description names, then those that only the plan has."""
+    """Motors of the description, then those that only the plan has."""
     placed = made.plan.devices(DeviceKind.MOTOR)
-    said = [replace(motor, port=motor.port or _port_of(motor.name, placed, robot)) for motor in robot.motors]
+    motors = [replace(motor, port=motor.port or _port_of(motor.name, placed, robot)) for motor in robot.motors]
     forward = {wheel.port: wheel.is_clockwise_forward for wheel in made.rolling}
     for one in placed:
-        if one.port is not None and one.port not in {motor.port for motor in said} and one.part.device is not None:
-            # Motors that the plan alone names count up when the robot rolls forwards.
-            way = Direction.CLOCKWISE if forward.get(one.port, True) else Direction.COUNTERCLOCKWISE
+        if one.port is not None and one.port not in {motor.port for motor in motors} and one.part.device is not None:
+            # Motors that only the plan has count up when the robot rolls forward.
+            direction = Direction.CLOCKWISE if forward.get(one.port, True) else Direction.COUNTERCLOCKWISE
             name = one.device or f"motor_{one.port.lower()}"
-            said.append(Motor(name, one.port, MotorKind(one.part.device.name), way))
+            motors.append(Motor(name, one.port, MotorKind(one.part.device.name), direction))
     geared = {train.port: train.gears for train in made.trains}
-    return tuple(replace(motor, gears=motor.gears or geared.get(motor.port, ())) for motor in said)
+    return tuple(replace(motor, gears=motor.gears or geared.get(motor.port, ())) for motor in motors)
 
 
 def _sensors(robot: Robot, made: PlannedRobot) -> tuple[Sensor, ...]:
     placed = made.plan.devices(DeviceKind.SENSOR)
-    said: list[Sensor] = [replace(one, port=one.port or _port_of(one.name, placed, robot)) for one in robot.sensors]
+    sensors: list[Sensor] = [replace(one, port=one.port or _port_of(one.name, placed, robot)) for one in robot.sensors]
     for one in placed:
-        if one.port is not None and one.port not in {sensor.port for sensor in said} and one.part.device is not None:
+        if one.port is not None and one.port not in {sensor.port for sensor in sensors} and one.part.device is not None:
             name, kind = one.device or f"sensor_{one.port.lower()}", one.part.device.name
             is_sonar = kind == UltrasonicSensor.class_name
-            said.append(UltrasonicSensor(name, one.port) if is_sonar else PoweredUpSensor(name, one.port, SensorKind(kind)))
-    return tuple(said)
+            sensors.append(UltrasonicSensor(name, one.port) if is_sonar else PoweredUpSensor(name, one.port, SensorKind(kind)))
+    return tuple(sensors)
 
 
 def _port_of(name: str, placed: Sequence[Placed], robot: Robot) -> str:
-    """The port that the plan has for a name."""
+    """Port of a named device in the plan."""
     for one in placed:
         if one.device == name and one.port is not None:
             return one.port
@@ -101,7 +111,7 @@ def _port_of(name: str, placed: Sequence[Placed], robot: Robot) -> str:
 def disagreements(
     name: str, hub: str, devices: Sequence[Motor | Sensor], base: DriveBase | None, made: PlannedRobot
 ) -> list[Finding]:
-    """What a description and a plan say differently."""
+    """Findings on contradictions between a description and a plan."""
     placed = {one.port: one for kind in (DeviceKind.MOTOR, DeviceKind.SENSOR) for one in made.plan.devices(kind)}
     findings = []
     for one in made.plan.devices(DeviceKind.HUB):
@@ -126,7 +136,7 @@ def disagreements(
 
 
 def _compared(name: str, device: Motor | Sensor, there: Placed, made: PlannedRobot) -> list[Finding]:
-    """Name, kind and gears of a motor or sensor."""
+    """Findings on name, kind and gears of a motor or sensor."""
     kind = device.kind.value if isinstance(device, Motor) else device.class_name
     on = f"port {device.port} has {there.name} '{there.device or ''}'"
     if there.part.device is None or there.part.device.name != kind:
@@ -137,8 +147,8 @@ def _compared(name: str, device: Motor | Sensor, there: Placed, made: PlannedRob
         return [Finding("wiring", there.line, text, (there.index,))]
     train = next((train for train in made.trains if train.port == device.port), None)
     if isinstance(device, Motor) and device.gears and train is not None and device.gears[0] != device.gears[-1]:
-        said = device.gears[0] / device.gears[-1]
-        if abs(said - abs(train.ratio)) > _RATIO * said:
+        ratio = device.gears[0] / device.gears[-1]
+        if abs(ratio - abs(train.ratio)) > _RATIO * ratio:
             teeth = " to ".join(map(str, train.gears)) or "no gears"
             text = f"motor '{device.name}' has gears {device.gears} for the robot {name}, but {teeth} in the plan; correct one"
             return [Finding("gears", there.line, text, (there.index,))]
@@ -148,7 +158,7 @@ def _compared(name: str, device: Motor | Sensor, there: Placed, made: PlannedRob
 def _rolled(
     name: str, base: DriveBase, ports: dict[str, str], placed: dict[str | None, Placed], made: PlannedRobot
 ) -> list[Finding]:
-    """Wheels of a drive base: their diameter, and the distance of their middles."""
+    """Findings on a drive base: wheel diameter and axle track."""
     wheels = {wheel.port: wheel for wheel in made.rolling}
     sides = []
     for side in (base.left, base.right):
@@ -168,9 +178,9 @@ def _rolled(
 
 
 def check_named(plan: Plan) -> list[Finding]:
-    """What a plan and the description of the robot that it names say differently; nothing where it names none.
+    """Findings on contradictions between a plan and the built-in robot that it names; empty if it names none.
 
-    A plan that cannot be a robot at all is left to the check of plans.
+    A plan that is not a complete robot has none here; the check of plans reports it.
     """
     from bricksrl import robots
 
@@ -186,10 +196,10 @@ def check_named(plan: Plan) -> list[Finding]:
 
 
 def check_description(robot: Robot, path: Path) -> None:
-    """Refuse a plan that says something else than a description.
+    """Check that a plan agrees with a description.
 
     Raises:
-        DescriptionError: it does.
+        DescriptionError: the plan contradicts the description.
         PlanError: the plan cannot be read.
     """
     found = disagreements(robot.name, robot.hub.value, (*robot.motors, *robot.sensors), robot.drive_base, planned_robot(path))

@@ -1,4 +1,4 @@
-"""The scout: a 2Wheeler with a color sensor that looks down to the floor before its axle."""
+"""The scout: a 2Wheeler with a color sensor that faces the floor in front of its axle."""
 
 from __future__ import annotations
 

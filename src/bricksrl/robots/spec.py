@@ -19,12 +19,12 @@ class HubModel:
     """Properties of a kind of hub.
 
     Attributes:
-        class_name: its class in ``pybricks.hubs``.
-        ports: letters of the ports that take motors and sensors.
-        has_imu: gyroscope and accelerometer that report tilt and angular velocity.
-        stdin_bytes: usable bytes of the ring that buffers standard input; 0 means no stdin.
-        program_bytes: room for a user program.
-        has_float: whether the hub's language has floating point numbers.
+        class_name: class in ``pybricks.hubs``.
+        ports: letters of the ports for motors and sensors.
+        has_imu: whether a gyroscope and an accelerometer report tilt and angular velocity.
+        stdin_bytes: usable size of the standard input ring buffer; 0 means no stdin.
+        program_bytes: largest size of a user program.
+        has_float: whether the hub's MicroPython has floating-point numbers.
     """
 
     class_name: str
@@ -36,7 +36,7 @@ class HubModel:
 
 
 class HubKind(enum.Enum):
-    """The hubs that Pybricks 4 runs on (EV3 and NXT bricks are reached over USB only)."""
+    """Hubs supported by Pybricks 4 (except EV3 and NXT bricks, which are reached over USB only)."""
 
     PRIME = "prime"
     ESSENTIAL = "essential"
@@ -80,17 +80,17 @@ class Direction(enum.Enum):
 
 @dataclass(frozen=True)
 class Motor:
-    """A motor on a port; angles and speeds are those of the gear train's output.
+    """Motor on a port; angles and speeds are those of the gear train's output.
 
     Attributes:
-        port: the hub's; "" takes the one that the robot's plan has for the name.
-        gears: teeth from the motor to the output, as Pybricks takes them, e.g. ``(20, 60)``. Empty takes those of the robot's
-            plan where it has one; ``(1, 1)`` means the motor's own shaft, whatever it drives.
-        range_deg: angles that the hub clamps every target to; ``None`` for endless rotation.
-        speed_limit_deg_s, acceleration_deg_s2, torque_limit_mnm: for ``Motor.control.limits``;
-            ``None`` keeps the firmware's own.
-        zero_deg: what the output shows, when the hub is switched on, where our angles have their zero. It depends on how the
-            motor was built in; `bricksrl hub calibrate` finds it.
+        port: port of the hub; "" takes the one of that name in the robot's plan.
+        gears: teeth from the motor to the output, as in Pybricks, e.g. ``(20, 60)``. Empty takes those of the robot's plan, if
+            any; ``(1, 1)`` means the motor's shaft.
+        range_deg: range that the hub clamps every target to; ``None`` for endless rotation.
+        speed_limit_deg_s, acceleration_deg_s2, torque_limit_mnm: arguments of ``Motor.control.limits``; ``None`` keeps the
+            firmware's default.
+        zero_deg: output angle, after the hub is switched on, at which our angle is 0. It depends on how the motor is mounted;
+            `bricksrl hub calibrate` finds it.
     """
 
     name: str
@@ -106,7 +106,7 @@ class Motor:
 
     @property
     def turn_deg(self) -> float:
-        """One turn of the motor's shaft, at the output: beyond it a motor that is switched on does not know where it is."""
+        """Output angle per turn of the motor's shaft; absolute angles are ambiguous beyond it."""
         return 360.0 * self.gears[0] / self.gears[-1] if self.gears else 360.0
 
     def __post_init__(self) -> None:
@@ -132,19 +132,19 @@ LOOKS: dict[str, tuple[float, float, float]] = {
     "up": (0.0, 0.0, 1.0),
     "down": (0.0, 0.0, -1.0),
 }
-"""Directions in which a sensor can look, on the axes of its robot: x ahead, y to the left, z up."""
+"""Viewing directions of a sensor, in the axes of its robot: x forward, y left, z up."""
 
 
 @dataclass(frozen=True)
 class Mount:
-    """Place of a sensor on a driving robot, which its virtual body needs; a real one ignores it.
+    """Mount of a sensor on a driving robot, for its virtual body; a real robot ignores it.
 
     Attributes:
-        at_mm: its eye, or its button: ahead of the middle of the axle, to the left of it, and above the floor.
-        looks: one of ``LOOKS``.
+        at_mm: position of its eye, or its button: ahead of the middle of the axle, to the left of it, and above the floor.
+        looks: viewing direction, one of ``LOOKS``.
 
     Raises:
-        DescriptionError: at construction, when a sensor cannot be there.
+        DescriptionError: at construction, when position or direction is invalid.
     """
 
     at_mm: tuple[float, float, float]
@@ -159,7 +159,7 @@ class Mount:
 
 @dataclass(frozen=True)
 class UltrasonicSensor:
-    """The SPIKE distance sensor: 40 to 2000 mm."""
+    """SPIKE distance sensor, with a range of 40 to 2000 mm."""
 
     name: str
     port: str = ""
@@ -172,7 +172,7 @@ class UltrasonicSensor:
 
 
 class SensorKind(enum.Enum):
-    """Sensors, and lights, for which a hub has a class of that name in ``pybricks.pupdevices``."""
+    """Sensors and lights, by the name of their class in ``pybricks.pupdevices``."""
 
     COLOR = "ColorSensor"
     COLOR_DISTANCE = "ColorDistanceSensor"
@@ -184,7 +184,7 @@ class SensorKind(enum.Enum):
 
     @property
     def readings(self) -> tuple[str, ...]:
-        """Methods that return what it measures, as numbers or truth values; none of a light."""
+        """Methods that return measurements, as numbers or booleans; empty for a light."""
         return _READINGS.get(self, ())
 
 
@@ -199,7 +199,7 @@ _READINGS = {
 
 @dataclass(frozen=True)
 class PoweredUpSensor:
-    """Any other sensor on a port; a ``SensorReading`` names the method that reads it."""
+    """Any other sensor on a port, read by a ``SensorReading``."""
 
     name: str
     port: str
@@ -208,7 +208,7 @@ class PoweredUpSensor:
 
     @property
     def class_name(self) -> str:
-        """Its class in ``pybricks.pupdevices``."""
+        """Class in ``pybricks.pupdevices``."""
         return self.kind.value
 
     def __post_init__(self) -> None:
@@ -222,7 +222,7 @@ _Device = TypeVar("_Device", Motor, Sensor)
 
 @dataclass(frozen=True)
 class DriveBase:
-    """Two motors, named, that drive a vehicle. Wheels and track that are 0 are those of the robot's plan."""
+    """Drive base of two named motors. A wheel diameter or axle track of 0 is taken from the robot's plan."""
 
     left: str
     right: str
@@ -236,21 +236,21 @@ class DriveBase:
             raise DescriptionError("drive base: wheel diameter and axle track must be positive millimetres")
 
     def turn_deg(self, distance_mm: float) -> float:
-        """The angle that the wheels turn by over a distance."""
+        """Angle that the wheels turn by over a distance."""
         return 360.0 * distance_mm / (math.pi * self.wheel_diameter_mm)
 
 
 @dataclass(frozen=True)
 class Chassis:
-    """Places of the parts of a driving robot, for its virtual body: mm ahead of the middle of the axle, and to the left of it.
+    """Chassis of a driving robot, for its virtual body; positions in mm ahead of the middle of the axle, and to the left of it.
 
     Attributes:
-        hub_mm: middle of the hub; ``None`` for a little behind the axle.
-        caster_mm: where a ball supports it.
-        ballast_g: what is built on beside hub, motors, sensors, wheels and a light frame.
+        hub_mm: middle of the hub; ``None`` for slightly behind the axle.
+        caster_mm: position of the ball caster.
+        ballast_g: mass in addition to hub, motors, sensors, wheels and a light frame.
 
     Raises:
-        DescriptionError: at construction, when no robot stands so.
+        DescriptionError: at construction, when a value is invalid.
     """
 
     hub_mm: tuple[float, float] | None = None
@@ -268,18 +268,18 @@ class Chassis:
 
 @dataclass(frozen=True)
 class Robot:
-    """A robot: one hub and what is plugged into it.
+    """Description of a robot: one hub with its devices.
 
     Attributes:
-        model: of its body in MuJoCo, for a virtual robot: ``"package.module:function"``, which is called with the robot and its
-            scene and returns an ``MjSpec``, or the path of an MJCF file (see ``bricksrl.twin.models.mjcf_file``) or of a building
-            plan. Without one a robot with a drive base gets a body from its numbers, and any other lies on the bench.
-        plan: path of its building plan, an LDraw file. What is left open here follows from it: motors and sensors that are not
-            named, ports that are "", gears, wheel diameter and axle track; and so does its body where there is no ``model``.
-        chassis: of the body that a drive base without model and plan gets.
+        model: MuJoCo model of a virtual robot: ``"package.module:function"``, which is called with the robot and its scene and
+            returns an ``MjSpec``, or the path of an MJCF file (see ``bricksrl.twin.models.mjcf_file``) or of a building plan.
+            Without a model, a robot with a drive base gets a generated body, and any other one is a bench.
+        plan: path of the building plan, an LDraw file. It completes this description: missing motors and sensors, ports that are
+            "", gears, wheel diameter and axle track; and it is the model if there is none.
+        chassis: chassis of the generated body of a drive base without model and plan.
 
     Raises:
-        DescriptionError: at construction, when no such robot can be built.
+        DescriptionError: at construction, when the description is invalid.
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""The 2Wheeler: two driven wheels, a ball caster, and an ultrasonic sensor that looks ahead."""
+"""The 2Wheeler: two driven wheels, a ball caster, and an ultrasonic sensor facing forward."""
 
 from __future__ import annotations
 

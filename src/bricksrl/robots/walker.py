@@ -1,4 +1,4 @@
-"""The Walker: four legs on cranks, a motor for each, and an ultrasonic sensor that looks ahead."""
+"""The Walker: four legs on cranks, a motor for each, and an ultrasonic sensor facing forward."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Gamepad as a driver of a robot: on Linux its device file is read, elsewhere pygame does it."""
+"""Gamepad as a driver of a robot: read from its device file on Linux, and with pygame elsewhere."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from bricksrl.errors import DataError
 from bricksrl.teleop.mapping import reach, rest
 
 DEAD_ZONE = 0.1
-"""Sticks that nobody touches do not stand at exactly 0."""
+"""Released sticks do not return to exactly 0."""
 _EVENT = struct.Struct("<IhBB")  # time in ms, value, kind, number: linux/joystick.h
 _BUTTON, _AXIS, _INITIAL = 0x01, 0x02, 0x80
 _AXIS_MAX = 32767
 
 
 class Pad(Protocol):
-    """A gamepad."""
+    """Gamepad."""
 
     def axes(self) -> Sequence[float]:
         """Positions of its sticks, each in -1..1."""
@@ -34,19 +34,19 @@ class Pad(Protocol):
         """Number of presses of its first button since the last call."""
 
     def close(self) -> None:
-        """Let go of it."""
+        """Release the gamepad."""
 
 
 class GamepadDriver:
-    """Stick after stick drives command after command; the first button takes over and gives back.
+    """Driver by gamepad: each axis drives one command, in order; the first button toggles between human and policy.
 
     Args:
-        commands: of the robot.
+        commands: commands of the robot.
         in_charge: drive from the start.
-        pad: the gamepad; by default the first one that is there.
+        pad: the gamepad; by default the first one found.
 
     Raises:
-        DataError: there is none.
+        DataError: there is no gamepad.
     """
 
     def __init__(self, commands: Sequence[Entry], *, in_charge: bool = True, pad: Pad | None = None) -> None:
@@ -55,10 +55,10 @@ class GamepadDriver:
         self._pad = find_pad() if pad is None else pad
 
     def __call__(self, observation: Tensor) -> Tensor | None:
-        """An action ``[m]``; ``None`` while the policy is in charge.
+        """Action ``[m]``; ``None`` while the policy is in charge.
 
         Raises:
-            DataError: the gamepad was pulled out.
+            DataError: the gamepad was disconnected.
         """
         if self._pad.presses() % 2:
             self.in_charge = not self.in_charge
@@ -80,14 +80,14 @@ def find_pad() -> Pad:
     """The first gamepad of this computer.
 
     Raises:
-        DataError: there is none, or nothing to read it with.
+        DataError: there is no gamepad, or pygame is not installed.
     """
     devices = sorted(Path("/dev/input").glob("js*")) if Path("/dev/input").is_dir() else []
     return LinuxPad(devices[0]) if devices else PygamePad()
 
 
 class LinuxPad:
-    """A gamepad by its device file, ``/dev/input/js0``."""
+    """Gamepad read from its device file, such as ``/dev/input/js0``."""
 
     def __init__(self, device: Path) -> None:
         self._device = device
@@ -127,7 +127,7 @@ class LinuxPad:
 
 
 class PygamePad:
-    """A gamepad by way of pygame, which has to be installed."""
+    """Gamepad read with pygame, which must be installed."""
 
     def __init__(self) -> None:
         try:
@@ -135,7 +135,7 @@ class PygamePad:
         except ImportError:
             raise DataError("no gamepad is here, or nothing to read it with; plug it in, and: pip install pygame") from None
         self._pygame = pygame
-        pygame.display.init()  # its events come by way of it, also without a window
+        pygame.display.init()  # needed for events, even without a window
         pygame.joystick.init()
         if not pygame.joystick.get_count():
             raise DataError("no gamepad is here; plug one in, or drive with the keyboard")

@@ -1,4 +1,4 @@
-"""Keyboard of a terminal as a driver of a robot."""
+"""Keyboard of a terminal as the driver of a robot."""
 
 from __future__ import annotations
 
@@ -21,18 +21,18 @@ if TYPE_CHECKING:
 
 
 class KeyboardDriver:
-    """Each command has two keys, one to raise it and one to lower it; a step does what was pressed since the step before.
+    """Driver by keyboard: each command has a key to raise and one to lower it; a step applies the keys since the last step.
 
-    A terminal tells of keys that go down and not of those that go up; while one is held, it repeats. Use it as a context
-    manager: inside, keys are read one by one and are not shown.
+    A terminal reports key presses but no releases; a held key repeats. Use it as a context manager: inside, keys are read one
+    by one and are not echoed.
 
     Args:
-        commands: of the robot.
-        in_charge: drive from the start; else the space bar takes over, and gives back.
-        source: where keys come from; the terminal by default.
+        commands: commands of the robot.
+        in_charge: drive from the start; the space bar toggles between human and policy.
+        source: source of the keys; by default the terminal.
 
     Raises:
-        DataError: the robot has more commands than there are keys, or nobody sits at a terminal.
+        DataError: the robot has more commands than there are keys, or there is no terminal.
     """
 
     def __init__(self, commands: Sequence[Entry], *, in_charge: bool = True, source: Input | None = None) -> None:
@@ -47,12 +47,12 @@ class KeyboardDriver:
         self._held = contextlib.ExitStack()
 
     def __call__(self, observation: Tensor) -> Tensor | None:
-        """What was pressed since the last call, as an action ``[m]``; ``None`` while the policy is in charge."""
+        """Action ``[m]`` of the keys since the last call; ``None`` while the policy is in charge."""
         pushes = torch.zeros_like(self._rest)
         for press in self._source.read_keys():
             key = str(getattr(press.key, "value", press.key))
             if key == "c-c":
-                signal.raise_signal(signal.SIGINT)  # as the terminal would do were the keys not ours
+                signal.raise_signal(signal.SIGINT)  # in raw mode the terminal does not send it
             if key == " ":
                 self.in_charge = not self.in_charge
             if key.lower() in self._keys:
@@ -62,7 +62,7 @@ class KeyboardDriver:
 
     @contextlib.contextmanager
     def quiet(self) -> Iterator[None]:
-        """Inside, the terminal is as it was, for a question and its answer."""
+        """Restore the terminal inside this context, for a question and its answer."""
         with self._source.cooked_mode():
             yield
 

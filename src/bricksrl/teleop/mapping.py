@@ -1,7 +1,7 @@
 """Mapping of keys and sticks to the action of any robot.
 
-A hand at rest means that no motor is to move, which is not the middle of every command's range: the Walker's legs turn by
--100 to 0 degrees. Fully up means the upper end of a command, fully down the lower one.
+A released stick means that no motor moves, which is not the middle of every command's range: the Walker's legs turn by
+-100 to 0 degrees. Fully up is the upper end of a command, fully down the lower one.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ from torch import Tensor
 from bricksrl.entry import Entry
 
 KEY_PAIRS = (("q", "a"), ("w", "s"), ("e", "d"), ("r", "f"), ("t", "g"), ("y", "h"))
-"""Of each command in its order: the key that raises it, and the key below that lowers it."""
+"""Keys of each command in order: the key that raises it, and the key below that lowers it."""
 
 
 def rest(commands: Sequence[Entry]) -> Tensor:
-    """The action ``[m]`` that moves nothing, or as little as there is; 0 for a command of unknown range."""
+    """Action ``[m]`` that moves nothing, or as little as possible; 0 for a command of unknown range."""
     values = []
     for command in commands:
         low, high = command.low, command.high
@@ -32,19 +32,19 @@ def rest(commands: Sequence[Entry]) -> Tensor:
 
 
 def reach(pushes: Tensor, at_rest: Tensor) -> Tensor:
-    """The action for hands ``[m]`` that push from -1, fully down, over 0, at rest, to 1, fully up."""
+    """Action for pushes ``[m]`` from -1 (fully down) over 0 (released) to 1 (fully up)."""
     pushes = pushes.clamp(-1.0, 1.0)
     return at_rest + pushes.clamp(min=0.0) * (1.0 - at_rest) + pushes.clamp(max=0.0) * (1.0 + at_rest)
 
 
 def legend(commands: Sequence[Entry]) -> list[str]:
-    """Keys and what they do, a line each."""
+    """Keys and their functions, one line each."""
     lines = [f"{up} / {down}    {command.name} up / down" for command, (up, down) in zip(commands, KEY_PAIRS, strict=False)]
     return [*lines, "space    take over, or give back", "Ctrl-C   end"]
 
 
 class Paced:
-    """A driver of what takes no time by itself: asked ``rate_hz`` times a second at most, so that a human can follow."""
+    """Driver that limits a simulation to ``rate_hz`` steps per second, so that a human can follow."""
 
     def __init__(self, driver: Callable[[Tensor], Tensor | None], rate_hz: float) -> None:
         self._driver = driver
@@ -52,7 +52,7 @@ class Paced:
         self._due_s = time.monotonic()
 
     def __call__(self, observation: Tensor) -> Tensor | None:
-        """What the driver says, when its time has come."""
+        """Wait for the next period, then call the driver."""
         self._due_s = max(self._due_s + self._period_s, time.monotonic())
         time.sleep(max(0.0, self._due_s - time.monotonic()))
         return self._driver(observation)

@@ -1,10 +1,9 @@
 """Asynchronous learner: a process of its own learns beside the robot, so that the robot's loop never waits for a gradient.
 
-The robot sends what it saw and did; back come weights for its actor, after the updates of each robot step. Updates are made only
-when a step has asked for them, so that learning is never ahead; where the processor is too slow it falls behind, makes up for it
-while the robot is reset, and the run tells how far it got. A process rather than a thread, because the many small operations of
-an update would take turns with the robot's own Python, and because its death leaves the robot's side whole. The process ends by
-itself when the robot's side has gone, after writing what it was told to.
+The robot sends what it saw and did; back come weights for its actor, after the updates of each robot step. Learning is never
+ahead of the steps; where the processor is too slow it falls behind, makes up for it while the robot is reset, and the run tells
+how far it got. A process rather than a thread, because the small operations of an update would take turns with the robot's own
+Python, and because its death leaves the robot's side whole. It ends by itself when the robot's side has gone.
 """
 
 from __future__ import annotations
@@ -14,7 +13,7 @@ import gc
 import threading
 from collections.abc import Callable
 from pathlib import Path
-from queue import Empty, SimpleQueue
+from queue import SimpleQueue
 from types import TracebackType
 from typing import Any, Self
 
@@ -23,13 +22,13 @@ from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
 from torchrl.envs import EnvBase
 
-from bricksrl.agents.learner import Learner, Means
+from bricksrl.agents.learner import Learner, means
 from bricksrl.envs.registry import get_task
 from bricksrl.envs.specs import SpecsEnv
 from bricksrl.errors import BricksError, LearnerError
 from bricksrl.seed import derive_seed
 from bricksrl.training.config import TrainConfig
-from bricksrl.training.learner_side import Acting, InLoopLearner, Pace
+from bricksrl.training.learner_side import InLoopLearner, Pace
 from bricksrl.training.offline import study
 from bricksrl.training.process import END, Channel, ChildProcess, Message, leave, parent_channel
 from bricksrl.training.restore import make_learner_for
@@ -40,30 +39,29 @@ _SLACK_STEPS = 4
 """How far a robot that loses nothing by waiting may be ahead of its learner."""
 
 
-class AsyncLearner(Acting):
+class AsyncLearner:
     """The robot's side of a learner in another process, which ends when this is left.
 
     Args:
         env: its specs and its task are what the learner is built for.
-        learner: acts here, on the CPU; it neither remembers nor learns.
+        actor: acts here, on the CPU; it neither remembers nor learns.
         state: of a checkpoint, which the learner in the other process goes on from.
 
     Raises:
         LearnerError: the process cannot be started. All other methods raise it too, when the process has failed or died.
     """
 
-    def __init__(self, config: TrainConfig, env: EnvBase, learner: Learner, state: dict[str, Any]) -> None:
-        super().__init__(learner, "cpu")
+    def __init__(self, config: TrainConfig, env: EnvBase, actor: Learner, state: dict[str, Any]) -> None:
+        actor.act_on("cpu")
+        self.actor = actor
         self._is_patient = config.hub == "virtual" and not config.realtime  # a simulated robot loses nothing by waiting
-        seen = list(learner.policy.in_keys)
+        seen = list(actor.policy.in_keys)
         outcome = (*seen, "reward", "terminated", "done", "link_lost")
         self._keys = [*seen, "action", "action_log_prob", *(("next", key) for key in outcome)]
         self._changed = threading.Condition()
-        self._asked, self._done = state["pace"]["asked"], state["pace"]["done"]
-        self._saves = self._saved = 0
-        self._is_ready = False
-        self._failure: str | None = None
-        self._told = Means()
+        self._asked, self._done, self._saves, self._saved = state["pace"]["asked"], state["pace"]["done"], 0, 0
+        self._is_ready, self._failure = False, ""
+        self._told: list[dict[str, Tensor]] = []
         try:
             with self._changed:  # it may tell of its end before it is here
                 self._process = ChildProcess("bricksrl.training.async_learner", self._deliver)
@@ -96,7 +94,7 @@ class AsyncLearner(Acting):
 
     def new_weights(self) -> dict[str, Tensor] | None:
         """All that acting depends on, where that was learned since the last call."""
-        return self.weights.pop() if self.weights else None
+        return self.actor.weights.pop() if self.actor.weights else None
 
     def remember(self, frames: TensorDictBase, robot: int = 0) -> None:
         """Tell the learner."""
@@ -114,8 +112,8 @@ class AsyncLearner(Acting):
         if self._is_patient:
             self._wait(lambda: self._asked - self._done <= _SLACK_STEPS)
         with self._changed:
-            told, self._told = self._told, Means()
-        return told.means()
+            told, self._told = self._told, []
+        return means(told)
 
     def save(self, path: Path, state: dict[str, Any]) -> None:
         """Tell the learner, who writes it before it learns on."""
@@ -133,7 +131,7 @@ class AsyncLearner(Acting):
             self._process.send(kind, content)
         except OSError:  # what it had to say last may still be on its way
             with self._changed:
-                self._changed.wait_for(lambda: self._failure is not None, _END_TIMEOUT_S)
+                self._changed.wait_for(lambda: self._failure, _END_TIMEOUT_S)
             self._check()
 
     def _wait(self, is_true: Callable[[], bool]) -> None:
@@ -148,7 +146,7 @@ class AsyncLearner(Acting):
         Raises:
             LearnerError: the process has failed or died.
         """
-        if self._failure is not None:
+        if self._failure:
             raise LearnerError(f"the process that learns {self._failure}; resume the run from its last checkpoint")
 
     def _deliver(self, message: Message | None) -> None:
@@ -164,11 +162,11 @@ class AsyncLearner(Acting):
             match kind:
                 case "ready":
                     self._is_ready = True
-                    self.weights.append(content)
+                    self.actor.weights.append(content)
                 case "learned":
                     self._done, told, weights = content
-                    self._told.add(told)
-                    self.weights.append(weights)
+                    self._told.append(told)
+                    self.actor.weights.append(weights)
                 case "saved":
                     self._saved = content
                 case "failed":
@@ -211,8 +209,8 @@ def serve(begin: dict[str, Any], inbox: Inbox, channel: Channel) -> None:
     saves = 0
     channel.send("ready", learner.policy_state())
     while True:
-        while (message := _next(inbox, wait=side.pace.done >= asked)) is not None:
-            kind, content = message
+        while side.pace.done >= asked or not inbox.empty():
+            kind, content = inbox.get() or END
             match kind:
                 case "remember":
                     robot, rows = content
@@ -230,14 +228,6 @@ def serve(begin: dict[str, Any], inbox: Inbox, channel: Channel) -> None:
                     return
         told = {name: value.cpu() for name, value in side.learn(1).items()}
         channel.send("learned", (side.pace.done, told, learner.policy_state()))
-
-
-def _next(inbox: Inbox, *, wait: bool) -> Message | None:
-    """The next message; ``None`` where there is none and it is not worth waiting for one."""
-    try:
-        return inbox.get(block=wait) or END
-    except Empty:
-        return None
 
 
 if __name__ == "__main__":

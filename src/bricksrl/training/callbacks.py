@@ -61,8 +61,7 @@ class Episode:
     link_lost: bool = False
     """It ended because the link to the robot broke."""
     updates_per_step: float | None = None
-    """Updates of the run by its end, for each of the steps that asked for some, below what the settings say where learning beside
-    the robot is late; ``None`` before there was one."""
+    """Updates of the run by its end, for each of the steps that asked for some; ``None`` before one did."""
     evaluation: float | None = None
     """Mean return of the evaluation after it; ``None`` where there was none."""
     robot: str = ""
@@ -96,8 +95,7 @@ class RunResult:
     interrupted: bool
     """So that it can be resumed."""
     updates_per_step: float | None = None
-    """Updates that all parts of the run made while the robot was at work, for each of the steps that asked for some; ``None``
-    where nothing learned."""
+    """Updates made while the robot was at work, for each of the steps that asked for some; ``None`` where nothing learned."""
     caught_up: int = 0
     """Updates that were made after the robot was done."""
 
@@ -122,8 +120,8 @@ class Callback:
         under "next" what followed. Copy what you keep."""
 
     def on_link_lost(self, episode: int, length: int, error: BricksError) -> None:
-        """The link to the robot broke in this episode, after ``length`` whole steps: there the episode ends, and the run tries
-        to reach the robot again. `on_episode` follows where there was at least one step."""
+        """The link to the robot broke after ``length`` whole steps: the episode ends, and the run tries to reach the robot again.
+        `on_episode` follows where there was at least one step."""
 
     def on_robot(self, robot: str, state: RobotState, reason: str) -> None:
         """A robot of a fleet is in another state now; ``reason`` says why, where it has left."""

@@ -8,9 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from bricksrl.agents import algorithm, preset
-from bricksrl.agents.settings import LARGEST, check_fields
+from bricksrl.agents.settings import LARGEST
 from bricksrl.envs.options import EnvOptions
 from bricksrl.errors import BricksError, RunError
+from bricksrl.fields import check_fields
 from bricksrl.seed import check_seed
 from bricksrl.twin.physics import Physics
 
@@ -108,9 +109,8 @@ class TrainConfig(EnvOptions):
         """Plain values, fit for JSON; the folder is left out, it is where this is written."""
         data = dataclasses.asdict(self)
         del data["run_dir"]
-        if self.settings is not None:
-            values = data["settings"].items()
-            data["settings"] = {name: list(value) if isinstance(value, tuple) else value for name, value in values}
+        values = data["settings"].items()
+        data["settings"] = {name: list(value) if isinstance(value, tuple) else value for name, value in values}
         return data
 
     @classmethod

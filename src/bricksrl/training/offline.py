@@ -44,7 +44,8 @@ def study(config: TrainConfig, learner: Learner, env: EnvBase) -> None:
         DataError: the dataset cannot be used.
         RunError: the agent learns from no dataset, or from nothing else and there is none.
     """
-    from bricksrl.agents.replay import EpisodicReplayBuffer
+    from bricksrl.agents.imitation.chunks import recorded_memory
+    from bricksrl.agents.replay import TransitionReplayBuffer, make_replay_buffer
 
     if learner.imitates and config.data is None:
         raise RunError(f"{config.agent} does as a dataset does, and has none; give the folder of one as data")
@@ -52,17 +53,17 @@ def study(config: TrainConfig, learner: Learner, env: EnvBase) -> None:
         return
     if learner.loss is None or learner.on_policy:
         raise RunError(f"the agent {config.agent} learns from no dataset; take another agent, or leave the data away")
-    data = read_for(config.data, env, images=learner.sees_images)
+    data = read_for(config.data, env, images="image" in learner.policy.in_keys)
     frames = data.to_tensordict()
     frames["next", "done"][:-1] |= (data.episode[1:] != data.episode[:-1])[:, None]
     frames["next", "done"][-1] = True
-    if isinstance(learner.memory, EpisodicReplayBuffer):
-        memory = EpisodicReplayBuffer.of(env, config.settings, learner.device, capacity=max(2, len(frames)), memory_mapped=False)
-        memory.extend(frames)
+    if isinstance(learner.memory, TransitionReplayBuffer):
+        size = max(2, len(frames))
+        learner.dataset = make_replay_buffer(env, config.settings, learner.device, capacity=size, memory_mapped=False)
+        learner.dataset.extend(frames)
     else:
         size, keys = getattr(config.settings, "batch_size", 256), learner.policy.in_keys
-        memory = EpisodicReplayBuffer.from_frames(frames, size, keys, chunk=learner.chunk, device=learner.device)
-    learner.study(memory)
+        learner.dataset = recorded_memory(frames, size, keys, chunk=learner.chunk, device=learner.device)
 
 
 def warm_start(config: TrainConfig, learner: Learner, env: EnvBase) -> None:
@@ -80,24 +81,21 @@ def warm_start(config: TrainConfig, learner: Learner, env: EnvBase) -> None:
         return
     folder = RunFolder(Path(config.start))
     before = folder.read_config()
-    if before.agent != config.agent:
-        try:
-            transfer_policy(learner, load_learner(folder.path, env).learner)
-        except PolicyFormError as error:
-            found = f"the policy of {config.start}, which is {before.agent}'s, does not fit {config.agent}: {error}"
-            raise CheckpointError(f"{found}; choose an agent and settings that it fits") from None
+    if before.agent == config.agent:
+        if before.settings != config.settings:
+            raise CheckpointError(f"the agent of {config.start} has other settings; go on with its own")
+        learner.load_state_dict(load_state(folder, one_robot(before), env)["agent"])
         return
-    if before.settings != config.settings:
-        raise CheckpointError(f"the agent of {config.start} has other settings; go on with its own")
-    learner.load_state_dict(load_state(folder, one_robot(before), env)["agent"])
+    try:
+        transfer_policy(learner, load_learner(folder.path, env).learner)
+    except PolicyFormError as error:
+        found = f"the policy of {config.start}, which is {before.agent}'s, does not fit {config.agent}: {error}"
+        raise CheckpointError(f"{found}; choose an agent and settings that it fits") from None
 
 
 def settings_like(before: TrainConfig, settings: Any) -> Any:
     """The settings of another agent that is to go on from the policy of ``before``: with a network of the same form."""
-    names = ("hidden", "angles", "goals", "network", "actor_layer_norm")
-    form = {
-        "actor_layer_norm": False,
-        **{name: getattr(before.settings, name) for name in names if hasattr(before.settings, name)},
-    }
-    own = {field.name for field in dataclasses.fields(settings)}
-    return dataclasses.replace(settings, **{name: value for name, value in form.items() if name in own})
+    form = {"actor_layer_norm": False, **vars(before.settings)}
+    names = {field.name for field in dataclasses.fields(settings)} & form.keys()
+    names &= {"hidden", "angles", "goals", "network", "actor_layer_norm"}
+    return dataclasses.replace(settings, **{name: form[name] for name in names})

@@ -9,6 +9,8 @@ from tensordict import TensorDictBase
 from torchrl.envs import EnvBase
 
 from bricksrl.data.recorder import Recorder
+from bricksrl.data.schema import describe
+from bricksrl.data.transitions import about, step_of
 from bricksrl.errors import BricksError
 from bricksrl.seed import derive_seed
 from bricksrl.training.callbacks import Callback, Episode, Phase, Progress
@@ -26,9 +28,6 @@ def open_recorder(config: TrainConfig, env: EnvBase, run_dir: Path) -> AbstractC
     """
     if not config.record or config.updates or env.batch_size:
         return nullcontext()
-    from bricksrl.data.recorder import Recorder
-    from bricksrl.data.schema import describe
-
     return Recorder(run_dir / DATA_FOLDER, describe(env, config.options, name=config.env))
 
 
@@ -39,14 +38,11 @@ class Recording(Callback):
         self._config, self._env, self._recorder = config, env, recorder
 
     def on_transition(self, episode: int, step: int, phase: Phase, transition: TensorDictBase) -> None:
-        from bricksrl.data.transitions import about, step_of
-
         if step == 1:
             policy = "random" if phase is Phase.PREFILL else self._config.agent
             seed = derive_seed(self._config.seed, "episode", episode)
             self._recorder.begin(about(self._env, policy, seed=seed, hub=self._config.hub))
-        by_hand = bool(transition.get("intervention", False))
-        self._recorder.add(step_of(transition, self._env, intervention=by_hand))
+        self._recorder.add(step_of(transition, self._env, intervention=bool(transition.get("intervention", False))))
 
     def on_link_lost(self, episode: int, length: int, error: BricksError) -> None:
         self._recorder.commit(whole=False)

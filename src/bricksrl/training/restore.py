@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from bricksrl.agents import make_learner
-from bricksrl.agents.settings import check_fields
 from bricksrl.errors import BricksError, CheckpointError, DescriptionError, RunError
+from bricksrl.fields import check_fields
 from bricksrl.training.callbacks import Episode
 from bricksrl.training.config import TrainConfig
 from bricksrl.training.run_folder import RunFolder
@@ -90,8 +90,8 @@ def make_learner_for(config: TrainConfig, env: EnvBase, device: str | None = Non
 
 def identity_of(config: TrainConfig, env: EnvBase) -> dict[str, Any]:
     """What must be equal for a checkpoint to belong to a run."""
-    from bricksrl.agents.encoder import ObservationLayout
     from bricksrl.agents.networks import action_size
+    from bricksrl.envs.specs import ObservationLayout
 
     data = config.to_dict()
     run = {key: data[key] for key in ("env", "agent", "seed", "settings")}
@@ -138,8 +138,7 @@ def _check_state(state: dict[str, Any]) -> None:
     """Raise some error unless whatever goes on from it finds what it needs; the learner sees to its own part."""
     import torch
 
-    for data in state["episodes"]:
-        episode = Episode.from_dict(data)
+    for episode in map(Episode.from_dict, state["episodes"]):
         check_fields(Episode, vars(episode))
         for value in (*episode.losses.values(), episode.updates_per_step or 0.0, episode.evaluation or 0.0):
             float(value)

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bricksrl.errors import DescriptionError, RunError
-from bricksrl.training.callbacks import Callback, CallbackList, Episode, RunResult
+from bricksrl.training.callbacks import Callback, CallbackList, RunResult
 from bricksrl.training.config import TrainConfig
 from bricksrl.training.offline import study, warm_start
 from bricksrl.training.restore import identity_of, load_state, make_learner_for, resolve_device
@@ -98,64 +98,62 @@ def _run(
     stop: threading.Event | None,
     driver: Driver | None,
 ) -> RunResult:
-    """A run from nothing, or from the checkpoint in ``folder`` on."""
+    """A run from nothing, or from the checkpoint in ``folder`` on: repeatable, with Ctrl-C in our hands."""
     if len(config.hubs) > 1 and (env is not None or driver is not None):
         raise RunError("several robots have no environment of your own and no driver; train them without")
-    listener = _listening(config, callback)
-    with _prepared(config, env, place, stop) as (ready, learner, signals):
-        import torch
-
-        from bricksrl.training.fleet.loop import FleetLoop
-        from bricksrl.training.fleet.robots import Fleet
-        from bricksrl.training.run_loop import RunLoop, run_state
-
-        if folder is None:
-            warm_start(config, learner, ready)
-            own = {"agent": learner.state_dict(), "pace": {"asked": 0, "done": 0}, "collected": []}
-            state = {**own, **run_state(identity_of(config, ready), [])}
-        else:
-            state = load_state(folder, config, ready)
-        listener.on_env(ready)
-        listener.on_learner(learner)
-        prefill = 0 if config.start is not None else learner.prefill_episodes  # a policy from elsewhere knows better than that
-        with _learning(config, ready, learner, state, signals) as side:
-            torch.set_rng_state(state["generator"])
-            done = [Episode.from_dict(data) for data in state["episodes"]]
-            numbers = (learner.updates_per_step, prefill, state["identity"], done, state["best"])
-            make = FleetLoop if isinstance(ready, Fleet) else RunLoop
-            loop = make(config, ready, side, listener, signals, *numbers, driver=driver)
-            start = loop.begin() if folder is None and not config.updates else None
-            with signals.held_back():
-                if folder is None:
-                    folder = RunFolder.create(config, state, learner.loss_names)
-                else:
-                    folder.clean()
-                    folder.write_episodes(done, learner.loss_names)
-                    folder.write_config(config)
-            del state  # it may be large
-            return loop.run(folder, start)
-
-
-@contextmanager
-def _prepared(
-    config: TrainConfig, env: EnvBase | None, place: Placement | None, stop: threading.Event | None
-) -> Iterator[tuple[EnvBase, Learner, StopSignals]]:
-    """Everything that a run needs: repeatable randomness, Ctrl-C in our hands, an open environment, a fresh learner."""
     from bricksrl.seed import derive_seed
     from bricksrl.training.seeding import reproducible
 
-    ready = make_env(config, place) if env is None else env
-    signals = StopSignals(stop or threading.Event())
+    listener = callback or Callback()
+    if config.log != "none":
+        from bricksrl.training.loggers import Tracking
+
+        listener = CallbackList(listener, Tracking(config.log))
+    ready, signals = make_env(config, place) if env is None else env, StopSignals(stop or threading.Event())
     try:
         with reproducible(derive_seed(config.seed, "agent")), signals:
-            learner = make_learner_for(config, ready)
-            if len(config.hubs) > 1 and learner.frames_per_batch > 1:
-                raise RunError(f"{config.agent} collects from many simulated copies; choose another agent for several robots")
-            study(config, learner, ready)
-            yield ready, learner, signals
+            return _run_in(ready, config, folder, listener, signals, driver)
     finally:
         if env is None:
             ready.close(raise_if_closed=False)
+
+
+def _run_in(
+    env: EnvBase, config: TrainConfig, folder: RunFolder | None, listener: Callback, signals: StopSignals, driver: Driver | None
+) -> RunResult:
+    import torch
+
+    from bricksrl.training.fleet.loop import FleetLoop
+    from bricksrl.training.fleet.robots import Fleet
+    from bricksrl.training.run_loop import RunLoop, run_state
+
+    learner = make_learner_for(config, env)
+    if len(config.hubs) > 1 and learner.frames_per_batch > 1:
+        raise RunError(f"{config.agent} collects from many simulated copies; choose another agent for several robots")
+    study(config, learner, env)
+    if folder is None:
+        warm_start(config, learner, env)
+        own = {"agent": learner.state_dict(), "pace": {"asked": 0, "done": 0}, "collected": []}
+        state = {**own, **run_state(identity_of(config, env), [])}
+    else:
+        state = load_state(folder, config, env)
+    listener.on_env(env)
+    listener.on_learner(learner)
+    with _learning(config, env, learner, state, signals) as side:
+        torch.set_rng_state(state["generator"])
+        make = FleetLoop if isinstance(env, Fleet) else RunLoop
+        loop = make(config, env, side, listener, signals, state, driver)
+        start = loop.reset() if folder is None and not config.updates else None
+        losses = tuple(name for name in getattr(learner.loss, "out_keys", ()) if isinstance(name, str))
+        with signals.held_back():
+            if folder is None:
+                folder = RunFolder.create(config, state, losses)
+            else:
+                folder.clean()
+                folder.write_episodes(loop.episodes, losses)
+                folder.write_config(config)
+        del state  # it may be large
+        return loop.run(folder, start)
 
 
 @contextmanager
@@ -167,7 +165,8 @@ def _learning(
         from bricksrl.training.learner_side import InLoopLearner
 
         learner.load_state_dict(state["agent"])
-        yield InLoopLearner(learner, state, env.device)
+        learner.act_on(env.device)
+        yield InLoopLearner(learner, state)
         return
     from bricksrl.training.async_learner import AsyncLearner
 
@@ -175,15 +174,6 @@ def _learning(
         with signals.at_once():
             beside.wait_until_ready()
         yield beside
-
-
-def _listening(config: TrainConfig, callback: Callback | None) -> Callback:
-    """The callback, and the log that the config names."""
-    if config.log == "none":
-        return callback or Callback()
-    from bricksrl.training.loggers import Tracking
-
-    return CallbackList(callback or Callback(), Tracking(config.log))
 
 
 def make_env(config: TrainConfig, place: Placement | None = None) -> EnvBase:

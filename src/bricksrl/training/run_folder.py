@@ -9,7 +9,6 @@ import json
 import platform
 import re
 from collections.abc import Iterable
-from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -24,36 +23,14 @@ _HEAD = ("episode", "phase", "steps", "length", "return", "success")
 _TAIL = ("seconds", "updates_per_step", "link_lost", "evaluation", "robot")
 
 
-@dataclass(frozen=True)
 class RunFolder:
-    """Paths and files of one run."""
+    """Paths and files of one run; ``best_path`` is the checkpoint of its best evaluation."""
 
-    path: Path
-
-    @property
-    def config_path(self) -> Path:
-        return self.path / "config.json"
-
-    @property
-    def metrics_path(self) -> Path:
-        return self.path / "metrics.csv"
-
-    @property
-    def checkpoint_path(self) -> Path:
-        return self.path / "checkpoint.bin"
-
-    @property
-    def best_path(self) -> Path:
-        """Checkpoint of the best evaluation."""
-        return self.path / "best.bin"
-
-    @property
-    def curve_path(self) -> Path:
-        return self.path / "learning_curve.png"
-
-    @property
-    def evaluation_path(self) -> Path:
-        return self.path / "evaluation.json"
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.config_path, self.metrics_path = path / "config.json", path / "metrics.csv"
+        self.checkpoint_path, self.best_path = path / "checkpoint.bin", path / "best.bin"
+        self.curve_path, self.evaluation_path = path / "learning_curve.png", path / "evaluation.json"
 
     @classmethod
     def create(cls, config: TrainConfig, state: dict[str, Any], losses: tuple[str, ...]) -> RunFolder:
@@ -68,7 +45,8 @@ class RunFolder:
         from bricksrl.training.checkpoint import save_checkpoint
 
         usual = Path("runs") / f"{file_name(config.env)}-{file_name(config.agent)}-seed-{config.seed}"
-        wanted = [config.run_dir] if config.run_dir is not None else _numbered(usual)
+        numbered = (usual.with_name(f"{usual.name}-{number}") for number in itertools.count(2))
+        wanted: Iterable[Path] = itertools.chain([usual], numbered) if config.run_dir is None else [config.run_dir]
         for path in wanted:
             if path.exists():
                 continue
@@ -150,19 +128,14 @@ def file_name(env_id: str) -> str:
     return re.sub(r"[^\w.-]+", "-", env_id).strip("-.")
 
 
-def _numbered(path: Path) -> Iterable[Path]:
-    """The path, then with -2, -3, ... behind its name."""
-    return (path.with_name(f"{path.name}-{number}") if number > 1 else path for number in itertools.count(1))
-
-
 def _losses(columns: Iterable[str]) -> tuple[str, ...]:
     return tuple(name for name in columns if name not in (*_HEAD, *_TAIL))
 
 
 def _row(episode: Episode, losses: tuple[str, ...]) -> list[Any]:
-    told = [episode.losses.get(name) for name in losses]
     success = None if episode.success is None else int(episode.success)
     head = [episode.episode, episode.phase.value, episode.steps, episode.length, episode.return_, success]
+    told = [episode.losses.get(name) for name in losses]
     ratio = None if episode.updates_per_step is None else f"{episode.updates_per_step:.4g}"
     return [*head, *told, f"{episode.seconds:.3f}", ratio, int(episode.link_lost), episode.evaluation, episode.robot]
 

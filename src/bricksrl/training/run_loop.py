@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
-from typing import Any, cast
+from dataclasses import InitVar, dataclass, replace
+from typing import Any
 
 import torch
 from tensordict import TensorDictBase
 from torch import Tensor
 from torchrl.envs import EnvBase
 
-from bricksrl.agents.learner import Means
+from bricksrl.agents.learner import means
 from bricksrl.envs.reference_returns import reference_lines
 from bricksrl.envs.rollout import Driver, Rollout, play, play_episodes, seed_episode
 from bricksrl.errors import BricksError, DescriptionError, HubError
@@ -31,6 +31,11 @@ STRIDE = 20
 """Updates from data between two looks at whether to stop."""
 
 
+def numbers(told: Iterable[dict[str, Tensor]]) -> dict[str, float]:
+    """The means of what learning told, off their device."""
+    return {name: float(value) for name, value in means(told).items()}
+
+
 class InterruptedEpisodeError(Exception):
     """The run was asked to stop in the middle of an episode; nothing outside of the package sees this."""
 
@@ -40,12 +45,10 @@ class RunLoop:
     """A run under way. Of an episode in which it is asked to stop nothing counts (`InterruptedEpisodeError`).
 
     Attributes:
-        updates_per_step: what the settings ask for; 0 for an agent that does not learn.
-        prefill_episodes: episodes of uniform actions at the start.
-        identity: what must be equal for a checkpoint to belong to the run.
+        state: of a run, from which it goes on.
+        driver: who may choose the action in the place of the agent.
         episodes: those that are done.
         best: mean return of the best evaluation so far.
-        driver: who may choose the action in the place of the agent.
     """
 
     config: TrainConfig
@@ -53,14 +56,18 @@ class RunLoop:
     learner: InLoopLearner | AsyncLearner
     callback: Callback
     signals: StopSignals
-    updates_per_step: float
-    prefill_episodes: int
-    identity: dict[str, Any]
-    episodes: list[Episode]
-    best: float | None = None
+    state: InitVar[dict[str, Any]]
     driver: Driver | None = None
-    _saved_at: Pace | None = None
-    _length: int = 0
+
+    def __post_init__(self, state: dict[str, Any]) -> None:
+        self.actor = self.learner.actor
+        # a policy from elsewhere knows better than uniform actions
+        self.prefill_episodes = 0 if self.config.start is not None else self.actor.prefill_episodes
+        self.identity: dict[str, Any] = state["identity"]  # what must be equal for a checkpoint to belong to the run
+        self.episodes = [Episode.from_dict(data) for data in state["episodes"]]
+        self.best: float | None = state["best"]
+        self._saved_at: Pace | None = None
+        self._length = 0
 
     def run(self, folder: RunFolder, start: TensorDictBase | None = None) -> RunResult:
         """Train to the last episode or to an interruption.
@@ -107,11 +114,7 @@ class RunLoop:
                 self.callback = CallbackList(Recording(self.config, self.env, recorder), self.callback)
             yield
 
-    def begin(self) -> TensorDictBase | None:
-        """The reset of the first episode, before anything of the run is on the disk: the robot has to be there."""
-        return self.reset()
-
-    def reset(self) -> TensorDictBase:
+    def reset(self) -> TensorDictBase | None:
         """Start the next episode, which depends on nothing but the config, its number and the actions."""
         number = len(self.episodes) + 1
         reconnect = None if self.env.batch_size else getattr(self.env, "reconnect", None)
@@ -126,7 +129,8 @@ class RunLoop:
 
     def _episode(self, start: TensorDictBase | None) -> None:
         """One episode of a robot, or a round of all copies, and its checkpoint; then an evaluation where it is time for one."""
-        number, told = len(self.episodes) + 1, Means()
+        number = len(self.episodes) + 1
+        told: list[dict[str, Tensor]] = []
         phase = Phase.PREFILL if number <= self.prefill_episodes else Phase.TRAIN
         started_s = time.perf_counter()
         if self.config.updates:
@@ -165,21 +169,20 @@ class RunLoop:
             self.save()
         self.callback.on_episode(episode, self._progress())
 
-    def _study(self, number: int, told: Means) -> None:
+    def _study(self, number: int, told: list[dict[str, Tensor]]) -> None:
         """The updates from data alone before an episode: those of all episodes together are what the config asks for."""
-        here = cast("InLoopLearner", self.learner)  # where nothing is learned beside a robot
         total, episodes = self.config.updates, self.config.episodes
         due = total * number // episodes - total * (number - 1) // episodes
         for at in range(0, due, STRIDE):
-            told.add(here.study_updates(min(STRIDE, due - at)))
+            told.append(self.actor.make_updates(min(STRIDE, due - at)))
             if self.signals.requested:
                 raise InterruptedEpisodeError
 
-    def _robot(self, number: int, phase: Phase, start: TensorDictBase, told: Means) -> Episode | None:
+    def _robot(self, number: int, phase: Phase, start: TensorDictBase | None, told: list[dict[str, Tensor]]) -> Episode | None:
         """One episode of one robot, frame by frame; ``None`` where the link broke before its first step was whole."""
         rollout = Rollout()
-        policy = {Phase.PREFILL: self._random, Phase.TRAIN: self.learner.explore, Phase.OFFLINE: self.learner.exploit}[phase]
-        for frame in play(self.env, policy, start, driver=self.driver, reset_policy=self.learner.reset_policy):
+        policy = {Phase.PREFILL: self._random, Phase.TRAIN: self.actor.explore, Phase.OFFLINE: self.actor.exploit}[phase]
+        for frame in play(self.env, policy, start, driver=self.driver, reset_policy=self.actor.reset_policy):
             rollout.add(frame)
             self._length = len(rollout.rewards)
             if phase is not Phase.OFFLINE:
@@ -187,7 +190,7 @@ class RunLoop:
                     self.callback.on_transition(number, self._length, phase, frame)
                 self.learner.remember(frame[None])
                 if phase is Phase.TRAIN and not rollout.is_lost:
-                    told.add(self.learner.learn(1))
+                    told.append(self.learner.learn(1))
                 self.callback.on_step(number, self._length, phase)
             if self.signals.requested and not bool(frame["next", "done"]):
                 raise InterruptedEpisodeError
@@ -197,9 +200,9 @@ class RunLoop:
         if rollout.is_lost and phase is Phase.OFFLINE:
             raise self.env.link_error  # what is shown is a measurement: it has to be whole
         success, steps = None if rollout.is_lost else rollout.success(self.env), self._length
-        return Episode(number, phase, steps, steps, rollout.return_, success, told.numbers(), link_lost=rollout.is_lost)
+        return Episode(number, phase, steps, steps, rollout.return_, success, numbers(told), link_lost=rollout.is_lost)
 
-    def _copies(self, number: int, phase: Phase, told: Means) -> Episode:
+    def _copies(self, number: int, phase: Phase, told: list[dict[str, Tensor]]) -> Episode:
         """A round: as many steps of all copies as an episode has at most."""
         from torchrl.modules import RandomPolicy
 
@@ -207,12 +210,12 @@ class RunLoop:
 
         steps = 0
         ended, lengths, returns = (torch.zeros((), device=self.env.device) for _ in range(3))
-        policy = RandomPolicy(self.env.full_action_spec) if phase is Phase.PREFILL else self.learner.policy
-        for frames in collect_round(self.env, policy, self.env.task.max_steps, self.learner.frames_per_batch):
+        policy = RandomPolicy(self.env.full_action_spec) if phase is Phase.PREFILL else self.actor.acting
+        for frames in collect_round(self.env, policy, self.env.task.max_steps, self.actor.frames_per_batch):
             self.learner.remember(frames)
             steps += frames.shape[-1]
             if phase is Phase.TRAIN:
-                told.add(self.learner.learn(frames.shape[-1]))
+                told.append(self.learner.learn(frames.shape[-1]))
             after = frames["next"]
             done = after["done"]
             ended += done.sum()
@@ -224,7 +227,7 @@ class RunLoop:
         self.learner.end_episodes()
         count = max(1.0, float(ended))
         length, return_ = round(float(lengths) / count), float(returns) / count
-        return Episode(number, phase, steps * self.env.batch_size.numel(), length, return_, None, told.numbers())
+        return Episode(number, phase, steps * self.env.batch_size.numel(), length, return_, None, numbers(told))
 
     def _random(self, state: TensorDictBase) -> TensorDictBase:
         return state.set("action", 2.0 * torch.rand(self.env.action_spec.shape, device=self.env.device) - 1.0)
@@ -234,11 +237,10 @@ class RunLoop:
         generator = torch.get_rng_state()
         if hasattr(self.env, "reconnect"):
             self.env.reconnect.on_error = lambda _: None  # nothing of an episode of the run is lost
-        seed, reset_policy = self.config.seed, self.learner.reset_policy
+        config, actor = self.config, self.actor
         try:
-            played = list(
-                play_episodes(self.env, self.learner.exploit, self.config.eval_episodes, seed, reset_policy=reset_policy)
-            )
+            episodes = play_episodes(self.env, actor.exploit, config.eval_episodes, config.seed, reset_policy=actor.reset_policy)
+            played = list(episodes)
         except HubError:
             return episode
         finally:
@@ -246,7 +248,7 @@ class RunLoop:
         mean = sum(one.return_ for one in played) / len(played)
         if self.best is None or mean > self.best:
             self.best = mean
-            self.learner.save(self.folder.best_path, self._state([*self.episodes, episode]))
+            self.learner.save(self.folder.best_path, run_state(self.identity, [*self.episodes, episode], mean))
         return replace(episode, evaluation=mean)
 
     def _is_good_enough(self) -> bool:
@@ -260,22 +262,19 @@ class RunLoop:
     def save(self) -> None:
         """Have the checkpoint written."""
         self._saved_at = self.learner.pace
-        self.learner.save(self.folder.checkpoint_path, self._state(self.episodes))
-
-    def _state(self, episodes: list[Episode]) -> dict[str, Any]:
-        return run_state(self.identity, episodes, self.best)
+        self.learner.save(self.folder.checkpoint_path, run_state(self.identity, self.episodes, self.best))
 
     def _reached(self, pace: Pace) -> float | None:
         """Updates made for each step that asked for some; ``None`` before one did."""
-        return self.updates_per_step * (pace.done / pace.asked) if pace.asked and self.updates_per_step else None
+        return self.actor.updates_per_step * (pace.done / pace.asked) if pace.asked and self.actor.updates_per_step else None
 
     def _catch_up(self, before: Pace) -> int:
         """Have what is due made and written; returns the number of updates."""
-        due = round((before.asked - before.done) * self.updates_per_step)
+        due = round((before.asked - before.done) * self.actor.updates_per_step)
         if due and not self.signals.requested:
             self.callback.on_catching_up(due)
         self.learner.finish(lambda: not self.signals.requested)
-        made = round((self.learner.pace.done - before.done) * self.updates_per_step)
+        made = round((self.learner.pace.done - before.done) * self.actor.updates_per_step)
         if self.episodes and self.learner.pace != self._saved_at:
             self.save()
             self.learner.finish(lambda: False)

@@ -1,9 +1,8 @@
 """Arena: several virtual robots in one MuJoCo world and on one clock.
 
-Each robot has a body of its own for its hub, and all bodies are parts of one world. The world moves only when every robot's hub
-has
-come as far: whoever wants time to pass first lets the other hubs run up to there, so that each motor's voltage is set before the
-physics that it acts in. Everything follows from the arguments and the calls, bit for bit.
+Each robot's hub has a separate body, and all bodies are parts of one world. The world advances only after every hub has run up
+to that time: a hub that lets time pass first runs the other hubs, so that each motor's voltage is set before the physics step
+that it acts in. The simulation is deterministic, bit for bit.
 """
 
 from __future__ import annotations
@@ -30,28 +29,28 @@ _STEPS_PER_LOOK = 20
 _SETTLING_STEPS = 400
 _WALL_HALF_HEIGHT_M, _WALL_HALF_WIDTH_M = 0.04, 0.012
 _MOST_MOTORS = 31
-"""MuJoCo has so many groups of actuators that can be switched off."""
+"""Number of actuator groups that MuJoCo can disable."""
 
 Range = tuple[float, float]
 
 
 @dataclass(frozen=True)
 class Place:
-    """Where something starts, drawn uniformly: metres, and degrees clockwise seen from above, 0 along x."""
+    """Ranges of a start pose, drawn uniformly: metres, and degrees clockwise seen from above, 0 along x."""
 
     x_m: Range = (0.0, 0.0)
     y_m: Range = (0.0, 0.0)
     heading_deg: Range = (0.0, 0.0)
 
     def draw(self, rng: np.random.Generator) -> Pose:
-        """One start."""
+        """Draw a start pose."""
         x_m, y_m, heading_deg = (float(rng.uniform(*bounds)) for bounds in (self.x_m, self.y_m, self.heading_deg))
         return Pose(x_m, y_m, heading_deg)
 
 
 @dataclass(frozen=True)
 class Contestant:
-    """A robot in an arena, by its name, and where it starts; with a colour (red, green, blue in 0..1) to tell it by."""
+    """Robot in an arena: its name, description, start pose, and identifying colour (RGB in 0..1)."""
 
     name: str
     robot: Robot
@@ -61,7 +60,7 @@ class Contestant:
 
 @dataclass(frozen=True)
 class Load:
-    """A box that robots can push: half its sizes (along x, y and z) in metres, and its friction on the floor."""
+    """Box that robots can push, with its half sizes (along x, y and z) in metres and its friction on the floor."""
 
     name: str
     half_size_m: tuple[float, float, float]
@@ -75,11 +74,11 @@ class Arena:
     """Robots, start places and scene.
 
     Attributes:
-        half_size_m: of the floor within the walls, along x and y; ``None`` for an open floor.
+        half_size_m: half size of the floor within the walls, along x and y; ``None`` for an open floor.
         gap_m: least distance between any two robots at the start.
 
     Raises:
-        TwinError: at construction, when the parts do not fit.
+        TwinError: at construction, when names are not unique or there are too many motors.
     """
 
     robots: tuple[Contestant, ...]
@@ -110,7 +109,7 @@ def _compiled(arena: Arena) -> mujoco.MjModel:
         if chassis is None or not chassis.joints or chassis.joints[0].type != mujoco.mjtJoint.mjJNT_FREE:
             raise TwinError(f"robot '{one.robot.name}' stands on a fixed base; an arena is for robots that move about")
         for geom in child.geoms:
-            if geom.contype:  # robots meet one another, and each its surroundings
+            if geom.contype:  # robots collide with one another and with their surroundings
                 others = sum(2 << other for other in range(len(arena.robots)) if other != number)
                 geom.contype, geom.conaffinity = 1 | 2 << number, others
         for light in list(child.lights):
@@ -171,16 +170,16 @@ def _add_load(world: mujoco.MjsBody, load: Load) -> None:
 
 
 class ArenaWorld:
-    """The world of an arena, and in it a body for each robot's hub.
+    """World of an arena, with a body for each robot's hub.
 
     Args:
-        physics: of all robots.
-        seed: of the sensors' noise.
+        physics: physics of all robots.
+        seed: seed of the sensors' noise.
 
     Attributes:
-        bodies: in the order of the arena's robots.
-        runners: let a robot's hub run up to a time in ms, in the same order; to be set before any time passes.
-        on_time: called with each time in ms that the world has come to, for a film.
+        bodies: bodies in the order of the arena's robots.
+        runners: functions that run a robot's hub up to a time in ms, in the same order; to be set before any time passes.
+        on_time: called with each time in ms that the world has reached, for a film.
     """
 
     def __init__(self, arena: Arena, physics: Physics | None = None, seed: int = 0) -> None:
@@ -208,7 +207,7 @@ class ArenaWorld:
         mujoco.mj_setConst(self.model, mujoco.MjData(self.model))
 
     def _settle(self) -> None:
-        """Let all sink onto the floor, far from one another, and note how they stand."""
+        """Let all robots settle on the floor, far from one another, and record their stances."""
         for number, address in enumerate([*(body.base_address for body in self.bodies), *self._loads]):
             self.data.qpos[address] = 2.0 * number
         mujoco.mj_step(self.model, self.data, _SETTLING_STEPS)
@@ -216,7 +215,7 @@ class ArenaWorld:
             body.note_standing()
 
     def place(self, rng: np.random.Generator) -> None:
-        """Put everything where an episode starts; motors keep their angles, the clock runs on."""
+        """Place robots and loads for the start of an episode; motors keep their angles, the clock is not reset."""
         starts: list[Pose] = []
         for one in self.arena.robots:
             start = one.place.draw(rng)
@@ -235,7 +234,7 @@ class ArenaWorld:
             body.look()
 
     def poses(self) -> list[Pose]:
-        """Of the robots, then of the loads, without noise."""
+        """True poses of the robots, then of the loads."""
         found = [body.pose() for body in self.bodies]
         for address in self._loads:
             x_m, y_m, _, w, x, y, z = self.data.qpos[address : address + 7].tolist()
@@ -244,7 +243,7 @@ class ArenaWorld:
         return found
 
     def want(self, number: int, time_ms: int) -> None:
-        """A robot's hub wants it to be so late: let all others come as far, then move the world."""
+        """Advance the world to ``time_ms`` for robot ``number``, after running all other hubs up to that time."""
         self._wanted_ms[number] = time_ms
         while self.time_ms < time_ms:
             nearest_ms = min(self._wanted_ms.values())
@@ -269,7 +268,7 @@ class ArenaWorld:
 
 
 class ArenaBody(MujocoBody):
-    """One robot's part of an arena's world; implements :class:`bricksrl.virtual_hub.body.Body`."""
+    """Part of an arena's world that belongs to one robot; implements :class:`bricksrl.virtual_hub.body.Body`."""
 
     def __init__(self, world: ArenaWorld, one: Contestant, physics: Physics, seed: np.random.SeedSequence) -> None:
         self.robot, self.scene, self.physics = one.robot, OPEN_FLOOR, physics
@@ -314,30 +313,30 @@ class ArenaBody(MujocoBody):
             if self.model.joint(joint).name.startswith(f"{self._prefix}backlash_"):
                 self.model.jnt_range[joint] = (-play, play)
 
-    # ---- the world's side
+    # ---- called by the world
 
     def note_standing(self) -> None:
-        """Remember how it stands, once it has sunk onto the floor."""
+        """Record the stance, after the robot has settled on the floor."""
         self._standing = self._qpos[self.base_address + 2 : self.base_address + 7].copy()
 
     def put(self, start: Pose) -> None:
-        """Put it there, standing."""
+        """Place the robot at a start pose, in its stance."""
         quaternion = np.empty(4)
         mujoco.mju_mulQuat(quaternion, np.array(_turned(start.heading_deg)), self._standing[1:])
         self._qpos[self.base_address : self.base_address + 7] = (start.x_m, start.y_m, self._standing[0], *quaternion)
 
     def look(self) -> None:
-        """Follow the heading."""
+        """Update the unwrapped heading."""
         self._look_at_heading()
 
-    # ---- the hub's side, where it is not the same as that of a robot alone
+    # ---- called by the hub, where it differs from a robot alone
 
     def reset(self, rng: np.random.Generator) -> None:
-        """The hand puts all robots back together."""
+        """Place all robots for the start of an episode."""
         self._arena.place(rng)
 
     def advance_to(self, time_ms: int) -> None:
-        """Let the world come to this time, and all other robots with it."""
+        """Advance the world to this time, and all other robots with it."""
         self._arena.want(self._number, time_ms)
 
     def _look_at_heading(self) -> None:
@@ -345,7 +344,7 @@ class ArenaBody(MujocoBody):
         super()._look_at_heading()
 
     def set_voltage(self, port: str, voltage_mv: int | None) -> None:
-        """As for a robot alone; which circuits are open is the world's."""
+        """As for a robot alone; the set of open circuits is shared by the world."""
         self._open_circuits = self._arena.open_circuits
         super().set_voltage(port, voltage_mv)
         self._arena.open_circuits = self._open_circuits
@@ -367,13 +366,13 @@ class ArenaBody(MujocoBody):
         return min(max(round(nearest_mm + deviation_mm * self._noise.standard_normal()), 40), 2000)
 
     def pose_looks(self) -> None:
-        """Bring what is drawn up to the joints."""
+        """Update the drawn geometry to the joint positions."""
         mujoco.mj_kinematics(self.model, self.data)
         mujoco.mj_camlight(self.model, self.data)
 
 
 class _PartBase(FloatingBase):
-    """Floating base of one robot of several: its own part of the world's coordinates."""
+    """Floating base of one robot among several, with its slice of the world's coordinates."""
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, position: int, dof: int, imu: str) -> None:
         self._gravity = model.opt.gravity

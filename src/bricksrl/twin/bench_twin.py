@@ -1,4 +1,4 @@
-"""Twin of a robot without a MuJoCo model: motors on the bench, and sensors whose readings the scene gives."""
+"""Twin of a robot without a MuJoCo model: unloaded motors, and sensors with readings defined by the scene."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ if TYPE_CHECKING:
 
 
 class BenchTwin(BenchBody):
-    """A bench body with the physics of a twin: battery, friction in the motors, link.
+    """Bench body with the physics of a twin: battery, motor friction, link.
 
     Args:
-        scene: its ``readings`` and ``end_stops``.
-        physics: the parameters, or how to draw them for each episode; ``None`` for the firmware's own motor simulation at
+        scene: scene with ``readings`` and ``end_stops``.
+        physics: the parameters, or a sampler of them for each episode; ``None`` for the firmware's own motor simulation at
             7.2 V.
 
     Attributes:
-        physics: the parameters in force.
+        physics: the present parameters.
 
     Raises:
-        TwinError: the scene says nothing about one of the sensors, or something about one that is not there.
+        TwinError: the scene lacks the readings of a sensor, or names one that the robot does not have.
     """
 
     def __init__(self, robot: Robot, scene: Scene, physics: Physics | RandomPhysics | None) -> None:
@@ -42,6 +42,6 @@ class BenchTwin(BenchBody):
         self.link_interval_ms = physics.link_interval_ms
 
     def reset(self, rng: np.random.Generator) -> None:
-        """Physics that are random are drawn; nothing has to be put back."""
+        """Draw random physics, if any; there is nothing to place."""
         if self._random_physics is not None:
             self._apply(self._random_physics.sample(rng))

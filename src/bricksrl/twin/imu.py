@@ -1,4 +1,4 @@
-"""Inertial sensors of a hub on a floating or on a fixed base, from the state of MuJoCo."""
+"""Inertial sensors of a hub on a floating or a fixed base, from MuJoCo's state."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ Vector = np.ndarray[tuple[int], np.dtype[np.float64]]
 
 
 class FloatingBase:
-    """Floating base, a chassis that moves freely: the first body of the model, with the hub's axes.
+    """Floating base, a freely moving chassis: the first body of the model, with the hub's axes.
 
-    Everything comes from the joint's own coordinates, which steps leave up to date.
+    All values come from the joint coordinates, which are up to date after each step.
     """
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
@@ -31,7 +31,7 @@ class FloatingBase:
         return self._orientation
 
     def angular_velocity(self) -> Vector:
-        """In the hub's axes [3], rad/s."""
+        """Angular velocity in the hub's axes [3], rad/s."""
         return self._spin
 
     def specific_force(self) -> Vector:
@@ -45,9 +45,9 @@ class FloatingBase:
 
 
 class FixedBase:
-    """Fixed base of a robot that carries the hub on a moving part, where the site "imu" is.
+    """Fixed base of a robot that carries the hub on a moving part, at the site "imu".
 
-    Everything is as MuJoCo derived it in its last step, one step behind the joints.
+    All values are those that MuJoCo derived in its last step, one step behind the joints.
     """
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
@@ -65,7 +65,7 @@ class FixedBase:
         return quaternion
 
     def angular_velocity(self) -> Vector:
-        """In the hub's axes [3], rad/s."""
+        """Angular velocity in the hub's axes [3], rad/s."""
         velocity = np.empty(6)
         mujoco.mj_objectVelocity(self._model, self._data, mujoco.mjtObj.mjOBJ_SITE, self._site, velocity, 1)
         return velocity[0:3]

@@ -1,7 +1,7 @@
-"""Reader of parts of an LDraw library (https://www.ldraw.org) that is installed on this computer, as triangles.
+"""Reader of parts, as triangles, from an LDraw library (https://www.ldraw.org) on this computer.
 
-The formats are those of the LDraw.org file format, its colour definition (``LDConfig.ldr``) and back face culling extensions.
-A part is a tree of files; whatever in it cannot be read is left away, and nothing outside the library is opened.
+It implements the LDraw.org file format with its colour definition (``LDConfig.ldr``) and back face culling extensions. A part is
+a tree of files; unreadable ones are skipped, and nothing outside the library is opened.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ from bricksrl.errors import TwinError
 
 Floats = NDArray[np.float64]
 Triangles = dict[int, Floats]
-"""Colour code to triangles [n, 3, 3], each counter-clockwise seen from outside."""
+"""Triangles [n, 3, 3] by colour code, counter-clockwise seen from outside."""
 
 MM_PER_UNIT = 0.4
 MAIN_COLOUR = 16
-"""The code of the colour that whoever uses a part gives to it."""
+"""Code of the colour that is chosen where the part is used."""
 
 _SYSTEM_FOLDERS = ("/usr/share/ldraw", "/usr/local/share/ldraw", "/Library/LDraw", "C:/LDraw")
 _DIRECT_COLOUR = 0x2000000
@@ -41,7 +41,7 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class Reference:
-    """A line that puts another file here: its colour, a matrix [3, 3], an offset [3], and whether it is turned inside out."""
+    """Reference to another file: its colour, matrix [3, 3], offset [3], and whether it is inverted (inside out)."""
 
     colour: int
     matrix: Floats
@@ -57,7 +57,7 @@ class _File:
 
 
 def folder() -> Path | None:
-    """Folder of an installed LDraw library: what ``LDRAWDIR`` says, else the system's folder; ``None`` where there is none."""
+    """Folder of an installed LDraw library: ``LDRAWDIR``, else a system folder; ``None`` if there is none."""
     given = os.environ.get("LDRAWDIR")
     if given and not _is_library(Path(given)):
         _log.warning("LDRAWDIR=%s is no LDraw library (a folder with LDConfig.ldr, parts and p); drawing our own parts", given)
@@ -72,12 +72,12 @@ def _is_library(path: Path) -> bool:
 
 @functools.lru_cache(maxsize=2)
 def library(root: Path) -> Library:
-    """The library in a folder, with what was read from it before."""
+    """Library in a folder, cached."""
     return Library(root)
 
 
 class Library:
-    """Parts and colours below a folder."""
+    """LDraw library: parts and colours below a folder."""
 
     def __init__(self, root: Path) -> None:
         self._root = root
@@ -85,7 +85,7 @@ class Library:
         self._files: dict[str, _File] = {}
 
     def rgba(self, code: int) -> tuple[float, float, float, float]:
-        """A colour, each component 0..1; medium grey for a code that is not defined."""
+        """Colour of a code, as RGBA in 0..1; medium grey if undefined."""
         if code >= _DIRECT_COLOUR:
             return (code >> 16 & 255) / 255, (code >> 8 & 255) / 255, (code & 255) / 255, 1.0
         return self._colours.get(code, (0.5, 0.5, 0.5, 1.0))
@@ -94,7 +94,7 @@ class Library:
         """Triangles of a part, such as ``"37316.dat"``, in LDraw units: 0.4 mm, y downwards.
 
         Raises:
-            TwinError: the library does not have it, or there is nothing, or far too much, in it.
+            TwinError: the library does not have the part, or it is empty or too large.
         """
         if self._path(name) is None:
             raise TwinError(f"the LDraw library in {self._root} has no part '{name}'; install a newer one")
@@ -113,7 +113,7 @@ class Library:
         return self._files[name]
 
     def _path(self, name: str) -> Path | None:
-        """Where a file lies; ``None`` where there is none, or its name leads out of the library."""
+        """Path of a file; ``None`` if there is none, or if its name leads out of the library."""
         parts = PurePosixPath(name).parts
         if not parts or any(part == ".." or ":" in part or part.startswith("/") for part in parts):
             return None
@@ -123,7 +123,7 @@ class Library:
 
 @dataclass
 class _Harvest:
-    """The triangles of a part, gathered from its files. Bounded, whatever refers to what."""
+    """Collector of a part's triangles from its files, bounded against deep or cyclic references."""
 
     file: Callable[[str], _File]
     pieces: dict[int, list[Floats]] = field(default_factory=dict)
@@ -135,7 +135,7 @@ class _Harvest:
         return self.triangles > _MAX_TRIANGLES or self.visits > _MAX_VISITS
 
     def collect(self, name: str, colour: int, matrix: Floats, offset: Floats, inverted: bool, above: tuple[str, ...]) -> None:
-        """Add a file's triangles and those of the files below it, moved by ``matrix`` [3, 3] and ``offset`` [3]."""
+        """Add the triangles of a file and its references, transformed by ``matrix`` [3, 3] and ``offset`` [3]."""
         self.visits += 1
         if self.is_full or name in above or len(above) >= _MAX_DEPTH:
             return
@@ -152,7 +152,7 @@ class _Harvest:
 
 
 def parse(text: str) -> _File:
-    """One file: its own triangles, and what it refers to. Lines that are malformed are skipped."""
+    """Parse one file into triangles and references; malformed lines are skipped."""
     references: list[Reference] = []
     triangles: dict[int, list[Floats]] = {}
     certified, clockwise, inverted = False, False, False
@@ -193,7 +193,7 @@ def _read_line(
     faces = corners[None, :] if len(corners) == 3 else corners[[[0, 1, 2], [0, 2, 3]]]
     if clockwise:
         faces = faces[:, ::-1]
-    if not certified:  # nobody knows which side is outside
+    if not certified:  # the winding is undefined: draw both sides
         faces = np.concatenate([faces, faces[:, ::-1]])
     triangles.setdefault(colour, []).append(faces)
 

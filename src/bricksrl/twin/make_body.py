@@ -1,4 +1,4 @@
-"""Factory of the bodies of virtual robots: a MuJoCo model, its own or that of a driving robot, else the bench."""
+"""Factory of virtual robots' bodies: the robot's MuJoCo model or a generated driving robot, else the bench."""
 
 from __future__ import annotations
 
@@ -17,23 +17,23 @@ _log = logging.getLogger(__name__)
 
 
 def make_body(robot: Robot, *, scene: Scene | None = None, physics: Physics | RandomPhysics | None = None, seed: int = 0) -> Body:
-    """Build the physical half of a virtual robot.
+    """Build the body of a virtual robot.
 
     Args:
-        robot: any; one without a MuJoCo model of its own drives if it has a drive base, from whose numbers it gets a body, and
-            else lies on the bench, where its motors turn without load. There it lies too if its scene says what it reads.
-        scene: what stands around it; ``None`` for an open floor.
-        physics: its parameters, or how to draw them for each episode; ``None`` for the defaults.
-        seed: of the noise of its sensors and of its first start.
+        robot: any robot. Without a MuJoCo model, its body is generated from its drive base, or is a bench, where its motors turn
+            without load, if it has no drive base or if the scene defines readings or end stops.
+        scene: surroundings of the robot; ``None`` for an open floor.
+        physics: parameters, or a sampler of them for each episode; ``None`` for the defaults.
+        seed: seed of the sensors' noise and of the first start.
 
     Raises:
-        TwinError: the robot cannot be put into this scene, or has a sensor of which nothing says what it reads.
+        TwinError: the robot cannot be placed in this scene, or a sensor has no readings.
     """
     scene = scene or OPEN_FLOOR
-    is_told = bool(scene.readings or scene.end_stops)
+    has_stimuli = bool(scene.readings or scene.end_stops)
     is_modelled = robot.model is not None or robot.plan is not None
-    if is_modelled or (robot.drive_base is not None and not is_told):
-        if is_told:
+    if is_modelled or (robot.drive_base is not None and not has_stimuli):
+        if has_stimuli:
             raise TwinError(
                 f"the MuJoCo model of '{robot.name}' has sensors of its own; leave the scene's readings and end stops away, or "
                 "the model (model=None), and it lies on the bench"
@@ -53,7 +53,7 @@ def make_body(robot: Robot, *, scene: Scene | None = None, physics: Physics | Ra
 
 
 def check_mujoco() -> None:
-    """Import MuJoCo, which looks for the library that ``MUJOCO_GL`` names at once; without it where that does not work."""
+    """Import MuJoCo, which loads the library of ``MUJOCO_GL`` at once; if that fails, import it without rendering."""
     try:
         importlib.import_module("mujoco")
     except Exception as error:
@@ -63,5 +63,5 @@ def check_mujoco() -> None:
         _log.warning("MUJOCO_GL=%s does not work (%s); everything but pictures and videos does", backend, error)
         os.environ["MUJOCO_GL"] = "disable"
         for name in [name for name in sys.modules if name == "mujoco" or (name.startswith("mujoco.") and "._" not in name)]:
-            del sys.modules[name]  # the compiled ones stay: they are loaded once
+            del sys.modules[name]  # compiled modules stay: they can be loaded only once
         importlib.import_module("mujoco")

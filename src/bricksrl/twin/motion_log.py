@@ -1,7 +1,7 @@
-"""Recordings of a robot that carries out commands: made on any hub, kept in a file, and what a twin is fitted to.
+"""Motion logs of a robot that carries out commands, recorded on any hub and used to fit a twin.
 
-A file is one JSON object a line: first a header with robot, interface and program, then an answer of the hub a line, the first
-one to a reading without command. Times are those of the hub's own clock, so that the link does not blur them.
+A file has one JSON object per line: first a header with robot, interface and program, then the hub's answers, the first one to a
+reading without a command. Times are those of the hub's clock, and so free of the link's jitter.
 """
 
 from __future__ import annotations
@@ -45,10 +45,10 @@ class RunLog:
 
     Attributes:
         robot: name of the robot.
-        program_hash: of the program that ran on its hub.
+        program_hash: hash of the program on its hub.
         commands: ``[n, n_commands]``, in the commands' units.
-        gaps_ms: ``[n]``; how long the host thought between an answer and the next command.
-        times_ms: ``[n + 1]``; the hub's clock at each answer, the one before the first command included.
+        gaps_ms: ``[n]``; host's time between an answer and the next command.
+        times_ms: ``[n + 1]``; the hub's clock at each answer, including the one before the first command.
         channels: ``[n + 1, n_channels]``, in the channels' units.
     """
 
@@ -62,10 +62,10 @@ class RunLog:
 
 
 def record(link: HubLink, robot: Robot, interface: Interface, commands: Iterable[Sequence[float]]) -> RunLog:
-    """Let a robot carry out commands, one after the other.
+    """Record a robot that carries out commands one by one.
 
     Args:
-        link: to its hub, open.
+        link: open link to its hub.
 
     Raises:
         HubError: the link failed.
@@ -90,7 +90,7 @@ def record(link: HubLink, robot: Robot, interface: Interface, commands: Iterable
 
 
 def identification_interface(robot: Robot) -> Interface:
-    """Commands and channels that tell the most about a robot: every motor as fast as it goes, every sensor, 20 times a second."""
+    """Interface for system identification: every motor at full speed, every sensor, at 20 Hz."""
     channels: list[Channel] = [MotorAngle(motor.name, *(map(float, motor.range_deg or (0, 360)))) for motor in robot.motors]
     if robot.needs_imu:
         channels += [Pitch(), Roll(), YawRate()]
@@ -100,11 +100,11 @@ def identification_interface(robot: Robot) -> Interface:
 
 
 def identification_commands(interface: Interface, steps: int, rng: np.random.Generator) -> NDArray[np.float64]:
-    """Commands that tell the most; ``[steps, n_commands]``.
+    """Excitation commands for system identification; ``[steps, n_commands]``.
 
-    Rest tells the noise of the sensors. Jerks of all strengths tell masses, friction and play. Runs at full speed tell the
-    battery, because only there the firmware's controller cannot make up for it. Each part is followed by its opposite, so that a
-    vehicle stays about where it is.
+    Rest identifies sensor noise. Jerks of all strengths identify masses, friction and backlash. Runs at full speed identify the
+    battery, because only there the firmware's controller cannot compensate for it. Each motion is followed by its reverse, so
+    that a vehicle stays roughly in place.
     """
     shares = np.zeros((steps, len(interface.commands)))
     moving = shares[_REST_STEPS:]
@@ -123,7 +123,7 @@ def identification_commands(interface: Interface, steps: int, rng: np.random.Gen
 
 
 def write_log(path: Path, log: RunLog) -> None:
-    """Write a log to a file, whose folder is made; one that is there is replaced."""
+    """Write a log to a file, replacing an existing one; its folder is created."""
     header = {
         "bricksrl_log": _FORMAT,
         "robot": log.robot,
@@ -150,7 +150,7 @@ def read_log(path: Path) -> RunLog:
     """Read a log.
 
     Raises:
-        TwinError: the file cannot be read, or is no log of ours.
+        TwinError: the file cannot be read, or is no motion log.
     """
     try:
         header, first, *rest = [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
@@ -187,6 +187,6 @@ def _describe(part: Command | Channel | Wait | UntilDone) -> dict[str, Any]:
 
 def _make(data: dict[str, Any]) -> Any:
     fields, kinds = dict(data), [Command, Channel, Wait, UntilDone]
-    for kind in kinds:  # it grows, by those of the user's own too
+    for kind in kinds:  # the list grows by all subclasses, including the user's
         kinds += kind.__subclasses__()
     return {kind.__name__: kind for kind in kinds}[fields.pop("kind")](**fields)

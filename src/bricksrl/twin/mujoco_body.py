@@ -1,4 +1,4 @@
-"""Bodies that MuJoCo moves: voltages in, angles and sensor readings out."""
+"""Body simulated by MuJoCo: voltages in, angles and sensor readings out."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ from bricksrl.virtual_hub.stimuli import Sense, Sensed, senses
 _NEAREST_MM, _FARTHEST_MM = 40, 2000
 _CONE_DEG = (-12.0, -6.0, 0.0, 6.0, 12.0)
 _SEES_NO_FARTHER_MM = {SensorKind.COLOR_DISTANCE: 100.0, SensorKind.INFRARED: 150.0}
-"""Distance that a sensor with infrared light reports as 100 %; estimates."""
+"""Distance that an infrared sensor reports as 100 %; estimates."""
 _SETTLING_STEPS = 400
 _FAR_M = 100.0
-# Steps between two looks at the heading: few enough that no robot turns half round in between.
+# Steps between two updates of the unwrapped heading: few enough that no robot turns by half a turn.
 _STEPS_PER_LOOK = 20
-# What gravity does to a joint that it hardly turns, such as a vertical one, is rounding.
+# A smaller torque of gravity is rounding, as on a vertical joint.
 _LEAST_PULL_NM = 1e-3
 
 
@@ -44,7 +44,7 @@ class Pose:
     """Pose of a robot.
 
     Attributes:
-        x_m, y_m: position on the floor of the chassis' origin (2Wheeler: the middle of its axle; RoboArm: always 0).
+        x_m, y_m: position of the chassis' origin on the floor (2Wheeler: the middle of its axle; RoboArm: always 0).
         heading_deg: clockwise positive seen from above, 0 along x, not wrapped.
     """
 
@@ -55,7 +55,7 @@ class Pose:
 
 @functools.lru_cache(maxsize=8)
 def _compiled(robot: Robot, scene: Scene, _looks: Path | None) -> mujoco.MjModel:
-    """The model, kept because every episode of a training takes a new body: ten times as long as a copy. Copy before use."""
+    """Compiled model, cached because a new body is made often and a copy takes a tenth of the time. Copy it before use."""
     spec = load_model(robot, scene)
     try:
         return spec.compile()
@@ -66,22 +66,22 @@ def _compiled(robot: Robot, scene: Scene, _looks: Path | None) -> mujoco.MjModel
 
 
 class MujocoBody:
-    """A robot in MuJoCo; implements :class:`bricksrl.virtual_hub.body.Body`.
+    """Robot in MuJoCo; implements :class:`bricksrl.virtual_hub.body.Body`.
 
-    Everything that happens follows from the arguments and the calls, bit for bit.
+    The simulation is deterministic, bit for bit, given the arguments and the calls.
 
     Args:
-        robot: what is plugged in where.
-        scene: what stands around the robot.
-        physics: parameters, or how to draw them at each reset.
-        seed: of the sensors' noise and of the first start.
+        robot: description of the robot.
+        scene: surroundings of the robot.
+        physics: parameters, or a sampler of them for each reset.
+        seed: seed of the sensors' noise and of the first start.
 
     Attributes:
-        model, data: MuJoCo's own, e.g. for a renderer.
-        physics: the parameters in force.
+        model, data: MuJoCo's model and data, e.g. for a renderer.
+        physics: the present parameters.
 
     Raises:
-        TwinError: there is no model of this robot, or it cannot be put into this scene.
+        TwinError: there is no model of this robot, or it cannot be placed in this scene.
     """
 
     def __init__(self, robot: Robot, scene: Scene, physics: Physics | RandomPhysics, seed: int) -> None:
@@ -110,7 +110,7 @@ class MujocoBody:
         return self.physics.link_interval_ms
 
     def _bind(self) -> None:
-        """Look up every name and array once."""
+        """Look up all names and arrays once."""
         model, data = self.model, self.data
         joints = {port: model.joint(f"motor_{port}") for port in self._kinds}
         self._shaft_dofs = [int(joint.dofadr[0]) for joint in joints.values()]
@@ -133,14 +133,14 @@ class MujocoBody:
         self._kinds_of_sensors = {one.port: one.kind for one in others}
         self._eyes = {one.port: self._site(f"sensor_{one.port}") for one in others}
         self._world = WorldSenses(model, data, self.scene)
-        # What can be pushed has a free joint of its own behind the robot's joints.
+        # A pushable block has a free joint, after the robot's joints.
         self._pushed = [int(model.joint(f"object_{number}").qposadr[0]) for number in self._pushable()]
         self._seen_groups = np.zeros(6, np.uint8)
         self._seen_groups[OBSTACLE_GROUP] = 1
         self._qpos, self._qvel, self._ctrl = data.qpos, data.qvel, data.ctrl
 
     def _site(self, name: str) -> tuple[Vector, NDArray[np.float64]]:
-        """Place of a site on the chassis [3], and its axes there as columns [3, 3].
+        """Position of a site on the chassis [3], and its axes as columns [3, 3].
 
         Raises:
             TwinError: the model has no such site.
@@ -157,7 +157,7 @@ class MujocoBody:
         return self.model.site_pos[index].copy(), frame.reshape(3, 3)
 
     def _pushable(self) -> dict[int, Block]:
-        """Blocks of the scene that move, by their number among what stands there."""
+        """Pushable blocks of the scene, by their number among its solids."""
         solids = [one for one in self.scene.objects if isinstance(one, Solid)]
         return {number: one for number, one in enumerate(solids) if isinstance(one, Block) and one.mass_g is not None}
 
@@ -187,17 +187,17 @@ class MujocoBody:
             model.jnt_range[joint] = (-play, play)
             address = model.jnt_qposadr[joint]
             self._qpos[address] = min(max(self._qpos[address], -play), play)
-        # MuJoCo derives constants from the masses; it wants data to work in and would overwrite ours.
+        # MuJoCo derives constants from the masses, and overwrites the data that it is given.
         mujoco.mj_setConst(model, mujoco.MjData(model))
 
     def _settle(self) -> None:
-        """Open all circuits; let a robot on wheels sink onto the floor and remember how it stands."""
+        """Open all circuits; let a robot on wheels settle on the floor and record its stance."""
         for port in self._kinds:
             self.set_voltage(port, None)
         if self._feet or not self._moves:
             return
         if self.scene.objects:
-            self._qpos[0] = _FAR_M  # from whatever stands where the robot will start
+            self._qpos[0] = _FAR_M  # away from objects at the start position
         mujoco.mj_step(self.model, self.data, _SETTLING_STEPS)
         self._standing_height_m = float(self._qpos[2])
         self._standing_quaternion = self._qpos[3:7].copy()
@@ -205,10 +205,10 @@ class MujocoBody:
         self._qpos[[address for address, _ in self._shaft.values()]] = 0.0
 
     def reset(self, rng: np.random.Generator) -> None:
-        """The human hand: put the robot where an episode starts; motors keep their angles, clock and program run on.
+        """Place the robot at the start of an episode; motors keep their angles, clock and program continue.
 
         Args:
-            rng: what the start is drawn from, and the physics when they are random.
+            rng: generator of the start pose, and of the physics if random.
         """
         if self._random_physics is not None:
             self._apply(self._random_physics.sample(rng))
@@ -223,7 +223,7 @@ class MujocoBody:
         self._look_at_heading()
 
     def _put_back(self, rng: np.random.Generator) -> None:
-        """Put what the robot has pushed back to where it starts."""
+        """Put pushable blocks back to their start positions."""
         for address, block in zip(self._pushed, self._pushable().values(), strict=True):
             self._qpos[address : address + 7] = self.model.qpos0[address : address + 7]
             if any(block.spread_mm):
@@ -231,7 +231,7 @@ class MujocoBody:
                 self._qpos[address : address + 2] += rng.uniform(-spread, spread)
 
     def _place(self, rng: np.random.Generator) -> None:
-        """Put the robot on the floor, before the wall if there is one."""
+        """Place the robot on the floor, in front of the wall if there is one."""
         yaw = -math.radians(float(rng.uniform(*self.scene.heading_deg)))
         standing, height_m = self._stand()
         turn, quaternion = np.array([math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2)]), np.empty(4)
@@ -247,13 +247,13 @@ class MujocoBody:
             self._qpos[1] = -eyes[1]
 
     def _stand(self) -> tuple[Vector, float]:
-        """Orientation and height at which the robot stands: on wheels always the same, on legs as the legs are now."""
+        """Orientation and height of the standing robot: constant on wheels, derived from the present leg angles on legs."""
         if not self._feet:
             return self._standing_quaternion, self._standing_height_m
         model, data = self.model, self.data
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
-        # A foot is a capsule: it touches the floor with the balls at its two ends.
+        # A foot is a capsule: it touches the floor with the spheres at its two ends.
         half = data.geom_xmat[self._feet, 2::3] * model.geom_size[self._feet, 1:2]
         balls = np.concatenate([data.geom_xpos[self._feet] + half, data.geom_xpos[self._feet] - half])
         chassis = int(model.jnt_bodyid[0])
@@ -262,7 +262,7 @@ class MujocoBody:
         return quaternion, height_m + float(model.geom_size[self._feet[0], 0])
 
     def _take_up_play(self) -> None:
-        """Let each joint lie at that end of its play to which gravity pulls it: no arm falls through its play at a start."""
+        """Move each joint to the end of its backlash to which gravity pulls it, so that no arm drops at a start."""
         mujoco.mj_forward(self.model, self.data)
         for joint in self._backlash:
             pull_nm = -float(self.data.qfrc_bias[self.model.jnt_dofadr[joint]])
@@ -270,13 +270,13 @@ class MujocoBody:
             self._qpos[self.model.jnt_qposadr[joint]] = end * self.model.jnt_range[joint, 1]
 
     def pose(self) -> Pose:
-        """Pose of the robot, without noise: for metrics, not for agents."""
+        """True pose of the robot: for metrics, not for agents."""
         self._look_at_heading()
         x_m, y_m, _ = self._base.position().tolist()
         return Pose(x_m, y_m, self._heading_deg)
 
     def pose_looks(self) -> None:
-        """Bring what is drawn up to the joints, behind which steps leave it; for whoever draws."""
+        """Update the drawn geometry to the joint positions, for renderers; physics steps do not."""
         mujoco.mj_kinematics(self.model, self.data)
         self._spinners.turn(self.model, self.data)
         self._rods.turn(self.model, self.data)
@@ -340,7 +340,7 @@ class MujocoBody:
         return min(max(reading_mm, _NEAREST_MM), _FARTHEST_MM)
 
     def sensed(self, port: str, sense: Sense) -> Sensed:
-        """Stimulus of a sensor now, from the world around it; with noise where it is light that comes back."""
+        """Present stimulus of a sensor, from the world around it; reflected light has noise."""
         kind = self._kinds_of_sensors[port]
         if sense is Sense.TILT:
             return self.tilt_deg()
@@ -361,7 +361,7 @@ class MujocoBody:
     def tilt_deg(self) -> tuple[float, float]:
         """Pitch (nose down positive) and roll (right side down positive) from the direction of "up" in the hub's frame.
 
-        As the firmware does, this takes the fused orientation, which accelerations do not disturb.
+        As in the firmware, this is the fused orientation, which accelerations do not disturb.
         """
         w, x, y, z = self._base.orientation().tolist()
         up_x, up_y, up_z = 2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)
@@ -388,7 +388,7 @@ class MujocoBody:
         return self._heading_deg - self._heading_at_start_deg
 
     def _in_world(self, vector: Vector) -> Vector:
-        """A vector of the chassis' frame in the directions of the world."""
+        """A vector of the chassis' frame, rotated to world axes."""
         turned = np.empty(3)
         mujoco.mju_rotVecQuat(turned, vector, self._base.orientation())
         return turned

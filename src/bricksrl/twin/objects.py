@@ -1,7 +1,7 @@
-"""Objects of a scene: lines and fields on the floor, walls, blocks that stand or can be pushed, ramps and lamps.
+"""Objects of a scene: lines and fields on the floor, walls, fixed and pushable blocks, ramps and lamps.
 
-Places are millimetres on the floor, ``(x, y)``: a robot that starts at the origin with a heading of 0 looks along x, y is to its
-left. Headings are degrees, clockwise seen from above. What lies flat on the floor changes only what colour sensors see.
+Positions are millimetres on the floor, ``(x, y)``: a robot that starts at the origin with a heading of 0 looks along x, y is to
+its left. Headings are degrees, clockwise seen from above. Lines and fields affect colour sensors only.
 """
 
 from __future__ import annotations
@@ -31,20 +31,20 @@ COLORS: dict[str, Size] = {
     "purple": (0.45, 0.18, 0.62),
     "brown": (0.42, 0.26, 0.14),
 }
-"""Share of red, green and blue light that comes back, by the name of a colour."""
+"""Reflectance of red, green and blue light, by colour name."""
 
 
 @dataclass(frozen=True)
 class Line:
-    """A line on the floor, such as tape.
+    """Line on the floor, such as tape.
 
     Attributes:
-        points_mm: its corners.
-        width_mm: from edge to edge.
-        closed: whether it leads from the last point to the first.
+        points_mm: corners of the polyline.
+        width_mm: width from edge to edge.
+        closed: whether the last point is connected to the first.
 
     Raises:
-        TwinError: at construction, when there is no such line.
+        TwinError: at construction, when a value is invalid.
     """
 
     points_mm: tuple[Point, ...]
@@ -59,7 +59,7 @@ class Line:
 
     @property
     def ends_mm(self) -> tuple[Floats, Floats]:
-        """Beginning and end of each stretch, ``[n, 2]`` each."""
+        """Start and end of each segment, ``[n, 2]`` each."""
         points = np.array(self.points_mm + (self.points_mm[:1] if self.closed else ()), dtype=np.float64)
         return points[:-1], points[1:]
 
@@ -76,15 +76,15 @@ class Line:
 
 @dataclass(frozen=True)
 class Field:
-    """A coloured rectangle on the floor, or an ellipse.
+    """Coloured rectangle or ellipse on the floor.
 
     Attributes:
-        at_mm: its middle.
-        size_mm: along x and y before it is turned.
+        at_mm: its centre.
+        size_mm: size along x and y, before rotation.
         round: whether it is an ellipse of that size.
 
     Raises:
-        TwinError: at construction, when there is no such field.
+        TwinError: at construction, when a value is invalid.
     """
 
     at_mm: Point
@@ -107,10 +107,10 @@ class Field:
 
 @dataclass(frozen=True)
 class Wall:
-    """A wall between two points.
+    """Wall between two points.
 
     Raises:
-        TwinError: at construction, when there is no such wall.
+        TwinError: at construction, when a value is invalid.
     """
 
     from_mm: Point
@@ -127,16 +127,16 @@ class Wall:
 
 @dataclass(frozen=True)
 class Block:
-    """A block, or with ``round`` an upright can, that stands still or, where it has a mass, can be pushed.
+    """Block, or with ``round`` an upright cylinder, that is fixed or, with a mass, can be pushed.
 
     Attributes:
-        at_mm: its middle.
-        size_mm: along x and y before it is turned, and up.
-        mass_g: ``None`` for one that nothing moves.
-        spread_mm: by up to so much along x and y it is put elsewhere at the start of each episode; only where it has a mass.
+        at_mm: its centre.
+        size_mm: size along x and y, before rotation, and height.
+        mass_g: mass; ``None`` for a fixed block.
+        spread_mm: maximum random shift along x and y at the start of each episode; only with a mass.
 
     Raises:
-        TwinError: at construction, when there is no such block.
+        TwinError: at construction, when a value is invalid.
     """
 
     at_mm: Point
@@ -157,15 +157,15 @@ class Block:
 
 @dataclass(frozen=True)
 class Ramp:
-    """A slope that begins at the floor.
+    """Ramp that begins at the floor.
 
     Attributes:
-        at_mm: the middle of its lower edge.
-        heading_deg: the direction in which it rises.
-        length_mm: over the floor; ``height_mm`` at its upper end.
+        at_mm: middle of its lower edge.
+        heading_deg: direction in which it rises.
+        length_mm: length on the floor; ``height_mm`` is that of its upper end.
 
     Raises:
-        TwinError: at construction, when there is no such ramp.
+        TwinError: at construction, when a value is invalid.
     """
 
     at_mm: Point
@@ -182,14 +182,14 @@ class Ramp:
 
 @dataclass(frozen=True)
 class Lamp:
-    """A lamp, which sensors of ambient light see.
+    """Lamp, detected by ambient light sensors.
 
     Attributes:
-        at_mm: place and height.
-        light_pct: what a sensor reads that looks at it from 300 mm away.
+        at_mm: position and height.
+        light_pct: reading of a sensor that faces it from 300 mm away.
 
     Raises:
-        TwinError: at construction, when there is no such lamp.
+        TwinError: at construction, when a value is invalid.
     """
 
     at_mm: Size
@@ -206,11 +206,11 @@ Object = Line | Field | Wall | Block | Ramp | Lamp
 
 
 def oval(length_mm: float, width_mm: float, at_mm: Point = (0.0, 0.0), corners: int = 24) -> tuple[Point, ...]:
-    """Points of a stadium-shaped course for a closed line, which begins at ``at_mm`` and leads along x, then to the left.
+    """Points of a stadium-shaped closed line, which begins at ``at_mm`` and leads along x, then to the left.
 
     Args:
-        length_mm, width_mm: of the whole, along x and y; the ends are half circles.
-        corners: of each half circle.
+        length_mm, width_mm: total size along x and y; the ends are half circles.
+        corners: number of segments of each half circle.
     """
     radius, straight = width_mm / 2, length_mm - width_mm
     if straight < 0 or radius <= 0:

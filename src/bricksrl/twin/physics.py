@@ -1,4 +1,4 @@
-"""Physics of a twin: the parameters that differ from one real robot to the next, and the ranges they are drawn from."""
+"""Physics of a twin: parameters that differ between real robots, and their ranges for domain randomization."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ class Parameter:
     """Properties of one field of :class:`Physics`.
 
     Attributes:
-        unit: of the value; "1" for a factor.
-        drawn: lowest and highest value that randomisation draws.
-        accepted: lowest and highest value that a twin takes.
-        source: where the default and the range come from.
+        unit: unit of the value; "1" for a factor.
+        drawn: lowest and highest value of domain randomization.
+        accepted: lowest and highest allowed value.
+        source: source of the default and the range.
     """
 
     unit: str
@@ -41,22 +41,22 @@ class Physics:
     """Parameters of a twin; the defaults are a freshly charged robot on a smooth floor.
 
     Attributes:
-        battery_v: voltage of the battery, the most that a motor gets.
+        battery_v: voltage of the battery, which limits the motors'.
         friction_scale: factor on the friction between tyres and floor.
         mass_scale: factor on all masses and inertias.
         motor_friction_scale: factor on the dry friction inside the motors.
-        backlash_deg: play between motor and wheel, to either side.
+        backlash_deg: backlash between motor and wheel, to either side.
         encoder_resolution_deg: step of a motor's rotation sensor.
-        distance_noise_mm: standard deviation of the ultrasonic sensor at no distance.
-        distance_noise_ratio: what is added to it for each millimetre of distance.
+        distance_noise_mm: standard deviation of the ultrasonic sensor at zero distance.
+        distance_noise_ratio: increase of this deviation per millimetre of distance.
         tilt_noise_deg: standard deviation of pitch and roll.
         gyro_noise_deg_s: standard deviation of each axis of the gyroscope.
         acceleration_noise_mm_s2: standard deviation of each axis of the accelerometer.
-        color_noise_pct: standard deviation of the light that comes back to a color sensor.
-        link_interval_ms: connection interval of Bluetooth; messages travel at its ticks.
+        color_noise_pct: standard deviation of the light reflected to a color sensor.
+        link_interval_ms: connection interval of Bluetooth; messages are transmitted at its ticks.
 
     Raises:
-        TwinError: at construction, when a value is outside what a twin takes.
+        TwinError: at construction, when a value is outside of its accepted range.
     """
 
     battery_v: float = _parameter(
@@ -90,10 +90,10 @@ class Physics:
 
     @classmethod
     def from_dict(cls, data: object) -> Physics:
-        """Physics from names and numbers; what is not named keeps its default.
+        """Physics from a dict of parameters; others keep their defaults.
 
         Raises:
-            TwinError: a name is no parameter, or a value is no number that a twin takes.
+            TwinError: a name is unknown, or a value is no number or out of range.
         """
         if not isinstance(data, dict):
             raise TwinError('physics: this is no table of names and numbers; give one such as {"battery_v": 7.4}')
@@ -106,10 +106,10 @@ class Physics:
 
 
 def read_physics(path: Path) -> Physics:
-    """The parameters in a JSON file such as ``bricksrl twin fit`` writes.
+    """Read the parameters from a JSON file such as ``bricksrl twin fit`` writes.
 
     Raises:
-        TwinError: the file cannot be read, or holds something else.
+        TwinError: the file cannot be read, or its content is invalid.
     """
     try:
         data = json.loads(path.read_bytes())
@@ -128,18 +128,18 @@ def write_physics(path: Path, physics: Physics) -> None:
 
 
 PARAMETERS: dict[str, Parameter] = {field.name: field.metadata["parameter"] for field in dataclasses.fields(Physics)}
-"""Every field of :class:`Physics` by its name."""
+"""Properties of every field of :class:`Physics`, by name."""
 
 
 @dataclass(frozen=True)
 class RandomPhysics:
-    """A new :class:`Physics` for every episode (domain randomisation).
+    """Sampler of a :class:`Physics` for every episode (domain randomization).
 
     Attributes:
-        width: 1 draws each parameter uniformly from its whole range, 0 leaves the defaults.
+        width: 1 draws each parameter uniformly from its whole range, 0 keeps the defaults.
 
     Raises:
-        TwinError: the width is not within 0..1.
+        TwinError: the width is not in 0..1.
     """
 
     width: float = 1.0
@@ -149,7 +149,7 @@ class RandomPhysics:
             raise TwinError(f"random physics: width is {self.width}; give a value from 0 to 1")
 
     def sample(self, rng: np.random.Generator) -> Physics:
-        """Draw one physics."""
+        """Draw the parameters."""
         nominal, values = Physics(), {}
         for name, parameter in PARAMETERS.items():
             default = getattr(nominal, name)

@@ -1,4 +1,4 @@
-"""Scene around a virtual robot: what is there, and the robot's place in it at the start of an episode."""
+"""Scene of a virtual robot: surroundings, and start pose of the robot."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from bricksrl.twin.objects import Object
 from bricksrl.virtual_hub.stimuli import Reading
 
 FLOOR = (0.82, 0.82, 0.84)
-"""Share of red, green and blue light that comes back from the floor where nothing lies on it."""
+"""Reflectance of red, green and blue light of the bare floor."""
 _MOST_HEADING_AT_WALL_DEG = 60.0
 
 
 @dataclass(frozen=True)
 class Scene:
-    """An even floor, maybe a wall ahead of the robot, and whatever objects lie and stand about.
+    """Scene of a flat floor with an optional wall ahead of the robot, and objects.
 
     Attributes:
         wall_distance_mm: lowest and highest distance from the ultrasonic sensor to the wall at the start, drawn
@@ -25,18 +25,17 @@ class Scene:
         heading_deg: lowest and highest heading at the start, drawn uniformly, clockwise positive; 0 looks straight at
             the wall.
         objects: lines and fields on the floor, walls, blocks, ramps and lamps: see ``bricksrl.twin.objects``.
-        start_mm: ranges of x and of y in which the middle of the robot is at the start, drawn uniformly; where there is a wall
-            ahead, that counts.
-        light_pct: light of the room, as sensors of ambient light read it.
+        start_mm: ranges of x and y of the robot's start position, drawn uniformly; ignored with a wall ahead.
+        light_pct: ambient light of the room, as read by an ambient light sensor.
         ball: a red ball in the gripper, for robots that have one.
-        readings: for a robot that has no MuJoCo model: what its sensors sense, as a function of the angles of its motors (deg at
-            the output, by the motor's name). The name of a sensor, such as ``"light"``, stands for the first thing that it
-            senses, ``"light.ambient"`` for another one; see ``virtual_hub/stimuli.py``.
-        end_stops: for a robot that has no MuJoCo model: where something blocks a motor: its lowest and highest angle (deg at the
-            output, by the motor's name), counted from where it stands when the hub is switched on.
+        readings: for a robot without a MuJoCo model: stimuli of its sensors, as functions of the angles of its motors (deg at the
+            output, by motor name). The name of a sensor, such as ``"light"``, is its first sense, ``"light.ambient"`` another
+            one; see ``virtual_hub/stimuli.py``.
+        end_stops: for a robot without a MuJoCo model: lowest and highest angle of a motor (deg at the output, by motor name),
+            relative to its angle when the hub is switched on.
 
     Raises:
-        TwinError: at construction, when the robot cannot be placed so.
+        TwinError: at construction, when a range is invalid.
     """
 
     wall_distance_mm: tuple[float, float] | None = None

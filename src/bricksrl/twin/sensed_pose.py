@@ -1,4 +1,4 @@
-"""Pose of a real robot from its sensors: motors as their angles, the chassis as its tilt, feet or wheels on the floor."""
+"""Pose of a real robot from its sensors: joints from motor angles, chassis from the tilt, feet or wheels on the floor."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ _STEP_DEG = 15.0
 _ROUNDS = 8
 _CLOSED = 1e-5
 _STEP_RAD, _NUDGE_RAD = 0.3, 1e-5
-"""The most that a leg turns in one round on the way to where its rod fits, and the least by which slopes are measured."""
+"""Largest rotation of a joint per Gauss-Newton step, and step of its finite differences."""
 
 
 def sensed_qpos(body: MujocoBody, angles_deg: dict[str, float], tilt_deg: tuple[float, float]) -> NDArray[np.float64]:
-    """Positions of all joints of the model; those of ``body`` are where the way to them begins, and are changed.
+    """Positions of all joints of the model, solved from ``body``'s present ones, which are changed.
 
     Args:
-        angles_deg: of the motors by their names, at the output, as Pybricks gives them; a whole turn more or less is the same.
-        tilt_deg: pitch (nose down positive) and roll (right side down positive), as the hub gives them.
+        angles_deg: motor angles by name, at the output, as in Pybricks; whole turns are ignored.
+        tilt_deg: pitch (nose down positive) and roll (right side down positive), as reported by the hub.
     """
     model, data = body.model, body.data
     motors = [motor for motor in body.robot.motors if motor.name in angles_deg]
@@ -35,7 +35,7 @@ def sensed_qpos(body: MujocoBody, angles_deg: dict[str, float], tilt_deg: tuple[
     turns_deg = (turns_deg + 180.0) % 360.0 - 180.0
     loose = _loose(model, {int(joint.id) for joint in joints})
     steps = max(1, math.ceil(np.abs(turns_deg).max(initial=0.0) / _STEP_DEG))
-    for _ in range(steps):  # in small steps, or a leg would come out of its loop on the other side
+    for _ in range(steps):  # in small steps, so that a linkage does not flip
         data.qpos[places] += np.radians(turns_deg * factors) / steps
         if loose:
             _close_loops(model, data, loose)
@@ -46,13 +46,13 @@ def sensed_qpos(body: MujocoBody, angles_deg: dict[str, float], tilt_deg: tuple[
 
 
 def _joint_per_output(model: mujoco.MjModel, motor: Motor) -> float:
-    """Degrees of a motor's joint for one at its output: the model counts the shaft, clockwise positive."""
+    """Degrees of a motor's joint per degree at its output; the model counts the shaft, clockwise positive."""
     gear = float(model.actuator_gear[model.actuator(f"motor_{motor.port}").id, 0])
     return motor.direction.value * 360.0 / motor.turn_deg / gear
 
 
 def _loose(model: mujoco.MjModel, driven: set[int]) -> list[int]:
-    """Places of the hinges that follow others: neither a motor's nor the play of one."""
+    """Position indices of passive hinges, which are neither driven nor backlash."""
     if not model.neq:
         return []
     hinges = (joint for joint in range(model.njnt) if model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_HINGE)
@@ -64,7 +64,7 @@ def _loose(model: mujoco.MjModel, driven: set[int]) -> list[int]:
 
 
 def _close_loops(model: mujoco.MjModel, data: mujoco.MjData, loose: list[int]) -> None:
-    """Turn what no motor drives until each rod is as long as it is: Gauss-Newton."""
+    """Solve the passive hinges for the rods' lengths and the gear constraints, by Gauss-Newton."""
     start = data.qpos[loose].copy()
     for _ in range(_ROUNDS):
         error = _gaps(model, data)
@@ -78,11 +78,11 @@ def _close_loops(model: mujoco.MjModel, data: mujoco.MjData, loose: list[int]) -
         step = np.linalg.lstsq(slopes, -error, rcond=1e-6)[0]
         data.qpos[loose] += np.clip(step, -_STEP_RAD, _STEP_RAD)
     if np.abs(_gaps(model, data)).max() > 100 * _CLOSED:
-        data.qpos[loose] = start  # what was shown before is better than a leg torn off
+        data.qpos[loose] = start  # not converged: keep the previous pose
 
 
 def _gaps(model: mujoco.MjModel, data: mujoco.MjData) -> NDArray[np.float64]:
-    """How much longer than as built each rod is (m), and how far each joint is from where the one that it follows wants it."""
+    """Residuals: each rod's change of length (m), and each coupled joint's deviation, weighted by 0.01."""
     mujoco.mj_kinematics(model, data)
     mujoco.mj_comPos(model, data)
     mujoco.mj_tendon(model, data)
@@ -97,7 +97,7 @@ def _gaps(model: mujoco.MjModel, data: mujoco.MjData) -> NDArray[np.float64]:
 
 
 def _stand(model: mujoco.MjModel, data: mujoco.MjData, tilt_deg: tuple[float, float]) -> None:
-    """Tilt the chassis, and put the lowest point that is drawn of the robot on the floor."""
+    """Tilt the chassis, and put the robot's lowest drawn point on the floor."""
     pitch, roll = (math.radians(angle) / 2 for angle in tilt_deg)
     quaternion = np.empty(4)
     by_pitch = np.array([math.cos(pitch), 0.0, math.sin(pitch), 0.0])

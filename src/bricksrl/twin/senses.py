@@ -1,7 +1,7 @@
-"""Senses of a robot in a scene: colour, reflection, ambient light, distance and force, read from the world around a sensor.
+"""Stimuli of a robot's sensors in a scene: colour, ambient light and distance, computed from the world around a sensor.
 
-Estimates, where LEGO says nothing: the spot that a colour sensor sees widens with its distance, and beyond 20 mm less of its own
-light comes back (LEGO's technical sheet gives 16 mm as the best distance).
+Estimates, where LEGO gives no data: the spot that a colour sensor sees widens with its distance, and beyond 20 mm less of its
+light is reflected (LEGO's technical sheet gives 16 mm as the best distance).
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from bricksrl.twin.scene import FLOOR, Scene
 Floats = NDArray[np.float64]
 
 _SPOT_MM, _SPOT_RATIO = 1.0, 0.3
-"""Radius of the spot that a colour sensor sees: at no distance, and what is added for each millimetre."""
+"""Radius of the spot that a colour sensor sees: at zero distance, and its increase per millimetre."""
 _POINTS = 19
 _FULL_LIGHT_MM = 20.0
 _LAMP_MM = 300.0
@@ -29,11 +29,11 @@ _WALL_COLOR = (0.78, 0.16, 0.12)
 
 
 class WorldSenses:
-    """What sensors meet in the world, from the place and the direction of each.
+    """Stimuli in the world, from the position and direction of a sensor.
 
     Args:
-        model, data: of the robot in its scene.
-        scene: whose objects are seen.
+        model, data: MuJoCo's model and data of the robot in its scene.
+        scene: scene with the objects.
     """
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, scene: Scene) -> None:
@@ -44,13 +44,13 @@ class WorldSenses:
         self._colors = {int(model.geom(f"object_{number}").id): COLORS[one.color] for number, one in enumerate(solids)}
         self._obstacles = np.zeros(6, np.uint8)
         self._obstacles[OBSTACLE_GROUP] = 1
-        # Sunflower: points that fill a disc evenly (Vogel 1979).
+        # Sunflower pattern: points that fill a disc evenly (Vogel 1979).
         number = np.arange(_POINTS) + 0.5
         angle, radius = number * math.pi * (3.0 - math.sqrt(5.0)), np.sqrt(number / _POINTS)
         self._disc = np.stack([radius * np.cos(angle), radius * np.sin(angle)], -1)
 
     def surface(self, eye_m: Floats, gaze: Floats) -> tuple[float, float, float]:
-        """Colour (hue, saturation, value) that a sensor at ``eye_m`` sees along ``gaze`` in its own light."""
+        """Colour (hue in deg, saturation and value in %) that a sensor at ``eye_m`` sees along ``gaze`` in its light."""
         distance_m, geom = self._ray(eye_m, gaze)
         floor_m = -eye_m[2] / gaze[2] if gaze[2] < -1e-6 else math.inf
         if floor_m < distance_m:
@@ -64,7 +64,7 @@ class WorldSenses:
         return hue * 360.0, saturation * 100.0, value * 100.0
 
     def ambient(self, eye_m: Floats, gaze: Floats) -> float:
-        """Light from elsewhere that falls into a sensor, %: that of the room, and that of each lamp which nothing hides."""
+        """Ambient light at a sensor, %: that of the room, and that of each visible lamp."""
         light_pct = self._scene.light_pct
         for lamp in self._lamps:
             way = np.array(lamp.at_mm) / 1000.0 - eye_m
@@ -75,20 +75,20 @@ class WorldSenses:
         return min(light_pct, 100.0)
 
     def distance_mm(self, eye_m: Floats, gaze: Floats) -> float:
-        """Way to what is next along ``gaze``, the floor included; infinite where there is nothing."""
+        """Distance to the nearest surface along ``gaze``, including the floor; infinite if there is none."""
         distance_m, _ = self._ray(eye_m, gaze)
         floor_m = -eye_m[2] / gaze[2] if gaze[2] < -1e-6 else math.inf
         nearest_m = min(distance_m, floor_m)
         return nearest_m * 1000.0 if nearest_m < _FARTHEST_M else math.inf
 
     def _ray(self, eye_m: Floats, gaze: Floats) -> tuple[float, int]:
-        """Distance (m) and number of the first obstacle along a ray; infinite and -1 where there is none."""
+        """Distance (m) and geometry of the first obstacle along a ray; infinite and -1 if there is none."""
         met = np.full(1, -1, np.int32)
         distance_m = mujoco.mj_ray(self._model, self._data, eye_m, gaze, self._obstacles, True, -1, met)
         return (math.inf, -1) if distance_m < 0 else (float(distance_m), int(met[0]))
 
     def _floor(self, at_m: Floats, distance_m: float) -> Floats:
-        """Mean colour of the spot of the floor around a place that is looked at from a distance."""
+        """Mean colour of the spot on the floor at ``at_m`` that is seen from a distance."""
         radius_mm = _SPOT_MM + _SPOT_RATIO * distance_m * 1000.0
         points_mm = at_m[:2] * 1000.0 + radius_mm * self._disc
         rgb, open_points = np.tile(np.array(FLOOR), (_POINTS, 1)), np.ones(_POINTS, bool)
@@ -103,5 +103,5 @@ class WorldSenses:
 
 
 def percent(distance_mm: float, most_mm: float) -> float:
-    """Share of a distance in that from which on nothing is seen, %."""
+    """Distance as a percentage of the largest one that is detected, at most 100."""
     return 100.0 * min(distance_mm / most_mm, 1.0)

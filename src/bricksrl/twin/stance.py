@@ -1,4 +1,4 @@
-"""Stance of a legged robot: the feet that touch an even floor, and the pose that follows."""
+"""Stance of a legged robot: the feet that touch a flat floor, and the resulting pose."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ _INSIDE = -1e-9
 
 
 def standing_pose(points: Floats, centre: Floats) -> tuple[Floats, float]:
-    """Pose in which a rigid body comes to rest on the three of its points that carry it.
+    """Pose in which a rigid body rests on three of its points.
 
     Args:
-        points: [n, 3] of the body's frame, m: where it may touch the floor.
-        centre: [3], its centre of mass.
+        points: [n, 3], possible contact points in the body's frame, m.
+        centre: [3], centre of mass.
 
     Returns:
-        The quaternion [4] that turns the body so, without turning its nose aside, and the height of the frame's origin
-        above the points that touch, m.
+        The quaternion [4] of that orientation, without a change of heading, and the height of the frame's origin above the
+        touching points, m.
     """
     triples = points[_triples(len(points))]
     first, second, third = triples[:, 0], triples[:, 1], triples[:, 2]
@@ -31,14 +31,14 @@ def standing_pose(points: Floats, centre: Floats) -> tuple[Floats, float]:
     length = np.linalg.norm(normal, axis=1)
     usable = length > 1e-9
     normal[usable] /= length[usable, None]
-    # Nothing may be below the plane, and the centre of mass must be above the triangle.
+    # No point may be below the plane, and the centre of mass must be above the triangle.
     clearance = np.min((points[None] - first[:, None]) @ normal[:, :, None], axis=(1, 2))
     inside = np.full(len(triples), math.inf)
     for start, end in ((first, second), (second, third), (third, first)):
         turn = np.einsum("ij,ij->i", np.cross(end - start, centre - start), normal)
         orientation = np.einsum("ij,ij->i", np.cross(second - first, third - first), normal)
         inside = np.minimum(inside, turn * np.sign(orientation))
-    # Rounding leaves some triples of four points in one plane a little off; the best of them is as good as any.
+    # If more than three points lie in one plane, rounding makes some triples fail slightly: take the best one.
     fault = np.where(usable, np.maximum(-clearance, 0.0) + np.maximum(_INSIDE - inside, 0.0), math.inf)
     best = int(np.argmin(fault))
     up = normal[best]
@@ -46,7 +46,7 @@ def standing_pose(points: Floats, centre: Floats) -> tuple[Floats, float]:
 
 
 def _upright(up: Floats) -> Floats:
-    """The shortest turn, as a quaternion, that makes a direction vertical."""
+    """Quaternion of the shortest rotation that makes a direction vertical."""
     quaternion = np.array([1.0 + up[2], up[1], -up[0], 0.0])
     upright: Floats = quaternion / np.linalg.norm(quaternion)
     return upright

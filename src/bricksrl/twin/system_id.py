@@ -1,8 +1,8 @@
-"""System identification: physics of a twin that move it as a recorded robot moved.
+"""System identification: fit of a twin's physics to a recorded robot's motion.
 
-The recorded commands are carried out again on virtual hubs, at the recorded times of the hub's clock, and the parameters are
-changed until the channels agree best. Noise is read off the rest at the start of the log instead. A parameter that the log does
-not tell keeps its default: the fit says so rather than give a number.
+The recorded commands are replayed on virtual hubs, at the recorded times of the hub's clock, and the parameters are optimised for
+the best agreement of the channels. Sensor noise is estimated from the rest at the start of the log. A parameter that the log does
+not identify keeps its default, and is reported as such.
 """
 
 from __future__ import annotations
@@ -29,24 +29,24 @@ from bricksrl.virtual_hub.transport import VirtualHub
 
 Vector = NDArray[np.float64]
 OnReplay = Callable[[int, float], None]
-"""Told the number of a replay, from 1, and the smallest error so far."""
+"""Called with the number of a replay, from 1, and the smallest error so far."""
 
 FITTED = ("battery_v", "friction_scale", "motor_friction_scale", "mass_scale", "backlash_deg")
-"""Parameters that motion tells."""
+"""Parameters that motion can identify."""
 
-# What all angles depend on. The others shape details, and are sought when these are found.
+# Parameters that affect all angles. The others affect details, and are fitted after these.
 _STRONG = ("battery_v", "motor_friction_scale", "mass_scale")
 _STARTS = 2
 _WIDE, _NARROW = 0.15, 0.06  # of a parameter's range
-_LOOKS, _LONG, _SHORT = 21, 20, 16  # replays for each parameter
-_OFF = 0.25  # of the range that robots differ in: a parameter is told when being off by this much
+_LOOKS, _LONG, _SHORT = 21, 20, 16  # replays per parameter
+_OFF = 0.25  # share of the randomization range: a parameter is identified if a deviation by this
 _LEAST_RISE = 0.15  # raises the error by this share or more
-_EXACT = 0.01  # an error, in roughnesses, as good as none
+_EXACT = 0.01  # error, in roughnesses, that counts as zero
 _LEAST_REST = 4
-_SOFT = 3.0  # differences beyond this many roughnesses count by their size rather than by its square
+_SOFT = 3.0  # differences beyond this many roughnesses count linearly rather than quadratically
 _NOISES = tuple(name for name in PARAMETERS if "noise" in name)
 _SILENT = dict.fromkeys((*_NOISES, "link_interval_ms"), 0.0)
-# A command that the host sends is found by the hub's program in the next millisecond.
+# The hub's program receives a command of the host one millisecond later.
 _LEAD_MS = 1
 
 
@@ -55,13 +55,13 @@ class Fit:
     """Result of fitting a twin to a log.
 
     Attributes:
-        physics: the twin's parameters; those that the log does not tell are the defaults.
-        told: parameters that motion told, and by what share the error rises when one of them is off by a quarter of the
-            range that robots differ in.
-        untold: parameters that motion was to tell and did not.
-        error_before, error_after: of each channel, root mean square over the log, in the channel's unit; with the default
-            physics and with the fitted one.
-        replays: how often the log was carried out again.
+        physics: the twin's parameters; those that the log does not identify are the defaults.
+        told: identified parameters, and the relative rise of the error when a parameter is off by a quarter of its
+            randomization range.
+        untold: parameters that were fitted but not identified.
+        error_before, error_after: root mean square error of each channel, in its unit, with the default and with the fitted
+            physics.
+        replays: number of replays of the log.
     """
 
     physics: Physics
@@ -73,7 +73,7 @@ class Fit:
 
 
 def replay(log: RunLog, physics: Physics, robot: Robot | None = None) -> Vector:
-    """The channels ``[n + 1, n_channels]`` of a twin without noise that gets the commands of a log at the same times.
+    """Channels ``[n + 1, n_channels]`` of a noise-free twin that gets a log's commands at the same times.
 
     Raises:
         UnknownNameError, TwinError: there is no such robot, or it has no twin.
@@ -101,16 +101,16 @@ def fit(
     seed: int = 0,
     on_replay: OnReplay | None = None,
 ) -> Fit:
-    """Fit a twin's physics to a log; some 300 replays, on one core two minutes for ten seconds of log.
+    """Fit a twin's physics to a log, with some 300 replays: two minutes on one core for ten seconds of log.
 
     Args:
-        robot: that of the log; ``None`` for the one of its name.
-        names: parameters to look for in the motion.
-        seed: of the places where the search looks first.
+        robot: robot of the log; ``None`` for the built-in one of that name.
+        names: parameters to fit.
+        seed: seed of the initial points of the search.
 
     Raises:
-        TwinError: a parameter is none that motion tells, or the log is too short.
-        DescriptionError: the seed cannot be one.
+        TwinError: motion cannot identify a parameter, or the log is too short.
+        DescriptionError: the seed is invalid.
     """
     check_seed(seed)
     wrong = sorted(set(names) - set(FITTED))
@@ -140,7 +140,7 @@ def fit(
 
 
 class _Search:
-    """Replays of one log, counted, and the best of them."""
+    """Search for the parameters, with a counter of replays."""
 
     def __init__(self, log: RunLog, robot: Robot | None, noise: dict[str, float], on_replay: OnReplay | None) -> None:
         self.noise = noise
@@ -152,7 +152,7 @@ class _Search:
         self._sigma = np.array([np.hypot(c.roughness, noise.get(c.noise or "", 0.0)) for c in channels])
 
     def difference(self, physics: Physics) -> Vector:
-        """Twin minus robot, ``[n, n_channels]``; of endless angles the ways since the start are compared."""
+        """Channels of twin minus robot, ``[n, n_channels]``; wrapped angles are compared relative to the start."""
         difference = replay(self._log, physics, self._robot) - self._log.channels
         difference = np.where(self._turns, (difference - difference[0] + 180.0) % 360.0 - 180.0, difference)[1:]
         self.replays += 1
@@ -162,17 +162,17 @@ class _Search:
         return difference
 
     def errors(self, physics: Physics) -> dict[str, float]:
-        """Root mean square of each channel's difference."""
+        """Root mean square difference of each channel."""
         rms = np.sqrt((self.difference(physics) ** 2).mean(axis=0))
         return {channel.name: float(value) for channel, value in zip(self._log.interface.channels, rms, strict=True)}
 
     def error(self, physics: Physics) -> float:
-        """One number: as a root mean square, but far-off values count little more than near ones."""
+        """Objective: a robust root mean square (pseudo-Huber loss) of the scaled differences."""
         squares = (self.difference(physics) / self._sigma) ** 2
         return float(np.sqrt(np.mean(2.0 * _SOFT**2 * (np.sqrt(1.0 + squares / _SOFT**2) - 1.0))))
 
     def find(self, names: tuple[str, ...], seed: int) -> Physics:
-        """The best parameters: first those that move everything, then those that only shape details, then the first again."""
+        """Fit the strong parameters, then the weak ones, then the strong ones again."""
         strong = tuple(name for name in names if name in _STRONG)
         weak = tuple(name for name in names if name not in _STRONG)
         best = Physics(**self.noise)
@@ -184,19 +184,19 @@ class _Search:
         return self.polish(best, strong, _NARROW, _SHORT) if strong else best
 
     def look(self, base: Physics, names: tuple[str, ...], seed: int) -> list[Physics]:
-        """The best of some points that are spread evenly over all ranges."""
+        """The best of quasi-random points spread over all ranges."""
         points = qmc.Halton(len(names), rng=seed).random(_LOOKS * len(names))
         return sorted((base, *(self._physics(base, names, point) for point in points)), key=self.error)[:_STARTS]
 
     def polish(self, start: Physics, names: tuple[str, ...], width: float, replays: int) -> Physics:
-        """The best nearby, without slopes: those are lost in the rounding of the angles.
+        """Local search with Nelder-Mead, without gradients, as these vanish in the rounding of the angles.
 
         Args:
-            width: of where the search begins, as a share of each parameter's range.
-            replays: how many it may take for each parameter.
+            width: size of the initial simplex, as a share of each parameter's range.
+            replays: maximum number of replays per parameter.
         """
         shares = np.array([(getattr(start, name) - _bounds(name)[0]) / np.ptp(_bounds(name)) for name in names])
-        # Away from the nearer end of each range, or the first simplex would be flat there.
+        # Away from the nearer bound, where the initial simplex would be clipped flat.
         corners = shares + np.diag(np.where(shares > 0.5, -width, width))
         found = minimize(
             lambda shares: self.error(self._physics(start, names, shares)),
@@ -208,7 +208,7 @@ class _Search:
         return self._physics(start, names, found.x)
 
     def rises(self, best: Physics, names: tuple[str, ...]) -> dict[str, float]:
-        """By what share the error rises, on average, when one parameter is off to either side."""
+        """Relative rise of the error when one parameter is off, averaged over both sides."""
         lowest, found = max(self.error(best), _EXACT), {}
         for name in names:
             away, (low, high) = _OFF * np.ptp(PARAMETERS[name].drawn), PARAMETERS[name].accepted
@@ -218,14 +218,14 @@ class _Search:
         return found
 
     def _physics(self, base: Physics, names: tuple[str, ...], shares: Vector) -> Physics:
-        """Parameters at shares 0..1 of the ranges that they are looked for in."""
+        """Parameters at shares 0..1 of their search ranges."""
         bounds = [_bounds(name) for name in names]
         values = {name: float(low + share * (high - low)) for name, share, (low, high) in zip(names, shares, bounds, strict=True)}
         return replace(base, **values)
 
 
 def _bounds(name: str) -> Vector:
-    """Where a parameter is looked for: half a range further than robots are thought to differ."""
+    """Search range of a parameter: its randomization range, extended by half to either side."""
     low, high = PARAMETERS[name].drawn
     lowest, highest = PARAMETERS[name].accepted
     margin = (high - low) / 2
@@ -233,14 +233,14 @@ def _bounds(name: str) -> Vector:
 
 
 def _scene(log: RunLog) -> Scene | None:
-    """A wall where the robot saw something at the start."""
+    """Scene with a wall at the distance that the robot measured at the start, if any."""
     place = log.interface.distance_place
     distance_mm = 0.0 if place is None else float(log.channels[0, place])
     return Scene(wall_distance_mm=(distance_mm, distance_mm)) if 40 < distance_mm < Distance.FARTHEST_MM else None
 
 
 def _starts_ms(log: RunLog, physics: Physics) -> NDArray[np.int64]:
-    """When each command began, on the hub's clock of the log."""
+    """Start of each command, on the hub's clock of the log."""
     settle = log.interface.settle
     if settle.fixed_ms is not None:
         return log.times_ms[1:] - settle.fixed_ms
@@ -248,7 +248,7 @@ def _starts_ms(log: RunLog, physics: Physics) -> NDArray[np.int64]:
 
 
 def _noise(log: RunLog) -> dict[str, float]:
-    """Noise of the sensors, from the rest at the start; nothing for sensors that are not there."""
+    """Sensor noise, from the rest at the start; only for sensors in the log."""
     moving = np.flatnonzero(log.commands.any(axis=1))
     rest = log.channels[: (int(moving[0]) if len(moving) else len(log.commands)) + 1]
     if len(rest) <= _LEAST_REST:
@@ -256,7 +256,7 @@ def _noise(log: RunLog) -> dict[str, float]:
     deviation = rest.std(axis=0, ddof=1)
     squares: dict[str, list[float]] = {}
     for channel, value, mean in zip(log.interface.channels, deviation, rest.mean(axis=0), strict=True):
-        if channel.noise is None or mean >= channel.high:  # at its end, or beyond, nothing is measured
+        if channel.noise is None or mean >= channel.high:  # saturated
             continue
         share = 0.0 if channel.noise_share is None else getattr(Physics(), channel.noise_share)
         squares.setdefault(channel.noise, []).append(max(0.0, float(value) - share * mean) ** 2)

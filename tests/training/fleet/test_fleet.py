@@ -15,7 +15,8 @@ import pytest
 import torch
 from tensordict import TensorDict
 
-from bricksrl.agents.replay import EpisodicReplayBuffer
+from bricksrl.agents.episodic_replay import EpisodicReplayBuffer
+from bricksrl.agents.learner_state import memory_state
 from bricksrl.agents.sac import SACSettings
 from bricksrl.data.episode import About
 from bricksrl.data.episode_index import read_index
@@ -147,12 +148,12 @@ def test_rows_of_several_robots_are_not_linked_with_one_another() -> None:
     for value in range(3):
         buffer.extend(frame(value), robot=1)
         buffer.extend(frame(10 + value, done=value == 2), robot=2)
-    assert buffer.state_dict()["successor"].tolist() == [2, 3, 4, 5, 8, 8]
+    assert memory_state(buffer)["successor"].tolist() == [2, 3, 4, 5, 8, 8]
     buffer.end_episodes(1)
     for value in range(5):  # the ring comes round: places 0 to 2 are written over
         buffer.extend(frame(20 + value), robot=3)
     buffer.extend(frame(3), robot=1)
-    assert buffer.state_dict()["successor"].tolist() == [1, 2, 8, 8, 8, 8, 7, 0]
+    assert memory_state(buffer)["successor"].tolist() == [1, 2, 8, 8, 8, 8, 7, 0]
 
 
 class Stub:
@@ -163,6 +164,7 @@ class Stub:
         for member in self.members:
             member.process = cast("Any", "there")
         self.log: list[tuple[str, Any]] = []
+        self.actor = SimpleNamespace(prefill_episodes=1)
 
     def welcome(self, member: Member) -> None:
         member.is_ready = True
@@ -176,9 +178,8 @@ class Stub:
 
 def stub_loop(tmp_path: Path, robots: int) -> tuple[FleetLoop, Stub]:
     stub = Stub(robots)
-    loop = FleetLoop(
-        config(tmp_path / "run"), cast("Any", stub), cast("Any", stub), Callback(), cast("Any", None), 1.0, 1, {}, []
-    )
+    state = {"identity": {}, "episodes": [], "best": None}
+    loop = FleetLoop(config(tmp_path / "run"), cast("Any", stub), cast("Any", stub), Callback(), cast("Any", None), state)
     loop.recorder = cast("Any", stub)
     return loop, stub
 

@@ -86,7 +86,6 @@ print(hub.imu.up(), round(hub.imu.acceleration(Axis.X)), hub.imu.acceleration(Ax
         ("hub.imu.settings(angular_velocity_bias=(1, 2))", "ValueError Angular velocity bias must be a 3-element tuple."),
         ("hub.light.on('red')", "TypeError can't convert str to Color"),
         ("hub.display.char('ab')", "ValueError Invalid argument"),
-        ("hub.display.orientation(Side.FRONT)", "ValueError Invalid argument"),
         ("hub.speaker.play_notes(['X4/4'])", "ValueError Missing note name A-G or R"),
         ("hub.system.storage(500, read=20)", "ValueError Invalid argument"),
         ("hub.speaker.sing()", "AttributeError 'Speaker' object has no attribute 'sing'"),
@@ -114,7 +113,9 @@ except RuntimeError as e:
     print(e)
 """
     one = "None None None -128\n<class 'ValueError'>\n<class 'ValueError'>\n<class 'TypeError'>\n"
-    assert hub(source) == one + one + "broadcast channel not configured"
+    moved = "Hub messaging has been moved. You should use:\n\n"
+    moved += "from pybricks.messaging import BLERadio\nradio = BLERadio(broadcast_channel, observe_channels)\n\n"
+    assert hub(source) == moved + one + one + "no broadcast channel selected"
 
 
 def test_display_sounds_and_lights_take_their_time() -> None:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from torchrl.envs import EnvBase
 from torchrl.objectives import DDPGLoss, SoftUpdate
 
-from bricksrl.agents import encoder, learner, networks, settings
+from bricksrl.agents import encoder, learner, networks, operators, settings
 
 
 # What can be set: `bricksrl settings my_file.py` shows it. Learning rate, layers, batch size and so on come from the base.
@@ -29,7 +29,7 @@ def build(env: EnvBase, settings: Settings, device: str = "cpu") -> learner.Lear
     # Networks: features of the observation, the actor, and a critic of observation and action.
     features, actions = encoder.make_encoder(env, settings), networks.action_size(env)
     body = networks.make_body(settings, features.size, actions, layer_norm=True)
-    critic = networks.critic_operator(features, networks.make_body(settings, features.size + actions, 1, layer_norm=True))
+    critic = operators.critic_operator(features, networks.make_body(settings, features.size + actions, 1, layer_norm=True))
     actor, policy = networks.deterministic_policy(features, body, networks.action_spec(env), noise=settings.noise)
 
     # The loss is any LossModule of TorchRL's or of your own; the target networks follow slowly.

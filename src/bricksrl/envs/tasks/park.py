@@ -26,9 +26,10 @@ far it drove and turned in its last step.
 ## Reward
 
 A robot drives ahead and back, not sideways: it has to face the bay, ahead or back, drive there, and turn to its heading. What is
-left to do is a cost of 1 for each 100 mm of distance d, and of 1 for each 30 degrees of these two turns; what they exceed the one
-turn from heading to heading by is counted 1 / (1 + (15 mm / d)^4) times, for in the bay there is nothing to face. So wherever the
-robot stands and however askew, a step lessens the cost. The reward is 5 times what a step takes off it, less 0.3 for the time.
+left to do is a cost of 1 for each 100 mm of distance d, and of 1 for each 60 degrees of these two turns, which take it about as
+long. What the two exceed the one turn from heading to heading by is counted 1 / (1 + (25 mm / d)^4) times: near the bay's middle
+there is nothing to face. So more than 25 mm from it there is always a step that lessens the cost, however askew the robot stands.
+The reward is 5 times what a step takes off it, less 0.3 for the time.
 
 ## End of an episode
 
@@ -65,7 +66,7 @@ WITHIN_MM, WITHIN_DEG = 20.0, 5.0
 """By the truth, where it is known: wheels slip by about 5 mm on their way."""
 REST_MM, REST_DEG = 3.0, 2.0
 """Of the last step."""
-_UNIT_MM, _UNIT_DEG = 100.0, 30.0
+_UNIT_MM, _UNIT_DEG, _NEAR_MM = 100.0, 60.0, 25.0
 _GAIN, _OF_TIME = 5.0, 0.3
 _BAY = (220.0, 200.0)
 
@@ -94,7 +95,7 @@ def _wrapped(angle_deg: Tensor) -> Tensor:
 def cost(observation: Tensor) -> Tensor:
     """What is left to do; ``[*batch, 1]``."""
     left_mm = _left_mm(observation)
-    far = 1.0 / (1.0 + (PARKED_MM / left_mm) ** 4)
+    far = 1.0 / (1.0 + (_NEAR_MM / left_mm) ** 4)
     return left_mm / _UNIT_MM + (_left_deg(observation) + far * _detour_deg(observation)) / _UNIT_DEG
 
 

@@ -7,15 +7,17 @@ import functools
 from bricksrl.errors import UnknownNameError
 from bricksrl.plans.catalogue.beams import beams
 from bricksrl.plans.catalogue.electric import electric
+from bricksrl.plans.catalogue.ev3 import ev3
 from bricksrl.plans.catalogue.fasteners import fasteners
 from bricksrl.plans.catalogue.moving import moving
+from bricksrl.plans.catalogue.system import system
 from bricksrl.plans.part import Part
 
 
 @functools.cache
 def parts() -> tuple[Part, ...]:
     """All kinds of parts, family by family."""
-    return (*beams(), *fasteners(), *moving(), *electric())
+    return (*beams(), *fasteners(), *moving(), *electric(), *ev3(), *system())
 
 
 @functools.cache

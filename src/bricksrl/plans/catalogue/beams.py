@@ -10,7 +10,15 @@ from bricksrl.plans.part import Fit, MassSource, Part, Site
 
 _Y = AXES["y"]
 _STRAIGHT = {1: "18654", 2: "43857", 3: "32523", 5: "32316", 7: "32524", 9: "40490", 11: "32525", 13: "41239", 15: "32278"}
-_OLD = {3: "17141", 5: "41616", 7: "16615", 9: "64289", 11: "64290", 13: "64871", 15: "64872"}
+_OLD = {
+    3: ("17141",),
+    5: ("41616", "151"),
+    7: ("16615",),
+    9: ("64289", "120"),
+    11: ("64290",),
+    13: ("64871",),
+    15: ("64872",),
+}
 _KINDS = {"o": Fit.HOLE, "+": Fit.AXLE_HOLE}
 _Chain = tuple[str, list[Triple]]
 """A letter for each place (``o`` pin hole, ``+`` axle hole, ``-`` neither), and the places."""
@@ -24,7 +32,7 @@ def beams() -> list[Part]:
             f"Beam {holes}",
             straight_beam_mass_g(holes),
             [("o" * holes, _run((0, 0, 10 - 10 * holes), (0, 20), holes))],
-            aliases=(_OLD[holes],) if holes in _OLD else (),
+            aliases=_OLD.get(holes, ()),
             source=MassSource.RULE,
         )
         for holes, number in _STRAIGHT.items()
@@ -69,9 +77,15 @@ def _bent() -> list[Part]:
     origin, up, slope = (0.0, 0.0, 0.0), (0.0, 20.0), (16.0, 12.0)  # 3-4-5: 53.13 degrees
     twice = [*_run((0, 0, -160), up, 7), (28.28, 0.0, -11.72), *_run((40, 0, 0), (20, 0), 3)]
     return [
-        _beam("60483", "Beam 2 with an axle hole", 0.463, [("+o", _run(origin, up, 2))]),
+        _beam("60483", "Beam 2 with an axle hole", 0.463, [("+o", _run(origin, up, 2))], aliases=("74695",)),
         _beam("32140", "Beam 2 x 4 bent 90", 1.241, [("+oooo", places_of("0,0,0 0,0,20 0,0,40 0,0,60 20,0,60"))]),
-        _beam("32526", "Beam 3 x 5 bent 90", 1.732, [("ooooooo", [*_run(origin, up, 5), *_run((20, 0, 80), (20, 0), 2)])]),
+        _beam(
+            "32526",
+            "Beam 3 x 5 bent 90",
+            1.732,
+            [("ooooooo", [*_run(origin, up, 5), *_run((20, 0, 80), (20, 0), 2)])],
+            aliases=("153",),
+        ),
         _beam("32348", "Beam 4 x 4 bent 53", 1.830, [("+ooooo+", [*_run(origin, up, 4), *_run((16, 0, 72), slope, 3)])]),
         _beam("6629", "Beam 4 x 6 bent 53", 2.361, [("+ooooooo+", [*_run(origin, up, 6), *_run((16, 0, 112), slope, 3)])]),
         _beam(
@@ -79,10 +93,26 @@ def _bent() -> list[Part]:
             "Beam 3 x 7 bent 53",
             2.362,
             [("+ooooooo+", [*_run(origin, up, 7), *_run((16, 0, 132), slope, 2)])],
-            aliases=("16616",),
+            aliases=("16616", "152"),
         ),
         _beam("32009", "Beam 3 x 4 x 7 bent twice 45", 2.999, [("+oooooo-oo+", twice)], aliases=("41486",)),
         _beam("43464", "Triangle 4 x 3", 1.621, [("+-+", _run((-20, 0, 0), (20, 0), 3)), ("-ooo", _run(origin, up, 4))]),
+        part(
+            "2391",
+            "Beam 7, holes in turn",
+            "beams",
+            1.797,
+            sites("o x20: 0,0,-40 0,0,0 0,0,40 | o y20: 0,0,-60 0,0,-20 0,0,20 0,0,60"),
+            solids=(box((0.0, 0.0, 0.0), (20.0, 20.0, 138.0)),),
+        ),
+        part(
+            "3167",
+            "Beam 2 x 3 C",
+            "beams",
+            1.134,
+            sites("o y20: -20,0,-20 -20,0,0 20,0,-20 20,0,0 | o z20: 0,0,0"),
+            solids=(*(box((x, 0.0, -10.0), (18.0, 20.0, 38.0)) for x in (-20, 20)), box((0.0, 0.0, 0.0), (40.0, 20.0, 20.0))),
+        ),
         _beam("60484", "Beam 3 x 3 T", 1.183, [("ooo", _run((-20, 0, 40), (20, 0), 3)), ("ooo", _run(origin, up, 3))]),
     ]
 
@@ -107,9 +137,16 @@ def _thin() -> list[Part]:
     triangle = [("+ooo+", _run((-40, 0, 0), (20, 0), 5)), ("ooo", _run((0, 0, 0), (0, 20), 3))]
     others = [
         _beam("32250", "Thin beam 3 x 5 quarter ellipse", 1.247, [("+ooo+o+", ellipse)], thickness=10),
-        _beam("2905", "Thin triangle 5 x 3", 0.900, triangle, thickness=10),
+        _beam("2905", "Thin triangle 5 x 3", 0.900, triangle, thickness=10, aliases=("99773",)),
     ]
-    return [*straight, *others, _beam("32056", "Thin beam 3 x 3 bent 90", 0.638, [("+o+o+", corner)], thickness=10)]
+    bossed = sites("+ y10: 0,5,0 0,5,60 | o y10: 0,5,20 0,5,40 | pin y10: 0,-5,0")
+    bar = (box((0.0, 5.0, 30.0), (18.0, 10.0, 78.0)), *tubes(bossed[-1:]))
+    return [
+        *straight,
+        *others,
+        _beam("32056", "Thin beam 3 x 3 bent 90", 0.638, [("+o+o+", corner)], thickness=10),
+        part("2825", "Thin beam 4 with a boss", "beams", 0.503, bossed, solids=bar, aliases=("32006",)),
+    ]
 
 
 def _frames() -> list[Part]:
@@ -156,7 +193,7 @@ def _h_frame() -> Part:
 
 
 def _panels() -> list[Part]:
-    """The base plate: vertical holes wherever its edge has no hole sidewards."""
+    """The base plate, with vertical holes wherever its edge has no hole sidewards, and panels."""
     places = []
     for column in range(11):
         for row in range(19):
@@ -168,4 +205,21 @@ def _panels() -> list[Part]:
     found += [Site(Fit.HOLE, (side * 100.0, 0.0, 40.0 * k - 160), AXES["x"], 20.0) for side in (-1, 1) for k in range(9)]
     found += [Site(Fit.HOLE, (40.0 * k - 80, 0.0, side * 180.0), AXES["z"], 20.0) for side in (-1, 1) for k in range(5)]
     plate = (box((0, 0, 0), (220, 20, 380)),)
-    return [part("39369", "Base plate 11 x 19", "frames", 57.891, tuple(found), solids=plate)]
+    return [
+        part("39369", "Base plate 11 x 19", "frames", 57.891, tuple(found), solids=plate),
+        _panel("15458", 3, 5.946),
+        _panel("64782", 5, 7.845),
+    ]
+
+
+def _panel(number: str, wide: int, mass_g: float) -> Part:
+    """A panel 11 long: a sheet at -y, holes into its edges, and through its corners."""
+    edge = 10.0 * (wide - 1)
+    ends = " ".join(f"{x},0,{20 * k - edge:g}" for x in (-101, 101) for k in range(wide))
+    sides = " ".join(f"{x},0,{z:g}" for x in range(-60, 61, 20) for z in (-edge - 1, edge + 1))
+    corners = " ".join(f"{x},0,{z:g}" for x in (-80, 80) for z in (-edge, edge))
+    sheet = box((0.0, -8.0, 0.0), (216.0, 2.0, 2 * edge + 16))
+    bars = [box((x, 0.0, 0.0), (18.0, 20.0, 2 * edge + 20)) for x in (-101, 101)]
+    bars += [box((0.0, 0.0, z), (180.0, 20.0, 18.0)) for z in (-edge - 1, edge + 1)]
+    where = sites(f"o x18: {ends} | o z18: {sides} | o y20: {corners}")
+    return part(number, f"Panel {wide} x 11", "frames", mass_g, where, solids=(sheet, *bars))

@@ -7,14 +7,26 @@ from collections.abc import Iterable
 from bricksrl.plans.geometry import AXES, Solid, Triple, bar, cylinder
 from bricksrl.plans.part import Device, Fit, Gear, MassSource, Part, Site
 
-_FITS = {"o": Fit.HOLE, "+": Fit.AXLE_HOLE, "pin": Fit.PIN, "friction": Fit.FRICTION_PIN, "axle": Fit.AXLE}
+_FITS = {
+    "o": Fit.HOLE,
+    "+": Fit.AXLE_HOLE,
+    "pin": Fit.PIN,
+    "friction": Fit.FRICTION_PIN,
+    "axle": Fit.AXLE,
+    "stud": Fit.STUD,
+    "under": Fit.STUD_HOLE,
+    "peg": Fit.PEG,
+}
+_BODILESS = (Fit.TURNTABLE, Fit.STUD, Fit.STUD_HOLE)
+"""Sites that take no room of their own: studs are left out where collisions are looked for, as is the hollow that takes them."""
 WALL_RADIUS, PIN_RADIUS = 9.0, 6.0
 
 
 def sites(notation: str, *, turns: bool = False) -> tuple[Site, ...]:
     """Sites from lines such as ``"o y20: 0,0,-20 0,0,20"``: fit, axis with length, centres.
 
-    The fits are ``o`` pin hole, ``+`` axle hole, ``pin``, ``friction`` and ``axle``. Lines are parted by ``|``.
+    The fits are ``o`` pin hole, ``+`` axle hole, ``pin``, ``friction``, ``axle``, ``stud``, ``under`` (takes a stud) and ``peg``.
+    Lines are parted by ``|``.
     """
     found = []
     for line in notation.split("|"):
@@ -35,7 +47,7 @@ def tubes(where: Iterable[Site], wall: float = WALL_RADIUS) -> tuple[Solid, ...]
     return tuple(
         cylinder(site.centre, site.axis, site.length, PIN_RADIUS if site.fit.is_male else wall)
         for site in where
-        if site.fit is not Fit.TURNTABLE
+        if site.fit not in _BODILESS
     )
 
 

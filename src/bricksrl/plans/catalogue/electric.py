@@ -43,7 +43,7 @@ def _hubs() -> list[Part]:
     )
     shell = (box((0, -40, 0), (140, 80, 220)),)
     return [
-        _hub("67718", "Prime hub with battery", 230.0, "prime", prime, shell, prime_ports, ("67718p01", "67718c01")),
+        _hub("67718", "Prime hub with battery", 230.0, "prime", prime, shell, prime_ports, ("67718p01", "67718c01", "bb1142c01")),
         _hub(
             "45601", "Inventor hub with battery", 230.0, "prime", prime, shell, prime_ports, ("45601p01", "45601p02", "45601c01")
         ),

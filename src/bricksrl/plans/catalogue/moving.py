@@ -14,7 +14,7 @@ _TOOTH_DEPTH = 0.5
 
 def moving() -> list[Part]:
     """All of them."""
-    return [*_gears(), *_worms_and_racks(), *_turntables(), *_wheels(), *_casters()]
+    return [*_gears(), *_worms_and_racks(), *_differentials(), *_turntables(), *_wheels(), *_casters()]
 
 
 def _disc(teeth: int, width: float, centre: Triple = _CENTRE) -> Solid:
@@ -26,7 +26,7 @@ def _gears() -> list[Part]:
     spur, bevel, double = GearForm.SPUR, GearForm.BEVEL, GearForm.DOUBLE_BEVEL
     rows: list[tuple[str, int, GearForm, float, str, tuple[str, ...]]] = [
         ("10928", 8, spur, 0.289, "+ z20: 0,0,0", ("3647",)),
-        ("94925", 16, spur, 0.925, "+ z20: 0,0,0", ("4019",)),
+        ("94925", 16, spur, 0.925, "+ z20: 0,0,0", ("4019", "401926")),
         ("3648b", 24, spur, 1.182, "+ z20: 0,0,0", ("3648a", "3648", "24505")),
         ("3649", 40, spur, 3.513, f"+ z20: 0,0,0 {around}", ("34432",)),
         ("32270", 12, double, 0.746, "+ z20: 0,0,0", ()),
@@ -40,7 +40,7 @@ def _gears() -> list[Part]:
     ]
     return [
         *parts,
-        _gear("18946", "Gear 16 with clutch, pin hole", 16, spur, 0.972, "o z20: 0,0,0", 20.0, 0.0, ("6542",)),
+        _gear("18946", "Gear 16 with clutch, pin hole", 16, spur, 0.972, "o z20: 0,0,0", 20.0, 0.0, ("6542", "6542a", "6542b")),
         _gear("2471", "Gear 24 with clutch, pin hole", 24, spur, 1.353, "o z20: 0,0,0", 20.0, 0.0, ()),
         _gear("6589", "Gear 12, bevel", 12, bevel, 0.290, "+ z10: 0,0,2", 10.0, 2.0, ("59443b",)),
         _gear("32198", "Gear 20, bevel", 20, bevel, 0.645, "+ z10: 0,0,-2", 10.0, -2.0, ()),
@@ -65,7 +65,7 @@ def _gear(
     if form is GearForm.DOUBLE_BEVEL:  # its edges are cut off, so that two can meet at a right angle
         disc = (_disc(teeth, 10.0), cylinder(_CENTRE, _Z, 20.0, 1.25 * teeth - 6.0))
     solids = (*disc, *tubes(found))
-    gear = Gear(form, teeth, centre, _Z, width)
+    gear = Gear(form, teeth, centre, _Z, width, set_back=0.0 if form is GearForm.BEVEL else 5.0)
     return part(number, name, "gears", mass_g, found, solids=solids, gears=(gear,), aliases=aliases)
 
 
@@ -93,6 +93,22 @@ def _worms_and_racks() -> list[Part]:
         source = MassSource.VOLUME if length == 7 else MassSource.RULE
         racks.append(part(number, f"Rack {length}", "gears", mass_g, found, solids=body, gears=(gear,), source=source))
     return [worm, *racks]
+
+
+def _differentials() -> list[Part]:
+    """A differential of 28 teeth: gears of 12 on the two axles and one on its peg; BrickLink's Studio has it 36.3 LDU beside."""
+    made = []
+    for number, aside, aliases in (("62821", 0.0, ()), ("62821b", -36.3, ())):
+        place = f"0,{aside:g}"
+        where = sites(f"o z10: {place},-25 {place},25 | peg x10: 15.5,{aside:g},0")
+        solids = (
+            cylinder((0.0, aside, 24.0), _Z, 7.0, 34.5),
+            *(ring((0.0, aside, z), _Z, 12.0, 25.0, 7.0) for z in (-24.0, 24.0)),
+            *(box((x, aside, 0.0), (4.0, 14.0, 36.0)) for x in (-23.0, 23.0)),
+        )
+        teeth = Gear(GearForm.BEVEL, 28, (0.0, aside, 24.0), _Z, 7.0, set_back=-1.0)
+        made.append(part(number, "Differential 28", "gears", 3.0, where, solids=solids, gears=(teeth,), aliases=aliases))
+    return made
 
 
 def _turntables() -> list[Part]:
@@ -141,7 +157,16 @@ def _wheels() -> list[Part]:
         ("56145", "Rim 30 x 20", 3.715, "+ z20: 0,0,-10", 38.0, 50.0, 0.0, ("42716",)),
         ("56908", "Rim 43 x 26", 8.184, f"+ z20: 0,0,-10 | o z20: {holes}", 54.0, 66.0, 0.0, ()),
         ("44772", "Rim 56 x 34", 12.884, f"+ z40: 0,0,0 | o z20: {three}", 70.0, 84.0, 0.0, ()),
+        ("55982", "Rim 14 x 18", 1.42, "+ z20: 0,0,10", 21.0, 36.0, 0.0, ()),
+        ("56903", "Rim 8 x 18", 1.01, "+ z20: 0,0,0", 21.0, 20.0, 0.0, ()),
+        ("56904", "Rim 14 x 30", 4.06, "+ z20: 0,0,-10", 38.0, 38.0, 0.0, ()),
+        ("86652", "Rim 18 x 37", 5.87, f"+ z20: 0,0,0 | o z20: {holes}", 55.0, 26.0, 0.0, ()),
+        ("32020", "Rim 18 x 37, long hub", 5.97, f"+ z26: 0,0,0 | o z20: {holes}", 55.0, 26.0, 0.0, ()),
+        ("41896", "Rim 26 x 43", 8.42, f"+ z40: 0,0,0 | o z20: {three}", 54.0, 66.0, 0.0, ()),
+        ("88517", "Motorcycle rim 17 x 75", 16.59, f"+ z20: 0,0,0 | o z20: {holes}", 94.0, 42.0, 0.0, ()),
+        ("2903", "Motorcycle rim 14 x 62", 10.9, "+ z20: 0,0,0", 79.3, 34.0, 0.0, ()),
         ("4185b", "Wedge belt wheel", 0.886, "+ z10: 0,0,0", 30.0, 10.0, 24.0, ("4185", "4185a")),
+        ("57520", "Sprocket wheel", 1.124, "+ z20: 0,0,0", 31.5, 20.0, 0.0, ()),
         ("3736", "Pulley 37", 1.982, "+ z20: 0,0,0", 46.7, 20.0, 0.0, ()),
     ]
     parts = [
@@ -157,15 +182,55 @@ def _wheels() -> list[Part]:
         )
         for number, name, mass, text, radius, width, wheel_mm, aliases in rows
     ]
-    wheel = part(
-        "39367p02",
-        "Wheel 56 x 14 with tyre",
+    cross = " ".join(f"{x},0,0 0,{x},0" for x in (-80, -60, -40, -20, 20, 40, 60, 80))
+    corners = " ".join(f"{x},{y},0" for x in (-60, -40, 40, 60) for y in (-60, -40, 40, 60) if abs(x) + abs(y) > 80)
+    made_whole = [
+        _tyred(
+            "39367p02",
+            "Wheel 56 x 14 with tyre",
+            13.187,
+            motor_wheel,
+            tyre,
+            56.0,
+            ("39367p01", "39367", "39367pb01", "39367pb02"),
+        ),
+        _tyred(
+            "49295p02",
+            "Wheel 88 x 14 with tyre",
+            27.1,
+            sites(f"+ z20: 0,0,0 | o z20: {cross} {corners}"),
+            (ring(_CENTRE, _Z, 35.0, 109.8, 95.0), cylinder(_CENTRE, _Z, 20.0, 96.0)),
+            87.8,
+            ("49295p01", "49295", "49295c01"),
+        ),
+        _tyred(
+            "56145c01",
+            "Rim 30 x 20 with tyre 43",
+            10.261,
+            sites("+ z20: 0,0,-10"),
+            (ring(_CENTRE, _Z, 54.0, 54.0, 37.0), cylinder(_CENTRE, _Z, 50.0, 38.0)),
+            43.2,
+            ("bl_56145c01",),
+        ),
+        _tyred(
+            "86652c01",
+            "Rim 18 x 37 with tyre 63",
+            26.7,
+            sites(f"+ z20: 0,0,0 | o z20: {holes}"),
+            (ring((0.0, 0.0, -9.5), _Z, 50.0, 78.3, 54.0), cylinder(_CENTRE, _Z, 26.0, 55.0)),
+            62.6,
+            ("32020c01",),
+        ),
+    ]
+    disc = (cylinder((0.0, 5.0, 0.0), "y", 10.0, 30.0),)
+    flat = part("2723", "Disc 3 x 3", "wheels", 0.765, sites("+ y10: 0,5,0"), solids=disc, aliases=("2958", "52901", "4218868"))
+    knobs = part(
+        "32072",
+        "Knob wheel, its mesh not known",
         "wheels",
-        13.187,
-        motor_wheel,
-        solids=tyre,
-        aliases=("39367p01", "39367"),
-        wheel_mm=56.0,
+        0.769,
+        sites("+ z20: 0,0,0"),
+        solids=(cylinder(_CENTRE, _Z, 20.0, 19.0),),
     )
     tyres = [
         _tyre(number, f"Tyre {diameter:g}", diameter, width, mass)
@@ -177,9 +242,38 @@ def _wheels() -> list[Part]:
             ("41897", 56.0, 70.0, 13.597),
             ("55976", 56.8, 64.0, 19.260),
             ("32019", 62.6, 50.0, 20.833),
+            ("56891", 36.7, 45.0, 9.65),
+            ("30699", 43.6, 36.0, 11.39),
+            ("15413", 49.4, 50.4, 8.81),
+            ("61481", 43.2, 66.0, 10.89),
+            ("58090", 30.4, 34.0, 6.93),
+            ("6578", 30.4, 35.0, 2.63),
+            ("44771", 68.8, 88.0, 20.39),
+            ("61480", 68.5, 86.0, 26.09),
+            ("2995", 68.0, 100.0, 42.61),
+            ("45982", 81.8, 96.0, 30.63),
+            ("23799", 81.6, 110.0, 31.64),
+            ("2902", 81.6, 35.0, 12.95),
+            ("11957", 100.7, 48.0, 27.5),
+            ("30648", 24.0, 36.0, 3.47),
+            ("87697", 20.0, 28.0, 2.17),
+            ("87414", 14.3, 16.0, 0.64),
         )
     ]
-    return [wheel, *parts, *tyres]
+    return [*made_whole, *parts, flat, knobs, *tyres]
+
+
+def _tyred(
+    number: str,
+    name: str,
+    mass_g: float,
+    where: tuple[Site, ...],
+    solids: tuple[Solid, ...],
+    wheel_mm: float,
+    aliases: tuple[str, ...],
+) -> Part:
+    """A wheel with its tyre."""
+    return part(number, name, "wheels", mass_g, where, solids=solids, aliases=aliases, wheel_mm=wheel_mm)
 
 
 def _tyre(number: str, name: str, wheel_mm: float, width: float, mass_g: float) -> Part:

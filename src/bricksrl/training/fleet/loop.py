@@ -10,15 +10,15 @@ from typing import TYPE_CHECKING, Any
 
 from tensordict import TensorDict
 
-from bricksrl.agents.learner import Means
 from bricksrl.errors import HubError, RunError
 from bricksrl.seed import derive_seed
 from bricksrl.training.callbacks import Episode, Phase, RobotState
 from bricksrl.training.recording import open_recorder
-from bricksrl.training.run_loop import InterruptedEpisodeError, RunLoop
+from bricksrl.training.run_loop import InterruptedEpisodeError, RunLoop, numbers
 
 if TYPE_CHECKING:
     from tensordict import TensorDictBase
+    from torch import Tensor
 
     from bricksrl.data.episode import About, Step
     from bricksrl.data.recorder import Recorder
@@ -43,7 +43,7 @@ class Playing:
     phase: Phase
     length: int = 0
     return_: float = 0.0
-    told: Means = field(default_factory=Means)
+    told: list[dict[str, Tensor]] = field(default_factory=list)
     about: About | None = None
     steps: list[Step] = field(default_factory=list)
 
@@ -64,7 +64,7 @@ class FleetLoop(RunLoop):
     _is_started: bool = False
     _ended_s: float = 0.0
 
-    def begin(self) -> TensorDictBase | None:
+    def reset(self) -> TensorDictBase | None:
         """Start the robots and wait until one of them plays; the others follow when they can.
 
         Raises:
@@ -215,7 +215,7 @@ class FleetLoop(RunLoop):
             self.callback.on_transition(playing.number, playing.length, playing.phase, frame)
         self.learner.remember(frame[None], member.number)
         if playing.phase is Phase.TRAIN and not lost:
-            playing.told.add(self.learner.learn(1))
+            playing.told.append(self.learner.learn(1))
         weights = self.learner.new_weights()
         if weights is not None:
             self.env.hand_out(weights)
@@ -234,7 +234,7 @@ class FleetLoop(RunLoop):
             self._wake(int(is_whole))
         if playing is not None and is_whole:
             self._record(playing, success=success, whole=not lost)
-            length, told = playing.length, playing.told.numbers()
+            length, told = playing.length, numbers(playing.told)
             episode = Episode(
                 len(self.episodes) + 1,
                 playing.phase,

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from tensordict import TensorDictBase
     from torchrl.envs import EnvBase
 
-    from bricksrl.training.learner_side import Acting
+    from bricksrl.agents.learner import Learner
 
 
 class _Over(BaseException):
@@ -65,12 +65,12 @@ class Worker:
         """Play episodes until the end."""
         try:
             _, begin = self._take()
-            env, acting = self._prepare(begin)
+            env, actor = self._prepare(begin)
             try:
                 self.send("ready")
                 while True:
                     _, order = self._take("episode")
-                    self._episode(env, acting, begin, order)
+                    self._episode(env, actor, begin, order)
             finally:
                 env.close(raise_if_closed=False)
         except (_Over, BrokenPipeError, StoppedError):
@@ -78,11 +78,10 @@ class Worker:
         except BricksError as error:
             self.send("failed", (type(error).__name__, str(error)))
 
-    def _prepare(self, begin: dict[str, Any]) -> tuple[EnvBase, Acting]:
+    def _prepare(self, begin: dict[str, Any]) -> tuple[EnvBase, Learner]:
         import torch
 
         from bricksrl.training.config import TrainConfig
-        from bricksrl.training.learner_side import Acting
         from bricksrl.training.restore import make_learner_for
         from bricksrl.training.run import make_env
 
@@ -90,15 +89,15 @@ class Worker:
         config = TrainConfig.from_dict(begin["config"])
         torch.manual_seed(begin["seed"])
         env: Any = make_env(config, self._place if begin["is_placed"] else None)
-        acting = Acting(make_learner_for(config, env, device="cpu"))
-        acting.weights = self._weights
+        actor = make_learner_for(config, env, device="cpu")
+        actor.weights = self._weights
         env.reconnect.patience_s, env.reconnect.wait = float("inf"), self._wait
         env.reconnect.on_error = lambda error: self.send("out", str(error))
         env.in_reach = lambda: time.monotonic() >= self._cut_until_s
         self._env = env
-        return env, acting
+        return env, actor
 
-    def _episode(self, env: Any, acting: Acting, begin: dict[str, Any], order: dict[str, Any]) -> None:
+    def _episode(self, env: Any, actor: Learner, begin: dict[str, Any], order: dict[str, Any]) -> None:
         """One episode, frame by frame; a step at which the link breaks is the last one."""
         from bricksrl.data.transitions import about, step_of
         from bricksrl.envs.rollout import Rollout, link_lost, play
@@ -108,8 +107,8 @@ class Worker:
         state = env.reset()
         told = about(env, order["policy"], seed=order["seed"], hub=begin["config"]["hub"])
         self.send("begun", told)
-        policy = self._random if is_random else acting.explore
-        for frame in play(env, policy, state, reset_policy=acting.reset_policy):
+        policy = self._random if is_random else actor.explore
+        for frame in play(env, policy, state, reset_policy=actor.reset_policy):
             rollout.add(frame)
             lost = link_lost(frame)
             step = step_of(frame, env) if begin["is_recorded"] and not lost else None

@@ -1,8 +1,8 @@
-"""Driving robot: a body from the numbers of a description alone, for every robot with a drive base and no model of its own.
+"""Driving robot: model generated from the description, for every robot with a drive base and no model.
 
-Two wheels on an axle, a ball that supports it, the hub over the motors, sensors where their mounts say. Frame of the chassis:
-x forward, y left, z up, origin in the middle of the axle. Metres and kilograms; looks in mm. Sizes and masses of hub, motors and
-sensors are those of the parts catalogue. A drive base drives ahead where both of its motors count up, however they are built in.
+Two wheels on an axle, a ball caster, the hub over the motors, sensors at their mounts. Frame of the chassis: x forward, y left,
+z up, origin in the middle of the axle. Metres and kilograms; looks in mm. Sizes and masses of hub, motors and sensors are from
+the parts catalogue. The drive base drives forward when both of its motors count up, whatever their orientation.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ _CASTER_RADIUS_MM = 9.6
 _TYRE_WIDTH_MM = 14.0
 _FRAME_KG, _CASTER_KG = 0.040, 0.010
 _WHEEL_KG, _WHEEL_MM = 0.018, 56.0
-"""Mass of a wheel of this diameter; that of others grows with their area."""
+"""Mass of a wheel of this diameter; other wheels are scaled by area."""
 _BEHIND_MM = -16.0
 _GROUND_MM = 3.0
 _UNKNOWN_HUB: tuple[Triple, float] = ((64.0, 40.0, 32.0), 100.0)
@@ -45,7 +45,7 @@ _TURNED_ALIKE = {MotorKind.TECHNIC_M_ANGULAR: MotorKind.SPIKE_MEDIUM, MotorKind.
 
 @dataclass(frozen=True)
 class _Frame:
-    """Measures in mm, over the floor where they are heights."""
+    """Dimensions in mm; heights are relative to the axle."""
 
     axle: float
     half_track: float
@@ -59,7 +59,7 @@ def driving_robot(robot: Robot, scene: Scene) -> mujoco.MjSpec:
     """Model of the robot in its scene.
 
     Raises:
-        TwinError: it has no drive base, or its wheels are too small or too near to each other for its motors.
+        TwinError: the robot has no drive base, or its wheels are too small or too close together for its motors.
     """
     base = robot.drive_base
     if base is None:
@@ -107,7 +107,7 @@ def _measure(robot: Robot, base: DriveBase) -> _Frame:
 
 def _motor_case(kind: MotorKind) -> tuple[Triple, float]:
     case = case_of(DeviceKind.MOTOR, _TURNED_ALIKE.get(kind, kind).value)
-    assert case is not None  # noqa: S101 - the catalogue has every kind of motor, and a test says so
+    assert case is not None  # noqa: S101 - the catalogue has every kind of motor, which a test checks
     return case
 
 
@@ -116,12 +116,12 @@ def _hub_case(kind: HubKind) -> tuple[Triple, float]:
 
 
 def _motor_y(frame: _Frame) -> float:
-    """Of the middle of the left motor, beside its wheel, but not through the other one."""
+    """y of the middle of the left motor: beside its wheel, without overlapping the other motor."""
     return max(frame.motor_size[2] / 2, frame.half_track - _TYRE_WIDTH_MM / 2 - 8.0 - frame.motor_size[2] / 2)
 
 
 def _add_masses(chassis: mujoco.MjsBody, robot: Robot, frame: _Frame) -> None:
-    """Hub, motors, a light frame, the ballast, and the ball."""
+    """Add the masses of hub, motors, frame, ballast and caster."""
     _add_case(chassis, frame.hub, frame.hub_size, _hub_case(robot.hub)[1])
     base = robot.drive_base
     for motor in robot.motors:
@@ -147,13 +147,13 @@ def _add_case(chassis: mujoco.MjsBody, centre_mm: Triple, size_mm: Triple, mass_
 
 
 def _gear(motor: Motor, ahead: float = 1.0) -> float:
-    """Turns of the motor's shaft, clockwise, for one of the joint."""
+    """Clockwise turns of the motor's shaft per turn of the joint."""
     ratio = motor.gears[-1] / motor.gears[0] if motor.gears else 1.0
     return ratio * motor.direction.value * ahead
 
 
 def _add_wheel(spec: mujoco.MjSpec, chassis: mujoco.MjsBody, motor: Motor, side: float, frame: _Frame) -> None:
-    """Output of the motor or of its gears, and the wheel on it with some play; a positive turn of both drives ahead."""
+    """Add a motor's geared output and the wheel on it with backlash; a positive turn of both drives forward."""
     rotor = chassis.add_body(name=f"rotor_{motor.port}", pos=[0.0, side * frame.half_track / 1000, 0.0])
     shaft = rotor.add_joint(name=f"motor_{motor.port}", type=mujoco.mjtJoint.mjJNT_HINGE, axis=[0.0, 1.0, 0.0])
     rotor.explicitinertial, rotor.mass, rotor.inertia = True, 0.002, [1e-7, 1e-7, 1e-7]
@@ -169,7 +169,7 @@ def _add_wheel(spec: mujoco.MjSpec, chassis: mujoco.MjsBody, motor: Motor, side:
         solref_limit=[0.005, 1.0],
     )
     radius = frame.axle / 1000
-    # A round tyre touches in one point, which also costs the solver half of what a cylinder does.
+    # An ellipsoid touches in one point, which takes the solver half the time of a cylinder.
     wheel.add_geom(
         name=f"tyre_{motor.port}",
         type=mujoco.mjtGeom.mjGEOM_ELLIPSOID,
@@ -188,7 +188,7 @@ def _add_wheel(spec: mujoco.MjSpec, chassis: mujoco.MjsBody, motor: Motor, side:
 
 
 def _add_idle_motor(spec: mujoco.MjSpec, chassis: mujoco.MjsBody, motor: Motor) -> None:
-    """A motor that drives no wheel turns without load."""
+    """Add a motor that drives no wheel, without load."""
     rotor = chassis.add_body(name=f"rotor_{motor.port}", pos=[0.0, 0.0, 0.08])
     shaft = rotor.add_joint(name=f"motor_{motor.port}", type=mujoco.mjtJoint.mjJNT_HINGE, axis=[0.0, 1.0, 0.0])
     rotor.explicitinertial, rotor.mass, rotor.inertia = True, 0.002, [1e-7, 1e-7, 1e-7]
@@ -196,7 +196,7 @@ def _add_idle_motor(spec: mujoco.MjSpec, chassis: mujoco.MjsBody, motor: Motor) 
 
 
 def _parts(robot: Robot, frame: _Frame) -> list[Part]:
-    """The chassis as it is drawn, of parts of our own."""
+    """Drawn parts of the chassis."""
     base = robot.drive_base
     assert base is not None  # noqa: S101
     x, y = robot.chassis.caster_mm
@@ -214,7 +214,7 @@ def _parts(robot: Robot, frame: _Frame) -> list[Part]:
 
 
 def _holder(at_mm: Triple, frame: _Frame, top: float) -> Part:
-    """A strut from the frame to a sensor."""
+    """Strut from the frame to a sensor."""
     ahead, left, up = at_mm[0] - 12.0, at_mm[1], at_mm[2] - frame.axle
     length, height = max(abs(ahead) - 20.0, 8.0), max(abs(top - up) - 8.0, 8.0)
     way = 1.0 if ahead >= 0 else -1.0
@@ -234,7 +234,7 @@ def _hub(kind: HubKind, size: Triple) -> Part:
 
 
 def _motor(kind: MotorKind, size: Triple, side: float) -> Part:
-    """A motor that lies backwards from its shaft, which points to a side; the shaft is the origin."""
+    """Motor that extends backwards from its shaft, which points to a side; the shaft is the origin."""
     if kind in (MotorKind.SPIKE_MEDIUM, MotorKind.TECHNIC_M_ANGULAR):
         return lego.medium_motor() if side > 0 else lego.medium_motor().turned(X_AXIS, 180)
     length, height, width = size

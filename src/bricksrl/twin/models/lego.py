@@ -1,6 +1,6 @@
-"""LEGO parts, drawn from our own measures in millimetres; one module of a beam is 8 mm. Looks only.
+"""LEGO parts as meshes, from our own dimensions in millimetres; one module of a beam is 8 mm. Looks only.
 
-Where an LDraw library is installed, the parts that it has are drawn from it.
+If an LDraw library is installed, its parts are drawn instead where it has them.
 """
 
 from __future__ import annotations
@@ -48,14 +48,14 @@ _HEART = (".#.#.", "#####", "#####", ".###.", "..#..")
 
 
 def add_colours(spec: mujoco.MjSpec) -> None:
-    """Materials for all colours."""
+    """Add materials for all colours."""
     for name, rgb in COLOURS.items():
         emission = 0.6 if name in _GLOWING else 0.0
         spec.add_material(name=name, rgba=[*rgb, 1.0], specular=0.35, shininess=0.5, emission=emission)
 
 
 def beam(holes: int, colour: str) -> Part:
-    """A technic beam along x with its holes along z, centred."""
+    """Technic beam along x with its holes along z, centred."""
     length = holes * MODULE
     bar = extruded(rounded_rectangle(length - 0.2, 7.6, 3.2, arc=5), 7.4, bevel=0.5)
     centres = [(index - (holes - 1) / 2) * MODULE for index in range(holes)]
@@ -64,7 +64,7 @@ def beam(holes: int, colour: str) -> Part:
 
 
 def hub() -> Part:
-    """The Prime hub lying flat, 88 x 56 x 32, USB port towards +x, centred."""
+    """Prime hub lying flat, 88 x 56 x 32, USB port towards +x, centred."""
     upper = box(88, 56, 22, radius=2.5).at(0, 0, 5)
     lower = box(86, 54.5, 11, radius=1.5).at(0, 0, -10.5)
     window = extruded(rounded_rectangle(33, 33, 3), 0.8).at(17, 0, 16)
@@ -96,7 +96,7 @@ def hub() -> Part:
 
 
 def medium_motor() -> Part:
-    """A medium motor along x, 72 long, its output towards +y at 24 from the front; origin on the axis of the output."""
+    """Medium motor along x, 72 long, its output towards +y, 24 from the front; origin on the output's axis."""
     front = extruded(rounded_rectangle(24, 24, 11.0, arc=6), 31, bevel=1.0).along(Y_AXIS)
     housing = box(52, 31, 23.6, radius=2.2).at(-26, 0, 0)
     cap = box(16, 32, 24.4, radius=2.2).at(-53, 0, 0)
@@ -115,7 +115,7 @@ def medium_motor() -> Part:
 
 
 def motor_output() -> Part:
-    """The turning face of a motor: disc with four holes and a cross, along y, centred."""
+    """Output disc of a motor, with four holes, along y, centred."""
     holes = [discs(2.4, 3.2).along(Y_AXIS).at(x, 0, z) for x, z in ((8, 0), (0, 8), (-8, 0), (0, -8))]
     return Part((("turquoise", cylinder(11.4, 3, bevel=0.6).along(Y_AXIS)), ("dim", merge(holes))))
 
@@ -146,7 +146,7 @@ def wheel(diameter: float) -> Part:
 
 
 def ultrasonic_sensor() -> Part:
-    """The distance sensor looking towards +x, 24 x 56 x 24, centred."""
+    """Ultrasonic sensor facing +x, 24 x 56 x 24, centred."""
     case = box(20, 56, 23.6, radius=2.0).at(-2, 0, 0)
     face = extruded(rounded_rectangle(22.5, 55, 10.5, arc=6), 4, bevel=0.8).along(X_AXIS).at(9.6, 0, 0)
     rims = [ring(10.2, 7.8, 3.4).along(X_AXIS).at(11.2, side * 15.5, 0) for side in (1, -1)]
@@ -164,7 +164,7 @@ def ultrasonic_sensor() -> Part:
 
 
 def ball_caster(radius: float) -> Part:
-    """A steel ball in its socket; origin in the middle of the ball."""
+    """Steel ball in its socket; origin at the centre of the ball."""
     angles = [math.radians(step) for step in range(0, 181, 20)]
     ball = turned([(radius * math.sin(angle), radius * math.cos(angle)) for angle in angles], 16)
     socket = turned([(0, 16), (10, 16), (radius + 3.4, 11), (radius + 3.4, 1), (radius + 2, -1.5), (radius, -1.5), (0, 4)], 24)
@@ -172,17 +172,17 @@ def ball_caster(radius: float) -> Part:
 
 
 def cable(points: Sequence[Triple]) -> Part:
-    """A flat black cable, here round, along a Bezier curve."""
+    """Black cable of round section along a Bezier curve."""
     return Part((("black", tube(points, 1.7)),))
 
 
 def pin(colour: str) -> Part:
-    """The visible head of a pin, along z, centred."""
+    """Visible head of a pin, along z, centred."""
     return Part(((colour, turned([(0, 1), (2.3, 1), (2.6, 0.6), (2.6, -1), (0, -1)], 12)),))
 
 
 def gear(teeth: int, colour: str, width: float = 7.4) -> Part:
-    """A spur gear along y, centred; two of them mesh at half a millimetre for each of their teeth."""
+    """Spur gear along y, centred, with a pitch radius of 0.5 mm per tooth."""
     pitch = teeth / 2
     body = ring(pitch - 0.9, pitch - 3.6, width) if teeth > 20 else cylinder(pitch - 0.9, width, bevel=0.4)
     cog = box(2.2, 1.5, width - 0.4, radius=0.4, arc=1).at(pitch - 0.4, 0, 0)
@@ -195,6 +195,6 @@ def gear(teeth: int, colour: str, width: float = 7.4) -> Part:
 
 
 def turntable() -> Part:
-    """The lower half of a large turntable, 60 teeth, axis along z, 12 high, centred."""
+    """Lower half of a large turntable, 60 teeth, axis along z, 12 high, centred."""
     teeth = [box(2.4, 1.7, 7.4, radius=0.4, arc=1).at(29.6, 0, 0).turned(Z_AXIS, 6 * i) for i in range(60)]
     return Part((("dark_grey", merge([cylinder(29, 7.8, bevel=0.5), *teeth])), ("black", cylinder(25, 12, bevel=0.8))))

@@ -1,4 +1,4 @@
-"""Model of a robot in MuJoCo, from the place that its description names, or from the numbers of its drive base."""
+"""Loader of a robot's MuJoCo model: a plan, an MJCF file, a function, or a generated driving robot."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def load_model(robot: Robot, scene: Scene) -> mujoco.MjSpec:
     """Model of the robot in its scene.
 
     Raises:
-        TwinError: the description has neither a model nor a drive base, or the model cannot be loaded, or is not one of this
+        TwinError: the description has neither a model nor a drive base, or the model cannot be loaded or does not match the
             robot.
     """
     place = robot.model or robot.plan
@@ -37,7 +37,7 @@ def load_model(robot: Robot, scene: Scene) -> mujoco.MjSpec:
 
 
 def _built(robot: Robot, model: str, scene: Scene) -> mujoco.MjSpec:
-    """What the function gives that a description names."""
+    """Model from the function ``module:name``."""
     module, _, name = model.partition(":")
     try:
         build = getattr(importlib.import_module(module), name)

@@ -1,7 +1,6 @@
-"""Parts of an installed LDraw library in place of our own. Looks only: the physics never sees them.
+"""Parts of an installed LDraw library in place of our meshes. Looks only: they do not affect the physics.
 
-A part of the library is turned into the frame of ours and put where ours is. One whose size is another than ours is not what we
-take it for, and ours stays.
+A part of the library is rotated into our part's frame and centred on it. If its size differs too much, our mesh is kept.
 """
 
 from __future__ import annotations
@@ -20,13 +19,13 @@ from bricksrl.twin.models.meshes import Floats, Part, Shape, merge
 
 _log = logging.getLogger(__name__)
 _SHARP = np.cos(np.radians(38.0))
-"""Cosine of the angle between two faces from which on their edge is drawn sharp."""
+"""Cosine of the smallest angle between two faces whose edge is drawn sharp."""
 _SIZE_MM, _SIZE_RATIO = 6.0, 0.15
 
 
 @dataclass(frozen=True)
 class _Look:
-    """Files that show a part, the best first, and which of their axes, with a sign, are our x, y and z (1 is their x)."""
+    """LDraw files of a part, the best first, and their signed axes that are our x, y and z (1 is their x)."""
 
     files: tuple[str, ...]
     axes: tuple[int, int, int]
@@ -49,7 +48,7 @@ _LOOKS = {
 
 
 def dressed(kind: str, colour: str, ours: Part) -> Part:
-    """A part as the installed LDraw library has it, with ``colour`` as its main colour; ``ours`` where it has not."""
+    """The part from the installed LDraw library, with ``colour`` as its main colour; ``ours`` if it has none."""
     root, look = ldraw.folder(), _LOOKS.get(kind)
     if root is None or look is None:
         return ours
@@ -74,7 +73,7 @@ def dressed(kind: str, colour: str, ours: Part) -> Part:
 
 @functools.lru_cache(maxsize=64)
 def _shapes(root: Path, name: str, axes: tuple[int, int, int]) -> tuple[tuple[str, Shape], ...]:
-    """A part of the library in mm and our axes: the name of each colour ("" for the main one) with its shape."""
+    """Shapes of a library part in mm and our axes, by colour name ("" for the main colour)."""
     library = ldraw.library(root)
     turn = np.zeros((3, 3))
     for row, axis in enumerate(axes):
@@ -90,7 +89,7 @@ def _shapes(root: Path, name: str, axes: tuple[int, int, int]) -> tuple[tuple[st
 
 
 def shape_of(triangles: Floats) -> Shape | None:
-    """A mesh of triangles [n, 3, 3], round where they meet at small angles; ``None`` when none has an area; in their units."""
+    """Mesh of triangles [n, 3, 3], smooth where they meet at small angles; ``None`` if none has an area."""
     across = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     area = np.linalg.norm(across, axis=1)
     triangles, across, area = triangles[area > 1e-6], across[area > 1e-6], area[area > 1e-6]

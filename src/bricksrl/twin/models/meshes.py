@@ -1,7 +1,7 @@
-"""Surfaces to draw LEGO parts with: rounded boxes, turned and extruded profiles, cables. Millimetres.
+"""Meshes for drawing LEGO parts: rounded boxes, turned and extruded profiles, cables. Millimetres.
 
-A :class:`Shape` is a triangle mesh, a :class:`Part` some of them in colours; :func:`draw` merges the parts of a body
-into one mesh for each colour, which is what keeps a picture cheap.
+A :class:`Shape` is a triangle mesh, a :class:`Part` a set of coloured shapes; :func:`draw` merges the parts of a body
+into one mesh per colour, which keeps rendering fast.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ X_AXIS, Y_AXIS, Z_AXIS = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
 
 @dataclass(frozen=True)
 class Shape:
-    """Triangles with smooth normals.
+    """Triangle mesh with smooth normals.
 
     Attributes:
         points: [n, 3] in mm.
@@ -38,16 +38,16 @@ class Shape:
     faces: NDArray[np.int32]
 
     def at(self, x: float, y: float, z: float) -> Shape:
-        """The shape moved."""
+        """The shape, translated."""
         return Shape(self.points + np.array([x, y, z]), self.normals, self.faces)
 
     def turned(self, axis: Triple, angle_deg: float) -> Shape:
-        """The shape turned about an axis through the origin."""
+        """The shape, rotated about an axis through the origin."""
         turn = rotation(axis, angle_deg)
         return Shape(self.points @ turn.T, self.normals @ turn.T, self.faces)
 
     def along(self, axis: Triple) -> Shape:
-        """The shape with its z axis laid along another axis."""
+        """The shape, rotated so that its z axis points along another axis."""
         if axis == X_AXIS:
             return self.turned(Y_AXIS, 90.0)
         if axis == Y_AXIS:
@@ -56,7 +56,7 @@ class Shape:
 
 
 def rotation(axis: Triple, angle_deg: float) -> Floats:
-    """Matrix [3, 3] of a turn about an axis of length 1 (Rodrigues)."""
+    """Rotation matrix [3, 3] about a unit axis (Rodrigues)."""
     x, y, z = axis
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     angle = math.radians(angle_deg)
@@ -65,10 +65,7 @@ def rotation(axis: Triple, angle_deg: float) -> Floats:
 
 
 def box(length: float, width: float, height: float, radius: float = 0.6, arc: int = 2) -> Shape:
-    """A box along x, y, z with rounded edges, centred.
-
-    It is a sphere whose eight octants are pulled apart to the corners.
-    """
+    """Box along x, y, z with rounded edges, centred: a sphere whose octants are moved to the corners."""
     half = np.array([length, width, height]) / 2 - radius
     quarter = np.linspace(0.0, math.pi / 2, arc + 1)
     polar = np.concatenate([quarter, quarter + math.pi / 2])
@@ -88,10 +85,10 @@ def box(length: float, width: float, height: float, radius: float = 0.6, arc: in
 
 
 def turned(profile: Sequence[tuple[float, float]], segments: int = 32) -> Shape:
-    """A solid of revolution about z.
+    """Solid of revolution about z.
 
     Args:
-        profile: (radius, z) from the top of the axis outwards and down to its bottom; every edge stays sharp.
+        profile: (radius, z) from the top of the axis outwards and down to its bottom; all edges are sharp.
     """
     parts, angles = [], np.linspace(0.0, 2 * math.pi, segments, endpoint=False)
     for (radius_0, z_0), (radius_1, z_1) in itertools.pairwise(profile):
@@ -107,14 +104,14 @@ def turned(profile: Sequence[tuple[float, float]], segments: int = 32) -> Shape:
 
 
 def cylinder(radius: float, length: float, bevel: float = 0.0, segments: int = 24) -> Shape:
-    """A disc or rod along z, centred."""
+    """Disc or rod along z, centred."""
     half = length / 2
     edge = [(radius - bevel, half), (radius, half - bevel), (radius, bevel - half), (radius - bevel, -half)]
     return turned([(0.0, half), *(edge if bevel else [edge[0], edge[2]]), (0.0, -half)], segments)
 
 
 def discs(radius: float, distance: float, segments: int = 10) -> Shape:
-    """The two ends of a cylinder along z, centred: all that is seen of a hole through a part."""
+    """The two ends of a cylinder along z, centred: the visible part of a hole."""
     angles = np.linspace(0.0, 2 * math.pi, segments, endpoint=False)
     ends = []
     for up in (1.0, -1.0):
@@ -124,14 +121,14 @@ def discs(radius: float, distance: float, segments: int = 10) -> Shape:
 
 
 def ring(outer: float, inner: float, length: float, segments: int = 32) -> Shape:
-    """A flat ring along z, centred; open towards its hole only by what lies in it."""
+    """Flat ring along z, centred."""
     half, bevel = length / 2, min(0.6, length / 4)
     profile = [(inner, -half), (inner, half), (outer - bevel, half), (outer, half - bevel), (outer, bevel - half), (inner, -half)]
     return turned(profile, segments)
 
 
 def extruded(outline: Floats, height: float, bevel: float = 0.4) -> Shape:
-    """A convex outline in x, y, given counter-clockwise as [n, 2], drawn out along z, centred, with bevelled edges."""
+    """Convex outline [n, 2] in x, y, counter-clockwise, extruded along z, centred, with bevelled edges."""
     edges = np.roll(outline, -1, axis=0) - np.roll(outline, 1, axis=0)
     outwards = np.stack([edges[:, 1], -edges[:, 0]], axis=-1)
     outwards /= np.linalg.norm(outwards, axis=-1, keepdims=True)
@@ -159,7 +156,7 @@ def rounded_rectangle(length: float, width: float, radius: float, arc: int = 4) 
 
 
 def tube(points: Sequence[Triple], radius: float, steps: int = 14, segments: int = 8) -> Shape:
-    """A cable along a Bezier curve with these control points."""
+    """Tube along a Bezier curve with these control points."""
     order, t = len(points) - 1, np.linspace(0.0, 1.0, steps)[:, None]
     path = sum(math.comb(order, i) * t**i * (1 - t) ** (order - i) * np.array(point) for i, point in enumerate(points))
     direction = np.gradient(np.asarray(path), axis=0)
@@ -175,7 +172,7 @@ def tube(points: Sequence[Triple], radius: float, steps: int = 14, segments: int
 
 
 def merge(shapes: Sequence[Shape]) -> Shape:
-    """Several shapes as one."""
+    """Merge several shapes into one."""
     offsets = np.cumsum([0, *(len(shape.points) for shape in shapes[:-1])])
     return Shape(
         np.concatenate([shape.points for shape in shapes]),
@@ -186,23 +183,23 @@ def merge(shapes: Sequence[Shape]) -> Shape:
 
 @dataclass(frozen=True)
 class Part:
-    """A LEGO part: shapes, each with the name of its colour."""
+    """LEGO part: shapes, each with the name of its colour."""
 
     shapes: tuple[tuple[str, Shape], ...]
 
     def at(self, x: float, y: float, z: float) -> Part:
-        """The part moved."""
+        """The part, translated."""
         return Part(tuple((colour, shape.at(x, y, z)) for colour, shape in self.shapes))
 
     def turned(self, axis: Triple, angle_deg: float) -> Part:
-        """The part turned about an axis through the origin."""
+        """The part, rotated about an axis through the origin."""
         return Part(tuple((colour, shape.turned(axis, angle_deg)) for colour, shape in self.shapes))
 
 
 def draw(spec: mujoco.MjSpec, body: mujoco.MjsBody, parts: Sequence[Part]) -> None:
-    """Put parts, in millimetres of the body's frame, onto it: one mesh for each colour, without mass or contact.
+    """Draw parts, given in millimetres in the body's frame: one mesh per colour, without mass or contact.
 
-    The materials of the model are named like the colours; that of a colour in numbers, ``"#rrggbbaa"``, is made here.
+    The model's materials have the names of the colours; the material of a colour ``"#rrggbbaa"`` is created here.
     """
     by_colour: dict[str, list[Shape]] = {}
     for part in parts:
@@ -226,7 +223,7 @@ def draw(spec: mujoco.MjSpec, body: mujoco.MjsBody, parts: Sequence[Part]) -> No
 
 
 def _grid(rows: int, columns: int) -> NDArray[np.int32]:
-    """Faces of a grid of points whose columns close to a ring; outside is where rows go down and columns turn left."""
+    """Faces of a grid of points whose columns form a closed ring; seen from outside, rows go down and columns to the left."""
     row, column = np.meshgrid(np.arange(rows - 1), np.arange(columns), indexing="ij")
     a = (row * columns + column).ravel()
     b = (row * columns + (column + 1) % columns).ravel()

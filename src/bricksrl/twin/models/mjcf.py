@@ -1,7 +1,7 @@
-"""MJCF elements that the models share: options of the physics, LEGO's motors as actuators, sensors as sites.
+"""MJCF elements shared by the models: physics options, LEGO's motors as actuators, floor and wall, cameras.
 
-Names carry the wiring: the joint and actuator ``motor_E`` belong to port E, the site ``ultrasonic_C`` to port C.
-Geoms are grouped: what ultrasound meets, what else collides around the robot, looks, and the robot's own shapes.
+Names define the wiring: the joint and actuator ``motor_E`` belong to port E, the site ``ultrasonic_C`` to port C.
+Geom groups: obstacles that ultrasound detects, floor, looks, and the robot's collision shapes.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from bricksrl.virtual_hub.firmware.motor_model import MOTOR_TYPES, PRESCALE_ACCE
 TIMESTEP_S = 0.0025
 OBSTACLE_GROUP, FLOOR_GROUP, LOOKS_GROUP, SHAPE_GROUP = 0, 1, 2, 3
 WALL_X_M = 0.35
-"""Where the face of a wall stands."""
+"""Position of the wall's face."""
 _WALL_HALF_SIZE = (0.012, 1.5, 0.096)
 _BRICK = (0.78, 0.16, 0.12)
 Triple = tuple[float, float, float]
@@ -30,12 +30,12 @@ Triple = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class MotorConstants:
-    """A motor with its gear train, seen at its shaft, without the inductance, which is over in a millisecond.
+    """Constants of a motor with its gear train, at its shaft. Inductance is neglected: it decays in a millisecond.
 
     Attributes:
-        torque_nm_v: torque of the standing motor per volt.
-        drag_nm_s: torque that it loses for each rad/s, by its back-EMF.
-        inertia_kg_m2: of the rotor, through the gears.
+        torque_nm_v: stall torque per volt.
+        drag_nm_s: loss of torque per rad/s, by back-EMF.
+        inertia_kg_m2: inertia of the rotor, through the gears.
         friction_nm: dry friction.
     """
 
@@ -47,12 +47,12 @@ class MotorConstants:
 
 @functools.cache
 def motor_constants(kind: MotorKind) -> MotorConstants:
-    """Constants of a kind of motor: of the curves that the Pybricks authors measured, as their firmware stores them.
+    """Constants of a kind of motor, from the curves that the Pybricks authors measured and their firmware stores.
 
     (``servo_settings.c`` v4, in ``virtual_hub/firmware/motor_model.py``: a medium motor has 460 rad/s2 from standstill at 7.2 V.)
     """
     model = MOTOR_TYPES[kind].model
-    per_rad = 180.0 / math.pi * 1e-3  # of mdeg and uNm
+    per_rad = 180.0 / math.pi * 1e-3  # from mdeg and uNm
     return MotorConstants(
         torque_nm_v=PRESCALE_VOLTAGE / model.torque_by_voltage * 1e-3,
         drag_nm_s=PRESCALE_SPEED / model.torque_by_speed * per_rad,
@@ -62,7 +62,7 @@ def motor_constants(kind: MotorKind) -> MotorConstants:
 
 
 def new_spec(name: str) -> mujoco.MjSpec:
-    """Empty model with the options of all twins."""
+    """Empty model with the physics options of all twins."""
     spec = mujoco.MjSpec()
     spec.modelname = name
     spec.compiler.degree = False
@@ -71,7 +71,7 @@ def new_spec(name: str) -> mujoco.MjSpec:
 
 
 def set_options(spec: mujoco.MjSpec) -> None:
-    """Options of the physics of all twins: 2.5 ms divides the hub's control loop of 5 ms."""
+    """Set the physics options of all twins; the timestep of 2.5 ms divides the hub's control loop of 5 ms."""
     spec.option.timestep = TIMESTEP_S
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
@@ -87,11 +87,11 @@ def add_motor(
     gear: float = 1.0,
     train_friction_nm: float = 0.0,
 ) -> None:
-    """Drive a joint by a voltage. MuJoCo's own dcmotor takes both motor constants for equal, which costs 25 % here.
+    """Add a voltage-driven motor to a joint. MuJoCo's dcmotor assumes equal motor constants, an error of 25 % here.
 
     Args:
-        gear: turns of the motor's shaft for one of the joint; negative where they turn against each other.
-        train_friction_nm: dry friction between motor and joint, seen at the joint.
+        gear: turns of the motor's shaft per turn of the joint; negative for opposite directions.
+        train_friction_nm: dry friction between motor and joint, at the joint.
     """
     motor = motor_constants(kind)
     actuator = spec.add_actuator(name=f"motor_{port}", target=joint.name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
@@ -100,16 +100,16 @@ def add_motor(
     actuator.biastype = mujoco.mjtBias.mjBIAS_AFFINE
     actuator.gainprm[0] = motor.torque_nm_v
     actuator.biasprm[2] = -motor.drag_nm_s
-    # A group of its own, so that the body can open this motor's circuit.
+    # A separate group, so that the body can open this motor's circuit.
     actuator.group = len(spec.actuators) - 1
     joint.armature = motor.inertia_kg_m2 * gear**2
     joint.frictionloss = motor.friction_nm * abs(gear) + train_friction_nm
-    # MuJoCo's default lets a joint creep by 3 degrees a second below its friction.
+    # With MuJoCo's default a joint creeps by 3 degrees per second at torques below its friction.
     joint.solimp_friction = [0.999, 0.999, 0.001, 0.5, 2.0]
 
 
 def add_box(body: mujoco.MjsBody, centre: Triple, half_size: Triple, mass_kg: float, *, collides: bool = True) -> None:
-    """A box with mass that is not drawn; metres."""
+    """Add an invisible box with mass; metres."""
     body.add_geom(
         type=mujoco.mjtGeom.mjGEOM_BOX,
         pos=list(centre),
@@ -126,7 +126,7 @@ STIFF = [0.006, 1.0]
 
 
 def add_caster(chassis: mujoco.MjsBody, centre: Triple, radius_m: float, mass_kg: float) -> None:
-    """A ball that rolls on the floor: no friction. (Dry friction of a sliding ball would make the contact chatter.)"""
+    """Add a ball caster without friction. (Dry friction of a sliding ball would make the contact chatter.)"""
     chassis.add_geom(
         name="caster",
         type=mujoco.mjtGeom.mjGEOM_SPHERE,
@@ -143,7 +143,7 @@ def add_caster(chassis: mujoco.MjsBody, centre: Triple, radius_m: float, mass_kg
 
 
 def add_surroundings(spec: mujoco.MjSpec, scene: Scene) -> None:
-    """Floor, wall, sky, and the camera that stands still."""
+    """Add floor, wall, sky, and the fixed camera."""
     _add_looks(spec)
     world = spec.worldbody
     world.add_geom(
@@ -166,7 +166,7 @@ def add_surroundings(spec: mujoco.MjSpec, scene: Scene) -> None:
             contype=0,
             conaffinity=1,
         )
-        # A box stretches its texture over each side; a plane before it repeats it.
+        # A box stretches its texture over each side; a plane in front of it repeats it.
         world.add_geom(
             type=mujoco.mjtGeom.mjGEOM_PLANE,
             pos=[WALL_X_M - 0.0005, 0.0, _WALL_HALF_SIZE[2]],
@@ -184,7 +184,7 @@ def add_surroundings(spec: mujoco.MjSpec, scene: Scene) -> None:
 
 
 def _sight_of(scene: Scene) -> tuple[Triple, float]:
-    """Middle of the objects and of where the robot starts (m), and the distance from which all of it is seen."""
+    """Centre of the objects and the robot's start area (m), and a camera distance that shows all of them."""
     points = np.array([*zip(*scene.start_mm, strict=True), *(point for one in scene.objects for point in _points_mm(one))]) / 1000
     low, high = points.min(0), points.max(0)
     x, y = ((low + high) / 2).tolist()
@@ -192,7 +192,7 @@ def _sight_of(scene: Scene) -> tuple[Triple, float]:
 
 
 def _points_mm(one: Object) -> list[tuple[float, float]]:
-    """Points that show how far an object reaches over the floor."""
+    """Points that bound an object's extent on the floor."""
     if isinstance(one, Line):
         return list(one.points_mm)
     if isinstance(one, (Field, Block, Ramp)):
@@ -202,9 +202,9 @@ def _points_mm(one: Object) -> list[tuple[float, float]]:
 
 
 def pair_contacts(spec: mujoco.MjSpec) -> None:
-    """Put what may touch what into a list, once everything is in place: each shape of the robot and each of the surroundings.
+    """List explicit contact pairs, after everything is added: each shape of the robot with each of the surroundings.
 
-    MuJoCo then looks at these pairs alone. To find them itself, in each step, takes it a tenth of the time.
+    MuJoCo then checks these pairs only. Its own broad phase would take a tenth of the time of each step.
     """
     surroundings = [geom for geom in spec.geoms if geom.conaffinity]
     shapes = [geom for geom in spec.geoms if geom.contype]
@@ -213,14 +213,14 @@ def pair_contacts(spec: mujoco.MjSpec) -> None:
         for other in surroundings:
             pair = spec.add_pair(geomname1=other.name, geomname2=shape.name)
             pair.condim = shape.condim if shape.priority > other.priority else max(shape.condim, other.condim)
-            # What is no number follows from the two, as it does without a list.
+            # NaN: MuJoCo derives these from the two geoms, as without an explicit pair.
             pair.friction, pair.solref, pair.solimp = [math.nan] * 5, [math.nan] * 2, [math.nan] * 5
     for geom in (*surroundings, *shapes):
         geom.contype = geom.conaffinity = 0
 
 
 def add_camera(body: mujoco.MjsBody, name: str, sight: Triple, direction: Triple, distance_m: float) -> None:
-    """A camera that looks at a point of a body's frame from a direction; on a moving body it moves along, unturned."""
+    """Add a camera that looks at a point of a body's frame from a direction; on a moving body it follows without turning."""
     backward = np.array(direction) / np.linalg.norm(direction)
     right = np.cross((0.0, 0.0, 1.0), backward)
     right /= np.linalg.norm(right)
@@ -233,7 +233,7 @@ def add_camera(body: mujoco.MjsBody, name: str, sight: Triple, direction: Triple
 
 
 def add_light(body: mujoco.MjsBody) -> None:
-    """The sun. It moves along with a robot, because shadows are drawn only near the middle of its beam."""
+    """Add the sun, which follows the robot, because shadows are drawn only near the centre of its beam."""
     direction = np.array([0.3, 0.4, -0.85])
     body.add_light(
         type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
@@ -277,7 +277,7 @@ def _add_tiles(spec: mujoco.MjSpec, name: str, image: NDArray[np.uint8], size_m:
 
 
 def _floor_tile() -> NDArray[np.uint8]:
-    """Two by two squares of 100 mm in two light greys with a fine line between: motion becomes visible."""
+    """Floor texture of 2 x 2 squares of 100 mm in two light greys, separated by fine lines, which makes motion visible."""
     index = np.arange(256) // 128
     even = (index[:, None] + index) % 2 == 0
     tone = np.where(even, 214, 204)
@@ -287,7 +287,7 @@ def _floor_tile() -> NDArray[np.uint8]:
 
 
 def _brick_tile() -> NDArray[np.uint8]:
-    """Two courses of bricks, staggered."""
+    """Wall texture of two staggered courses of bricks."""
     rows, columns = np.arange(64), np.arange(128)
     shift = np.where(rows < 32, 0, 32)
     joint = (rows % 32 < 2)[:, None] | ((columns[None, :] + shift[:, None]) % 64 < 2)

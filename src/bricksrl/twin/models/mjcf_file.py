@@ -1,13 +1,13 @@
-"""Models from MJCF files: bodies, joints and geoms are the file's; motors, sensors, floor and wall are added here.
+"""Models from MJCF files: bodies, joints and geoms come from the file; motors, sensors, floor and wall are added here.
 
-What the file names as the robot's description does is connected:
+Elements are matched with the robot's description by name:
 
-- a hinge with the name of each motor; its positive turn is the one that the motor counts up, behind its gears,
-- a site with the name of each sensor on the first body, which looks along its own x axis; what presses on that body within the
-  site is what a force sensor feels,
-- a site ``imu`` where the hub is; without one, the origin of the first body.
+- a hinge for each motor, positive in the direction in which the motor counts up, after its gears,
+- a site for each sensor on the first body, which looks along the site's x axis; a force sensor measures contact forces on that
+  body within the site,
+- a site ``imu`` at the hub; by default the origin of the first body.
 
-The first body has a free joint where the robot moves about. Feet of a legged robot are geoms whose names begin with ``foot_``.
+The first body has a free joint if the robot is mobile. Feet of a legged robot are geoms whose names begin with ``foot_``.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ def from_file(path: Path, robot: Robot, scene: Scene) -> mujoco.MjSpec:
     """Model in an MJCF file, with the robot's motors and sensors, in its scene.
 
     Raises:
-        TwinError: the file cannot be read, is no MJCF, or lacks a joint or a site that the description names.
+        TwinError: the file cannot be read, is no MJCF, or lacks a joint or a site of the description.
     """
     if not path.is_file():
         raise TwinError(f"there is no model {path} of robot '{robot.name}'; give the path of an MJCF file")
@@ -43,7 +43,7 @@ def from_file(path: Path, robot: Robot, scene: Scene) -> mujoco.MjSpec:
         raise TwinError(f"{path} has no body; describe the robot's parts as bodies")
     for geom in spec.geoms:
         if geom.group == OBSTACLE_GROUP:
-            geom.group = LOOKS_GROUP  # ultrasound meets obstacles only, and no robot sees itself
+            geom.group = LOOKS_GROUP  # ultrasound detects this group only, and must not detect the robot itself
     if scene.wall_distance_mm is not None and not any(isinstance(one, UltrasonicSensor) for one in robot.sensors):
         raise TwinError(f"robot '{robot.name}' has no ultrasonic sensor to place it before a wall with; leave the wall away")
     for motor in robot.motors:
@@ -71,7 +71,7 @@ def from_file(path: Path, robot: Robot, scene: Scene) -> mujoco.MjSpec:
 
 
 def _gear(motor: Motor) -> float:
-    """Turns of the motor's shaft, clockwise, for one of its joint."""
+    """Clockwise turns of the motor's shaft per turn of its joint."""
     ratio = motor.gears[-1] / motor.gears[0] if motor.gears else 1.0
     return ratio * motor.direction.value
 

@@ -1,4 +1,4 @@
-"""Mounts of sensors: sites that look where a sensor does, its case, and what a force sensor's button feels with."""
+"""Mounts of sensors: sites in a sensor's viewing direction, its case, and a force sensor's touch sensor."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ _MOUNTS = {
     SensorKind.COLOR_DISTANCE: Mount((60.0, 0.0, 12.0), "down"),
     SensorKind.FORCE: Mount((80.0, 0.0, 30.0), "ahead"),
 }
-"""Where a sensor sits of which the description does not say it."""
+"""Default mounts of sensors without one in their description."""
 _BUTTON_MM = 8.0
 
 
 @functools.cache
 def case_of(kind: DeviceKind, name: str) -> tuple[Triple, float] | None:
-    """Size of an electric part's case, the longest side first (mm), and its mass (g); ``None`` for one in no catalogue."""
+    """Size of an electric part's case, the longest side first (mm), and its mass (g); ``None`` if not in the catalogue."""
     for part in catalogue.parts():
         if part.device is not None and (part.device.kind, part.device.name) == (kind, name):
             sides = sorted((2.0 * _MM_PER_LDU * half for half in part.solids[0].half), reverse=True)
@@ -37,14 +37,14 @@ def case_of(kind: DeviceKind, name: str) -> tuple[Triple, float] | None:
 
 
 def mount_of(sensor: Sensor) -> Mount:
-    """Where a sensor sits and looks; where its description does not say it, in front, a color sensor down to the floor."""
+    """Mount of a sensor; by default in front, a color sensor facing the floor."""
     if sensor.mount is not None:
         return sensor.mount
     return _MOUNTS.get(sensor.kind, _DEFAULT) if isinstance(sensor, PoweredUpSensor) else _DEFAULT
 
 
 def mount_sensor(spec: mujoco.MjSpec, chassis: mujoco.MjsBody, sensor: Sensor, axle_m: float) -> Part:
-    """Put a sensor onto a chassis whose origin is so high (m): its site, mass and button; returns what is drawn (mm)."""
+    """Add a sensor's site, mass and button to a chassis with its origin at ``axle_m`` height; returns the drawn part (mm)."""
     mount = mount_of(sensor)
     ahead, left, up = mount.at_mm
     eye = np.array([ahead, left, up - axle_m * 1000.0])
@@ -73,7 +73,7 @@ def mount_sensor(spec: mujoco.MjSpec, chassis: mujoco.MjsBody, sensor: Sensor, a
 
 
 def add_touch(spec: mujoco.MjSpec, sensor: Sensor) -> None:
-    """What presses on the body of a sensor's site, within it (N)."""
+    """Add a touch sensor of the contact forces (N) within a sensor's site."""
     site = f"sensor_{sensor.port}"
     spec.add_sensor(
         name=f"force_{sensor.port}", type=mujoco.mjtSensor.mjSENS_TOUCH, objtype=mujoco.mjtObj.mjOBJ_SITE, objname=site
@@ -81,7 +81,7 @@ def add_touch(spec: mujoco.MjSpec, sensor: Sensor) -> None:
 
 
 def _quaternion(gaze: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> list[float]:
-    """A turn that lays x along a direction."""
+    """Quaternion that rotates x to a direction along an axis."""
     quaternion, across = np.array([1.0, 0.0, 0.0, 0.0]), np.cross(X_AXIS, gaze)
     if gaze[0] < -0.5:
         quaternion = np.array([0.0, 0.0, 0.0, 1.0])
@@ -92,7 +92,7 @@ def _quaternion(gaze: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> list
 
 
 def _aimed(part: Part, gaze: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> Part:
-    """A part that looks along x turned to look along another axis."""
+    """A part facing x, rotated to face another axis."""
     if gaze[0] < -0.5:
         return part.turned(Z_AXIS, 180.0)
     across = np.cross(X_AXIS, gaze)
@@ -121,7 +121,7 @@ def _add_box(
 
 
 def _small_sensor(size: Triple) -> Part:
-    """A sensor with one round eye, which looks along x; its eye is the origin."""
+    """Sensor with one round eye, facing x; its eye is the origin."""
     depth, wide, high = min(size), size[0], size[1]
     rim = ring(8.6, 6.2, 2.0).along(X_AXIS).at(-0.8, 0, 0)
     return Part(
@@ -134,7 +134,7 @@ def _small_sensor(size: Triple) -> Part:
 
 
 def _force_sensor(size: Triple) -> Part:
-    """A button at the end of its case, which looks along x; the button's front is the origin."""
+    """Force sensor facing x, with its button at the end; the button's front is the origin."""
     long, wide, high = size
     return Part(
         (

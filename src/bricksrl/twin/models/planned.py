@@ -1,7 +1,7 @@
-"""Models from building plans: bodies, joints, gears, rods, wheels, feet, sensors and looks follow from where the parts are.
+"""Models from building plans: bodies, joints, gears, rods, wheels, feet, sensors and looks, derived from the parts' positions.
 
-All bodies have the plan's axes (x forward, y left, z up) in the plan's position. The origin of the first one, which is where the
-robot's pose is measured, is below the middle of the hub, on the axle of the driven wheels where there are some.
+All bodies have the plan's axes (x forward, y left, z up) in the plan's configuration. The origin of the first body, where the
+robot's pose is measured, is below the middle of the hub, or on the axle of the driven wheels if there are any.
 """
 
 from __future__ import annotations
@@ -28,13 +28,13 @@ from bricksrl.twin.scene import Scene
 Floats = NDArray[np.float64]
 _HINGE = mujoco.mjtJoint.mjJNT_HINGE
 _ROTOR_KG, _ROTOR_KG_M2 = 1e-4, 1e-8
-"""Of the body between a motor's joint and its play; the rotor's own inertia is the joint's armature."""
+"""Mass and inertia of the body between a motor's joint and its backlash; the rotor's inertia is the joint's armature."""
 _TRAIN_FRICTION_NM = 0.033
-"""Dry friction of a gear train at the motor's side, an estimate: arms stand by themselves while their motors coast."""
+"""Dry friction of a gear train at the motor's side; an estimate: arms hold themselves while their motors coast."""
 _HEAVY_KG = 0.030
-"""What weighs more falls through its play with more damping."""
+"""Mass above which a body has more damping in its backlash."""
 _BEYOND_DEG = 15.0
-"""How far beyond a motor's range, at its shaft, an end stop is looked for."""
+"""Angle beyond a motor's range, at its shaft, up to which end stops are searched for."""
 _SAME_DIRECTION = 0.02
 
 
@@ -42,9 +42,9 @@ def from_plan(path: Path, robot: Robot, scene: Scene) -> mujoco.MjSpec:
     """Model of the robot in its plan, in its scene.
 
     Raises:
-        PlanError: the plan cannot be read, or has something that has no twin.
-        DescriptionError: the plan says something else than the description.
-        TwinError: the scene is none for this robot, or something in the plan has no twin.
+        PlanError: the plan cannot be read, or has an unsupported element.
+        DescriptionError: the plan contradicts the description.
+        TwinError: the scene does not suit this robot, or the plan has an element that cannot be modelled.
     """
     check_description(robot, path)
     planned = planned_robot(path)
@@ -52,17 +52,17 @@ def from_plan(path: Path, robot: Robot, scene: Scene) -> mujoco.MjSpec:
     spec = new_spec(robot.name)
     add_surroundings(spec, scene)
     _Build(spec, robot, planned).all()
-    # One body joins all constraints: looking for independent islands of them costs a tenth of the time for nothing.
+    # All constraints share one body: searching for independent islands would take a tenth of the time in vain.
     spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_ISLAND
     if planned.articulation.rods or planned.articulation.loops:
-        # No leg acts on another one but through the chassis: most of the matrices is zeros.
+        # Legs interact through the chassis only: the matrices are sparse.
         spec.option.jacobian = mujoco.mjtJacobian.mjJAC_SPARSE
     pair_contacts(spec)
     return spec
 
 
 def _check(robot: Robot, planned: PlannedRobot, scene: Scene) -> None:
-    """Refuse what no twin can be made of."""
+    """Raise TwinError for unsupported combinations of robot, plan and scene."""
     path = planned.plan.path
     if scene.ball:
         raise TwinError(f"the twin of {path} holds no ball; leave the ball away")
@@ -76,7 +76,7 @@ def _check(robot: Robot, planned: PlannedRobot, scene: Scene) -> None:
 
 
 class _Build:
-    """A model in the making."""
+    """Builder of a model."""
 
     def __init__(self, spec: mujoco.MjSpec, robot: Robot, planned: PlannedRobot) -> None:
         self.spec, self.robot, self.planned = spec, robot, planned
@@ -87,7 +87,7 @@ class _Build:
         self.carried = self._carried()
 
     def all(self) -> None:
-        """Everything but the surroundings."""
+        """Build everything except the surroundings."""
         self._add_first()
         turns: list[tuple[Turn, str | None]] = [(drive.turn, drive.port) for drive in self.made.drives]
         turns += [(one.turn, None) for one in self.made.geared] + [(turn, None) for turn in self.made.swings]
@@ -100,7 +100,7 @@ class _Build:
         for number, rod in enumerate(self.made.rods):
             near = (self.bodies[rod.near], self._local(rod.near, rod.near_m))
             far = (self.bodies[rod.far], self._local(rod.far, rod.far_m))
-            drawn = add_rod(self.spec, str(number), near, far, mass_kg=0.0)  # its mass is in that of the bodies
+            drawn = add_rod(self.spec, str(number), near, far, mass_kg=0.0)  # its mass is included in the bodies'
             axes = _axes_along(rod.far_m - rod.near_m)
             draw_parts(self.spec, drawn, self.planned.plan, rod.parts, rod.near_m, axes=axes)
         self._close_loops()
@@ -109,7 +109,7 @@ class _Build:
         self._draw()
 
     def _origin(self) -> Floats:
-        """Of the first body, in the plan's frame."""
+        """Origin of the first body, in the plan's frame."""
         hub = next((one for one in self.made.mounted if one.port is None), None)
         place = np.zeros(3) if hub is None else np.array([hub.point_m[0], hub.point_m[1], 0.0])
         rolling = self.planned.rolling
@@ -119,7 +119,7 @@ class _Build:
         return np.round(place, 6)
 
     def _carried(self) -> dict[int, float]:
-        """Mass that moves with each body, kg."""
+        """Mass of each body with all its descendants, kg."""
         mass = {number: body.mass_kg for number, body in enumerate(self.made.bodies)}
         made = self.made
         turns = [*(one.turn for one in made.drives), *(one.turn for one in made.geared), *made.swings]
@@ -128,12 +128,12 @@ class _Build:
         return mass
 
     def _local(self, body: int, place: Floats) -> tuple[float, float, float]:
-        """A place in a body's frame."""
+        """A position in a body's frame."""
         x, y, z = (place - self.origins[body]).tolist()
         return x, y, z
 
     def _weigh(self, body: mujoco.MjsBody, number: int) -> None:
-        """Mass and inertia of a body."""
+        """Set mass and inertia of a body."""
         link = self.made.bodies[number]
         xx, yy, zz = np.diag(link.inertia)
         body.explicitinertial, body.mass = True, link.mass_kg
@@ -141,7 +141,7 @@ class _Build:
         body.fullinertia = [xx, yy, zz, link.inertia[0, 1], link.inertia[0, 2], link.inertia[1, 2]]
 
     def _add_first(self) -> None:
-        """The body that carries the others: free, or fast on the floor."""
+        """Add the root body: free, or fixed to the floor."""
         height = float(self.origins[0][2]) - lowest_m(self.planned)
         body = self.spec.worldbody.add_body(name="base" if self.made.is_fixed else "chassis", pos=[0.0, 0.0, height])
         if not self.made.is_fixed:
@@ -150,7 +150,7 @@ class _Build:
         self._weigh(body, 0)
 
     def _add_drive(self, turn: Turn, port: str) -> None:
-        """What a motor drives: a body on the geared shaft, and on that, with some play, what it turns."""
+        """Add what a motor drives: a body on the geared shaft and, with backlash, the driven body on it."""
         drive = next(one for one in self.made.drives if one.port == port)
         motor, start = self.motors[port], self._start_deg(self.motors[port])
         turned = math.radians(start - self._plan_deg(port)) / drive.gear
@@ -178,7 +178,7 @@ class _Build:
         self._take(turn, body)
 
     def _add_turn(self, turn: Turn) -> None:
-        """What turns on a pin or an axle, or what a motor would turn that the description does not name."""
+        """Add a body that turns freely on a pin or an axle, or that is driven by a motor missing in the description."""
         body = self.bodies[turn.parent].add_body(name=f"part_{turn.child}", pos=self._local(turn.parent, turn.point_m))
         body.add_joint(name=f"turn_{turn.child}", type=_HINGE, axis=turn.axis.tolist(), damping=2e-4, armature=1e-6)
         self._take(turn, body)
@@ -188,17 +188,17 @@ class _Build:
         self._weigh(body, turn.child)
 
     def _plan_deg(self, port: str) -> float:
-        """Angle of a motor's shaft in the plan's position."""
+        """Angle of a motor's shaft in the plan."""
         placed = self.planned.device(port)
         return 0.0 if placed is None else placed.angle_deg
 
     def _start_deg(self, motor: Motor) -> float:
-        """Angle of a motor's shaft when the hub is switched on: in the middle of its range; without one as in the plan."""
+        """Angle of a motor's shaft at start: the middle of its range, or as in the plan without a range or with linkages."""
         ends = _range_of_shaft(motor)
         return self._plan_deg(motor.port) if ends is None or self.made.rods or self.made.loops else sum(ends) / 2
 
     def _limit(self, shaft: mujoco.MjsJoint, motor: Motor, gear: float) -> None:
-        """End stops of a motor with a range: where parts of the robot would meet, or a little beyond the range."""
+        """Set the end stops of a motor with a range: where parts of the robot collide, or a little beyond the range."""
         ends = _range_of_shaft(motor)
         if ends is not None:
             shaft.limited = True
@@ -206,21 +206,21 @@ class _Build:
             shaft.range = sorted(math.radians(angle) / gear for angle in stops)
 
     def _couple(self) -> None:
-        """Gears that turn other bodies with a motor's."""
+        """Couple bodies that are geared to a motor's joint."""
         for one in self.made.geared:
             if one.port not in self.motors:
                 continue
             equal = self.spec.add_equality(type=mujoco.mjtEq.mjEQ_JOINT, objtype=mujoco.mjtObj.mjOBJ_JOINT)
             equal.name, equal.name1, equal.name2 = f"geared_{one.turn.child}", f"turn_{one.turn.child}", f"motor_{one.port}"
             equal.data[:5] = [0.0, one.ratio, 0.0, 0.0, 0.0]
-            # It is as far from its place in the plan as the motor's output is from its own.
+            # Its start angle relative to the plan follows from the motor's.
             drive = next(drive for drive in self.made.drives if drive.port == one.port)
             start = self._start_deg(self.motors[one.port]) - self._plan_deg(one.port)
             turned = one.ratio * math.radians(start) / drive.gear
             self.bodies[one.turn.child].quat = _turned(one.turn.axis, turned)
 
     def _close_loops(self) -> None:
-        """Pins that join bodies which other joints join already."""
+        """Close kinematic loops: connect bodies at pins that are not tree joints."""
         for number, loop in enumerate(self.made.loops):
             equal = self.spec.add_equality(type=mujoco.mjtEq.mjEQ_CONNECT, objtype=mujoco.mjtObj.mjOBJ_BODY)
             equal.name, equal.name1, equal.name2 = f"loop_{number}", self.bodies[loop.parent].name, self.bodies[loop.child].name
@@ -228,7 +228,7 @@ class _Build:
             equal.solref = [2 * self.spec.option.timestep, 1.0]
 
     def _add_sites(self) -> None:
-        """Hub and sensors."""
+        """Add sites of hub and sensors."""
         for one in self.made.mounted:
             name = "imu" if one.port is None else f"ultrasonic_{one.port}"
             if one.port is not None and one.port not in {sensor.port for sensor in self.robot.sensors}:
@@ -242,7 +242,7 @@ class _Build:
                 site.quat = _facing(one.looks)
 
     def _check_hub(self, link: int, looks: Floats) -> None:
-        """Refuse a hub whose IMU would say something else than the twin's."""
+        """Raise TwinError for a hub orientation in which the real IMU and the twin's differ."""
         placed = self.planned.plan.parts[next(one.part for one in self.made.mounted if one.port is None)]
         up = -placed.rotation[1, 1]
         is_flat = abs(up + 1.0) < _SAME_DIRECTION and abs(looks[0] - 1.0) < _SAME_DIRECTION and (link == 0 or self.made.is_fixed)
@@ -273,7 +273,7 @@ class _Build:
 
 
 def _range_of_shaft(motor: Motor) -> tuple[float, float] | None:
-    """Lowest and highest angle of a motor's shaft; ``None`` where it turns for ever."""
+    """Lowest and highest angle of a motor's shaft; ``None`` if it is unlimited."""
     if motor.range_deg is None:
         return None
     scale = motor.gears[-1] / motor.gears[0] if motor.gears else 1.0
@@ -282,12 +282,12 @@ def _range_of_shaft(motor: Motor) -> tuple[float, float] | None:
 
 
 def _turned(axis: Floats, angle: float) -> list[float]:
-    """Quaternion of a turn about an axis."""
+    """Quaternion of a rotation about an axis."""
     return [math.cos(angle / 2), *(math.sin(angle / 2) * axis).tolist()]
 
 
 def _facing(looks: Floats) -> list[float]:
-    """Quaternion that turns x to a direction, the shortest way."""
+    """Quaternion of the shortest rotation of x to a direction."""
     quaternion = np.array([1.0 + looks[0], 0.0, -looks[2], looks[1]])
     if quaternion[0] < 1e-6:
         return [0.0, 0.0, 0.0, 1.0]
@@ -295,7 +295,7 @@ def _facing(looks: Floats) -> list[float]:
 
 
 def _axes_along(along: Floats) -> Floats:
-    """Rows: the axes of a frame whose z points along a direction, as MuJoCo turns z there the shortest way [3, 3]."""
+    """Axes, as rows [3, 3], of the frame in which MuJoCo's shortest rotation takes z to a direction."""
     quaternion, matrix = np.empty(4), np.empty(9)
     mujoco.mju_quatZ2Vec(quaternion, along)
     mujoco.mju_quat2Mat(matrix, quaternion)

@@ -1,4 +1,4 @@
-"""Looks of parts of a plan: our own shapes, or those of an installed LDraw library, and what spins for the eye alone."""
+"""Looks of a plan's parts: our meshes or those of an installed LDraw library, and shafts that turn visually only."""
 
 from __future__ import annotations
 
@@ -41,10 +41,10 @@ def draw_parts(
     """Draw parts of a plan on a body, without mass or contact.
 
     Args:
-        parts: their indices.
+        parts: indices of the parts.
         origin_m: the body's origin [3] in the twin's axes.
-        axes: rows are the body's axes [3, 3]; those of the twin where it is left out.
-        shafts: motors of which only what they turn is drawn, which else is left out.
+        axes: the body's axes as rows [3, 3]; by default the twin's.
+        shafts: indices of motors of which only the turning output is drawn; it is left out otherwise.
     """
     frame = (np.eye(3) if axes is None else axes) @ TO_TWIN
     shift = (np.eye(3) if axes is None else axes) @ origin_m * 1000
@@ -60,7 +60,7 @@ def draw_parts(
 
 
 def _shapes(placed: Placed, *, only_turning: bool) -> list[tuple[str, Shape]]:
-    """Shapes of a part in its own frame and LDraw units, with their colours."""
+    """Coloured shapes of a part in its frame, in LDraw units."""
     main = "#" + "".join(f"{round(255 * value):02x}" for value in colour_of(placed.colour).rgb) + "ff"
     if not only_turning and (root := ldraw.folder()) is not None and (theirs := _of_library(placed.part.number, root)):
         return [(colour or main, shape) for colour, shape in theirs]
@@ -72,7 +72,7 @@ def _shapes(placed: Placed, *, only_turning: bool) -> list[tuple[str, Shape]]:
 
 @functools.lru_cache(maxsize=512)
 def _of_catalogue(part: Part) -> dict[Tint, Shape]:
-    """Our own shapes of a part."""
+    """Our shapes of a part."""
     surface = surface_of(part)
     found = {tint: shape_of(surface.triangles[surface.tints == int(tint)]) for tint in Tint}
     return {tint: shape for tint, shape in found.items() if shape is not None}
@@ -80,7 +80,7 @@ def _of_catalogue(part: Part) -> dict[Tint, Shape]:
 
 @functools.lru_cache(maxsize=256)
 def _of_library(number: str, root: Path) -> list[tuple[str, Shape]]:
-    """A part as an LDraw library has it, "" for its main colour; nothing where it has not."""
+    """Shapes of a part in an LDraw library by colour, "" for its main colour; empty if it has none."""
     library = ldraw.library(root)
     try:
         triangles = library.part(f"{number}.dat")
@@ -94,7 +94,7 @@ def _of_library(number: str, root: Path) -> list[tuple[str, Shape]]:
 def draw_spinners(
     spec: mujoco.MjSpec, planned: PlannedRobot, bodies: dict[int, mujoco.MjsBody], origins: dict[int, Floats]
 ) -> None:
-    """Shafts and gears that only the eye sees turning: bodies without mass, and how they turn with their motor."""
+    """Draw shafts and gears that turn visually only: massless bodies, and their ratio and axis as numerics of the model."""
     for number, one in enumerate(planned.articulation.followers):
         if one.body not in bodies:
             continue
@@ -105,14 +105,14 @@ def draw_spinners(
 
 
 class Spinners:
-    """The shafts and gears of a model that only the eye sees turning."""
+    """Shafts and gears of a model that turn visually only."""
 
     def __init__(self, model: mujoco.MjModel) -> None:
         names = {body: str(model.body(body).name) for body in range(model.nbody)}
         self._spun = [(body, name, model.numeric(name).data.copy()) for body, name in names.items() if name.startswith(_PREFIX)]
 
     def turn(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
-        """Turn each as far as its motor's joint is turned; positions must be up to date, and are so afterwards."""
+        """Turn each with its motor's joint; positions must be up to date, and are so afterwards."""
         if not self._spun:
             return
         for body, name, (ratio, *axis) in self._spun:

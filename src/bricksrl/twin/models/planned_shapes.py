@@ -1,4 +1,4 @@
-"""Shapes of a plan's robot that touch floor and wall: tyres, casters, feet, and a hull around everything else."""
+"""Collision shapes of a plan's robot: tyres, casters, feet, and convex hulls of the other bodies."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ from bricksrl.twin.models.mjcf import SHAPE_GROUP
 Floats = NDArray[np.float64]
 _M = 0.4 / 1000
 STIFF = [0.006, 1.0]
-"""Contacts settle in 6 ms: at MuJoCo's default of 20 ms a robot sinks into the floor by half a millimetre."""
+"""Contact time constant of 6 ms: with MuJoCo's default of 20 ms a robot sinks into the floor by half a millimetre."""
 TYRE_FRICTION, PLASTIC_FRICTION = 1.0, 0.8
 """Sliding friction of rubber and of plastic on a smooth floor; estimates."""
 _FOOT_REACH_M = 0.015
-"""Bodies whose lowest point is at most so far above that of the robot are feet, where there are no wheels."""
+"""Height above the robot's lowest point up to which a leg's lower end is a foot, in a robot without wheels."""
 _SAME_AXIS_M = 0.0012
 
 
 @dataclass(frozen=True, eq=False)
 class Foot:
-    """A round lower end of a leg: its body, the two ends of its axis [3] in the twin's axes, its radius."""
+    """Round lower end of a leg: its body, the ends [3] of its axis in the twin's axes, and its radius."""
 
     body: int
     start_m: Floats
@@ -36,7 +36,7 @@ class Foot:
 
 
 def lowest_m(planned: PlannedRobot) -> float:
-    """The height of the lowest point of the robot in the plan's position."""
+    """Height of the robot's lowest point in the plan."""
     made = planned.articulation
     lowest = [float(wheel.centre_m[2]) - wheel.diameter_mm / 2000 for wheel in _rolling(planned)]
     lowest += [float(foot.start_m[2]) - foot.radius_m for foot in feet(planned)]
@@ -47,7 +47,7 @@ def lowest_m(planned: PlannedRobot) -> float:
 
 
 def feet(planned: PlannedRobot) -> tuple[Foot, ...]:
-    """The feet of a robot without wheels."""
+    """Feet of a robot without wheels; empty for others."""
     made = planned.articulation
     if made.is_fixed or made.wheels:
         return ()
@@ -70,14 +70,14 @@ def feet(planned: PlannedRobot) -> tuple[Foot, ...]:
 
 
 def add_shapes(spec: mujoco.MjSpec, planned: PlannedRobot, bodies: dict[int, mujoco.MjsBody], origins: dict[int, Floats]) -> None:
-    """All shapes, on their bodies. Fixed robots have none: within the ranges of their joints nothing meets anything."""
+    """Add all collision shapes. Fixed robots have none: nothing collides within the ranges of their joints."""
     if planned.articulation.is_fixed:
         return
     for wheel in _rolling(planned):
         _add_tyre(planned, wheel, bodies[wheel.link], origins[wheel.link])
     for number, wheel in enumerate(_casters(planned)):
         x, y, z, radius = _ball(planned, wheel)
-        # The ball rolls: no friction. (Dry friction of a sliding ball would make the contact chatter at every step.)
+        # No friction, as the ball rolls. (Dry friction of a sliding ball would make the contact chatter.)
         bodies[wheel.link].add_geom(
             name="caster" if number == 0 else f"caster_{number}",
             type=mujoco.mjtGeom.mjGEOM_SPHERE,
@@ -99,7 +99,7 @@ def add_shapes(spec: mujoco.MjSpec, planned: PlannedRobot, bodies: dict[int, muj
 
 
 def _touching(friction: float) -> dict[str, object]:
-    """What all shapes that bear the robot have in common."""
+    """Common attributes of the shapes that support the robot."""
     return {
         "mass": 0,
         "friction": [friction, 0.005, 0.0001],
@@ -112,7 +112,7 @@ def _touching(friction: float) -> dict[str, object]:
 
 
 def _add_tyre(planned: PlannedRobot, wheel: Wheel, body: mujoco.MjsBody, origin: Floats) -> None:
-    """A round tyre touches in one point, which also costs the solver half of what a cylinder does."""
+    """Add a tyre as an ellipsoid: it touches in one point, which takes the solver half the time of a cylinder."""
     placed = planned.plan.parts[wheel.part]
     low, high = placed.part.bounds
     radius, half_width = wheel.diameter_mm / 2000, float(high[2] - low[2]) / 2 * _M
@@ -130,7 +130,7 @@ def _add_tyre(planned: PlannedRobot, wheel: Wheel, body: mujoco.MjsBody, origin:
 
 
 def _add_hull(spec: mujoco.MjSpec, planned: PlannedRobot, number: int, body: mujoco.MjsBody, origin: Floats) -> None:
-    """The convex hull of a body's parts, but for wheels and casters."""
+    """Add the convex hull of a body's parts, except wheels and casters."""
     from scipy.spatial import ConvexHull
 
     rolls = {wheel.part for wheel in planned.articulation.wheels}
@@ -141,7 +141,7 @@ def _add_hull(spec: mujoco.MjSpec, planned: PlannedRobot, number: int, body: muj
     if np.ptp(points, axis=0).min() < 0.001:
         return
     hull = points[ConvexHull(points).vertices]
-    # Corners nearer to one another than 2 mm make no difference to a bump.
+    # Merge corners closer than 2 mm, which make no difference in a collision.
     kept = hull[np.unique(np.round(hull / 0.002), axis=0, return_index=True)[1]]
     name = f"hull_{number}"
     spec.add_mesh(name=name, uservert=kept.ravel().tolist(), inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL)
@@ -157,7 +157,7 @@ def _add_hull(spec: mujoco.MjSpec, planned: PlannedRobot, number: int, body: muj
 
 
 def _rolling(planned: PlannedRobot) -> list[Wheel]:
-    """The wheels that turn on the floor: of those in one place the largest, without the casters."""
+    """Wheels that roll on the floor: the largest of those at one position, without casters."""
     wheels = sorted(planned.articulation.wheels, key=lambda wheel: -wheel.diameter_mm)
     kept: list[Wheel] = []
     for wheel in wheels:
@@ -177,7 +177,7 @@ def _is_caster(planned: PlannedRobot, wheel: Wheel) -> bool:
 
 
 def _ball(planned: PlannedRobot, wheel: Wheel) -> tuple[float, float, float, float]:
-    """Middle and radius of a caster's ball."""
+    """Centre and radius of a caster's ball."""
     placed = planned.plan.parts[wheel.part]
     ball = next(solid for solid in placed.part.solids if solid.form is Form.BALL)
     x, y, z = _placed(placed, np.array([ball.centre]))[0].tolist()
@@ -185,7 +185,7 @@ def _ball(planned: PlannedRobot, wheel: Wheel) -> tuple[float, float, float, flo
 
 
 def _rounds(placed: Placed) -> list[tuple[Floats, Floats, float, float]]:
-    """Middle [3], axis [3], half of the length and radius of each cylinder that lies across the robot or along it."""
+    """Centre [3], axis [3], half length and radius of each horizontal cylinder of a part."""
     found = []
     for solid in placed.part.solids:
         if solid.form is Form.CYLINDER:
@@ -196,7 +196,7 @@ def _rounds(placed: Placed) -> list[tuple[Floats, Floats, float, float]]:
 
 
 def _corners(placed: Placed) -> Floats:
-    """Points [n, 3] that span a part."""
+    """Corner points [n, 3] of a part's solids."""
     solids: tuple[Solid, ...] = (*placed.part.solids, *placed.part.turning)
     return _placed(placed, np.concatenate([solid.corners() for solid in solids]))
 

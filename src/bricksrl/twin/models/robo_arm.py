@@ -1,8 +1,8 @@
 """The RoboArm: a turntable that carries hub, motors, lower arm, forearm and a gripper of two mirrored fingers.
 
-A joint's coordinate in MuJoCo is the absolute angle of its motor's shaft, which the hub reads, divided by the gears; so it is
-not 0 at the start. Frames: x forward, y left, z up; the z axis of an arm lies along it. Metres and kilograms; looks in mm.
-Nothing is made to collide: within the ranges of the joints nothing meets anything.
+A joint's coordinate in MuJoCo is the absolute angle of its motor's shaft, which the hub reads, divided by the gear ratio; so it
+is not 0 at the start. Frames: x forward, y left, z up; the z axis of an arm lies along it. Metres and kilograms; looks in mm.
+There are no collisions: nothing collides within the ranges of the joints.
 """
 
 from __future__ import annotations
@@ -30,26 +30,26 @@ from bricksrl.twin.models.mjcf import (
 from bricksrl.twin.scene import Scene
 
 WEBCAM_HEIGHT_M = 0.68
-"""Where the webcam hangs, above the turntable's axis and looking down."""
+"""Height of the webcam, above the turntable's axis and looking down."""
 BALL_RADIUS_M = 0.024
 
 _TURNTABLE_Z, _SHOULDER_Z, _LOWER_ARM, _WRIST, _BALL_Z = 0.036, 0.068, 0.112, 0.096, 0.136
 _FINGER_Y = 0.028
 _LEAN_DEG, _ELBOW_DEG = 18.0, 100.0
-"""How far the lower arm leans forward at the start, and the forearm from there."""
+"""Forward tilt of the lower arm at the start, and of the forearm relative to it."""
 _HUB = (-0.075, 0.0, 0.054)
 _PLAY_DAMPING = 4e-3
 
 
 @dataclass(frozen=True)
 class _Joint:
-    """How a motor moves its joint.
+    """Joint of a motor.
 
     Attributes:
-        gear: turns of the shaft for one of the joint; negative where they turn against each other.
+        gear: turns of the shaft per turn of the joint; negative for opposite directions.
         start_deg: absolute angle of the shaft when the hub is switched on.
-        stops_deg: angles of the shaft at which the joint is blocked; ``None`` where it turns for ever.
-        friction_nm: of axles, pins and gear teeth at the joint. Estimates: the arm stands by itself while its motors coast.
+        stops_deg: angles of the shaft at the end stops; ``None`` for an unlimited joint.
+        friction_nm: friction of axles, pins and gear teeth at the joint. Estimates: the arm holds itself while its motors coast.
     """
 
     gear: float
@@ -108,7 +108,7 @@ def _add_joint(
     axis: Triple,
     tilt_deg: float = 0.0,
 ) -> mujoco.MjsBody:
-    """A body on a driven joint, with some play between the two, turned forward by an angle at the start."""
+    """Add a body on a driven joint, with backlash, tilted forward by an angle at the start."""
     joint, half = _JOINTS[motor.name], math.radians(tilt_deg) / 2
     turn = [math.cos(half), 0.0, math.sin(half), 0.0]
     geared = parent.add_body(name=f"rotor_{motor.port}", pos=list(position), quat=turn)
@@ -133,7 +133,7 @@ def _add_joint(
 
 
 def _add_turret(spec: mujoco.MjSpec, turret: mujoco.MjsBody) -> None:
-    """Hub and battery, two motors, frame; 0.46 kg."""
+    """Add hub and battery, two motors and frame; 0.46 kg."""
     add_box(turret, _HUB, (0.044, 0.028, 0.016), 0.230, collides=False)
     add_box(turret, (-0.017, 0.0, 0.027), (0.012, 0.016, 0.036), 0.060, collides=False)
     add_box(turret, (-0.064, 0.0, 0.022), (0.036, 0.012, 0.016), 0.060, collides=False)
@@ -160,7 +160,7 @@ def _add_turret(spec: mujoco.MjSpec, turret: mujoco.MjsBody) -> None:
 
 
 def _add_gripper(spec: mujoco.MjSpec, high: mujoco.MjsBody, motor: Motor) -> None:
-    """Two fingers: the motor opens the right one, and the left one mirrors it."""
+    """Add two fingers: the motor opens the right one, and the left one mirrors it."""
     right = _add_joint(spec, high, motor, "finger_right", (0.0, -_FINGER_Y, _WRIST), (1.0, 0.0, 0.0))
     left = high.add_body(name="finger_left", pos=[0.0, _FINGER_Y, _WRIST])
     left.add_joint(name="mirrored", type=mujoco.mjtJoint.mjJNT_HINGE, axis=[-1.0, 0.0, 0.0], damping=1e-3, armature=1e-5)
@@ -188,7 +188,7 @@ def _add_ball(high: mujoco.MjsBody) -> None:
 
 
 def _add_cameras(world: mujoco.MjsBody) -> None:
-    """The webcam's image has the robot's front below and its left on the right."""
+    """Add the cameras. The webcam's image has the robot's front at the bottom and its left on the right."""
     world.add_camera(name="webcam", pos=[0.0, 0.0, WEBCAM_HEIGHT_M], xyaxes=[0, 1, 0, -1, 0, 0], fovy=45)
     add_camera(world, "chase", (0.02, 0.0, 0.10), (0.80, -0.75, 0.42), 0.60)
     add_camera(world, "portrait", (0.022, 0.0, 0.108), (0.55, -0.85, 0.30), 0.54)

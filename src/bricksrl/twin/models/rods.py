@@ -1,7 +1,7 @@
-"""Rods: bars with a pin at either end. To the physics a rod is the distance between its pins, which never changes.
+"""Rods: bars with a pin at either end, modelled as a constant distance between the pins.
 
-That costs a fraction of a body with two joints, one of which closes a loop. What is drawn of a rod is a body without mass,
-fixed to the one pin and turned towards the other when somebody looks.
+This takes a fraction of the time of a body with two joints, one of which closes a loop. A rod is drawn as a massless body, fixed
+to one pin and turned towards the other before rendering.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ def add_rod(
     *,
     mass_kg: float,
 ) -> mujoco.MjsBody:
-    """Join two bodies, each given with the place of its pin, by a rod as long as its pins are apart in the model as built.
+    """Join two bodies, each given with its pin's position, by a rod of the pins' distance in the initial configuration.
 
-    Half of its mass moves with either pin.
+    Each pin carries half of its mass.
 
     Returns:
-        The body that it is drawn on: its origin is the near pin, its z axis points to the far one.
+        The body to draw the rod on: its origin is the near pin, its z axis points to the far one.
     """
     name = _PREFIX + name
     length = spec.add_tendon(name=name, group=SHAPE_GROUP)
@@ -36,21 +36,21 @@ def add_rod(
         length.wrap_site(body.add_site(name=f"{name}_{end}", pos=list(pin), group=SHAPE_GROUP).name)
     kept = spec.add_equality(name=name, type=mujoco.mjtEq.mjEQ_TENDON, objtype=mujoco.mjtObj.mjOBJ_TENDON)
     kept.name1, kept.data[:5] = name, 0.0
-    # Stiff: MuJoCo's default lets the ends of a light rod come apart by fractions of a millimetre.
+    # Stiff: with MuJoCo's default the ends of a light rod separate by fractions of a millimetre.
     kept.solref, kept.solimp = [2 * spec.option.timestep, 1.0], [0.99, 0.99, 0.001, 0.5, 2.0]
     drawn: mujoco.MjsBody = near[0].add_body(name=name, pos=list(near[1]))
     return drawn
 
 
 class Rods:
-    """The rods of a model, as they are drawn."""
+    """Drawn rods of a model."""
 
     def __init__(self, model: mujoco.MjModel) -> None:
         names = {body: model.body(body).name for body in range(model.nbody)}
         self._ends = [(body, int(model.site(f"{name}_far").id)) for body, name in names.items() if name.startswith(_PREFIX)]
 
     def turn(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
-        """Point each to its far pin; positions must be up to date, and are so afterwards."""
+        """Turn each to its far pin; positions must be up to date, and are so afterwards."""
         if not self._ends:
             return
         for body, far in self._ends:

@@ -1,4 +1,4 @@
-"""Scenery: the objects of a scene in MuJoCo. What lies on the floor is drawn only; the rest is met by robots and ultrasound."""
+"""Scenery: the objects of a scene in MuJoCo. Marks on the floor are drawn only; robots and ultrasound meet the other ones."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from bricksrl.twin.objects import COLORS, Block, Field, Line, Mark, Point, Ramp,
 from bricksrl.twin.scene import Scene
 
 _LAYER_MM = 0.2
-"""Height of each thing on the floor over the one before, so that it covers it."""
+"""Height of each mark on the floor above the previous one, which it covers."""
 _RAMP_MM = 8.0
 _FRICTION = 0.4
-"""Of a block that is pushed, on the floor and against a robot; an estimate for plastic on wood."""
+"""Friction of a pushed block, on the floor and against a robot; an estimate for plastic on wood."""
 
 
 def add_objects(spec: mujoco.MjSpec, scene: Scene) -> None:
-    """Put the scene's objects into a model, after the robot, which comes first.
+    """Add the scene's objects to a model, after the robot.
 
     Raises:
-        TwinError: the model has a list of what may touch what, which they are not in.
+        TwinError: the scene has solid objects, and the model has a list of contact pairs without them.
     """
     solids = [one for one in scene.objects if isinstance(one, (Wall, Block, Ramp))]
     if solids and len(spec.pairs):
@@ -51,7 +51,7 @@ def _add_wall(world: mujoco.MjsBody, name: str, wall: Wall) -> None:
 
 
 def _add_ramp(world: mujoco.MjsBody, name: str, ramp: Ramp) -> None:
-    """A plate whose upper side leads from the floor to its height."""
+    """Add a plate whose upper side rises from the floor to the ramp's height."""
     rise, yaw = math.atan2(ramp.height_mm, ramp.length_mm), -math.radians(ramp.heading_deg)
     half_length, half_thick = math.hypot(ramp.length_mm, ramp.height_mm) / 2000, _RAMP_MM / 2000
     ahead = half_length * math.cos(rise) + half_thick * math.sin(rise)
@@ -124,7 +124,7 @@ def _field(field: Field) -> Shape:
 
 
 def _line(line: Line) -> Shape:
-    """A rectangle for each stretch, and a disc at each corner."""
+    """Shape of a line: a rectangle per segment, and a disc at each corner."""
     pieces = [discs(line.width_mm / 2, 0.01, 24).at(x, y, 0.0) for x, y in line.points_mm]
     for start, end in zip(*line.ends_mm, strict=True):
         along = (end - start) / max(float(np.linalg.norm(end - start)), 1e-9)
@@ -134,7 +134,7 @@ def _line(line: Line) -> Shape:
 
 
 def _flat(outline: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> Shape:
-    """A convex outline ``[n, 2]``, counter-clockwise, that is seen from above, with a skin's thickness: a mesh needs a volume."""
+    """Flat mesh of a convex outline ``[n, 2]``, counter-clockwise, with 0.01 mm thickness, as a mesh needs a volume."""
     count = len(outline)
     points = np.concatenate([np.column_stack([outline, np.full(count, height)]) for height in (0.005, -0.005)])
     normals = np.repeat([(0.0, 0.0, 1.0), (0.0, 0.0, -1.0)], count, axis=0)

@@ -1,4 +1,4 @@
-"""The 2Wheeler: hub over two motors, ultrasonic sensor in front, ball caster behind.
+"""Model of the 2Wheeler: hub over two motors, ultrasonic sensor in front, ball caster behind.
 
 Frame of the chassis: x forward, y left, z up, origin in the middle of the axle. Metres and kilograms; looks in mm.
 """
@@ -31,7 +31,7 @@ _CASTER = (-0.056, 0.0, -0.0184)
 _CASTER_RADIUS = 0.0096
 _MOTOR_Y = 0.028
 _TYRE_HALF_WIDTH = 0.007
-# Contacts settle in 6 ms: at MuJoCo's default of 20 ms the robot sinks into the floor by half a millimetre.
+# Contact time constant of 6 ms: with MuJoCo's default of 20 ms the robot sinks into the floor by half a millimetre.
 
 
 def build(robot: Robot, scene: Scene) -> mujoco.MjSpec:
@@ -64,7 +64,7 @@ def build(robot: Robot, scene: Scene) -> mujoco.MjSpec:
 
 
 def _add_masses(chassis: mujoco.MjsBody) -> None:
-    """Estimates, 0.47 kg with the wheels: hub and battery, motors, sensor, frame, caster."""
+    """Add estimated masses, 0.47 kg with the wheels: hub and battery, motors, sensor, frame, caster."""
     add_box(chassis, _HUB, (0.044, 0.028, 0.016), 0.230)
     for side in (1, -1):
         add_box(chassis, (-0.024, side * _MOTOR_Y, 0.0), (0.036, 0.016, 0.012), 0.060)
@@ -74,7 +74,7 @@ def _add_masses(chassis: mujoco.MjsBody) -> None:
 
 
 def _add_wheel(spec: mujoco.MjSpec, chassis: mujoco.MjsBody, motor: Motor, y: float, radius: float) -> None:
-    """Rotor in its motor, wheel on its rotor with some play.
+    """Add a motor's rotor and the wheel on it with backlash.
 
     A motor's shaft points outwards, and clockwise is seen from there: the axis of a positive turn points inwards.
     """
@@ -93,7 +93,7 @@ def _add_wheel(spec: mujoco.MjSpec, chassis: mujoco.MjsBody, motor: Motor, y: fl
         damping=5e-4,
         solref_limit=[0.005, 1.0],
     )
-    # A round tyre touches in one point, which also costs the solver half of what a cylinder does.
+    # An ellipsoid touches in one point, which takes the solver half the time of a cylinder.
     wheel.add_geom(
         name=f"tyre_{motor.port}",
         type=mujoco.mjtGeom.mjGEOM_ELLIPSOID,

@@ -1,8 +1,8 @@
-"""The Walker: four legs on cranks under a hub that lies flat, ultrasonic sensor in front.
+"""Model of the Walker: four legs on cranks under a flat hub, ultrasonic sensor in front.
 
-A leg is a beam. Its motor turns one of its holes on a crank, a rocker guides its upper end, so its foot goes round:
-back on the ground, forward through the air. Frame of the chassis: x forward, y left, z up, cranks 20 mm below the
-origin. Metres and kilograms; looks in mm. At an angle of 0 a crank points down and its foot stands lowest.
+A leg is a beam. A crank turns one of its holes and a rocker guides its upper end, so that its foot moves in a loop:
+backward on the ground, forward through the air. Frame of the chassis: x forward, y left, z up, cranks 20 mm below the
+origin. Metres and kilograms; looks in mm. At an angle of 0 a crank points down and its foot is lowest.
 """
 
 from __future__ import annotations
@@ -35,16 +35,16 @@ _EYES = (0.098, 0.0, 0.016)
 _AXIS_X, _AXIS_Z, _LEG_Y = 0.064, -0.020, 0.060
 _MOTOR_Y = 0.036
 _CRANK, _THIGH, _SHANK, _ROCKER = 0.008, 0.040, 0.056, 0.032
-"""Axis to pin, pin to upper end, pin to foot, and the rocker between its two pins."""
+"""Lengths of crank (axis to pin), thigh (pin to upper end), shank (pin to foot) and rocker (between its pins)."""
 _ROCKER_AT = (-0.032, 0.040)
-"""Where the rocker is pinned to the chassis: along x towards the middle and upwards, from the crank's axis."""
+"""Position of the rocker's pin on the chassis relative to the crank's axis: x (negative is inwards) and z."""
 _FOOT_RADIUS, _FOOT_HALF_WIDTH, _FOOT_OUT = 0.0038, 0.016, 0.004
 _HINGE = mujoco.mjtJoint.mjJNT_HINGE
 
 
 @dataclass(frozen=True)
 class _Corner:
-    """Where a leg is: ``side`` 1 left, -1 right; ``end`` 1 front, -1 back."""
+    """Position of a leg: ``side`` 1 left, -1 right; ``end`` 1 front, -1 back."""
 
     side: int
     end: int
@@ -68,10 +68,10 @@ def build(robot: Robot, scene: Scene) -> mujoco.MjSpec:
     if {motor.name for motor in robot.motors} != set(_CORNERS) or len(sensors) != 1:
         raise TwinError(f"robot '{robot.name}' is no Walker: it needs the motors {', '.join(_CORNERS)} and one ultrasonic sensor")
     spec = new_spec(robot.name)
-    # All legs hang on one chassis: looking for independent islands of constraints costs a tenth of the time for nothing.
-    # (The pyramidal cone would save another tenth, but bounds and paces a quarter slower than the elliptic one.)
+    # All constraints share the chassis: searching for independent islands would take a tenth of the time in vain.
+    # (The pyramidal cone would save another tenth, but bounding and pacing are a quarter slower with it.)
     spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_ISLAND
-    # No leg acts on another one but through the chassis: most of the matrices is zeros.
+    # Legs interact through the chassis only: the matrices are sparse.
     spec.option.jacobian = mujoco.mjtJacobian.mjJAC_SPARSE
     add_surroundings(spec, scene)
     chassis = spec.worldbody.add_body(name="chassis", pos=[0.0, 0.0, _CRANK + _SHANK + _FOOT_RADIUS - _AXIS_Z])
@@ -91,7 +91,7 @@ def build(robot: Robot, scene: Scene) -> mujoco.MjSpec:
 
 
 def _add_masses(chassis: mujoco.MjsBody) -> None:
-    """Estimates, 0.68 kg with the legs: hub and battery, motors, sensor, frame."""
+    """Add estimated masses, 0.68 kg with the legs: hub and battery, motors, sensor, frame."""
     add_box(chassis, _HUB, (0.044, 0.028, 0.016), 0.230)
     add_box(chassis, (0.0, 0.0, -0.004), (0.060, 0.044, 0.004), 0.060)
     add_box(chassis, (0.086, 0.0, 0.016), (0.012, 0.028, 0.012), 0.030)
@@ -100,10 +100,10 @@ def _add_masses(chassis: mujoco.MjsBody) -> None:
 
 
 def _add_leg(spec: mujoco.MjSpec, chassis: mujoco.MjsBody, motor: Motor, corner: _Corner) -> None:
-    """Rotor, crank with some play, leg, and the rocker from the chassis to the leg's upper end.
+    """Add rotor, crank with backlash, leg, and the rocker from the chassis to the leg's upper end.
 
     The motors' shafts point to the middle of the robot, and clockwise is seen from there; an axle through each motor
-    takes the turn out to its crank.
+    drives its crank on the outside.
     """
     port, axis = motor.port, [0.0, float(corner.side), 0.0]
     rotor = chassis.add_body(name=f"rotor_{port}", pos=[corner.end * _AXIS_X, corner.side * _LEG_Y, _AXIS_Z])
@@ -152,8 +152,8 @@ def _add_leg(spec: mujoco.MjSpec, chassis: mujoco.MjsBody, motor: Motor, corner:
 
 
 def _leg_tilt() -> float:
-    """Turn (rad, about y) of a front leg that brings its upper end as far from the rocker's pin as the rocker is long."""
-    # From the crank's pin, at a crank angle of 0, to the rocker's; the end is where two circles cross.
+    """Rotation (rad, about y) of a front leg at which its upper end has the rocker's length from the rocker's pin."""
+    # Intersection of two circles, around the crank's pin at a crank angle of 0 and around the rocker's.
     x, z = _ROCKER_AT[0], _ROCKER_AT[1] + _CRANK
     distance = math.hypot(x, z)
     along = (distance**2 + _THIGH**2 - _ROCKER**2) / (2 * distance)

@@ -1,4 +1,4 @@
-"""Captions of videos: a title, a line of numbers, labels; written onto images with Pillow."""
+"""Captions of videos: a title, a line of numbers, and labels, drawn onto images with Pillow."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _INK, _PALE, _BACK, _OPACITY = (31, 36, 48), (73, 81, 94), (255, 255, 255), 205
 
 @functools.lru_cache(maxsize=8)
 def _font(size_px: int, bold: bool) -> ImageFont.FreeTypeFont:
-    """DejaVu Sans, which Matplotlib brings along."""
+    """DejaVu Sans, from Matplotlib's data."""
     import_matplotlib()
     import matplotlib
 
@@ -27,7 +27,7 @@ def _font(size_px: int, bold: bool) -> ImageFont.FreeTypeFont:
 
 
 def captioned(image: Pixels, title: str, line: str, labels: Iterable[tuple[int, int, str]] = ()) -> Pixels:
-    """The image ``[height, width, 3]`` with a title and a line below it in its upper left, and labels (column, row, text)."""
+    """The image ``[height, width, 3]`` with title and line in its upper left corner, and labels (column, row, text)."""
     height = image.shape[0]
     large, small = max(11, height // 26), max(9, height // 34)
     picture = Image.fromarray(image)
@@ -39,7 +39,7 @@ def captioned(image: Pixels, title: str, line: str, labels: Iterable[tuple[int, 
         margin = height // 45
         width = 2 * margin + round(max(pen.textlength(text, font) for text, font in lines))
         rise = 2 * margin + round(sum(font.size for _, font in lines)) + margin // 2 * (len(lines) - 1)
-        # Only the part below the text is blended: the whole image would take longer than drawing the robot.
+        # Only the area behind the text is blended: the whole image would take longer than drawing the robot.
         mask = Image.new("L", (width, rise), 0)
         ImageDraw.Draw(mask).rounded_rectangle((0, 0, width - 1, rise - 1), margin // 2, _OPACITY)
         picture.paste(_BACK, (margin, margin, margin + width, margin + rise), mask)

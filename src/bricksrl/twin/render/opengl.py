@@ -1,4 +1,4 @@
-"""OpenGL renderer of virtual robots, off the screen. Training never imports this."""
+"""Offscreen OpenGL renderer of virtual robots. Training never imports this."""
 
 from __future__ import annotations
 
@@ -27,32 +27,32 @@ Image = NDArray[np.uint8]
 _REMEDY = "install one (Debian: apt install libegl1 libgl1-mesa-dri, or libosmesa6) or set MUJOCO_GL to one that works"
 _LIBRARIES = {"egl": ("libEGL.so.1",), "osmesa": ("libOSMesa.so.8", "libOSMesa.so.6", "libOSMesa.so")}
 _SWITCHED_OFF = ("disable", "disabled", "off", "false", "0")
-"""Values of MUJOCO_GL for which MuJoCo draws nothing."""
+"""Values of MUJOCO_GL that disable MuJoCo's rendering."""
 _MAX_GEOMS = 1000
 
 Decorate = Callable[[mujoco.MjvScene], None]
-"""Adds to a scene what is drawn beside the model, each time before it is drawn."""
+"""Adds decorations to a scene before each rendering."""
 
 
 class Renderer:
-    """Draws a body as one of its cameras sees it.
+    """Renderer of a body, as seen by a camera.
 
-    What stands still before a camera that stands still is drawn once. After that, only the part of the image is drawn anew in
-    which something moves. Where edges are hard and nothing can be seen through, only what moves is drawn there, and put over the
-    picture of the rest where it is nearer.
+    With a fixed camera, the static background is drawn once; after that, only the part of the image with moving geometry is
+    redrawn. Without anti-aliasing and transparency, only the moving geometry is drawn there, and composited over the background
+    by depth.
 
     Args:
         body: the robot.
-        width, height: of the image in pixels.
-        camera: name of a camera: "chase" moves along, "overview" stands still; or a camera of one's own, which is looked through
-            as it stands at each image.
-        decorate: adds what is drawn beside the model.
-        shadows: draws them; without a graphics card they cost far more than all the rest.
-        smooth: blends the edges of things; without a graphics card it doubles the time.
+        width, height: size of the image in pixels.
+        camera: name of a camera: "chase" follows the robot, "overview" is fixed; or a camera object, whose present pose is used
+            for each image.
+        decorate: adds decorations to the scene.
+        shadows: draw shadows; without a graphics card they take far longer than all the rest.
+        smooth: anti-aliasing; without a graphics card it doubles the time.
 
     Raises:
         RenderingUnavailableError: no OpenGL library works here.
-        TwinError: there is no such camera, or no such image.
+        TwinError: there is no such camera, or the image size is invalid.
     """
 
     def __init__(
@@ -81,23 +81,23 @@ class Renderer:
         self._whole = Box(0, 0, width, height)
         self._background: tuple[Image, NDArray[np.float32]] | None = None
         self._moving: MovingParts | None = None
-        is_own = not isinstance(camera, str)
-        if not shadows and not is_own and decorate is None and stands_still(model, self._camera.fixedcamid):
+        is_free = not isinstance(camera, str)
+        if not shadows and not is_free and decorate is None and stands_still(model, self._camera.fixedcamid):
             self._moving = MovingParts(model, self._camera.fixedcamid, width, height, self._option.geomgroup)
             self._puts_over = not smooth and is_opaque(model, self._option.geomgroup)
-        # OpenGL clears its whole buffer for every image, so it gets one of just this size.
+        # OpenGL clears its whole buffer for every image, so the buffer has exactly this size.
         model.vis.global_.offwidth, model.vis.global_.offheight = width, height
         model.vis.quality.offsamples = 4 if smooth else 0
         self._gl, self._context = _open_context(model, width, height)
-        # Freed in another context than their own, OpenGL's objects would take that context's objects of the same number along.
+        # OpenGL objects must be freed in their own context, or another context's objects of the same number would be freed.
         self._free = weakref.finalize(self, _free_context, self._gl, self._context)
-        self._free.atexit = False  # the process takes all of it along
+        self._free.atexit = False  # the end of the process frees all of it
 
     def render(self) -> Image:
-        """Draw what the camera sees now.
+        """Draw the present image.
 
         Returns:
-            uint8 [height, width, 3], red, green, blue.
+            RGB image, uint8 [height, width, 3].
         """
         if not self._free.alive:
             raise TwinError("this renderer is closed; make a new one")
@@ -114,12 +114,12 @@ class Renderer:
             part = slice(box.top, box.bottom), slice(box.left, box.right)
             pixels, depth = self._draw(box, mujoco.mjtCatBit.mjCAT_DYNAMIC if self._puts_over else mujoco.mjtCatBit.mjCAT_ALL)
             nearer = depth < still_depth[part] if self._puts_over else np.True_
-            for color in range(3):  # eight times as fast as one copy with the mask spread over the colors
+            for color in range(3):  # eight times as fast as one copy with a broadcast mask
                 np.copyto(image[part][..., color], pixels[..., color], where=nearer)
         return image
 
     def _draw(self, box: Box, what: int) -> tuple[Image, NDArray[np.float32]]:
-        """A part of the image and its depth, 0 (near) to 1; ``what`` says whether all, what never moves, or what moves."""
+        """Part of the image and its depth, 0 (near) to 1; ``what`` selects all, static or moving geometry."""
         mujoco.mjv_updateScene(self._body.model, self._body.data, self._option, None, self._camera, what, self._scene)
         self._scene.flags[mujoco.mjtRndFlag.mjRND_SKYBOX] = what != mujoco.mjtCatBit.mjCAT_DYNAMIC
         if self._decorate is not None:
@@ -132,7 +132,7 @@ class Renderer:
         return pixels[::-1], depth[::-1]
 
     def close(self) -> None:
-        """Free what OpenGL holds; closing twice does nothing."""
+        """Free the OpenGL context; closing twice does nothing."""
         self._free()
 
     def __enter__(self) -> Self:
@@ -143,11 +143,11 @@ class Renderer:
 
 
 class VideoWriter:
-    """An mp4 file (H.264) that browsers play, written image by image; it gets its name when it is whole.
+    """Writer of an mp4 file (H.264, playable in browsers), image by image; the file is renamed to ``path`` when complete.
 
     Args:
-        path: of the file; its folder is made.
-        fps: images a second.
+        path: path of the file; its folder is created.
+        fps: images per second.
     """
 
     def __init__(self, path: str | Path, fps: float) -> None:
@@ -158,10 +158,10 @@ class VideoWriter:
         self._size: tuple[int, ...] = ()
 
     def add(self, frame: Image) -> None:
-        """The next image, uint8 [height, width, 3].
+        """Add an image, uint8 [height, width, 3].
 
         Raises:
-            TwinError: it is of another size than the first.
+            TwinError: its size differs from the first one's.
         """
         if self._file is None:
             self._open(frame)
@@ -171,7 +171,7 @@ class VideoWriter:
 
     @property
     def is_empty(self) -> bool:
-        """True if there is no image yet, and no file."""
+        """True if no image was added, and there is no file."""
         return not self._size
 
     def _open(self, frame: Image) -> None:
@@ -196,7 +196,7 @@ class VideoWriter:
         self._file.send(None)
 
     def close(self, *, whole: bool = True) -> None:
-        """Finish the file, which gets its name now, or drop one that is not ``whole``; closing twice does nothing."""
+        """Finish and rename the file, or delete it if it is not ``whole``; closing twice does nothing."""
         file, self._file = self._file, None
         if file is None or self._part is None:
             return
@@ -219,9 +219,9 @@ def write_video(path: str | Path, frames: Iterable[Image], fps: float) -> Path:
     """Write images as an mp4; see :class:`VideoWriter`.
 
     Args:
-        path: of the file; its folder is made.
+        path: path of the file; its folder is created.
         frames: uint8 [height, width, 3], all of one size.
-        fps: images a second.
+        fps: images per second.
 
     Returns:
         The path.
@@ -254,22 +254,22 @@ def _free_context(gl: Any, context: Any) -> None:
 
 
 def _open_context(model: mujoco.MjModel, width: int, height: int) -> tuple[Any, Any]:
-    """An OpenGL context and MuJoCo's own in it."""
+    """An OpenGL context and MuJoCo's rendering context in it."""
     backend = os.environ.get("MUJOCO_GL", "").lower().strip() or _choose_backend()
     if backend:
-        # MuJoCo's library reads this when it looks for OpenGL's functions.
+        # MuJoCo's library reads this when it loads OpenGL's functions.
         os.environ["MUJOCO_GL"] = backend
     if backend in _SWITCHED_OFF:
         raise RenderingUnavailableError(f"nothing is drawn with MUJOCO_GL={backend}; unset it, or {_REMEDY}")
     try:
         module = importlib.import_module(f"mujoco.{backend}") if backend in ("egl", "osmesa", "glfw", "cgl") else mujoco
         if not hasattr(module.GLContext, "_context"):
-            module.GLContext._context = None  # asked for when it is freed, also where it could not be opened
+            module.GLContext._context = None  # its destructor reads this, even if the constructor failed
         gl = module.GLContext(width, height)
         gl.make_current()
         context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100)
     except Exception as error:
-        # Each library fails in its own way: ImportError, AttributeError, RuntimeError, an error of ctypes or of GL.
+        # Libraries raise different errors: ImportError, AttributeError, RuntimeError, errors of ctypes or of GL.
         name = backend or "the system's OpenGL"
         raise RenderingUnavailableError(f"nothing can be drawn with {name} ({_one_line(error)}); {_REMEDY}") from error
     mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, context)
@@ -277,7 +277,7 @@ def _open_context(model: mujoco.MjModel, width: int, height: int) -> tuple[Any, 
 
 
 def _choose_backend() -> str:
-    """The library to draw with where the user named none; empty for what MuJoCo itself takes."""
+    """OpenGL library if the user named none; empty for MuJoCo's default."""
     if not sys.platform.startswith("linux") or os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"):
         return ""
     for backend, names in _LIBRARIES.items():

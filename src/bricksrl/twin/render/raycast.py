@@ -1,6 +1,6 @@
-"""Ray caster, for pictures of virtual robots without OpenGL: one ray for each spot of the image, coloured by what it meets.
+"""Ray caster, for images of virtual robots without OpenGL: one ray per square of the image.
 
-Coarser and plainer than `rendering`: no shine, no shadows, and a texture has its mean colour.
+Coarser and simpler than `opengl`: no specular light, no shadows, and textures have their mean colour.
 """
 
 from __future__ import annotations
@@ -15,25 +15,25 @@ from bricksrl.errors import TwinError
 from bricksrl.twin.mujoco_body import MujocoBody
 from bricksrl.twin.render.view import MovingParts, stands_still
 
-_SHOWN = np.array([1, 1, 1, 0, 0, 0], np.uint8)  # the groups that MuJoCo draws too
+_SHOWN = np.array([1, 1, 1, 0, 0, 0], np.uint8)  # the groups that MuJoCo draws by default
 _SKY = (0.50, 0.59, 0.69)
 
 Image = NDArray[np.uint8]
 
 
 class RayCaster:
-    """Draws a body as one of its cameras sees it.
+    """Ray caster of a body, as seen by one of its cameras.
 
-    What stands still is looked at once; after that only rays are cast that something moving may be in the way of.
+    With a fixed camera, the static background is cast once; after that, only rays that moving geometry may hit.
 
     Args:
         body: the robot.
-        width, height: of the image in pixels.
+        width, height: size of the image in pixels.
         camera: name of a camera.
-        spot_px: side of the squares that one ray colours.
+        spot_px: side of the square of pixels per ray.
 
     Raises:
-        TwinError: there is no such camera, or no such image.
+        TwinError: there is no such camera, or a size is invalid.
     """
 
     def __init__(self, body: MujocoBody, width: int, height: int, camera: str, spot_px: int = 5) -> None:
@@ -53,16 +53,16 @@ class RayCaster:
         self._colours, self._textures = _colours(model)
         self._moves = model.body_weldid[model.geom_bodyid] != 0
         self._image = np.empty(rays.shape, np.uint8)
-        self._stale = np.ones(rays.shape[:2], bool)  # where the picture before shows what may have moved since
+        self._stale = np.ones(rays.shape[:2], bool)  # squares that show geometry which may have moved since
         self._moving: MovingParts | None = None
         if stands_still(model, self._camera):
             self._moving = MovingParts(model, self._camera, width, height, _SHOWN)
 
     def render(self) -> Image:
-        """Draw what the camera sees now.
+        """Draw the present image.
 
         Returns:
-            uint8 [height, width, 3], red, green, blue.
+            RGB image, uint8 [height, width, 3].
         """
         data = self._body.data
         self._body.pose_looks()
@@ -76,10 +76,10 @@ class RayCaster:
         return self._image.repeat(self._spot_px, 0).repeat(self._spot_px, 1)[: self._height, : self._width]
 
     def close(self) -> None:
-        """Nothing to free."""
+        """Do nothing: there is nothing to free."""
 
     def _cast(self, rays: NDArray[np.float64]) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
-        """What each ray ``[rays, 3]`` meets first, as the number of a geometry, or -1, and the direction of its surface there."""
+        """First geometry that each ray ``[rays, 3]`` hits, or -1, and the surface normal there."""
         model, data = self._body.model, self._body.data
         eye, met, normals = data.cam_xpos[self._camera], np.empty((len(rays), 1), np.int32), np.empty_like(rays)
         # One at a time: the function for many rays misses geometries that do not collide (MuJoCo 4.0.0).
@@ -88,7 +88,7 @@ class RayCaster:
         return met[:, 0], normals
 
     def _shade(self, met: NDArray[np.int32], normals: NDArray[np.float64], rays: NDArray[np.float64]) -> NDArray[np.uint8]:
-        """Colours ``[rays, 3]`` under the lamp at the camera and the lights of the scene, without their shine."""
+        """Colours ``[rays, 3]`` under the headlight and the lights of the scene, without specular light."""
         model, data = self._body.model, self._body.data
         lamp = model.vis.headlight
         facing = np.clip(-(normals * rays).sum(-1, keepdims=True), 0.0, 1.0)
@@ -96,15 +96,15 @@ class RayCaster:
         for number in range(model.nlight):
             towards = np.clip(-normals @ data.light_xdir[number], 0.0, 1.0)[:, None]
             light = light + model.light_ambient[number] + towards * model.light_diffuse[number]
-        light[met < 0] = 1.0  # the sky shines by itself
-        # As in OpenGL, what is lit is not brighter than white before the texture is laid over it.
+        light[met < 0] = 1.0  # the sky is not lit
+        # As in OpenGL, the lit colour is clipped to white before the texture is applied.
         lit = np.clip(self._colours[met] * light, 0.0, 1.0) * self._textures[met]
         shaded: NDArray[np.uint8] = np.rint(lit * 255).astype(np.uint8)
         return shaded
 
 
 def _colours(model: mujoco.MjModel) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Colour and mean of the texture (red, green, blue, 0..1) of each geometry, and of the sky; ``[geometries + 1, 3]`` each."""
+    """Colour and mean texture colour (RGB in 0..1) of each geometry, and of the sky; ``[geometries + 1, 3]`` each."""
     colours, textures = np.vstack((model.geom_rgba[:, :3].astype(float), _SKY)), np.ones((model.ngeom + 1, 3))
     for geom, material in enumerate(model.geom_matid):
         if material >= 0:

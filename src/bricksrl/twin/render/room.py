@@ -1,6 +1,6 @@
-"""Room for videos: walls, a line and a label at each metre, a camera that stands in it, and a ghost where a robot is to get to.
+"""Room for videos: walls, a line and a label at each metre, a camera, and a ghost of the robot at its goal.
 
-All of it is drawn beside the model, so the physics never sees it.
+All of it is drawn as decoration, without effect on the physics.
 """
 
 from __future__ import annotations
@@ -16,23 +16,23 @@ from bricksrl.twin.physics import Physics
 from bricksrl.twin.sensed_pose import sensed_qpos
 
 _BACK_M, _HEIGHT_M, _SKIRTING_M = 1.3, 1.6, 0.07
-"""The wall behind the robot: how far to the left of where it starts, how high, and its skirting board."""
+"""Wall behind the robot: distance to the left of its start, height, and height of its skirting board."""
 _LINE = (0.45, 0.50, 0.58, 1.0)
 _WALL, _BOARD = (0.90, 0.90, 0.87, 1.0), (0.97, 0.97, 0.96, 1.0)
 _GHOST = (0.10, 0.62, 0.25, 0.30)
 _LAG = 0.06
-"""Part of the way to the robot that the camera's look goes in an image."""
+"""Share of the distance to the robot by which the camera's target moves per image."""
 
 
 class Room:
-    """Decoration and camera of one film of a robot.
+    """Decoration and camera of a film of a robot.
 
     Args:
         body: the robot.
-        goal_deg: angles of its motors where it is to get to, by name; none for a robot without such a goal.
+        goal_deg: goal angles of its motors, by name; ``None`` for a robot without such a goal.
 
     Attributes:
-        camera: to be given to a renderer; :meth:`follow` aims it.
+        camera: camera for a renderer; :meth:`follow` aims it.
     """
 
     def __init__(self, body: MujocoBody, goal_deg: dict[str, float] | None = None) -> None:
@@ -50,13 +50,13 @@ class Room:
         self.aim_for(goal_deg or {})
 
     def aim_for(self, goal_deg: dict[str, float]) -> None:
-        """Put the ghost where the robot is to get to now."""
+        """Set the goal that the ghost shows."""
         if self._ghost is not None:
             self._ghost.data.qpos[:] = sensed_qpos(self._ghost, goal_deg, (0.0, 0.0))
             self._ghost.pose_looks()
 
     def follow(self) -> None:
-        """Turn the camera's look a little more to where the robot is now."""
+        """Move the camera's target towards the robot, smoothly."""
         self._look += _LAG * (np.array(self._robot()) - self._look)
         self.camera.lookat[:] = self._look
 
@@ -67,7 +67,7 @@ class Room:
         return float(x), float(y), 0.07
 
     def decorate(self, scene: mujoco.MjvScene) -> None:
-        """Add walls, metres and ghost."""
+        """Add walls, metre lines and ghost to a scene."""
         middle = round(float(self._look[0]))
         _box(scene, (middle, _BACK_M + 0.01, _HEIGHT_M / 2), (6.0, 0.01, _HEIGHT_M / 2), _WALL)
         _box(scene, (middle, _BACK_M - 0.008, _SKIRTING_M / 2), (6.0, 0.008, _SKIRTING_M / 2), _BOARD)
@@ -87,7 +87,7 @@ class Room:
             scene.geoms[number].matid = -1
 
     def metre_marks(self, width: int, height: int) -> list[tuple[int, int, str]]:
-        """Places in an image of so many px where labels of the metres belong: column, row, text."""
+        """Labels of the metre lines in an image of that size in px: column, row, text."""
         marks = []
         for metre in range(round(float(self._look[0])) - 2, round(float(self._look[0])) + 3):
             at = self._project(np.array([metre, -0.28, 0.0]), width, height)

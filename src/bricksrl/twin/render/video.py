@@ -1,4 +1,4 @@
-"""Video of a virtual robot while a program moves it."""
+"""Video of a virtual robot that a program moves."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ _FRAME_MS = 40
 
 
 class Draws(Protocol):
-    """Whatever gives an image of the robot as it is now."""
+    """Renderer of the present image of a robot."""
 
     def render(self) -> Image: ...
 
 
 class Filmed:
-    """Stands in for a body and takes a picture whenever one is due in simulated time."""
+    """Proxy of a body that takes an image every ``frame_ms`` of simulated time."""
 
     def __init__(self, body: Any, renderer: Draws, frame_ms: int, time_ms: int, take: Callable[[Image], None]) -> None:
         self._body = body
@@ -33,7 +33,7 @@ class Filmed:
         self._take = take
 
     def advance_to(self, time_ms: int) -> None:
-        """Let the body move on; then look."""
+        """Advance the body; then take an image if one is due."""
         self._body.advance_to(time_ms)
         if time_ms >= self._due_ms:
             self._due_ms += self._frame_ms
@@ -45,11 +45,11 @@ class Filmed:
 
 @contextmanager
 def filmed(body: Body, path: Path) -> Iterator[Body]:
-    """Film a robot into an mp4 file, as long as this lasts, at the speed of its own time. Use the body that this gives.
+    """Film a robot into an mp4 file inside this context, in simulated time. Use the body that it yields.
 
     Raises:
         RenderingUnavailableError: no OpenGL library works here.
-        TwinError: there is nothing to see of the robot, or the file is no mp4.
+        TwinError: the robot has no MuJoCo model, or the file is no mp4.
     """
     if not isinstance(body, MujocoBody):
         raise TwinError(f"there is nothing to see of robot '{body.robot.name}'; film one with a MuJoCo model")
@@ -60,5 +60,5 @@ def filmed(body: Body, path: Path) -> Iterator[Body]:
         try:
             video.add(renderer.render())
             yield Filmed(body, renderer, _FRAME_MS, _FRAME_MS, video.add)
-        finally:  # whatever ended the program, what it did until then is on the film
+        finally:  # keep the film even if the program raised
             video.close()

@@ -1,4 +1,4 @@
-"""Static-scene culling: the part of a picture that changes when nothing but the robot moves, and how to aim at it."""
+"""Static-scene culling: the part of an image that may change when only the robot moves, and a view narrowed to it."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 _NEAR_M = 1e-3
-"""Nothing nearer to a camera than this is seen as it is."""
+"""Least depth in the projection; nearer points are treated as at this depth."""
 
 
 @dataclass(frozen=True)
 class Box:
-    """A part of an image in px, from its upper left; the right column and the bottom row lie beyond it."""
+    """Part of an image in px, from its upper left corner; ``right`` and ``bottom`` are exclusive."""
 
     left: int
     top: int
@@ -32,13 +32,13 @@ class Box:
 
 
 def stands_still(model: mujoco.MjModel, camera: int) -> bool:
-    """True if a camera never moves."""
+    """True if a camera is fixed in the world."""
     fixed = model.cam_mode[camera] == mujoco.mjtCamLight.mjCAMLIGHT_FIXED
     return bool(fixed and model.body_weldid[model.cam_bodyid[camera]] == 0)
 
 
 def is_opaque(model: mujoco.MjModel, shown: NDArray[np.uint8]) -> bool:
-    """True if nothing in the groups of geometries that are drawn can be seen through."""
+    """True if no geometry of the drawn groups is transparent."""
     geoms = np.flatnonzero(shown[model.geom_group])
     materials = model.geom_matid[geoms]
     alphas = *model.geom_rgba[geoms, 3], *model.mat_rgba[materials[materials >= 0], 3]
@@ -46,10 +46,10 @@ def is_opaque(model: mujoco.MjModel, shown: NDArray[np.uint8]) -> bool:
 
 
 class MovingParts:
-    """Part of the image of a camera that stands still in which something may move.
+    """Part of a fixed camera's image that moving geometry may cover.
 
     Args:
-        shown: which groups of geometries are drawn, one flag each.
+        shown: flags of the geometry groups that are drawn.
     """
 
     def __init__(self, model: mujoco.MjModel, camera: int, width: int, height: int, shown: NDArray[np.uint8]) -> None:
@@ -58,18 +58,18 @@ class MovingParts:
         self._geoms = np.flatnonzero(moves & (shown[model.geom_group] != 0))
         middle, half = model.geom_aabb[self._geoms, None, :3], model.geom_aabb[self._geoms, None, 3:]
         signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
-        self._corners = middle + half * signs  # [geoms, 8, 3], in the frame of each
+        self._corners = middle + half * signs  # [geoms, 8, 3], in the frame of each geometry
         self._focal_px = height / 2 / math.tan(math.radians(float(model.cam_fovy[camera])) / 2)
 
     def box(self, data: mujoco.MjData) -> Box:
-        """The part of the image that holds all of them, with a px to spare; of no width where there are none."""
+        """Bounding box of all moving geometry, with a margin of 1 px; empty if there is none."""
         if not len(self._geoms):
             return Box(0, 0, 0, 0)
         left, top, right, bottom = self._bounds(data)
         return Box(int(left.min()), int(top.min()), int(right.max()), int(bottom.max()))
 
     def mask(self, data: mujoco.MjData, spot_px: int) -> NDArray[np.bool_]:
-        """The squares of so many px ``[rows, columns]`` that one of them may show in."""
+        """Mask ``[rows, columns]`` of the squares of ``spot_px`` that moving geometry may cover."""
         mask = np.zeros((-(-self._height // spot_px), -(-self._width // spot_px)), bool)
         bounds = self._bounds(data)
         bounds[2:] += spot_px - 1
@@ -78,7 +78,7 @@ class MovingParts:
         return mask
 
     def _bounds(self, data: mujoco.MjData) -> NDArray[np.int64]:
-        """Left, top, right and bottom of the box around each of them, with a px to spare; ``[4, geometries]``."""
+        """Left, top, right and bottom of each geometry's bounding box, with a margin of 1 px; ``[4, geometries]``."""
         turned = self._corners @ data.geom_xmat[self._geoms].reshape(-1, 3, 3).transpose(0, 2, 1)
         corners = turned + data.geom_xpos[self._geoms, None] - data.cam_xpos[self._camera]
         right, up, back = np.moveaxis(corners @ data.cam_xmat[self._camera].reshape(3, 3), -1, 0)
@@ -87,7 +87,7 @@ class MovingParts:
         rows = self._height / 2 - self._focal_px * up / depth
         upper_left = [np.floor(part.min(1)) - 1 for part in (columns, rows)]
         bounds = np.array([*upper_left, *(np.ceil(part.max(1)) + 1 for part in (columns, rows))])
-        beside = back.max(1) > -_NEAR_M  # or behind the camera: it may show anywhere
+        beside = back.max(1) > -_NEAR_M  # or behind the camera: it may cover anything
         bounds[:2, beside], bounds[2:, beside] = 0, [[self._width], [self._height]]
         limits = np.array([[self._width], [self._height]] * 2)
         within: NDArray[np.int64] = np.clip(bounds, 0, limits).astype(np.int64)

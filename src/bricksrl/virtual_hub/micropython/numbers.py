@@ -12,6 +12,7 @@ from typing import Any
 from bricksrl.virtual_hub.micropython.floats import to_single
 from bricksrl.virtual_hub.micropython.formatting import to_number
 from bricksrl.virtual_hub.micropython.operators import int_from_float, small
+from bricksrl.virtual_hub.micropython.streams import as_bytes
 
 _MASK = 0xFFFFFFFF
 
@@ -122,7 +123,8 @@ class _Yasmarang:
         return (self.next() & 0x7FFFFF) / 0x800000
 
 
-def _whole(*values: Any) -> None:
+def expect_whole(*values: Any) -> None:
+    """Raises TypeError for what is no whole number."""
     for value in values:
         if not isinstance(value, int):
             raise TypeError(f"can't convert {type(value).__name__} to int")
@@ -133,13 +135,13 @@ def random_module(clock_us: int) -> ModuleType:
     source = _Yasmarang(clock_us)
 
     def getrandbits(k: int, /) -> int:
-        _whole(k)
+        expect_whole(k)
         if not 0 <= k <= 32:
             raise ValueError("bits must be 32 or less")
         return small(source.next() & (_MASK >> (32 - k))) if k else 0
 
     def randrange(start: int, stop: int | None = None, step: int = 1, /) -> int:
-        _whole(start, step, 0 if stop is None else stop)
+        expect_whole(start, step, 0 if stop is None else stop)
         low, high = (0, start) if stop is None else (start, stop)
         count = (high - low + step - (1 if step > 0 else -1)) // step if step else 0
         if count <= 0:
@@ -147,7 +149,7 @@ def random_module(clock_us: int) -> ModuleType:
         return low + step * source.below(count)
 
     def randint(a: int, b: int, /) -> int:
-        _whole(a, b)
+        expect_whole(a, b)
         if a > b:
             raise ValueError
         return a + source.below(b - a + 1)
@@ -158,9 +160,11 @@ def random_module(clock_us: int) -> ModuleType:
         return values[source.below(len(values))]
 
     def uniform(a: float, b: float, /) -> float:
-        return to_single(a + to_single(to_single(b - a) * source.fraction()))
+        low, high = _as_float(a), _as_float(b)
+        return to_single(low + to_single(to_single(high - low) * source.fraction()))
 
     def seed(a: int | None = None, /) -> None:
+        expect_whole(0 if a is None else a)
         source.seed(clock_us if a is None else a)
 
     names = {"getrandbits": getrandbits, "randrange": randrange, "randint": randint, "choice": choice, "uniform": uniform}
@@ -175,12 +179,12 @@ class _Layout:
     """A format string as the hub reads it: native ``l`` has 4 bytes; values are wrapped, not refused."""
 
     def __init__(self, text: str) -> None:
-        if not re.fullmatch(r"[@=<>!]?(\d*[xbBhHiIlLqQPOsefd])*", text):
+        if not re.fullmatch(r"[@<>!]?(\d*[xbBhHiIlLqQPOsefd])*", text):
             raise ValueError("bad typecode")
-        order = text[:1] if text[:1] in "@=<>!" and text[:1] else "@"
-        codes = text.lstrip("@=<>!")
+        order = text[:1] if text[:1] in "@<>!" and text[:1] else "@"
+        codes = text.lstrip("@<>!").replace("P", "I").replace("O", "I")
         if order == "@":
-            codes = codes.replace("l", "i").replace("L", "I").replace("P", "I").replace("O", "I")
+            codes = codes.replace("l", "i").replace("L", "I")
         self.struct = struct.Struct(order + codes)
         self.codes = [
             code for count, code in _CODES.findall(codes) for _ in range(1 if code in "sx" else int(count or 1)) if code != "x"
@@ -196,7 +200,7 @@ class _Layout:
     @staticmethod
     def _wrapped(code: str, value: Any) -> Any:
         if code == "s":
-            return value.encode() if isinstance(value, str) else value
+            return as_bytes(value)
         if code in "efd":
             return to_single(_as_float(value))
         if isinstance(value, float) or not isinstance(value, int):
@@ -227,6 +231,8 @@ def struct_module() -> ModuleType:
         return chosen.pack(values)
 
     def pack_into(fmt: str, buffer: bytearray, offset: int, /, *values: Any) -> None:
+        if not isinstance(buffer, bytearray | memoryview):
+            raise TypeError("object with buffer protocol required")
         data = pack(fmt, *values)
         start = offset + len(buffer) if offset < 0 else offset
         if start < 0 or start + len(data) > len(buffer):
@@ -239,6 +245,8 @@ def struct_module() -> ModuleType:
             return chosen.checked(chosen.struct.unpack_from(data, offset))
         except struct.error:
             raise ValueError("buffer too small") from None
+        except TypeError:
+            return unpack_from(fmt, as_bytes(data), offset)
 
     def unpack(fmt: str, data: bytes, /) -> tuple[Any, ...]:
         return unpack_from(fmt, data)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import json
 import traceback
 from collections.abc import Callable, Iterator
@@ -18,6 +17,7 @@ from bricksrl.virtual_hub.micropython.containers import HubDict
 from bricksrl.virtual_hub.micropython.errors import ERROR_NAMES, HubOSError, class_name
 from bricksrl.virtual_hub.micropython.json_text import read_json
 from bricksrl.virtual_hub.micropython.numbers import module
+from bricksrl.virtual_hub.micropython.streams import BytesIO, StringIO, as_bytes
 from bricksrl.virtual_hub.micropython.text import text
 
 _POLLIN, _POLLOUT, _POLLERR, _POLLHUP = 1, 4, 8, 16
@@ -193,8 +193,8 @@ def sys_module(console: Console, keyboard: Keyboard, tick: Callable[[], None], v
         {
             "stdin": TextIOWrapper(0, console, keyboard, tick),
             "stdout": stdout,
-            "stderr": stdout,
-            "path": [""],
+            "stderr": TextIOWrapper(2, console, keyboard, tick),
+            "path": ["", ".frozen"],
             "argv": [],
             "version": f"3.4.0; Pybricks MicroPython v{version}",
             "version_info": (3, 4, 0),
@@ -277,7 +277,7 @@ def errno_module() -> ModuleType:
 
 
 def io_module() -> ModuleType:
-    return module("io", {"BytesIO": io.BytesIO, "StringIO": io.StringIO, "FileIO": FileIO, "TextIOWrapper": TextIOWrapper})
+    return module("io", {"BytesIO": BytesIO, "StringIO": StringIO})
 
 
 def json_module() -> ModuleType:
@@ -301,9 +301,7 @@ def json_module() -> ModuleType:
         return write(value)
 
     def loads(source: str | bytes, /) -> Any:
-        if not isinstance(source, str | bytes | bytearray):
-            raise TypeError("object with buffer protocol required")
-        return read_json(source if isinstance(source, str) else bytes(source).decode())
+        return read_json(source if isinstance(source, str) else as_bytes(source).decode())
 
     def dump(value: Any, stream: Any, /, *, separators: tuple[str, str] | None = None) -> None:
         stream.write(dumps(value, separators=separators))

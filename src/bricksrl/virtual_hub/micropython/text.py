@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from inspect import CO_GENERATOR
 from types import (
     BuiltinFunctionType,
     FunctionType,
@@ -170,7 +171,7 @@ _REPRESENTATIONS: dict[type, Callable[[Any], str]] = {
     object: lambda v: "<object>",
     DictView: lambda v: f"dict_{v.kind}([{_joined(v)}])",
     GeneratorType: lambda v: f"<generator object '{v.__name__}' at {_address(v)}>",
-    FunctionType: lambda v: "<function>",
+    FunctionType: lambda v: "<generator>" if v.__code__.co_flags & CO_GENERATOR else "<function>",
     BuiltinFunctionType: lambda v: "<function>" if isinstance(v.__self__, ModuleType | None) else _method(v),
     MethodType: _method,
     **dict.fromkeys((zip, map, enumerate, *_REVERSED, *_ITERATORS), lambda v: f"<{type_name(type(v))}>"),

@@ -36,6 +36,15 @@ def magnitude(value: Any, default: int) -> int:
     return default if value is None else abs(get_int(value))
 
 
+def _tolerances(now: tuple[int, int], set_both: Callable[[int, int], None], first: Any, second: Any) -> tuple[int, int] | None:
+    """What is set, where neither is given; otherwise sets what is."""
+    if first is None and second is None:
+        return now
+    with refusals():
+        set_both(magnitude(first, now[0]), magnitude(second, now[1]))
+    return None
+
+
 class Control:
     """Settings of one controller. Without arguments, each method returns what is set."""
 
@@ -81,22 +90,12 @@ class Control:
     @charged
     def target_tolerances(self, speed: Any = None, position: Any = None) -> tuple[int, int] | None:
         settings = self._controller().settings
-        now_speed, now_position = settings.target_tolerances()
-        if speed is None and position is None:
-            return now_speed, now_position
-        with refusals():
-            settings.set_target_tolerances(magnitude(speed, now_speed), magnitude(position, now_position))
-        return None
+        return _tolerances(settings.target_tolerances(), settings.set_target_tolerances, speed, position)
 
     @charged
     def stall_tolerances(self, speed: Any = None, time: Any = None) -> tuple[int, int] | None:
         settings = self._controller().settings
-        now_speed, now_time = settings.stall_tolerances()
-        if speed is None and time is None:
-            return now_speed, now_time
-        with refusals():
-            settings.set_stall_tolerances(magnitude(speed, now_speed), magnitude(time, now_time))
-        return None
+        return _tolerances(settings.stall_tolerances(), settings.set_stall_tolerances, speed, time)
 
     # ---- of older versions, and still there
 

@@ -87,6 +87,17 @@ def get_number(value: Any) -> float:
     return float(value)
 
 
+def get_text(value: Any) -> str:
+    """A text, or the bytes of one.
+
+    Raises:
+        TypeError: it is neither.
+    """
+    if not isinstance(value, str | bytes):
+        raise TypeError(f"can't convert '{type(value).__name__}' object to str implicitly")
+    return value if isinstance(value, str) else value.decode("latin-1")
+
+
 def get_array(value: Any) -> Sequence[Any]:
     """A tuple or list as it is.
 
@@ -211,6 +222,33 @@ class RunLoop:
     def done(self) -> Any:
         """A command without an answer that is over at once."""
         return self.value(lambda: None)
+
+
+class Latest:
+    """The command of a device that is awaited: a new one always wins, and who awaits the old one goes on."""
+
+    def __init__(self, loop: RunLoop) -> None:
+        self._loop = loop
+        self._awaited: Async | None = None
+
+    def cancel(self) -> None:
+        if self._awaited is not None:
+            self._awaited.cancel()
+            self._awaited = None
+
+    def finish(
+        self,
+        is_done: Callable[[], bool],
+        result: Callable[[], Any] | None = None,
+        on_close: Callable[[], None] | None = None,
+        grain_ms: int = 0,
+    ) -> Any:
+        """As that of the run loop, in place of the command before."""
+        self.cancel()
+        outcome = self._loop.finish(is_done, result, on_close, grain_ms)
+        if isinstance(outcome, Async):
+            self._awaited = outcome
+        return outcome
 
 
 class Context:

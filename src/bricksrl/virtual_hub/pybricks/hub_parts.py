@@ -9,7 +9,9 @@ from typing import Any
 from bricksrl.robots import HubKind
 from bricksrl.virtual_hub.machine import Machine
 from bricksrl.virtual_hub.micropython.containers import HubDict
-from bricksrl.virtual_hub.pybricks.context import Async, Context, charged, expect_type, get_array, get_int, percentage
+from bricksrl.virtual_hub.micropython.numbers import expect_whole
+from bricksrl.virtual_hub.micropython.streams import as_bytes
+from bricksrl.virtual_hub.pybricks.context import Context, Latest, charged, expect_type, get_array, get_int, get_text, percentage
 from bricksrl.virtual_hub.pybricks.matrix import Matrix
 from bricksrl.virtual_hub.pybricks.parameters import Button, Color, Side, buttons
 
@@ -38,14 +40,14 @@ class ColorLight(_Part):
 
     @charged
     def blink(self, color: Any, durations: Any) -> None:
-        for duration in list(durations):
+        for _, duration in zip(range(len(durations)), durations, strict=False):
             if get_int(duration) <= 0:
                 raise ValueError("Invalid argument")
         self._show(color)
 
     @charged
     def animate(self, colors: Any, interval: Any) -> None:
-        wanted = list(colors)
+        wanted = [color for _, color in zip(range(len(colors)), colors, strict=False)]
         for color in wanted:
             expect_type(color, Color)
         get_int(interval)
@@ -67,13 +69,11 @@ class LightMatrix(_Part):
 
     def __init__(self, context: Context) -> None:
         super().__init__(context)
-        self._last: Async | None = None
+        self._latest = Latest(self._loop)
 
     @charged
     def orientation(self, up: Any) -> None:
         expect_type(up, Side)
-        if up not in (Side.TOP, Side.LEFT, Side.RIGHT, Side.BOTTOM):
-            raise ValueError("Invalid argument")
 
     @charged
     def icon(self, icon: Any) -> None:
@@ -127,13 +127,8 @@ class LightMatrix(_Part):
     @charged
     def text(self, text: Any, on: Any = 500, off: Any = 50) -> Any:
         on_ms, off_ms = get_int(on), get_int(off)
-        expect_type(text, str)
-        steps = iter(self._text(text, on_ms, off_ms))
-        if self._last is not None:
-            self._last.cancel()
-        result = self._loop.finish(lambda: next(steps, True), grain_ms=1)
-        self._last = result if isinstance(result, Async) else None
-        return result
+        steps = iter(self._text(get_text(text), on_ms, off_ms))
+        return self._latest.finish(lambda: next(steps, True), grain_ms=1)
 
     def _text(self, text: str, on_ms: int, off_ms: int) -> Iterator[bool]:
         """False as long as a character is shown, or the pause after it lasts."""
@@ -173,7 +168,7 @@ def _pixels(icon: Any) -> list[int]:
 _NOTE = re.compile(r"(?:R|([A-G])([#b]?)([0-9])?)(/)?(\d\d?)?(\.?)(_?)")
 _FORBIDDEN_NOTES = ("Cb", "B#", "E#", "Fb")
 _SEMITONES = {"C": 0, "D": 2, "E": 4, "F": 5, "G": 7, "A": 9, "B": 11}
-_LOWEST_C_HZ = 16.3516  # C0 of the equal temperament with A4 = 440 Hz
+_LOWEST_OCTAVE_CHZ = (1635, 1732, 1835, 1945, 2060, 2183, 2312, 2450, 2596, 2750, 2914, 3087)  # C0 to B0
 
 
 class Speaker(_Part):
@@ -182,7 +177,7 @@ class Speaker(_Part):
     def __init__(self, context: Context) -> None:
         super().__init__(context)
         self._volume = 100
-        self._last: Async | None = None
+        self._latest = Latest(self._loop)
 
     @charged
     def volume(self, volume: Any = None) -> int | None:
@@ -205,11 +200,7 @@ class Speaker(_Part):
         return self._play(self._notes(waiting, 4 * 60 * 1000 // get_int(tempo)))
 
     def _play(self, sounds: Iterator[bool]) -> Any:
-        if self._last is not None:
-            self._last.cancel()
-        result = self._loop.finish(lambda: next(sounds, True), None, self._be_silent, grain_ms=1)
-        self._last = result if isinstance(result, Async) else None
-        return result
+        return self._latest.finish(lambda: next(sounds, True), None, self._be_silent, grain_ms=1)
 
     def _be_silent(self) -> None:
         self._panel.sound_hz = 0
@@ -234,8 +225,7 @@ def _parsed(note: Any, bar_ms: int) -> tuple[int, int, int]:
     Raises:
         ValueError: it is no note, in the firmware's words.
     """
-    expect_type(note, str)
-    match = _NOTE.match(note)
+    match = _NOTE.match(get_text(note))
     if match is None:
         raise ValueError("Missing note name A-G or R")
     name, sign, octave, slash, fraction, dot, tie = match.groups()
@@ -250,7 +240,7 @@ def _parsed(note: Any, bar_ms: int) -> tuple[int, int, int]:
     total_ms = bar_ms // int(fraction)
     total_ms = 3 * total_ms // 2 if dot else total_ms
     semitone = _SEMITONES[name] + {"#": 1, "b": -1}.get(sign, 0) if name else 0
-    frequency_hz = int(_LOWEST_C_HZ * 2 ** (int(octave) + semitone / 12)) if name else 0
+    frequency_hz = (_LOWEST_OCTAVE_CHZ[semitone] << int(octave)) // 100 if name else 0
     return frequency_hz, total_ms if tie else 7 * total_ms // 8, total_ms
 
 
@@ -261,6 +251,9 @@ class Keypad(_Part):
     def pressed(self) -> set[Any]:
         down = self._panel.pressed(self._machine.time_ms)
         return buttons(name for name in ("left", "right", "center", "bluetooth") if name in down)
+
+
+ColorLight.__name__ = Keypad.__name__ = ""  # as in the firmware
 
 
 class Battery(_Part):
@@ -304,14 +297,13 @@ class System(_Part):
 
     @charged
     def set_stop_button(self, button: Any) -> None:
-        if not button:
-            names = set()
-        elif isinstance(button, Button):
-            names = {button}
-        else:
-            names = set(button)
+        try:
+            names = list(button) if button else []
+        except TypeError:
+            names = [button]
         for name in names:
-            expect_type(name, Button)
+            if not isinstance(name, Button):
+                expect_type(button, Button)
         self._panel.stop_buttons = frozenset(str(name).partition(".")[2].lower() for name in names)
 
     @charged
@@ -339,17 +331,17 @@ class System(_Part):
 
     @charged
     def storage(self, offset: Any, read: Any = None, write: Any = None) -> bytes | None:
-        start = get_int(offset)
+        expect_whole(offset, 0 if read is None else read)
+        start: int = offset
         if (read is None) == (write is None):
             raise TypeError("Must set either read (int) or write (bytes).")
-        if write is not None and not isinstance(write, bytes | bytearray):
-            raise TypeError("expected write (bytes).")
-        size = get_int(read) if write is None else len(write)
+        data = b"" if write is None else as_bytes(write)
+        size = read if write is None else len(data)
         if start < 0 or size < 0 or start + size > _STORAGE_BYTES:
             raise ValueError("Invalid argument")
         if write is None:
             return bytes(self._storage[start : start + size])
-        self._storage[start : start + size] = write
+        self._storage[start : start + size] = data
         return None
 
     @charged

@@ -13,7 +13,13 @@ from bricksrl.virtual_hub.pybricks.imu import IMU
 from bricksrl.virtual_hub.pybricks.parameters import Axis
 from bricksrl.virtual_hub.pybricks.radio import Radio
 
-_COMMON: dict[str, Any] = {"battery": Battery, "buttons": Keypad, "light": ColorLight, "system": System, "ble": Radio}
+_MOVED = b"""Hub messaging has been moved. You should use:\r
+\r
+from pybricks.messaging import BLERadio\r
+radio = BLERadio(broadcast_channel, observe_channels)\r
+\r
+"""
+_COMMON: dict[str, Any] = {"battery": Battery, "buttons": Keypad, "light": ColorLight, "system": System}
 _PARTS: dict[HubKind, dict[str, Any]] = {
     HubKind.PRIME: {**_COMMON, "charger": Charger, "display": LightMatrix, "speaker": Speaker, "imu": IMU},
     HubKind.ESSENTIAL: {**_COMMON, "charger": Charger, "imu": IMU},
@@ -27,10 +33,14 @@ class _Hub:
     """Its parts exist once for a program, however often the class is called."""
 
     _parts: dict[str, Any]
+    _context: Context
 
     def __init__(self, broadcast_channel: Any = None, observe_channels: Any = ()) -> None:
         self.__dict__.update(self._parts)
-        self._parts["ble"].tune(broadcast_channel, observe_channels)
+        self.ble = None
+        if broadcast_channel is not None or observe_channels != ():
+            self._context.console.write(_MOVED)
+            self.ble = Radio(self._context, broadcast_channel, observe_channels)
 
 
 class _OrientedHub(_Hub):
@@ -46,7 +56,7 @@ def hubs_module(context: Context, kind: HubKind) -> ModuleType:
     if kind is not HubKind.PRIME:
         parts["button"] = parts["buttons"]  # its older name
     base = _OrientedHub if "imu" in parts else _Hub
-    hub = type(kind.model.class_name, (base,), {"_parts": parts})
+    hub = type(kind.model.class_name, (base,), {"_parts": parts, "_context": context})
     names = {kind.model.class_name: hub, "ThisHub": hub}
     if kind is HubKind.PRIME:
         names["InventorHub"] = hub

@@ -2,6 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any
+
+from bricksrl.virtual_hub.pybricks.context import get_int
+from bricksrl.virtual_hub.pybricks.matrix import Matrix
+
 _ROWS = {
     "UP": (4, 14, 31, 14, 14),
     "DOWN": (14, 14, 31, 14, 4),
@@ -42,6 +48,19 @@ _ROWS = {
 }
 
 
-def icons() -> dict[str, list[list[int]]]:
-    """Brightness (0 or 100) by row and column."""
-    return {name: [[100 if row >> bit & 1 else 0 for bit in (4, 3, 2, 1, 0)] for row in rows] for name, rows in _ROWS.items()}
+class Icon:
+    """The named pictures, and those that are called up by the bits of a number, 100 where one is set."""
+
+    def __call__(self, *bits: Any) -> Any:
+        if len(bits) != 1:
+            raise ValueError("Invalid argument")
+        return _picture([get_int(bits[0]) >> shift for shift in (20, 15, 10, 5, 0)])
+
+    def __getattr__(self, name: str) -> Any:
+        if name not in _ROWS:
+            raise AttributeError(f"'Icon' object has no attribute '{name}'")
+        return _picture(_ROWS[name])
+
+
+def _picture(rows: Sequence[int]) -> Any:
+    return Matrix([[100 if row >> bit & 1 else 0 for bit in (4, 3, 2, 1, 0)] for row in rows])

@@ -7,7 +7,7 @@ from typing import Any
 
 from bricksrl.virtual_hub.micropython.errors import HubOSError
 from bricksrl.virtual_hub.micropython.floats import to_single
-from bricksrl.virtual_hub.pybricks.context import Context, charged, get_number
+from bricksrl.virtual_hub.pybricks.context import Context, charged, get_array, get_number
 from bricksrl.virtual_hub.pybricks.matrix import Matrix, vector
 from bricksrl.virtual_hub.pybricks.parameters import Axis, Side
 
@@ -78,7 +78,7 @@ class IMU:
         if not self._is_straight:
             x, y, z = self._up_vector()
             pitch = math.atan2(-x, math.hypot(y, z)) * _DEG_PER_RAD
-            roll = math.atan2(y, z) * _DEG_PER_RAD
+            roll = math.atan2(y + 0.0, z) * _DEG_PER_RAD  # without -0.0, which would turn it by 360
         return to_single(pitch), to_single(roll)
 
     @charged
@@ -110,7 +110,7 @@ class IMU:
         self._heading.set_angle(angle)
 
     @charged
-    def rotation(self, axis: Any, calibrated: Any = True) -> float:
+    def rotation(self, axis: Any = None, calibrated: Any = True) -> float:
         pitch, roll = self._machine.body.tilt_deg()
         _axis(axis)
         turned = self._in_robot((roll, pitch, -self._machine.body.heading_deg()))
@@ -163,7 +163,7 @@ class IMU:
         for name, value in given.items():
             if value is None:
                 continue
-            if name in _LENGTHS and len(value) != _LENGTHS[name]:
+            if name in _LENGTHS and len(get_array(value)) != _LENGTHS[name]:
                 what = name.replace("_", " ").capitalize()
                 raise ValueError(f"{what} must be a {_LENGTHS[name]}-element tuple.")
             numbers = tuple(map(get_number, value if name in _LENGTHS else (value,)))

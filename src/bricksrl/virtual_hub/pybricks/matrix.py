@@ -65,7 +65,7 @@ class Matrix:
             if 0 <= row < rows and 0 <= column < columns:
                 place = row * columns + column
         if not 0 <= place < len(flat):
-            raise IndexError("index out of range")
+            raise IndexError("Matrix index out of range")
         return flat[place]
 
     def __repr__(self) -> str:
@@ -92,7 +92,8 @@ class Matrix:
         return self._scaled(_number(other))
 
     def __truediv__(self, other: Any) -> Any:
-        return self._scaled(to_single(1 / _number(other)))
+        divisor = _number(other)
+        return self._scaled(to_single(1 / divisor) if divisor else math.inf)
 
     def __neg__(self) -> Any:
         return self._scaled(-1.0)
@@ -134,7 +135,7 @@ def _dot(a: Sequence[float], b: Sequence[float]) -> float:
 
 def _fixed(x: float) -> str:
     """Three decimals, cut off, eight characters wide, at most 999.999."""
-    thousandths = int(x * 1000)
+    thousandths = int(max(-1e6, min(1e6, x * 1000))) if x == x else 0
     sign = "-" if thousandths < 0 else ""
     whole, rest = divmod(min(abs(thousandths), 999_999), 1000)
     return f"{sign}{whole}".rjust(4) + f".{rest:03d}"
@@ -145,16 +146,20 @@ def vector(*values: Any) -> Matrix:
     if len(values) not in (2, 3):
         few = len(values) < 2
         raise TypeError(
-            f"function missing {2 - len(values)} required positional arguments" if few else "extra positional arguments given"
+            f"function missing {2 - len(values)} required positional arguments"
+            if few
+            else f"function expected at most 3 arguments, got {len(values)}"
         )
     return Matrix([[x] for x in values])  # type: ignore[no-any-return]
 
 
-def cross(a: Any, b: Any) -> Matrix:
+def cross(*vectors: Any) -> Matrix:
     """Vector product of two vectors of three numbers."""
-    for value in (a, b):
-        if not isinstance(value, Matrix) or sorted(value.shape) != [1, 3]:
-            raise TypeError("arguments must be 1x3 or 3x1 matrix.")
-    x, y, z = a
-    u, v, w = b
+    if len(vectors) != 2:
+        raise TypeError(f"function takes 2 positional arguments but {len(vectors)} were given")
+    if not all(isinstance(value, Matrix) for value in vectors):
+        raise TypeError("arguments must be Matrix objects")
+    if any(sorted(value.shape) != [1, 3] for value in vectors):
+        raise _invalid()
+    (x, y, z), (u, v, w) = vectors
     return vector(y * w - z * v, z * u - x * w, x * v - y * u)

@@ -11,8 +11,8 @@ from bricksrl.virtual_hub.micropython.containers import HubDict, HubSet
 from bricksrl.virtual_hub.micropython.numbers import module
 from bricksrl.virtual_hub.micropython.text import representation
 from bricksrl.virtual_hub.pybricks.context import expect_type, get_int, get_number
-from bricksrl.virtual_hub.pybricks.icons import icons
-from bricksrl.virtual_hub.pybricks.matrix import Matrix, vector
+from bricksrl.virtual_hub.pybricks.icons import Icon
+from bricksrl.virtual_hub.pybricks.matrix import vector
 
 
 class _Member:
@@ -48,6 +48,18 @@ Button = _enumeration(
     "LEFT RIGHT CENTER LEFT_PLUS LEFT_MINUS RIGHT_PLUS RIGHT_MINUS UP DOWN LEFT_UP LEFT_DOWN RIGHT_UP RIGHT_DOWN BEACON "
     "BLUETOOTH A B X Y LB RB VIEW MENU GUIDE LJ RJ UPLOAD P1 P2 P3 P4",
 )
+
+
+class _Buttons:
+    """``Button`` as a program has it: no class but an object with the buttons for attributes."""
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("_") or not hasattr(Button, name):
+            raise AttributeError(f"'Button' object has no attribute '{name}'")
+        return getattr(Button, name)
+
+    def __repr__(self) -> str:
+        return "Button"
 
 
 def buttons(names: Iterable[str]) -> HubSet:
@@ -177,6 +189,9 @@ class Axis:
     Y = vector(0, 1, 0)
     Z = vector(0, 0, 1)
 
+    def __new__(cls, *args: Any) -> Axis:
+        raise TypeError("can't create 'Axis' instances")
+
 
 class Parameters:
     """The enumerations of one kind of hub: it has no other ports than these."""
@@ -191,8 +206,8 @@ class Parameters:
         return str(port._name)
 
     def module(self) -> ModuleType:
-        names: dict[str, Any] = {"Button": Button, "Color": _Palette(), "Direction": Direction, "Port": self.Port, "Side": Side}
-        names.update({"Stop": Stop, "Axis": Axis})
+        names: dict[str, Any] = {"Axis": Axis, "Button": _Buttons(), "Color": _Palette(), "Direction": Direction}
+        names.update({"Port": self.Port, "Side": Side, "Stop": Stop})
         if self._has_display:
-            names["Icon"] = type("Icon", (), {name: Matrix(rows) for name, rows in icons().items()})
+            names["Icon"] = Icon()
         return module("pybricks.parameters", names)

@@ -8,12 +8,13 @@ from typing import Any
 
 from bricksrl.robots import Direction as MotorDirection
 from bricksrl.virtual_hub.firmware.control import OnCompletion
+from bricksrl.virtual_hub.firmware.servo import Servo
 from bricksrl.virtual_hub.machine import Machine
 from bricksrl.virtual_hub.micropython.numbers import module
 from bricksrl.virtual_hub.pybricks.common import Control, Log, MotorModel
 from bricksrl.virtual_hub.pybricks.context import (
-    Async,
     Context,
+    Latest,
     RunLoop,
     bound,
     charged,
@@ -59,24 +60,21 @@ def _gear_ratio_milli(gears: Any) -> int:
     return 1000 * last // first
 
 
-class DCMotor:
-    """A motor without rotation sensor: only a bench that fits itself to the program has some."""
+class _AnyMotor:
+    """What motors with and without rotation sensor can do."""
 
     _context: Context
     _machine: Machine
     _loop: RunLoop
     _parameters: Parameters
+    _servo: Servo
 
-    def __init__(self, port: Any, positive_direction: Any = Direction.CLOCKWISE) -> None:
+    def __init__(self, port: Any, positive_direction: Any) -> None:
         self._loop.assert_blocking()
         self._letter = self._parameters.port_letter(port)
         expect_type(positive_direction, Direction)
-        if not self._machine.plug_in(self._letter, "DCMotor"):
-            raise os_error(errno.ENODEV)
-        self._servo = self._machine.servos[self._letter]
         is_clockwise = positive_direction is Direction.CLOCKWISE
-        with refusals():
-            self._servo.setup_plain(MotorDirection.CLOCKWISE if is_clockwise else MotorDirection.COUNTERCLOCKWISE)
+        self._direction = MotorDirection.CLOCKWISE if is_clockwise else MotorDirection.COUNTERCLOCKWISE
 
     def __repr__(self) -> str:
         way = Direction.CLOCKWISE if self._servo.is_clockwise else Direction.COUNTERCLOCKWISE
@@ -107,13 +105,20 @@ class DCMotor:
         self._servo.close()
 
 
-class Motor:
-    """A motor with rotation sensor, under the firmware's control."""
+class DCMotor(_AnyMotor):
+    """A motor without rotation sensor: only a bench that fits itself to the program has some."""
 
-    _context: Context
-    _machine: Machine
-    _loop: RunLoop
-    _parameters: Parameters
+    def __init__(self, port: Any, positive_direction: Any = Direction.CLOCKWISE) -> None:
+        super().__init__(port, positive_direction)
+        if not self._machine.plug_in(self._letter, "DCMotor"):
+            raise os_error(errno.ENODEV)
+        self._servo = self._machine.servos[self._letter]
+        with refusals():
+            self._servo.setup_plain(self._direction)
+
+
+class Motor(_AnyMotor):
+    """A motor with rotation sensor, under the firmware's control."""
 
     def __init__(
         self,
@@ -123,27 +128,19 @@ class Motor:
         reset_angle: Any = True,
         profile: Any = None,
     ) -> None:
-        self._loop.assert_blocking()
-        self._letter = self._parameters.port_letter(port)
-        expect_type(positive_direction, Direction)
+        super().__init__(port, positive_direction)
         self._machine.plug_in(self._letter, "Motor")
         servo = self._machine.servos.get(self._letter)
         if servo is None or servo.is_plain:
             raise os_error(errno.ENODEV)
         ratio = _gear_ratio_milli(gears)
-        is_clockwise = positive_direction is Direction.CLOCKWISE
-        direction = MotorDirection.CLOCKWISE if is_clockwise else MotorDirection.COUNTERCLOCKWISE
         with refusals():
-            servo.setup(direction, ratio, bool(reset_angle), 0 if profile is None else abs(get_int(profile)))
+            servo.setup(self._direction, ratio, bool(reset_angle), 0 if profile is None else abs(get_int(profile)))
         self._servo = servo
-        self._last: Async | None = None
+        self._latest = Latest(self._loop)
         self._control = Control(lambda: servo.control, self._context)
         self._log = Log(lambda: servo.log, self._context)
         self._model = MotorModel(lambda: servo.observer, self._machine)
-
-    def __repr__(self) -> str:
-        way = Direction.CLOCKWISE if self._servo.is_clockwise else Direction.COUNTERCLOCKWISE
-        return f"{type(self).__name__}(Port.{self._letter}, {way!r})"
 
     @property
     def control(self) -> Control:
@@ -189,52 +186,28 @@ class Motor:
     # ---- commands that are over at once
 
     @charged
-    def stop(self) -> None:
-        self._servo.coast()
-
-    @charged
-    def brake(self) -> None:
-        self._servo.brake()
-
-    @charged
-    def dc(self, duty: Any) -> None:
-        self._servo.dc(get_int(duty))
-
-    @charged
     def hold(self) -> None:
         with refusals():
             self._servo.hold()
-        self._cancel()
+        self._latest.cancel()
 
     @charged
     def reset_angle(self, angle: Any = None) -> None:
         with refusals():
             self._servo.reset_angle(None if angle is None else get_int(angle))
-        self._cancel()
-
-    @charged
-    def settings(self, max_voltage: Any = None) -> tuple[int] | None:
-        if max_voltage is None:
-            return (self._servo.max_voltage_mv,)
-        with refusals():
-            self._servo.max_voltage_mv = get_int(max_voltage)
-        return None
-
-    @charged
-    def close(self) -> None:
-        self._servo.close()
+        self._latest.cancel()
 
     @charged
     def run(self, speed: Any) -> None:
         with refusals():
             self._servo.run(get_int(speed))
-        self._cancel()
+        self._latest.cancel()
 
     @charged
     def track_target(self, target_angle: Any) -> None:
         with refusals():
             self._servo.track_target(get_int(target_angle))
-        self._cancel()
+        self._latest.cancel()
 
     # ---- moves
 
@@ -263,18 +236,8 @@ class Motor:
             self._servo.run_until_stalled(get_int(speed), completion(then), limit)
         return self._finish(returns_angle=True)
 
-    def _cancel(self) -> None:
-        """A new command always wins: who awaits the old one goes on."""
-        if self._last is not None:
-            self._last.cancel()
-            self._last = None
-
     def _finish(self, returns_angle: bool = False) -> Any:
-        self._cancel()
-        result = self._loop.finish(self._is_done, self._servo.angle_deg if returns_angle else None, self._servo.coast)
-        if isinstance(result, Async):
-            self._last = result
-        return result
+        return self._latest.finish(self._is_done, self._servo.angle_deg if returns_angle else None, self._servo.coast)
 
     def _is_done(self) -> bool:
         if not self._servo.is_open:

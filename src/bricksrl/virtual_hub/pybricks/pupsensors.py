@@ -22,6 +22,7 @@ _TOUCHED_UM = 100
 _MOST_TILT_DEG = 45
 _INFRARED_MOST_RAW = 500
 _SEND_MS = 250
+_WRITE_MS = 11  # more than the 10 ms of lego_device_data_set_delay
 
 
 class Device:
@@ -64,11 +65,11 @@ class Device:
         ready_ms = self._machine.time_ms + self._switch_ms
         return self._loop.finish(lambda: self._machine.time_ms >= ready_ms, get, grain_ms=self._switch_ms)
 
-    def _write(self, mode: str) -> Any:
-        """Let it do something that nobody sees."""
+    def _write(self, mode: str, duration_ms: int = _WRITE_MS) -> Any:
+        """Let it do something that nobody sees, and wait until it has."""
         self._machine.charge_call()
         self._mode = mode
-        return self._loop.done()
+        return self._loop.wait_until(self._machine.time_ms + duration_ms)
 
 
 class LightArray:
@@ -78,7 +79,7 @@ class LightArray:
         self._device = device
         self._count = count
 
-    def on(self, brightness: Any) -> Any:
+    def on(self, brightness: Any = 100) -> Any:
         values = brightness if isinstance(brightness, list | tuple) else (brightness,) * self._count
         if len(values) != self._count:
             raise ValueError(f"expected 1 number or tuple of {self._count} values")
@@ -88,6 +89,9 @@ class LightArray:
 
     def off(self) -> Any:
         return self._device._write("LIGHT")
+
+
+LightArray.__name__ = ""  # as in the firmware
 
 
 class ColorLight:
@@ -321,9 +325,7 @@ class PFMotor:
         return self._send()
 
     def _send(self) -> Any:
-        self._sensor._write("IR_TX")
-        machine = self._sensor._machine
-        return self._sensor._loop.wait_until(machine.time_ms + _SEND_MS)
+        return self._sensor._write("IR_TX", _SEND_MS)
 
 
 DEVICES: tuple[type[Device], ...] = (

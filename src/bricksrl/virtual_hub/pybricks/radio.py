@@ -6,32 +6,30 @@ from typing import Any
 
 from bricksrl.virtual_hub.pybricks.context import Context, RunLoop, charged, get_int
 
+_LAST_CHANNEL = 255
 _MAX_PAYLOAD_BYTES = 26
 _NOTHING_HEARD_DBM = -128
 
 
 class Radio:
-    """``hub.ble`` and ``pybricks.messaging.BLERadio``."""
+    """``hub.ble`` and ``pybricks.messaging.BLERadio``. Channels are 0 to 255."""
 
     _loop: RunLoop
 
     def __init__(self, context: Context, broadcast_channel: Any = None, observe_channels: Any = ()) -> None:
         self._machine, self._loop = context.machine, context.loop
-        self.tune(broadcast_channel, observe_channels)
-
-    def tune(self, broadcast_channel: Any, observe_channels: Any) -> None:
-        """Choose the channels. Raises ValueError for one that does not exist."""
-        channels = [get_int(channel) for channel in observe_channels]
-        self._broadcast_channel = None if broadcast_channel is None else get_int(broadcast_channel)
-        for channel in (*channels, self._broadcast_channel or 0):
-            if not 0 <= channel <= 255:
-                raise ValueError("channel must be 0 to 255")
+        if broadcast_channel is not None and not 0 <= get_int(broadcast_channel) <= _LAST_CHANNEL:
+            raise ValueError("Broadcast channel must be 0 to 255 or None")
+        channels = [get_int(observe_channels[index]) for index in range(len(observe_channels))]
+        if not all(0 <= channel <= _LAST_CHANNEL for channel in channels):
+            raise ValueError("observe channel must be 0 to 255")
+        self._broadcast_channel = broadcast_channel
         self._observed = frozenset(channels)
 
     @charged
     def broadcast(self, data: Any) -> Any:
         if self._broadcast_channel is None:
-            raise RuntimeError("broadcast channel not configured")
+            raise RuntimeError("no broadcast channel selected")
         if data is not None:
             values = data if isinstance(data, list | tuple) else [data]
             if sum(map(_encoded_bytes, values)) + (values is not data) > _MAX_PAYLOAD_BYTES:
@@ -41,10 +39,6 @@ class Radio:
     @charged
     def observe(self, channel: Any) -> None:
         self._check(channel)
-
-    @charged
-    def observe_enable(self, enable: Any) -> Any:
-        return self._loop.done()
 
     @charged
     def signal_strength(self, channel: Any) -> int:
@@ -62,7 +56,7 @@ class Radio:
 
 def _encoded_bytes(value: Any) -> int:
     """Size of one value in an advertisement: a byte that tells its type, and the value."""
-    if isinstance(value, bool) or value is None:
+    if isinstance(value, bool):
         return 1
     if isinstance(value, int):
         return 2 if -(2**7) <= value < 2**7 else 3 if -(2**15) <= value < 2**15 else 5
@@ -72,7 +66,7 @@ def _encoded_bytes(value: Any) -> int:
         return 1 + len(value.encode())
     if isinstance(value, bytes | bytearray):
         return 1 + len(value)
-    raise TypeError("data must be None, True, False, int, float, str, or bytes")
+    raise TypeError("must be True, False, int, float, str or bytes")
 
 
 def radio_class(context: Context) -> type[Radio]:

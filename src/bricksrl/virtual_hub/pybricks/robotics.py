@@ -16,8 +16,8 @@ from bricksrl.virtual_hub.micropython.numbers import module
 from bricksrl.virtual_hub.pybricks.car import Car
 from bricksrl.virtual_hub.pybricks.common import Control, acceleration_pair, acceleration_value, magnitude
 from bricksrl.virtual_hub.pybricks.context import (
-    Async,
     Context,
+    Latest,
     RunLoop,
     bound,
     charged,
@@ -49,7 +49,7 @@ class DriveBase:
         with refusals():
             base = self._machine.new_drive_base(left_motor._servo, right_motor._servo, *sizes_um)
         self._base = base
-        self._last: Async | None = None
+        self._latest = Latest(self._loop)
         self._distance_control = Control(lambda: base.distance, self._context)
         self._heading_control = Control(lambda: base.heading, self._context)
 
@@ -114,7 +114,7 @@ class DriveBase:
     @charged
     def drive(self, speed: Any, turn_rate: Any) -> None:
         rates = get_int(speed), get_int(turn_rate)
-        self._cancel()
+        self._latest.cancel()
         with refusals():
             self._base.drive(*rates)
 
@@ -190,13 +190,8 @@ class DriveBase:
             )
         return None
 
-    def _cancel(self) -> None:
-        if self._last is not None:
-            self._last.cancel()
-            self._last = None
-
     def _end(self, then: OnCompletion) -> None:
-        self._cancel()
+        self._latest.cancel()
         with refusals():
             self._base.stop(then)
 
@@ -211,7 +206,6 @@ class DriveBase:
                 "a turn by the gyroscope never ends on the bench, where the hub lies still; "
                 "take a robot that drives, such as --robot two-wheeler, or leave use_gyro(True) out"
             )
-        self._cancel()
         following = iter(others)
 
         def is_done() -> bool:
@@ -222,10 +216,7 @@ class DriveBase:
                 start()
             return start is None
 
-        result = self._loop.finish(is_done, None, lambda: self._end(OnCompletion.COAST))
-        if isinstance(result, Async):
-            self._last = result
-        return result
+        return self._latest.finish(is_done, None, lambda: self._end(OnCompletion.COAST))
 
     def _is_done(self) -> bool:
         if not self._base.is_open:

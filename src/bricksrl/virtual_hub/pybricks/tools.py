@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from types import ModuleType
+from inspect import isgeneratorfunction
+from types import FunctionType, ModuleType
 from typing import Any
 
 from bricksrl.errors import TwinError
@@ -20,7 +21,7 @@ class StopWatch:
 
     _machine: Machine
 
-    def __init__(self) -> None:
+    def __init__(self, *_unused: Any) -> None:
         self._start = self._machine.time_ms
         self._pause: int | None = None
 
@@ -52,7 +53,7 @@ class Task:
 
     def __init__(self, *tasks: Any, race: Any = False) -> None:
         self._tasks = tasks
-        self._iterators: list[Iterator[Any]] = [iter(task) for task in tasks]
+        self._iterators: list[Iterator[Any]] = [_iterator(task) for task in tasks]
         self._results: list[Any] = [None] * len(tasks)
         self._open = list(range(len(tasks)))
         self._required = 1 if race else len(tasks)
@@ -85,6 +86,13 @@ class Task:
         self._open = []
 
 
+def _iterator(task: Any) -> Iterator[Any]:
+    """Raises TypeError for a task that was not called, among others."""
+    if isinstance(task, FunctionType) and isgeneratorfunction(task):
+        raise TypeError("'generator' object isn't iterable")
+    return iter(task)
+
+
 def tools_module(context: Context, has_display: bool, app_data: type[Any]) -> ModuleType:
     """``pybricks.tools``, where ``AppData`` has been before, too."""
     machine, loop = context.machine, context.loop
@@ -109,7 +117,7 @@ def tools_module(context: Context, has_display: bool, app_data: type[Any]) -> Mo
             raise RuntimeError("Run loop already active.")
         loop.is_active = True
         try:
-            iterator = iter(task)
+            iterator = _iterator(task)
             while next(iterator, _DONE) is not _DONE:
                 loop.turn_over()
         finally:
@@ -126,8 +134,10 @@ def tools_module(context: Context, has_display: bool, app_data: type[Any]) -> Mo
             return byte
         return bytes((byte,)).decode() if 32 <= byte <= 126 else None
 
-    def hub_menu(first: Any, second: Any, *more: Any) -> Any:
-        return _menu(context, (first, second, *more))
+    def hub_menu(*entries: Any) -> Any:
+        if len(entries) < 2:
+            raise TypeError(f"function missing {2 - len(entries)} required positional arguments")
+        return _menu(context, entries)
 
     names: dict[str, Any] = {"wait": wait, "run_task": run_task, "read_input_byte": read_input_byte, "AppData": app_data}
     names.update({"StopWatch": bound(StopWatch, context), "multitask": Task, "Matrix": Matrix, "vector": vector, "cross": cross})

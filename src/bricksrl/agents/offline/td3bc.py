@@ -11,7 +11,8 @@ from torchrl.objectives import SoftUpdate, TD3BCLoss
 
 from bricksrl.agents.encoder import make_encoder
 from bricksrl.agents.learner import Learner, off_policy_learner
-from bricksrl.agents.networks import action_size, action_spec, critic_operator, deterministic_policy, make_body
+from bricksrl.agents.networks import action_size, action_spec, deterministic_policy, make_body
+from bricksrl.agents.operators import critic_operator
 from bricksrl.agents.settings import Positive
 from bricksrl.agents.td3 import TD3Settings
 

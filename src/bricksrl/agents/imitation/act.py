@@ -13,10 +13,10 @@ from torchrl.envs import EnvBase
 from torchrl.modules.models import ACTModel
 from torchrl.objectives import ACTLoss
 
-from bricksrl.agents.chunks import ChunkPolicy, ChunkSettings
 from bricksrl.agents.encoder import encoder_keys, make_encoder
-from bricksrl.agents.learner import Learner, adam
-from bricksrl.agents.networks import acting_copy, action_size
+from bricksrl.agents.imitation.chunks import ChunkPolicy, ChunkSettings, chunk_learner
+from bricksrl.agents.learner import Learner
+from bricksrl.agents.networks import action_size
 from bricksrl.agents.settings import NotNegative, Positive, Range, ShareBelowOne
 from bricksrl.errors import DescriptionError
 
@@ -92,14 +92,4 @@ def build(env: EnvBase, settings: ACTSettings, device: torch.device | str = "cpu
     )
     actor = TensorDictModule(model, in_keys=["observation", "action_chunk"], out_keys=["action_pred", "mu", "log_var"]).to(device)
     loss = EncodedACTLoss(actor, encoder, kl_weight=settings.kl_weight).to(device)
-    policy = acting_copy(ChunkPolicy(encoder, PredictedChunk(model), settings).to(device))
-    return Learner(
-        policy=policy,
-        loss=loss,
-        optimizer=adam(loss.parameters(), settings, settings.weight_decay),
-        updates_per_step=settings.updates_per_step,
-        descend=("loss_act",),
-        imitates=True,
-        chunk=settings.chunk,
-        reset_policy=policy.reset,
-    )
+    return chunk_learner(ChunkPolicy(encoder, PredictedChunk(model), settings).to(device), loss, settings, descend=("loss_act",))

@@ -15,7 +15,8 @@ from torchrl.objectives import IQLLoss, SoftUpdate
 
 from bricksrl.agents.encoder import encoder_keys, make_encoder
 from bricksrl.agents.learner import Learner, off_policy_learner
-from bricksrl.agents.networks import Actor, action_size, action_spec, critic_operator, make_body, value_operator
+from bricksrl.agents.networks import Actor, action_size, action_spec, make_body
+from bricksrl.agents.operators import critic_operator, value_operator
 from bricksrl.agents.settings import NotNegative, Range, Share, TargetSettings
 
 LOG_SCALE = (-5.0, 2.0)

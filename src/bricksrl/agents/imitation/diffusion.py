@@ -12,10 +12,10 @@ from torchrl.envs import EnvBase
 from torchrl.modules import DiffusionActor
 from torchrl.objectives import DiffusionBCLoss
 
-from bricksrl.agents.chunks import ChunkPolicy, ChunkSettings
 from bricksrl.agents.encoder import encoder_keys, make_encoder
-from bricksrl.agents.learner import Learner, adam
-from bricksrl.agents.networks import acting_copy, action_size, make_body
+from bricksrl.agents.imitation.chunks import ChunkPolicy, ChunkSettings, chunk_learner
+from bricksrl.agents.learner import Learner
+from bricksrl.agents.networks import action_size, make_body
 from bricksrl.agents.settings import NotNegative, Range
 
 
@@ -69,13 +69,4 @@ def build(env: EnvBase, settings: DiffusionSettings, device: torch.device | str 
         beta_end=min(0.999, 2.0 / settings.denoising_steps),
     ).to(device)
     loss = EncodedChunks(actor, encoder).to(device)
-    policy = acting_copy(ChunkPolicy(encoder, DenoisedChunk(actor, settings.chunk), settings).to(device))
-    return Learner(
-        policy=policy,
-        loss=loss,
-        optimizer=adam(loss.parameters(), settings, settings.weight_decay),
-        updates_per_step=settings.updates_per_step,
-        imitates=True,
-        chunk=settings.chunk,
-        reset_policy=policy.reset,
-    )
+    return chunk_learner(ChunkPolicy(encoder, DenoisedChunk(actor, settings.chunk), settings).to(device), loss, settings)

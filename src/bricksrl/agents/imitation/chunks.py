@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any
 
 import torch
-from tensordict import TensorDict, TensorDictBase
+from tensordict import TensorDictBase
 from tensordict.nn import TensorDictModuleBase
 from torch import Tensor, nn
 from torchrl.envs.transforms import ActionChunkTransform
+from torchrl.objectives import LossModule
 
 from bricksrl.agents.encoder import encoder_keys
+from bricksrl.agents.learner import Learner, adam
+from bricksrl.agents.operators import acting_copy
+from bricksrl.agents.replay import TransitionReplayBuffer
 from bricksrl.agents.settings import NotNegative, Positive, Range, Settings
 from bricksrl.errors import DescriptionError
 
@@ -94,9 +98,22 @@ class ChunkPolicy(TensorDictModuleBase):  # type: ignore[misc]
         return tensordict.set("action", action.clamp(-1.0, 1.0))
 
 
-def action_chunks(frames: TensorDictBase, size: int) -> Tensor:
-    """Actions ``[time, size, m]`` from each of the frames ``[time]`` on; an episode's last one is repeated beyond its end."""
-    rows: dict[str, Any] = {"action": frames["action"], "next": {"done": frames["next", "done"]}}
-    chunked = ActionChunkTransform(size, chunk_key="chunk")(TensorDict(rows, [len(frames)])[None])
-    chunks: Tensor = chunked["chunk"][0]
-    return chunks
+def chunk_learner(policy: ChunkPolicy, loss: LossModule, settings: ChunkSettings, **numbers: Any) -> Learner:
+    """The learner of a policy by chunks: it imitates a dataset, and acts without dropout."""
+    acting = acting_copy(policy)
+    optimizer = adam(loss.parameters(), settings, settings.weight_decay)
+    numbers |= {"updates_per_step": settings.updates_per_step, "chunk": settings.chunk, "reset_policy": acting.reset}
+    return Learner(acting, loss, optimizer, imitates=True, **numbers)
+
+
+def recorded_memory(
+    frames: TensorDictBase, batch_size: int, keys: Sequence[str], *, chunk: int = 0, device: torch.device | str = "cpu"
+) -> TransitionReplayBuffer:
+    """A memory of recorded frames ``[time]``; with ``chunk`` the action of each is the next so many, ``[chunk, m]``, the last one
+    of an episode repeated beyond its end."""
+    if chunk:
+        rows = ActionChunkTransform(chunk, chunk_key="chunk")(frames.select("action", ("next", "done"))[None])
+        frames = frames.clone(recurse=False).set("action", rows["chunk"][0])
+    memory = TransitionReplayBuffer(max(2, len(frames)), batch_size, keys, device=device)
+    memory.extend(frames)
+    return memory

@@ -1,0 +1,1 @@
+"""Imitation of a dataset: behavioural cloning, ACT, diffusion policy."""

@@ -1,0 +1,1 @@
+"""Algorithms that learn from a dataset: IQL, CQL, TD3+BC."""
