@@ -43,9 +43,10 @@ is said of learning is of the agents before, and is to be measured again.
 
 STUDIES_HEAD = """# Studies
 
-`bricksrl study` lists them, `bricksrl study NAME` makes one, `--quick` shows in minutes that all of it works. This page is
-written by `python benchmarks/tables.py` from the `study.json` of those that were made at full length, which lie in
-`benchmarks/results/study_NAME.json`, and from the results of the benchmarks. A study without a table here has not been made.
+A study is a table of trainings with several seeds. `bricksrl study` lists the studies, and `bricksrl study NAME` runs one. With
+`--quick` it takes a few minutes, to check that everything works. This page is written by `python benchmarks/tables.py` from the
+studies that were run at full length (`benchmarks/results/study_*.json`) and from the results of the benchmarks. A study
+without a table here has not been run.
 """
 
 
