@@ -44,16 +44,10 @@ measured with the earlier agents.
 
 STUDIES_HEAD = """# Studies
 
-<<<<<<< HEAD
-`bricksrl study` lists the studies, `bricksrl study NAME` runs one, and `--quick` runs a few episodes of it as a test. This page
-is written by `python benchmarks/tables.py` from the studies that were run at full length, whose results lie in
-`benchmarks/results/`, and from the benchmarks. A study without a table has not been run yet.
-=======
 A study is a table of trainings with several seeds. `bricksrl study` lists the studies, and `bricksrl study NAME` runs one. With
 `--quick` it takes a few minutes, to check that everything works. This page is written by `python benchmarks/tables.py` from the
 studies that were run at full length (`benchmarks/results/study_*.json`) and from the results of the benchmarks. A study
 without a table here has not been run.
->>>>>>> 91432810f016e16404069eec66d8cd0be160991e
 """
 
 
