@@ -24,7 +24,7 @@ from scripted import CONTROLLERS
 import bricksrl
 from bricksrl import robots
 from bricksrl.envs import get_task, register
-from bricksrl.plans.end_stops import free_deg
+from bricksrl.plans.mechanism.end_stops import free_deg
 from bricksrl.plans.planned_robot import planned_robot
 from bricksrl.robots import Robot
 from bricksrl.twin.mujoco_body import MujocoBody

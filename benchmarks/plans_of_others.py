@@ -17,7 +17,7 @@ from machine import command, write
 from bricksrl.errors import PlanError
 from bricksrl.plans.bodies import MAX_BODIES
 from bricksrl.plans.check import structure_of
-from bricksrl.plans.kinematics import mechanism
+from bricksrl.plans.mechanism.kinematics import mechanism
 from bricksrl.plans.part import DeviceKind
 from bricksrl.plans.plan import Plan, read_plan
 

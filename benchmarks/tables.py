@@ -38,15 +38,16 @@ the versions it was measured with. Square brackets are 95 % bootstrap intervals 
 robots are virtual; nobody here has run this on LEGO's yet.
 
 The agents were rewritten on TorchRL's parts. Measured with them: SAC and TD3 in the simulations, SAC on RunAway-v0, Spinning-v0,
-RoboArm-v0, LineFollow-v0 and Park-v0, the race, many copies, updates, exact resume, memory. The other results on learning were
-measured with the earlier agents.
+RoboArm-v0 and Park-v0, the race, many copies, updates, exact resume, memory. The other results on learning were measured with the
+earlier agents. LineFollow-v0 is to be measured with its present reward.
 """
 
 STUDIES_HEAD = """# Studies
 
-`bricksrl study` lists the studies, `bricksrl study NAME` runs one, and `--quick` runs a few episodes of it as a test. This page
-is written by `python benchmarks/tables.py` from the studies that were run at full length, whose results lie in
-`benchmarks/results/`, and from the benchmarks. A study without a table has not been run yet.
+A study is a table of trainings with several seeds. `bricksrl study` lists the studies, and `bricksrl study NAME` runs one. With
+`--quick` it takes a few minutes, to check that everything works. This page is written by `python benchmarks/tables.py` from the
+studies that were run at full length (`benchmarks/results/study_*.json`) and from the results of the benchmarks. A study
+without a table here has not been run.
 """
 
 

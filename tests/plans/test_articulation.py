@@ -10,9 +10,9 @@ from plan_lines import PLANS, plan_of
 from test_bodies import FLAT, PLATE, shaft
 
 from bricksrl.errors import PlanError
-from bricksrl.plans.end_stops import free_deg
+from bricksrl.plans.mechanism.end_stops import free_deg
+from bricksrl.plans.mechanism.posing import Poser
 from bricksrl.plans.planned_robot import PlannedRobot, planned, planned_robot
-from bricksrl.plans.posing import Poser
 
 HUB = "1 15 200 0 0 1 0 0 0 1 0 0 0 1 67718.dat"
 
@@ -42,7 +42,7 @@ def test_each_motor_drives_what_it_does_in_the_twins_by_hand(name, port, gears, 
 
 def test_two_pairs_of_gears_multiply_and_an_idler_does_not():
     def gears(*teeth: int) -> tuple[int, ...]:
-        from bricksrl.plans.trains import Train
+        from bricksrl.plans.mechanism.trains import Train
 
         return Train("A", 0, 1, 1.0, teeth, ()).gears
 

@@ -7,7 +7,7 @@ import pytest
 from plan_lines import plan_of
 
 from bricksrl.plans.check import Structure, structure_of
-from bricksrl.plans.kinematics import mechanism
+from bricksrl.plans.mechanism.kinematics import mechanism
 from bricksrl.plans.plan import Plan
 
 PLATE = "1 7 0 0 0 1 0 0 0 1 0 0 0 1 39369.dat"

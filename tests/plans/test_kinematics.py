@@ -11,7 +11,7 @@ from plan_lines import BEAM, PLANS, plan_of
 
 from bricksrl import robots
 from bricksrl.plans.check import structure_of
-from bricksrl.plans.kinematics import Mechanism, mechanism
+from bricksrl.plans.mechanism.kinematics import Mechanism, mechanism
 from bricksrl.plans.plan import read_plan
 from bricksrl.twin.models import two_wheeler, walker
 from bricksrl.twin.scene import Scene

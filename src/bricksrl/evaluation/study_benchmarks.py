@@ -165,7 +165,7 @@ def _costs(result: Numbers) -> Numbers:
         [agent, *(f"{one[peer]['cpu_ms']:.2f}" if peer in one else "" for peer in peers)]
         for agent, one in result["agents"].items()
     ]
-    return {"title": "CPU milliseconds of an update", "head": ["agent", *peers], "rows": rows}
+    return {"title": "CPU milliseconds per update", "head": ["agent", *peers], "rows": rows}
 
 
 def _race(result: Numbers) -> Numbers:
@@ -199,7 +199,7 @@ BENCHMARK_STUDIES = {
         BenchmarkStudy("datasets", "Datasets of 100 episodes", 1.0, 1.0, (_DATASETS,), _datasets),
         BenchmarkStudy(
             "ablation",
-            "Default settings taken back to the paper's, and updates of others",
+            "Ablation of the default settings, and the cost of an update",
             3.0,
             3.0,
             (

@@ -14,10 +14,10 @@ Numbers = dict[str, Any]
 
 def page(result: Numbers) -> str:
     """Tables in Markdown: a row for each cell and condition, without empty columns."""
-    quick = " (quick form: it shows that everything works, and says nothing about learning)" if result["quick"] else ""
+    quick = " (quick form: it checks that everything works and says nothing about learning)" if result["quick"] else ""
     lines = [f"# {result['title']}{quick}", ""]
-    lines += [f"Written by `bricksrl study {result['study']}`. Interquartile means over seeds; square brackets are 95 %"]
-    lines += ["intervals, which nothing of fewer than 5 seeds has. All robots are virtual, the paper's were LEGO's.", ""]
+    lines += [f"Command: `bricksrl study {result['study']}`. Numbers are interquartile means over seeds. Square brackets are"]
+    lines += ["95 % intervals; fewer than 5 seeds have none. All robots here are virtual; the paper used real LEGO robots.", ""]
     rows = [(cell, name, one) for cell in result["cells"] for name, one in cell["conditions"].items()]
     columns = [(head, [say(*row) for row in rows]) for head, say in _columns(result).items()]
     shown = [(head, values) for head, values in columns if any(values)]

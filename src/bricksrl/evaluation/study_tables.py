@@ -156,7 +156,7 @@ def _communication(quick: bool) -> tuple[Cell, ...]:
     after = (Condition("as trained", episodes=2 if quick else 20),)
     return tuple(
         Cell(row, column, {**config, "streaming": row == "streaming", **way}, after)
-        for column, way in ways
+        for column, way in ways.items()
         for row in ("lock-step", "streaming")
     )
 

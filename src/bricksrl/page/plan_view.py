@@ -14,11 +14,11 @@ from bricksrl.page.board import Board
 from bricksrl.page.scene import HIDDEN, Floats, Mesh, Scene, SceneBody, Shape, View, flat_mesh, poses
 from bricksrl.plans.colours import colour_of
 from bricksrl.plans.geometry import MM_PER_LDU
-from bricksrl.plans.kinematics import TO_TWIN
+from bricksrl.plans.mechanism.kinematics import TO_TWIN
+from bricksrl.plans.mechanism.posing import STILL, Motion, Poser
 from bricksrl.plans.part import Part
 from bricksrl.plans.plan import Plan
 from bricksrl.plans.planned_robot import PlannedRobot, planned
-from bricksrl.plans.posing import STILL, Motion, Poser
 from bricksrl.plans.shapes import Tint, surface_of
 
 _METRES = MM_PER_LDU / 1000

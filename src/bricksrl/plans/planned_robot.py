@@ -7,14 +7,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from bricksrl.errors import PlanError
-from bricksrl.plans.articulation import Articulation, articulation
 from bricksrl.plans.bodies import Bodies, find_bodies
 from bricksrl.plans.connections import connections, meshes
 from bricksrl.plans.geometry import Floats
-from bricksrl.plans.kinematics import Mechanism, mechanism
+from bricksrl.plans.mechanism.articulation import Articulation, articulation
+from bricksrl.plans.mechanism.kinematics import Mechanism, mechanism
+from bricksrl.plans.mechanism.trains import Train, trains
 from bricksrl.plans.part import DeviceKind
 from bricksrl.plans.plan import Placed, Plan, read_plan
-from bricksrl.plans.trains import Train, trains
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bricksrl.errors import TwinError
-from bricksrl.plans.articulation import Articulation, Turn
-from bricksrl.plans.end_stops import free_deg
+from bricksrl.plans.mechanism.articulation import Articulation, Turn
+from bricksrl.plans.mechanism.end_stops import free_deg
 from bricksrl.plans.planned_robot import PlannedRobot, planned_robot
 from bricksrl.robots import Motor, PoweredUpSensor, Robot, UltrasonicSensor
 from bricksrl.robots.planned import check_description

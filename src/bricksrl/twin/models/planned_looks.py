@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from bricksrl.errors import TwinError
 from bricksrl.plans.colours import colour_of
-from bricksrl.plans.kinematics import TO_TWIN
+from bricksrl.plans.mechanism.kinematics import TO_TWIN
 from bricksrl.plans.part import DeviceKind, Part
 from bricksrl.plans.plan import Placed, Plan
 from bricksrl.plans.planned_robot import PlannedRobot

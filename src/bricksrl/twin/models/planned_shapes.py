@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bricksrl.plans.geometry import Form, Solid
-from bricksrl.plans.kinematics import TO_TWIN, Wheel
+from bricksrl.plans.mechanism.kinematics import TO_TWIN, Wheel
 from bricksrl.plans.plan import Placed
 from bricksrl.plans.planned_robot import PlannedRobot
 from bricksrl.twin.models.mjcf import SHAPE_GROUP

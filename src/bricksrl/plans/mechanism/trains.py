@@ -10,7 +10,7 @@ import numpy as np
 
 from bricksrl.errors import PlanError
 from bricksrl.plans.geometry import Floats
-from bricksrl.plans.kinematics import Hinge, Mechanism
+from bricksrl.plans.mechanism.kinematics import Hinge, Mechanism
 from bricksrl.plans.part import GearForm
 
 _TURNS = 1e-4

@@ -8,10 +8,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from bricksrl.plans.articulation import Articulation, Drive
 from bricksrl.plans.contact import Room
 from bricksrl.plans.geometry import Floats
-from bricksrl.plans.kinematics import TO_TWIN
+from bricksrl.plans.mechanism.articulation import Articulation, Drive
+from bricksrl.plans.mechanism.kinematics import TO_TWIN
 from bricksrl.plans.plan import Placed
 from bricksrl.plans.planned_robot import PlannedRobot
 

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bricksrl.plans.articulation import Articulation, Turn
 from bricksrl.plans.geometry import Floats
+from bricksrl.plans.mechanism.articulation import Articulation, Turn
 
 _STEPS, _CLOSE_M, _SMALL = 30, 1e-7, 1e-6
 _LIKE_M = 0.01

@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bricksrl.plans.geometry import Floats
-from bricksrl.plans.kinematics import Hinge, Link, Mechanism, Mounted, Wheel
-from bricksrl.plans.trains import Train, is_balanced, is_coaxial
+from bricksrl.plans.mechanism.kinematics import Hinge, Link, Mechanism, Mounted, Wheel
+from bricksrl.plans.mechanism.trains import Train, is_balanced, is_coaxial
 
 _BALANCED_KG_M = 1.2e-5
 """12 g, 1 mm from their axis: 0.1 Nmm, a two-hundredth of a motor's own friction."""
