@@ -38,7 +38,7 @@ check: $(INSTALLED)
 
 test: check
 	$(BIN)/python -m pytest --numprocesses auto -m 'not realtime' --reruns 1 --only-rerun Timeout
-	$(BIN)/python -m pytest -m realtime --reruns 2
+	$(BIN)/python -m pytest --numprocesses 2 -m realtime --reruns 2
 
 format: $(INSTALLED)
 	$(BIN)/ruff format .
