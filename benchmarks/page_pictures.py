@@ -27,10 +27,10 @@ EPISODES = 12
 
 
 @contextmanager
-def served(*arguments: str) -> Iterator[str]:
-    """Address of the page of a ``bricksrl`` command, which is ended afterwards."""
+def served(folder: str, *arguments: str) -> Iterator[str]:
+    """Address of the page of a ``bricksrl`` command that works in a folder, and is ended afterwards."""
     words = [sys.executable, "-m", "bricksrl", *arguments]
-    process = subprocess.Popen(words, stdout=subprocess.PIPE, text=True)  # noqa: S603  our own command
+    process = subprocess.Popen(words, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)  # noqa: S603  our own command
     try:
         for line in process.stdout or ():
             found = re.search(r"http://\S+", line)
@@ -60,14 +60,14 @@ def main() -> None:
     command(__doc__).parse_args()
     with (
         tempfile.TemporaryDirectory() as folder,
-        served("train", "Walker-v1", "--episodes", "60", "--page", "--no-record", "--run", f"{folder}/run") as url,
+        served(folder, "train", "Walker-v1", "--episodes", "60", "--page", "--no-record", "--run", "runs/walk") as url,
         tab(url, 1200, 800) as page,
     ):
-        page.wait_for_function(f"document.querySelector('#facts').textContent.includes('episode {EPISODES}')")
+        page.locator(f"#facts:has-text('{EPISODES}/')").wait_for()
         page.get_by_role("button", name="1x", exact=True).click()
         page.wait_for_timeout(8_000)
         page.screenshot(path=FOLDER / "page.png")
-    with served("drive", "RunAway-v0") as url, tab(url, 390, 844) as page:
+    with served(".", "drive", "RunAway-v0") as url, tab(url, 390, 844) as page:
         page.wait_for_timeout(6_000)
         page.screenshot(path=FOLDER / "page_phone.png")
     print(FOLDER)
