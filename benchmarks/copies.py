@@ -19,11 +19,12 @@ import time
 from pathlib import Path
 from typing import Any
 
+from machine import ONE_THREAD, command, write
+
 ENV = "WalkerSim-v0"
 GOALS = {"ppo": (4096, -12.0), "sac": (256, -10.5)}
 """Copies, and the mean return to reach."""
 EVALUATED = 40
-ONE_THREAD = {"OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1", "RL_LOGGING_LEVEL": "WARNING"}
 
 
 def run(agent: str, seed: int, limit_s: float) -> list[list[float]]:
@@ -61,7 +62,6 @@ def run(agent: str, seed: int, limit_s: float) -> list[list[float]]:
 
 def main() -> None:
     """Run all seeds and write the results."""
-    from machine import command, write
 
     parser = command(__doc__)
     parser.add_argument("--agents", nargs="+", default=list(GOALS), choices=list(GOALS))

@@ -22,7 +22,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from machine import RESULTS, command, write
+from machine import ONE_THREAD, RESULTS, command, write
 from stopping import StopWhen
 
 from bricksrl.agents import AGENTS, preset
@@ -36,7 +36,6 @@ MARKS = {
     "RoboArmSim-v0": (100, 250, 500, 750, 1000, 2000, 4000),
 }
 EVALUATED_EPISODES = 40
-ONE_THREAD = {"OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 
 
 @dataclass(frozen=True)

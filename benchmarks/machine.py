@@ -16,6 +16,16 @@ from typing import Any
 
 RESULTS = Path(os.environ.get("BRICKSRL_RESULTS", Path(__file__).parent / "results"))
 """Where results are written; `bricksrl study` has its quick forms written elsewhere."""
+ONE_THREAD = {
+    "OMP_NUM_THREADS": "1",
+    "MKL_NUM_THREADS": "1",
+    "OPENBLAS_NUM_THREADS": "1",
+    "XLA_FLAGS": "--xla_cpu_multi_thread_eigen=false --xla_force_host_platform_device_count=1",
+    "JAX_PLATFORMS": "cpu",
+    "RL_LOGGING_LEVEL": "WARNING",
+    "TF_CPP_MIN_LOG_LEVEL": "3",
+}
+"""Environment of a process that computes on one thread, whichever library does it; set before torch or JAX is loaded."""
 _PACKAGES = ("bricksrl", "torch", "torchrl", "tensordict", "mujoco", "numpy", "greenlet")
 
 

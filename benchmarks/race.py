@@ -23,15 +23,8 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-ONE_THREAD = {
-    "OMP_NUM_THREADS": "1",
-    "MKL_NUM_THREADS": "1",
-    "OPENBLAS_NUM_THREADS": "1",
-    "XLA_FLAGS": "--xla_cpu_multi_thread_eigen=false --xla_force_host_platform_device_count=1",
-    "JAX_PLATFORMS": "cpu",
-    "RL_LOGGING_LEVEL": "WARNING",
-    "TF_CPP_MIN_LOG_LEVEL": "3",
-}
+from machine import ONE_THREAD, RESULTS, command, write
+
 ENV, ACTIONS, GOAL, EVERY, EVALUATED = "WalkerSim-v0", 4, -20.0, 100, 40
 CONTESTANTS = {
     "ours_sac": ("", ""),
@@ -191,8 +184,6 @@ def work(name: str, seed: int, limit: int) -> None:
 
 def main() -> None:
     """Race all of them and write the medians."""
-    from machine import RESULTS, command, write
-
     parser = command(__doc__)
     parser.add_argument("--seeds", type=int, choices=range(1, 101), metavar="N", default=5)
     parser.add_argument("--limit", type=int, default=4000, help="robot steps at most")

@@ -19,15 +19,8 @@ from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from typing import Any
 
-ONE_THREAD = {
-    "OMP_NUM_THREADS": "1",
-    "MKL_NUM_THREADS": "1",
-    "OPENBLAS_NUM_THREADS": "1",
-    "XLA_FLAGS": "--xla_cpu_multi_thread_eigen=false --xla_force_host_platform_device_count=1",
-    "JAX_PLATFORMS": "cpu",
-    "RL_LOGGING_LEVEL": "WARNING",
-    "TF_CPP_MIN_LOG_LEVEL": "3",
-}
+from machine import ONE_THREAD, command, write
+
 AGENTS = ("sac", "td3", "droq", "redq", "crossq")
 NEEDS = {"sb3": "stable_baselines3", "sbx": "sbx"}
 
@@ -130,7 +123,6 @@ def around(agent: str) -> float:
 
 def main() -> None:
     """Race all agents and write the medians."""
-    from machine import command, write
 
     parser = command(__doc__)
     parser.add_argument("--agents", nargs="+", default=AGENTS, choices=AGENTS)

@@ -1,7 +1,7 @@
 """LEGO's sets that have the hub, motors and sensors of a plan, and what is to be bought besides.
 
-What else is in a set is left out: no inventory was at hand that may be relied on. Numbers and contents are those of LEGO's
-product pages, retired sets included.
+What else is in a set is left out: no inventory was at hand that may be relied on. The devices of 45678 and 45681 were looked up
+on sales pages; those of the other sets, some retired, are written from memory and to be checked before buying.
 """
 
 from __future__ import annotations
