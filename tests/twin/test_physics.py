@@ -22,7 +22,7 @@ def test_every_field_says_its_unit_range_and_source() -> None:
 
 
 @pytest.mark.parametrize("name", list(PARAMETERS))
-@pytest.mark.parametrize("value", [-1.0, 1e6, math.nan, math.inf])
+@pytest.mark.parametrize("value", [-1e6, 1e6, math.nan, math.inf])
 def test_values_that_no_twin_takes_are_refused_by_name(name: str, value: float) -> None:
     with pytest.raises(TwinError, match=name):
         dataclasses.replace(Physics(), **{name: value})

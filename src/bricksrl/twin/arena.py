@@ -19,6 +19,7 @@ import numpy as np
 from bricksrl.errors import TwinError
 from bricksrl.robots import Robot, UltrasonicSensor
 from bricksrl.twin.imu import FloatingBase
+from bricksrl.twin.model_physics import RobotPart, set_physics, up
 from bricksrl.twin.models.load import load_model
 from bricksrl.twin.models.mjcf import LOOKS_GROUP, OBSTACLE_GROUP, SHAPE_GROUP, add_camera, add_light, add_surroundings, new_spec
 from bricksrl.twin.mujoco_body import MujocoBody, Pose
@@ -184,7 +185,8 @@ class ArenaWorld:
 
     def __init__(self, arena: Arena, physics: Physics | None = None, seed: int = 0) -> None:
         self.arena = arena
-        self.model = copy.copy(_compiled(arena))
+        self._nominal = _compiled(arena)
+        self.model = copy.copy(self._nominal)
         self.data = mujoco.MjData(self.model)
         self.time_ms, self._steps = 0, 0
         self.open_circuits = 0
@@ -193,24 +195,23 @@ class ArenaWorld:
         self._wanted_ms: dict[int, int] = {}
         seeds = np.random.SeedSequence(seed).spawn(len(arena.robots))
         physics = physics or Physics()
-        self._apply(physics)
         self.bodies = [ArenaBody(self, one, physics, own) for one, own in zip(arena.robots, seeds, strict=True)]
+        self._apply(physics)
         self._loads = [int(self.model.joint(load.name).qposadr[0]) for load in arena.loads]
         self._settle()
 
     def _apply(self, physics: Physics) -> None:
-        self.model.geom_friction[:] *= physics.friction_scale
         loads = [int(self.model.body(load.name).id) for load in self.arena.loads]
-        robots = np.setdiff1d(np.arange(self.model.nbody), loads)
-        self.model.body_mass[robots] *= physics.mass_scale
-        self.model.body_inertia[robots] *= physics.mass_scale
-        mujoco.mj_setConst(self.model, mujoco.MjData(self.model))
+        robots = [body for body in range(self.model.nbody) if body not in loads]
+        set_physics(self.model, self._nominal, physics, [body.part for body in self.bodies], robots)
 
     def _settle(self) -> None:
         """Let all robots settle on the floor, far from one another, and record their stances."""
         for number, address in enumerate([*(body.base_address for body in self.bodies), *self._loads]):
             self.data.qpos[address] = 2.0 * number
+        slope, self.model.opt.gravity[:] = self.model.opt.gravity.copy(), self._nominal.opt.gravity
         mujoco.mj_step(self.model, self.data, _SETTLING_STEPS)
+        self.model.opt.gravity[:] = slope
         for body in self.bodies:
             body.note_standing()
 
@@ -272,6 +273,7 @@ class ArenaBody(MujocoBody):
 
     def __init__(self, world: ArenaWorld, one: Contestant, physics: Physics, seed: np.random.SeedSequence) -> None:
         self.robot, self.scene, self.physics = one.robot, OPEN_FLOOR, physics
+        self._up = up(physics).tolist()
         self._arena = world
         self.model, self.data = world.model, world.data
         self._number = world.arena.robots.index(one)
@@ -280,7 +282,6 @@ class ArenaBody(MujocoBody):
         self._encoder_step_mdeg = round(physics.encoder_resolution_deg * 1000)
         self._prefix = f"{one.name}/"
         self._bind_part()
-        self._limit_play(physics)
         self._heading_deg = self._heading_at_start_deg = 0.0
         for port in self._terminals:
             self.set_voltage(port, None)
@@ -295,6 +296,7 @@ class ArenaBody(MujocoBody):
         self._terminals = {port: (index, 1 << int(model.actuator_group[index])) for port, index in actuators.items()}
         chassis = model.body(f"{self._prefix}chassis")
         self._chassis = int(chassis.id)
+        self.part = RobotPart([(actuators[motor.port], motor.kind) for motor in self.robot.motors], self._chassis)
         root = int(chassis.jntadr[0])
         self.base_address, self._base_dof = int(model.jnt_qposadr[root]), int(model.jnt_dofadr[root])
         self._base = _PartBase(model, data, self.base_address, self._base_dof, f"{self._prefix}imu")
@@ -306,12 +308,6 @@ class ArenaBody(MujocoBody):
         self._seen_groups = np.zeros(6, np.uint8)
         self._seen_groups[[OBSTACLE_GROUP, SHAPE_GROUP]] = 1  # other robots too
         self._qpos, self._qvel, self._ctrl = data.qpos, data.qvel, data.ctrl
-
-    def _limit_play(self, physics: Physics) -> None:
-        play = math.radians(physics.backlash_deg)
-        for joint in range(self.model.njnt):
-            if self.model.joint(joint).name.startswith(f"{self._prefix}backlash_"):
-                self.model.jnt_range[joint] = (-play, play)
 
     # ---- called by the world
 

@@ -16,8 +16,9 @@ from bricksrl.errors import TwinError
 from bricksrl.robots import MotorKind, PoweredUpSensor, Robot, SensorKind, UltrasonicSensor
 from bricksrl.twin import ldraw
 from bricksrl.twin.imu import FixedBase, FloatingBase, Vector
+from bricksrl.twin.model_physics import RobotPart, backlash_joints, set_physics, up
 from bricksrl.twin.models.load import load_model
-from bricksrl.twin.models.mjcf import OBSTACLE_GROUP, motor_constants
+from bricksrl.twin.models.mjcf import OBSTACLE_GROUP
 from bricksrl.twin.models.planned_looks import Spinners
 from bricksrl.twin.models.rods import Rods
 from bricksrl.twin.objects import Block, Solid
@@ -90,11 +91,11 @@ class MujocoBody:
         self.robot = robot
         self._kinds: dict[str, MotorKind] = {motor.port: motor.kind for motor in robot.motors}
         self.scene = scene
-        self.model = copy.copy(_compiled(robot, scene, ldraw.folder()))
+        self._nominal = _compiled(robot, scene, ldraw.folder())
+        self.model = copy.copy(self._nominal)
         self.data = mujoco.MjData(self.model)
         self._random_physics = physics if isinstance(physics, RandomPhysics) else None
         self._bind()
-        self._remember_nominal()
         self._apply(Physics() if isinstance(physics, RandomPhysics) else physics)
         noise_seed, start_seed = np.random.SeedSequence(seed).spawn(2)
         self._noise = np.random.default_rng(noise_seed)
@@ -113,13 +114,12 @@ class MujocoBody:
         """Look up all names and arrays once."""
         model, data = self.model, self.data
         joints = {port: model.joint(f"motor_{port}") for port in self._kinds}
-        self._shaft_dofs = [int(joint.dofadr[0]) for joint in joints.values()]
         actuators = {port: int(model.actuator(f"motor_{port}").id) for port in self._kinds}
         self._gears = {port: float(model.actuator_gear[index, 0]) for port, index in actuators.items()}
         self._shaft = {port: (int(joints[port].qposadr[0]), gear * math.degrees(1000.0)) for port, gear in self._gears.items()}
         self._terminals = {port: (index, 1 << int(model.actuator_group[index])) for port, index in actuators.items()}
         self._open_circuits = 0
-        self._backlash = [joint for joint in range(model.njnt) if model.joint(joint).name.startswith("backlash_")]
+        self._backlash = backlash_joints(model)
         self._feet = [geom for geom in range(model.ngeom) if model.geom(geom).name.startswith("foot_")]
         self._moves = bool(model.jnt_type[0] == mujoco.mjtJoint.mjJNT_FREE)
         self._base = FloatingBase(model, data) if self._moves else FixedBase(model, data)
@@ -163,32 +163,18 @@ class MujocoBody:
 
     # ---------------------------------------------------------------- physics and start
 
-    def _remember_nominal(self) -> None:
-        model = self.model
-        self._nominal_friction, self._nominal_pair_friction = model.geom_friction.copy(), model.pair_friction.copy()
-        self._nominal_mass, self._nominal_inertia = model.body_mass.copy(), model.body_inertia.copy()
-        self._nominal_frictionloss = model.dof_frictionloss[self._shaft_dofs].copy()
-        friction = [motor_constants(kind).friction_nm * abs(self._gears[port]) for port, kind in self._kinds.items()]
-        self._motor_friction = np.array(friction)
-
     def _apply(self, physics: Physics) -> None:
         model = self.model
         self.physics = physics
+        self._up: list[float] = up(physics).tolist()
         self.battery_mv = round(physics.battery_v * 1000)
         self._encoder_step_mdeg = round(physics.encoder_resolution_deg * 1000)
-        model.geom_friction[:] = self._nominal_friction * physics.friction_scale
-        model.pair_friction[:] = self._nominal_pair_friction * physics.friction_scale
-        model.body_mass[:] = self._nominal_mass * physics.mass_scale
-        model.body_inertia[:] = self._nominal_inertia * physics.mass_scale
-        more_friction = (physics.motor_friction_scale - 1.0) * self._motor_friction
-        model.dof_frictionloss[self._shaft_dofs] = self._nominal_frictionloss + more_friction
-        play = math.radians(physics.backlash_deg)
+        motors = [(self._terminals[port][0], kind) for port, kind in self._kinds.items()]
+        robot = RobotPart(motors, int(model.jnt_bodyid[0]) if self._moves else None)
+        set_physics(model, self._nominal, physics, [robot], range(model.nbody))
         for joint in self._backlash:
-            model.jnt_range[joint] = (-play, play)
-            address = model.jnt_qposadr[joint]
+            play, address = model.jnt_range[joint, 1], model.jnt_qposadr[joint]
             self._qpos[address] = min(max(self._qpos[address], -play), play)
-        # MuJoCo derives constants from the masses, and overwrites the data that it is given.
-        mujoco.mj_setConst(model, mujoco.MjData(model))
 
     def _settle(self) -> None:
         """Open all circuits; let a robot on wheels settle on the floor and record its stance."""
@@ -198,7 +184,9 @@ class MujocoBody:
             return
         if self.scene.objects:
             self._qpos[0] = _FAR_M  # away from objects at the start position
-        mujoco.mj_step(self.model, self.data, _SETTLING_STEPS)
+        slope, self.model.opt.gravity[:] = self.model.opt.gravity.copy(), self._nominal.opt.gravity
+        mujoco.mj_step(self.model, self.data, _SETTLING_STEPS)  # on a level floor: with open circuits it may roll
+        self.model.opt.gravity[:] = slope
         self._standing_height_m = float(self._qpos[2])
         self._standing_quaternion = self._qpos[3:7].copy()
         self._qpos[self.model.jnt_qposadr[self._backlash]] = 0.0
@@ -364,7 +352,10 @@ class MujocoBody:
         As in the firmware, this is the fused orientation, which accelerations do not disturb.
         """
         w, x, y, z = self._base.orientation().tolist()
-        up_x, up_y, up_z = 2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)
+        ahead, _, above = self._up
+        up_x = ahead * (1.0 - 2.0 * (y * y + z * z)) + above * 2.0 * (x * z - w * y)
+        up_y = ahead * 2.0 * (x * y - w * z) + above * 2.0 * (y * z + w * x)
+        up_z = ahead * 2.0 * (x * z + w * y) + above * (1.0 - 2.0 * (x * x + y * y))
         pitch_deg = math.degrees(math.atan2(-up_x, math.hypot(up_y, up_z)))
         roll_deg = math.degrees(math.atan2(up_y, up_z))
         noise_pitch, noise_roll = (self.physics.tilt_noise_deg * self._noise.standard_normal(2)).tolist()

@@ -54,6 +54,9 @@ class Physics:
         acceleration_noise_mm_s2: standard deviation of each axis of the accelerometer.
         color_noise_pct: standard deviation of the light reflected to a color sensor.
         link_interval_ms: connection interval of Bluetooth; messages are transmitted at its ticks.
+        slope_deg: slope of the floor, uphill along x, the direction in which robots start.
+        side_load_g: mass fastened to the left side of the chassis, 6 modules from its centre of mass.
+        weak_motor_scale: factor on the torque per volt of the first motor of the description.
 
     Raises:
         TwinError: at construction, when a value is outside of its accepted range.
@@ -80,6 +83,9 @@ class Physics:
     link_interval_ms: float = _parameter(
         15.0, "ms", (7.5, 50.0), (0.0, 4000.0), "Bluetooth LE: 7.5 ms to 4 s, computers give 7.5 to 50"
     )
+    slope_deg: float = _parameter(0.0, "deg", (0.0, 0.0), (-30.0, 30.0), "a level floor; never drawn")
+    side_load_g: float = _parameter(0.0, "g", (0.0, 0.0), (0.0, 500.0), "nothing carried; never drawn")
+    weak_motor_scale: float = _parameter(1.0, "1", (1.0, 1.0), (0.1, 1.0), "equal motors; never drawn")
 
     def __post_init__(self) -> None:
         for name, parameter in PARAMETERS.items():
