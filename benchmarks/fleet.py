@@ -3,9 +3,10 @@
     python benchmarks/fleet.py --seeds 5
 
 Each run is `bricksrl train RunAway-v0 --realtime` with SAC's default settings, with one robot and with four. Its time is that
-from the first robot's first step to the end of the first of three episodes in a row that return 20 of 20, on the wall's clock;
-what the processes take to start is left out: they begin together. Beside it stand the steps of the robot that made the most until
-then, which depend on no clock; with ``--simulated`` they alone are measured, in simulated time. In one more run of four the first
+from the first robot's first step to the end of the last of three, and of ten, episodes in a row that return 20 of 20, on the
+wall's clock; what the processes take to start is left out: they begin together. Three in a row may be luck, and cost a single
+robot three episodes but four robots only one. Beside the time stand the steps of the robot that made the most until then, which
+depend on no clock; with ``--simulated`` they alone are measured, in simulated time. In one more run of four the first
 robot's link is cut for 30 seconds. Counted are then the frames that the replay buffer and the dataset hold, and the links between
 frames of the buffer that are not one robot's successive steps.
 """
@@ -28,46 +29,46 @@ from machine import RESULTS, command, describe, write
 from bricksrl.evaluation.statistics import FEWEST_SEEDS, interquartile_mean, stratified_bootstrap_interval
 from bricksrl.training import Callback, Episode, Progress, RobotState, TrainConfig, train
 
-ENV, GOAL, IN_A_ROW = "RunAway-v0", 20.0, 3
+ENV, GOAL, IN_A_ROW = "RunAway-v0", 20.0, (3, 10)
 CUT_S, CUT_AFTER = 30.0, 4
 
 
 class UntilSolved(Callback):
-    """Notes when three episodes in a row were perfect, and what the robots were doing."""
+    """Notes when so many episodes in a row were perfect, and ends the run after the most."""
 
     def __init__(self) -> None:
-        self.returns: list[float] = []
+        self.in_a_row = 0
         self.steps: Counter[str] = Counter()
-        self.solved: Episode | None = None
+        self.solved: dict[int, dict[str, Any]] = {}
+        self.stop = threading.Event()
 
     def on_episode(self, episode: Episode, progress: Progress) -> None:
-        self.returns.append(episode.return_)
-        if self.solved is None:
-            self.steps[episode.robot] += episode.length
-        if self.solved is None and self.returns[-IN_A_ROW:] == [GOAL] * IN_A_ROW:
-            self.solved = episode
+        self.steps[episode.robot] += episode.length
+        self.in_a_row = self.in_a_row + 1 if episode.return_ == GOAL else 0
+        if self.in_a_row in IN_A_ROW and self.in_a_row not in self.solved:
+            steps_of_a_robot = max(self.steps.values())
+            self.solved[self.in_a_row] = {
+                "solved_s": round(episode.seconds, 1),
+                "steps_of_a_robot": steps_of_a_robot,
+                "steps": episode.steps,
+            }
+        if self.in_a_row == max(IN_A_ROW):
+            self.stop.set()
 
 
 def race(robots: int, seed: int, episodes: int, *, realtime: bool) -> dict[str, Any]:
     """One run; ends soon after it is solved."""
-    notes, stop = UntilSolved(), threading.Event()
-
-    class Until(UntilSolved):
-        def on_episode(self, episode: Episode, progress: Progress) -> None:
-            super().on_episode(episode, progress)
-            if self.solved is not None:
-                stop.set()
-
-    notes = Until()
+    notes = UntilSolved()
     with tempfile.TemporaryDirectory() as folder:
         config = TrainConfig(ENV, episodes=episodes, robots=robots, realtime=realtime, seed=seed, run_dir=Path(folder) / "run")
-        result = train(config, notes, stop=stop)
-    solved = notes.solved
+        result = train(config, notes, stop=notes.stop)
+    solved = {}
+    for count in IN_A_ROW:
+        found = notes.solved.get(count, {"solved_s": None, "steps_of_a_robot": None, "steps": None})
+        solved[str(count)] = found if realtime else {**found, "solved_s": None}
     return {
         "seed": seed,
-        "solved_s": None if solved is None or not realtime else round(solved.seconds, 1),
-        "steps_of_a_robot": None if solved is None else max(notes.steps.values()),
-        "steps": None if solved is None else solved.steps,
+        "in_a_row": solved,
         "episodes": len(result.episodes),
         "updates_per_step": result.updates_per_step,
     }
@@ -149,11 +150,12 @@ def _key(parts: Any) -> tuple[float, ...]:
     return tuple(torch.cat(parts).tolist())
 
 
-def summarised(runs: list[dict[str, Any]]) -> dict[str, Any]:
-    """Runs, and what their times say together; an interval only of five or more that were all solved."""
-    summary: dict[str, Any] = {"runs": runs, "solved": sum(run["steps"] is not None for run in runs)}
+def summarised(runs: list[dict[str, Any]], count: int) -> dict[str, Any]:
+    """What runs took to ``count`` perfect episodes in a row; an interval only of five or more that were all solved."""
+    solved = [run["in_a_row"][str(count)] for run in runs]
+    summary: dict[str, Any] = {"solved": sum(one["steps"] is not None for one in solved)}
     for name in ("solved_s", "steps_of_a_robot"):
-        values = [run[name] for run in runs if run.get(name) is not None]
+        values = [one[name] for one in solved if one[name] is not None]
         if values:
             summary[f"{name}_iqm"] = round(float(interquartile_mean(np.array(values))), 1)
         if len(values) >= FEWEST_SEEDS and len(values) == len(runs):
@@ -163,20 +165,22 @@ def summarised(runs: list[dict[str, Any]]) -> dict[str, Any]:
 
 
 def races(chosen: argparse.Namespace, known: dict[str, Any], tell: Callable[[dict[str, Any]], object]) -> dict[str, Any]:
-    """One robot and four, each with all seeds, and how many times as fast four are."""
-    results: dict[str, Any] = {}
-    for robots in (1, 4):
-        name = f"{robots}_robots" if robots > 1 else "1_robot"
-        runs = known.get(name, {}).get("runs", [])
-        for seed in range(len(runs), chosen.seeds):
-            runs.append(race(robots, seed, chosen.episodes, realtime=not chosen.simulated))
-            results[name] = summarised(runs)
-            print(robots, runs[-1], flush=True)
-            tell({**known, **results})
-        results[name] = summarised(runs)
-    for what, name in (("times_as_fast", "solved_s_iqm"), ("times_fewer_steps_of_a_robot", "steps_of_a_robot_iqm")):
-        one, four = results["1_robot"].get(name), results["4_robots"].get(name)
-        results[what] = None if one is None or four is None else round(one / four, 2)
+    """One robot and four, each with all seeds in turn, and how many times as fast four are."""
+    results: dict[str, Any] = {"1_robot": {}, "4_robots": {}}
+    runs = {name: known.get(name, {}).get("runs", []) for name in results}
+    for seed in range(chosen.seeds):
+        for name, robots in (("1_robot", 1), ("4_robots", 4)):
+            if len(runs[name]) <= seed:
+                runs[name].append(race(robots, seed, chosen.episodes, realtime=not chosen.simulated))
+                print(robots, runs[name][-1], flush=True)
+            summaries = {str(count): summarised(runs[name], count) for count in IN_A_ROW}
+            results[name] = {"runs": runs[name], "in_a_row": summaries}
+        for what, value in (("times_as_fast", "solved_s_iqm"), ("times_fewer_steps_of_a_robot", "steps_of_a_robot_iqm")):
+            results[what] = {}
+            for count in map(str, IN_A_ROW):
+                one, four = (results[name]["in_a_row"][count].get(value) for name in ("1_robot", "4_robots"))
+                results[what][count] = None if one is None or four is None else round(one / four, 2)
+        tell({**known, **results})
     return results
 
 
@@ -196,7 +200,7 @@ def main() -> None:
         found = races(chosen, before, lambda now: write("fleet", {**known, "simulated": now}))
         print(write("fleet", {**known, "simulated": {**found, **describe()}}))
         return
-    results: dict[str, Any] = {"environment": ENV, "agent": "sac", "goal": f"{IN_A_ROW} episodes of {GOAL:g} in a row"}
+    results: dict[str, Any] = {"environment": ENV, "agent": "sac", "goal": f"{IN_A_ROW} episodes in a row of {GOAL:g}"}
     results |= {name: known[name] for name in ("simulated",) if name in known}
     results |= races(chosen, known if chosen.go_on else {}, lambda now: write("fleet", {**known, **results, **now}))
     results["cut"] = with_a_cut(chosen.cut_episodes)
