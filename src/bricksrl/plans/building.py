@@ -1,6 +1,6 @@
-"""Check of the steps of a plan: what is added connects to what is there, and gets to its place.
+"""Check of building steps: each new part connects to the assembly and has a free path to its place.
 
-A step is tried backwards: its parts are taken off again one after the other, each along a straight line.
+A step is tried backwards: its parts are removed one after the other, each along a straight line.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ from bricksrl.plans.geometry import Bools, Floats
 from bricksrl.plans.plan import Plan, Step
 
 _MOST_ASKED, _MOST_ITEMS = 6000, 60
-"""Questions whether parts are free, of a whole plan, and parts of a step; more are not tried."""
+"""Limits of the search: collision queries per plan, parts per step."""
 _WAY_LDU = (5.0, 11.0, 17.0, 24.0, 34.0, 46.0, 70.0, 110.0, 170.0)
-"""Where on its way a part is looked at; 5 LDU is more than the slack of the search for collisions."""
+"""Distances at which a path is checked; 5 LDU is more than the tolerance of the collision test."""
 
 
 class Trouble(enum.Enum):
-    """What is wrong with a step."""
+    """Reasons why a step fails."""
 
     IN_THE_AIR = "connects to nothing that is there by then"
     BLOCKED = "cannot be put in any more"
@@ -33,7 +33,7 @@ class Trouble(enum.Enum):
 
 @dataclass(frozen=True)
 class StepTrouble:
-    """Parts of a step that cannot be put where they belong."""
+    """Parts of a step that cannot be placed."""
 
     step: Step
     parts: tuple[int, ...]
@@ -41,7 +41,7 @@ class StepTrouble:
 
 
 def step_troubles(plan: Plan, found: Sequence[Connection], room: Room) -> list[StepTrouble]:
-    """All steps that cannot be done. Parts that hold by what is not modelled, as tyres do, count as held."""
+    """All steps that fail. Parts with unmodelled connections, such as tyres, count as connected."""
     beside: dict[int, set[int]] = defaultdict(set)
     axes: dict[int, list[Floats]] = defaultdict(list)
     for link in found:
@@ -74,7 +74,7 @@ def _floating(
     now: set[int],
     beside: dict[int, set[int]],
 ) -> list[StepTrouble]:
-    """What is not connected with the rest after the step."""
+    """Parts that are not connected to the rest after the step."""
     start = (
         min(before) if before else max((part for item in items for part in item), key=lambda part: plan.parts[part].part.mass_g)
     )
@@ -95,7 +95,7 @@ def _stuck(
     beside: dict[int, set[int]],
     count: int,
 ) -> tuple[int, ...]:
-    """The parts of a step that no straight way leads to."""
+    """Parts of a step without a free straight path."""
     present = np.zeros(count, dtype=bool)
     present[list(now)] = True
     left = list(items)
@@ -115,7 +115,7 @@ def _stuck(
 
 
 def _groups(left: Sequence[tuple[int, ...]], beside: dict[int, set[int]]) -> Iterable[list[tuple[int, ...]]]:
-    """What may be taken off together: each item, each with the new ones that it touches, all."""
+    """Groups to remove together: each item, each with the new items that it touches, all items."""
     for item in reversed(left):
         yield [item]
     for item in reversed(left):
@@ -128,7 +128,7 @@ def _groups(left: Sequence[tuple[int, ...]], beside: dict[int, set[int]]) -> Ite
 
 
 def _ways(parts: Sequence[int], axes: dict[int, list[Floats]]) -> list[Floats]:
-    """Directions to try: along the connections, then along the axes of the plan."""
+    """Directions to try: along the connections, then along the plan's axes."""
     ways: list[Floats] = []
     for axis in [axis for part in parts for axis in axes[part]] + list(np.eye(3)):
         if not any(abs(float(axis @ way)) > 0.999 for way in ways):

@@ -1,4 +1,4 @@
-"""The check of a plan: everything that would stop whoever builds it, where in the file it is, and what to do."""
+"""Check of a plan: mistakes with their lines in the file and what to do."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _REMEDIES = {
 
 @dataclass(frozen=True)
 class Structure:
-    """What was found out about a plan on the way."""
+    """Connections, gear meshes and bodies of a plan."""
 
     connections: tuple[Connection, ...]
     meshes: tuple[Mesh, ...]
@@ -35,13 +35,13 @@ class Structure:
 
 
 def structure_of(plan: Plan) -> Structure:
-    """Connections, gears and bodies of a plan."""
+    """Compute the structure of a plan."""
     found, geared = connections(plan.parts), meshes(plan.parts)
     return Structure(tuple(found), tuple(geared), find_bodies(plan.parts, found, geared))
 
 
 def check(plan: Plan) -> list[Finding]:
-    """All that is wrong with a plan, in the order of its lines; nothing where it can be built."""
+    """All findings about a plan, in the order of its lines; empty if it can be built."""
     findings = _counted(plan)
     if plan.parts:
         structure, room = structure_of(plan), Room(plan.parts)
@@ -56,7 +56,7 @@ def check(plan: Plan) -> list[Finding]:
 
 
 def _counted(plan: Plan) -> list[Finding]:
-    """Unknown parts, and another number of parts than the plan says it has."""
+    """Unknown parts, and a part count other than declared."""
     findings = []
     for unknown in plan.unknown:
         text = f"part {unknown.number} ({_times(len(unknown.lines))}) is not in the catalogue; use another, or add it there"
@@ -73,7 +73,7 @@ def _times(count: int) -> str:
 
 
 def _connected(plan: Plan, structure: Structure) -> list[Finding]:
-    """Pins in axle holes, axles turned against their holes, pins that are not all the way in, parts that touch nothing."""
+    """Pins in axle holes, misaligned axles, connections that are not deep enough, unconnected parts."""
     findings = []
     for link in structure.connections:
         male, female = plan.parts[link.male], plan.parts[link.female]
@@ -111,7 +111,7 @@ def _collisions(plan: Plan, pairs: list[tuple[int, int]]) -> list[Finding]:
 
 
 def _geared(plan: Plan, structure: Structure) -> list[Finding]:
-    """Gears beside one another that do not mesh well."""
+    """Adjacent gears that mesh badly."""
     findings = []
     for mesh in structure.meshes:
         if mesh.is_good:
@@ -129,7 +129,7 @@ def _geared(plan: Plan, structure: Structure) -> list[Finding]:
 
 
 def _held(plan: Plan, structure: Structure) -> list[Finding]:
-    """Parts that swing or slide with all motors braked, and motors that cannot turn."""
+    """Parts that move although all motors are braked, and motors that cannot turn."""
     bodies = structure.bodies
     if len(bodies.members) > MAX_BODIES:
         text = f"{len(bodies.members)} parts or groups of parts move against one another, too many to look at; connect them first"
@@ -150,7 +150,7 @@ def _held(plan: Plan, structure: Structure) -> list[Finding]:
 
 
 def _without_spin(plan: Plan, members: tuple[int, ...], rates: Floats) -> Floats:
-    """Rates [6, n] of a body; of one that is nothing but an axle with bushes without its turning about itself."""
+    """Rates [6, n] of a body; an axle with bushes may spin, so its spin is removed."""
     axles = [plan.parts[part] for part in members if plan.parts[part].part.family == "axles"]
     if not axles or any(plan.parts[part].part.family not in ("axles", "bushes") for part in members):
         return rates

@@ -1,4 +1,4 @@
-"""Parts that are inside one another, found by points of the one that lie in the material of the other."""
+"""Collisions between parts: sample points of one part inside the material of another."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ from bricksrl.plans.geometry import Bools, Floats
 from bricksrl.plans.plan import Placed
 
 _MARGIN = 0.8
-"""LDU; with the depth of the samples, parts may overlap by 0.7 mm before it counts: they are a little smaller than they look."""
+"""LDU; with the sampling depth, overlaps up to 0.7 mm are tolerated, as real parts are slightly smaller."""
 _ENOUGH = 2
-"""Points that must lie inside for it to count."""
+"""Minimum number of points inside."""
 _MOST_FOUND, _MOST_COMPARED = 200, 50_000
-"""Where the search for collisions ends: a plan with more of them is not nearly right."""
+"""Limits of the collision search."""
 
 
 class Room:
-    """Where the parts of a plan are.
+    """Space occupied by the parts of a plan.
 
     Attributes:
         low, high: [n, 3], bounds of each part in the plan's frame.
-        asked: how often it was asked whether a group of parts is free.
+        asked: number of calls of `is_free`.
     """
 
     def __init__(self, parts: Sequence[Placed]) -> None:
@@ -34,7 +34,7 @@ class Room:
         self.high: Floats = np.array([high for _, high in bounds]).reshape(-1, 3)
 
     def collisions(self) -> list[tuple[int, int]]:
-        """Pairs of parts that are inside one another, the lower index first; the first 200 of them."""
+        """Pairs of colliding parts, the lower index first; at most 200."""
         found: list[tuple[int, int]] = []
         compared = 0
         for index in range(len(self._parts)):
@@ -47,7 +47,7 @@ class Room:
         return found
 
     def is_free(self, group: Iterable[int], others: Bools, shift: Floats) -> bool:
-        """Whether a group of parts, moved by ``shift``, meets none of the parts that ``others`` [n] marks."""
+        """Whether a group of parts, moved by ``shift``, collides with none of the parts in ``others`` [n]."""
         self.asked += 1
         for index in group:
             near = self._near(index, shift) & others
@@ -56,7 +56,7 @@ class Room:
         return True
 
     def _near(self, index: int, shift: Floats) -> Bools:
-        """The parts whose boxes overlap that of a part that is moved [n]."""
+        """Parts with bounds that overlap those of a moved part [n]."""
         low, high = self.low[index] + shift + 1.5, self.high[index] + shift - 1.5
         return np.asarray(((low < self.high) & (self.low < high)).all(axis=1))
 
@@ -71,7 +71,7 @@ class Room:
             return False
         target = self._parts[other]
         inner = target.to_part(points[near])
-        # Where much overlaps, a few points tell.
+        # In large overlaps a few points are enough.
         return any(int(np.count_nonzero(target.part.contains(some, _MARGIN))) >= _ENOUGH for some in (inner[::23], inner))
 
     def _points(self, index: int) -> Floats:

@@ -1,4 +1,4 @@
-"""The wiring of a plan: hub, ports, cables."""
+"""Check of a plan's wiring: hub, ports, cable lengths."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from bricksrl.plans.part import DeviceKind
 from bricksrl.plans.plan import Placed, Plan
 
 _SLACK_MM = 30.0
-"""Of a cable, for its bends."""
+"""Length of a cable that its bends need."""
 
 
 def wiring(plan: Plan) -> list[Finding]:
-    """Hub, ports, cables."""
+    """Findings about hub, ports and cables."""
     hubs = plan.devices(DeviceKind.HUB)
     wired = plan.devices(DeviceKind.MOTOR) + plan.devices(DeviceKind.SENSOR)
     findings = []

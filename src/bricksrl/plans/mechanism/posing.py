@@ -1,7 +1,6 @@
-"""Positions of a robot's parts when its motors are turned: chains, gears, rods and closed loops. Metres, the twin's axes.
+"""Forward kinematics of an articulation: chains, gears, rods and closed loops. Metres, the twin's axes.
 
-A motion takes a point of the plan's position to where it is then. Loops are closed by Gauss and Newton's method for the angles
-that no motor gives.
+A motion maps points of the plan's position to the current one. Loops are closed by Gauss-Newton on the angles without motors.
 """
 
 from __future__ import annotations
@@ -17,7 +16,7 @@ from bricksrl.plans.mechanism.articulation import Articulation, Turn
 
 _STEPS, _CLOSE_M, _SMALL = 30, 1e-7, 1e-6
 _LIKE_M = 0.01
-"""Weight of staying near the last angles, so that what no loop holds stays where it is."""
+"""Regularization towards the previous angles, for angles that no loop determines."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,11 +27,11 @@ class Motion:
     shift: Floats
 
     def of(self, points: Floats) -> Floats:
-        """Points [..., 3] moved."""
+        """Moved points [..., 3]."""
         return np.asarray(points @ self.turn.T + self.shift)
 
     def after(self, other: Motion) -> Motion:
-        """This motion after another one."""
+        """The composition: ``other`` first, then this."""
         return Motion(self.turn @ other.turn, self.turn @ other.shift + self.shift)
 
 
@@ -40,7 +39,7 @@ STILL = Motion(np.eye(3), np.zeros(3))
 
 
 def turning(axis: Floats, point: Floats, angle: float) -> Motion:
-    """A turn about an axis of length 1 through a point (Rodrigues)."""
+    """A rotation about a unit axis through a point (Rodrigues)."""
     x, y, z = axis
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     turn = np.eye(3) + math.sin(angle) * cross + (1.0 - math.cos(angle)) * cross @ cross
@@ -48,10 +47,10 @@ def turning(axis: Floats, point: Floats, angle: float) -> Motion:
 
 
 class Poser:
-    """Where the bodies of an articulation are.
+    """Poses of the bodies of an articulation.
 
     Attributes:
-        free: indices of the swings that no loop holds: one may turn them.
+        free: indices of the swings outside of loops.
     """
 
     def __init__(self, made: Articulation) -> None:
@@ -64,8 +63,8 @@ class Poser:
         """The motion of each body.
 
         Args:
-            shafts: how far each motor's shaft is turned from the plan's position, clockwise, rad; by its port.
-            swings: angles of the free swings, rad; by their index.
+            shafts: angle of each motor's shaft from the plan's position by port, clockwise, rad.
+            swings: angles of free swings by index, rad.
         """
         for number, angle in (swings or {}).items():
             if number not in self._held:
@@ -75,7 +74,7 @@ class Poser:
         return self._forward(shafts, self._angles)
 
     def of_parts(self, shafts: Mapping[str, float], motions: tuple[Motion, ...]) -> dict[int, Motion]:
-        """The motion of each part, by its index; ``motions`` are those of the bodies."""
+        """The motion of each part by index, from the motions of the bodies."""
         made, found = self._made, dict[int, Motion]()
         for number, body in enumerate(made.bodies):
             found |= dict.fromkeys(body.parts, motions[number])
@@ -100,7 +99,7 @@ class Poser:
         return tuple(motions[number] for number in range(len(made.bodies)))
 
     def _gaps(self, shafts: Mapping[str, float], angles: Floats) -> Floats:
-        """How far rods and loops are from closed [n], m."""
+        """Residuals of rods and loops [n], m."""
         motions, gaps = self._forward(shafts, angles), []
         for rod in self._made.rods:
             length = np.linalg.norm(rod.far_m - rod.near_m)
@@ -111,20 +110,20 @@ class Poser:
         return np.array(gaps)
 
     def _slopes(self, shafts: Mapping[str, float], angles: Floats) -> Floats:
-        """How the gaps change with the angles [gaps, angles]."""
+        """Jacobian of the residuals [gaps, angles], by finite differences."""
         steps = [np.eye(len(angles))[number] * _SMALL for number in range(len(angles))]
         rows = [(self._gaps(shafts, angles + step) - self._gaps(shafts, angles - step)) / (2 * _SMALL) for step in steps]
         return np.stack(rows, axis=1)
 
     def _find_held(self) -> frozenset[int]:
-        """The swings that change a gap."""
+        """The swings that affect a residual."""
         if not (self._made.rods or self._made.loops) or not len(self._angles):
             return frozenset()
         slopes = np.abs(self._slopes({}, np.zeros(len(self._angles)))).max(axis=0)
         return frozenset(np.flatnonzero(slopes > 1e-5).tolist())
 
     def _close(self, shafts: Mapping[str, float]) -> None:
-        """Turn the swings until rods and loops are closed, as far as that can be."""
+        """Turn the swings until rods and loops are closed, as far as possible."""
         held = sorted(self._held)
         start = self._angles.copy()
         for _ in range(_STEPS):
@@ -141,7 +140,7 @@ class Poser:
 
 
 def _from_to(old_near: Floats, old_far: Floats, near: Floats, far: Floats) -> Motion:
-    """The motion of a rod from its pins in the plan to those now, the shortest way."""
+    """The motion of a rod between two positions of its pins, by the shortest rotation."""
     before, now = old_far - old_near, far - near
     before, now = before / np.linalg.norm(before), now / np.linalg.norm(now)
     across = np.cross(before, now)
