@@ -19,11 +19,11 @@ from bricksrl.plans.plan import Placed
 
 RATE_LENGTH = 100.0
 """LDU: scales angular rates, so that linear and angular rates have the same magnitude."""
-_SMALL, _STILL = 1e-4, 1e-4
-_SAME_AXIS = 1.5
+_RANK_TOLERANCE, _MOTION_TOLERANCE = 1e-4, 1e-4
+_AXIS_TOLERANCE = 1.5
 MAX_BODIES = 250
 """No motions are computed above this number."""
-_LOOSE_REACH = 60.0
+_MAX_LOOSE_DISTANCE = 60.0
 _STOP_LOW, _STOP_HIGH = -2.0, 9.0
 """Distance between bush and beam at which an axle still cannot slide: up to 3.6 mm of play."""
 
@@ -69,11 +69,11 @@ class Bodies:
 
     def motions(self, *, locked: Iterable[int] = ()) -> Floats:
         """Possible motions [6 x bodies, n], orthonormal; the first body is at rest, the motors in ``locked`` are braked."""
-        rows = [_placed_row(np.eye(6), 0, None, len(self.members))]
+        rows = [_constraint_rows(np.eye(6), 0, None, len(self.members))]
         braked = set(locked)
         for joint in self.joints:
             block = _joint_rows(joint.point, joint.axis, slides=joint.slides, turns=joint.motor not in braked)
-            rows.append(_placed_row(block, joint.bodies[0], joint.bodies[1], len(self.members)))
+            rows.append(_constraint_rows(block, joint.bodies[0], joint.bodies[1], len(self.members)))
         for first, second, mesh in self.meshes:
             row = np.zeros((1, 6 * len(self.members)))
             scaled = np.concatenate([mesh.motion[:, :3], mesh.motion[:, 3:] / RATE_LENGTH], axis=1)
@@ -93,7 +93,7 @@ class Bodies:
 def _null_space(rows: Floats) -> Floats:
     """Orthonormal basis [m, n] of the null space of ``rows`` [k, m]."""
     sizes, directions = np.linalg.eigh(rows.T @ rows)
-    return np.asarray(directions[:, sizes < _SMALL**2])
+    return np.asarray(directions[:, sizes < _RANK_TOLERANCE**2])
 
 
 def _joint_rows(point: Floats, axis: Floats, *, slides: bool, turns: bool = True) -> Floats:
@@ -107,7 +107,7 @@ def _joint_rows(point: Floats, axis: Floats, *, slides: bool, turns: bool = True
     return np.array(rows)
 
 
-def _placed_row(block: Floats, first: int, second: int | None, count: int) -> Floats:
+def _constraint_rows(block: Floats, first: int, second: int | None, count: int) -> Floats:
     rows = np.zeros((len(block), 6 * count))
     rows[:, 6 * first : 6 * first + 6] = block
     if second is not None:
@@ -119,18 +119,18 @@ class _Groups:
     """Disjoint sets (union-find)."""
 
     def __init__(self, count: int) -> None:
-        self._above = list(range(count))
+        self._parents = list(range(count))
 
     def find(self, node: int) -> int:
         """The representative of a node's set."""
-        while self._above[node] != node:
-            self._above[node] = self._above[self._above[node]]
-            node = self._above[node]
+        while self._parents[node] != node:
+            self._parents[node] = self._parents[self._parents[node]]
+            node = self._parents[node]
         return node
 
     def join(self, first: int, second: int) -> None:
         """Merge two sets."""
-        self._above[self.find(first)] = self.find(second)
+        self._parents[self.find(first)] = self.find(second)
 
 
 @dataclass(frozen=True)
@@ -161,13 +161,13 @@ def find_bodies(parts: Sequence[Placed], found: Sequence[Connection], meshes: Se
     for link in links:
         if link.connection.is_rigid:
             groups.join(link.male, link.female)
-    _hold_fasteners(parts, links, groups)
-    _hold_loose(parts, groups)
+    _join_fasteners(parts, links, groups)
+    _join_loose(parts, groups)
     while True:
         while _merge_rigid(links, groups):
             pass
         bodies, roots = _bodies(parts, links, meshes, groups)
-        if len(roots) > MAX_BODIES or not _merge_still(bodies, roots, groups):
+        if len(roots) > MAX_BODIES or not _merge_equal_motions(bodies, roots, groups):
             return bodies
 
 
@@ -227,7 +227,7 @@ def _line_of(bundle: Sequence[_Link]) -> tuple[Floats, Floats]:
 
 def _is_coaxial(one: Connection, other: Connection) -> bool:
     aside = np.linalg.norm(np.cross(other.point - one.point, one.axis))
-    return bool(aside < _SAME_AXIS and np.linalg.norm(np.cross(one.axis, other.axis)) < 0.05)
+    return bool(aside < _AXIS_TOLERANCE and np.linalg.norm(np.cross(one.axis, other.axis)) < 0.05)
 
 
 def _shaft(placed: Placed) -> tuple[Floats, Floats]:
@@ -238,7 +238,7 @@ def _shaft(placed: Placed) -> tuple[Floats, Floats]:
     return placed.to_plan(np.array([site.centre]))[0], placed.rotation @ np.array(shaft)
 
 
-def _hold_fasteners(parts: Sequence[Placed], links: Sequence[_Link], groups: _Groups) -> None:
+def _join_fasteners(parts: Sequence[Placed], links: Sequence[_Link], groups: _Groups) -> None:
     """Join each pin, and each axle that nothing is fixed to, to a part around it: its own rotation does not matter."""
     fixed = {node for link in links if link.connection.is_rigid for node in (link.male, link.female)}
     for link in links:
@@ -249,7 +249,7 @@ def _hold_fasteners(parts: Sequence[Placed], links: Sequence[_Link], groups: _Gr
             fixed.add(link.male)
 
 
-def _hold_loose(parts: Sequence[Placed], groups: _Groups) -> None:
+def _join_loose(parts: Sequence[Placed], groups: _Groups) -> None:
     """Join parts with unmodelled connections to the nearest part, such as a tyre to its rim."""
     for placed in parts:
         others = [one for one in parts if one.index != placed.index and not one.part.is_loose]
@@ -257,7 +257,7 @@ def _hold_loose(parts: Sequence[Placed], groups: _Groups) -> None:
             others = [one for one in others if one.part.family == "wheels"]
         if placed.part.is_loose and others:
             nearest = min(others, key=lambda one: float(np.linalg.norm(one.position - placed.position)))
-            if np.linalg.norm(nearest.position - placed.position) < _LOOSE_REACH:
+            if np.linalg.norm(nearest.position - placed.position) < _MAX_LOOSE_DISTANCE:
                 groups.join(placed.index, nearest.index)
 
 
@@ -275,14 +275,14 @@ def _merge_rigid(links: Sequence[_Link], groups: _Groups) -> bool:
     return merged
 
 
-def _merge_still(bodies: Bodies, roots: Sequence[int], groups: _Groups) -> bool:
+def _merge_equal_motions(bodies: Bodies, roots: Sequence[int], groups: _Groups) -> bool:
     """Join bodies with equal rates in all motions. Returns whether there were any."""
     motions = bodies.motions()
     merged = False
     for number, root in enumerate(roots):
         rates = motions[6 * number : 6 * number + 6]
         for other in range(number):
-            if np.abs(motions[6 * other : 6 * other + 6] - rates).max(initial=0.0) < _STILL:
+            if np.abs(motions[6 * other : 6 * other + 6] - rates).max(initial=0.0) < _MOTION_TOLERANCE:
                 groups.join(root, roots[other])
                 merged = True
                 break

@@ -27,9 +27,9 @@ from bricksrl.plans.plan import Placed, Plan, Step
 from bricksrl.plotting import import_matplotlib
 
 _STEP_SIZE, _COVER_SIZE, _PART_SIZE = (760, 540), (820, 560), (150, 110)
-_HIDDEN = 0.35
+_MIN_VISIBLE = 0.35
 """Minimum visible share of the new parts in the default view; below it another view is chosen."""
-_SUNK, _FASTENERS = 0.25, ("pins", "axles", "bushes")
+_MIN_FASTENER_VISIBLE, _FASTENERS = 0.25, ("pins", "axles", "bushes")
 """Families, and the visible share below which a new part of them is outlined."""
 _PART_ZOOM = 2.4
 _NOTE_WIDTH = 120
@@ -93,7 +93,7 @@ def pages_of(plan: Plan) -> Iterator[Page]:
     text = f"{len(plan.parts)} parts of {len(entries)} kinds and colours · {len(plan.steps)} steps · {plan.mass_g:.0f} g"
     yield Page(plan.title, text, draw(plan.parts, _COVER_SIZE), ())
     for start in range(0, len(entries), _A_PAGE):
-        items = tuple(_listed(entry) for entry in entries[start : start + _A_PAGE])
+        items = tuple(_item(entry) for entry in entries[start : start + _A_PAGE])
         yield Page("Parts", "", None, items)
     times = Counter(_kind(step) for step in plan.steps)
     number = 0
@@ -119,7 +119,7 @@ def _kind(step: Step) -> tuple[str, int]:
     return step.assembly[-1].rpartition(":")[0], step.number
 
 
-def _listed(entry: Entry) -> Item:
+def _item(entry: Entry) -> Item:
     return Item(
         _part_picture(entry.part, entry.colour.code),
         entry.count,
@@ -143,8 +143,8 @@ def _step_page(plan: Plan, step: Step, number: int, times: int) -> Page:
     new = [plan.parts[index] for index in step.new]
     joined = [plan.parts[index] for group in step.joined for index in group]
     bright = {placed.index for placed in (*new, *joined)}
-    there = [plan.parts[index] for index in sorted(_there(plan, step))]
-    view, picture = _best(there, bright, set(step.new))
+    there = [plan.parts[index] for index in sorted(_present_parts(plan, step))]
+    view, picture = _best_view(there, bright, set(step.new))
     where = f" · {_title(step.assembly[-1])}" if step.assembly else ""
     where += f", {times} times" if times > 1 else ""
     turned = "" if view == VIEWS[0] else " (the model is turned)"
@@ -164,7 +164,7 @@ def _title(assembly: str) -> str:
     return assembly.rpartition(":")[0].removesuffix(".ldr").replace("_", " ")
 
 
-def _there(plan: Plan, step: Step) -> set[int]:
+def _present_parts(plan: Plan, step: Step) -> set[int]:
     """Parts that are present in the current sub-assembly after a step."""
     there: set[int] = set()
     for earlier in plan.steps[: step.index + 1]:
@@ -173,7 +173,7 @@ def _there(plan: Plan, step: Step) -> set[int]:
     return there
 
 
-def _best(there: list[Placed], bright: set[int], new: set[int]) -> tuple[View, Pixels]:
+def _best_view(there: list[Placed], bright: set[int], new: set[int]) -> tuple[View, Pixels]:
     """The default view, or the one that shows the new parts best if they are hidden there."""
     best: tuple[float, View, Canvas, Canvas] | None = None
     for view in VIEWS:
@@ -185,21 +185,21 @@ def _best(there: list[Placed], bright: set[int], new: set[int]) -> tuple[View, P
         share = canvas.visible(bright) / max(ghosts.visible(bright), 1)
         if best is None or share > best[0] + 0.05:
             best = (share, view, canvas, ghosts)
-        if best[0] > _HIDDEN:
+        if best[0] > _MIN_VISIBLE:
             break
     if best is None:
         raise PlanError("a step without parts cannot be drawn; take it out of the plan")
-    sunk = _sunk([placed for placed in there if placed.index in new], there, best[1], best[2])
+    sunk = _hidden_fasteners([placed for placed in there if placed.index in new], there, best[1], best[2])
     return best[1], best[2].picture(bright, (best[3], *sunk))
 
 
-def _sunk(new: list[Placed], there: list[Placed], view: View, canvas: Canvas) -> tuple[Canvas, ...]:
+def _hidden_fasteners(new: list[Placed], there: list[Placed], view: View, canvas: Canvas) -> tuple[Canvas, ...]:
     """The barely visible fasteners on a canvas of their own, if any."""
     small = [placed for placed in new if placed.part.family in _FASTENERS]
     alone = Canvas(canvas.size, view, there)
     for placed in small:
         alone.add(placed)
-    hidden = [one for one in small if canvas.visible({one.index}) < _SUNK * alone.visible({one.index})]
+    hidden = [one for one in small if canvas.visible({one.index}) < _MIN_FASTENER_VISIBLE * alone.visible({one.index})]
     outlines = Canvas(canvas.size, view, there)
     for placed in hidden:
         outlines.add(placed)

@@ -11,15 +11,15 @@ from bricksrl.plans.geometry import AXES, Floats
 from bricksrl.plans.part import Fit, Gear, GearForm, Site
 from bricksrl.plans.plan import Placed
 
-_ASIDE, _TILT = 1.2, 0.03
+_MAX_OFFSET, _MAX_TILT = 1.2, 0.03
 """Tolerances of a pin: offset from the hole's axis (LDU), tilt (sine)."""
-_LEAST_DEPTH = 3.5
+_MIN_DEPTH = 3.5
 """Minimum depth of a connection, LDU; a stud is 4 high."""
-_SEATED = 0.7
+_MIN_SEATED_SHARE = 0.7
 """Minimum depth as a share of the shorter length."""
-_MESH, _NEARLY = 1.0, 9.0
+_MESH_TOLERANCE, _NEAR_TOLERANCE = 1.0, 9.0
 """Tolerances of two gears' distance, LDU: up to the first they mesh; above the second they are unrelated."""
-_MOST_COMPARED = 20_000
+_MAX_COMPARED = 20_000
 """Maximum number of gear pairs to compare."""
 _CROSS_DEG = 6.0
 _WORM_PITCH_RADIUS = 10.0
@@ -86,7 +86,7 @@ class Mesh:
     @property
     def is_good(self) -> bool:
         """Whether they turn each other."""
-        return abs(self.error) <= _MESH and self.engaged >= _SEATED
+        return abs(self.error) <= _MESH_TOLERANCE and self.engaged >= _MIN_SEATED_SHARE
 
 
 def connections(parts: Sequence[Placed]) -> list[Connection]:
@@ -107,7 +107,7 @@ def connections(parts: Sequence[Placed]) -> list[Connection]:
     is_for_stud = np.array([entry[1].fit is Fit.STUD_HOLE for entry in females])
     found = []
     for owner, site, centre, axis in males:
-        reach = (site.length + float(lengths.max())) / 2 + _ASIDE
+        reach = (site.length + float(lengths.max())) / 2 + _MAX_OFFSET
         start, end = np.searchsorted(centres[:, 0], [centre[0] - reach, centre[0] + reach])
         some = slice(int(start), int(end))
         away = centres[some] - centre
@@ -116,12 +116,12 @@ def connections(parts: Sequence[Placed]) -> list[Connection]:
         tilt = np.linalg.norm(np.cross(axes[some], axis), axis=1)
         low = np.maximum(-site.length / 2, along - lengths[some] / 2)
         high = np.minimum(site.length / 2, along + lengths[some] / 2)
-        good = (aside < _ASIDE) & (tilt < _TILT) & (high - low > _LEAST_DEPTH) & (owners[some] != owner) & ~is_joint[some]
+        good = (aside < _MAX_OFFSET) & (tilt < _MAX_TILT) & (high - low > _MIN_DEPTH) & (owners[some] != owner) & ~is_joint[some]
         good &= is_for_stud[some] == (site.fit is Fit.STUD)
         for which in np.flatnonzero(good):
             depth = float(high[which] - low[which])
             other, hole = females[int(start) + which][0], females[int(start) + which][1]
-            is_seated = depth >= _SEATED * min(20.0, site.length, hole.length)
+            is_seated = depth >= _MIN_SEATED_SHARE * min(20.0, site.length, hole.length)
             crossed = _is_crossed(parts[owner], site, parts[other], hole)
             point = centre + axis * float(low[which] + high[which]) / 2
             found.append(Connection(owner, other, site, hole, point, axis, depth, is_seated, crossed))
@@ -147,7 +147,7 @@ def _turntables(females: list[tuple[int, Site, Floats, Floats]]) -> list[Connect
     found = []
     for number, (owner, site, centre, axis) in enumerate(joints):
         for other, hole, place, direction in joints[number + 1 :]:
-            near = np.linalg.norm(place - centre) < _ASIDE and np.linalg.norm(np.cross(axis, direction)) < _TILT
+            near = np.linalg.norm(place - centre) < _MAX_OFFSET and np.linalg.norm(np.cross(axis, direction)) < _MAX_TILT
             if near and owner != other:
                 found.append(Connection(owner, other, site, hole, centre, axis, site.length, True, False))
     return found
@@ -162,10 +162,10 @@ def meshes(parts: Sequence[Placed]) -> list[Mesh]:
     compared = 0
     for number, (placed, gear) in enumerate(gears):
         far = np.linalg.norm(centres[number + 1 :] - centres[number], axis=1)
-        for near in np.flatnonzero(far < reach[number + 1 :] + reach[number] + 2 * _NEARLY):
+        for near in np.flatnonzero(far < reach[number + 1 :] + reach[number] + 2 * _NEAR_TOLERANCE):
             other, second = gears[number + 1 + int(near)]
             compared += 1
-            if compared > _MOST_COMPARED:
+            if compared > _MAX_COMPARED:
                 return found
             mesh = _mesh(placed, gear, other, second) if other.index != placed.index else None
             if mesh is not None:
@@ -179,9 +179,9 @@ def _mesh(first: Placed, gear: Gear, second: Placed, other: Gear) -> Mesh | None
     if GearForm.WORM in (gear.form, other.form):
         return _worm(first, gear, second, other) if gear.form is GearForm.WORM else _worm(second, other, first, gear)
     axis, axis2 = first.rotation @ np.array(gear.axis), second.rotation @ np.array(other.axis)
-    if np.linalg.norm(np.cross(axis, axis2)) < _TILT:
+    if np.linalg.norm(np.cross(axis, axis2)) < _MAX_TILT:
         return _parallel(first, gear, second, other, axis)
-    if abs(float(axis @ axis2)) < _TILT and GearForm.SPUR not in (gear.form, other.form):
+    if abs(float(axis @ axis2)) < _MAX_TILT and GearForm.SPUR not in (gear.form, other.form):
         return _right_angle(first, gear, second, other, axis, axis2)
     return None
 
@@ -197,13 +197,13 @@ def _parallel(first: Placed, gear: Gear, second: Placed, other: Gear, axis: Floa
     distance = float(np.linalg.norm(aside))
     error = distance - gear.pitch_radius - other.pitch_radius
     shared = min(gear.width / 2, along + other.width / 2) - max(-gear.width / 2, along - other.width / 2)
-    if abs(error) > _NEARLY or shared <= 1.0 or distance < 1.0:
+    if abs(error) > _NEAR_TOLERANCE or shared <= 1.0 or distance < 1.0:
         return None
     # Dividing the distance by the teeth gives the exact ratio, even if the pitch circles do not quite touch.
     share = gear.pitch_radius / (gear.pitch_radius + other.pitch_radius)
     point = _centre(first, gear) + aside * share + axis * along / 2
     tangent = np.cross(axis, aside / distance)
-    return _made(first, gear, second, other, error, shared / min(gear.width, other.width), point, tangent)
+    return _make_mesh(first, gear, second, other, error, shared / min(gear.width, other.width), point, tangent)
 
 
 def _right_angle(first: Placed, gear: Gear, second: Placed, other: Gear, axis: Floats, axis2: Floats) -> Mesh | None:
@@ -213,25 +213,29 @@ def _right_angle(first: Placed, gear: Gear, second: Placed, other: Gear, axis: F
     along, along2 = float(away @ axis), float(away @ axis2)
     # Each gear's distance from the intersection of the axes is the other's pitch radius.
     error = max(abs(along) - other.pitch_radius - gear.set_back, abs(along2) - gear.pitch_radius - other.set_back, key=abs)
-    if abs(float(away @ normal)) > _NEARLY or abs(error) > _NEARLY:
+    if abs(float(away @ normal)) > _NEAR_TOLERANCE or abs(error) > _NEAR_TOLERANCE:
         return None
     error += abs(float(away @ normal))
     point = _centre(first, gear) + axis2 * np.sign(along2) * gear.pitch_radius
-    return _made(first, gear, second, other, error, 1.0, point, normal)
+    return _make_mesh(first, gear, second, other, error, 1.0, point, normal)
 
 
 def _worm(first: Placed, worm: Gear, second: Placed, gear: Gear) -> Mesh | None:
     axis, axis2 = first.rotation @ np.array(worm.axis), second.rotation @ np.array(gear.axis)
     away = _centre(second, gear) - _centre(first, worm)
-    if abs(float(axis @ axis2)) > _TILT or abs(float(away @ axis2)) > gear.width / 2 or abs(float(away @ axis)) > worm.width / 2:
+    if (
+        abs(float(axis @ axis2)) > _MAX_TILT
+        or abs(float(away @ axis2)) > gear.width / 2
+        or abs(float(away @ axis)) > worm.width / 2
+    ):
         return None
     aside = away - (away @ axis) * axis - (away @ axis2) * axis2
     distance = float(np.linalg.norm(aside))
     error = distance - _WORM_PITCH_RADIUS - gear.pitch_radius
-    if abs(error) > _NEARLY or distance < 1.0:
+    if abs(error) > _NEAR_TOLERANCE or distance < 1.0:
         return None
     point = _centre(second, gear) - aside / distance * gear.pitch_radius
-    mesh = _made(first, worm, second, gear, error, 1.0, point, axis)
+    mesh = _make_mesh(first, worm, second, gear, error, 1.0, point, axis)
     motion = mesh.motion.copy()
     # The thread is right-handed: turning it also moves the teeth along the axis.
     motion[0, 3:] += axis * _WORM_LEAD / (2 * np.pi)
@@ -244,14 +248,14 @@ def _rack(first: Placed, rack: Gear, second: Placed, gear: Gear) -> Mesh | None:
     away = _centre(second, gear) - _centre(first, rack)
     error = float(away @ up) - gear.pitch_radius
     half = rack.teeth * 7.854 / 2
-    if abs(float(axis @ along)) > _TILT or abs(float(axis @ up)) > _TILT or abs(error) > _NEARLY:
+    if abs(float(axis @ along)) > _MAX_TILT or abs(float(axis @ up)) > _MAX_TILT or abs(error) > _NEAR_TOLERANCE:
         return None
     if abs(float(away @ along)) > half or abs(float(away @ axis)) > 0.3 * rack.width:
         return None
-    return _made(first, rack, second, gear, error, 1.0, _centre(second, gear) - up * gear.pitch_radius, along)
+    return _make_mesh(first, rack, second, gear, error, 1.0, _centre(second, gear) - up * gear.pitch_radius, along)
 
 
-def _made(
+def _make_mesh(
     first: Placed,
     gear: Gear,
     second: Placed,

@@ -115,7 +115,7 @@ def read_text(path: Path) -> str:
             f"{path} has more than {MAX_BYTES // 1_000_000} MB; a plan is smaller, so give the model without its renderings"
         )
     if b"\0" in data[:4096]:
-        raise PlanError(f"{path} is no text; export the model as an LDraw file (.ldr or .mpd)")
+        raise PlanError(f"{path} is not a text file; export the model as an LDraw file (.ldr or .mpd)")
     return data.decode("utf-8-sig", errors="replace")
 
 
@@ -126,7 +126,7 @@ def _unzipped(path: Path, data: bytes) -> bytes:
             names = set(archive.namelist())
             name = next((name for name in _STUDIO_MODELS if name in names), None)
             if name is None:
-                raise PlanError(f"{path} holds no model.ldr; export the model from Studio as an LDraw file")
+                raise PlanError(f"{path} has no model.ldr; export the model from Studio as an LDraw file")
             if archive.getinfo(name).flag_bits & 1:
                 raise PlanError(f"{path} is encrypted by Studio; open it there and export it as an LDraw file")
             with archive.open(name) as file:
@@ -141,7 +141,7 @@ def _unzipped(path: Path, data: bytes) -> bytes:
         EOFError,
         RuntimeError,
     ) as error:
-        raise PlanError(f"{path} is a damaged zip ({error}); save it anew, or export an LDraw file") from None
+        raise PlanError(f"{path} is a damaged zip ({error}); save it again, or export an LDraw file") from None
 
 
 def parse(text: str, path: str) -> Document:
@@ -256,7 +256,7 @@ class _Parser:
             colour = 0
         name = " ".join(words[14:])
         if len(numbers) < 12 or not name or not all(math.isfinite(value) and abs(value) < 1e6 for value in numbers):
-            raise self._error(number, "no part can be placed by it", "write 1, a colour, 12 numbers and a file")
+            raise self._error(number, "cannot place a part", "write 1, a colour, 12 numbers and a file")
         matrix = np.array(numbers[3:]).reshape(3, 3)
         model = self._current(number)
         port = self._next.get("PORT", ())

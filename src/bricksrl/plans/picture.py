@@ -105,13 +105,13 @@ class Canvas:
         """Fill triangles [n, 3, 2] with depths [n, 3], 0 near to 1 far, row by row."""
         low = np.clip(np.ceil(corners[..., 1].min(axis=1) - 0.5), 0, self._height).astype(int)
         high = np.clip(np.ceil(corners[..., 1].max(axis=1) - 0.5), 0, self._height).astype(int)
-        owner, row = _expanded(low, high)
+        owner, row = _ranges(low, high)
         left, right = _spans(corners[owner], np.asarray(row + 0.5, dtype=np.float64))
         start = np.clip(np.ceil(left - 0.5), 0, self._width).astype(int)
         end = np.clip(np.ceil(right - 0.5), 0, self._width).astype(int)
-        span, x = _expanded(start, end)
+        span, x = _ranges(start, end)
         owner, y = owner[span], row[span]
-        slope_x, slope_y = _slopes(corners, depth)
+        slope_x, slope_y = _gradients(corners, depth)
         far = depth[owner, 0] + slope_x[owner] * (x + 0.5 - corners[owner, 0, 0])
         far += slope_y[owner] * (y + 0.5 - corners[owner, 0, 1])
         keys = (np.clip(far, 0, 1) * (1 << 30)).astype(np.int64) << 24 | (first + owner)
@@ -177,7 +177,7 @@ class Canvas:
         return np.asarray(edge.ravel())
 
 
-def _expanded(low: Ints, high: Ints) -> tuple[Ints, Ints]:
+def _ranges(low: Ints, high: Ints) -> tuple[Ints, Ints]:
     """All integers of the ranges ``low`` to ``high`` (exclusive) [n], each with the index of its range before it."""
     counts = np.maximum(high - low, 0)
     owner = np.repeat(np.arange(len(counts)), counts)
@@ -199,7 +199,7 @@ def _spans(corners: Floats, y: Floats) -> tuple[Floats, Floats]:
     return np.where(is_empty, 0.0, left), np.where(is_empty, 0.0, right)
 
 
-def _slopes(corners: Floats, depth: Floats) -> tuple[Floats, Floats]:
+def _gradients(corners: Floats, depth: Floats) -> tuple[Floats, Floats]:
     """Gradients of depths [n, 3] over triangles [n, 3, 2]; 0 for triangles seen edge-on."""
     (ux, uy), (vx, vy) = (corners[:, 1] - corners[:, 0]).T, (corners[:, 2] - corners[:, 0]).T
     du, dv = depth[:, 1] - depth[:, 0], depth[:, 2] - depth[:, 0]

@@ -90,7 +90,7 @@ def planned(plan: Plan) -> PlannedRobot:
     for placed in plan.devices(DeviceKind.MOTOR) + plan.devices(DeviceKind.SENSOR):
         if placed.port is None:
             raise PlanError(
-                f"{plan.path}, line {placed.line}: {placed.name} has no port; say 0 !BRICKSRL PORT and its letter before it"
+                f"{plan.path}, line {placed.line}: {placed.name} has no port; write 0 !BRICKSRL PORT and its letter before it"
             )
         if placed.port in ports:
             raise PlanError(f"{plan.path}, line {placed.line}: port {placed.port} is used twice; give each device its own")

@@ -27,7 +27,7 @@ def wiring(plan: Plan) -> list[Finding]:
     used: dict[str, Placed] = {}
     for placed in wired:
         if placed.port is None:
-            text = f"{placed.name} has no port; say 0 !BRICKSRL PORT and its letter before it"
+            text = f"{placed.name} has no port; write 0 !BRICKSRL PORT and its letter before it"
             findings.append(Finding("wiring", placed.line, text, (placed.index,)))
         elif placed.port not in places:
             text = f"{placed.name} is on port {placed.port}, but the hub has {', '.join(sorted(places))}; choose one of these"

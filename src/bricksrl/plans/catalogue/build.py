@@ -17,7 +17,7 @@ _FITS = {
     "under": Fit.STUD_HOLE,
     "peg": Fit.PEG,
 }
-_BODILESS = (Fit.TURNTABLE, Fit.STUD, Fit.STUD_HOLE)
+_WITHOUT_SOLIDS = (Fit.TURNTABLE, Fit.STUD, Fit.STUD_HOLE)
 """Sites without solids: collisions ignore studs and the hollows for them."""
 WALL_RADIUS, PIN_RADIUS = 9.0, 6.0
 
@@ -46,7 +46,7 @@ def tubes(where: Iterable[Site], wall: float = WALL_RADIUS) -> tuple[Solid, ...]
     return tuple(
         cylinder(site.centre, site.axis, site.length, PIN_RADIUS if site.fit.is_male else wall)
         for site in where
-        if site.fit not in _BODILESS
+        if site.fit not in _WITHOUT_SOLIDS
     )
 
 

@@ -111,14 +111,14 @@ class Articulation:
 
 def articulation(made: Mechanism, driven: tuple[Train, ...]) -> Articulation:
     """The articulation of a mechanism and its gear trains."""
-    work = _Work(made, driven)
-    work.spin_for_the_eye()
-    work.leave_out_shafts()
+    work = _Simplifier(made, driven)
+    work.make_followers()
+    work.merge_shafts()
     work.find_rods()
     return work.result()
 
 
-class _Work:
+class _Simplifier:
     """Stepwise simplification of a mechanism."""
 
     def __init__(self, made: Mechanism, driven: tuple[Train, ...]) -> None:
@@ -142,7 +142,7 @@ class _Work:
     def _hinges_of(self, link: int) -> list[int]:
         return [number for number, one in self.left.items() if link in (self.find(one.parent), self.find(one.child))]
 
-    def spin_for_the_eye(self) -> None:
+    def make_followers(self) -> None:
         """Add balanced shafts and gears that turn with a motor to their carriers as visual parts."""
         for train in self.driven:
             output = self.made.hinges[train.output]
@@ -161,7 +161,7 @@ class _Work:
                 self.home[link] = carrier
                 del self.left[number]
 
-    def leave_out_shafts(self) -> None:
+    def merge_shafts(self) -> None:
         """Merge an axle that spins freely about one axis with one of the parts around it."""
         for link in sorted(range(len(self.made.links)), key=lambda one: self.made.links[one].mass_kg):
             numbers = self._hinges_of(link)
@@ -173,9 +173,9 @@ class _Work:
             if self.made.links[link].mass_kg < _ROD_KG and is_balanced(self.made, hinges[0], link, _BALANCED_KG_M):
                 self.home[link] = self.find(hinges[0].parent if self.find(hinges[0].child) == link else hinges[0].child)
                 del self.left[numbers[0]]
-        self._drop_doubles()
+        self._drop_duplicates()
 
-    def _drop_doubles(self) -> None:
+    def _drop_duplicates(self) -> None:
         """Remove duplicate hinges between two links about one axis."""
         for number, hinge in list(self.left.items()):
             ends = {self.find(hinge.parent), self.find(hinge.child)}
@@ -201,18 +201,18 @@ class _Work:
 
     def _is_in_loop(self, link: int, numbers: list[int]) -> bool:
         """Whether the link's neighbours are connected without it."""
-        ends = [self._beyond(self.left[number], link) for number in numbers]
+        ends = [self._other_link(self.left[number], link) for number in numbers]
         reached, waiting = {ends[0]}, [ends[0]]
         while waiting:
             here = waiting.pop()
             for number in self._hinges_of(here):
-                other = self._beyond(self.left[number], here)
+                other = self._other_link(self.left[number], here)
                 if number not in numbers and other not in reached:
                     reached.add(other)
                     waiting.append(other)
         return ends[1] in reached
 
-    def _beyond(self, hinge: Hinge, link: int) -> int:
+    def _other_link(self, hinge: Hinge, link: int) -> int:
         first, second = self.find(hinge.parent), self.find(hinge.child)
         return second if first == link else first
 

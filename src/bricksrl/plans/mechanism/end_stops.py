@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from bricksrl.plans.contact import Room
+from bricksrl.plans.contact import Occupancy
 from bricksrl.plans.geometry import Floats
 from bricksrl.plans.mechanism.articulation import Articulation, Drive
 from bricksrl.plans.mechanism.kinematics import TO_TWIN
@@ -62,11 +62,11 @@ class _Sweep:
         while reached < abs(way):
             ahead = min(reached + _STEP_DEG, abs(way))
             if not self._is_clear(sign * ahead):
-                return sign * self._refined(sign, reached, ahead)
+                return sign * self._bisect(sign, reached, ahead)
             reached = ahead
         return way
 
-    def _refined(self, sign: float, free: float, blocked: float) -> float:
+    def _bisect(self, sign: float, free: float, blocked: float) -> float:
         while blocked - free > _FINE_DEG:
             middle = (free + blocked) / 2
             free, blocked = (middle, blocked) if self._is_clear(sign * middle) else (free, middle)
@@ -75,7 +75,7 @@ class _Sweep:
     def _is_clear(self, angle_deg: float) -> bool:
         turn = _rotation(self._axis, math.radians(angle_deg))
         parts = [self._turned(placed, turn) if placed.index in self._moved else placed for placed in self._parts]
-        return Room(parts).is_free(self._moved, self._others, np.zeros(3))
+        return Occupancy(parts).is_free(self._moved, self._others, np.zeros(3))
 
     def _turned(self, placed: Placed, turn: Floats) -> Placed:
         place = turn @ (placed.position - self._point) + self._point

@@ -19,7 +19,7 @@ from bricksrl.plans.plan import Placed, Plan
 TO_TWIN = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 """Rotation from a plan's frame to the twin's."""
 _METRES = MM_PER_LDU / 1000
-_GRID = 2.5
+_SPACING = 2.5
 """LDU: minimum spacing of the points that carry a part's mass."""
 _SHAFT_KG, _SHAFT_RADIUS_M = 0.002, 0.01
 """Estimates for a motor's shaft with nothing on it."""
@@ -255,16 +255,16 @@ def _link(plan: Plan, parts: tuple[int, ...]) -> Link:
 def _mass_of(placed: Placed) -> tuple[float, Floats, Floats]:
     """Mass, centre and inertia of a part of uniform density."""
     mass = placed.part.mass_g / 1000
-    centre, inertia = _spread(placed.part)
+    centre, inertia = _unit_inertia(placed.part)
     turn = TO_TWIN @ placed.rotation
     return mass, _place(placed.to_plan(centre[None, :])[0]), mass * turn @ inertia @ turn.T
 
 
 @functools.lru_cache(maxsize=512)
-def _spread(part: Part) -> tuple[Floats, Floats]:
+def _unit_inertia(part: Part) -> tuple[Floats, Floats]:
     """Centre [3] in LDU and inertia [3, 3] in m² per kg of a part, in its own frame, from a grid of points."""
     low, high = part.bounds
-    counts = np.clip(np.ceil((high - low) / _GRID), 4, 48).astype(int)
+    counts = np.clip(np.ceil((high - low) / _SPACING), 4, 48).astype(int)
     cell = (high - low) / counts
     lines = [start + size * (np.arange(count) + 0.5) for start, size, count in zip(low, cell, counts, strict=True)]
     points = np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, 3)

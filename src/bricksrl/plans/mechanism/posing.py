@@ -15,7 +15,7 @@ from bricksrl.plans.geometry import Floats
 from bricksrl.plans.mechanism.articulation import Articulation, Turn
 
 _STEPS, _CLOSE_M, _SMALL = 30, 1e-7, 1e-6
-_LIKE_M = 0.01
+_REGULARIZATION_M = 0.01
 """Regularization towards the previous angles, for angles that no loop determines."""
 
 
@@ -56,7 +56,7 @@ class Poser:
     def __init__(self, made: Articulation) -> None:
         self._made = made
         self._angles = np.zeros(len(made.swings))
-        self._held = self._find_held()
+        self._held = self._find_constrained()
         self.free = tuple(number for number in range(len(made.swings)) if number not in self._held)
 
     def motions(self, shafts: Mapping[str, float], swings: Mapping[int, float] | None = None) -> tuple[Motion, ...]:
@@ -84,7 +84,7 @@ class Poser:
             found |= dict.fromkeys(one.parts, motions[one.body].after(spin))
         for rod in made.rods:
             near, far = motions[rod.near].of(rod.near_m), motions[rod.far].of(rod.far_m)
-            found |= dict.fromkeys(rod.parts, _from_to(rod.near_m, rod.far_m, near, far))
+            found |= dict.fromkeys(rod.parts, _rod_motion(rod.near_m, rod.far_m, near, far))
         return found
 
     def _forward(self, shafts: Mapping[str, float], angles: Floats) -> tuple[Motion, ...]:
@@ -98,7 +98,7 @@ class Poser:
             motions[turn.child] = motions[turn.parent].after(turning(turn.axis, turn.point_m, angle))
         return tuple(motions[number] for number in range(len(made.bodies)))
 
-    def _gaps(self, shafts: Mapping[str, float], angles: Floats) -> Floats:
+    def _residuals(self, shafts: Mapping[str, float], angles: Floats) -> Floats:
         """Residuals of rods and loops [n], m."""
         motions, gaps = self._forward(shafts, angles), []
         for rod in self._made.rods:
@@ -109,17 +109,19 @@ class Poser:
             gaps += (motions[loop.parent].of(loop.point_m) - motions[loop.child].of(loop.point_m)).tolist()
         return np.array(gaps)
 
-    def _slopes(self, shafts: Mapping[str, float], angles: Floats) -> Floats:
+    def _jacobian(self, shafts: Mapping[str, float], angles: Floats) -> Floats:
         """Jacobian of the residuals [gaps, angles], by finite differences."""
         steps = [np.eye(len(angles))[number] * _SMALL for number in range(len(angles))]
-        rows = [(self._gaps(shafts, angles + step) - self._gaps(shafts, angles - step)) / (2 * _SMALL) for step in steps]
+        rows = [
+            (self._residuals(shafts, angles + step) - self._residuals(shafts, angles - step)) / (2 * _SMALL) for step in steps
+        ]
         return np.stack(rows, axis=1)
 
-    def _find_held(self) -> frozenset[int]:
+    def _find_constrained(self) -> frozenset[int]:
         """The swings that affect a residual."""
         if not (self._made.rods or self._made.loops) or not len(self._angles):
             return frozenset()
-        slopes = np.abs(self._slopes({}, np.zeros(len(self._angles)))).max(axis=0)
+        slopes = np.abs(self._jacobian({}, np.zeros(len(self._angles)))).max(axis=0)
         return frozenset(np.flatnonzero(slopes > 1e-5).tolist())
 
     def _close(self, shafts: Mapping[str, float]) -> None:
@@ -127,19 +129,19 @@ class Poser:
         held = sorted(self._held)
         start = self._angles.copy()
         for _ in range(_STEPS):
-            gaps = self._gaps(shafts, self._angles)
+            gaps = self._residuals(shafts, self._angles)
             if np.abs(gaps).max() < _CLOSE_M:
                 return
-            slopes = self._slopes(shafts, self._angles)[:, held]
-            weight = (_LIKE_M * 1e-3) ** 2
+            slopes = self._jacobian(shafts, self._angles)[:, held]
+            weight = (_REGULARIZATION_M * 1e-3) ** 2
             matrix = slopes.T @ slopes + weight * np.eye(len(held))
             change = np.linalg.solve(matrix, slopes.T @ gaps)
             self._angles[held] -= np.clip(change, -0.3, 0.3)
-        if np.abs(self._gaps(shafts, self._angles)).max() > 1e-3:
+        if np.abs(self._residuals(shafts, self._angles)).max() > 1e-3:
             self._angles = start
 
 
-def _from_to(old_near: Floats, old_far: Floats, near: Floats, far: Floats) -> Motion:
+def _rod_motion(old_near: Floats, old_far: Floats, near: Floats, far: Floats) -> Motion:
     """The motion of a rod between two positions of its pins, by the shortest rotation."""
     before, now = old_far - old_near, far - near
     before, now = before / np.linalg.norm(before), now / np.linalg.norm(now)

@@ -59,20 +59,20 @@ def trains(made: Mechanism, path: str) -> tuple[Train, ...]:
     beside: dict[int, list[tuple[int, int, int]]] = defaultdict(list)
     for pair in made.gears:
         if GearForm.RACK in pair.forms:
-            raise PlanError(f"{path}: a gear drives a rack; what slides has no twin yet, so drive something that turns")
+            raise PlanError(f"{path}: a gear drives a rack; sliding parts have no twin, so drive a rotating part")
         beside[pair.links[0]].append((pair.links[1], pair.teeth[0], pair.teeth[1]))
         beside[pair.links[1]].append((pair.links[0], pair.teeth[1], pair.teeth[0]))
     found: list[Train] = []
     for column, port in enumerate(made.ports):
         index = next((number for number, hinge in enumerate(made.hinges) if hinge.port == port), None)
         if index is None:
-            raise PlanError(f"{path}: the motor of port {port} turns the same thing as another, or nothing; take one of them off")
+            raise PlanError(f"{path}: the motor of port {port} drives the same part as another one, or nothing; remove it")
         found.append(_train(made, beside, index, column))
     driven = [hinge for train in found for hinge in {train.output, train.hinge, *(one for one, _ in train.others)}]
     twice = sorted({hinge for hinge in driven if driven.count(hinge) > 1})
     if twice:
         ports = ", ".join(train.port for train in found if {train.output, *(one for one, _ in train.others)} & set(twice))
-        raise PlanError(f"{path}: the motors of ports {ports} turn the same thing; a twin drives each part by one motor only")
+        raise PlanError(f"{path}: the motors of ports {ports} drive the same part; give each part one motor")
     return tuple(found)
 
 
