@@ -134,7 +134,7 @@ def test_streaming_over_app_data() -> None:
 
 def test_a_step_without_a_fixed_time_cannot_be_streamed() -> None:
     env = bricksrl.make("RunAway-v0", streaming=True)
-    with pytest.raises(DescriptionError, match="cannot be streamed; leave streaming away"):
+    with pytest.raises(DescriptionError, match="cannot be streamed; omit streaming"):
         env.reset()
 
 

@@ -56,6 +56,4 @@ def _ffmpeg() -> str:
     try:
         return str(imageio_ffmpeg.get_ffmpeg_exe())
     except RuntimeError:
-        raise DataError(
-            "no ffmpeg is here to handle videos with; install imageio-ffmpeg anew: pip install imageio-ffmpeg"
-        ) from None
+        raise DataError("there is no ffmpeg for videos; reinstall imageio-ffmpeg: pip install imageio-ffmpeg") from None

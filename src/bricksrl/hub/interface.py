@@ -98,7 +98,7 @@ class _OfImu(Channel):
         if not robot.hub.model.has_imu:
             raise DescriptionError(
                 f"channel '{self.name}' needs an IMU, which the {robot.hub.value} hub lacks; "
-                "choose a prime, essential or technic hub, or leave the channel out"
+                "choose a prime, essential or technic hub, or omit the channel"
             )
 
 

@@ -103,7 +103,7 @@ class Library:
             harvest.collect(name, MAIN_COLOUR, np.eye(3), np.zeros(3), False, ())
         merged = {colour: np.concatenate(pieces) for colour, pieces in harvest.pieces.items()}
         if harvest.is_full or not merged or not all(np.isfinite(triangles).all() for triangles in merged.values()):
-            raise TwinError(f"'{name}' of the LDraw library in {self._root} cannot be drawn; install the library anew")
+            raise TwinError(f"'{name}' of the LDraw library in {self._root} cannot be drawn; reinstall the library")
         return merged
 
     def _file(self, name: str) -> _File:

@@ -141,7 +141,7 @@ def _machine(body: Body | None, operation: Operation, path: Path) -> Machine:
         fitted = FittedBench(kind, operation.readings, operation.end_stops)
         return Machine(fitted, Panel(kind, operation.presses, has_remote=True))
     if operation.readings or operation.end_stops:
-        raise TwinError("readings and end stops are for the bench; leave them out, or take --robot bench")
+        raise TwinError("readings and end stops are for the bench; omit them, or take --robot bench")
     return Machine(body, Panel(body.robot.hub, operation.presses))
 
 
