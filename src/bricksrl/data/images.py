@@ -46,7 +46,7 @@ def decode(path: Path, count: int, side: int) -> NDArray[np.uint8]:
         data = b"" if process.stdout is None else process.stdout.read(wanted + 1)
         process.kill()
     if len(data) != wanted:
-        raise DataError(f"{path} is no video of {count} images of {side} x {side} px; restore it from a copy")
+        raise DataError(f"{path} is not a video of {count} images of {side} x {side} px; restore it from a copy")
     return np.frombuffer(data, np.uint8).reshape(count, side, side, 3)
 
 

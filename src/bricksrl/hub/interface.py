@@ -229,7 +229,7 @@ class Distance(Channel):
 
     def check(self, robot: Robot) -> None:
         if not isinstance(robot.sensor(self.sensor), UltrasonicSensor):
-            raise DescriptionError(f"channel '{self.name}': '{self.sensor}' is no UltrasonicSensor; use a SensorReading")
+            raise DescriptionError(f"channel '{self.name}': '{self.sensor}' is not an UltrasonicSensor; use a SensorReading")
 
     @property
     def expression(self) -> str:

@@ -41,7 +41,7 @@ def load_checkpoint(path: Path) -> dict[str, Any]:
     except OSError as error:
         raise CheckpointError(f"cannot read the checkpoint {path} ({error.strerror}); choose the folder of a run") from None
     if not data.startswith(MAGIC):
-        raise CheckpointError(f"{path} is no checkpoint of this version of BricksRL; choose another or train again")
+        raise CheckpointError(f"{path} is not a checkpoint of this version of BricksRL; choose another or train again")
     digest, payload = data[len(MAGIC) : len(MAGIC) + _DIGEST_SIZE], data[len(MAGIC) + _DIGEST_SIZE :]
     if hashlib.sha256(payload).digest() != digest:
         raise CheckpointError(f"the checkpoint {path} is damaged; restore a copy or train again")

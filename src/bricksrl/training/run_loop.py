@@ -143,8 +143,8 @@ class RunLoop:
             return
         if not math.isfinite(episode.return_):
             raise DescriptionError(
-                f"the return of episode {number} is {episode.return_}: a reward of {self.config.env} was not a number; correct it: "
-                f"`bricksrl check {self.config.env}` tries it"
+                f"the return of episode {number} is {episode.return_}: a reward of {self.config.env} was not a number; "
+                f"correct it, `bricksrl check {self.config.env}` tries it"
             )
         episode = self._with_totals(episode, started_s)
         if self.config.eval_every and number % self.config.eval_every == 0 and not episode.link_lost:

@@ -60,7 +60,7 @@ def folder() -> Path | None:
     """Folder of an installed LDraw library: ``LDRAWDIR``, else a system folder; ``None`` if there is none."""
     given = os.environ.get("LDRAWDIR")
     if given and not _is_library(Path(given)):
-        _log.warning("LDRAWDIR=%s is no LDraw library (a folder with LDConfig.ldr, parts and p); drawing our own parts", given)
+        _log.warning("LDRAWDIR=%s is not an LDraw library (a folder with LDConfig.ldr, parts and p); using our own parts", given)
         return None
     candidates = (given,) if given else _SYSTEM_FOLDERS
     return next((Path(candidate) for candidate in candidates if _is_library(Path(candidate))), None)

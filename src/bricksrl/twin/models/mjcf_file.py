@@ -36,7 +36,7 @@ def from_file(path: Path, robot: Robot, scene: Scene) -> mujoco.MjSpec:
     try:
         spec = mujoco.MjSpec.from_file(str(path))
     except ValueError as error:
-        raise TwinError(f"{path} is no MJCF file ({' '.join(str(error).split())}); correct it") from error
+        raise TwinError(f"{path} is not an MJCF file ({' '.join(str(error).split())}); correct it") from error
     set_options(spec)
     base = spec.worldbody.first_body()
     if base is None:
