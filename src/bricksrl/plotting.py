@@ -62,7 +62,7 @@ def check_picture(path: Path) -> Path:
         DescriptionError: it has another ending.
     """
     if path.suffix.lower() != ".png":
-        raise DescriptionError(f"'{path}' is no name of a picture; end it in .png")
+        raise DescriptionError(f"'{path}' is not a name of a picture; end it in .png")
     return path
 
 

@@ -21,6 +21,6 @@ def check_seed(seed: int | None) -> None:
 
 
 def derive_seed(seed: int, purpose: str, index: int = 0) -> int:
-    """A seed in 0..2**31-1 of its own for each purpose and index, as if drawn anew."""
+    """A pseudo-random seed in 0..2**31-1 for each purpose and index."""
     digest = hashlib.sha256(f"{seed}/{purpose}/{index}".encode()).digest()
     return int.from_bytes(digest[:4], "little") >> 1

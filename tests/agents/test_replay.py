@@ -295,7 +295,7 @@ def test_a_state_takes_the_place_of_what_was_there(made: int) -> None:
 def test_a_state_that_does_not_fit_is_refused() -> None:
     full = memory(capacity=8)
     full.extend(numbered(0, 8))
-    with pytest.raises(ValueError, match="8 transitions does not fit into one of 4"):
+    with pytest.raises(ValueError, match="8 transitions do not fit into a buffer of 4"):
         load_memory_state(memory(capacity=4), memory_state(full))
 
 

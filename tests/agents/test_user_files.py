@@ -92,9 +92,9 @@ START = "from dataclasses import dataclass\n\n@dataclass(frozen=True)\nclass S:\
         ("import no_such_module\n", DescriptionError, "cannot be loaded"),
         ("build = 3\n", DescriptionError, "takes no settings; write build"),
         ("def build(env): pass\n", DescriptionError, "takes no settings; write build"),
-        ("def build(env, settings, device): pass\n", DescriptionError, "does not say what its settings are"),
-        ("def build(env, settings: int, device): pass\n", DescriptionError, "does not say what its settings are"),
-        ("def build(env, settings: 'Gone', device): pass\n", DescriptionError, "does not say what its settings are"),
+        ("def build(env, settings, device): pass\n", DescriptionError, "has no type for its settings"),
+        ("def build(env, settings: int, device): pass\n", DescriptionError, "has no type for its settings"),
+        ("def build(env, settings: 'Gone', device): pass\n", DescriptionError, "has no type for its settings"),
         (START + "def build(env, settings: S, device): return 3\n", DescriptionError, "builds a int; let it return"),
         (
             START + "def build(env, settings: S, device): return 1 / 0\n",

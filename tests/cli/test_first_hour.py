@@ -120,7 +120,7 @@ def test_a_reward_that_is_no_number_is_told_in_simulations_too(own: Path) -> Non
 
     task = replace(get_task("WalkerSim-v0"), id="Nan-v0", reward=lambda p, a, o: o[..., :1] * float("nan"))
     env = SimulatedEnv(task, Kinematics(noise=0.1), seed=0)
-    with pytest.raises(DescriptionError, match="a reward of WalkerSim-v0 was no number"):
+    with pytest.raises(DescriptionError, match="a reward of WalkerSim-v0 was not a number"):
         train(TrainConfig("WalkerSim-v0", episodes=1, run_dir=own / "run"), env=env)
 
 
@@ -200,8 +200,8 @@ def test_code_that_a_foreign_run_names_is_not_executed_before_it_is_allowed(shor
 
 def test_a_config_of_nothing_but_brackets_is_one_line(tmp_path: Path, fails) -> None:
     (tmp_path / "config.json").write_text("[" * 100_000)
-    fails("evaluate", str(tmp_path), says="is no JSON")
-    fails("trust", str(tmp_path), says="is no JSON")
+    fails("evaluate", str(tmp_path), says="is not JSON")
+    fails("trust", str(tmp_path), says="is not JSON")
 
 
 def test_tuning_of_what_does_not_learn_from_a_robot_is_refused_before_a_study_is_made(tmp_path: Path, fails) -> None:

@@ -38,7 +38,7 @@ def test_a_program_on_a_page(tmp_path, capfd):
     [
         (("play", "runs/nothing"), "no environment"),
         (("play", "RunAway-v0", "--policy", "best"), "choose random"),
-        (("play", "RunAway-v0", "--page", "--page-port", "70000"), "is no port"),
+        (("play", "RunAway-v0", "--page", "--page-port", "70000"), "is not a port"),
         (("drive", "RunAway-v0", "--page-host", "256.0.0.1"), "name another host"),
         (("hub", "run", __file__, "--page", "--hub", "ble"), "only a program on a virtual hub"),
         (("record", "RunAway-v0", "--out", "x", "--video", "x.gif"), "end it in .mp4"),

@@ -176,7 +176,7 @@ def test_a_run_streams(tmp_path, pipes, monkeypatch):
 
 
 def test_what_cannot_be_streamed_is_one_line(fails, tmp_path):
-    fails("train", "RunAway-v0", "--streaming", "--run", str(tmp_path / "run"), says="leave streaming away")
+    fails("train", "RunAway-v0", "--streaming", "--run", str(tmp_path / "run"), says="omit streaming")
 
 
 def test_an_existing_folder_stays_as_it_is(fails, trained):

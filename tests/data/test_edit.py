@@ -100,7 +100,7 @@ def test_a_check_names_what_is_wrong(tmp_path: Path) -> None:
     for other in ("002", "003"):
         shutil.copy(root / "data/chunk-000/file-000.parquet", root / f"data/chunk-000/file-{other}.parquet")
     wrong = "\n".join(check(root))
-    assert "notes.pkl is no file of a dataset; it was not opened" in wrong
+    assert "notes.pkl is not a file of a dataset; it was not opened" in wrong
     assert ".part-abc was left by a recording" in wrong and "file-003.parquet was left by a recording" in wrong
     assert "stats.json is missing" in wrong
     assert "episode 2: " in wrong and "is damaged" in wrong

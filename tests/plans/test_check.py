@@ -41,8 +41,8 @@ def test_two_beams_on_two_pins_are_fine(findings):
     [
         ((*HELD, line("12345", 0, 0, 0)), "unknown part", 5, "part 12345 (once) is not in the catalogue"),
         ((*HELD, "0 !BRICKSRL PARTS 5"), "count", 0, "says PARTS 5, but places 4"),
-        ((*HELD, line("2780", 99, 0, 0)), "loose", 5, "connected to nothing of the robot's main body"),
-        (HELD[:3], "half-held", 2, "can swing or slide; hold it at a second place"),
+        ((*HELD, line("2780", 99, 0, 0)), "loose", 5, "not connected to the main body"),
+        (HELD[:3], "half-held", 2, "can swing or slide; connect it at a second place"),
         ((*HELD[:3], pin(0, -10, -20)), "half-held", 4, "goes into one part only"),
         ((*HELD[:3], pin(0, 20, -20)), "half-held", 4, "only 4.0 mm are inside"),
         ((*HELD, FRAME), "collision", 5, "is inside Beam 5 (32316) of line 2"),
@@ -95,7 +95,7 @@ def test_a_part_that_is_walled_in_cannot_be_put_in(findings):
     lid, floor = line("39369", 0, -20, 0), line("39369", 0, 20, 0)
     pins = [pin(x, y, z) for y in (-10, 10) for x, z in ((60, 100), (-60, 100), (60, -100))]
     text = [one.text for one in findings(frame, floor, *pins[3:], "0 STEP", lid, *pins[:3], "0 STEP", inner)]
-    assert any("cannot be put in any more" in one for one in text)
+    assert any("has no free path to its place" in one for one in text)
 
 
 def test_a_part_in_the_air_is_found(findings):

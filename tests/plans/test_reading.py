@@ -57,10 +57,10 @@ def test_unknown_parts_are_kept_with_their_lines():
 @pytest.mark.parametrize(
     ("lines", "says"),
     [
-        (["1 4 0 0 0 1 0 0 0 1 0 0 0 1"], "line 1: no part can be placed by it"),
-        (["1 4 0 0 nan 1 0 0 0 1 0 0 0 1 32316.dat"], "line 1: no part can be placed by it"),
-        (["1 4 0 0 1e30 1 0 0 0 1 0 0 0 1 32316.dat"], "line 1: no part can be placed by it"),
-        (["1 red 0 0 0 1 0 0 0 1 0 0 0 1 32316.dat"], "line 1: no part can be placed by it"),
+        (["1 4 0 0 0 1 0 0 0 1 0 0 0 1"], "line 1: cannot place a part"),
+        (["1 4 0 0 nan 1 0 0 0 1 0 0 0 1 32316.dat"], "line 1: cannot place a part"),
+        (["1 4 0 0 1e30 1 0 0 0 1 0 0 0 1 32316.dat"], "line 1: cannot place a part"),
+        (["1 red 0 0 0 1 0 0 0 1 0 0 0 1 32316.dat"], "line 1: cannot place a part"),
         (["1 4 0 0 0 2 0 0 0 1 0 0 0 1 32316.dat"], "line 1: '32316.dat' is stretched; place it without scaling"),
         (["0 !BRICKSRL PORT"], "line 1: 'PORT' is not understood; write ROBOT NAME"),
         (["0 !BRICKSRL"], "line 1: '' is not understood"),
@@ -91,7 +91,7 @@ def test_a_file_too_large_or_binary_or_missing_is_one_line(tmp_path):
     binary.write_bytes(bytes(range(256)) * 4)
     for path, says in (
         (large, "more than 8 MB"),
-        (binary, "is no text"),
+        (binary, "is not a text file"),
         (tmp_path / "no.ldr", "name an LDraw file"),
         (tmp_path, "name"),
     ):
@@ -119,7 +119,7 @@ def test_zips_that_mean_harm_are_one_line(tmp_path):
     bomb = _zipped("model.ldr", b"0 x\n" * (ldraw_file.MAX_BYTES // 4 + 1))
     cases = (
         (encrypted, "is encrypted by Studio"),
-        (_zipped("x", b""), "holds no model.ldr"),
+        (_zipped("x", b""), "has no model.ldr"),
         (bomb, "more than 8 MB"),
         (model[:60], "damaged zip"),
     )

@@ -75,7 +75,7 @@ def test_what_is_said_twice_agrees_or_is_one_line(said, says):
 
 
 def test_another_hub_or_no_plan_is_one_line():
-    with pytest.raises(DescriptionError, match="is no technic hub"):
+    with pytest.raises(DescriptionError, match="is not a technic hub"):
         Robot("mine", HubKind.TECHNIC, plan=TWO_WHEELER_PLAN)
     with pytest.raises(PlanError, match="name an LDraw file"):
         Robot("mine", HubKind.PRIME, plan="nowhere.ldr")

@@ -111,9 +111,9 @@ def test_the_example_learns_is_tuned_and_shared_in_one_line(tmp_path: Path, caps
     assert len(env.rollout(5, policy)) <= 5
     with pytest.raises(CheckpointError, match="observes or acts otherwise|another config"):
         bricksrl.load_policy(run, bricksrl.make("WalkerSim-v0"))
-    best = tune(Tuning("RoboArmSim-v0", agent, steps=20, seeds=1, episodes=1), tmp_path / "study", 2)
+    best = tune(Tuning("RoboArmSim-v0", agent, steps=20, seeds=1, episodes=1), tmp_path / "attach_dataset", 2)
     assert best.trials == 2 and 0.03 <= best.settings.noise <= 3.0
-    assert json.loads((tmp_path / "study" / BEST).read_text())["settings"]["noise"] == best.settings.noise
+    assert json.loads((tmp_path / "attach_dataset" / BEST).read_text())["settings"]["noise"] == best.settings.noise
 
 
 @pytest.mark.slow
@@ -128,7 +128,7 @@ def test_the_example_reaches_its_goals(tmp_path: Path) -> None:
         ("1 / 0", DescriptionError, "cannot be loaded .*ZeroDivisionError"),
         ("", UnknownNameError, "there is no 'build'"),
         ("def build(env, device): pass", DescriptionError, "takes no settings; write build"),
-        ("def build(env, settings, device): pass", DescriptionError, "does not say what its settings are"),
+        ("def build(env, settings, device): pass", DescriptionError, "has no type for its settings"),
     ],
 )
 def test_what_is_no_algorithm_is_one_line(tmp_path: Path, text: str, error: type[Exception], says: str) -> None:

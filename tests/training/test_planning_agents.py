@@ -120,7 +120,7 @@ def test_learning_goes_on_from_a_run_without_collapse(config: TrainConfig, tmp_p
     start = replace(config, updates=0, start=str(config.run_dir), episodes=4, run_dir=tmp_path / "next")
     result = train(start, env=Metronome())
     assert min(episode.return_ for episode in result.episodes) > -0.6
-    with pytest.raises(RunError, match="act does as a dataset does, and has none"):
+    with pytest.raises(RunError, match="act needs a dataset"):
         train(replace(start, data=None, run_dir=tmp_path / "none"), env=Metronome())
 
 

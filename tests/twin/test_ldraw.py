@@ -110,4 +110,4 @@ def test_a_variable_that_points_nowhere_is_told(
 ) -> None:
     monkeypatch.setenv("LDRAWDIR", str(tmp_path))
     assert ldraw.folder() is None
-    assert "is no LDraw library" in caplog.text
+    assert "is not an LDraw library" in caplog.text

@@ -186,11 +186,11 @@ def test_readings_come_from_a_file_over_time(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("reading", "says"),
     [
-        ("A", "'A' is no reading"),
-        ("A=purple", "'A=purple' is no reading"),
+        ("A", "'A' is not a reading"),
+        ("A=purple", "'A=purple' is not a reading"),
         ("A.smell=3", "nothing senses 'smell'"),
-        ("A=1,2,3,4", "is no reading"),
-        ("A=nan", "is no reading"),
+        ("A=1,2,3,4", "is not a reading"),
+        ("A=nan", "is not a reading"),
         ("A=@nowhere", "cannot read the readings"),
     ],
 )
@@ -201,7 +201,7 @@ def test_readings_that_do_not_fit(tmp_path: Path, reading: str, says: str) -> No
 
 @pytest.mark.parametrize(
     ("reading", "says"),
-    [("A=200mm", "the ColorSensor on port A senses surface or ambient, no distance"), ("A=1,2", "(1.0, 2.0) is no surface")],
+    [("A=200mm", "the ColorSensor on port A senses surface or ambient, not distance"), ("A=1,2", "(1.0, 2.0) is not a surface")],
 )
 def test_readings_that_do_not_fit_the_sensor_are_told_where_it_is_asked_for(tmp_path: Path, reading: str, says: str) -> None:
     code, _, err = fitted(tmp_path, "ColorSensor(Port.A)", reading=reading)

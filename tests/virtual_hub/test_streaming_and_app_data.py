@@ -45,7 +45,7 @@ def test_app_data_does_what_standard_input_does() -> None:
 def test_app_data_is_refused_where_the_program_has_no_room_for_it() -> None:
     hub = VirtualHub(make_body(TWO_WHEELER))
     hub.start(HubProgram("from pybricks.tools import wait\nwait(1000)\n", 1, Pipe.APP_DATA))
-    with pytest.raises(HubError, match="no room for AppData"):
+    with pytest.raises(HubError, match="no AppData buffer"):
         hub.write(b"hello")
     hub.close()
 
@@ -134,7 +134,7 @@ def test_streaming_over_app_data() -> None:
 
 def test_a_step_without_a_fixed_time_cannot_be_streamed() -> None:
     env = bricksrl.make("RunAway-v0", streaming=True)
-    with pytest.raises(DescriptionError, match="cannot be streamed; leave streaming away"):
+    with pytest.raises(DescriptionError, match="cannot be streamed; omit streaming"):
         env.reset()
 
 

@@ -1,4 +1,4 @@
-"""Agents: algorithms by name or from a user's file, their settings and presets. Importing this loads no torch."""
+"""Agents: algorithms by name or from a user's file, settings, presets. Importing this loads no torch."""
 
 from __future__ import annotations
 
@@ -30,14 +30,14 @@ _MODULES = {
     "random": "random",
 }
 AGENTS = tuple(_MODULES)
-"""Algorithms by name; each is a file, but for two that are settings of SAC."""
+"""Algorithms by name; DroQ and REDQ are settings of SAC."""
 PRESETS = ("default", "paper")
 """Presets by name."""
 
 
 @dataclass(frozen=True)
 class Algorithm:
-    """An algorithm: its settings, a frozen dataclass, and what builds a `Learner` of them."""
+    """An algorithm: its settings, a frozen dataclass, and the function that builds its `Learner`."""
 
     name: str
     settings: type[Any]
@@ -45,11 +45,11 @@ class Algorithm:
 
 
 def algorithm(agent: str) -> Algorithm:
-    """The algorithm of a name, or of a user's file: a function ``build(env, settings: Settings, device)``.
+    """The algorithm with a name, or in a user's file: a function ``build(env, settings: Settings, device)``.
 
     Raises:
-        UnknownNameError: there is none.
-        DescriptionError: the user's code cannot be loaded, or its function does not say what its settings are.
+        UnknownNameError: there is no such algorithm.
+        DescriptionError: the user's code cannot be loaded, or ``settings`` has no type.
     """
     from bricksrl.twin.make_body import check_mujoco
 
@@ -69,12 +69,12 @@ def algorithm(agent: str) -> Algorithm:
         raise DescriptionError(f"{agent} takes no settings; {wanted}") from None
     kind = getattr(module, kind, None) if isinstance(kind, str) else kind
     if not (isinstance(kind, type) and is_dataclass(kind)):
-        raise DescriptionError(f"{agent} does not say what its settings are; {wanted}")
+        raise DescriptionError(f"{agent} has no type for its settings; {wanted}")
     return Algorithm(agent, kind, build)
 
 
 def preset(name: str = "default", agent: str = "sac", *, images: bool = False) -> Any:
-    """The settings of a preset for an algorithm.
+    """Settings of a preset for an algorithm.
 
     Args:
         images: for a task with a camera.
@@ -95,15 +95,15 @@ def preset(name: str = "default", agent: str = "sac", *, images: bool = False) -
 
 
 def make_learner(agent: str, env: EnvBase, settings: Any = None, device: str = "cpu") -> Learner:
-    """A fresh learner for an environment; networks are drawn from torch's global generator.
+    """A new learner for an environment. Initialized from torch's global generator.
 
     Args:
-        settings: without them those of the preset "default".
-        device: of networks and replay.
+        settings: by default those of the preset "default".
+        device: of networks and replay buffer.
 
     Raises:
         UnknownNameError: there is no such algorithm.
-        DescriptionError: the settings are those of another one, it cannot learn in this environment, or a user's code raised.
+        DescriptionError: the settings are of another algorithm or do not suit the environment, or a user's code raised.
     """
     from bricksrl.agents.learner import Learner
 
@@ -111,7 +111,7 @@ def make_learner(agent: str, env: EnvBase, settings: Any = None, device: str = "
     images = "image" in env.full_observation_spec_unbatched.keys()  # noqa: SIM118  a Composite
     settings = preset("default", agent, images=images) if settings is None else settings
     if is_reference(agent) and type(settings).__name__ == found.settings.__name__:
-        settings = found.settings(**vars(settings))  # the file was loaded anew, and its class with it
+        settings = found.settings(**vars(settings))  # the user's file was reloaded, and its class with it
     if not isinstance(settings, found.settings):
         theirs = type(settings).__name__
         raise DescriptionError(f"{agent} has {found.settings.__name__}, not {theirs}; see preset('default', '{agent}')")

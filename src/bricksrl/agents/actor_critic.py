@@ -1,7 +1,7 @@
-"""Actor-critic losses: the parts that SAC, TD3, CrossQ and CQL share.
+"""Actor-critic losses: shared parts of SAC, TD3, CrossQ and CQL.
 
-Each is a `LossModule` with TorchRL's keys, whose own are their oracles, of a `qvalue_loss` and an `actor_loss`, which not every
-update computes. Features are computed once for all networks; only the critics' loss trains their encoder.
+Each is a `LossModule` with TorchRL's keys (TorchRL's losses are the oracles in tests) with a `qvalue_loss` and an `actor_loss`,
+which not every update computes. Features are encoded once; only the critics' loss trains the encoder.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 class Critics(nn.ModuleList):
-    """``k`` independent action values: features ``[batch, f]`` and actions ``[batch, m]`` to values ``[k, batch]``."""
+    """``k`` independent critics: features ``[batch, f]`` and actions ``[batch, m]`` to values ``[k, batch]``."""
 
     def forward(self, features: Tensor, action: Tensor) -> Tensor:
         x = torch.cat((features, action), -1)
@@ -34,22 +34,22 @@ class Critics(nn.ModuleList):
 
 @dataclass(frozen=True)
 class Batch:
-    """Encoded transitions: ``features``, ``next_features`` ``[batch, f]``, ``action`` ``[batch, m]``, the others ``[batch]``."""
+    """Encoded transitions: ``features``, ``next_features`` ``[batch, f]``, ``action`` ``[batch, m]``, others ``[batch]``."""
 
     features: Tensor
     action: Tensor
     reward: Tensor
     next_features: Tensor
     discount: Tensor
-    """Weight of the next state's value: 0 where the task ended, else gamma to the power of the steps in between."""
+    """Weight of the next state's value: 0 after termination, else gamma to the number of steps."""
 
 
 class ActorCriticLoss(LossModule):  # type: ignore[misc]
-    """A loss for an actor and critics on the features of one encoder.
+    """Loss of an actor and critics on features of a shared encoder.
 
     Args:
-        encoder: what is observed to features ``[batch, f]``.
-        actor: the body of the policy, features to its outputs.
+        encoder: observations to features ``[batch, f]``.
+        actor: features to the policy's outputs.
         settings: of the algorithm.
     """
 
@@ -62,19 +62,19 @@ class ActorCriticLoss(LossModule):  # type: ignore[misc]
 
     @abstractmethod
     def target_qvalue(self, batch: Batch) -> Tensor:
-        """What the critics are to predict ``[batch]``, without gradient."""
+        """Target of the critics ``[batch]``, without gradient."""
 
     @abstractmethod
     def actor_loss(self, batch: Batch) -> dict[str, Tensor]:
-        """The actor's loss, as "loss_actor", and what else is descended or told; no gradient of it is for the critics."""
+        """Losses ("loss_actor" and others) and metrics; without gradient for the critics."""
 
     def qvalue_loss(self, batch: Batch) -> dict[str, Tensor]:
-        """The critics' squared errors, summed over the critics, and what else is descended or told."""
+        """Squared errors summed over the critics, other losses and metrics."""
         target = self.target_qvalue(batch)
         return {"loss_qvalue": squared_errors(self.critics(batch.features, batch.action), target)}
 
     def encode(self, tensordict: TensorDictBase) -> Batch:
-        """The encoded transitions of a batch from a replay buffer."""
+        """Encode a batch from a replay buffer."""
         after = tensordict["next"]
         features = self.encoder(*(tensordict[key] for key in self._keys))
         with torch.no_grad():
@@ -85,7 +85,7 @@ class ActorCriticLoss(LossModule):  # type: ignore[misc]
         return Batch(features, tensordict["action"], after["reward"].squeeze(-1), next_features, discount)
 
     def forward(self, tensordict: TensorDictBase) -> TensorDict:
-        """All losses of a batch, and detached values beside them, each a scalar."""
+        """All losses of a batch, and detached metrics; scalars."""
         batch = self.encode(tensordict)
         found = self.qvalue_loss(batch)
         with hold_out_net(self.critics):
@@ -93,11 +93,11 @@ class ActorCriticLoss(LossModule):  # type: ignore[misc]
         return TensorDict(found)
 
     def critic_losses(self, tensordict: TensorDictBase) -> TensorDict:
-        """The losses of a batch in whose update the actor has no part."""
+        """The losses of an update without the actor."""
         return TensorDict(self.qvalue_loss(self.encode(tensordict)))
 
     def actor_outputs(self, features: Tensor) -> Tensor:
-        """Outputs of the actor on features without gradient, held near the anchor where there is one."""
+        """The actor's outputs on detached features, with the pull of the policy anchor, if any."""
         features = features.detach()
         out: Tensor = self.actor(features)
         return out if self.anchor is None else self.anchor(features, out)
@@ -112,7 +112,7 @@ def squared_errors(values: Tensor, target: Tensor) -> Tensor:
 
 
 class PolyakUpdate:
-    """TorchRL's ``SoftUpdate`` for plain modules: each step moves the target of each pair by the share ``tau``."""
+    """TorchRL's ``SoftUpdate`` for plain modules: each step moves each pair's target by ``tau``."""
 
     def __init__(self, *pairs: tuple[nn.Module, nn.Module], tau: float) -> None:
         self._sources = [parameter for source, _ in pairs for parameter in source.parameters()]

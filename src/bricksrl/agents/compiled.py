@@ -1,8 +1,7 @@
-"""Compiled updates: the forward and the backward pass of a loss as one graph, for long runs.
+"""Compiled updates: forward and backward pass of a loss as one graph, for long runs.
 
-Adam and the targets stay outside. Compilation takes a minute at first and seconds from its cache, and needs a C++ compiler; on
-CUDA the graph is replayed as a CUDA graph. Noise is drawn within the graph, by a generator other than eager mode's: a run is as
-reproducible as without, but not the same.
+Adam and target updates stay outside. The first compilation takes about a minute, cached ones seconds; it needs a C++ compiler. On
+CUDA the graph is a CUDA graph. Noise comes from the graph's generator: runs are reproducible, but differ from eager ones.
 """
 
 from __future__ import annotations
@@ -24,7 +23,7 @@ _OF_CRITICS = ("loss.critics.", "loss.encoder.")
 
 
 class _Parts(nn.Module):
-    """The parts of a loss as one forward pass, which `functional_call` takes."""
+    """The parts of a loss as one forward pass for `functional_call`."""
 
     def __init__(self, loss: ActorCriticLoss) -> None:
         super().__init__()
@@ -38,10 +37,10 @@ class _Parts(nn.Module):
 
 
 class CompiledGradients:
-    """Losses of a batch, and their gradients written to the parameters, by a compiled graph; see `Learner.gradients`.
+    """Losses and gradients of a batch from a compiled graph; see `Learner.gradients`.
 
     Args:
-        backend: of ``torch.compile``; the default is the one that makes machine code.
+        backend: of ``torch.compile``.
     """
 
     def __init__(self, loss: ActorCriticLoss, device: torch.device, backend: str = "inductor") -> None:
@@ -66,7 +65,7 @@ class CompiledGradients:
         return found
 
     def __call__(self, batch: TensorDictBase, whole: bool) -> TensorDict:
-        """Losses of a batch, those of the actor too where the update is a ``whole`` one.
+        """Losses of a batch, with the actor's if ``whole``. Writes gradients to the parameters.
 
         Raises:
             RunError: there is no compiler.
@@ -74,31 +73,31 @@ class CompiledGradients:
         rows = batch.select(*self._keys, "steps_to_next_obs", strict=False).to_dict()
         learned: dict[str, Tensor] = {**self._learned[whole]}
         try:
-            with torch.no_grad():  # else the graph also keeps what a second derivative would need
+            with torch.no_grad():  # otherwise the graph also keeps tensors for second derivatives
                 gradients, losses = self._graph(learned, rows, whole)
         except Exception as error:
             if _lacks_compiler(error):
-                wanted = "install one (such as g++ or clang), or leave --compile out"
-                raise RunError(f"there is no compiler to make updates faster with; {wanted}") from None
+                wanted = "install one (such as g++ or clang), or omit --compile"
+                raise RunError(f"there is no C++ compiler; {wanted}") from None
             raise
         for name, parameter in learned.items():
             parameter.grad = gradients[name]
-        if self._device.type == "cuda":  # the next replay overwrites what the graph gave
+        if self._device.type == "cuda":  # the next replay overwrites the graph's outputs
             losses = {name: value.clone() for name, value in losses.items()}
         return TensorDict(losses)
 
 
 def compile_updates(learner: Learner) -> None:
-    """Let a learner compute its gradients in one compiled graph.
+    """Compile a learner's updates.
 
     Raises:
         RunError: its algorithm cannot be compiled.
     """
     loss = learner.loss
     if not isinstance(loss, ActorCriticLoss) or isinstance(loss, CrossQLoss | CQLLoss):
-        raise RunError("only SAC, DroQ, REDQ and TD3 can be compiled; leave --compile out")
+        raise RunError("only SAC, DroQ, REDQ and TD3 can be compiled; omit --compile")
     if loss.anchor is not None:
-        raise RunError("a policy that is held near another one cannot be compiled; leave --compile out")
+        raise RunError("an anchored policy cannot be compiled; omit --compile")
     learner.gradients = CompiledGradients(loss, learner.device)
 
 

@@ -1,4 +1,4 @@
-"""CrossQ (Bhatt et al., 2024): SAC with batch normalisation in place of target critics."""
+"""CrossQ (Bhatt et al., 2024): SAC with batch normalisation instead of target critics."""
 
 from __future__ import annotations
 
@@ -22,19 +22,18 @@ class CrossQSettings(EntropySettings):
     """Settings of CrossQ."""
 
     actor_q: ClassVar[str] = "min"
-    """The actor ascends the least value of the critics."""
+    """The actor maximises the minimum of the critics."""
     adam_beta: Annotated[float, ShareBelowOne] = 0.5
     actor_delay: Annotated[int, Range(1)] = 3
     alpha_init: Annotated[float, Positive] = 0.1
     momentum: Annotated[float, Range(0.0, 1.0, above=True)] = 0.01
-    """Share of a batch in the running statistics of the batch normalisations."""
+    """Weight of a batch in the running statistics of batch normalisation."""
 
 
 class CrossQLoss(SACLoss):
-    """Loss of CrossQ: this step and the next go through the critics in one batch, so that one statistic normalises both.
+    """Loss of CrossQ: state and next state pass the critics in one batch, normalised together.
 
-    Networks are in evaluation mode, which normalises by running statistics, but where a loss trains them. TorchRL's
-    ``CrossQLoss`` is its oracle.
+    Networks use running statistics except where a loss trains them. Tests compare it with TorchRL's ``CrossQLoss``.
     """
 
     def __init__(self, encoder: nn.Module, actor: nn.Module, critics: Critics, settings: CrossQSettings) -> None:
@@ -42,7 +41,7 @@ class CrossQLoss(SACLoss):
         del self.target_critics
 
     def qvalue_loss(self, batch: Batch) -> dict[str, Tensor]:
-        """The critics' squared errors, summed over the critics."""
+        """Squared errors summed over the critics."""
         self.actor.eval()
         with torch.no_grad():
             next_action, next_log_prob = self.draw(self.actor(batch.next_features))
@@ -55,7 +54,7 @@ class CrossQLoss(SACLoss):
         return {"loss_qvalue": squared_errors(values[:, :rows], batch.reward + batch.discount * next_value)}
 
     def actor_loss(self, batch: Batch) -> dict[str, Tensor]:
-        """Losses of actor and temperature; the critics judge by their running statistics."""
+        """Losses of actor and temperature; the critics use running statistics."""
         self.actor.train()
         found = super().actor_loss(batch)
         self.actor.eval()
@@ -63,24 +62,24 @@ class CrossQLoss(SACLoss):
 
 
 class BatchNorm(nn.BatchNorm1d):
-    """Batch normalisation of the last dimension of ``[*batch, size]``; with the running statistics unless it trains."""
+    """Batch normalisation of the last dimension of ``[*batch, size]``; in evaluation mode by running statistics."""
 
     def forward(self, x: Tensor) -> Tensor:
         return super().forward(x.reshape(-1, x.shape[-1])).view(x.shape)
 
 
 def batch_normalised(network: nn.Module, momentum: float) -> nn.Sequential:
-    """A multilayer perceptron with a batch normalisation before each of its linear layers."""
+    """A multilayer perceptron with batch normalisation before each linear layer."""
     layers: list[nn.Module] = []
     for layer in network.children():
         if isinstance(layer, nn.Linear):
-            layers.append(BatchNorm(layer.in_features, eps=1e-3, momentum=momentum))  # the epsilon of CrossQ's authors
+            layers.append(BatchNorm(layer.in_features, eps=1e-3, momentum=momentum))  # epsilon of CrossQ's authors
         layers.append(layer)
     return nn.Sequential(*layers)
 
 
 def build(env: EnvBase, settings: CrossQSettings, device: torch.device | str = "cpu") -> Learner:
-    """CrossQ for an environment; networks are drawn from torch's global generator."""
+    """CrossQ for an environment. Initialized from torch's global generator."""
     m, encoder = action_size(env), make_encoder(env, settings)
 
     def body(in_size: int, out_size: int) -> nn.Module:

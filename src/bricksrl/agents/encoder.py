@@ -1,6 +1,6 @@
-"""Encoders: observations to the features that networks learn from.
+"""Encoders: observations to features.
 
-An encoder is the first module of each network; `bricksrl.agents.operators.EncodeObservation` is the same as a transform.
+The encoder is the first module of each network; `bricksrl.agents.operators.EncodeObservation` is the same as a transform.
 """
 
 from __future__ import annotations
@@ -23,10 +23,9 @@ if TYPE_CHECKING:
 class ObservationEncoder(nn.Module):
     """Observations ``[*batch, n]`` in physical units to features ``[*batch, size]`` of order one.
 
-    Bounded entries are scaled from their range to -1..1, unbounded ones stay as they are. With ``angles="sincos"`` each wrapping
-    angle gives its sine and its cosine instead, so that 359 and 1 degrees are neighbours; with ``angles="phases"`` so does each
-    difference between two of them, goals left out: a gait is how legs move against each other. With ``goals="difference"`` each
-    goal also gives the difference that is left to it, the shorter one around where it is an angle that wraps.
+    Bounded entries are scaled to -1..1, unbounded ones unchanged. With ``angles="sincos"`` wrapping angles become sine and
+    cosine; ``angles="phases"`` adds sine and cosine of the differences between angles, goals excluded (the phases of a gait).
+    With ``goals="difference"`` each goal adds its difference to the current value, for wrapping angles the shorter way.
     """
 
     def __init__(self, layout: ObservationLayout, angles: str = "phases", goals: str = "difference") -> None:
@@ -41,7 +40,7 @@ class ObservationEncoder(nn.Module):
         pairs = layout.goals if goals == "difference" else ()
         own = [i for i in angle_index if i not in {goal for goal, _ in layout.goals}]
         phases = list(itertools.combinations(own, 2)) if angles == "phases" else []
-        turn = torch.zeros(len(layout.low), len(angle_index) + len(phases))  # a column for each angle and each difference
+        turn = torch.zeros(len(layout.low), len(angle_index) + len(phases))  # one column per angle and per difference
         for column, i in enumerate(angle_index):
             turn[i, column] = math.pi / 180.0
         for column, (i, j) in enumerate(phases, len(angle_index)):
@@ -55,7 +54,7 @@ class ObservationEncoder(nn.Module):
         self.size = len(linear_index) + 2 * turn.shape[1] + len(pairs)
 
     def forward(self, observation: Tensor) -> Tensor:
-        """Features: the scaled entries in their order, then all sines, all cosines, and all differences to goals."""
+        """Features: scaled entries, then all sines, all cosines, all goal differences."""
         parts = [torch.addcmul(self.offset, observation.index_select(-1, self.linear), self.scale)]
         if self.turn.shape[1]:
             angle_rad = observation @ self.turn
@@ -67,12 +66,12 @@ class ObservationEncoder(nn.Module):
 
 
 def _constant(values: Tensor | list[Any], dtype: torch.dtype | None = None) -> nn.Buffer:
-    """A tensor that moves with its module and is not part of its state."""
+    """A tensor that moves with its module and is not in its state."""
     return nn.Buffer(torch.as_tensor(values, dtype=dtype), persistent=False)
 
 
 def make_encoder(env: EnvBase, settings: Settings) -> ObservationEncoder | ImageEncoder:
-    """The encoder for what an environment shows: its observation, and its image where it has one."""
+    """The encoder for an environment's observation, and image if it has one."""
     layout = ObservationLayout.of(env)
     if layout.image_px:
         from bricksrl.agents.images import ImageEncoder
@@ -82,5 +81,5 @@ def make_encoder(env: EnvBase, settings: Settings) -> ObservationEncoder | Image
 
 
 def encoder_keys(encoder: nn.Module) -> list[str]:
-    """The entries that an encoder reads, in the order of its arguments."""
+    """Input keys of an encoder, in the order of its arguments."""
     return list(getattr(encoder, "in_keys", ("observation",)))

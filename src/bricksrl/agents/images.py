@@ -1,4 +1,4 @@
-"""Images: encoders that make features of them, and their augmentation."""
+"""Image encoders and augmentation."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from bricksrl.errors import DescriptionError
 
 
 def normalise_images(images: Tensor) -> Tensor:
-    """Images uint8 ``[batch, side, side, 3]`` as ``[batch, 3, side, side]`` in -0.5..0.5, without moving them in memory."""
+    """Images uint8 ``[batch, side, side, 3]`` as ``[batch, 3, side, side]`` in -0.5..0.5, channels last in memory."""
     return images.permute(0, 3, 1, 2).float().mul_(1 / 255).sub_(0.5)
 
 
 class Keypoints(nn.Module):
-    """Places of features in an image: two convolutions, then the mean place of each resulting map, weighted by a softmax.
+    """Feature points: two convolutions, then a spatial softmax of each map.
 
-    After "Deep spatial autoencoders for visuomotor learning" (Finn et al., 2016); the maps are normalised to mean 0 and
-    variance 1 first, so that the softmax is as sharp before any learning as after it: random filters find a coloured spot.
+    After "Deep spatial autoencoders for visuomotor learning" (Finn et al., 2016). Maps are normalised to mean 0 and variance 1,
+    so the softmax is sharp even before training: random filters find a coloured spot.
     """
 
     def __init__(self, image_px: int, channels: int = 16, points: int = 16) -> None:
@@ -36,7 +36,7 @@ class Keypoints(nn.Module):
         self.size = 2 * points
 
     def forward(self, images: Tensor) -> Tensor:
-        """Images uint8 ``[batch, side, side, 3]`` to places ``[batch, size]``, -1..1 from edge to edge."""
+        """Images uint8 ``[batch, side, side, 3]`` to positions ``[batch, size]``, -1..1 from edge to edge."""
         maps = self.second(self.first(normalise_images(images)).relu()).flatten(2)
         sharp = functional.layer_norm(maps, maps.shape[-1:]) * self.sharpness
         return (sharp.softmax(-1) @ self.get_buffer("places")).flatten(1)
@@ -63,7 +63,7 @@ class Convolutions(nn.Module):
 
 
 class ImageEncoder(nn.Module):
-    """Observations and images to features ``[*batch, size]``, joined; the paper's convolutions with its dense layers for both."""
+    """Observations and images to joint features ``[*batch, size]``; convolutions come with the paper's dense layers."""
 
     in_keys = ("observation", "image")
 
@@ -85,7 +85,7 @@ class ImageEncoder(nn.Module):
 
 
 def shift_images(images: Tensor, most_px: int) -> Tensor:
-    """Images ``[batch, side, side, 3]``, each moved by a random whole number of px in both directions; edges are drawn out.
+    """Images ``[batch, side, side, 3]``, each shifted randomly in both directions; edges are repeated.
 
     The augmentation of "Image augmentation is all you need" (Kostrikov et al., 2021).
     """

@@ -1,4 +1,4 @@
-"""Learner: the one thing that an algorithm is, put together from parts of TorchRL's, and how they take an update."""
+"""Learner: an algorithm assembled from TorchRL's parts, and its update."""
 
 from __future__ import annotations
 
@@ -21,23 +21,23 @@ from torchrl.objectives import LossModule
 from bricksrl.agents.replay import TransitionReplayBuffer, link_lost, make_replay_buffer, with_outcome
 from bricksrl.agents.settings import OffPolicySettings, Settings
 
-MOST_ROWS = 8192
-"""Transitions that are drawn at once for several updates; more would only take memory."""
+MAX_ROWS = 8192
+"""Maximum number of transitions drawn at once for several updates."""
 ACTOR_LOSSES = ("loss_actor", "loss_alpha")
-"""Losses that are left out in updates without the actor."""
+"""Losses omitted in updates without the actor."""
 
 
 def adam(parameters: Iterable[Tensor], settings: Settings, weight_decay: float = 0.0) -> torch.optim.Optimizer:
-    """Adam with decoupled weight decay over all that gets a gradient, as settings ask for."""
+    """Adam with decoupled weight decay over all parameters with gradients."""
     learned = [parameter for parameter in parameters if parameter.requires_grad]
     betas = (settings.adam_beta, 0.999)
     return torch.optim.AdamW(learned, lr=settings.learning_rate, betas=betas, weight_decay=weight_decay, fused=True)
 
 
-def means(told: Iterable[dict[str, Tensor]]) -> dict[str, Tensor]:
-    """The mean of each value, by name, over all updates that tell it."""
+def means(metrics: Iterable[dict[str, Tensor]]) -> dict[str, Tensor]:
+    """Mean of each metric over the updates that report it."""
     values: defaultdict[str, list[Tensor]] = defaultdict(list)
-    for one in told:
+    for one in metrics:
         for name, value in one.items():
             values[name].append(value)
     return {name: torch.stack(found).mean() for name, found in values.items()}
@@ -45,29 +45,29 @@ def means(told: Iterable[dict[str, Tensor]]) -> dict[str, Tensor]:
 
 @dataclass
 class Learner:
-    """An algorithm, ready to act and to learn.
+    """An algorithm that acts and learns.
 
     Attributes:
-        policy: reads what the environment shows, writes "action" in -1..1; explores under ``ExplorationType.RANDOM``.
-        loss: any `LossModule`; ``None`` where nothing is learned.
+        policy: reads the observation, writes "action" in -1..1; explores under ``ExplorationType.RANDOM``.
+        loss: any `LossModule`; ``None`` if nothing is learned.
         optimizer: of the loss's parameters.
-        memory: any replay buffer; its sampler decides what a batch is.
-        target: its ``step`` moves target networks after an update, such as that of TorchRL's ``SoftUpdate``.
-        prepare: applied to collected frames ``[*copies, time]`` before they are remembered, such as `GAE`.
-        updates_per_step: updates for each step of the environment; with ``on_policy`` passes over what was collected.
-        on_policy: what was collected is forgotten after the passes.
-        frames_per_batch: steps that are collected between two times of learning; 1 beside a robot.
-        prefill_episodes: episodes of uniform actions at the start.
-        actor_delay: only every n-th update descends the actor's losses too.
-        target_delay: the targets move in every n-th update.
-        descend: losses that are added up and descended; ``None`` for all whose names begin with "loss".
+        memory: any replay buffer; its sampler defines a batch.
+        target: its ``step`` moves target networks after an update, as TorchRL's ``SoftUpdate``.
+        prepare: applied to collected frames ``[*copies, time]`` before they are stored, such as `GAE`.
+        updates_per_step: updates per environment step; with ``on_policy`` passes over the frames.
+        on_policy: frames are discarded after the passes.
+        frames_per_batch: steps collected between updates; 1 for a robot.
+        prefill_episodes: initial episodes of uniform actions.
+        actor_delay: every n-th update includes the actor's losses.
+        target_delay: every n-th update moves the targets.
+        descend: losses to minimise; ``None`` for all names that begin with "loss".
         clip_norm: limit of the gradient's norm.
-        imitates: it learns from a dataset and from nothing else.
-        chunk: actions that it predicts at once, and that are an action of its dataset; 0 for single actions.
-        reset_policy: called when what the policy sees next does not follow from its last action.
-        gradients: computes losses and gradients of a batch in place of autograd; see `bricksrl.agents.compiled`.
-        dataset: half of each batch is drawn from it, all of it as long as the memory is empty (RLPD, Ball et al., 2023).
-        weights: the newest of a policy that learns elsewhere, for the next action; any thread may put them there.
+        imitates: learns from a dataset only.
+        chunk: length of predicted action chunks; 0 for single actions.
+        reset_policy: called when the next observation does not follow from the last action.
+        gradients: replaces autograd; see `bricksrl.agents.compiled`.
+        dataset: provides half of each batch, all of it while the memory is empty (RLPD, Ball et al., 2023).
+        weights: newest weights of a policy trained elsewhere, for the next action; may be set from any thread.
     """
 
     policy: TensorDictModuleBase
@@ -96,31 +96,31 @@ class Learner:
 
     @property
     def device(self) -> torch.device:
-        """Where the networks are."""
+        """Device of the networks."""
         tensors = self.parameters() or [*self.policy.parameters(), *self.policy.buffers()]
         return tensors[0].device if tensors else torch.device("cpu")
 
     def parameters(self) -> list[Tensor]:
-        """All that the optimiser moves."""
+        """Parameters of the optimiser."""
         groups: list[dict[str, Any]] = [] if self.optimizer is None else self.optimizer.param_groups
         return [parameter for group in groups for parameter in group["params"]]
 
     def act_on(self, device: torch.device | str | None) -> None:
-        """Act on a device from now on, where an environment is: with a copy of the policy where it is another one."""
+        """Act on a device, with a copy of the policy if it differs from that of the networks."""
         if device is not None and torch.device(device).type != self.device.type:
             self._copy = copy.deepcopy(self.policy).to(device)
 
     @property
     def acting(self) -> TensorDictModuleBase:
-        """The policy that acts."""
+        """The acting policy."""
         return self.policy if self._copy is None else self._copy
 
     def explore(self, tensordict: TensorDictBase) -> TensorDictBase:
-        """Write an exploring "action" to what an environment shows; TorchRL knows a policy by its argument's name."""
+        """Write an exploratory "action"; the argument's name marks a policy for TorchRL."""
         return self._act(tensordict, ExplorationType.RANDOM)
 
     def exploit(self, tensordict: TensorDictBase) -> TensorDictBase:
-        """Write the policy's best "action" to what an environment shows."""
+        """Write the best "action"."""
         return self._act(tensordict, ExplorationType.DETERMINISTIC)
 
     def _act(self, tensordict: TensorDictBase, kind: ExplorationType) -> TensorDictBase:
@@ -131,7 +131,7 @@ class Learner:
         return acted
 
     def remember(self, frames: TensorDictBase, robot: int = 0) -> None:
-        """Keep collected frames ``[time]`` or ``[copies, time]``; those of several robots may come in turn."""
+        """Store frames ``[time]`` or ``[copies, time]``; robots may alternate."""
         if self.memory is None or self.imitates:
             return
         frames = frames.to(self.device)
@@ -141,31 +141,31 @@ class Learner:
             self.memory.extend(rows)
 
     def end_episodes(self, robot: int | None = None) -> None:
-        """What is remembered next, of this robot or of any, does not follow from what was remembered last."""
+        """End the current episode of a robot, or of all: the next frame does not follow from the last."""
         if isinstance(self.memory, TransitionReplayBuffer):
             self.memory.end_episodes(robot)
 
     def learn(self, steps: int = 1) -> dict[str, Tensor]:
-        """Make the updates that are due for so many steps of the environment; returns the mean of each value they tell."""
+        """Make the updates due for ``steps`` environment steps. Returns mean metrics."""
         if self.on_policy and self.memory is not None:
             size = self.memory.batch_size or len(self.memory)
-            told = self.make_updates(int(self.updates_per_step * math.ceil(len(self.memory) / size)))
+            metrics = self.make_updates(int(self.updates_per_step * math.ceil(len(self.memory) / size)))
             self.memory.empty()
-            return told
+            return metrics
         self.due, count = math.modf(self.due + self.updates_per_step * steps)
         return self.make_updates(int(count))
 
     def make_updates(self, count: int) -> dict[str, Tensor]:
-        """So many updates; returns the mean of each value that they tell, nothing where there is nothing to learn from."""
+        """Make ``count`` updates. Returns mean metrics, empty without data."""
         if self.loss is None or not self._sources():
             return {}
-        told = means(map(self.update, self.batches(count)))
+        metrics = means(map(self.update, self.batches(count)))
         if self._copy is not None:
             self._copy.load_state_dict(self.policy.state_dict())
-        return told
+        return metrics
 
     def batches(self, count: int) -> Iterable[TensorDictBase]:
-        """So many batches; several are drawn at once, which costs less."""
+        """``count`` batches; several are drawn at once, which is faster."""
         sources = self._sources()
         if not isinstance(sources[0], TransitionReplayBuffer):
             for _ in range(count):
@@ -173,14 +173,14 @@ class Learner:
             return
         size = sources[0].batch_size
         shares = [size] if len(sources) == 1 else [size - size // 2, size // 2]
-        at_once = max(1, MOST_ROWS // size)
+        at_once = max(1, MAX_ROWS // size)
         for start in range(0, count, at_once):
             n = min(at_once, count - start)
             parts = [source.sample(n * share).view(n, share) for source, share in zip(sources, shares, strict=True)]
             yield from (parts[0] if len(parts) == 1 else torch.cat(parts, 1)).unbind(0)
 
     def update(self, batch: TensorDictBase) -> dict[str, Tensor]:
-        """One step down the losses on a batch; returns them, and what else the loss tells, without gradients."""
+        """One gradient step on a batch. Returns detached losses and metrics."""
         if self.loss is None or self.optimizer is None:
             return {}
         self.updates += 1
@@ -202,23 +202,23 @@ class Learner:
         return {name: value.detach() for name, value in losses.items() if isinstance(name, str) and value.numel() == 1}
 
     def policy_state(self) -> dict[str, Tensor]:
-        """All tensors that acting depends on, copied to the CPU."""
+        """Copy of the policy's tensors on the CPU."""
         return {name: tensor.detach().to("cpu", copy=True) for name, tensor in self.policy.state_dict().items()}
 
     def _sources(self) -> list[Any]:
         return [source for source in (self.memory, self.dataset) if source is not None and len(source)]
 
     def state_dict(self) -> dict[str, Any]:
-        """All that learning changes: tensors, numbers, strings, and dictionaries and lists of them."""
+        """Everything that learning changes: nested tensors, numbers, strings, lists."""
         from bricksrl.agents.learner_state import state_of
 
         return state_of(self)
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Go on from `state_dict`, on any device; what it knew before is forgotten.
+        """Restore `state_dict`, on any device.
 
         Raises:
-            CheckpointError: the state belongs to another algorithm, other networks or another memory.
+            CheckpointError: the state is of another algorithm, network or buffer.
         """
         from bricksrl.agents.learner_state import load_state
 
@@ -228,7 +228,7 @@ class Learner:
 def off_policy_learner(
     env: EnvBase, settings: OffPolicySettings, policy: TensorDictModuleBase, loss: LossModule, target: Any = None, **numbers: Any
 ) -> Learner:
-    """The learner of a policy and a loss, with the optimiser, the replay buffer and the numbers that settings ask for."""
+    """A learner with the optimiser and replay buffer of the settings."""
     learned = list(loss.parameters())
     memory = make_replay_buffer(env, settings, learned[0].device)
     numbers |= {name: getattr(settings, name) for name in ("updates_per_step", "prefill_episodes", "actor_delay")}

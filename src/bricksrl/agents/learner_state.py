@@ -1,4 +1,4 @@
-"""State of a learner: all that learning changes, in a form that a checkpoint can hold and any device can take up."""
+"""State of a learner for checkpoints, independent of the device."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from bricksrl.errors import CheckpointError
 
 
 def state_of(learner: Learner) -> dict[str, Any]:
-    """The state; see `Learner.state_dict`."""
+    """See `Learner.state_dict`."""
     state: dict[str, Any] = {"policy": dict(learner.policy.state_dict()), "updates": learner.updates, "due": learner.due}
     if learner.loss is not None and learner.optimizer is not None:
         state |= {"loss": dict(learner.loss.state_dict()), "optimizer": learner.optimizer.state_dict()}
@@ -26,7 +26,7 @@ def state_of(learner: Learner) -> dict[str, Any]:
 
 
 def load_state(learner: Learner, state: dict[str, Any]) -> None:
-    """Go on from a state; see `Learner.load_state_dict`."""
+    """See `Learner.load_state_dict`."""
     try:
         learner.policy.load_state_dict(state["policy"])
         learner.updates, learner.due = int(state["updates"]), float(state["due"])
@@ -48,34 +48,34 @@ def load_state(learner: Learner, state: dict[str, Any]) -> None:
 
 def _load_loss(loss: LossModule, state: dict[str, Any]) -> None:
     for name in state.keys() - loss.state_dict().keys():
-        if getattr(loss, name, state) is None:  # losses of TorchRL's make some buffers when they first need them
+        if getattr(loss, name, state) is None:  # TorchRL's losses create some buffers lazily
             delattr(loss, name)
             loss.register_buffer(name, state[name])
     loss.load_state_dict(state)
 
 
 def memory_state(memory: ReplayBuffer) -> dict[str, Any]:
-    """The filled part of any replay buffer, and where it goes on."""
+    """The filled part of a replay buffer and its write position."""
     rows = dict(memory[range(len(memory))].flatten_keys(".").items()) if len(memory) else {}
     links = memory.links() if isinstance(memory, EpisodicReplayBuffer) else {}
     return {"rows": rows, "writer": dict(memory.writer.state_dict()), **links}
 
 
 def load_memory_state(memory: ReplayBuffer, state: dict[str, Any], device: torch.device | str = "cpu") -> None:
-    """Go on from `memory_state`; what is here is forgotten.
+    """Restore `memory_state`.
 
     Raises:
-        ValueError, KeyError, RuntimeError: the state is that of another memory.
+        ValueError, KeyError, RuntimeError: the state is of another buffer.
     """
     rows, capacity = dict(state["rows"]), memory.storage.max_size
     size = len(next(iter(rows.values()), ()))
     if size > capacity or state["writer"].get("_cursor", 0) not in range(capacity):
-        raise ValueError(f"a memory of {size} transitions does not fit into one of {capacity}")
+        raise ValueError(f"{size} transitions do not fit into a buffer of {capacity}")
     memory.empty()
     if size:
         frames = TensorDict(rows, [size], device=device).unflatten_keys(".")
         if isinstance(memory, TransitionReplayBuffer):
-            TransitionReplayBuffer.extend(memory, frames)  # what followed what is in the state
+            TransitionReplayBuffer.extend(memory, frames)  # the successor links are in the state
         else:
             memory.extend(frames)
     memory.writer.load_state_dict(state["writer"])

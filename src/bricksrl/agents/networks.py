@@ -1,4 +1,4 @@
-"""Networks and policies, from ordinary layers: multilayer perceptrons, actors, critics, and the policies made of them."""
+"""Networks and policies: multilayer perceptrons, actors, critics."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from bricksrl.errors import DescriptionError
 
 
 def mlp(in_size: int, out_size: int, hidden: tuple[int, ...], *, layer_norm: bool = False, dropout: float = 0.0) -> nn.Sequential:
-    """A multilayer perceptron ``[*batch, in_size]`` to ``[*batch, out_size]`` with ReLU between its layers.
+    """A multilayer perceptron ``[*batch, in_size]`` to ``[*batch, out_size]`` with ReLU.
 
     Args:
         layer_norm, dropout: after each hidden layer, before its ReLU, as in DroQ (Hiraoka et al., 2022).
@@ -35,10 +35,10 @@ def mlp(in_size: int, out_size: int, hidden: tuple[int, ...], *, layer_norm: boo
 
 
 def make_body(settings: Settings, in_size: int, out_size: int, **kind: Any) -> nn.Module:
-    """The network between features and outputs that settings ask for: `mlp`, or what the user's factory makes.
+    """The network of the settings: an `mlp`, or the result of the user's factory.
 
     Raises:
-        DescriptionError: the user's factory cannot be loaded, raises, or makes no network.
+        DescriptionError: the user's factory cannot be loaded, raises, or returns no network.
     """
     if not settings.network:
         return mlp(in_size, out_size, settings.hidden, **kind)
@@ -56,7 +56,7 @@ def make_body(settings: Settings, in_size: int, out_size: int, **kind: Any) -> n
 
 
 class Actor(nn.Module):
-    """An encoder, a body and a head in a row: observations, and images where it sees, to what the head makes of them."""
+    """Encoder, body and head in sequence."""
 
     def __init__(self, encoder: nn.Module, body: nn.Module, head: nn.Module) -> None:
         super().__init__()
@@ -67,24 +67,24 @@ class Actor(nn.Module):
 
 
 def action_size(env: EnvBase) -> int:
-    """Entries of an action of one robot."""
+    """Size of one robot's action."""
     return int(env.full_action_spec_unbatched["action"].shape[-1])
 
 
 def action_spec(env: EnvBase) -> TensorSpec:
-    """Spec of an action of one robot, -1..1."""
+    """Spec of one robot's action, -1..1."""
     return env.full_action_spec_unbatched["action"].cpu()
 
 
 def gaussian_policy(
     encoder: nn.Module, body: nn.Module, spec: TensorSpec, *, min_scale: float = 0.1, log_prob: bool = False
 ) -> ProbabilisticActor:
-    """A policy that draws from a tanh-squashed normal, whose mode is its best action.
+    """A tanh-squashed normal policy.
 
     Args:
-        body: from features to twice as many numbers as an action has: location and raw scale.
-        min_scale: lower limit of the standard deviation before the tanh.
-        log_prob: write the log-probability of the action too.
+        body: features to location and raw scale, twice the action's size.
+        min_scale: minimum standard deviation before the tanh.
+        log_prob: write the action's log-probability too.
     """
     actor = Actor(encoder, body, NormalParamExtractor(scale_lb=min_scale))
     return ProbabilisticActor(
@@ -99,7 +99,7 @@ def gaussian_policy(
 def deterministic_policy(
     encoder: nn.Module, body: nn.Module, spec: TensorSpec, *, noise: float
 ) -> tuple[TensorDictModule, TensorDictSequential]:
-    """A deterministic actor ``tanh(body)``, and the policy that adds normal noise to it while it explores."""
+    """A deterministic actor ``tanh(body)``, and the policy that adds normal exploration noise."""
     actor = TensorDictModule(Actor(encoder, body, nn.Tanh()), in_keys=encoder_keys(encoder), out_keys=["action"])
     exploration = AdditiveGaussianModule(spec, sigma_init=noise, sigma_end=noise, annealing_num_steps=1)
     return actor, TensorDictSequential(actor, exploration)

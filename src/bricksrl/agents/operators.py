@@ -1,4 +1,4 @@
-"""Operators: networks and encoders in the forms that losses and environments of TorchRL's take."""
+"""Adapters of networks and encoders for TorchRL's losses and environments."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ M = TypeVar("M", bound=nn.Module)
 
 
 class Critic(nn.Module):
-    """An action value ``[*batch, out]`` of what is observed and an action, the action last: for TorchRL's losses."""
+    """Action value ``[*batch, out]`` of observations and an action (last argument)."""
 
     def __init__(self, encoder: nn.Module, body: nn.Module) -> None:
         super().__init__()
@@ -41,13 +41,13 @@ def critic_operator(encoder: nn.Module, body: nn.Module) -> ValueOperator:
 
 
 def acting_copy(policy: M) -> M:
-    """A policy of the same parameters that acts without dropout while a loss trains them with it."""
+    """A policy with shared parameters that acts without dropout while a loss trains with it."""
     shared = {id(parameter): parameter for parameter in policy.parameters()}
     return copy.deepcopy(policy, shared).eval()
 
 
 class EncodeObservation(ObservationTransform):  # type: ignore[misc]
-    """An encoder as a transform: adds "features" ``[*batch, size]`` to what an environment or a replay buffer gives."""
+    """An encoder as a transform: adds "features" ``[*batch, size]`` to an environment or a replay buffer."""
 
     def __init__(self, encoder: ObservationEncoder, out_key: str = "features") -> None:
         super().__init__(in_keys=["observation"], out_keys=[out_key])
@@ -60,7 +60,7 @@ class EncodeObservation(ObservationTransform):  # type: ignore[misc]
         return self._call(tensordict_reset)
 
     def transform_observation_spec(self, observation_spec: Any) -> Any:
-        """The environment's spec and the features', which have no bounds."""
+        """The spec with unbounded features."""
         shape = (*observation_spec.shape, self.encoder.size)
         observation_spec[self.out_keys[0]] = Unbounded(shape, device=observation_spec.device)
         return observation_spec

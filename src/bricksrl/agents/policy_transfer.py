@@ -1,9 +1,8 @@
-"""Policy transfer: the policy of one algorithm as that of another, which goes on learning in its own way (warm start).
+"""Policy transfer (warm start): continue one algorithm from the policy of another.
 
-Critics that know nothing lead an actor astray in its first updates, and one step of Adam for each of its weights is already a
-long way: within an episode it has forgotten everything. So an anchor draws it back to the policy that it started from, the less
-the longer it learns: the constraint of offline agents (Fujimoto and Gu, 2021), which is relaxed on the robot (Beeson and Montana,
-2022). The pull is scaled by the gradient of the values, so that it means the same whatever the size of the rewards.
+New critics mislead the actor, and Adam's first steps are large: without a constraint the policy is lost within an episode. An
+anchor therefore pulls the actor back to the initial policy, less over time: the constraint of offline agents (Fujimoto and Gu,
+2021), relaxed on the robot (Beeson and Montana, 2022). Scaling by the value's gradient makes it independent of the reward scale.
 """
 
 from __future__ import annotations
@@ -22,29 +21,29 @@ from bricksrl.agents.sac import SACLoss
 STEPS = 2000
 """Robot steps until the actor is free."""
 REACH = 2.0
-"""Distance from the policy that the actor then may have, before the tanh: any."""
+"""Distance from the policy at that time, before the tanh."""
 MARGIN = 1.2
-"""Standard deviation of the actions where the policy had none, as a multiple of the least one: below that it is not learned."""
+"""Standard deviation, relative to the minimum, if the source has none; at the minimum it has no gradient."""
 ALPHA = 0.01
-"""Temperature at most where the policy had none: entropy is not to outweigh what the policy can do; it is learned from there."""
+"""Maximum initial temperature if the source has none, so that entropy does not outweigh the policy."""
 
 
 class PolicyFormError(Exception):
-    """One network cannot stand for the other; whoever knows where they are from tells the user."""
+    """One network cannot replace the other; the caller adds their origin to the message."""
 
 
 @torch.no_grad()
 def transfer_policy(learner: Learner, source: Learner) -> None:
-    """Make the policy of ``source`` that of ``learner``, which has learned nothing yet and is held near it at first.
+    """Copy the policy of ``source`` to the new ``learner`` and anchor it there.
 
-    A policy with a standard deviation of its own keeps it where the learner has one, and so does the temperature.
+    Standard deviation and temperature are copied if both have them.
 
     Raises:
         PolicyFormError: their networks differ in form.
     """
     loss = learner.loss
     if not isinstance(loss, ActorCriticLoss) or "image" in learner.policy.in_keys:
-        raise PolicyFormError("that takes a network from observations to one action, and critics to learn on with")
+        raise PolicyFormError("transfer needs critics and a network from observations to single actions")
     mine, theirs = _actor(learner), _actor(source)
     to, of = _layers(mine.body), _layers(theirs.body)
     if _form(to) != _form(of) or mine.encoder.size != theirs.encoder.size:
@@ -66,7 +65,7 @@ def transfer_policy(learner: Learner, source: Learner) -> None:
 
 
 def anchor(learner: Learner) -> None:
-    """Hold the learner's actor near what it is now until it has made the updates of `STEPS` robot steps."""
+    """Hold the learner's actor near its current policy for the updates of `STEPS` robot steps."""
     loss = learner.loss
     if isinstance(loss, ActorCriticLoss):
         outputs = len(_layers(loss.actor)[-1])
@@ -75,32 +74,32 @@ def anchor(learner: Learner) -> None:
 
 
 class PolicyAnchor(nn.Module):
-    """Holds an actor's mean near the policy that ``actor`` is now.
+    """A decreasing pull of an actor's mean towards the current policy of ``actor``.
 
     Args:
-        actor: features to outputs of which the first ``action_size`` are the mean before the tanh.
+        actor: features to outputs; the first ``action_size`` are the mean before the tanh.
         updates: of the actor, until it is free.
     """
 
     def __init__(self, actor: nn.Module, action_size: int, updates: int) -> None:
         super().__init__()
         self.policy = copy.deepcopy(actor).requires_grad_(False)
-        self._size, self._updates, self._made = action_size, updates, 0
+        self._size, self._updates, self._updates_made = action_size, updates, 0
 
     @property
     def is_over(self) -> bool:
         """Whether the actor is free."""
-        return self._made >= self._updates
+        return self._updates_made >= self._updates
 
     def forward(self, features: Tensor, out: Tensor) -> Tensor:
-        """The actor's outputs, whose gradient gets the pull towards the policy added as it passes.
+        """The actor's outputs; the backward pass adds the pull to their gradient.
 
-        In balance the actor is as far away from the policy as it may be after the updates that were made.
+        In equilibrium the distance to the policy is the one allowed after the updates made.
         """
         if not out.requires_grad or self.is_over:
             return out
-        self._made += 1
-        reach = REACH * self._made / self._updates
+        self._updates_made += 1
+        reach = REACH * self._updates_made / self._updates
         away = (out.detach() - self.policy(features))[..., : self._size]
 
         def pulled(gradient: Tensor) -> Tensor:
@@ -112,28 +111,28 @@ class PolicyAnchor(nn.Module):
         return out
 
     def get_extra_state(self) -> dict[str, int]:
-        """The updates of the actor so far."""
-        return {"made": self._made}
+        """Number of the actor's updates."""
+        return {"made": self._updates_made}
 
     def set_extra_state(self, state: dict[str, int]) -> None:
         """Inverse of `get_extra_state`."""
-        self._made = int(state["made"])
+        self._updates_made = int(state["made"])
 
 
 def _actor(learner: Learner) -> Actor:
     found = [module for module in learner.policy.modules() if isinstance(module, Actor)]
     if not found:
-        raise PolicyFormError("that takes a network from observations to one action")
+        raise PolicyFormError("transfer needs a network from observations to single actions")
     return found[0]
 
 
 def _layers(network: nn.Module) -> list[Tensor]:
-    """Parameters of its layers in their order, outputs first."""
+    """Parameters of the layers in order, outputs first."""
     return [parameter for module in network.modules() for parameter in module.parameters(recurse=False)]
 
 
 def _form(layers: list[Tensor]) -> str:
-    """The form in words, but for how many numbers come out."""
+    """Description of the form, without the number of outputs."""
     weights = [part for part in layers if part.ndim > 1]
     normalised = len(layers) // 2 - len(weights)
     units = "-".join(str(weight.shape[1]) for weight in weights)

@@ -1,4 +1,4 @@
-"""Proximal policy optimisation (Schulman et al., 2017) with TorchRL's loss, for many simulated copies at once."""
+"""Proximal policy optimisation (Schulman et al., 2017) with TorchRL's loss, for many simulated copies."""
 
 from __future__ import annotations
 
@@ -30,21 +30,21 @@ class PPOSettings(Settings):
     gae_lambda: Annotated[float, Share] = 0.95
     """Weight of longer returns in the generalised advantage estimate."""
     steps: Annotated[int, Range(1)] = 10
-    """Steps of each copy that are collected between two times of learning."""
+    """Steps of each copy between updates."""
     passes: Annotated[int, Range(1)] = 2
-    """Passes over what was collected."""
+    """Passes over the collected steps."""
     clip_epsilon: Annotated[float, Positive] = 0.2
-    """Limit of the change of an action's probability in one time of learning."""
+    """Limit of the change of an action's probability per update."""
     entropy_coeff: Annotated[float, NotNegative] = 0.001
     """Weight of the policy's entropy."""
     max_grad_norm: Annotated[float, Positive] = 0.5
     """Limit of the gradient's norm."""
     min_scale: Annotated[float, Positive] = 0.1
-    """Lower limit of the standard deviation of an action before the tanh."""
+    """Minimum standard deviation of an action before the tanh."""
 
 
 def build(env: EnvBase, settings: PPOSettings, device: torch.device | str = "cpu") -> Learner:
-    """PPO for an environment; networks are drawn from torch's global generator."""
+    """PPO for an environment. Initialized from torch's global generator."""
     m, copies, encoder = action_size(env), max(1, env.batch_size.numel()), make_encoder(env, settings)
     body = make_body(settings, encoder.size, 2 * m)
     policy = gaussian_policy(encoder, body, action_spec(env), min_scale=settings.min_scale, log_prob=True).to(device)

@@ -1,7 +1,7 @@
-"""Presets: values of settings by name. What a preset does not name has the default of the algorithm's own settings.
+"""Presets: named values of settings; other settings keep their defaults.
 
-``default`` is tuned for few robot steps. ``paper`` has what the BricksRL paper trained with; for algorithms that it does not
-have, that of their authors (with the paper's networks) where the paper says nothing about every agent.
+``default`` is tuned for few robot steps. ``paper`` has the values of the BricksRL paper, and those of an algorithm's authors
+(with the paper's networks) for what the paper does not state.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ _OF_PAPER: dict[str, dict[str, Any]] = {
     "crossq": {"learning_rate": 1e-3},
     "iql": {"expectile": 0.5, "temperature": 1.0},
     "cql": {"lagrange_threshold": 5.0, "imitation_updates": 1000},
-    # Zhao et al. 2023, appendix; the ensemble's number, the latent's size and the weight decay are those of their released code
+    # Zhao et al. 2023, appendix; ensemble, latent size and weight decay from their released code
     "act": {
         "learning_rate": 1e-5,
         "batch_size": 8,
@@ -76,7 +76,7 @@ _OF_PAPER: dict[str, dict[str, Any]] = {
 
 
 def values(name: str, agent: str, kind: type[Any], *, images: bool) -> dict[str, Any]:
-    """The values of a preset for an algorithm whose settings are of that kind."""
+    """Values of a preset for an algorithm with settings of a kind."""
     if name == "paper":
         found = {**_PAPER, **_OF_PAPER.get(agent, {})}
     else:

@@ -1,4 +1,4 @@
-"""Uniformly random actions: the yardstick below all others, and the way to collect random data."""
+"""Uniformly random actions: a baseline, and a source of random data."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from bricksrl.agents.networks import action_size
 
 @dataclass(frozen=True)
 class RandomSettings:
-    """Nothing to set."""
+    """No settings."""
 
 
 class UniformActions(torch.nn.Module):
-    """Uniform actions ``[*batch, m]`` in -1..1, whatever is observed; also where others do their best."""
+    """Uniform actions ``[*batch, m]`` in -1..1, with or without exploration."""
 
     def __init__(self, size: int) -> None:
         super().__init__()

@@ -1,4 +1,4 @@
-"""Replay: TorchRL's buffer of single transitions, and which buffer settings ask for."""
+"""Replay buffer of transitions."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ class TransitionReplayBuffer(TensorDictReplayBuffer):  # type: ignore[misc]
 
     Args:
         capacity: transitions; the oldest are overwritten first.
-        keys: entries that are kept of a transition, those under "next" too.
-        memory_mapped: keep the transitions in a temporary file.
+        keys: entries to keep of a transition, including those under "next".
+        memory_mapped: store in a temporary file.
     """
 
     def __init__(
@@ -34,14 +34,14 @@ class TransitionReplayBuffer(TensorDictReplayBuffer):  # type: ignore[misc]
 
     @property
     def batch_size(self) -> int:
-        """Transitions that `sample` draws."""
+        """Transitions per `sample`."""
         return self._rows
 
     def extend(self, frames: TensorDictBase, *, robot: int = 0, **_: Any) -> Tensor:
-        """Keep transitions ``[time]`` of one robot, or ``[copies, time]``, each robot with its number; returns their places.
+        """Store transitions ``[time]`` or ``[copies, time]`` of one robot. Returns their indices.
 
         Raises:
-            DescriptionError: it cannot hold so many.
+            DescriptionError: they exceed the capacity.
         """
         rows = with_outcome(frames.select(*self._keys), link_lost(frames))
         if not len(rows):
@@ -55,29 +55,29 @@ class TransitionReplayBuffer(TensorDictReplayBuffer):  # type: ignore[misc]
         return places
 
     def end_episodes(self, robot: int | None = None) -> None:
-        """Nothing that is kept next, of this robot or of any, follows from what was kept last."""
+        """End the current episode of a robot, or of all."""
 
     def sample(self, batch_size: int | None = None, **_: Any) -> TensorDictBase:
-        """Transitions drawn uniformly, with their places as "index"."""
+        """Uniformly drawn transitions with "index"."""
         batch: TensorDictBase = super().sample(batch_size or self._rows)
         return batch
 
 
 def link_lost(frames: TensorDictBase) -> Tensor | None:
-    """At which of the frames the link to the robot broke; ``None`` where it cannot."""
+    """Frames with a lost link, or ``None`` if there is no link."""
     lost = frames["next"].get("link_lost", None)
     return None if lost is None else lost.squeeze(-1)
 
 
 def with_outcome(frames: TensorDictBase, lost: Tensor | None) -> TensorDictBase:
-    """Frames as rows, without those at which the link was lost: they have no outcome."""
+    """Frames as rows, without those with a lost link: they have no outcome."""
     return frames.reshape(-1) if lost is None else frames[~lost]
 
 
 def make_replay_buffer(
     env: EnvBase, settings: OffPolicySettings, device: torch.device | str, **changes: Any
 ) -> TransitionReplayBuffer:
-    """The replay buffer that settings ask for in an environment."""
+    """The replay buffer of the settings for an environment."""
     layout = ObservationLayout.of(env)
     keys = ("observation", "image") if layout.image_px else ("observation",)
     kind: dict[str, Any] = {

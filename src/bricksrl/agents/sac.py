@@ -1,7 +1,7 @@
-"""Soft actor-critic (Haarnoja et al., 2018) with a learned temperature; DroQ and REDQ are settings of it.
+"""Soft actor-critic (Haarnoja et al., 2018) with learned temperature; includes DroQ and REDQ.
 
-DroQ: dropout and layer normalisation in the critics, 20 updates a step (Hiraoka et al., 2022). REDQ: ten critics of which two,
-drawn anew, give the target (Chen et al., 2021).
+DroQ: dropout and layer normalisation in the critics, 20 updates per step (Hiraoka et al., 2022). REDQ: ten critics, targets from
+two random ones (Chen et al., 2021).
 """
 
 from __future__ import annotations
@@ -26,19 +26,19 @@ from bricksrl.errors import DescriptionError
 
 @dataclass(frozen=True)
 class EntropySettings(OffPolicySettings):
-    """Settings of stochastic policies that are rewarded for their entropy."""
+    """Settings of maximum-entropy policies."""
 
     alpha_init: Annotated[float, Positive] = 0.2
-    """Temperature (weight of the entropy) at the start; it is learned from there."""
+    """Initial temperature (weight of the entropy); it is learned."""
     target_entropy: Annotated[float, Range(-1e6, 1e6)] = -1.0
-    """Entropy for each entry of an action that the temperature is learned for; uniform actions have 0.69."""
+    """Target entropy per action entry; uniform actions have 0.69."""
     min_scale: Annotated[float, Positive] = 0.1
     """Lower limit of the standard deviation of an action before the tanh."""
 
 
 @dataclass(frozen=True)
 class SACSettings(EntropySettings, TargetSettings):
-    """Settings of SAC, and with other numbers of DroQ and REDQ."""
+    """Settings of SAC, DroQ and REDQ."""
 
     alpha_init: Annotated[float, Positive] = 0.1
     actor_layer_norm: bool = False
@@ -46,11 +46,11 @@ class SACSettings(EntropySettings, TargetSettings):
     dropout: Annotated[float, ShareBelowOne] = 0.0
     """Dropout rate in the critics."""
     num_qs: Annotated[int, Range(1, 64)] = 2
-    """Critics that learn side by side."""
+    """Number of critics."""
     num_min_qs: Annotated[int, Range(1, 64)] = 2
-    """Target critics, drawn anew for each update, whose least value is the target."""
+    """Number of target critics, drawn for each update; their minimum is the target."""
     actor_q: Literal["min", "mean"] = "min"
-    """Value of the critics that the actor ascends: the least or the mean."""
+    """Value that the actor maximises: minimum or mean of the critics."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -59,7 +59,7 @@ class SACSettings(EntropySettings, TargetSettings):
 
 
 class SACLoss(ActorCriticLoss):
-    """Loss of soft actor-critic; TorchRL's ``SACLoss`` is its oracle."""
+    """Loss of soft actor-critic. Tests compare it with TorchRL's ``SACLoss``."""
 
     out_keys = ["loss_qvalue", "loss_actor", "loss_alpha", "alpha", "entropy"]  # noqa: RUF012  as in TorchRL
 
@@ -70,20 +70,20 @@ class SACLoss(ActorCriticLoss):
 
     @property
     def alpha(self) -> Tensor:
-        """The temperature, as a constant."""
+        """The temperature, detached."""
         return self.log_alpha.detach().exp()
 
     @torch.no_grad()
     def target_qvalue(self, batch: Batch) -> Tensor:
-        """The reward and the soft value of the next state."""
+        """Reward plus discounted soft value of the next state."""
         next_action, next_log_prob = self.draw(self.actor(batch.next_features))
         return batch.reward + batch.discount * (self.next_qvalue(batch, next_action) - self.alpha * next_log_prob)
 
     def next_qvalue(self, batch: Batch, next_action: Tensor) -> Tensor:
-        """The least value ``[batch]`` of the target critics that are drawn for this update."""
+        """Minimum ``[batch]`` of the target critics drawn for this update."""
         count, critics = self.settings.num_min_qs, self.target_critics
         drawn = torch.randperm(len(critics))[:count] if count < len(critics) else None
-        if drawn is None or torch.compiler.is_compiling():  # a graph cannot tell which ones will be drawn
+        if drawn is None or torch.compiler.is_compiling():  # a graph cannot depend on the drawn indices
             values: Tensor = critics(batch.next_features, next_action)
             return (values if drawn is None else values[drawn.to(values.device)]).amin(0)
         x = torch.cat((batch.next_features, next_action), -1)
@@ -97,29 +97,29 @@ class SACLoss(ActorCriticLoss):
         return {"loss_actor": (self.alpha * log_prob - value).mean(), **self.alpha_loss(log_prob, action.shape[-1])}
 
     def alpha_loss(self, log_prob: Tensor, action_size: int) -> dict[str, Tensor]:
-        """The temperature's loss for actions of these log-probabilities ``[batch]``, temperature and entropy."""
+        """Loss of the temperature from log-probabilities ``[batch]``, temperature and entropy."""
         entropy, target = -log_prob.detach().mean(), self.settings.target_entropy * action_size
         return {"loss_alpha": self.log_alpha * (entropy - target), "alpha": self.alpha, "entropy": entropy}
 
     def draw(self, out: Tensor) -> tuple[Tensor, Tensor]:
-        """An action ``[batch, m]`` and its log-probability ``[batch]``, from the actor's outputs."""
+        """Action ``[batch, m]`` and log-probability ``[batch]`` from the actor's outputs."""
         size = out.shape[-1] // 2
         return rsample(out, self.settings.min_scale, torch.randn(*out.shape[:-1], size, dtype=out.dtype, device=out.device))
 
 
 _LEAST_SCALE = 0.01
 _SHIFT = math.log(math.expm1(1.0 - _LEAST_SCALE))
-"""An output of 0 is a scale of 1, as in tensordict's ``NormalParamExtractor``."""
+"""An output of 0 gives a scale of 1, as in tensordict's ``NormalParamExtractor``."""
 
 
 def location_and_scale(out: Tensor, min_scale: float) -> tuple[Tensor, Tensor]:
-    """Location and scale ``[*batch, m]`` of the normal before the tanh, from a network's outputs ``[*batch, 2 m]``."""
+    """Location and scale ``[*batch, m]`` of the normal before the tanh, from outputs ``[*batch, 2 m]``."""
     loc, raw_scale = out.chunk(2, -1)
     return loc, (functional.softplus(raw_scale + _SHIFT) + _LEAST_SCALE).clamp_min(min_scale)
 
 
 def rsample(out: Tensor, min_scale: float, noise: Tensor) -> tuple[Tensor, Tensor]:
-    """A draw ``[*batch, m]`` for standard normal ``noise`` and its log-probability ``[*batch]``: a faster ``TanhNormal``."""
+    """Action ``[*batch, m]`` and log-probability ``[*batch]`` from standard normal ``noise``: a faster ``TanhNormal``."""
     loc, scale = location_and_scale(out, min_scale)
     x = torch.addcmul(loc, scale, noise)
     # log of the normal density, less log(1 - tanh(x)^2) = 2 (log 2 - x - softplus(-2 x)), which stays finite for large x
@@ -129,7 +129,7 @@ def rsample(out: Tensor, min_scale: float, noise: Tensor) -> tuple[Tensor, Tenso
 
 
 def build(env: EnvBase, settings: SACSettings, device: torch.device | str = "cpu", make_loss: type[SACLoss] = SACLoss) -> Learner:
-    """SAC, or with another loss what builds upon it, for an environment; networks are drawn from torch's global generator."""
+    """SAC, or an algorithm with another loss, for an environment. Initialized from torch's global generator."""
     m, encoder = action_size(env), make_encoder(env, settings)
     actor = make_body(settings, encoder.size, 2 * m, layer_norm=settings.actor_layer_norm)
     kind = {"layer_norm": settings.critic_layer_norm, "dropout": settings.dropout}

@@ -1,6 +1,6 @@
-"""Settings of algorithms: frozen dataclasses whose fields are checked by what their annotations say.
+"""Settings of algorithms: frozen dataclasses with ranges as annotations.
 
-A field's docstring is its help: ``bricksrl settings AGENT`` shows it. Importing this loads no torch.
+Field docstrings are the help of ``bricksrl settings AGENT``. Importing this loads no torch.
 """
 
 from __future__ import annotations
@@ -12,13 +12,13 @@ from typing import Annotated, Literal
 from bricksrl.errors import DescriptionError
 from bricksrl.fields import check_fields
 
-LARGEST, MOST_UNITS, MOST_WEIGHTS = 2**24, 2**14, 2**26
-"""Limits of any number, of a layer, and of the weights between hidden layers: what comes from a file may fill the memory."""
+LARGEST, MAX_UNITS, MAX_WEIGHTS = 2**24, 2**14, 2**26
+"""Limits of numbers, layer sizes and hidden weights, as settings come from files."""
 
 
 @dataclass(frozen=True)
 class Range:
-    """The numbers from ``low`` to ``high``; with ``above`` only beyond ``low``, with ``below`` only short of ``high``."""
+    """Numbers from ``low`` to ``high``; ``above`` excludes ``low``, ``below`` excludes ``high``."""
 
     low: float = 0.0
     high: float = LARGEST
@@ -41,7 +41,7 @@ ShareBelowOne = Range(0.0, 1.0, below=True)
 
 @dataclass(frozen=True)
 class Settings:
-    """The settings that all learning algorithms have. The defaults are tuned for few robot steps."""
+    """Settings of all learning algorithms. Defaults are tuned for few robot steps."""
 
     learning_rate: Annotated[float, Positive] = 1e-3
     """Adam's step size."""
@@ -52,27 +52,28 @@ class Settings:
     hidden: tuple[int, ...] = (256, 256)
     """Units of each hidden layer, of the policy and of the critics."""
     network: str = ""
-    """Your own networks in place of multilayer perceptrons: FILE.py:NAME, a function of the sizes in and out that makes one."""
+    """Your own networks instead of multilayer perceptrons: FILE.py:NAME, a function of the sizes in and out."""
     angles: Literal["phases", "sincos", "raw"] = "phases"
-    """Features of angles that wrap: sine and cosine, with those of their differences too (phases), or scaled to -1..1 (raw)."""
+    """Features of angles that wrap: sine and cosine, also of their differences (phases), only of themselves (sincos), or scaled
+    (raw)."""
     goals: Literal["difference", "plain"] = "difference"
-    """Features of a goal: its difference to what is to reach it as well, or itself only."""
+    """Features of a goal: itself and its difference to the current value, or itself only."""
     encoder: Literal["keypoints", "convolutions"] = "keypoints"
-    """Features of images: places of learned keypoints, or the paper's convolutions with dense layers."""
+    """Image features: learned keypoints, or the paper's convolutions with dense layers."""
 
     def __post_init__(self) -> None:
         check_fields(type(self), vars(self))
-        if not self.hidden or not all(isinstance(units, int) and 1 <= units <= MOST_UNITS for units in self.hidden):
-            wanted = f"the units of at least one layer, up to {MOST_UNITS:,} in each, as in (256, 256)"
+        if not self.hidden or not all(isinstance(units, int) and 1 <= units <= MAX_UNITS for units in self.hidden):
+            wanted = f"the units of at least one layer, up to {MAX_UNITS:,} in each, as in (256, 256)"
             raise DescriptionError(f"hidden is {self.hidden}; give {wanted}")
         weights = sum(before * after for before, after in itertools.pairwise(self.hidden))
-        if weights > MOST_WEIGHTS:
-            raise DescriptionError(f"hidden is {self.hidden}: {weights:,} weights a network; give up to {MOST_WEIGHTS:,}")
+        if weights > MAX_WEIGHTS:
+            raise DescriptionError(f"hidden is {self.hidden}: {weights:,} weights a network; give up to {MAX_WEIGHTS:,}")
 
 
 @dataclass(frozen=True)
 class OffPolicySettings(Settings):
-    """The settings of algorithms that learn values from a replay buffer."""
+    """Settings of algorithms with value functions and a replay buffer."""
 
     gamma: Annotated[float, Share] = 0.95
     """Discount of the next step's value."""
@@ -91,7 +92,7 @@ class OffPolicySettings(Settings):
     hindsight: Annotated[float, Share] = 0.3
     """In a task with goals: share of each batch whose goal is replaced by what was reached a few steps later."""
     new_goals: Annotated[float, Share] = 0.3
-    """In a task with goals: share of each batch that gets goals drawn anew from their range."""
+    """In a task with goals: share of each batch with goals redrawn from their range."""
     shift_px: Annotated[int, Range(0, 64)] = 0
     """Random shift of each image in a batch, in px, as augmentation; 4 is usual for convolutions."""
 
@@ -103,9 +104,9 @@ class OffPolicySettings(Settings):
 
 @dataclass(frozen=True)
 class TargetSettings(OffPolicySettings):
-    """The settings of algorithms that have target networks."""
+    """Settings of algorithms with target networks."""
 
     tau: Annotated[float, Range(0.0, 1.0, above=True)] = 0.005
-    """Share by which target networks follow the others at each update (soft update), of TD3 at each of the actor's."""
+    """Step of target networks towards the others at each update (soft update); TD3: at each update of the actor."""
     critic_layer_norm: bool = True
     """Layer normalisation in the critics."""

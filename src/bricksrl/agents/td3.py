@@ -19,7 +19,7 @@ from bricksrl.agents.settings import NotNegative, Positive, Range, TargetSetting
 
 @dataclass(frozen=True)
 class TD3Settings(TargetSettings):
-    """Settings of TD3; its targets move when the actor does."""
+    """Settings of TD3; targets move with the actor."""
 
     learning_rate: Annotated[float, Positive] = 5e-4
     updates_per_step: Annotated[float, Positive] = 4.0
@@ -31,12 +31,11 @@ class TD3Settings(TargetSettings):
     target_noise: Annotated[float, NotNegative] = 0.1
     """Standard deviation of the noise on the target actor's actions."""
     target_noise_clip: Annotated[float, Positive] = 0.5
-    """Limit of that noise to either side."""
+    """Limit of the target noise."""
 
 
 class TD3Loss(ActorCriticLoss):
-    """Loss of TD3, whose target action gets clipped noise and whose actor ascends the first critic; TorchRL's ``TD3Loss`` is its
-    oracle.
+    """Loss of TD3: clipped target noise, the actor maximises the first critic. Tests compare it with TorchRL's ``TD3Loss``.
 
     Args:
         actor: features to actions before the tanh.
@@ -52,7 +51,7 @@ class TD3Loss(ActorCriticLoss):
 
     @torch.no_grad()
     def target_qvalue(self, batch: Batch) -> Tensor:
-        """The reward and the least value of the next state and a noisy action."""
+        """Reward plus discounted minimum value of the next state with a noisy action."""
         action = self.target_actor(batch.next_features).tanh()
         noise = (self.target_noise * torch.randn_like(action)).clamp_(-self.target_noise_clip, self.target_noise_clip)
         next_value = self.target_critics(batch.next_features, (action + noise).clamp_(-1.0, 1.0)).amin(0)
@@ -60,14 +59,14 @@ class TD3Loss(ActorCriticLoss):
         return target
 
     def actor_loss(self, batch: Batch) -> dict[str, Tensor]:
-        """The first critic's value of the actor's actions, negated."""
+        """The negated value of the actor's actions by the first critic."""
         action = self.actor_outputs(batch.features).tanh()
         values = self.critics[0](torch.cat((batch.features.detach(), action), -1))
         return {"loss_actor": -values.mean()}
 
 
 def build(env: EnvBase, settings: TD3Settings, device: torch.device | str = "cpu") -> Learner:
-    """TD3 for an environment; networks are drawn from torch's global generator."""
+    """TD3 for an environment. Initialized from torch's global generator."""
     m, encoder = action_size(env), make_encoder(env, settings)
     body = make_body(settings, encoder.size, m, layer_norm=settings.actor_layer_norm)
     critics = Critics([make_body(settings, encoder.size + m, 1, layer_norm=settings.critic_layer_norm) for _ in range(2)])

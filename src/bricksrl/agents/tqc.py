@@ -23,11 +23,11 @@ class TQCSettings(EntropySettings, TargetSettings):
     """Settings of TQC."""
 
     num_qs: Annotated[int, Range(1, 64)] = 2
-    """Critics that learn side by side."""
+    """Number of critics."""
     quantiles: Annotated[int, Range(2, 200)] = 25
-    """Quantiles of the return that each critic predicts."""
+    """Quantiles of the return per critic."""
     dropped: Annotated[int, Range(0, 200)] = 2
-    """Of these, the largest that are left out of the target, for each critic."""
+    """Number of largest quantiles per critic that the target omits."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -36,7 +36,7 @@ class TQCSettings(EntropySettings, TargetSettings):
 
 
 def build(env: EnvBase, settings: TQCSettings, device: torch.device | str = "cpu") -> Learner:
-    """TQC for an environment; networks are drawn from torch's global generator."""
+    """TQC for an environment. Initialized from torch's global generator."""
     m, encoder = action_size(env), make_encoder(env, settings)
     policy = gaussian_policy(encoder, make_body(settings, encoder.size, 2 * m), action_spec(env), min_scale=settings.min_scale)
     body = make_body(settings, encoder.size + m, settings.quantiles, layer_norm=settings.critic_layer_norm)

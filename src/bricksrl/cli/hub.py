@@ -54,7 +54,7 @@ class Program:
             print_line(source)
             return 0
         if self.out.suffix != ".py":
-            raise DescriptionError(f"'{self.out}' is no name of a program; end it in .py")
+            raise DescriptionError(f"'{self.out}' is not a name of a program; end it in .py")
         write_durably(self.out, f"{source}\n".encode())
         print_line(f"{len(source.splitlines())} lines: {self.out}")
         return 0
@@ -260,7 +260,7 @@ def _end_stop(text: str) -> tuple[str, tuple[float, float]]:
     try:
         low, high = float(match[2]), float(match[3])  # type: ignore[index]
     except (TypeError, ValueError):
-        raise DescriptionError(f"'{text}' is no pair of end stops; give one such as C=-90..120") from None
+        raise DescriptionError(f"'{text}' is not a pair of end stops; give one such as C=-90..120") from None
     if not low <= 0.0 <= high:
         raise DescriptionError(f"'{text}': the motor starts at 0; give a lowest angle below that and a highest above it")
     return match[1].upper(), (low, high)  # type: ignore[index]

@@ -24,7 +24,7 @@ def write_template(kind: str, path: Path) -> None:
     """
     if path.suffix != ".py" or not path.stem.isidentifier():
         raise DescriptionError(
-            f"'{path.name}' is no name of a Python file; give letters, digits and underscores, as in my_{kind}.py"
+            f"'{path.name}' is not a name of a Python file; give letters, digits and underscores, as in my_{kind}.py"
         )
     if path.exists():
         raise DescriptionError(f"{path} exists already; choose another name")

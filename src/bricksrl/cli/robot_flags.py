@@ -63,7 +63,7 @@ def parse_option(text: str) -> tuple[str, Any]:
     """
     name, equals, value = text.partition("=")
     if not (name.isidentifier() and equals):
-        raise DescriptionError(f"'{text}' is no option; give NAME=VALUE, such as sparse=true")
+        raise DescriptionError(f"'{text}' is not an option; give NAME=VALUE, such as sparse=true")
     try:
         return name, json.loads(value)
     except (ValueError, RecursionError):

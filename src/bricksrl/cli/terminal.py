@@ -63,7 +63,7 @@ def place_robot(_rng: np.random.Generator | None = None) -> None:
     sys.stderr.flush()
     if not (sys.stdin and sys.stdin.readline()):
         sys.stderr.write("\n")
-        raise RunError("nobody can be asked to place the robot: standard input is no terminal; start this in one")
+        raise RunError("nobody can be asked to place the robot: standard input is not a terminal; start this in one")
 
 
 def load_learning() -> None:

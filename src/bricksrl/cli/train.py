@@ -117,7 +117,7 @@ class Train:
         """Train, evaluate, report."""
         if self.resume is not None:
             if self.env is not None:
-                raise DescriptionError("a run that is resumed has an environment; leave ENV or --resume away")
+                raise DescriptionError("a run that is resumed has an environment; omit ENV or --resume")
             again = Resume(self.resume, self.episodes, self.page, self.live_page)
             return again.execute()
         if self.env is None:
@@ -129,7 +129,7 @@ class Train:
 
             return train_seeds(config, self.seeds, self.on)
         if self.on is not None:
-            raise DescriptionError("a single run needs no cluster; give --seeds, or leave --on away")
+            raise DescriptionError("a single run needs no cluster; give --seeds, or omit --on")
         from bricksrl.training import train
 
         address = self.live_page if self.page else None

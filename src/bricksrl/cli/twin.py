@@ -88,7 +88,7 @@ class Record:
             physics = None if self.physics is None else read_physics(self.physics)
             return HubLink(VirtualHub(make_body(robot, physics=physics, seed=self.seed)), robot, interface)
         if self.physics is not None:
-            raise TwinError("a real robot has its own physics; leave --physics away")
+            raise TwinError("a real robot has its own physics; omit --physics")
         if not (self.yes or yes(f"The {robot.name} will move at full speed. Has it a metre of room, and may it?")):
             raise TwinError(f"nobody said that the {robot.name} may move; answer y in a terminal, or give --yes")
         transport = address.transport()

@@ -55,7 +55,7 @@ def report(result: RunResult, evaluation: EvaluationResult) -> tuple[Path, str]:
 def check_film(path: Path) -> None:
     """Raise TwinError unless the name ends in .mp4."""
     if path.suffix.lower() != ".mp4":
-        raise TwinError(f"'{path}' is no name of a film; end it in .mp4")
+        raise TwinError(f"'{path}' is not a name of a film; end it in .mp4")
 
 
 @contextmanager

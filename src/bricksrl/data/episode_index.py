@@ -82,7 +82,7 @@ def read_episode_count(layout: Layout, description: Description) -> int:
     except OSError as error:
         raise DataError(f"cannot read {layout.info} ({error.strerror}); restore it from a copy") from None
     except (ValueError, RecursionError):
-        raise DataError(f"{layout.info} is no JSON; restore it, or run `bricksrl data repair {layout.root}`") from None
+        raise DataError(f"{layout.info} is not JSON; restore it, or run `bricksrl data repair {layout.root}`") from None
     if not isinstance(found, dict) or found.get("codebase_version") != CODEBASE_VERSION:
         raise DataError(f"{layout.info} is of no dataset in LeRobot's format {CODEBASE_VERSION}; choose another")
     if found.get("features") != features(description) or found.get("data_path") != DATA_PATH:

@@ -46,7 +46,7 @@ def decode(path: Path, count: int, side: int) -> NDArray[np.uint8]:
         data = b"" if process.stdout is None else process.stdout.read(wanted + 1)
         process.kill()
     if len(data) != wanted:
-        raise DataError(f"{path} is no video of {count} images of {side} x {side} px; restore it from a copy")
+        raise DataError(f"{path} is not a video of {count} images of {side} x {side} px; restore it from a copy")
     return np.frombuffer(data, np.uint8).reshape(count, side, side, 3)
 
 
@@ -56,6 +56,4 @@ def _ffmpeg() -> str:
     try:
         return str(imageio_ffmpeg.get_ffmpeg_exe())
     except RuntimeError:
-        raise DataError(
-            "no ffmpeg is here to handle videos with; install imageio-ffmpeg anew: pip install imageio-ffmpeg"
-        ) from None
+        raise DataError("there is no ffmpeg for videos; reinstall imageio-ffmpeg: pip install imageio-ffmpeg") from None

@@ -152,7 +152,7 @@ def _episodes(
 def _require(arrays: Arrays, names: tuple[str, ...], folder: Path) -> None:
     missing = [name for name in names if name not in arrays]
     if missing:
-        raise DataError(f"{folder} has no tensor {', '.join(missing)}; it is no dataset of the paper")
+        raise DataError(f"{folder} has no tensor {', '.join(missing)}; it is not a dataset of the paper")
     for name in names:
         with np.errstate(all="ignore"):
             sound = np.isfinite(arrays[name].astype(np.float32)).all()
@@ -208,12 +208,12 @@ def read_tensors(folder: Path) -> Arrays:
     meta = folder / "meta.json"
     try:
         if meta.stat().st_size > _MAX_META_BYTES:
-            raise DataError(f"{meta} is too large for what it should hold; it is none of the paper's")
+            raise DataError(f"{meta} is too large for what it should hold; it is not of the paper")
         tensors = json.loads(meta.read_bytes())
     except OSError as error:
         raise DataError(f"cannot read {meta} ({error.strerror}); choose a folder with memory-mapped tensors") from None
     except (ValueError, RecursionError):
-        raise DataError(f"{meta} is no JSON; restore it from a copy") from None
+        raise DataError(f"{meta} is not JSON; restore it from a copy") from None
     if not isinstance(tensors, dict):
         raise DataError(f"{meta} describes no tensors; restore it from a copy")
     return {name: _read_tensor(folder, name, entry) for name, entry in tensors.items() if _is_tensor(entry)}
@@ -227,7 +227,7 @@ def _read_tensor(folder: Path, name: str, entry: dict[str, Any]) -> NDArray[Any]
     kind, shape = _TYPES.get(str(entry["dtype"])), entry["shape"]
     sound = isinstance(shape, list) and len(shape) <= 8 and all(type(side) is int and side >= 0 for side in shape)
     if kind is None or not sound or not name.isidentifier():
-        raise DataError(f"{folder / 'meta.json'} describes a tensor '{name}' that is none of the paper's; restore it from a copy")
+        raise DataError(f"{folder / 'meta.json'} describes a tensor '{name}' that is not of the paper; restore it from a copy")
     path = folder / f"{name}.memmap"
     try:
         data = path.read_bytes()

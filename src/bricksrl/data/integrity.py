@@ -102,4 +102,4 @@ def _files(index: Index) -> Iterator[str]:
         if path.name.startswith(TEMPORARY_PREFIX) or path in unfinished:
             yield f"{inside} was left by a recording that was killed; run `bricksrl data repair {layout.root}`"
         elif not (beyond and inside.parts[0] in ("data", "videos")):
-            yield f"{inside} is no file of a dataset; it was not opened"
+            yield f"{inside} is not a file of a dataset; it was not opened"

@@ -54,11 +54,11 @@ def read_parquet(path: Path, columns: Sequence[str] | None = None, *, digest: st
             raise DataError(f"{path} claims more rows than it can hold; it is damaged or not ours")
         missing = set(columns or ()) - set(file.schema_arrow.names)
         if missing:
-            raise DataError(f"{path} has no column {', '.join(sorted(missing))}; it is no file of such a dataset")
+            raise DataError(f"{path} has no column {', '.join(sorted(missing))}; it is not a file of such a dataset")
         table = file.read(columns=columns)
         table.validate(full=True)
     except (pa.ArrowException, OSError, ValueError, TypeError, OverflowError, MemoryError, RecursionError):
-        raise DataError(f"{path} is no sound Parquet file; restore it from a copy") from None
+        raise DataError(f"{path} is not a valid Parquet file; restore it from a copy") from None
     return table
 
 
@@ -87,10 +87,10 @@ def from_table(table: pa.Table, description: Description, names: Iterable[str], 
         column = table[name].combine_chunks()
         wanted = kind if n == 1 else pa.list_(kind, n)
         if not (column.type == wanted or _is_list_of(column.type, kind)) or column.null_count:
-            raise DataError(f"{where}: column {name} is {column.type}, not {wanted}; it is no file of this dataset")
+            raise DataError(f"{where}: column {name} is {column.type}, not {wanted}; it is not a file of this dataset")
         flat = column if n == 1 else column.flatten()
         if len(flat) != n * len(column) or flat.null_count:
-            raise DataError(f"{where}: column {name} has rows of another length than {n}; it is no file of this dataset")
+            raise DataError(f"{where}: column {name} has rows of another length than {n}; it is not a file of this dataset")
         values = flat.to_numpy(zero_copy_only=False)
         arrays[name] = values if n == 1 else values.reshape(-1, n)
     return arrays

@@ -64,7 +64,7 @@ class Description:
         try:
             values = json.loads(data)
         except (ValueError, RecursionError):
-            raise DataError(f"{where} is no JSON; restore it from a copy") from None
+            raise DataError(f"{where} is not JSON; restore it from a copy") from None
         if not isinstance(values, dict) or values.pop("bricksrl_dataset", None) != VERSION:
             raise DataError(f"{where} describes no dataset of this version of BricksRL; choose another")
         try:

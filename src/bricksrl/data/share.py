@@ -61,7 +61,7 @@ def pull_dataset(repo: str, out: Path, *, revision: str | None = None) -> Path:
         DataError: ``out`` exists, there is no such dataset of BricksRL, it is damaged, or the hub is out of reach.
     """
     with fetched(repo, "dataset", out, _PATTERNS, revision) as folder:
-        wrong = [line for line in check(folder) if "is no file of a dataset" not in line]
+        wrong = [line for line in check(folder) if "is not a file of a dataset" not in line]
         if wrong:
             raise DataError(
                 f"{repo} is not sound: {wrong[0].replace(str(folder), repo)}; ask its owner, or take another revision"
@@ -111,7 +111,7 @@ def reaching(repo: str) -> Iterator[HfApi]:
     except LocalTokenNotFoundError:
         raise DataError("the hub does not know who you are; log in with `hf auth login`, or set HF_TOKEN") from None
     except HFValidationError:
-        raise DataError(f"'{repo}' is no name on the hub; give one like name/dataset") from None
+        raise DataError(f"'{repo}' is not a name on the hub; give one like name/dataset") from None
     except (RepositoryNotFoundError, RevisionNotFoundError):
         raise DataError(f"the hub shows no {repo} to you; check its name and revision, or log in with `hf auth login`") from None
     except HfHubHTTPError as error:

@@ -120,16 +120,16 @@ def make(
     check_mujoco()  # TorchRL imports it, whatever the environment
     if offer.kinematics is not None:
         if replace(options, options={}) != EnvOptions():
-            raise DescriptionError(f"{env_id} is simulated without a robot; leave hub, realtime, physics and the like away")
+            raise DescriptionError(f"{env_id} is simulated without a robot; omit hub, realtime, physics and the like")
         from bricksrl.envs.simulation import SimulatedEnv
 
         return SimulatedEnv(task, kinematics or offer.kinematics, batch_size=batch_size, device=device, seed=seed)
     if batch_size or device != "cpu" or kinematics is not None:
-        raise DescriptionError(f"{env_id} is one robot; leave batch_size, device and kinematics away")
+        raise DescriptionError(f"{env_id} is one robot; omit batch_size, device and kinematics")
     if address.is_virtual:
         return _on_twin(task, options, seed)
     if options.realtime or options.physics_or_draw is not None:
-        raise DescriptionError("a real robot has its own time and physics; leave realtime and physics away")
+        raise DescriptionError("a real robot has its own time and physics; omit realtime and physics")
     if "calibration" not in options.options:
         task = _with_saved_red(task)
     return _on_robot(task, options, address.transport(), seed, place)

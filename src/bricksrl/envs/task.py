@@ -95,7 +95,7 @@ class Task:
 
     def __post_init__(self) -> None:
         if re.fullmatch(r"\w+-v\d+", self.id) is None:
-            raise DescriptionError(f"'{self.id}' is no id for a task; take a name and a version, such as 'MyTask-v0'")
+            raise DescriptionError(f"'{self.id}' is not an id for a task; take a name and a version, such as 'MyTask-v0'")
         if self.max_steps < 1:
             raise DescriptionError(f"task {self.id}: an episode of {self.max_steps} steps is empty; give max_steps of 1 or more")
         if self.target is not None:

@@ -64,7 +64,7 @@ def trust(folder: Path) -> tuple[str, ...]:
             try:
                 found = json.loads(data)
             except (ValueError, RecursionError):
-                raise RunError(f"{path} is no JSON; restore the file") from None
+                raise RunError(f"{path} is not JSON; restore the file") from None
             try:
                 _keep(data)
             except OSError as error:

@@ -108,7 +108,7 @@ def load_robot(reference: str) -> tuple[Robot, Scene | None]:
     if isinstance(found_object, Task):
         return found_object.robot, found_object.scene
     if not isinstance(found_object, Robot):
-        raise DescriptionError(f"{reference} is no robot; name a bricksrl.robots.Robot that is written there")
+        raise DescriptionError(f"{reference} is not a robot; name a bricksrl.robots.Robot that is written there")
     return found_object, None
 
 
@@ -152,7 +152,7 @@ def failure_of_user(error: BaseException) -> str | None:
 def _run_file(path: Path) -> ModuleType:
     spec = importlib.util.spec_from_file_location(f"bricksrl_own_{path.stem}", path)
     if spec is None or spec.loader is None:
-        raise ImportError(f"{path} is no Python file")
+        raise ImportError(f"{path} is not a Python file")
     module = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = module  # dataclasses of the file look it up
     spec.loader.exec_module(module)

@@ -127,7 +127,7 @@ class _Checked:
             raise Broken("nothing was learned; fill the memory, and give updates_per_step")
         wrong = [name for name, value in losses.items() if not bool(torch.isfinite(value))]
         if wrong:
-            raise Broken(f"{', '.join(wrong)} is no number after {learner.updates} updates")
+            raise Broken(f"{', '.join(wrong)} is not a number after {learner.updates} updates")
         if all(torch.equal(one, other) for one, other in zip(before, learner.parameters(), strict=True)):
             raise Broken(f"{learner.updates} updates changed nothing; let the optimizer have the loss's parameters")
         return f"{learner.updates} updates: {', '.join(f'{name} {float(value):.3g}' for name, value in losses.items())}"

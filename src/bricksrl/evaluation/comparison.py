@@ -106,9 +106,7 @@ def compare(paths: Sequence[Path]) -> Comparison:
         scores = tuple(run.evaluation if evaluated and run.evaluation is not None else run.curve[-1] for run in members)
         seeds = tuple(run.config.seed for run in members)
         if len(set(seeds)) < len(seeds):
-            raise RunError(
-                f"two runs of {members[0].config.agent} in {env} have the same seed; they would count twice, leave one out"
-            )
+            raise RunError(f"two runs of {members[0].config.agent} in {env} have the same seed; they would count twice, omit one")
         label = _label(members[0], [kind[0] for (place, _), kind in by_kind.items() if place == env])
         curves, steps = tuple(run.curve for run in members), max(run.steps for run in members)
         groups.append(Group(env, label, seeds, scores, curves, steps, reference_lines(env, members[0].config.options)))
@@ -130,7 +128,7 @@ class _Run:
         folder = RunFolder(path)
         config, episodes = folder.read_config(), folder.read_episodes()
         if not episodes:
-            raise RunError(f"the run in {path} has no episode yet; leave it out")
+            raise RunError(f"the run in {path} has no episode yet; omit it")
         curve = tuple(moving_mean([episode.return_ for episode in episodes], WINDOW))
         return cls(config, curve, episodes[-1].steps, _evaluation(folder, episodes))
 

@@ -231,7 +231,7 @@ def side_by_side(left: Path, right: Path, path: Path, height: int = 540) -> Path
     command += ["-t", f"{longest_s:.2f}", "-c:v", "libx264", "-pix_fmt", "yuv420p", "-crf", "26", "-movflags", "+faststart"]
     done = subprocess.run([*command, str(path)], capture_output=True, text=True, check=False)  # noqa: S603  our own arguments
     if done.returncode:
-        raise TwinError(f"{left} and {right} cannot be joined ({' '.join(done.stderr.split())[:120]}); make them anew")
+        raise TwinError(f"{left} and {right} cannot be joined ({' '.join(done.stderr.split())[:120]}); make them again")
     return path
 
 

@@ -71,7 +71,7 @@ def seed_folder(folder: Path, seed: int) -> Path:
 def check_count(count: int) -> None:
     """Raise RunError unless ``count`` is an allowed number of seeds."""
     if not 2 <= count <= MOST_SEEDS:
-        raise RunError(f"seeds is {count}; give 2 to {MOST_SEEDS}, or leave --seeds away")
+        raise RunError(f"seeds is {count}; give 2 to {MOST_SEEDS}, or omit --seeds")
 
 
 def train_seeds(

@@ -43,7 +43,7 @@ def read_settings(path: Path, settings: S) -> S:
     except OSError as error:
         raise DescriptionError(f"cannot read the settings {path} ({error.strerror}); give a JSON file") from None
     except (ValueError, RecursionError):
-        raise DescriptionError(f'{path} is no JSON; write settings as {{"learning_rate": 3e-4}}') from None
+        raise DescriptionError(f'{path} is not JSON; write settings as {{"learning_rate": 3e-4}}') from None
     given = data.get("settings", data) if isinstance(data, dict) else None
     if not isinstance(given, dict):
         raise DescriptionError(f'{path} holds no names and values; write settings as {{"learning_rate": 3e-4}}')

@@ -116,7 +116,7 @@ def wilson_interval(successes: int, trials: int, *, confidence: float = 0.95) ->
         DescriptionError: there are no trials, or the successes are not between 0 and ``trials``.
     """
     if trials < 1 or not 0 <= successes <= trials:
-        raise DescriptionError(f"{successes} successes in {trials} trials is no rate; give 0 to {max(trials, 1)} of at least 1")
+        raise DescriptionError(f"{successes} successes in {trials} trials is not a rate; give 0 to {max(trials, 1)} of 1 or more")
     z = NormalDist().inv_cdf(0.5 + confidence / 2.0)
     rate = successes / trials
     scale = 1.0 + z * z / trials

@@ -98,7 +98,7 @@ class _OfImu(Channel):
         if not robot.hub.model.has_imu:
             raise DescriptionError(
                 f"channel '{self.name}' needs an IMU, which the {robot.hub.value} hub lacks; "
-                "choose a prime, essential or technic hub, or leave the channel out"
+                "choose a prime, essential or technic hub, or omit the channel"
             )
 
 
@@ -229,7 +229,7 @@ class Distance(Channel):
 
     def check(self, robot: Robot) -> None:
         if not isinstance(robot.sensor(self.sensor), UltrasonicSensor):
-            raise DescriptionError(f"channel '{self.name}': '{self.sensor}' is no UltrasonicSensor; use a SensorReading")
+            raise DescriptionError(f"channel '{self.name}': '{self.sensor}' is not an UltrasonicSensor; use a SensorReading")
 
     @property
     def expression(self) -> str:

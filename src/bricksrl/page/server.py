@@ -226,7 +226,7 @@ class PageServer:
 def _listen(options: PageOptions) -> socket.socket:
     """Open a listening socket on the given port, or on the first free one."""
     if options.port is not None and not 0 <= options.port < 65536:
-        raise PageError(f"{options.port} is no port; give one in 0 to 65535, or none")
+        raise PageError(f"{options.port} is not a port; give one in 0 to 65535, or none")
     failed: OSError | None = None
     for port in PORTS if options.port is None else (options.port,):
         try:

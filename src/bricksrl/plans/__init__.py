@@ -1,1 +1,1 @@
-"""Building plans: from an LDraw file to connections, bodies and hinges, parts list and building steps."""
+"""Building plans: LDraw files, connections, bodies and joints, parts lists, building steps."""

@@ -1,7 +1,7 @@
-"""Rigid bodies of a plan, the joints between them, and which motions they leave. LDraw units, the plan's frame.
+"""Rigid bodies of a plan, the joints between them and their possible motions. LDraw units, plan frame.
 
-A motion is given by six rates of each body, linear at the plan's origin and angular; each joint and each pair of gears in mesh
-makes some sums of them zero. What is left over is the null space of these equations.
+A motion is six rates per body (linear at the plan's origin, angular). Each joint and each gear mesh is a linear constraint on
+the rates; the motions are the null space.
 """
 
 from __future__ import annotations
@@ -18,24 +18,23 @@ from bricksrl.plans.part import DeviceKind, Fit, Site
 from bricksrl.plans.plan import Placed
 
 RATE_LENGTH = 100.0
-"""LDU; turning is counted as what a point moves so far from the axis, so that turning and moving are alike."""
-_SMALL, _STILL = 1e-4, 1e-4
-_SAME_AXIS = 1.5
+"""LDU: scales angular rates, so that linear and angular rates have the same magnitude."""
+_RANK_TOLERANCE, _MOTION_TOLERANCE = 1e-4, 1e-4
+_AXIS_TOLERANCE = 1.5
 MAX_BODIES = 250
-"""More than these are not searched for motions."""
-_LOOSE_REACH = 60.0
+"""No motions are computed above this number."""
+_MAX_LOOSE_DISTANCE = 60.0
 _STOP_LOW, _STOP_HIGH = -2.0, 9.0
-"""How far a bush may be from a beam and still keep an axle from sliding: 3.6 mm of play."""
+"""Distance between bush and beam at which an axle still cannot slide: up to 3.6 mm of play."""
 
 
 @dataclass(frozen=True)
 class Joint:
-    """Two bodies that turn, or also slide, against each other about one axis.
+    """A hinge between two bodies, which may also slide along its axis.
 
     Attributes:
         bodies: indices of the bodies.
-        slides: whether nothing keeps them from sliding along the axis.
-        motor: index of the motor whose shaft this is, ``None`` for others.
+        motor: index of the motor whose shaft this is, or ``None``.
     """
 
     bodies: tuple[int, int]
@@ -47,13 +46,12 @@ class Joint:
 
 @dataclass(frozen=True)
 class Bodies:
-    """The rigid bodies.
+    """Rigid bodies.
 
     Attributes:
-        members: for each body, the parts in it; a motor's index is that of its case.
-        rotors: for each body, the motors whose turning piece belongs to it.
-        joints: between different bodies.
-        meshes: pairs of bodies and the equation of their gears.
+        members: parts of each body; a motor's case counts as the motor.
+        rotors: motors whose rotor belongs to each body.
+        meshes: pairs of bodies with their gear mesh.
     """
 
     members: tuple[tuple[int, ...], ...]
@@ -62,20 +60,20 @@ class Bodies:
     meshes: tuple[tuple[int, int, Mesh], ...]
 
     def body_of(self, part: int) -> int:
-        """The body that holds a part, or a motor's case."""
+        """Index of the body with a part or a motor's case."""
         return next(number for number, members in enumerate(self.members) if part in members)
 
     def rotor_body(self, motor: int) -> int:
-        """The body that holds what a motor turns."""
+        """Index of the body with a motor's rotor."""
         return next(number for number, rotors in enumerate(self.rotors) if motor in rotors)
 
     def motions(self, *, locked: Iterable[int] = ()) -> Floats:
-        """Motions that are left [6 x bodies, n], orthonormal, the first body at rest and the motors in ``locked`` braked."""
-        rows = [_placed_row(np.eye(6), 0, None, len(self.members))]
+        """Possible motions [6 x bodies, n], orthonormal; the first body is at rest, the motors in ``locked`` are braked."""
+        rows = [_constraint_rows(np.eye(6), 0, None, len(self.members))]
         braked = set(locked)
         for joint in self.joints:
             block = _joint_rows(joint.point, joint.axis, slides=joint.slides, turns=joint.motor not in braked)
-            rows.append(_placed_row(block, joint.bodies[0], joint.bodies[1], len(self.members)))
+            rows.append(_constraint_rows(block, joint.bodies[0], joint.bodies[1], len(self.members)))
         for first, second, mesh in self.meshes:
             row = np.zeros((1, 6 * len(self.members)))
             scaled = np.concatenate([mesh.motion[:, :3], mesh.motion[:, 3:] / RATE_LENGTH], axis=1)
@@ -85,7 +83,7 @@ class Bodies:
         return _null_space(np.concatenate(rows))
 
     def rates(self, motor: int, motions: Floats) -> Floats:
-        """How fast a motor's shaft turns against its case in each of the motions [n]."""
+        """Angular rate of a motor's shaft relative to its case in each motion [n]."""
         joint = next(joint for joint in self.joints if joint.motor == motor)
         case, rotor = joint.bodies
         turning = motions[6 * rotor + 3 : 6 * rotor + 6] - motions[6 * case + 3 : 6 * case + 6]
@@ -93,13 +91,13 @@ class Bodies:
 
 
 def _null_space(rows: Floats) -> Floats:
-    """Orthonormal columns [m, n] that the equations [k, m] make zero."""
+    """Orthonormal basis [m, n] of the null space of ``rows`` [k, m]."""
     sizes, directions = np.linalg.eigh(rows.T @ rows)
-    return np.asarray(directions[:, sizes < _SMALL**2])
+    return np.asarray(directions[:, sizes < _RANK_TOLERANCE**2])
 
 
 def _joint_rows(point: Floats, axis: Floats, *, slides: bool, turns: bool = True) -> Floats:
-    """Equations [3..6, 6] of the difference of two bodies' rates."""
+    """Constraints [3..6, 6] on the difference of two bodies' rates."""
     helper = np.eye(3)[int(np.argmin(np.abs(axis)))]
     first = np.cross(axis, helper)
     first /= np.linalg.norm(first)
@@ -109,7 +107,7 @@ def _joint_rows(point: Floats, axis: Floats, *, slides: bool, turns: bool = True
     return np.array(rows)
 
 
-def _placed_row(block: Floats, first: int, second: int | None, count: int) -> Floats:
+def _constraint_rows(block: Floats, first: int, second: int | None, count: int) -> Floats:
     rows = np.zeros((len(block), 6 * count))
     rows[:, 6 * first : 6 * first + 6] = block
     if second is not None:
@@ -118,26 +116,26 @@ def _placed_row(block: Floats, first: int, second: int | None, count: int) -> Fl
 
 
 class _Groups:
-    """Sets that grow together."""
+    """Disjoint sets (union-find)."""
 
     def __init__(self, count: int) -> None:
-        self._above = list(range(count))
+        self._parents = list(range(count))
 
     def find(self, node: int) -> int:
         """The representative of a node's set."""
-        while self._above[node] != node:
-            self._above[node] = self._above[self._above[node]]
-            node = self._above[node]
+        while self._parents[node] != node:
+            self._parents[node] = self._parents[self._parents[node]]
+            node = self._parents[node]
         return node
 
     def join(self, first: int, second: int) -> None:
-        """Make two sets one."""
-        self._above[self.find(first)] = self.find(second)
+        """Merge two sets."""
+        self._parents[self.find(first)] = self.find(second)
 
 
 @dataclass(frozen=True)
 class _Link:
-    """A connection that works, between two nodes: a part, or the piece of a motor that turns, ``len(parts) + index``."""
+    """A connection between two nodes: a part, or the rotor of a motor, ``len(parts) + index``."""
 
     connection: Connection
     male: int
@@ -145,14 +143,13 @@ class _Link:
 
     @property
     def is_axle(self) -> bool:
-        """It may slide."""
         return self.connection.male_site.fit is Fit.AXLE
 
 
 def find_bodies(parts: Sequence[Placed], found: Sequence[Connection], meshes: Sequence[Mesh]) -> Bodies:
-    """The bodies of the parts: the heaviest one first, without parts that nothing connects to it.
+    """The bodies of the parts, the heaviest first; bodies that are not connected to it are left out.
 
-    Two parts are one body where their connections leave no motion between them, then also where all others together leave none.
+    Parts are one body if their connections leave no relative motion, first in pairs, then in the whole mechanism.
     """
     count = len(parts)
     links = [
@@ -164,18 +161,18 @@ def find_bodies(parts: Sequence[Placed], found: Sequence[Connection], meshes: Se
     for link in links:
         if link.connection.is_rigid:
             groups.join(link.male, link.female)
-    _hold_fasteners(parts, links, groups)
-    _hold_loose(parts, groups)
+    _join_fasteners(parts, links, groups)
+    _join_loose(parts, groups)
     while True:
         while _merge_rigid(links, groups):
             pass
         bodies, roots = _bodies(parts, links, meshes, groups)
-        if len(roots) > MAX_BODIES or not _merge_still(bodies, roots, groups):
+        if len(roots) > MAX_BODIES or not _merge_equal_motions(bodies, roots, groups):
             return bodies
 
 
 def _bodies(parts: Sequence[Placed], links: Sequence[_Link], meshes: Sequence[Mesh], groups: _Groups) -> tuple[Bodies, list[int]]:
-    """The bodies as they are joined by now, and the representative of each."""
+    """The current bodies and the representative of each."""
     count = len(parts)
     motors = [placed.index for placed in parts if any(site.turns for site in placed.part.sites)]
     roots = _ordered(parts, motors, links, groups)
@@ -203,7 +200,7 @@ def _bodies(parts: Sequence[Placed], links: Sequence[_Link], meshes: Sequence[Me
 
 
 def _between(links: Sequence[_Link], groups: _Groups) -> dict[tuple[int, int], list[list[_Link]]]:
-    """The connections between each two bodies, in bundles about one axis; those that cannot slide come first in theirs."""
+    """The connections between each pair of bodies, grouped by axis; in each group those that cannot slide come first."""
     found: dict[tuple[int, int], list[list[_Link]]] = {}
     for link in sorted(links, key=lambda one: one.is_axle):
         first, second = groups.find(link.male), groups.find(link.female)
@@ -219,7 +216,7 @@ def _between(links: Sequence[_Link], groups: _Groups) -> dict[tuple[int, int], l
 
 
 def _line_of(bundle: Sequence[_Link]) -> tuple[Floats, Floats]:
-    """Middle and direction of what connects two bodies about one axis; they depend on nothing but where the parts are."""
+    """Midpoint and direction of coaxial connections; independent of their order."""
     axis = bundle[0].connection.axis
     axis = axis * np.sign(axis[int(np.argmax(np.abs(np.round(axis, 6))))])
     points = np.array([link.connection.point for link in bundle])
@@ -230,19 +227,19 @@ def _line_of(bundle: Sequence[_Link]) -> tuple[Floats, Floats]:
 
 def _is_coaxial(one: Connection, other: Connection) -> bool:
     aside = np.linalg.norm(np.cross(other.point - one.point, one.axis))
-    return bool(aside < _SAME_AXIS and np.linalg.norm(np.cross(one.axis, other.axis)) < 0.05)
+    return bool(aside < _AXIS_TOLERANCE and np.linalg.norm(np.cross(one.axis, other.axis)) < 0.05)
 
 
 def _shaft(placed: Placed) -> tuple[Floats, Floats]:
-    """Where a motor's shaft is, and the direction in which it points out."""
+    """Position and outward direction of a motor's shaft."""
     site = next(site for site in placed.part.sites if site.turns and site.fit is Fit.AXLE_HOLE)
     device = placed.part.device
     shaft = device.shaft if device is not None and device.kind is DeviceKind.MOTOR and device.shaft else site.axis
     return placed.to_plan(np.array([site.centre]))[0], placed.rotation @ np.array(shaft)
 
 
-def _hold_fasteners(parts: Sequence[Placed], links: Sequence[_Link], groups: _Groups) -> None:
-    """Join each pin, and each axle that nothing is fixed to, with a part that it goes through: its own turning is nothing."""
+def _join_fasteners(parts: Sequence[Placed], links: Sequence[_Link], groups: _Groups) -> None:
+    """Join each pin, and each axle that nothing is fixed to, to a part around it: its own rotation does not matter."""
     fixed = {node for link in links if link.connection.is_rigid for node in (link.male, link.female)}
     for link in links:
         sites = parts[link.connection.male].part.sites
@@ -252,20 +249,20 @@ def _hold_fasteners(parts: Sequence[Placed], links: Sequence[_Link], groups: _Gr
             fixed.add(link.male)
 
 
-def _hold_loose(parts: Sequence[Placed], groups: _Groups) -> None:
-    """Join what holds by something that is not modelled with the nearest part: a tyre with its rim, a sensor with its plate."""
+def _join_loose(parts: Sequence[Placed], groups: _Groups) -> None:
+    """Join parts with unmodelled connections to the nearest part, such as a tyre to its rim."""
     for placed in parts:
         others = [one for one in parts if one.index != placed.index and not one.part.is_loose]
         if placed.part.family == "tyres":
             others = [one for one in others if one.part.family == "wheels"]
         if placed.part.is_loose and others:
             nearest = min(others, key=lambda one: float(np.linalg.norm(one.position - placed.position)))
-            if np.linalg.norm(nearest.position - placed.position) < _LOOSE_REACH:
+            if np.linalg.norm(nearest.position - placed.position) < _MAX_LOOSE_DISTANCE:
                 groups.join(placed.index, nearest.index)
 
 
 def _merge_rigid(links: Sequence[_Link], groups: _Groups) -> bool:
-    """Join bodies whose connections leave no motion between the two; whether there were any."""
+    """Join pairs of bodies without relative motion. Returns whether there were any."""
     merged = False
     for pair, kept in _between(links, groups).items():
         if len(kept) < 2:
@@ -278,14 +275,14 @@ def _merge_rigid(links: Sequence[_Link], groups: _Groups) -> bool:
     return merged
 
 
-def _merge_still(bodies: Bodies, roots: Sequence[int], groups: _Groups) -> bool:
-    """Join bodies that move alike in all motions; whether there were any."""
+def _merge_equal_motions(bodies: Bodies, roots: Sequence[int], groups: _Groups) -> bool:
+    """Join bodies with equal rates in all motions. Returns whether there were any."""
     motions = bodies.motions()
     merged = False
     for number, root in enumerate(roots):
         rates = motions[6 * number : 6 * number + 6]
         for other in range(number):
-            if np.abs(motions[6 * other : 6 * other + 6] - rates).max(initial=0.0) < _STILL:
+            if np.abs(motions[6 * other : 6 * other + 6] - rates).max(initial=0.0) < _MOTION_TOLERANCE:
                 groups.join(root, roots[other])
                 merged = True
                 break
@@ -293,7 +290,7 @@ def _merge_still(bodies: Bodies, roots: Sequence[int], groups: _Groups) -> bool:
 
 
 def _ordered(parts: Sequence[Placed], motors: Sequence[int], links: Sequence[_Link], groups: _Groups) -> list[int]:
-    """Representatives of the bodies that hang together with the heaviest one, that one first."""
+    """Representatives of the bodies connected to the heaviest one, which comes first."""
     count = len(parts)
     masses: dict[int, float] = defaultdict(float)
     for placed in parts:
@@ -312,7 +309,7 @@ def _ordered(parts: Sequence[Placed], motors: Sequence[int], links: Sequence[_Li
 
 
 def _sliding(parts: Sequence[Placed], links: Sequence[_Link], groups: _Groups) -> set[frozenset[int]]:
-    """Pairs of bodies of which one can slide on the other's axle: no part that is fixed to the axle stops it both ways."""
+    """Pairs of bodies that slide along a common axle: no part fixed to the axle stops them in both directions."""
     holders: dict[int, list[Connection]] = defaultdict(list)
     for link in links:
         if link.is_axle and groups.find(link.male) == groups.find(link.female):
@@ -323,7 +320,7 @@ def _sliding(parts: Sequence[Placed], links: Sequence[_Link], groups: _Groups) -
         if not link.is_axle or first == second:
             continue
         ends = stops[frozenset((first, second))]
-        # The two directions along parallel axles are the same two, whichever of the bodies has the axle.
+        # Parallel axles have the same two directions, whichever of the bodies has the axle.
         sign = float(np.sign(one.axis[int(np.argmax(np.abs(one.axis)))])) * (1 if first < second else -1)
         low, high = _span(parts[one.female], one.female_site, one)
         for fixed in holders[link.male]:
@@ -334,6 +331,6 @@ def _sliding(parts: Sequence[Placed], links: Sequence[_Link], groups: _Groups) -
 
 
 def _span(placed: Placed, site: Site, link: Connection) -> tuple[float, float]:
-    """Where a hole begins and ends along an axle, from the middle of the connection."""
+    """Ends of a hole along an axle, from the middle of the connection."""
     middle = float((placed.to_plan(np.array([site.centre]))[0] - link.point) @ link.axis)
     return middle - site.length / 2, middle + site.length / 2

@@ -1,7 +1,7 @@
-"""The booklet of a plan: cover, parts list, a page for each step, cables. PDF or HTML; no LDraw library, no OpenGL.
+"""Building instructions as PDF or HTML: cover, parts list, one page per step, cables. No LDraw library, no OpenGL.
 
-In a step the new parts are in colour and the others faded; where new parts are hidden their outline is orange, also that of pins,
-axles and bushes that other new parts hide. On the page of the cables each end has the letter of its port.
+In a step the new parts are coloured and the others faded. Hidden new parts, and pins, axles and bushes behind other new parts,
+have an orange outline. On the page of cables both ends have the letter of the port.
 """
 
 from __future__ import annotations
@@ -27,13 +27,13 @@ from bricksrl.plans.plan import Placed, Plan, Step
 from bricksrl.plotting import import_matplotlib
 
 _STEP_SIZE, _COVER_SIZE, _PART_SIZE = (760, 540), (820, 560), (150, 110)
-_HIDDEN = 0.35
-"""Share of the new parts' points that has to be seen from the usual side; else the model is turned."""
-_SUNK, _FASTENERS = 0.25, ("pins", "axles", "bushes")
-"""A new part of these families is outlined where less of it than that share is seen."""
+_MIN_VISIBLE = 0.35
+"""Minimum visible share of the new parts in the default view; below it another view is chosen."""
+_MIN_FASTENER_VISIBLE, _FASTENERS = 0.25, ("pins", "axles", "bushes")
+"""Families, and the visible share below which a new part of them is outlined."""
 _PART_ZOOM = 2.4
 _NOTE_WIDTH = 120
-"""Letters of a line of a step's note."""
+"""Characters per line of a note."""
 _A_PAGE = 16
 _MODULE_IN = 8 / 25.4
 _CABLE = "#c2410c"
@@ -42,7 +42,7 @@ FORMATS = (".pdf", ".html")
 
 @dataclass(frozen=True)
 class Item:
-    """A kind of part on a page: its picture, what it is, and how many."""
+    """A kind of part on a page: picture, text, count."""
 
     picture: Pixels
     count: int
@@ -52,7 +52,7 @@ class Item:
 
 @dataclass(frozen=True)
 class Cable:
-    """A cable: its port, what the page says of it, and where port and device are in the picture, pixels from the left and top."""
+    """A cable: port, text, and positions of port and device in the picture (pixels from the left and top)."""
 
     port: str
     text: str
@@ -61,7 +61,7 @@ class Cable:
 
 @dataclass(frozen=True)
 class Page:
-    """A page: a picture or none, and kinds of parts or lines of text."""
+    """A page: a picture or ``None``, and items or lines of text."""
 
     head: str
     note: str
@@ -72,10 +72,10 @@ class Page:
 
 
 def write_booklet(plan: Plan, path: Path) -> int:
-    """Write the booklet; the number of its pages.
+    """Write the booklet. Returns the number of pages.
 
     Raises:
-        PlanError: the file's ending is not ``.pdf`` or ``.html``, or the plan has no parts.
+        PlanError: the suffix is not ``.pdf`` or ``.html``, or the plan has no parts.
     """
     if path.suffix.lower() not in FORMATS:
         raise PlanError(f"{path}: a booklet is a .pdf or .html file; name one of these")
@@ -88,12 +88,12 @@ def write_booklet(plan: Plan, path: Path) -> int:
 
 
 def pages_of(plan: Plan) -> Iterator[Page]:
-    """All pages, in their order."""
+    """All pages in order."""
     entries = parts_list(plan)
     text = f"{len(plan.parts)} parts of {len(entries)} kinds and colours · {len(plan.steps)} steps · {plan.mass_g:.0f} g"
     yield Page(plan.title, text, draw(plan.parts, _COVER_SIZE), ())
     for start in range(0, len(entries), _A_PAGE):
-        items = tuple(_listed(entry) for entry in entries[start : start + _A_PAGE])
+        items = tuple(_item(entry) for entry in entries[start : start + _A_PAGE])
         yield Page("Parts", "", None, items)
     times = Counter(_kind(step) for step in plan.steps)
     number = 0
@@ -108,18 +108,18 @@ def pages_of(plan: Plan) -> Iterator[Page]:
     if cables:
         for placed in plan.parts:
             canvas.add(placed)
-        note = "Plug in the cables last, and keep them away from what turns."
+        note = "Plug in the cables last, and keep them away from moving parts."
         yield Page("Cables", note, canvas.picture(set()), (), tuple(cable.text for cable in cables), cables)
 
 
 def _kind(step: Step) -> tuple[str, int]:
-    """What a step of a sub-assembly builds, which may be needed several times: its model, and where in that it is."""
+    """Key of a repeatable step: the model of its sub-assembly and its index there."""
     if not step.assembly:
         return "", step.index
     return step.assembly[-1].rpartition(":")[0], step.number
 
 
-def _listed(entry: Entry) -> Item:
+def _item(entry: Entry) -> Item:
     return Item(
         _part_picture(entry.part, entry.colour.code),
         entry.count,
@@ -129,7 +129,7 @@ def _listed(entry: Entry) -> Item:
 
 
 def _part_picture(part: Part, colour: int) -> Pixels:
-    """A part by itself, no larger than it is beside others."""
+    """Picture of one part, at most as large as in the assembly."""
     turn = np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]]) if part.family == "beams" else np.eye(3)
     placed = Placed(0, part, colour, turn, np.zeros(3), 0, 0, (), None, None)
     canvas = Canvas(_PART_SIZE, VIEWS[0], [placed])
@@ -139,12 +139,12 @@ def _part_picture(part: Part, colour: int) -> Pixels:
 
 
 def _step_page(plan: Plan, step: Step, number: int, times: int) -> Page:
-    """The page of a step; steps that are done several times have one page, so that pages count by themselves."""
+    """Page of a step; repeated steps share one page, so pages have their own numbers."""
     new = [plan.parts[index] for index in step.new]
     joined = [plan.parts[index] for group in step.joined for index in group]
     bright = {placed.index for placed in (*new, *joined)}
-    there = [plan.parts[index] for index in sorted(_there(plan, step))]
-    view, picture = _best(there, bright, set(step.new))
+    there = [plan.parts[index] for index in sorted(_present_parts(plan, step))]
+    view, picture = _best_view(there, bright, set(step.new))
     where = f" · {_title(step.assembly[-1])}" if step.assembly else ""
     where += f", {times} times" if times > 1 else ""
     turned = "" if view == VIEWS[0] else " (the model is turned)"
@@ -160,12 +160,12 @@ def _step_page(plan: Plan, step: Step, number: int, times: int) -> Page:
 
 
 def _title(assembly: str) -> str:
-    """How a page calls a sub-assembly."""
+    """Title of a sub-assembly."""
     return assembly.rpartition(":")[0].removesuffix(".ldr").replace("_", " ")
 
 
-def _there(plan: Plan, step: Step) -> set[int]:
-    """The parts that lie on the table, in the sub-assembly that is built, when a step is done."""
+def _present_parts(plan: Plan, step: Step) -> set[int]:
+    """Parts that are present in the current sub-assembly after a step."""
     there: set[int] = set()
     for earlier in plan.steps[: step.index + 1]:
         if earlier.assembly == step.assembly:
@@ -173,8 +173,8 @@ def _there(plan: Plan, step: Step) -> set[int]:
     return there
 
 
-def _best(there: list[Placed], bright: set[int], new: set[int]) -> tuple[View, Pixels]:
-    """The usual view, or the one that shows most of the new parts where they are hidden from there."""
+def _best_view(there: list[Placed], bright: set[int], new: set[int]) -> tuple[View, Pixels]:
+    """The default view, or the one that shows the new parts best if they are hidden there."""
     best: tuple[float, View, Canvas, Canvas] | None = None
     for view in VIEWS:
         canvas, ghosts = Canvas(_STEP_SIZE, view, there), Canvas(_STEP_SIZE, view, there)
@@ -185,21 +185,21 @@ def _best(there: list[Placed], bright: set[int], new: set[int]) -> tuple[View, P
         share = canvas.visible(bright) / max(ghosts.visible(bright), 1)
         if best is None or share > best[0] + 0.05:
             best = (share, view, canvas, ghosts)
-        if best[0] > _HIDDEN:
+        if best[0] > _MIN_VISIBLE:
             break
     if best is None:
         raise PlanError("a step without parts cannot be drawn; take it out of the plan")
-    sunk = _sunk([placed for placed in there if placed.index in new], there, best[1], best[2])
+    sunk = _hidden_fasteners([placed for placed in there if placed.index in new], there, best[1], best[2])
     return best[1], best[2].picture(bright, (best[3], *sunk))
 
 
-def _sunk(new: list[Placed], there: list[Placed], view: View, canvas: Canvas) -> tuple[Canvas, ...]:
-    """The fasteners of which hardly anything is seen, by themselves; none where there are none."""
+def _hidden_fasteners(new: list[Placed], there: list[Placed], view: View, canvas: Canvas) -> tuple[Canvas, ...]:
+    """The barely visible fasteners on a canvas of their own, if any."""
     small = [placed for placed in new if placed.part.family in _FASTENERS]
     alone = Canvas(canvas.size, view, there)
     for placed in small:
         alone.add(placed)
-    hidden = [one for one in small if canvas.visible({one.index}) < _SUNK * alone.visible({one.index})]
+    hidden = [one for one in small if canvas.visible({one.index}) < _MIN_FASTENER_VISIBLE * alone.visible({one.index})]
     outlines = Canvas(canvas.size, view, there)
     for placed in hidden:
         outlines.add(placed)
@@ -207,7 +207,7 @@ def _sunk(new: list[Placed], there: list[Placed], view: View, canvas: Canvas) ->
 
 
 def _cables(plan: Plan, canvas: Canvas) -> tuple[Cable, ...]:
-    """Those of all motors and sensors."""
+    """Cables of all motors and sensors."""
     hubs = plan.devices(DeviceKind.HUB)
     places = dict(hubs[0].part.device.ports) if hubs and hubs[0].part.device else {}
     cables = []
@@ -240,7 +240,7 @@ def _pdf(plan: Plan, pages: Iterable[Page]) -> bytes:
 
 
 def _lay_out(figure: object, page: Page, number: int) -> None:
-    """Put a page on a figure of A5, landscape."""
+    """Draw a page on an A5 landscape figure."""
     from matplotlib.figure import Figure
     from matplotlib.patches import Rectangle
 

@@ -1,6 +1,6 @@
-"""Check of the steps of a plan: what is added connects to what is there, and gets to its place.
+"""Check of building steps: each new part connects to the assembly and has a free path to its place.
 
-A step is tried backwards: its parts are taken off again one after the other, each along a straight line.
+A step is tried backwards: its parts are removed one after the other, each along a straight line.
 """
 
 from __future__ import annotations
@@ -13,35 +13,35 @@ from dataclasses import dataclass
 import numpy as np
 
 from bricksrl.plans.connections import Connection
-from bricksrl.plans.contact import Room
+from bricksrl.plans.contact import Occupancy
 from bricksrl.plans.geometry import Bools, Floats
 from bricksrl.plans.plan import Plan, Step
 
-_MOST_ASKED, _MOST_ITEMS = 6000, 60
-"""Questions whether parts are free, of a whole plan, and parts of a step; more are not tried."""
-_WAY_LDU = (5.0, 11.0, 17.0, 24.0, 34.0, 46.0, 70.0, 110.0, 170.0)
-"""Where on its way a part is looked at; 5 LDU is more than the slack of the search for collisions."""
+_MAX_QUERIES, _MAX_ITEMS = 6000, 60
+"""Limits of the search: collision queries per plan, parts per step."""
+_PATH_LDU = (5.0, 11.0, 17.0, 24.0, 34.0, 46.0, 70.0, 110.0, 170.0)
+"""Distances at which a path is checked; 5 LDU is more than the tolerance of the collision test."""
 
 
 class Trouble(enum.Enum):
-    """What is wrong with a step."""
+    """Reasons why a step fails."""
 
-    IN_THE_AIR = "connects to nothing that is there by then"
-    BLOCKED = "cannot be put in any more"
-    UNTRIED = "and the others could not be tried: they are too many"
+    UNCONNECTED = "is not connected to the assembly"
+    BLOCKED = "has no free path to its place"
+    UNCHECKED = "and the others are too many to check"
 
 
 @dataclass(frozen=True)
 class StepTrouble:
-    """Parts of a step that cannot be put where they belong."""
+    """Parts of a step that cannot be placed."""
 
     step: Step
     parts: tuple[int, ...]
     kind: Trouble
 
 
-def step_troubles(plan: Plan, found: Sequence[Connection], room: Room) -> list[StepTrouble]:
-    """All steps that cannot be done. Parts that hold by what is not modelled, as tyres do, count as held."""
+def step_troubles(plan: Plan, found: Sequence[Connection], room: Occupancy) -> list[StepTrouble]:
+    """All steps that fail. Parts with unmodelled connections, such as tyres, count as connected."""
     beside: dict[int, set[int]] = defaultdict(set)
     axes: dict[int, list[Floats]] = defaultdict(list)
     for link in found:
@@ -56,17 +56,17 @@ def step_troubles(plan: Plan, found: Sequence[Connection], room: Room) -> list[S
         items = [(part,) for part in step.new] + list(step.joined)
         now = before | {part for item in items for part in item}
         built[step.assembly] = now
-        troubles += _floating(plan, step, items, before, now, beside)
-        if len(items) > _MOST_ITEMS or room.asked > _MOST_ASKED:
-            troubles.append(StepTrouble(step, items[0][:1], Trouble.UNTRIED))
+        troubles += _unconnected(plan, step, items, before, now, beside)
+        if len(items) > _MAX_ITEMS or room.queries > _MAX_QUERIES:
+            troubles.append(StepTrouble(step, items[0][:1], Trouble.UNCHECKED))
             continue
-        stuck = _stuck(items, now, room, axes, beside, len(plan.parts))
+        stuck = _blocked(items, now, room, axes, beside, len(plan.parts))
         if stuck:
             troubles.append(StepTrouble(step, stuck, Trouble.BLOCKED))
     return troubles
 
 
-def _floating(
+def _unconnected(
     plan: Plan,
     step: Step,
     items: Sequence[tuple[int, ...]],
@@ -74,7 +74,7 @@ def _floating(
     now: set[int],
     beside: dict[int, set[int]],
 ) -> list[StepTrouble]:
-    """What is not connected with the rest after the step."""
+    """Parts that are not connected to the rest after the step."""
     start = (
         min(before) if before else max((part for item in items for part in item), key=lambda part: plan.parts[part].part.mass_g)
     )
@@ -84,29 +84,29 @@ def _floating(
         seen |= fresh
         waiting += fresh
     lost = tuple(part for item in items for part in item if part not in seen and not plan.parts[part].part.is_loose)
-    return [StepTrouble(step, lost, Trouble.IN_THE_AIR)] if lost else []
+    return [StepTrouble(step, lost, Trouble.UNCONNECTED)] if lost else []
 
 
-def _stuck(
+def _blocked(
     items: Sequence[tuple[int, ...]],
     now: set[int],
-    room: Room,
+    room: Occupancy,
     axes: dict[int, list[Floats]],
     beside: dict[int, set[int]],
     count: int,
 ) -> tuple[int, ...]:
-    """The parts of a step that no straight way leads to."""
+    """Parts of a step without a free straight path."""
     present = np.zeros(count, dtype=bool)
     present[list(now)] = True
     left = list(items)
     if len(left) == len(now):  # the first step: its first item lies on the table
         left = left[1:]
     moved = True
-    while left and moved and room.asked <= _MOST_ASKED:
+    while left and moved and room.queries <= _MAX_QUERIES:
         moved = False
         for group in _groups(left, beside):
             parts = [part for item in group for part in item]
-            if _comes_off(parts, present, room, _ways(parts, axes)):
+            if _is_removable(parts, present, room, _directions(parts, axes)):
                 present[parts] = False
                 left = [item for item in left if item not in group]
                 moved = True
@@ -115,7 +115,7 @@ def _stuck(
 
 
 def _groups(left: Sequence[tuple[int, ...]], beside: dict[int, set[int]]) -> Iterable[list[tuple[int, ...]]]:
-    """What may be taken off together: each item, each with the new ones that it touches, all."""
+    """Groups to remove together: each item, each with the new items that it touches, all items."""
     for item in reversed(left):
         yield [item]
     for item in reversed(left):
@@ -127,8 +127,8 @@ def _groups(left: Sequence[tuple[int, ...]], beside: dict[int, set[int]]) -> Ite
         yield list(left)
 
 
-def _ways(parts: Sequence[int], axes: dict[int, list[Floats]]) -> list[Floats]:
-    """Directions to try: along the connections, then along the axes of the plan."""
+def _directions(parts: Sequence[int], axes: dict[int, list[Floats]]) -> list[Floats]:
+    """Directions to try: along the connections, then along the plan's axes."""
     ways: list[Floats] = []
     for axis in [axis for part in parts for axis in axes[part]] + list(np.eye(3)):
         if not any(abs(float(axis @ way)) > 0.999 for way in ways):
@@ -136,7 +136,7 @@ def _ways(parts: Sequence[int], axes: dict[int, list[Floats]]) -> list[Floats]:
     return [sign * way for way in ways for sign in (1.0, -1.0)]
 
 
-def _comes_off(parts: Sequence[int], present: Bools, room: Room, ways: Sequence[Floats]) -> bool:
+def _is_removable(parts: Sequence[int], present: Bools, room: Occupancy, ways: Sequence[Floats]) -> bool:
     others = present.copy()
     others[list(parts)] = False
-    return any(all(room.is_free(parts, others, way * far) for far in _WAY_LDU) for way in ways)
+    return any(all(room.is_free(parts, others, way * far) for far in _PATH_LDU) for way in ways)

@@ -1,4 +1,4 @@
-"""Colours of LDraw files: their names, how they look, and their numbers in shops. Numbers of Rebrickable are LDraw's own."""
+"""LDraw colours: names, RGB values and numbers in shops. Rebrickable uses LDraw's numbers."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ class Colour:
 
     Attributes:
         rgb: components 0..1.
-        bricklink: number there, 0 where none is known.
+        bricklink: BrickLink's number, 0 if unknown.
     """
 
     code: int
@@ -59,7 +59,7 @@ _TABLE = {
 
 
 def colour_of(code: int) -> Colour:
-    """The colour of a code; grey where it is not known."""
+    """The colour of a code; grey if unknown."""
     if code >= _DIRECT:
         return Colour(code, f"#{code & 0xFFFFFF:06x}", _rgb(f"{code & 0xFFFFFF:06x}"), 0)
     name, value, bricklink = _TABLE.get(code, (f"colour {code}", "808080", 0))

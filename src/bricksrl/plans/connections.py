@@ -1,4 +1,4 @@
-"""Connections between parts: pins and axles in holes, studs, turntables, teeth in teeth. LDraw units, the plan's frame."""
+"""Connections between parts: pins and axles in holes, studs, turntables, gear meshes. LDraw units, plan frame."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ from bricksrl.plans.geometry import AXES, Floats
 from bricksrl.plans.part import Fit, Gear, GearForm, Site
 from bricksrl.plans.plan import Placed
 
-_ASIDE, _TILT = 1.2, 0.03
-"""How far a pin may be beside the middle of its hole (LDU), and how far it may lean (sine)."""
-_LEAST_DEPTH = 3.5
-"""Of what counts as inside, LDU; a stud is 4 high."""
-_SEATED = 0.7
-"""The part of the shorter one's length that has to be inside."""
-_MESH, _NEARLY = 1.0, 9.0
-"""How much the distance of two gears may differ from that of their pitch circles, and from where on they are strangers; LDU."""
-_MOST_COMPARED = 20_000
-"""Pairs of gears near each other; no plan that is nearly right has more."""
+_MAX_OFFSET, _MAX_TILT = 1.2, 0.03
+"""Tolerances of a pin: offset from the hole's axis (LDU), tilt (sine)."""
+_MIN_DEPTH = 3.5
+"""Minimum depth of a connection, LDU; a stud is 4 high."""
+_MIN_SEATED_SHARE = 0.7
+"""Minimum depth as a share of the shorter length."""
+_MESH_TOLERANCE, _NEAR_TOLERANCE = 1.0, 9.0
+"""Tolerances of two gears' distance, LDU: up to the first they mesh; above the second they are unrelated."""
+_MAX_COMPARED = 20_000
+"""Maximum number of gear pairs to compare."""
 _CROSS_DEG = 6.0
 _WORM_PITCH_RADIUS = 10.0
 _WORM_LEAD = 7.854
-"""A worm moves a gear by one tooth, pi millimetres, a turn."""
+"""One tooth, pi mm, per turn."""
 
 
 @dataclass(frozen=True)
@@ -33,12 +33,12 @@ class Connection:
 
     Attributes:
         male, female: indices of the parts.
-        male_site, female_site: as the parts have them, in their own frames.
-        point: middle of what is inside [3].
-        axis: direction [3] of the male one.
-        depth: how long a piece is inside.
-        is_seated: whether enough of it is inside.
-        is_crossed: whether an axle is turned against its hole, so that it cannot go in.
+        male_site, female_site: in their parts' frames.
+        point: middle of the overlap [3].
+        axis: direction [3] of the male site.
+        depth: length of the overlap.
+        is_seated: whether it is deep enough.
+        is_crossed: whether the axle is misaligned with its hole, so that it cannot go in.
     """
 
     male: int
@@ -53,27 +53,26 @@ class Connection:
 
     @property
     def fits(self) -> bool:
-        """A pin does not go into an axle hole."""
+        """Whether it is possible; a pin does not fit into an axle hole."""
         return not (self.male_site.fit in (Fit.PIN, Fit.FRICTION_PIN) and self.female_site.fit is Fit.AXLE_HOLE)
 
     @property
     def is_rigid(self) -> bool:
-        """An axle in an axle hole turns with it; a stud, also a single one, is taken to hold."""
+        """Whether it has no freedom: an axle in an axle hole, or a stud (also a single one)."""
         return (self.male_site.fit, self.female_site.fit) in ((Fit.AXLE, Fit.AXLE_HOLE), (Fit.STUD, Fit.STUD_HOLE))
 
 
 @dataclass(frozen=True)
 class Mesh:
-    """Two gears whose teeth are, or nearly are, in one another.
+    """Two gears that mesh, or nearly mesh.
 
     Attributes:
         first, second: indices of the parts.
-        gears: theirs.
-        error: how much farther apart they are than they should be, LDU; negative where they are too near.
-        engaged: the share of the narrower one's width over which they meet, 0..1.
-        point: where they meet [3].
-        motion: [2, 6] what the rates (linear at the plan's origin, angular) of the first and second are multiplied with; in mesh
-            the two products add to 0.
+        gears: their gears.
+        error: distance minus the correct distance, LDU.
+        engaged: overlap as a share of the narrower gear's width, 0..1.
+        point: contact point [3].
+        motion: [2, 6], constraint on the rates (linear at the plan's origin, angular) of both: the products add to 0.
     """
 
     first: int
@@ -86,12 +85,12 @@ class Mesh:
 
     @property
     def is_good(self) -> bool:
-        """They turn each other."""
-        return abs(self.error) <= _MESH and self.engaged >= _SEATED
+        """Whether they turn each other."""
+        return abs(self.error) <= _MESH_TOLERANCE and self.engaged >= _MIN_SEATED_SHARE
 
 
 def connections(parts: Sequence[Placed]) -> list[Connection]:
-    """All pins and axles in holes, all studs and turntables."""
+    """All pins and axles in holes, studs and turntables."""
     males: list[tuple[int, Site, Floats, Floats]] = []
     females: list[tuple[int, Site, Floats, Floats]] = []
     for placed in parts:
@@ -108,7 +107,7 @@ def connections(parts: Sequence[Placed]) -> list[Connection]:
     is_for_stud = np.array([entry[1].fit is Fit.STUD_HOLE for entry in females])
     found = []
     for owner, site, centre, axis in males:
-        reach = (site.length + float(lengths.max())) / 2 + _ASIDE
+        reach = (site.length + float(lengths.max())) / 2 + _MAX_OFFSET
         start, end = np.searchsorted(centres[:, 0], [centre[0] - reach, centre[0] + reach])
         some = slice(int(start), int(end))
         away = centres[some] - centre
@@ -117,12 +116,12 @@ def connections(parts: Sequence[Placed]) -> list[Connection]:
         tilt = np.linalg.norm(np.cross(axes[some], axis), axis=1)
         low = np.maximum(-site.length / 2, along - lengths[some] / 2)
         high = np.minimum(site.length / 2, along + lengths[some] / 2)
-        good = (aside < _ASIDE) & (tilt < _TILT) & (high - low > _LEAST_DEPTH) & (owners[some] != owner) & ~is_joint[some]
+        good = (aside < _MAX_OFFSET) & (tilt < _MAX_TILT) & (high - low > _MIN_DEPTH) & (owners[some] != owner) & ~is_joint[some]
         good &= is_for_stud[some] == (site.fit is Fit.STUD)
         for which in np.flatnonzero(good):
             depth = float(high[which] - low[which])
             other, hole = females[int(start) + which][0], females[int(start) + which][1]
-            is_seated = depth >= _SEATED * min(20.0, site.length, hole.length)
+            is_seated = depth >= _MIN_SEATED_SHARE * min(20.0, site.length, hole.length)
             crossed = _is_crossed(parts[owner], site, parts[other], hole)
             point = centre + axis * float(low[which] + high[which]) / 2
             found.append(Connection(owner, other, site, hole, point, axis, depth, is_seated, crossed))
@@ -130,7 +129,7 @@ def connections(parts: Sequence[Placed]) -> list[Connection]:
 
 
 def _is_crossed(axle: Placed, site: Site, holder: Placed, hole: Site) -> bool:
-    """Whether the cross of an axle and that of its hole are turned against each other; a motor turns its own to fit."""
+    """Whether an axle's cross is misaligned with that of its hole; a motor turns its shaft to fit."""
     if site.fit is not Fit.AXLE or hole.fit is not Fit.AXLE_HOLE or hole.turns:
         return False
     first, second = axle.rotation @ _arm(site), holder.rotation @ _arm(hole)
@@ -139,7 +138,7 @@ def _is_crossed(axle: Placed, site: Site, holder: Placed, hole: Site) -> bool:
 
 
 def _arm(site: Site) -> Floats:
-    """A direction of a cross, in the part's frame."""
+    """One direction of the cross in the part's frame."""
     return np.array(site.arm or (AXES["x"] if abs(site.axis[0]) < 0.5 else AXES["y"]))
 
 
@@ -148,14 +147,14 @@ def _turntables(females: list[tuple[int, Site, Floats, Floats]]) -> list[Connect
     found = []
     for number, (owner, site, centre, axis) in enumerate(joints):
         for other, hole, place, direction in joints[number + 1 :]:
-            near = np.linalg.norm(place - centre) < _ASIDE and np.linalg.norm(np.cross(axis, direction)) < _TILT
+            near = np.linalg.norm(place - centre) < _MAX_OFFSET and np.linalg.norm(np.cross(axis, direction)) < _MAX_TILT
             if near and owner != other:
                 found.append(Connection(owner, other, site, hole, centre, axis, site.length, True, False))
     return found
 
 
 def meshes(parts: Sequence[Placed]) -> list[Mesh]:
-    """Pairs of gears that mesh, or stand so near that they should."""
+    """Pairs of gears that mesh, or are nearly close enough."""
     gears = [(placed, gear) for placed in parts for gear in placed.part.gears]
     centres = np.array([_centre(placed, gear) for placed, gear in gears]).reshape(-1, 3)
     reach = np.array([max(gear.pitch_radius, gear.width, 4.0 * gear.teeth) for _, gear in gears])
@@ -163,10 +162,10 @@ def meshes(parts: Sequence[Placed]) -> list[Mesh]:
     compared = 0
     for number, (placed, gear) in enumerate(gears):
         far = np.linalg.norm(centres[number + 1 :] - centres[number], axis=1)
-        for near in np.flatnonzero(far < reach[number + 1 :] + reach[number] + 2 * _NEARLY):
+        for near in np.flatnonzero(far < reach[number + 1 :] + reach[number] + 2 * _NEAR_TOLERANCE):
             other, second = gears[number + 1 + int(near)]
             compared += 1
-            if compared > _MOST_COMPARED:
+            if compared > _MAX_COMPARED:
                 return found
             mesh = _mesh(placed, gear, other, second) if other.index != placed.index else None
             if mesh is not None:
@@ -180,9 +179,9 @@ def _mesh(first: Placed, gear: Gear, second: Placed, other: Gear) -> Mesh | None
     if GearForm.WORM in (gear.form, other.form):
         return _worm(first, gear, second, other) if gear.form is GearForm.WORM else _worm(second, other, first, gear)
     axis, axis2 = first.rotation @ np.array(gear.axis), second.rotation @ np.array(other.axis)
-    if np.linalg.norm(np.cross(axis, axis2)) < _TILT:
+    if np.linalg.norm(np.cross(axis, axis2)) < _MAX_TILT:
         return _parallel(first, gear, second, other, axis)
-    if abs(float(axis @ axis2)) < _TILT and GearForm.SPUR not in (gear.form, other.form):
+    if abs(float(axis @ axis2)) < _MAX_TILT and GearForm.SPUR not in (gear.form, other.form):
         return _right_angle(first, gear, second, other, axis, axis2)
     return None
 
@@ -198,43 +197,47 @@ def _parallel(first: Placed, gear: Gear, second: Placed, other: Gear, axis: Floa
     distance = float(np.linalg.norm(aside))
     error = distance - gear.pitch_radius - other.pitch_radius
     shared = min(gear.width / 2, along + other.width / 2) - max(-gear.width / 2, along - other.width / 2)
-    if abs(error) > _NEARLY or shared <= 1.0 or distance < 1.0:
+    if abs(error) > _NEAR_TOLERANCE or shared <= 1.0 or distance < 1.0:
         return None
-    # The point that divides the distance as the teeth do keeps the ratio exact where that is not quite that of the pitch circles.
+    # Dividing the distance by the teeth gives the exact ratio, even if the pitch circles do not quite touch.
     share = gear.pitch_radius / (gear.pitch_radius + other.pitch_radius)
     point = _centre(first, gear) + aside * share + axis * along / 2
     tangent = np.cross(axis, aside / distance)
-    return _made(first, gear, second, other, error, shared / min(gear.width, other.width), point, tangent)
+    return _make_mesh(first, gear, second, other, error, shared / min(gear.width, other.width), point, tangent)
 
 
 def _right_angle(first: Placed, gear: Gear, second: Placed, other: Gear, axis: Floats, axis2: Floats) -> Mesh | None:
-    """Bevel gears, whose axes meet."""
+    """Bevel gears with intersecting axes."""
     away = _centre(second, other) - _centre(first, gear)
     normal = np.cross(axis, axis2)
     along, along2 = float(away @ axis), float(away @ axis2)
-    # The axes meet where the first one has gone as far as the second's middle lies along it.
+    # Each gear's distance from the intersection of the axes is the other's pitch radius.
     error = max(abs(along) - other.pitch_radius - gear.set_back, abs(along2) - gear.pitch_radius - other.set_back, key=abs)
-    if abs(float(away @ normal)) > _NEARLY or abs(error) > _NEARLY:
+    if abs(float(away @ normal)) > _NEAR_TOLERANCE or abs(error) > _NEAR_TOLERANCE:
         return None
     error += abs(float(away @ normal))
     point = _centre(first, gear) + axis2 * np.sign(along2) * gear.pitch_radius
-    return _made(first, gear, second, other, error, 1.0, point, normal)
+    return _make_mesh(first, gear, second, other, error, 1.0, point, normal)
 
 
 def _worm(first: Placed, worm: Gear, second: Placed, gear: Gear) -> Mesh | None:
     axis, axis2 = first.rotation @ np.array(worm.axis), second.rotation @ np.array(gear.axis)
     away = _centre(second, gear) - _centre(first, worm)
-    if abs(float(axis @ axis2)) > _TILT or abs(float(away @ axis2)) > gear.width / 2 or abs(float(away @ axis)) > worm.width / 2:
+    if (
+        abs(float(axis @ axis2)) > _MAX_TILT
+        or abs(float(away @ axis2)) > gear.width / 2
+        or abs(float(away @ axis)) > worm.width / 2
+    ):
         return None
     aside = away - (away @ axis) * axis - (away @ axis2) * axis2
     distance = float(np.linalg.norm(aside))
     error = distance - _WORM_PITCH_RADIUS - gear.pitch_radius
-    if abs(error) > _NEARLY or distance < 1.0:
+    if abs(error) > _NEAR_TOLERANCE or distance < 1.0:
         return None
     point = _centre(second, gear) - aside / distance * gear.pitch_radius
-    mesh = _made(first, worm, second, gear, error, 1.0, point, axis)
+    mesh = _make_mesh(first, worm, second, gear, error, 1.0, point, axis)
     motion = mesh.motion.copy()
-    # The thread is right-handed: it also moves the teeth along as it turns.
+    # The thread is right-handed: turning it also moves the teeth along the axis.
     motion[0, 3:] += axis * _WORM_LEAD / (2 * np.pi)
     return Mesh(first.index, second.index, (worm, gear), error, 1.0, point, motion)
 
@@ -245,14 +248,14 @@ def _rack(first: Placed, rack: Gear, second: Placed, gear: Gear) -> Mesh | None:
     away = _centre(second, gear) - _centre(first, rack)
     error = float(away @ up) - gear.pitch_radius
     half = rack.teeth * 7.854 / 2
-    if abs(float(axis @ along)) > _TILT or abs(float(axis @ up)) > _TILT or abs(error) > _NEARLY:
+    if abs(float(axis @ along)) > _MAX_TILT or abs(float(axis @ up)) > _MAX_TILT or abs(error) > _NEAR_TOLERANCE:
         return None
     if abs(float(away @ along)) > half or abs(float(away @ axis)) > 0.3 * rack.width:
         return None
-    return _made(first, rack, second, gear, error, 1.0, _centre(second, gear) - up * gear.pitch_radius, along)
+    return _make_mesh(first, rack, second, gear, error, 1.0, _centre(second, gear) - up * gear.pitch_radius, along)
 
 
-def _made(
+def _make_mesh(
     first: Placed,
     gear: Gear,
     second: Placed,
@@ -262,6 +265,6 @@ def _made(
     point: Floats,
     tangent: Floats,
 ) -> Mesh:
-    """A mesh: at ``point`` both move alike along ``tangent``."""
+    """A mesh: at ``point`` both have the same velocity along ``tangent``."""
     row = np.concatenate([tangent, np.cross(point, tangent)])
     return Mesh(first.index, second.index, (gear, other), error, engaged, point, np.stack([row, -row]))

@@ -1,4 +1,4 @@
-"""Parts that are inside one another, found by points of the one that lie in the material of the other."""
+"""Collisions between parts: sample points of one part inside the material of another."""
 
 from __future__ import annotations
 
@@ -10,69 +10,69 @@ from bricksrl.plans.geometry import Bools, Floats
 from bricksrl.plans.plan import Placed
 
 _MARGIN = 0.8
-"""LDU; with the depth of the samples, parts may overlap by 0.7 mm before it counts: they are a little smaller than they look."""
-_ENOUGH = 2
-"""Points that must lie inside for it to count."""
-_MOST_FOUND, _MOST_COMPARED = 200, 50_000
-"""Where the search for collisions ends: a plan with more of them is not nearly right."""
+"""LDU; with the sampling depth, overlaps up to 0.7 mm are tolerated, as real parts are slightly smaller."""
+_MIN_POINTS = 2
+"""Minimum number of points inside."""
+_MAX_FOUND, _MAX_COMPARED = 200, 50_000
+"""Limits of the collision search."""
 
 
-class Room:
-    """Where the parts of a plan are.
+class Occupancy:
+    """Space occupied by the parts of a plan.
 
     Attributes:
         low, high: [n, 3], bounds of each part in the plan's frame.
-        asked: how often it was asked whether a group of parts is free.
+        queries: number of calls of `is_free`.
     """
 
     def __init__(self, parts: Sequence[Placed]) -> None:
         self._parts = parts
         self._samples: dict[int, Floats] = {}
-        self.asked = 0
+        self.queries = 0
         bounds = [_bounds(placed) for placed in parts]
         self.low: Floats = np.array([low for low, _ in bounds]).reshape(-1, 3)
         self.high: Floats = np.array([high for _, high in bounds]).reshape(-1, 3)
 
     def collisions(self) -> list[tuple[int, int]]:
-        """Pairs of parts that are inside one another, the lower index first; the first 200 of them."""
+        """Pairs of colliding parts, the lower index first; at most 200."""
         found: list[tuple[int, int]] = []
         compared = 0
         for index in range(len(self._parts)):
             for other in index + 1 + np.flatnonzero(self._near(index, np.zeros(3))[index + 1 :]):
                 compared += 1
-                if self._meet(index, int(other), np.zeros(3)):
+                if self._collide(index, int(other), np.zeros(3)):
                     found.append((index, int(other)))
-                if len(found) >= _MOST_FOUND or compared >= _MOST_COMPARED:
+                if len(found) >= _MAX_FOUND or compared >= _MAX_COMPARED:
                     return found
         return found
 
     def is_free(self, group: Iterable[int], others: Bools, shift: Floats) -> bool:
-        """Whether a group of parts, moved by ``shift``, meets none of the parts that ``others`` [n] marks."""
-        self.asked += 1
+        """Whether a group of parts, moved by ``shift``, collides with none of the parts in ``others`` [n]."""
+        self.queries += 1
         for index in group:
             near = self._near(index, shift) & others
-            if any(self._meet(index, int(other), shift) for other in np.flatnonzero(near)):
+            if any(self._collide(index, int(other), shift) for other in np.flatnonzero(near)):
                 return False
         return True
 
     def _near(self, index: int, shift: Floats) -> Bools:
-        """The parts whose boxes overlap that of a part that is moved [n]."""
+        """Parts with bounds that overlap those of a moved part [n]."""
         low, high = self.low[index] + shift + 1.5, self.high[index] + shift - 1.5
         return np.asarray(((low < self.high) & (self.low < high)).all(axis=1))
 
-    def _meet(self, index: int, other: int, shift: Floats) -> bool:
+    def _collide(self, index: int, other: int, shift: Floats) -> bool:
         return self._inside(index, other, shift) or self._inside(other, index, -shift)
 
     def _inside(self, index: int, other: int, shift: Floats) -> bool:
         """Whether points of a part, moved, lie in another."""
         points = self._points(index) + shift
         near = ((points > self.low[other]) & (points < self.high[other])).all(axis=1)
-        if np.count_nonzero(near) < _ENOUGH:
+        if np.count_nonzero(near) < _MIN_POINTS:
             return False
         target = self._parts[other]
         inner = target.to_part(points[near])
-        # Where much overlaps, a few points tell.
-        return any(int(np.count_nonzero(target.part.contains(some, _MARGIN))) >= _ENOUGH for some in (inner[::23], inner))
+        # In large overlaps a few points are enough.
+        return any(int(np.count_nonzero(target.part.contains(some, _MARGIN))) >= _MIN_POINTS for some in (inner[::23], inner))
 
     def _points(self, index: int) -> Floats:
         if index not in self._samples:

@@ -1,4 +1,4 @@
-"""A finding of the check of a plan."""
+"""Findings of the plan check."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Finding:
-    """Something that is wrong with a plan.
+    """A mistake in a plan.
 
     Attributes:
         kind: a word or two, such as ``collision``.
-        line: of the file, 0 where it is about the whole.
+        line: of the file, 0 for the whole plan.
         text: what is wrong, and what to do.
-        parts: indices of the parts that it is about.
+        parts: indices of the parts concerned.
     """
 
     kind: str

@@ -1,4 +1,4 @@
-"""Solids and directions in LDraw units (LDU): 0.4 mm, y downwards; a module, the distance of two holes, is 20 LDU."""
+"""Solids and directions in LDraw units (LDU): 0.4 mm, y downwards. A module, the distance between holes, is 20 LDU."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ AXES: dict[str, Triple] = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0
 
 
 class Form(enum.Enum):
-    """The kinds of solids."""
+    """Kinds of solids."""
 
     BOX = "box"
     CYLINDER = "cylinder"
@@ -28,13 +28,13 @@ class Form(enum.Enum):
 
 @dataclass(frozen=True)
 class Solid:
-    """A convex piece of a part.
+    """A convex solid of a part.
 
     Attributes:
-        centre: its middle.
-        half: half of its size along its own axes; a cylinder is (radius, radius, half length), a ball (radius,) * 3, a ring
-            (outer radius, inner radius, half length).
-        axes: its own axes as rows, each of length 1; a cylinder's own axis is the third.
+        centre: midpoint.
+        half: half sizes along ``axes``: cylinder (radius, radius, half length), ball (radius,) * 3, ring (outer radius, inner
+            radius, half length).
+        axes: rows of length 1; the third is the axis of a cylinder.
     """
 
     form: Form
@@ -43,7 +43,7 @@ class Solid:
     axes: tuple[Triple, Triple, Triple] = (AXES["x"], AXES["y"], AXES["z"])
 
     def contains(self, points: Floats, margin: float) -> Bools:
-        """The points [n, 3] that lie deeper than ``margin`` below the surface."""
+        """Which points [n, 3] lie deeper than ``margin`` below the surface [n]."""
         local = (points - np.array(self.centre)) @ np.array(self.axes).T
         half = np.array(self.half) - margin
         if self.form is Form.RING:
@@ -59,7 +59,7 @@ class Solid:
         return np.asarray(np.linalg.norm(local, axis=1) < half[0])
 
     def samples(self, spacing: float, depth: float) -> Floats:
-        """Points [n, 3] that fill the solid, the outermost of them ``depth`` below its surface."""
+        """Points [n, 3] that fill the solid up to ``depth`` below its surface."""
         half = np.maximum(np.array(self.half) - depth, 0.0)
         lines = [_line(float(size), spacing) for size in half]
         if self.form is Form.BOX:
@@ -72,7 +72,7 @@ class Solid:
 
     @property
     def volume(self) -> float:
-        """In LDU3."""
+        """LDU³."""
         first, second, third = self.half
         if self.form is Form.BOX:
             return 8 * first * second * third
@@ -82,7 +82,7 @@ class Solid:
         return float(2 * np.pi * (first**2 - inner**2) * third)
 
     def corners(self) -> Floats:
-        """Corners [8, 3] of the box around the solid along its own axes."""
+        """Corners [8, 3] of the bounding box along ``axes``."""
         signs = np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)], dtype=float)
         half = np.array(self.half if self.form is not Form.RING else (self.half[0], self.half[0], self.half[2]))
         return np.asarray((signs * half) @ np.array(self.axes) + np.array(self.centre))
@@ -104,7 +104,7 @@ def _round_samples(half: Floats, heights: Floats, spacing: float, *, is_ball: bo
 
 
 def frame_of(axis: Triple) -> tuple[Triple, Triple, Triple]:
-    """Axes whose third is ``axis``, of length 1; right-handed."""
+    """Right-handed orthonormal axes; the third is along ``axis``."""
     third = np.array(axis) / np.linalg.norm(axis)
     helper = np.array(AXES["x"] if abs(third[0]) < 0.9 else AXES["y"])
     first = helper - (helper @ third) * third
@@ -114,12 +114,12 @@ def frame_of(axis: Triple) -> tuple[Triple, Triple, Triple]:
 
 
 def triple(values: Floats) -> Triple:
-    """Three numbers as a tuple."""
+    """An array [3] as a tuple."""
     return float(values[0]), float(values[1]), float(values[2])
 
 
 def box(centre: Triple, size: Triple) -> Solid:
-    """A box along the axes, by its whole size."""
+    """An axis-aligned box; ``size`` is the full size."""
     return Solid(Form.BOX, centre, (size[0] / 2, size[1] / 2, size[2] / 2))
 
 
@@ -141,7 +141,7 @@ def ball(centre: Triple, radius: float) -> Solid:
 
 
 def bar(start: Triple, end: Triple, normal: Triple, width: float, thickness: float) -> Solid:
-    """A box from ``start`` to ``end``, as wide across ``normal`` and as thick along it."""
+    """A box from ``start`` to ``end``; ``normal`` is the direction of its thickness."""
     a, b, up = np.array(start), np.array(end), np.array(normal)
     along = (b - a) / np.linalg.norm(b - a)
     half = (float(np.linalg.norm(b - a)) / 2, width / 2, thickness / 2)

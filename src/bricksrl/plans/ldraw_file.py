@@ -1,6 +1,6 @@
-"""Text of LDraw files (.ldr, .mpd, and .io of Studio): its models, their lines, steps, and our comments that are data.
+"""LDraw files (.ldr, .mpd, and Studio's .io): models, lines, steps, and our comments with data.
 
-The format is that of the LDraw.org file format specification and its multi-part documents. What a file may demand is bounded.
+Source: LDraw.org's file format specification and its multi-part documents. All sizes are bounded.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ from bricksrl.plans.geometry import Floats
 
 MAX_BYTES, MAX_LINES = 8_000_000, 100_000
 MARK = "!BRICKSRL"
-"""How our comments begin, after their 0."""
+"""First word of our comments after the 0."""
 _STUDIO_MODELS = ("model.ldr", "model2.ldr")
 _DAMAGE = (zipfile.BadZipFile, zipfile.LargeZipFile, zlib.error, ValueError, LookupError, OSError, EOFError, RuntimeError)
-"""Errors of the zip reader at bytes that are damaged."""
+"""Errors of the zip reader on damaged files."""
 _OF_THE_LIBRARY = ("Part", "Subpart", "Shortcut", "Primitive", "8_Primitive", "48_Primitive")
 _STRETCH = 0.02
 _MOST_DEG = 36_000.0
@@ -31,17 +31,17 @@ _MOST_DEG = 36_000.0
 
 @dataclass(frozen=True)
 class Reference:
-    """A line that puts a part or a model somewhere.
+    """A line that places a part or a model.
 
     Attributes:
-        matrix: [3, 3]; orthonormal unless the line stretches what it places.
+        matrix: [3, 3]; orthonormal unless ``is_stretched``.
         offset: [3], LDU.
-        step: of its model, counted from 0.
-        port, device: what our comment before it says: the hub's port, and the name of the motor or sensor in the description.
-        angle_deg: what that motor's rotation sensor shows in the plan's position, by the same comment.
-        is_free: our comment before it says that it may turn freely.
-        is_fixed: our comment before it says that it stands fast.
-        is_stretched: whether it is scaled, as parts never are.
+        step: index in its model.
+        port, device: from our comment: the hub's port, and the name of the motor or sensor in the description.
+        angle_deg: from our comment: reading of the motor's rotation sensor in the plan.
+        is_free: from our comment: may turn freely.
+        is_fixed: from our comment: fixed to the table.
+        is_stretched: whether it is scaled.
     """
 
     colour: int
@@ -60,11 +60,11 @@ class Reference:
 
 @dataclass
 class Model:
-    """One file of a document.
+    """One model of a document.
 
     Attributes:
-        notes: text for each step that has some.
-        is_shape: whether it draws something itself, or says that it is of the part library, so that it is a part and no assembly.
+        notes: text by step.
+        is_shape: whether it has geometry or is declared a part, and so is no assembly.
     """
 
     name: str
@@ -81,9 +81,9 @@ class Document:
     """A whole file.
 
     Attributes:
-        models: by their names in lower case, the first one is what is built.
-        robot: name of the robot that it says it builds.
-        count: number of parts that it says it has.
+        models: by name in lower case; the first is the main model.
+        robot: name of the robot, from our comment.
+        count: declared number of parts.
     """
 
     path: str
@@ -98,10 +98,10 @@ class Document:
 
 
 def read_text(path: Path) -> str:
-    """The text of an LDraw file, also of one inside Studio's zip.
+    """Text of an LDraw file, also from inside Studio's zip.
 
     Raises:
-        PlanError: there is none, it is too large, or it is encrypted.
+        PlanError: the file is missing, too large or encrypted.
     """
     try:
         with path.open("rb") as file:
@@ -115,18 +115,18 @@ def read_text(path: Path) -> str:
             f"{path} has more than {MAX_BYTES // 1_000_000} MB; a plan is smaller, so give the model without its renderings"
         )
     if b"\0" in data[:4096]:
-        raise PlanError(f"{path} is no text; export the model as an LDraw file (.ldr or .mpd)")
+        raise PlanError(f"{path} is not a text file; export the model as an LDraw file (.ldr or .mpd)")
     return data.decode("utf-8-sig", errors="replace")
 
 
 def _unzipped(path: Path, data: bytes) -> bytes:
-    """The model in a file of Studio."""
+    """The model inside a Studio file."""
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             names = set(archive.namelist())
             name = next((name for name in _STUDIO_MODELS if name in names), None)
             if name is None:
-                raise PlanError(f"{path} holds no model.ldr; export the model from Studio as an LDraw file")
+                raise PlanError(f"{path} has no model.ldr; export the model from Studio as an LDraw file")
             if archive.getinfo(name).flag_bits & 1:
                 raise PlanError(f"{path} is encrypted by Studio; open it there and export it as an LDraw file")
             with archive.open(name) as file:
@@ -141,14 +141,14 @@ def _unzipped(path: Path, data: bytes) -> bytes:
         EOFError,
         RuntimeError,
     ) as error:
-        raise PlanError(f"{path} is a damaged zip ({error}); save it anew, or export an LDraw file") from None
+        raise PlanError(f"{path} is a damaged zip ({error}); save it again, or export an LDraw file") from None
 
 
 def parse(text: str, path: str) -> Document:
-    """A document from its text.
+    """Parse a document.
 
     Raises:
-        PlanError: a line that cannot be what it is meant to be, with its number.
+        PlanError: a line is invalid; the message has its number.
     """
     lines = text.splitlines()
     if len(lines) > MAX_LINES:
@@ -162,7 +162,7 @@ def parse(text: str, path: str) -> Document:
 
 
 class _Parser:
-    """Takes line after line."""
+    """Line-by-line parser."""
 
     def __init__(self, path: str) -> None:
         self.path = path
@@ -182,7 +182,7 @@ class _Parser:
         }
 
     def take(self, number: int, words: list[str]) -> None:
-        """One line, in words."""
+        """Parse one line, split into words."""
         if not words:
             return
         if words[0] == "0" and len(words) > 1:
@@ -205,7 +205,7 @@ class _Parser:
         name = " ".join(words)
         key = key_of(name)
         if key in self.models and key.endswith(".dat"):
-            self._model = Model(name, number)  # files that carry their parts along carry some of them twice
+            self._model = Model(name, number)  # files with embedded parts have some of them twice
             return
         if not name or key in self.models:
             raise self._error(
@@ -217,12 +217,12 @@ class _Parser:
         self._current(number).step += 1
 
     def _kind(self, number: int, words: list[str]) -> None:
-        """What a file of the part library says it is."""
+        """The declared type of a part file."""
         if words and words[0].removeprefix("Unofficial_") in _OF_THE_LIBRARY:
             self._current(number).is_shape = True
 
     def _generated(self, number: int, words: list[str]) -> None:
-        """The segments of a cable or hose that LDCad has drawn into a file of their own."""
+        """A file with the segments of a cable or hose, generated by LDCad."""
         if words[:1] == ["GENERATED"] and any(word.startswith("[master=") for word in words):
             self._current(number).is_shape = True
 
@@ -256,7 +256,7 @@ class _Parser:
             colour = 0
         name = " ".join(words[14:])
         if len(numbers) < 12 or not name or not all(math.isfinite(value) and abs(value) < 1e6 for value in numbers):
-            raise self._error(number, "no part can be placed by it", "write 1, a colour, 12 numbers and a file")
+            raise self._error(number, "cannot place a part", "write 1, a colour, 12 numbers and a file")
         matrix = np.array(numbers[3:]).reshape(3, 3)
         model = self._current(number)
         port = self._next.get("PORT", ())
@@ -282,7 +282,7 @@ class _Parser:
 
 
 def _angle_of(port: tuple[str, ...]) -> float | None:
-    """The angle that a PORT comment says, 0 without one; ``None`` where it is no angle."""
+    """The angle of a PORT comment, 0 without one, ``None`` if invalid."""
     try:
         angle_deg = float(port[2]) if len(port) > 2 else 0.0
     except ValueError:
@@ -291,5 +291,5 @@ def _angle_of(port: tuple[str, ...]) -> float | None:
 
 
 def key_of(name: str) -> str:
-    """A file's name as references are compared."""
+    """Key for comparing file names."""
     return name.replace("\\", "/").lower()

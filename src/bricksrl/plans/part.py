@@ -1,4 +1,4 @@
-"""A kind of part: where it connects to others, the room that it takes, its mass and its names in shops. LDraw units."""
+"""Kinds of parts: connection sites, solids, masses and numbers in shops. LDraw units."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ ABS_G_CM3 = 1.05
 
 
 class Fit(enum.Enum):
-    """Ways in which a place of a part takes, or goes into, another."""
+    """Kinds of connection sites."""
 
     HOLE = "pin hole"
     AXLE_HOLE = "axle hole"
@@ -28,24 +28,24 @@ class Fit(enum.Enum):
     STUD = "stud"
     STUD_HOLE = "stud hole"
     PEG = "peg"
-    """Of a differential: round, with room for the axle hole of a gear that turns on it."""
+    """On a differential: round, fits into the axle hole of a gear that turns on it."""
 
     @property
     def is_male(self) -> bool:
-        """It goes into another part."""
+        """Whether it goes into another part."""
         return self in (Fit.PIN, Fit.FRICTION_PIN, Fit.AXLE, Fit.STUD, Fit.PEG)
 
 
 @dataclass(frozen=True)
 class Site:
-    """A place where a part connects.
+    """A connection site.
 
     Attributes:
-        centre: its middle.
+        centre: midpoint.
         axis: direction of length 1.
         length: along the axis.
-        turns: whether it belongs to the piece of the part that a motor turns, not to its case.
-        arm: of an axle hole, a direction of its cross; where it is missing, a coordinate axis.
+        turns: whether it belongs to a motor's rotor, not its case.
+        arm: direction of an axle hole's cross; a coordinate axis by default.
     """
 
     fit: Fit
@@ -57,7 +57,7 @@ class Site:
 
 
 class GearForm(enum.Enum):
-    """Shapes of teeth."""
+    """Kinds of gears."""
 
     SPUR = "spur"
     BEVEL = "bevel"
@@ -69,15 +69,14 @@ class GearForm(enum.Enum):
 
 @dataclass(frozen=True)
 class Gear:
-    """Teeth around an axis; two gears side by side mesh at half a millimetre for each of their teeth.
+    """Teeth around an axis.
 
     Attributes:
-        teeth: of a rack those on it, of a worm its threads.
-        axis: of a rack the direction in which it runs.
+        teeth: number of teeth; of threads for a worm.
+        axis: of rotation; direction of travel for a rack.
         width: along the axis.
-        up: of a rack, from its pitch line to its teeth.
-        set_back: where two mesh at a right angle, how much farther from the other's axis its middle is than that one's pitch
-            radius.
+        up: of a rack, from the pitch line to the teeth.
+        set_back: at right angles, how far the gear's middle is from the other axis beyond the other's pitch radius.
     """
 
     form: GearForm
@@ -90,12 +89,12 @@ class Gear:
 
     @property
     def pitch_radius(self) -> float:
-        """1.25 LDU for each tooth."""
+        """1.25 LDU (0.5 mm) per tooth."""
         return 1.25 * self.teeth
 
 
 class DeviceKind(enum.Enum):
-    """What a part is to the electronics."""
+    """Kinds of electric parts."""
 
     HUB = "hub"
     MOTOR = "motor"
@@ -107,12 +106,12 @@ class Device:
     """An electric part.
 
     Attributes:
-        name: of the hub, motor or sensor as ``bricksrl.robots`` has it.
-        plug: where the cable leaves the part; of a hub its middle.
+        name: as in ``bricksrl.robots``.
+        plug: position of the cable's exit; a hub's middle.
         cable_mm: length of the cable, 0 for a hub.
-        ports: of a hub, where each port is.
-        shaft: of a motor, the direction in which its shaft points out.
-        looks: of a sensor, the direction in which it looks.
+        ports: positions of a hub's ports.
+        shaft: outward direction of a motor's shaft.
+        looks: viewing direction of a sensor.
     """
 
     kind: DeviceKind
@@ -125,7 +124,7 @@ class Device:
 
 
 class MassSource(enum.Enum):
-    """Where a mass comes from."""
+    """Sources of masses."""
 
     VOLUME = "volume of the shape at LDraw.org, 1.05 g/cm3"
     RULE = "rule fitted to the volumes of the family's shapes at LDraw.org, 1.05 g/cm3"
@@ -139,17 +138,15 @@ class Part:
     Attributes:
         number: of the LDraw file, without ``.dat``.
         aliases: other LDraw numbers of the same shape.
-        name: what a builder calls it.
         family: beams, pins and so on.
-        sites: where it connects.
-        solids: the room that it takes, holes not subtracted.
-        turning: the solids of the piece that a motor turns.
-        mass_g: in grams.
-        bricklink, rebrickable: its numbers there.
-        gears: its teeth.
-        length: in modules, for the drawing of axles; 0 where that says nothing.
-        wheel_mm: diameter of a wheel that rolls on the floor, 0 for others.
-        is_loose: whether it holds by something that is not modelled here (a tyre on its rim, a ball in its cup).
+        sites: connection sites.
+        solids: occupied space, holes not subtracted.
+        turning: solids of a motor's rotor.
+        mass_g: grams.
+        bricklink, rebrickable: numbers in shops.
+        length: of an axle, in modules; else 0.
+        wheel_mm: rolling diameter of a wheel, else 0.
+        is_loose: whether its connection is not modelled (a tyre on its rim, a ball in its cup).
     """
 
     number: str
@@ -171,11 +168,11 @@ class Part:
 
     @property
     def holes(self) -> tuple[Site, ...]:
-        """The sites that others go into."""
+        """The female sites."""
         return tuple(site for site in self.sites if site.fit in (Fit.HOLE, Fit.AXLE_HOLE))
 
     def contains(self, points: Floats, margin: float) -> Bools:
-        """The points [n, 3], in the part's own frame, that lie deeper than ``margin`` in its material."""
+        """Which points [n, 3], in the part's frame, lie deeper than ``margin`` in the material [n]."""
         inside = np.zeros(len(points), dtype=bool)
         for solid in (*self.solids, *self.turning):
             inside |= solid.contains(points, margin)
@@ -184,7 +181,7 @@ class Part:
         return inside
 
     def _in_hole(self, points: Floats, margin: float) -> Bools:
-        """The points [n, 3] that lie in a hole, or less than ``margin`` from it."""
+        """Which points [n, 3] lie in a hole, or less than ``margin`` from one [n]."""
         inside = np.zeros(len(points), dtype=bool)
         for site in self.holes:
             away = points - np.array(site.centre)
@@ -195,7 +192,7 @@ class Part:
 
     @functools.cached_property
     def samples(self) -> Floats:
-        """Points [n, 3] in the part's material, 0.9 LDU and more below the surface."""
+        """Points [n, 3] in the material, at least 0.9 LDU below the surface."""
         solids = (*self.solids, *self.turning)
         points = [solid.samples(3.5 if min(solid.half) < 12 else 7.0, 0.9) for solid in solids]
         together = np.concatenate(points) if points else np.zeros((0, 3))
@@ -203,6 +200,6 @@ class Part:
 
     @functools.cached_property
     def bounds(self) -> tuple[Floats, Floats]:
-        """Lowest and highest coordinates [3] of its solids."""
+        """Lowest and highest coordinates [3]."""
         corners = np.concatenate([solid.corners() for solid in (*self.solids, *self.turning)])
         return corners.min(axis=0), corners.max(axis=0)

@@ -1,4 +1,4 @@
-"""The parts list of a plan, and as what shops read: CSV, Rebrickable's CSV, BrickLink's XML."""
+"""Parts lists: CSV, Rebrickable's CSV, BrickLink's XML."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ class Entry:
 
     @property
     def mass_g(self) -> float:
-        """Of all of them."""
+        """Total mass, grams."""
         return self.part.mass_g * self.count
 
 
 def parts_list(plan: Plan) -> list[Entry]:
-    """What a plan needs, family by family, the most of a kind first."""
+    """The parts of a plan by family, highest count first."""
     counts = Counter((placed.part, placed.colour) for placed in plan.parts)
     entries = [Entry(part, colour_of(code), count) for (part, code), count in counts.items()]
     families = list(dict.fromkeys(entry.part.family for entry in sorted(entries, key=lambda entry: -entry.mass_g)))
@@ -38,7 +38,7 @@ def parts_list(plan: Plan) -> list[Entry]:
 
 
 def as_text(entries: list[Entry], kind: str) -> str:
-    """A parts list as a file of that format, one of ``FORMATS``."""
+    """A parts list in one of ``FORMATS``."""
     if kind == "bricklink":
         return _bricklink(entries)
     if kind == "rebrickable":
@@ -69,7 +69,7 @@ def _table(heads: list[str], rows: list[list[str | int | float]]) -> str:
 
 
 def _bricklink(entries: list[Entry]) -> str:
-    """A wanted list for upload; a colour without a number there may be any."""
+    """A wanted list for upload; a colour without a BrickLink number is left open."""
     lines = ["<INVENTORY>"]
     for one in entries:
         colour = f"<COLOR>{one.colour.bricklink}</COLOR>" if one.colour.bricklink else ""

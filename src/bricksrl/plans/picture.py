@@ -1,4 +1,4 @@
-"""Pictures of parts, drawn point by point with a depth buffer: no OpenGL, no display."""
+"""Pictures of parts by a software rasterizer with a depth buffer: no OpenGL, no display."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from bricksrl.plans.shapes import Tint, surface_of
 Pixels = NDArray[np.uint8]
 Ints = NDArray[np.int64]
 _SCALE = 2
-"""Points a pixel, each way."""
+"""Supersampling per axis."""
 _LIGHT = np.array([-0.35, -0.85, -0.40])
 _TINTS = {Tint.DARK: (0.16, 0.17, 0.19), Tint.TURNING: (0.45, 0.47, 0.50), Tint.FACE: (0.10, 0.11, 0.13)}
 _FADED = 0.72
@@ -28,11 +28,11 @@ _EMPTY = np.iinfo(np.int64).max
 
 @dataclass(frozen=True)
 class View:
-    """From where one looks, without perspective.
+    """An orthographic view.
 
     Attributes:
-        turn_deg: about the vertical, 0 from the front of a robot whose front is +z, positive from its left.
-        tilt_deg: how high above the horizon; negative from below.
+        turn_deg: azimuth, 0 from the front (+z), positive from the robot's left.
+        tilt_deg: elevation; negative from below.
     """
 
     turn_deg: float
@@ -40,7 +40,7 @@ class View:
 
     @property
     def axes(self) -> Floats:
-        """Rows: right, down and away from the eye [3, 3], in the plan's frame."""
+        """Rows right, down, away from the viewer [3, 3], in the plan's frame."""
         turn, tilt = math.radians(self.turn_deg), math.radians(self.tilt_deg)
         away = -np.array([-math.sin(turn) * math.cos(tilt), -math.sin(tilt), math.cos(turn) * math.cos(tilt)])
         right = np.cross([0.0, 1.0, 0.0], away)
@@ -49,16 +49,15 @@ class View:
 
 
 VIEWS = tuple(View(turn, tilt) for tilt in (28.0, -28.0) for turn in (40.0, -40.0, 140.0, -140.0))
-"""The first is the usual one."""
+"""The first is the default."""
 
 
 class Canvas:
-    """A picture in the making: what is nearest at each point.
+    """A picture with a depth buffer.
 
     Args:
         size: width and height in pixels.
-        view: from where.
-        shown: parts that have to fit on it.
+        shown: parts that must fit.
     """
 
     def __init__(self, size: tuple[int, int], view: View, shown: Sequence[Placed]) -> None:
@@ -69,7 +68,7 @@ class Canvas:
         high = np.max([corner.max(axis=1) for corner in corners], axis=0)
         span = np.maximum(high - low, 1.0)
         self.zoom = 0.94 * min(self._width / span[0], self._height / span[1])
-        """Points for one LDU."""
+        """Points per LDU."""
         self._middle = (low + high) / 2
         self._near, self._deep = float(low[2]) - 1.0, float(span[2]) + 2.0
         self._keys = np.full(self._width * self._height, _EMPTY, dtype=np.int64)
@@ -79,7 +78,7 @@ class Canvas:
         self._count = 0
 
     def limit_zoom(self, zoom: float) -> None:
-        """Draw no larger than that many points for one LDU."""
+        """Set an upper limit of the zoom (points per LDU)."""
         self.zoom = min(self.zoom, zoom)
 
     def add(self, placed: Placed) -> None:
@@ -103,35 +102,35 @@ class Canvas:
         self._count += len(flat)
 
     def _draw(self, corners: Floats, depth: Floats, first: int) -> None:
-        """Fill triangles [n, 3, 2] with depths [n, 3], 0 near to 1 far, row after row."""
+        """Fill triangles [n, 3, 2] with depths [n, 3], 0 near to 1 far, row by row."""
         low = np.clip(np.ceil(corners[..., 1].min(axis=1) - 0.5), 0, self._height).astype(int)
         high = np.clip(np.ceil(corners[..., 1].max(axis=1) - 0.5), 0, self._height).astype(int)
-        owner, row = _expanded(low, high)
+        owner, row = _ranges(low, high)
         left, right = _spans(corners[owner], np.asarray(row + 0.5, dtype=np.float64))
         start = np.clip(np.ceil(left - 0.5), 0, self._width).astype(int)
         end = np.clip(np.ceil(right - 0.5), 0, self._width).astype(int)
-        span, x = _expanded(start, end)
+        span, x = _ranges(start, end)
         owner, y = owner[span], row[span]
-        slope_x, slope_y = _slopes(corners, depth)
+        slope_x, slope_y = _gradients(corners, depth)
         far = depth[owner, 0] + slope_x[owner] * (x + 0.5 - corners[owner, 0, 0])
         far += slope_y[owner] * (y + 0.5 - corners[owner, 0, 1])
         keys = (np.clip(far, 0, 1) * (1 << 30)).astype(np.int64) << 24 | (first + owner)
         np.minimum.at(self._keys, y * self._width + x, keys)
 
     def visible(self, parts: set[int]) -> int:
-        """Points at which one of these parts is seen."""
+        """Number of points that show one of these parts."""
         owners = self._seen()[0]
         return int(np.isin(owners, list(parts)).sum())
 
     def _seen(self) -> tuple[Ints, Ints]:
-        """For each point the part that is seen, -1 for none, and the triangle."""
+        """Index of the visible part (-1 for none) and of its triangle at each point."""
         is_empty = self._keys == _EMPTY
         triangles = np.where(is_empty, 0, self._keys & ((1 << 24) - 1))
         owners = np.concatenate(self._owners)[triangles] if self._owners else np.full_like(triangles, -1)
         return np.where(is_empty, -1, owners), triangles
 
     def pixel_of(self, points: Floats) -> Floats:
-        """Where points [n, 3] of the plan are in the picture: pixels from the left and from the top [n, 2]."""
+        """Pixels [n, 2] (from the left, from the top) of points [n, 3] of the plan."""
         away = (points @ self._axes.T - self._middle)[:, :2] * self.zoom
         return np.asarray((away + np.array([self._width, self._height]) / 2) / _SCALE)
 
@@ -139,8 +138,8 @@ class Canvas:
         """The picture [height, width, 3].
 
         Args:
-            bright: parts in their colours, while all others are faded; ``None`` fades none.
-            ghosts: the same view of parts of which the outlines are drawn where they are hidden.
+            bright: parts in full colour, the others faded; ``None`` fades none.
+            ghosts: canvases of the same view; their parts are outlined where they are hidden.
         """
         owners, triangles = self._seen()
         if not self._owners:
@@ -163,7 +162,7 @@ class Canvas:
         return np.asarray(np.round(full * 255), dtype=np.uint8)
 
     def _edges(self, owners: Ints, normals: Floats) -> Bools:
-        """Points beside another part, a fold or a jump in depth."""
+        """Points at the border of a part, at a fold or at a jump in depth."""
         shape = (self._height, self._width)
         owner, normal = owners.reshape(shape), normals.reshape(*shape, 3)
         depth = np.where(self._keys == _EMPTY, 0, self._keys >> 24).reshape(shape) / (1 << 30) * self._deep
@@ -178,8 +177,8 @@ class Canvas:
         return np.asarray(edge.ravel())
 
 
-def _expanded(low: Ints, high: Ints) -> tuple[Ints, Ints]:
-    """Each whole number from ``low`` [n] to below ``high`` [n], with the index of its range before it."""
+def _ranges(low: Ints, high: Ints) -> tuple[Ints, Ints]:
+    """All integers of the ranges ``low`` to ``high`` (exclusive) [n], each with the index of its range before it."""
     counts = np.maximum(high - low, 0)
     owner = np.repeat(np.arange(len(counts)), counts)
     first = np.repeat(np.cumsum(counts) - counts, counts)
@@ -187,7 +186,7 @@ def _expanded(low: Ints, high: Ints) -> tuple[Ints, Ints]:
 
 
 def _spans(corners: Floats, y: Floats) -> tuple[Floats, Floats]:
-    """Where rows at heights ``y`` [n] enter and leave their triangles [n, 3, 2]."""
+    """Where rows at heights ``y`` [n] enter and leave triangles [n, 3, 2]."""
     left, right = np.full(len(y), np.inf), np.full(len(y), -np.inf)
     for k in range(3):
         (ax, ay), (bx, by) = corners[:, k].T, corners[:, (k + 1) % 3].T
@@ -200,8 +199,8 @@ def _spans(corners: Floats, y: Floats) -> tuple[Floats, Floats]:
     return np.where(is_empty, 0.0, left), np.where(is_empty, 0.0, right)
 
 
-def _slopes(corners: Floats, depth: Floats) -> tuple[Floats, Floats]:
-    """How depths [n, 3] change with x and y over triangles [n, 3, 2]; 0 for those that are seen from their edge."""
+def _gradients(corners: Floats, depth: Floats) -> tuple[Floats, Floats]:
+    """Gradients of depths [n, 3] over triangles [n, 3, 2]; 0 for triangles seen edge-on."""
     (ux, uy), (vx, vy) = (corners[:, 1] - corners[:, 0]).T, (corners[:, 2] - corners[:, 0]).T
     du, dv = depth[:, 1] - depth[:, 0], depth[:, 2] - depth[:, 0]
     area = ux * vy - uy * vx

@@ -1,4 +1,4 @@
-"""A building plan: kinds of parts at their places, in the order in which they are put there."""
+"""Building plans: placed parts in building order."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ class Placed:
     """A part at its place.
 
     Attributes:
-        index: its place in ``Plan.parts``.
-        rotation: [3, 3], from the part's frame to that of the plan.
-        position: [3], of the part's origin, LDU.
+        index: in ``Plan.parts``.
+        rotation: [3, 3], from the part's frame to the plan's.
+        position: [3], LDU.
         step: index of the step that adds it.
-        line: of the file that places it.
-        assembly: the sub-assemblies that it belongs to, the outermost first; names with the line that uses them.
-        port, device: of a motor or sensor: the hub's port that it is plugged into, and its name in the description.
-        angle_deg: of a motor: what its rotation sensor shows in this position.
+        line: of the file.
+        assembly: names of its sub-assemblies with their lines, the outermost first.
+        port, device: of a motor or sensor: the hub's port, and the name in the description.
+        angle_deg: of a motor: reading of its rotation sensor in this position.
         is_free: meant to turn freely.
-        is_fixed: stands fast on the table, and so does what it belongs to.
+        is_fixed: fixed to the table, with its body.
     """
 
     index: int
@@ -49,29 +49,28 @@ class Placed:
     is_fixed: bool = False
 
     def to_plan(self, points: Floats) -> Floats:
-        """Points [n, 3] of the part's frame in that of the plan."""
+        """Points [n, 3] from the part's frame to the plan's."""
         return np.asarray(points @ self.rotation.T + self.position)
 
     def to_part(self, points: Floats) -> Floats:
-        """Points [n, 3] of the plan's frame in that of the part."""
+        """Points [n, 3] from the plan's frame to the part's."""
         return np.asarray((points - self.position) @ self.rotation)
 
     @property
     def name(self) -> str:
-        """How messages call it."""
+        """Name for messages."""
         return f"{self.part.name} ({self.part.number})"
 
 
 @dataclass(frozen=True)
 class Step:
-    """What is done at once.
+    """A building step.
 
     Attributes:
         new: indices of the parts that are added.
-        joined: sub-assemblies, built in steps before, that are put in place: their parts' indices.
-        assembly: where it happens, as in ``Placed.assembly``; empty for the robot itself.
+        joined: parts of each sub-assembly that is put in place.
+        assembly: as in ``Placed.assembly``; empty for the robot itself.
         number: of the step in its model.
-        note: text of the plan for this step.
     """
 
     index: int
@@ -84,7 +83,7 @@ class Step:
 
 @dataclass(frozen=True)
 class Unknown:
-    """A part that the catalogue does not have, and the lines that place it."""
+    """A part that is not in the catalogue, and the lines that place it."""
 
     number: str
     lines: tuple[int, ...]
@@ -92,11 +91,11 @@ class Unknown:
 
 @dataclass(frozen=True)
 class Plan:
-    """A whole plan.
+    """A building plan.
 
     Attributes:
-        robot: name of the robot that the plan says it builds.
-        count: number of parts that the plan says it has.
+        robot: name of the robot that it builds.
+        count: declared number of parts.
     """
 
     path: str
@@ -108,29 +107,29 @@ class Plan:
     unknown: tuple[Unknown, ...]
 
     def devices(self, kind: DeviceKind) -> list[Placed]:
-        """Its hubs, motors or sensors."""
+        """The hubs, motors or sensors."""
         return [placed for placed in self.parts if placed.part.device is not None and placed.part.device.kind is kind]
 
     @property
     def mass_g(self) -> float:
-        """Of all known parts."""
+        """Total mass of the known parts, grams."""
         return sum(placed.part.mass_g for placed in self.parts)
 
 
 def read_plan(path: Path) -> Plan:
-    """The plan in an LDraw file.
+    """Read a plan from an LDraw file.
 
     Raises:
-        PlanError: it cannot be read, or demands too much.
+        PlanError: the file is unreadable, invalid or too large.
     """
     return make_plan(ldraw_file.parse(ldraw_file.read_text(path), str(path)))
 
 
 def make_plan(document: Document) -> Plan:
-    """The parts and steps of a document.
+    """The plan of a document.
 
     Raises:
-        PlanError: models that contain themselves, too many parts.
+        PlanError: a model contains itself, or there are too many parts.
     """
     builder = _Builder(document)
     builder.build(document.main, _MAIN_COLOUR, np.eye(3), np.zeros(3), ())
@@ -140,7 +139,7 @@ def make_plan(document: Document) -> Plan:
 
 
 class _Builder:
-    """Follows a document from model to model."""
+    """Recursive expansion of a document's models."""
 
     def __init__(self, document: Document) -> None:
         self.document = document
@@ -150,7 +149,7 @@ class _Builder:
         self._visits = 0
 
     def build(self, model: Model, colour: int, matrix: Floats, offset: Floats, assembly: tuple[str, ...]) -> tuple[int, ...]:
-        """Add a model's parts and steps; the indices of its parts."""
+        """Add a model's parts and steps. Returns the indices of its parts."""
         if len(assembly) > MAX_DEPTH:
             raise PlanError(
                 f"{self.document.path}, line {model.line}: '{model.name}' is nested more than {MAX_DEPTH} deep or in itself"
@@ -167,7 +166,7 @@ class _Builder:
         return tuple(range(first, len(self.parts)))
 
     def _assembly(self, reference: Reference) -> Model | None:
-        """The model that a line puts there; ``None`` where it is a part."""
+        """The sub-model of a reference, or ``None`` for a part."""
         model = self.document.models.get(ldraw_file.key_of(reference.name))
         return None if model is None or catalogue.find(reference.name) or self._is_drawn(model) else model
 
@@ -226,7 +225,7 @@ class _Builder:
         return placed
 
     def _check(self, reference: Reference) -> None:
-        """Refuse what no part can be; what is unknown, as the pieces of a drawn hose are, may be stretched."""
+        """Refuse stretched known parts; unknown ones, such as pieces of a hose, may be stretched."""
         if reference.is_stretched:
             where = f"{self.document.path}, line {reference.line}"
             raise PlanError(f"{where}: '{reference.name}' is stretched; place it without scaling")

@@ -1,4 +1,4 @@
-"""Everything that follows from a plan about the robot that it builds, found out once for each file."""
+"""Robots derived from plans, cached per file."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from bricksrl.plans.plan import Placed, Plan, read_plan
 
 @dataclass(frozen=True, eq=False)
 class Rolling:
-    """A motor that turns a wheel: the wheel's diameter and middle [3], and whether the motor turns clockwise to roll forwards."""
+    """A motor that drives a wheel: diameter and middle [3] of the wheel, and whether clockwise rolls forwards."""
 
     port: str
     diameter_mm: float
@@ -29,7 +29,7 @@ class Rolling:
 
 @dataclass(frozen=True, eq=False)
 class PlannedRobot:
-    """A plan and what follows from it."""
+    """A plan and its derived mechanism."""
 
     plan: Plan
     bodies: Bodies
@@ -48,7 +48,7 @@ class PlannedRobot:
 
     @property
     def rolling(self) -> tuple[Rolling, ...]:
-        """The motors that turn wheels; of one that turns several, the wheel that is farthest to the left."""
+        """The motors that drive wheels; of several wheels of one motor, the leftmost counts."""
         found = []
         for drive in self.articulation.drives:
             wheels = [wheel for wheel in self.articulation.wheels if wheel.link == drive.turn.child]
@@ -61,10 +61,10 @@ class PlannedRobot:
 
 
 def planned_robot(path: Path) -> PlannedRobot:
-    """The robot of a plan.
+    """The robot of a plan file.
 
     Raises:
-        PlanError: the file is no plan, a motor has no port, or something in it has no twin.
+        PlanError: the file is no plan, a motor has no port, or something has no twin.
     """
     try:
         state = path.stat()
@@ -79,10 +79,10 @@ def _planned(path: Path, _changed_ns: int, _size: int, _name: str) -> PlannedRob
 
 
 def planned(plan: Plan) -> PlannedRobot:
-    """The robot of a plan that is read already.
+    """The robot of a plan.
 
     Raises:
-        PlanError: a motor has no port, two devices have one, or something in it has no twin.
+        PlanError: a motor has no port, two devices share one, or something has no twin.
     """
     if not plan.parts:
         raise PlanError(f"{plan.path} has no part that the catalogue knows; run `bricksrl plan check` on it")
@@ -90,7 +90,7 @@ def planned(plan: Plan) -> PlannedRobot:
     for placed in plan.devices(DeviceKind.MOTOR) + plan.devices(DeviceKind.SENSOR):
         if placed.port is None:
             raise PlanError(
-                f"{plan.path}, line {placed.line}: {placed.name} has no port; say 0 !BRICKSRL PORT and its letter before it"
+                f"{plan.path}, line {placed.line}: {placed.name} has no port; write 0 !BRICKSRL PORT and its letter before it"
             )
         if placed.port in ports:
             raise PlanError(f"{plan.path}, line {placed.line}: port {placed.port} is used twice; give each device its own")

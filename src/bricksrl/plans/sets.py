@@ -1,7 +1,7 @@
-"""LEGO's sets that have the hub, motors and sensors of a plan, and what is to be bought besides.
+"""LEGO sets with the hub, motors and sensors of a plan, and what they lack.
 
-What else is in a set is left out: no inventory was at hand that may be relied on. The devices of 45678 and 45681 were looked up
-on sales pages; those of the other sets, some retired, are written from memory and to be checked before buying.
+Other parts of the sets are not listed. The devices of 45678 and 45681 are from sales pages; those of the other sets, some
+retired, are from memory: check them before buying.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from bricksrl.plans.plan import Plan
 
 @dataclass(frozen=True)
 class LegoSet:
-    """A set: its number, and how many hubs, motors and sensors it has, by the names that ``bricksrl.robots`` has for them."""
+    """A set: number, and count of each hub, motor and sensor, by name in ``bricksrl.robots``."""
 
     number: str
     name: str
@@ -74,15 +74,12 @@ SINGLY = {
     "Ev3TouchSensor": "45507",
     "Ev3InfraredSensor": "45509",
 }
-"""Numbers under which they are, or were, sold by themselves."""
+"""Numbers of devices sold separately."""
 _HUBS = {"prime", "essential", "technic", "city", "move", "ev3"}
 
 
 def purchases(plan: Plan) -> list[str]:
-    """A line for each set that has the plan's hub, those that lack least of its motors and sensors first, and what they lack.
-
-    Nothing for a plan without a hub that a set has.
-    """
+    """A line for each set with the plan's hub and what it lacks, the most complete first; empty without such a set."""
     names = {placed.part.device.name: placed.part.name for placed in plan.parts if placed.part.device is not None}
     needed = Counter(placed.part.device.name for placed in plan.parts if placed.part.device is not None)
     lines = sorted(_combined(needed), key=lambda found: (found[1].total(), len(found[0])))
@@ -90,7 +87,7 @@ def purchases(plan: Plan) -> list[str]:
 
 
 def _combined(needed: Counter[str]) -> Iterator[tuple[tuple[LegoSet, ...], Counter[str]]]:
-    """Sets that have a hub of the plan, also together with one without a hub that has something of what is lacking."""
+    """Sets with a hub of the plan, alone or with a set without a hub that adds missing devices."""
     for base in SETS:
         if not _HUBS & set(needed) & set(base.devices):
             continue

@@ -1,4 +1,4 @@
-"""Shapes of parts: triangles from their solids, holes and teeth. Our own shapes; LDraw units."""
+"""Triangle meshes of parts from their solids, holes and teeth. LDraw units."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from bricksrl.plans.part import Fit, Gear, GearForm, Part, Site
 
 _SIDES = 20
 _STUD_RADIUS = 6.0
-_TOOTH = 2.2
-"""How far a gear's teeth stand out of its pitch circle."""
-_PROUD = 0.15
-"""How far a hole's dark disc stands out of the surface, so that it is seen."""
+_TOOTH_HEIGHT = 2.2
+"""Height of teeth above the pitch circle."""
+_DISC_OFFSET = 0.15
+"""Offset of a hole's dark disc from the surface, for visibility."""
 
 
 class Tint(enum.IntEnum):
-    """What a surface is coloured with."""
+    """Materials of a surface."""
 
     MAIN = 0
     DARK = 1
@@ -31,7 +31,7 @@ class Tint(enum.IntEnum):
 
 @dataclass(frozen=True)
 class Surface:
-    """Triangles [n, 3, 3], counter-clockwise seen from outside, and their tints [n]."""
+    """Triangles [n, 3, 3], counter-clockwise from outside, and their tints [n]."""
 
     triangles: Floats
     tints: Floats
@@ -39,7 +39,7 @@ class Surface:
 
 @functools.lru_cache(maxsize=1024)
 def surface_of(part: Part) -> Surface:
-    """How a part looks, in its own frame."""
+    """The surface of a part in its own frame."""
     pieces: list[tuple[Floats, Tint]] = []
     if part.family == "axles":
         pieces += [(_cross(site), Tint.MAIN) for site in part.sites]
@@ -55,7 +55,7 @@ def surface_of(part: Part) -> Surface:
     pieces += [(_solid(solid), Tint.TURNING) for solid in part.turning]
     pieces += [(_hole(site), Tint.DARK) for site in part.holes]
     pieces += [(_solid(collar), Tint.MAIN) for collar in _collars(part)]
-    pieces += _faces(part)
+    pieces += _electric_marks(part)
     triangles = np.concatenate([piece for piece, _ in pieces])
     return Surface(triangles, np.concatenate([np.full(len(piece), int(tint)) for piece, tint in pieces]))
 
@@ -64,24 +64,24 @@ def _solid(solid: Solid) -> Floats:
     if solid.form is Form.BOX:
         local = _box(solid.half)
     elif solid.form is Form.CYLINDER:
-        local = _turned([(0, -1), (1, -1), (1, 1), (0, 1)], solid.half[0], solid.half[2])
+        local = _revolved([(0, -1), (1, -1), (1, 1), (0, 1)], solid.half[0], solid.half[2])
     elif solid.form is Form.RING:
         inner = solid.half[1] / solid.half[0]
-        local = _turned([(inner, -1), (1, -1), (1, 1), (inner, 1), (inner, -1)], solid.half[0], solid.half[2], sides=36)
+        local = _revolved([(inner, -1), (1, -1), (1, 1), (inner, 1), (inner, -1)], solid.half[0], solid.half[2], sides=36)
     else:
         angles = [math.pi * step / 10 - math.pi / 2 for step in range(11)]
-        local = _turned([(math.cos(angle), math.sin(angle)) for angle in angles], solid.half[0], solid.half[0])
-    faces = _of_tube(local, solid.half[0], solid.half[1]) if solid.form is Form.RING else _outward(local)
+        local = _revolved([(math.cos(angle), math.sin(angle)) for angle in angles], solid.half[0], solid.half[0])
+    faces = _tube_outward(local, solid.half[0], solid.half[1]) if solid.form is Form.RING else _outward(local)
     return np.asarray(faces @ np.array(solid.axes) + np.array(solid.centre))
 
 
 def _outward(triangles: Floats) -> Floats:
-    """Triangles of a convex solid about the origin, counter-clockwise from outside."""
+    """Triangles of a convex solid around the origin, turned counter-clockwise from outside."""
     return _facing(triangles, triangles.mean(axis=1))
 
 
-def _of_tube(triangles: Floats, outer: float, inner: float) -> Floats:
-    """Triangles of a tube about the third axis, counter-clockwise from outside, which within the tube is towards the axis."""
+def _tube_outward(triangles: Floats, outer: float, inner: float) -> Floats:
+    """Triangles of a tube around the third axis, turned outwards: inside the tube, towards the axis."""
     centres = triangles.mean(axis=1)
     way = centres * np.array([1.0, 1.0, 0.0])
     way[np.hypot(centres[:, 0], centres[:, 1]) < (outer + inner) / 2] *= -1.0
@@ -91,7 +91,7 @@ def _of_tube(triangles: Floats, outer: float, inner: float) -> Floats:
 
 
 def _facing(triangles: Floats, way: Floats) -> Floats:
-    """Triangles turned over where they look away from a direction of their own [n, 3]."""
+    """Triangles turned to face the directions ``way`` [n, 3]."""
     normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     is_turned = np.einsum("ij,ij->i", normals, way) < 0.0
     return np.where(is_turned[:, None, None], triangles[:, ::-1], triangles)
@@ -103,8 +103,8 @@ def _box(half: tuple[float, float, float]) -> Floats:
     return _outward(np.array([corners[[a, b, c]] for q in quads for a, b, c in ((q[0], q[1], q[2]), (q[0], q[2], q[3]))]))
 
 
-def _turned(profile: list[tuple[float, float]], radius: float, half: float, sides: int = _SIDES) -> Floats:
-    """A profile of (radius, height), each 0..1, turned about the third axis."""
+def _revolved(profile: list[tuple[float, float]], radius: float, half: float, sides: int = _SIDES) -> Floats:
+    """Surface of revolution: a profile of (radius, height), each 0..1, around the third axis."""
     angles = np.arange(sides + 1) * 2 * math.pi / sides
     rings = [
         np.column_stack([r * radius * np.cos(angles), r * radius * np.sin(angles), np.full(sides + 1, z * half)])
@@ -129,17 +129,17 @@ def _cross(site: Site) -> Floats:
 
 
 def _hole(site: Site) -> Floats:
-    """Dark shapes at both ends of a hole: round ones for pins, crosses for axles."""
-    half = site.length / 2 + _PROUD
+    """Dark shapes at both ends of a hole: discs for pins, crosses for axles."""
+    half = site.length / 2 + _DISC_OFFSET
     if site.fit is Fit.HOLE:
-        discs = [_turned([(0, z), (1, z)], 6.0, half) for z in (-1.0, 1.0)]
+        discs = [_revolved([(0, z), (1, z)], 6.0, half) for z in (-1.0, 1.0)]
         return _placed(_outward(np.concatenate(discs)), site.axis, site.centre)
     blades = np.concatenate([_box((6.0, 2.0, half)), _box((2.0, 6.0, half))])
     return _placed(blades, site.axis, site.centre)
 
 
 def _collars(part: Part) -> list[Solid]:
-    """The rims of a pin, a module from its ends."""
+    """The rims of a pin, one module from its ends."""
     collars = []
     for site in part.sites:
         if site.fit in (Fit.PIN, Fit.FRICTION_PIN) and part.family == "pins":
@@ -157,9 +157,9 @@ def _studs(part: Part) -> list[Solid]:
 
 
 def _teeth(gear: Gear) -> Floats:
-    """A gear's outline, teeth included, drawn out along its axis."""
+    """The outline of a gear with its teeth, extruded along its axis."""
     count, pitch = max(gear.teeth, 8), max(gear.pitch_radius, 10.0)
-    high, low = pitch + _TOOTH, pitch - _TOOTH - 0.6
+    high, low = pitch + _TOOTH_HEIGHT, pitch - _TOOTH_HEIGHT - 0.6
     steps = [(low, 0.0), (low, 0.45), (high, 0.62), (high, 0.88)]
     outline = np.array(
         [
@@ -183,8 +183,8 @@ def _teeth(gear: Gear) -> Floats:
     return _placed(np.concatenate(faces), gear.axis, gear.centre)
 
 
-def _faces(part: Part) -> list[tuple[Floats, Tint]]:
-    """What tells an electric part's sides apart: the hub's display, button and ports, the eyes of a sensor."""
+def _electric_marks(part: Part) -> list[tuple[Floats, Tint]]:
+    """Marks on electric parts: a hub's display, button and ports, the eyes of a sensor."""
     device = part.device
     if device is None:
         return []
@@ -204,4 +204,4 @@ def _faces(part: Part) -> list[tuple[Floats, Tint]]:
 
 
 def _disc(radius: float) -> Floats:
-    return _outward(_turned([(0, 1), (1, 1)], radius, 0.6))
+    return _outward(_revolved([(0, 1), (1, 1)], radius, 0.6))

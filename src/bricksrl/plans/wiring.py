@@ -1,4 +1,4 @@
-"""The wiring of a plan: hub, ports, cables."""
+"""Check of a plan's wiring: hub, ports, cable lengths."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from bricksrl.plans.part import DeviceKind
 from bricksrl.plans.plan import Placed, Plan
 
 _SLACK_MM = 30.0
-"""Of a cable, for its bends."""
+"""Length of a cable that its bends need."""
 
 
 def wiring(plan: Plan) -> list[Finding]:
-    """Hub, ports, cables."""
+    """Findings about hub, ports and cables."""
     hubs = plan.devices(DeviceKind.HUB)
     wired = plan.devices(DeviceKind.MOTOR) + plan.devices(DeviceKind.SENSOR)
     findings = []
@@ -27,7 +27,7 @@ def wiring(plan: Plan) -> list[Finding]:
     used: dict[str, Placed] = {}
     for placed in wired:
         if placed.port is None:
-            text = f"{placed.name} has no port; say 0 !BRICKSRL PORT and its letter before it"
+            text = f"{placed.name} has no port; write 0 !BRICKSRL PORT and its letter before it"
             findings.append(Finding("wiring", placed.line, text, (placed.index,)))
         elif placed.port not in places:
             text = f"{placed.name} is on port {placed.port}, but the hub has {', '.join(sorted(places))}; choose one of these"

@@ -102,14 +102,14 @@ def read_policy(path: Path) -> SharedPolicy:
     except OSError as error:
         raise CheckpointError(f"there is no policy in {path} ({error.strerror}); choose a folder with {TENSORS}") from None
     except (ValueError, RecursionError):
-        raise CheckpointError(f"{path / ABOUT} is no JSON; fetch the policy again") from None
+        raise CheckpointError(f"{path / ABOUT} is not JSON; fetch the policy again") from None
     if not isinstance(about, dict) or about.get("bricksrl_policy") != _VERSION or not isinstance(about.get("config"), dict):
         raise CheckpointError(f"{path / ABOUT} describes no policy of this version of BricksRL; choose another")
     require_trusted(path / ABOUT, text, about["config"])
     try:
         tensors = load(data)
     except (SafetensorError, ValueError, KeyError, TypeError):
-        raise CheckpointError(f"{path / TENSORS} is no sound safetensors file; fetch the policy again") from None
+        raise CheckpointError(f"{path / TENSORS} is not a valid safetensors file; fetch the policy again") from None
     try:
         return SharedPolicy(TrainConfig.from_dict(about["config"]), tensors)
     except RunError as error:

@@ -116,7 +116,7 @@ def disagreements(
     findings = []
     for one in made.plan.devices(DeviceKind.HUB):
         if one.part.device is not None and one.part.device.name != hub:
-            text = f"{one.name} is no {hub} hub, which the robot {name} has; make both agree"
+            text = f"{one.name} is not a {hub} hub, which the robot {name} has; make both agree"
             findings.append(Finding("wiring", one.line, text, (one.index,)))
     for device in devices:
         there = placed.get(device.port)

@@ -1,9 +1,8 @@
-"""Asynchronous learner: a process of its own learns beside the robot, so that the robot's loop never waits for a gradient.
+"""Asynchronous learner: a separate process learns, so that the robot's loop never waits for a gradient.
 
-The robot sends what it saw and did; back come weights for its actor, after the updates of each robot step. Learning is never
-ahead of the steps; where the processor is too slow it falls behind, makes up for it while the robot is reset, and the run tells
-how far it got. A process rather than a thread, because the small operations of an update would take turns with the robot's own
-Python, and because its death leaves the robot's side whole. It ends by itself when the robot's side has gone.
+The robot's process sends transitions and receives weights of the actor. Learning never gets ahead of the steps; on a slow
+processor it falls behind and catches up during resets. It is a process, as a thread would compete for the interpreter lock, and
+as its death does not stop the robot's process. It ends with the robot's process.
 """
 
 from __future__ import annotations
@@ -29,44 +28,44 @@ from bricksrl.errors import BricksError, LearnerError
 from bricksrl.seed import derive_seed
 from bricksrl.training.config import TrainConfig
 from bricksrl.training.learner_side import InLoopLearner, Pace
-from bricksrl.training.offline import study
+from bricksrl.training.offline import attach_dataset
 from bricksrl.training.process import END, Channel, ChildProcess, Message, leave, parent_channel
 from bricksrl.training.restore import make_learner_for
 
 _CHECK_S = 0.1
 _END_TIMEOUT_S = 120.0
 _SLACK_STEPS = 4
-"""How far a robot that loses nothing by waiting may be ahead of its learner."""
+"""Maximum lead of a simulated robot over its learner, steps."""
 
 
 class AsyncLearner:
-    """The robot's side of a learner in another process, which ends when this is left.
+    """The robot's side of a learner in another process; leaving the context ends the process.
 
     Args:
-        env: its specs and its task are what the learner is built for.
-        actor: acts here, on the CPU; it neither remembers nor learns.
-        state: of a checkpoint, which the learner in the other process goes on from.
+        env: provides the specs and task for the learner.
+        actor: acts in this process, on the CPU; it does not learn.
+        state: of a checkpoint, from which the learner continues.
 
     Raises:
-        LearnerError: the process cannot be started. All other methods raise it too, when the process has failed or died.
+        LearnerError: the process cannot be started; in all other methods: it failed or died.
     """
 
     def __init__(self, config: TrainConfig, env: EnvBase, actor: Learner, state: dict[str, Any]) -> None:
         actor.act_on("cpu")
         self.actor = actor
-        self._is_patient = config.hub == "virtual" and not config.realtime  # a simulated robot loses nothing by waiting
+        self._may_wait = config.hub == "virtual" and not config.realtime  # a simulated robot may wait
         seen = list(actor.policy.in_keys)
         outcome = (*seen, "reward", "terminated", "done", "link_lost")
         self._keys = [*seen, "action", "action_log_prob", *(("next", key) for key in outcome)]
         self._changed = threading.Condition()
         self._asked, self._done, self._saves, self._saved = state["pace"]["asked"], state["pace"]["done"], 0, 0
         self._is_ready, self._failure = False, ""
-        self._told: list[dict[str, Tensor]] = []
+        self._metrics: list[dict[str, Tensor]] = []
         try:
-            with self._changed:  # it may tell of its end before it is here
+            with self._changed:  # it may report its end before the attribute is set
                 self._process = ChildProcess("bricksrl.training.async_learner", self._deliver)
         except OSError as error:
-            raise LearnerError(f"cannot start the process that learns ({error.strerror}); train synchronously") from None
+            raise LearnerError(f"cannot start the learner's process ({error.strerror}); train synchronously") from None
         specs = {name: getattr(env, name).cpu() for name in ("observation_spec", "action_spec", "reward_spec", "done_spec")}
         has_task = getattr(env, "task", None) is not None
         own = {name: state[name] for name in ("agent", "pace", "collected")}
@@ -76,7 +75,7 @@ class AsyncLearner:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        """End the process: once it has written what it was told to, or at once where the run breaks off."""
+        """End the process: after its pending work, or at once after an unexpected error."""
         in_order = error is None or isinstance(error, BricksError)
         if in_order:
             with contextlib.suppress(OSError):
@@ -85,43 +84,43 @@ class AsyncLearner:
 
     @property
     def pace(self) -> Pace:
-        """As last heard."""
+        """As last reported."""
         return Pace(self._asked, self._done)
 
     def wait_until_ready(self) -> None:
-        """Wait for the process to be there."""
+        """Wait until the process is ready."""
         self._wait(lambda: self._is_ready)
 
     def new_weights(self) -> dict[str, Tensor] | None:
-        """All that acting depends on, where that was learned since the last call."""
+        """The policy's tensors, if there are new ones since the last call."""
         return self.actor.weights.pop() if self.actor.weights else None
 
     def remember(self, frames: TensorDictBase, robot: int = 0) -> None:
-        """Tell the learner."""
+        """Send frames to the learner."""
         rows = frames.select(*self._keys, strict=False)
         self._send("remember", (robot, dict(rows.flatten_keys(".").items())))
 
     def end_episodes(self, robot: int | None = None) -> None:
-        """Tell the learner."""
+        """Tell the learner that episodes ended."""
         self._send("end_episodes", robot)
 
     def learn(self, steps: int) -> dict[str, Tensor]:
-        """Ask for the updates of so many steps, and go on."""
+        """Request the updates for ``steps`` steps, without waiting for them. Returns means of metrics received so far."""
         self._asked += steps
         self._send("learn", steps)
-        if self._is_patient:
+        if self._may_wait:
             self._wait(lambda: self._asked - self._done <= _SLACK_STEPS)
         with self._changed:
-            told, self._told = self._told, []
-        return means(told)
+            metrics, self._metrics = self._metrics, []
+        return means(metrics)
 
     def save(self, path: Path, state: dict[str, Any]) -> None:
-        """Tell the learner, who writes it before it learns on."""
+        """Request a checkpoint; the learner writes it before it continues."""
         self._saves += 1
         self._send("save", (str(path.absolute()), state))
 
     def finish(self, go_on: Callable[[], bool]) -> None:
-        """Wait for what is due."""
+        """Wait for pending updates and checkpoints."""
         self._wait(lambda: self._done >= self._asked or not go_on())
         self._wait(lambda: self._saved >= self._saves)
 
@@ -129,25 +128,22 @@ class AsyncLearner:
         self._check()
         try:
             self._process.send(kind, content)
-        except OSError:  # what it had to say last may still be on its way
+        except OSError:  # its last message may still be on its way
             with self._changed:
                 self._changed.wait_for(lambda: self._failure, _END_TIMEOUT_S)
             self._check()
 
     def _wait(self, is_true: Callable[[], bool]) -> None:
-        """Wait for something that a message brings; the process ends the waiting too, by its death."""
+        """Wait for a condition that a message, or the process's death, brings about."""
         with self._changed:
             while not is_true():
                 self._check()
                 self._changed.wait(_CHECK_S)
 
     def _check(self) -> None:
-        """
-        Raises:
-            LearnerError: the process has failed or died.
-        """
+        """Raise `LearnerError` if the process has failed or died."""
         if self._failure:
-            raise LearnerError(f"the process that learns {self._failure}; resume the run from its last checkpoint")
+            raise LearnerError(f"the learner's process {self._failure}; resume the run from its last checkpoint")
 
     def _deliver(self, message: Message | None) -> None:
         if message is None:
@@ -155,7 +151,7 @@ class AsyncLearner:
                 process = self._process
             code = process.wait(_END_TIMEOUT_S)
             cause = f"signal {-code}" if code is not None and code < 0 else f"exit code {code}"
-            message = "failed", self._failure or f"has died ({cause})"
+            message = "failed", self._failure or f"died ({cause})"
         content: Any
         kind, content = message
         with self._changed:
@@ -164,8 +160,8 @@ class AsyncLearner:
                     self._is_ready = True
                     self.actor.weights.append(content)
                 case "learned":
-                    self._done, told, weights = content
-                    self._told.append(told)
+                    self._done, metrics, weights = content
+                    self._metrics.append(metrics)
                     self.actor.weights.append(weights)
                 case "saved":
                     self._saved = content
@@ -178,7 +174,7 @@ Inbox = SimpleQueue[Message | None]
 
 
 def main() -> None:
-    """Learn beside one run: ``python -m bricksrl.training.async_learner``, which an `AsyncLearner` starts."""
+    """Entry point of the learner's process, ``python -m bricksrl.training.async_learner``."""
     inbox: Inbox = SimpleQueue()
     channel = parent_channel(inbox.put)
     try:
@@ -187,25 +183,25 @@ def main() -> None:
             serve(begin, inbox, channel)
     except BrokenPipeError:
         pass
-    except Exception as error:  # noqa: BLE001  the robot's side tells the user
+    except Exception as error:  # noqa: BLE001  reported to the user by the robot's side
         with contextlib.suppress(BrokenPipeError):
             channel.send("failed", f"failed ({type(error).__name__}: {' '.join(str(error).split())})")
-    gc.collect()  # lets go of the semaphores of replay buffers
+    gc.collect()  # frees the semaphores of replay buffers
     leave()
 
 
 def serve(begin: dict[str, Any], inbox: Inbox, channel: Channel) -> None:
-    """Learn until the robot's side says that it is over, or has gone."""
-    torch.set_num_threads(1)  # the robot has the other cores
+    """Learn until the robot's side ends the run or disconnects."""
+    torch.set_num_threads(1)  # the other cores are for the robot
     asked, done = begin["state"]["pace"]["asked"], begin["state"]["pace"]["done"]
     config = TrainConfig.from_dict(begin["config"])
     torch.manual_seed(derive_seed(config.seed, "learner", asked))
     env = SpecsEnv(begin["specs"], get_task(config.env, **config.options) if begin["has_task"] else None)
     learner = make_learner_for(config, env)
     learner.load_state_dict(begin["state"]["agent"])
-    study(config, learner, env)
+    attach_dataset(config, learner, env)
     side = InLoopLearner(learner, {**begin["state"], "pace": {"asked": done}})
-    del begin  # it may be large
+    del begin  # may be large
     saves = 0
     channel.send("ready", learner.policy_state())
     while True:
@@ -226,8 +222,8 @@ def serve(begin: dict[str, Any], inbox: Inbox, channel: Channel) -> None:
                     channel.send("saved", saves)
                 case "end":
                     return
-        told = {name: value.cpu() for name, value in side.learn(1).items()}
-        channel.send("learned", (side.pace.done, told, learner.policy_state()))
+        metrics = {name: value.cpu() for name, value in side.learn(1).items()}
+        channel.send("learned", (side.pace.done, metrics, learner.policy_state()))
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Callbacks of a training run: a command line, a recorder or a page listens to it."""
+"""Callbacks of a training run, for the command line, recorders or the page."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ if TYPE_CHECKING:
 
 
 class Phase(StrEnum):
-    """The part of an agent in an episode: random actions to fill the replay buffer, exploring and learning, or neither."""
+    """Activity of the agent in an episode: random prefill, exploration with learning, or evaluation of offline learning."""
 
     PREFILL = "prefill"
     TRAIN = "train"
     OFFLINE = "offline"
-    """It has learned from a dataset, does its best, and keeps nothing of what it sees."""
+    """Best actions of an agent that learned from a dataset; nothing is stored."""
 
 
 class RobotState(StrEnum):
@@ -32,43 +32,43 @@ class RobotState(StrEnum):
 
     STARTING = "starting"
     PLACED = "placed"
-    """It waits for a hand that puts it where an episode starts."""
+    """Waits to be placed by hand at the start position."""
     ACTING = "acting"
     LEFT = "left"
-    """Its link broke or its process ended; it is tried to reach it again."""
+    """Its link broke or its process ended; it is retried."""
     DONE = "done"
-    """No episode is left for it."""
+    """No episodes are left."""
 
 
 @dataclass(frozen=True)
 class Episode:
-    """One episode of training; with many copies, a round of all of them, and means over the episodes that ended in it."""
+    """A training episode; with many copies, a round of all with means over the ended episodes."""
 
     episode: int
     """From 1."""
     phase: Phase
     steps: int
-    """Robot steps of the run up to its end."""
+    """Total robot steps of the run at its end."""
     length: int
     return_: float
-    """Sum of its rewards."""
+    """Sum of rewards."""
     success: bool | None
-    """Whether the task calls it one; ``None`` where the environment has no notion of it."""
+    """By the task's definition; ``None`` without one."""
     losses: dict[str, float] = field(default_factory=dict)
-    """Mean over its updates, by name; empty where nothing was learned."""
+    """Mean over its updates, by name; empty without updates."""
     seconds: float = 0.0
-    """Time of the run up to its end, interruptions left out."""
+    """Total time of the run at its end, without interruptions."""
     link_lost: bool = False
-    """It ended because the link to the robot broke."""
+    """Whether it ended by a lost link."""
     updates_per_step: float | None = None
-    """Updates of the run by its end, for each of the steps that asked for some; ``None`` before one did."""
+    """Updates so far per step that requires updates; ``None`` without such steps."""
     evaluation: float | None = None
-    """Mean return of the evaluation after it; ``None`` where there was none."""
+    """Mean return of the evaluation after it, or ``None``."""
     robot: str = ""
-    """Its name, where there are several."""
+    """Name of the robot in a fleet."""
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain values, fit for a checkpoint."""
+        """Plain values for a checkpoint."""
         return {**dataclasses.asdict(self), "phase": self.phase.value}
 
     @classmethod
@@ -79,7 +79,7 @@ class Episode:
 
 @dataclass(frozen=True)
 class Progress:
-    """How far a run is: rate over the last episodes, and the time that the remaining ones will take at that rate."""
+    """Rate over the last episodes, and estimated time of the remaining ones."""
 
     episodes_total: int
     steps_per_s: float
@@ -88,62 +88,61 @@ class Progress:
 
 @dataclass(frozen=True)
 class RunResult:
-    """How a run ended."""
+    """Result of a run."""
 
     run_dir: Path
     episodes: tuple[Episode, ...]
     interrupted: bool
-    """So that it can be resumed."""
+    """Whether it can be resumed."""
     updates_per_step: float | None = None
-    """Updates made while the robot was at work, for each of the steps that asked for some; ``None`` where nothing learned."""
+    """Updates during the robot's work per step that requires updates; ``None`` without such steps."""
     caught_up: int = 0
-    """Updates that were made after the robot was done."""
+    """Updates after the robot's work."""
 
 
 class Callback:
-    """Listens to a run. Override what you need; each call returns quickly, the robot waits for it."""
+    """Base class of callbacks. Methods must return quickly, as the robot waits for them."""
 
     def on_env(self, env: EnvBase) -> None:
-        """The environment of the run, before anything moves in it: whoever may stop or pause the robot keeps it."""
+        """The environment of the run, before any motion."""
 
     def on_learner(self, learner: Learner) -> None:
-        """The learner of the run, which learns in the loop; beside a robot another process has the one that learns."""
+        """The learner of the run; for asynchronous runs its robot-side actor."""
 
     def on_start(self, config: TrainConfig, run_dir: Path, episodes_done: int) -> None:
-        """The robot answers and the run begins, or goes on after ``episodes_done`` episodes."""
+        """The robot is connected, and the run starts, or resumes after ``episodes_done`` episodes."""
 
     def on_step(self, episode: int, step: int, phase: Phase) -> None:
-        """Step ``step`` (from 1) of episode ``episode`` (from 1) has been made and learned from."""
+        """Step ``step`` (from 1) of episode ``episode`` (from 1) was made and learned from."""
 
     def on_transition(self, episode: int, step: int, phase: Phase, transition: TensorDictBase) -> None:
-        """That step as TorchRL's ``EnvBase.step`` returns it, before anything is learned from it: what the agent saw and did, and
-        under "next" what followed. Copy what you keep."""
+        """The step as returned by TorchRL's ``EnvBase.step``, before it is learned from; copy what you keep."""
 
     def on_link_lost(self, episode: int, length: int, error: BricksError) -> None:
-        """The link to the robot broke after ``length`` whole steps: the episode ends, and the run tries to reach the robot again.
-        `on_episode` follows where there was at least one step."""
+        """The link broke after ``length`` complete steps: the episode ends and the run reconnects. `on_episode` follows unless
+        ``length`` is 0."""
 
     def on_robot(self, robot: str, state: RobotState, reason: str) -> None:
-        """A robot of a fleet is in another state now; ``reason`` says why, where it has left."""
+        """A robot of a fleet changed its state; ``reason`` says why it left."""
 
     def on_episode(self, episode: Episode, progress: Progress) -> None:
-        """An episode ended and everything about it is on the disk, or about to be where learning goes on beside the robot."""
+        """An episode ended and is on disk; in asynchronous runs it is about to be."""
 
     def on_catching_up(self, updates: int) -> None:
-        """The robot is done, and so many updates are still to be made."""
+        """The robot is done, and ``updates`` updates remain."""
 
     def on_end(self, result: RunResult) -> None:
-        """The run ended or was interrupted; its files are in order."""
+        """The run ended or was interrupted; its files are complete."""
 
 
 class CallbackList(Callback):
-    """Several callbacks as one; each is told everything, in their order."""
+    """Several callbacks as one, called in order."""
 
     def __init__(self, *callbacks: Callback) -> None:
         for name in (name for name in vars(Callback) if name.startswith("on_")):
-            setattr(self, name, functools.partial(self._tell, name, callbacks))
+            setattr(self, name, functools.partial(self._call_all, name, callbacks))
 
     @staticmethod
-    def _tell(name: str, callbacks: tuple[Callback, ...], *content: Any) -> None:
+    def _call_all(name: str, callbacks: tuple[Callback, ...], *content: Any) -> None:
         for callback in callbacks:
             getattr(callback, name)(*content)

@@ -1,7 +1,6 @@
-"""Checkpoints: one file, written atomically, checked by a digest, and read without executing anything in it.
+"""Checkpoints: one file, written atomically, verified by a digest, loaded without executing code.
 
-The file is a line that says what it is, the SHA-256 digest of the rest, and the rest: a dictionary of tensors, numbers, strings
-and lists as `torch.save` writes it.
+Format: a magic line, the SHA-256 digest of the rest, and nested tensors, numbers, strings and lists as written by `torch.save`.
 """
 
 from __future__ import annotations
@@ -24,7 +23,7 @@ _DIGEST_SIZE = hashlib.sha256().digest_size
 
 
 def save_checkpoint(path: Path, state: dict[str, Any]) -> None:
-    """Write ``state``; a file of that name stays whole until the new one is whole."""
+    """Write ``state`` atomically."""
     buffer = io.BytesIO()
     torch.save(state, buffer)
     payload = buffer.getvalue()
@@ -32,27 +31,25 @@ def save_checkpoint(path: Path, state: dict[str, Any]) -> None:
 
 
 def load_checkpoint(path: Path) -> dict[str, Any]:
-    """What `save_checkpoint` wrote.
+    """Load a checkpoint.
 
     Raises:
-        CheckpointError: the file is missing, unreadable, damaged, or not one of ours.
+        CheckpointError: the file is missing, damaged, or no checkpoint.
     """
     try:
         data = path.read_bytes()
     except OSError as error:
-        raise CheckpointError(
-            f"cannot read the checkpoint {path} ({error.strerror}); choose a folder that a run was made in"
-        ) from None
+        raise CheckpointError(f"cannot read the checkpoint {path} ({error.strerror}); choose the folder of a run") from None
     if not data.startswith(MAGIC):
-        raise CheckpointError(f"{path} is no checkpoint of this version of BricksRL; choose another or train anew")
+        raise CheckpointError(f"{path} is not a checkpoint of this version of BricksRL; choose another or train again")
     digest, payload = data[len(MAGIC) : len(MAGIC) + _DIGEST_SIZE], data[len(MAGIC) + _DIGEST_SIZE :]
     if hashlib.sha256(payload).digest() != digest:
-        raise CheckpointError(f"the checkpoint {path} is damaged; restore it from a copy or train anew")
+        raise CheckpointError(f"the checkpoint {path} is damaged; restore a copy or train again")
     try:
-        with warnings.catch_warnings(action="ignore"):  # what is odd about a foreign pickle, and it is refused anyway
+        with warnings.catch_warnings(action="ignore"):  # warnings about foreign pickles, which are refused anyway
             state = torch.load(io.BytesIO(payload), map_location="cpu", weights_only=True)
     except (pickle.UnpicklingError, struct.error, AttributeError, EOFError, LookupError, RuntimeError, TypeError, ValueError):
         state = None
     if not isinstance(state, dict):
-        raise CheckpointError(f"the checkpoint {path} holds something else than a training state; train anew")
+        raise CheckpointError(f"the checkpoint {path} has no training state; train again")
     return state

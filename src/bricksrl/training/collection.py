@@ -1,4 +1,4 @@
-"""Collection from many copies with TorchRL's collector: of a simulation in one batch, of a virtual robot in processes."""
+"""Collection from many copies by TorchRL's collector: batched simulations, or virtual robots in processes."""
 
 from __future__ import annotations
 
@@ -17,25 +17,25 @@ from bricksrl.envs.registry import get_task, is_simulation, make
 
 
 def make_copies(env_id: str, options: EnvOptions, copies: int, *, seed: int | None, device: str = "cpu") -> EnvBase:
-    """Copies ``[copies]`` that count the return and the steps of each episode: of a simulation in one batch on a device, of a
-    virtual robot each in a process of its own."""
+    """Environment with batch ``[copies]`` that tracks return and length of episodes: a batched simulation, or one process per
+    virtual robot."""
     if is_simulation(env_id):
         env = make(env_id, options, batch_size=copies, seed=seed, device=device)
     else:
         one = functools.partial(make, env_id, options.env_options, seed=seed)
         env = ParallelEnv(copies, one, mp_start_method="spawn")
     counted = TransformedEnv(env, Compose(RewardSum(), StepCounter()))
-    counted.task = get_task(env_id, **options.options)  # processes tell none of their attributes
+    counted.task = get_task(env_id, **options.options)  # attributes do not cross process boundaries
     return counted
 
 
 def collect_round(env: EnvBase, policy: Any, steps: int, steps_per_batch: int) -> Iterator[TensorDictBase]:
-    """Frames ``[copies, steps_per_batch]``, at least ``steps`` of each copy from a reset on; copies that are done start anew.
+    """Frames ``[copies, steps_per_batch]``, at least ``steps`` per copy from a reset on; ended copies restart.
 
     Args:
-        policy: a module of TensorDicts on the environment's device; it explores.
+        policy: a TensorDict module on the environment's device; it explores.
     """
-    with warnings.catch_warnings(action="ignore", category=DeprecationWarning):  # TorchRL's own, when it is loaded
+    with warnings.catch_warnings(action="ignore", category=DeprecationWarning):  # raised by TorchRL's own import
         from torchrl.collectors import Collector
 
     copies = env.batch_size.numel()

@@ -1,4 +1,4 @@
-"""Configuration of a training run: plain data. Importing this loads no torch."""
+"""Configuration of training runs: plain data. Importing this loads no torch."""
 
 from __future__ import annotations
 
@@ -16,58 +16,56 @@ from bricksrl.seed import check_seed
 from bricksrl.twin.physics import Physics
 
 _LEAST = {"episodes": 1, "num_envs": 1, "robots": 1, "eval_episodes": 1, "eval_every": 0, "updates": 0, "patience_s": 0}
-"""Of numbers that have a lower limit."""
+"""Lower limits."""
 
 
 @dataclass(frozen=True)
 class TrainConfig(EnvOptions):
-    """A training run in an environment. Two synchronous runs with equal configs on the virtual hub end bit-identical."""
+    """A training run in an environment. Synchronous runs on the virtual hub are bit-identical for equal configs."""
 
     env: str
-    """Environment, by id, or a task of your own as `bricksrl.make` takes it."""
+    """Environment id, or your own task, as for `bricksrl.make`."""
     agent: str = "sac"
-    """Agent, by name (``bricksrl.agents.AGENTS``), or an algorithm of your own: my_agent.py[:NAME]."""
+    """Agent by name (``bricksrl.agents.AGENTS``), or your own algorithm: my_agent.py[:NAME]."""
     episodes: int = 40
-    """Episodes, those with random actions at the start included."""
+    """Episodes, including those of random actions at the start."""
     seed: int = 0
     """Seed of everything random: networks, exploration, replay, and the virtual robot."""
     device: str = "cpu"
     """Device of networks, replay and simulations: cpu, cuda, mps, or auto for the best one here."""
     compile: bool = False
-    """Compile loss and gradients into one graph: takes a while at the start, for long runs."""
+    """Compile loss and gradients into one graph: slow at the start, for long runs."""
     num_envs: int = 1
-    """Copies that are trained on at once: of a simulation in one batch, of a virtual robot in as many processes."""
+    """Parallel copies: a batch of a simulation, or one process per virtual robot."""
     robots: int = 1
-    """Virtual robots that learn together, each in a process and in its own time; real ones are named in ``hub``, separated by
+    """Virtual robots that learn together, each in its own process and time; real ones are named in ``hub``, separated by
     commas."""
     eval_every: int = 0
-    """Evaluate after every so many episodes, and keep the best checkpoint; 0 for never."""
+    """Episodes between evaluations, which keep the best checkpoint; 0 for none."""
     eval_episodes: int = 5
-    """Episodes of each of these evaluations."""
+    """Episodes of an evaluation."""
     stop_at: float | None = None
-    """Stop once the mean return of the last five episodes, or of an evaluation where there are some, is this or more."""
+    """Stop when the mean return of the last five episodes, or of an evaluation if there are any, reaches this."""
     asynchronous: bool | None = None
-    """Learn beside the robot, in a process of its own, rather than while the robot waits; without a word, where the robot takes
-    real time. Synchronous runs are repeatable, asynchronous ones are not."""
+    """Learn in another process while the robot moves; by default if the robot needs real time. Only synchronous runs are
+    repeatable."""
     patience_s: float = 300.0
-    """How long to try to reach a robot again whose link broke; 0 gives up at once."""
+    """How long to retry a lost robot; 0 gives up at once."""
     log: str = "none"
-    """Who else is told how the run goes, beside the CSV: tensorboard, wandb or trackio."""
+    """Experiment tracker in addition to the CSV: tensorboard, wandb or trackio."""
     settings: Any = None
-    """Settings of the agent; without them those of its preset "default"."""
+    """Settings of the agent; by default of its preset "default"."""
     data: str | None = None
-    """Dataset to learn from too, or a run that recorded one: its folder. Half of each batch is drawn from it."""
+    """Folder of a dataset, or of a run that recorded one, for half of each batch."""
     updates: int = 0
-    """Updates from the data alone, without the robot, spread over the episodes, in which the agent shows what it has learned;
-    0 learns on the robot."""
+    """Updates from the data only, spread over the episodes, which only show what was learned; 0 learns on the robot."""
     start: str | None = None
-    """Run whose agent goes on learning here, from where it was: its folder. From a run of another agent its policy is taken;
-    `bricksrl.training.offline.settings_like` gives settings that it fits."""
+    """Folder of a run whose agent continues here. From another agent only the policy is used, with settings by
+    `bricksrl.training.offline.settings_like`."""
     record: bool = True
-    """Keep every transition as a dataset, in the folder ``data`` of the run."""
+    """Record all transitions as a dataset in the run's folder ``data``."""
     run_dir: Path | None = None
-    """Folder of the run, which must not exist yet; without one ``runs/<env>-<agent>-seed-<seed>`` is taken, or the first free one
-    with -2, -3, ... behind it."""
+    """New folder of the run; by default the first free one of ``runs/<env>-<agent>-seed-<seed>`` and the same with -2, -3, ..."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -75,38 +73,38 @@ class TrainConfig(EnvOptions):
             if not least <= getattr(self, name) <= LARGEST:
                 raise RunError(f"{name} is {getattr(self, name)}; give {least} or more, and up to {LARGEST:,}")
         if self.num_envs > 1 and (self.hub != "virtual" or self.realtime or self.updates):
-            raise RunError("copies are for simulations and virtual robots in simulated time; leave num_envs away")
+            raise RunError("copies need a simulation or virtual robots in simulated time; omit num_envs")
         check_seed(self.seed)
         if self.asynchronous is None:
             object.__setattr__(self, "asynchronous", self.realtime or self.hub != "virtual")
         if self.asynchronous and self.num_envs > 1:
-            raise RunError("copies are learned from in the loop; train synchronously, or leave num_envs away")
+            raise RunError("copies cannot be trained asynchronously; train synchronously, or omit num_envs")
         if self.updates and self.data is None:
-            raise RunError(f"there are to be {self.updates} updates from data, but no data; give the folder of a dataset")
+            raise RunError(f"{self.updates} updates from data need data; give the folder of a dataset")
         if self.updates and self.updates < self.episodes:
             raise RunError(f"{self.updates} updates cannot be spread over {self.episodes} episodes; give fewer episodes")
         if len(self.hubs) > 1:
             self._check_fleet()
-        if self.settings is None:  # written down, whatever a later version has
+        if self.settings is None:  # stored, so that later versions use the same
             object.__setattr__(self, "settings", settings_for(self.env, "default", self.agent))
 
     @property
     def hubs(self) -> tuple[str, ...]:
-        """How to reach each of the robots; more than one make a fleet."""
+        """Address of each robot; several make a fleet."""
         named = tuple(part.strip() for part in self.hub.split(","))
         return named if len(named) > 1 else named * self.robots
 
     def _check_fleet(self) -> None:
         real = [hub for hub in self.hubs if hub != "virtual"]
         if self.robots > 1 and real:
-            raise RunError("real robots are named one by one, such as ble:A,ble:B; leave robots away")
+            raise RunError("real robots are named one by one, such as ble:A,ble:B; omit robots")
         if real and (len(set(real)) < len(self.hubs) or any(":" not in hub for hub in real)):
-            raise RunError(f"the hubs {self.hub} are no robots that can be told apart; give each a name, such as ble:A,ble:B")
+            raise RunError(f"the hubs {self.hub} are ambiguous; give each robot a name, such as ble:A,ble:B")
         if self.num_envs > 1 or self.eval_every or self.updates:
-            raise RunError("several robots learn on, from what they do; leave num_envs, eval_every and updates away")
+            raise RunError("a fleet does not support num_envs, eval_every and updates; omit them")
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain values, fit for JSON; the folder is left out, it is where this is written."""
+        """Plain values for JSON, without the run's folder."""
         data = dataclasses.asdict(self)
         del data["run_dir"]
         values = data["settings"].items()
@@ -118,11 +116,11 @@ class TrainConfig(EnvOptions):
         """Inverse of `to_dict`.
 
         Raises:
-            RunError: a name or a type in it is not one of ours.
+            RunError: a name or type is invalid.
         """
         given = data.get("settings")
         if not isinstance(given, dict | None):
-            raise RunError("'settings' in the config is no table of names and values; restore the file")
+            raise RunError("'settings' in the config is not a table; restore the file")
         physics = data.get("physics")
         try:
             check_fields(cls, data)
@@ -130,14 +128,14 @@ class TrainConfig(EnvOptions):
             data = {**data, "settings": settings, "physics": None if physics is None else Physics.from_dict(physics)}
             return cls(**data, run_dir=run_dir)
         except (BricksError, TypeError) as error:
-            raise RunError(f"the config cannot be used: {error}; restore the file or start a new run") from None
+            raise RunError(f"the config is invalid: {error}; restore the file or start a new run") from None
 
 
 def settings_from(agent: str, given: dict[str, Any]) -> Any:
-    """The settings of an agent from plain values.
+    """Settings of an agent from plain values.
 
     Raises:
-        BricksError, TypeError: there is no such agent, or these are not its settings.
+        BricksError, TypeError: the agent or its settings are invalid.
     """
     kind = algorithm(agent).settings
     values = {key: tuple(value) if isinstance(value, list) else value for key, value in given.items()}
@@ -146,7 +144,7 @@ def settings_from(agent: str, given: dict[str, Any]) -> Any:
 
 
 def settings_for(env: str, name: str, agent: str) -> Any:
-    """The settings of a preset for an agent in an environment, by its id; those for images where it has a camera.
+    """Settings of a preset for an agent in an environment, with those for images if it has a camera.
 
     Raises:
         UnknownNameError: there is no such agent or preset.
@@ -156,5 +154,5 @@ def settings_for(env: str, name: str, agent: str) -> Any:
     try:
         images = get_task(env).camera is not None
     except BricksError:
-        images = False  # no environment of ours: whoever makes it says so
+        images = False  # not a registered environment
     return preset(name, agent, images=images)

@@ -1,4 +1,4 @@
-"""The learning curve: one picture that says how the run went."""
+"""Learning curve as a picture."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ WINDOW = 5
 
 
 def moving_mean(values: Sequence[float], window: int) -> list[float]:
-    """Mean of each value and up to ``window - 1`` before it; as long as ``values``."""
+    """Mean of each value and up to ``window - 1`` before it; same length as ``values``."""
     return [sum(part) / len(part) for part in (values[max(0, i + 1 - window) : i + 1] for i in range(len(values)))]
 
 
 def draw_learning_curve(path: Path, episodes: Sequence[Episode], title: str, lines: Mapping[str, float] | None = None) -> None:
-    """Draw the return of each episode, their moving mean, and reference lines by their labels, into a PNG file."""
+    """Write a PNG with returns, their moving mean, and labelled reference lines."""
     figure = new_figure()
     axes = figure.add_subplot()
     for is_random, colour, label in ((True, GREY, "random start"), (False, LIGHT, "episode")):

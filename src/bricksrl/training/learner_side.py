@@ -1,4 +1,4 @@
-"""The learner as a run sees it: in the robot's loop here, or in a process of its own in `async_learner`."""
+"""Learner in the robot's loop; `async_learner` has one in another process with the same interface."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from bricksrl.agents.learner import Learner
 
 @dataclass(frozen=True)
 class Pace:
-    """Progress of learning, in robot steps, each of which asks for the updates that the settings name.
+    """Progress of learning in robot steps.
 
     Attributes:
-        asked: steps that updates are due for.
-        done: steps whose updates were made; never more.
+        asked: steps with requested updates.
+        done: steps with completed updates.
     """
 
     asked: int = 0
@@ -28,11 +28,11 @@ class Pace:
 
 
 class InLoopLearner:
-    """Learns where it is asked to, while the robot waits: repeatable, bit for bit.
+    """Learns while the robot waits: repeatable, bit for bit.
 
     Args:
-        actor: acts too.
-        state: of a checkpoint, whose pace and whose frames that were not yet learned from are taken over.
+        actor: the learner, which also acts.
+        state: of a checkpoint: pace, and frames not learned from yet.
     """
 
     def __init__(self, actor: Learner, state: dict[str, Any]) -> None:
@@ -42,11 +42,11 @@ class InLoopLearner:
 
     @property
     def pace(self) -> Pace:
-        """Never behind."""
+        """Always up to date."""
         return Pace(self._steps, self._steps)
 
     def remember(self, frames: TensorDictBase, robot: int = 0) -> None:
-        """Keep frames ``[time]`` or ``[copies, time]``; where the learner wants several steps at once, when there are so many."""
+        """Store frames ``[time]`` or ``[copies, time]``, in batches of the learner's size."""
         if self.actor.frames_per_batch > frames.shape[-1]:
             self._collected.append(frames)
             if sum(part.shape[-1] for part in self._collected) < self.actor.frames_per_batch:
@@ -56,23 +56,23 @@ class InLoopLearner:
         self.actor.remember(frames, robot)
 
     def end_episodes(self, robot: int | None = None) -> None:
-        """What is remembered next, of this robot or of any, does not follow from what was remembered last."""
+        """End the current episode of a robot, or of all."""
         self.actor.end_episodes(robot)
 
     def new_weights(self) -> dict[str, Tensor] | None:
-        """All that acting depends on, where that was learned since the last call."""
+        """The policy's tensors, if there are new ones since the last call."""
         if self._told_updates == self.actor.updates:
             return None
         self._told_updates = self.actor.updates
         return self.actor.policy_state()
 
     def learn(self, steps: int) -> dict[str, Tensor]:
-        """Make the updates of so many steps, once what they learn from is whole; returns the means of what they tell."""
+        """Make the updates for ``steps`` steps, if a batch is complete. Returns mean metrics."""
         self._steps += steps
         return {} if self._collected else self.actor.learn(steps)
 
     def save(self, path: Path, state: dict[str, Any]) -> None:
-        """Write a checkpoint, ``state`` and all of the learner, and what was collected and not yet learned from."""
+        """Write a checkpoint of ``state``, the learner and pending frames."""
         from bricksrl.training.checkpoint import save_checkpoint
 
         collected = [frames.to_dict() for frames in self._collected]
@@ -80,4 +80,4 @@ class InLoopLearner:
         save_checkpoint(path, {**own, **state})
 
     def finish(self, go_on: Callable[[], bool]) -> None:
-        """The robot is done, and nothing is due."""
+        """Nothing is pending."""

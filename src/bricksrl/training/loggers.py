@@ -1,6 +1,6 @@
-"""Experiment trackers that listen to a run: TensorBoard, Weights & Biases, Trackio. None asks for an account.
+"""Experiment trackers by TorchRL's loggers: TensorBoard, Weights & Biases, Trackio. None requires an account.
 
-All through TorchRL's loggers. What they get is what `metrics.csv` has.
+They log the columns of `metrics.csv`.
 """
 
 from __future__ import annotations
@@ -16,23 +16,23 @@ from bricksrl.training.callbacks import Callback, Episode, Progress, RunResult
 from bricksrl.training.config import TrainConfig
 
 LOGS = ("none", "tensorboard", "wandb", "trackio")
-"""What may listen; the metrics are written as CSV in any case."""
+"""Available trackers; the metrics are always written as CSV."""
 
 PROJECT = "bricksrl"
 
 
 class Tracking(Callback):
-    """Tells a log of each episode, at the robot steps made so far.
+    """Logs each episode at its number of robot steps.
 
     Raises:
-        RunError: the package of that log is not installed.
+        RunError: the tracker's package is not installed.
     """
 
     def __init__(self, log: str) -> None:
         if log not in LOGS:
             raise RunError(f"there is no log '{log}'; choose one of {', '.join(LOGS)}")
         if importlib.util.find_spec(log) is None:
-            raise RunError(f"{log} is not installed; run `pip install {log}`, or leave --log away: metrics.csv is always written")
+            raise RunError(f"{log} is not installed; run `pip install {log}`, or omit --log: metrics.csv is always written")
         self._kind = log
 
     def on_start(self, config: TrainConfig, run_dir: Path, episodes_done: int) -> None:
@@ -51,9 +51,9 @@ class Tracking(Callback):
 
 
 def numbers(episode: Episode) -> dict[str, float]:
-    """What an episode is told as."""
-    told = ("episode", "length", "success", "updates_per_step", "evaluation", "link_lost", "seconds")
-    known = {name: getattr(episode, name) for name in told}
+    """Logged values of an episode."""
+    names = ("episode", "length", "success", "updates_per_step", "evaluation", "link_lost", "seconds")
+    known = {name: getattr(episode, name) for name in names}
     found = {name: float(value) for name, value in known.items() if value is not None}
     return {"return": episode.return_, **found, **episode.losses}
 
@@ -69,7 +69,7 @@ def _open(kind: str, run_dir: Path, config: dict[str, Any]) -> Any:
     named = {"exp_name": run_dir.name, "project": PROJECT, "config": config}
     if kind == "trackio":
         return TrackioLogger(**named)
-    # `mode` keeps a computer without an account from being asked for one
+    # `mode` avoids a prompt for an account
     mode = "online" if _logged_in_to_wandb() else "offline"
     return WandbLogger(**named, save_dir=str(run_dir), mode=mode, log_env_packages=False)
 

@@ -1,4 +1,4 @@
-"""Learning from what was recorded: a dataset beside the robot's own steps or alone, and the warm start from an earlier run."""
+"""Learning from datasets, and warm starts from earlier runs."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ if TYPE_CHECKING:
 
 
 def read_for(path: str, env: EnvBase, *, images: bool = False) -> Episodes:
-    """The dataset in a folder, or that of a run, for an agent that is to act in ``env``.
+    """The dataset in a folder, or of a run, for an agent in ``env``.
 
     Raises:
-        DataError: there is none, it is empty or damaged, or its numbers are not those that ``env`` shows and takes.
+        DataError: it is missing, empty or damaged, or its entries are not those of ``env``.
     """
     from bricksrl.data import describe, load
 
@@ -37,22 +37,22 @@ def read_for(path: str, env: EnvBase, *, images: bool = False) -> Episodes:
     return data
 
 
-def study(config: TrainConfig, learner: Learner, env: EnvBase) -> None:
-    """Give a learner the dataset that the config names. It is needed again when a run goes on.
+def attach_dataset(config: TrainConfig, learner: Learner, env: EnvBase) -> None:
+    """Give a learner the config's dataset; also needed when a run resumes.
 
     Raises:
         DataError: the dataset cannot be used.
-        RunError: the agent learns from no dataset, or from nothing else and there is none.
+        RunError: the agent cannot use a dataset, or needs one.
     """
     from bricksrl.agents.imitation.chunks import recorded_memory
     from bricksrl.agents.replay import TransitionReplayBuffer, make_replay_buffer
 
     if learner.imitates and config.data is None:
-        raise RunError(f"{config.agent} does as a dataset does, and has none; give the folder of one as data")
+        raise RunError(f"{config.agent} needs a dataset; give its folder as data")
     if config.data is None:
         return
     if learner.loss is None or learner.on_policy:
-        raise RunError(f"the agent {config.agent} learns from no dataset; take another agent, or leave the data away")
+        raise RunError(f"the agent {config.agent} cannot use a dataset; choose another agent, or omit the data")
     data = read_for(config.data, env, images="image" in learner.policy.in_keys)
     frames = data.to_tensordict()
     frames["next", "done"][:-1] |= (data.episode[1:] != data.episode[:-1])[:, None]
@@ -67,13 +67,13 @@ def study(config: TrainConfig, learner: Learner, env: EnvBase) -> None:
 
 
 def warm_start(config: TrainConfig, learner: Learner, env: EnvBase) -> None:
-    """Make a fresh learner that of the run which the config starts from: networks, targets, temperature, optimiser, replay.
+    """Copy networks, targets, temperature, optimiser and replay buffer of the config's ``start`` run to a new learner.
 
-    Of another algorithm only the policy is taken, see `transfer_policy`.
+    From another algorithm only the policy is copied, see `transfer_policy`.
 
     Raises:
         RunError: there is no such run.
-        CheckpointError: its agent sees or does something else, or has other settings or another form of policy.
+        CheckpointError: its observation, action, settings or policy's form differ.
     """
     from bricksrl.agents.policy_transfer import PolicyFormError, transfer_policy
 
@@ -90,11 +90,11 @@ def warm_start(config: TrainConfig, learner: Learner, env: EnvBase) -> None:
         transfer_policy(learner, load_learner(folder.path, env).learner)
     except PolicyFormError as error:
         found = f"the policy of {config.start}, which is {before.agent}'s, does not fit {config.agent}: {error}"
-        raise CheckpointError(f"{found}; choose an agent and settings that it fits") from None
+        raise CheckpointError(f"{found}; choose a matching agent and settings") from None
 
 
 def settings_like(before: TrainConfig, settings: Any) -> Any:
-    """The settings of another agent that is to go on from the policy of ``before``: with a network of the same form."""
+    """Settings of another agent with a network of the same form as in ``before``."""
     form = {"actor_layer_norm": False, **vars(before.settings)}
     names = {field.name for field in dataclasses.fields(settings)} & form.keys()
     names &= {"hidden", "angles", "goals", "network", "actor_layer_norm"}

@@ -1,4 +1,4 @@
-"""Processes of a run, and messages to and from them over a pipe in each direction. Importing this loads no torch."""
+"""Child processes of a run, with messages over a pipe in each direction. Importing this loads no torch."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ _LENGTH = struct.Struct("<Q")
 Message = tuple[str, Any]
 """A kind, and anything that can be pickled."""
 END: Message = ("end", None)
-"""Asks a child process to end; stands also for that its parent has gone."""
+"""Asks a child to end; also stands for the parent's disappearance."""
 Deliver = Callable[[Message | None], None]
-"""Takes each message that arrives, in their order, and ``None`` when the other side has gone; called in a thread of its own."""
+"""Receives messages in order, then ``None`` when the other side is gone; called in a separate thread."""
 
 
 class Channel:
-    """Sends messages, and delivers what arrives from a thread of its own: the other side never waits for long.
+    """Sends messages, and delivers incoming ones from a separate thread.
 
-    The two ends are processes of ours, which may trust what they get.
+    Both ends are our processes, which trust each other.
     """
 
     def __init__(self, incoming: BinaryIO, outgoing: BinaryIO, deliver: Deliver) -> None:
@@ -38,7 +38,7 @@ class Channel:
         """Send a message.
 
         Raises:
-            OSError: the other side has gone.
+            OSError: the other side is gone.
         """
         data = io.BytesIO()
         _Pickler(data, pickle.HIGHEST_PROTOCOL).dump((kind, content))
@@ -62,7 +62,7 @@ class Channel:
 
 
 class _Pickler(pickle.Pickler):
-    """Lets tensors travel as arrays: torch's own way makes an archive of each, in fifty times the time."""
+    """Pickles tensors as arrays; torch's own format is fifty times slower."""
 
     def reducer_override(self, obj: Any) -> Any:
         from torch import Tensor, from_numpy
@@ -71,7 +71,7 @@ class _Pickler(pickle.Pickler):
 
 
 class ChildProcess:
-    """A process that runs a module of ours, in a session of its own: a Ctrl-C in the terminal reaches this side only.
+    """A process that runs a module, in its own session: Ctrl-C in the terminal does not reach it.
 
     Raises:
         OSError: it cannot be started.
@@ -90,13 +90,13 @@ class ChildProcess:
         self.send = Channel(cast(BinaryIO, self._process.stdout), cast(BinaryIO, self._process.stdin), deliver).send
 
     def wait(self, timeout_s: float) -> int | None:
-        """The exit code, the number of the signal that ended it negated; ``None`` where it goes on beyond that time."""
+        """The exit code (negative signal number if killed), or ``None`` after the timeout."""
         with contextlib.suppress(subprocess.TimeoutExpired):
             self._process.wait(timeout_s)
         return self._process.returncode
 
     def end(self, timeout_s: float = 0.0) -> int:
-        """End it, at once or where it does not end by itself in that time; returns its exit code."""
+        """End the process, by force after the timeout. Returns its exit code."""
         self.wait(timeout_s)
         self._process.kill()
         code = self._process.wait()
@@ -108,14 +108,14 @@ class ChildProcess:
 
 
 def parent_channel(deliver: Deliver) -> Channel:
-    """In a `ChildProcess`: the channel to the process that started this one."""
+    """In a `ChildProcess`: the channel to the parent."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     incoming, outgoing = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)  # whatever prints does not end up among the messages
+    os.dup2(2, 1)  # prints must not mix with the messages
     return Channel(incoming, outgoing, deliver)
 
 
 def leave() -> NoReturn:
-    """In a `ChildProcess`: the end; the thread that listens holds its pipe, which an orderly exit would wait for."""
+    """In a `ChildProcess`: exit without waiting for the receiving thread."""
     sys.stderr.flush()
     os._exit(0)

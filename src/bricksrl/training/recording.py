@@ -1,4 +1,4 @@
-"""Recording of a run: every transition goes into the dataset in the run's folder."""
+"""Recording of runs: all transitions go into a dataset in the run's folder."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from bricksrl.training.callbacks import Callback, Episode, Phase, Progress
 from bricksrl.training.config import TrainConfig
 
 DATA_FOLDER = "data"
-"""Of the dataset, in the folder of a run."""
+"""Name of the dataset's folder in a run."""
 
 
 def open_recorder(config: TrainConfig, env: EnvBase, run_dir: Path) -> AbstractContextManager[Recorder | None]:
-    """The recorder of a run, to be entered; ``None`` where it is not to be recorded.
+    """The recorder of a run as a context; ``None`` if recording is off.
 
     Raises:
-        DataError: the dataset of a run that goes on is damaged or of another kind.
+        DataError: the dataset of a resumed run is damaged or of another kind.
     """
     if not config.record or config.updates or env.batch_size:
         return nullcontext()

@@ -1,4 +1,4 @@
-"""Restoring: the learner of a run, as its checkpoint has it."""
+"""Restoring learners from checkpoints of runs."""
 
 from __future__ import annotations
 
@@ -19,23 +19,23 @@ if TYPE_CHECKING:
     from bricksrl.agents.learner import Learner
 
 Which = Literal["last", "best"]
-"""Checkpoint of a run: the last one, or the one of its best evaluation."""
+"""The last checkpoint of a run, or that of its best evaluation."""
 
 
 @dataclass(frozen=True)
 class Trained:
-    """A learner as a checkpoint of a run has it, and the number of episodes that it learned from."""
+    """A restored learner and its number of training episodes."""
 
     learner: Learner
     episodes: int
 
 
 def load_learner(run_dir: Path | str, env: EnvBase, *, which: Which = "last") -> Trained:
-    """The learner of a run, on the CPU, to act in ``env``.
+    """The learner of a run, on the CPU, for ``env``.
 
     Raises:
         RunError: there is no run in the folder.
-        CheckpointError: it is damaged, or ``env`` observes or acts otherwise than the run's environment.
+        CheckpointError: it is damaged, or the observation or action of ``env`` differs.
     """
     folder = RunFolder(Path(run_dir))
     config = folder.read_config()
@@ -47,12 +47,12 @@ def load_learner(run_dir: Path | str, env: EnvBase, *, which: Which = "last") ->
 
 
 def one_robot(config: TrainConfig) -> TrainConfig:
-    """The config with one robot, the first one, in place of many copies or of a fleet, on the CPU."""
+    """The config for a single robot, the first, on the CPU."""
     return replace(config, num_envs=1, robots=1, hub=config.hubs[0], device="cpu")
 
 
 def resolve_device(name: str) -> str:
-    """A device by its name; "auto" is the best one here.
+    """A device by name; "auto" is the best one here.
 
     Raises:
         RunError: there is no such device.
@@ -69,10 +69,10 @@ def resolve_device(name: str) -> str:
 
 
 def make_learner_for(config: TrainConfig, env: EnvBase, device: str | None = None) -> Learner:
-    """A fresh learner as a config names it, to act in ``env``.
+    """A new learner from a config, for ``env``.
 
     Raises:
-        RunError: there is not enough memory for it, no such device, or no compiler where it is to be compiled.
+        RunError: out of memory, no such device, or no compiler.
     """
     device = resolve_device(config.device) if device is None else device
     try:
@@ -89,7 +89,7 @@ def make_learner_for(config: TrainConfig, env: EnvBase, device: str | None = Non
 
 
 def identity_of(config: TrainConfig, env: EnvBase) -> dict[str, Any]:
-    """What must be equal for a checkpoint to belong to a run."""
+    """Values that must be equal in a checkpoint and its run."""
     from bricksrl.agents.networks import action_size
     from bricksrl.envs.specs import ObservationLayout
 
@@ -99,10 +99,10 @@ def identity_of(config: TrainConfig, env: EnvBase) -> dict[str, Any]:
 
 
 def load_state(folder: RunFolder, config: TrainConfig, env: EnvBase, *, which: Which = "last") -> dict[str, Any]:
-    """All of a run's checkpoint, looked over.
+    """A verified checkpoint of a run.
 
     Raises:
-        CheckpointError: it is damaged, or belongs to another run or environment; or there is no best one.
+        CheckpointError: it is damaged, missing, or of another run or environment.
     """
     from bricksrl.training.checkpoint import load_checkpoint
 
@@ -112,19 +112,19 @@ def load_state(folder: RunFolder, config: TrainConfig, env: EnvBase, *, which: W
     state, identity = load_checkpoint(path), identity_of(config, env)
     try:
         is_same = bool(_with_later_settings(state.get("identity"), config) == identity)
-    except RuntimeError:  # tensors in the place of numbers
+    except RuntimeError:  # tensors in place of numbers
         is_same = False
     if not is_same:
-        raise CheckpointError(f"{path} belongs to another config or environment; use those that it was made with")
+        raise CheckpointError(f"{path} belongs to another config or environment; use the original ones")
     try:
         _check_state(state)
     except (AttributeError, BricksError, LookupError, OverflowError, RuntimeError, TypeError, ValueError):
-        raise CheckpointError(f"{path} lacks a part of a run's state; restore it from a copy or train anew") from None
+        raise CheckpointError(f"{path} lacks a part of a run's state; restore a copy or train again") from None
     return state
 
 
 def _with_later_settings(identity: Any, config: TrainConfig) -> Any:
-    """The identity in a checkpoint, and the settings that there were not yet when it was written, with their defaults."""
+    """The identity in a checkpoint, with defaults for settings that are newer than it."""
     if not isinstance(identity, dict) or not isinstance(identity.get("settings"), dict):
         return identity
     try:
@@ -135,7 +135,7 @@ def _with_later_settings(identity: Any, config: TrainConfig) -> Any:
 
 
 def _check_state(state: dict[str, Any]) -> None:
-    """Raise some error unless whatever goes on from it finds what it needs; the learner sees to its own part."""
+    """Raise any error unless the state is complete; the learner checks its own part."""
     import torch
 
     for episode in map(Episode.from_dict, state["episodes"]):

@@ -1,4 +1,4 @@
-"""`train` and `resume`: a run from its config to its files."""
+"""`train` and `resume`: runs from a config to files."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from bricksrl.errors import DescriptionError, RunError
 from bricksrl.training.callbacks import Callback, CallbackList, RunResult
 from bricksrl.training.config import TrainConfig
-from bricksrl.training.offline import study, warm_start
+from bricksrl.training.offline import attach_dataset, warm_start
 from bricksrl.training.restore import identity_of, load_state, make_learner_for, resolve_device
 from bricksrl.training.run_folder import RunFolder
 from bricksrl.training.signals import StopSignals
@@ -36,23 +36,22 @@ def train(
     stop: threading.Event | None = None,
     driver: Driver | None = None,
 ) -> RunResult:
-    """Train an agent from nothing, into a new folder, which is made once the robot has answered.
+    """Train a new agent into a new folder, which is created once the robot is connected.
 
-    Ctrl-C, or ``stop`` set from another thread, ends the run after the step at hand; its files are then in order, and `resume`
-    goes on from the end of the last whole episode. Where the link to the robot breaks, the running episode ends there, and the
-    run goes on by itself when the robot answers again.
+    Ctrl-C, or ``stop`` set from any thread, ends the run after the current step; `resume` continues after the last complete
+    episode. A lost link ends the episode, and the run continues when the robot is back.
 
     Args:
-        env: an environment of your own, which stays open; without one, ``config.env`` is made and closed at the end.
-        place: puts a real robot where an episode starts, as `bricksrl.make` takes it.
-        driver: who may take over from the agent at any step, and give back.
+        env: your own environment, which stays open; by default ``config.env`` is made and closed.
+        place: places a real robot at the start position, as for `bricksrl.make`.
+        driver: may take over from the agent at any step.
 
     Raises:
-        RunError: the folder exists already, or the config asks for what this environment or computer cannot do.
+        RunError: the folder exists, or the config does not suit the environment or computer.
         UnknownNameError: there is no such environment, hub or agent.
-        HubError: the robot cannot be reached, or could not be reached again; what was learned until then is saved.
-        LearnerError: the process that learns beside the robot failed; what was saved until then stays.
-        KeyboardInterrupt: Ctrl-C before the robot has answered; nothing was made.
+        HubError: the robot is out of reach; earlier progress is saved.
+        LearnerError: the process of an asynchronous learner failed; earlier progress is saved.
+        KeyboardInterrupt: Ctrl-C before the robot was connected; nothing was created.
     """
     if config.run_dir is not None and config.run_dir.exists():
         raise RunError(f"{config.run_dir} exists already; resume that run or choose another folder")
@@ -69,21 +68,21 @@ def resume(
     stop: threading.Event | None = None,
     driver: Driver | None = None,
 ) -> RunResult:
-    """Go on with a run where its last whole episode ended; a synchronous one ends bit-identical to one never interrupted.
+    """Continue a run after its last complete episode; synchronous runs end bit-identical to uninterrupted ones.
 
     Args:
-        episodes: train up to this many in all, where that is more than the run was started with.
+        episodes: total number, if more than before.
         env, place, driver: as in `train`.
 
     Raises:
         RunError: there is no run in the folder.
-        CheckpointError: its checkpoint is damaged or belongs to another run.
+        CheckpointError: its checkpoint is damaged or of another run.
         HubError, LearnerError: as in `train`.
     """
     folder = RunFolder(run_dir)
     config = folder.read_config()
     if episodes is not None and episodes < config.episodes:
-        raise RunError(f"the run in {run_dir} is for {config.episodes} episodes already; give that many or more, not {episodes}")
+        raise RunError(f"the run in {run_dir} already has {config.episodes} episodes; give that number or more, not {episodes}")
     if config.updates and episodes not in (None, config.episodes):
         raise RunError(f"the run in {run_dir} learned from data; train on the robot from there with start='{run_dir}'")
     return _run(replace(config, episodes=episodes or config.episodes), folder, callback, env, place, stop, driver)
@@ -98,9 +97,9 @@ def _run(
     stop: threading.Event | None,
     driver: Driver | None,
 ) -> RunResult:
-    """A run from nothing, or from the checkpoint in ``folder`` on: repeatable, with Ctrl-C in our hands."""
+    """A new run, or one from the checkpoint in ``folder``."""
     if len(config.hubs) > 1 and (env is not None or driver is not None):
-        raise RunError("several robots have no environment of your own and no driver; train them without")
+        raise RunError("a fleet takes no env and no driver; omit them")
     from bricksrl.seed import derive_seed
     from bricksrl.training.seeding import reproducible
 
@@ -130,7 +129,7 @@ def _run_in(
     learner = make_learner_for(config, env)
     if len(config.hubs) > 1 and learner.frames_per_batch > 1:
         raise RunError(f"{config.agent} collects from many simulated copies; choose another agent for several robots")
-    study(config, learner, env)
+    attach_dataset(config, learner, env)
     if folder is None:
         warm_start(config, learner, env)
         own = {"agent": learner.state_dict(), "pace": {"asked": 0, "done": 0}, "collected": []}
@@ -152,7 +151,7 @@ def _run_in(
                 folder.clean()
                 folder.write_episodes(loop.episodes, losses)
                 folder.write_config(config)
-        del state  # it may be large
+        del state  # may be large
         return loop.run(folder, start)
 
 
@@ -160,7 +159,7 @@ def _run_in(
 def _learning(
     config: TrainConfig, env: EnvBase, learner: Learner, state: dict[str, Any], signals: StopSignals
 ) -> Iterator[InLoopLearner | AsyncLearner]:
-    """The learner from a checkpoint's state on: here, or in a process of its own."""
+    """The learner from a checkpoint's state, here or in another process."""
     if not config.asynchronous or learner.loss is None or config.updates:
         from bricksrl.training.learner_side import InLoopLearner
 
@@ -177,11 +176,11 @@ def _learning(
 
 
 def make_env(config: TrainConfig, place: Placement | None = None) -> EnvBase:
-    """The environment that a config names; ``place`` puts a real robot where an episode starts.
+    """The environment of a config; ``place`` places a real robot at the start position.
 
     Raises:
         UnknownNameError: there is no such environment or hub.
-        RunError: there can be no copies of it.
+        RunError: it does not support copies.
     """
     if len(config.hubs) > 1:
         from bricksrl.training.fleet.robots import Fleet
@@ -196,4 +195,4 @@ def make_env(config: TrainConfig, place: Placement | None = None) -> EnvBase:
     try:
         return make_copies(config.env, config, config.num_envs, seed=config.seed, device=resolve_device(config.device))
     except DescriptionError as error:
-        raise RunError(f"there can be no {config.num_envs} copies of {config.env}: {error}") from None
+        raise RunError(f"cannot make {config.num_envs} copies of {config.env}: {error}") from None

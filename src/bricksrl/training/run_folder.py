@@ -1,4 +1,4 @@
-"""The folder of a run: config, metrics, checkpoint, learning curve, evaluation. No run ever writes over another."""
+"""Folder of a run: config, metrics, checkpoint, learning curve, evaluation. Never overwritten by another run."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _TAIL = ("seconds", "updates_per_step", "link_lost", "evaluation", "robot")
 
 
 class RunFolder:
-    """Paths and files of one run; ``best_path`` is the checkpoint of its best evaluation."""
+    """Paths and files of one run; ``best_path`` is the checkpoint of the best evaluation."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -34,13 +34,13 @@ class RunFolder:
 
     @classmethod
     def create(cls, config: TrainConfig, state: dict[str, Any], losses: tuple[str, ...]) -> RunFolder:
-        """A new folder, holding the config and a first checkpoint; it is there whole or not at all.
+        """Create a folder with config and first checkpoint, atomically.
 
         Args:
-            losses: names of what the metrics tell of learning.
+            losses: names of the learning metrics.
 
         Raises:
-            RunError: the folder exists, or cannot be made.
+            RunError: the folder exists, or cannot be created.
         """
         from bricksrl.training.checkpoint import save_checkpoint
 
@@ -57,19 +57,19 @@ class RunFolder:
                     folder.write_episodes([], losses)
                     save_checkpoint(folder.checkpoint_path, state)
             except OSError as error:
-                if path.exists():  # somebody else took it in this moment
+                if path.exists():  # another process created it meanwhile
                     continue
                 raise RunError(f"cannot make the folder {path} ({error.strerror}); choose another one") from None
             return cls(path)
         raise RunError(f"{config.run_dir} exists already; resume that run or choose another folder")
 
     def clean(self) -> None:
-        """Remove what a process that was killed left half written."""
+        """Remove incomplete files of a killed process."""
         for remnant in self.path.glob(f"{TEMPORARY_PREFIX}*"):
             remnant.unlink(missing_ok=True)
 
     def write_config(self, config: TrainConfig) -> None:
-        """Write the config, with the versions that the run is made with."""
+        """Write the config with the package versions."""
         packages = {name: metadata.version(name) for name in ("bricksrl", "torch", "torchrl", "tensordict", "mujoco")}
         versions = {**packages, "python": platform.python_version()}
         data = {"bricksrl_run": 1, "config": config.to_dict(), "versions": versions}
@@ -79,10 +79,10 @@ class RunFolder:
         write_durably(self.config_path, text)
 
     def read_config(self) -> TrainConfig:
-        """The config of the run.
+        """Read the config.
 
         Raises:
-            RunError: there is no run in this folder, its config cannot be read, or it names code and was made elsewhere.
+            RunError: there is no run, its config is invalid, or it names code from another computer.
         """
         try:
             text = self.config_path.read_bytes()
@@ -90,24 +90,24 @@ class RunFolder:
         except OSError:
             raise RunError(f"there is no run in {self.path}; choose a folder with a config.json") from None
         except (ValueError, RecursionError):
-            raise RunError(f"{self.config_path} is no JSON; restore the file or start a new run") from None
+            raise RunError(f"{self.config_path} is not JSON; restore the file or start a new run") from None
         if not isinstance(data, dict) or data.get("bricksrl_run") != 1 or not isinstance(data.get("config"), dict):
-            raise RunError(f"{self.config_path} is no config of a run; choose a folder that a run was made in")
+            raise RunError(f"{self.config_path} is not the config of a run; choose the folder of a run")
         require_trusted(self.config_path, text, data["config"])
         return TrainConfig.from_dict(data["config"], run_dir=self.path)
 
     def append(self, episode: Episode) -> None:
-        """Add an episode's row to the metrics."""
+        """Append an episode to the metrics."""
         with self.metrics_path.open("r+b") as file:
             columns = file.readline().decode().strip().split(",")
             file.seek(0, 2)
             file.write(_csv([_row(episode, _losses(columns))]))
 
     def read_episodes(self) -> tuple[Episode, ...]:
-        """The episodes in the metrics.
+        """Read the metrics.
 
         Raises:
-            RunError: the metrics are missing or are not ours.
+            RunError: they are missing or invalid.
         """
         try:
             with self.metrics_path.open(newline="") as file:
@@ -115,16 +115,16 @@ class RunFolder:
         except OSError as error:
             raise RunError(f"cannot read {self.metrics_path} ({error.strerror}); restore the file or start a new run") from None
         except (KeyError, ValueError, TypeError):
-            raise RunError(f"{self.metrics_path} has a row that is not ours; restore the file or start a new run") from None
+            raise RunError(f"{self.metrics_path} has an invalid row; restore the file or start a new run") from None
 
     def write_episodes(self, episodes: Iterable[Episode], losses: tuple[str, ...]) -> None:
-        """Replace the metrics by these episodes: after a crash they may hold one that the checkpoint does not know."""
+        """Replace the metrics: after a crash they may be ahead of the checkpoint."""
         rows = [_row(episode, losses) for episode in episodes]
         write_durably(self.metrics_path, _csv([(*_HEAD, *losses, *_TAIL), *rows]))
 
 
 def file_name(env_id: str) -> str:
-    """An environment's id as a part of a file's name, also where it is the path of a task of the user's own."""
+    """An environment's id, or a task's path, as part of a file name."""
     return re.sub(r"[^\w.-]+", "-", env_id).strip("-.")
 
 
@@ -135,9 +135,9 @@ def _losses(columns: Iterable[str]) -> tuple[str, ...]:
 def _row(episode: Episode, losses: tuple[str, ...]) -> list[Any]:
     success = None if episode.success is None else int(episode.success)
     head = [episode.episode, episode.phase.value, episode.steps, episode.length, episode.return_, success]
-    told = [episode.losses.get(name) for name in losses]
+    values = [episode.losses.get(name) for name in losses]
     ratio = None if episode.updates_per_step is None else f"{episode.updates_per_step:.4g}"
-    return [*head, *told, f"{episode.seconds:.3f}", ratio, int(episode.link_lost), episode.evaluation, episode.robot]
+    return [*head, *values, f"{episode.seconds:.3f}", ratio, int(episode.link_lost), episode.evaluation, episode.robot]
 
 
 def _episode(row: dict[str, str]) -> Episode:

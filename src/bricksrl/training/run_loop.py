@@ -1,4 +1,4 @@
-"""Run loop: collect, remember, learn, hand on the weights; episode after episode, to the last one or to an interruption."""
+"""Run loop: collect, store, learn and update the acting policy, episode by episode."""
 
 from __future__ import annotations
 
@@ -28,26 +28,26 @@ from bricksrl.training.run_folder import RunFolder
 from bricksrl.training.signals import StopSignals
 
 STRIDE = 20
-"""Updates from data between two looks at whether to stop."""
+"""Updates from data between checks for a stop."""
 
 
-def numbers(told: Iterable[dict[str, Tensor]]) -> dict[str, float]:
-    """The means of what learning told, off their device."""
-    return {name: float(value) for name, value in means(told).items()}
+def numbers(metrics: Iterable[dict[str, Tensor]]) -> dict[str, float]:
+    """Mean metrics as numbers."""
+    return {name: float(value) for name, value in means(metrics).items()}
 
 
 class InterruptedEpisodeError(Exception):
-    """The run was asked to stop in the middle of an episode; nothing outside of the package sees this."""
+    """The run was stopped during an episode; internal."""
 
 
 @dataclass
 class RunLoop:
-    """A run under way. Of an episode in which it is asked to stop nothing counts (`InterruptedEpisodeError`).
+    """A running training. An interrupted episode does not count (`InterruptedEpisodeError`).
 
     Attributes:
-        state: of a run, from which it goes on.
-        driver: who may choose the action in the place of the agent.
-        episodes: those that are done.
+        state: initial state of the run.
+        driver: may choose actions instead of the agent.
+        episodes: complete episodes.
         best: mean return of the best evaluation so far.
     """
 
@@ -61,24 +61,24 @@ class RunLoop:
 
     def __post_init__(self, state: dict[str, Any]) -> None:
         self.actor = self.learner.actor
-        # a policy from elsewhere knows better than uniform actions
+        # an earlier policy is better than uniform actions
         self.prefill_episodes = 0 if self.config.start is not None else self.actor.prefill_episodes
-        self.identity: dict[str, Any] = state["identity"]  # what must be equal for a checkpoint to belong to the run
+        self.identity: dict[str, Any] = state["identity"]  # must be equal in a checkpoint and its run
         self.episodes = [Episode.from_dict(data) for data in state["episodes"]]
         self.best: float | None = state["best"]
         self._saved_at: Pace | None = None
         self._length = 0
 
     def run(self, folder: RunFolder, start: TensorDictBase | None = None) -> RunResult:
-        """Train to the last episode or to an interruption.
+        """Train to the last episode or an interruption.
 
         Args:
-            folder: gets metrics and checkpoints.
-            start: the reset of the next episode, where it was made already.
+            folder: for metrics and checkpoints.
+            start: reset of the first episode, if already done.
 
         Raises:
-            HubError: the robot was out of reach for longer than the run's patience.
-            LearnerError: the process that learns failed.
+            HubError: the robot was out of reach for too long.
+            LearnerError: the process of an asynchronous learner failed.
         """
         self.folder = folder
         with self._recorded():
@@ -88,8 +88,8 @@ class RunLoop:
                 while len(self.episodes) < self.config.episodes and not is_over and not self.signals.requested:
                     self._episode(start)
                     start, is_over = None, self._is_good_enough()
-                pace = self.learner.pace  # once: learning goes on meanwhile
-                reached = self._reached(pace)
+                pace = self.learner.pace  # once, as learning continues meanwhile
+                reached = self._updates_per_step(pace)
                 caught_up = self._catch_up(pace)
             except InterruptedEpisodeError:
                 self.learner.finish(lambda: False)
@@ -108,78 +108,78 @@ class RunLoop:
 
     @contextmanager
     def _recorded(self) -> Iterator[None]:
-        """However the run ends, what was done of an episode until then is recorded too."""
+        """Record the incomplete last episode, however the run ends."""
         with open_recorder(self.config, self.env, self.folder.path) as recorder:
             if recorder is not None:
                 self.callback = CallbackList(Recording(self.config, self.env, recorder), self.callback)
             yield
 
     def reset(self) -> TensorDictBase | None:
-        """Start the next episode, which depends on nothing but the config, its number and the actions."""
+        """Start the next episode, which depends on config, number and actions only."""
         number = len(self.episodes) + 1
         reconnect = None if self.env.batch_size else getattr(self.env, "reconnect", None)
         if reconnect is not None:
             reconnect.patience_s, reconnect.wait = self.config.patience_s, self.signals.wait
             reconnect.on_error = lambda error: self.callback.on_link_lost(len(self.episodes) + 1, self._length, error)
-        with self.signals.at_once():  # a reset may wait for a hub or for a hand, and nothing is lost in it
+        with self.signals.at_once():  # a reset may wait for a hub or a person, and loses nothing
             self._length = 0
             seed_episode(self.env, self.config.seed, "episode", number)
             state: TensorDictBase = self.env.reset()
         return state
 
     def _episode(self, start: TensorDictBase | None) -> None:
-        """One episode of a robot, or a round of all copies, and its checkpoint; then an evaluation where it is time for one."""
+        """One episode (or a round of all copies) with its checkpoint and evaluation."""
         number = len(self.episodes) + 1
-        told: list[dict[str, Tensor]] = []
+        metrics: list[dict[str, Tensor]] = []
         phase = Phase.PREFILL if number <= self.prefill_episodes else Phase.TRAIN
         started_s = time.perf_counter()
         if self.config.updates:
             phase = Phase.OFFLINE
-            self._study(number, told)
+            self._learn_from_data(number, metrics)
         start = self.reset() if start is None else start
         started_s = started_s if self.config.updates else time.perf_counter()
-        episode = self._copies(number, phase, told) if self.env.batch_size else self._robot(number, phase, start, told)
+        episode = self._copies(number, phase, metrics) if self.env.batch_size else self._robot(number, phase, start, metrics)
         if episode is None:
             return
         if not math.isfinite(episode.return_):
             raise DescriptionError(
-                f"the return of episode {number} is {episode.return_}: a reward of {self.config.env} was no number; correct it, "
-                f"`bricksrl check {self.config.env}` tries it"
+                f"the return of episode {number} is {episode.return_}: a reward of {self.config.env} was not a number; "
+                f"correct it, `bricksrl check {self.config.env}` tries it"
             )
-        episode = self._counted(episode, started_s)
+        episode = self._with_totals(episode, started_s)
         if self.config.eval_every and number % self.config.eval_every == 0 and not episode.link_lost:
             episode = self._evaluated(episode)
-        self._keep(episode)
+        self._save(episode)
 
-    def _counted(self, episode: Episode, started_s: float) -> Episode:
-        """The episode with the steps and the time of the run up to its end; ``started_s`` is when the last one had ended."""
+    def _with_totals(self, episode: Episode, started_s: float) -> Episode:
+        """The episode with total steps and time; the previous one ended at ``started_s``."""
         before = self.episodes[-1] if self.episodes else None
         return replace(
             episode,
             steps=episode.steps + (before.steps if before else 0),
             seconds=time.perf_counter() - started_s + (before.seconds if before else 0.0),
-            updates_per_step=self._reached(self.learner.pace),
+            updates_per_step=self._updates_per_step(self.learner.pace),
         )
 
-    def _keep(self, episode: Episode) -> None:
-        """Write it down, and all that was learned until its end."""
+    def _save(self, episode: Episode) -> None:
+        """Write metrics and checkpoint."""
         with self.signals.held_back():
             self.episodes.append(episode)
             self.folder.append(episode)
             self.save()
         self.callback.on_episode(episode, self._progress())
 
-    def _study(self, number: int, told: list[dict[str, Tensor]]) -> None:
-        """The updates from data alone before an episode: those of all episodes together are what the config asks for."""
+    def _learn_from_data(self, number: int, metrics: list[dict[str, Tensor]]) -> None:
+        """This episode's share of the updates from data."""
         total, episodes = self.config.updates, self.config.episodes
         due = total * number // episodes - total * (number - 1) // episodes
         for at in range(0, due, STRIDE):
-            told.append(self.actor.make_updates(min(STRIDE, due - at)))
+            metrics.append(self.actor.make_updates(min(STRIDE, due - at)))
             if self.signals.requested:
                 raise InterruptedEpisodeError
 
-    def _robot(self, number: int, phase: Phase, start: TensorDictBase | None, told: list[dict[str, Tensor]]) -> Episode | None:
-        """One episode of one robot, frame by frame; ``None`` where the link broke before its first step was whole."""
+    def _robot(self, number: int, phase: Phase, start: TensorDictBase | None, metrics: list[dict[str, Tensor]]) -> Episode | None:
+        """One episode of one robot; ``None`` if the link broke in the first step."""
         rollout = Rollout()
         policy = {Phase.PREFILL: self._random, Phase.TRAIN: self.actor.explore, Phase.OFFLINE: self.actor.exploit}[phase]
         for frame in play(self.env, policy, start, driver=self.driver, reset_policy=self.actor.reset_policy):
@@ -190,7 +190,7 @@ class RunLoop:
                     self.callback.on_transition(number, self._length, phase, frame)
                 self.learner.remember(frame[None])
                 if phase is Phase.TRAIN and not rollout.is_lost:
-                    told.append(self.learner.learn(1))
+                    metrics.append(self.learner.learn(1))
                 self.callback.on_step(number, self._length, phase)
             if self.signals.requested and not bool(frame["next", "done"]):
                 raise InterruptedEpisodeError
@@ -198,11 +198,11 @@ class RunLoop:
         if not rollout.rewards:
             return None
         if rollout.is_lost and phase is Phase.OFFLINE:
-            raise self.env.link_error  # what is shown is a measurement: it has to be whole
+            raise self.env.link_error  # a measurement has to be complete
         success, steps = None if rollout.is_lost else rollout.success(self.env), self._length
-        return Episode(number, phase, steps, steps, rollout.return_, success, numbers(told), link_lost=rollout.is_lost)
+        return Episode(number, phase, steps, steps, rollout.return_, success, numbers(metrics), link_lost=rollout.is_lost)
 
-    def _copies(self, number: int, phase: Phase, told: list[dict[str, Tensor]]) -> Episode:
+    def _copies(self, number: int, phase: Phase, metrics: list[dict[str, Tensor]]) -> Episode:
         """A round: as many steps of all copies as an episode has at most."""
         from torchrl.modules import RandomPolicy
 
@@ -215,7 +215,7 @@ class RunLoop:
             self.learner.remember(frames)
             steps += frames.shape[-1]
             if phase is Phase.TRAIN:
-                told.append(self.learner.learn(frames.shape[-1]))
+                metrics.append(self.learner.learn(frames.shape[-1]))
             after = frames["next"]
             done = after["done"]
             ended += done.sum()
@@ -227,16 +227,16 @@ class RunLoop:
         self.learner.end_episodes()
         count = max(1.0, float(ended))
         length, return_ = round(float(lengths) / count), float(returns) / count
-        return Episode(number, phase, steps * self.env.batch_size.numel(), length, return_, None, numbers(told))
+        return Episode(number, phase, steps * self.env.batch_size.numel(), length, return_, None, numbers(metrics))
 
     def _random(self, state: TensorDictBase) -> TensorDictBase:
         return state.set("action", 2.0 * torch.rand(self.env.action_spec.shape, device=self.env.device) - 1.0)
 
     def _evaluated(self, episode: Episode) -> Episode:
-        """The episode with the mean return of an evaluation after it, unless its link broke; the best checkpoint is kept."""
+        """The episode with the mean return of an evaluation, unless its link broke. Saves the best checkpoint."""
         generator = torch.get_rng_state()
         if hasattr(self.env, "reconnect"):
-            self.env.reconnect.on_error = lambda _: None  # nothing of an episode of the run is lost
+            self.env.reconnect.on_error = lambda _: None  # no episode of the run is affected
         config, actor = self.config, self.actor
         try:
             episodes = play_episodes(self.env, actor.exploit, config.eval_episodes, config.seed, reset_policy=actor.reset_policy)
@@ -244,7 +244,7 @@ class RunLoop:
         except HubError:
             return episode
         finally:
-            torch.set_rng_state(generator)  # an evaluation changes nothing in what is learned
+            torch.set_rng_state(generator)  # an evaluation must not affect learning
         mean = sum(one.return_ for one in played) / len(played)
         if self.best is None or mean > self.best:
             self.best = mean
@@ -260,16 +260,16 @@ class RunLoop:
         return len(recent) == WINDOW and sum(recent) / WINDOW >= self.config.stop_at
 
     def save(self) -> None:
-        """Have the checkpoint written."""
+        """Write the checkpoint."""
         self._saved_at = self.learner.pace
         self.learner.save(self.folder.checkpoint_path, run_state(self.identity, self.episodes, self.best))
 
-    def _reached(self, pace: Pace) -> float | None:
-        """Updates made for each step that asked for some; ``None`` before one did."""
+    def _updates_per_step(self, pace: Pace) -> float | None:
+        """Updates per step that requires updates, or ``None`` without such steps."""
         return self.actor.updates_per_step * (pace.done / pace.asked) if pace.asked and self.actor.updates_per_step else None
 
     def _catch_up(self, before: Pace) -> int:
-        """Have what is due made and written; returns the number of updates."""
+        """Finish pending updates and checkpoints. Returns the number of updates."""
         due = round((before.asked - before.done) * self.actor.updates_per_step)
         if due and not self.signals.requested:
             self.callback.on_catching_up(due)
@@ -290,6 +290,6 @@ class RunLoop:
 
 
 def run_state(identity: dict[str, Any], episodes: list[Episode], best: float | None = None) -> dict[str, Any]:
-    """What a checkpoint holds of a run, beside its agent."""
+    """State of a run in a checkpoint, without its agent."""
     generator: Tensor = torch.get_rng_state()
     return {"identity": identity, "episodes": [episode.to_dict() for episode in episodes], "generator": generator, "best": best}

@@ -1,4 +1,4 @@
-"""The conditions under which equal seeds give equal runs."""
+"""Reproducible runs."""
 
 from __future__ import annotations
 
@@ -11,10 +11,9 @@ import torch
 
 @contextlib.contextmanager
 def reproducible(seed: int) -> Iterator[None]:
-    """One thread and a freshly seeded global generator inside; outside, both are as they were. TorchRL's log is kept short.
+    """One thread and a seeded global generator inside; both are restored afterwards. Also silences TorchRL's log.
 
-    One thread because sums split over threads round differently on another number of cores; the networks are small enough that
-    more threads would hardly be faster.
+    Sums over several threads are rounded differently for each number of cores; small networks hardly gain from threads.
     """
     threads = torch.get_num_threads()
     logger = logging.getLogger("torchrl")
@@ -22,7 +21,7 @@ def reproducible(seed: int) -> Iterator[None]:
     with torch.random.fork_rng(devices=range(torch.cuda.device_count())):
         torch.set_num_threads(1)
         torch.manual_seed(seed)
-        logger.setLevel(logging.WARNING)  # it tells how large each replay buffer is
+        logger.setLevel(logging.WARNING)  # it logs the size of each replay buffer
         try:
             yield
         finally:

@@ -1,4 +1,4 @@
-"""Ctrl-C as a wish that is fulfilled at the next safe place."""
+"""Ctrl-C handling: stop a run at the next safe place."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from typing import Self
 
 
 class StopSignals:
-    """While entered, Ctrl-C sets ``stop``, which the run looks at after each step.
+    """While entered, Ctrl-C sets ``stop``, which the run checks after each step.
 
-    Where the run says `at_once`, Ctrl-C raises `KeyboardInterrupt`; so does a second Ctrl-C anywhere, except where the run says
-    `held_back`. Only the main thread gets Ctrl-C; in others this does nothing, ``stop`` can be set there by whoever holds it.
+    Inside `at_once` the first Ctrl-C raises `KeyboardInterrupt`; elsewhere the second, except inside `held_back`. Only the main
+    thread receives Ctrl-C; other threads may set ``stop``.
     """
 
     def __init__(self, stop: threading.Event) -> None:
@@ -54,10 +54,10 @@ class StopSignals:
             self._held_back = False
 
     def wait(self, duration_s: float) -> None:
-        """Wait, for less time where the run is to end meanwhile.
+        """Wait, at most until the run is to end.
 
         Raises:
-            KeyboardInterrupt: it is.
+            KeyboardInterrupt: the run is to end.
         """
         with self.at_once():
             if self._stop.wait(duration_s):

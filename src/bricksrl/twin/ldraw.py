@@ -60,7 +60,7 @@ def folder() -> Path | None:
     """Folder of an installed LDraw library: ``LDRAWDIR``, else a system folder; ``None`` if there is none."""
     given = os.environ.get("LDRAWDIR")
     if given and not _is_library(Path(given)):
-        _log.warning("LDRAWDIR=%s is no LDraw library (a folder with LDConfig.ldr, parts and p); drawing our own parts", given)
+        _log.warning("LDRAWDIR=%s is not an LDraw library (a folder with LDConfig.ldr, parts and p); using our own parts", given)
         return None
     candidates = (given,) if given else _SYSTEM_FOLDERS
     return next((Path(candidate) for candidate in candidates if _is_library(Path(candidate))), None)
@@ -103,7 +103,7 @@ class Library:
             harvest.collect(name, MAIN_COLOUR, np.eye(3), np.zeros(3), False, ())
         merged = {colour: np.concatenate(pieces) for colour, pieces in harvest.pieces.items()}
         if harvest.is_full or not merged or not all(np.isfinite(triangles).all() for triangles in merged.values()):
-            raise TwinError(f"'{name}' of the LDraw library in {self._root} cannot be drawn; install the library anew")
+            raise TwinError(f"'{name}' of the LDraw library in {self._root} cannot be drawn; reinstall the library")
         return merged
 
     def _file(self, name: str) -> _File:

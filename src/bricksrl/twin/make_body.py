@@ -35,7 +35,7 @@ def make_body(robot: Robot, *, scene: Scene | None = None, physics: Physics | Ra
     if is_modelled or (robot.drive_base is not None and not has_stimuli):
         if has_stimuli:
             raise TwinError(
-                f"the MuJoCo model of '{robot.name}' has sensors of its own; leave the scene's readings and end stops away, or "
+                f"the MuJoCo model of '{robot.name}' has sensors of its own; omit the scene's readings and end stops, or "
                 "the model (model=None), and it lies on the bench"
             )
         check_mujoco()

@@ -102,7 +102,7 @@ class Physics:
             TwinError: a name is unknown, or a value is no number or out of range.
         """
         if not isinstance(data, dict):
-            raise TwinError('physics: this is no table of names and numbers; give one such as {"battery_v": 7.4}')
+            raise TwinError('physics: this is not a table of names and numbers; give one such as {"battery_v": 7.4}')
         for name, value in data.items():
             if name not in PARAMETERS:
                 raise TwinError(f"physics: there is no parameter '{name}'; choose from {', '.join(PARAMETERS)}")
@@ -124,7 +124,7 @@ def read_physics(path: Path) -> Physics:
             f"cannot read the physics in {path} ({error.strerror}); give a JSON file that `bricksrl twin fit` wrote"
         ) from None
     except (ValueError, RecursionError):
-        raise TwinError(f"{path} is no JSON; give a file that `bricksrl twin fit` wrote") from None
+        raise TwinError(f"{path} is not JSON; give a file that `bricksrl twin fit` wrote") from None
     return Physics.from_dict(data)
 
 

@@ -1,7 +1,7 @@
-"""The virtual hub: a Pybricks hub in software, in simulated time, with any body as its robot.
+"""Virtual hub: a Pybricks hub in software and simulated time, with any body as its robot.
 
-It runs the program that a LEGO hub would run: MicroPython's dialect, Pybricks' modules, the firmware's motor control. What the
-motors turn and the sensors see is a :class:`Body`: motors without load (:class:`BenchBody`), or a twin of ``bricksrl.twin``.
+It runs a LEGO hub's program: MicroPython's dialect, Pybricks' modules, the firmware's motor control. Motors and sensors belong to
+a :class:`Body`: motors without load (:class:`BenchBody`), or a twin of ``bricksrl.twin``.
 """
 
 from __future__ import annotations

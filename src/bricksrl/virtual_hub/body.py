@@ -1,4 +1,4 @@
-"""Body of a virtual robot: the interface between the simulated hub and what its motors turn and its sensors see."""
+"""Body of a virtual robot: the interface between hub and physics."""
 
 from __future__ import annotations
 
@@ -12,27 +12,27 @@ if TYPE_CHECKING:
 
 
 class Body(Protocol):
-    """The physical half of a virtual robot: what motors turn and sensors see.
+    """Physical part of a virtual robot: what motors move and sensors measure.
 
-    Motor angles are those of the motor's own shaft, clockwise positive, before direction and gears.
+    Motor angles are those of the shaft, clockwise positive, before direction and gears.
     """
 
     robot: Robot
-    """Hub, motors and sensors, and the ports that they are plugged into."""
+    """Hub, motors and sensors with their ports."""
     battery_mv: int
 
     @property
     def link_interval_ms(self) -> float:
-        """Connection interval of the hub's link, at whose ticks messages travel; 0 for a link without delay."""
+        """Connection interval of the hub's link; 0 for no delay."""
 
     def reset(self, rng: np.random.Generator) -> None:
-        """The human hand: put the robot at the start of an episode."""
+        """Place the robot at the start of an episode."""
 
     def advance_to(self, time_ms: int) -> None:
-        """Integrate the physics up to this simulated time."""
+        """Integrate the physics up to a simulated time."""
 
     def angle_mdeg(self, port: str) -> int:
-        """Angle of a motor's shaft as its rotation sensor reports it."""
+        """Angle of a motor's shaft by its rotation sensor."""
 
     def set_voltage(self, port: str, voltage_mv: int | None) -> None:
         """Apply a voltage to a motor; ``None`` opens the circuit (coast)."""
@@ -41,35 +41,35 @@ class Body(Protocol):
         """Reading of an ultrasonic sensor, 40..2000."""
 
     def tilt_deg(self) -> tuple[float, float]:
-        """Pitch and roll as ``hub.imu.tilt`` reports them."""
+        """Pitch and roll as of ``hub.imu.tilt``."""
 
     def angular_velocity_deg_s(self) -> tuple[float, float, float]:
-        """Gyroscope in the frame of the hub: x forward, y left, z up."""
+        """Gyroscope in the hub's frame: x forward, y left, z up."""
 
     def acceleration_mm_s2(self) -> tuple[float, float, float]:
-        """Accelerometer in the frame of the hub; at rest (0, 0, +9810)."""
+        """Accelerometer in the hub's frame; at rest (0, 0, +9810)."""
 
     def heading_deg(self) -> float:
-        """Integrated rotation about z, clockwise positive, since the start; not wrapped."""
+        """Integrated rotation about z, clockwise positive, not wrapped."""
 
 
 @runtime_checkable
 class SensingBody(Protocol):
-    """A body with other sensors than those."""
+    """A body with other sensors."""
 
     def sensed(self, port: str, sense: Sense) -> Sensed:
-        """Stimulus of the sensor on this port now."""
+        """Current stimulus of the sensor on a port."""
 
 
 @runtime_checkable
 class FittingBody(Protocol):
-    """A body that takes the devices for which a program asks."""
+    """A body that provides the devices that a program uses."""
 
     motors: dict[str, MotorKind]
-    """Port letter to the kind of motor that was plugged in there."""
+    """Kind of motor by port letter."""
 
     def plug_in(self, port: str, device: str) -> bool:
-        """Plug a device in, by the name of its class in ``pybricks.pupdevices``; true if that is now there."""
+        """Plug in a device of a class of ``pybricks.pupdevices``. Returns whether it is there now."""
 
     def device(self, port: str) -> str | None:
-        """Name of the class of the device that is plugged in there."""
+        """Class name of the device on a port."""

@@ -6,27 +6,27 @@ from typing import Protocol, runtime_checkable
 
 
 class Console(Protocol):
-    """The bytes between a program and whoever listens. What ``print`` writes has its ``\\n`` turned into ``\\r\\n``."""
+    """Byte streams between a program and its host. ``print`` writes ``\\r\\n`` for ``\\n``."""
 
     def available(self) -> int:
         """Number of bytes that can be read without waiting."""
 
     def read(self, n: int) -> bytes:
-        """Exactly ``n`` bytes; lets simulated time pass, 1 ms at a time, until they are there."""
+        """Exactly ``n`` bytes; simulated time advances in steps of 1 ms until they are there."""
 
     def write(self, data: bytes) -> None:
-        """Send these bytes as they are."""
+        """Send bytes unchanged."""
 
 
 @runtime_checkable
 class AppDataConsole(Protocol):
-    """A console whose listener takes AppData too.
+    """A console with AppData.
 
     Attributes:
-        inbox: what the listener writes into; the program makes it as large as it likes.
+        inbox: buffer that the host writes to; the program sets its size.
     """
 
     inbox: bytearray
 
     def write_app_data(self, data: bytes) -> None:
-        """Send these bytes; raises OSError when nobody listens."""
+        """Send bytes; raises OSError without a listener."""

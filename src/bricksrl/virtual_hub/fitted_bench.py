@@ -1,4 +1,4 @@
-"""Bench that fits itself to a program: whatever the program asks for is plugged in where it asks for it."""
+"""Bench that provides the devices that a program uses."""
 
 from __future__ import annotations
 
@@ -25,15 +25,15 @@ _DEFAULTS: Mapping[Sense, Sensed] = {
 
 
 class FittedBench(BenchBody):
-    """A hub without any device, until a program asks for one; motors turn freely, and sensors sense what was given.
+    """A hub without devices until a program uses them; motors turn freely, sensors have given readings.
 
     Args:
-        hub: the kind of hub.
-        readings: what sensors sense; those of which nothing is said see nothing near, dark, untouched and level.
-        end_stops: angles at which something blocks the motor on a port: lowest and highest, deg of the shaft.
+        hub: kind of hub.
+        readings: of sensors; without one a sensor sees nothing near, dark, untouched and level.
+        end_stops: lowest and highest angle of the motor on a port, deg of the shaft.
 
     Raises:
-        TwinError: a reading is for a port that the hub has not.
+        TwinError: a reading is for a port that the hub does not have.
     """
 
     def __init__(
@@ -52,10 +52,10 @@ class FittedBench(BenchBody):
                 raise TwinError(f"a {hub.value} hub has no port {port}; it has {', '.join(hub.model.ports)}")
 
     def plug_in(self, port: str, device: str) -> bool:
-        """Plug a device in, by the name of its class in ``pybricks.pupdevices``; true if the port was free, or has just that.
+        """Plug in a device of a class of ``pybricks.pupdevices``. Returns whether the port was free or has it already.
 
         Raises:
-            TwinError: the reading that was given for this port is none of that device.
+            TwinError: the port's reading does not suit the device.
         """
         if port in self._devices:
             return self._devices[port] == device
@@ -70,11 +70,11 @@ class FittedBench(BenchBody):
         return True
 
     def device(self, port: str) -> str | None:
-        """Name of the class of the device that is plugged in there."""
+        """Class name of the device on a port."""
         return self._devices.get(port)
 
     def sensed(self, port: str, sense: Sense) -> Sensed:
-        """What was given for this sensor at this time."""
+        """The given reading at the current time."""
         device = self._devices[port]
         for reading in for_port(self._given, port):
             if self._sense_of(reading, device) is sense:
@@ -87,10 +87,10 @@ class FittedBench(BenchBody):
 
     @staticmethod
     def _sense_of(reading: GivenReading, device: str) -> Sense:
-        """What a reading is about.
+        """Sense of a reading.
 
         Raises:
-            TwinError: the device senses nothing like it.
+            TwinError: the device has no such sense.
         """
         sensor = UltrasonicSensor("it", "A") if device == _ULTRASONIC else PoweredUpSensor("it", "A", SensorKind(device))
         known = senses(sensor)
@@ -98,5 +98,5 @@ class FittedBench(BenchBody):
             return known[0]
         if reading.sense not in known:
             may_be = " or ".join(known) or "nothing"
-            raise TwinError(f"the {device} on port {reading.port} senses {may_be}, no {reading.sense}; give a reading of that")
+            raise TwinError(f"the {device} on port {reading.port} senses {may_be}, not {reading.sense}; give such a reading")
         return reading.sense

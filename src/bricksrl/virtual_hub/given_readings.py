@@ -1,4 +1,4 @@
-"""Readings of sensors that a person gives: as text (``B=red``, ``B=200mm``), constant or over time from a file."""
+"""Sensor readings as text (``B=red``, ``B=200mm``), constant or over time from a file."""
 
 from __future__ import annotations
 
@@ -32,13 +32,13 @@ _FORMS = {
 
 @dataclass(frozen=True)
 class GivenReading:
-    """What one sensor senses, from one time to the next.
+    """Readings of one sensor over time.
 
     Attributes:
-        port: letter of the sensor's port.
-        sense: what it senses; ``None`` for the first thing that the sensor on that port senses.
-        times_s: simulated seconds, rising, from which each value holds; the first value holds before them too.
-        values: as many as times.
+        port: letter of the port.
+        sense: what is sensed; ``None`` for the sensor's first sense.
+        times_s: simulated seconds, ascending, from which each value holds; the first also before.
+        values: one per time.
     """
 
     port: str
@@ -47,27 +47,27 @@ class GivenReading:
     values: tuple[Sensed, ...]
 
     def at(self, time_s: float) -> Sensed:
-        """The value that holds at a simulated time."""
+        """The value at a simulated time."""
         return self.values[max(0, bisect.bisect_right(self.times_s, time_s) - 1)]
 
     def check(self, sense: Sense, device: str) -> None:
-        """Raise TwinError where these are no values of that sense."""
+        """Raise TwinError unless the values suit the sense."""
         for value in self.values:
             if (len(value) if isinstance(value, tuple) else 1) not in _FORMS[sense]:
                 raise TwinError(
-                    f"--reading {self.port}: {value} is no {sense} for the {device} there; give one such as {_EXAMPLES}"
+                    f"--reading {self.port}: {value} is not a {sense} for the {device} there; give one such as {_EXAMPLES}"
                 )
 
 
 def parse_reading(text: str) -> GivenReading:
-    """A reading as it is typed: ``B=red``, ``B.ambient=20%``, ``B=@distances.csv`` with lines ``seconds, value``.
+    """Parse ``B=red``, ``B.ambient=20%`` or ``B=@distances.csv`` (lines ``seconds, value``).
 
     Raises:
-        TwinError: it is something else, or the file cannot be read.
+        TwinError: the text is invalid, or the file cannot be read.
     """
     match = re.fullmatch(r"([A-Fa-f])(?:\.([a-z]+))?=(.+)", text.strip())
     if match is None:
-        raise TwinError(f"'{text}' is no reading; give one such as {_EXAMPLES}")
+        raise TwinError(f"'{text}' is not a reading; give one such as {_EXAMPLES}")
     port, name, value = match[1].upper(), match[2], match[3].strip()
     if name is not None and name not in set(Sense):
         raise TwinError(f"'{text}': nothing senses '{name}'; choose from {', '.join(Sense)}")
@@ -89,9 +89,9 @@ def _value(value: str, text: str) -> tuple[Sensed, Sense | None]:
     try:
         numbers = tuple(float(part) for part in match[1].split(","))  # type: ignore[index]
     except (TypeError, ValueError):
-        raise TwinError(f"'{text}' is no reading; give one such as {_EXAMPLES}") from None
+        raise TwinError(f"'{text}' is not a reading; give one such as {_EXAMPLES}") from None
     if len(numbers) > 3 or not all(map(math.isfinite, numbers)):
-        raise TwinError(f"'{text}' is no reading; give one such as {_EXAMPLES}")
+        raise TwinError(f"'{text}' is not a reading; give one such as {_EXAMPLES}")
     sense = _UNIT_SENSES.get(match[2] or "", (None,))[0]  # type: ignore[index]
     return numbers if len(numbers) > 1 else numbers[0], sense
 
@@ -110,13 +110,13 @@ def _from_file(path: Path) -> tuple[tuple[float, ...], tuple[Sensed, ...]]:
         try:
             times.append(float(time))
         except ValueError:
-            raise TwinError(f"{path}, line {number}: '{time}' is no time in seconds; write a line such as: 2.5, red") from None
+            raise TwinError(f"{path}, line {number}: '{time}' is not a time in seconds; write a line such as: 2.5, red") from None
         values.append(_value(value.strip(), f"{path}, line {number}: {value.strip()}")[0])
     if not times or times != sorted(times):
-        raise TwinError(f"{path} has no readings in the order of their times; write lines such as: 2.5, red")
+        raise TwinError(f"{path} has no readings in order of time; write lines such as: 2.5, red")
     return tuple(times), tuple(values)
 
 
 def for_port(readings: Iterable[GivenReading], port: str) -> list[GivenReading]:
-    """Those of one port."""
+    """The readings of one port."""
     return [reading for reading in readings if reading.port == port]

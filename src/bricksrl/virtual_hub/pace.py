@@ -1,4 +1,4 @@
-"""Real time: simulated time that keeps pace with the clock on the wall, in small pieces."""
+"""Pace: simulated time in step with real time."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ import time
 from collections.abc import Callable
 
 PIECE_MS = 15
-"""The most that simulated time goes on at once, so that a picture moves evenly and a stop is heard soon."""
+"""Maximum step of simulated time, for smooth pictures and a quick stop."""
 
 
 class Pace:
-    """Lets simulated time wait for the clock on the wall.
+    """Delays simulated time to real time.
 
     Args:
-        clock_s, sleep: the clock, and what waits; others in tests.
+        clock_s, sleep: replaced in tests.
     """
 
     def __init__(self, clock_s: Callable[[], float] = time.monotonic, sleep: Callable[[float], None] = time.sleep) -> None:
@@ -21,11 +21,11 @@ class Pace:
         self._start_s = clock_s()
 
     def wall_ms(self) -> float:
-        """Time on the wall since the start."""
+        """Real time since the start."""
         return (self._clock_s() - self._start_s) * 1000
 
     def keep(self, time_ms: float) -> None:
-        """Wait where simulated time is ahead."""
+        """Wait if simulated time is ahead."""
         ahead_ms = time_ms - self.wall_ms()
         if ahead_ms > 0:
             self._sleep(ahead_ms / 1000)

@@ -1,4 +1,4 @@
-"""Programs from files on a virtual hub, as fast as simulated time goes."""
+"""Running program files on a virtual hub."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ from bricksrl.virtual_hub.pybricks import modules
 
 
 class _TimeIsUp(BaseException):
-    """Ends a program from within, past its own handlers of exceptions. On a hub the button raises SystemExit."""
+    """Ends a program past its exception handlers; on a hub the button raises SystemExit."""
 
 
 class StreamConsole:
-    """A console on two binary streams; its lines end with ``\\n`` only. AppData goes nowhere, as without a host that listens."""
+    """A console on binary streams with ``\\n`` line ends; AppData is discarded, as without a host."""
 
     def __init__(self, machine: Machine, stdin: BinaryIO | None, stdout: BinaryIO) -> None:
         self._machine = machine
@@ -42,8 +42,7 @@ class StreamConsole:
 
     @cached_property
     def _input(self) -> bytes:
-        # All of it at once, simulated time does not wait for anybody who types; and only when the program asks, because a
-        # pipe that nobody writes to would keep every other program waiting too.
+        # Read everything, as simulated time waits for nobody, and only on demand, as a pipe without a writer would block.
         return self._stdin.read() if self._stdin is not None else b""
 
     def available(self) -> int:
@@ -61,21 +60,20 @@ class StreamConsole:
         self._stdout.write(data.replace(b"\r\n", b"\n"))
 
     def write_app_data(self, data: bytes) -> None:
-        """Nobody listens."""
+        """Discard: there is no listener."""
 
 
 @dataclass(frozen=True)
 class Operation:
-    """What a person does with the hub while a program runs.
+    """Actions of a person while a program runs.
 
     Attributes:
-        presses: of its buttons, at simulated times.
-        readings: what sensors on the bench sense, by port.
-        end_stops: lowest and highest angle (deg) at which something blocks a motor on the bench, by port.
-        realtime: let simulated time keep pace with the clock on the wall.
-        watch: called with the hub's panel before the program starts, such as by who presses buttons with keys.
-        attend: called with the machine before the program starts, such as by who shows it and gives it a pace, which may call
-            :func:`stop_program`.
+        presses: of buttons, at simulated times.
+        readings: of sensors on the bench, by port.
+        end_stops: lowest and highest angle (deg) of motors on the bench, by port.
+        realtime: run in real time.
+        watch: called with the hub's panel before the program starts.
+        attend: called with the machine before the program starts; may set its pace and call :func:`stop_program`.
     """
 
     presses: Sequence[Press] = ()
@@ -96,24 +94,23 @@ def run_file(
     time_limit_s: float | None = None,
     operation: Operation | None = None,
 ) -> int:
-    """Run a hub program to its end, in simulated time.
+    """Run a hub program to its end in simulated time.
 
     Args:
-        path: the program; it can import others from its folder.
-        body: the robot that it runs on; ``None`` for a hub on a bench that fits itself to the program: it is of the kind that the
-            program imports, and has on each port the device that the program asks for there.
-        stdout: gets what the program prints; ``None`` for this process's.
-        stderr: gets the traceback when it raises, as a hub prints it, or that it was stopped; ``None`` for this process's.
-        stdin: what the program can read; read to its end at once. ``None`` for nothing.
-        time_limit_s: simulated seconds after which the program is stopped, as with the button of a hub.
-        operation: buttons, readings and pace; ``None`` for nothing of it.
+        path: the program; imports from its folder work.
+        body: the robot; ``None`` for a bench with the hub and devices that the program uses.
+        stdout: for prints; ``None`` for this process's.
+        stderr: for the hub's traceback or stop message; ``None`` for this process's.
+        stdin: input, read completely at once; ``None`` for none.
+        time_limit_s: simulated seconds until the program is stopped, as by the button.
+        operation: buttons, readings and pace.
 
     Returns:
-        Exit code: 1 when the program raises, 0 else; ``SystemExit`` and the time limit count as an end.
+        Exit code: 1 if the program raises, else 0, also for ``SystemExit`` and the time limit.
 
     Raises:
-        ProgramError: the file cannot be read, or the time limit is no time.
-        TwinError: a button, port or reading does not fit the hub; the program waits for what can never come.
+        ProgramError: the file cannot be read, or the time limit is invalid.
+        TwinError: a button, port or reading does not suit the hub, or the program waits for ever.
     """
     operation = operation or Operation()
     path = Path(path)
@@ -141,12 +138,12 @@ def _machine(body: Body | None, operation: Operation, path: Path) -> Machine:
         fitted = FittedBench(kind, operation.readings, operation.end_stops)
         return Machine(fitted, Panel(kind, operation.presses, has_remote=True))
     if operation.readings or operation.end_stops:
-        raise TwinError("readings and end stops are for the bench; leave them out, or take --robot bench")
+        raise TwinError("readings and end stops are for the bench; omit them, or take --robot bench")
     return Machine(body, Panel(body.robot.hub, operation.presses))
 
 
 def _hub_of(program: HubProgram) -> HubKind:
-    """The kind of hub whose class a program imports; a Prime hub where it imports none."""
+    """The kind of hub that a program imports; Prime by default."""
     classes = {kind.model.class_name: kind for kind in HubKind} | {"InventorHub": HubKind.PRIME}
     for source in (program.source, *(module.source for module in program.beside)):
         try:
@@ -181,5 +178,5 @@ def _run(source: str, path: Path, machine: Machine, console: StreamConsole, stdo
 
 
 def stop_program() -> None:
-    """Stop the program that runs in this thread, as the button of a hub does; only from within the machine's time."""
+    """Stop the program of this thread, as the button does; only from within the machine's time."""
     raise _TimeIsUp

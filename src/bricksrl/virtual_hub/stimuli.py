@@ -1,4 +1,4 @@
-"""Stimuli of sensors. A body says what is sensed; what the sensors' methods return follows as the firmware works it out."""
+"""Stimuli: what sensors sense, before the firmware turns it into values."""
 
 from __future__ import annotations
 
@@ -10,21 +10,21 @@ from bricksrl.errors import TwinError
 from bricksrl.robots import PoweredUpSensor, Sensor, SensorKind
 
 Sensed = float | tuple[float, ...]
-"""A number; a color as (hue, saturation, value); or a tilt as (pitch, roll)."""
+"""A number, a color (hue, saturation, value), or a tilt (pitch, roll)."""
 Reading = Callable[[Mapping[str, float]], Sensed]
-"""What is sensed, from the angles of the motors (deg at the output, by the motor's name)."""
+"""A stimulus as a function of motor angles (deg at the output, by name)."""
 Hsv = tuple[int, int, int]
 
 
 class Sense(enum.StrEnum):
-    """Something outside of a sensor.
+    """Kind of stimulus.
 
-    SURFACE: how a surface looks in the sensor's own light: a color, or the brightness of a gray in %.
-    AMBIENT: the light that falls into the sensor while its own is off: likewise.
-    DISTANCE: mm for the ultrasonic sensor, % for those with infrared light.
+    SURFACE: look of a surface in the sensor's light: a color, or the brightness of a gray in %.
+    AMBIENT: incoming light while the sensor's is off, likewise.
+    DISTANCE: mm for the ultrasonic sensor, % for infrared sensors.
     FORCE: N on the button.
-    TILT: pitch and roll in degrees.
-    COUNT: how many things have passed by.
+    TILT: pitch and roll, degrees.
+    COUNT: number of passed objects.
     """
 
     SURFACE = "surface"
@@ -45,25 +45,25 @@ _SENSES = {
     SensorKind.COLOR_LIGHT_MATRIX: (),
 }
 UNSAID: Mapping[Sense, float] = {Sense.AMBIENT: 0.0, Sense.DISTANCE: 100.0, Sense.COUNT: 0.0}
-"""Of a sense that is not a sensor's first, and of which nobody says anything: it is dark, and nothing is near or has passed."""
+"""Defaults of secondary senses: dark, nothing near, nothing passed."""
 
 
 def senses(sensor: Sensor) -> tuple[Sense, ...]:
-    """Senses of a sensor, the first thing first, which a scene names by the sensor alone; nothing for lights."""
+    """Senses of a sensor; scenes refer to the first by the sensor's name. Empty for lights."""
     return _SENSES[sensor.kind] if isinstance(sensor, PoweredUpSensor) else (Sense.DISTANCE,)
 
 
 def number(sensed: Sensed) -> float:
-    """A sense that is one number.
+    """A stimulus as a number.
 
     Raises:
-        TwinError: it is something else.
+        TwinError: it is not a number.
     """
     return float(_expect(sensed, 1)[0])
 
 
 def brightness_pct(sensed: Sensed) -> float:
-    """The value of a color, 0..100; a number is that of a gray.
+    """Brightness 0..100 of a color or gray.
 
     Raises:
         TwinError: it is neither.
@@ -73,7 +73,7 @@ def brightness_pct(sensed: Sensed) -> float:
 
 
 def color(sensed: Sensed) -> Hsv:
-    """Hue 0..359, saturation and value 0..100; a number is the value of a gray.
+    """Hue 0..359, saturation and value 0..100; a number is a gray's value.
 
     Raises:
         TwinError: it is neither.
@@ -86,14 +86,14 @@ def pitch_and_roll(sensed: Sensed) -> tuple[float, float]:
     """Both angles of a tilt.
 
     Raises:
-        TwinError: it is something else.
+        TwinError: it is not a tilt.
     """
     pitch, roll = _expect(sensed, 2)
     return pitch, roll
 
 
 def reflection_pct(hsv: Hsv) -> int:
-    """The mean of red, green and blue, as the firmware reckons it."""
+    """Mean of red, green and blue, as in the firmware."""
     hue, saturation, value = hsv
     return int(round(sum(colorsys.hsv_to_rgb(hue / 360, saturation / 100, value / 100)) / 3 * 100, 6))
 

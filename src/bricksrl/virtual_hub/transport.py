@@ -1,7 +1,7 @@
-"""Transport to a virtual hub: the program that a LEGO hub would run, run against a body in simulated time.
+"""Transport to a virtual hub, which runs a LEGO hub's program on a body in simulated time.
 
-The program is a greenlet. It runs only while the host waits for the hub, until the simulated time that the host
-waits for; so no thread is needed, and a run is reproducible. Bytes travel at connection events, as over Bluetooth.
+The program is a greenlet that runs only while the host waits: no threads, reproducible runs. Bytes travel at connection events,
+as over Bluetooth.
 """
 
 from __future__ import annotations
@@ -33,15 +33,15 @@ MAX_WRITE_BYTES = 20
 _LONGEST_RUN_DOWN_MS = 1000
 _AT_REST_MDEG = 50  # for one piece: some 3 degrees a second
 HAND_MS = 1000
-"""How long it takes to put a robot back: longer than the hub's watchdog."""
+"""Duration of placing a robot: longer than the hub's watchdog."""
 
 
 class _Stopped(BaseException):
-    """Thrown into the program when the host stops it; no program catches it."""
+    """Thrown into a program to stop it; programs cannot catch it."""
 
 
 class _Wire:
-    """The program's standard input and output, with the bytes that are on their way to the host."""
+    """Standard streams of the program, with bytes in transit to the host."""
 
     def __init__(self, hub: VirtualHub, stdin_bytes: int) -> None:
         self._hub = hub
@@ -70,15 +70,15 @@ class _Wire:
         self.write(data)
 
     def deliver_app_data(self, data: bytes) -> None:
-        """Put the host's bytes over what it wrote before."""
+        """Overwrite the AppData with the host's bytes."""
         if len(data) > len(self.inbox):
-            raise HubError("the program on the hub has no room for AppData; let it make one")
+            raise HubError("the program on the hub has no AppData buffer; create AppData in it")
         self.inbox[: len(data)] = data
 
     def deliver(self, data: bytes) -> None:
-        """Put the host's bytes into the ring; a write that does not fit is refused whole, as by the firmware."""
+        """Put the host's bytes into the ring buffer; like the firmware, refuses writes that do not fit."""
         if len(self._stdin) + len(data) > self._room:
-            raise HubError("the hub's input buffer is full; the program does not read, wait for its answer before writing on")
+            raise HubError("the hub's input buffer is full; wait for the program's answer before writing")
         self._stdin += data
 
 
@@ -86,11 +86,11 @@ class VirtualHub:
     """A :class:`~bricksrl.hub.transport.Transport` to a virtual robot.
 
     Args:
-        body: what the motors turn and the sensors see, such as a ``BenchBody``, or a twin of ``bricksrl.twin``.
-        realtime: let simulated time keep pace with the clock on the wall: the robot moves on while the host thinks.
+        body: a ``BenchBody``, or a twin of ``bricksrl.twin``.
+        realtime: run in real time: the robot moves on while the host computes.
 
     Attributes:
-        in_reach: False as long as the link is to be broken, for trying out what happens then.
+        in_reach: set to False to break the link.
     """
 
     def __init__(self, body: Body, *, realtime: bool = False) -> None:
@@ -111,25 +111,25 @@ class VirtualHub:
 
     @property
     def is_realtime(self) -> bool:
-        """True if simulated time keeps pace with the clock on the wall."""
+        """Whether it runs in real time."""
         return self._pace is not None
 
     def open(self) -> None:
-        """Nothing to find: the hub is here.
+        """Connect.
 
         Raises:
-            HubError: it is made to be out of reach.
+            HubError: the hub is out of reach.
         """
         self._check_reach()
 
     def start(self, program: HubProgram) -> None:
-        """Start a program; one that runs is stopped first."""
+        """Start a program; a running one is stopped first."""
         self.stop()
         self._pipe = program.pipe
-        self._is_to_stop = False  # whoever asked for that meant the program before
+        self._is_to_stop = False  # an earlier stop request was for the previous program
         self._error = None
         self._wire = _Wire(self, self.robot.hub.model.stdin_bytes)
-        self._keep_pace()  # real time has gone on meanwhile; a program that has just begun would take that for silence
+        self._keep_pace()  # otherwise a new program sees the elapsed real time as silence
         self._program = greenlet(self._run)
         self._thread = threading.get_ident()
         self._run_until(self.machine.time_ms, program)
@@ -138,11 +138,11 @@ class VirtualHub:
         """Send bytes; they arrive at the next connection event.
 
         Raises:
-            HubError: more than 20 bytes, no program, or no room in the program's input buffer.
+            HubError: more than 20 bytes, no program, or its input buffer is full.
             HubProgramError: the program raised.
         """
         if len(data) > MAX_WRITE_BYTES:
-            raise HubError(f"{len(data)} bytes in one write; a hub takes {MAX_WRITE_BYTES} at most, split them")
+            raise HubError(f"{len(data)} bytes in one write; split them into {MAX_WRITE_BYTES} bytes or less")
         self._check_reach()
         self._keep_pace()
         arrival_ms = math.ceil(self.next_event_ms())
@@ -155,10 +155,10 @@ class VirtualHub:
             self._wire.deliver(data)
 
     def read(self, timeout_s: float) -> bytes:
-        """The program's next output, when it has arrived here; ``b""`` when none came within the (simulated) time.
+        """The program's next output; ``b""`` after the (simulated) timeout.
 
         Raises:
-            HubError: no program runs and nothing is left to read.
+            HubError: no program runs and no output is left.
             HubProgramError: the program raised.
         """
         self._check_reach()
@@ -181,8 +181,7 @@ class VirtualHub:
     def stop(self) -> None:
         """Stop the program; the motors coast.
 
-        A program belongs to the thread that started it. Another one can only ask that thread to stop it, which it does
-        before it lets the program run on.
+        A program runs in the thread that started it; other threads only request the stop.
         """
         if threading.get_ident() != self._thread:
             self._is_to_stop = self._program is not None
@@ -202,9 +201,9 @@ class VirtualHub:
         return self.machine.time_ms / 1000
 
     def reset(self, rng: np.random.Generator) -> None:
-        """The human hand: put the robot at the start of an episode. The program goes on running.
+        """Place the robot at the start of an episode, while the program goes on.
 
-        A hand takes its time, longer than the hub waits for the host before it stops the motors.
+        This takes longer than the hub's watchdog timeout.
         """
         self.run_on_until(self.machine.time_ms + HAND_MS)
         self.body.reset(rng)
@@ -212,18 +211,18 @@ class VirtualHub:
     # ---- between host and program
 
     def next_event_ms(self) -> float:
-        """Time of the next connection event; an interval of 0 is a link without delay."""
+        """Time of the next connection event."""
         interval_ms, now_ms = self.body.link_interval_ms, self.machine.time_ms
         return (now_ms // interval_ms + 1) * interval_ms if interval_ms else now_ms
 
     def wake_at(self, time_ms: float) -> None:
-        """Let the host have its turn no later than this."""
+        """Return to the host no later than this."""
         alarm_ms = self.machine.alarm_ms
         if alarm_ms is not None:
             self.machine.alarm_ms = min(alarm_ms, math.ceil(time_ms))
 
     def _run_until(self, time_ms: int, to_start: HubProgram | None = None) -> None:
-        """Let the program run until a simulated time, or until it has written something, or ended."""
+        """Run the program until a simulated time, its next output, or its end."""
         if self._is_to_stop:
             self.stop()
         program = self._program
@@ -238,17 +237,17 @@ class VirtualHub:
         self.machine.alarm_ms = None
 
     def run_on_until(self, time_ms: int) -> None:
-        """Let the program run until a simulated time, whatever it writes."""
+        """Run the program until a simulated time, whatever it writes."""
         while self.machine.time_ms < time_ms:
             self._run_until(self._piece(time_ms))
             self._wait_for_wall()
 
     def _piece(self, time_ms: int) -> int:
-        """How far to go at once on the way to a simulated time."""
+        """Next stop on the way to a simulated time."""
         return time_ms if self._pace is None else min(time_ms, self.machine.time_ms + PIECE_MS)
 
     def _come_to_rest(self) -> None:
-        """In real time: who watches sees the motors run down after a stop."""
+        """In real time: show how the motors run down after a stop."""
         if self._pace is None:
             return
         before: list[int] = []
@@ -282,7 +281,7 @@ class VirtualHub:
 
     def _check_reach(self) -> None:
         if not self.in_reach():
-            raise HubError("the virtual hub is out of reach; bring it back")
+            raise HubError("the virtual hub is out of reach; set in_reach")
 
     def _check(self) -> None:
         if self._error is not None:
@@ -291,7 +290,7 @@ class VirtualHub:
             raise HubError("no program runs on the hub; start one")
 
     def _keep_pace(self) -> None:
-        """In real time: the robot has moved on while the host was busy, or the host waits for it."""
+        """In real time: advance by the time that the host needed, or wait for it."""
         if self._pace is None:
             return
         wall_ms = self._pace.wall_ms()

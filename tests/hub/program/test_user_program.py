@@ -71,7 +71,7 @@ def test_files_that_cannot_be_read_or_compiled_are_one_line(folder: Path) -> Non
     with pytest.raises(ProgramError, match="cannot read the program"):
         own_program(folder / "none.py")
     (folder / "leg.py").write_bytes(b"\xff\xfe")
-    with pytest.raises(ProgramError, match=r"leg\.py' is no text"):
+    with pytest.raises(ProgramError, match=r"leg\.py' is not a text file"):
         own_program(folder / "main.py")
     (folder / "leg.py").write_text("kick = = 2\n")
     with pytest.raises(ProgramError, match=r"^leg\.py, line 1: SyntaxError"):

@@ -166,7 +166,7 @@ class Stub:
         self.log: list[tuple[str, Any]] = []
         self.actor = SimpleNamespace(prefill_episodes=1)
 
-    def welcome(self, member: Member) -> None:
+    def begin_sending(self, member: Member) -> None:
         member.is_ready = True
 
     def order(self, member: Member, episode: dict[str, Any]) -> None:
@@ -205,10 +205,10 @@ def test_a_process_that_starts_gets_weights_only_once_it_can_take_them(tmp_path:
     for member in fleet.members:
         send = partial(lambda number, kind, _content: sent.append((number, kind)), member.number)
         member.process = cast("Any", SimpleNamespace(send=send))
-    fleet.hand_out({"weight": torch.zeros(1)})
+    fleet.send_weights({"weight": torch.zeros(1)})
     assert sent == [], "a pipe that nobody reads would be full, and the whole fleet would wait"
-    fleet.welcome(fleet.members[1])
-    fleet.hand_out({"weight": torch.ones(1)})
+    fleet.begin_sending(fleet.members[1])
+    fleet.send_weights({"weight": torch.ones(1)})
     assert sent == [(1, "weights"), (1, "weights")]
 
 

@@ -85,7 +85,7 @@ def test_gears_and_direction_are_those_of_the_description(rover: Robot) -> None:
         ({"model": "bricksrl.robots:ROBOTS"}, "gives dict; let it be a function"),
         ({"model": "bricksrl.robots:nothing"}, "cannot be loaded"),
         ({"model": "not a module"}, "cannot be loaded"),
-        ({"model": "bricksrl.twin.models.two_wheeler:build"}, "is no 2Wheeler"),
+        ({"model": "bricksrl.twin.models.two_wheeler:build"}, "is not a 2Wheeler"),
     ],
 )
 def test_what_does_not_fit_is_one_line(rover: Robot, change: dict[str, object], says: str) -> None:
@@ -96,7 +96,7 @@ def test_what_does_not_fit_is_one_line(rover: Robot, change: dict[str, object], 
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("<mujoco", "is no MJCF file"),
+        ("<mujoco", "is not an MJCF file"),
         ("<mujoco/>", "has no body"),
         (ROVER_XML.replace('0.028">', '0.028 3 4">'), "no MJCF|compile"),
     ],

@@ -1,1 +1,1 @@
-"""Imitation of a dataset: behavioural cloning, ACT, diffusion policy."""
+"""Imitation learning: behavioural cloning, ACT, diffusion policy."""

@@ -28,21 +28,21 @@ class ACTSettings(ChunkSettings):
     learning_rate: Annotated[float, Positive] = 5e-4
     batch_size: Annotated[int, Range(1)] = 32
     width: Annotated[int, Range(1, 4096)] = 64
-    """Numbers in a token of the transformers."""
+    """Size of a token."""
     feedforward: Annotated[int, Range(1, 16384)] = 128
-    """Units between two tokens in each layer."""
+    """Units of the feedforward layers."""
     heads: Annotated[int, Range(1, 64)] = 4
-    """Heads of attention; the width is shared among them."""
+    """Attention heads; the width must be a multiple."""
     encoder_layers: Annotated[int, Range(1, 32)] = 1
-    """Layers that read what was done into the latent."""
+    """Layers of the latent's encoder."""
     decoder_layers: Annotated[int, Range(1, 32)] = 1
     """Layers that predict the chunk."""
     dropout: Annotated[float, ShareBelowOne] = 0.1
-    """Dropout rate in the transformers while they learn."""
+    """Dropout rate in the transformers during training."""
     latent: Annotated[int, Range(1, 1024)] = 8
-    """Numbers that tell apart what was meant where the same was seen."""
+    """Size of the latent, which distinguishes different actions in equal situations."""
     kl_weight: Annotated[float, NotNegative] = 10.0
-    """Weight of the latent's divergence from a normal."""
+    """Weight of the latent's KL divergence from a normal."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -51,7 +51,7 @@ class ACTSettings(ChunkSettings):
 
 
 class EncodedACTLoss(ACTLoss):  # type: ignore[misc]
-    """TorchRL's loss on the features of an encoder."""
+    """TorchRL's loss on encoded features."""
 
     def __init__(self, actor: TensorDictModule, encoder: nn.Module, **kind: Any) -> None:
         super().__init__(actor, **kind)
@@ -64,7 +64,7 @@ class EncodedACTLoss(ACTLoss):  # type: ignore[misc]
 
 
 class PredictedChunk(nn.Module):
-    """The chunk that TorchRL's ACT model predicts of features, for the mean of its latent."""
+    """The chunk predicted by TorchRL's ACT model at the latent's mean."""
 
     def __init__(self, model: ACTModel) -> None:
         super().__init__()
@@ -76,7 +76,7 @@ class PredictedChunk(nn.Module):
 
 
 def build(env: EnvBase, settings: ACTSettings, device: torch.device | str = "cpu") -> Learner:
-    """ACT for an environment; networks are drawn from torch's global generator."""
+    """ACT for an environment. Initialized from torch's global generator."""
     encoder = make_encoder(env, settings)
     model = ACTModel(
         obs_dim=encoder.size,

@@ -1,4 +1,4 @@
-"""Behaviour cloning: do as a dataset does, with TorchRL's loss."""
+"""Behaviour cloning with TorchRL's loss."""
 
 from __future__ import annotations
 
@@ -19,24 +19,24 @@ from bricksrl.agents.settings import Positive, Settings, ShareBelowOne
 
 @dataclass(frozen=True)
 class BCSettings(Settings):
-    """Settings of behaviour cloning; it learns from a dataset and from nothing else."""
+    """Settings of behaviour cloning; it learns from a dataset only."""
 
     updates_per_step: Annotated[float, Positive] = 2.0
     """Updates for each robot step."""
     actor_layer_norm: bool = True
     """Layer normalisation in the actor."""
     dropout: Annotated[float, ShareBelowOne] = 0.01
-    """Dropout rate in the actor while it learns."""
+    """Dropout rate in the actor during training."""
 
 
 class ImitationLoss(BCLoss):  # type: ignore[misc]
-    """TorchRL's loss, with the annotation that it lacks and warns about."""
+    """TorchRL's loss with a missing annotation that it warns about."""
 
     target_actor_network_params: TensorDictParams
 
 
 def build(env: EnvBase, settings: BCSettings, device: torch.device | str = "cpu") -> Learner:
-    """Behaviour cloning for an environment; networks are drawn from torch's global generator."""
+    """Behaviour cloning for an environment. Initialized from torch's global generator."""
     encoder = make_encoder(env, settings)
     kind = {"layer_norm": settings.actor_layer_norm, "dropout": settings.dropout}
     body = make_body(settings, encoder.size, action_size(env), **kind)

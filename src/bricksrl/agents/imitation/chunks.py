@@ -1,4 +1,4 @@
-"""Action chunks: the actions of several steps, predicted at once and carried out one a step."""
+"""Action chunks: actions of several steps, predicted together."""
 
 from __future__ import annotations
 
@@ -23,18 +23,18 @@ from bricksrl.errors import DescriptionError
 
 @dataclass(frozen=True)
 class ChunkSettings(Settings):
-    """Settings of policies that predict chunks of actions; they learn from a dataset and from nothing else."""
+    """Settings of policies with action chunks; they learn from a dataset only."""
 
     updates_per_step: Annotated[float, Positive] = 2.0
     """Updates for each robot step."""
     chunk: Annotated[int, Range(1, 1000)] = 8
-    """Actions that are predicted at once, one a step."""
+    """Length of an action chunk."""
     executed: Annotated[int, Range(1, 1000)] = 1
-    """Steps after which the next chunk is predicted."""
+    """Steps between predictions."""
     ensemble: Annotated[float | None, NotNegative] = 0.01
-    """Chunks that overlap are averaged, the older ones with the more weight the larger this is; none takes the newest."""
+    """Extra weight of older chunks when overlapping chunks are averaged; none uses the newest only."""
     weight_decay: Annotated[float, NotNegative] = 1e-4
-    """Share of the weights, times the step size, that each step takes off them."""
+    """Decoupled weight decay."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -43,12 +43,12 @@ class ChunkSettings(Settings):
 
 
 class ActionChunkBuffer:
-    """Chunks ``[*batch, k, m]`` of actions under way, one a step, a new one after every ``executed`` steps.
+    """Current action chunks ``[*batch, k, m]``; a new one every ``executed`` steps.
 
     Args:
         executed: from 1 to ``k``.
-        ensemble: chunks that overlap are averaged with the weights exp(-ensemble * i), where i counts from the oldest (the
-            temporal ensemble of Zhao et al., 2023); ``None`` takes the newest alone.
+        ensemble: overlapping chunks are averaged with weights exp(-ensemble * i), i from the oldest (temporal ensemble of Zhao et
+            al., 2023); ``None`` uses the newest.
     """
 
     def __init__(self, executed: int, ensemble: float | None) -> None:
@@ -57,12 +57,12 @@ class ActionChunkBuffer:
         self._chunks: list[tuple[int, Tensor]] = []
 
     def clear(self) -> None:
-        """Start anew: nothing that was predicted is done."""
+        """Discard all predictions."""
         self._step = 0
         self._chunks.clear()
 
     def next(self, predict: Callable[[], Tensor]) -> Tensor:
-        """The action ``[*batch, m]`` of this step; ``predict`` gives a new chunk and is called where one is due."""
+        """The action ``[*batch, m]`` of this step; ``predict`` returns a new chunk when one is due."""
         if self._step % self._executed == 0:
             self._chunks.append((self._step, predict()))
         if self._ensemble is None:
@@ -75,10 +75,10 @@ class ActionChunkBuffer:
 
 
 class ChunkPolicy(TensorDictModuleBase):  # type: ignore[misc]
-    """A policy that acts by chunks; whoever starts an episode, or gives the robot back to it, calls `reset`.
+    """A policy with action chunks; needs a `reset` at the start of an episode and after an intervention.
 
     Args:
-        encoder: what is observed to features.
+        encoder: observations to features.
         network: features ``[*batch, f]`` to a chunk ``[*batch, k, m]``.
     """
 
@@ -89,7 +89,7 @@ class ChunkPolicy(TensorDictModuleBase):  # type: ignore[misc]
         self._chunks = ActionChunkBuffer(settings.executed, settings.ensemble)
 
     def reset(self) -> None:
-        """What is observed next does not follow from the last action."""
+        """Discard predictions: the next observation does not follow from the last action."""
         self._chunks.clear()
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
@@ -99,7 +99,7 @@ class ChunkPolicy(TensorDictModuleBase):  # type: ignore[misc]
 
 
 def chunk_learner(policy: ChunkPolicy, loss: LossModule, settings: ChunkSettings, **numbers: Any) -> Learner:
-    """The learner of a policy by chunks: it imitates a dataset, and acts without dropout."""
+    """The learner of a chunk policy: imitates a dataset, acts without dropout."""
     acting = acting_copy(policy)
     optimizer = adam(loss.parameters(), settings, settings.weight_decay)
     numbers |= {"updates_per_step": settings.updates_per_step, "chunk": settings.chunk, "reset_policy": acting.reset}
@@ -109,8 +109,8 @@ def chunk_learner(policy: ChunkPolicy, loss: LossModule, settings: ChunkSettings
 def recorded_memory(
     frames: TensorDictBase, batch_size: int, keys: Sequence[str], *, chunk: int = 0, device: torch.device | str = "cpu"
 ) -> TransitionReplayBuffer:
-    """A memory of recorded frames ``[time]``; with ``chunk`` the action of each is the next so many, ``[chunk, m]``, the last one
-    of an episode repeated beyond its end."""
+    """A buffer of recorded frames ``[time]``. With ``chunk``, actions are the next ``chunk`` ones ``[chunk, m]``; the last action
+    of an episode is repeated."""
     if chunk:
         rows = ActionChunkTransform(chunk, chunk_key="chunk")(frames.select("action", ("next", "done"))[None])
         frames = frames.clone(recurse=False).set("action", rows["chunk"][0])

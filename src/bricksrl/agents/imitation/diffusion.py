@@ -1,4 +1,4 @@
-"""Diffusion policy (Chi et al., 2023): imitation by denoising chunks of actions, with TorchRL's actor and loss."""
+"""Diffusion policy (Chi et al., 2023): imitation by denoising action chunks, with TorchRL's actor and loss."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ class DiffusionSettings(ChunkSettings):
     """Settings of the diffusion policy."""
 
     chunk: Annotated[int, Range(1, 1000)] = 4
-    """Actions that are predicted at once, one a step."""
+    """Length of an action chunk."""
     ensemble: Annotated[float | None, NotNegative] = None
-    """Chunks that overlap are averaged, the older ones with the more weight the larger this is; none takes the newest."""
+    """Extra weight of older chunks when overlapping chunks are averaged; none uses the newest only."""
     denoising_steps: Annotated[int, Range(1, 1000)] = 20
-    """Steps from noise to an action."""
+    """Denoising steps per chunk."""
 
 
 class EncodedChunks(DiffusionBCLoss):  # type: ignore[misc]
-    """TorchRL's loss on the features of an encoder and chunks of actions."""
+    """TorchRL's loss on encoded features and action chunks."""
 
     def __init__(self, actor: DiffusionActor, encoder: nn.Module) -> None:
         super().__init__(actor)
@@ -45,7 +45,7 @@ class EncodedChunks(DiffusionBCLoss):  # type: ignore[misc]
 
 
 class DenoisedChunk(nn.Module):
-    """Features ``[*batch, f]`` to a chunk of ``k`` actions ``[*batch, k, m]``, from noise."""
+    """Features ``[*batch, f]`` to a chunk of ``k`` actions ``[*batch, k, m]``, denoised from noise."""
 
     def __init__(self, actor: DiffusionActor, chunk: int) -> None:
         super().__init__()
@@ -58,10 +58,10 @@ class DenoisedChunk(nn.Module):
 
 
 def build(env: EnvBase, settings: DiffusionSettings, device: torch.device | str = "cpu") -> Learner:
-    """The diffusion policy for an environment; networks are drawn from torch's global generator."""
+    """The diffusion policy for an environment. Initialized from torch's global generator."""
     encoder, m = make_encoder(env, settings), action_size(env)
     size = m * settings.chunk
-    # the noise of the last step is nearly all there is, whatever the number of steps
+    # at the last step nearly everything is noise, for any number of steps
     actor = DiffusionActor(
         action_dim=size,
         score_network=make_body(settings, size + encoder.size + 1, size),

@@ -1,1 +1,1 @@
-"""Algorithms that learn from a dataset: IQL, CQL, TD3+BC."""
+"""Offline algorithms: IQL, CQL, TD3+BC."""

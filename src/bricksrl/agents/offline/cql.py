@@ -1,12 +1,12 @@
-"""Conservative Q-learning (Kumar et al., 2020): SAC whose critics are pressed down where the data has no actions.
+"""Conservative Q-learning (Kumar et al., 2020): SAC with lower values for actions outside of the data.
 
-TorchRL's ``CQLLoss`` is the oracle. In three points it differs from the paper, and we do not: it takes the soft maximum over
-three sampled actions at a time and not over all (with one sampled action of each kind that is the same), it values the next
-step's actions in the next state and not in this one, and what is learned as the factor of the pressure multiplies nothing.
+Tests compare it with TorchRL's ``CQLLoss``, which differs from the paper, and from this loss, in three points: its soft maximum
+is over three sampled actions at a time, not over all (equal for one sampled action of each kind); it evaluates the next step's
+actions in the next state, not in the current one; its learned factor has no effect.
 
-Nearly all of the work is in the values of the sampled actions, 30 for each state of the batch. They are computed a few at a time,
-so that what is worked on stays in the cache, and without gradient. The gradient of a soft maximum is the mean of the gradients
-under its own weights: it is taken at a few actions drawn by these weights, which has the same mean at less than half of the cost.
+Most time goes into the values of the sampled actions, 30 per state. They are computed in small groups that fit the cache, without
+gradient. The gradient of a soft maximum is the mean of gradients under its weights: a few actions drawn with these weights give
+an unbiased estimate at less than half of the cost.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ from bricksrl.agents.sac import SACLoss, SACSettings, location_and_scale
 from bricksrl.agents.settings import NotNegative, Positive, Range
 
 MAX_FACTOR = 1e6
-"""Limit of the learned factor of the pressure, as its authors have it."""
+"""Maximum learned factor; source: the authors' code."""
 ROWS_AT_ONCE = 512
-"""Rows of a pass through the critics that stay in the cache of a processor."""
+"""Rows per pass through the critics that fit the cache."""
 NEAR_ONE = 0.999
-"""Limit of actions whose log-probability is taken: the tanh of no finite number is 1."""
+"""Limit of actions in log-probabilities: tanh of a finite number is never 1."""
 
 
 @dataclass(frozen=True)
@@ -40,15 +40,15 @@ class CQLSettings(SACSettings):
     learning_rate: Annotated[float, Positive] = 1e-3
     alpha_init: Annotated[float, Positive] = 0.2
     min_q_weight: Annotated[float, NotNegative] = 1.0
-    """Weight of the pressure on the values of sampled actions; with a threshold it is multiplied by a learned factor too."""
+    """Weight of the penalty on values of sampled actions; a threshold adds a learned factor."""
     lagrange_threshold: Annotated[float | None, Range(-1e6, 1e6)] = None
-    """Gap between the values of sampled actions and those of the data that the factor is learned for; none for a fixed one."""
+    """Target gap between values of sampled actions and of the data, for a learned factor; none for a fixed weight."""
     sampled_actions: Annotated[int, Range(1, 100)] = 10
-    """Actions that are compared with the data's: so many uniform ones, of the policy here, and of the policy a step later."""
+    """Sampled actions of each kind: uniform, of the policy, of the policy at the next step."""
     drawn_actions: Annotated[int, Range(0, 300)] = 1
-    """Of these, those at which the gradient is taken, drawn as the full gradient weighs them; 0 for the full gradient."""
+    """Sampled actions with a gradient, drawn by their weight; 0 for all."""
     imitation_updates: Annotated[int, NotNegative] = 0
-    """Updates at the start in which the actor imitates the data."""
+    """Initial updates in which the actor imitates the data."""
 
 
 class CQLLoss(SACLoss):
@@ -61,11 +61,11 @@ class CQLLoss(SACLoss):
         if not is_learned:
             self.out_keys.remove("loss_lagrange")
         self.log_factor = nn.Parameter(torch.zeros(()), requires_grad=is_learned)
-        self._made = 0
+        self._updates_made = 0
 
     @torch.no_grad()
     def sample_actions(self, batch: Batch) -> tuple[Tensor, Tensor]:
-        """Actions ``[samples, batch, m]`` to compare with those of the data, and their log-densities ``[samples, batch]``."""
+        """Sampled actions ``[samples, batch, m]`` and their log-densities ``[samples, batch]``."""
         count, (rows, size) = self.settings.sampled_actions, batch.action.shape
         uniform = torch.rand(count, rows, size, device=batch.action.device) * 2.0 - 1.0
         density = uniform.new_full((count, rows), -math.log(2.0) * size)
@@ -76,7 +76,7 @@ class CQLLoss(SACLoss):
 
     @torch.no_grad()
     def scores(self, features: Tensor, actions: Tensor) -> Tensor:
-        """Values ``[k, samples, batch]`` of actions ``[samples, batch, m]`` in the states ``[batch, f]``."""
+        """Values ``[k, samples, batch]`` of actions ``[samples, batch, m]`` in states ``[batch, f]``."""
         at_once = max(1, ROWS_AT_ONCE // len(features))
         values = []
         for some in actions.split(at_once):
@@ -85,7 +85,7 @@ class CQLLoss(SACLoss):
         return torch.cat(values, 1)
 
     def qvalue_loss(self, batch: Batch) -> dict[str, Tensor]:
-        """The critics' squared errors, the pressure on them, and what its factor is learned from."""
+        """Squared errors of the critics, the conservative penalty, and the loss of its factor."""
         target = self.target_qvalue(batch)
         actions, densities = self.sample_actions(batch)
         scores = self.scores(batch.features, actions) - densities
@@ -109,9 +109,9 @@ class CQLLoss(SACLoss):
         return found_losses
 
     def actor_loss(self, batch: Batch) -> dict[str, Tensor]:
-        """Losses of actor and temperature; in the first updates the actor imitates the data in place of ascending the critics."""
-        self._made += 1
-        if self._made > self.settings.imitation_updates:
+        """Losses of actor and temperature; the first updates imitate the data instead."""
+        self._updates_made += 1
+        if self._updates_made > self.settings.imitation_updates:
             return super().actor_loss(batch)
         out = self.actor_outputs(batch.features)
         _, log_density = self.draw(out)
@@ -122,19 +122,18 @@ class CQLLoss(SACLoss):
         }
 
     def get_extra_state(self) -> dict[str, int]:
-        """The updates of the actor so far."""
-        return {"made": self._made}
+        """Number of the actor's updates."""
+        return {"made": self._updates_made}
 
     def set_extra_state(self, state: dict[str, int]) -> None:
         """Inverse of `get_extra_state`."""
-        self._made = int(state["made"])
+        self._updates_made = int(state["made"])
 
 
 def draw_places(weights: Tensor, count: int) -> Tensor:
-    """``count`` places ``[k, count, batch]`` along the middle of ``weights`` ``[k, samples, batch]``, which add up to 1 there.
+    """Indices ``[k, count, batch]`` drawn with weights ``[k, samples, batch]``, which sum to 1 over samples.
 
-    A place comes up as often as its weight says, on average; draws of one state are spread evenly (systematic resampling), which
-    makes them vary less than independent ones.
+    Systematic resampling: unbiased, with less variance than independent draws.
     """
     k, samples, batch = weights.shape
     heights = weights.cumsum(1).transpose(1, 2).contiguous()
@@ -152,5 +151,5 @@ def log_prob(out: Tensor, min_scale: float, action: Tensor) -> Tensor:
 
 
 def build(env: EnvBase, settings: CQLSettings, device: torch.device | str = "cpu") -> Learner:
-    """CQL for an environment; networks are drawn from torch's global generator."""
+    """CQL for an environment. Initialized from torch's global generator."""
     return sac.build(env, settings, device, CQLLoss)

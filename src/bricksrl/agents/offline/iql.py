@@ -1,4 +1,4 @@
-"""Implicit Q-learning (Kostrikov et al., 2021) with TorchRL's loss: no action is ever valued that the data does not have."""
+"""Implicit Q-learning (Kostrikov et al., 2021) with TorchRL's loss: only values of the data's actions are used."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from bricksrl.agents.operators import critic_operator, value_operator
 from bricksrl.agents.settings import NotNegative, Range, Share, TargetSettings
 
 LOG_SCALE = (-5.0, 2.0)
-"""Limits of the logarithm of the policy's standard deviation, as its authors have them."""
+"""Limits of the log standard deviation; source: the authors' code."""
 
 
 @dataclass(frozen=True)
@@ -28,15 +28,15 @@ class IQLSettings(TargetSettings):
     """Settings of IQL."""
 
     new_goals: Annotated[float, Share] = 0.0
-    """As for other algorithms; none, because what was done for one goal is no example for another one that is drawn at random."""
+    """As for other algorithms; 0, as actions for one goal are no examples for a random other one."""
     expectile: Annotated[float, Range(0.0, 1.0, above=True, below=True)] = 0.8
-    """Expectile of the values of the data's actions that is the value of a state; 0.5 is the mean."""
+    """Expectile of the action values that is a state's value; 0.5 is the mean."""
     temperature: Annotated[float, NotNegative] = 3.0
-    """Weight of an action's advantage when it is imitated; 0 imitates all alike."""
+    """Weight of the advantage in imitation; 0 imitates all actions equally."""
 
 
 class StateIndependentScale(nn.Module):
-    """Outputs ``[*batch, m]`` of a network to the mean in -1..1 of a normal, and its standard deviation, the same everywhere."""
+    """Outputs ``[*batch, m]`` to a normal's mean in -1..1 and its state-independent standard deviation."""
 
     def __init__(self, size: int) -> None:
         super().__init__()
@@ -48,7 +48,7 @@ class StateIndependentScale(nn.Module):
 
 
 def build(env: EnvBase, settings: IQLSettings, device: torch.device | str = "cpu") -> Learner:
-    """IQL for an environment; networks are drawn from torch's global generator."""
+    """IQL for an environment. Initialized from torch's global generator."""
     m, encoder = action_size(env), make_encoder(env, settings)
     kind = {"layer_norm": settings.critic_layer_norm}
     actor = ProbabilisticActor(
@@ -71,7 +71,7 @@ def build(env: EnvBase, settings: IQLSettings, device: torch.device | str = "cpu
         deactivate_vmap=True,
     ).to(device)
     loss.make_value_estimator(gamma=settings.gamma)
-    loss.value_estimator.set_keys(steps_to_next_obs=("next", "steps_to_next_obs"))  # it passes on nothing that is beside "next"
+    loss.value_estimator.set_keys(steps_to_next_obs=("next", "steps_to_next_obs"))  # it passes on only what is under "next"
     bounded = TensorDictModule(nn.Hardtanh(), in_keys=["action"], out_keys=["action"])
     target = SoftUpdate(loss, tau=settings.tau)
     return off_policy_learner(env, settings, TensorDictSequential(actor, bounded), loss, target)

@@ -1,4 +1,4 @@
-"""TD3+BC (Fujimoto and Gu, 2021): TD3 whose actor stays near the data, with TorchRL's loss."""
+"""TD3+BC (Fujimoto and Gu, 2021): TD3 with an actor close to the data, with TorchRL's loss."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ class TD3BCSettings(TD3Settings):
     """Settings of TD3+BC."""
 
     value_weight: Annotated[float, Positive] = 2.5
-    """Weight of the value, scaled to a mean size of 1, against the squared distance from the data's action."""
+    """Weight of the value, scaled to mean magnitude 1, relative to the squared distance from the data's action."""
 
 
 def build(env: EnvBase, settings: TD3BCSettings, device: torch.device | str = "cpu") -> Learner:
-    """TD3+BC for an environment; networks are drawn from torch's global generator."""
+    """TD3+BC for an environment. Initialized from torch's global generator."""
     m, encoder = action_size(env), make_encoder(env, settings)
     body = make_body(settings, encoder.size, m, layer_norm=settings.actor_layer_norm)
     actor, policy = deterministic_policy(encoder, body, action_spec(env), noise=settings.exploration_noise)

@@ -57,9 +57,7 @@ def make_arena(
     task = get_arena_task(env) if isinstance(env, str) else env
     if batch_size:
         if task.arena.loads or realtime or physics is not None:
-            raise DescriptionError(
-                f"{task.id} has no kinematic simulation of what is pushed, of time or of physics; leave it away"
-            )
+            raise DescriptionError(f"{task.id} has no kinematic simulation of what is pushed, of time or of physics; omit it")
         from bricksrl.envs.arenas.simulation import ArenaSimulation
 
         return ArenaSimulation(task, batch_size, seed=seed, device=device)

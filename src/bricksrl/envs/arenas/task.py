@@ -72,7 +72,7 @@ class ArenaTask:
 
     def __post_init__(self) -> None:
         if re.fullmatch(r"\w+-v\d+", self.id) is None:
-            raise DescriptionError(f"'{self.id}' is no id for a task; take a name and a version, such as 'Tag-v0'")
+            raise DescriptionError(f"'{self.id}' is not an id for a task; take a name and a version, such as 'Tag-v0'")
         names = [one.name for one in self.arena.robots]
         if len(self.interfaces) != len(names):
             raise DescriptionError(f"task {self.id} has {len(names)} robots and {len(self.interfaces)} interfaces; give one each")

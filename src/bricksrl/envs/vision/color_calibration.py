@@ -165,7 +165,7 @@ def read_red(path: Path) -> RedWindow:
     except OSError as error:
         reason = error.strerror
     except (ValueError, TypeError, KeyError, BricksError, RecursionError):
-        reason = "it is no calibration"
+        reason = "it is not a calibration"
     raise CameraError(f"cannot read the calibration {path} ({reason}); make one with `bricksrl camera calibrate`")
 
 

@@ -62,7 +62,7 @@ class StreamingLink(HubLink):
         super().__init__(transport, robot, interface, timeout_s=timeout_s, watchdog_s=watchdog_s, pipe=pipe, calibrate=calibrate)
         step_ms = interface.settle.fixed_ms
         if step_ms is None:
-            raise DescriptionError("a step that ends when its moves have ended cannot be streamed; leave streaming away")
+            raise DescriptionError("a step that ends when its moves have ended cannot be streamed; omit streaming")
         self._step_s = step_ms / 1000
         self._period_ms = period_ms
         self._due_s = -math.inf

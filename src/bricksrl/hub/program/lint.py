@@ -33,7 +33,7 @@ _REMEDIES = {
     "sys": "use usys",
     "threading": "use pybricks.tools.multitask",
     "time": "use wait and StopWatch from pybricks.tools",
-    "typing": "leave the annotations out",
+    "typing": "omit the annotations",
 }
 _MODULES_EVERYWHERE = {"pybricks", "uerrno"}
 _LARGER_MODULES = {"gc", "micropython", "uio", "ujson", "umath", "urandom", "uselect", "ustruct", "usys"}
@@ -152,7 +152,7 @@ class _Checker:
                 if len(bases) > 1:
                     yield f"class {node.name} has {len(bases)} bases; a hub allows one"
                 if keywords:
-                    yield f"class {node.name} has keyword arguments such as metaclass; leave them out"
+                    yield f"class {node.name} has keyword arguments such as metaclass; omit them"
             case ast.Set() | ast.SetComp() if self._is_small:
                 yield f"the {self._hub.value} hub has no sets; use a dict or a tuple"
             case ast.Match():

@@ -23,7 +23,7 @@ def read_program(path: Path) -> str:
     except OSError as error:
         raise ProgramError(f"cannot read the program '{path}' ({error.strerror}); give the path of a Python file") from error
     except UnicodeDecodeError as error:
-        raise ProgramError(f"the program '{path}' is no text ({error.reason}); give the path of a Python file") from error
+        raise ProgramError(f"the program '{path}' is not a text file ({error.reason}); give the path of a Python file") from error
 
 
 def check_time_limit(time_limit_s: float | None) -> None:

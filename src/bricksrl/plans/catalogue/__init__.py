@@ -1,4 +1,4 @@
-"""The catalogue: kinds of parts by their LDraw numbers."""
+"""Part catalogue, by LDraw number."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from bricksrl.plans.part import Part
 
 @functools.cache
 def parts() -> tuple[Part, ...]:
-    """All kinds of parts, family by family."""
+    """All parts by family."""
     return (*beams(), *fasteners(), *moving(), *electric(), *ev3(), *system())
 
 
@@ -26,15 +26,15 @@ def _by_number() -> dict[str, Part]:
 
 
 def find(number: str) -> Part | None:
-    """The part of that LDraw number, with or without ``.dat``; ``None`` where the catalogue has none."""
+    """The part with an LDraw number, with or without ``.dat``, or ``None``."""
     return _by_number().get(number.lower().removesuffix(".dat"))
 
 
 def get(number: str) -> Part:
-    """The part of that LDraw number.
+    """The part with an LDraw number.
 
     Raises:
-        UnknownNameError: the catalogue has none.
+        UnknownNameError: it is not in the catalogue.
     """
     found = find(number)
     if found is None:

@@ -1,4 +1,4 @@
-"""Beams, straight and bent, thick and thin, and frames. Places of the holes as in the part library of LDraw.org."""
+"""Beams and frames. Positions of holes from LDraw.org's part library."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ _OLD = {
 }
 _KINDS = {"o": Fit.HOLE, "+": Fit.AXLE_HOLE}
 _Chain = tuple[str, list[Triple]]
-"""A letter for each place (``o`` pin hole, ``+`` axle hole, ``-`` neither), and the places."""
+"""Kinds of holes (``o`` pin, ``+`` axle, ``-`` none) and their positions."""
 
 
 def beams() -> list[Part]:
-    """All of them."""
+    """All beams and frames."""
     straight = [
         _beam(
             number,
@@ -41,12 +41,12 @@ def beams() -> list[Part]:
 
 
 def straight_beam_mass_g(holes: int) -> float:
-    """Mass of a thick beam: within 0.02 g of the volumes of the shapes at LDraw.org from 2 holes on."""
+    """Mass of a thick beam; within 0.02 g of the volumes at LDraw.org from 2 holes on."""
     return round(0.2658 * holes - 0.103, 3)
 
 
 def _run(start: Triple, step: tuple[float, float], count: int) -> list[Triple]:
-    """Places in the plane of a beam, each ``step`` along x and z from the one before."""
+    """Positions in the plane of a beam, ``step`` apart in x and z."""
     return [(start[0] + step[0] * i, 0.0, start[2] + step[1] * i) for i in range(count)]
 
 
@@ -60,7 +60,7 @@ def _beam(
     aliases: tuple[str, ...] = (),
     source: MassSource = MassSource.VOLUME,
 ) -> Part:
-    """A beam of holes along chains; where two chains meet there is one hole."""
+    """A beam with holes along chains; chains that meet share a hole."""
     where: dict[Triple, Site] = {}
     for kinds, places in chains:
         for index, (kind, place) in enumerate(zip(kinds, places, strict=True)):
@@ -160,7 +160,7 @@ def _frames() -> list[Part]:
 
 
 def _frame(number: str, name: str, across: int, along: int, mass_g: float, ends: str) -> Part:
-    """A frame around an open middle: along z the holes are vertical and sidewards in turn, along x as ``ends`` says."""
+    """An open frame: holes along z alternate between vertical and sideways; along x they are ``ends``."""
     wide, long = 10.0 * (across - 1), 10.0 * (along - 1)
     found: dict[Triple, Site] = {}
     for side in (-1, 1):
@@ -193,7 +193,7 @@ def _h_frame() -> Part:
 
 
 def _panels() -> list[Part]:
-    """The base plate, with vertical holes wherever its edge has no hole sidewards, and panels."""
+    """The base plate, with vertical holes where its edge has no sideways hole, and panels."""
     places = []
     for column in range(11):
         for row in range(19):
@@ -213,7 +213,7 @@ def _panels() -> list[Part]:
 
 
 def _panel(number: str, wide: int, mass_g: float) -> Part:
-    """A panel 11 long: a sheet at -y, holes into its edges, and through its corners."""
+    """A panel of length 11: a sheet at -y, holes into the edges and through the corners."""
     edge = 10.0 * (wide - 1)
     ends = " ".join(f"{x},0,{20 * k - edge:g}" for x in (-101, 101) for k in range(wide))
     sides = " ".join(f"{x},0,{z:g}" for x in range(-60, 61, 20) for z in (-edge - 1, edge + 1))

@@ -1,4 +1,4 @@
-"""Notation of the catalogue's parts: places in a short notation, solids that follow from them."""
+"""Compact notation for the catalogue's parts."""
 
 from __future__ import annotations
 
@@ -17,16 +17,15 @@ _FITS = {
     "under": Fit.STUD_HOLE,
     "peg": Fit.PEG,
 }
-_BODILESS = (Fit.TURNTABLE, Fit.STUD, Fit.STUD_HOLE)
-"""Sites that take no room of their own: studs are left out where collisions are looked for, as is the hollow that takes them."""
+_WITHOUT_SOLIDS = (Fit.TURNTABLE, Fit.STUD, Fit.STUD_HOLE)
+"""Sites without solids: collisions ignore studs and the hollows for them."""
 WALL_RADIUS, PIN_RADIUS = 9.0, 6.0
 
 
 def sites(notation: str, *, turns: bool = False) -> tuple[Site, ...]:
-    """Sites from lines such as ``"o y20: 0,0,-20 0,0,20"``: fit, axis with length, centres.
+    """Sites from text such as ``"o y20: 0,0,-20 0,0,20"``: fit, axis with length, centres; groups are separated by ``|``.
 
-    The fits are ``o`` pin hole, ``+`` axle hole, ``pin``, ``friction``, ``axle``, ``stud``, ``under`` (takes a stud) and ``peg``.
-    Lines are parted by ``|``.
+    Fits: ``o`` pin hole, ``+`` axle hole, ``pin``, ``friction``, ``axle``, ``stud``, ``under`` (takes a stud), ``peg``.
     """
     found = []
     for line in notation.split("|"):
@@ -43,16 +42,16 @@ def places_of(text: str) -> list[Triple]:
 
 
 def tubes(where: Iterable[Site], wall: float = WALL_RADIUS) -> tuple[Solid, ...]:
-    """A round wall about each hole, a round bar for each pin and axle."""
+    """A tube around each hole, a round bar for each pin and axle."""
     return tuple(
         cylinder(site.centre, site.axis, site.length, PIN_RADIUS if site.fit.is_male else wall)
         for site in where
-        if site.fit not in _BODILESS
+        if site.fit not in _WITHOUT_SOLIDS
     )
 
 
 def webs(chains: Iterable[list[Triple]], normal: Triple, thickness: float) -> tuple[Solid, ...]:
-    """Bars along chains of points: the body of a beam between its holes."""
+    """Bars along chains of points: a beam's body between the holes."""
     return tuple(
         bar(start, end, normal, 2 * WALL_RADIUS, thickness)
         for chain in chains
@@ -80,7 +79,7 @@ def part(
     wheel_mm: float = 0.0,
     is_loose: bool = False,
 ) -> Part:
-    """A part; its solids are tubes about its sites unless said otherwise, and shops name it by its LDraw number unless told."""
+    """A part; by default its solids are tubes around its sites, and its numbers in shops are the LDraw number."""
     return Part(
         number,
         name,

@@ -1,4 +1,4 @@
-"""Hubs, motors and sensors. Places as in the part library of LDraw.org; masses of what is inside are estimates."""
+"""Hubs, motors and sensors. Positions from LDraw.org's part library; masses of the inside are estimates."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from bricksrl.plans.geometry import Solid, Triple, box, cylinder
 from bricksrl.plans.part import Device, DeviceKind, MassSource, Part, Site
 
 _SPIKE_CABLE_MM = 250.0
-"""Of the motors and sensors of SPIKE Prime, by LEGO Education's technical sheets."""
+"""Motors and sensors of SPIKE Prime; source: LEGO Education's technical sheets."""
 _ESTIMATE = MassSource.ESTIMATE
 _DOWN_Y: Triple = (0.0, -1.0, 0.0)
 
 
 def electric() -> list[Part]:
-    """All of them."""
+    """All hubs, motors and sensors."""
     return [*_hubs(), *_angular_motors(), *_other_motors(), *_sensors()]
 
 
@@ -78,7 +78,7 @@ def _hub(
 
 
 def _angular_motors() -> list[Part]:
-    """Motors of SPIKE Prime, the shaft along y, its disc at -y; the medium and the large one have an axle hole at +y too."""
+    """Motors of SPIKE Prime: shaft along y, disc at -y; the medium and the large one also have an axle hole at +y."""
     disc = sites("+ y20: 0,-40,0 | o y20: -20,-40,0 20,-40,0 0,-40,20", turns=True)
     back = sites("+ y20: 0,20,0", turns=True)
     turning = (cylinder((0, -41, 0), "y", 18.0, 28.5),)
@@ -164,7 +164,7 @@ def _motor(
 
 
 def _other_motors() -> list[Part]:
-    """Motors of Powered Up, the shaft along z with its axle hole at -z."""
+    """Motors of Powered Up: shaft along z, axle hole at -z."""
     shaft = sites("+ z20: 0,0,0", turns=True)
     forward = (0.0, 0.0, -1.0)
     large = sites(
@@ -214,7 +214,7 @@ def _sensors() -> list[Part]:
 def _sensor(
     number: str, name: str, mass_g: float, kind: str, where: tuple[Site, ...], solids: tuple[Solid, ...], looks: Triple
 ) -> Part:
-    """A sensor; those of WeDo and Boost sit on studs, which are not modelled, so they count as held."""
+    """A sensor; those of WeDo and Boost sit on studs, which are not modelled, so they count as connected."""
     device = Device(DeviceKind.SENSOR, kind, (0.0, 0.0, 10.0), _SPIKE_CABLE_MM, looks=looks)
     return part(
         number,

@@ -1,6 +1,6 @@
-"""Brick, motors and sensors of MINDSTORMS EV3. Places as in the part library of LDraw.org; masses are estimates.
+"""Brick, motors and sensors of MINDSTORMS EV3. Positions from LDraw.org's part library; masses are estimates.
 
-No hub of ``bricksrl.robots`` runs them: a plan with them is checked, listed and drawn, and has no twin.
+No hub of ``bricksrl.robots`` supports them: their plans are checked, listed and drawn, but have no twin.
 """
 
 from __future__ import annotations
@@ -10,11 +10,11 @@ from bricksrl.plans.geometry import Solid, Triple, box, cylinder
 from bricksrl.plans.part import Device, DeviceKind, MassSource, Part, Site
 
 _CABLE_MM = 500.0
-"""The longest of its cables."""
+"""Longest of its cables."""
 
 
 def ev3() -> list[Part]:
-    """All of them."""
+    """All parts of EV3."""
     return [_brick(), *_motors(), *_sensors()]
 
 
@@ -70,7 +70,7 @@ def _motors() -> list[Part]:
 
 
 def _sensors() -> list[Part]:
-    """All of them hold by an axle hole between two pin holes at their back."""
+    """Sensors; all have an axle hole between two pin holes at the back."""
     back = sites("o x20: 0,0,-20 0,0,20 | + x20: 0,0,0")
     slim = (box((0, -39, -20), (60, 58, 98)), box((0, 0, 0), (18, 18, 58)))
     wide = (*slim, box((0, -40, -60), (138, 58, 58)))

@@ -1,4 +1,4 @@
-"""Pins, axles, bushes and connectors. Places and lengths as in the part library of LDraw.org."""
+"""Pins, axles, bushes and connectors. Positions and lengths from LDraw.org's part library."""
 
 from __future__ import annotations
 
@@ -24,17 +24,17 @@ _AXLES = {
     32: "50450",
 }
 _COLOURED = {3: "4211815", 4: "370526", 5: "205", 6: "370626", 7: "300", 8: "370726", 12: "370826"}
-"""LDraw's numbers for axles of one colour, and those that it has moved."""
+"""LDraw's numbers for axles of one colour and moved ones."""
 _X = AXES["x"]
 
 
 def fasteners() -> list[Part]:
-    """All of them."""
+    """All pins, axles, bushes and connectors."""
     return [*_pins(), *_axles(), *_bushes(), *_blocks(), *_pin_connectors(), *_angles()]
 
 
 def axle_mass_g(length: float) -> float:
-    """Mass of an axle without a stop: within 0.01 g of the volumes of the shapes at LDraw.org."""
+    """Mass of an axle without a stop; within 0.01 g of the volumes at LDraw.org."""
     return round(0.1033 * length, 3)
 
 
@@ -107,7 +107,7 @@ def _axle(
     source: MassSource = MassSource.RULE,
     aliases: tuple[str, ...] = (),
 ) -> Part:
-    """An axle along x; one with a stop has a round head at its end at +x."""
+    """An axle along x; a stop is a round head at +x."""
     where = (Site(Fit.AXLE, (0.0, 0.0, 0.0), _X, 20.0 * length),)
     head = (_head(10.0 * length - 2, 4.0),) if stop else ()
     return part(number, name, "axles", mass_g, where, more=head, source=source, aliases=aliases, length=length)
@@ -134,7 +134,7 @@ def _bushes() -> list[Part]:
 
 
 def _blocks() -> list[Part]:
-    """Cross blocks: holes that lie across each other."""
+    """Cross blocks: holes at right angles."""
     rows = [
         ("6536", "Cross block 2, axle", 0.385, "+ x20: 0,0,0 | o z20: 0,20,0"),
         ("32184", "Cross block 3, two axles", 0.608, "+ x20: 0,-20,0 0,20,0 | o z20: 0,0,0"),
@@ -153,7 +153,7 @@ def _blocks() -> list[Part]:
 
 
 def _pin_connectors() -> list[Part]:
-    """Blocks that have pins of their own."""
+    """Blocks with pins."""
     corner = "friction y20: 0,20,0 0,20,40 | friction z20: 0,-40,-20 0,0,-20"
     rows = [
         ("15100", "Pin with a hole across", 0.351, "o y20: 0,0,0 | friction x20: 20,0,0", ("27676",)),

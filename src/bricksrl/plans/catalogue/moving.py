@@ -1,4 +1,4 @@
-"""Gears, racks, turntables, wheels and what else turns. Sizes as in the part library of LDraw.org."""
+"""Gears, racks, turntables, wheels. Sizes from LDraw.org's part library."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from bricksrl.plans.part import Fit, Gear, GearForm, MassSource, Part, Site
 _Z = AXES["z"]
 _CENTRE = (0.0, 0.0, 0.0)
 _TOOTH_DEPTH = 0.5
-"""A gear's solid ends so much below its pitch circle that two in mesh touch but do not overlap."""
+"""Depth of a gear's solid below the pitch circle, so that meshing gears do not collide."""
 
 
 def moving() -> list[Part]:
-    """All of them."""
+    """All moving parts."""
     return [*_gears(), *_worms_and_racks(), *_differentials(), *_turntables(), *_wheels(), *_casters()]
 
 
@@ -62,7 +62,7 @@ def _gear(
 ) -> Part:
     found, centre = sites(where), (0.0, 0.0, middle)
     disc: tuple[Solid, ...] = (_disc(teeth, width, centre),)
-    if form is GearForm.DOUBLE_BEVEL:  # its edges are cut off, so that two can meet at a right angle
+    if form is GearForm.DOUBLE_BEVEL:  # bevelled, so that two can meet at a right angle
         disc = (_disc(teeth, 10.0), cylinder(_CENTRE, _Z, 20.0, 1.25 * teeth - 6.0))
     solids = (*disc, *tubes(found))
     gear = Gear(form, teeth, centre, _Z, width, set_back=0.0 if form is GearForm.BEVEL else 5.0)
@@ -70,7 +70,7 @@ def _gear(
 
 
 def _worms_and_racks() -> list[Part]:
-    # One thread; its pitch radius, with which it is put beside a gear, is that of 8 teeth.
+    # One thread; beside a gear its pitch radius is that of 8 teeth.
     thread = Gear(GearForm.WORM, 1, _CENTRE, _Z, 40.0)
     worm = part(
         "4716",
@@ -96,7 +96,7 @@ def _worms_and_racks() -> list[Part]:
 
 
 def _differentials() -> list[Part]:
-    """A differential of 28 teeth: gears of 12 on the two axles and one on its peg; BrickLink's Studio has it 36.3 LDU beside."""
+    """A differential of 28 teeth: gears of 12 on both axles and one on its peg, 36.3 LDU off centre in BrickLink's Studio."""
     made = []
     for number, aside, aliases in (("62821", 0.0, ()), ("62821b", -36.3, ())):
         place = f"0,{aside:g}"
@@ -112,7 +112,7 @@ def _differentials() -> list[Part]:
 
 
 def _turntables() -> list[Part]:
-    """Upper and lower halves; they share the point where their sites for the turntable are."""
+    """Turntables, upper and lower halves; their turntable sites coincide."""
     joint = Site(Fit.TURNTABLE, _CENTRE, AXES["y"], 20.0)
     upper_holes = sites("o x20: -40,-20,-20 -40,-20,0 -40,-20,20 40,-20,-20 40,-20,0 40,-20,20")
     lower_holes = sites("o x20: -40,20,-20 -40,20,0 -40,20,20 40,20,-20 40,20,0 40,20,20")
@@ -277,13 +277,13 @@ def _tyred(
 
 
 def _tyre(number: str, name: str, wheel_mm: float, width: float, mass_g: float) -> Part:
-    """A tyre: it holds on its rim by itself, and is only known, not checked."""
+    """A tyre; its connection to the rim is not modelled."""
     body = (ring(_CENTRE, _Z, width, 1.25 * wheel_mm, 0.8 * wheel_mm),)
     return part(number, name, "tyres", mass_g, (), solids=body, wheel_mm=wheel_mm, is_loose=True)
 
 
 def _casters() -> list[Part]:
-    """The H frame with a ball in its cup; the ball rolls, which is part of the part."""
+    """A caster: the H frame with a ball in its cup, as one part."""
     where = sites("o x20: 0,-20,-40 0,-20,40 0,0,-40 0,0,0 0,0,40 0,20,-40 0,20,40 | o y20: 0,0,-20 0,0,20")
     body = (
         box((0, 0, 0), (20, 20, 80)),

@@ -1,6 +1,6 @@
-"""Bricks, plates and tiles with and without studs, and Technic bricks. The origin is the middle of the top, x the longer side.
+"""Bricks, plates, tiles and Technic bricks. The origin is the middle of the top, x the longer side.
 
-Each row is ``X x Z`` studs and the LDraw numbers, the catalogue's own one first.
+Each row is ``X x Z`` studs and the LDraw numbers, the catalogue's first.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _TECHNIC_PLATES = "2x4 3709b 3709 | 2x6 32001 | 2x8 3738"
 
 
 def system() -> list[Part]:
-    """All of them."""
+    """All System parts."""
     return [
         *_rows(_BRICKS, "Brick", "bricks", _BRICK),
         *_rows(_PLATES, "Plate", "plates", _PLATE),
@@ -62,7 +62,7 @@ def _block(
     mass_g: float = 0.0,
     is_smooth: bool = False,
 ) -> Part:
-    """A block of ``size`` studs along x and z; its mass follows from its walls where none is given."""
+    """A block of ``size`` studs along x and z; by default its mass is that of its shell."""
     cells = _cells(size)
     below = " ".join(f"{x:g},{height - 2:g},{z:g}" for x, z in cells)
     above = " ".join(f"{x:g},-2,{z:g}" for x, z in cells)
@@ -73,14 +73,14 @@ def _block(
 
 
 def _cells(size: tuple[int, int]) -> list[tuple[float, float]]:
-    """Where its studs are, x and z."""
+    """Positions x, z of the studs."""
     return [(20.0 * i - 10 * (size[0] - 1), 20.0 * k - 10 * (size[1] - 1)) for i in range(size[0]) for k in range(size[1])]
 
 
 def shell_mass_g(size: tuple[int, int], height: float, *, is_smooth: bool = False) -> float:
-    """Mass of a block: a top and walls of 4 LDU, studs, and the tubes or bars between the studs' places.
+    """Mass of a block: top and walls of 4 LDU, studs, tubes or bars between the studs.
 
-    Within 0.06 g of the volumes of the shapes at LDraw.org. Real blocks have thinner walls; a brick 2 x 4 is 13 % lighter.
+    Within 0.06 g of the volumes at LDraw.org. Real walls are thinner: a 2 x 4 brick is 13 % lighter.
     """
     long, wide = 20.0 * size[0], 20.0 * size[1]
     walls = (long * wide - (long - 8) * (wide - 8)) * (height - 4)
@@ -93,7 +93,7 @@ def shell_mass_g(size: tuple[int, int], height: float, *, is_smooth: bool = Fals
 
 
 def _technic_bricks() -> list[Part]:
-    """Bricks with pin holes between the studs; their mass is a line through the volumes of the shapes at LDraw.org."""
+    """Bricks with pin holes between the studs; masses are a linear fit to the volumes at LDraw.org."""
     made = []
     for row in _TECHNIC_BRICKS.split("|"):
         studs, number = row.split()
@@ -140,7 +140,7 @@ def _technic_plates() -> list[Part]:
 
 
 def _round() -> list[Part]:
-    """Round ones, as cylinders."""
+    """Round bricks and plates, as cylinders."""
     four = "-10,{0},-10 -10,{0},10 10,{0},-10 10,{0},10"
     rows: list[tuple[str, str, str, float, str, tuple[str, ...]]] = [
         ("6141", "Round plate 1 x 1", "plates", 0.120, "under y4: 0,6,0 | stud y4: 0,-2,0", ("4073", "15570", "30057", "51809")),

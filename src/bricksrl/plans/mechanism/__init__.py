@@ -1,1 +1,1 @@
-"""The mechanism of a plan: what turns against what, gear trains, closed loops, poses, end stops."""
+"""Mechanism of a plan: hinges, gear trains, closed loops, poses, end stops."""

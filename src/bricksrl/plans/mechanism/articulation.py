@@ -1,7 +1,7 @@
-"""Articulation of a robot: the few bodies and joints that a simulation of its mechanism needs. Plain data.
+"""Articulation: the bodies and joints of a mechanism that a simulation needs. Plain data.
 
-What hardly matters is left out: a shaft or gear that spins in balance weighs on what carries it and only turns for the eye, a
-light link between two pins is a rod. Metres, kilograms, radians; x forward, y left, z up, in the plan's position.
+Balanced shafts and gears become visual parts of their carrier; a light link between two pins becomes a rod. Metres, kilograms,
+radians; x forward, y left, z up, in the plan's position.
 """
 
 from __future__ import annotations
@@ -15,14 +15,14 @@ from bricksrl.plans.mechanism.kinematics import Hinge, Link, Mechanism, Mounted,
 from bricksrl.plans.mechanism.trains import Train, is_balanced, is_coaxial
 
 _BALANCED_KG_M = 1.2e-5
-"""12 g, 1 mm from their axis: 0.1 Nmm, a two-hundredth of a motor's own friction."""
+"""12 g, 1 mm off the axis: 0.1 Nmm, 1/200 of a motor's friction."""
 _ROD_KG = 0.010
-"""Heavier links are bodies of their own."""
+"""Heavier links are separate bodies."""
 
 
 @dataclass(frozen=True, eq=False)
 class Turn:
-    """An axis about which ``child`` turns against ``parent``: indices of bodies, a point [3], a direction [3]."""
+    """A hinge: bodies ``parent`` and ``child`` (indices), a point [3], an axis [3]."""
 
     parent: int
     child: int
@@ -35,8 +35,8 @@ class Drive:
     """A motor and the turn that it drives.
 
     Attributes:
-        gear: turns of the motor's shaft, clockwise seen from outside, for one of the child about the axis.
-        armature: inertia of what the gears turn besides, seen at the axis, kg m2.
+        gear: turns of the motor's shaft, clockwise from outside, per turn of the child.
+        armature: inertia of the other geared parts at the axis, kg m².
     """
 
     port: str
@@ -48,7 +48,7 @@ class Drive:
 
 @dataclass(frozen=True, eq=False)
 class Geared:
-    """A turn that gears couple to that of a motor: so many turns for one of the drive's."""
+    """A turn geared to a motor; ``ratio`` is turns per turn of the drive."""
 
     port: str
     turn: Turn
@@ -57,7 +57,7 @@ class Geared:
 
 @dataclass(frozen=True, eq=False)
 class Follower:
-    """Parts that weigh on a body and turn about an axis for the eye alone, with a motor, so many turns for one of the drive's."""
+    """Visual parts on a body that turn with a motor; ``ratio`` is turns per turn of the drive."""
 
     body: int
     parts: tuple[int, ...]
@@ -69,9 +69,9 @@ class Follower:
 
 @dataclass(frozen=True, eq=False)
 class Rod:
-    """A light link between two pins: the bodies, their points [3], which are in one plane across the pins, and its parts.
+    """A light link between two pins: bodies, points [3] in a plane across the pins, parts.
 
-    Half of its mass moves with either body, and counts as theirs.
+    Half of its mass is added to each body.
     """
 
     near: int
@@ -83,13 +83,13 @@ class Rod:
 
 @dataclass(frozen=True, eq=False)
 class Articulation:
-    """All of a robot; the first body carries the others.
+    """The articulation of a robot; the first body is the base.
 
     Attributes:
-        is_fixed: whether the first body stands fast.
-        swings: turns that no motor drives.
-        loops: turns between bodies that other joints connect already.
-        wheels, mounted: as the mechanism has them, their ``link`` an index of a body.
+        is_fixed: whether the base is fixed.
+        swings: turns without a motor.
+        loops: turns between bodies that are already connected.
+        wheels, mounted: as in the mechanism; their ``link`` is the index of a body.
     """
 
     bodies: tuple[Link, ...]
@@ -105,26 +105,26 @@ class Articulation:
 
     @property
     def mass_kg(self) -> float:
-        """Of the whole robot."""
+        """Total mass."""
         return sum(body.mass_kg for body in self.bodies)
 
 
 def articulation(made: Mechanism, driven: tuple[Train, ...]) -> Articulation:
     """The articulation of a mechanism and its gear trains."""
-    work = _Work(made, driven)
-    work.spin_for_the_eye()
-    work.leave_out_shafts()
+    work = _Simplifier(made, driven)
+    work.make_followers()
+    work.merge_shafts()
     work.find_rods()
     return work.result()
 
 
-class _Work:
-    """Links that are put together step by step."""
+class _Simplifier:
+    """Stepwise simplification of a mechanism."""
 
     def __init__(self, made: Mechanism, driven: tuple[Train, ...]) -> None:
         self.made, self.driven = made, driven
         self.home = list(range(len(made.links)))
-        """Of each link, the one that it has become part of."""
+        """For each link, the one that it has been merged into."""
         self.left = dict(enumerate(made.hinges))
         self.spun: list[tuple[int, Hinge, str, float]] = []
         self.rods: list[tuple[int, Hinge, Hinge]] = []
@@ -134,7 +134,7 @@ class _Work:
         self.kept = self.wheels | {one.link for one in made.mounted} | {made.fixed if made.fixed is not None else 0}
 
     def find(self, link: int) -> int:
-        """The link that a link is part of by now."""
+        """The link that a link has been merged into."""
         while self.home[link] != link:
             link = self.home[link]
         return link
@@ -142,8 +142,8 @@ class _Work:
     def _hinges_of(self, link: int) -> list[int]:
         return [number for number, one in self.left.items() if link in (self.find(one.parent), self.find(one.child))]
 
-    def spin_for_the_eye(self) -> None:
-        """Shafts and gears in balance that turn with a motor weigh on what carries them."""
+    def make_followers(self) -> None:
+        """Add balanced shafts and gears that turn with a motor to their carriers as visual parts."""
         for train in self.driven:
             output = self.made.hinges[train.output]
             self.armature[train.port] = 0.0
@@ -161,8 +161,8 @@ class _Work:
                 self.home[link] = carrier
                 del self.left[number]
 
-    def leave_out_shafts(self) -> None:
-        """An axle that spins freely in one or several parts about one axis belongs to one of them."""
+    def merge_shafts(self) -> None:
+        """Merge an axle that spins freely about one axis with one of the parts around it."""
         for link in sorted(range(len(self.made.links)), key=lambda one: self.made.links[one].mass_kg):
             numbers = self._hinges_of(link)
             if link in self.kept or self.find(link) != link or not numbers or self.coupled & set(numbers):
@@ -173,10 +173,10 @@ class _Work:
             if self.made.links[link].mass_kg < _ROD_KG and is_balanced(self.made, hinges[0], link, _BALANCED_KG_M):
                 self.home[link] = self.find(hinges[0].parent if self.find(hinges[0].child) == link else hinges[0].child)
                 del self.left[numbers[0]]
-        self._drop_doubles()
+        self._drop_duplicates()
 
-    def _drop_doubles(self) -> None:
-        """Of hinges between the same two links about one axis one is enough."""
+    def _drop_duplicates(self) -> None:
+        """Remove duplicate hinges between two links about one axis."""
         for number, hinge in list(self.left.items()):
             ends = {self.find(hinge.parent), self.find(hinge.child)}
             for other, earlier in self.left.items():
@@ -187,7 +187,7 @@ class _Work:
                     break
 
     def find_rods(self) -> None:
-        """The lightest links of closed loops that do nothing but hold two pins apart."""
+        """Turn the lightest two-pin links of closed loops into rods."""
         for link in sorted(range(len(self.made.links)), key=lambda one: self.made.links[one].mass_kg):
             numbers = self._hinges_of(link)
             if len(numbers) != 2 or link in self.kept or self.coupled & set(numbers) or self.find(link) != link:
@@ -200,24 +200,24 @@ class _Work:
                     del self.left[number]
 
     def _is_in_loop(self, link: int, numbers: list[int]) -> bool:
-        """Whether what the link connects hangs together without it."""
-        ends = [self._beyond(self.left[number], link) for number in numbers]
+        """Whether the link's neighbours are connected without it."""
+        ends = [self._other_link(self.left[number], link) for number in numbers]
         reached, waiting = {ends[0]}, [ends[0]]
         while waiting:
             here = waiting.pop()
             for number in self._hinges_of(here):
-                other = self._beyond(self.left[number], here)
+                other = self._other_link(self.left[number], here)
                 if number not in numbers and other not in reached:
                     reached.add(other)
                     waiting.append(other)
         return ends[1] in reached
 
-    def _beyond(self, hinge: Hinge, link: int) -> int:
+    def _other_link(self, hinge: Hinge, link: int) -> int:
         first, second = self.find(hinge.parent), self.find(hinge.child)
         return second if first == link else first
 
     def result(self) -> Articulation:
-        """The tree of what is left, from the first body on; what closes a loop in it stays apart."""
+        """The tree of the remaining links from the first body on, and the loops."""
         made = self.made
         root = self.find(made.fixed if made.fixed is not None else 0)
         order, tree, loops = [root], [], []
@@ -258,14 +258,14 @@ class _Work:
         )
 
     def _turn(self, hinge: Hinge, body_of: dict[int, int]) -> Turn:
-        """A hinge, its child the later one of the two bodies; the axis is turned round where that was its parent."""
+        """A hinge as a turn; the child is the later body, and the axis is reversed if that was the parent."""
         parent, child = body_of[hinge.parent], body_of[hinge.child]
         if parent < child:
             return Turn(parent, child, hinge.point_m, hinge.axis)
         return Turn(child, parent, hinge.point_m, -hinge.axis)
 
     def _drives(self, turns: dict[int, Turn]) -> tuple[Drive, ...]:
-        """The motors; a shaft turns clockwise, seen from outside, against the direction in which it points."""
+        """The motors; seen from outside, a clockwise turn is against the shaft's direction."""
         drives = []
         for train in self.driven:
             turn = turns[train.output]
@@ -274,7 +274,7 @@ class _Work:
         return tuple(drives)
 
     def _geared(self, turns: dict[int, Turn]) -> tuple[Geared, ...]:
-        """What gears couple to a motor's output and is no part of another body; its axis is turned round as that is."""
+        """Bodies geared to a motor's output; the sign follows the turn's axis."""
         found = []
         for train in self.driven:
             for number, ratio in train.others:
@@ -286,14 +286,14 @@ class _Work:
 
 
 def _rod(link: Link, first: Hinge, second: Hinge, own: int, body_of: dict[int, int]) -> Rod:
-    """A link as a rod; the pins are taken in the plane of the first one."""
+    """A link as a rod; both pins are moved to the plane of the first one."""
     near, far = (hinge.parent if hinge.child == own else hinge.child for hinge in (first, second))
     shift = float((second.point_m - first.point_m) @ first.axis)
     return Rod(body_of[near], first.point_m, body_of[far], second.point_m - shift * first.axis, link.parts)
 
 
 def merged(links: list[Link]) -> Link:
-    """Several links as one rigid body."""
+    """Links merged into one rigid body."""
     mass = sum(link.mass_kg for link in links)
     centre = np.asarray(sum(link.mass_kg * link.centre_m for link in links) / mass)
     inertia = np.zeros((3, 3))

@@ -1,4 +1,4 @@
-"""End stops of a robot's motors: how far each can turn from the plan's position before parts meet."""
+"""End stops: how far each motor can turn from the plan's position before parts collide."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from bricksrl.plans.contact import Room
+from bricksrl.plans.contact import Occupancy
 from bricksrl.plans.geometry import Floats
 from bricksrl.plans.mechanism.articulation import Articulation, Drive
 from bricksrl.plans.mechanism.kinematics import TO_TWIN
@@ -16,15 +16,15 @@ from bricksrl.plans.plan import Placed
 from bricksrl.plans.planned_robot import PlannedRobot
 
 _STEP_DEG, _FINE_DEG = 5.0, 0.5
-"""Of the driven part: between two looks, and how finely the stop is found in the step that meets something."""
+"""Steps of the search, degrees of the driven part: coarse and fine."""
 _LDU_M = 0.4 / 1000
 
 
 @functools.lru_cache(maxsize=64)
 def free_deg(planned: PlannedRobot, port: str, low: float, high: float) -> tuple[float, float]:
-    """Angles of a motor's shaft between which nothing meets, within ``low`` and ``high``; the other motors as in the plan.
+    """Collision-free range of a motor's angle within ``low`` and ``high``, degrees; other motors as in the plan.
 
-    Angles are those that the motor's rotation sensor shows; the plan's own angle is always within.
+    Angles are readings of the rotation sensor; the range includes the plan's angle.
     """
     drive = next(one for one in planned.articulation.drives if one.port == port)
     placed = planned.device(port)
@@ -38,7 +38,7 @@ def free_deg(planned: PlannedRobot, port: str, low: float, high: float) -> tuple
 
 
 class _Sweep:
-    """The parts that a motor moves, turned step by step."""
+    """Collision test of the parts that a motor moves."""
 
     def __init__(self, planned: PlannedRobot, drive: Drive) -> None:
         made = planned.articulation
@@ -48,25 +48,25 @@ class _Sweep:
         self._moved = {part for body in _carried(made, drive.turn.child) for part in made.bodies[body].parts}
         self._others = np.ones(len(self._parts), dtype=bool)
         self._others[list(self._moved)] = False
-        # What gears turn along is elsewhere then; it is not looked at.
+        # Geared parts move away, so they are not tested.
         coupled = [one.turn.child for one in made.geared if one.port == drive.port]
         for body in coupled:
             self._others[list(made.bodies[body].parts)] = False
         self._is_clear_at_start = self._is_clear(0.0)
 
     def reach(self, way: float) -> float:
-        """How far of a turn (degrees of the driven part, with its sign) can be made."""
+        """Free travel in the direction of ``way``, at most ``way``, degrees of the driven part."""
         if not self._is_clear_at_start:
             return 0.0
         sign, reached = math.copysign(1.0, way), 0.0
         while reached < abs(way):
             ahead = min(reached + _STEP_DEG, abs(way))
             if not self._is_clear(sign * ahead):
-                return sign * self._refined(sign, reached, ahead)
+                return sign * self._bisect(sign, reached, ahead)
             reached = ahead
         return way
 
-    def _refined(self, sign: float, free: float, blocked: float) -> float:
+    def _bisect(self, sign: float, free: float, blocked: float) -> float:
         while blocked - free > _FINE_DEG:
             middle = (free + blocked) / 2
             free, blocked = (middle, blocked) if self._is_clear(sign * middle) else (free, middle)
@@ -75,7 +75,7 @@ class _Sweep:
     def _is_clear(self, angle_deg: float) -> bool:
         turn = _rotation(self._axis, math.radians(angle_deg))
         parts = [self._turned(placed, turn) if placed.index in self._moved else placed for placed in self._parts]
-        return Room(parts).is_free(self._moved, self._others, np.zeros(3))
+        return Occupancy(parts).is_free(self._moved, self._others, np.zeros(3))
 
     def _turned(self, placed: Placed, turn: Floats) -> Placed:
         place = turn @ (placed.position - self._point) + self._point
@@ -83,7 +83,7 @@ class _Sweep:
 
 
 def _case(motor: Placed) -> Placed:
-    """A motor without its disc, which turns along with what is on it."""
+    """A motor without its disc, which turns with the driven parts."""
     sites = tuple(site for site in motor.part.sites if not site.turns)
     return replace(motor, part=replace(motor.part, turning=(), sites=sites))
 
@@ -94,7 +94,7 @@ def _in_plan(drive: Drive) -> tuple[Floats, Floats]:
 
 
 def _carried(made: Articulation, body: int) -> set[int]:
-    """A body and all that hang on it."""
+    """A body and all its descendants."""
     turns = [*(one.turn for one in made.drives), *(one.turn for one in made.geared), *made.swings]
     carried = {body}
     for turn in sorted(turns, key=lambda one: one.child):
@@ -104,7 +104,7 @@ def _carried(made: Articulation, body: int) -> set[int]:
 
 
 def _rotation(axis: Floats, angle: float) -> Floats:
-    """Matrix [3, 3] of a turn about an axis of length 1 (Rodrigues)."""
+    """Rotation matrix [3, 3] about a unit axis (Rodrigues)."""
     x, y, z = axis
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     return np.asarray(np.eye(3) + math.sin(angle) * cross + (1.0 - math.cos(angle)) * cross @ cross)

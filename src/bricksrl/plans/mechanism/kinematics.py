@@ -1,6 +1,6 @@
-"""From a plan to what a physics twin is made of: links with mass and inertia, hinges, gear ratios, wheels, sensors. Plain data.
+"""Mechanism of a plan: links with mass and inertia, hinges, gear ratios, wheels, sensors. Plain data.
 
-Metres, kilograms, radians; x forward, y left, z up, where a plan has z forward and y downwards. The origin is the plan's.
+Metres, kilograms, radians; x forward, y left, z up (plan: z forward, y down). The origin is the plan's.
 """
 
 from __future__ import annotations
@@ -17,23 +17,23 @@ from bricksrl.plans.part import DeviceKind, GearForm, Part
 from bricksrl.plans.plan import Placed, Plan
 
 TO_TWIN = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
-"""Rotation from a plan's frame to that of a twin."""
+"""Rotation from a plan's frame to the twin's."""
 _METRES = MM_PER_LDU / 1000
-_GRID = 2.5
-"""LDU between the points over which a part's mass is spread, more in large parts."""
+_SPACING = 2.5
+"""LDU: minimum spacing of the points that carry a part's mass."""
 _SHAFT_KG, _SHAFT_RADIUS_M = 0.002, 0.01
-"""Of a motor's shaft with nothing on it; estimates, so that it is a link at all."""
+"""Estimates for a motor's shaft with nothing on it."""
 
 
 @dataclass(frozen=True, eq=False)
 class Link:
-    """Parts that do not move against one another.
+    """Parts without relative motion.
 
     Attributes:
-        parts: their indices in the plan.
-        mass_kg: of all of them; of a motor the whole mass is at its case.
+        parts: indices in the plan.
+        mass_kg: total; all of a motor's mass is at its case.
         centre_m: centre of mass [3].
-        inertia: about it, kg m2 [3, 3].
+        inertia: about the centre of mass, kg m² [3, 3].
     """
 
     parts: tuple[int, ...]
@@ -44,17 +44,16 @@ class Link:
 
 @dataclass(frozen=True, eq=False)
 class Hinge:
-    """Two links that turn against each other.
+    """A hinge between two links.
 
     Attributes:
-        parent, child: indices of the links; the parent is the nearer one to what stands fast, else to the first link.
-        point_m: middle, along the axis, of what connects the two [3].
-        axis: direction [3]; of a motor the one in which its shaft points out, where the child turns against the parent as the
-            shaft against its case.
-        port: of the motor that drives it, ``None`` for others.
-        closes_loop: whether the two links are connected by other hinges already.
-        slides: whether they can also slide along the axis.
-        turns_child: of a motor: whether the child is what it turns, and the parent holds its case.
+        parent, child: indices of the links; the parent is nearer to the fixed or the first link.
+        point_m: midpoint on the axis [3].
+        axis: direction [3]; of a motor's hinge the outward direction of the shaft (reversed if the child is the case).
+        port: of the motor that drives it, else ``None``.
+        closes_loop: whether other hinges already connect the two links.
+        slides: whether they also slide along the axis.
+        turns_child: of a motor: whether the child is the rotor's side.
     """
 
     parent: int
@@ -69,7 +68,7 @@ class Hinge:
 
 @dataclass(frozen=True, eq=False)
 class Wheel:
-    """A wheel on the floor: its link, middle [3] in metres, diameter, and index of the part."""
+    """A wheel on the floor: link, middle [3] in metres, diameter, index of the part."""
 
     link: int
     centre_m: Floats
@@ -79,9 +78,9 @@ class Wheel:
 
 @dataclass(frozen=True, eq=False)
 class Mounted:
-    """The hub or a sensor: its link, where it is [3] in metres, where it looks [3], and index of the part.
+    """The hub or a sensor: link, position [3] in metres, viewing direction [3], index of the part.
 
-    A hub looks to its USB port.
+    A hub's direction is that of its USB port.
     """
 
     link: int
@@ -94,7 +93,7 @@ class Mounted:
 
 @dataclass(frozen=True)
 class Teeth:
-    """Two links whose gears are in mesh: of each the link, its teeth, and the shape of them."""
+    """Two links with meshing gears: link, teeth and kind of each."""
 
     links: tuple[int, int]
     teeth: tuple[int, int]
@@ -103,14 +102,15 @@ class Teeth:
 
 @dataclass(frozen=True, eq=False)
 class Mechanism:
-    """All of a robot.
+    """The mechanism of a robot.
 
     Attributes:
-        ratios: [hinges, motors], turns of a hinge's child against its parent, about its axis, for one of a motor's shaft against
-            its case, about the direction in which it points out; in the plan's position, motors in the order of ``ports``.
+        ratios: [hinges, motors], turns of a hinge's child about its axis per turn of a motor's shaft about its outward
+            direction,
+            in the plan's position; motors in the order of ``ports``.
         ports: of the motors.
-        gears: which links' teeth are in one another.
-        fixed: index of the link that stands fast, ``None`` where the robot moves about.
+        gears: meshing gears.
+        fixed: index of the fixed link, or ``None``.
     """
 
     links: tuple[Link, ...]
@@ -124,17 +124,17 @@ class Mechanism:
 
     @property
     def mass_kg(self) -> float:
-        """Of the whole robot."""
+        """Total mass."""
         return sum(link.mass_kg for link in self.links)
 
     @property
     def centre_m(self) -> Floats:
-        """Centre of mass of the whole robot [3]."""
+        """Centre of mass of the robot [3]."""
         return np.asarray(sum(link.mass_kg * link.centre_m for link in self.links) / self.mass_kg)
 
 
 def mechanism(plan: Plan, bodies: Bodies) -> Mechanism:
-    """The mechanism of a plan, from its rigid bodies.
+    """The mechanism of a plan from its rigid bodies.
 
     Raises:
         PlanError: there are too many bodies to be one robot.
@@ -169,7 +169,7 @@ def mechanism(plan: Plan, bodies: Bodies) -> Mechanism:
 
 
 def _hinges(plan: Plan, bodies: Bodies) -> list[tuple[Joint, Hinge]]:
-    """A hinge for each pair of links and axis, those of the motors first, then the nearest to the first link."""
+    """A hinge per pair of links and axis: motors first, then by distance from the first link."""
     left: list[tuple[Joint, int, int]] = []
     for joint in sorted(bodies.joints, key=lambda one: one.motor is None):
         first, second = joint.bodies
@@ -186,7 +186,7 @@ def _hinges(plan: Plan, bodies: Bodies) -> list[tuple[Joint, Hinge]]:
         joint, first, second = chosen
         parent, child = (first, second) if first in reached else (second, first)
         port = plan.parts[joint.motor].port if joint.motor is not None else None
-        # A motor may be held by its shaft: then its case turns, and the axis is turned round to keep the direction.
+        # If a motor is held by its shaft, its case turns; reversing the axis keeps the direction.
         sign = -1.0 if port is not None and parent != first else 1.0
         place, axis = _place(joint.point), sign * TO_TWIN @ joint.axis
         found.append((joint, Hinge(parent, child, place, axis, port, not open_ends, joint.slides, parent == first)))
@@ -200,16 +200,16 @@ def _is_coaxial(one: Joint, other: Joint) -> bool:
 
 
 def _ratios(rates: list[Floats], driven: list[Floats]) -> Floats:
-    """Turns of each hinge for one turn of each motor [hinges, motors], from the motions that are left."""
+    """Turns of each hinge per turn of each motor [hinges, motors]."""
     if not driven:
         return np.zeros((len(rates), 0))
     return np.asarray(np.round(np.stack(rates) @ np.linalg.pinv(np.stack(driven)), 6)) + 0.0
 
 
 def _rate(joint: Joint, parent: int, child: int, motions: Floats) -> Floats:
-    """How fast one body turns against another about a joint's axis in each of the motions [n]."""
+    """Relative angular rate of two bodies about a joint's axis in each motion [n]."""
     turning = motions[6 * child + 3 : 6 * child + 6] - motions[6 * parent + 3 : 6 * parent + 6]
-    # Where a motor's case turns about its shaft, that is how the shaft turns about the axis turned round.
+    # A case that turns about its shaft is the shaft turning about the reversed axis.
     sign = -1.0 if joint.motor is not None and parent != joint.bodies[0] else 1.0
     return np.asarray(sign * joint.axis @ turning)
 
@@ -235,7 +235,7 @@ def _mounted(plan: Plan, of_part: dict[int, int]) -> tuple[Mounted, ...]:
 
 
 def _bare_shaft(plan: Plan, motor: int) -> Link:
-    """The piece that a motor turns, with nothing on it."""
+    """A motor's rotor with nothing on it."""
     placed = plan.parts[motor]
     site = next(site for site in placed.part.sites if site.turns)
     centre = _place(placed.to_plan(np.array([site.centre]))[0])
@@ -253,25 +253,25 @@ def _link(plan: Plan, parts: tuple[int, ...]) -> Link:
 
 
 def _mass_of(placed: Placed) -> tuple[float, Floats, Floats]:
-    """Mass, centre and inertia about it of a part, its mass spread evenly over its material."""
+    """Mass, centre and inertia of a part of uniform density."""
     mass = placed.part.mass_g / 1000
-    centre, inertia = _spread(placed.part)
+    centre, inertia = _unit_inertia(placed.part)
     turn = TO_TWIN @ placed.rotation
     return mass, _place(placed.to_plan(centre[None, :])[0]), mass * turn @ inertia @ turn.T
 
 
 @functools.lru_cache(maxsize=512)
-def _spread(part: Part) -> tuple[Floats, Floats]:
-    """Centre [3] in LDU and inertia about it [3, 3] in m2 for 1 kg of a part, in its own frame, from a grid of points."""
+def _unit_inertia(part: Part) -> tuple[Floats, Floats]:
+    """Centre [3] in LDU and inertia [3, 3] in m² per kg of a part, in its own frame, from a grid of points."""
     low, high = part.bounds
-    counts = np.clip(np.ceil((high - low) / _GRID), 4, 48).astype(int)
+    counts = np.clip(np.ceil((high - low) / _SPACING), 4, 48).astype(int)
     cell = (high - low) / counts
     lines = [start + size * (np.arange(count) + 0.5) for start, size, count in zip(low, cell, counts, strict=True)]
     points = np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, 3)
     points = points[part.contains(points, 0.0)]
     centre = points.mean(axis=0)
     away = (points - centre) * _METRES
-    # Each point stands for a small box, not for itself.
+    # Each point is a small box with an inertia of its own.
     squares = away.T @ away / len(points) + np.diag((cell * _METRES) ** 2 / 12)
     return centre, np.asarray(np.trace(squares) * np.eye(3) - squares)
 

@@ -1,7 +1,6 @@
-"""Positions of a robot's parts when its motors are turned: chains, gears, rods and closed loops. Metres, the twin's axes.
+"""Forward kinematics of an articulation: chains, gears, rods and closed loops. Metres, the twin's axes.
 
-A motion takes a point of the plan's position to where it is then. Loops are closed by Gauss and Newton's method for the angles
-that no motor gives.
+A motion maps points of the plan's position to the current one. Loops are closed by Gauss-Newton on the angles without motors.
 """
 
 from __future__ import annotations
@@ -16,8 +15,8 @@ from bricksrl.plans.geometry import Floats
 from bricksrl.plans.mechanism.articulation import Articulation, Turn
 
 _STEPS, _CLOSE_M, _SMALL = 30, 1e-7, 1e-6
-_LIKE_M = 0.01
-"""Weight of staying near the last angles, so that what no loop holds stays where it is."""
+_REGULARIZATION_M = 0.01
+"""Regularization towards the previous angles, for angles that no loop determines."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,11 +27,11 @@ class Motion:
     shift: Floats
 
     def of(self, points: Floats) -> Floats:
-        """Points [..., 3] moved."""
+        """Moved points [..., 3]."""
         return np.asarray(points @ self.turn.T + self.shift)
 
     def after(self, other: Motion) -> Motion:
-        """This motion after another one."""
+        """The composition: ``other`` first, then this."""
         return Motion(self.turn @ other.turn, self.turn @ other.shift + self.shift)
 
 
@@ -40,7 +39,7 @@ STILL = Motion(np.eye(3), np.zeros(3))
 
 
 def turning(axis: Floats, point: Floats, angle: float) -> Motion:
-    """A turn about an axis of length 1 through a point (Rodrigues)."""
+    """A rotation about a unit axis through a point (Rodrigues)."""
     x, y, z = axis
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     turn = np.eye(3) + math.sin(angle) * cross + (1.0 - math.cos(angle)) * cross @ cross
@@ -48,24 +47,24 @@ def turning(axis: Floats, point: Floats, angle: float) -> Motion:
 
 
 class Poser:
-    """Where the bodies of an articulation are.
+    """Poses of the bodies of an articulation.
 
     Attributes:
-        free: indices of the swings that no loop holds: one may turn them.
+        free: indices of the swings outside of loops.
     """
 
     def __init__(self, made: Articulation) -> None:
         self._made = made
         self._angles = np.zeros(len(made.swings))
-        self._held = self._find_held()
+        self._held = self._find_constrained()
         self.free = tuple(number for number in range(len(made.swings)) if number not in self._held)
 
     def motions(self, shafts: Mapping[str, float], swings: Mapping[int, float] | None = None) -> tuple[Motion, ...]:
         """The motion of each body.
 
         Args:
-            shafts: how far each motor's shaft is turned from the plan's position, clockwise, rad; by its port.
-            swings: angles of the free swings, rad; by their index.
+            shafts: angle of each motor's shaft from the plan's position by port, clockwise, rad.
+            swings: angles of free swings by index, rad.
         """
         for number, angle in (swings or {}).items():
             if number not in self._held:
@@ -75,7 +74,7 @@ class Poser:
         return self._forward(shafts, self._angles)
 
     def of_parts(self, shafts: Mapping[str, float], motions: tuple[Motion, ...]) -> dict[int, Motion]:
-        """The motion of each part, by its index; ``motions`` are those of the bodies."""
+        """The motion of each part by index, from the motions of the bodies."""
         made, found = self._made, dict[int, Motion]()
         for number, body in enumerate(made.bodies):
             found |= dict.fromkeys(body.parts, motions[number])
@@ -85,7 +84,7 @@ class Poser:
             found |= dict.fromkeys(one.parts, motions[one.body].after(spin))
         for rod in made.rods:
             near, far = motions[rod.near].of(rod.near_m), motions[rod.far].of(rod.far_m)
-            found |= dict.fromkeys(rod.parts, _from_to(rod.near_m, rod.far_m, near, far))
+            found |= dict.fromkeys(rod.parts, _rod_motion(rod.near_m, rod.far_m, near, far))
         return found
 
     def _forward(self, shafts: Mapping[str, float], angles: Floats) -> tuple[Motion, ...]:
@@ -99,8 +98,8 @@ class Poser:
             motions[turn.child] = motions[turn.parent].after(turning(turn.axis, turn.point_m, angle))
         return tuple(motions[number] for number in range(len(made.bodies)))
 
-    def _gaps(self, shafts: Mapping[str, float], angles: Floats) -> Floats:
-        """How far rods and loops are from closed [n], m."""
+    def _residuals(self, shafts: Mapping[str, float], angles: Floats) -> Floats:
+        """Residuals of rods and loops [n], m."""
         motions, gaps = self._forward(shafts, angles), []
         for rod in self._made.rods:
             length = np.linalg.norm(rod.far_m - rod.near_m)
@@ -110,38 +109,40 @@ class Poser:
             gaps += (motions[loop.parent].of(loop.point_m) - motions[loop.child].of(loop.point_m)).tolist()
         return np.array(gaps)
 
-    def _slopes(self, shafts: Mapping[str, float], angles: Floats) -> Floats:
-        """How the gaps change with the angles [gaps, angles]."""
+    def _jacobian(self, shafts: Mapping[str, float], angles: Floats) -> Floats:
+        """Jacobian of the residuals [gaps, angles], by finite differences."""
         steps = [np.eye(len(angles))[number] * _SMALL for number in range(len(angles))]
-        rows = [(self._gaps(shafts, angles + step) - self._gaps(shafts, angles - step)) / (2 * _SMALL) for step in steps]
+        rows = [
+            (self._residuals(shafts, angles + step) - self._residuals(shafts, angles - step)) / (2 * _SMALL) for step in steps
+        ]
         return np.stack(rows, axis=1)
 
-    def _find_held(self) -> frozenset[int]:
-        """The swings that change a gap."""
+    def _find_constrained(self) -> frozenset[int]:
+        """The swings that affect a residual."""
         if not (self._made.rods or self._made.loops) or not len(self._angles):
             return frozenset()
-        slopes = np.abs(self._slopes({}, np.zeros(len(self._angles)))).max(axis=0)
+        slopes = np.abs(self._jacobian({}, np.zeros(len(self._angles)))).max(axis=0)
         return frozenset(np.flatnonzero(slopes > 1e-5).tolist())
 
     def _close(self, shafts: Mapping[str, float]) -> None:
-        """Turn the swings until rods and loops are closed, as far as that can be."""
+        """Turn the swings until rods and loops are closed, as far as possible."""
         held = sorted(self._held)
         start = self._angles.copy()
         for _ in range(_STEPS):
-            gaps = self._gaps(shafts, self._angles)
+            gaps = self._residuals(shafts, self._angles)
             if np.abs(gaps).max() < _CLOSE_M:
                 return
-            slopes = self._slopes(shafts, self._angles)[:, held]
-            weight = (_LIKE_M * 1e-3) ** 2
+            slopes = self._jacobian(shafts, self._angles)[:, held]
+            weight = (_REGULARIZATION_M * 1e-3) ** 2
             matrix = slopes.T @ slopes + weight * np.eye(len(held))
             change = np.linalg.solve(matrix, slopes.T @ gaps)
             self._angles[held] -= np.clip(change, -0.3, 0.3)
-        if np.abs(self._gaps(shafts, self._angles)).max() > 1e-3:
+        if np.abs(self._residuals(shafts, self._angles)).max() > 1e-3:
             self._angles = start
 
 
-def _from_to(old_near: Floats, old_far: Floats, near: Floats, far: Floats) -> Motion:
-    """The motion of a rod from its pins in the plan to those now, the shortest way."""
+def _rod_motion(old_near: Floats, old_far: Floats, near: Floats, far: Floats) -> Motion:
+    """The motion of a rod between two positions of its pins, by the shortest rotation."""
     before, now = old_far - old_near, far - near
     before, now = before / np.linalg.norm(before), now / np.linalg.norm(now)
     across = np.cross(before, now)

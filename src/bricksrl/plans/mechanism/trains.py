@@ -1,4 +1,4 @@
-"""Gear trains of a mechanism: what each motor drives in the end, and by how many teeth. Plain data."""
+"""Gear trains: what each motor drives, and through which teeth. Plain data."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ class Train:
     """A motor and what it drives.
 
     Attributes:
-        hinge: index of the hinge of the motor's shaft.
-        output: index of the hinge that is driven in the end; the same one where there are no gears.
-        ratio: turns of the output's child against its parent, about its axis, for one turn of the shaft.
-        teeth: from the motor to the output, each pair in mesh one after the other; empty where there are no gears.
-        others: indices of the other hinges that gears turn with the motor, the shaft's own included, and their ratios.
+        hinge: index of the shaft's hinge.
+        output: index of the driven hinge; the same without gears.
+        ratio: turns of the output's child about its axis per turn of the shaft.
+        teeth: meshing pairs from the motor to the output; empty without gears.
+        others: indices and ratios of the other geared hinges, including the shaft's.
     """
 
     port: str
@@ -38,12 +38,12 @@ class Train:
 
     @property
     def gears(self) -> tuple[int, ...]:
-        """Teeth as a description has them, ``(motor, output)``: one pair with the same ratio; empty without gears."""
+        """Teeth ``(motor, output)`` of one pair with the same ratio; empty without gears."""
         if not self.teeth:
             return ()
         driving, driven = Counter(self.teeth[::2]), Counter(self.teeth[1::2])
         first, last = list((driving - driven).elements()), list((driven - driving).elements())
-        if len(first) == len(last) == 1:  # an idler between two gears changes nothing
+        if len(first) == len(last) == 1:  # an idler does not change the ratio
             return first[0], last[0]
         before, after = math.prod(first), math.prod(last)
         shared = math.gcd(before, after)
@@ -54,30 +54,30 @@ def trains(made: Mechanism, path: str) -> tuple[Train, ...]:
     """The train of each motor, in the order of the mechanism's ports.
 
     Raises:
-        PlanError: something is driven by two motors at once, or by a rack.
+        PlanError: two motors drive the same thing, or a gear drives a rack.
     """
     beside: dict[int, list[tuple[int, int, int]]] = defaultdict(list)
     for pair in made.gears:
         if GearForm.RACK in pair.forms:
-            raise PlanError(f"{path}: a gear drives a rack; what slides has no twin yet, so drive something that turns")
+            raise PlanError(f"{path}: a gear drives a rack; sliding parts have no twin, so drive a rotating part")
         beside[pair.links[0]].append((pair.links[1], pair.teeth[0], pair.teeth[1]))
         beside[pair.links[1]].append((pair.links[0], pair.teeth[1], pair.teeth[0]))
     found: list[Train] = []
     for column, port in enumerate(made.ports):
         index = next((number for number, hinge in enumerate(made.hinges) if hinge.port == port), None)
         if index is None:
-            raise PlanError(f"{path}: the motor of port {port} turns the same thing as another, or nothing; take one of them off")
+            raise PlanError(f"{path}: the motor of port {port} drives the same part as another one, or nothing; remove it")
         found.append(_train(made, beside, index, column))
     driven = [hinge for train in found for hinge in {train.output, train.hinge, *(one for one, _ in train.others)}]
     twice = sorted({hinge for hinge in driven if driven.count(hinge) > 1})
     if twice:
         ports = ", ".join(train.port for train in found if {train.output, *(one for one, _ in train.others)} & set(twice))
-        raise PlanError(f"{path}: the motors of ports {ports} turn the same thing; a twin drives each part by one motor only")
+        raise PlanError(f"{path}: the motors of ports {ports} drive the same part; give each part one motor")
     return tuple(found)
 
 
 def _train(made: Mechanism, beside: dict[int, list[tuple[int, int, int]]], index: int, column: int) -> Train:
-    """The train of the motor whose shaft is that hinge."""
+    """The train of the motor with shaft hinge ``index``."""
     shaft = made.hinges[index]
     ratios = made.ratios[:, column]
     rotor, case = (shaft.child, shaft.parent) if shaft.turns_child else (shaft.parent, shaft.child)
@@ -93,7 +93,7 @@ def _train(made: Mechanism, beside: dict[int, list[tuple[int, int, int]]], index
     for link, teeth in reached.items():
         for number, hinge in enumerate(made.hinges):
             is_free = hinge.port is None and not hinge.closes_loop and abs(ratios[number]) > _TURNS
-            # A link that is in mesh turns about the axis of its gear; its other hinges are those of a linkage.
+            # A meshing link turns about the axis of its gear; its other hinges belong to a linkage.
             if teeth and is_free and link in (hinge.parent, hinge.child) and _is_ratio(ratios[number], teeth):
                 hinges.setdefault(number, teeth)
     output = max(hinges, key=lambda number: (_weight(made, number), -len(hinges[number]), -number))
@@ -102,7 +102,7 @@ def _train(made: Mechanism, beside: dict[int, list[tuple[int, int, int]]], index
 
 
 def _exact(ratio: float, teeth: tuple[int, ...]) -> float:
-    """The ratio of the teeth, with the sign of the one that was found."""
+    """The ratio of the teeth with the sign of ``ratio``."""
     return math.copysign(math.prod(teeth[::2]) / math.prod(teeth[1::2]), ratio)
 
 
@@ -111,7 +111,7 @@ def _is_ratio(ratio: float, teeth: tuple[int, ...]) -> bool:
 
 
 def _weight(made: Mechanism, number: int) -> tuple[bool, float]:
-    """How much hangs on a hinge: whether there is a wheel, and the mass of all that it carries."""
+    """Sort key of a hinge's load: whether there is a wheel, and the mass."""
     above = {number: made.hinges[number].child}
     carried, waiting = set(above.values()), list(above.values())
     while waiting:
@@ -123,13 +123,13 @@ def _weight(made: Mechanism, number: int) -> tuple[bool, float]:
 
 
 def is_balanced(made: Mechanism, hinge: Hinge, link: int, most_kg_m: float) -> bool:
-    """Whether a link's centre of mass lies on a hinge's axis, or so near that it hardly pulls."""
+    """Whether a link's centre of mass is close to a hinge's axis."""
     body = made.links[link]
     away: Floats = np.cross(body.centre_m - hinge.point_m, hinge.axis)
     return bool(body.mass_kg * np.linalg.norm(away) < most_kg_m)
 
 
 def is_coaxial(one: Hinge, other: Hinge) -> bool:
-    """Whether two hinges have one axis."""
+    """Whether two hinges share an axis."""
     aside = np.linalg.norm(np.cross(other.point_m - one.point_m, one.axis))
     return bool(aside < _COAXIAL_M and np.linalg.norm(np.cross(one.axis, other.axis)) < 0.02)

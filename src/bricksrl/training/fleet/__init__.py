@@ -1,1 +1,1 @@
-"""Fleets: several robots of one kind that feed one learner, each in a process and in its own time."""
+"""Fleets: several robots of one kind with one learner, each in its own process and time."""

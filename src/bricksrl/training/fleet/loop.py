@@ -1,4 +1,4 @@
-"""Run loop of a fleet: one learner, and robots whose episodes begin and end at their own times."""
+"""Run loop of a fleet: one learner, and robots with independent episodes."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ _LOOK_S = 0.1
 
 
 @dataclass
-class Playing:
-    """The episode that a robot plays.
+class RunningEpisode:
+    """The current episode of a robot.
 
     Attributes:
-        robot: its name.
-        number: in the order in which they began, which its seed and its phase follow from.
-        length: whole steps.
+        robot: name.
+        number: in order of start; determines seed and phase.
+        length: complete steps.
         about, steps: for the dataset; ``None`` before the first step.
     """
 
@@ -43,32 +43,32 @@ class Playing:
     phase: Phase
     length: int = 0
     return_: float = 0.0
-    told: list[dict[str, Tensor]] = field(default_factory=list)
+    metrics: list[dict[str, Tensor]] = field(default_factory=list)
     about: About | None = None
     steps: list[Step] = field(default_factory=list)
 
 
 @dataclass
 class FleetLoop(RunLoop):
-    """A run of several robots under way; its episodes are numbered as they end.
+    """A running training of several robots; episodes are numbered by their end.
 
     Attributes:
         env: the robots.
-        recorder: of the one dataset that all of them record; ``None`` for none.
+        recorder: of their common dataset, or ``None``.
     """
 
     env: Fleet
     recorder: Recorder | None = None
-    _playing: dict[int, Playing] = field(default_factory=dict)
+    _playing: dict[int, RunningEpisode] = field(default_factory=dict)
     _begun: int = 0
     _is_started: bool = False
     _ended_s: float = 0.0
 
     def reset(self) -> TensorDictBase | None:
-        """Start the robots and wait until one of them plays; the others follow when they can.
+        """Start the robots and wait for the first one; the others follow.
 
         Raises:
-            HubError: none of them can be reached.
+            HubError: no robot can be reached.
         """
         self._start()
         with self.signals.at_once():
@@ -87,41 +87,38 @@ class FleetLoop(RunLoop):
         self.env.start()
         weights = self.learner.new_weights()
         if weights is not None:
-            self.env.hand_out(weights)
+            self.env.send_weights(weights)
 
     @contextmanager
     def _recorded(self) -> Iterator[None]:
         with open_recorder(self.config, self.env, self.folder.path) as self.recorder:
             try:
                 yield
-            finally:  # what was done of the episodes at hand
+            finally:  # the current episodes
                 for playing in list(self._playing.values()):
                     self._record(playing, success=None, whole=False)
                 self._playing.clear()
 
     def _episode(self, start: TensorDictBase | None) -> None:
-        """Hear all robots until an episode ends, and write it down.
+        """Handle all robots until an episode ends, and save it.
 
         Raises:
-            HubError: no robot could be reached for the run's patience.
-            InterruptedEpisodeError: the run is to stop; what was done of the episodes at hand is recorded.
+            HubError: all robots were out of reach for too long.
+            InterruptedEpisodeError: the run is to stop; the current episodes are recorded.
         """
         self._start()
         while not self.signals.requested:
             episode = self._handle(self.env.next_event(_LOOK_S))
             if episode is not None:
-                episode = self._counted(episode, self._ended_s)
+                episode = self._with_totals(episode, self._ended_s)
                 self._ended_s = time.perf_counter()
-                self._keep(episode)
+                self._save(episode)
                 return
             self._check_reach()
         raise InterruptedEpisodeError
 
     def _check_reach(self) -> None:
-        """
-        Raises:
-            HubError: all robots have been out of reach for the run's patience.
-        """
+        """Raise `HubError` if all robots have been out of reach for too long."""
         members = self.env.members
         if all(member.is_out for member in members):
             gone_s = time.monotonic() - max(member.since_s for member in members)
@@ -129,49 +126,46 @@ class FleetLoop(RunLoop):
                 raise HubError(f"no robot of the fleet can be reached; the last error: {members[-1].reason}")
 
     def _handle(self, event: Event | None) -> Episode | None:
-        """Act upon what a robot says; returns the episode that it has ended."""
+        """Handle an event of a robot. Returns the episode that it ended."""
         if event is None:
             return None
         member, kind, content = event
         match kind:
             case "ready":
-                self.env.welcome(member)
+                self.env.begin_sending(member)
                 self._assign_idle()
             case "place":
-                self._change(member, RobotState.PLACED)
+                self._set_state(member, RobotState.PLACED)
             case "unplaced":
                 raise content if isinstance(content, Exception) else RunError("the robots cannot be placed; start again")
             case "begun":
-                self._change(member, RobotState.ACTING)
+                self._set_state(member, RobotState.ACTING)
                 self._ended_s = self._ended_s or time.perf_counter()  # the run's time begins
                 self._playing[member.number].about = content
             case "frame":
                 self._frame(member, *content)
             case "out":
                 playing = self._playing.get(member.number)
-                self._change(member, RobotState.LEFT, content)
+                self._set_state(member, RobotState.LEFT, content)
                 error = HubError(f"{member.name}: {content}")
                 self.callback.on_link_lost(len(self.episodes) + 1, playing.length if playing else 0, error)
-                self._wake()
+                self._reassign()
             case "failed":
                 self._failed(member, *content)
             case "ended":
                 return self._ended(member, *content)
             case "gone":
-                self._change(member, RobotState.LEFT, content)
+                self._set_state(member, RobotState.LEFT, content)
                 episode = self._ended(member, None, True)
                 self._assign_idle(0 if episode is None else 1)
                 return episode
         return None
 
     def _failed(self, member: Member, kind: str, message: str) -> None:
-        """
-        Raises:
-            RunError: the robot failed in a way that trying again does not mend.
-        """
-        raise RunError(f"{member.name} failed ({kind}: {message}); correct that and resume the run")
+        """Raise the permanent failure of a robot as a `RunError`."""
+        raise RunError(f"{member.name} failed ({kind}: {message}); correct it and resume the run")
 
-    def _change(self, member: Member, state: RobotState, reason: str = "") -> None:
+    def _set_state(self, member: Member, state: RobotState, reason: str = "") -> None:
         if (state is RobotState.LEFT) is not member.is_out:
             member.since_s = time.monotonic()
         if state is not member.state:
@@ -179,7 +173,7 @@ class FleetLoop(RunLoop):
         member.state, member.reason = state, reason
 
     def _assign_idle(self, ended: int = 0) -> None:
-        """Give robots their first episodes once all processes are there or have failed: the run's time begins for all at once."""
+        """Assign first episodes once all processes have started or failed, so that all begin together."""
         members = self.env.members
         if all(member.is_ready or member.is_out for member in members):
             for member in members:
@@ -187,23 +181,23 @@ class FleetLoop(RunLoop):
                     self._assign(member, ended)
 
     def _assign(self, member: Member, ended: int = 0) -> None:
-        """Give a robot its next episode, unless all that are left are being played; ``ended`` are not yet counted."""
+        """Assign the next episode, unless all remaining ones are running; ``ended`` are not counted yet."""
         at_work = sum(1 for other in self.env.members if other.number in self._playing and not other.is_out)
         if len(self.episodes) + ended + at_work >= self.config.episodes:
-            self._change(member, RobotState.DONE)
+            self._set_state(member, RobotState.DONE)
             return
         self._begun += 1
         if member.state is RobotState.DONE:
-            self._change(member, RobotState.STARTING)
+            self._set_state(member, RobotState.STARTING)
         number = self._begun
         phase = Phase.PREFILL if number <= self.prefill_episodes else Phase.TRAIN
-        self._playing[member.number] = Playing(member.name, number, phase)
+        self._playing[member.number] = RunningEpisode(member.name, number, phase)
         is_random = phase is Phase.PREFILL
         order = {"seed": derive_seed(self.config.seed, "episode", number), "is_random": is_random}
         self.env.order(member, {**order, "policy": "random" if is_random else self.config.agent})
 
     def _frame(self, member: Member, rows: dict[str, Any], step: Step | None) -> None:
-        """Remember a step, learn from it, and hand out what was learned."""
+        """Store a step, learn from it, and distribute the weights."""
         playing = self._playing[member.number]
         frame = TensorDict(rows).unflatten_keys(".")
         lost = bool(frame["next"].get("link_lost", False))
@@ -215,26 +209,26 @@ class FleetLoop(RunLoop):
             self.callback.on_transition(playing.number, playing.length, playing.phase, frame)
         self.learner.remember(frame[None], member.number)
         if playing.phase is Phase.TRAIN and not lost:
-            playing.told.append(self.learner.learn(1))
+            playing.metrics.append(self.learner.learn(1))
         weights = self.learner.new_weights()
         if weights is not None:
-            self.env.hand_out(weights)
+            self.env.send_weights(weights)
         self.env.go_on(member)
         self.callback.on_step(playing.number, playing.length, playing.phase)
 
     def _ended(self, member: Member, success: bool | None, lost: bool) -> Episode | None:
-        """The end of a robot's episode; ``None`` where it has no whole step."""
+        """End a robot's episode; ``None`` without a complete step."""
         playing = self._playing.pop(member.number, None)
         self.learner.end_episodes(member.number)
         episode = None
         is_whole = playing is not None and playing.length > 0
-        if member.process is not None:  # first of all: a robot need not wait for the disk
+        if member.process is not None:  # first, as a robot need not wait for the disk
             self._assign(member, int(is_whole))
         else:
-            self._wake(int(is_whole))
+            self._reassign(int(is_whole))
         if playing is not None and is_whole:
             self._record(playing, success=success, whole=not lost)
-            length, told = playing.length, numbers(playing.told)
+            length, metrics = playing.length, numbers(playing.metrics)
             episode = Episode(
                 len(self.episodes) + 1,
                 playing.phase,
@@ -242,20 +236,20 @@ class FleetLoop(RunLoop):
                 length,
                 playing.return_,
                 success,
-                told,
+                metrics,
                 link_lost=lost,
                 robot=member.name,
             )
             member.restarts = 0
         return episode
 
-    def _wake(self, ended: int = 0) -> None:
-        """Robots for which there was no episode left take over what one that left had begun."""
+    def _reassign(self, ended: int = 0) -> None:
+        """Let idle robots take over the episodes of one that left."""
         for other in self.env.members:
             if other.state is RobotState.DONE:
                 self._assign(other, ended)
 
-    def _record(self, playing: Playing, *, success: bool | None, whole: bool) -> None:
+    def _record(self, playing: RunningEpisode, *, success: bool | None, whole: bool) -> None:
         if self.recorder is None or playing.about is None or not playing.steps:
             return
         self.recorder.begin(replace(playing.about, robot=playing.robot))

@@ -1,7 +1,6 @@
-"""Fleet: several robots of one kind, each in a process of its own with its link, its watchdog and its resets.
+"""Fleet: several robots of one kind, each in its own process with its link, watchdog and resets.
 
-Each process plays the episodes that it is given and sends every frame as it comes. A robot whose link breaks tries to come back
-by itself; a process that ends is started again.
+Each process runs assigned episodes and sends each frame. Robots with a lost link reconnect; ended processes are restarted.
 """
 
 from __future__ import annotations
@@ -33,16 +32,16 @@ _LONGEST_RESTART_S = 60.0
 
 @dataclass
 class Member:
-    """One robot of a fleet, as the run sees it.
+    """One robot of a fleet, in the run's process.
 
     Attributes:
-        name: for people and for the dataset.
+        name: for users and the dataset.
         number: in the replay buffer.
-        hub: how to reach it.
-        since_s: monotonic time of the last change between being there and having left.
-        is_ready: its process can play.
-        starts: of its process.
-        restarts: since an episode of it was whole.
+        hub: its address.
+        since_s: monotonic time of the last change of reachability.
+        is_ready: whether its process can start an episode.
+        starts: number of process starts.
+        restarts: since its last complete episode.
     """
 
     name: str
@@ -59,7 +58,7 @@ class Member:
 
     @property
     def is_out(self) -> bool:
-        """It does not answer."""
+        """Whether it does not answer."""
         return self.state is RobotState.LEFT
 
 
@@ -67,20 +66,20 @@ Event = tuple[Member, str, Any]
 
 
 def members_of(config: TrainConfig) -> list[Member]:
-    """The robots that a config names."""
+    """The robots of a config."""
     hubs = config.hubs
     names = [hub if hub != "virtual" else f"virtual-{place + 1}" for place, hub in enumerate(hubs)]
     return [Member(name, place, hub) for place, (name, hub) in enumerate(zip(names, hubs, strict=True))]
 
 
 class Fleet(SpecsEnv):
-    """Several robots of one kind: the specs and the task of each, and the processes that have them.
+    """Several robots of one kind: common specs and task, and their processes.
 
-    ``stop``, ``pause`` and ``resume`` may be called from any thread, and are meant for all of them.
+    ``stop``, ``pause`` and ``resume`` affect all robots and may be called from any thread.
 
     Args:
         config: of the run.
-        place: puts a real robot where an episode starts; asked for one at a time.
+        place: places a real robot at the start position; called for one robot at a time.
 
     Raises:
         RunError: robots of this kind cannot learn together.
@@ -92,7 +91,7 @@ class Fleet(SpecsEnv):
         from bricksrl.hub.transports.address import parse_hub
 
         if is_simulation(config.env):
-            raise RunError(f"{config.env} is simulated without a robot; train many copies of it with num_envs")
+            raise RunError(f"{config.env} is a simulation without a robot; train copies of it with num_envs")
         for hub in config.hubs:
             parse_hub(hub)
         one = make(config.env, options=None, **config.options)
@@ -109,37 +108,37 @@ class Fleet(SpecsEnv):
     # ---- the hand on all robots
 
     def stop(self) -> None:
-        """All robots at once, for good."""
+        """Stop all robots at once, permanently."""
         self._is_over = True
-        self._tell_all("stop")
+        self._send_all("stop")
 
     def pause(self) -> None:
-        """All robots, each after the step at hand."""
+        """Pause all robots after their current steps."""
         self._is_paused = True
-        self._tell_all("pause")
+        self._send_all("pause")
 
     def resume(self) -> None:
-        """After `pause`."""
+        """Resume after `pause`."""
         self._is_paused = False
-        self._tell_all("resume")
+        self._send_all("resume")
 
     @property
     def is_paused(self) -> bool:
-        """True if the robots are to hold still."""
+        """Whether the robots are paused."""
         return self._is_paused
 
     def cut(self, name: str, duration_s: float) -> None:
-        """Break the link of a virtual robot for so long, to try out what happens then."""
-        self._tell(next(member for member in self.members if member.name == name), "cut", duration_s)
+        """Break a virtual robot's link for a time, for tests."""
+        self._send(next(member for member in self.members if member.name == name), "cut", duration_s)
 
-    def _tell_all(self, kind: str, content: Any = None) -> None:
+    def _send_all(self, kind: str, content: Any = None) -> None:
         for member in self.members:
-            self._tell(member, kind, content)
+            self._send(member, kind, content)
 
     # ---- processes
 
     def start(self) -> None:
-        """Start all that have no process."""
+        """Start all missing processes."""
         for member in self.members:
             if member.process is None:
                 self._start(member)
@@ -155,7 +154,7 @@ class Fleet(SpecsEnv):
         try:
             member.process = ChildProcess("bricksrl.training.fleet.worker", deliver)
         except OSError as error:
-            raise LearnerError(f"cannot start the process of {member.name} ({error.strerror}); take fewer robots") from None
+            raise LearnerError(f"cannot start the process of {member.name} ({error.strerror}); use fewer robots") from None
         alone = replace(self.config, hub=member.hub, robots=1, asynchronous=False, run_dir=None, start=None, data=None)
         begin = {
             "config": alone.to_dict(),
@@ -164,16 +163,16 @@ class Fleet(SpecsEnv):
             "is_paced": self.is_paced,
             "is_placed": self._placer is not None,
         }
-        self._tell(member, "begin", begin)
+        self._send(member, "begin", begin)
 
-    def welcome(self, member: Member) -> None:
-        """A robot's process is there: it gets what was learned, now and from now on."""
+    def begin_sending(self, member: Member) -> None:
+        """Send the weights to a new process, and include it in `send_weights`."""
         member.is_ready = True
         if self._weights is not None:
-            self._tell(member, "weights", self._weights)
+            self._send(member, "weights", self._weights)
 
     def next_event(self, timeout_s: float) -> Event | None:
-        """What a robot says next; ``None`` where none did within the time. Restarts the processes that are due."""
+        """The next event of a robot, or ``None`` after the timeout. Restarts ended processes."""
         now_s = time.monotonic()
         for member in self.members:
             if member.restart_at_s is not None and now_s >= member.restart_at_s and not self._is_over:
@@ -195,30 +194,29 @@ class Fleet(SpecsEnv):
 
     def _placed(self, member: Member, error: BaseException | None) -> None:
         if error is None:
-            self._tell(member, "placed")
+            self._send(member, "placed")
         else:
             self.events.put((member, "unplaced", error))
 
     def order(self, member: Member, episode: dict[str, Any]) -> None:
-        """Have a robot play an episode."""
-        self._tell(member, "episode", episode)
+        """Start an episode on a robot."""
+        self._send(member, "episode", episode)
 
     def go_on(self, member: Member) -> None:
         """Let a robot in simulated time make its next step."""
         if self.is_paced:
-            self._tell(member, "go")
+            self._send(member, "go")
 
-    def hand_out(self, weights: dict[str, Tensor]) -> None:
-        """Give what was learned to all robots whose processes are there: a pipe to one that starts would be full for seconds, and
-        all robots would wait for it."""
+    def send_weights(self, weights: dict[str, Tensor]) -> None:
+        """Send weights to all started processes: the pipe to a starting one would be full for seconds and block all robots."""
         self._weights = weights
         for member in self.members:
             if member.is_ready:
-                self._tell(member, "weights", weights)
+                self._send(member, "weights", weights)
 
-    def _tell(self, member: Member, kind: str, content: Any = None) -> None:
+    def _send(self, member: Member, kind: str, content: Any = None) -> None:
         if member.process is not None:
-            with contextlib.suppress(OSError, ValueError):  # its end is told by its own side of the pipe
+            with contextlib.suppress(OSError, ValueError):  # its reader reports the end
                 member.process.send(kind, content)
 
     def _reap(self, member: Member) -> int | None:
@@ -228,7 +226,7 @@ class Fleet(SpecsEnv):
     def close(self, *, raise_if_closed: bool = True) -> None:
         """End all processes; each stops its robot first."""
         self._is_over = True
-        self._tell_all("end")
+        self._send_all("end")
         for member in self.members:
             self._reap(member)
         if self._placer is not None:
@@ -237,7 +235,7 @@ class Fleet(SpecsEnv):
 
 
 class _Placer:
-    """A thread that has one robot after the other put where an episode starts: there is one hand."""
+    """A thread that has robots placed one after the other, by one person."""
 
     def __init__(self, place: Placement, answer: Callable[[Member, BaseException | None], None]) -> None:
         self._place, self._answer = place, answer
@@ -257,7 +255,7 @@ class _Placer:
         while (member := self._asked.get()) is not None:
             try:
                 self._place(rng)
-            except BaseException as error:  # noqa: BLE001  the run's own thread raises it
+            except BaseException as error:  # noqa: BLE001  raised again in the run's thread
                 self._answer(member, error)
             else:
                 self._answer(member, None)

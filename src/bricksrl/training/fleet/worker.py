@@ -1,7 +1,7 @@
-"""The process of one robot of a fleet: ``python -m bricksrl.training.fleet.worker``, started by `Fleet`.
+"""Process of one robot of a fleet: ``python -m bricksrl.training.fleet.worker``, started by `Fleet`.
 
-It has the robot's link, its environment and a copy of the policy, plays the episodes that it is told to, and sends each frame as
-soon as it has it. A robot that is out of reach is tried again for as long as the run lasts.
+It has the robot's link, environment and a copy of the policy, runs the assigned episodes and sends each frame. An unreachable
+robot is retried until the run ends.
 """
 
 from __future__ import annotations
@@ -24,15 +24,15 @@ if TYPE_CHECKING:
     from bricksrl.agents.learner import Learner
 
 
-class _Over(BaseException):
-    """The fleet is over, or has gone."""
+class _FleetEnded(BaseException):
+    """The fleet ended or disconnected."""
 
 
 class Worker:
     """One robot: messages in, frames out.
 
     Attributes:
-        send: sends a message to the fleet; to be set.
+        send: sends a message to the fleet; set after construction.
     """
 
     send: Callable[..., None]
@@ -44,8 +44,8 @@ class Worker:
         self._env: Any = None
         self._cut_until_s = 0.0
 
-    def hear(self, message: Message | None) -> None:
-        """Take a message, in the thread that listens; ``None`` where the fleet has gone."""
+    def receive(self, message: Message | None) -> None:
+        """Handle a message, in the receiving thread; ``None`` means that the fleet is gone."""
         content: Any
         kind, content = message or END
         match kind:
@@ -62,7 +62,7 @@ class Worker:
                 self._inbox.put((kind, content))
 
     def run(self) -> None:
-        """Play episodes until the end."""
+        """Run episodes until the end."""
         try:
             _, begin = self._take()
             env, actor = self._prepare(begin)
@@ -73,7 +73,7 @@ class Worker:
                     self._episode(env, actor, begin, order)
             finally:
                 env.close(raise_if_closed=False)
-        except (_Over, BrokenPipeError, StoppedError):
+        except (_FleetEnded, BrokenPipeError, StoppedError):
             pass
         except BricksError as error:
             self.send("failed", (type(error).__name__, str(error)))
@@ -98,26 +98,26 @@ class Worker:
         return env, actor
 
     def _episode(self, env: Any, actor: Learner, begin: dict[str, Any], order: dict[str, Any]) -> None:
-        """One episode, frame by frame; a step at which the link breaks is the last one."""
+        """One episode; ends early if the link breaks."""
         from bricksrl.data.transitions import about, step_of
         from bricksrl.envs.rollout import Rollout, link_lost, play
 
         rollout, is_random = Rollout(), order["is_random"]
         env.set_seed(order["seed"])
         state = env.reset()
-        told = about(env, order["policy"], seed=order["seed"], hub=begin["config"]["hub"])
-        self.send("begun", told)
+        description = about(env, order["policy"], seed=order["seed"], hub=begin["config"]["hub"])
+        self.send("begun", description)
         policy = self._random if is_random else actor.explore
         for frame in play(env, policy, state, reset_policy=actor.reset_policy):
             rollout.add(frame)
             lost = link_lost(frame)
             step = step_of(frame, env) if begin["is_recorded"] and not lost else None
-            rows = frame.exclude("link_lost").flatten_keys(".")  # before an episode it says nothing
+            rows = frame.exclude("link_lost").flatten_keys(".")  # only meaningful within an episode
             self.send("frame", (dict(rows.items()), step))
             if begin["is_paced"]:
                 self._take("go")
             if self._over.is_set():
-                raise _Over
+                raise _FleetEnded
         success = None if rollout.is_lost else rollout.success(env)
         self.send("ended", (success, rollout.is_lost))
 
@@ -132,27 +132,27 @@ class Worker:
         self._take("placed")
 
     def _take(self, wanted: str | None = None) -> tuple[str, Any]:
-        """The next message, which has to be of this kind.
+        """The next message, of a given kind.
 
         Raises:
-            _Over: the fleet is over.
+            _FleetEnded: the fleet ended.
         """
         while True:
             message = self._inbox.get()
             if message[0] == END[0]:
-                raise _Over
+                raise _FleetEnded
             if wanted is None or message[0] == wanted:
                 return message
 
     def _wait(self, duration_s: float) -> None:
         if self._over.wait(duration_s):
-            raise _Over
+            raise _FleetEnded
 
 
 def main() -> None:
-    """Take part in one run."""
+    """Entry point of the process."""
     worker = Worker()
-    worker.send = parent_channel(worker.hear).send
+    worker.send = parent_channel(worker.receive).send
     try:
         worker.run()
     finally:

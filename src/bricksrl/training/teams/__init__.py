@@ -1,1 +1,1 @@
-"""Teams: groups of robots in one world, which learn together."""
+"""Teams: groups of robots in one world that learn together."""

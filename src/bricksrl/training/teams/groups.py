@@ -1,8 +1,7 @@
-"""Teams: MAPPO, IPPO and independent SAC for the groups of a multi-agent environment.
+"""Team learning: MAPPO, IPPO and independent SAC for groups of a multi-agent environment.
 
-MAPPO (Yu et al., 2022) has a critic that sees all robots of a group, IPPO (de Witt et al., 2020) one for each robot's own
-observation; both take TorchRL's losses. With independent SAC each robot's transitions are learned from as if it were alone.
-Robots of a group share their networks.
+MAPPO (Yu et al., 2022) has one critic for all observations of a group, IPPO (de Witt et al., 2020) one for each robot's own; both
+use TorchRL's losses. Independent SAC learns from each robot's transitions separately. A group shares its networks.
 """
 
 from __future__ import annotations
@@ -29,12 +28,12 @@ if TYPE_CHECKING:
 TeamAgent = Literal["mappo", "ippo", "sac"]
 TEAM_AGENTS: tuple[TeamAgent, ...] = ("mappo", "ippo", "sac")
 Script = Callable[[Tensor], Tensor]
-"""From observations ``[*batch, n]`` to actions ``[*batch, m]``."""
+"""Observations ``[*batch, n]`` to actions ``[*batch, m]``."""
 
 
 @dataclass(frozen=True)
 class TeamSettings:
-    """Settings of MAPPO and IPPO, and of what independent SAC has of its own."""
+    """Settings of MAPPO, IPPO and independent SAC."""
 
     hidden: tuple[int, ...] = (64, 64)
     learning_rate: float = 1e-3
@@ -44,11 +43,11 @@ class TeamSettings:
     entropy_coeff: float = 0.003
     max_grad_norm: float = 0.5
     steps: int = 32
-    """Steps of each copy between two times of learning."""
+    """Steps of each copy between updates."""
     passes: int = 6
     batch_size: int = 4096
     updates_per_step: float = 1.0
-    """Of independent SAC, for each step of all copies."""
+    """Of independent SAC, per step of all copies."""
 
     def __post_init__(self) -> None:
         for name in ("steps", "passes", "batch_size"):
@@ -57,20 +56,20 @@ class TeamSettings:
 
 
 class GroupLearner:
-    """One group that learns.
+    """A learning group.
 
     Attributes:
-        policy: reads ``(group, "observation")`` and writes ``(group, "action")``; explores under ``ExplorationType.RANDOM``.
+        policy: ``(group, "observation")`` to ``(group, "action")``; explores under ``ExplorationType.RANDOM``.
     """
 
     policy: TensorDictModule
 
     def learn(self, frames: TensorDictBase) -> dict[str, Tensor]:
-        """Learn from frames ``[copies, time]``; returns the means of what is told."""
+        """Learn from frames ``[copies, time]``. Returns mean metrics."""
         raise NotImplementedError
 
     def state_dict(self) -> dict[str, Tensor]:
-        """The policy's."""
+        """State of the policy."""
         return dict(self.policy.state_dict())
 
     def load_state_dict(self, state: dict[str, Tensor]) -> None:
@@ -79,7 +78,7 @@ class GroupLearner:
 
 
 class _Scaled(nn.Module):
-    """Observations divided by their nominal bounds, then a network."""
+    """Divides observations by their nominal bounds, then applies a network."""
 
     scale: Tensor
 
@@ -97,8 +96,8 @@ class PPOGroup(GroupLearner):
     """A group that learns by MAPPO or IPPO.
 
     Args:
-        scale: ``[n]``, by which observations are divided.
-        central: the critic sees all robots of the group.
+        scale: ``[n]``, divisor of observations.
+        central: whether the critic sees all robots of the group.
     """
 
     def __init__(self, group: str, robots: int, scale: Tensor, size: int, settings: TeamSettings, *, central: bool) -> None:
@@ -142,14 +141,14 @@ class PPOGroup(GroupLearner):
 
     def learn(self, frames: TensorDictBase) -> dict[str, Tensor]:
         group, after = self._group, frames["next"]
-        for name in ("done", "terminated"):  # the episode's end is that of each robot
+        for name in ("done", "terminated"):  # robots share the episode's end
             ends = after[name].unsqueeze(-2).expand(after[group, "reward"].shape)
             after[group, name] = ends.clone()
             frames[group, name] = torch.zeros_like(ends)
         with torch.no_grad():
             frames = self._advantage(frames)
         rows = frames.reshape(-1)
-        told: dict[str, list[Tensor]] = {}
+        metrics: dict[str, list[Tensor]] = {}
         size = min(self._settings.batch_size, len(rows))
         for _ in range(self._settings.passes):
             for places in torch.randperm(len(rows), device=rows.device).split(size):
@@ -160,12 +159,12 @@ class PPOGroup(GroupLearner):
                 self._optimizer.step()
                 self._optimizer.zero_grad()
                 for name, value in losses.items():
-                    told.setdefault(name, []).append(value.detach().mean())
-        return {name: torch.stack(values).mean() for name, values in told.items()}
+                    metrics.setdefault(name, []).append(value.detach().mean())
+        return {name: torch.stack(values).mean() for name, values in metrics.items()}
 
 
 class SACGroup(GroupLearner):
-    """A group each of whose robots learns by SAC as if it were alone."""
+    """A group of independent SAC learners with shared networks."""
 
     def __init__(self, group: str, robots: int, low: Tensor, high: Tensor, size: int, settings: TeamSettings) -> None:
         from bricksrl.agents.sac import SACSettings, build
@@ -186,14 +185,14 @@ class SACGroup(GroupLearner):
         )
         self._learner: Learner = build(SpecsEnv(specs, None), own)
         self._group, self._robots, self._settings, self._due = group, robots, settings, 0.0
-        self.policy = TensorDictModule(_Acting(self._learner.policy), [(group, "observation")], [(group, "action")])
+        self.policy = TensorDictModule(_RobotPolicy(self._learner.policy), [(group, "observation")], [(group, "action")])
 
     def learn(self, frames: TensorDictBase) -> dict[str, Tensor]:
         group, after = self._group, frames["next"]
         whole = frames.batch_size
 
         def of(part: TensorDictBase, name: str) -> Tensor:
-            """Each robot of each copy as a copy of its own, ``[copies * robots, time, n]``."""
+            """Robots as copies, ``[copies * robots, time, n]``."""
             value = part[group, name] if (group, name) in part.keys(True) else part[name].unsqueeze(-2)
             value = value.expand(*whole, self._robots, value.shape[-1])
             copies: Tensor = value.transpose(1, 2).reshape(-1, whole[1], value.shape[-1])
@@ -208,8 +207,8 @@ class SACGroup(GroupLearner):
         return self._learner.make_updates(count)
 
 
-class _Acting(nn.Module):
-    """A policy of one robot, from observations to actions."""
+class _RobotPolicy(nn.Module):
+    """Policy of one robot, observations to actions."""
 
     def __init__(self, policy: Any) -> None:
         super().__init__()
@@ -226,12 +225,12 @@ def uniform(size: int) -> Script:
 
 
 def scripted(group: str, script: Script) -> TensorDictModule:
-    """A group that follows a script."""
+    """Policy of a scripted group."""
     return TensorDictModule(script, [(group, "observation")], [(group, "action")])
 
 
-def taking_turns(scripts: Sequence[Script]) -> Script:
-    """Copy ``k`` of many follows script ``k`` modulo their number; a single environment the first one."""
+def by_copy(scripts: Sequence[Script]) -> Script:
+    """Script ``k`` modulo their number for copy ``k``; the first one for a single environment."""
 
     def act(observation: Tensor) -> Tensor:
         if observation.ndim < 3:
@@ -243,7 +242,7 @@ def taking_turns(scripts: Sequence[Script]) -> Script:
 
 
 def make_group(env: EnvBase, group: str, agent: TeamAgent, settings: TeamSettings) -> GroupLearner:
-    """A group of an environment that learns; networks are drawn from torch's global generator.
+    """The learner of a group. Initialized from torch's global generator.
 
     Raises:
         DescriptionError: there is no such group or agent.
@@ -260,8 +259,8 @@ def make_group(env: EnvBase, group: str, agent: TeamAgent, settings: TeamSetting
 
 
 def team_policy(env: EnvBase, learners: Mapping[str, GroupLearner], scripts: Mapping[str, str]) -> TensorDictSequential:
-    """What all robots do: the groups that learn, and those that follow a script, "random", or several with commas between, which
-    the copies of a simulation take in turns.
+    """Policy of all robots: of learning groups, and scripts of the others: a name, "random", or several separated by commas for
+    the copies in turn.
 
     Raises:
         DescriptionError: a group has neither, or there is no such script.
@@ -276,5 +275,5 @@ def team_policy(env: EnvBase, learners: Mapping[str, GroupLearner], scripts: Map
         for name in set(names) - set(known):
             choose = ", ".join(known)
             raise DescriptionError(f"the group '{group}' of {env.task.id} has no script '{name}'; choose one of {choose}")
-        parts.append(scripted(group, taking_turns([known[name] for name in names])))
+        parts.append(scripted(group, by_copy([known[name] for name in names])))
     return TensorDictSequential(*parts)

@@ -19,15 +19,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class TeamConfig:
-    """A training of one or several groups.
+    """Training of one or several groups.
 
     Attributes:
-        env: an arena, by name.
-        agents: the algorithm of each group that learns.
-        scripts: what each other group follows: a script of the task, "random", or several with commas between, which the copies
-            take in turns.
-        frames: steps of all copies together.
-        copies: of the kinematic simulation to learn in; 0 for the arena itself, with its hubs.
+        env: name of an arena.
+        agents: algorithm of each learning group.
+        scripts: of each other group: a script of the task, "random", or several separated by commas for the copies in turn.
+        frames: total steps of all copies.
+        copies: of the kinematic simulation; 0 trains in the arena itself, with its hubs.
     """
 
     env: str
@@ -40,13 +39,12 @@ class TeamConfig:
     def __post_init__(self) -> None:
         check_seed(self.seed)
         if not self.agents or self.frames < 1 or self.copies < 0:
-            raise RunError("a team needs a group that learns, 1 frame or more, and no negative number of copies")
+            raise RunError("a team needs a learning group, 1 frame or more, and 0 copies or more")
 
 
 @dataclass(frozen=True)
 class TeamProgress:
-    """How far a training is: mean return of an episode of each group's robots, among those that ended, and the share that
-    succeeded."""
+    """Progress of a training: mean return per robot of each group, and success rate, over the episodes that ended."""
 
     frames: int
     episodes: int
@@ -56,7 +54,7 @@ class TeamProgress:
 
 @dataclass
 class Team:
-    """Groups that have learned.
+    """Trained groups.
 
     Attributes:
         policy: of all robots; explores under ``ExplorationType.RANDOM``.
@@ -68,7 +66,7 @@ class Team:
     policy: TensorDictModuleBase
 
     def save(self, path: Path) -> None:
-        """Write the networks that act."""
+        """Save the acting networks."""
         from bricksrl.training.checkpoint import save_checkpoint
 
         plain = {**asdict(self.config), "agents": dict(self.config.agents), "scripts": dict(self.config.scripts)}
@@ -78,10 +76,10 @@ class Team:
 
 
 def load_team(path: Path, scripts: Mapping[str, str] | None = None) -> Team:
-    """A team as `Team.save` wrote it, maybe against other scripts.
+    """Load a team, optionally against other scripts.
 
     Raises:
-        CheckpointError: it is damaged or none of ours.
+        CheckpointError: it is damaged or no team.
     """
     from bricksrl.envs.arenas import make_arena
     from bricksrl.training.checkpoint import load_checkpoint
@@ -95,7 +93,7 @@ def load_team(path: Path, scripts: Mapping[str, str] | None = None) -> Team:
         for group, learner in team.learners.items():
             learner.load_state_dict(state["groups"][group])
     except (KeyError, TypeError, RuntimeError) as error:
-        raise CheckpointError(f"{path} holds no team ({' '.join(str(error).split())}); train one") from None
+        raise CheckpointError(f"{path} has no team ({' '.join(str(error).split())}); train one") from None
     return team
 
 
@@ -110,10 +108,10 @@ def _fresh(env: EnvBase, config: TeamConfig, settings: TeamSettings) -> Team:
 def train_team(
     config: TeamConfig, settings: TeamSettings | None = None, on_progress: Callable[[TeamProgress], None] = lambda _: None
 ) -> Team:
-    """Train the groups of a config; the same config gives the same team.
+    """Train the groups of a config; reproducible.
 
     Raises:
-        UnknownNameError, DescriptionError: the arena, a group, an agent or a script is none.
+        UnknownNameError, DescriptionError: there is no such arena, group, agent or script.
     """
     from bricksrl.envs.arenas import make_arena
     from bricksrl.training.seeding import reproducible
@@ -146,7 +144,7 @@ def _learn(env: EnvBase, team: Team, on_progress: Callable[[TeamProgress], None]
 
 
 def _progress(team: Team, frames: Any, running: dict[str, Any], frames_done: int) -> TeamProgress:
-    """Returns of the episodes that ended in these frames; ``running`` are those of the ones under way."""
+    """Progress over the episodes that ended in these frames; ``running`` has the returns of the current ones."""
     after = frames["next"]
     done = after["done"].squeeze(-1)
     ended = int(done.sum())
@@ -165,8 +163,7 @@ def _progress(team: Team, frames: Any, running: dict[str, Any], frames_done: int
 
 @dataclass(frozen=True)
 class TeamEpisode:
-    """An evaluated episode: whether the task calls it a success, its steps, and the return of each group's robots (their
-    mean)."""
+    """An evaluated episode: success, steps, and mean return of each group's robots."""
 
     success: bool
     length: int
@@ -176,7 +173,7 @@ class TeamEpisode:
 def play_team(
     env: EnvBase, policy: TensorDictModuleBase, episodes: int, seed: int, on_step: Callable[[], None] = lambda: None
 ) -> list[TeamEpisode]:
-    """Whole episodes in an arena with its hubs; episode ``k`` depends on ``seed``, ``k`` and the policy only.
+    """Run episodes in an arena with its hubs; episode ``k`` depends on ``seed``, ``k`` and the policy only.
 
     Raises:
         HubError: a link broke.

@@ -65,7 +65,7 @@ def driving_robot(robot: Robot, scene: Scene) -> mujoco.MjSpec:
     if base is None:
         raise TwinError(f"robot '{robot.name}' has neither a MuJoCo model nor a drive base; give Robot(..., model=...)")
     if scene.wall_distance_mm is not None and not any(isinstance(one, UltrasonicSensor) for one in robot.sensors):
-        raise TwinError(f"robot '{robot.name}' has no ultrasonic sensor to place it before a wall with; leave the wall away")
+        raise TwinError(f"robot '{robot.name}' has no ultrasonic sensor to place it before a wall with; omit the wall")
     frame = _measure(robot, base)
     spec, axle_m = new_spec(robot.name), frame.axle / 1000
     add_surroundings(spec, scene)

@@ -84,7 +84,7 @@ def _shapes(root: Path, name: str, axes: tuple[int, int, int]) -> tuple[tuple[st
         if (shape := shape_of(triangles @ turn.T * ldraw.MM_PER_UNIT)) is not None:
             by_colour.setdefault(colour, []).append(shape)
     if not by_colour:
-        raise TwinError(f"'{name}' of the LDraw library in {root} has no surface; install the library anew")
+        raise TwinError(f"'{name}' of the LDraw library in {root} has no surface; reinstall the library")
     return tuple((colour, merge(shapes)) for colour, shapes in by_colour.items())
 
 

@@ -36,7 +36,7 @@ def from_file(path: Path, robot: Robot, scene: Scene) -> mujoco.MjSpec:
     try:
         spec = mujoco.MjSpec.from_file(str(path))
     except ValueError as error:
-        raise TwinError(f"{path} is no MJCF file ({' '.join(str(error).split())}); correct it") from error
+        raise TwinError(f"{path} is not an MJCF file ({' '.join(str(error).split())}); correct it") from error
     set_options(spec)
     base = spec.worldbody.first_body()
     if base is None:
@@ -45,7 +45,7 @@ def from_file(path: Path, robot: Robot, scene: Scene) -> mujoco.MjSpec:
         if geom.group == OBSTACLE_GROUP:
             geom.group = LOOKS_GROUP  # ultrasound detects this group only, and must not detect the robot itself
     if scene.wall_distance_mm is not None and not any(isinstance(one, UltrasonicSensor) for one in robot.sensors):
-        raise TwinError(f"robot '{robot.name}' has no ultrasonic sensor to place it before a wall with; leave the wall away")
+        raise TwinError(f"robot '{robot.name}' has no ultrasonic sensor to place it before a wall with; omit the wall")
     for motor in robot.motors:
         joint = _named(spec.joints, motor.name, "hinge", path, robot)
         joint.name = f"motor_{motor.port}"

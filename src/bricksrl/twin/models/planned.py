@@ -65,11 +65,11 @@ def _check(robot: Robot, planned: PlannedRobot, scene: Scene) -> None:
     """Raise TwinError for unsupported combinations of robot, plan and scene."""
     path = planned.plan.path
     if scene.ball:
-        raise TwinError(f"the twin of {path} holds no ball; leave the ball away")
+        raise TwinError(f"the twin of {path} holds no ball; omit the ball")
     if planned.articulation.is_fixed and (scene.wall_distance_mm is not None or scene.heading_deg != (0.0, 0.0)):
-        raise TwinError(f"robot '{robot.name}' stands still and sees no wall; leave wall_distance_mm and heading_deg away")
+        raise TwinError(f"robot '{robot.name}' stands still and sees no wall; omit wall_distance_mm and heading_deg")
     if scene.wall_distance_mm is not None and not any(isinstance(one, UltrasonicSensor) for one in robot.sensors):
-        raise TwinError(f"robot '{robot.name}' has no ultrasonic sensor to place it before a wall with; leave the wall away")
+        raise TwinError(f"robot '{robot.name}' has no ultrasonic sensor to place it before a wall with; omit the wall")
     for sensor in robot.sensors:
         if isinstance(sensor, PoweredUpSensor):
             raise TwinError(f"nothing in {path} can say what '{sensor.name}' senses; only ultrasonic sensors have a twin")

@@ -73,9 +73,9 @@ def build(robot: Robot, scene: Scene) -> mujoco.MjSpec:
         TwinError: the description is not that of a RoboArm, or the scene has a wall or turns the robot.
     """
     if {motor.name for motor in robot.motors} != set(_JOINTS):
-        raise TwinError(f"robot '{robot.name}' is no RoboArm: it needs the motors {', '.join(_JOINTS)}")
+        raise TwinError(f"robot '{robot.name}' is not a RoboArm: it needs the motors {', '.join(_JOINTS)}")
     if scene.wall_distance_mm is not None or scene.heading_deg != (0.0, 0.0):
-        raise TwinError(f"robot '{robot.name}' stands still and sees no wall; leave wall_distance_mm and heading_deg away")
+        raise TwinError(f"robot '{robot.name}' stands still and sees no wall; omit wall_distance_mm and heading_deg")
     spec = new_spec(robot.name)
     add_surroundings(spec, scene)
     lego.add_colours(spec)

@@ -28,7 +28,7 @@ def add_objects(spec: mujoco.MjSpec, scene: Scene) -> None:
     """
     solids = [one for one in scene.objects if isinstance(one, (Wall, Block, Ramp))]
     if solids and len(spec.pairs):
-        raise TwinError("this robot touches nothing but the floor and the scene's wall; leave walls, blocks and ramps away")
+        raise TwinError("this robot touches nothing but the floor and the scene's wall; omit walls, blocks and ramps")
     world = spec.worldbody
     marks = [one for one in scene.objects if isinstance(one, (Line, Field))]
     if marks:

@@ -43,7 +43,7 @@ def build(robot: Robot, scene: Scene) -> mujoco.MjSpec:
     base = robot.drive_base
     sensors = [sensor for sensor in robot.sensors if isinstance(sensor, UltrasonicSensor)]
     if base is None or len(sensors) != 1:
-        raise TwinError(f"robot '{robot.name}' is no 2Wheeler: it needs a drive base and one ultrasonic sensor")
+        raise TwinError(f"robot '{robot.name}' is not a 2Wheeler: it needs a drive base and one ultrasonic sensor")
     spec = new_spec(robot.name)
     radius, half_track = base.wheel_diameter_mm / 2000, base.axle_track_mm / 2000
     add_surroundings(spec, scene)

@@ -66,7 +66,7 @@ def build(robot: Robot, scene: Scene) -> mujoco.MjSpec:
     """
     sensors = [sensor for sensor in robot.sensors if isinstance(sensor, UltrasonicSensor)]
     if {motor.name for motor in robot.motors} != set(_CORNERS) or len(sensors) != 1:
-        raise TwinError(f"robot '{robot.name}' is no Walker: it needs the motors {', '.join(_CORNERS)} and one ultrasonic sensor")
+        raise TwinError(f"robot '{robot.name}' is not a Walker: it needs the motors {', '.join(_CORNERS)}, one ultrasonic sensor")
     spec = new_spec(robot.name)
     # All constraints share the chassis: searching for independent islands would take a tenth of the time in vain.
     # (The pyramidal cone would save another tenth, but bounding and pacing are a quarter slower with it.)

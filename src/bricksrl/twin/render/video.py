@@ -54,7 +54,7 @@ def filmed(body: Body, path: Path) -> Iterator[Body]:
     if not isinstance(body, MujocoBody):
         raise TwinError(f"there is nothing to see of robot '{body.robot.name}'; film one with a MuJoCo model")
     if path.suffix.lower() != ".mp4":
-        raise TwinError(f"'{path}' is no name of a film; end it in .mp4")
+        raise TwinError(f"'{path}' is not a name of a film; end it in .mp4")
     with Renderer(body, *SIZE) as renderer:
         video = VideoWriter(path, 1000 / _FRAME_MS)
         try:

@@ -1,4 +1,4 @@
-"""The language of a hub on CPython: 32-bit floats, 31-bit integers, its builtins, modules, texts and error messages.
+"""MicroPython on CPython: 32-bit floats, 31-bit integers, builtins, modules, texts and error messages of a hub.
 
-Facts: MicroPython 1.26 as Pybricks 4 configures it (single precision, no long integers, no CPython compatibility).
+Reference: MicroPython 1.26 as configured by Pybricks 4 (single precision, no long integers, no CPython compatibility).
 """

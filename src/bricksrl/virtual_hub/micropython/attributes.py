@@ -1,4 +1,4 @@
-"""Attributes that CPython's types have and a hub's have not."""
+"""Attributes of types, restricted to those that exist on a hub."""
 
 from __future__ import annotations
 
@@ -56,12 +56,12 @@ _HIDDEN_SPECIAL = frozenset(
     ]
 )
 _FIRST_ARGUMENT = frozenset(["errno", "value"])
-"""What all exceptions of a hub have, not only ``OSError`` and ``StopIteration``."""
+"""Attributes of all exceptions on a hub, not only ``OSError`` and ``StopIteration``."""
 HIDDEN_NAMES = frozenset(["__class__", "__init__"]).union(_FIRST_ARGUMENT, *_HIDDEN.values(), _HIDDEN_SPECIAL)
 
 
 def visible_attribute(value: Any, name: str) -> Any:
-    """``value.name``, where the name is one that a hub's type may lack.
+    """``value.name`` for a name that a hub's type may lack.
 
     Raises:
         AttributeError: as on the hub.
@@ -88,7 +88,7 @@ _FIRMWARE = "bricksrl."
 
 
 def store_attribute(value: Any, owner: Any, name: str) -> None:
-    """``owner.name = value``; functions, modules, types and objects of the firmware take none.
+    """``owner.name = value``; fails for functions, modules, types and firmware objects.
 
     Raises:
         AttributeError: as on the hub.
@@ -127,10 +127,10 @@ _KINDS_WITHOUT_KEYWORDS = frozenset([bool, complex, enumerate, HubSet, list, map
 
 
 def with_keywords(function: Any) -> Any:
-    """Callable for a call with keyword arguments. Few of the functions and types that are built in take any.
+    """A callable that accepts keyword arguments, which few builtins do.
 
     Raises:
-        TypeError: this one does not.
+        TypeError: it accepts none.
     """
     if isinstance(function, FunctionType):
         code = function.__code__

@@ -1,4 +1,4 @@
-"""Classes of a hub: one base, no hooks into attributes, no descriptors, and ``super()`` that does not reach ``object``."""
+"""Classes of a hub: single inheritance, no attribute hooks, no descriptors, ``super()`` without ``object``."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _UNUSED = ("__setattr__", "__delattr__", "__getattribute__", "__del__", "__get__
 
 
 def build_class(body: Any, class_name: str, *bases: Any, **keywords: Any) -> Any:
-    """Target of a ``class`` statement.
+    """Implementation of the ``class`` statement.
 
     Raises:
         NotImplementedError: there are several bases.
@@ -25,7 +25,7 @@ def build_class(body: Any, class_name: str, *bases: Any, **keywords: Any) -> Any
             delattr(made, method)
     for name, value in list(made.__dict__.items()):
         if isinstance(value, FunctionType) and value.__module__.startswith("bricksrl."):
-            setattr(made, name, staticmethod(value))  # what is built in does not become a method
+            setattr(made, name, staticmethod(value))  # builtins do not become methods
     for method, mirrored in _MIRRORED.items():
         if getattr(made, mirrored) is not getattr(object, mirrored) and getattr(made, method) is getattr(object, method):
             setattr(made, method, _refusal(method))
@@ -35,13 +35,13 @@ def build_class(body: Any, class_name: str, *bases: Any, **keywords: Any) -> Any
 
 
 def _take_anything(self: Any, *args: Any, **kwargs: Any) -> None:
-    """A class without ``__init__`` takes any arguments on a hub, and forgets them."""
+    """A class without ``__init__`` ignores all arguments on a hub."""
 
 
 def _refusal(method: str) -> Callable[[Any, Any], Any]:
-    """A comparison that a class lacks; CPython would ask the other operand the other way round, a hub does not.
+    """A missing comparison; unlike CPython, a hub does not try the reflected one.
 
-    Where the other operand is of a class above this one, CPython asks this one first, although the program wrote it second.
+    If the other operand's class is a base class, CPython asks this one first, although it is second in the program.
     """
 
     def refuse(self: Any, other: Any) -> Any:
@@ -53,13 +53,13 @@ def _refusal(method: str) -> Callable[[Any, Any], Any]:
 
 
 def has_initializer(kind: type) -> bool:
-    """Whether ``kind.__init__`` can be named: only those that programs define can."""
+    """Whether ``kind.__init__`` can be named: only that of a program's class can."""
     initializer = kind.__init__  # type: ignore[misc]
     return initializer is not _take_anything and hasattr(initializer, "__code__")
 
 
 class HubSuper(super):
-    """``super()``: what is defined in a class of the program, or a native one, above this one; ``object`` has nothing."""
+    """``super()`` over the program's and native classes; ``object`` has no methods."""
 
     def __getattribute__(self, name: str) -> Any:
         instance, below = super().__getattribute__("__self__"), super().__getattribute__("__thisclass__")

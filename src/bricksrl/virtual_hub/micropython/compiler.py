@@ -1,4 +1,4 @@
-"""Compiler from the source of a program to code that CPython runs as a hub would."""
+"""Compiler of programs to code that behaves on CPython as on a hub."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from bricksrl.virtual_hub.micropython.transform import transform
 
 @functools.lru_cache(maxsize=64)
 def compiled(source: str, filename: str, mode: str = "exec") -> CodeType:
-    """The code of a program, or of an expression (``mode="eval"``).
+    """Code of a program, or of an expression (``mode="eval"``).
 
     Raises:
         SyntaxError: the hub's compiler refuses it.
-        OverflowError: it holds a number that needs more than 31 bits.
+        OverflowError: a constant needs more than 31 bits.
     """
     _check_with_hub_compiler(source, filename)
     tree: Any = ast.parse(source, filename, mode)
@@ -37,7 +37,7 @@ def compiled(source: str, filename: str, mode: str = "exec") -> CodeType:
 
 
 def _unmangled(code: CodeType, mangled: re.Pattern[str], written: frozenset[str]) -> CodeType:
-    """Names with two underscores as the program wrote them: a hub does not put the name of the class before them."""
+    """Undo name mangling, which a hub does not have."""
 
     def plain(names: tuple[str, ...]) -> tuple[str, ...]:
         matches = [None if name in written else mangled.fullmatch(name) for name in names]
@@ -72,10 +72,10 @@ _WITHOUT_DATA = 4
 
 
 def _has_long_integer(mpy: bytes) -> bool:
-    """True if there is an integer among a program's constants, as the compiler has computed them, that a hub cannot read.
+    """Whether a compiled program has an integer constant that a hub cannot read.
 
-    Format: version 6 of ``.mpy``, ``py/persistentcode.c``. Integers are written in decimal; small ones that are not in a tuple
-    are in the code itself. The hub reads the digits before it minds the sign, so its smallest integer is too long there.
+    Format: version 6 of ``.mpy``, ``py/persistentcode.c``. Integers are decimal; small ones outside of tuples are in the code. A
+    hub reads the digits before the sign, so its smallest integer is too long.
     """
     place = _HEADER_BYTES
 

@@ -1,4 +1,4 @@
-"""Dicts and sets of a hub: in the order of its hash tables (``py/objdict.c`` and ``py/objset.c`` of MicroPython 1.26)."""
+"""Dicts and sets in the order of a hub's hash tables (``py/objdict.c`` and ``py/objset.c`` of MicroPython 1.26)."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _MISSING = object()
 
 
 class HubDict(dict[Any, Any]):
-    """A dict whose keys come in the order of their slots."""
+    """A dict ordered by slots."""
 
     __slots__ = ("_table",)
     _table: HashTable
@@ -26,7 +26,7 @@ class HubDict(dict[Any, Any]):
 
     @classmethod
     def sized(cls, size: int, pairs: Iterable[tuple[Any, Any]]) -> HubDict:
-        """With so many slots to begin with."""
+        """With an initial number of slots."""
         made = cls()
         made._table = HashTable(size)
         for key, value in pairs:
@@ -35,7 +35,7 @@ class HubDict(dict[Any, Any]):
 
     @classmethod
     def in_order(cls, values: Mapping[Any, Any]) -> HubDict:
-        """One of the firmware's own, which keeps its order."""
+        """An ordered dict, as made by the firmware."""
         made = cls()
         dict.update(made, values)
         made._table = HashTable.in_order(values)
@@ -110,7 +110,7 @@ def _pair(values: Iterable[Any]) -> list[Any]:
 
 
 class DictView:
-    """Result of ``keys()``, ``values()`` and ``items()``. It has no length, and is no set."""
+    """Result of ``keys()``, ``values()`` and ``items()``; no set, no length."""
 
     __slots__ = ("kind", "owner")
 
@@ -135,7 +135,7 @@ class DictView:
 
 
 class Mapped:
-    """Iterator over what comes from a key, key after key."""
+    """Iterator over a function of the keys."""
 
     __slots__ = ("_function", "_keys")
 
@@ -151,7 +151,7 @@ class Mapped:
 
 
 class HubSet(set[Any]):
-    """A set whose members come in the order of their slots."""
+    """A set ordered by slots."""
 
     __slots__ = ("_table",)
     _table: HashTable
@@ -168,7 +168,7 @@ class HubSet(set[Any]):
 
     @classmethod
     def sized(cls, values: Iterable[Any], size: int) -> HubSet:
-        """With so many slots to begin with."""
+        """With an initial number of slots."""
         made = cls()
         made._table = HashTable(size)
         made.update(values)

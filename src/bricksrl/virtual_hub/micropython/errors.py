@@ -1,4 +1,4 @@
-"""Errors as a hub knows and words them."""
+"""Exceptions and their messages on a hub."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ EXCEPTIONS = [
     "ValueError",
     "ZeroDivisionError",
 ]
-"""The exceptions that a hub shares with CPython; ``OSError`` is our own."""
+"""Exceptions common to hub and CPython; ``OSError`` is replaced."""
 
 ERROR_NAMES = {
     getattr(errno, name): name
@@ -46,7 +46,7 @@ ERROR_NAMES = {
 
 
 class HubOSError(OSError):
-    """``OSError`` of a hub: ``errno`` is the first argument, all of them are kept, and it has no special children."""
+    """``OSError`` of a hub: ``errno`` is the first argument, there are no subclasses."""
 
     def __init__(self, *args: object) -> None:
         self.args = args
@@ -72,7 +72,7 @@ def _types(operator: str, left: str, right: str) -> str:
 
 
 def _counted(name: str, arguments: str) -> int:
-    """Of a function, or of a method, whose own object counts too."""
+    """Number of arguments, including ``self`` for methods."""
     return int(arguments) + (not hasattr(builtins, name))
 
 
@@ -154,7 +154,7 @@ _RULES: tuple[_Rule, ...] = (
 
 
 def reword(error: BaseException, names: Mapping[str, object]) -> BaseException:
-    """Put the hub's words into an error that CPython worded; ``names`` are the program's globals. Returns the error."""
+    """Replace CPython's message by the hub's; ``names`` are the program's globals. Returns the error."""
     if len(error.args) != 1 or not isinstance(error.args[0], str) or not isinstance(error, Exception):
         return error
     message = error.args[0]
@@ -171,7 +171,7 @@ def reword(error: BaseException, names: Mapping[str, object]) -> BaseException:
 
 
 def _locals_within(error: BaseException) -> list[object]:
-    """The values of all local names where the error came through."""
+    """Values of all local variables in the traceback."""
     values: list[object] = []
     trace = error.__traceback__
     while trace is not None:
@@ -181,7 +181,7 @@ def _locals_within(error: BaseException) -> list[object]:
 
 
 def _call_message(message: str, names: Mapping[str, object], error: BaseException) -> str:
-    """A call with wrong arguments: functions of the program and those of the firmware are worded differently."""
+    """Message for a call with wrong arguments, which differs between program and firmware functions."""
     match = re.fullmatch(r"(.*?)\(\) (.*)", message)
     if match is None:
         return message
@@ -208,14 +208,14 @@ def _call_message(message: str, names: Mapping[str, object], error: BaseExceptio
     if missing := re.match(r"missing (\d+) required positional arguments?: '(\w+)'", problem):
         count = required - int(missing[1])
         place = function.__code__.co_varnames.index(missing[2])
-        if place < count or function.__kwdefaults__:  # keywords are in play, and the firmware looks for each argument by itself
+        if place < count or function.__kwdefaults__:  # with keywords, the firmware looks for each argument separately
             return f"function missing required positional argument #{place}"
         return f"{function.__name__}() takes {required} positional arguments but {count} were given"
     return message
 
 
 def _first_missing(error: BaseException) -> str | None:
-    """The first argument that a method of the firmware was to have and did not get; ``None`` where there is no such call."""
+    """First missing argument of a firmware method, or ``None`` if there is no such call."""
     trace = error.__traceback__
     while trace is not None and trace.tb_next is not None:
         trace = trace.tb_next
@@ -229,7 +229,7 @@ def _first_missing(error: BaseException) -> str | None:
 
 
 def _builtin_call_message(problem: str, of_module: bool) -> str | None:
-    """``of_module``: a function of a module, whose arguments have names in the firmware."""
+    """``of_module``: a module's function, which has named arguments in the firmware."""
     if missing := re.match(r"missing \d+ required positional arguments?: '(\w+)'", problem):
         return f"'{missing[1]}' argument required"
     if "unexpected keyword" in problem or "takes no keyword" in problem:
@@ -244,7 +244,7 @@ def _builtin_call_message(problem: str, of_module: bool) -> str | None:
 
 
 def _find(qualified_name: str, names: Mapping[str, object]) -> FunctionType | None:
-    """The function of the program that CPython calls by this name."""
+    """The program's function with a qualified name."""
     parts = qualified_name.rsplit(".<locals>.", maxsplit=1)[-1].split(".")
     found = names.get(parts[0])
     for part in parts[1:]:
@@ -257,7 +257,7 @@ def _find(qualified_name: str, names: Mapping[str, object]) -> FunctionType | No
 
 
 def _find_among(qualified_name: str, names: Mapping[str, object], values: list[object]) -> FunctionType | None:
-    """A function without a place in the program's globals: a lambda, or one that another function made."""
+    """A function that is not in the globals: a lambda or an inner function."""
     for value in (*values, *names.values()):
         if isinstance(value, FunctionType) and value.__qualname__ == qualified_name and value.__globals__ is names:
             return value
@@ -265,7 +265,7 @@ def _find_among(qualified_name: str, names: Mapping[str, object], values: list[o
 
 
 def class_name(kind: type) -> str:
-    """Name of an exception's class, or of the next one above it that a hub knows."""
+    """Name of an exception's class, or of its nearest base class on a hub."""
     for ancestor in kind.__mro__:
         known = ancestor.__name__ in EXCEPTIONS or ancestor.__name__ == "OSError"
         if known or getattr(builtins, ancestor.__name__, None) is not ancestor:

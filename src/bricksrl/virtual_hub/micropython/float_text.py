@@ -1,7 +1,7 @@
-"""Text of floats on a hub: the algorithm of MicroPython 1.26 for single precision (``py/formatfloat.c``).
+"""Text of floats: the single precision algorithm of MicroPython 1.26 (``py/formatfloat.c``).
 
-It computes the digits in single precision too, reads them back, and searches nearby for others that read back as the
-same float. So the last digits may differ from those that CPython would write for the very same float.
+Digits are computed in single precision, read back, and searched nearby for ones that read back as the same float, so the last
+digits may differ from CPython's.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from bricksrl.virtual_hub.micropython.floats import read_digits, scaled, to_sing
 _MOST_DIGITS, _SAFE_DIGITS = 9, 6
 _ROOM = 33
 _REPR_EXPONENT = 16
-_ALL_BEHIND = 255  # no decimal point is to be put among the digits
+_ALL_BEHIND = 255  # no decimal point among the digits
 
 
 def float_text(x: float) -> str:
@@ -24,17 +24,17 @@ def float_text(x: float) -> str:
 
 
 def shortest_text(x: float) -> str:
-    """The same without ``.0`` behind whole numbers, as in a complex number."""
+    """Without ``.0`` for whole numbers, as in complex numbers."""
     return format_float(x, "g", None)
 
 
 def format_float(x: float, code: str, precision: int | None, sign: str = "") -> str:
-    """``x`` as ``%e``, ``%f`` or ``%g`` write it.
+    """``x`` formatted by ``%e``, ``%f`` or ``%g``.
 
     Args:
         code: one of ``eEfFgG``.
-        precision: as behind the point of a format, or ``None`` for as many digits as it takes to read it back.
-        sign: what stands before positive numbers: nothing, a plus, or a space.
+        precision: of the format; ``None`` for as many digits as reading back needs.
+        sign: prefix of positive numbers.
     """
     if math.copysign(1, x) < 0 and not math.isnan(x):
         x, sign = -x, "-"
@@ -44,16 +44,16 @@ def format_float(x: float, code: str, precision: int | None, sign: str = "") -> 
 
 @dataclass(frozen=True)
 class _Layout:
-    """Where the digits go.
+    """Layout of the digits.
 
     Attributes:
         kind: ``e``, ``f`` or ``g``.
-        digits: how many.
-        point: the decimal point comes after the digit with this number.
-        lead: what stands before the digits.
-        zeros: how many zeros follow.
-        exponent: of ten, for the first digit.
-        most_exponent: up to it, ``g`` writes zeros instead of an exponent.
+        digits: number of digits.
+        point: index of the digit before the decimal point.
+        lead: prefix of the digits.
+        zeros: number of trailing zeros.
+        exponent: of the first digit.
+        most_exponent: largest exponent for which ``g`` writes zeros.
     """
 
     kind: str
@@ -96,7 +96,7 @@ class _Layout:
         return text
 
     def value(self, mantissa: int, shift: int) -> float:
-        """Value that a hub reads from :meth:`write`; ``mantissa`` stands for that times ten to the power of ``-shift``."""
+        """The float that a hub reads from `write`, for ``mantissa`` times 10 to the power of ``-shift``."""
         if mantissa >= 10**self.digits and self.kind != "f":
             return read_digits(mantissa // 10, 1 - shift)
         return read_digits(mantissa, -shift)
@@ -141,7 +141,7 @@ def _unsigned(x: float, kind: str, precision: int | None, room: int) -> str:
 
 
 def _exponent(x: float) -> int:
-    """Of ten, of the first digit, except for the rounding errors of the power that it is compared with."""
+    """Decimal exponent of the first digit, up to rounding errors of the power."""
     if x == 0:
         return 0
     exponent = int((math.frexp(x)[1] - 1) * to_single(0.3010299956639812))
@@ -155,7 +155,7 @@ def _exponent(x: float) -> int:
 
 
 def _search(x: float, layout: _Layout, shift: int) -> tuple[int, bool]:
-    """The mantissa with so many digits that reads back as ``x``, or nearest to it; and whether it does."""
+    """The mantissa that reads back as ``x`` or nearest to it, and whether it does."""
     extra = layout.digits - _SAFE_DIGITS
     first = 1
     if extra > 0 and shift > 1:

@@ -1,4 +1,4 @@
-"""Single precision floats, and how a hub reads them."""
+"""Single precision floats, and their parsing on a hub."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _DECIMAL = re.compile(r"(\d*)(?:\.(\d*))?(?:e([+-]?\d+))?", re.IGNORECASE)
 
 
 def to_single(x: float) -> float:
-    """The nearest 32-bit float; beyond its range, infinity."""
+    """The nearest 32-bit float; infinity beyond the range."""
     try:
         return float(_SINGLE.unpack(_SINGLE.pack(x))[0])
     except OverflowError:
@@ -23,7 +23,7 @@ def to_single(x: float) -> float:
 
 
 def scaled(x: float, exponent: int) -> float:
-    """``x * 10**exponent`` with the errors of single precision: by a power of two, in the bits, then by one of five."""
+    """``x * 10**exponent`` with single precision errors: by a power of two in the bits, then by one of five."""
     if exponent == 0 or x == 0:
         return x
     (bits,) = _BITS.unpack(_SINGLE.pack(x))
@@ -35,17 +35,17 @@ def scaled(x: float, exponent: int) -> float:
 
 
 def read_digits(digits: int, exponent: int) -> float:
-    """Value that a hub reads from ``digits`` times ten to the power of ``exponent``."""
+    """The float that a hub reads from ``digits`` and a decimal exponent."""
     while digits and digits % 10 == 0:
         digits, exponent = digits // 10, exponent + 1
     return scaled(to_single(digits), exponent)
 
 
 def read_float(text: str) -> float:
-    """A float as a hub reads it: the digits that fit into 32 bits, then :func:`scaled`.
+    """Parse a float as a hub does: digits that fit into 32 bits, then :func:`scaled`.
 
     Raises:
-        ValueError: it is no number.
+        ValueError: the text is not a number.
     """
     value = float(text)
     unsigned = text.strip().lstrip("+-").replace("_", "")

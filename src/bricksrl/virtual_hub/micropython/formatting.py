@@ -1,4 +1,4 @@
-"""Text by a template, as a hub makes it: ``%``, ``str.format`` and f-strings."""
+"""Formatting on a hub: ``%``, ``str.format`` and f-strings."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ _SPEC = re.compile(
 
 
 def to_number(value: Any, kind: str) -> Any:
-    """A number; of an object, what its method ``__int__`` or ``__float__`` says.
+    """A number; of an object, the result of ``__int__`` or ``__float__``.
 
     Raises:
-        TypeError: it is none.
+        TypeError: it is not a number.
     """
     if isinstance(value, int | float):
         return value
@@ -34,7 +34,7 @@ def to_number(value: Any, kind: str) -> Any:
 
 
 def format_value(value: object, spec: str) -> str:
-    """``format(value, spec)``; the hub does not ask the value's class."""
+    """``format(value, spec)``; the hub ignores ``__format__``."""
     if not spec:
         return text(value)
     if not isinstance(value, int | float | str):

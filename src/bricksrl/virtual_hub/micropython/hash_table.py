@@ -1,7 +1,7 @@
-"""The order in which a hub keeps the keys of dicts and the members of sets: that of an open hash table.
+"""Order of dicts and sets on a hub: that of an open hash table.
 
-Source: ``py/map.c``, ``py/qstr.c``, ``py/objtuple.c`` of MicroPython 1.26, with the two bytes of hash that
-Pybricks gives a string. What has its address for a hash there (objects, functions, ``None``) goes in the order of insertion here.
+Source: ``py/map.c``, ``py/qstr.c``, ``py/objtuple.c`` of MicroPython 1.26, with Pybricks' 2-byte string hashes. Values that are
+hashed by address there (objects, functions, ``None``) are in insertion order here.
 """
 
 from __future__ import annotations
@@ -18,17 +18,17 @@ _SIZES = (
 
 
 class _Mark:
-    """Stands in a slot without a key."""
+    """Marks an empty or deleted slot."""
 
 
 _FREE, _DELETED = _Mark(), _Mark()
 
 
 def hash_of(value: Any) -> int | None:
-    """``hash(value)`` on a hub; ``None`` for what has its address there.
+    """``hash(value)`` on a hub; ``None`` if it is the address.
 
     Raises:
-        TypeError: it has none.
+        TypeError: the value is unhashable.
     """
     kind = type(value)
     if getattr(kind, "hash_is_address", False):
@@ -55,7 +55,7 @@ def hash_of(value: Any) -> int | None:
 
 
 def _small(value: int) -> int:
-    """The 31 bits that count least, with a sign."""
+    """The lowest 31 bits, signed."""
     return (value + 0x4000_0000 & 0x7FFF_FFFF) - 0x4000_0000
 
 
@@ -67,15 +67,15 @@ def _text_hash(data: bytes) -> int:
 
 
 def _float_hash(value: float) -> int:
-    """Its whole part; beyond 32 bits the nearest that they can hold, as ARM's processors convert."""
+    """Whole part; saturated to 32 bits, as ARM processors convert."""
     return 0 if math.isnan(value) else int(max(-(2.0**31), min(2.0**31 - 1, value)))
 
 
 class HashTable:
-    """Keys in slots. Which keys there are, its owner knows; it is asked where they are, and told of none that is there already.
+    """Keys in slots. The owner knows which keys exist, and adds none twice.
 
     Args:
-        size: slots to begin with.
+        size: initial number of slots.
     """
 
     __slots__ = ("_added", "_hashes", "slots")
@@ -86,7 +86,7 @@ class HashTable:
         self._added = 0
 
     def add(self, key: Any) -> None:
-        """Put a new key in its slot; where all are taken, there will be more."""
+        """Add a new key; grows the table if it is full."""
         found = hash_of(key)
         self._put(key, self._added if found is None else found & 0xFFFF_FFFF)
         self._added += 1
@@ -110,7 +110,7 @@ class HashTable:
             self._put(key, hash_)
 
     def remove(self, key: Any) -> None:
-        """Take a key out that is there."""
+        """Remove an existing key."""
         place = next(place for place, other in enumerate(self.slots) if other is key or other == key)
         after = self.slots[(place + 1) % len(self.slots)]
         self.slots[place] = _FREE if after is _FREE else _DELETED
@@ -124,17 +124,17 @@ class HashTable:
         return next(iter(self))
 
     def drop_first(self) -> Any:
-        """Take the first key out, as ``popitem`` does: its slot counts as used until there are more slots."""
+        """Remove the first key as ``popitem`` does: its slot counts as used until the table grows."""
         key = self.first()
         self.slots[next(place for place, other in enumerate(self.slots) if other is key)] = _DELETED
         return key
 
     def clear(self) -> None:
-        """Take all keys out, and all slots."""
+        """Remove all keys and slots."""
         self.slots, self._hashes = [], []
 
     def copy(self) -> HashTable:
-        """The same keys in the same slots."""
+        """Same keys in the same slots."""
         other = HashTable()
         other.slots, other._hashes, other._added = list(self.slots), list(self._hashes), self._added
         return other
@@ -144,7 +144,7 @@ class HashTable:
 
     @classmethod
     def in_order(cls, keys: Iterable[Any]) -> HashTable:
-        """A table of the firmware's own, which keeps its order."""
+        """An ordered table, as made by the firmware."""
         table = cls()
         table.slots = list(keys)
         table._hashes = [0] * len(table.slots)
@@ -152,7 +152,7 @@ class HashTable:
 
 
 class TableIterator:
-    """Goes from slot to slot, and does not mind what happens to them meanwhile."""
+    """Iterates over slots, regardless of changes."""
 
     __slots__ = ("_next", "_table")
 

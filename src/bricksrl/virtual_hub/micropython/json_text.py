@@ -1,4 +1,4 @@
-"""JSON as a hub reads it (``extmod/modjson.c`` of MicroPython 1.26): commas and colons are spaces, and any bracket closes."""
+"""JSON parser of a hub (``extmod/modjson.c`` of MicroPython 1.26): commas and colons are spaces, any bracket closes."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _NO_KEY = object()
 
 
 def read_json(source: str) -> Any:
-    """The value that a text holds.
+    """Parse JSON.
 
     Raises:
         ValueError: as on the hub.

@@ -1,4 +1,4 @@
-"""The modules ``math``, ``random`` and ``struct`` of a hub."""
+"""Modules ``math``, ``random`` and ``struct`` of a hub."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _MASK = 0xFFFFFFFF
 
 
 def module(name: str, names: dict[str, Any]) -> ModuleType:
-    """A module with these names in it."""
+    """A module with these names."""
     result = ModuleType(name)
     result.__dict__.clear()
     result.__dict__.update({"__name__": name, **names})
@@ -30,7 +30,7 @@ def _as_float(value: Any) -> float:
 
 
 _PI = to_single(math.pi)
-_RADIANS, _DEGREES = to_single(_PI / 180), to_single(180 / _PI)  # of a turn's parts, as the hub's compiler works them out
+_RADIANS, _DEGREES = to_single(_PI / 180), to_single(180 / _PI)  # as computed by the hub's compiler
 _OF_TWO = ("atan2", "pow", "fmod", "copysign")
 
 
@@ -95,7 +95,7 @@ def _to_whole(function: Callable[[float], int]) -> Callable[[Any], int]:
 
 
 class _Yasmarang:
-    """The hub's pseudo-random numbers: the same seed gives the same sequence there."""
+    """The hub's pseudo-random generator: equal seeds give equal sequences."""
 
     def __init__(self, seed: int) -> None:
         self.seed(seed)
@@ -124,14 +124,14 @@ class _Yasmarang:
 
 
 def expect_whole(*values: Any) -> None:
-    """Raises TypeError for what is no whole number."""
+    """Raise TypeError unless all are integers."""
     for value in values:
         if not isinstance(value, int):
             raise TypeError(f"can't convert {type(value).__name__} to int")
 
 
 def random_module(clock_us: int) -> ModuleType:
-    """``clock_us``: what the hub seeds itself with when the program starts."""
+    """``clock_us``: the hub's seed at program start."""
     source = _Yasmarang(clock_us)
 
     def getrandbits(k: int, /) -> int:
@@ -176,7 +176,7 @@ _WIDE = frozenset("iIlLqQd")
 
 
 class _Layout:
-    """A format string as the hub reads it: native ``l`` has 4 bytes; values are wrapped, not refused."""
+    """A format string as a hub reads it: native ``l`` has 4 bytes; values wrap around."""
 
     def __init__(self, text: str) -> None:
         if not re.fullmatch(r"[@<>!]?(\d*[xbBhHiIlLqQPOsefd])*", text):

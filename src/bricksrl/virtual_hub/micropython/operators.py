@@ -1,6 +1,6 @@
-"""Arithmetic of a hub: results are 31-bit integers or 32-bit floats.
+"""Arithmetic of a hub: 31-bit integers and 32-bit floats.
 
-The transformation of a program (``transform.py``) calls these around every operation that could leave those ranges.
+The transformed program (``transform.py``) calls these for operations that could exceed the ranges.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _LARGEST = 3.4028234663852886e38
 
 
 def small(value: int) -> int:
-    """An integer that a hub can hold.
+    """The integer, if a hub can hold it.
 
     Raises:
         OverflowError: it needs more than 31 bits.
@@ -36,7 +36,7 @@ def small(value: int) -> int:
 
 
 def normalizer() -> Callable[[Any], Any]:
-    """A function that rounds floats and checks integers; one for each program, because it keeps a scratch cell."""
+    """A function that rounds floats and checks integers; one per program, as it keeps a scratch cell."""
     cell = memoryview(bytearray(4)).cast("f")
 
     def normalize(value: Any) -> Any:
@@ -58,7 +58,7 @@ def normalizer() -> Callable[[Any], Any]:
 
 
 def _single_int(value: Any) -> Any:
-    """Integers become floats in an operation with floats; large ones lose digits then."""
+    """Integers become floats in operations with floats; large ones lose digits."""
     return to_single(value) if type(value) is int and not -_EXACT <= value <= _EXACT else value
 
 
@@ -74,7 +74,7 @@ def int_from_float(value: float) -> int:
 
 
 def to_int(kind: type, *args: Any, **kwargs: Any) -> Any:
-    """``int(...)`` as called under the name of ``kind``."""
+    """``int(...)``, named ``kind`` in the program."""
     if kind is not int:
         return kind(*args, **kwargs)
     _refuse_keywords(kwargs)
@@ -101,13 +101,13 @@ def to_int(kind: type, *args: Any, **kwargs: Any) -> Any:
         raise ValueError(f"invalid syntax for integer with base {base}: {representation(unread)}") from None
     except TypeError:
         raise TypeError(f"can't convert {type(args[0]).__name__} to int") from None
-    if abs(value) > SMALL_MAX:  # the digits are read before the sign counts
+    if abs(value) > SMALL_MAX:  # digits are read before the sign
         raise OverflowError("long int not supported in this build")
     return value
 
 
 def to_float(kind: type, *args: Any, **kwargs: Any) -> Any:
-    """``float(...)`` as called under the name of ``kind``."""
+    """``float(...)``, named ``kind`` in the program."""
     if kind is not float:
         return kind(*args, **kwargs)
     _refuse_keywords(kwargs)
@@ -123,7 +123,7 @@ def to_float(kind: type, *args: Any, **kwargs: Any) -> Any:
 
 
 def to_str(kind: type, *args: Any, **kwargs: Any) -> Any:
-    """``str(...)`` as called under the name of ``kind``."""
+    """``str(...)``, named ``kind`` in the program."""
     if kind is not str:
         return kind(*args, **kwargs)
     _refuse_keywords(kwargs)
@@ -136,7 +136,7 @@ def _refuse_keywords(kwargs: Mapping[str, object]) -> None:
 
 
 def _to_bytes(value: Any, *args: Any, **kwargs: Any) -> Any:
-    """``value.to_bytes(...)``; a negative integer is written as its two's complement."""
+    """``value.to_bytes(...)``; negative integers as two's complement."""
     if not isinstance(value, int):
         return value.to_bytes(*args, **kwargs)
     _refuse_keywords(kwargs)
@@ -147,7 +147,7 @@ def _to_bytes(value: Any, *args: Any, **kwargs: Any) -> Any:
 
 
 def _from_bytes(kind: Any, *args: Any, **kwargs: Any) -> Any:
-    """``kind.from_bytes(...)``: no sign, and of more than four bytes those that count least."""
+    """``kind.from_bytes(...)``: unsigned, only the lowest four bytes."""
     if kind is not int:
         return kind.from_bytes(*args, **kwargs)
     _refuse_keywords(kwargs)
@@ -156,14 +156,14 @@ def _from_bytes(kind: Any, *args: Any, **kwargs: Any) -> Any:
 
 
 def _slice(container: Any, start: Any, stop: Any, step: Any) -> Any:
-    """``container[start:stop:step]``; only lists can be read with a step."""
+    """``container[start:stop:step]``; only lists support a step."""
     if step is not None and step != 1 and isinstance(container, str | bytes | bytearray | tuple):
         raise NotImplementedError("only slices with step=1 (aka None) are supported")
     return container[start:stop:step]
 
 
 def _sliced(container: Any, step: Any) -> Any:
-    """``container``, when a slice of it can be replaced or deleted: only in lists, and only one without a step."""
+    """The container of an assigned or deleted slice: only lists, without a step."""
     if isinstance(container, bytearray | memoryview):
         raise TypeError(f"'{type(container).__name__}' object doesn't support item assignment")
     if step is not None and isinstance(container, list):
@@ -179,7 +179,7 @@ def _set_slice(value: Any, container: Any, start: Any, stop: Any, step: Any) -> 
 
 
 def _bitwise(operation: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
-    """Truth values are numbers here, and dicts have no union."""
+    """Truth values are numbers; dicts have no union."""
 
     def operate(a: Any, b: Any) -> Any:
         if type(a) is bool and type(b) is bool:
@@ -192,13 +192,13 @@ def _bitwise(operation: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
 
 
 def _dict_display(*parts: Any) -> HubDict:
-    """``{key: value, ...}`` with as many slots as keys, from values and keys in turn: a hub computes the value first."""
+    """``{key: value, ...}`` with as many slots as keys; alternating values and keys, as a hub computes the value first."""
     values, keys = parts[::2], parts[1::2]
     return HubDict.sized(len(keys), zip(keys, values, strict=True))
 
 
 def _dict_comprehension(pairs: list[tuple[Any, Any]]) -> HubDict:
-    """Of values and keys."""
+    """From values and keys."""
     return HubDict.sized(0, ((key, value) for value, key in pairs))
 
 
@@ -207,12 +207,12 @@ def _set_display(*values: Any) -> HubSet:
 
 
 def _keyword_arguments(names: dict[str, Any]) -> HubDict:
-    """What arrives as ``**names``."""
+    """Arguments received as ``**names``."""
     return HubDict.sized(len(names), names.items())
 
 
 def operators(names: Mapping[str, object]) -> dict[str, Any]:
-    """Functions that the transformed program calls, by the names that no program can write. ``names``: the program's globals."""
+    """Functions for the transformed program, by names that programs cannot write. ``names``: the program's globals."""
     normalize = normalizer()
 
     def divide(a: Any, b: Any) -> Any:

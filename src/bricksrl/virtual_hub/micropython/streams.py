@@ -1,4 +1,4 @@
-"""``BytesIO`` and ``StringIO`` of a hub: both hold bytes, and both take texts and bytes."""
+"""``BytesIO`` and ``StringIO`` of a hub: both hold bytes, and accept text and bytes."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from typing import Any
 
 
 def as_bytes(value: Any) -> bytes:
-    """What is in a buffer; a text is one too.
+    """Bytes of a buffer or text.
 
     Raises:
-        TypeError: it is no buffer.
+        TypeError: it is not a buffer.
     """
     if isinstance(value, str):
         return value.encode()
@@ -20,7 +20,7 @@ def as_bytes(value: Any) -> bytes:
 
 
 class BytesIO(io.BytesIO):
-    """Bytes as a file; a number instead of bytes reserves memory on a hub."""
+    """Bytes as a file; an initial number reserves memory."""
 
     def __init__(self, initial: Any = b"", /) -> None:
         super().__init__(b"" if isinstance(initial, int) else as_bytes(initial))

@@ -1,4 +1,4 @@
-"""The modules ``sys``, ``select``, ``io``, ``json``, ``errno``, ``gc`` and ``micropython`` of a hub."""
+"""Modules ``sys``, ``select``, ``io``, ``json``, ``errno``, ``gc`` and ``micropython`` of a hub."""
 
 from __future__ import annotations
 
@@ -24,18 +24,18 @@ _POLLIN, _POLLOUT, _POLLERR, _POLLHUP = 1, 4, 8, 16
 _CTRL_C = 3
 _ENOENT = 2
 _STACK_BYTES, _BLOCK_BYTES = 8 * 1024, 16
-_FOREVER_MS = 1000  # then it looks again, and dozes on
+_FOREVER_MS = 1000  # polling interval
 
 
 class ProgramInterrupt(KeyboardInterrupt):
-    """The hub's KeyboardInterrupt, which is the program's own affair: nobody has pressed a key on this computer."""
+    """The hub's KeyboardInterrupt, unrelated to this computer's keyboard."""
 
 
 ProgramInterrupt.__name__ = "KeyboardInterrupt"
 
 
 def is_of_program(error: BaseException) -> bool:
-    """True if the program raised it, and neither somebody who ends the program from outside nor a scene that fails."""
+    """Whether the program raised it, not an external stop or a failing scene."""
     if isinstance(error, SceneError):
         return False
     if isinstance(error, Exception | ProgramInterrupt):
@@ -44,7 +44,7 @@ def is_of_program(error: BaseException) -> bool:
 
 
 class Keyboard:
-    """The byte that stops a program when it comes in; ``kbd_intr(-1)`` lets it through."""
+    """The byte that interrupts a program; ``kbd_intr(-1)`` disables it."""
 
     def __init__(self) -> None:
         self.interrupt = _CTRL_C
@@ -56,7 +56,7 @@ class Keyboard:
 
 
 class FileIO:
-    """Standard input (0) or output (1), as bytes."""
+    """Standard input (0) or output (1) as bytes."""
 
     def __init__(self, number: int, console: Console, keyboard: Keyboard, tick: Callable[[], None]) -> None:
         self.number = number
@@ -80,7 +80,7 @@ class FileIO:
         pass
 
     def events(self) -> int:
-        # Standard output never reports itself ready: programs register standard input without a mask and rely on it.
+        # Standard output is never ready: programs register standard input without a mask and rely on it.
         return _POLLIN if self._console.available() else 0
 
     def read(self, size: int = -1) -> Any:
@@ -111,7 +111,7 @@ class FileIO:
 
 
 class TextIOWrapper(FileIO):
-    """Standard input or output, as text; ``buffer`` is the stream of bytes beneath."""
+    """Standard input or output as text; ``buffer`` is the byte stream."""
 
     def __init__(self, number: int, console: Console, keyboard: Keyboard, tick: Callable[[], None]) -> None:
         super().__init__(number, console, keyboard, tick)
@@ -131,7 +131,7 @@ class TextIOWrapper(FileIO):
 
 
 class Poll:
-    """``select.poll()``; ``doze`` lets simulated time pass until input may have come, and returns how long it was."""
+    """``select.poll()``; ``doze`` advances simulated time until possible input, and returns its duration."""
 
     def __init__(self, doze: Callable[[int], int], tick: Callable[[], None]) -> None:
         self._doze, self._tick = doze, tick
@@ -211,7 +211,7 @@ def select_module(doze: Callable[[int], int], tick: Callable[[], None]) -> Modul
 
 
 def micropython_module(keyboard: Keyboard, console: Console, heap_bytes: int) -> ModuleType:
-    """Memory of this computer is not that of a hub: all of its heap counts as free."""
+    """Memory statistics: the whole heap counts as free."""
     state = {"level": 0, "locks": 0}
 
     def kbd_intr(character: int) -> None:

@@ -1,4 +1,4 @@
-"""Text of values on a hub: ``str`` and ``repr``."""
+"""``str`` and ``repr`` of values on a hub."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ def _address(value: object) -> str:
 
 
 def uncaught(error: BaseException) -> str:
-    """The last line of a traceback: a hub does not ask the class for its ``__str__`` there, but for its ``__repr__``."""
+    """Last line of a traceback: by the class's ``__repr__``, not its ``__str__``."""
     if type(error).__repr__ is not BaseException.__repr__:
         return repr(error)
     return f"{class_name(type(error))}: {_exception_text(error)}"

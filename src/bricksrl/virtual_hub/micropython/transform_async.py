@@ -1,4 +1,4 @@
-"""``async for`` and ``async with`` as a hub's compiler spells them out: in a coroutine that is a generator."""
+"""``async for`` and ``async with`` expanded as by the hub's compiler, in a coroutine that is a generator."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ while MORE:
 else:
     ELSE
 """
-# A hub has no __class__, so there whatever is raised in an `async with` ends as AttributeError.
+# A hub has no __class__, so any exception in an `async with` ends as AttributeError.
 _WITH = """
 CONTEXT = VALUE
 TARGET = yield from CONTEXT.__aenter__()
@@ -37,13 +37,13 @@ _HELPERS = {"ANY": "@any", "ATTRIBUTE": "@attr"}
 
 
 def async_for(node: ast.AsyncFor) -> list[ast.stmt]:
-    """The statements that stand for an ``async for``, the parts of which are transformed already."""
+    """Statements of an ``async for`` with transformed parts."""
     parts = {"VALUE": node.iter, "TARGET": node.target}
     return _filled(_FOR, node, parts, {"BODY": node.body, "ELSE": node.orelse})
 
 
 def async_with(node: ast.AsyncWith) -> list[ast.stmt]:
-    """The statements that stand for an ``async with``, the parts of which are transformed already."""
+    """Statements of an ``async with`` with transformed parts."""
     body = node.body
     for item in reversed(node.items):
         target = item.optional_vars or ast.Name("@unused", ast.Store())
@@ -67,7 +67,7 @@ def _filled(
 
 
 class _Filler(ast.NodeTransformer):
-    """Puts the parts into a template; other names in capitals become names that no program can write."""
+    """Fills a template; other capital names become names that programs cannot write."""
 
     def __init__(self, parts: dict[str, ast.expr], blocks: dict[str, list[ast.stmt]], place: str) -> None:
         self._parts = parts

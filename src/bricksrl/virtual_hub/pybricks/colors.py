@@ -1,4 +1,4 @@
-"""Nearest detectable color of a measured one, in the whole numbers of the firmware (``pbio/color``, v4)."""
+"""Nearest detectable color, in the firmware's integer arithmetic (``pbio/color``, v4)."""
 
 from __future__ import annotations
 
@@ -7,16 +7,16 @@ from math import trunc
 
 from bricksrl.virtual_hub.stimuli import Hsv
 
-_LEAST_SATURATION_PCT = 40  # up to here a color counts as gray,
-_LEAST_VALUE_PCT = 1  # and so does what is as dark as this
-_WRONG_KIND = 1000  # beyond every distance between two hues or two values
+_LEAST_SATURATION_PCT = 40  # up to this saturation a color is a gray,
+_LEAST_VALUE_PCT = 1  # and up to this value
+_WRONG_KIND = 1000  # above every distance between hues or values
 
 
 def nearest(measured: Hsv, candidates: Sequence[Hsv]) -> int | None:
-    """Index of the first of the nearest candidates; ``None`` where there are none.
+    """Index of the first nearest candidate, or ``None``.
 
-    Grays are told by their value and full colors by their hue, so that the distance to the surface does not matter. As soon as
-    a candidate is neither, distances are those within a double cone, from black at one tip to white at the other.
+    Grays are compared by value and full colors by hue, independent of the distance to the surface. If a candidate is neither,
+    distances are in a double cone with black and white at the tips.
     """
     is_ideal = all(_is_gray(candidate) or _is_full(candidate) for candidate in candidates)
     distance = _ideal_distance if is_ideal else _cone_distance
@@ -32,7 +32,7 @@ def _is_full(color: Hsv) -> bool:
 
 
 def _ideal_distance(measured: Hsv, candidate: Hsv) -> int:
-    """Degrees of hue or percent of value; more where one is a gray and the other is not."""
+    """Degrees of hue or percent of value; larger if only one is a gray."""
     hue, saturation, value = measured
     looks_gray = saturation <= _LEAST_SATURATION_PCT or value <= _LEAST_VALUE_PCT
     if looks_gray:
@@ -46,7 +46,7 @@ def _between_hues(a: int, b: int) -> int:
 
 
 def _cone_distance(a: Hsv, b: Hsv) -> int:
-    """Squared, in a double cone 20 000 high and wide. A negative value lies below black, farther away from all colors."""
+    """Squared distance in a double cone, 20 000 high and wide. Negative values are below black, far from all colors."""
     ax, ay, az = _in_cone(a)
     bx, by, bz = _in_cone(b)
     dx, dy = trunc((bx - ax) / 10_000), trunc((by - ay) / 10_000)
@@ -54,14 +54,14 @@ def _cone_distance(a: Hsv, b: Hsv) -> int:
 
 
 def _in_cone(color: Hsv) -> tuple[int, int, int]:
-    """Two coordinates of chroma, times 10 000, and the lightness."""
+    """Two chroma coordinates, times 10 000, and lightness."""
     hue, saturation, value = color
     radius = max(value, 0) * saturation
     return radius * _sine(hue + 90), radius * _sine(hue), (200 - saturation) * value
 
 
 def _sine(angle_deg: int) -> int:
-    """10 000 times the sine: a parabola for each half of a turn's halves, up and down."""
+    """10 000 times the sine, by parabolas."""
     x = angle_deg % 360
     x, sign = (x - 180, -1) if x >= 180 else (x, 1)
     x = 180 - x if x >= 90 else x

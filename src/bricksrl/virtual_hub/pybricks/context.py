@@ -1,4 +1,4 @@
-"""Context of one program's Pybricks modules: the machine, the run loop, and how they refuse and wait."""
+"""Context of a program's Pybricks modules: machine, run loop, argument checks."""
 
 from __future__ import annotations
 
@@ -39,13 +39,13 @@ _MESSAGES = {
 
 
 def os_error(code: int) -> HubOSError:
-    """The error that the firmware raises for this number, with its text."""
+    """The firmware's error for a number, with its text."""
     return HubOSError(code, _MESSAGES[code])
 
 
 @contextmanager
 def refusals() -> Iterator[None]:
-    """Errors of the motor control, as the firmware words them."""
+    """Convert errors of the motor control to the firmware's."""
     try:
         yield
     except HubOSError:
@@ -59,10 +59,10 @@ def refusals() -> Iterator[None]:
 
 
 def get_int(value: Any) -> int:
-    """A whole number; floats are cut off, as nearly everywhere in the firmware.
+    """An integer; floats are truncated, as mostly in the firmware.
 
     Raises:
-        TypeError: it is no number.
+        TypeError: it is not a number.
     """
     if type(value) is int:
         return value
@@ -72,15 +72,15 @@ def get_int(value: Any) -> int:
 
 
 def percentage(value: Any) -> int:
-    """A whole number within 0..100; what is beyond becomes the nearest of them."""
+    """An integer, clamped to 0..100."""
     return max(0, min(100, get_int(value)))
 
 
 def get_number(value: Any) -> float:
-    """A number as a float.
+    """A float.
 
     Raises:
-        TypeError: it is none.
+        TypeError: it is not a number.
     """
     if not isinstance(value, int | float):
         raise TypeError(f"can't convert {type(value).__name__} to float")
@@ -88,7 +88,7 @@ def get_number(value: Any) -> float:
 
 
 def get_text(value: Any) -> str:
-    """A text, or the bytes of one.
+    """Text, or bytes as text.
 
     Raises:
         TypeError: it is neither.
@@ -99,10 +99,10 @@ def get_text(value: Any) -> str:
 
 
 def get_array(value: Any) -> Sequence[Any]:
-    """A tuple or list as it is.
+    """A tuple or list, unchanged.
 
     Raises:
-        TypeError: it is something else.
+        TypeError: it is neither.
     """
     if not isinstance(value, list | tuple):
         raise TypeError(f"object '{type(value).__name__}' isn't a tuple or list")
@@ -115,13 +115,13 @@ def get_scaled(value: Any, scale: int) -> int:
 
 
 def expect_type(value: Any, kind: type) -> None:
-    """Raises TypeError, in the firmware's words, for a value of another class."""
+    """Raise the firmware's TypeError for a value of another class."""
     if not isinstance(value, kind):
         raise TypeError(f"can't convert {type(value).__name__} to {kind.__name__}")
 
 
 class Async:
-    """Awaitable that a method returns inside the run loop: done as soon as ``is_done`` says so, then it has a value."""
+    """Awaitable of a method in the run loop; completes with a value when ``is_done``."""
 
     __slots__ = ("_is_done", "_on_close", "_result", "_state")
 
@@ -144,11 +144,11 @@ class Async:
             raise StopIteration(self._result() if self._result is not None else None)
 
     def cancel(self) -> None:
-        """Let whoever awaits this go on, because another command took over."""
+        """Complete early, as another command replaced this one."""
         self._state = "cancelled"
 
     def close(self) -> None:
-        """Give up: what was started is stopped."""
+        """Abort: stop what was started."""
         if self._state == "running":
             self._state = "cancelled"
             if self._on_close is not None:
@@ -156,7 +156,7 @@ class Async:
 
 
 class RunLoop:
-    """State of ``run_task``, and how methods wait inside and outside of it."""
+    """State of ``run_task``, and waiting inside and outside of it."""
 
     def __init__(self, machine: Machine) -> None:
         self.machine = machine
@@ -164,7 +164,7 @@ class RunLoop:
         self.is_busy = False
 
     def turn_over(self) -> None:
-        """Let the time of one turn of ``run_task`` pass: next to none where a task only let the others go first."""
+        """Advance one turn of ``run_task``; almost nothing if a task only yielded."""
         if self.is_busy:
             self.is_busy = False
             self.machine.charge_call()
@@ -172,7 +172,7 @@ class RunLoop:
             self.machine.advance(1)
 
     def yield_once(self) -> Async:
-        """Something to await that only lets the other tasks go first."""
+        """An awaitable that only yields to other tasks."""
         looks = iter((False, True))
 
         def is_done() -> bool:
@@ -193,10 +193,10 @@ class RunLoop:
         on_close: Callable[[], None] | None = None,
         grain_ms: int = 0,
     ) -> Any:
-        """Wait here and now, or return something to await.
+        """Wait now, or return an awaitable.
 
         Args:
-            grain_ms: how much time passes between two looks; 0 for the next control loop.
+            grain_ms: time between checks; 0 for the next control loop.
         """
         if self.is_active:
             return Async(is_done, result, on_close)
@@ -208,7 +208,7 @@ class RunLoop:
         return result() if result is not None else None
 
     def wait_until(self, end_ms: int, on_close: Callable[[], None] | None = None) -> Any:
-        """Wait for a time of the machine."""
+        """Wait for a simulated time."""
         if self.is_active:
             return Async(lambda: self.machine.time_ms >= end_ms, None, on_close)
         if end_ms > self.machine.time_ms:
@@ -216,16 +216,16 @@ class RunLoop:
         return None
 
     def value(self, get: Callable[[], Any]) -> Any:
-        """A sensor's value: at once, or to await."""
+        """A sensor's value, now or as an awaitable."""
         return Async(lambda: True, get, None) if self.is_active else get()
 
     def done(self) -> Any:
-        """A command without an answer that is over at once."""
+        """A command that completes immediately."""
         return self.value(lambda: None)
 
 
 class Latest:
-    """The command of a device that is awaited: a new one always wins, and who awaits the old one goes on."""
+    """The current awaited command of a device; a new one replaces it and lets its awaiter continue."""
 
     def __init__(self, loop: RunLoop) -> None:
         self._loop = loop
@@ -243,7 +243,7 @@ class Latest:
         on_close: Callable[[], None] | None = None,
         grain_ms: int = 0,
     ) -> Any:
-        """As that of the run loop, in place of the command before."""
+        """As `RunLoop.finish`, after cancelling the previous command."""
         self.cancel()
         outcome = self._loop.finish(is_done, result, on_close, grain_ms)
         if isinstance(outcome, Async):
@@ -264,14 +264,14 @@ _Class = TypeVar("_Class", bound=type)
 
 
 def bound(kind: _Class, context: Context) -> _Class:
-    """A class of its own for one program, whose objects find the machine."""
+    """A subclass for one program, whose objects know the machine."""
     own = type(kind.__name__, (kind,), {"_context": context, "_loop": context.loop, "_machine": context.machine})
     own.__qualname__, own.__module__ = kind.__qualname__, kind.__module__
     return own  # type: ignore[return-value]
 
 
 def charged(method: Callable[..., Any]) -> Callable[..., Any]:
-    """A method that takes no simulated time, counted."""
+    """A method that takes no simulated time, counted to end busy loops."""
 
     @functools.wraps(method)
     def call(self: Any, *args: Any, **kwargs: Any) -> Any:

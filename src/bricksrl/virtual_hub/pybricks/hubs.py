@@ -1,4 +1,4 @@
-"""``pybricks.hubs``: only the class of the hub that the robot has."""
+"""``pybricks.hubs``: the class of the robot's hub."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _PARTS: dict[HubKind, dict[str, Any]] = {
 
 
 class _Hub:
-    """Its parts exist once for a program, however often the class is called."""
+    """A hub; its parts exist once per program."""
 
     _parts: dict[str, Any]
     _context: Context
@@ -54,7 +54,7 @@ class _OrientedHub(_Hub):
 def hubs_module(context: Context, kind: HubKind) -> ModuleType:
     parts = {name: part(context) for name, part in _PARTS[kind].items()}
     if kind is not HubKind.PRIME:
-        parts["button"] = parts["buttons"]  # its older name
+        parts["button"] = parts["buttons"]  # older name
     base = _OrientedHub if "imu" in parts else _Hub
     hub = type(kind.model.class_name, (base,), {"_parts": parts, "_context": context})
     names = {kind.model.class_name: hub, "ThisHub": hub}

@@ -1,4 +1,4 @@
-"""The icons of a 5x5 light matrix."""
+"""Icons of a 5x5 light matrix."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ _ROWS = {
 
 
 class Icon:
-    """The named pictures, and those that are called up by the bits of a number, 100 where one is set."""
+    """Named icons, and pictures from the bits of numbers, 100 for set bits."""
 
     def __call__(self, *bits: Any) -> Any:
         if len(bits) != 1:

@@ -1,4 +1,4 @@
-"""``pybricks.iodevices``: what is plugged in presents itself; nothing wireless is near."""
+"""``pybricks.iodevices``: plugged-in devices; no wireless devices."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from bricksrl.virtual_hub.pybricks.wireless import LWP3Device, XboxController, w
 
 
 class PUPDevice:
-    """Any device on a port: it says what it is. Its modes are not simulated."""
+    """Any device on a port, with its identity; modes are not simulated."""
 
     _loop: RunLoop
     _machine: Machine
@@ -37,7 +37,7 @@ class PUPDevice:
 
     @charged
     def reset(self) -> None:
-        """As if it had just been plugged in."""
+        """As if just plugged in."""
 
     def read(self, mode: Any) -> Any:
         raise os_error(errno.EOPNOTSUPP)
@@ -61,7 +61,7 @@ def _device_id(machine: Machine, port: str) -> int | None:
 
 
 class UARTDevice:
-    """A device that speaks UART on a port: there is none."""
+    """A UART device on a port: there is none."""
 
     _loop: RunLoop
     _parameters: Parameters

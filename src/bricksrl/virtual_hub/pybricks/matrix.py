@@ -26,7 +26,7 @@ def _number(value: Any) -> float:
 
 
 class Matrix:
-    """Immutable; a matrix of one element is a float."""
+    """Immutable matrix; one element is a float."""
 
     __slots__ = ("_rows",)
     _rows: list[list[float]]
@@ -48,7 +48,7 @@ class Matrix:
         return _made([list(column) for column in zip(*self._rows, strict=True)])
 
     def flat(self) -> list[float]:
-        """All elements, row by row."""
+        """All elements by rows."""
         return [x for row in self._rows for x in row]
 
     def __iter__(self) -> Iterator[float]:

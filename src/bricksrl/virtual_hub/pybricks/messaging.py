@@ -1,4 +1,4 @@
-"""``pybricks.messaging``: AppData and the radio, as of Pybricks 4.0."""
+"""``pybricks.messaging`` of Pybricks 4.0: AppData and radio."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def messaging_module(context: Context) -> ModuleType:
     machine = context.machine
 
     class AppData:
-        """Bytes beside the standard streams: what the host writes replaces what was there."""
+        """A byte buffer besides the standard streams; the host overwrites it."""
 
         def __init__(self, modes: Any) -> None:
             if not isinstance(console, AppDataConsole):

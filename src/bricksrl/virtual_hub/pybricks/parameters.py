@@ -51,7 +51,7 @@ Button = _enumeration(
 
 
 class _Buttons:
-    """``Button`` as a program has it: no class but an object with the buttons for attributes."""
+    """``Button``: not a class but an object with buttons as attributes."""
 
     def __getattr__(self, name: str) -> Any:
         if name.startswith("_") or not hasattr(Button, name):
@@ -63,14 +63,14 @@ class _Buttons:
 
 
 def buttons(names: Iterable[str]) -> HubSet:
-    """A set of ``Button``, from their names in small letters."""
+    """A set of ``Button`` from lower-case names."""
     return HubSet(getattr(Button, name.upper()) for name in names)
 
 
 class Color:
-    """Hue 0..359, saturation 0..100, brightness -100..100. Only the very objects that are named print their names.
+    """Hue 0..359, saturation 0..100, value -100..100. Only the named objects print their names.
 
-    Equal ones count as the same key of a dict, as where all slots of a hub's table are taken; ``hash()`` is the address.
+    Equal colors are the same dict key, as in a full hash table of a hub; ``hash()`` is the address.
     """
 
     __slots__ = ("_name", "h", "s", "v")
@@ -93,7 +93,7 @@ class Color:
         return f"Color(h={self.h}, s={self.s}, v={self.v})" if self._name is None else f"Color.{self._name}"
 
     def named(self, name: str) -> None:
-        """Print as this name from now on, if it has none yet."""
+        """Set the printed name, if there is none yet."""
         if self._name is None:
             object.__setattr__(self, "_name", name)
 
@@ -138,7 +138,7 @@ NAMED_COLORS = {name: Color(*hsv, name) for name, hsv in _COLORS.items()}
 
 
 class _Palette:
-    """``Color`` as a program has it: no class but a dictionary of the named colors, which it may change for itself."""
+    """``Color``: not a class but a dict of named colors, which a program may change."""
 
     __slots__ = ("_colors",)
     _colors: HubDict
@@ -162,7 +162,7 @@ class _Palette:
         del self._colors[name]
 
     def __getattr__(self, name: str) -> Any:
-        if name.startswith("__"):  # Python's own questions, as whether this is a class
+        if name.startswith("__"):  # Python's own queries, such as whether this is a class
             raise AttributeError(name)
         return self._colors[name]
 
@@ -194,14 +194,14 @@ class Axis:
 
 
 class Parameters:
-    """The enumerations of one kind of hub: it has no other ports than these."""
+    """Enumerations of a kind of hub, with its ports only."""
 
     def __init__(self, hub: HubModel, has_display: bool) -> None:
         self.Port = _enumeration("Port", " ".join(hub.ports))
         self._has_display = has_display
 
     def port_letter(self, port: Any) -> str:
-        """The letter of a ``Port``. Raises TypeError for anything else."""
+        """Letter of a ``Port``; raises TypeError for other values."""
         expect_type(port, self.Port)
         return str(port._name)
 

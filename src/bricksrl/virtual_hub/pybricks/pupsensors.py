@@ -1,4 +1,4 @@
-"""Sensors and lights of ``pybricks.pupdevices``, on the ports where the robot's description has them."""
+"""Sensors and lights of ``pybricks.pupdevices`` on the robot's ports."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ _TOUCHED_UM = 100
 _MOST_TILT_DEG = 45
 _INFRARED_MOST_RAW = 500
 _SEND_MS = 250
-_WRITE_MS = 11  # more than the 10 ms of lego_device_data_set_delay
+_WRITE_MS = 11  # above the 10 ms of lego_device_data_set_delay
 
 
 class Device:
-    """Something on a port.
+    """A device on a port.
 
-    What it measures, or does, depends on its mode. In another mode than before, its first values are stale for ``_switch_ms``
-    (``lego_device_stale_data_delay``), and whoever reads waits as long.
+    Measurements depend on the mode. After a mode change values are stale for ``_switch_ms`` (``lego_device_stale_data_delay``),
+    and reads wait that long.
     """
 
     _machine: Machine
@@ -66,7 +66,7 @@ class Device:
         return self._loop.finish(lambda: self._machine.time_ms >= ready_ms, get, grain_ms=self._switch_ms)
 
     def _write(self, mode: str, duration_ms: int = _WRITE_MS) -> Any:
-        """Let it do something that nobody sees, and wait until it has."""
+        """Command without a visible effect; waits until it is done."""
         self._machine.charge_call()
         self._mode = mode
         return self._loop.wait_until(self._machine.time_ms + duration_ms)
@@ -109,7 +109,7 @@ class ColorLight:
 
 
 class UltrasonicSensor(Device):
-    """Distance in mm, 2000 when nothing is near."""
+    """Distance in mm, 2000 if nothing is near."""
 
     _mode = "DISTL"
     _switch_ms = 50
@@ -128,7 +128,7 @@ class UltrasonicSensor(Device):
         return self._measure("DISTL", lambda: self._machine.body.distance_mm(self._letter))
 
     def presence(self) -> Any:
-        """Presence of another ultrasonic sensor that is heard: there is none."""
+        """Presence of another ultrasonic sensor: there is none."""
         return self._measure("LISTN", lambda: False)
 
 
@@ -164,7 +164,7 @@ class _SeesColors(Device):
 
 
 class ColorSensor(_SeesColors):
-    """The SPIKE color sensor, which can switch its light off."""
+    """SPIKE color sensor."""
 
     _kind = SensorKind.COLOR
 
@@ -183,7 +183,7 @@ class ColorSensor(_SeesColors):
 
 
 class ColorDistanceSensor(_SeesColors):
-    """The Powered Up (BOOST) color and distance sensor."""
+    """Powered Up (BOOST) color and distance sensor."""
 
     _kind = SensorKind.COLOR_DISTANCE
 
@@ -209,7 +209,7 @@ class ColorDistanceSensor(_SeesColors):
 
 
 class ForceSensor(Device):
-    """A button on a spring, which is pushed in all the way at 10 N."""
+    """A button on a spring, fully pressed at 10 N."""
 
     _kind = SensorKind.FORCE
 
@@ -234,7 +234,7 @@ class ForceSensor(Device):
 
 
 class InfraredSensor(Device):
-    """The WeDo 2.0 motion sensor: the more light comes back, the nearer the thing (``pb_type_pupdevices_infraredsensor.c``)."""
+    """WeDo 2.0 motion sensor: more reflected light means nearer (``pb_type_pupdevices_infraredsensor.c``)."""
 
     _kind = SensorKind.INFRARED
 
@@ -260,7 +260,7 @@ class InfraredSensor(Device):
 
 
 class TiltSensor(Device):
-    """The WeDo 2.0 tilt sensor, up to 45 degrees each way."""
+    """WeDo 2.0 tilt sensor, up to 45 degrees."""
 
     _kind = SensorKind.TILT
 

@@ -1,4 +1,4 @@
-"""Messages between hubs over Bluetooth. A virtual hub is alone in the air: it can send, and hears nobody."""
+"""Bluetooth messages between hubs. A virtual hub sends, but receives nothing."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _NOTHING_HEARD_DBM = -128
 
 
 class Radio:
-    """``hub.ble`` and ``pybricks.messaging.BLERadio``. Channels are 0 to 255."""
+    """``hub.ble`` and ``pybricks.messaging.BLERadio``; channels 0 to 255."""
 
     _loop: RunLoop
 
@@ -55,7 +55,7 @@ class Radio:
 
 
 def _encoded_bytes(value: Any) -> int:
-    """Size of one value in an advertisement: a byte that tells its type, and the value."""
+    """Size of a value in an advertisement: type byte and value."""
     if isinstance(value, bool):
         return 1
     if isinstance(value, int):
@@ -70,7 +70,7 @@ def _encoded_bytes(value: Any) -> int:
 
 
 def radio_class(context: Context) -> type[Radio]:
-    """``BLERadio`` for one program: the radio of Pybricks 4, apart from the hub."""
+    """``BLERadio`` of Pybricks 4, separate from the hub."""
 
     class BLERadio(Radio):
         def __init__(self, broadcast_channel: Any = None, observe_channels: Any = ()) -> None:

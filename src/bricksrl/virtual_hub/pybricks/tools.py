@@ -17,7 +17,7 @@ from bricksrl.virtual_hub.pybricks.parameters import Axis
 
 
 class StopWatch:
-    """Time in ms since it was made or reset, without its pauses."""
+    """Time in ms since construction or reset, without pauses."""
 
     _machine: Machine
 
@@ -49,7 +49,7 @@ class StopWatch:
 
 
 class Task:
-    """``multitask(...)``: several tasks in turns, until all of them, or with ``race`` one of them, are done."""
+    """``multitask(...)``: tasks in turns until all, or with ``race`` one, are done."""
 
     def __init__(self, *tasks: Any, race: Any = False) -> None:
         self._tasks = tasks
@@ -87,14 +87,14 @@ class Task:
 
 
 def _iterator(task: Any) -> Iterator[Any]:
-    """Raises TypeError for a task that was not called, among others."""
+    """Iterator of a task; raises TypeError for an uncalled one."""
     if isinstance(task, FunctionType) and isgeneratorfunction(task):
         raise TypeError("'generator' object isn't iterable")
     return iter(task)
 
 
 def tools_module(context: Context, has_display: bool, app_data: type[Any]) -> ModuleType:
-    """``pybricks.tools``, where ``AppData`` has been before, too."""
+    """``pybricks.tools``, which also has the old ``AppData``."""
     machine, loop = context.machine, context.loop
 
     def wait(time: Any) -> Any:
@@ -148,10 +148,10 @@ def tools_module(context: Context, has_display: bool, app_data: type[Any]) -> Mo
 
 
 def _menu(context: Context, entries: tuple[Any, ...]) -> Any:
-    """The entry that is chosen with the buttons left and right, and then center.
+    """The entry selected by the left, right and center buttons.
 
     Raises:
-        TwinError: nobody is there to press.
+        TwinError: nobody can press them.
     """
     machine, display, panel = context.machine, LightMatrix(context), context.machine.panel
     for entry in reversed(entries):

@@ -1,6 +1,6 @@
-"""Devices that connect over Bluetooth. None but a remote control is ever near: looking for others takes its time, and fails.
+"""Bluetooth devices. Only a remote control can be near: searches for others take their time and fail.
 
-What they are called and how they refuse: ``pybricks`` 4.0 on PyPI, and the firmware's ``pb_type_pupdevices_remote.c``.
+Names and errors: ``pybricks`` 4.0 on PyPI, and the firmware's ``pb_type_pupdevices_remote.c``.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from bricksrl.virtual_hub.pybricks.context import Context, RunLoop, bound, charg
 from bricksrl.virtual_hub.pybricks.parameters import Color, buttons
 
 _LONGEST_NAME = 14
-_SEARCH_MS = 500  # until a remote control that is switched on has been found
+_SEARCH_MS = 500  # until a switched-on remote control is found
 _REMOTE_BUTTONS = ("left_plus", "left_minus", "right_plus", "right_minus", "left", "right", "center")
 _LONGEST_MESSAGE_BYTES = 20
 
@@ -31,7 +31,7 @@ def _absent(name: str) -> Callable[..., Any]:
 
 
 class Wireless:
-    """Base of all of them."""
+    """Base class."""
 
     _loop: RunLoop
     _machine: Machine
@@ -67,7 +67,7 @@ class Wireless:
 
 
 class _Part:
-    """A part of a device that is not connected."""
+    """A part of an unconnected device."""
 
     def __init__(self, machine: Machine) -> None:
         self._machine = machine
@@ -132,7 +132,7 @@ class _RemoteLight(_Part):
 
 
 class Remote(Wireless):
-    """The remote control: near where the panel has one."""
+    """The remote control, near if the panel has one."""
 
     def __init__(self, name: Any = None, timeout: Any = 10000, connect: Any = True) -> None:
         self.buttons, self.light = _RemoteButtons(self._machine), _RemoteLight(self._machine)
@@ -201,5 +201,5 @@ class XboxController(Wireless):
 
 
 def wireless(kinds: tuple[type[Wireless], ...], context: Context) -> dict[str, Any]:
-    """Classes of one program, by their names."""
+    """Classes for one program, by name."""
     return {kind.__name__: bound(kind, context) for kind in kinds}
