@@ -26,7 +26,7 @@ class CrossQSettings(EntropySettings):
     adam_beta: Annotated[float, ShareBelowOne] = 0.5
     actor_delay: Annotated[int, Range(1)] = 3
     alpha_init: Annotated[float, Positive] = 0.1
-    momentum: Annotated[float, Range(0.0, 1.0, above=True)] = 0.01
+    momentum: Annotated[float, Range(0.0, 1.0, above=True)] = 0.05
     """Weight of a batch in the running statistics of batch normalisation."""
 
 

@@ -49,7 +49,7 @@ _PAPER: dict[str, Any] = {
 _OF_PAPER: dict[str, dict[str, Any]] = {
     "droq": {**_DROQ, "critic_layer_norm": True},
     "redq": _REDQ,
-    "crossq": {"learning_rate": 1e-3},
+    "crossq": {"learning_rate": 1e-3, "momentum": 0.01},
     "iql": {"expectile": 0.5, "temperature": 1.0},
     "cql": {"lagrange_threshold": 5.0, "imitation_updates": 1000},
     # Zhao et al. 2023, appendix; ensemble, latent size and weight decay from their released code
