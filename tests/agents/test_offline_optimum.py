@@ -123,7 +123,7 @@ def imitated() -> float:
         return regret(learned("bc", dropout=0.0))
 
 
-def test_the_task_leaves_room_to_improve(imitated: float) -> None:
+def test_data_policy_is_not_optimal(imitated: float) -> None:
     class Middle:
         def exploit(self, state: TensorDict) -> TensorDict:
             return state.set("action", (-state["observation"] / REACH).clamp(-1.0, 1.0))
@@ -133,7 +133,7 @@ def test_the_task_leaves_room_to_improve(imitated: float) -> None:
     assert imitated > 0.1
 
 
-def test_bc_finds_the_mean_of_the_behaviour() -> None:
+def test_bc_finds_mean_behaviour() -> None:
     agent = learned("bc", dropout=0.0)
     mean = behaviour(STARTS, QUANTILES[:, None]).mean(0)
     torch.testing.assert_close(acted(agent, STARTS), mean, rtol=0.0, atol=0.12)
@@ -144,7 +144,7 @@ def bold_iql() -> Learner:
     return learned("iql", 400, expectile=0.95, temperature=10.0)
 
 
-def test_iql_with_the_middle_expectile_finds_the_values_of_the_behaviour() -> None:
+def test_iql_with_middle_expectile_finds_behaviour_values() -> None:
     agent = learned("iql", 400, expectile=0.5)
     found = values_of(agent, STARTS)
     best, usual = value_at(BEST, STARTS), value_at(OF_BEHAVIOUR, STARTS)
@@ -152,7 +152,7 @@ def test_iql_with_the_middle_expectile_finds_the_values_of_the_behaviour() -> No
     assert (found - best).mean() < -0.2
 
 
-def test_iql_with_a_high_expectile_approaches_the_best_values() -> None:
+def test_iql_with_high_expectile_approaches_best_values() -> None:
     agent = bold_iql()
     found = values_of(agent, STARTS)
     best, usual = value_at(BEST, STARTS), value_at(OF_BEHAVIOUR, STARTS)
@@ -164,7 +164,7 @@ def test_offline_agents_improve_on_the_data(imitated: float, agent: str, share: 
     assert regret(bold_iql() if agent == "iql" else learned(agent, 400)) < share * imitated
 
 
-def test_cql_believes_less_than_is_true_where_the_data_is_not() -> None:
+def test_cql_underestimates_outside_of_data() -> None:
     """Values of actions that the data never has are pressed down below those of the data, and below what they are worth."""
     careful_one, bold = learned("cql", 250, min_q_weight=2.0), learned("sac", 250)
     x = torch.full((1, 1), 0.9)

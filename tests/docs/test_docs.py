@@ -80,7 +80,7 @@ def clone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("page", FOLLOWED, ids=lambda page: page.stem)
-def test_a_page_can_be_followed_line_by_line(page: Path, clone: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_docs_pages_can_be_executed(page: Path, clone: Path, capfd: pytest.CaptureFixture[str]) -> None:
     done = [words for words in commands(page) if not (needs_a_robot(words) or needs_a_browser(words) or words[0] == "doctor")]
     for words in done:
         code = main(cheap(words))
@@ -117,7 +117,7 @@ def test_notebooks_run(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPat
 
 
 @pytest.mark.slow
-def test_the_first_notebook_runs_in_a_kernel(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_first_notebook_runs_in_kernel(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("BRICKSRL_QUICK", "1")
     notebook = nbformat.read(NOTEBOOKS[0], 4)
     nbclient.NotebookClient(
@@ -137,7 +137,7 @@ def test_notebooks_hold_no_outputs_and_open_in_colab() -> None:
 
 
 @pytest.mark.slow
-def test_the_site_is_built_without_warnings_and_its_links_lead_somewhere(tmp_path: Path) -> None:
+def test_site_builds_without_warnings_or_broken_links(tmp_path: Path) -> None:
     copy = tmp_path / "docs"
     shutil.copytree(DOCS, copy, ignore=shutil.ignore_patterns("_build"))
     command = [

@@ -26,7 +26,7 @@ SPEEDS, TURNS = st.floats(-600, 600), st.floats(-360, 360)
 
 
 @pytest.mark.parametrize("move", FIRMWARE["run_angle_repeated"], ids=lambda move: f"{move['speed']} deg/s")
-def test_commands_that_overlap(move: dict[str, Any]) -> None:
+def test_overlapping_commands(move: dict[str, Any]) -> None:
     position = speed = torch.zeros(1)
     for expected in move["angles_after_each_then_at_rest"][:-1]:
         turned, speed = turn_on(
@@ -45,7 +45,7 @@ def test_every_moment_of_one_command() -> None:
 
 
 @given(TURNS, SPEEDS, st.floats(10, 1000))
-def test_with_time_it_arrives_and_rests(turn: float, speed: float, limit: float) -> None:
+def test_motion_arrives_and_rests(turn: float, speed: float, limit: float) -> None:
     # The firmware takes a start that is too fast to stop, or too fast at all, as it comes: leave those out.
     turned, rest = turn_on(torch.tensor([turn]), torch.tensor([speed]), torch.tensor([limit]), 60.0)
     assert turned.item() == pytest.approx(turn, abs=0.05)

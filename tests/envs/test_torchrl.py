@@ -26,7 +26,7 @@ def returns(envs: EnvBase) -> list[float]:
 
 
 @pytest.mark.slow
-def test_several_robots_in_one_process_and_in_many_do_the_same() -> None:
+def test_serial_and_parallel_envs_are_equal() -> None:
     here, there = returns(SerialEnv(2, MAKE)), returns(ParallelEnv(2, MAKE))
     assert here == there
     assert all(one > 0 for one in here)
@@ -34,7 +34,7 @@ def test_several_robots_in_one_process_and_in_many_do_the_same() -> None:
 
 @pytest.mark.filterwarnings("ignore:Creating .*WeightUpdater:DeprecationWarning")  # TorchRL's own, when it is loaded
 @pytest.mark.parametrize(("env_id", "frames"), [("RunAway-v0", 50), ("WalkerSim-v0", 150)])
-def test_a_collector_goes_on_over_the_ends_of_episodes(env_id: str, frames: int) -> None:
+def test_collector_continues_over_episode_ends(env_id: str, frames: int) -> None:
     from torchrl.collectors import Collector
 
     collector = Collector(bricksrl.make(env_id, seed=0), None, frames_per_batch=frames, total_frames=2 * frames)

@@ -92,7 +92,7 @@ def test_motors_stop_with_the_next_connection_event(world: World) -> None:
     assert world.hub.commands.count(Command.STOP_USER_PROGRAM) == 1
 
 
-def test_a_stop_behind_a_write_leaves_with_its_acknowledgement(world: World) -> None:
+def test_stop_follows_pending_write(world: World) -> None:
     """Bluetooth lets one write wait at a time: it arrives, it is acknowledged, and the next event brings the stop."""
     link = patient_link(world, SLOW_STEP)
     with held(world) as connection_event:
@@ -116,7 +116,7 @@ def test_a_stop_behind_a_write_leaves_with_its_acknowledgement(world: World) -> 
     assert isinstance(step.error, StoppedError)
 
 
-def test_nothing_moves_until_it_is_released(world: World) -> None:
+def test_nothing_moves_until_release(world: World) -> None:
     link = world.link()
     link.open()
     link.act([1000])
@@ -132,7 +132,7 @@ def test_nothing_moves_until_it_is_released(world: World) -> None:
     assert world.hub.is_running
 
 
-def test_a_stop_while_the_program_starts(world: World) -> None:
+def test_stop_during_program_start(world: World) -> None:
     """The program may start after it was stopped: it is stopped again."""
     link = world.link(SLOW_STEP)
     start, stopped = link._transport.start, threading.Event()
@@ -149,7 +149,7 @@ def test_a_stop_while_the_program_starts(world: World) -> None:
     assert link.state is LinkState.FAULT
 
 
-def test_a_stop_out_of_reach_is_left_to_the_watchdog(world: World) -> None:
+def test_stop_out_of_reach_relies_on_watchdog(world: World) -> None:
     link = world.link()
     link.open()
     link.act([3000])
@@ -166,7 +166,7 @@ def virtual() -> Iterator[HubLink]:
         yield link
 
 
-def test_a_virtual_hub_stops_for_another_thread(virtual: HubLink) -> None:
+def test_virtual_hub_stops_from_other_thread(virtual: HubLink) -> None:
     hub = virtual._transport
     virtual.act([100, 100])
     moving = [servo for servo in hub.machine.servos.values() if servo.control.is_active]
@@ -181,7 +181,7 @@ def test_a_virtual_hub_stops_for_another_thread(virtual: HubLink) -> None:
     virtual.act([100, 100])
 
 
-def test_a_streaming_link_is_stopped_and_rests_too() -> None:
+def test_streaming_link_stops_and_rests() -> None:
     hub = VirtualHub(make_body(TWO_WHEELER))
     with StreamingLink(hub, TWO_WHEELER, SPINNING) as link:
         link.act([100, 100])
@@ -198,7 +198,7 @@ def test_a_streaming_link_is_stopped_and_rests_too() -> None:
         link.act([100, 100])
 
 
-def test_a_stop_on_the_way_of_the_answer(virtual: HubLink) -> None:
+def test_stop_during_answer(virtual: HubLink) -> None:
     hub = virtual._transport
     write = hub.write
 
@@ -214,7 +214,7 @@ def test_a_stop_on_the_way_of_the_answer(virtual: HubLink) -> None:
     assert not any(servo.is_open for servo in hub.machine.servos.values()), "the program has ended, the motors coast"
 
 
-def test_rest_stops_the_motors_and_leaves_the_program(virtual: HubLink) -> None:
+def test_rest_stops_motors_not_program(virtual: HubLink) -> None:
     hub = virtual._transport
     virtual.act([100, 100])
     assert virtual.state is LinkState.ARMED

@@ -17,7 +17,7 @@ from bricksrl.envs.tasks.spinning import SPINNING
 pytestmark = pytest.mark.realtime
 
 
-def test_an_episode_over_bluetooth(world: World) -> None:
+def test_episode_over_bluetooth(world: World) -> None:
     placed = []
     connection = Connection(world.link(SPINNING.interface), placed.append, SonarOdometer(SPINNING.interface))
     env = HubEnv(SPINNING, lambda _seed: connection, seed=0)

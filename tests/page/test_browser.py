@@ -153,7 +153,7 @@ def test_every_button(browser: object, played: Played) -> None:
         page.get_by_text("battery").wait_for()
 
 
-def test_the_space_bar_stops_whatever_has_the_focus(browser: object, played: Played) -> None:
+def test_space_bar_stops_with_any_focus(browser: object, played: Played) -> None:
     with tab(browser, played.page.url) as page:
         until(lambda: played.steps > 1, "it plays")
         button(page, "Resume" if played.page._paused else "Pause").focus()
@@ -163,7 +163,7 @@ def test_the_space_bar_stops_whatever_has_the_focus(browser: object, played: Pla
         until(lambda: not played.is_driven, "motors are at rest")
 
 
-def test_two_tabs_and_a_reload_in_mid_run(browser: object, played: Played) -> None:
+def test_two_tabs_and_reload_during_run(browser: object, played: Played) -> None:
     with tab(browser, played.page.url) as first, tab(browser, played.page.url) as second:
         for page in (first, second):
             page.wait_for_selector("#scene[data-frames]")
@@ -191,7 +191,7 @@ def pull_forward(page: object) -> None:
     page.mouse.move(box["x"] + box["width"] / 2, box["y"] - 10)
 
 
-def test_a_human_drives_and_comes_to_rest(browser: object) -> None:
+def test_human_drives_then_rests(browser: object) -> None:
     with playing("Spinning-v0", by_hand=True) as played, tab(browser, played.page.url) as page:
         page.wait_for_selector("#scene[data-frames]")
         slider = page.get_by_role("slider").first
@@ -211,7 +211,7 @@ def test_a_human_drives_and_comes_to_rest(browser: object) -> None:
         until(lambda: played.page.driver.pushes == [0.0, 0.0], "a driver whose tab is gone pushes nothing")
 
 
-def test_a_phone(browser: object, played: Played) -> None:
+def test_page_on_phone(browser: object, played: Played) -> None:
     with tab(browser, played.page.url, 390, 844) as page:
         page.wait_for_selector("#scene[data-frames]")
         stop, view = (page.locator(name).bounding_box() for name in ("#stop", "#view"))
@@ -223,7 +223,7 @@ def test_a_phone(browser: object, played: Played) -> None:
         state_is(page, "STOPPED")
 
 
-def test_a_foreign_page_can_press_no_button(browser: object, played: Played) -> None:
+def test_foreign_page_cannot_press_buttons(browser: object, played: Played) -> None:
     """It knows the port and even has the token in an address: neither its scripts nor its frames get in."""
     port = played.page.url.split(":")[2].split("/")[0]
     asks = f"""<script>
@@ -259,7 +259,7 @@ def test_a_foreign_page_can_press_no_button(browser: object, played: Played) -> 
     assert not played.page.is_stopped
 
 
-def test_who_has_no_token_gets_nothing(played: Played) -> None:
+def test_access_without_token_is_denied(played: Played) -> None:
     base = played.page.url.partition("?")[0]
     requests = [
         urllib.request.Request(base),

@@ -62,7 +62,7 @@ def assert_linked_within_episodes(result: RunResult) -> None:
             assert torch.equal(rows["next.observation"][place], rows["observation"][following])
 
 
-def test_a_run_goes_on_after_the_gap_and_nothing_is_remembered_across_it(config, monkeypatch) -> None:
+def test_run_continues_after_lost_link_without_linking(config, monkeypatch) -> None:
     monkeypatch.setattr(connection, "_FIRST_PAUSE_S", 0.05)
     observer = Notes()
     started_s = time.perf_counter()
@@ -77,14 +77,14 @@ def test_a_run_goes_on_after_the_gap_and_nothing_is_remembered_across_it(config,
     assert_linked_within_episodes(result)
 
 
-def test_an_episode_without_a_step_leaves_no_trace(config) -> None:
+def test_episode_without_steps_is_dropped(config) -> None:
     result = train(config, env=LosingCart(1, failures=0))
     assert [episode.link_lost for episode in result.episodes] == [False] * 5
     assert len(result.episodes) == 5
     assert_linked_within_episodes(result)
 
 
-def test_patience_ends(config, monkeypatch, tmp_path: Path) -> None:
+def test_lost_robot_raises_after_patience(config, monkeypatch, tmp_path: Path) -> None:
     monkeypatch.setattr(connection, "_FIRST_PAUSE_S", 0.02)
     started_s = time.perf_counter()
     with pytest.raises(HubTimeoutError, match="not there"):
@@ -100,12 +100,12 @@ class HopelessCart(LosingCart):
         return True
 
 
-def test_a_robot_that_answers_only_to_resets_ends_patience_too(config) -> None:
+def test_robot_answering_only_resets_exhausts_patience(config) -> None:
     with pytest.raises(HubTimeoutError, match="did not answer"):
         train(replace(config, patience_s=0.3), env=HopelessCart(1))
 
 
-def test_ctrl_c_ends_the_waiting(config, monkeypatch) -> None:
+def test_ctrl_c_ends_wait_for_robot(config, monkeypatch) -> None:
     monkeypatch.setattr(connection, "_FIRST_PAUSE_S", 60.0)
     timer = threading.Timer(1.0, ctrl_c)
 
@@ -140,7 +140,7 @@ class Breaking(VirtualHub):
 
 
 @pytest.mark.parametrize("asynchronous", [False, True])
-def test_the_virtual_robot_comes_back_too(asynchronous: bool, tmp_path: Path) -> None:
+def test_virtual_robot_returns(asynchronous: bool, tmp_path: Path) -> None:
     hub = Breaking(make_body(RUN_AWAY.robot, scene=RUN_AWAY.scene))
     link = HubLink(hub, RUN_AWAY.robot, RUN_AWAY.interface)
     env = HubEnv(RUN_AWAY, lambda _: Connection(link, hub.reset, SonarOdometer(RUN_AWAY.interface)), seed=0)

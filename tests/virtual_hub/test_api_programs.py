@@ -66,7 +66,7 @@ def programs() -> Iterator[Program]:
             yield Program(section, source.replace("|", "\n").replace("\n=", "|="), printed.strip().replace(" | ", "\n"))
 
 
-def test_there_are_many() -> None:
+def test_there_are_many_programs() -> None:
     assert sum(1 for _ in programs()) >= 200
 
 
