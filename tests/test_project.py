@@ -1,4 +1,4 @@
-"""The project's own promises: versions, layers, and what the README says."""
+"""Project rules: versions, layers, README."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whatever takes a seed refuses what cannot be one, before it does anything; the commands are in ``cli/test_app.py``."""
+"""Seed validation; commands are in ``cli/test_app.py``."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""All agents: how they act, what settings do, and states that go on bit for bit."""
+"""All agents: acting, settings, states."""
 
 from __future__ import annotations
 
@@ -125,7 +125,7 @@ def test_policy_state_restores_actions(agent: str) -> None:
 
 
 def go_on(learner: Learner) -> list[Tensor]:
-    """All that changes in more steps and updates."""
+    """Continue with more frames and updates."""
     torch.manual_seed(1)
     if learner.imitates:
         learner.dataset = dataset(chunk=learner.chunk)
@@ -199,8 +199,6 @@ def test_broken_state_raises(agent: str, wrong: dict[str, Any]) -> None:
 
 @pytest.mark.parametrize("agent", LEARNING)
 def test_state_has_plain_values(agent: str) -> None:
-    """Tensors, numbers, strings, and dictionaries and lists of them: a file of it holds no code."""
-
     def plain(value: Any) -> bool:
         if isinstance(value, dict):
             return all(isinstance(key, str | int) and plain(one) for key, one in value.items())
@@ -281,9 +279,9 @@ ELSEWHERE = (
     "executed",
     "ensemble",
 )
-"""Settings of which other tests tell that they work."""
+"""Settings with tests of their own."""
 OF_DATASET = ("batch_size", "hidden")
-"""Settings of imitators that whoever makes the dataset reads, or none: ACT has transformers."""
+"""Imitation settings that only affect the dataset, or nothing in ACT."""
 
 
 @pytest.mark.parametrize(
@@ -315,7 +313,7 @@ def _usual(agent: str) -> list[Tensor]:
 
 
 def _with(agent: str, **changes: Any) -> list[Tensor]:
-    """Weights after some steps of learning with a setting changed, and how often it learns; the same where that does nothing."""
+    """Weights and number of updates after some learning with a changed setting."""
     changes = {"batch_size": 4, **changes} if agent == "ppo" else changes
     learner = make(agent, **changes)
     if learner.on_policy or learner.imitates:

@@ -1,4 +1,4 @@
-"""Policies that predict chunks of actions: how chunks are carried out, and what ACT and the diffusion policy learn."""
+"""Action chunks, ACT and the diffusion policy."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from bricksrl.agents.imitation.chunks import ActionChunkBuffer
 from bricksrl.agents.learner import Learner
 
 RHYTHM = torch.tensor([1.0, 1.0, -1.0, -1.0, 1.0, -1.0])
-"""What is to be done in an episode, or the opposite of it."""
+"""Actions of an episode, or their opposites."""
 
 
 class Silent(EnvBase):
-    """Only the specs of an environment of two entries and two actions."""
+    """Specs of an environment with two entries and two actions."""
 
     def __init__(self) -> None:
         super().__init__(batch_size=())
@@ -38,7 +38,7 @@ class Silent(EnvBase):
 
 
 def demonstrations(chunk: int, episodes: int = 40) -> Any:
-    """At the first step is shown which way around the rhythm goes, and nothing later on."""
+    """Only the first observation shows the direction of the rhythm."""
     length = len(RHYTHM)
     signs = torch.tensor([1.0, -1.0]).repeat(episodes // 2)
     observation = torch.zeros(episodes, length, 2)
@@ -62,7 +62,7 @@ def student(agent: str, updates: int, **changes: Any) -> Learner:
 
 
 def performed(learner: Learner, *signs: float) -> Tensor:
-    """What it does in an episode ``[steps, m]``, of several robots ``[steps, robots, m]``."""
+    """Actions of an episode ``[steps, m]``, or of several robots ``[steps, robots, m]``."""
     learner.reset_policy()
     first = torch.tensor([[sign, 0.0] for sign in signs])
     first = first[0] if len(signs) == 1 else first

@@ -1,4 +1,4 @@
-"""Compiled updates: the same losses and gradients as eager ones for the same noise, in one graph."""
+"""Compiled updates equal eager ones."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from bricksrl.errors import RunError
 
 
 def compiled(learner: Learner, backend: str = "eager") -> CompiledGradients:
-    """By the tracer alone, which needs no C++ compiler and takes seconds."""
+    """Traced without machine code, which needs no C++ compiler."""
     assert isinstance(learner.loss, ActorCriticLoss)
     return CompiledGradients(learner.loss, learner.device, backend)
 

@@ -1,4 +1,4 @@
-"""CQL's losses and gradients against TorchRL's, and the soft maximum whose gradient is taken at drawn actions."""
+"""CQL's losses and gradients against TorchRL's, and the drawn gradient of the soft maximum."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def make(**changes: Any) -> CQLLoss:
 
 
 class Noise:
-    """The same draws for both, in the order in which each asks for them."""
+    """Equal draws for both losses, in each one's order."""
 
     def __init__(self) -> None:
         self.of_target, self.of_actor, self.here, self.later = torch.randn(4, N, ACTION).unbind()
@@ -129,7 +129,7 @@ def test_imitation_ends_after_its_updates() -> None:
 
 
 def pressure_gradient(loss: CQLLoss, data: Batch) -> Tensor:
-    """Gradient of the pressure for the critics."""
+    """Gradient of the penalty for the critics."""
     parts = torch.autograd.grad(loss.qvalue_loss(data)["loss_cql"], list(loss.critics.parameters()))
     return torch.cat([part.flatten() for part in parts])
 

@@ -31,7 +31,7 @@ N = 64
 
 
 def make() -> CrossQLoss:
-    """A loss whose networks have seen a batch before: their running statistics are no longer 0 and 1."""
+    """A loss with running statistics other than 0 and 1."""
     body, values = batch_normalised(actor(2 * ACTION), 0.1), Critics(batch_normalised(one, 0.1) for one in critics())
     for _ in range(3):
         body(torch.randn(N, 5) * 2.0 + 1.0)

@@ -1,4 +1,4 @@
-"""Encoders: observations in physical units to the features that networks learn from."""
+"""Observation encoders."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Agents that learn from images: the same algorithms with an encoder that sees."""
+"""Agents with images."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The learner: what an update does and in which order, how many are due, and where batches come from."""
+"""Learner: order and number of updates, source of batches."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from bricksrl.agents.replay import TransitionReplayBuffer, make_replay_buffer
 
 
 class Counting(LossModule):  # type: ignore[misc]
-    """A loss of one weight each for critics and actor, which notes what is done."""
+    """A loss with one weight each for critics and actor, which logs calls."""
 
     out_keys = ("loss_qvalue", "loss_actor", "loss_extra", "told")
 

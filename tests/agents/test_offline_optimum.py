@@ -1,7 +1,7 @@
-"""Offline agents on a task whose best and whose behaviour's values are known: bring a point on a line to its middle.
+"""Offline agents on a task with known values: move a point on a line to its middle.
 
-A point at ``x`` in -1..1 moves by 0.3 a step at most; the reward is minus the square of where it gets. The data was made by a
-policy that goes the right way too timidly and with much noise. Values are computed by dynamic programming on a fine grid.
+A point at ``x`` in -1..1 moves by at most 0.3 a step; the reward is minus the square of the new position. The data is from a
+noisy, too timid policy. Values are computed by dynamic programming on a fine grid.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ SMALL = {"hidden": (32, 32), "batch_size": 128, "gamma": GAMMA, "learning_rate":
 
 
 class Line(EnvBase):
-    """Only the specs of the task."""
+    """Specs of the task."""
 
     def __init__(self) -> None:
         super().__init__(batch_size=())
@@ -60,7 +60,7 @@ def value_at(values: Tensor, x: Tensor) -> Tensor:
 
 
 def solve(actions: Tensor, reduce: Callable[[Tensor], Tensor]) -> Tensor:
-    """Values ``[401]`` of choosing among ``actions`` ``[choices, 401]`` as ``reduce`` says."""
+    """Values ``[401]`` of ``actions`` ``[choices, 401]`` reduced by ``reduce``."""
     after = move(GRID, actions)
     values = torch.zeros(401)
     for _ in range(100):
@@ -90,7 +90,7 @@ def acted(learner: Any, x: Tensor) -> Tensor:
 
 
 def regret(learner: Any) -> float:
-    """The difference to the best return, on average over all starts."""
+    """Mean difference to the best return over all starts."""
     x, total = STARTS, torch.zeros(41)
     for step in range(25):
         x = move(x, acted(learner, x))
@@ -117,7 +117,7 @@ def values_of(learner: Learner, x: Tensor) -> Tensor:
 
 @pytest.fixture(scope="module")
 def imitated() -> float:
-    """The regret of imitation."""
+    """Regret of imitation."""
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(4)
         return regret(learned("bc", dropout=0.0))
@@ -165,7 +165,7 @@ def test_offline_agents_improve_on_the_data(imitated: float, agent: str, share: 
 
 
 def test_cql_underestimates_outside_of_data() -> None:
-    """Values of actions that the data never has are pressed down below those of the data, and below what they are worth."""
+    """Values of actions outside of the data are below those of the data and below their true values."""
     careful_one, bold = learned("cql", 250, min_q_weight=2.0), learned("sac", 250)
     x = torch.full((1, 1), 0.9)
     away = torch.ones(1, 1)  # to the right, where the behaviour hardly ever goes

@@ -1,4 +1,4 @@
-"""Policies of one algorithm as those of another, held near what they were at first."""
+"""Policy transfer between algorithms, and the anchor."""
 
 from __future__ import annotations
 
@@ -134,7 +134,7 @@ def test_anchor_state_is_restored() -> None:
 
 
 def test_transferred_policy_does_not_collapse() -> None:
-    """One without an anchor leaves what it could do within a few updates of its new critics."""
+    """Without an anchor the policy is lost within a few updates."""
     source, seen = learned("bc", updates=100, dropout=0.0, actor_layer_norm=False), steps(30)
     distances = []
     for held in (True, False):

@@ -1,4 +1,4 @@
-"""PPO from many copies, and what it learns in a few rounds."""
+"""PPO with many copies."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def test_ppo_improves_simulated_walker() -> None:
 
 
 def test_truncation_bootstraps_termination_does_not() -> None:
-    """The advantage of a last step knows the value behind a time limit alone."""
+    """Only at a time limit does the last advantage include the next value."""
     targets = []
     for name in ("truncated", "terminated"):
         learner = make("ppo")

@@ -1,4 +1,4 @@
-"""Goal relabelling: other goals for what was done, with the rewards and ends that the task has for them."""
+"""Goal relabelling with rewards and terminations."""
 
 from __future__ import annotations
 
@@ -93,7 +93,7 @@ def test_buffer_keeps_original_goals() -> None:
 @pytest.mark.parametrize("capacity", [1000, 43])
 @pytest.mark.parametrize("copies", [1, 2])
 def test_hindsight_stays_within_episode_and_horizon(capacity: int, copies: int) -> None:
-    """The joint angles tell episode and step, so that a goal tells where it was reached."""
+    """Joint angles encode episode and step."""
     count, length = 60 // copies, 7
     frames = steps(count).expand(copies, count).clone()
     for copy in range(copies):

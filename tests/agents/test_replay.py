@@ -1,4 +1,4 @@
-"""Replay: which transition followed which, n-step sums, chunks, images, and a state that goes on where it was."""
+"""Replay buffers: successors, n-step sums, chunks, images, states."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ GAMMA = 0.9
 def numbered(
     first: int, count: int, *, done: tuple[int, ...] = (), fell: tuple[int, ...] = (), lost: tuple[int, ...] = ()
 ) -> Any:
-    """Transitions ``[count]`` that are numbered in their observation, action and reward; ``done`` and the others are numbers."""
+    """Transitions ``[count]`` numbered in observation, action and reward."""
     number = torch.arange(first, first + count)
 
     def among(which: tuple[int, ...]) -> torch.Tensor:
@@ -40,7 +40,7 @@ def memory(capacity: int = 100, batch_size: int = 50, **kind: Any) -> EpisodicRe
 
 
 def followers(buffer: EpisodicReplayBuffer) -> dict[int, int | None]:
-    """For the number of each transition in the buffer that of the one that followed it."""
+    """The number of each transition's successor."""
     numbers = [int(one) for one in buffer[:]["observation"].flatten()]
     places = [int(place) for place in buffer._successor[: len(numbers)]]
     return {number: None if place == buffer._none else numbers[place] for number, place in zip(numbers, places, strict=True)}
@@ -107,7 +107,7 @@ def test_full_buffer_overwrites_oldest_newest_has_no_successor(parts: tuple[int,
 
 
 def test_copies_overwrite_oldest() -> None:
-    """A buffer with less than two steps of each copy: places of the last transitions are written anew at once."""
+    """With less than two steps of each copy, the last transitions are overwritten immediately."""
     buffer = memory(capacity=5)
     for step in range(6):
         buffer.extend(torch.stack([numbered(100 * copy + step, 1) for copy in range(3)]))
@@ -123,7 +123,7 @@ def test_too_many_frames_raise() -> None:
 
 @dataclass
 class Reference:
-    """A list of all transitions in their order, each with that which it followed."""
+    """A list of transitions with predecessors."""
 
     capacity: int
     kept: list[int] = field(default_factory=list)
@@ -177,7 +177,7 @@ def test_successors_equal_list_reference(capacity: int, copies: int, calls: list
 
 
 def summed(number: int, n: int, followed: dict[int, int | None], fell: set[int]) -> tuple[float, int, int]:
-    """Reward, last number and count of steps from a number on, step by step."""
+    """Reward sum, last number and step count from a number on."""
     reward, steps, at = float(number), 1, number
     while steps < n and at not in fell and followed[at] is not None:
         at = followed[at]  # type: ignore[assignment]

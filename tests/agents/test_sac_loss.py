@@ -102,7 +102,7 @@ def test_losses_and_gradients_equal_torchrl(options: dict[str, Any], steps: bool
 
 
 def masked(x: Tensor, p: float = 0.5, training: bool = True, inplace: bool = False) -> Tensor:
-    """Dropout of the same units in each network."""
+    """Equal dropout masks in all networks."""
     kept = (torch.arange(x[0].numel()) * 7 + torch.arange(len(x))[:, None]) % 5 > 0
     return x * kept.view(x.shape) / (1.0 - p) if training and p else x
 
@@ -123,7 +123,7 @@ def test_droq_equals_torchrls_with_dropout(monkeypatch: pytest.MonkeyPatch) -> N
 
 
 def test_redq_equals_torchrls(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Its temperature learns from the next step's actions too in TorchRL, and from this step's alone with us."""
+    """In TorchRL the temperature also learns from the next step's actions."""
     loss, data, noise = make(count=5, num_min_qs=2, actor_q="mean"), batch(N), draws()
     oracle = REDQLoss(
         their_gaussian(loss.actor, loss.settings.min_scale),

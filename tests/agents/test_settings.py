@@ -1,4 +1,4 @@
-"""Settings and presets: values by name, and what is refused."""
+"""Settings and presets."""
 
 from __future__ import annotations
 

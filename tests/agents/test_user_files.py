@@ -1,4 +1,4 @@
-"""Algorithms and networks of a user's own, from files."""
+"""Algorithms and networks from users' files."""
 
 from __future__ import annotations
 

@@ -101,7 +101,7 @@ def test_user_is_asked_to_place_robot_each_episode(fails, trained, monkeypatch, 
     task = get_task("RunAway-v0")
 
     def make_env(config, place):
-        """A robot that is placed by hand, as over Bluetooth."""
+        """A robot that needs placing by hand, as over Bluetooth."""
         twin = VirtualHub(make_body(task.robot, scene=task.scene))
         link = HubLink(twin, task.robot, task.interface)
         return HubEnv(task, lambda _seed: Connection(link, place, SonarOdometer(task.interface)), seed=0)

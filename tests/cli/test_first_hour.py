@@ -1,4 +1,4 @@
-"""Failures that new users met in their first hour, each as a test."""
+"""Failures of new users in their first hour."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ OURS = replace(PARK, id="RunAway-v0")
 
 @pytest.fixture
 def own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A file with tasks of one's own, in the present folder."""
+    """A file with user tasks in the current folder."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "own.py").write_text(OWN)
     return tmp_path
@@ -50,7 +50,7 @@ def own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 @pytest.fixture(scope="module")
 def short(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A run of two episodes of a robot of one's own."""
+    """A run of two episodes of a user's robot."""
     run_dir = tmp_path_factory.mktemp("own") / "run"
     train(TrainConfig(f"{EXAMPLES / '04_own_robot.py'}", episodes=2, run_dir=run_dir))
     return run_dir
@@ -101,7 +101,7 @@ def test_faults_in_user_file_name_line(own: Path, fails_train, task: str, says: 
 
 @pytest.fixture
 def fails_train(capfd: pytest.CaptureFixture[str]):
-    """Expect one line of error of training there."""
+    """Expect one error line of `train`."""
     import re
 
     def check(env: str, says: str) -> None:

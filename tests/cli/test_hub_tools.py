@@ -1,4 +1,4 @@
-"""``bricksrl hub scan | check | latency | calibrate | stop | rename``, on the virtual hub and over the played radio."""
+"""``bricksrl hub scan | check | latency | calibrate | stop | rename``, on the virtual hub and over a simulated radio."""
 
 from __future__ import annotations
 
@@ -133,7 +133,7 @@ def test_other_motors_are_calibrated_in_place(capfd, tmp_path: Path, fails) -> N
 
 
 def test_a_check_uses_the_calibration(capfd, tmp_path: Path) -> None:
-    """A wrong one puts the joints out of their ranges, and the check says so."""
+    """A wrong calibration puts the joints out of range, which the check reports."""
     place = ("--hub", "virtual", "--calibrations", str(tmp_path))
     folder = tmp_path / "virtual"
     folder.mkdir()

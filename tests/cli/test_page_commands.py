@@ -1,4 +1,4 @@
-"""The commands with a page: they play, record and run, tell its address, and their errors are one line."""
+"""Commands with a page."""
 
 from __future__ import annotations
 

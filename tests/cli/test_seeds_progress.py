@@ -1,4 +1,4 @@
-"""Progress of several seeds: one table, or a line for each thing that happens; and the studies that there are."""
+"""Progress of several seeds, and the list of studies."""
 
 from __future__ import annotations
 

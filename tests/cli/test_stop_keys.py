@@ -1,4 +1,4 @@
-"""Keys and signals that stop and pause a robot at work."""
+"""Keys and signals for stop and pause."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def eventually(is_so: Callable[[], object], bound_s: float = BOUND_S) -> None:
 
 
 class Robot:
-    """An environment that remembers what was wanted of it."""
+    """An environment that records requests."""
 
     def __init__(self) -> None:
         self.wanted: list[str] = []
@@ -52,7 +52,7 @@ class Robot:
 
 @contextmanager
 def laid_on(robot: object) -> Iterator[tuple[threading.Event, list[str], Callable[[str], None]]]:
-    """A hand on a robot: what it set, what it said, and its keys."""
+    """An emergency stop with its messages and keys."""
     stop, told = threading.Event(), list[str]()
     with create_pipe_input() as source, Hand(stop, told.append, keys=True, source=source) as hand:
         hand.take(robot)
@@ -73,7 +73,7 @@ def test_keys_have_names() -> None:
 
 
 def makes_ctrl_c(press: Callable[[], object]) -> None:
-    """Expect Ctrl-C of a key. It may come as soon as the key is pressed."""
+    """Expect Ctrl-C from a key."""
     with pytest.raises(KeyboardInterrupt):  # noqa: PT012
         press()
         eventually(lambda: False)

@@ -1,4 +1,4 @@
-"""``bricksrl train`` and ``resume``: what they leave behind, what they say, and Ctrl-C."""
+"""``bricksrl train`` and ``resume``: files, output, Ctrl-C."""
 
 from __future__ import annotations
 
@@ -138,7 +138,7 @@ def test_signal_stops_recorded_robot(start, tmp_path):
 
 
 def timing(dataset):
-    """Mean age of the observations in it, and the hub's time from step to step; seconds."""
+    """Mean age of observations and mean step time by the hub, seconds."""
     data = load(dataset)
     clock = data.hub_time_s[data.episode == 0]
     return data.age_s.mean().item(), (clock[1:] - clock[:-1]).mean().item()
@@ -146,7 +146,7 @@ def timing(dataset):
 
 @pytest.fixture
 def pipes(monkeypatch):
-    """How the programs that are started are spoken to."""
+    """Streams of the started programs."""
     started, start = [], VirtualHub.start
     monkeypatch.setattr(VirtualHub, "start", lambda self, program: (started.append(program.pipe), start(self, program)))
     return started

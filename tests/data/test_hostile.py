@@ -1,4 +1,4 @@
-"""Damaged, truncated, foreign and hostile datasets: one error of ours, nothing executed, nothing written."""
+"""Damaged, foreign and malicious datasets: one error, no execution, no writing."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def test_damaged_file_never_gives_wrong_data(tmp_path_factory, sound, name, plac
 
 
 def bomb_as_type() -> bytes:
-    """An Arrow extension type whose metadata is a pickle, which old readers of Arrow executed."""
+    """An Arrow extension type with a pickle as metadata, which old readers executed."""
     sink = io.BytesIO()
     metadata = {b"ARROW:extension:name": b"arrow.py_extension_type", b"ARROW:extension:metadata": pickle.dumps(Bomb())}
     field = pa.field("index", pa.int64(), metadata=metadata)
@@ -138,7 +138,7 @@ def test_inconsistent_rows_raise(tmp_path: Path, cells: dict[str, object]) -> No
     ],
 )
 def test_wrong_cell_type_or_shape_raises(tmp_path: Path, column: str, value: object) -> None:
-    """Those who join the statistics of all episodes write a new index only when they are sound."""
+    """Merging writes a new index only if all statistics are valid."""
     root = record(tmp_path / "set")
     table = pq.read_table(root / ROWS)
     pq.write_table(table.set_column(table.schema.get_field_index(column), column, pa.array([value])), root / ROWS)
@@ -150,7 +150,7 @@ def test_wrong_cell_type_or_shape_raises(tmp_path: Path, column: str, value: obj
 
 
 def test_symlink_out_of_dataset_is_not_followed(tmp_path: Path) -> None:
-    """Whatever is written replaces a link, and leaves alone what it leads to."""
+    """Writes replace a symlink, not its target."""
     root = record(tmp_path / "set")
     outside = tmp_path / "outside.json"
     outside.write_bytes((root / INFO).read_bytes())

@@ -17,7 +17,7 @@ from bricksrl.errors import DataError
 
 
 def save(folder: Path, observation: torch.Tensor, action: torch.Tensor, reward: torch.Tensor, done: torch.Tensor, **more) -> None:
-    """As the released code saves its buffer: ``observation`` ``[steps + 1, n]`` of episodes that end where ``done`` is set."""
+    """Save a buffer as the released code does: ``observation`` ``[steps + 1, n]``, episodes end at ``done``."""
     n = len(action)
     root = {"observation": observation[:-1].clone(), **{key: value[:-1].clone() for key, value in more.items()}}
     after = {"observation": observation[1:].clone(), **{key: value[1:].clone() for key, value in more.items()}}
@@ -131,7 +131,7 @@ def test_goals_without_steps_raise(tmp_path: Path) -> None:
 
 
 def reshape(root: Path, name: str, shape: list[int]) -> None:
-    """Let a tensor have another shape, all zeros."""
+    """Replace a tensor by zeros of another shape."""
     meta = json.loads((root / "meta.json").read_text())
     meta[name]["shape"] = shape
     (root / "meta.json").write_text(json.dumps(meta))

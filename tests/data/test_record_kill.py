@@ -1,4 +1,4 @@
-"""A recording that is killed loses the running episode at most; `benchmarks/record_kill.py` kills more often."""
+"""A killed recording loses at most the current episode; `benchmarks/record_kill.py` tests more often."""
 
 from __future__ import annotations
 

@@ -97,7 +97,7 @@ def test_policy_hub_round_trip(hub: Hub, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("written", [0, 1, 2])
 def test_policy_export_is_atomic(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, written: int) -> None:
-    """Whenever the process is killed, nothing has the policy's name; where the disk is full, nothing is left at all."""
+    """A killed process leaves no file with the policy's name; a full disk leaves no file."""
     run, out = tmp_path / "run", tmp_path / "new" / "policy"
     train(TrainConfig("WalkerSim-v0", "random", episodes=1, run_dir=run, record=False))
     write, names = sharing.write_durably, []

@@ -1,4 +1,4 @@
-"""Documentation: every command and snippet runs, notebooks too, the site is built without warnings."""
+"""Documentation: commands, snippets and notebooks run; the site builds without warnings."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ from bricksrl.envs.registry import _OWN
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
 FOLLOWED = [ROOT / "README.md", *(DOCS / f"{name}.md" for name in ("start", "watch", "lesson", "own", "policies"))]
-"""Pages that are followed line by line."""
+"""Pages with executed commands."""
 READ = [path for path in sorted(DOCS.glob("*.md")) if path not in FOLLOWED]
-"""Pages whose commands name robots, cameras and files of the reader's: these are parsed."""
+"""Pages with commands for the reader's robots and files, which are only parsed."""
 NOTEBOOKS = sorted((DOCS / "tutorials").glob("*.ipynb"))
 
 
@@ -36,14 +36,14 @@ def blocks(page: Path, language: str) -> list[str]:
 
 
 def commands(page: Path) -> list[list[str]]:
-    """Arguments of every command of ours on a page, in their order."""
+    """Arguments of all ``bricksrl`` commands on a page."""
     lines = [line for block in blocks(page, "bash") for line in block.splitlines()]
     lines += re.findall(r"^ {4}(bricksrl .*)$", page.read_text(encoding="utf-8"), re.MULTILINE)
     return [shlex.split(line, comments=True)[1:] for line in lines if line.startswith("bricksrl ")]
 
 
 def cheap(words: list[str]) -> list[str]:
-    """The command with fewer episodes, updates and copies, and no video: how to train is shown, not that it is good."""
+    """The command with fewer episodes, updates and copies, and no video."""
     found = list(words)
     for flag, most in (("--episodes", None), ("--updates", 20), ("--num-envs", 4)):
         if flag in found:
@@ -68,7 +68,7 @@ def needs_a_browser(words: list[str]) -> bool:
 
 @pytest.fixture
 def clone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    """A folder like a fresh clone, for one page."""
+    """A folder like a fresh clone."""
     for name in ("examples", "plans"):
         shutil.copytree(ROOT / name, tmp_path / name, ignore=shutil.ignore_patterns("__pycache__"))
     monkeypatch.chdir(tmp_path)

@@ -1,4 +1,4 @@
-"""The robot with a color sensor in docs/virtual_hub.md, as an environment."""
+"""The color sensor robot of docs/virtual_hub.md as an environment."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where a target is, reckoned from the wheels; and the two tasks of driving robots, played by hand-written controllers."""
+"""Dead reckoning, and its two tasks with scripted controllers."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ def test_parking_reward_for_distance_and_heading() -> None:
 
 
 STEPS = [(way_mm, turn_deg) for way_mm in (-15.0, 0.0, 15.0) for turn_deg in (-9.0, -2.0, 0.0, 2.0, 9.0)]
-"""What the robot can drive and turn in a step."""
+"""Maximum drive and turn per step."""
 
 
 @given(distance_mm=st.floats(32, 600), direction_deg=st.floats(-180, 180), heading_deg=st.floats(-180, 180))

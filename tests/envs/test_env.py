@@ -1,4 +1,4 @@
-"""The environment, over the real link to the virtual hub."""
+"""Robot environments over the link to the virtual hub."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def always(*values: float):
 
 
 def run_away_env(hub_class: type[VirtualHub] = VirtualHub, seed: int = 0) -> HubEnv:
-    """As ``make`` builds it, with another virtual hub."""
+    """The environment of ``make`` with another virtual hub."""
 
     def connect(twin_seed: int) -> Connection:
         twin = hub_class(make_body(RUN_AWAY.robot, scene=RUN_AWAY.scene, seed=twin_seed))
@@ -209,7 +209,7 @@ def test_link_opens_at_first_reset() -> None:
 
 
 class Deaf(VirtualHub):
-    """Its answers are lost while it does not hear."""
+    """Loses answers while it is deaf."""
 
     hears = True
 
@@ -366,7 +366,7 @@ def test_observation_norm_in_place() -> None:
 
 
 def test_user_task_on_same_robot() -> None:
-    """All that a user writes for a task of their own."""
+    """Everything that a user writes for a task."""
     task = dataclasses.replace(RUN_AWAY, id="Approach-v0", max_steps=3, reward=lambda before, _, after: (before - after)[..., 4:])
     bricksrl.register(task)
     steps = bricksrl.make("Approach-v0", seed=0).rollout(10, always(0.5))

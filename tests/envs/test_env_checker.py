@@ -1,4 +1,4 @@
-"""The checker finds nothing wrong with our environments, and everything that is wrong with others."""
+"""The environment checker on valid and wrong environments."""
 
 from __future__ import annotations
 

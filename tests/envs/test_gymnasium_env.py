@@ -1,4 +1,4 @@
-"""What users of Gymnasium see."""
+"""The Gymnasium interface."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def test_gymnasium_checker_passes(env_id: str) -> None:
 
 @IDS
 def test_torchrl_wraps_gymnasium_env(env_id: str) -> None:
-    """It first tries an option that few environments have."""
+    """TorchRL first tries a rare option."""
     env = GymEnv(f"bricksrl/{env_id}")
     check_env_specs(env)
     env.close()

@@ -1,4 +1,4 @@
-"""Motors of `WalkerSim-v1` answer as the firmware's do (tests/data/firmware_motion.json)."""
+"""Motors of `WalkerSim-v1` against the firmware (tests/data/firmware_motion.json)."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from bricksrl.errors import DescriptionError
 
 FIRMWARE = json.loads((Path(__file__).parents[1] / "data" / "firmware_motion.json").read_text())
 LAG_DEG = 2.0
-"""The motor behind its reference, and whole degrees."""
+"""Lag of the motor, and rounding to degrees."""
 SPEEDS, TURNS = st.floats(-600, 600), st.floats(-360, 360)
 
 
@@ -54,7 +54,7 @@ def test_motion_arrives_and_rests(turn: float, speed: float, limit: float) -> No
 
 @given(TURNS, SPEEDS, st.floats(0.001, 0.5))
 def test_no_jump_in_between(turn: float, speed: float, time_s: float) -> None:
-    """In a millisecond nothing turns farther than its speed allows, and no speed changes by more than the acceleration."""
+    """Speed and acceleration limits hold in every millisecond."""
     limit = torch.tensor([600.0])
     at = [turn_on(torch.tensor([turn]), torch.tensor([speed]), limit, t) for t in (time_s, time_s + 0.001)]
     (one, one_speed), (other, other_speed) = ((a.item(), b.item()) for a, b in at)
@@ -63,7 +63,7 @@ def test_no_jump_in_between(turn: float, speed: float, time_s: float) -> None:
 
 
 def test_walker_sim_v1_starts_slowly() -> None:
-    """60 degrees in the first step and about 88 in each that follows, as the firmware; a reset takes the speed away."""
+    """60 degrees in the first step and about 88 in later ones, as in the firmware; a reset clears the speed."""
     env = SimulatedEnv(get_task("WalkerSim-v1"), Kinematics(0.0, motion="firmware"), batch_size=2, seed=0)
     for _ in range(2):
         angle, turned = env.reset()["observation"][:, :4], []

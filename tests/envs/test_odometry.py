@@ -1,4 +1,4 @@
-"""How far a robot gets: along its start heading, straightness, and the estimate of a real robot."""
+"""Odometry: distance along the initial heading, straightness, estimate of a real robot."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The arm that a camera shows its goal."""
+"""The arm with an image of its goal."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def random_actions(seed: int = 1) -> Callable[[TensorDictBase], TensorDictBase]:
 
 
 def steer(env: HubEnv) -> Callable[[TensorDictBase], TensorDictBase]:
-    """Turns and stretches the arm to where the green disc is in the image."""
+    """Turn and stretch the arm towards the green disc in the image."""
 
     def act(td: TensorDictBase) -> TensorDictBase:
         red, green, blue = td["image"].int().unbind(-1)
@@ -210,7 +210,7 @@ def test_image_settings_are_saved(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_sac_learns_to_bring_the_ball_to_the_disc(tmp_path: Path) -> None:
-    """One seed tells little more than that it learns (random actions: 46 %); `benchmarks/camera_learning.py` has the rate."""
+    """One seed only shows that it learns (random actions: 46 %); `benchmarks/camera_learning.py` has the rate."""
     train(TrainConfig(ID, episodes=40, run_dir=tmp_path / "run"))
     success = evaluate(tmp_path / "run", episodes=50).success_rate
     assert success is not None

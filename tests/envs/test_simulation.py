@@ -1,4 +1,4 @@
-"""The batched simulations: specs, noise, ends, resets, and how well scripted policies do in them."""
+"""Batched simulations: specs, noise, ends, resets, scripted policies."""
 
 from __future__ import annotations
 
@@ -189,7 +189,7 @@ def test_returned_tensors_are_not_modified(env_id: str) -> None:
 
 
 def test_auto_reset_is_that_of_torchrl(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The shortcut gives what TorchRL's own way of resetting gives, number for number."""
+    """The shortcut equals TorchRL's reset."""
     runs = []
     for maybe_reset in (SimulatedEnv.maybe_reset, EnvBase.maybe_reset):
         monkeypatch.setattr(SimulatedEnv, "maybe_reset", maybe_reset)

@@ -1,4 +1,4 @@
-"""A spec with nominal bounds stays one through everything that TorchRL does to specs."""
+"""Nominal bounds survive TorchRL's operations on specs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Stopping and pausing an environment from another thread."""
+"""Stop and pause from another thread."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def test_stopped_robot_moves_only_after_release(env: HubEnv) -> None:
 
 
 def test_seeding_keeps_robot_stopped(env: HubEnv) -> None:
-    """A new seed brings a new virtual robot, which nobody has stopped."""
+    """A new seed makes a new virtual robot."""
     env.stop()
     env.set_seed(3)
     with pytest.raises(StoppedError):

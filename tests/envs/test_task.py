@@ -1,4 +1,4 @@
-"""Tasks are pure, batched functions; the numbers are those of the environment tables."""
+"""Tasks: pure, batched functions with the numbers of the tables."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""TorchRL's own tools over our environments: several at once, in processes, collected, transformed."""
+"""TorchRL's tools with our environments: serial, parallel, collectors, transforms."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ MAKE = functools.partial(bricksrl.make, "RunAway-v0")
 
 
 def returns(envs: EnvBase) -> list[float]:
-    """Of four steps of two environments, all the way back, from one seed."""
+    """Returns of four steps of two environments."""
     envs.set_seed(3)
     steps = envs.rollout(4, policy=lambda td: td.set("action", torch.full((2, 1), -1.0)))
     envs.close()

@@ -1,4 +1,4 @@
-"""Tasks of the user's own, by file or module."""
+"""Tasks from users' files and modules."""
 
 from __future__ import annotations
 

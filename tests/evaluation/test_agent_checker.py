@@ -1,4 +1,4 @@
-"""Checks of agents: ours pass, and what is wrong with one of the user's own is said in one line."""
+"""Agent checker on our agents and wrong user agents."""
 
 from __future__ import annotations
 

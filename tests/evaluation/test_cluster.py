@@ -1,4 +1,4 @@
-"""Seeds over a Ray cluster of this computer: the same numbers, also where a worker is killed."""
+"""Seeds on a local Ray cluster, also with a killed worker."""
 
 from __future__ import annotations
 

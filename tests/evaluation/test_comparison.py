@@ -1,4 +1,4 @@
-"""Comparison of runs: groups, intervals, probabilities, pictures."""
+"""Comparison of runs: groups, intervals, probabilities, plots."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ RESULTS = Path(__file__).parents[2] / "benchmarks/results"
 
 
 def write_run(path: Path, config: TrainConfig, returns: list[float], evaluation: float | None = None) -> Path:
-    """A folder with what a comparison reads."""
+    """A run folder for comparisons."""
     path.mkdir(parents=True)
     folder = RunFolder(path)
     folder.write_config(config)
@@ -35,7 +35,7 @@ def write_run(path: Path, config: TrainConfig, returns: list[float], evaluation:
 
 @pytest.fixture
 def runs(tmp_path: Path) -> list[Path]:
-    """Five seeds of one agent, two of another, and one elsewhere."""
+    """Five seeds of one agent, two of another, and one in another environment."""
     sac = TrainConfig("Walker-v0", "sac")
     made = [write_run(tmp_path / f"sac{s}", replace(sac, seed=s), [-200.0 + s, -50.0 + s, -10.0], -9.0 - s) for s in range(5)]
     td3 = TrainConfig("Walker-v0", "td3")

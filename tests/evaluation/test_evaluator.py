@@ -31,7 +31,7 @@ NOTHING = Interface((), (), Wait(1))
 
 @dataclass(frozen=True)
 class Task:
-    """As much of a task as evaluation asks for: the cart is to get beyond 600 mm."""
+    """A minimal task: the cart has to pass 600 mm."""
 
     id: str = "Judged-v0"
     entries: tuple[Entry, ...] = (Entry("x", 0.0, 1000.0, "mm", (0.0, 1000.0)), Entry("noise", -1.0, 1.0, "", (-1.0, 1.0)))
@@ -105,7 +105,7 @@ def test_missing_run_or_no_episodes_raise(run_dir: Path, tmp_path: Path) -> None
 
 
 class PausedCart(Cart):
-    """Somebody pauses it in its second episode: that one ends after three steps."""
+    """Paused in its second episode, which ends after three steps."""
 
     @property
     def is_cut(self) -> bool:

@@ -1,4 +1,4 @@
-"""Several seeds side by side."""
+"""Several seeds in parallel."""
 
 from __future__ import annotations
 

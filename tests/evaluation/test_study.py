@@ -1,4 +1,4 @@
-"""Studies: a table of trainings with several seeds, which goes on where it was interrupted."""
+"""Studies: tables of trainings with several seeds, resumable."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Hyperparameters by experiment."""
+"""Hyperparameter search."""
 
 from __future__ import annotations
 

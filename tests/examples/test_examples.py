@@ -1,4 +1,4 @@
-"""Every example runs, is one screen, and says something sensible."""
+"""Every example runs and is short."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ OWN_LINES = 40  # what issue and README promise for a task or a robot of one's o
 
 
 def lines_of_code(path: Path) -> int:
-    """Lines without those of the first docstring and without empty ones."""
+    """Lines without module docstring and blank ones."""
     code = path.read_text(encoding="utf-8").split('"""', 2)[2]
     return sum(bool(line.strip()) for line in code.splitlines())
 

@@ -1,4 +1,4 @@
-"""Every kind of command: clamped on the hub, carried out by the virtual hub, refused where the robot cannot."""
+"""All commands: clamping, execution, validation."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def interface(*commands: Command, settle: Wait | UntilDone | None = None) -> Int
 
 
 def carried_out(wanted: Interface, *steps: Sequence[float], robot: Any = TWO_WHEELER) -> tuple[np.ndarray, VirtualHub]:
-    """Readings after the steps ``[1 + steps, channels]``, counted from the first one, and the hub."""
+    """Readings after the steps ``[1 + steps, channels]``, relative to the first, and the hub."""
     hub = VirtualHub(make_body(robot))
     link = HubLink(hub, robot, wanted)
     link.open()

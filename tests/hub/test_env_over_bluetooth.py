@@ -1,4 +1,4 @@
-"""An environment on a robot that is reached over Bluetooth: the same task, the same program, another transport."""
+"""An environment over Bluetooth: same task and program."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Commands and channels: names, ranges and units that everything else is derived from."""
+"""Commands and channels: names, ranges, units."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The red button of the page, on a robot that is reached over Bluetooth."""
+"""The page's stop button over Bluetooth."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ pytestmark = pytest.mark.realtime
 
 
 class Robot:
-    """As much of an environment as the page needs to stop it."""
+    """A minimal environment for the page."""
 
     batch_size = ()
 

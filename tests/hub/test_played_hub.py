@@ -1,4 +1,4 @@
-"""The played hub against somebody else's client: what pybricksdev can work with is a Pybricks hub."""
+"""The simulated hub against pybricksdev as a client."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Frames: what goes in comes out, and nothing else does."""
+"""Frames of the wire protocol."""
 
 from __future__ import annotations
 

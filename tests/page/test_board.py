@@ -1,4 +1,4 @@
-"""What a browser gets that comes later, and that memory stays bounded."""
+"""Content for late browsers, and bounded memory."""
 
 from __future__ import annotations
 

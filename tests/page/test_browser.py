@@ -1,4 +1,4 @@
-"""The page in a real browser, through its DOM: every button, two tabs, a reload in mid-run, foreign pages, a phone."""
+"""The page in a real browser: buttons, tabs, reload, foreign pages, phone."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def browser() -> Iterator[object]:
 
 
 class Played(threading.Thread):
-    """A virtual two-wheeler that plays on a page, in a thread of its own as on the command line."""
+    """A virtual two-wheeler on a page, in a thread."""
 
     def __init__(self, env_id: str, *, by_hand: bool = False) -> None:
         super().__init__(daemon=True)
@@ -53,7 +53,7 @@ class Played(threading.Thread):
             self.error = error
 
     def end(self) -> None:
-        """Have the thread leave its loop at the next step."""
+        """End the thread's loop at the next step."""
 
         def leave(*_: object) -> None:
             raise _EndedError
@@ -74,7 +74,7 @@ class Played(threading.Thread):
 
 
 class _EndedError(Exception):
-    """The test is over."""
+    """End of the test."""
 
 
 @contextmanager
@@ -100,7 +100,7 @@ def until(condition: Callable[[], bool], what: str) -> None:
 
 
 def at_rest(played: Played) -> int:
-    """The number of steps, once there are no more of them; the step at hand may end."""
+    """The number of steps once the robot rests."""
     count = -1
     for _ in range(20):
         if count == (count := played.steps):
@@ -183,7 +183,7 @@ def test_two_tabs_and_reload_during_run(browser: object, played: Played) -> None
 
 
 def pull_forward(page: object) -> None:
-    """Pull the stick beyond its rim, where it stands by then: what comes in above it may move it."""
+    """Pull the stick over its rim."""
     stick = page.locator("#stick")
     stick.hover()
     page.mouse.down()
@@ -224,7 +224,7 @@ def test_page_on_phone(browser: object, played: Played) -> None:
 
 
 def test_foreign_page_cannot_press_buttons(browser: object, played: Played) -> None:
-    """It knows the port and even has the token in an address: neither its scripts nor its frames get in."""
+    """Even with port and token in an address, neither scripts nor frames get access."""
     port = played.page.url.split(":")[2].split("/")[0]
     asks = f"""<script>
     window.done = [];
@@ -283,7 +283,7 @@ def test_access_without_token_is_denied(played: Played) -> None:
 
 
 def test_memory_does_not_grow(browser: object, played: Played) -> None:
-    """A short look; `benchmarks/page_memory.py` takes ten minutes."""
+    """`benchmarks/page_memory.py` takes ten minutes."""
     with tab(browser, played.page.url) as page:
         page.wait_for_selector("#scene[data-frames]")
         button(page, "max").click()

@@ -1,4 +1,4 @@
-"""Scenes as bytes, primitives, and the scenes of the twins."""
+"""Scenes as bytes, primitives, twin scenes."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from bricksrl.twin.sensed_pose import sensed_qpos
 
 
 def volume(mesh: Mesh) -> float:
-    """Of a closed mesh whose faces look outwards."""
+    """Volume of a closed mesh with outward faces."""
     a, b, c = (mesh.points[mesh.faces[:, i]].astype(float) for i in range(3))
     return float(np.einsum("ij,ij->i", a, np.cross(b, c)).sum() / 6)
 
@@ -94,7 +94,7 @@ def test_twin_scene(robot, surroundings) -> None:
 
 @pytest.mark.parametrize("robot", [WALKER, TWO_WHEELER, ROBO_ARM])
 def test_pose_follows_sensors(robot) -> None:
-    """The twin of a robot moves, and what its sensors say puts another one into the same pose."""
+    """Sensor values of one twin give another the same pose."""
     body, mirror = make_body(robot), Mirror.of(robot, OPEN_FLOOR)
     for port, voltage in zip((motor.port for motor in robot.motors), (3000, -2500, 2000, -3500), strict=False):
         body.set_voltage(port, voltage)

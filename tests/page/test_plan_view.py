@@ -1,4 +1,4 @@
-"""Plans in the browser, without a browser: what is shown after what is pressed."""
+"""Plan view without a browser."""
 
 from __future__ import annotations
 

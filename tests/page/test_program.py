@@ -1,4 +1,4 @@
-"""A program on a virtual hub that is shown, and stopped on the page."""
+"""A program on a virtual hub on the page."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Watching changes nothing: a run on a page is, bit for bit, the one without."""
+"""A watched run is bit-identical to an unwatched one."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def test_watched_run_equals_unwatched(tmp_path: Path) -> None:
 
 
 class Presses(PageCallback):
-    """Presses Reset at the third step of the first episode."""
+    """Presses Reset in the third step of the first episode."""
 
     def on_step(self, episode: int, step: int, phase: Phase) -> None:
         if (episode, step) == (1, 3):

@@ -1,4 +1,4 @@
-"""Gear trains, articulations, positions and end stops that follow from plans."""
+"""Gear trains, articulations, poses and end stops of plans."""
 
 from __future__ import annotations
 

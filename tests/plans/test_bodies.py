@@ -1,4 +1,4 @@
-"""Rigid bodies, what is left to move, and gears."""
+"""Rigid bodies, motions and gears."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ FLAT = "1 0 0 0 0 1 0 -1 0"
 
 
 def shaft(x: float, z: float, *gears: str) -> list[str]:
-    """An upright axle of 4 in the plate, a bush below, gears on top of it from the plate on."""
+    """A vertical axle of 4 in the plate with a bush below and gears above."""
     lines = [f"1 0 {x} -10 {z} {UPRIGHT} 3705.dat", f"1 0 {x} 20 {z} {FLAT} 3713.dat"]
     return lines + [f"1 4 {x} {-20 - 20 * level} {z} {FLAT} {number}.dat" for level, number in enumerate(gears)]
 
@@ -98,7 +98,7 @@ def test_motor_turns_parts_on_shaft():
 
 
 def test_differential_averages_axles():
-    """Gears of 12 on both axles and on the peg between them, as they stand in other people's plans."""
+    """Gears of 12 on both axles and on the peg."""
     plan, structure = solved(
         "1 4 0 0 0 1 0 0 0 1 0 0 0 1 62821.dat",
         "1 7 0 0 -17.5 1 0 0 0 1 0 0 0 1 6589.dat",

@@ -1,4 +1,4 @@
-"""The catalogue: numbers, places, sizes, masses."""
+"""Part catalogue: numbers, sites, sizes, masses."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def test_mass_is_below_solid_plastic():
 
 
 def test_block_mass_is_close_to_ldraw_volume():
-    """Volumes of the shapes times 1.05 g/cm3."""
+    """Volumes of the shapes times 1.05 g/cm³."""
     for number, mass_g in {
         "3005": 0.482,
         "3004": 0.904,

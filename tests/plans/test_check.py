@@ -1,4 +1,4 @@
-"""The check of plans: our robots pass, mistakes are found."""
+"""Check of plans."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ HELD = (BEAM, FRAME, pin(0, 10, 20), pin(0, 10, -20))
 
 
 def line(number: str, x: float, y: float, z: float, matrix: str = "1 0 0 0 1 0 0 0 1") -> str:
-    """The line of a part."""
+    """A line that places a part."""
     return f"1 4 {x} {y} {z} {matrix} {number}.dat"
 
 
@@ -60,7 +60,7 @@ def test_free_beam_is_allowed(findings):
 
 
 def _gears(distance: float, shift: float = 0.0) -> list[str]:
-    """Two axles in a base plate, a gear of 24 teeth on each."""
+    """Two axles in a base plate with a gear of 24 teeth each."""
     along_y = "1 0 0 0 0 1 0 -1 0"
     lines = [line("39369", 0, 0, 0)]
     for x, y in ((0.0, 0.0), (distance, shift)):
@@ -115,7 +115,7 @@ def test_a_thousand_parts_in_one_place_are_found_in_seconds(findings, number):
 @pytest.mark.slow
 @pytest.mark.parametrize("robot", ROBOTS)
 def test_mutants_are_found(robot):
-    """At least 95 in 100 mistakes of eight kinds; of those that do not show in the number of parts, nothing comes apart."""
+    """At least 95 % of mistakes of eight kinds; those without a changed part count and without loose parts are excluded."""
     text = (PLANS / f"{robot}.ldr").read_text(encoding="utf-8")
     missed = []
     for seed in range(SEEDS[robot]):

@@ -1,4 +1,4 @@
-"""What follows from the plans of our robots, against their descriptions and the twins that are written by hand."""
+"""Mechanisms of our plans against descriptions and manual twins."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def mechanism_of(name: str) -> Mechanism:
 
 
 def _ratios(name: str) -> dict[tuple[str, float, float, float], float]:
-    """Turns of each hinge for one of the motor that moves it, by the motor's port and the hinge's place in mm."""
+    """Turns of each hinge per turn of its motor, by port and position in mm."""
     made = mechanism_of(name)
     found = {}
     for hinge, row in zip(made.hinges, made.ratios, strict=True):

@@ -1,4 +1,4 @@
-"""Reading LDraw files: steps, sub-assemblies, our comments, and files that mean harm."""
+"""LDraw files: steps, sub-assemblies, comments, malicious files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which sets have the electronics of a plan."""
+"""Sets with the electronics of a plan."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Policies as files that need nothing of BricksRL."""
+"""Policies exported without BricksRL."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Descriptions that leave things to their plan."""
+"""Descriptions completed by plans."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ TWO_WHEELER_PLAN = str(PLANS / "two_wheeler.ldr")
 
 
 def robot(**said: object) -> Robot:
-    """A 2Wheeler of which a description says only that."""
+    """A 2Wheeler with given fields only."""
     return Robot("mine", HubKind.PRIME, plan=TWO_WHEELER_PLAN, **said)  # type: ignore[arg-type]
 
 

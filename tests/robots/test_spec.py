@@ -1,4 +1,4 @@
-"""Descriptions of robots: those that can be built are accepted, the others are refused with a remedy."""
+"""Robot descriptions: validation with remedies."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ hubs = st.sampled_from(HubKind)
 
 @st.composite
 def descriptions(draw: st.DrawFn) -> Robot:
-    """Any robot that can be built."""
+    """Any valid robot."""
     hub = draw(hubs)
     ports = draw(st.permutations(hub.model.ports))
     count = draw(st.integers(0, len(ports)))

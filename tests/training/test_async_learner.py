@@ -1,4 +1,4 @@
-"""Learning in a process beside the robot."""
+"""Asynchronous learning."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def config(tmp_path: Path) -> TrainConfig:
 
 @pytest.fixture
 def started(monkeypatch: pytest.MonkeyPatch) -> list[subprocess.Popen[bytes]]:
-    """The processes that were started to learn."""
+    """Learner processes that were started."""
     processes = []
     popen = subprocess.Popen
 

@@ -1,4 +1,4 @@
-"""Learning from many copies at once: of a simulation in one batch, of a virtual robot in processes."""
+"""Learning from many copies: batched simulations and virtual robots in processes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Evaluations during training, the best checkpoint, the early end of a run, and the device."""
+"""Evaluations during training, best checkpoint, early stop, devices."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def test_stopped_run_stays_stopped(config: TrainConfig) -> None:
 
 
 class Untrusty(LosingCart):
-    """Its link breaks in the second step of the first evaluation, which is the third episode that is started."""
+    """Its link breaks in the second step of the first evaluation, the third episode."""
 
     def _is_lost(self) -> bool:
         return (self.resets, self.step_count + 1) == (3, 2)

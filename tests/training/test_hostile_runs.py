@@ -1,4 +1,4 @@
-"""Runs whose files were changed by a hostile hand, digests included: one error, nothing executed, nothing written."""
+"""Runs with manipulated files, digests included: one error, no execution, no writing."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ EXPLODED = Path(__file__).with_name("exploded")
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Of two episodes of four; the second is one in which it learned."""
+    """A run of two episodes of four, the second with learning."""
     folder = tmp_path_factory.mktemp("run") / "run"
     small = replace(preset("default", "sac"), hidden=(8,), batch_size=4, prefill_episodes=1, n_step=2)
     train(TrainConfig("Cart", episodes=2, settings=small, run_dir=folder, record=False), env=Cart())
@@ -45,7 +45,7 @@ def changed(run: Path, tmp_path: Path) -> Path:
 
 
 def places(value: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
-    """All places in nested dictionaries and lists."""
+    """All paths in nested dictionaries and lists."""
     yield path
     inside = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
     for key, part in inside:

@@ -1,4 +1,4 @@
-"""Runs whose process is killed with -9, at moments drawn from a seed."""
+"""Runs killed by SIGKILL at seeded random moments."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def start(*arguments: str) -> subprocess.Popen[str]:
 
 
 def kill_in(process: subprocess.Popen[str], episode: int, delay_s: float) -> int:
-    """Kill it some time after an episode; returns the last episode that it told of."""
+    """Kill the process some time after an episode. Returns the last reported episode."""
     assert process.stdout is not None
     told = 0
     for line in process.stdout:

@@ -1,4 +1,4 @@
-"""Experiment trackers that listen to a run."""
+"""Experiment trackers."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def test_missing_logger_raises_and_leaves_no_files(
 
 
 class Experiment:
-    """Takes notes as the run objects of both packages do."""
+    """Records calls as both packages' run objects do."""
 
     def __init__(self, **given: Any) -> None:
         self.given, self.logged, self.finished = given, [], False

@@ -1,4 +1,4 @@
-"""Runs that go on after the link to the robot broke."""
+"""Runs with lost links."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def successors(run_dir: Path) -> list[int]:
 
 
 def assert_linked_within_episodes(result: RunResult) -> None:
-    """Each episode's transitions follow one another, the broken one's too, and none follows from another episode."""
+    """Transitions are linked within each episode only, also in the broken one."""
     lengths, expected, nothing = [episode.length for episode in result.episodes], [], SMALL.buffer_size
     for length in lengths:
         expected += [len(expected) + step + 1 for step in range(length - 1)]
@@ -94,7 +94,7 @@ def test_lost_robot_raises_after_patience(config, monkeypatch, tmp_path: Path) -
 
 
 class HopelessCart(LosingCart):
-    """Its resets succeed and its steps do not."""
+    """Its resets succeed, its steps fail."""
 
     def _is_lost(self) -> bool:
         return True
@@ -122,7 +122,7 @@ def test_ctrl_c_ends_wait_for_robot(config, monkeypatch) -> None:
 
 
 class Breaking(VirtualHub):
-    """Out of reach from its 25th write on until it has been opened twice more."""
+    """Out of reach from the 25th write until it was opened twice."""
 
     writes = opens = 0
 

@@ -1,4 +1,4 @@
-"""Runs that learn from a dataset, and runs that go on with an earlier agent."""
+"""Offline runs and warm starts."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def test_equal_seeds_give_equal_runs(config: TrainConfig, tmp_path: Path) -> Non
 
 
 class Breaking(Cart):
-    """Ctrl-C comes when its second episode is to start, for which it has learned already."""
+    """Ctrl-C at the start of the second episode, after its updates."""
 
     def _reset(self, *args: Any, **kwargs: Any) -> Any:
         if self.resets == 1:
@@ -121,9 +121,9 @@ def test_invalid_offline_agent_leaves_no_folder(config: TrainConfig, tmp_path: P
     ("agent", "least", "most"), [("bc", -3, 3), ("iql", 3, 8), ("cql", 5, 9), ("td3bc", 5, 9), ("sac", 5, 9)]
 )
 def test_offline_agent_learns_from_data(tmp_path: Path, data: str, agent: str, least: int, most: int) -> None:
-    """Random steps lead away from the wall by chance; a policy that wants to gets 7 dm in 8 steps.
+    """Random steps drift from the wall; the best policy gets 7 dm in 8 steps.
 
-    BC can but imitate, and IQL imitates the better half: the mean of its actions stays below the best one.
+    BC imitates, and IQL imitates the better half: the mean of its actions stays below the best one.
     """
     changes = {"sampled_actions": 4} if agent == "cql" else {}
     settings = small(agent, **changes)
@@ -148,7 +148,7 @@ def test_online_run_uses_dataset(config: TrainConfig, tmp_path: Path) -> None:
     ("agent", "beside"), [("sac", False), ("td3", False), ("iql", False), ("sac", True), ("iql", True), ("cql", True)]
 )
 def test_warm_start_continues(tmp_path: Path, data: str, agent: str, beside: bool) -> None:
-    """It acts at once as well as before, and stays as good while it learns on, with the dataset beside it or without."""
+    """It acts as before at once, and stays as good while it learns on, with or without the dataset."""
     settings = small(agent, **({"sampled_actions": 4} if agent == "cql" else {}))
     first = TrainConfig("Cart", agent, 1, settings=settings, data=data, updates=400, run_dir=tmp_path / "first")
     train(first, env=Cart())
@@ -166,7 +166,7 @@ def test_warm_start_continues(tmp_path: Path, data: str, agent: str, beside: boo
 
 
 def test_warm_start_copies_whole_agent(tmp_path: Path) -> None:
-    """Critics, targets, temperature, optimiser and memory: without them learning on spoils a policy."""
+    """Critics, targets, temperature, optimiser and replay buffer; without them the policy degrades."""
     settings = small("sac", prefill_episodes=1)
     first = TrainConfig("Cart", episodes=3, settings=settings, run_dir=tmp_path / "first")
     train(first, env=Cart())
@@ -202,7 +202,7 @@ def test_warm_start_of_other_settings_raises(config: TrainConfig, tmp_path: Path
 
 
 def test_asynchronous_learner_uses_dataset(config: TrainConfig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """ACT has nothing else to learn from; the agent that acts is told where episodes start."""
+    """ACT needs the dataset, and its actor needs resets."""
     starts: list[ChunkPolicy] = []
     monkeypatch.setattr(ChunkPolicy, "reset", lambda self: starts.append(self))  # noqa: PLW0108  append is no method
     beside = replace(config, agent="act", settings=preset("default", "act"), updates=0, episodes=3, asynchronous=True)
@@ -213,7 +213,7 @@ def test_asynchronous_learner_uses_dataset(config: TrainConfig, tmp_path: Path, 
 
 
 def test_iql_reaches_goals_of_demonstrations(tmp_path: Path) -> None:
-    """With the default settings: an action that was done for one goal is not imitated for another."""
+    """With the default settings: actions for one goal are not imitated for another."""
 
     def reach(state: TensorDictBase) -> TensorDictBase:
         lacks = state["observation"][4:] - state["observation"][:4]

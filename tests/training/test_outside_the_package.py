@@ -1,4 +1,4 @@
-"""A kind of sensor, a robot, a task and an algorithm of the user's own: one file each, none of them in the package."""
+"""A sensor, a robot, a task and an algorithm in one file each, outside of the package."""
 
 from __future__ import annotations
 

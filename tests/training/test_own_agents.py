@@ -1,4 +1,4 @@
-"""Algorithms of the user's own, with losses of TorchRL's that the package does not know: trained, resumed, evaluated, tuned."""
+"""User algorithms with other TorchRL losses: train, resume, evaluate, tune."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def redq(tmp_path: Path) -> str:
 
 
 def test_user_loss_trains_and_resumes_exactly(redq: str, tmp_path: Path) -> None:
-    """Its memory is a plain buffer of TorchRL's, and has wrapped."""
+    """Its buffer is TorchRL's, and has wrapped."""
     config = TrainConfig("Cart", redq, 8, seed=3, run_dir=tmp_path / "whole")
     result = train(config, env=Cart())
     assert {"loss_actor", "loss_qvalue", "loss_alpha"} <= set(result.episodes[-1].losses)

@@ -1,4 +1,4 @@
-"""Runs of an agent that plans ahead: each episode starts with a new plan, whoever runs it."""
+"""Chunk policies are reset at each episode start."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ RHYTHM = (1.0, 1.0, -1.0, -1.0, 1.0)
 
 
 class Metronome(Cart):
-    """Five steps, each to be made in its own direction. All that is ever seen is 1 at the first step and 0 at the others."""
+    """Five steps with a fixed sequence of directions; the observation is 1 at the first step and 0 later."""
 
     def __init__(self) -> None:
         super().__init__(len(RHYTHM))
@@ -54,7 +54,7 @@ class Metronome(Cart):
 
 @pytest.fixture(scope="module")
 def config(tmp_path_factory: pytest.TempPathFactory) -> TrainConfig:
-    """A run that has learned the rhythm by heart. A chunk is longer than an episode."""
+    """A run that has learned the sequence; a chunk is longer than an episode."""
     folder = tmp_path_factory.mktemp("act")
     env = Metronome()
     beats = iter(RHYTHM * 30)
@@ -96,7 +96,7 @@ def test_collection_resets_chunks(config: TrainConfig, tmp_path: Path) -> None:
 
 
 def test_intervention_resets_chunks(config: TrainConfig, tmp_path: Path) -> None:
-    """The human acts in the second step. The agent, which then sees nothing, does not go on where it was."""
+    """A human acts in the second step; the agent does not continue its chunk."""
     assert config.run_dir is not None
     steps = 0
 

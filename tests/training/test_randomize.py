@@ -1,4 +1,4 @@
-"""Domain randomisation and given physics, from the config to the twin."""
+"""Domain randomisation and given physics."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ WEAK = Physics(battery_v=7.2, friction_scale=0.8)
 
 
 def physics_of_episodes(config: TrainConfig, episodes: int = 4) -> list[Physics]:
-    """The physics in force in each episode, as training runs them."""
+    """Physics of each episode of a training."""
     env = make_env(config)
     assert isinstance(env, HubEnv)
     found = []

@@ -1,4 +1,4 @@
-"""Every run keeps what it did."""
+"""Recording of runs."""
 
 from __future__ import annotations
 

@@ -38,7 +38,7 @@ def names(path: Path) -> list[str]:
 
 
 def assert_same_run(one: Path, other: Path) -> None:
-    """Equal in everything but the time it took."""
+    """Equal except for times."""
     assert rows(one) == rows(other)
     a, b = (load_checkpoint(path / "checkpoint.bin") for path in (one, other))
     for state in (a, b):
@@ -48,7 +48,7 @@ def assert_same_run(one: Path, other: Path) -> None:
 
 
 class Recorder(Callback):
-    """Notes all it is told, and does something once at a step."""
+    """Records calls, and runs a function at one step."""
 
     def __init__(self, at: tuple[int, int] | None = None, do: Callable[[], object] = lambda: None) -> None:
         self.calls: list[str] = []
@@ -183,7 +183,7 @@ def test_another_thread_can_stop_a_run(config: TrainConfig) -> None:
 
 
 class CartInHand(Cart):
-    """Its second reset waits for a hand that never comes."""
+    """Its second reset waits for ever."""
 
     def _reset(self, *args: object, **kwargs: object) -> object:  # type: ignore[override]
         if self.resets == 1:
@@ -212,7 +212,7 @@ def test_second_ctrl_c_does_not_wait_for_the_step(config: TrainConfig) -> None:
 
 
 class BrokenCart(Cart):
-    """It raises in its fourth episode, as an environment does that does not tell of a lost link."""
+    """Raises in its fourth episode without reporting a lost link."""
 
     def _step(self, tensordict: object) -> object:  # type: ignore[override]
         if self.resets == 4:

@@ -1,4 +1,4 @@
-"""Training on the virtual robots themselves."""
+"""Training on virtual robots."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Learning on from the policy of another agent: it is the same policy, and it stays as good as it was."""
+"""Warm starts from the policy of another agent."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ SMALL = {"hidden": (64, 64), "batch_size": 64, "prefill_episodes": 1}
 
 
 def to_the_goal(state: TensorDictBase) -> TensorDictBase:
-    """What the arm has left to turn, as far as one step goes."""
+    """Remaining angles of the arm, limited to a step."""
     angle, goal = state["observation"].split(4)
     way = goal - angle
     way[0] -= 360.0 * (way[0] / 360.0).round()
@@ -51,7 +51,7 @@ def small(agent: str) -> Any:
 
 @pytest.fixture(scope="module")
 def runs(data: str, tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
-    """What agents learned from the dataset alone."""
+    """Agents trained on the dataset only."""
     root = tmp_path_factory.mktemp("runs")
     for agent, updates in (("bc", 1500), ("iql", 20), ("sac", 20), ("td3", 20)):
         train(TrainConfig(ENV, agent, 1, settings=small(agent), data=data, updates=updates, run_dir=root / agent))
@@ -82,7 +82,7 @@ def test_transferred_policy_is_equal(runs: dict[str, str], before: str, after: s
 
 @pytest.mark.parametrize(("agent", "beside"), [("sac", True), ("sac", False), ("td3", True)])
 def test_warm_started_run_does_not_collapse(runs: dict[str, str], data: str, tmp_path: Path, agent: str, beside: bool) -> None:
-    """Its critics are new, and an actor that follows them at once may lose what it could do."""
+    """With new critics, an unconstrained actor would lose its policy."""
     before = evaluate(Path(runs["bc"]), episodes=20).return_mean
     config = going_on(runs["bc"], agent, tmp_path / "run", episodes=20, data=data if beside else None)
     returns = torch.tensor([episode.return_ for episode in train(config).episodes])
@@ -92,7 +92,7 @@ def test_warm_started_run_does_not_collapse(runs: dict[str, str], data: str, tmp
 
 
 def test_anchor_is_resumed(runs: dict[str, str], data: str, tmp_path: Path) -> None:
-    """A run that is resumed ends as one that was not interrupted: the policy it is held near is in the checkpoint."""
+    """A resumed run equals an uninterrupted one: the anchor's policy is in the checkpoint."""
     whole = going_on(runs["bc"], "sac", tmp_path / "whole", episodes=4, data=data)
     train(whole)
     train(replace(whole, run_dir=tmp_path / "part", episodes=2))

@@ -1,4 +1,4 @@
-"""The twin of a robot without a MuJoCo model: free motors, and sensors that read what the scene says."""
+"""Bench twin: free motors, sensors with readings of the scene."""
 
 from __future__ import annotations
 

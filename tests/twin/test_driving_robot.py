@@ -1,4 +1,4 @@
-"""A driving robot from its numbers: every hub and motor, how it drives, and what its sensors find in the scene."""
+"""Twins of driving robots from their numbers: all hubs, motors, sensors."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def placed(scene: Scene = OPEN_FLOOR, robot: Robot = ROVER) -> MujocoBody:
 
 
 def driven(robot: Robot, body: MujocoBody) -> Any:
-    """A machine, and its drive base."""
+    """A machine with its drive base."""
     base, machine = robot.drive_base, Machine(body)
     assert base is not None
     servos = []

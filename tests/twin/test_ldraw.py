@@ -1,4 +1,4 @@
-"""The LDraw reader, on libraries that the tests write."""
+"""LDraw reader, with generated libraries."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ CERTIFIED = "0 BFC CERTIFY CCW\n"
 
 
 def volume(triangles: Floats) -> float:
-    """Of a closed surface; negative when it is inside out."""
+    """Volume of a closed surface; negative if inverted."""
     return float(np.einsum("ij,ij->", triangles[:, 0], np.cross(triangles[:, 1], triangles[:, 2])) / 6)
 
 

@@ -1,4 +1,4 @@
-"""Logs: what is recorded, and that a file gives it back."""
+"""Motion logs."""
 
 from __future__ import annotations
 

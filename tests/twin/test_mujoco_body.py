@@ -37,7 +37,7 @@ def before_wall(mm: float, heading_deg: float = 0.0) -> Scene:
 
 
 def drive(robot: MujocoBody, left_mv: int | None, right_mv: int | None, *, start_ms: int = 0, for_ms: int) -> int:
-    """Clockwise voltages at both shafts for a while; returns the time at the end."""
+    """Apply clockwise voltages for a time. Returns the end time."""
     robot.set_voltage(LEFT, left_mv)
     robot.set_voltage(RIGHT, right_mv)
     robot.advance_to(start_ms + for_ms)

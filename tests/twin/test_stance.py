@@ -16,7 +16,7 @@ def feet(heights: list[float]) -> np.ndarray[tuple[int, int], np.dtype[np.float6
 
 
 def on_the_floor(heights: list[float]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Feet and centre of mass in the world, and the turn [3, 3]."""
+    """Feet and centre of mass in the world, and the rotation [3, 3]."""
     points = feet(heights)
     quaternion, height = standing_pose(points, CENTRE)
     matrix = np.empty(9)

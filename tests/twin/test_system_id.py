@@ -1,4 +1,4 @@
-"""Fitting a twin to a log that was made with other, hidden parameters."""
+"""System identification with hidden parameters."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def log() -> RunLog:
 
 
 def test_true_parameters_reproduce_motion(log: RunLog) -> None:
-    """The recorded commands come at the recorded times: of the angles, which have no noise, nothing is left."""
+    """Replayed commands have recorded times: the noiseless angles match exactly."""
 
     def off_deg(physics: Physics) -> np.ndarray:
         return (replay(log, physics)[:, :2] - log.channels[:, :2] + 180.0) % 360.0 - 180.0

@@ -1,4 +1,4 @@
-"""`benchmarks/firmware_tests.py`: programs beside their expected output."""
+"""`benchmarks/firmware_tests.py`: programs with expected output."""
 
 from __future__ import annotations
 

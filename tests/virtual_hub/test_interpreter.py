@@ -1,4 +1,4 @@
-"""The language of a hub: numbers, text, builtins, errors. Expected texts are those of MicroPython."""
+"""MicroPython on a hub: numbers, text, builtins, errors. Expected texts are from MicroPython."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from bricksrl.virtual_hub.micropython.numbers import struct_module
 
 
 class Recorder:
-    """A console that keeps what is written and has these bytes to read."""
+    """A console that records output and has given input."""
 
     def __init__(self, data: bytes = b"") -> None:
         self.data = data
@@ -97,7 +97,7 @@ def test_arithmetic_is_single_precision(a: float, b: float) -> None:
     ],
 )  # fmt: skip
 def test_float_text_is_single_precision(source: str, expected: str) -> None:
-    """Expected: MicroPython 1.26.1, built for 32 bits as Pybricks configures it."""
+    """Expected: MicroPython 1.26.1, built for 32 bits with Pybricks' configuration."""
     assert printed(f"print(({source}))") == expected
 
 
@@ -110,7 +110,7 @@ def test_float_text_round_trip_is_close(x: float) -> None:
 
 @given(st.integers(1, 0x7FFFFF))
 def test_subnormal_floats(bits: int) -> None:
-    """A hub scales them by bits that they do not have: it writes another number, but none that matters."""
+    """A hub scales them by missing bits: the text differs slightly."""
     (x,) = struct.unpack("<f", struct.pack("<I", bits))
     assert 0 < float(float_text(x)) < 2.0**-124
     assert float_text(-x) == "-" + float_text(x)

@@ -1,4 +1,4 @@
-"""The generated program of every robot task, run for real: link, hub program, firmware, physics."""
+"""Generated programs of all robot tasks, with link, hub, firmware and physics."""
 
 from __future__ import annotations
 

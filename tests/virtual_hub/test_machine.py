@@ -1,4 +1,4 @@
-"""Simulated time: what passes in a wait, and what ends a doze."""
+"""Simulated time: waits and dozes."""
 
 from __future__ import annotations
 

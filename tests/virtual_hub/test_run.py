@@ -1,4 +1,4 @@
-"""Whole programs from files, on both virtual robots."""
+"""Programs from files on both virtual robots."""
 
 from __future__ import annotations
 

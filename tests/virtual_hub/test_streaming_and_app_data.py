@@ -1,4 +1,4 @@
-"""The other ways to speak to a program, on the virtual hub: AppData, and observations that come by themselves."""
+"""AppData and streaming on the virtual hub."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def test_streaming_steps_are_periodic_and_fresh(interval_ms: float) -> None:
 
 
 def test_observation_age_is_accurate_to_half_round_trip() -> None:
-    """The simulation knows better: the program's clock starts when the program does."""
+    """The simulation knows the true age: the program's clock starts with the program."""
     with stream() as link:
         hub = link._transport
         started_s = min(link.now_s() - link.read().hub_time_ms / 1000 for _ in range(3))  # too late by the way back

@@ -1,4 +1,4 @@
-"""The virtual hub as a transport: connection events, buffers, stopping, errors, simulated and real time."""
+"""Virtual hub as a transport: connection events, buffers, stop, errors, simulated and real time."""
 
 from __future__ import annotations
 

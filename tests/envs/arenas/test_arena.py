@@ -1,4 +1,4 @@
-"""Several robots in one world: one clock, both interfaces, links that break."""
+"""Arenas: common clock, both interfaces, lost links."""
 
 from __future__ import annotations
 
@@ -167,7 +167,7 @@ def test_runner_script_outlasts_straight_escape() -> None:
 
 
 def test_simulation_matches_arena() -> None:
-    """From the same start the same commands lead to the same places, within a few centimetres."""
+    """Equal commands lead to equal places within a few centimetres."""
     from dataclasses import replace
 
     task = get_arena_task("Tag-v0")

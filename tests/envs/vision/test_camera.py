@@ -1,4 +1,4 @@
-"""A camera as a sensor: what is found in a frame, and cameras of virtual and of real robots."""
+"""Cameras: objects in frames, virtual and real cameras."""
 
 from __future__ import annotations
 
@@ -271,7 +271,7 @@ def test_any_task_takes_a_camera() -> None:
 
 
 class Film:
-    """Frames one after the other; at its end the camera is unplugged."""
+    """Frames in order; unplugged at the end."""
 
     def __init__(self, *frames: Frame) -> None:
         self.frames = list(frames)
@@ -288,7 +288,7 @@ class Film:
 
 
 def filmed(camera: Camera | None, **changes: Any) -> HubEnv:
-    """Spinning before a camera."""
+    """Spinning in front of a camera."""
     task = dataclasses.replace(SPINNING, id="Filmed-v0", camera=VIEW, **changes)
     twin = VirtualHub(make_body(task.robot, scene=task.scene))
     link = HubLink(twin, task.robot, task.interface)

@@ -1,4 +1,4 @@
-"""Which colours a ball has before a camera."""
+"""Color calibration of cameras."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ ID = "RoboArm_mixed-v0"
 def ball(
     hue_deg: float = 0.0, saturation: float = 0.9, value: float = 0.8, at: tuple[int, int] = (60, 40), noise: float = 6.0
 ) -> Frame:
-    """A frame of 120 x 80 with a shaded ball of 12 px on a grey table, and a noisy sensor."""
+    """A frame of 120 x 80 with a shaded ball of 12 px on a grey table, with noise."""
     rows, columns = np.mgrid[:80, :120]
     distance = np.hypot(rows - at[1], columns - at[0])
     colour = np.array(colorsys.hsv_to_rgb(hue_deg % 360 / 360, saturation, value))

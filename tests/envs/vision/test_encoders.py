@@ -1,4 +1,4 @@
-"""Encoders that others have trained, as far as there is a way to them without a network."""
+"""Pretrained encoders, without network access."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def env(monkeypatch: pytest.MonkeyPatch) -> Any:
 
 
 class MeanColour(Transform):
-    """Stands in for TorchRL's transforms, with their arguments."""
+    """Replaces TorchRL's transforms."""
 
     told: dict[str, Any]
 

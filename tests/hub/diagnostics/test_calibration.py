@@ -1,4 +1,4 @@
-"""Calibration: from stops to zeros, into the description, into the program, and what the host then observes."""
+"""Calibration from end stops to zeros, program and observations."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ ARM = get_task("RoboArm-v0").interface
 
 
 class MisbuiltHub(VirtualHub):
-    """A robot whose motors were built in turned by some angle of their shafts, or the wrong way round."""
+    """A robot with motors mounted at an angle or reversed."""
 
     def __init__(self, shifts_deg: dict[str, int], mirrored: tuple[str, ...] = (), robot: robots.Robot = ROBO_ARM) -> None:
         super().__init__(make_body(robot))
@@ -54,7 +54,7 @@ def observe(hub: VirtualHub, calibration: Calibration | None, robot: robots.Robo
 
 
 SHIFTS = {"D": 35, "A": -120, "E": 150}
-"""Of the joints' shafts. The last two carry the angle over the end of what a motor shows."""
+"""Shaft angles; the last two cross the wrap of the sensor."""
 
 
 def test_end_stop_calibration_corrects_observation() -> None:
@@ -72,7 +72,7 @@ def test_end_stop_calibration_corrects_observation() -> None:
 
 
 def test_calibrated_targets_stay_in_range() -> None:
-    """The arm that is built in wrong would be driven against its stops; with its calibration it is not."""
+    """Without its calibration the arm would drive against its stops."""
     for calibration, low_end in ((None, True), (Calibration({"low": 35}), False)):
         hub = MisbuiltHub({"D": 35})
         calibrate = None if calibration is None else lambda robot: calibrated(robot, Calibration({"low": 35}))

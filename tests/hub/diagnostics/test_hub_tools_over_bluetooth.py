@@ -1,4 +1,4 @@
-"""Scan, check, latency and stop over the played radio."""
+"""Scan, check, latency and stop over the simulated radio."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def test_motion_log_over_bluetooth(world: World, monkeypatch: pytest.MonkeyPatch
 
 
 def test_any_program_can_be_stopped(world: World, monkeypatch: pytest.MonkeyPatch, capsys) -> None:
-    """Also one that is not ours, over a link that a program of this computer left open."""
+    """Also a foreign one, over a link that another program left open."""
     other = "from pybricks.parameters import Port\nfrom pybricks.pupdevices import Motor\nfrom pybricks.tools import wait\n"
     other += "Motor(Port.A).run(500)\nwhile True:\n    wait(10)\n"
     world.hub.library.append(other)

@@ -1,4 +1,4 @@
-"""What is made of what a hub says."""
+"""Findings of the preflight check."""
 
 from __future__ import annotations
 
@@ -139,7 +139,7 @@ def test_a_joint_moves_to_the_middle_of_its_range() -> None:
 
 
 class Blocked(VirtualHub):
-    """Somebody holds the right wheel."""
+    """The right wheel is blocked."""
 
     def __init__(self) -> None:
         super().__init__(make_body(TWO_WHEELER))

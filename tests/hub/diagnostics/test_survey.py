@@ -1,4 +1,4 @@
-"""Programs that look at a hub, in the virtual hub and over the played radio."""
+"""Survey programs on the virtual hub and over the simulated radio."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""When a host tells its hub that it lives."""
+"""Keepalive frames."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The link and the program together, over a stand-in that loses and damages what the test says."""
+"""Link and program over a transport with loss and damage."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def make(hub: StandInHub, interface: Interface = SPINNING, **options: float) -> 
 
 
 def every(n: int, change: Callable[[bytes], bytes], first: int = 0) -> Callable[[bytes], bytes]:
-    """Changes every n-th piece of data."""
+    """Change every n-th chunk."""
     count = -first
 
     def apply(data: bytes) -> bytes:
@@ -177,7 +177,7 @@ def test_long_move_extends_timeout() -> None:
 
 
 class FrozenHub(StandInHub):
-    """Its clock stands still and it never sends anything of use."""
+    """Its clock stands still, and it sends nothing useful."""
 
     def __init__(self, noise: bytes) -> None:
         super().__init__()
@@ -362,7 +362,7 @@ def test_watchdog_grows_with_delay() -> None:
 
 
 class DelayedWrites:
-    """A transport whose writes take their time."""
+    """A transport with slow writes."""
 
     def __init__(self, hub: StandInHub, delay_ms: int) -> None:
         self.hub, self.delay_ms = hub, delay_ms
@@ -398,6 +398,6 @@ def test_sequence_numbers_wrap() -> None:
 
 
 def sleep_ms(hub: StandInHub, duration_ms: int) -> None:
-    """The host is busy: time passes, and what the hub sends stays where it is."""
+    """Let time pass without reading."""
     kept = hub.run_ms(duration_ms)
     hub._outbox[:0] = kept

@@ -1,4 +1,4 @@
-"""The table of states: complete, and what the documentation shows."""
+"""The state table: completeness and documentation."""
 
 from __future__ import annotations
 

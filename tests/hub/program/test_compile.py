@@ -1,4 +1,4 @@
-"""MicroPython in, bytes for the hub out."""
+"""Compilation of hub programs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Generated programs: complete, clean, small, and the same every time."""
+"""Generated programs: complete, clean, small, deterministic."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ PAPER = [(TWO_WHEELER, RUN_AWAY), (TWO_WHEELER, SPINNING), (WALKER, WALKER_INTER
 
 
 def driver(kind: HubKind, interface: Interface) -> tuple[Robot, Interface]:
-    """The 2Wheeler as far as it can be built around such a hub, and what is left of the task there."""
+    """A 2Wheeler with another hub, and the task as far as it is supported."""
     has_third_port = len(kind.model.ports) > 2
     robot = Robot(
         name=f"driver-{kind.value}",

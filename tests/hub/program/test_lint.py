@@ -1,4 +1,4 @@
-"""What a hub's language lacks is found; what it has is not."""
+"""Lint of hub programs."""
 
 from __future__ import annotations
 

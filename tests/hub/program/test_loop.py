@@ -1,4 +1,4 @@
-"""The generated program, run for real: what the hub does with every kind of byte that can reach it."""
+"""The generated program on all kinds of input."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ ARM_INTERFACE = Interface((RunAngle("low", -30, 30, 250),), (MotorAngle("low", 1
 
 
 class Session:
-    """A program that runs, spoken to in frames."""
+    """A running program with a frame interface."""
 
     def __init__(self, robot: Robot, interface: Interface) -> None:
         self.hub = StandInHub(robot.hub.model.stdin_bytes)

@@ -1,4 +1,4 @@
-"""A program of one's own on a hub: what goes with it, and what comes back."""
+"""User programs on a hub."""
 
 from __future__ import annotations
 
@@ -155,7 +155,7 @@ def test_user_program_runs_on_small_hub(tmp_path: Path) -> None:
 
 
 def test_user_program_is_always_downloaded(world: World, folder: Path) -> None:
-    """A program without a HELLO comes anew every time, and leaves no note behind."""
+    """A program without HELLO is always downloaded and not cached."""
     link = world.link()
     link.open()
     link.close()

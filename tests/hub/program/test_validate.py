@@ -1,4 +1,4 @@
-"""What does not fit is told in one line, with a remedy."""
+"""Validation errors with remedies."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which hub is meant, and a whole way from its name to its motors."""
+"""Hub addresses."""
 
 from __future__ import annotations
 

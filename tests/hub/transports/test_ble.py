@@ -1,4 +1,4 @@
-"""The Bluetooth transport against a played hub, over a link that delivers at connection events."""
+"""Bluetooth transport with a simulated hub."""
 
 from __future__ import annotations
 

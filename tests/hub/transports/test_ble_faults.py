@@ -1,4 +1,4 @@
-"""What goes wrong over Bluetooth: each fault ends in bounded time, with our error, with the motors stopped, and can be mended."""
+"""Bluetooth faults: bounded time, our errors, stopped motors, recovery."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ WATCHDOG_S = WATCHDOG_MS / 1000
 
 
 def drop_when(world: World, kind: Command, count: int = 1, drop: Callable[[], None] | None = None) -> None:
-    """Break the link at the count-th command of a kind. Subscribing to notifications looks like a first START."""
+    """Break the link at the count-th command of a kind; subscribing counts as a first START."""
     seen = itertools.count(1)
 
     def rule(opcode: int, data: bytes) -> int:
@@ -120,7 +120,7 @@ def test_hub_with_running_program_is_found_after_its_end(world: World) -> None:
 
 
 def test_hub_kept_connected_by_system(world: World) -> None:
-    """A program of ours was killed; some systems keep the connection, so that the hub does not advertise itself."""
+    """Some systems keep the connection of a killed program, so the hub does not advertise."""
     world.radio.run(world.radio.central.connect(world.hub.address))
     world.hub.wait_until("is_connected", True)
     with world.link(name=None) as link:

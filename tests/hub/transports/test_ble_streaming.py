@@ -1,4 +1,4 @@
-"""Streaming, AppData, and the smaller hubs, over the played radio."""
+"""Streaming, AppData and smaller hubs over the simulated radio."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def test_lock_step_over_app_data(world: World) -> None:
 
 
 def test_streaming_hub_out_of_reach_stops(world: World) -> None:
-    """Its output buffer is full soon, so that the program waits until the hub knows that the link is lost."""
+    """A small output buffer makes the program wait until the hub notices the lost link."""
     link = streaming(world, Interface((RunAngle("left", -3000, 3000, 400),), (MotorAngle("left"),), Wait(50)))
     link.open()
     link.act([3000])

@@ -1,4 +1,4 @@
-"""What is said where this computer has no Bluetooth."""
+"""Messages without Bluetooth."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from bricksrl.hub.transports.bluetooth import bleak_errors
 
 @pytest.fixture
 def linux(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
-    """A computer with Linux that has an bluetooth, and a system bus."""
+    """A Linux computer with a Bluetooth adapter and a system bus."""
     (tmp_path / "bluetooth/hci0").mkdir(parents=True)
     (tmp_path / "bus").write_text("")
     for name, path in (("_BLUETOOTH_FOLDER", "bluetooth"), ("_RFKILL_FOLDER", "rfkill"), ("_SYSTEM_BUS", "bus")):

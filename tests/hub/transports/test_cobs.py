@@ -1,4 +1,4 @@
-"""Frames over USB."""
+"""COBS frames of USB."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The event loop in its thread: results, errors, bounds."""
+"""Event loop thread: results, errors, time bounds."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The program's output between two threads."""
+"""Output buffer between two threads."""
 
 from __future__ import annotations
 

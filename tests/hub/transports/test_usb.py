@@ -1,4 +1,4 @@
-"""The transport over USB against a played hub, over sockets and over a pseudo terminal."""
+"""USB transport with a simulated hub, over sockets and a pseudo terminal."""
 
 from __future__ import annotations
 

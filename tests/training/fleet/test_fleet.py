@@ -1,4 +1,4 @@
-"""Several robots, one learner: processes that leave and come back, one dataset, nothing mixed."""
+"""Fleets: processes that leave and return, one dataset, separate rows."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def config(run_dir: Path, **changes: Any) -> TrainConfig:
 
 
 class Harm(Callback):
-    """Cuts the link of the first robot after three episodes, and kills the process of the second one after four."""
+    """Cuts the first robot's link after three episodes, kills the second one's process after four."""
 
     def __init__(self) -> None:
         self.states: list[tuple[str, RobotState]] = []
@@ -157,7 +157,7 @@ def test_rows_of_different_robots_are_not_linked() -> None:
 
 
 class Stub:
-    """A fleet without processes, and a recorder: notes what it is asked for."""
+    """A fleet without processes that logs calls."""
 
     def __init__(self, robots: int) -> None:
         self.members = [Member(f"r{place}", place, "virtual") for place in range(robots)]

@@ -1,4 +1,4 @@
-"""Groups of robots that learn: MAPPO, IPPO and independent SAC."""
+"""Teams: MAPPO, IPPO and independent SAC."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Robots drawn from an LDraw library: other looks, the same physics."""
+"""Robots with LDraw looks: same physics."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def body(robot: Robot) -> MujocoBody:
 
 
 def motion(robot: MujocoBody) -> bytes:
-    """Where everything is after half a second with all motors on."""
+    """Positions after half a second with all motors on."""
     for port in [motor.port for motor in robot.robot.motors]:
         robot.set_voltage(port, 5000)
     robot.advance_to(500)

@@ -1,4 +1,4 @@
-"""A user's robot with a model from an MJCF file, and models that cannot be used."""
+"""Users' robots with MJCF models."""
 
 from __future__ import annotations
 

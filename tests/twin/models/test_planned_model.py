@@ -1,4 +1,4 @@
-"""Twins that follow from plans, beside those that are written by hand."""
+"""Twins from plans against manual ones."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ QUIET = Physics(distance_noise_mm=0, distance_noise_ratio=0, tilt_noise_deg=0, b
 
 
 def from_plan(robot: Robot) -> Robot:
-    """The robot with the model that follows from its plan."""
+    """The robot with the model from its plan."""
     return replace(robot, model=str(ROOT / "plans" / f"{robot.name.replace('-', '_')}.ldr"))
 
 
 def body(robot: Robot, scene: Scene = OPEN_FLOOR) -> MujocoBody:
-    """A twin without play and noise."""
+    """A twin without backlash and noise."""
     return MujocoBody(robot, scene, QUIET, 0)
 
 

@@ -25,7 +25,7 @@ WITH_BALL = Scene(ball=True)
 
 
 class Arm:
-    """A RoboArm whose motors the firmware's servos turn, as a hub program would."""
+    """A RoboArm with firmware servos."""
 
     def __init__(self, physics: Physics | RandomPhysics = QUIET, scene: Scene = OPEN_FLOOR, seed: int = 0) -> None:
         body = make_body(ROBO_ARM, scene=scene, physics=physics, seed=seed)
@@ -45,7 +45,7 @@ class Arm:
         self.machine.advance(2000)
 
     def place(self, name: str) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
-        """Of a body's origin in the world, m."""
+        """Position of a body in the world, m."""
         mujoco.mj_kinematics(self.body.model, self.body.data)
         return np.array(self.body.data.body(name).xpos)
 
@@ -213,7 +213,7 @@ class TestJoints:
 
 class TestWebcam:
     def pixel(self, arm: Arm) -> tuple[float, float]:
-        """Where the ball's centre is in the image of 640 x 480."""
+        """Pixel of the ball's centre in an image of 640 x 480."""
         model, data = arm.body.model, arm.body.data
         mujoco.mj_kinematics(model, data)
         mujoco.mj_camlight(model, data)

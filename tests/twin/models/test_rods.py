@@ -8,7 +8,7 @@ from bricksrl.twin.models.rods import Rods, add_rod
 
 
 def swing() -> mujoco.MjModel:
-    """A pendulum of 0.1 m on a frame that lies on its side, and a sledge that a rod of 0.25 m couples to its bob."""
+    """A pendulum of 0.1 m on a horizontal frame, coupled to a sledge by a rod of 0.25 m."""
     spec = mujoco.MjSpec()
     spec.option.gravity, spec.option.timestep = [-9.81, 3.0, 0.0], 0.0005
     frame = spec.worldbody.add_body(name="frame", quat=[0.5, 0.5, 0.5, 0.5])
@@ -24,7 +24,7 @@ def swing() -> mujoco.MjModel:
 
 
 def tip(data: mujoco.MjData) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
-    """Where the drawn rod ends."""
+    """End of the drawn rod."""
     end: np.ndarray[tuple[int], np.dtype[np.float64]] = data.body("rod_arm").xmat.reshape(3, 3)[:, 2] * 0.25
     return data.body("rod_arm").xpos + end
 

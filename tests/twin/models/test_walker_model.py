@@ -30,7 +30,7 @@ def quiet(**values: Any) -> Physics:
 
 
 class Walking:
-    """A Walker whose motors the firmware's servos turn, as a hub program would."""
+    """A Walker with firmware servos."""
 
     def __init__(self, physics: Physics | RandomPhysics = QUIET, scene: Scene = OPEN_FLOOR, seed: int = 0) -> None:
         body = make_body(WALKER, scene=scene, physics=physics, seed=seed)
@@ -52,7 +52,7 @@ class Walking:
         self.body.reset(np.random.default_rng(0))
 
     def walk(self, steps: int, angle: int = -100) -> float:
-        """As ``Walker-v0`` steps; returns the largest tilt in degrees."""
+        """Steps as in ``Walker-v0``. Returns the largest tilt in degrees."""
         tilt = 0.0
         for _ in range(steps):
             for servo in self.servos:
@@ -62,14 +62,14 @@ class Walking:
         return tilt
 
     def loop_error_mm(self) -> float:
-        """How much a rocker's pins are too near or too far apart; one step behind the joints."""
+        """Distance error of a rocker's pins; one step behind the joints."""
         sites = self.body.data.site
         apart = [np.linalg.norm(sites(f"rod_{port}_far").xpos - sites(f"rod_{port}_near").xpos) for port in "ABCD"]
         return float(np.abs(np.array(apart) - 0.032).max()) * 1000
 
 
 def speed_m_s(phases: Phases, physics: Physics = QUIET, angle: int = -100, steps: int = 12) -> float:
-    """Forward speed of a gait: all cranks turn alike, with these phases."""
+    """Forward speed of a gait: equal cranks with these phases."""
     robot = Walking(physics)
     robot.pose_legs(tuple(-phase for phase in phases))
     robot.put_down()
@@ -152,7 +152,7 @@ class TestAtRest:
 
 class TestLegs:
     def foot(self, robot: Walking, port: str) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
-        """Of a robot that hangs in the air, in the frame of its chassis; m."""
+        """Foot position of a suspended robot in the chassis frame, m."""
         mujoco.mj_kinematics(robot.body.model, robot.body.data)
         chassis = robot.body.data.body("chassis")
         return (robot.body.data.geom(f"foot_{port}").xpos - chassis.xpos) @ chassis.xmat.reshape(3, 3)

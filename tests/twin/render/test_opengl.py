@@ -39,7 +39,7 @@ def picture(body: MujocoBody, width: int, height: int, camera: str = "chase", **
 
 
 def turquoise(image: Image) -> np.ndarray[tuple[int, int], np.dtype[np.bool_]]:
-    """Where the robot's lower half is."""
+    """Position of the robot's lower half."""
     red, green, blue = (image[..., channel].astype(int) for channel in range(3))
     return (green > red + 40) & (blue > red + 40)
 

@@ -1,4 +1,4 @@
-"""Pictures without OpenGL, beside those with it."""
+"""Raycast pictures against OpenGL."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def arm() -> MujocoBody:
 
 
 def red(image: Image) -> tuple[float, float]:
-    """Middle of what is red."""
+    """Centre of the red pixels."""
     rows, columns = np.nonzero((image[..., 0] > 100) & (image[..., 1] < 60) & (image[..., 2] < 60))
     return float(rows.mean()), float(columns.mean())
 

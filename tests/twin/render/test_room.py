@@ -1,4 +1,4 @@
-"""The room of the videos: captions, metres, the ghost of a goal."""
+"""Room of videos: captions, metre labels, goal ghost."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Films of programs: as long as the robot's own time, whatever ends them."""
+"""Videos of programs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The motors move as the firmware's: held to what the firmware itself answered (tests/data/firmware_motion.json)."""
+"""Motor motion against the firmware's recordings (tests/data/firmware_motion.json)."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def test_move_duration_equals_firmware(move: dict[str, int]) -> None:
 
 
 def test_consecutive_moves_take_firmware_ticks() -> None:
-    """In one program, as the firmware ran them: each begins where the one before let the motor rest."""
+    """In one program: each move starts where the previous one ended."""
     machine, servo = motor()
     moves = FIRMWARE["run_angle_blocking"]
     ticks = []

@@ -1,4 +1,4 @@
-"""A motor under the firmware's control, on the bench: stops, stalls, directions, gears, settings."""
+"""Firmware motor control on the bench: stops, stalls, directions, gears, settings."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from bricksrl.virtual_hub.machine import CONTROL_LOOP_MS, Machine
 
 
 class Blocked(BenchBody):
-    """Something stands in the way of every motor at 30 degrees."""
+    """All motors are blocked at 30 degrees."""
 
     def angle_mdeg(self, port: str) -> int:
         return min(super().angle_mdeg(port), 30_000)

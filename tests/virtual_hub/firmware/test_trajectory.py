@@ -58,7 +58,7 @@ def test_timed_command_lasts_duration(command: Command, duration: int) -> None:
 
 
 def test_timed_command_without_trajectory_raises() -> None:
-    """Slowing down at 1000, then at 999 deg/s2: the ramps meet at a division by their difference, beyond the end."""
+    """Deceleration at 1000, then 999 deg/s²: the ramps meet beyond the end."""
     command = Command(0, 0, 953_188, 946_637, 1_000_000, 1_000_000, 999_000, keep_running=False, duration=5331)
     with pytest.raises(InfeasibleMoveError):
         for_time(command)

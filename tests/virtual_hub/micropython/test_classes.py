@@ -1,4 +1,4 @@
-"""Classes, attributes and calls of a hub. Expected: MicroPython 1.26.1, built as Pybricks configures it."""
+"""Classes, attributes and calls. Expected: MicroPython 1.26.1 with Pybricks' configuration."""
 
 from __future__ import annotations
 

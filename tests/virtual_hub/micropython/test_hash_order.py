@@ -1,4 +1,4 @@
-"""Dicts and sets in the order of a hub, and how they refuse; `data/micropython_containers.json` says where that is from."""
+"""Order and errors of dicts and sets; source: `data/micropython_containers.json`."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def test_refusals(call: str, printed: str) -> None:
 
 
 def test_dict_of_subclass_object_raises() -> None:
-    """A hub goes through it as through anything else, and finds keys where it looks for pairs."""
+    """A hub iterates over it and expects pairs."""
     source = "class D(dict): pass\nd = D()\nd['key'] = 1\ntry:\n    dict(d)\nexcept ValueError as e:\n    print(e)"
     assert output(source) == "dict update sequence has wrong length"
 

@@ -1,4 +1,4 @@
-"""The modules of MicroPython, against what a hub computes."""
+"""MicroPython's modules against values from a hub."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def test_math_is_single_precision() -> None:
 
 
 def test_angle_conversion_factors_equal_hub() -> None:
-    """Printed by MicroPython 1.26.1; the factors are quotients of single-precision numbers."""
+    """From MicroPython 1.26.1; the factors are single-precision quotients."""
     source = (
         "import umath\nprint(umath.degrees(1), umath.degrees(-2.5), umath.radians(77), umath.radians(-140), umath.degrees(3e38))"
     )

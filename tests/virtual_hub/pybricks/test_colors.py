@@ -1,4 +1,4 @@
-"""Which of the detectable colors a measured one is taken for."""
+"""Nearest detectable color."""
 
 from __future__ import annotations
 

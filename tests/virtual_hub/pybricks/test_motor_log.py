@@ -1,4 +1,4 @@
-"""``Motor.log`` and the logs of controllers: their rows are what the control loop did."""
+"""``Motor.log`` and controller logs."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ MODEL = MOTOR_TYPES[MotorKind.SPIKE_MEDIUM].model
 
 
 def files(text: str) -> dict[str, list[list[int]]]:
-    """What pybricksdev would save: rows of numbers by the name of their file."""
+    """Files that pybricksdev would save: rows by name."""
     found: dict[str, list[list[int]]] = {}
     name = ""
     for line in text.split("\n"):
@@ -84,7 +84,7 @@ def test_log_stops_and_restarts() -> None:
 
 
 def test_log_of_stall() -> None:
-    """Friction blocks a motor that may exert next to nothing."""
+    """Friction blocks a motor with a low torque limit."""
     body = BenchBody(BENCH)
     body.motor_friction_scale = 1.5
     program = MOTOR + "motor.control.limits(torque=1)\nmotor.control.log.start(2000)\n"

@@ -1,4 +1,4 @@
-"""`benchmarks/pybricks_api.py`: what is documented and missing is told."""
+"""`benchmarks/pybricks_api.py` reports missing documented methods."""
 
 from __future__ import annotations
 

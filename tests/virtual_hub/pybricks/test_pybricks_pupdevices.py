@@ -1,4 +1,4 @@
-"""Motors and sensors: what they answer, what they refuse, how they are awaited."""
+"""Motors and sensors: results, errors, awaiting."""
 
 from __future__ import annotations
 

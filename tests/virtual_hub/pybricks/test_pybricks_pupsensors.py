@@ -1,4 +1,4 @@
-"""Sensors and lights: what they answer to what they sense, what they refuse, how long they take."""
+"""Sensors and lights: results, errors, durations."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def one(kind: SensorKind) -> Robot:
 
 
 def told(kind: SensorKind, source: str, **sensed: object) -> str:
-    """What a program prints whose sensor on port B senses these things; ``it`` is the first of them."""
+    """Output of a program with a sensor on port B; ``it`` is its first stimulus."""
     robot = one(kind)
     readings = {("it" if name == "it" else f"it.{name}"): (lambda angles, v=value: v) for name, value in sensed.items()}
     body = BenchBody(robot, readings)

@@ -1,4 +1,4 @@
-"""The drive base on the bench (no load), against what the firmware answered there."""
+"""Drive base on the bench (no load) against the firmware."""
 
 from __future__ import annotations
 
@@ -130,7 +130,7 @@ except ValueError as e:
 
 
 class Steering(BenchBody):
-    """Motor C steers between -60 and 100 degrees."""
+    """Motor C is limited to -60..100 degrees."""
 
     def advance_to(self, time_ms: int) -> None:
         for moment_ms in range(self._time_ms + 1, time_ms + 1):
@@ -240,7 +240,7 @@ def test_move_target_is_truncated() -> None:
 
 
 class Turning(BenchBody):
-    """The hub turns with the wheels of a robot that slips: by its gyroscope it turns 0.9 times as far."""
+    """A slipping robot: the gyroscope measures 0.9 times the turn."""
 
     turns_with_its_wheels = True
 
