@@ -83,6 +83,6 @@ def test_missing_compiler_raises(monkeypatch: pytest.MonkeyPatch) -> None:
     learner = make("sac", hidden=(4,))
     learner.remember(steps(20))
     compile_updates(learner)
-    with pytest.raises(RunError, match="no C++ compiler; install one") as caught:
+    with pytest.raises(RunError, match=r"no C\+\+ compiler; install one") as caught:
         learner.make_updates(1)
     assert "\n" not in str(caught.value)

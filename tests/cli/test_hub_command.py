@@ -152,7 +152,7 @@ def test_run_takes_a_robot_from_a_file(bricksrl, tmp_path):
         (("--press", "up@1s"), "no button 'up'"),
         (("--reading", "B"), "'B' is not a reading"),
         (("--end-stop", "C=10..20"), "starts at 0"),
-        (("--end-stop", "C"), "no pair of end stops"),
+        (("--end-stop", "C"), "not a pair of end stops"),
         (("--robot", "nowhere.py"), "no file nowhere.py"),
         (("--hub", "ble", "--press", "left@1s"), "leave out --hub"),
         (("--robot", "walker", "--reading", "B=red"), "--robot bench"),

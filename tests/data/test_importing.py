@@ -90,14 +90,14 @@ class Bomb:
 @pytest.mark.parametrize(
     ("damage", "told"),
     [
-        (lambda root: (root / "meta.json").write_text("{"), "no JSON"),
+        (lambda root: (root / "meta.json").write_text("{"), "not JSON"),
         (lambda root: (root / "meta.json").write_text("[1]"), "describes no tensors"),
         (lambda root: (root / "action.memmap").write_bytes(b"1234"), "has 4 bytes"),
         (lambda root: (root / "action.memmap").unlink(), "cannot read"),
-        (lambda root: (root / "meta.json").write_bytes(pickle.dumps(Bomb())), "no JSON"),
+        (lambda root: (root / "meta.json").write_bytes(pickle.dumps(Bomb())), "not JSON"),
         (lambda root: (root / "next/meta.json").write_text("{}"), "no tensor observation"),
-        (lambda root: replace_in(root / "meta.json", '"action"', '"../../secret"'), "none of the paper's"),
-        (lambda root: replace_in(root / "meta.json", "torch.float32", "torch.complex64"), "none of the paper's"),
+        (lambda root: replace_in(root / "meta.json", '"action"', '"../../secret"'), "not of the paper"),
+        (lambda root: replace_in(root / "meta.json", "torch.float32", "torch.complex64"), "not of the paper"),
         (lambda root: reshape(root, "observation", []), "no steps in its tensor observation"),
         (lambda root: reshape(root, "observation", [0, 5]), "no steps in its tensor observation"),
         (lambda root: reshape(root, "action", [9]), "shapes that are not those"),

@@ -59,7 +59,7 @@ def test_refusals_print_one_line(hub: Hub, tmp_path: Path, monkeypatch: pytest.M
     root = record(tmp_path / "set")
     with pytest.raises(DataError, match="shows no me/nothing"):
         pull_dataset("me/nothing", tmp_path / "out")
-    with pytest.raises(DataError, match="no name on the hub"):
+    with pytest.raises(DataError, match="not a name on the hub"):
         pull_dataset("a name/of/three", tmp_path / "out")
     monkeypatch.setenv("HF_TOKEN", "hf_unknown")
     with pytest.raises(DataError, match="hf auth login"):
@@ -90,7 +90,7 @@ def test_policy_hub_round_trip(hub: Hub, tmp_path: Path) -> None:
         load_policy(tmp_path / "policy", bricksrl.make("RoboArmSim-v0", seed=0))
     for content in (b"\x80\x04cos\nsystem\n.", b"", files["policy.safetensors"][:-9]):
         files["policy.safetensors"] = content
-        with pytest.raises(CheckpointError, match="no sound safetensors"):
+        with pytest.raises(CheckpointError, match="not a valid safetensors"):
             pull_policy("me/policy", tmp_path / "bad")
     assert not (tmp_path / "bad").exists()
 

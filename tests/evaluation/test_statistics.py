@@ -38,7 +38,7 @@ def test_wilson_interval_equals_scipy(trials: int, share: float, confidence: flo
 
 @pytest.mark.parametrize(("successes", "trials"), [(0, 0), (3, 2), (-1, 4)])
 def test_invalid_counts_raise(successes: int, trials: int) -> None:
-    with pytest.raises(DescriptionError, match="no rate"):
+    with pytest.raises(DescriptionError, match="not a rate"):
         wilson_interval(successes, trials)
 
 

@@ -272,7 +272,7 @@ def test_resume_of_other_run_raises(config: TrainConfig, tmp_path: Path) -> None
     with pytest.raises(CheckpointError, match="another config or environment"):
         resume(tmp_path / "run", env=Cart())
     checkpoint.write_bytes(b"PK\x03\x04")
-    with pytest.raises(CheckpointError, match="no checkpoint of this version"):
+    with pytest.raises(CheckpointError, match="not a checkpoint of this version"):
         resume(tmp_path / "run", env=Cart())
     for text in ("{", "[]", '{"bricksrl_run": 2, "config": {}}'):
         (tmp_path / "run" / "config.json").write_text(text)

@@ -227,10 +227,10 @@ def test_next_episode_starts_before_saving_last(tmp_path: Path) -> None:
     ("changes", "message"),
     [
         ({"robots": 2, "hub": "ble:A"}, "named one by one"),
-        ({"hub": "ble:A,ble:A", "robots": 1}, "give each a name"),
-        ({"hub": "ble,ble:A", "robots": 1}, "give each a name"),
-        ({"eval_every": 2}, "learn on"),
-        ({"num_envs": 2}, "learn on"),
+        ({"hub": "ble:A,ble:A", "robots": 1}, "give each robot a name"),
+        ({"hub": "ble,ble:A", "robots": 1}, "give each robot a name"),
+        ({"eval_every": 2}, "does not support num_envs"),
+        ({"num_envs": 2}, "does not support num_envs"),
         ({"robots": 0}, "give 1 or more"),
     ],
 )

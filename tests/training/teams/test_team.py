@@ -54,7 +54,7 @@ def test_copies_alternate_scripts() -> None:
 
 
 def test_invalid_team_raises(tmp_path: Path) -> None:
-    with pytest.raises(RunError, match="a group that learns"):
+    with pytest.raises(RunError, match="a learning group"):
         TeamConfig("Tag-v0", {})
     with pytest.raises(DescriptionError, match="no script 'hide'"):
         train_team(TeamConfig("Tag-v0", {"catcher": "ippo"}, {"runner": "hide"}, frames=8, copies=1), SMALL)

@@ -64,7 +64,7 @@ def quiet(**values: Any) -> Physics:
 
 class TestModel:
     def test_other_robot_or_wall_raises(self) -> None:
-        with pytest.raises(TwinError, match="no RoboArm"):
+        with pytest.raises(TwinError, match="not a RoboArm"):
             robo_arm.build(BENCH, OPEN_FLOOR)
         with pytest.raises(TwinError, match="wall"):
             robo_arm.build(ROBO_ARM, Scene(wall_distance_mm=(200.0, 300.0)))

@@ -114,7 +114,7 @@ class TestModel:
             assert solref.tolist() == shape.solref.tolist()
 
     def test_other_robot_raises(self) -> None:
-        with pytest.raises(TwinError, match="no Walker"):
+        with pytest.raises(TwinError, match="not a Walker"):
             walker.build(BENCH, OPEN_FLOOR)
 
     def test_walker_cannot_hold_ball(self) -> None:
