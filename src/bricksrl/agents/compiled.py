@@ -65,11 +65,8 @@ class CompiledGradients:
         return found
 
     def __call__(self, batch: TensorDictBase, whole: bool) -> TensorDict:
-        """Losses of a batch, with the actor's if ``whole``. Writes gradients to the parameters.
-
-        Raises:
-            RunError: there is no compiler.
-        """
+        """Losses of a batch, with the actor's if ``whole``. Writes gradients to the parameters. Raises RunError if there is no
+        compiler."""
         rows = batch.select(*self._keys, "steps_to_next_obs", strict=False).to_dict()
         learned: dict[str, Tensor] = {**self._learned[whole]}
         try:
@@ -88,11 +85,7 @@ class CompiledGradients:
 
 
 def compile_updates(learner: Learner) -> None:
-    """Compile a learner's updates.
-
-    Raises:
-        RunError: its algorithm cannot be compiled.
-    """
+    """Compile a learner's updates. Raises RunError if its algorithm cannot be compiled."""
     loss = learner.loss
     if not isinstance(loss, ActorCriticLoss) or isinstance(loss, CrossQLoss | CQLLoss):
         raise RunError("only SAC, DroQ, REDQ and TD3 can be compiled; omit --compile")

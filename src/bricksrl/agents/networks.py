@@ -35,11 +35,8 @@ def mlp(in_size: int, out_size: int, hidden: tuple[int, ...], *, layer_norm: boo
 
 
 def make_body(settings: Settings, in_size: int, out_size: int, **kind: Any) -> nn.Module:
-    """The network of the settings: an `mlp`, or the result of the user's factory.
-
-    Raises:
-        DescriptionError: the user's factory cannot be loaded, raises, or returns no network.
-    """
+    """The network of the settings: an `mlp`, or the result of the user's factory. Raises DescriptionError if the user's factory
+    cannot be loaded, raises, or returns no network."""
     if not settings.network:
         return mlp(in_size, out_size, settings.hidden, **kind)
     from bricksrl.envs.user_files import load_object

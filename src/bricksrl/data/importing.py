@@ -200,11 +200,8 @@ def _description(task: Task, observation: NDArray[np.float32]) -> Description:
 
 
 def read_tensors(folder: Path) -> Arrays:
-    """Read the tensors of one folder, by name, as plain numbers.
-
-    Raises:
-        DataError: ``meta.json`` or a file is missing, damaged or of the wrong size.
-    """
+    """Read the tensors of one folder, by name, as plain numbers. Raises DataError if ``meta.json`` or a file is missing, damaged
+    or of the wrong size."""
     meta = folder / "meta.json"
     try:
         if meta.stat().st_size > _MAX_META_BYTES:

@@ -75,11 +75,8 @@ def to_table(columns: Columns, description: Description) -> pa.Table:
 
 
 def from_table(table: pa.Table, description: Description, names: Iterable[str], where: Path) -> dict[str, NDArray[Any]]:
-    """Inverse of `to_table` for some of the columns; vectors of length 1 are returned as ``[steps]``.
-
-    Raises:
-        DataError: a column has another type than in the description.
-    """
+    """Inverse of `to_table` for some of the columns; vectors of length 1 are returned as ``[steps]``. Raises DataError if a
+    column has another type than in the description."""
     shapes = {name: (n, kind) for name, n, kind in numbers(description)}
     arrays = {}
     for name in names:

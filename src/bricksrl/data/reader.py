@@ -139,11 +139,8 @@ def dataset_folder(path: Path) -> Path:
 
 
 def read_columns(index: Index, names: Sequence[str]) -> dict[str, NDArray[Any]]:
-    """Read columns of all steps: ``[N]``, vectors ``[N, n]`` even for ``n`` = 1.
-
-    Raises:
-        DataError: a file is missing or damaged.
-    """
+    """Read columns of all steps: ``[N]``, vectors ``[N, n]`` even for ``n`` = 1. Raises DataError if a file is missing
+    or damaged."""
     widths = {OBSERVATION: len(index.description.observation), NEXT: len(index.description.observation)}
     widths[ACTION] = len(index.description.action)
     parts: list[dict[str, NDArray[Any]]] = []

@@ -85,11 +85,8 @@ def fetched(repo: str, kind: str, out: Path, patterns: list[str], revision: str 
 
 @contextmanager
 def reaching(repo: str) -> Iterator[HfApi]:
-    """Client of the hub; its errors inside this context are translated into ours.
-
-    Raises:
-        DataError: huggingface_hub is not installed, the hub is out of reach, or it refuses.
-    """
+    """Client of the hub; its errors inside this context are translated into ours. Raises DataError if huggingface_hub is not
+    installed, the hub is out of reach, or it refuses."""
     try:
         from huggingface_hub import HfApi, errors
         from huggingface_hub.errors import (

@@ -80,11 +80,8 @@ class GymnasiumEnv(gymnasium.Env[Observation, Array]):
         return self._shown(result), float(result["reward"]), terminated, truncated, info
 
     def render(self) -> NDArray[np.uint8] | None:
-        """Image of the virtual robot, uint8 ``[height, width, 3]``; ``None`` without a render mode.
-
-        Raises:
-            RenderingUnavailableError: the robot is real, or OpenGL is missing.
-        """
+        """Image of the virtual robot, uint8 ``[height, width, 3]``; ``None`` without a render mode. Raises
+        RenderingUnavailableError if the robot is real, or OpenGL is missing."""
         if self.render_mode is None:
             return None
         if self._renderer is None:

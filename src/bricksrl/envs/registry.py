@@ -199,11 +199,7 @@ def is_simulation(env_id: str) -> bool:
 
 
 def training_episodes(env_id: str) -> int:
-    """Default number of training episodes of an environment.
-
-    Raises:
-        UnknownNameError: there is no environment of that name.
-    """
+    """Default number of training episodes of an environment. Raises UnknownNameError if there is no environment of that name."""
     return _offer(env_id).episodes
 
 

@@ -149,10 +149,7 @@ def play_episodes(
     env: EnvBase, policy: Policy, episodes: int, seed: int, *, reset_policy: Callable[[], None] = lambda: None
 ) -> Iterator[Judged]:
     """Play whole episodes; episode ``k`` depends only on ``seed``, ``k`` and the policy. Copies of a simulation run in parallel.
-
-    Raises:
-        HubError: the link to the robot broke.
-    """
+    Raises HubError if the link to the robot broke."""
     if env.batch_size:
         yield from _play_copies(env, policy, episodes, seed)
         return

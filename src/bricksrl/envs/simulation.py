@@ -186,11 +186,8 @@ def _shape(batch_size: int | Sequence[int]) -> torch.Size:
 
 
 def _time_s(task: Task, kinematics: Kinematics) -> float | None:
-    """Time until the next command; ``None`` for instant motion.
-
-    Raises:
-        DescriptionError: the task's steps have no fixed time, or a motor has end stops, where the firmware is not modelled.
-    """
+    """Time until the next command; ``None`` for instant motion. Raises DescriptionError if the task's steps have no fixed time,
+    or a motor has end stops, where the firmware is not modelled."""
     if kinematics.motion == "instant":
         return None
     interface = task.interface

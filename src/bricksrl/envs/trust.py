@@ -52,11 +52,8 @@ def require_trusted(path: Path, data: bytes, config: Any) -> None:
 
 
 def trust(folder: Path) -> tuple[str, ...]:
-    """Declare the present config of a run or a shared policy trusted; returns the references to code in it.
-
-    Raises:
-        RunError: there is no run or policy in the folder, or the digest cannot be written.
-    """
+    """Declare the present config of a run or a shared policy trusted; returns the references to code in it. Raises RunError if
+    there is no run or policy in the folder, or the digest cannot be written."""
     for name in ("config.json", "policy.json"):
         path = folder / name
         if path.is_file():

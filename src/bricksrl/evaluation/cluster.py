@@ -28,11 +28,8 @@ OnMessage = Callable[[int, dict[str, Any]], None]
 
 
 def parse_on(text: str) -> str | None:
-    """Parse ``ray`` or ``ray:ADDRESS`` into the address of the cluster; ``None`` for a local one.
-
-    Raises:
-        RunError: the text is neither.
-    """
+    """Parse ``ray`` or ``ray:ADDRESS`` into the address of the cluster; ``None`` for a local one. Raises RunError if the text is
+    neither."""
     kind, colon, address = text.partition(":")
     if kind != "ray" or (colon and not address):
         raise RunError(f"there is no '{text}' to run on; choose ray, or ray:ADDRESS for a cluster that is there")
@@ -168,11 +165,8 @@ def train_on_cluster(
     *,
     cpus: int | None = None,
 ) -> list[str | None]:
-    """Train all orders, each a config and its local folder; returns the error of each, or ``None``.
-
-    Raises:
-        RunError: the cluster cannot be reached.
-    """
+    """Train all orders, each a config and its local folder; returns the error of each, or ``None``. Raises RunError if the
+    cluster cannot be reached."""
     with connected(address, cpus) as ray:
         from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
 

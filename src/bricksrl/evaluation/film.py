@@ -217,11 +217,8 @@ def _step_ms(env: EnvBase) -> float:
 
 
 def side_by_side(left: Path, right: Path, path: Path, height: int = 540) -> Path:
-    """Join two films side by side, each ``height`` px high, for the duration of the longer one.
-
-    Raises:
-        TwinError: they cannot be joined.
-    """
+    """Join two films side by side, each ``height`` px high, for the duration of the longer one. Raises TwinError if they cannot
+    be joined."""
     import imageio_ffmpeg
 
     fit = f"scale=-2:{height},setsar=1,tpad=stop_mode=clone:stop_duration=60"

@@ -110,11 +110,8 @@ def probability_of_improvement(
 
 
 def wilson_interval(successes: int, trials: int, *, confidence: float = 0.95) -> Interval:
-    """Wilson score interval of a success rate, valid for few trials and for rates of 0 and 1.
-
-    Raises:
-        DescriptionError: there are no trials, or the successes are not between 0 and ``trials``.
-    """
+    """Wilson score interval of a success rate, valid for few trials and for rates of 0 and 1. Raises DescriptionError if there
+    are no trials, or the successes are not between 0 and ``trials``."""
     if trials < 1 or not 0 <= successes <= trials:
         raise DescriptionError(f"{successes} successes in {trials} trials is not a rate; give 0 to {max(trials, 1)} of 1 or more")
     z = NormalDist().inv_cdf(0.5 + confidence / 2.0)

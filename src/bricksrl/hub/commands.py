@@ -302,11 +302,7 @@ class DriveTurnRate(_Drive):
 
 
 def drive_base(robot: Robot, wanted_for: str) -> DriveBase:
-    """The robot's drive base.
-
-    Raises:
-        DescriptionError: the robot has no drive base.
-    """
+    """The robot's drive base. Raises DescriptionError if the robot has no drive base."""
     if robot.drive_base is None:
         raise DescriptionError(f"robot '{robot.name}' has no drive base for '{wanted_for}'; describe one or command its motors")
     return robot.drive_base

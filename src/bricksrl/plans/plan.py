@@ -117,20 +117,12 @@ class Plan:
 
 
 def read_plan(path: Path) -> Plan:
-    """Read a plan from an LDraw file.
-
-    Raises:
-        PlanError: the file is unreadable, invalid or too large.
-    """
+    """Read a plan from an LDraw file. Raises PlanError if the file is unreadable, invalid or too large."""
     return make_plan(ldraw_file.parse(ldraw_file.read_text(path), str(path)))
 
 
 def make_plan(document: Document) -> Plan:
-    """The plan of a document.
-
-    Raises:
-        PlanError: a model contains itself, or there are too many parts.
-    """
+    """The plan of a document. Raises PlanError if a model contains itself, or there are too many parts."""
     builder = _Builder(document)
     builder.build(document.main, _MAIN_COLOUR, np.eye(3), np.zeros(3), ())
     unknown = tuple(Unknown(number, tuple(lines)) for number, lines in sorted(builder.unknown.items()))

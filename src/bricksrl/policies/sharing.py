@@ -87,11 +87,8 @@ class SharedPolicy:
 
 
 def read_policy(path: Path) -> SharedPolicy:
-    """Read the policy in a folder. Nothing in it is executed.
-
-    Raises:
-        CheckpointError, RunError: there is no policy, it is damaged, or its config names untrusted code.
-    """
+    """Read the policy in a folder. Nothing in it is executed. Raises CheckpointError or RunError if there is no policy, it is
+    damaged, or its config names untrusted code."""
     from safetensors import SafetensorError
     from safetensors.torch import load
 
@@ -117,11 +114,8 @@ def read_policy(path: Path) -> SharedPolicy:
 
 
 def load_shared(path: Path, env: EnvBase) -> Learner:
-    """A learner with a shared policy, to act in ``env``; its other training state is not restored.
-
-    Raises:
-        CheckpointError: there is no policy, it is damaged, or ``env`` has other observations or actions.
-    """
+    """A learner with a shared policy, to act in ``env``; its other training state is not restored. Raises CheckpointError if
+    there is no policy, it is damaged, or ``env`` has other observations or actions."""
     from bricksrl.training.restore import make_learner_for
 
     shared = read_policy(path)

@@ -327,19 +327,11 @@ class Robot:
                 raise DescriptionError(f"robot '{self.name}': both motors of a drive base need the same gears")
 
     def motor(self, name: str) -> Motor:
-        """The motor of that name.
-
-        Raises:
-            DescriptionError: the robot has no such motor.
-        """
+        """The motor of that name. Raises DescriptionError if the robot has no such motor."""
         return _by_name(self, "motor", self.motors, name)
 
     def sensor(self, name: str) -> Sensor:
-        """The sensor of that name.
-
-        Raises:
-            DescriptionError: the robot has no such sensor.
-        """
+        """The sensor of that name. Raises DescriptionError if the robot has no such sensor."""
         return _by_name(self, "sensor", self.sensors, name)
 
 

@@ -19,11 +19,8 @@ if TYPE_CHECKING:
 
 
 def read_for(path: str, env: EnvBase, *, images: bool = False) -> Episodes:
-    """The dataset in a folder, or of a run, for an agent in ``env``.
-
-    Raises:
-        DataError: it is missing, empty or damaged, or its entries are not those of ``env``.
-    """
+    """The dataset in a folder, or of a run, for an agent in ``env``. Raises DataError if it is missing, empty or damaged, or its
+    entries are not those of ``env``."""
     from bricksrl.data import describe, load
 
     data = load(path, images=images)

@@ -147,11 +147,7 @@ def write_log(path: Path, log: RunLog) -> None:
 
 
 def read_log(path: Path) -> RunLog:
-    """Read a log.
-
-    Raises:
-        TwinError: the file cannot be read, or is no motion log.
-    """
+    """Read a log. Raises TwinError if the file cannot be read, or is no motion log."""
     try:
         header, first, *rest = [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
         if header["bricksrl_log"] != _FORMAT:

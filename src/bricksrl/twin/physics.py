@@ -96,11 +96,8 @@ class Physics:
 
     @classmethod
     def from_dict(cls, data: object) -> Physics:
-        """Physics from a dict of parameters; others keep their defaults.
-
-        Raises:
-            TwinError: a name is unknown, or a value is no number or out of range.
-        """
+        """Physics from a dict of parameters; others keep their defaults. Raises TwinError if a name is unknown, or a value is no
+        number or out of range."""
         if not isinstance(data, dict):
             raise TwinError('physics: this is not a table of names and numbers; give one such as {"battery_v": 7.4}')
         for name, value in data.items():
@@ -112,11 +109,8 @@ class Physics:
 
 
 def read_physics(path: Path) -> Physics:
-    """Read the parameters from a JSON file such as ``bricksrl twin fit`` writes.
-
-    Raises:
-        TwinError: the file cannot be read, or its content is invalid.
-    """
+    """Read the parameters from a JSON file such as ``bricksrl twin fit`` writes. Raises TwinError if the file cannot be read, or
+    its content is invalid."""
     try:
         data = json.loads(path.read_bytes())
     except OSError as error:

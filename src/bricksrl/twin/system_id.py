@@ -73,11 +73,8 @@ class Fit:
 
 
 def replay(log: RunLog, physics: Physics, robot: Robot | None = None) -> Vector:
-    """Channels ``[n + 1, n_channels]`` of a noise-free twin that gets a log's commands at the same times.
-
-    Raises:
-        UnknownNameError, TwinError: there is no such robot, or it has no twin.
-    """
+    """Channels ``[n + 1, n_channels]`` of a noise-free twin that gets a log's commands at the same times. Raises UnknownNameError
+    or TwinError if there is no such robot, or it has no twin."""
     robot = robots.get(log.robot) if robot is None else robot
     hub = VirtualHub(make_body(robot, scene=_scene(log), physics=replace(physics, **_SILENT)))
     rows = []

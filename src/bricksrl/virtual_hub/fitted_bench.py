@@ -52,11 +52,8 @@ class FittedBench(BenchBody):
                 raise TwinError(f"a {hub.value} hub has no port {port}; it has {', '.join(hub.model.ports)}")
 
     def plug_in(self, port: str, device: str) -> bool:
-        """Plug in a device of a class of ``pybricks.pupdevices``. Returns whether the port was free or has it already.
-
-        Raises:
-            TwinError: the port's reading does not suit the device.
-        """
+        """Plug in a device of a class of ``pybricks.pupdevices``. Returns whether the port was free or has it already. Raises
+        TwinError if the port's reading does not suit the device."""
         if port in self._devices:
             return self._devices[port] == device
         self._devices[port] = device
@@ -87,11 +84,7 @@ class FittedBench(BenchBody):
 
     @staticmethod
     def _sense_of(reading: GivenReading, device: str) -> Sense:
-        """Sense of a reading.
-
-        Raises:
-            TwinError: the device has no such sense.
-        """
+        """Sense of a reading. Raises TwinError if the device has no such sense."""
         sensor = UltrasonicSensor("it", "A") if device == _ULTRASONIC else PoweredUpSensor("it", "A", SensorKind(device))
         known = senses(sensor)
         if reading.sense is None and known:

@@ -115,11 +115,7 @@ class VirtualHub:
         return self._pace is not None
 
     def open(self) -> None:
-        """Connect.
-
-        Raises:
-            HubError: the hub is out of reach.
-        """
+        """Connect. Raises HubError if the hub is out of reach."""
         self._check_reach()
 
     def start(self, program: HubProgram) -> None:

@@ -270,11 +270,7 @@ class TwinCamera:
         self._renderer: Renderer | RayCaster | None = None
 
     def frame(self) -> Frame:
-        """Present frame.
-
-        Raises:
-            RenderingUnavailableError: the virtual robot has no MuJoCo model.
-        """
+        """Present frame. Raises RenderingUnavailableError if the virtual robot has no MuJoCo model."""
         if self._renderer is None:
             from bricksrl.twin.mujoco_body import MujocoBody
 
@@ -310,11 +306,8 @@ class VideoCamera:
         self._capture: Any = None
 
     def frame(self) -> Frame:
-        """Present frame.
-
-        Raises:
-            CameraError: OpenCV is not installed, the camera cannot be read, or its frames have another size.
-        """
+        """Present frame. Raises CameraError if OpenCV is not installed, the camera cannot be read, or its frames have another
+        size."""
         view = self._view
         if self._capture is None:
             self._capture = _open_capture(view)

@@ -138,11 +138,7 @@ def saved_path(device: int | str, folder: Path | None = None) -> Path:
 
 
 def write_red(path: Path, window: RedWindow) -> None:
-    """Write a window atomically.
-
-    Raises:
-        CameraError: the file cannot be written.
-    """
+    """Write a window atomically. Raises CameraError if the file cannot be written."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         draft = path.with_name(f"{path.name}.{os.getpid()}")
@@ -153,11 +149,7 @@ def write_red(path: Path, window: RedWindow) -> None:
 
 
 def read_red(path: Path) -> RedWindow:
-    """Read the window that `write_red` wrote.
-
-    Raises:
-        CameraError: the file is missing or invalid.
-    """
+    """Read the window that `write_red` wrote. Raises CameraError if the file is missing or invalid."""
     try:
         data: dict[str, Any] = json.loads(path.read_bytes())["red"]
         low, high = map(float, data["hue_deg"])
@@ -170,10 +162,6 @@ def read_red(path: Path) -> RedWindow:
 
 
 def saved_red(device: int | str, folder: Path | None = None) -> RedWindow | None:
-    """The saved window of this camera; ``None`` if there is none.
-
-    Raises:
-        CameraError: the file is invalid.
-    """
+    """The saved window of this camera; ``None`` if there is none. Raises CameraError if the file is invalid."""
     path = saved_path(device, folder)
     return read_red(path) if path.exists() else None

@@ -75,11 +75,7 @@ def survey(transport: Transport, robot: Robot) -> Survey:
 
 
 def parse_survey(lines: list[str]) -> Survey:
-    """Survey from the lines that the program printed.
-
-    Raises:
-        HubError: the lines are incomplete.
-    """
+    """Survey from the lines that the program printed. Raises HubError if the lines are incomplete."""
     words: dict[str, list[list[str]]] = {}
     for line in lines:
         word, *rest = line.split(" ")

@@ -194,11 +194,8 @@ class HubLink:
         return self._transport.now_s()
 
     def stop(self) -> None:
-        """Stop the motors and the program. ``open`` starts it again.
-
-        Raises:
-            HubError: the transport failed; the hub's watchdog then stops the motors.
-        """
+        """Stop the motors and the program. ``open`` starts it again. Raises HubError if the transport failed; the hub's watchdog
+        then stops the motors."""
         if self.state is LinkState.DISCONNECTED:
             return
         self.state = after(self.state, Cause.STOPPED)

@@ -37,11 +37,7 @@ def encode(message: bytes) -> bytes:
 
 
 def decode(frame: bytes) -> bytes:
-    """Decode a frame, given without its end, into a message.
-
-    Raises:
-        HubProtocolError: the frame is invalid.
-    """
+    """Decode a frame, given without its end, into a message. Raises HubProtocolError if the frame is invalid."""
     data = bytes(byte ^ _XOR for byte in frame.removeprefix(bytes((_HIGH_PRIORITY,))))
     out = bytearray()
     at = 0

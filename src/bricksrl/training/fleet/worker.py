@@ -132,11 +132,7 @@ class Worker:
         self._take("placed")
 
     def _take(self, wanted: str | None = None) -> tuple[str, Any]:
-        """The next message, of a given kind.
-
-        Raises:
-            _FleetEnded: the fleet ended.
-        """
+        """The next message, of a given kind. Raises _FleetEnded if the fleet ended."""
         while True:
             message = self._inbox.get()
             if message[0] == END[0]:

@@ -67,11 +67,8 @@ _JOINTS = {
 
 
 def build(robot: Robot, scene: Scene) -> mujoco.MjSpec:
-    """Model of the robot in its scene.
-
-    Raises:
-        TwinError: the description is not that of a RoboArm, or the scene has a wall or turns the robot.
-    """
+    """Model of the robot in its scene. Raises TwinError if the description is not that of a RoboArm, or the scene has a wall or
+    turns the robot."""
     if {motor.name for motor in robot.motors} != set(_JOINTS):
         raise TwinError(f"robot '{robot.name}' is not a RoboArm: it needs the motors {', '.join(_JOINTS)}")
     if scene.wall_distance_mm is not None or scene.heading_deg != (0.0, 0.0):

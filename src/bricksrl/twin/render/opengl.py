@@ -158,11 +158,7 @@ class VideoWriter:
         self._size: tuple[int, ...] = ()
 
     def add(self, frame: Image) -> None:
-        """Add an image, uint8 [height, width, 3].
-
-        Raises:
-            TwinError: its size differs from the first one's.
-        """
+        """Add an image, uint8 [height, width, 3]. Raises TwinError if its size differs from the first one's."""
         if self._file is None:
             self._open(frame)
         if frame.shape != self._size or frame.dtype != np.uint8:

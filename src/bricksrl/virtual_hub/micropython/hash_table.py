@@ -25,11 +25,7 @@ _FREE, _DELETED = _Mark(), _Mark()
 
 
 def hash_of(value: Any) -> int | None:
-    """``hash(value)`` on a hub; ``None`` if it is the address.
-
-    Raises:
-        TypeError: the value is unhashable.
-    """
+    """``hash(value)`` on a hub; ``None`` if it is the address. Raises TypeError if the value is unhashable."""
     kind = type(value)
     if getattr(kind, "hash_is_address", False):
         return None
@@ -116,11 +112,7 @@ class HashTable:
         self.slots[place] = _FREE if after is _FREE else _DELETED
 
     def first(self) -> Any:
-        """The first key.
-
-        Raises:
-            StopIteration: there is none.
-        """
+        """The first key. Raises StopIteration if there is none."""
         return next(iter(self))
 
     def drop_first(self) -> Any:
