@@ -37,11 +37,7 @@ class _Parts(nn.Module):
 
 
 class CompiledGradients:
-    """Losses and gradients of a batch from a compiled graph; see `Learner.gradients`.
-
-    Args:
-        backend: of ``torch.compile``.
-    """
+    """Losses and gradients of a batch from a compiled graph; see `Learner.gradients`. ``backend``: of ``torch.compile``."""
 
     def __init__(self, loss: ActorCriticLoss, device: torch.device, backend: str = "inductor") -> None:
         self._parts, self._device = _Parts(loss), device

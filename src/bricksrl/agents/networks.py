@@ -16,11 +16,8 @@ from bricksrl.errors import DescriptionError
 
 
 def mlp(in_size: int, out_size: int, hidden: tuple[int, ...], *, layer_norm: bool = False, dropout: float = 0.0) -> nn.Sequential:
-    """A multilayer perceptron ``[*batch, in_size]`` to ``[*batch, out_size]`` with ReLU.
-
-    Args:
-        layer_norm, dropout: after each hidden layer, before its ReLU, as in DroQ (Hiraoka et al., 2022).
-    """
+    """A multilayer perceptron ``[*batch, in_size]`` to ``[*batch, out_size]`` with ReLU. ``layer_norm, dropout``: after each
+    hidden layer, before its ReLU, as in DroQ (Hiraoka et al., 2022)."""
     layers: list[nn.Module] = []
     size = in_size
     for units in hidden:

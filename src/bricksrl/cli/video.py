@@ -23,12 +23,8 @@ _FRAME_MS = 80
 
 
 def film_before_and_after(run_dir: Path, env: str, *, budget_s: float = FILM_BUDGET_S) -> Films:
-    """Film an episode of a run's agent before training and one after, and join them side by side.
-
-    Raises:
-        RenderingUnavailableError: no OpenGL library works here.
-        TwinError: the environment has no virtual robot.
-    """
+    """Film an episode of a run's agent before training and one after, and join them side by side. Raises
+    RenderingUnavailableError if no OpenGL library works here, TwinError if the environment has no virtual robot."""
     from bricksrl.evaluation.film import FilmOptions, film_run, side_by_side
     from bricksrl.evaluation.report import Films
 
@@ -60,12 +56,8 @@ def check_film(path: Path) -> None:
 
 @contextmanager
 def filmed_env(env: EnvBase, path: Path | None, title: str) -> Iterator[None]:
-    """Film the virtual robot of an environment inside this context; without a path do nothing.
-
-    Raises:
-        TwinError: there is no virtual robot to film, or the file is no mp4.
-        RenderingUnavailableError: no OpenGL library works here.
-    """
+    """Film the virtual robot of an environment inside this context; without a path do nothing. Raises TwinError if there is no
+    virtual robot to film, or the file is no mp4, RenderingUnavailableError if no OpenGL library works here."""
     if path is None:
         yield
         return

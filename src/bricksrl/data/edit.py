@@ -54,12 +54,8 @@ def merge(sources: Sequence[Path], out: Path) -> Index:
 
 
 def split(source: Path, first: Path, second: Path, share: float, seed: int) -> tuple[Index, Index]:
-    """Write a random share of the episodes to ``first`` and the others to ``second``, both in order.
-
-    Raises:
-        DataError: the source is damaged, a target exists, or a target would be empty.
-        DescriptionError: the seed is invalid.
-    """
+    """Write a random share of the episodes to ``first`` and the others to ``second``, both in order. Raises DataError if the
+    source is damaged, a target exists, or a target would be empty, DescriptionError if the seed is invalid."""
     if not math.isfinite(share):
         raise DataError(f"share is {share:g}; give a number between 0 and 1")
     check_seed(seed)

@@ -175,11 +175,8 @@ def by_file(rows: Sequence[EpisodeRow]) -> Iterator[list[EpisodeRow]]:
 
 
 def read_images(index: Index) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
-    """Read the images before and after all steps, each ``[N, side, side, 3]``.
-
-    Raises:
-        DataError: a video is missing or damaged.
-    """
+    """Read the images before and after all steps, each ``[N, side, side, 3]``. Raises DataError if a video is missing or
+    damaged."""
     from bricksrl.data.images import decode
 
     key, side = index.description.image_key, index.description.image_px

@@ -209,12 +209,8 @@ def list_envs() -> dict[str, str]:
 
 
 def get_task(env_id: str, **options: Any) -> Task:
-    """The task of an environment.
-
-    Raises:
-        UnknownNameError: there is no environment of that name.
-        UnknownOptionError: it has no such option.
-    """
+    """The task of an environment. Raises UnknownNameError if there is no environment of that name, UnknownOptionError if it has
+    no such option."""
     return _build(env_id, _offer(env_id), options)
 
 

@@ -26,11 +26,8 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class SampledEntry(Entry):
-    """Entry of the observation that is drawn at every reset and constant for the episode.
-
-    Attributes:
-        whole: draw an integer ``low, low + 1, ..., high`` instead of a real number.
-    """
+    """Entry of the observation that is drawn at every reset and constant for the episode. ``whole``: draw an integer ``low, low
+    + 1, ..., high`` instead of a real number."""
 
     whole: bool = False
 

@@ -240,12 +240,8 @@ def _duration_s(path: Path) -> float:
 
 
 def film_run(run_dir: Path, which: str, path: Path, options: FilmOptions) -> Filmed:
-    """Film the policy of a run: ``first`` (untrained), ``best``, ``last``, or ``random`` actions.
-
-    Raises:
-        RunError, CheckpointError: there is no such run or policy.
-        RenderingUnavailableError, TwinError: as :func:`film`.
-    """
+    """Film the policy of a run: ``first`` (untrained), ``best``, ``last``, or ``random`` actions. Raises RunError or
+    CheckpointError if there is no such run or policy, RenderingUnavailableError or TwinError as :func:`film`."""
     from bricksrl.policies.named import named_policies
     from bricksrl.training.restore import one_robot
     from bricksrl.training.run import make_env

@@ -224,10 +224,7 @@ class Turn(_OfDriveBase):
 @dataclass(frozen=True)
 class Curve(_OfDriveBase):
     """Drive along a circle by an angle, to the right for a positive one, without waiting: ``DriveBase.curve(..., wait=False)``.
-
-    Attributes:
-        radius_mm: radius of the path of the robot's centre; negative to drive backwards.
-    """
+    ``radius_mm``: radius of the path of the robot's centre; negative to drive backwards."""
 
     radius_mm: int
     unit: ClassVar[str] = "deg"
@@ -355,11 +352,8 @@ class HubLight(_OfHub):
 
 @dataclass(frozen=True)
 class HubSound(_OfHub):
-    """Short tone of the hub's loudspeaker: ``hub.speaker.beep(frequency, duration)``; silent below 64 Hz.
-
-    Attributes:
-        duration_ms: duration of the tone, for which the hub waits.
-    """
+    """Short tone of the hub's loudspeaker: ``hub.speaker.beep(frequency, duration)``; silent below 64 Hz. ``duration_ms``:
+    duration of the tone, for which the hub waits."""
 
     low: float = 0.0
     high: float = 2000.0

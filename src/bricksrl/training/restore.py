@@ -31,12 +31,8 @@ class Trained:
 
 
 def load_learner(run_dir: Path | str, env: EnvBase, *, which: Which = "last") -> Trained:
-    """The learner of a run, on the CPU, for ``env``.
-
-    Raises:
-        RunError: there is no run in the folder.
-        CheckpointError: it is damaged, or the observation or action of ``env`` differs.
-    """
+    """The learner of a run, on the CPU, for ``env``. Raises RunError if there is no run in the folder, CheckpointError if it is
+    damaged, or the observation or action of ``env`` differs."""
     folder = RunFolder(Path(run_dir))
     config = folder.read_config()
     learner = make_learner_for(config, env, device="cpu")

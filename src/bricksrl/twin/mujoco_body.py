@@ -193,11 +193,8 @@ class MujocoBody:
         self._qpos[[address for address, _ in self._shaft.values()]] = 0.0
 
     def reset(self, rng: np.random.Generator) -> None:
-        """Place the robot at the start of an episode; motors keep their angles, clock and program continue.
-
-        Args:
-            rng: generator of the start pose, and of the physics if random.
-        """
+        """Place the robot at the start of an episode; motors keep their angles, clock and program continue. ``rng``: generator
+        of the start pose, and of the physics if random."""
         if self._random_physics is not None:
             self._apply(self._random_physics.sample(rng))
         self._qvel[:] = 0.0

@@ -127,12 +127,8 @@ class Camera(Protocol):
     """Source of frames."""
 
     def frame(self) -> Frame:
-        """Present frame; opens the camera if it is closed.
-
-        Raises:
-            CameraError: a real camera cannot be read, or OpenCV is not installed.
-            RenderingUnavailableError: a virtual robot cannot be drawn.
-        """
+        """Present frame; opens the camera if it is closed. Raises CameraError if a real camera cannot be read, or OpenCV is not
+        installed, RenderingUnavailableError if a virtual robot cannot be drawn."""
 
     def close(self) -> None:
         """Release the camera; closing twice does nothing."""
@@ -176,11 +172,8 @@ def distances_px(centres: NDArray[np.float64], goal: Place) -> NDArray[np.float6
 
 
 def shrink(frame: Frame, side_px: int, disc: tuple[Place, int] | None = None) -> Frame:
-    """Area-averaged image ``[side, side, 3]`` of the frame, in which small objects stay visible.
-
-    Args:
-        disc: centre and radius, in px of the frame, of a green disc to draw into the image; the frame is not changed.
-    """
+    """Area-averaged image ``[side, side, 3]`` of the frame, in which small objects stay visible. ``disc``: centre and radius, in
+    px of the frame, of a green disc to draw into the image; the frame is not changed."""
     canvas = frame.astype(np.float32)
     if disc is not None:
         draw_disc(canvas, *disc)

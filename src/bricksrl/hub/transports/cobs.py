@@ -64,11 +64,7 @@ def _parse_code(code: int) -> tuple[int | None, int]:
 
 
 class Framer:
-    """Splitter of a stream into frames. Overlong input is dropped up to the next end.
-
-    Attributes:
-        damaged: number of invalid frames.
-    """
+    """Splitter of a stream into frames. Overlong input is dropped up to the next end. ``damaged``: number of invalid frames."""
 
     def __init__(self, longest_bytes: int = 2048) -> None:
         self.damaged = 0

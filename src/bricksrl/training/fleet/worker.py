@@ -29,11 +29,7 @@ class _FleetEnded(BaseException):
 
 
 class Worker:
-    """One robot: messages in, frames out.
-
-    Attributes:
-        send: sends a message to the fleet; set after construction.
-    """
+    """One robot: messages in, frames out. ``send``: sends a message to the fleet; set after construction."""
 
     send: Callable[..., None]
 

@@ -56,11 +56,8 @@ class TeamSettings:
 
 
 class GroupLearner:
-    """A learning group.
-
-    Attributes:
-        policy: ``(group, "observation")`` to ``(group, "action")``; explores under ``ExplorationType.RANDOM``.
-    """
+    """A learning group. ``policy``: ``(group, "observation")`` to ``(group, "action")``; explores under
+    ``ExplorationType.RANDOM``."""
 
     policy: TensorDictModule
 

@@ -54,11 +54,7 @@ class TeamProgress:
 
 @dataclass
 class Team:
-    """Trained groups.
-
-    Attributes:
-        policy: of all robots; explores under ``ExplorationType.RANDOM``.
-    """
+    """Trained groups. ``policy``: of all robots; explores under ``ExplorationType.RANDOM``."""
 
     config: TeamConfig
     settings: TeamSettings

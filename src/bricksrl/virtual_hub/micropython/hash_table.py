@@ -68,11 +68,7 @@ def _float_hash(value: float) -> int:
 
 
 class HashTable:
-    """Keys in slots. The owner knows which keys exist, and adds none twice.
-
-    Args:
-        size: initial number of slots.
-    """
+    """Keys in slots. The owner knows which keys exist, and adds none twice. ``size``: initial number of slots."""
 
     __slots__ = ("_added", "_hashes", "slots")
 

@@ -177,11 +177,7 @@ class RunLoop:
         on_close: Callable[[], None] | None = None,
         grain_ms: int = 0,
     ) -> Any:
-        """Wait now, or return an awaitable.
-
-        Args:
-            grain_ms: time between checks; 0 for the next control loop.
-        """
+        """Wait now, or return an awaitable. ``grain_ms``: time between checks; 0 for the next control loop."""
         if self.is_active:
             return Async(is_done, result, on_close)
         while not is_done():
