@@ -22,14 +22,14 @@ FILM_BUDGET_S = 20.0
 _FRAME_MS = 80
 
 
-def film_before_and_after(run_dir: Path, env: str, *, budget_s: float = FILM_BUDGET_S) -> Films:
+def film_before_and_after(run_dir: Path, env: str) -> Films:
     """Film an episode of a run's agent before training and one after, and join them side by side. Raises
     RenderingUnavailableError if no OpenGL library works here, TwinError if the environment has no virtual robot."""
     from bricksrl.evaluation.film import FilmOptions, film_run, side_by_side
     from bricksrl.evaluation.report import Films
 
     before, after = (
-        film_run(run_dir, which, run_dir / f"{name}.mp4", FilmOptions(f"{env} {name} learning", budget_s=budget_s))
+        film_run(run_dir, which, run_dir / f"{name}.mp4", FilmOptions(f"{env} {name} learning", budget_s=FILM_BUDGET_S))
         for which, name in (("first", "before"), ("last", "after"))
     )
     both = side_by_side(before.path, after.path, run_dir / "before_after.mp4")

@@ -44,11 +44,10 @@ def stratified_bootstrap_interval(
     strata: Sequence[Sequence[float]],
     statistic: Statistic = interquartile_mean,
     *,
-    confidence: float = 0.95,
     resamples: int = 2000,
     seed: int = 0,
 ) -> Interval:
-    """Percentile bootstrap interval of a statistic of all scores, resampled within each stratum.
+    """95 % percentile bootstrap interval of a statistic of all scores, resampled within each stratum.
 
     Args:
         strata: scores by group, for instance the episodes of each run, or the runs of each task.
@@ -65,8 +64,7 @@ def stratified_bootstrap_interval(
         scores = np.asarray(stratum, dtype=np.float64)
         parts.append(scores[rng.integers(0, scores.size, (resamples, scores.size))])
     values = statistic(np.concatenate(parts, axis=-1))
-    tail = (1.0 - confidence) / 2.0
-    low, high = np.quantile(values, (tail, 1.0 - tail))
+    low, high = np.quantile(values, (0.025, 0.975))
     return Interval(float(low), float(high))
 
 
@@ -74,14 +72,12 @@ FEWEST_SEEDS = 5
 """Fewest runs for a meaningful interval."""
 
 
-def seeds_interval(scores: Sequence[float], statistic: Statistic = interquartile_mean) -> Interval | None:
-    """95 % bootstrap interval of a statistic of one score per seed; ``None`` for fewer than `FEWEST_SEEDS`."""
-    return None if len(scores) < FEWEST_SEEDS else stratified_bootstrap_interval([scores], statistic)
+def seeds_interval(scores: Sequence[float]) -> Interval | None:
+    """95 % bootstrap interval of the interquartile mean of one score per seed; ``None`` for fewer than `FEWEST_SEEDS`."""
+    return None if len(scores) < FEWEST_SEEDS else stratified_bootstrap_interval([scores])
 
 
-def probability_of_improvement(
-    scores: Sequence[float], others: Sequence[float], *, resamples: int = 2000, seed: int = 0
-) -> tuple[float, Interval | None]:
+def probability_of_improvement(scores: Sequence[float], others: Sequence[float]) -> tuple[float, Interval | None]:
     """Probability that a run of the first kind scores higher than one of the second; equal scores count half.
 
     It is the mean over all pairs (Agarwal et al. 2021, "Deep Reinforcement Learning at the Edge of the Statistical Precipice").
@@ -103,8 +99,8 @@ def probability_of_improvement(
     probability = float(share(mine, theirs))
     if min(mine.size, theirs.size) < FEWEST_SEEDS:
         return probability, None
-    rng = np.random.default_rng(seed)
-    drawn = [x[rng.integers(0, x.size, (resamples, x.size))] for x in (mine, theirs)]
+    rng = np.random.default_rng(0)
+    drawn = [x[rng.integers(0, x.size, (2000, x.size))] for x in (mine, theirs)]
     low, high = np.quantile(share(*drawn), (0.025, 0.975))
     return probability, Interval(float(low), float(high))
 

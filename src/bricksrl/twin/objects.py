@@ -205,19 +205,14 @@ Solid = Wall | Block | Ramp
 Object = Line | Field | Wall | Block | Ramp | Lamp
 
 
-def oval(length_mm: float, width_mm: float, at_mm: Point = (0.0, 0.0), corners: int = 24) -> tuple[Point, ...]:
-    """Points of a stadium-shaped closed line, which begins at ``at_mm`` and leads along x, then to the left.
-
-    Args:
-        length_mm, width_mm: total size along x and y; the ends are half circles.
-        corners: number of segments of each half circle.
-    """
+def oval(length_mm: float, width_mm: float) -> tuple[Point, ...]:
+    """Points of a closed line with half circles as ends, of this total size, from the origin along x, then to the left."""
     radius, straight = width_mm / 2, length_mm - width_mm
     if straight < 0 or radius <= 0:
         raise TwinError(f"scene: an oval of {length_mm} x {width_mm} mm; give a length of at least its width")
-    angles = np.linspace(-math.pi / 2, math.pi / 2, corners + 1)
+    angles = np.linspace(-math.pi / 2, math.pi / 2, 25)
     right = np.stack([straight / 2 + radius * np.cos(angles), radius + radius * np.sin(angles)], -1)
-    points = np.concatenate([[(0.0, 0.0)], right, right * (-1.0, -1.0) + (0.0, width_mm)]) + np.array(at_mm)
+    points = np.concatenate([[(0.0, 0.0)], right, right * (-1.0, -1.0) + (0.0, width_mm)])
     return tuple((float(x), float(y)) for x, y in points)
 
 

@@ -90,7 +90,7 @@ def _header(robot: Robot, interface: Interface) -> str:
         f'Program of the robot "{robot.name}" for the {robot.hub.value} hub, written by BricksRL from the robot\'s description.',
         "Do not edit: it is written anew whenever the description changes.",
         "Commands, in the order of the action:",
-        *(f"  {command.name}: {command.text}" for command in interface.commands),
+        *(f"  {command.name}: {command.description.format(command)}" for command in interface.commands),
         "Channels, in the order of the observation:",
         *(f"  {channel.name}, {channel.low:g} to {channel.high:g} {channel.unit}" for channel in interface.channels),
         _settle_text(interface),

@@ -159,9 +159,7 @@ class TeamEpisode:
     returns: dict[str, float]
 
 
-def play_team(
-    env: EnvBase, policy: TensorDictModuleBase, episodes: int, seed: int, on_step: Callable[[], None] = lambda: None
-) -> list[TeamEpisode]:
+def play_team(env: EnvBase, policy: TensorDictModuleBase, episodes: int, seed: int) -> list[TeamEpisode]:
     """Run episodes in an arena with its hubs; episode ``k`` depends on ``seed``, ``k`` and the policy only. Raises HubError if a
     link broke."""
     import torch
@@ -176,7 +174,6 @@ def play_team(
             while True:
                 frame = env.step(policy(state))
                 length += 1
-                on_step()
                 if bool(frame["next", "link_lost"]):
                     raise env.link_error
                 for group in returns:
