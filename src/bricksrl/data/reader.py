@@ -98,13 +98,11 @@ class Episodes:
 
 
 def load(path: Path | str, *, images: bool = True) -> Episodes:
-    """Load the dataset in a folder, or in the folder of a run. Nothing in it is executed, nothing is written.
+    """Load the dataset in a folder, or in the folder of a run. Nothing in it is executed, nothing is written. Raises DataError if
+    there is no dataset, it is damaged, or it was not made by BricksRL.
 
     Args:
         images: read the images too, if there are any.
-
-    Raises:
-        DataError: there is no dataset, it is damaged, or it was not made by BricksRL.
     """
     import torch
 

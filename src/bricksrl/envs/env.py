@@ -287,13 +287,11 @@ class HubEnv(EnvBase):  # type: ignore[misc]
         return with_numbers(observation, episode.watch)
 
     def judged(self, observations: torch.Tensor) -> torch.Tensor:
-        """Input of the task's success and metrics for the observations ``[steps, n]`` of the whole current episode.
+        """Input of the task's success and metrics for the observations ``[steps, n]`` of the whole current episode. Raises
+        BricksError if the number of observations is not that of the current episode's steps.
 
         These are the observations; where the task's camera has a goal, with the camera's two distances appended; where the task
         has a target, with the true pose of a virtual robot.
-
-        Raises:
-            BricksError: the number of observations is not that of the current episode's steps.
         """
         if not self.task.is_judged_by_more:
             return observations

@@ -35,13 +35,11 @@ def remember(data: bytes) -> None:
 
 
 def require_trusted(path: Path, data: bytes, config: Any) -> None:
-    """Require that a config names no code, was written here, or was declared trusted.
+    """Require that a config names no code, was written here, or was declared trusted. Raises RunError if the config names code,
+    and was made elsewhere or changed.
 
     Args:
         path: file of the config; ``data`` are its bytes, and ``config`` is its content.
-
-    Raises:
-        RunError: the config names code, and was made elsewhere or changed.
     """
     code = code_in(config)
     if code and not _digest_path(data).exists():

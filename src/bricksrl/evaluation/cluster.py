@@ -38,13 +38,11 @@ def parse_on(text: str) -> str | None:
 
 @contextmanager
 def connected(address: str | None, cpus: int | None = None) -> Iterator[Any]:
-    """The ``ray`` module, connected to a cluster, or to a local one for the duration of this context.
+    """The ``ray`` module, connected to a cluster, or to a local one for the duration of this context. Raises RunError if Ray is
+    not installed, or the cluster does not answer.
 
     Args:
         cpus: concurrent runs of a local cluster; by default the number of cores.
-
-    Raises:
-        RunError: Ray is not installed, or the cluster does not answer.
     """
     os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")
     try:

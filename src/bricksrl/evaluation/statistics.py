@@ -47,14 +47,12 @@ def stratified_bootstrap_interval(
     resamples: int = 2000,
     seed: int = 0,
 ) -> Interval:
-    """95 % percentile bootstrap interval of a statistic of all scores, resampled within each stratum.
+    """95 % percentile bootstrap interval of a statistic of all scores, resampled within each stratum. Raises DescriptionError if
+    there is no stratum, or an empty one.
 
     Args:
         strata: scores by group, for instance the episodes of each run, or the runs of each task.
         seed: the same seed gives the same interval.
-
-    Raises:
-        DescriptionError: there is no stratum, or an empty one.
     """
     if not strata or any(len(stratum) == 0 for stratum in strata):
         raise DescriptionError("a bootstrap needs at least one score in each stratum; leave out the empty ones")
@@ -78,15 +76,13 @@ def seeds_interval(scores: Sequence[float]) -> Interval | None:
 
 
 def probability_of_improvement(scores: Sequence[float], others: Sequence[float]) -> tuple[float, Interval | None]:
-    """Probability that a run of the first kind scores higher than one of the second; equal scores count half.
+    """Probability that a run of the first kind scores higher than one of the second; equal scores count half. Raises
+    DescriptionError if one of the two is empty.
 
     It is the mean over all pairs (Agarwal et al. 2021, "Deep Reinforcement Learning at the Edge of the Statistical Precipice").
 
     Returns:
         The probability, and its 95 % bootstrap interval, or ``None`` where one of the two has fewer than five runs.
-
-    Raises:
-        DescriptionError: one of the two is empty.
     """
     if not scores or not others:
         raise DescriptionError("a comparison needs at least one score of each; leave out what has none")

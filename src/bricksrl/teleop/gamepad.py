@@ -38,15 +38,13 @@ class Pad(Protocol):
 
 
 class GamepadDriver:
-    """Driver by gamepad: each axis drives one command, in order; the first button toggles between human and policy.
+    """Driver by gamepad: each axis drives one command, in order; the first button toggles between human and policy. Raises
+    DataError if there is no gamepad.
 
     Args:
         commands: commands of the robot.
         in_charge: drive from the start.
         pad: the gamepad; by default the first one found.
-
-    Raises:
-        DataError: there is no gamepad.
     """
 
     def __init__(self, commands: Sequence[Entry], *, in_charge: bool = True, pad: Pad | None = None) -> None:

@@ -34,13 +34,11 @@ class RunFolder:
 
     @classmethod
     def create(cls, config: TrainConfig, state: dict[str, Any], losses: tuple[str, ...]) -> RunFolder:
-        """Create a folder with config and first checkpoint, atomically.
+        """Create a folder with config and first checkpoint, atomically. Raises RunError if the folder exists, or cannot be
+        created.
 
         Args:
             losses: names of the learning metrics.
-
-        Raises:
-            RunError: the folder exists, or cannot be created.
         """
         from bricksrl.training.checkpoint import save_checkpoint
 

@@ -62,13 +62,10 @@ class RunLog:
 
 
 def record(link: HubLink, robot: Robot, interface: Interface, commands: Iterable[Sequence[float]]) -> RunLog:
-    """Record a robot that carries out commands one by one.
+    """Record a robot that carries out commands one by one. Raises HubError if the link failed.
 
     Args:
         link: open link to its hub.
-
-    Raises:
-        HubError: the link failed.
     """
     first = link.read()
     rows, answers, gaps_ms = [], [first], []

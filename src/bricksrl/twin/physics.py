@@ -38,7 +38,8 @@ def _parameter(default: float, unit: str, drawn: tuple[float, float], accepted: 
 
 @dataclass(frozen=True)
 class Physics:
-    """Parameters of a twin; the defaults are a freshly charged robot on a smooth floor.
+    """Parameters of a twin; the defaults are a freshly charged robot on a smooth floor. Raises TwinError if a value is outside of
+    its accepted range.
 
     Attributes:
         battery_v: voltage of the battery, which limits the motors'.
@@ -57,9 +58,6 @@ class Physics:
         slope_deg: slope of the floor, uphill along x, the direction in which robots start.
         side_load_g: mass fastened to the left side of the chassis, 6 modules from its centre of mass.
         weak_motor_scale: factor on the torque per volt of the first motor of the description.
-
-    Raises:
-        TwinError: at construction, when a value is outside of its accepted range.
     """
 
     battery_v: float = _parameter(
@@ -133,13 +131,10 @@ PARAMETERS: dict[str, Parameter] = {field.name: field.metadata["parameter"] for 
 
 @dataclass(frozen=True)
 class RandomPhysics:
-    """Sampler of a :class:`Physics` for every episode (domain randomization).
+    """Sampler of a :class:`Physics` for every episode (domain randomization). Raises TwinError if the width is not in 0..1.
 
     Attributes:
         width: 1 draws each parameter uniformly from its whole range, 0 keeps the defaults.
-
-    Raises:
-        TwinError: the width is not in 0..1.
     """
 
     width: float = 1.0

@@ -17,7 +17,7 @@ _MOST_HEADING_AT_WALL_DEG = 60.0
 
 @dataclass(frozen=True)
 class Scene:
-    """Scene of a flat floor with an optional wall ahead of the robot, and objects.
+    """Scene of a flat floor with an optional wall ahead of the robot, and objects. Raises TwinError if a range is invalid.
 
     Attributes:
         wall_distance_mm: lowest and highest distance from the ultrasonic sensor to the wall at the start, drawn
@@ -33,9 +33,6 @@ class Scene:
             one; see ``virtual_hub/stimuli.py``.
         end_stops: for a robot without a MuJoCo model: lowest and highest angle of a motor (deg at the output, by motor name),
             relative to its angle when the hub is switched on.
-
-    Raises:
-        TwinError: at construction, when a range is invalid.
     """
 
     wall_distance_mm: tuple[float, float] | None = None

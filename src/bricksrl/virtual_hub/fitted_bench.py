@@ -25,15 +25,13 @@ _DEFAULTS: Mapping[Sense, Sensed] = {
 
 
 class FittedBench(BenchBody):
-    """A hub without devices until a program uses them; motors turn freely, sensors have given readings.
+    """A hub without devices until a program uses them; motors turn freely, sensors have given readings. Raises TwinError if a
+    reading is for a port that the hub does not have.
 
     Args:
         hub: kind of hub.
         readings: of sensors; without one a sensor sees nothing near, dark, untouched and level.
         end_stops: lowest and highest angle of the motor on a port, deg of the shaft.
-
-    Raises:
-        TwinError: a reading is for a port that the hub does not have.
     """
 
     def __init__(

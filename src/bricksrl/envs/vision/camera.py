@@ -34,16 +34,14 @@ _HUE_AROUND_RED_DEG = 60.0  # hues within this distance of 0 have red as the str
 
 @dataclass(frozen=True)
 class RedWindow:
-    """HSV window of colours that count as red, and the minimum area of an object.
+    """HSV window of colours that count as red, and the minimum area of an object. Raises DescriptionError if a limit is out of
+    range.
 
     Attributes:
         hue_deg: lowest and highest hue; red is 0, hues below it are negative.
         saturation: lowest saturation, 0..1.
         value: lowest brightness, 0..1.
         area_px: an object is a connected region of more pixels than this.
-
-    Raises:
-        DescriptionError: at construction, when a limit is out of range.
     """
 
     hue_deg: tuple[float, float] = (-60.0, 24.0)
@@ -84,7 +82,8 @@ class VisualGoal:
 
 @dataclass(frozen=True)
 class CameraView:
-    """Camera that looks at the robot. Its image is part of the observation, under the key ``"image"``.
+    """Camera that looks at the robot. Its image is part of the observation, under the key ``"image"``. Raises DescriptionError if
+    the image is larger than the frame or the goal lies outside of it.
 
     Attributes:
         name: camera in a virtual robot's model.
@@ -93,9 +92,6 @@ class CameraView:
         image_px: side of the agent's square image.
         goal: goal in the image; ``None`` for a camera without one.
         spot_px: without OpenGL, a virtual robot is drawn by ray casting, with one ray per square of this side.
-
-    Raises:
-        DescriptionError: at construction, when the image is larger than the frame or the goal lies outside of it.
     """
 
     name: str = "webcam"

@@ -42,14 +42,12 @@ class FoundRed:
 
 
 def calibrate_red(frame: Frame, at: Place | None = None) -> FoundRed:
-    """Find the red object in a frame, and the HSV window that holds its colours with a margin.
+    """Find the red object in a frame, and the HSV window that holds its colours with a margin. Raises CameraError if nothing is
+    red, at that point or anywhere, or the object is too small.
 
     Args:
         frame: uint8 ``[height, width, 3]``.
         at: a point of the object; by default it is the largest of the most strongly red regions.
-
-    Raises:
-        CameraError: nothing is red, at that point or anywhere, or the object is too small.
     """
     hue_deg, saturation, value = _colours(frame)
     chroma = np.where(np.abs(hue_deg) <= _AROUND_RED_DEG, saturation * value, 0.0)

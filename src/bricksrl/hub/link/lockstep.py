@@ -173,12 +173,10 @@ class HubLink:
             self.state = after(self.state, Cause.RESTED)
 
     def emergency_stop(self) -> None:
-        """Stop motors and program at once, from any thread; a call that waits for an answer raises ``StoppedError``.
+        """Stop motors and program at once, from any thread; a call that waits for an answer raises ``StoppedError``. Raises
+        HubError if the hub could not be reached; its watchdog then stops the motors.
 
         All later calls raise ``StoppedError`` until ``release``.
-
-        Raises:
-            HubError: the hub could not be reached; its watchdog then stops the motors.
         """
         self._halted.set()
         self._transport.stop()

@@ -42,10 +42,8 @@ def compile_program(program: HubProgram) -> dict[str, bytes]:
 
 
 def program_blob(modules: Mapping[str, bytes], hub: HubKind) -> bytes:
-    """Content of a hub's program area: ``<I length> name "\\0" mpy`` for each module, the program itself first.
-
-    Raises:
-        ProgramError: the content is larger than the program area.
+    """Content of a hub's program area: ``<I length> name "\\0" mpy`` for each module, the program itself first. Raises
+    ProgramError if the content is larger than the program area.
     """
     blob = b"".join(struct.pack("<I", len(mpy)) + name.encode() + b"\0" + mpy for name, mpy in modules.items())
     room = hub.model.program_bytes

@@ -212,7 +212,7 @@ class VideoWriter:
 
 
 def write_video(path: str | Path, frames: Iterable[Image], fps: float) -> Path:
-    """Write images as an mp4; see :class:`VideoWriter`.
+    """Write images as an mp4; see :class:`VideoWriter`. Raises TwinError if there are no frames, or they differ in size.
 
     Args:
         path: path of the file; its folder is created.
@@ -221,9 +221,6 @@ def write_video(path: str | Path, frames: Iterable[Image], fps: float) -> Path:
 
     Returns:
         The path.
-
-    Raises:
-        TwinError: there are no frames, or they differ in size.
     """
     with VideoWriter(path, fps) as video:
         for frame in frames:
