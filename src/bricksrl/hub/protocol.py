@@ -219,8 +219,7 @@ class WireFormat:
         return struct.pack(self.action_format, *_to_int16(values, self.command_scales, self.command_names))
 
     def decode_actions(self, payload: bytes) -> tuple[float, ...]:
-        """Actions as the hub decodes them, in the units of their names. Raises HubProtocolError for another
-        length."""
+        """Actions as the hub decodes them, in the units of their names. Raises HubProtocolError for another length."""
         numbers = _unpack(self.action_format, payload)
         return tuple(number / scale for number, scale in zip(numbers, self.command_scales, strict=True))
 
@@ -240,8 +239,7 @@ class WireFormat:
 class FrameDecoder:
     """Decoder of frames in a stream of bytes, with any other bytes between them.
 
-    After garbage, it finds the second data frame at the latest, and every intact one before the garbage. It never
-    raises.
+    After garbage, it finds the second data frame at the latest, and every intact one before the garbage. It never raises.
 
     Attributes:
         crc_errors: candidates for a frame with a wrong CRC.

@@ -20,10 +20,9 @@ class Scene:
     """Scene of a flat floor with an optional wall ahead of the robot, and objects. Raises TwinError if a range is invalid.
 
     Attributes:
-        wall_distance_mm: lowest and highest distance from the ultrasonic sensor to the wall at the start, drawn
-            uniformly; ``None`` for an open floor.
-        heading_deg: lowest and highest heading at the start, drawn uniformly, clockwise positive; 0 looks straight at
-            the wall.
+        wall_distance_mm: lowest and highest distance from the ultrasonic sensor to the wall at the start, drawn uniformly;
+            ``None`` for an open floor.
+        heading_deg: lowest and highest heading at the start, drawn uniformly, clockwise positive; 0 looks straight at the wall.
         objects: lines and fields on the floor, walls, blocks, ramps and lamps: see ``bricksrl.twin.objects``.
         start_mm: ranges of x and y of the robot's start position, drawn uniformly; ignored with a wall ahead.
         light_pct: ambient light of the room, as read by an ambient light sensor.

@@ -105,8 +105,7 @@ class Mechanism:
     """The mechanism of a robot.
 
     Attributes:
-        ratios: [hinges, motors], turns of a hinge's child about its axis per turn of a motor's shaft about its outward
-            direction,
+        ratios: [hinges, motors], turns of a hinge's child about its axis per turn of a motor's shaft about its outward direction,
             in the plan's position; motors in the order of ``ports``.
         ports: of the motors.
         gears: meshing gears.
