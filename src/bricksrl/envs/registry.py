@@ -190,7 +190,7 @@ def _on_robot(task: Task, options: EnvOptions, transport: ProfileTransport, seed
 
 
 def is_simulation(env_id: str) -> bool:
-    """Whether an environment is a batched kinematic simulation. Raises UnknownNameError if there is no environment of that name."""
+    """Whether an environment is a batched kinematic simulation. Raises UnknownNameError if there is no such environment."""
     return _offer(env_id).kinematics is not None
 
 

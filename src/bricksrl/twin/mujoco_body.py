@@ -138,7 +138,7 @@ class MujocoBody:
         self._qpos, self._qvel, self._ctrl = data.qpos, data.qvel, data.ctrl
 
     def _site(self, name: str) -> tuple[Vector, NDArray[np.float64]]:
-        """Position of a site on the chassis [3], and its axes as columns [3, 3]. Raises TwinError if the model has no such site."""
+        """Position of a site on the chassis [3], and its axes as columns [3, 3]. Raises TwinError if there is no such site."""
         index = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_SITE, name)
         if index < 0:
             sensor = next(one for one in self.robot.sensors if one.port == name[-1])

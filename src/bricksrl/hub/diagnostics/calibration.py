@@ -77,7 +77,7 @@ def calibration_folder() -> Path:
 
 
 def load_calibration(hub_id: str, robot: Robot, folder: Path | None = None) -> Calibration:
-    """Saved calibration of the robot on this hub; an empty one if there is none. Raises CalibrationError if the file is invalid."""
+    """Saved calibration of the robot on this hub; an empty one if there is none. Raises CalibrationError if it is invalid."""
     path = _path(hub_id, robot, folder)
     try:
         data = json.loads(path.read_bytes())
