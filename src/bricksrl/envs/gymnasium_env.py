@@ -39,13 +39,7 @@ class GymnasiumEnv(gymnasium.Env[Observation, Array]):
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012 - as Gymnasium declares it
 
-    def __init__(
-        self,
-        env_id: str,
-        render_mode: str | None = None,
-        options: EnvOptions | None = None,
-        **named: Any,
-    ) -> None:
+    def __init__(self, env_id: str, render_mode: str | None = None, options: EnvOptions | None = None, **named: Any) -> None:
         self.env: HubEnv | SimulatedEnv = make(env_id, options, **named)
         self.render_mode = render_mode
         self._observations: list[torch.Tensor] = []

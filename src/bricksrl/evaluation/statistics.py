@@ -41,11 +41,7 @@ def interquartile_mean(scores: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def stratified_bootstrap_interval(
-    strata: Sequence[Sequence[float]],
-    statistic: Statistic = interquartile_mean,
-    *,
-    resamples: int = 2000,
-    seed: int = 0,
+    strata: Sequence[Sequence[float]], statistic: Statistic = interquartile_mean, *, resamples: int = 2000, seed: int = 0
 ) -> Interval:
     """95 % percentile bootstrap interval of a statistic of all scores, resampled within each stratum. Raises DescriptionError if
     there is no stratum, or an empty one.

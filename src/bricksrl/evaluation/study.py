@@ -22,13 +22,7 @@ import numpy as np
 
 from bricksrl.errors import BricksError, DataError, RunError
 from bricksrl.evaluation.cluster import connected, parse_on
-from bricksrl.evaluation.statistics import (
-    interquartile_mean,
-    mean,
-    probability_of_improvement,
-    seeds_interval,
-    wilson_interval,
-)
+from bricksrl.evaluation.statistics import interquartile_mean, mean, probability_of_improvement, seeds_interval, wilson_interval
 from bricksrl.evaluation.study_page import page
 from bricksrl.evaluation.study_tables import Cell, Condition, Study
 from bricksrl.files import write_durably

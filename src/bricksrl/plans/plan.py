@@ -182,13 +182,7 @@ class _Builder:
         return self.build(model, own, matrix @ reference.matrix, place, (*assembly, f"{model.name}:{reference.line}"))
 
     def _place(
-        self,
-        reference: Reference,
-        colour: int,
-        matrix: Floats,
-        offset: Floats,
-        step: int,
-        assembly: tuple[str, ...],
+        self, reference: Reference, colour: int, matrix: Floats, offset: Floats, step: int, assembly: tuple[str, ...]
     ) -> Placed | None:
         if self._assembly(reference) is not None:
             return None

@@ -12,16 +12,7 @@ from bricksrl.plans.finding import Finding
 from bricksrl.plans.part import DeviceKind
 from bricksrl.plans.plan import Placed, Plan
 from bricksrl.plans.planned_robot import PlannedRobot, planned, planned_robot
-from bricksrl.robots.spec import (
-    Direction,
-    DriveBase,
-    Motor,
-    MotorKind,
-    PoweredUpSensor,
-    Sensor,
-    SensorKind,
-    UltrasonicSensor,
-)
+from bricksrl.robots.spec import Direction, DriveBase, Motor, MotorKind, PoweredUpSensor, Sensor, SensorKind, UltrasonicSensor
 
 if TYPE_CHECKING:
     from bricksrl.robots.spec import Robot

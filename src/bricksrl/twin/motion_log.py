@@ -17,17 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bricksrl.errors import TwinError
-from bricksrl.hub.interface import (
-    Distance,
-    Interface,
-    MotorAngle,
-    Pitch,
-    Roll,
-    RunAngle,
-    UntilDone,
-    Wait,
-    YawRate,
-)
+from bricksrl.hub.interface import Distance, Interface, MotorAngle, Pitch, Roll, RunAngle, UntilDone, Wait, YawRate
 from bricksrl.hub.kinds import Channel, Command
 from bricksrl.hub.link.lockstep import HubLink
 from bricksrl.robots import Robot, UltrasonicSensor

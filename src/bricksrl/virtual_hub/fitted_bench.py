@@ -35,10 +35,7 @@ class FittedBench(BenchBody):
     """
 
     def __init__(
-        self,
-        hub: HubKind,
-        readings: Iterable[GivenReading] = (),
-        end_stops: Mapping[str, tuple[float, float]] | None = None,
+        self, hub: HubKind, readings: Iterable[GivenReading] = (), end_stops: Mapping[str, tuple[float, float]] | None = None
     ) -> None:
         super().__init__(Robot("bench", hub, needs_imu=hub.model.has_imu))
         self._given = list(readings)

@@ -33,17 +33,7 @@ from bricksrl.hub.link.receiver import Listener
 from bricksrl.hub.link.states import Cause, LinkState, after, cause_of
 from bricksrl.hub.link.statistics import LinkMeter, LinkStatistics
 from bricksrl.hub.program.generate import WATCHDOG_MS, generate
-from bricksrl.hub.protocol import (
-    ControlFrame,
-    DataFrame,
-    Down,
-    Frame,
-    Up,
-    WireFormat,
-    control_frame,
-    data_frame,
-    next_seq,
-)
+from bricksrl.hub.protocol import ControlFrame, DataFrame, Down, Frame, Up, WireFormat, control_frame, data_frame, next_seq
 from bricksrl.hub.transport import Pipe, Transport
 from bricksrl.robots import Robot
 

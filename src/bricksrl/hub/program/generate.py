@@ -191,11 +191,7 @@ def _motor_lines(motor: Motor, is_joint: bool) -> list[str]:
     lines = [f"{variable} = Motor({', '.join(arguments)})"]
     if motor.zero_deg:
         lines.append(f"{variable}.reset_angle({_from_zero(motor, f'{variable}.angle()')})")
-    limits = {
-        "speed": motor.speed_limit_deg_s,
-        "acceleration": motor.acceleration_deg_s2,
-        "torque": motor.torque_limit_mnm,
-    }
+    limits = {"speed": motor.speed_limit_deg_s, "acceleration": motor.acceleration_deg_s2, "torque": motor.torque_limit_mnm}
     given = ", ".join(f"{name}={value}" for name, value in limits.items() if value is not None)
     if given:
         lines.append(f"{variable}.control.limits({given})")

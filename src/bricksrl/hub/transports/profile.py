@@ -31,13 +31,7 @@ LEGO_COMPANY_ID = 0x0397
 STATUS_PERIOD_S = 0.5
 """Period of a hub's status reports; changes are reported at once."""
 
-_PRODUCT_IDS = {
-    0x40: HubKind.MOVE,
-    0x41: HubKind.CITY,
-    0x80: HubKind.TECHNIC,
-    0x81: HubKind.PRIME,
-    0x83: HubKind.ESSENTIAL,
-}
+_PRODUCT_IDS = {0x40: HubKind.MOVE, 0x41: HubKind.CITY, 0x80: HubKind.TECHNIC, 0x81: HubKind.PRIME, 0x83: HubKind.ESSENTIAL}
 _STATUS_REPORT = struct.Struct("<I")
 _CAPABILITIES = struct.Struct("<HIIB")
 _DATA_HEAD = struct.Struct("<BI")

@@ -97,13 +97,7 @@ def build(robot: Robot, scene: Scene) -> mujoco.MjSpec:
 
 
 def _add_joint(
-    spec: mujoco.MjSpec,
-    parent: mujoco.MjsBody,
-    motor: Motor,
-    name: str,
-    position: Triple,
-    axis: Triple,
-    tilt_deg: float = 0.0,
+    spec: mujoco.MjSpec, parent: mujoco.MjsBody, motor: Motor, name: str, position: Triple, axis: Triple, tilt_deg: float = 0.0
 ) -> mujoco.MjsBody:
     """Add a body on a driven joint, with backlash, tilted forward by an angle at the start."""
     joint, half = _JOINTS[motor.name], math.radians(tilt_deg) / 2
