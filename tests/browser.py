@@ -1,4 +1,4 @@
-"""A headless Chromium for tests of the page: the system's, or the one that Playwright has brought along."""
+"""Headless Chromium for page tests: the system's or Playwright's."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ _FLAGS = (
     "--no-first-run",
 )
 TIMEOUT_MS = 120_000
-"""Of everything that is waited for in the browser: the machine may be loaded."""
+"""Timeout of all waits in the browser."""
 
 
 @contextmanager
 def chromium() -> Iterator[Browser]:
-    """A browser; the test is skipped where there is none on this computer."""
+    """A browser; skips the test without one."""
     from playwright.sync_api import sync_playwright
 
     with sync_playwright() as playwright:
@@ -45,7 +45,7 @@ def chromium() -> Iterator[Browser]:
 
 @contextmanager
 def tab(browser: Browser, url: str, width: int = 840, height: int = 560) -> Iterator[Page]:
-    """A tab, which must show no error of its scripts, and ask no other host for anything."""
+    """A tab that must show no script errors and contact no other host."""
     context = browser.new_context(viewport={"width": width, "height": height})
     page = context.new_page()
     page.set_default_timeout(TIMEOUT_MS)

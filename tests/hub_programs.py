@@ -1,4 +1,4 @@
-"""Hub programs on a bench, and devices that are unplugged, for tests of several packages."""
+"""Hub programs on a bench, and unplugged devices."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class Console:
         self._set_alarm()
 
     def _set_alarm(self) -> None:
-        """At the next arrival, so that a program that waits for input wakes up."""
+        """Set the alarm to the next input, to wake a waiting program."""
         self.machine.alarm_ms = min((time_ms for time_ms in self.arrivals if time_ms > self.machine.time_ms), default=None)
 
     def _arrived(self) -> bytes:

@@ -1,4 +1,4 @@
-"""Writes a tiny LDraw library of our own invention for the tests beside it: boxes of the right size."""
+"""A tiny LDraw library with boxes of our own."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from pathlib import Path
 
 COLOURS = "0 !COLOUR White CODE 15 VALUE #FFFFFF EDGE 0\n0 !COLOUR Glass CODE 47 VALUE #10C020 EDGE 0 ALPHA 128\n"
 HALF_SIZES = {"67718p01": (70, 40, 110), "37316": (70, 30, 32), "54696p02": (30, 40, 90)}
-"""Along x, y, z in LDraw units of 0.4 mm."""
+"""Sizes along x, y, z in LDraw units."""
 
 _SIDES = """0 BFC CERTIFY CCW
 4 16 -1 -1 -1 1 -1 -1 1 -1 1 -1 -1 1
@@ -19,13 +19,13 @@ _SIDES = """0 BFC CERTIFY CCW
 
 
 def placed(name: str, colour: int = 16, size: tuple[float, float, float] = (1, 1, 1), offset: str = "0 0 0") -> str:
-    """A line that puts another file here."""
+    """A line that places another file."""
     x, y, z = size
     return f"1 {colour} {offset} {x} 0 0 0 {y} 0 0 0 {z} {name}\n"
 
 
 def write_library(root: Path, **parts: str) -> Path:
-    """A library with the given parts, by the names of their files without ``.dat``; ``box8`` is a cube of 2 x 2 x 2."""
+    """A library with given parts by file name; ``box8`` is a cube of 2 x 2 x 2."""
     for folder in ("parts", "p"):
         (root / folder).mkdir(parents=True)
     (root / "LDConfig.ldr").write_text(COLOURS)
@@ -36,7 +36,7 @@ def write_library(root: Path, **parts: str) -> Path:
 
 
 def write_robot_parts(root: Path) -> Path:
-    """A library with boxes in place of the hub, the distance sensor and the motor; the hub has a green window."""
+    """A library with boxes for hub, distance sensor and motor; the hub has a green window."""
     parts = {name: "0 BFC CERTIFY CCW\n" + placed("box8.dat", size=size) for name, size in HALF_SIZES.items()}
     parts["67718p01"] += placed("box8.dat", 47, (30, 2, 30), "0 -39 0")
     return write_library(root, **parts)

@@ -1,4 +1,4 @@
-"""The project's own promises: versions, layers, and what the README says."""
+"""Project rules: versions, layers, README."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def test_imports_go_one_way():
     assert done.returncode == 0, done.stdout
 
 
-def test_published_tables_are_what_the_results_say():
+def test_published_tables_match_results():
     done = subprocess.run(
         [sys.executable, "benchmarks/tables.py", "--check"], cwd=ROOT, capture_output=True, text=True, timeout=60, check=False
     )
@@ -44,7 +44,7 @@ def test_published_tables_are_what_the_results_say():
 
 
 @pytest.mark.parametrize("path", sorted((ROOT / "benchmarks").glob("*.py")), ids=lambda path: path.stem)
-def test_benchmarks_say_what_they_are_before_they_measure(path, monkeypatch, capsys):
+def test_benchmarks_have_help(path, monkeypatch, capsys):
     if "__main__" not in (text := path.read_text(encoding="utf-8")):
         return
     monkeypatch.setattr(sys, "path", [str(path.parent), *sys.path])
@@ -67,12 +67,12 @@ def test_constraints_are_exact_and_free_of_local_builds():
     assert all(re.fullmatch(r"[\w.-]+==[\w.]+", line) for line in _constraints())
 
 
-def test_public_names_are_there():
+def test_public_names_exist():
     for name in bricksrl.__all__:
         assert getattr(bricksrl, name) is not None
 
 
-def test_unknown_name_says_so():
+def test_unknown_attribute_raises():
     with pytest.raises(AttributeError, match="no attribute 'mkae'"):
         bricksrl.mkae  # noqa: B018
 
@@ -88,14 +88,14 @@ def test_unknown_name_says_so():
         "import bricksrl, importlib.util; importlib.util.find_spec('gymnasium'); import gymnasium",
     ],
 )
-def test_gymnasium_knows_our_environments_in_whatever_order(program):
+def test_gymnasium_registration_is_order_free(program):
     program += "; print(gymnasium.spec('bricksrl/RunAway-v0').max_episode_steps)"
     command = [sys.executable, "-W", "error", "-c", program]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
     assert (done.stdout, done.stderr) == ("20\n", "")
 
 
-def test_importing_the_package_loads_nothing_heavy():
+def test_package_import_loads_no_torch():
     program = "import bricksrl, sys; print(sorted({'gymnasium', 'numpy', 'torch', 'mujoco'} & set(sys.modules)))"
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=True)
     assert done.stdout == "[]\n"
@@ -136,7 +136,7 @@ GENERATED = ("reference/cli.md", "reference/environments.md")
 
 
 @pytest.mark.parametrize("page", [ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))], ids=lambda page: page.stem)
-def test_pages_name_files_that_exist(page):
+def test_docs_refer_to_existing_files(page):
     text = page.read_text(encoding="utf-8")
     for target in re.findall(r"\]\((?!https?:)([^)#]+)[^)]*\)", text):
         assert (page.parent / target).exists() or target in GENERATED, target

@@ -1,4 +1,4 @@
-"""Whatever takes a seed refuses what cannot be one, before it does anything; the commands are in ``cli/test_app.py``."""
+"""Seed validation; commands are in ``cli/test_app.py``."""
 
 from __future__ import annotations
 
@@ -42,6 +42,6 @@ def test_seeds(seed: int | None) -> None:
     ],
 )
 @pytest.mark.parametrize("seed", [-1, LARGEST_SEED + 1, 0.5])
-def test_what_is_no_seed(use: Callable[[Any], object], seed: float) -> None:
+def test_invalid_seeds(use: Callable[[Any], object], seed: float) -> None:
     with pytest.raises(DescriptionError, match=f"^seed is {seed}; give a whole number from 0 to 4294967295$"):
         use(seed)

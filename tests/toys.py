@@ -1,4 +1,4 @@
-"""A small environment that trains in seconds: a cart on a line that is to go away from a wall."""
+"""A small environment: a cart on a line that has to leave a wall."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from bricksrl.errors import HubError, HubTimeoutError
 
 
 def assert_equal(a: object, b: object) -> None:
-    """The same tensors, numbers and texts under the same keys."""
+    """Assert equal nested tensors, numbers and texts."""
     assert type(a) is type(b)
     if isinstance(a, dict) and isinstance(b, dict):
         assert a.keys() == b.keys()
@@ -27,9 +27,9 @@ def assert_equal(a: object, b: object) -> None:
 
 
 class Cart(EnvBase):
-    """Position 0..1000 mm, moved by up to 100 mm a step with noise; reward is the way in decimetres; ends at 0 mm.
+    """Position 0..1000 mm, moved by up to 100 mm per step with noise; reward is the distance in dm; ends at 0 mm.
 
-    Like a robot it keeps its state to itself, and its noise comes from a generator of its own.
+    Like a robot, it has internal state and its own generator.
     """
 
     def __init__(self, max_steps: int = 8) -> None:
@@ -79,7 +79,7 @@ class Cart(EnvBase):
 
 
 class LosingCart(Cart):
-    """A cart behind a link, as `HubEnv` tells of one: it breaks in step ``at`` of episode three, and ``failures`` resets fail."""
+    """A cart with a link that breaks in step ``at`` of episode three; ``failures`` resets fail."""
 
     def __init__(self, at: int, failures: int = 0) -> None:
         super().__init__()

@@ -11,22 +11,16 @@ from bricksrl.errors import DescriptionError
 
 
 def check_fields(kind: type, values: dict[str, Any]) -> None:
-    """Check values against the annotations of a dataclass's fields of these names; any other name passes.
-
-    Raises:
-        DescriptionError: one is not of those that its annotation allows.
-    """
+    """Check values against the annotations of a dataclass's fields of these names; any other name passes. Raises DescriptionError
+    if one is not of those that its annotation allows."""
     for name, hint in typing.get_type_hints(kind, include_extras=True).items():
         if name in values:
             check_value(name, values[name], hint)
 
 
 def check_value(name: str, value: Any, hint: Any) -> None:
-    """Check a value against an annotation, whose limits are a container of the numbers that it may be.
-
-    Raises:
-        DescriptionError: it is not one of the values that the annotation allows.
-    """
+    """Check a value against an annotation, whose limits are a container of the numbers that it may be. Raises DescriptionError if
+    it is not one of the values that the annotation allows."""
     limits = next((one for one in getattr(hint, "__metadata__", ()) if isinstance(one, Container)), None)
     hint = hint.__origin__ if limits is not None else hint
     kinds = typing.get_args(hint) if type(None) in typing.get_args(hint) else (hint,)

@@ -83,11 +83,8 @@ def remove_unfinished(root: Path) -> int:
 
 @contextlib.contextmanager
 def only_writer(root: Path) -> Iterator[None]:
-    """Inside, no other process gets past this for the same folder. A killed process lets go by itself.
-
-    Raises:
-        DataError: somebody else writes to it.
-    """
+    """Inside, no other process gets past this for the same folder. A killed process lets go by itself. Raises DataError if
+    somebody else writes to it."""
     root.mkdir(parents=True, exist_ok=True)
     with (root / LOCK).open("a+b") as file:
         try:

@@ -56,11 +56,7 @@ def import_matplotlib() -> None:
 
 
 def check_picture(path: Path) -> Path:
-    """The path, if it names a PNG file, which is what `save` writes.
-
-    Raises:
-        DescriptionError: it has another ending.
-    """
+    """The path, if it names a PNG file, which is what `save` writes. Raises DescriptionError if it has another ending."""
     if path.suffix.lower() != ".png":
         raise DescriptionError(f"'{path}' is not a name of a picture; end it in .png")
     return path

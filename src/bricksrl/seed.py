@@ -11,11 +11,7 @@ LARGEST_SEED = 2**32 - 1
 
 
 def check_seed(seed: int | None) -> None:
-    """Nothing happens for a seed, or for ``None``, another one every time.
-
-    Raises:
-        DescriptionError: it cannot be a seed.
-    """
+    """Nothing happens for a seed, or for ``None``, another one every time. Raises DescriptionError if it cannot be a seed."""
     if seed is not None and not (hasattr(seed, "__index__") and 0 <= seed <= LARGEST_SEED):
         raise DescriptionError(f"seed is {seed}; give a whole number from 0 to {LARGEST_SEED}")
 

@@ -1,4 +1,4 @@
-"""Settings of the tests of agents."""
+"""Fixtures of agent tests."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ torch.use_deterministic_algorithms(True, warn_only=True)  # fills memory that no
 
 @pytest.fixture(autouse=True)
 def seeded() -> Iterator[None]:
-    """The same random numbers in each test at each run."""
+    """Seed torch's generator."""
     logging.getLogger("torchrl").setLevel(logging.WARNING)  # it tells how large each replay buffer is
     threads = torch.get_num_threads()
     with torch.random.fork_rng(devices=[]):
@@ -25,7 +25,7 @@ def seeded() -> Iterator[None]:
 
 @pytest.fixture
 def double() -> Iterator[None]:
-    """Double precision: TorchRL takes log-probabilities of actions after a tanh, where single precision loses digits."""
+    """Double precision, as TorchRL's log-probabilities after a tanh lose digits in single precision."""
     torch.set_default_dtype(torch.float64)
     yield
     torch.set_default_dtype(torch.float32)

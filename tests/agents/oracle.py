@@ -1,4 +1,4 @@
-"""Networks, batches and noise that our losses and TorchRL's get alike, and their gradients in one form."""
+"""Common networks, batches and noise for comparisons with TorchRL's losses."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ SIZE, ACTION = 5, 3
 GAMMA = 0.9
 OF_GAUSSIAN = ("module", "0", "module", "body")
 OF_DETERMINISTIC = ("module", "body")
-"""Places of our actor's body in TorchRL's parameters."""
+"""Our actor's parameter names in TorchRL."""
 
 
 def action_spec() -> TensorSpec:
@@ -37,7 +37,7 @@ def critics(count: int = 2, hidden: tuple[int, ...] = (16, 12), **kind: Any) -> 
 
 
 def batch(n: int = 64, *, steps: bool = False) -> TensorDict:
-    """Random transitions, of which some end their episode in a goal or a fall, and others at the time limit."""
+    """Random transitions with terminations and truncations."""
     terminated, truncated = torch.rand(2, n, 1) < 0.3
     after = {"observation": torch.randn(n, SIZE), "reward": torch.randn(n, 1), "terminated": terminated}
     after["done"] = terminated | truncated
@@ -47,7 +47,7 @@ def batch(n: int = 64, *, steps: bool = False) -> TensorDict:
 
 
 def moved(loss: ActorCriticLoss) -> Any:
-    """The loss, with targets that differ from the networks that they follow."""
+    """The loss, with targets that differ from their networks."""
     for name, parameter in loss.named_parameters():
         if name.startswith("target_"):
             parameter.data += 0.1 * torch.randn_like(parameter)
@@ -78,7 +78,7 @@ def copy_body(body: nn.Module, params: Any, prefix: tuple[str, ...]) -> None:
 
 
 def copy_critics(ours: Critics, params: Any) -> None:
-    """Write the parameters and running statistics of our critics into TorchRL's, which has them stacked."""
+    """Write parameters and running statistics of our critics into TorchRL's stacked ones."""
     for number, body in enumerate(ours):
         names, values = zip(*body.named_parameters(), *body.named_buffers(), strict=True)
         for value, theirs in zip(values, _theirs(params, OF_DETERMINISTIC, names), strict=True):
@@ -107,7 +107,7 @@ def assert_close(ours: Iterable[Tensor], theirs: Iterable[Tensor]) -> None:
 
 
 class Draws:
-    """Standard normal draws, the same for both, given out in the order in which each asks for them."""
+    """Equal standard normal draws for both losses, in each one's order."""
 
     def __init__(self, **by_name: Tensor) -> None:
         self.by_name = by_name

@@ -1,4 +1,4 @@
-"""A small environment's frames and small learners, for tests."""
+"""Small environments and learners."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from bricksrl.envs.specs import ObservationLayout
 
 
 class Sight(EnvBase):
-    """Grey images in which a red spot stands in some column; to act towards its side pays, and then it jumps."""
+    """Images with a red spot; acting towards its side is rewarded and moves it."""
 
     def __init__(self, side_px: int = 32) -> None:
         super().__init__(batch_size=())
@@ -81,20 +81,20 @@ _SMALL: dict[str, Any] = {
 
 
 def settings(agent: str, *, images: bool = False, **changes: Any) -> Any:
-    """The default settings, with networks that learn in no time."""
+    """Default settings with small networks."""
     usual = preset("default", agent, images=images)
     known = {field.name for field in fields(usual)}
     return replace(usual, **{key: value for key, value in {**_SMALL, **changes}.items() if key in known})
 
 
 def make(agent: str, seed: int = 11, env: Any = ENV, **changes: Any) -> Learner:
-    """A learner that has learned nothing."""
+    """An untrained learner."""
     torch.manual_seed(seed)
     return make_learner(agent, env, settings(agent, images=env is SIGHT, **changes))
 
 
 def steps(count: int, length: int = 5) -> TensorDict:
-    """Random steps of the arm ``[count]`` in episodes of ``length``; the same ones at every call."""
+    """Fixed random steps of the arm ``[count]`` in episodes of ``length``."""
     return _steps(count, length).clone()
 
 
@@ -121,7 +121,7 @@ def learned(agent: str, updates: int = 3, **changes: Any) -> Learner:
 
 
 def taught(learner: Learner, updates: int = 3) -> Learner:
-    """The learner after it has seen some steps and made some updates."""
+    """The learner after some frames and updates."""
     torch.manual_seed(2)
     if learner.imitates:
         learner.dataset = dataset(chunk=learner.chunk)
@@ -136,14 +136,14 @@ def taught(learner: Learner, updates: int = 3) -> Learner:
 
 
 def rollout(learner: Learner) -> TensorDictBase:
-    """A few steps of the learner's own ``[1, time]``."""
+    """Steps of the learner ``[1, time]``."""
     with torch.no_grad(), set_exploration_type(ExplorationType.RANDOM):
         found: TensorDictBase = ENV.rollout(learner.frames_per_batch, learner.policy, break_when_any_done=False)[None]
     return found
 
 
 def dataset(frames: TensorDictBase | None = None, *, chunk: int = 0, batch_size: int = 10) -> Any:
-    """A memory of steps to study from."""
+    """A dataset to learn from."""
     return recorded_memory(steps(40) if frames is None else frames, batch_size, ("observation",), chunk=chunk)
 
 
@@ -157,7 +157,7 @@ def tensors(state: Any) -> list[Tensor]:
 
 
 def weights(learner: Learner) -> list[Tensor]:
-    """Copies of all tensors that learning changes, but for the memory."""
+    """Copies of all learned tensors, without the replay buffer."""
     state = {key: value for key, value in learner.state_dict().items() if key != "memory"}
     return [tensor.clone() for tensor in tensors(state)]
 
@@ -168,7 +168,7 @@ def same(one: list[Tensor], other: list[Tensor]) -> bool:
 
 
 def saved(learner: Learner) -> dict[str, Any]:
-    """Its state after a while in a file."""
+    """Its state after a file round trip."""
     file = io.BytesIO()
     torch.save(learner.state_dict(), file)
     file.seek(0)

@@ -1,4 +1,4 @@
-"""All agents: how they act, what settings do, and states that go on bit for bit."""
+"""All agents: acting, settings, states."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def restarted(learner: Learner) -> Learner:
 
 
 @pytest.mark.parametrize("agent", AGENTS)
-def test_acts_on_one_observation_and_on_many(agent: str) -> None:
+def test_acts_on_single_and_batched_observations(agent: str) -> None:
     learner, seen = (learned(agent) if agent != "random" else make("random")), steps(6)
     for state, shape in ((seen[0], (4,)), (seen, (6, 4)), (seen.view(2, 3), (2, 3, 4))):
         for way in ("exploit", "explore"):
@@ -56,7 +56,7 @@ def test_acts_on_one_observation_and_on_many(agent: str) -> None:
 
 
 @pytest.mark.parametrize("agent", REPLAYING)
-def test_explores_around_the_best(agent: str) -> None:
+def test_exploration_is_around_the_best_action(agent: str) -> None:
     learner, seen = learned(agent), steps(1)[0]
     best = learner.exploit(seen)["action"]
     assert torch.equal(best, learner.exploit(seen)["action"])
@@ -93,7 +93,7 @@ def test_acting_changes_nothing(agent: str) -> None:
 
 
 @pytest.mark.parametrize("agent", AGENTS)
-def test_a_copy_of_the_policy_is_a_policy_of_its_own(agent: str) -> None:
+def test_policy_copy_is_independent(agent: str) -> None:
     learner, seen = (learned(agent) if agent != "random" else make(agent)), steps(4)
     for copied in (copy.deepcopy(learner.policy), pickle.loads(pickle.dumps(learner.policy))):  # noqa: S301  it was made here
         with torch.no_grad(), set_exploration_type(ExplorationType.DETERMINISTIC):
@@ -112,7 +112,7 @@ def test_a_copy_of_the_policy_is_a_policy_of_its_own(agent: str) -> None:
 
 
 @pytest.mark.parametrize("agent", LEARNING)
-def test_a_policys_state_acts_the_same_elsewhere(agent: str) -> None:
+def test_policy_state_restores_actions(agent: str) -> None:
     one, other, seen = learned(agent), make(agent, seed=5), steps(4)
     state = one.policy_state()
     assert all(value.device.type == "cpu" and not value.requires_grad for value in state.values())
@@ -125,7 +125,7 @@ def test_a_policys_state_acts_the_same_elsewhere(agent: str) -> None:
 
 
 def go_on(learner: Learner) -> list[Tensor]:
-    """All that changes in more steps and updates."""
+    """Continue with more frames and updates."""
     torch.manual_seed(1)
     if learner.imitates:
         learner.dataset = dataset(chunk=learner.chunk)
@@ -142,7 +142,7 @@ def go_on(learner: Learner) -> list[Tensor]:
 
 @pytest.mark.parametrize("agent", LEARNING)
 @pytest.mark.parametrize("buffer_size", [1000, 18])
-def test_a_state_survives_a_file_and_learning_goes_on_bit_for_bit(agent: str, buffer_size: int) -> None:
+def test_restored_state_continues_bit_identical(agent: str, buffer_size: int) -> None:
     if buffer_size == 18 and agent not in REPLAYING:
         buffer_size = 1000
     changes = {"buffer_size": buffer_size, "actor_delay": 2, "n_step": 2, "updates_per_step": 0.7, "imitation_updates": 3}
@@ -164,7 +164,7 @@ def _after_steps(learner: Learner) -> Learner:
 
 
 @pytest.mark.parametrize("agent", LEARNING)
-def test_a_state_of_other_networks_is_refused_in_one_line(agent: str) -> None:
+def test_state_of_other_networks_raises(agent: str) -> None:
     changes = {"hidden": (8,), "width": 8, "heads": 2}
     with pytest.raises(CheckpointError, match="does not fit this agent") as caught:
         make(agent, **changes).load_state_dict(learned(agent).state_dict())
@@ -190,7 +190,7 @@ def test_a_state_of_other_networks_is_refused_in_one_line(agent: str) -> None:
     ],
 )
 @pytest.mark.parametrize("agent", ["sac", "tqc"])
-def test_a_broken_state_is_refused_in_one_line(agent: str, wrong: dict[str, Any]) -> None:
+def test_broken_state_raises(agent: str, wrong: dict[str, Any]) -> None:
     state = learned(agent).state_dict()
     with pytest.raises(CheckpointError, match="does not fit this agent") as caught:
         make(agent).load_state_dict({**state, **wrong} if wrong else {})
@@ -198,9 +198,7 @@ def test_a_broken_state_is_refused_in_one_line(agent: str, wrong: dict[str, Any]
 
 
 @pytest.mark.parametrize("agent", LEARNING)
-def test_a_state_is_plain_values(agent: str) -> None:
-    """Tensors, numbers, strings, and dictionaries and lists of them: a file of it holds no code."""
-
+def test_state_has_plain_values(agent: str) -> None:
     def plain(value: Any) -> bool:
         if isinstance(value, dict):
             return all(isinstance(key, str | int) and plain(one) for key, one in value.items())
@@ -212,7 +210,7 @@ def test_a_state_is_plain_values(agent: str) -> None:
 
 
 @pytest.mark.parametrize("agent", LEARNING)
-def test_it_is_where_it_was_asked_to_be(agent: str) -> None:
+def test_learner_is_on_the_given_device(agent: str) -> None:
     learner = make_learner(agent, ENV, settings(agent), "cpu:0")
     assert learner.device.type == "cpu"
     learner.load_state_dict(learned(agent).state_dict())
@@ -281,9 +279,9 @@ ELSEWHERE = (
     "executed",
     "ensemble",
 )
-"""Settings of which other tests tell that they work."""
+"""Settings with tests of their own."""
 OF_DATASET = ("batch_size", "hidden")
-"""Settings of imitators that whoever makes the dataset reads, or none: ACT has transformers."""
+"""Imitation settings that only affect the dataset, or nothing in ACT."""
 
 
 @pytest.mark.parametrize(
@@ -295,7 +293,7 @@ OF_DATASET = ("batch_size", "hidden")
         if field.name not in ELSEWHERE and not (agent in IMITATING and field.name in OF_DATASET)
     ],
 )
-def test_no_setting_is_dead(agent: str, name: str) -> None:
+def test_every_setting_has_an_effect(agent: str, name: str) -> None:
     usual = getattr(settings(agent), name)
     value = not usual if name in OPPOSITE else CHANGES[name]
     if value == usual:
@@ -305,7 +303,7 @@ def test_no_setting_is_dead(agent: str, name: str) -> None:
 
 
 @pytest.mark.parametrize("agent", LEARNING)
-def test_the_same_seed_learns_the_same(agent: str) -> None:
+def test_equal_seeds_learn_equally(agent: str) -> None:
     assert same(_usual(agent), _with(agent))
 
 
@@ -315,7 +313,7 @@ def _usual(agent: str) -> list[Tensor]:
 
 
 def _with(agent: str, **changes: Any) -> list[Tensor]:
-    """Weights after some steps of learning with a setting changed, and how often it learns; the same where that does nothing."""
+    """Weights and number of updates after some learning with a changed setting."""
     changes = {"batch_size": 4, **changes} if agent == "ppo" else changes
     learner = make(agent, **changes)
     if learner.on_policy or learner.imitates:

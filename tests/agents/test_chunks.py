@@ -1,4 +1,4 @@
-"""Policies that predict chunks of actions: how chunks are carried out, and what ACT and the diffusion policy learn."""
+"""Action chunks, ACT and the diffusion policy."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from bricksrl.agents.imitation.chunks import ActionChunkBuffer
 from bricksrl.agents.learner import Learner
 
 RHYTHM = torch.tensor([1.0, 1.0, -1.0, -1.0, 1.0, -1.0])
-"""What is to be done in an episode, or the opposite of it."""
+"""Actions of an episode, or their opposites."""
 
 
 class Silent(EnvBase):
-    """Only the specs of an environment of two entries and two actions."""
+    """Specs of an environment with two entries and two actions."""
 
     def __init__(self) -> None:
         super().__init__(batch_size=())
@@ -38,7 +38,7 @@ class Silent(EnvBase):
 
 
 def demonstrations(chunk: int, episodes: int = 40) -> Any:
-    """At the first step is shown which way around the rhythm goes, and nothing later on."""
+    """Only the first observation shows the direction of the rhythm."""
     length = len(RHYTHM)
     signs = torch.tensor([1.0, -1.0]).repeat(episodes // 2)
     observation = torch.zeros(episodes, length, 2)
@@ -62,7 +62,7 @@ def student(agent: str, updates: int, **changes: Any) -> Learner:
 
 
 def performed(learner: Learner, *signs: float) -> Tensor:
-    """What it does in an episode ``[steps, m]``, of several robots ``[steps, robots, m]``."""
+    """Actions of an episode ``[steps, m]``, or of several robots ``[steps, robots, m]``."""
     learner.reset_policy()
     first = torch.tensor([[sign, 0.0] for sign in signs])
     first = first[0] if len(signs) == 1 else first
@@ -82,20 +82,20 @@ def act() -> Learner:
     return student("act", 400, **ACT, executed=6, ensemble=None)
 
 
-def test_act_learns_what_the_observation_of_the_moment_does_not_tell(act: Learner) -> None:
+def test_act_learns_from_history(act: Learner) -> None:
     for sign in (1.0, -1.0):
         assert (performed(act, sign) - wanted(sign)).abs().mean() < 0.2
     bc = student("bc", 200, hidden=(32, 32))
     assert (performed(bc, 1.0) - wanted(1.0)).abs().mean() > 0.4
 
 
-def test_diffusion_learns_it_too() -> None:
+def test_diffusion_learns_from_history() -> None:
     learner = student("diffusion", 600, chunk=6, executed=6, hidden=(128, 128), learning_rate=2e-3)
     for sign in (1.0, -1.0):
         assert (performed(learner, sign) - wanted(sign)).abs().mean() < 0.3
 
 
-def test_it_has_to_be_told_where_an_episode_starts(act: Learner) -> None:
+def test_chunk_policy_needs_reset_at_episode_start(act: Learner) -> None:
     performed(act, 1.0)
     act.exploit(TensorDict({"observation": torch.tensor([1.0, 0.0])}))
     assert torch.equal(performed(act, -1.0), performed(act, -1.0))
@@ -104,13 +104,13 @@ def test_it_has_to_be_told_where_an_episode_starts(act: Learner) -> None:
     assert (went_on - wanted(1.0)[1:4]).abs().mean() < 0.2
 
 
-def test_many_robots_at_once_act_as_one_by_one(act: Learner) -> None:
+def test_batched_chunks_equal_single_ones(act: Learner) -> None:
     together = performed(act, 1.0, -1.0, 1.0)
     for robot, sign in enumerate((1.0, -1.0, 1.0)):
         torch.testing.assert_close(together[:, robot], performed(act, sign), rtol=1e-4, atol=1e-5)
 
 
-def test_how_a_chunk_is_carried_out_matters(act: Learner) -> None:
+def test_executed_and_ensemble_change_actions(act: Learner) -> None:
     found = []
     for changes in ({"executed": 2, "ensemble": None}, {"executed": 1, "ensemble": 0.0}, {"executed": 1, "ensemble": 30.0}):
         other = student("act", 0, **ACT, **changes)
@@ -122,7 +122,7 @@ def test_how_a_chunk_is_carried_out_matters(act: Learner) -> None:
     assert (found[2] - wanted(1.0)).abs().mean() < 0.2  # the oldest chunk has all the weight
 
 
-def test_dropout_is_for_learning_alone() -> None:
+def test_dropout_only_while_learning() -> None:
     for agent in ("act", "bc"):
         learner = make(agent, dropout=0.5)
         seen = torch.rand(5, 8) * 100.0
@@ -155,7 +155,7 @@ def test_actions_are_within_bounds() -> None:
     ensemble=st.one_of(st.none(), st.floats(0.0, 3.0)),
     steps=st.integers(1, 20),
 )
-def test_chunks_under_way_are_those_of_a_plain_list(executed: int, chunk: int, ensemble: float | None, steps: int) -> None:
+def test_chunk_buffer_equals_list_reference(executed: int, chunk: int, ensemble: float | None, steps: int) -> None:
     buffer, made = ActionChunkBuffer(executed, ensemble), []
     for step in range(steps):
         made_here = torch.randn(chunk, 2)
@@ -171,7 +171,7 @@ def test_chunks_under_way_are_those_of_a_plain_list(executed: int, chunk: int, e
     assert torch.equal(buffer.next(lambda: again), again[0])
 
 
-def test_chunks_are_those_of_the_settings() -> None:
+def test_chunk_length_follows_settings() -> None:
     assert (make("act").chunk, make("diffusion").chunk, make("sac").chunk) == (8, 4, 0)
     assert settings("act").executed == 1
     assert make("act", env=ENV).imitates

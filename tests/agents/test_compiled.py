@@ -1,4 +1,4 @@
-"""Compiled updates: the same losses and gradients as eager ones for the same noise, in one graph."""
+"""Compiled updates equal eager ones."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from bricksrl.errors import RunError
 
 
 def compiled(learner: Learner, backend: str = "eager") -> CompiledGradients:
-    """By the tracer alone, which needs no C++ compiler and takes seconds."""
+    """Traced without machine code, which needs no C++ compiler."""
     assert isinstance(learner.loss, ActorCriticLoss)
     return CompiledGradients(learner.loss, learner.device, backend)
 
@@ -30,7 +30,7 @@ def gradients(learner: Learner) -> list[Tensor | None]:
 
 
 @pytest.mark.parametrize(("agent", "changes"), [("sac", {"n_step": 3}), ("droq", {}), ("redq", {}), ("td3", {})])
-def test_losses_and_gradients_equal_eager_ones(agent: str, changes: dict[str, Any]) -> None:
+def test_compiled_losses_and_gradients_equal_eager(agent: str, changes: dict[str, Any]) -> None:
     learner = taught(make(agent, **changes))
     graph, loss, batch = compiled(learner), learner.loss, learner.memory.sample()  # type: ignore[union-attr]
     assert isinstance(loss, ActorCriticLoss)
@@ -50,7 +50,7 @@ def test_losses_and_gradients_equal_eager_ones(agent: str, changes: dict[str, An
                 torch.testing.assert_close(one, other, rtol=1e-4, atol=1e-6)
 
 
-def test_updates_take_its_gradients() -> None:
+def test_updates_use_compiled_gradients() -> None:
     one, other = learned("sac", actor_delay=2), learned("sac", actor_delay=2)
     other.gradients = compiled(other)
     for learner in (one, other):
@@ -62,12 +62,12 @@ def test_updates_take_its_gradients() -> None:
 
 
 @pytest.mark.parametrize("agent", ["crossq", "cql", "tqc", "ppo", "bc", "random"])
-def test_other_algorithms_are_refused_in_one_line(agent: str) -> None:
+def test_other_algorithms_cannot_be_compiled(agent: str) -> None:
     with pytest.raises(RunError, match="^only SAC, DroQ, REDQ and TD3 can be compiled; omit --compile$"):
         compile_updates(make(agent))
 
 
-def test_a_policy_that_is_held_is_refused() -> None:
+def test_anchored_policy_cannot_be_compiled() -> None:
     learner = make("sac")
     transfer_policy(learner, make("td3"))
     with pytest.raises(RunError, match="an anchored policy cannot be compiled"):
@@ -75,7 +75,7 @@ def test_a_policy_that_is_held_is_refused() -> None:
 
 
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")  # of its own, when it loads
-def test_a_computer_without_a_compiler_says_so_in_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_compiler_raises(monkeypatch: pytest.MonkeyPatch) -> None:
     import torch._inductor.config as inductor
 
     monkeypatch.setattr(inductor.cpp, "cxx", ("/nowhere/c++",))
@@ -83,6 +83,6 @@ def test_a_computer_without_a_compiler_says_so_in_one_line(monkeypatch: pytest.M
     learner = make("sac", hidden=(4,))
     learner.remember(steps(20))
     compile_updates(learner)
-    with pytest.raises(RunError, match="no C++ compiler; install one") as caught:
+    with pytest.raises(RunError, match=r"no C\+\+ compiler; install one") as caught:
         learner.make_updates(1)
     assert "\n" not in str(caught.value)

@@ -1,4 +1,4 @@
-"""CQL's losses and gradients against TorchRL's, and the soft maximum whose gradient is taken at drawn actions."""
+"""CQL's losses and gradients against TorchRL's, and the drawn gradient of the soft maximum."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def make(**changes: Any) -> CQLLoss:
 
 
 class Noise:
-    """The same draws for both, in the order in which each asks for them."""
+    """Equal draws for both losses, in each one's order."""
 
     def __init__(self) -> None:
         self.of_target, self.of_actor, self.here, self.later = torch.randn(4, N, ACTION).unbind()
@@ -80,7 +80,7 @@ def oracle_of(loss: CQLLoss) -> TorchRLCQLLoss:
 
 @pytest.mark.usefixtures("double")
 @pytest.mark.parametrize(("imitating", "pressing"), [(True, False), (False, False), (False, True)])
-def test_losses_and_gradients_equal_torchrls(monkeypatch: pytest.MonkeyPatch, imitating: bool, pressing: bool) -> None:
+def test_losses_and_gradients_equal_torchrl(monkeypatch: pytest.MonkeyPatch, imitating: bool, pressing: bool) -> None:
     weight = 0.7 if pressing else 0.0
     loss = make(min_q_weight=weight, sampled_actions=1, drawn_actions=0, lagrange_threshold=5.0, imitation_updates=int(imitating))
     loss.log_factor.data.fill_(0.3)
@@ -129,7 +129,7 @@ def test_imitation_ends_after_its_updates() -> None:
 
 
 def pressure_gradient(loss: CQLLoss, data: Batch) -> Tensor:
-    """Gradient of the pressure for the critics."""
+    """Gradient of the penalty for the critics."""
     parts = torch.autograd.grad(loss.qvalue_loss(data)["loss_cql"], list(loss.critics.parameters()))
     return torch.cat([part.flatten() for part in parts])
 
@@ -139,7 +139,7 @@ def encoded(loss: CQLLoss, n: int) -> Batch:
 
 
 @pytest.mark.usefixtures("double")
-def test_the_soft_maximum_is_over_all_sampled_actions() -> None:
+def test_soft_maximum_is_over_all_sampled_actions() -> None:
     loss = make(sampled_actions=3, drawn_actions=0, min_q_weight=0.5)
     data = encoded(loss, 5)
     actions, densities = loss.sample_actions(data)
@@ -159,7 +159,7 @@ def test_the_soft_maximum_is_over_all_sampled_actions() -> None:
     torch.testing.assert_close(pressure_gradient(loss, data), torch.cat([part.flatten() for part in theirs]))
 
 
-def test_the_drawn_gradient_is_on_average_the_full_one() -> None:
+def test_drawn_gradient_is_unbiased() -> None:
     full, drawn = (make(sampled_actions=4, drawn_actions=count, hidden=(8,)) for count in (0, 2))
     with torch.no_grad():
         for body in full.critics:
@@ -179,7 +179,7 @@ def test_the_drawn_gradient_is_on_average_the_full_one() -> None:
 
 
 @pytest.mark.parametrize("sampled", [1, 2, 100])
-def test_scores_are_the_critics_values(sampled: int) -> None:
+def test_scores_equal_critic_values(sampled: int) -> None:
     loss = make(sampled_actions=sampled, layer_norm=True)
     data = encoded(loss, 8)
     actions, _ = loss.sample_actions(data)
@@ -187,7 +187,7 @@ def test_scores_are_the_critics_values(sampled: int) -> None:
     torch.testing.assert_close(loss.scores(data.features, actions), torch.stack(expected, 1).detach(), rtol=1e-5, atol=1e-5)
 
 
-def test_the_factor_of_the_pressure_grows_where_the_gap_is_too_wide() -> None:
+def test_penalty_factor_grows_with_gap() -> None:
     loss = make(lagrange_threshold=-100.0, sampled_actions=2)
     found = loss.qvalue_loss(encoded(loss, 8))
     (slope,) = torch.autograd.grad(found["loss_lagrange"], loss.log_factor)
@@ -198,7 +198,7 @@ def test_the_factor_of_the_pressure_grows_where_the_gap_is_too_wide() -> None:
     assert "loss_lagrange" not in fixed.qvalue_loss(encoded(fixed, 8))
 
 
-def test_places_come_up_by_their_weights() -> None:
+def test_draws_follow_weights() -> None:
     weights = torch.tensor([0.5, 0.0, 0.3, 0.2])[None, :, None].repeat(2, 1, 3)
     found = torch.cat([draw_places(weights, 4) for _ in range(2000)], 1)
     assert found.shape == (2, 8000, 3)

@@ -31,7 +31,7 @@ N = 64
 
 
 def make() -> CrossQLoss:
-    """A loss whose networks have seen a batch before: their running statistics are no longer 0 and 1."""
+    """A loss with running statistics other than 0 and 1."""
     body, values = batch_normalised(actor(2 * ACTION), 0.1), Critics(batch_normalised(one, 0.1) for one in critics())
     for _ in range(3):
         body(torch.randn(N, 5) * 2.0 + 1.0)
@@ -40,7 +40,7 @@ def make() -> CrossQLoss:
 
 
 @pytest.mark.parametrize("steps", [False, True])
-def test_losses_and_gradients_equal_torchrls(steps: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_losses_and_gradients_equal_torchrl(steps: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     loss, data = make(), batch(N, steps=steps)
     noise = Draws(after=torch.randn(N, ACTION), now=torch.randn(N, ACTION))
     oracle = TorchRLCrossQLoss(
@@ -78,7 +78,7 @@ def test_losses_and_gradients_equal_torchrls(steps: bool, monkeypatch: pytest.Mo
             assert_close([value.to(theirs.dtype)], [theirs])
 
 
-def test_only_the_losses_move_statistics() -> None:
+def test_only_losses_update_statistics() -> None:
     loss = make()
     assert not any(module.training for network in (loss.actor, loss.critics) for module in network.modules())
     loss(batch(N))
@@ -88,5 +88,5 @@ def test_only_the_losses_move_statistics() -> None:
     assert all(torch.equal(one, other) for one, other in zip(before, loss.critics.buffers(), strict=True))
 
 
-def test_there_are_no_target_critics() -> None:
+def test_crossq_has_no_target_critics() -> None:
     assert not any("target" in name for name in make().state_dict())

@@ -1,4 +1,4 @@
-"""Encoders: observations in physical units to the features that networks learn from."""
+"""Observation encoders."""
 
 from __future__ import annotations
 
@@ -38,13 +38,13 @@ def test_raw_angles_are_scaled_like_any_entry() -> None:
 
 
 @given(st.floats(0, 360), st.floats(-0.5, 0.5))
-def test_sine_and_cosine_know_no_seam(angle_deg: float, step_deg: float) -> None:
+def test_sine_and_cosine_are_continuous_at_wrap(angle_deg: float, step_deg: float) -> None:
     encoder = ObservationEncoder(ObservationLayout((0.0,), (360.0,), (True,)), "sincos")
     there = (angle_deg + step_deg) % 360.0
     assert (encoder(torch.tensor([angle_deg])) - encoder(torch.tensor([there]))).norm() < 0.01
 
 
-def test_phases_are_differences_between_angles_that_are_no_goals() -> None:
+def test_phases_are_angle_differences_without_goals() -> None:
     layout = ObservationLayout((0.0,) * 3, (360.0,) * 3, (True,) * 3, goals=((2, 0),))
     encoder = ObservationEncoder(layout, "phases", "plain")
     features = encoder(torch.tensor([10.0, 280.0, 90.0]))
@@ -55,7 +55,7 @@ def test_phases_are_differences_between_angles_that_are_no_goals() -> None:
 
 
 @given(st.floats(0, 360), st.floats(0, 360), st.floats(-50, 50), st.floats(-50, 50))
-def test_the_way_to_a_goal_is_the_shorter_one(angle: float, goal: float, joint: float, joint_goal: float) -> None:
+def test_goal_difference_takes_shorter_way(angle: float, goal: float, joint: float, joint_goal: float) -> None:
     layout = ObservationLayout((0.0, -50.0) * 2, (360.0, 50.0) * 2, (True, False) * 2, ((2, 0), (3, 1)))
     encoder = ObservationEncoder(layout, "raw", "difference")
     features = encoder(torch.tensor([[angle, joint, goal, joint_goal]]))
@@ -68,7 +68,7 @@ def test_the_way_to_a_goal_is_the_shorter_one(angle: float, goal: float, joint: 
 
 @pytest.mark.parametrize("angles", ["phases", "sincos", "raw"])
 @pytest.mark.parametrize("goals", ["difference", "plain"])
-def test_any_number_of_batch_dimensions_gives_the_same(angles: str, goals: str) -> None:
+def test_batch_dimensions_do_not_change_features(angles: str, goals: str) -> None:
     encoder = ObservationEncoder(LAYOUT, angles, goals)  # type: ignore[arg-type]
     observations = torch.rand(2, 3, 8) * 300.0
     features = encoder(observations)
@@ -92,7 +92,7 @@ def test_layouts_come_from_the_task_or_from_the_bounds_of_the_spec() -> None:
     assert LAYOUT.goals == ((4, 0), (5, 1), (6, 2), (7, 3))
 
 
-def test_an_encoder_is_a_transform_too() -> None:
+def test_encoder_works_as_transform() -> None:
     encoder = ObservationEncoder(LAYOUT)
     env = TransformedEnv(ENV, EncodeObservation(encoder))
     check_env_specs(env)
@@ -115,14 +115,14 @@ def test_images_and_observations_are_joined() -> None:
     torch.testing.assert_close(features[0, 2], keypoints(torch.zeros(2), images[0, 2]))
 
 
-def test_the_papers_networks() -> None:
+def test_paper_network_sizes() -> None:
     made = ImageEncoder(ObservationLayout((0.0,) * 3, (1.0,) * 3, (False,) * 3, (), 64), settings("sac", encoder="convolutions"))
     shapes = [tuple(weight.shape) for name, weight in made.named_parameters() if name.endswith("weight")]
     assert shapes == [(32, 3, 8, 8), (64, 32, 4, 4), (64, 64, 3, 3), (256, 1024), (128, 256), (128, 3), (32, 128)]
     assert made.size == 160
 
 
-def test_a_keypoint_follows_the_spot() -> None:
+def test_keypoint_follows_spot() -> None:
     network = Keypoints(32)
     with torch.no_grad():
         moved = network(torch.stack([SIGHT.shown(column)["image"] for column in (2, 12, 22)])).view(3, -1, 2)
@@ -131,18 +131,18 @@ def test_a_keypoint_follows_the_spot() -> None:
 
 
 @pytest.mark.parametrize(("network", "side_px"), [(Keypoints, 12), (Convolutions, 32)])
-def test_images_too_small_for_the_networks_are_refused(network: type, side_px: int) -> None:
+def test_too_small_images_raise(network: type, side_px: int) -> None:
     with pytest.raises(DescriptionError, match=f"images of {side_px} px are too small"):
         network(side_px)
 
 
 @pytest.mark.parametrize(("network", "side_px"), [(Keypoints, 16), (Keypoints, 45), (Convolutions, 36), (Convolutions, 84)])
-def test_images_of_any_other_size_are_fine(network: type, side_px: int) -> None:
+def test_other_image_sizes_work(network: type, side_px: int) -> None:
     made = network(side_px)
     assert made(torch.zeros(2, side_px, side_px, 3, dtype=torch.uint8)).shape == (2, made.size)
 
 
-def test_shifted_images_are_moved_whole_and_their_edges_drawn_out() -> None:
+def test_shifted_images_repeat_edges() -> None:
     image = torch.arange(64 * 64).view(64, 64, 1).expand(64, 64, 3) % 251
     images = image.to(torch.uint8).expand(40, 64, 64, 3)
     moved = shift_images(images, 4)

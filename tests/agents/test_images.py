@@ -1,4 +1,4 @@
-"""Agents that learn from images: the same algorithms with an encoder that sees."""
+"""Agents with images."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def test_learns_and_acts(agent: str, encoder: str) -> None:
 
 
 @pytest.mark.parametrize("agent", ["bc", "act", "diffusion"])
-def test_imitates_what_was_done_in_sight(agent: str) -> None:
+def test_imitation_works_with_images(agent: str) -> None:
     learner = make(agent, env=SIGHT)
     assert "image" in learner.policy.in_keys
     learner.dataset = recorded_memory(frames(40), 8, ("observation", "image"), chunk=learner.chunk)
@@ -64,7 +64,7 @@ def test_imitates_what_was_done_in_sight(agent: str) -> None:
     assert learner.exploit(torch.stack([seen(3), seen(9)]))["action"].shape == (2, 2)
 
 
-def test_ppo_sees_too() -> None:
+def test_ppo_works_with_images() -> None:
     learner = make("ppo", env=SIGHT)
     with torch.no_grad():
         learner.remember(SIGHT.rollout(learner.frames_per_batch, learner.policy, break_when_any_done=False)[None])
@@ -72,7 +72,7 @@ def test_ppo_sees_too() -> None:
 
 
 @pytest.mark.parametrize("agent", ["sac", "td3", "crossq"])
-def test_only_the_critics_teach_the_encoder(agent: str) -> None:
+def test_only_critics_train_encoder(agent: str) -> None:
     learner = taught(make(agent, env=SIGHT))
     loss = learner.loss
     assert isinstance(loss, ActorCriticLoss)
@@ -85,7 +85,7 @@ def test_only_the_critics_teach_the_encoder(agent: str) -> None:
 
 @pytest.mark.parametrize("agent", ["sac", "td3"])
 @pytest.mark.parametrize("buffer_size", [1000, 15])
-def test_a_state_survives_a_file_and_learning_goes_on_bit_for_bit(agent: str, buffer_size: int) -> None:
+def test_restored_state_continues_bit_identical(agent: str, buffer_size: int) -> None:
     changes = {"buffer_size": buffer_size, "shift_px": 2, "actor_delay": 2}
     one, other = make(agent, env=SIGHT, **changes), make(agent, env=SIGHT, seed=5, **changes)
     for frame in frames(20):
@@ -103,7 +103,7 @@ def test_a_state_survives_a_file_and_learning_goes_on_bit_for_bit(agent: str, bu
 
 
 @pytest.mark.parametrize("agent", ["sac", "td3"])
-def test_learns_to_act_towards_what_it_sees(agent: str) -> None:
+def test_learns_to_act_towards_seen_target(agent: str) -> None:
     learner = make(agent, env=SIGHT, gamma=0.0, hidden=(32, 32), batch_size=32)
     taught(learner, updates=150, count=150)
     assert learner.exploit(seen(25))["action"][0] > 0.4

@@ -1,4 +1,4 @@
-"""The learner: what an update does and in which order, how many are due, and where batches come from."""
+"""Learner: order and number of updates, source of batches."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from bricksrl.agents.replay import TransitionReplayBuffer, make_replay_buffer
 
 
 class Counting(LossModule):  # type: ignore[misc]
-    """A loss of one weight each for critics and actor, which notes what is done."""
+    """A loss with one weight each for critics and actor, which logs calls."""
 
     out_keys = ("loss_qvalue", "loss_actor", "loss_extra", "told")
 
@@ -62,7 +62,7 @@ def counting(**changes: object) -> tuple[Learner, Counting, list[str]]:
     return Learner(policy, loss, Descent(loss, log), memory, Target(log), **usual), loss, log  # type: ignore[arg-type]
 
 
-def test_an_update_is_losses_then_optimizer_then_targets() -> None:
+def test_update_order_is_losses_optimizer_targets() -> None:
     learner, loss, log = counting()
     learner.remember(steps(8))
     told = learner.make_updates(2)
@@ -78,7 +78,7 @@ def test_an_update_is_losses_then_optimizer_then_targets() -> None:
     assert loss.critic.grad is None or float(loss.critic.grad) == 0.0
 
 
-def test_only_named_losses_are_descended_and_all_that_begin_with_loss_otherwise() -> None:
+def test_only_selected_losses_are_minimised() -> None:
     for descend, expected in ((("loss_actor",), (1.0, 0.0)), (None, (-100.0, 0.0))):
         learner, loss, _ = counting(descend=descend)
         learner.remember(steps(8))
@@ -86,7 +86,7 @@ def test_only_named_losses_are_descended_and_all_that_begin_with_loss_otherwise(
         assert (float(loss.critic.detach()), float(loss.actor.detach())) == expected
 
 
-def test_the_actor_and_the_targets_wait_for_their_turn() -> None:
+def test_actor_and_targets_are_delayed() -> None:
     learner, loss, log = counting(actor_delay=3, target_delay=2)
     learner.remember(steps(8))
     found = []
@@ -96,7 +96,7 @@ def test_the_actor_and_the_targets_wait_for_their_turn() -> None:
     assert found == [(0.0, 1.0, 0), (-1.0, 1.0, 1), (-2.0, 0.0, 1), (-3.0, 0.0, 2), (-4.0, 0.0, 2), (-5.0, -1.0, 3)]
 
 
-def test_the_norm_of_the_gradient_is_limited() -> None:
+def test_gradient_norm_is_clipped() -> None:
     learner, loss, _ = counting(clip_norm=0.5, descend=None)
     learner.remember(steps(8))
     learner.make_updates(1)
@@ -105,7 +105,7 @@ def test_the_norm_of_the_gradient_is_limited() -> None:
 
 
 @pytest.mark.parametrize(("rate", "expected"), [(0.25, [0, 0, 0, 1, 0]), (1.0, [1] * 5), (2.5, [2, 3, 2, 3, 2])])
-def test_updates_are_made_as_they_fall_due(rate: float, expected: list[int]) -> None:
+def test_fractional_updates_accumulate(rate: float, expected: list[int]) -> None:
     learner, loss, log = counting(updates_per_step=rate)
     learner.remember(steps(8))
     made = []
@@ -120,7 +120,7 @@ def test_updates_are_made_as_they_fall_due(rate: float, expected: list[int]) -> 
     assert loss is learner.loss
 
 
-def test_what_is_due_is_part_of_the_state() -> None:
+def test_due_updates_are_in_state() -> None:
     one, other = counting(updates_per_step=0.75)[0], counting(updates_per_step=0.75)[0]
     for _ in range(3):
         one.learn()
@@ -128,7 +128,7 @@ def test_what_is_due_is_part_of_the_state() -> None:
     assert other.due == one.due == pytest.approx(0.25)
 
 
-def test_without_experience_there_is_nothing_to_update() -> None:
+def test_empty_memory_makes_no_update() -> None:
     learner, _, log = counting()
     assert learner.make_updates(3) == {}
     assert log == []
@@ -144,7 +144,7 @@ def on_policy(passes: int, rows: int) -> tuple[Learner, Counting]:
 
 
 @pytest.mark.parametrize(("passes", "rows", "batches"), [(1, 8, 2), (3, 8, 6), (2, 10, 6), (1, 3, 1)])
-def test_on_policy_passes_see_each_row_once_and_forget_it(passes: int, rows: int, batches: int) -> None:
+def test_on_policy_passes_use_each_row_once(passes: int, rows: int, batches: int) -> None:
     learner, loss = on_policy(passes, rows)
     for round_ in range(2):
         frames = steps(rows)
@@ -169,7 +169,7 @@ def test_half_of_each_batch_comes_from_the_dataset() -> None:
         assert (batch["next", "reward"][:, 0] == 7.0).tolist() == [False] * 6 + [True] * 5
 
 
-def test_many_batches_are_drawn_at_once_and_are_all_there() -> None:
+def test_batches_drawn_together_are_complete() -> None:
     learner = make("sac", batch_size=256, hindsight=0.0, new_goals=0.0)
     learner.remember(steps(300, length=50))
     batches = list(learner.batches(70))
@@ -177,7 +177,7 @@ def test_many_batches_are_drawn_at_once_and_are_all_there() -> None:
     assert not torch.equal(batches[0]["observation"], batches[1]["observation"])
 
 
-def test_a_dataset_is_as_good_as_the_same_experience() -> None:
+def test_dataset_equals_same_experience() -> None:
     one, other = make("sac"), make("sac")
     one.remember(steps(40))
     memory = make_replay_buffer(ENV, settings("sac"), "cpu")
@@ -190,7 +190,7 @@ def test_a_dataset_is_as_good_as_the_same_experience() -> None:
 
 
 @pytest.mark.parametrize("agent", LEARNING)
-def test_what_updates_tell_are_names_that_the_loss_declares(agent: str) -> None:
+def test_update_metrics_are_declared_by_loss(agent: str) -> None:
     learner = make(agent)
     told: dict[str, Tensor] = {}
     update = learner.update
@@ -202,7 +202,7 @@ def test_what_updates_tell_are_names_that_the_loss_declares(agent: str) -> None:
 
 
 @pytest.mark.parametrize("agent", REPLAYING)
-def test_the_actor_learns_in_every_nth_update(agent: str) -> None:
+def test_actor_updates_every_nth(agent: str) -> None:
     learner = make(agent, actor_delay=3, imitation_updates=0)
     before = [value.clone() for value in learner.policy.parameters()]
     taught(learner, 2)
@@ -212,7 +212,7 @@ def test_the_actor_learns_in_every_nth_update(agent: str) -> None:
 
 
 @pytest.mark.parametrize("delay", [1, 2])
-def test_targets_follow_by_their_share(delay: int) -> None:
+def test_targets_move_by_tau(delay: int) -> None:
     learner = make("td3", tau=0.25, actor_delay=delay)
     taught(learner, 1)
     loss = learner.loss
@@ -227,7 +227,7 @@ def test_targets_follow_by_their_share(delay: int) -> None:
                 torch.testing.assert_close(now, was + share * (goal - was))
 
 
-def test_an_imitator_learns_from_nothing_that_it_did() -> None:
+def test_imitator_ignores_own_frames() -> None:
     learner = make("bc")
     learner.remember(steps(20))
     assert learner.make_updates(3) == {}
@@ -235,7 +235,7 @@ def test_an_imitator_learns_from_nothing_that_it_did() -> None:
     assert "loss_bc" in learner.make_updates(3)
 
 
-def test_frames_of_a_broken_link_do_not_reach_a_buffer_of_torchrls() -> None:
+def test_frames_with_lost_link_are_not_stored() -> None:
     learner, _, _ = counting()
     learner.memory = TensorDictReplayBuffer(storage=LazyTensorStorage(50), batch_size=4)
     frames = steps(10)
@@ -249,7 +249,7 @@ def test_frames_of_a_broken_link_do_not_reach_a_buffer_of_torchrls() -> None:
 
 
 @pytest.mark.parametrize("agent", ["sac", "td3", "crossq"])
-def test_learns_the_action_that_pays(agent: str) -> None:
+def test_learns_rewarded_action(agent: str) -> None:
     learner = make(agent, gamma=0.0, hidden=(32, 32), batch_size=32, hindsight=0.0, new_goals=0.0)
     frames = steps(200)
     frames["next", "reward"] = frames["action"][:, :1] - frames["action"][:, 1:2]
@@ -263,7 +263,7 @@ def test_learns_the_action_that_pays(agent: str) -> None:
 
 @pytest.mark.parametrize("agent", ["sac", "td3", "crossq"])
 @pytest.mark.parametrize("terminated", [False, True])
-def test_values_go_on_through_a_time_limit_and_end_at_a_termination(agent: str, terminated: bool) -> None:
+def test_values_bootstrap_at_truncation_not_termination(agent: str, terminated: bool) -> None:
     changes = {"gamma": 0.8, "learning_rate": 3e-3, "hindsight": 0.0, "new_goals": 0.0, "batch_size": 32, "tau": 0.1}
     learner = make(agent, **changes, momentum=0.1, alpha_init=1e-4)
     frames = steps(30)
@@ -283,6 +283,6 @@ def test_values_go_on_through_a_time_limit_and_end_at_a_termination(agent: str, 
         assert values.min() > 2.5
 
 
-def test_learning_leaves_no_gradients_behind() -> None:
+def test_learning_leaves_no_gradients() -> None:
     learner = learned("sac")
     assert all(parameter.grad is None for parameter in learner.loss.parameters())  # type: ignore[union-attr]

@@ -1,7 +1,7 @@
-"""Offline agents on a task whose best and whose behaviour's values are known: bring a point on a line to its middle.
+"""Offline agents on a task with known values: move a point on a line to its middle.
 
-A point at ``x`` in -1..1 moves by 0.3 a step at most; the reward is minus the square of where it gets. The data was made by a
-policy that goes the right way too timidly and with much noise. Values are computed by dynamic programming on a fine grid.
+A point at ``x`` in -1..1 moves by at most 0.3 a step; the reward is minus the square of the new position. The data is from a
+noisy, too timid policy. Values are computed by dynamic programming on a fine grid.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ SMALL = {"hidden": (32, 32), "batch_size": 128, "gamma": GAMMA, "learning_rate":
 
 
 class Line(EnvBase):
-    """Only the specs of the task."""
+    """Specs of the task."""
 
     def __init__(self) -> None:
         super().__init__(batch_size=())
@@ -60,7 +60,7 @@ def value_at(values: Tensor, x: Tensor) -> Tensor:
 
 
 def solve(actions: Tensor, reduce: Callable[[Tensor], Tensor]) -> Tensor:
-    """Values ``[401]`` of choosing among ``actions`` ``[choices, 401]`` as ``reduce`` says."""
+    """Values ``[401]`` of ``actions`` ``[choices, 401]`` reduced by ``reduce``."""
     after = move(GRID, actions)
     values = torch.zeros(401)
     for _ in range(100):
@@ -90,7 +90,7 @@ def acted(learner: Any, x: Tensor) -> Tensor:
 
 
 def regret(learner: Any) -> float:
-    """The difference to the best return, on average over all starts."""
+    """Mean difference to the best return over all starts."""
     x, total = STARTS, torch.zeros(41)
     for step in range(25):
         x = move(x, acted(learner, x))
@@ -117,13 +117,13 @@ def values_of(learner: Learner, x: Tensor) -> Tensor:
 
 @pytest.fixture(scope="module")
 def imitated() -> float:
-    """The regret of imitation."""
+    """Regret of imitation."""
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(4)
         return regret(learned("bc", dropout=0.0))
 
 
-def test_the_task_leaves_room_to_improve(imitated: float) -> None:
+def test_data_policy_is_not_optimal(imitated: float) -> None:
     class Middle:
         def exploit(self, state: TensorDict) -> TensorDict:
             return state.set("action", (-state["observation"] / REACH).clamp(-1.0, 1.0))
@@ -133,7 +133,7 @@ def test_the_task_leaves_room_to_improve(imitated: float) -> None:
     assert imitated > 0.1
 
 
-def test_bc_finds_the_mean_of_the_behaviour() -> None:
+def test_bc_finds_mean_behaviour() -> None:
     agent = learned("bc", dropout=0.0)
     mean = behaviour(STARTS, QUANTILES[:, None]).mean(0)
     torch.testing.assert_close(acted(agent, STARTS), mean, rtol=0.0, atol=0.12)
@@ -144,7 +144,7 @@ def bold_iql() -> Learner:
     return learned("iql", 400, expectile=0.95, temperature=10.0)
 
 
-def test_iql_with_the_middle_expectile_finds_the_values_of_the_behaviour() -> None:
+def test_iql_with_middle_expectile_finds_behaviour_values() -> None:
     agent = learned("iql", 400, expectile=0.5)
     found = values_of(agent, STARTS)
     best, usual = value_at(BEST, STARTS), value_at(OF_BEHAVIOUR, STARTS)
@@ -152,7 +152,7 @@ def test_iql_with_the_middle_expectile_finds_the_values_of_the_behaviour() -> No
     assert (found - best).mean() < -0.2
 
 
-def test_iql_with_a_high_expectile_approaches_the_best_values() -> None:
+def test_iql_with_high_expectile_approaches_best_values() -> None:
     agent = bold_iql()
     found = values_of(agent, STARTS)
     best, usual = value_at(BEST, STARTS), value_at(OF_BEHAVIOUR, STARTS)
@@ -164,8 +164,8 @@ def test_offline_agents_improve_on_the_data(imitated: float, agent: str, share: 
     assert regret(bold_iql() if agent == "iql" else learned(agent, 400)) < share * imitated
 
 
-def test_cql_believes_less_than_is_true_where_the_data_is_not() -> None:
-    """Values of actions that the data never has are pressed down below those of the data, and below what they are worth."""
+def test_cql_underestimates_outside_of_data() -> None:
+    """Values of actions outside of the data are below those of the data and below their true values."""
     careful_one, bold = learned("cql", 250, min_q_weight=2.0), learned("sac", 250)
     x = torch.full((1, 1), 0.9)
     away = torch.ones(1, 1)  # to the right, where the behaviour hardly ever goes

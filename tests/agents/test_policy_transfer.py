@@ -1,4 +1,4 @@
-"""Policies of one algorithm as those of another, held near what they were at first."""
+"""Policy transfer between algorithms, and the anchor."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def of(learner: Learner) -> ActorCriticLoss:
         ("sac", "td3"),
     ],
 )
-def test_it_is_the_same_policy(before: str, after: str) -> None:
+def test_transferred_policy_is_equal(before: str, after: str) -> None:
     one, seen = learned(before, updates=30, actor_layer_norm=False, dropout=0.0), steps(5)
     other = make(after, seed=5)
     transfer_policy(other, one)
@@ -45,7 +45,7 @@ def test_it_is_the_same_policy(before: str, after: str) -> None:
         assert torch.equal(of(other).log_alpha, one.loss.log_alpha)  # type: ignore[union-attr]
 
 
-def test_layer_normalisations_come_along() -> None:
+def test_layer_normalisations_are_transferred() -> None:
     one = learned("bc", updates=30, actor_layer_norm=True, dropout=0.0)
     other = make("sac", seed=5, actor_layer_norm=True)
     transfer_policy(other, one)
@@ -58,13 +58,13 @@ def test_layer_normalisations_come_along() -> None:
         ("sac", "td3", {"hidden": (32,)}, "its network is 14-16-16 units .*, not 14-32 units"),
         ("sac", "td3", {"angles": "raw"}, "its network is 14-16-16 units on 14 features, not 12-16-16 units on 12 features"),
         ("sac", "crossq", {}, "its network is 14-16-16 units on .* not 14-16-16 units with 3 normalisations"),
-        ("act", "sac", {}, "a network from observations to one action"),
-        ("random", "sac", {}, "a network from observations to one action"),
+        ("act", "sac", {}, "a network from observations to single actions"),
+        ("random", "sac", {}, "a network from observations to single actions"),
         ("sac", "bc", {}, "transfer needs critics"),
         ("sac", "ppo", {}, "transfer needs critics"),
     ],
 )
-def test_a_policy_of_another_form_is_refused(before: str, after: str, changes: dict[str, object], says: str) -> None:
+def test_policy_of_other_form_raises(before: str, after: str, changes: dict[str, object], says: str) -> None:
     other = make(after, **changes)
     state = weights(other)
     with pytest.raises(PolicyFormError, match=says):
@@ -72,12 +72,12 @@ def test_a_policy_of_another_form_is_refused(before: str, after: str, changes: d
     assert same(state, weights(other))
 
 
-def test_images_are_refused() -> None:
+def test_policy_with_images_raises() -> None:
     with pytest.raises(PolicyFormError, match="observations"):
         transfer_policy(make("sac", env=SIGHT), make("bc"))
 
 
-def test_in_balance_the_actor_is_as_far_away_as_it_may_be() -> None:
+def test_anchor_equilibrium_is_allowed_distance() -> None:
     actor = nn.Linear(3, 2)
     hold = PolicyAnchor(actor, 2, updates=100)
     features, optimizer = torch.randn(64, 3), torch.optim.SGD(actor.parameters(), lr=0.1)
@@ -100,7 +100,7 @@ def test_in_balance_the_actor_is_as_far_away_as_it_may_be() -> None:
     assert (actor(features) - hold.policy(features)).square().mean().sqrt() > REACH + 0.3
 
 
-def test_only_the_mean_is_held() -> None:
+def test_anchor_affects_mean_only() -> None:
     actor = nn.Linear(3, 4)
     hold = PolicyAnchor(actor, 2, updates=10)
     with torch.no_grad():
@@ -118,7 +118,7 @@ def test_only_the_mean_is_held() -> None:
     torch.testing.assert_close(held.grad[:, :2], expected)
 
 
-def test_what_holds_it_is_part_of_the_state_and_ends_alike() -> None:
+def test_anchor_state_is_restored() -> None:
     one = make("sac")
     transfer_policy(one, learned("td3"))
     one.remember(steps(30))
@@ -133,8 +133,8 @@ def test_what_holds_it_is_part_of_the_state_and_ends_alike() -> None:
     assert same(weights(one), weights(other))
 
 
-def test_it_does_not_collapse_under_new_critics() -> None:
-    """One without an anchor leaves what it could do within a few updates of its new critics."""
+def test_transferred_policy_does_not_collapse() -> None:
+    """Without an anchor the policy is lost within a few updates."""
     source, seen = learned("bc", updates=100, dropout=0.0, actor_layer_norm=False), steps(30)
     distances = []
     for held in (True, False):

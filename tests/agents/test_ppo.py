@@ -1,4 +1,4 @@
-"""PPO from many copies, and what it learns in a few rounds."""
+"""PPO with many copies."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def mean_return(env: object, learner: Learner) -> float:
     return float(frames["next", "reward"].sum(1).mean())
 
 
-def test_it_improves_on_the_simulated_walker() -> None:
+def test_ppo_improves_simulated_walker() -> None:
     env = bricksrl.make("WalkerSim-v0", seed=0, batch_size=256)
     learner = make_learner("ppo", env, replace(preset("default", "ppo"), steps=16, batch_size=512))
     before, state = mean_return(env, learner), env.reset()
@@ -34,8 +34,8 @@ def test_it_improves_on_the_simulated_walker() -> None:
     assert told["loss_critic"].isfinite()
 
 
-def test_a_time_limit_is_bootstrapped_and_an_end_is_not() -> None:
-    """The advantage of a last step knows the value behind a time limit alone."""
+def test_truncation_bootstraps_termination_does_not() -> None:
+    """Only at a time limit does the last advantage include the next value."""
     targets = []
     for name in ("truncated", "terminated"):
         learner = make("ppo")
@@ -48,7 +48,7 @@ def test_a_time_limit_is_bootstrapped_and_an_end_is_not() -> None:
     assert float(targets[1].abs()) < 1e-6 < float(targets[0].abs())
 
 
-def test_passes_go_over_all_that_was_collected() -> None:
+def test_passes_cover_all_frames() -> None:
     learner = make("ppo", steps=8, batch_size=4, passes=3)
     learner.remember(rollout(learner))
     assert len(learner.memory) == 8  # type: ignore[arg-type]

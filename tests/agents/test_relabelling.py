@@ -1,4 +1,4 @@
-"""Goal relabelling: other goals for what was done, with the rewards and ends that the task has for them."""
+"""Goal relabelling with rewards and terminations."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def buffer(frames: TensorDict, batch_size: int = 100, capacity: int = 1000, **sh
     return found
 
 
-def test_goals_of_the_arm_belong_to_its_joints() -> None:
+def test_arm_goals_belong_to_joints() -> None:
     names = [entry.name for entry in TASK.entries]
     assert [(names[goal], names[reached]) for goal, reached in LAYOUT.goals] == [
         (f"{joint}_goal", f"{joint}_angle") for joint in ("rotation", "low", "high", "grab")
@@ -35,7 +35,7 @@ def errors_deg(goals: Tensor, joints: Tensor) -> Tensor:
     return torch.minimum(around, 360.0 - around) + (goals - joints)[:, 1:].abs().sum(-1)
 
 
-def test_another_goal_pays_what_the_task_pays_for_it() -> None:
+def test_relabelled_reward_equals_task_reward() -> None:
     rows = steps(40)[None].clone()
     joints, before = rows["next", "observation"][0, :, :4].clone(), rows["observation"][0, :, :4].clone()
     goals = GOALS.draw(40, device=torch.device("cpu"))
@@ -49,7 +49,7 @@ def test_another_goal_pays_what_the_task_pays_for_it() -> None:
     assert torch.equal(rows["next", "terminated"][0, :, 0], error_deg < 50.0)
 
 
-def test_new_goals_are_in_their_range() -> None:
+def test_new_goals_are_in_range() -> None:
     goals = GOALS.draw(2, 500, device=torch.device("cpu"))
     low, high = torch.tensor(LAYOUT.low)[4:], torch.tensor(LAYOUT.high)[4:]
     assert goals.shape == (2, 500, 4)
@@ -58,14 +58,14 @@ def test_new_goals_are_in_their_range() -> None:
     assert (spread > 0.95).all()
 
 
-def test_what_was_reached_ends_the_episode_there() -> None:
+def test_reached_goal_terminates() -> None:
     rows = steps(10)[None].clone()
     GOALS.relabel(rows, rows["next", "observation"][0, :, :4].clone())
     assert rows["next", "terminated"].all()
     assert rows["next", "reward"].abs().max() < 1e-6
 
 
-def test_batches_hold_other_goals_in_the_shares_of_the_settings() -> None:
+def test_relabelled_shares_follow_settings() -> None:
     frames = steps(50)
     known = {tuple(row) for row in frames["observation"][:, 4:].tolist()}
     reached = {tuple(row) for row in frames["next", "observation"][:, :4].tolist()}
@@ -81,7 +81,7 @@ def test_batches_hold_other_goals_in_the_shares_of_the_settings() -> None:
         assert torch.equal(part["next", "terminated"][:, 0], error_deg < 50.0)
 
 
-def test_the_memory_keeps_its_own_goals() -> None:
+def test_buffer_keeps_original_goals() -> None:
     frames = steps(50)
     found = buffer(frames, hindsight=0.5, new_goals=0.5)
     for _ in range(3):
@@ -92,8 +92,8 @@ def test_the_memory_keeps_its_own_goals() -> None:
 
 @pytest.mark.parametrize("capacity", [1000, 43])
 @pytest.mark.parametrize("copies", [1, 2])
-def test_hindsight_stays_in_its_episode_and_within_four_steps(capacity: int, copies: int) -> None:
-    """The joint angles tell episode and step, so that a goal tells where it was reached."""
+def test_hindsight_stays_within_episode_and_horizon(capacity: int, copies: int) -> None:
+    """Joint angles encode episode and step."""
     count, length = 60 // copies, 7
     frames = steps(count).expand(copies, count).clone()
     for copy in range(copies):
@@ -114,7 +114,7 @@ def test_hindsight_stays_in_its_episode_and_within_four_steps(capacity: int, cop
     assert (ahead[~last] > 0).all()
 
 
-def test_hindsight_does_not_reach_across_a_broken_link() -> None:
+def test_hindsight_stops_at_lost_link() -> None:
     frames = steps(10, length=100)
     frames["next", "done"][:] = False
     frames["next", "link_lost"] = torch.zeros(10, 1, dtype=torch.bool)
@@ -126,7 +126,7 @@ def test_hindsight_does_not_reach_across_a_broken_link() -> None:
     assert torch.equal(first, from_early)
 
 
-def test_n_step_sums_are_those_of_the_new_goal() -> None:
+def test_n_step_sums_use_relabelled_goal() -> None:
     frames = steps(30)
     found = make_replay_buffer(ENV, settings("sac", batch_size=64, new_goals=1.0, hindsight=0.0, n_step=3, gamma=0.9), "cpu")
     found.extend(frames)
@@ -144,7 +144,7 @@ def test_n_step_sums_are_those_of_the_new_goal() -> None:
         assert count == 3 or ends[-1] or place % 5 + count == 5
 
 
-def test_without_a_task_or_shares_goals_stay_as_they_are() -> None:
+def test_goals_unchanged_without_task_or_shares() -> None:
     frames = steps(20)
     known = {tuple(row) for row in frames["observation"].tolist()}
     assert all(tuple(row) in known for row in buffer(frames).sample()["observation"].tolist())

@@ -1,4 +1,4 @@
-"""Replay: which transition followed which, n-step sums, chunks, images, and a state that goes on where it was."""
+"""Replay buffers: successors, n-step sums, chunks, images, states."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ GAMMA = 0.9
 def numbered(
     first: int, count: int, *, done: tuple[int, ...] = (), fell: tuple[int, ...] = (), lost: tuple[int, ...] = ()
 ) -> Any:
-    """Transitions ``[count]`` that are numbered in their observation, action and reward; ``done`` and the others are numbers."""
+    """Transitions ``[count]`` numbered in observation, action and reward."""
     number = torch.arange(first, first + count)
 
     def among(which: tuple[int, ...]) -> torch.Tensor:
@@ -40,20 +40,20 @@ def memory(capacity: int = 100, batch_size: int = 50, **kind: Any) -> EpisodicRe
 
 
 def followers(buffer: EpisodicReplayBuffer) -> dict[int, int | None]:
-    """For the number of each transition in the buffer that of the one that followed it."""
+    """The number of each transition's successor."""
     numbers = [int(one) for one in buffer[:]["observation"].flatten()]
     places = [int(place) for place in buffer._successor[: len(numbers)]]
     return {number: None if place == buffer._none else numbers[place] for number, place in zip(numbers, places, strict=True)}
 
 
-def test_steps_of_one_robot_follow_one_another_across_calls() -> None:
+def test_successors_span_calls() -> None:
     buffer = memory()
     for first in range(0, 8, 2):
         buffer.extend(numbered(first, 2, done=(3,)))
     assert followers(buffer) == {0: 1, 1: 2, 2: 3, 3: None, 4: 5, 5: 6, 6: 7, 7: None}
 
 
-def test_steps_of_copies_follow_those_of_their_own() -> None:
+def test_successors_stay_within_copies() -> None:
     buffer = memory()
     for first in (0, 2):
         buffer.extend(torch.stack([numbered(first, 2, done=(2,)), numbered(10 + first, 2), numbered(20 + first, 2, done=(21,))]))
@@ -73,7 +73,7 @@ def test_steps_of_copies_follow_those_of_their_own() -> None:
     }
 
 
-def test_a_step_at_which_the_link_broke_is_dropped_and_nothing_reaches_across() -> None:
+def test_lost_link_step_is_dropped_and_unlinks() -> None:
     buffer = memory()
     buffer.extend(torch.stack([numbered(0, 4, lost=(1,)), numbered(10, 4, lost=(13,))]))
     buffer.extend(torch.stack([numbered(4, 2), numbered(14, 2, lost=(15,))]))
@@ -81,7 +81,7 @@ def test_a_step_at_which_the_link_broke_is_dropped_and_nothing_reaches_across() 
     assert followers(buffer) == {0: None, 2: 3, 3: 4, 4: 5, 5: 6, 6: None, 10: 11, 11: 12, 12: None, 14: None, 16: None}
 
 
-def test_frames_all_of_which_are_lost_leave_nothing_and_end_what_was_before() -> None:
+def test_all_lost_frames_only_unlink() -> None:
     buffer = memory()
     buffer.extend(numbered(0, 2))
     assert len(buffer.extend(numbered(2, 1, lost=(2,)))) == 0
@@ -89,7 +89,7 @@ def test_frames_all_of_which_are_lost_leave_nothing_and_end_what_was_before() ->
     assert followers(buffer) == {0: 1, 1: None, 3: None}
 
 
-def test_what_comes_after_the_end_of_episodes_does_not_follow() -> None:
+def test_end_episodes_unlinks() -> None:
     buffer = memory()
     buffer.extend(numbered(0, 2))
     buffer.end_episodes()
@@ -98,7 +98,7 @@ def test_what_comes_after_the_end_of_episodes_does_not_follow() -> None:
 
 
 @pytest.mark.parametrize("parts", [(3, 5), (5, 3, 5), (4, 4, 4), (1,) * 13, (2, 5, 5, 5)])
-def test_the_oldest_are_overwritten_and_the_newest_is_followed_by_nothing(parts: tuple[int, ...]) -> None:
+def test_full_buffer_overwrites_oldest_newest_has_no_successor(parts: tuple[int, ...]) -> None:
     buffer, made = memory(capacity=5), 0
     for count in parts:
         buffer.extend(numbered(made, count))
@@ -106,15 +106,15 @@ def test_the_oldest_are_overwritten_and_the_newest_is_followed_by_nothing(parts:
     assert followers(buffer) == {**{number: number + 1 for number in range(made - 5, made - 1)}, made - 1: None}
 
 
-def test_copies_overwrite_what_copies_made_last() -> None:
-    """A buffer with less than two steps of each copy: places of the last transitions are written anew at once."""
+def test_copies_overwrite_oldest() -> None:
+    """With less than two steps of each copy, the last transitions are overwritten immediately."""
     buffer = memory(capacity=5)
     for step in range(6):
         buffer.extend(torch.stack([numbered(100 * copy + step, 1) for copy in range(3)]))
     assert followers(buffer) == {104: 105, 204: 205, 5: None, 105: None, 205: None}
 
 
-def test_more_than_fits_is_refused() -> None:
+def test_too_many_frames_raise() -> None:
     with pytest.raises(
         DescriptionError, match="6 transitions at once do not fit into a replay buffer of 5; give buffer_size 6 or more"
     ):
@@ -123,7 +123,7 @@ def test_more_than_fits_is_refused() -> None:
 
 @dataclass
 class Reference:
-    """A list of all transitions in their order, each with that which it followed."""
+    """A list of transitions with predecessors."""
 
     capacity: int
     kept: list[int] = field(default_factory=list)
@@ -154,9 +154,7 @@ CALLS = st.lists(
 
 @settings(max_examples=50)
 @given(capacity=st.integers(12, 30), copies=st.integers(1, 3), calls=CALLS)
-def test_followers_are_those_of_a_plain_list(
-    capacity: int, copies: int, calls: list[tuple[int, set[int], set[int], bool]]
-) -> None:
+def test_successors_equal_list_reference(capacity: int, copies: int, calls: list[tuple[int, set[int], set[int], bool]]) -> None:
     buffer, reference, made = memory(capacity=capacity), Reference(capacity), [1000 * copy for copy in range(copies)]
     for count, done, lost, end in calls:
         parts = []
@@ -179,7 +177,7 @@ def test_followers_are_those_of_a_plain_list(
 
 
 def summed(number: int, n: int, followed: dict[int, int | None], fell: set[int]) -> tuple[float, int, int]:
-    """Reward, last number and count of steps from a number on, step by step."""
+    """Reward sum, last number and step count from a number on."""
     reward, steps, at = float(number), 1, number
     while steps < n and at not in fell and followed[at] is not None:
         at = followed[at]  # type: ignore[assignment]
@@ -196,7 +194,7 @@ def summed(number: int, n: int, followed: dict[int, int | None], fell: set[int])
     lost=st.sets(st.integers(0, 39), max_size=4),
     capacity=st.integers(20, 50),
 )
-def test_n_step_sums_are_those_of_plain_python(n: int, done: set[int], fell: set[int], lost: set[int], capacity: int) -> None:
+def test_n_step_sums_equal_python_reference(n: int, done: set[int], fell: set[int], lost: set[int], capacity: int) -> None:
     buffer = memory(capacity=capacity, n_step=n, batch_size=64)
     fell = fell - lost
     for first in range(0, 40, 10):
@@ -211,7 +209,7 @@ def test_n_step_sums_are_those_of_plain_python(n: int, done: set[int], fell: set
         assert float(row["action"][0]) == float(row["observation"])
 
 
-def test_one_step_has_no_count_of_steps() -> None:
+def test_one_step_has_no_step_count() -> None:
     buffer = memory(n_step=1)
     buffer.extend(numbered(0, 10))
     assert "steps_to_next_obs" not in buffer.sample().keys()  # noqa: SIM118  a TensorDict
@@ -219,7 +217,7 @@ def test_one_step_has_no_count_of_steps() -> None:
     assert buffer.sample(7).batch_size == (7,)
 
 
-def test_all_that_is_in_it_comes_up_alike() -> None:
+def test_sampling_is_uniform() -> None:
     buffer = memory(capacity=5, n_step=1)
     for first in (0, 4):
         buffer.extend(numbered(first, 4))
@@ -228,7 +226,7 @@ def test_all_that_is_in_it_comes_up_alike() -> None:
     assert counts[3:].float().std() < 100.0
 
 
-def test_chunks_are_the_actions_that_followed_and_the_last_one_again() -> None:
+def test_recorded_chunks_repeat_last_action() -> None:
     frames = numbered(0, 12, done=(4,))
     expected = {0: [0, 1, 2, 3], 2: [2, 3, 4, 4], 4: [4, 4, 4, 4], 5: [5, 6, 7, 8], 9: [9, 10, 11, 11], 11: [11, 11, 11, 11]}
     batch = recorded_memory(frames, 32, ("observation",), chunk=4).sample(300)
@@ -238,7 +236,7 @@ def test_chunks_are_the_actions_that_followed_and_the_last_one_again() -> None:
     assert frames["action"].shape == (12, 2)  # they stay as they were
 
 
-def test_images_are_shifted_each_by_its_own_way() -> None:
+def test_images_are_shifted_independently() -> None:
     images = torch.arange(16 * 16 * 3, dtype=torch.uint8).view(1, 16, 16, 3).repeat(8, 1, 1, 1)
     frames = numbered(0, 8)
     frames["image"], frames["next", "image"] = images, images.clone()
@@ -256,7 +254,7 @@ def test_images_are_shifted_each_by_its_own_way() -> None:
 
 @pytest.mark.parametrize("memory_mapped", [False, True])
 @pytest.mark.parametrize("made", [0, 3, 12])
-def test_a_state_goes_on_where_it_was(made: int, memory_mapped: bool) -> None:
+def test_buffer_state_continues(made: int, memory_mapped: bool) -> None:
     one = memory(capacity=8, memory_mapped=memory_mapped)
     for first in range(made):
         one.extend(numbered(first, 1, done=(2, 7)))
@@ -279,7 +277,7 @@ def test_a_state_goes_on_where_it_was(made: int, memory_mapped: bool) -> None:
 
 
 @pytest.mark.parametrize("made", [0, 3, 12])
-def test_a_state_takes_the_place_of_what_was_there(made: int) -> None:
+def test_buffer_state_replaces_content(made: int) -> None:
     one, other = memory(capacity=16), memory(capacity=16)
     for first in range(made):
         one.extend(numbered(first, 1, done=(2, 7)))
@@ -292,14 +290,14 @@ def test_a_state_takes_the_place_of_what_was_there(made: int) -> None:
     assert torch.equal(one[:]["observation"], other[:]["observation"])
 
 
-def test_a_state_that_does_not_fit_is_refused() -> None:
+def test_buffer_state_that_does_not_fit_raises() -> None:
     full = memory(capacity=8)
     full.extend(numbered(0, 8))
     with pytest.raises(ValueError, match="8 transitions do not fit into a buffer of 4"):
         load_memory_state(memory(capacity=4), memory_state(full))
 
 
-def test_the_state_is_a_copy() -> None:
+def test_buffer_state_is_a_copy() -> None:
     buffer = memory(capacity=4)
     buffer.extend(numbered(0, 4))
     state = memory_state(buffer)

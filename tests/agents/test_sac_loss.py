@@ -80,7 +80,7 @@ def draws() -> Draws:
     ],
 )
 @pytest.mark.parametrize("steps", [False, True])
-def test_losses_and_gradients_equal_torchrls(options: dict[str, Any], steps: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_losses_and_gradients_equal_torchrl(options: dict[str, Any], steps: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     loss, data, noise = make(**options), batch(N, steps=steps), draws()
     assert (data["next", "done"] & ~data["next", "terminated"]).any()
     oracle, _ = oracle_of(loss)
@@ -102,7 +102,7 @@ def test_losses_and_gradients_equal_torchrls(options: dict[str, Any], steps: boo
 
 
 def masked(x: Tensor, p: float = 0.5, training: bool = True, inplace: bool = False) -> Tensor:
-    """Dropout of the same units in each network."""
+    """Equal dropout masks in all networks."""
     kept = (torch.arange(x[0].numel()) * 7 + torch.arange(len(x))[:, None]) % 5 > 0
     return x * kept.view(x.shape) / (1.0 - p) if training and p else x
 
@@ -123,7 +123,7 @@ def test_droq_equals_torchrls_with_dropout(monkeypatch: pytest.MonkeyPatch) -> N
 
 
 def test_redq_equals_torchrls(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Its temperature learns from the next step's actions too in TorchRL, and from this step's alone with us."""
+    """In TorchRL the temperature also learns from the next step's actions."""
     loss, data, noise = make(count=5, num_min_qs=2, actor_q="mean"), batch(N), draws()
     oracle = REDQLoss(
         their_gaussian(loss.actor, loss.settings.min_scale),
@@ -153,7 +153,7 @@ def test_redq_equals_torchrls(monkeypatch: pytest.MonkeyPatch) -> None:
     assert_same_actor_gradients(loss.actor, ours["loss_actor"], params, OF_GAUSSIAN, theirs["loss_actor"])
 
 
-def test_target_critics_are_drawn_anew_for_each_update() -> None:
+def test_target_critics_are_redrawn_each_update() -> None:
     loss, data = make(count=4, num_min_qs=1), batch(N)
     encoded = loss.encode(data)
     found = {float(loss.next_qvalue(encoded, encoded.action).sum()) for _ in range(40)}
@@ -162,7 +162,7 @@ def test_target_critics_are_drawn_anew_for_each_update() -> None:
 
 
 @pytest.mark.parametrize("delay", [1, 3])
-def test_whole_updates_end_where_torchrls_end(delay: int, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_whole_updates_equal_torchrl(delay: int, monkeypatch: pytest.MonkeyPatch) -> None:
     from bricksrl.agents.learner import Learner
 
     loss = make(layer_norm=True)
@@ -198,7 +198,7 @@ def test_whole_updates_end_where_torchrls_end(delay: int, monkeypatch: pytest.Mo
     assert_close([loss.log_alpha], [oracle.log_alpha])
 
 
-def test_no_gradient_of_the_actors_loss_is_for_the_critics() -> None:
+def test_actor_loss_has_no_critic_gradient() -> None:
     loss = make()
     found = loss(batch(N))
     (found["loss_actor"] + found["loss_alpha"]).backward()
@@ -208,7 +208,7 @@ def test_no_gradient_of_the_actors_loss_is_for_the_critics() -> None:
     assert loss.log_alpha.grad is not None
 
 
-def test_only_the_critics_train_an_encoder() -> None:
+def test_critics_alone_train_encoder() -> None:
     encoder = nn.Linear(5, 5)
     loss = SACLoss(encoder, actor(2 * ACTION), critics(), SACSettings())
     found = loss(batch(N))
@@ -218,7 +218,7 @@ def test_only_the_critics_train_an_encoder() -> None:
     assert encoder.weight.grad is not None
 
 
-def test_log_probability_is_that_of_torchrls_tanh_normal() -> None:
+def test_log_probability_equals_torchrl_tanh_normal() -> None:
     out, noise = torch.randn(100, 6), torch.randn(100, 3)
     action, density = rsample(out, 0.2, noise)
     loc, scale = location_and_scale(out, 0.2)
@@ -238,7 +238,7 @@ def test_log_probability_stays_finite_where_tanh_saturates() -> None:
     assert found.isfinite() and out.grad.isfinite().all()
 
 
-def test_what_a_loss_reads_is_declared() -> None:
+def test_loss_in_keys_are_complete() -> None:
     loss = make()
     needed = TensorDict({}, [N]).update(batch(N).select(*loss.in_keys))
     assert loss(needed)["loss_qvalue"].isfinite()

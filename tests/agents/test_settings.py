@@ -1,4 +1,4 @@
-"""Settings and presets: values by name, and what is refused."""
+"""Settings and presets."""
 
 from __future__ import annotations
 
@@ -92,7 +92,7 @@ OF_ONE: list[tuple[str, dict[str, Any]]] = [
 @pytest.mark.parametrize(
     ("agent", "change"), [*((agent, change) for agent in ("sac", "td3", "crossq") for change in OF_ALL), *OF_ONE]
 )
-def test_impossible_settings_are_refused_in_one_line(agent: str, change: dict[str, Any]) -> None:
+def test_invalid_settings_raise(agent: str, change: dict[str, Any]) -> None:
     with pytest.raises(DescriptionError, match=next(iter(change))) as caught:
         replace(preset("default", agent), **change)
     assert "\n" not in str(caught.value)
@@ -107,12 +107,12 @@ def test_impossible_settings_are_refused_in_one_line(agent: str, change: dict[st
         (Positive, (1, 1e-9, 2**24), (0, -1.0, 2**24 + 1)),
     ],
 )
-def test_a_range_is_what_it_says(limits: Range, inside: tuple[float, ...], outside: tuple[float, ...]) -> None:
+def test_range_bounds(limits: Range, inside: tuple[float, ...], outside: tuple[float, ...]) -> None:
     assert all(value in limits for value in inside)
     assert not any(value in limits for value in outside)
 
 
-def test_messages_tell_what_may_be_given() -> None:
+def test_messages_name_allowed_values() -> None:
     with pytest.raises(DescriptionError, match=r"^gamma is 1.5; give a number from 0 to 1$"):
         SACSettings(gamma=1.5)
     with pytest.raises(DescriptionError, match=r"^tau is 0; give a number above 0 to 1$"):
@@ -131,7 +131,7 @@ def test_messages_tell_what_may_be_given() -> None:
         SACSettings(hidden=("8",))  # type: ignore[arg-type]
 
 
-def test_settings_of_ones_own_are_checked_by_their_annotations() -> None:
+def test_user_settings_are_checked_by_annotations() -> None:
     @dataclass(frozen=True)
     class Own(Settings):
         rate: Annotated[float, Range(0.0, 2.0)] = 1.0
@@ -148,7 +148,7 @@ def test_settings_of_ones_own_are_checked_by_their_annotations() -> None:
 
 
 @pytest.mark.parametrize("agent", AGENTS)
-def test_each_field_has_its_help_under_it(agent: str) -> None:
+def test_every_field_has_help(agent: str) -> None:
     import ast
     import inspect
 
@@ -163,7 +163,7 @@ def test_each_field_has_its_help_under_it(agent: str) -> None:
 
 @pytest.mark.parametrize("name", PRESETS)
 @pytest.mark.parametrize("agent", AGENTS)
-def test_every_preset_makes_every_agent(name: str, agent: str) -> None:
+def test_every_preset_builds_every_agent(name: str, agent: str) -> None:
     if (name, agent) == ("paper", "act"):  # its authors' transformers have millions of weights
         assert preset(name, agent).decoder_layers == 7
         return
@@ -175,13 +175,13 @@ def test_every_preset_makes_every_agent(name: str, agent: str) -> None:
 
 @pytest.mark.parametrize("name", PRESETS)
 @pytest.mark.parametrize("agent", [agent for agent in AGENTS if agent != "act"])
-def test_every_preset_makes_every_agent_for_images(name: str, agent: str) -> None:
+def test_every_preset_builds_every_agent_for_images(name: str, agent: str) -> None:
     changes = {"encoder": "keypoints"} if agent != "random" else {}
     learner = make_learner(agent, SIGHT, replace(preset(name, agent, images=True), **changes))
     assert ("image" in learner.policy.in_keys) == (agent != "random")
 
 
-def test_the_preset_for_images_is_small_and_keeps_few() -> None:
+def test_image_preset_is_small() -> None:
     plain, images = preset("default", "sac"), preset("default", "sac", images=True)
     assert (images.hidden, images.batch_size, images.buffer_size, images.encoder) == ((128, 128), 64, 15_000, "keypoints")
     assert (plain.hidden, plain.batch_size, plain.buffer_size) == ((256, 256), 256, 1_000_000)
@@ -192,12 +192,12 @@ def test_the_preset_for_images_is_small_and_keeps_few() -> None:
 @pytest.mark.parametrize("name", PRESETS)
 @pytest.mark.parametrize("agent", AGENTS)
 @pytest.mark.parametrize("images", [False, True])
-def test_no_value_of_a_preset_is_unknown_to_all(name: str, agent: str, images: bool) -> None:
+def test_preset_values_are_known_settings(name: str, agent: str, images: bool) -> None:
     kind = algorithm(agent).settings
     assert set(values(name, agent, kind, images=images)) <= {field.name for field in fields(kind)}
 
 
-def test_the_papers_values_are_the_papers() -> None:
+def test_paper_preset_equals_paper() -> None:
     for agent in ("sac", "td3", "iql", "cql", "td3bc", "tqc"):
         paper = preset("paper", agent)
         assert (paper.learning_rate, paper.batch_size, paper.gamma, paper.tau) == (3e-4, 256, 0.99, 0.005)
@@ -208,7 +208,7 @@ def test_the_papers_values_are_the_papers() -> None:
     assert preset("paper", "sac").alpha_init == 1.0
 
 
-def test_papers_td3_and_droq_are_its_authors() -> None:
+def test_paper_td3_and_droq_equal_their_authors() -> None:
     td3, droq = preset("paper", "td3"), preset("paper", "droq")
     assert isinstance(td3, TD3Settings)
     assert (td3.actor_delay, td3.exploration_noise, td3.target_noise, td3.target_noise_clip) == (2, 0.1, 0.2, 0.5)
@@ -217,14 +217,14 @@ def test_papers_td3_and_droq_are_its_authors() -> None:
     assert (droq.num_qs, droq.num_min_qs, droq.actor_q) == (2, 2, "mean")
 
 
-def test_papers_offline_agents_are_the_papers() -> None:
+def test_paper_offline_agents_equal_paper() -> None:
     bc, iql, cql = (preset("paper", name) for name in ("bc", "iql", "cql"))
     assert (bc.hidden, bc.learning_rate, bc.batch_size, bc.actor_layer_norm, bc.dropout) == ((256, 256), 3e-4, 256, True, 0.01)
     assert (iql.temperature, iql.expectile) == (1.0, 0.5)
     assert (cql.min_q_weight, cql.sampled_actions, cql.lagrange_threshold, cql.imitation_updates) == (1.0, 10, 5.0, 1000)
 
 
-def test_acts_values_are_its_authors() -> None:
+def test_act_values_equal_its_authors() -> None:
     act = preset("paper", "act")
     assert isinstance(act, ACTSettings)
     assert (act.learning_rate, act.batch_size, act.chunk, act.kl_weight, act.dropout) == (1e-5, 8, 100, 10.0, 0.1)
@@ -233,14 +233,14 @@ def test_acts_values_are_its_authors() -> None:
 
 
 @pytest.mark.parametrize("name", PRESETS)
-def test_redq_has_ten_critics_of_which_two_make_the_target(name: str) -> None:
+def test_redq_has_ten_critics_two_for_targets(name: str) -> None:
     redq = preset(name, "redq")
     assert (redq.num_qs, redq.num_min_qs, redq.actor_q) == (10, 2, "mean")
     assert (redq.critic_layer_norm, redq.dropout) == (False, 0.0)
     assert redq.updates_per_step == redq.actor_delay == 20
 
 
-def test_unknown_names_say_what_there_is() -> None:
+def test_unknown_names_list_known_ones() -> None:
     with pytest.raises(UnknownNameError, match=r"no preset 'papr'; choose one of .*paper"):
         preset("papr")
     for wrong in (lambda: make_learner("dqn", ENV), lambda: preset("paper", "dqn"), lambda: algorithm("dqn")):
@@ -248,12 +248,12 @@ def test_unknown_names_say_what_there_is() -> None:
             wrong()
 
 
-def test_settings_of_another_agent_are_refused() -> None:
+def test_settings_of_another_agent_raise() -> None:
     with pytest.raises(DescriptionError, match=r"TD3Settings, not SACSettings; see preset\('default', 'td3'\)"):
         make_learner("td3", ENV, preset("default", "sac"))
 
 
-def test_names_load_nothing_heavy() -> None:
+def test_names_import_no_torch() -> None:
     code = (
         "import sys, bricksrl.agents, bricksrl.agents.settings, bricksrl.agents.presets\n"
         "sys.exit(any(name in sys.modules for name in ('torch', 'matplotlib', 'mujoco', 'pyarrow')))"

@@ -59,7 +59,7 @@ def oracle_of(loss: TD3Loss, tau: float = 0.5) -> tuple[TorchRLTD3Loss, SoftUpda
 
 
 @pytest.mark.parametrize("steps", [False, True])
-def test_losses_and_gradients_equal_torchrls(steps: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_losses_and_gradients_equal_torchrl(steps: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     loss, data, noise = make(), batch(N, steps=steps), torch.randn(N, ACTION)
     assert (noise.abs() > 0.8).any()
     monkeypatch.setattr(torch, "randn_like", lambda like: noise.clone())
@@ -74,7 +74,7 @@ def test_losses_and_gradients_equal_torchrls(steps: bool, monkeypatch: pytest.Mo
     assert_same_actor_gradients(loss.actor, ours["loss_actor"], params, OF_DETERMINISTIC, their_actor)
 
 
-def test_whole_updates_end_where_torchrls_end(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_whole_updates_equal_torchrl(monkeypatch: pytest.MonkeyPatch) -> None:
     loss = make()
     oracle, targets = oracle_of(loss, tau=0.2)
     learner = Learner(
@@ -106,7 +106,7 @@ def test_whole_updates_end_where_torchrls_end(monkeypatch: pytest.MonkeyPatch) -
             assert_close(*([one[key] for key in sorted(ends[0].keys())] for one in ends))
 
 
-def test_the_targets_noise_is_clipped(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_target_noise_is_clipped(monkeypatch: pytest.MonkeyPatch) -> None:
     loss, data = make(), batch(N)
     encoded = loss.encode(data)
     monkeypatch.setattr(torch, "randn_like", lambda like: torch.full_like(like, 100.0))

@@ -1,4 +1,4 @@
-"""Algorithms and networks of a user's own, from files."""
+"""Algorithms and networks from users' files."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def ddpg(tmp_path: Path) -> str:
     return str(path)
 
 
-def test_a_loss_of_torchrls_that_the_package_does_not_know_learns(ddpg: str) -> None:
+def test_user_algorithm_with_torchrl_loss_learns(ddpg: str) -> None:
     kind = algorithm(ddpg).settings
     assert (kind.__name__, kind().tau, kind().gamma) == ("DDPGSettings", 0.01, 0.95)
     assert vars(preset("default", ddpg)) == vars(kind())
@@ -71,7 +71,7 @@ def test_a_loss_of_torchrls_that_the_package_does_not_know_learns(ddpg: str) -> 
     assert torch.equal(other.exploit(steps(3))["action"], learner.exploit(steps(3))["action"])
 
 
-def test_its_settings_are_checked_as_those_of_others(ddpg: str) -> None:
+def test_user_algorithm_settings_are_checked(ddpg: str) -> None:
     with pytest.raises(DescriptionError, match="tau is 0; give a number above 0 to 1"):
         algorithm(ddpg).settings(tau=0)
     with pytest.raises(DescriptionError, match="DDPGSettings, not SACSettings"):
@@ -109,7 +109,7 @@ START = "from dataclasses import dataclass\n\n@dataclass(frozen=True)\nclass S:\
         ),
     ],
 )
-def test_what_is_wrong_with_a_file_is_said_in_one_line(tmp_path: Path, text: str, kind: type[BricksError], says: str) -> None:
+def test_invalid_agent_file_raises(tmp_path: Path, text: str, kind: type[BricksError], says: str) -> None:
     path = tmp_path / "wrong.py"
     path.write_text(text)
     with pytest.raises(kind, match=says) as caught:
@@ -118,12 +118,12 @@ def test_what_is_wrong_with_a_file_is_said_in_one_line(tmp_path: Path, text: str
     assert "\n" not in str(caught.value)
 
 
-def test_a_file_that_is_not_there() -> None:
+def test_missing_agent_file_raises() -> None:
     with pytest.raises(UnknownNameError, match="there is no file nowhere.py"):
         make_learner("nowhere.py:build", ENV)
 
 
-def test_what_our_errors_say_passes_through(tmp_path: Path) -> None:
+def test_own_errors_pass_through(tmp_path: Path) -> None:
     path = tmp_path / "strict.py"
     path.write_text(
         START
@@ -133,7 +133,7 @@ def test_what_our_errors_say_passes_through(tmp_path: Path) -> None:
         make_learner(str(path), ENV)
 
 
-def test_references_are_told_from_names() -> None:
+def test_references_differ_from_names() -> None:
     assert [is_reference(name) for name in ("sac", "my.py", "my.py:NAME", "package.module:NAME")] == [False, True, True, True]
 
 
@@ -154,7 +154,7 @@ def no_module(in_size, out_size):
 
 
 @pytest.mark.parametrize("agent", ["sac", "td3", "ppo", "iql", "bc", "diffusion"])
-def test_networks_from_a_users_factory_learn(tmp_path: Path, agent: str) -> None:
+def test_user_network_factory_learns(tmp_path: Path, agent: str) -> None:
     path = tmp_path / "my_nets.py"
     path.write_text(NETWORK)
     learner = make(agent, network=f"{path}:make")
@@ -175,9 +175,7 @@ def test_networks_from_a_users_factory_learn(tmp_path: Path, agent: str) -> None
         ("my_nets.py:no_module", "makes a int; let it return a torch.nn.Module"),
     ],
 )
-def test_what_is_wrong_with_a_factory_is_said_in_one_line(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, network: str, says: str
-) -> None:
+def test_invalid_network_factory_raises(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, network: str, says: str) -> None:
     (tmp_path / "my_nets.py").write_text(NETWORK)
     monkeypatch.chdir(tmp_path)
     with pytest.raises(BricksError, match=says) as caught:

@@ -1,4 +1,4 @@
-"""The real command, in a process of its own."""
+"""The real command in a process."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ EXECUTABLE = str(Path(sys.executable).with_name("bricksrl"))
 
 @pytest.fixture(scope="session")
 def bricksrl(tmp_path_factory: pytest.TempPathFactory) -> Bricksrl:
-    """Run ``bricksrl`` with these arguments, in a folder of the session."""
+    """Run ``bricksrl`` in a folder of the session."""
     folder = tmp_path_factory.mktemp("cli")
 
     def run(*arguments: str, timeout_s: float = 120.0, **environment: str) -> subprocess.CompletedProcess[str]:
@@ -38,7 +38,7 @@ def bricksrl(tmp_path_factory: pytest.TempPathFactory) -> Bricksrl:
 
 @pytest.fixture
 def fails(capfd: pytest.CaptureFixture[str]) -> Callable[..., None]:
-    """Expect exit code 2 of these arguments, one line of error that ``says`` something, and nothing else."""
+    """Expect exit code 2 and one error line that contains ``says``."""
 
     def run(*arguments: str, says: str) -> None:
         try:
@@ -55,7 +55,7 @@ def fails(capfd: pytest.CaptureFixture[str]) -> Callable[..., None]:
 
 @pytest.fixture
 def start(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[..., subprocess.Popen[str]]]:
-    """Start ``bricksrl`` and go on; what still runs at the end of the test is ended."""
+    """Start ``bricksrl`` in the background until the end of the test."""
     folder = tmp_path_factory.mktemp("cli-started")
     started: list[subprocess.Popen[str]] = []
 
@@ -79,6 +79,6 @@ def start(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[..., su
 
 @pytest.fixture(scope="session")
 def trained(bricksrl: Bricksrl, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, subprocess.CompletedProcess[str]]:
-    """The folder of a short run, and what the command said."""
+    """Folder and output of a short run."""
     run_dir = tmp_path_factory.mktemp("runs") / "short"
     return run_dir, bricksrl("train", "RunAway-v0", "--episodes", "4", "--seed", "3", "--run", str(run_dir))

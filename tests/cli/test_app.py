@@ -22,7 +22,7 @@ def test_version(bricksrl):
 
 
 @pytest.mark.parametrize("command", ["", *COMMANDS])
-def test_help_loads_nothing_heavy(command):
+def test_help_imports_no_torch(command):
     script = (
         "import sys\n"
         "from bricksrl.cli import main\n"
@@ -38,7 +38,7 @@ def test_help_loads_nothing_heavy(command):
     assert last == "loaded:"
 
 
-def test_the_command_alone_prints_the_help(bricksrl):
+def test_command_without_arguments_prints_help(bricksrl):
     alone, told = bricksrl(), bricksrl("--help")
     assert (alone.returncode, alone.stdout, alone.stderr) == (0, told.stdout, "")
 
@@ -50,7 +50,7 @@ def test_python_runs_the_package_as_the_command():
     assert (done.returncode, done.stdout) == (0, f"bricksrl {package.__version__}\n")
 
 
-def test_without_docstrings_there_is_one_line():
+def test_missing_docstrings_print_one_line():
     command = [sys.executable, "-OO", "-m", "bricksrl", "settings", "sac"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
     assert (done.returncode, done.stdout) == (2, "") and "unset PYTHONOPTIMIZE" in done.stderr and done.stderr.count("\n") == 1
@@ -69,7 +69,7 @@ def test_without_docstrings_there_is_one_line():
         ("train RunAway-v0 --jsn", "there is no option or argument --jsn"),
     ],
 )
-def test_wrong_arguments_are_told_in_plain_words(fails, arguments, says):
+def test_wrong_arguments_have_plain_messages(fails, arguments, says):
     fails(*arguments.split(), says=f"error: {says}; see")
 
 
@@ -99,7 +99,7 @@ def test_help_of_a_command_has_examples(bricksrl):
         ("evaluate", "RUN"),
     ],
 )
-def test_wrong_arguments_are_one_line(fails, arguments, says):
+def test_wrong_arguments_print_one_line(fails, arguments, says):
     fails(*arguments.split(), says=says)
 
 
@@ -140,7 +140,7 @@ def test_wrong_arguments_are_one_line(fails, arguments, says):
         ("evaluate no --physics other.json", "other.json (No such file or directory)"),
     ],
 )
-def test_impossible_values_are_one_line(arguments, says, tmp_path, monkeypatch, capsys):
+def test_invalid_values_print_one_line(arguments, says, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "main.py").write_text("print(1)")
     assert run(shlex.split(arguments, posix=False)) == 2
@@ -161,17 +161,17 @@ def test_impossible_values_are_one_line(arguments, says, tmp_path, monkeypatch, 
         ("trian RunAway-v0", "bricksrl"),
     ],
 )
-def test_an_error_in_the_arguments_names_whose_help_to_read(fails, arguments, command):
+def test_argument_error_names_help(fails, arguments, command):
     fails(*arguments.split(), says=f"; see `{command} --help`\n")
 
 
-def test_a_reader_that_goes_away_is_no_error():
+def test_closed_stdout_is_not_an_error():
     command = f"{sys.executable} -m bricksrl list --json | true"
     done = subprocess.run(command, shell=True, capture_output=True, text=True, timeout=60, check=False)  # noqa: S602
     assert done.stderr == ""
 
 
-def test_one_line_keeps_the_message_and_whose_help_to_read():
+def test_one_line_error_keeps_message_and_help():
     box = (
         "╭─ Value error ────────╮\n"
         "│ Error parsing --seed: │\n"
@@ -183,6 +183,6 @@ def test_one_line_keeps_the_message_and_whose_help_to_read():
     assert one_line(box, "bricksrl train") == "Error parsing --seed: not a number; see `bricksrl train --help`"
 
 
-def test_one_line_of_something_unknown_is_still_a_line():
+def test_unknown_error_prints_one_line():
     assert "\n" not in one_line("")
     assert "\n" not in one_line("Traceback\nsomething\n\nelse\n")

@@ -22,9 +22,7 @@ from bricksrl.training.run import make_env
 ID = "RoboArm_mixed-v0"
 
 
-def test_from_a_calibration_to_a_training(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_calibrate_camera_then_train(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "red.json"
     assert main(["camera", "calibrate", "--twin", "--frames", "2", "--out", str(path)]) == 0
     written = capsys.readouterr()
@@ -50,7 +48,7 @@ def test_from_a_calibration_to_a_training(
     assert env.task.reward(*[torch.zeros(1, 5)] * 3).item() == 1
 
 
-def test_a_webcam_is_asked_for_frames_and_the_last_ones_count(
+def test_webcam_calibration_uses_last_frames(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     taken: list[int | str] = []
@@ -72,7 +70,7 @@ def test_a_webcam_is_asked_for_frames_and_the_last_ones_count(
     assert "2 things" in said
 
 
-def test_mistakes_are_named_in_one_line(fails: Callable[..., None], monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_mistakes_print_one_line(fails: Callable[..., None], monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     def unplugged(_camera: VideoCamera) -> None:
         raise CameraError("camera 0 shows nothing; plug it in")
 

@@ -11,14 +11,14 @@ MINE = replace(spinning.SPINNING, id="Mine-v0", doc="Spins.", max_steps=4{change
 """
 
 
-def test_one_line_a_check(capsys):
+def test_each_check_prints_one_line(capsys):
     assert main(["check", "RunAway-v0"]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert len(lines) == 7
     assert all(line.startswith("ok      ") for line in lines)
 
 
-def test_a_task_of_ones_own_in_a_file(capsys, tmp_path):
+def test_task_from_file_is_checked(capsys, tmp_path):
     path = tmp_path / "own.py"
     path.write_text(OWN.format(change=""))
     assert main(["check", str(path)]) == 0
@@ -27,6 +27,6 @@ def test_a_task_of_ones_own_in_a_file(capsys, tmp_path):
     assert "error   functions    reward has the shape" in capsys.readouterr().out
 
 
-def test_no_such_task_is_one_line(fails, tmp_path):
+def test_unknown_task_prints_one_line(fails, tmp_path):
     fails("check", "RunAwy-v0", says="did you mean")
     fails("check", str(tmp_path / "own.py"), says="no file")

@@ -15,7 +15,7 @@ from bricksrl.hub.errors import BluetoothUnavailableError
 from bricksrl.hub.transports import bluetooth
 
 
-def test_every_line_is_an_answer_and_this_computer_will_do(capfd) -> None:
+def test_doctor_answers_on_this_computer(capfd) -> None:
     code = main(("doctor",))
     written = capfd.readouterr()
     lines = written.out.splitlines()
@@ -33,7 +33,7 @@ def test_json(capfd, monkeypatch) -> None:
     assert told["findings"][1] == {"name": "bad", "outcome": "error", "detail": "it is; mend it"}
 
 
-def test_it_never_hangs_and_never_shows_a_traceback(capfd, monkeypatch) -> None:
+def test_doctor_never_hangs_or_raises(capfd, monkeypatch) -> None:
     def broken() -> doctor.Answer:
         raise RuntimeError("a library\nof another time")
 
@@ -46,7 +46,7 @@ def test_it_never_hangs_and_never_shows_a_traceback(capfd, monkeypatch) -> None:
     assert bad.startswith("error") and "RuntimeError: a library of another time; install" in bad
 
 
-def test_a_time_limit_that_is_none(fails) -> None:
+def test_invalid_time_limit(fails) -> None:
     fails("doctor", "--timeout-s", "0", says="give a positive number")
 
 
@@ -73,7 +73,7 @@ def fail(error: HubError):
     return scan
 
 
-def test_bluetooth_is_looked_at_from_the_outside_in(linux: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_bluetooth_checks_go_from_system_to_hub(linux: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("bricksrl.hub.transports.scan.scan", lambda seconds: [])
     assert doctor.look_at_bluetooth() == (Outcome.OK, "can look for hubs: no hub in reach right now")
     monkeypatch.setattr(
@@ -89,7 +89,7 @@ def test_bluetooth_is_looked_at_from_the_outside_in(linux: Path, monkeypatch: py
     assert "no Bluetooth adapter" in doctor.look_at_bluetooth()[1]
 
 
-def test_packages_that_are_missing_or_old(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_or_old_packages(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(
         "importlib.metadata.requires", lambda name: ["numpy>=99", "nowhere-to-be-found", "extra-thing; extra == 'x'"]
     )
@@ -98,7 +98,7 @@ def test_packages_that_are_missing_or_old(monkeypatch: pytest.MonkeyPatch) -> No
     assert "is not >=99; nowhere-to-be-found is missing; run `pip install" in detail and "extra-thing" not in detail
 
 
-def test_a_driver_that_takes_its_process_down_is_a_warning(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_crashing_driver_is_a_warning(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(doctor, "_DRAW", "import os, signal; os.kill(os.getpid(), signal.SIGTERM)")
     outcome, detail = doctor.look_at_opengl()
     assert outcome is Outcome.WARNING and "all the rest works" in detail
@@ -108,6 +108,6 @@ def test_a_driver_that_takes_its_process_down_is_a_warning(monkeypatch: pytest.M
 
 
 @pytest.mark.parametrize(("free", "outcome"), [(10**8, Outcome.ERROR), (10**9, Outcome.WARNING), (10**11, Outcome.OK)])
-def test_room_on_the_disk(monkeypatch: pytest.MonkeyPatch, free: int, outcome: Outcome) -> None:
+def test_disk_space(monkeypatch: pytest.MonkeyPatch, free: int, outcome: Outcome) -> None:
     monkeypatch.setattr("shutil.disk_usage", lambda path: type("Usage", (), {"free": free}))
     assert doctor.look_at_disk()[0] is outcome

@@ -9,7 +9,7 @@ from bricksrl import agents, envs, robots
 SHIPPED = ("RunAway-v0", "Spinning-v0", "Walker-v0", "RoboArm-v0")
 
 
-def test_table_names_everything(bricksrl):
+def test_table_lists_all_environments(bricksrl):
     done = bricksrl("list")
     assert (done.returncode, done.stderr) == (0, "")
     for name in (*SHIPPED, *agents.AGENTS, *agents.PRESETS, *robots.ROBOTS):

@@ -20,7 +20,7 @@ from bricksrl.twin.make_body import make_body
 from bricksrl.virtual_hub.transport import VirtualHub
 
 
-def test_json_is_all_that_stands_on_standard_output(bricksrl, trained):
+def test_stdout_has_json_only(bricksrl, trained):
     done = bricksrl("evaluate", str(trained[0]), "--episodes", "2", "--seed", "7", "--json")
     assert (done.returncode, done.stderr) == (0, "")
     result = json.loads(done.stdout)
@@ -68,22 +68,22 @@ def break_config(run_dir):
 
 
 @pytest.mark.parametrize("harm", [damage, truncate, remove, break_config])
-def test_a_run_that_was_harmed_is_one_line(fails, trained, tmp_path, harm):
+def test_damaged_run_prints_one_line(fails, trained, tmp_path, harm):
     run_dir = tmp_path / "harmed"
     shutil.copytree(trained[0], run_dir)
     harm(run_dir)
     fails("evaluate", str(run_dir), says=str(run_dir))
 
 
-def test_no_run_is_one_line(fails, tmp_path):
+def test_missing_run_prints_one_line(fails, tmp_path):
     fails("evaluate", str(tmp_path / "nothing"), says="nothing")
 
 
-def test_another_environment_that_does_not_fit_is_one_line(fails, trained):
+def test_mismatched_environment_prints_one_line(fails, trained):
     fails("evaluate", str(trained[0]), "--env", "Spinning-v0", says="environment")
 
 
-def test_the_robot_is_reached_as_told(fails, trained, monkeypatch):
+def test_robot_options_are_used(fails, trained, monkeypatch):
     fails("evaluate", str(trained[0]), "--hub", "wifi", says="choose 'virtual', 'ble' or 'usb'")
     asked = []
 
@@ -97,11 +97,11 @@ def test_the_robot_is_reached_as_told(fails, trained, monkeypatch):
     assert asked == ["ble", "ble:Rover", "usb"]
 
 
-def test_whoever_has_the_robot_is_asked_to_place_it_before_each_episode(fails, trained, monkeypatch, capfd):
+def test_user_is_asked_to_place_robot_each_episode(fails, trained, monkeypatch, capfd):
     task = get_task("RunAway-v0")
 
     def make_env(config, place):
-        """A robot that is placed by hand, as over Bluetooth."""
+        """A robot that needs placing by hand, as over Bluetooth."""
         twin = VirtualHub(make_body(task.robot, scene=task.scene))
         link = HubLink(twin, task.robot, task.interface)
         return HubEnv(task, lambda _seed: Connection(link, place, SonarOdometer(task.interface)), seed=0)

@@ -1,4 +1,4 @@
-"""Failures that new users met in their first hour, each as a test."""
+"""Failures of new users in their first hour."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ OURS = replace(PARK, id="RunAway-v0")
 
 @pytest.fixture
 def own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A file with tasks of one's own, in the present folder."""
+    """A file with user tasks in the current folder."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "own.py").write_text(OWN)
     return tmp_path
@@ -50,7 +50,7 @@ def own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 @pytest.fixture(scope="module")
 def short(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A run of two episodes of a robot of one's own."""
+    """A run of two episodes of a user's robot."""
     run_dir = tmp_path_factory.mktemp("own") / "run"
     train(TrainConfig(f"{EXAMPLES / '04_own_robot.py'}", episodes=2, run_dir=run_dir))
     return run_dir
@@ -61,7 +61,7 @@ def dataset(short: Path) -> Path:
     return short / "data"
 
 
-def test_a_robot_without_a_model_is_not_filmed_and_nothing_fails(short: Path) -> None:
+def test_robot_without_model_has_no_video(short: Path) -> None:
     with pytest.raises(TwinError, match="no virtual robot to film"):
         film_before_and_after(short, "a robot")
 
@@ -72,7 +72,7 @@ def test_a_trained_policy_acts_in_python(short: Path) -> None:
 
 
 @pytest.mark.parametrize("kind", ["task", "robot", "agent"])
-def test_new_writes_a_file_that_trains(kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd) -> None:
+def test_new_file_can_be_trained(kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd) -> None:
     monkeypatch.chdir(tmp_path)
     assert main(["new", kind, "my_own.py"]) == 0
     told = capfd.readouterr().out
@@ -95,13 +95,13 @@ def test_new_writes_a_file_that_trains(kind: str, tmp_path: Path, monkeypatch: p
         ("OURS", "RunAway-v0 comes with BricksRL"),
     ],
 )
-def test_faults_in_a_file_of_ones_own_name_their_place(own: Path, fails_train, task: str, says: str) -> None:
+def test_faults_in_user_file_name_line(own: Path, fails_train, task: str, says: str) -> None:
     fails_train(f"own.py:{task}", says=says)
 
 
 @pytest.fixture
 def fails_train(capfd: pytest.CaptureFixture[str]):
-    """Expect one line of error of training there."""
+    """Expect one error line of `train`."""
     import re
 
     def check(env: str, says: str) -> None:
@@ -112,7 +112,7 @@ def fails_train(capfd: pytest.CaptureFixture[str]):
     return check
 
 
-def test_a_reward_that_is_no_number_is_told_in_simulations_too(own: Path) -> None:
+def test_nan_reward_in_simulation_raises(own: Path) -> None:
     from dataclasses import replace
 
     from bricksrl.envs.kinematics import Kinematics
@@ -131,14 +131,14 @@ def test_ports_are_letters() -> None:
         PoweredUpSensor("light", 2, SensorKind.COLOR)  # type: ignore[arg-type]
 
 
-def test_folders_of_runs_from_python_name_the_seed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_run_folder_name_has_seed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     names = [train(TrainConfig("RoboArmSim-v0", "random", episodes=1, record=False)).run_dir.name for _ in range(2)]
     assert names == ["RoboArmSim-v0-random-seed-0", "RoboArmSim-v0-random-seed-0-2"]
 
 
 @pytest.mark.parametrize("damage", ["cut stats", "flip stats", "cut tasks", "flip tasks", "fps"])
-def test_check_finds_damage_beside_the_episodes_and_repair_mends_it(damage: str, dataset: Path, tmp_path: Path, capfd) -> None:
+def test_check_finds_and_repair_fixes_damage(damage: str, dataset: Path, tmp_path: Path, capfd) -> None:
     root = Path(shutil.copytree(dataset, tmp_path / "data"))
     if damage == "fps":
         path = root / "meta/info.json"
@@ -157,7 +157,7 @@ def test_check_finds_damage_beside_the_episodes_and_repair_mends_it(damage: str,
     assert main(["data", "check", str(root)]) == 0
 
 
-def test_repair_says_what_it_cannot_mend(dataset: Path, tmp_path: Path, capfd) -> None:
+def test_repair_reports_what_it_cannot_fix(dataset: Path, tmp_path: Path, capfd) -> None:
     root = Path(shutil.copytree(dataset, tmp_path / "data"))
     min(root.glob("data/*/*.parquet")).unlink()
     assert main(["data", "check", str(root)]) == 1
@@ -168,7 +168,7 @@ def test_repair_says_what_it_cannot_mend(dataset: Path, tmp_path: Path, capfd) -
     assert len(read_index(tmp_path / "saved").rows) == 1
 
 
-def test_an_evaluation_that_cannot_be_saved_is_shown_all_the_same(short: Path, tmp_path: Path, capfd) -> None:
+def test_unsaved_evaluation_is_still_shown(short: Path, tmp_path: Path, capfd) -> None:
     run_dir = Path(shutil.copytree(short, tmp_path / "run"))
     (run_dir / "evaluation.json").mkdir()
     assert main(["evaluate", str(run_dir), "--episodes", "1"]) == 2
@@ -177,7 +177,7 @@ def test_an_evaluation_that_cannot_be_saved_is_shown_all_the_same(short: Path, t
     assert "the evaluation is not saved" in told.err and told.err.count("\n") == 1
 
 
-def test_code_that_a_foreign_run_names_is_not_executed_before_it_is_allowed(short: Path, tmp_path: Path, fails) -> None:
+def test_foreign_code_needs_permission(short: Path, tmp_path: Path, fails) -> None:
     run_dir, mark = Path(shutil.copytree(short, tmp_path / "run")), tmp_path / "executed"
     evil = tmp_path / "evil.py"
     evil.write_text(f"open({str(mark)!r}, 'w').close()\n")
@@ -198,19 +198,19 @@ def test_code_that_a_foreign_run_names_is_not_executed_before_it_is_allowed(shor
     assert RunFolder(run_dir).read_config().settings.network == f"{evil}:make"
 
 
-def test_a_config_of_nothing_but_brackets_is_one_line(tmp_path: Path, fails) -> None:
+def test_deeply_nested_config_prints_one_line(tmp_path: Path, fails) -> None:
     (tmp_path / "config.json").write_text("[" * 100_000)
     fails("evaluate", str(tmp_path), says="is not JSON")
     fails("trust", str(tmp_path), says="is not JSON")
 
 
-def test_tuning_of_what_does_not_learn_from_a_robot_is_refused_before_a_study_is_made(tmp_path: Path, fails) -> None:
+def test_tuning_offline_agent_raises_without_study(tmp_path: Path, fails) -> None:
     for agent in ("bc", "random"):
         fails("tune", "RoboArmSim-v0", "--agent", agent, "--folder", str(tmp_path / "study"), says="choose another agent")
     assert not (tmp_path / "study").exists()
 
 
-def test_two_commands_may_begin_one_study(bricksrl, tmp_path: Path) -> None:
+def test_two_commands_can_start_one_study(bricksrl, tmp_path: Path) -> None:
     command = f"tune RoboArmSim-v0 --trials 1 --steps 2 --seeds 1 --episodes 1 --folder {tmp_path / 'study'}".split()
     with ThreadPoolExecutor(2) as pool:
         done = list(pool.map(lambda _: bricksrl(*command, timeout_s=300), range(2)))
@@ -220,7 +220,7 @@ def test_two_commands_may_begin_one_study(bricksrl, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "environment", [{"PYTHONIOENCODING": "ascii"}, {"LC_ALL": "C", "PYTHONUTF8": "0"}, {"MPLBACKEND": "nope"}]
 )
-def test_odd_environments_are_no_fault(bricksrl, environment: dict[str, str], tmp_path: Path) -> None:
+def test_unusual_environment_variables_are_tolerated(bricksrl, environment: dict[str, str], tmp_path: Path) -> None:
     run_dir = str(tmp_path / "run")
     done = bricksrl("train", "RoboArmSim-v0", "--agent", "random", "--episodes", "1", "--run", run_dir, **environment)
     assert done.returncode == 0 and "Traceback" not in done.stderr, done.stderr
@@ -228,24 +228,24 @@ def test_odd_environments_are_no_fault(bricksrl, environment: dict[str, str], tm
 
 
 @pytest.mark.parametrize("environment", [{"COLUMNS": "0"}, {"MUJOCO_GL": "osmesa"}])
-def test_settings_are_shown_whatever_the_environment(bricksrl, environment: dict[str, str]) -> None:
+def test_settings_are_shown_in_any_locale(bricksrl, environment: dict[str, str]) -> None:
     done = bricksrl("settings", "sac", **environment)
     assert done.returncode == 0 and "learning_rate" in done.stdout and "Traceback" not in done.stderr, done.stderr
 
 
-def test_a_drawing_library_that_is_missing_does_not_keep_from_training(bricksrl, tmp_path: Path) -> None:
+def test_training_works_without_matplotlib(bricksrl, tmp_path: Path) -> None:
     command = f"train RunAway-v0 --agent random --episodes 1 --run {tmp_path / 'run'}".split()
     done = bricksrl(*command, MUJOCO_GL="osmesa")
     assert done.returncode == 0 and "Traceback" not in done.stderr, done.stderr
 
 
-def test_a_video_that_cannot_be_written_is_one_error(tmp_path: Path) -> None:
+def test_unwritable_video_raises(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(TwinError, match="cannot write the video"):
         VideoWriter(tmp_path / "file" / "a.mp4", 10).add(np.zeros((16, 16, 3), np.uint8))
 
 
-def test_half_a_video_does_not_get_its_name(tmp_path: Path) -> None:
+def test_incomplete_video_keeps_temporary_name(tmp_path: Path) -> None:
     def film() -> None:
         with VideoWriter(tmp_path / "a.mp4", 10) as video:
             video.add(np.zeros((16, 16, 3), np.uint8))
@@ -268,7 +268,7 @@ def test_half_a_video_does_not_get_its_name(tmp_path: Path) -> None:
         (["hub", "program", "RunAway-v0", "--out", "a.txt"], "end it in .py"),
     ],
 )
-def test_nonsense_is_refused_before_anything_is_made(fails, arguments: list[str], says: str, tmp_path, monkeypatch) -> None:
+def test_invalid_arguments_raise_before_any_output(fails, arguments: list[str], says: str, tmp_path, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
     fails(*arguments, says=says)
     assert list(tmp_path.iterdir()) == []
@@ -278,19 +278,19 @@ def test_pictures_are_png_files(dataset: Path, tmp_path: Path, fails) -> None:
     fails("data", "plot", str(dataset), "--out", str(tmp_path / "x.xyz"), says="end it in .png")
 
 
-def test_the_hub_program_goes_to_a_file(tmp_path: Path, capfd) -> None:
+def test_hub_program_is_written_to_file(tmp_path: Path, capfd) -> None:
     assert main(["hub", "program", "RunAway-v0", "--out", str(tmp_path / "a.py")]) == 0
     assert (tmp_path / "a.py").read_text().count("\n") > 100
     assert capfd.readouterr().out.count("\n") == 1
 
 
-def test_simulations_are_told_apart_in_the_list(capfd) -> None:
+def test_list_marks_simulations(capfd) -> None:
     assert main(["list", "--json"]) == 0
     summaries = [env["summary"] for env in json.loads(capfd.readouterr().out)["environments"]]
     assert len(set(summaries)) == len(summaries)
 
 
-def test_an_interrupted_seeds_run_without_results_leaves_nothing_in_the_way(start, tmp_path: Path) -> None:
+def test_interrupted_seeds_without_results_can_restart(start, tmp_path: Path) -> None:
     process = start("train", "WalkerSim-v0", "--seeds", "2", "--run", str(tmp_path / "d"))
     while not (tmp_path / "d").exists() and process.poll() is None:
         pass
@@ -303,7 +303,7 @@ def test_an_interrupted_seeds_run_without_results_leaves_nothing_in_the_way(star
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="POSIX signals")
-def test_ctrl_c_right_after_the_start_has_no_traceback_of_ours() -> None:
+def test_early_ctrl_c_shows_no_traceback() -> None:
     code = """
 import os, signal, sys
 import bricksrl.cli

@@ -15,7 +15,7 @@ from bricksrl.envs import get_task
 from bricksrl.hub.program.generate import generate
 
 
-def test_program_is_the_one_that_the_hub_runs(bricksrl):
+def test_program_equals_generated_one(bricksrl):
     done = bricksrl("hub", "program", "RunAway-v0")
     assert (done.returncode, done.stderr) == (0, "")
     task = get_task("RunAway-v0")
@@ -23,7 +23,7 @@ def test_program_is_the_one_that_the_hub_runs(bricksrl):
     ast.parse(done.stdout)
 
 
-def test_program_of_an_unknown_environment_is_one_line(fails):
+def test_program_of_unknown_environment_prints_one_line(fails):
     fails("hub", "program", "RunAwya-v0", says="there is no environment 'RunAwya-v0'")
 
 
@@ -37,7 +37,7 @@ print("turned", motor.angle())
 """
 
 
-def test_run_in_the_surroundings_of_an_environment(bricksrl, tmp_path):
+def test_run_in_scene_of_environment(bricksrl, tmp_path):
     look = "from pybricks.parameters import Port\nfrom pybricks.pupdevices import UltrasonicSensor\n"
     path = tmp_path / "look.py"
     path.write_text(look + "print(UltrasonicSensor(Port.C).distance())")
@@ -45,7 +45,7 @@ def test_run_in_the_surroundings_of_an_environment(bricksrl, tmp_path):
     assert 40 <= distances[0] <= 500 and distances[1] == 2000
 
 
-def test_run_on_a_robot_that_nobody_knows_is_one_line(fails, tmp_path):
+def test_run_on_unknown_robot_prints_one_line(fails, tmp_path):
     (tmp_path / "look.py").write_text("print(1)")
     fails(
         "hub",
@@ -57,7 +57,7 @@ def test_run_on_a_robot_that_nobody_knows_is_one_line(fails, tmp_path):
     )
 
 
-def test_run_prints_what_the_program_prints(bricksrl, tmp_path):
+def test_run_prints_program_output(bricksrl, tmp_path):
     path = tmp_path / "main.py"
     path.write_text(HELLO)
     done = bricksrl("hub", "run", str(path), "--robot", "bench")
@@ -67,7 +67,7 @@ def test_run_prints_what_the_program_prints(bricksrl, tmp_path):
     assert abs(int(angle) - 90) <= 5
 
 
-def test_run_of_a_program_that_raises_ends_with_its_traceback(bricksrl, tmp_path):
+def test_run_of_failing_program_prints_traceback(bricksrl, tmp_path):
     path = tmp_path / "main.py"
     path.write_text("print('before')\n1 / 0\n")
     done = bricksrl("hub", "run", str(path), "--robot", "bench")
@@ -86,7 +86,7 @@ def test_run_ends_at_its_time_limit(bricksrl, tmp_path):
     assert (done.returncode, done.stdout, done.stderr) == (0, "on\n", "The program was stopped (SystemExit).\n")
 
 
-def test_run_feeds_the_program_from_standard_input(tmp_path):
+def test_run_passes_stdin(tmp_path):
     path = tmp_path / "main.py"
     path.write_text("from usys import stdin\nprint(stdin.read(3))\n")
     command = [sys.executable, "-m", "bricksrl", "hub", "run", str(path), "--robot", "bench"]
@@ -94,7 +94,7 @@ def test_run_feeds_the_program_from_standard_input(tmp_path):
     assert (done.returncode, done.stdout, done.stderr) == (0, "abc\n", "")
 
 
-def test_run_does_not_wait_for_input_that_the_program_does_not_read(tmp_path):
+def test_run_does_not_wait_for_unused_input(tmp_path):
     path = tmp_path / "main.py"
     path.write_text("print('done')\n")
     command = [sys.executable, "-m", "bricksrl", "hub", "run", str(path), "--robot", "bench"]
@@ -115,11 +115,11 @@ def test_ctrl_c_stops_a_program(start, tmp_path):
 
 
 @pytest.mark.parametrize(("arguments", "says"), [(("nothing.py",), "nothing.py"), ((__file__, "--robot", "dog"), "dog")])
-def test_wrong_files_and_robots_are_one_line(fails, arguments, says):
+def test_wrong_files_and_robots_print_one_line(fails, arguments, says):
     fails("hub", "run", *arguments, says=says)
 
 
-def test_run_fits_itself_to_the_program(bricksrl, tmp_path):
+def test_run_provides_used_devices(bricksrl, tmp_path):
     path = tmp_path / "main.py"
     path.write_text(
         "from pybricks.hubs import TechnicHub\nfrom pybricks.pupdevices import *\nfrom pybricks.parameters import *\n"
@@ -152,13 +152,13 @@ def test_run_takes_a_robot_from_a_file(bricksrl, tmp_path):
         (("--press", "up@1s"), "no button 'up'"),
         (("--reading", "B"), "'B' is not a reading"),
         (("--end-stop", "C=10..20"), "starts at 0"),
-        (("--end-stop", "C"), "no pair of end stops"),
+        (("--end-stop", "C"), "not a pair of end stops"),
         (("--robot", "nowhere.py"), "no file nowhere.py"),
         (("--hub", "ble", "--press", "left@1s"), "leave out --hub"),
         (("--robot", "walker", "--reading", "B=red"), "--robot bench"),
     ],
 )
-def test_run_refuses_what_does_not_fit(fails, tmp_path, options, says):
+def test_run_with_mismatched_options_raises(fails, tmp_path, options, says):
     path = tmp_path / "main.py"
     path.write_text("")
     fails("hub", "run", str(path), *options, says=says)

@@ -1,4 +1,4 @@
-"""``bricksrl hub scan | check | latency | calibrate | stop | rename``, on the virtual hub and over the played radio."""
+"""``bricksrl hub scan | check | latency | calibrate | stop | rename``, on the virtual hub and over a simulated radio."""
 
 from __future__ import annotations
 
@@ -28,19 +28,19 @@ def test_scan_shows_the_virtual_hub(capfd) -> None:
     assert json.loads(out) == [{"name": "virtual hub", "address": "virtual", "rssi_dbm": 0, "kind": "prime"}]
 
 
-def test_scan_without_a_hub_says_what_to_do(capfd, monkeypatch) -> None:
+def test_scan_without_hub_gives_remedy(capfd, monkeypatch) -> None:
     monkeypatch.setattr("bricksrl.hub.transports.scan.scan", lambda seconds: [])
     code, out = told(capfd, "hub", "scan")
     assert code == 1 and "switch one on" in out
     assert told(capfd, "hub", "scan", "--json") == (1, "[]\n")
 
 
-def test_wrong_scans_are_one_line(fails) -> None:
+def test_wrong_scans_print_one_line(fails) -> None:
     fails("hub", "scan", "--hub", "infrared", says="choose ble or virtual")
     fails("hub", "scan", "--seconds", "0", says="from 0 to 600")
 
 
-def test_a_hub_cannot_be_renamed_and_the_command_says_how_it_gets_its_name(fails) -> None:
+def test_rename_explains_how_hubs_are_named(fails) -> None:
     fails("hub", "rename", "Rover", says="pybricksdev flash --name 'Rover'")
     fails("hub", "rename", "a name with many letters", says="1 to 15 bytes")
 
@@ -54,7 +54,7 @@ def test_latency(capfd, fails) -> None:
     fails("hub", "latency", "RunAway-v0", "--hub", "virtual", "--exchanges", "0", says="at least 1")
 
 
-def test_a_good_robot_passes_the_check(capfd) -> None:
+def test_good_robot_passes_check(capfd) -> None:
     code, out = told(capfd, "hub", "check", "Spinning-v0", "--hub", "virtual", "--yes")
     assert code == 0
     assert out.splitlines()[-1] == "ready for Spinning-v0"
@@ -62,7 +62,7 @@ def test_a_good_robot_passes_the_check(capfd) -> None:
     assert "motor left        moved by 30 deg" in out
 
 
-def test_nothing_moves_where_nobody_can_say_yes(capfd, monkeypatch) -> None:
+def test_nothing_moves_without_confirmation(capfd, monkeypatch) -> None:
     moved = []
     monkeypatch.setattr("bricksrl.hub.link.lockstep.HubLink.act", lambda self, values: moved.append(values))
     code, out = told(capfd, "hub", "check", "RunAway-v0", "--hub", "virtual")
@@ -70,7 +70,7 @@ def test_nothing_moves_where_nobody_can_say_yes(capfd, monkeypatch) -> None:
 
 
 @pytest.mark.parametrize(("answer", "code"), [("y\ny\ny\n", 0), ("y\nn\ny\n", 1)])
-def test_whoever_watches_is_asked_after_each_move(capfd, monkeypatch, answer: str, code: int) -> None:
+def test_user_is_asked_after_each_move(capfd, monkeypatch, answer: str, code: int) -> None:
     import io
 
     terminal = io.StringIO(answer)
@@ -93,7 +93,7 @@ class Unplugged(transport.VirtualHub):
         del self.machine.servos["A"]
 
 
-def test_a_check_that_fails_refuses_with_a_remedy(capfd, monkeypatch) -> None:
+def test_failed_check_gives_remedy(capfd, monkeypatch) -> None:
     monkeypatch.setattr(transport, "VirtualHub", Unplugged)
     code, out = told(capfd, "hub", "check", "Spinning-v0", "--hub", "virtual", "--yes", "--json")
     found = json.loads(out)
@@ -103,7 +103,7 @@ def test_a_check_that_fails_refuses_with_a_remedy(capfd, monkeypatch) -> None:
     assert "nothing is there; move it from port B to A" in errors[0]["detail"]
 
 
-def test_calibrations_are_kept_shown_and_forgotten(capfd, tmp_path: Path, fails) -> None:
+def test_calibrations_are_saved_shown_and_removed(capfd, tmp_path: Path, fails) -> None:
     place = ("--hub", "virtual", "--calibrations", str(tmp_path))
     code, out = told(capfd, "hub", "calibrate", "RunAway-v0", "--reverse", "left", *place)
     path = tmp_path / "virtual" / "two-wheeler.json"
@@ -116,7 +116,7 @@ def test_calibrations_are_kept_shown_and_forgotten(capfd, tmp_path: Path, fails)
     fails("hub", "calibrate", "RunAway-v0", "--reverse", "tail", *place, says="no motor 'tail'")
 
 
-def test_joints_are_calibrated_by_their_stops_when_they_may_move(capfd, tmp_path: Path, fails) -> None:
+def test_joints_are_calibrated_by_end_stops(capfd, tmp_path: Path, fails) -> None:
     place = ("--hub", "virtual", "--calibrations", str(tmp_path))
     fails("hub", "calibrate", "RoboArm-v0", *place, says="nothing was moved")
     assert told(capfd, "hub", "calibrate", "RoboArm-v0", "--yes", *place)[0] == 0
@@ -124,7 +124,7 @@ def test_joints_are_calibrated_by_their_stops_when_they_may_move(capfd, tmp_path
     assert set(zeros) == {"low", "high", "grab"} and all(abs(zero) <= 2 for zero in zeros.values())
 
 
-def test_other_motors_are_calibrated_where_they_stand(capfd, tmp_path: Path, fails) -> None:
+def test_other_motors_are_calibrated_in_place(capfd, tmp_path: Path, fails) -> None:
     place = ("--hub", "virtual", "--calibrations", str(tmp_path))
     fails("hub", "calibrate", "Walker-v1", *place, says="add --by-hand")
     told(capfd, "hub", "calibrate", "Walker-v1", "--by-hand", *place)
@@ -133,7 +133,7 @@ def test_other_motors_are_calibrated_where_they_stand(capfd, tmp_path: Path, fai
 
 
 def test_a_check_uses_the_calibration(capfd, tmp_path: Path) -> None:
-    """A wrong one puts the joints out of their ranges, and the check says so."""
+    """A wrong calibration puts the joints out of range, which the check reports."""
     place = ("--hub", "virtual", "--calibrations", str(tmp_path))
     folder = tmp_path / "virtual"
     folder.mkdir()
@@ -147,7 +147,7 @@ def test_stop(capfd, fails) -> None:
     fails("hub", "stop", "--hub", "pigeon", says="there is no hub 'pigeon'")
 
 
-def test_every_tool_tells_what_is_wrong_in_one_line(fails) -> None:
+def test_every_tool_prints_one_line_errors(fails) -> None:
     for tool in ("check", "latency", "calibrate"):
         fails("hub", tool, "RunAwy-v0", "--hub", "virtual", says="did you mean")
         fails("hub", tool, "RunAway-v0", "--hub", "pigeon", says="there is no hub 'pigeon'")

@@ -1,4 +1,4 @@
-"""The commands with a page: they play, record and run, tell its address, and their errors are one line."""
+"""Commands with a page."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from bricksrl.cli.app import parse
 from bricksrl.cli.page import Drive, Play, has_screen
 
 
-def test_a_recording_on_a_page(tmp_path, capfd):
+def test_record_on_page(tmp_path, capfd):
     out = tmp_path / "data"
     assert main(["record", "RunAway-v0", "--episodes", "2", "--out", str(out), "--page"]) == 0
     told = capfd.readouterr()
@@ -19,13 +19,13 @@ def test_a_recording_on_a_page(tmp_path, capfd):
     assert told.out.count("episode ") == 2
 
 
-def test_playing_some_episodes_on_a_page(capfd):
+def test_play_on_page(capfd):
     assert main(["play", "RunAway-v0", "--episodes", "1", "--page"]) == 0
     told = capfd.readouterr()
     assert told.out.startswith("1 episodes, mean return") and "live page: http://127.0.0.1:" in told.err
 
 
-def test_a_program_on_a_page(tmp_path, capfd):
+def test_program_on_page(tmp_path, capfd):
     program = tmp_path / "main.py"
     program.write_text("from pybricks.tools import wait\nwait(100)\nprint('done')\n")
     assert main(["hub", "run", str(program), "--page"]) == 0
@@ -45,19 +45,19 @@ def test_a_program_on_a_page(tmp_path, capfd):
         (("evaluate", "x", "--video", "x.gif"), "end it in .mp4"),
     ],
 )
-def test_errors_are_one_line(fails, tmp_path, monkeypatch, arguments, says):
+def test_errors_print_one_line(fails, tmp_path, monkeypatch, arguments, says):
     monkeypatch.chdir(tmp_path)
     fails(*arguments, says=says)
     assert not list(tmp_path.iterdir())
 
 
-def test_the_page_is_for_this_computer_unless_told():
+def test_page_is_local_by_default():
     for words in (["drive", "Spinning-v0"], ["play", "runs/spin", "--page"], ["train", "Walker-v1", "--page"]):
         options = parse(words).live_page.page_options()
         assert (options.host, options.port) == ("127.0.0.1", None)
     assert isinstance(parse(["drive", "Spinning-v0"]), Drive) and isinstance(parse(["play", "runs/spin"]), Play)
 
 
-def test_nothing_is_opened_where_nobody_sits(monkeypatch):
+def test_no_browser_without_display(monkeypatch):
     monkeypatch.setattr("sys.stderr", None)
     assert not has_screen()

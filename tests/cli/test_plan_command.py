@@ -11,13 +11,13 @@ import pytest
 PLAN = str(Path(__file__).parents[2] / "plans" / "two_wheeler.ldr")
 
 
-def test_a_plan_without_a_mistake(bricksrl):
+def test_correct_plan_passes(bricksrl):
     done = bricksrl("plan", "check", PLAN)
     assert (done.returncode, done.stderr) == (0, "")
     assert done.stdout == "36 parts of 11 kinds, 12 steps, 428 g: all is well\n"
 
 
-def test_a_mistake_has_its_line_and_an_exit_code(bricksrl, tmp_path):
+def test_mistake_has_line_and_exit_code(bricksrl, tmp_path):
     path = tmp_path / "my.ldr"
     path.write_text(Path(PLAN).read_text(encoding="utf-8").replace("!BRICKSRL PORT E", "!BRICKSRL PORT A"), encoding="utf-8")
     done = bricksrl("plan", "check", str(path))
@@ -54,6 +54,6 @@ def test_the_catalogue(bricksrl):
         (["parts", "--out", "parts.csv"], "error: --out needs a plan; name an LDraw file"),
     ],
 )
-def test_errors_are_one_line(bricksrl, arguments, says):
+def test_errors_print_one_line(bricksrl, arguments, says):
     done = bricksrl("plan", *arguments)
     assert (done.returncode, done.stderr) == (2, f"{says}\n")

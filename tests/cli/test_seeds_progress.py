@@ -1,4 +1,4 @@
-"""Progress of several seeds: one table, or a line for each thing that happens; and the studies that there are."""
+"""Progress of several seeds, and the list of studies."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from bricksrl.cli.study import StudyCommand
 from bricksrl.errors import RunError, UnknownNameError
 
 
-def test_lines_tell_of_episodes_and_of_lost_workers(capsys: pytest.CaptureFixture[str]) -> None:
+def test_progress_lines_show_episodes_and_lost_workers(capsys: pytest.CaptureFixture[str]) -> None:
     with SeedsProgress(range(2), 3, live=False) as progress:
         progress.tell(0, {"started": 0, "pid": 1, "node": "one"})
         progress.tell(0, {"episode": 1, "return": 2.5})
@@ -26,7 +26,7 @@ def test_lines_tell_of_episodes_and_of_lost_workers(capsys: pytest.CaptureFixtur
     assert cells[3] == ["evaluated", "waiting"] and cells[4] == ["two", ""]
 
 
-def test_studies_are_listed_and_named(capsys: pytest.CaptureFixture[str]) -> None:
+def test_studies_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
     assert StudyCommand().execute() == 0
     listed = capsys.readouterr().out
     assert "sim-to-robot" in listed and "h on two cores" in listed
@@ -36,7 +36,7 @@ def test_studies_are_listed_and_named(capsys: pytest.CaptureFixture[str]) -> Non
         StudyCommand("agents", jobs=0).execute()
 
 
-def test_a_study_of_the_benchmarks_is_taken_from_their_results(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_benchmark_study_uses_results(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     benchmarks = Path(__file__).parents[2] / "benchmarks"
     assert StudyCommand("datasets", folder=tmp_path / "study", benchmarks=benchmarks).execute() == 0
     page = tmp_path / "study" / "study.md"

@@ -13,13 +13,13 @@ from bricksrl.cli.settings import field_docs
 
 
 @pytest.mark.parametrize("agent", AGENTS)
-def test_every_field_has_a_help(agent):
+def test_every_setting_has_help(agent):
     kind = algorithm(agent).settings
     meanings = field_docs(kind)
     assert [field.name for field in dataclasses.fields(kind) if not meanings.get(field.name)] == []
 
 
-def test_a_table_of_names_values_and_meanings(capsys, monkeypatch):
+def test_settings_table(capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "160")
     assert main(["settings", "td3"]) == 0
     lines = capsys.readouterr().out.splitlines()
@@ -29,7 +29,7 @@ def test_a_table_of_names_values_and_meanings(capsys, monkeypatch):
     assert rate.split()[1] == "0.0005" and "Adam's step size." in rate, "a default of its own, the help of its base"
 
 
-def test_json_is_what_train_takes(capsys, tmp_path):
+def test_json_is_accepted_by_train(capsys, tmp_path):
     from bricksrl.evaluation.settings_text import read_settings
 
     assert main(["settings", "sac", "--preset", "paper", "--json"]) == 0
@@ -39,7 +39,7 @@ def test_json_is_what_train_takes(capsys, tmp_path):
     assert "gamma" in json.loads(path.read_text())
 
 
-def test_the_settings_of_a_file(capsys, tmp_path):
+def test_settings_of_user_file(capsys, tmp_path):
     path = tmp_path / "own.py"
     path.write_text(
         "from dataclasses import dataclass\n\n@dataclass(frozen=True)\nclass Mine:\n    speed: float = 2.5\n"
@@ -49,6 +49,6 @@ def test_the_settings_of_a_file(capsys, tmp_path):
     assert "speed    2.5    How fast it goes." in capsys.readouterr().out
 
 
-def test_what_is_no_agent_is_one_line(fails):
+def test_unknown_agent_prints_one_line(fails):
     fails("settings", "sca", says="there is no agent 'sca'")
     fails("settings", "sac", "--preset", "papr", says="choose one of default, paper")

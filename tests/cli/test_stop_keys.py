@@ -1,4 +1,4 @@
-"""Keys and signals that stop and pause a robot at work."""
+"""Keys and signals for stop and pause."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def eventually(is_so: Callable[[], object], bound_s: float = BOUND_S) -> None:
 
 
 class Robot:
-    """An environment that remembers what was wanted of it."""
+    """An environment that records requests."""
 
     def __init__(self) -> None:
         self.wanted: list[str] = []
@@ -52,7 +52,7 @@ class Robot:
 
 @contextmanager
 def laid_on(robot: object) -> Iterator[tuple[threading.Event, list[str], Callable[[str], None]]]:
-    """A hand on a robot: what it set, what it said, and its keys."""
+    """An emergency stop with its messages and keys."""
     stop, told = threading.Event(), list[str]()
     with create_pipe_input() as source, Hand(stop, told.append, keys=True, source=source) as hand:
         hand.take(robot)
@@ -73,19 +73,19 @@ def test_keys_have_names() -> None:
 
 
 def makes_ctrl_c(press: Callable[[], object]) -> None:
-    """Expect Ctrl-C of a key. It may come as soon as the key is pressed."""
+    """Expect Ctrl-C from a key."""
     with pytest.raises(KeyboardInterrupt):  # noqa: PT012
         press()
         eventually(lambda: False)
 
 
-def test_ctrl_c_stays_what_it_is() -> None:
+def test_ctrl_c_is_unchanged() -> None:
     with create_pipe_input() as source, KeyListener(lambda key: None, source):
         makes_ctrl_c(lambda: source.send_text("\x03"))
 
 
 @pytest.mark.parametrize("key", [" ", "q", "\x1b"])
-def test_a_key_stops_the_robot_and_ends_the_run(key: str) -> None:
+def test_key_stops_robot_and_run(key: str) -> None:
     robot = Robot()
     with laid_on(robot) as (stop, told, press):
         assert told == [LEGEND]
@@ -95,7 +95,7 @@ def test_a_key_stops_the_robot_and_ends_the_run(key: str) -> None:
     assert robot.wanted == ["stop"]
 
 
-def test_p_pauses_and_goes_on() -> None:
+def test_p_pauses_and_resumes() -> None:
     robot = Robot()
     with laid_on(robot) as (stop, told, press):
         press("p")
@@ -106,7 +106,7 @@ def test_p_pauses_and_goes_on() -> None:
         assert not stop.is_set()
 
 
-def test_a_robot_that_cannot_be_told_is_one_line(capfd) -> None:
+def test_unreachable_robot_prints_one_line(capfd) -> None:
     robot = Robot()
 
     def unreachable() -> None:
@@ -122,7 +122,7 @@ def test_a_robot_that_cannot_be_told_is_one_line(capfd) -> None:
     assert capfd.readouterr().err == "error: the link is lost; the hub stops by itself\n"
 
 
-def test_where_nothing_moves_to_stop_is_ctrl_c() -> None:
+def test_stop_without_motion_is_ctrl_c() -> None:
     with laid_on(object()) as (stop, told, press):
         press("p")
         eventually(lambda: told[-1] == "nothing to pause here")
@@ -131,7 +131,7 @@ def test_where_nothing_moves_to_stop_is_ctrl_c() -> None:
 
 
 @pytest.mark.parametrize("number", STOP_SIGNALS)
-def test_a_signal_stops_the_robot_also_in_the_middle_of_a_lock(number: int) -> None:
+def test_signal_stops_robot_while_lock_is_held(number: int) -> None:
     robot, stop, lock = Robot(), threading.Event(), threading.Lock()
     robot.stop = lambda: [lock.acquire(timeout=BOUND_S), robot.wanted.append("stop"), lock.release()]
     before = signal.getsignal(number)
@@ -143,7 +143,7 @@ def test_a_signal_stops_the_robot_also_in_the_middle_of_a_lock(number: int) -> N
     assert stop.is_set() and signal.getsignal(number) == before
 
 
-def test_a_robot_that_comes_after_the_stop_is_stopped_too() -> None:
+def test_later_robot_is_stopped_too() -> None:
     first, second = Robot(), Robot()
     with laid_on(first) as (stop, _, press):
         press("q")
@@ -159,7 +159,7 @@ TRAIN = ("train", "RunAway-v0", "--episodes", "400", "--realtime")
 
 
 @pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
-def test_a_signal_ends_a_training_and_keeps_what_was_learned(start, tmp_path) -> None:
+def test_signal_ends_training_and_saves(start, tmp_path) -> None:
     run = tmp_path / "run"
     child = start(*TRAIN[:-1], "--run", str(run))
     eventually(lambda: (run / "metrics.csv").exists() and len((run / "metrics.csv").read_text().splitlines()) > 1, 90.0)

@@ -1,4 +1,4 @@
-"""``bricksrl train`` and ``resume``: what they leave behind, what they say, and Ctrl-C."""
+"""``bricksrl train`` and ``resume``: files, output, Ctrl-C."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from bricksrl.training.callbacks import RunResult
 from bricksrl.virtual_hub.transport import VirtualHub
 
 
-def test_a_run_says_how_it_goes(trained):
+def test_train_prints_progress(trained):
     _, done = trained
     assert (done.returncode, done.stderr) == (0, "")
     lines = re.findall(r"^episode (\d)/4  return -?\d\S*  \S+ steps/s  \d+:\d\d left", done.stdout, re.MULTILINE)
@@ -37,7 +37,7 @@ def test_a_run_says_how_it_goes(trained):
     assert re.search(r"^return   -?\d\S* ± \S+", done.stdout, re.MULTILINE)
 
 
-def test_a_run_leaves_its_files(trained):
+def test_train_writes_files(trained):
     run_dir, done = trained
     folder = RunFolder(run_dir)
     assert folder.curve_path.read_bytes().startswith(b"\x89PNG")
@@ -48,13 +48,13 @@ def test_a_run_leaves_its_files(trained):
     assert str(folder.curve_path) in done.stdout
 
 
-def test_without_opengl_there_is_no_video_and_one_line_says_so(trained):
+def test_no_video_without_opengl(trained):
     run_dir, done = trained
     assert not (run_dir / "video.mp4").exists()
     assert len(re.findall(r"^video           none: .*OpenGL|^video           none: .*drawn", done.stdout, re.MULTILINE)) == 1
 
 
-def test_a_run_ends_with_a_report_without_films_too(trained):
+def test_report_without_videos(trained):
     run_dir, done = trained
     text = (run_dir / "report.html").read_text()
     assert f"report          {run_dir / 'report.html'}" in done.stdout
@@ -62,7 +62,7 @@ def test_a_run_ends_with_a_report_without_films_too(trained):
     assert text.count("data:image/png;base64,") == 1 and "written by hand 17.96" in text
 
 
-def test_with_opengl_there_are_films_and_they_are_in_the_report(trained, tmp_path):
+def test_report_with_videos(trained, tmp_path):
     run_dir = tmp_path / "run"
     shutil.copytree(trained[0], run_dir)
     result = RunResult(run_dir, RunFolder(run_dir).read_episodes(), interrupted=False)
@@ -85,12 +85,12 @@ def test_with_opengl_there_are_films_and_they_are_in_the_report(trained, tmp_pat
 @pytest.mark.parametrize(
     ("env", "episodes"), [("RunAway-v0", 40), ("Spinning-v0", 15), ("Walker-v1", 75), ("RoboArmSim-v0", 250)]
 )
-def test_episodes_default_to_what_the_environment_needs(env, episodes):
+def test_default_episodes_follow_environment(env, episodes):
     assert Train(env).config(env).episodes == episodes
     assert Train(env, episodes=3).config(env).episodes == 3
 
 
-def test_options_reach_the_run(tmp_path):
+def test_options_are_passed_to_run(tmp_path):
     (tmp_path / "best.json").write_text('{"settings": {"gamma": 0.9, "hidden": [32, 32]}}')
     train = parse(
         ("train", "Walker-v0", "--settings", str(tmp_path / "best.json"), "--set", "gamma=0.8", "--set", "tau=0.5", "--realtime")
@@ -104,7 +104,7 @@ def test_options_reach_the_run(tmp_path):
     assert (config.hub, config.asynchronous, config.patience_s, config.log) == ("ble:Robbie", True, 7.0, "wandb")
 
 
-def test_the_owner_is_asked_to_place_the_robot(monkeypatch, capsys):
+def test_user_is_asked_to_place_robot(monkeypatch, capsys):
     monkeypatch.setattr("sys.stdin", io.StringIO("\n"))
     LineProgress().place(np.random.default_rng())
     written = capsys.readouterr()
@@ -113,7 +113,7 @@ def test_the_owner_is_asked_to_place_the_robot(monkeypatch, capsys):
         LineProgress().place(np.random.default_rng())
 
 
-def test_the_owner_is_asked_when_a_real_robot_is_recorded(tmp_path, monkeypatch, capsys):
+def test_record_asks_user_to_place_robot(tmp_path, monkeypatch, capsys):
     def make(env_id, options, *, place, **named):
         place(np.random.default_rng())
         raise HubNotFoundError(f"no hub at {options.hub}; switch it on")
@@ -127,7 +127,7 @@ def test_the_owner_is_asked_when_a_real_robot_is_recorded(tmp_path, monkeypatch,
 
 
 @pytest.mark.skipif(os.name != "posix", reason="SIGUSR1 is a thing of POSIX")
-def test_a_signal_stops_a_robot_that_is_recorded(start, tmp_path):
+def test_signal_stops_recorded_robot(start, tmp_path):
     out = tmp_path / "data"
     recording = start("record", "Spinning-v0", "--realtime", "--episodes", "90", "--out", str(out))
     assert recording.stdout.readline().startswith("episode 1/90")
@@ -138,7 +138,7 @@ def test_a_signal_stops_a_robot_that_is_recorded(start, tmp_path):
 
 
 def timing(dataset):
-    """Mean age of the observations in it, and the hub's time from step to step; seconds."""
+    """Mean age of observations and mean step time by the hub, seconds."""
     data = load(dataset)
     clock = data.hub_time_s[data.episode == 0]
     return data.age_s.mean().item(), (clock[1:] - clock[:-1]).mean().item()
@@ -146,13 +146,13 @@ def timing(dataset):
 
 @pytest.fixture
 def pipes(monkeypatch):
-    """How the programs that are started are spoken to."""
+    """Streams of the started programs."""
     started, start = [], VirtualHub.start
     monkeypatch.setattr(VirtualHub, "start", lambda self, program: (started.append(program.pipe), start(self, program)))
     return started
 
 
-def test_streaming_and_app_data_show_in_what_is_recorded(tmp_path, pipes):
+def test_recording_shows_streaming_and_app_data(tmp_path, pipes):
     found = {}
     for option in ("--policy=random", "--streaming", "--app-data"):
         assert main(["record", "Spinning-v0", "--episodes", "1", "--out", str(tmp_path / option), option]) == 0
@@ -165,7 +165,7 @@ def test_streaming_and_app_data_show_in_what_is_recorded(tmp_path, pipes):
     assert pipes == [Pipe.STDIN, Pipe.STDIN, Pipe.APP_DATA]
 
 
-def test_a_run_streams(tmp_path, pipes, monkeypatch):
+def test_train_with_streaming(tmp_path, pipes, monkeypatch):
     monkeypatch.setattr("bricksrl.cli.train._show", lambda result, hand, page: None)
     run_dir = tmp_path / "run"
     options = ("--agent", "random", "--episodes", "1", "--streaming", "--app-data", "--run", str(run_dir))
@@ -175,11 +175,11 @@ def test_a_run_streams(tmp_path, pipes, monkeypatch):
     assert config.streaming and config.app_data, "evaluated and resumed alike"
 
 
-def test_what_cannot_be_streamed_is_one_line(fails, tmp_path):
+def test_unstreamable_task_prints_one_line(fails, tmp_path):
     fails("train", "RunAway-v0", "--streaming", "--run", str(tmp_path / "run"), says="omit streaming")
 
 
-def test_an_existing_folder_stays_as_it_is(fails, trained):
+def test_existing_folder_is_unchanged(fails, trained):
     run_dir, _ = trained
     before = {path: path.read_bytes() for path in run_dir.rglob("*") if path.is_file()}
     fails("train", "RunAway-v0", "--run", str(run_dir), says="exists already")
@@ -204,13 +204,13 @@ def test_an_existing_folder_stays_as_it_is(fails, trained):
         ((), "environment"),
     ],
 )
-def test_wrong_names_and_numbers_are_one_line(fails, tmp_path, arguments, says):
+def test_wrong_names_and_numbers_print_one_line(fails, tmp_path, arguments, says):
     run_dir = tmp_path / "run"
     fails("train", *arguments, "--run", str(run_dir), says=says)
     assert not run_dir.exists()
 
 
-def test_ctrl_c_keeps_what_was_learned_and_resume_goes_on(start, fails, tmp_path):
+def test_ctrl_c_saves_and_resume_continues(start, fails, tmp_path):
     run_dir = tmp_path / "run"
     child = start("train", "RunAway-v0", "--episodes", "500", "--run", str(run_dir))
     for line in child.stdout:
@@ -228,7 +228,7 @@ def test_ctrl_c_keeps_what_was_learned_and_resume_goes_on(start, fails, tmp_path
     fails("resume", str(run_dir), "--episodes", "2", says="500")
 
 
-def test_resume_trains_a_finished_run_for_longer(bricksrl, trained, tmp_path):
+def test_resume_extends_finished_run(bricksrl, trained, tmp_path):
     run_dir = tmp_path / "run"
     shutil.copytree(trained[0], run_dir)
     done = bricksrl("train", "--resume", str(run_dir), "--episodes", "5")
@@ -238,7 +238,7 @@ def test_resume_trains_a_finished_run_for_longer(bricksrl, trained, tmp_path):
 
 
 @pytest.mark.parametrize("delay_s", [0.5, 2.0])
-def test_ctrl_c_before_the_first_episode_leaves_one_line(bricksrl, start, tmp_path, delay_s):
+def test_ctrl_c_before_first_episode_prints_one_line(bricksrl, start, tmp_path, delay_s):
     began_s = time.perf_counter()
     assert bricksrl("--help").returncode == 0
     until_it_runs_s = time.perf_counter() - began_s  # before that Ctrl-C meets the interpreter, not the command
@@ -250,7 +250,7 @@ def test_ctrl_c_before_the_first_episode_leaves_one_line(bricksrl, start, tmp_pa
     assert re.fullmatch(r"interrupted: [^\n]*saved[^\n]*\n", stderr), stderr
 
 
-def test_resuming_nothing_is_one_line(fails, tmp_path):
+def test_resume_of_missing_run_prints_one_line(fails, tmp_path):
     fails("resume", str(tmp_path), says=str(tmp_path))
 
 
@@ -264,7 +264,7 @@ def test_sparkline():
     assert sparkline([2.0, 2.0]) == "▅▅"
 
 
-def test_without_the_graphics_library_that_is_named_all_but_pictures_works(bricksrl, tmp_path):
+def test_missing_graphics_library_disables_pictures_only(bricksrl, tmp_path):
     process = bricksrl(
         "train", "RunAway-v0", "--agent", "random", "--episodes", "1", "--run", str(tmp_path / "run"), MUJOCO_GL="bogus"
     )

@@ -11,7 +11,7 @@ from bricksrl.training import RunFolder
 from bricksrl.twin.system_id import FITTED
 
 
-def test_the_command_looks_for_what_motion_tells():
+def test_fit_uses_identifiable_parameters():
     assert twin.FITTED == FITTED
 
 
@@ -24,7 +24,7 @@ def log(tmp_path):
     return path
 
 
-def test_from_a_recording_to_a_training(bricksrl, log, capsys, tmp_path):
+def test_record_fit_train(bricksrl, log, capsys, tmp_path):
     capsys.readouterr()
     assert main(["twin", "fit", str(log), "--parameters", "battery_v", "friction_scale"]) == 0
     written = capsys.readouterr()
@@ -41,7 +41,7 @@ def test_from_a_recording_to_a_training(bricksrl, log, capsys, tmp_path):
     assert RunFolder(run).read_config().physics.battery_v == found["battery_v"]
 
 
-def test_what_is_no_log_and_no_physics_is_one_line(fails, tmp_path):
+def test_invalid_log_or_physics_prints_one_line(fails, tmp_path):
     fails("twin", "fit", str(tmp_path / "nothing.jsonl"), says="cannot read the log")
     fails("twin", "record", "robo-ant", "--out", str(tmp_path / "x"), says="no robot 'robo-ant'")
     fails("train", "RunAway-v0", "--physics", str(tmp_path / "nothing.json"), says="cannot read the physics")

@@ -1,4 +1,4 @@
-"""A stand-in for the Hugging Face hub on 127.0.0.1: as much of its interface as sharing needs, in memory."""
+"""Test server of the Hugging Face hub on 127.0.0.1, with the interface that sharing needs."""
 
 from __future__ import annotations
 
@@ -107,7 +107,7 @@ class _Handler(BaseHTTPRequestHandler):
 
 @contextmanager
 def serving() -> Iterator[Hub]:
-    """A hub that is empty at first."""
+    """An initially empty hub."""
     with Hub() as hub:
         thread = threading.Thread(target=hub.serve_forever, kwargs={"poll_interval": 0.05})
         thread.start()

@@ -19,7 +19,7 @@ def env():
     env.close(raise_if_closed=False)
 
 
-def test_a_collected_dataset_tells_where_it_comes_from(tmp_path: Path, env) -> None:
+def test_collected_dataset_has_provenance(tmp_path: Path, env) -> None:
     with Recorder(tmp_path / "set", describe(env)) as recorder:
         told = collect(env, random_policy(env, 0), recorder, 2, name="random", seed=3)
     episodes = load(tmp_path / "set")
@@ -39,7 +39,7 @@ def test_a_collected_dataset_tells_where_it_comes_from(tmp_path: Path, env) -> N
     assert [(c.name, c.unit, c.low, c.high) for c in description.action] == [("straight", "mm", -100.0, 100.0)]
 
 
-def test_episodes_depend_on_the_seed_and_nothing_else(tmp_path: Path, env) -> None:
+def test_episodes_depend_on_seed_only(tmp_path: Path, env) -> None:
     found = []
     for name, seed in (("a", 1), ("b", 1), ("c", 2)):
         with Recorder(tmp_path / name, describe(env)) as recorder:
@@ -48,7 +48,7 @@ def test_episodes_depend_on_the_seed_and_nothing_else(tmp_path: Path, env) -> No
     assert torch.equal(found[0], found[1]) and not torch.equal(found[0], found[2])
 
 
-def test_a_driver_takes_over_and_gives_back_and_its_steps_are_marked(tmp_path: Path, env) -> None:
+def test_interventions_are_marked(tmp_path: Path, env) -> None:
     calls = iter(range(1000))
 
     def driver(observation: torch.Tensor) -> torch.Tensor | None:
@@ -64,7 +64,7 @@ def test_a_driver_takes_over_and_gives_back_and_its_steps_are_marked(tmp_path: P
     assert sum(one.interventions for one in told) == int(episodes.intervention.sum()) > 0
 
 
-def test_a_link_that_breaks_leaves_what_was_recorded(tmp_path: Path, env, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_lost_link_keeps_recorded_steps(tmp_path: Path, env, monkeypatch: pytest.MonkeyPatch) -> None:
     count = iter(range(100))
 
     def policy(state: TensorDictBase) -> TensorDictBase:
@@ -81,7 +81,7 @@ def test_a_link_that_breaks_leaves_what_was_recorded(tmp_path: Path, env, monkey
     assert len(episodes) == 3 and not episodes.rows[0].about.whole and bool(episodes.truncated[-1])
 
 
-def test_an_environment_without_a_task_is_recorded_too(tmp_path: Path) -> None:
+def test_environment_without_task_is_recorded(tmp_path: Path) -> None:
     from toys import Cart
 
     cart = Cart()

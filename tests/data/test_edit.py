@@ -23,7 +23,7 @@ def same(ours: Episodes, theirs: Episodes) -> bool:
 
 
 @pytest.mark.parametrize("description", [TOY, SEEING])
-def test_joined_data_are_those_of_one_recording(tmp_path: Path, description) -> None:
+def test_merged_data_equals_one_recording(tmp_path: Path, description) -> None:
     parts = [
         record(tmp_path / "a", (3, 5), description),
         record(tmp_path / "b", (4,), description, first_seed=2),
@@ -37,7 +37,7 @@ def test_joined_data_are_those_of_one_recording(tmp_path: Path, description) -> 
     assert len(load(tmp_path / "joined").rows) == 4 and check(tmp_path / "joined") == []
 
 
-def test_a_new_file_begins_where_one_is_full(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_full_file_starts_new_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("bricksrl.data.edit.STEPS_PER_FILE", 7)
     source = record(tmp_path / "a", (3, 5, 4, 2), SEEING)
     merge([source], tmp_path / "tidy")
@@ -45,14 +45,14 @@ def test_a_new_file_begins_where_one_is_full(tmp_path: Path, monkeypatch: pytest
     assert same(load(tmp_path / "tidy"), load(source)) and check(tmp_path / "tidy") == []
 
 
-def test_data_of_another_kind_cannot_join(tmp_path: Path) -> None:
+def test_merging_other_kind_raises(tmp_path: Path) -> None:
     parts = [record(tmp_path / "a"), record(tmp_path / "b", description=replace(TOY, rate_hz=5.0))]
     with pytest.raises(DataError, match="rate_hz 5.0 instead of 4.0"):
         merge(parts, tmp_path / "joined")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a", "b"]
 
 
-def test_two_parts_cannot_go_to_one_folder(tmp_path: Path) -> None:
+def test_split_parts_need_different_folders(tmp_path: Path) -> None:
     source = record(tmp_path / "a", (3, 5))
     with pytest.raises(DataError, match="each a separate folder"):
         split(source, tmp_path / "x", tmp_path / "y" / ".." / "x", 0.5, 0)
@@ -68,7 +68,7 @@ def test_nothing_is_overwritten(tmp_path: Path) -> None:
     assert not (tmp_path / "x").exists()
 
 
-def test_a_split_has_every_episode_once(tmp_path: Path) -> None:
+def test_split_has_each_episode_once(tmp_path: Path) -> None:
     source = record(tmp_path / "a", (3, 4, 5, 6, 7))
     split(source, tmp_path / "most", tmp_path / "rest", 0.6, 1)
     seeds = [[row.about.seed for row in load(tmp_path / name).rows] for name in ("most", "rest")]
@@ -79,7 +79,7 @@ def test_a_split_has_every_episode_once(tmp_path: Path) -> None:
         split(source, tmp_path / "all", tmp_path / "none", 1.0, 0)
 
 
-def test_what_is_whole_is_saved_from_a_damaged_dataset(tmp_path: Path) -> None:
+def test_complete_episodes_are_recovered(tmp_path: Path) -> None:
     root = record(tmp_path / "a", (3, 4, 5, 6))
     data = root / "data/chunk-000/file-001.parquet"
     data.write_bytes(data.read_bytes()[:-50])
@@ -91,7 +91,7 @@ def test_what_is_whole_is_saved_from_a_damaged_dataset(tmp_path: Path) -> None:
     assert check(tmp_path / "saved") == []
 
 
-def test_a_check_names_what_is_wrong(tmp_path: Path) -> None:
+def test_check_names_damage(tmp_path: Path) -> None:
     assert check(record(tmp_path / "good", description=SEEING)) == []
     root = record(tmp_path / "a")
     (root / "data/chunk-000/notes.pkl").write_bytes(b"\x80\x04.")

@@ -15,7 +15,7 @@ from bricksrl.data.summary import plot, summarise
 from bricksrl.errors import DataError
 
 
-def test_numpy_has_everything_and_no_pickle(tmp_path: Path) -> None:
+def test_numpy_export_is_complete_without_pickle(tmp_path: Path) -> None:
     episodes = load(record(tmp_path / "set", description=SEEING))
     export_numpy(tmp_path / "set", tmp_path / "set.npz")
     with np.load(tmp_path / "set.npz", allow_pickle=False) as found:
@@ -37,7 +37,7 @@ def test_parquet_names_its_columns_after_the_channels(tmp_path: Path) -> None:
 
 
 @pytest.mark.filterwarnings("ignore")  # of Minari's own
-def test_minari_reads_what_was_exported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_minari_reads_export(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     import minari
 
     episodes = load(record(tmp_path / "set", (3, 5)))
@@ -55,7 +55,7 @@ def test_minari_reads_what_was_exported(tmp_path: Path, monkeypatch: pytest.Monk
         export_minari(tmp_path / "set", tmp_path / "minari/bricksrl/no version")
 
 
-def test_torchrl_samples_from_it(tmp_path: Path) -> None:
+def test_torchrl_samples_from_dataset(tmp_path: Path) -> None:
     episodes = load(record(tmp_path / "set", (6, 8)))
     torch.manual_seed(0)
     batch = replay(tmp_path / "set", batch_size=64).sample()
@@ -71,7 +71,7 @@ def test_torchrl_samples_from_it(tmp_path: Path) -> None:
     assert torch.equal(starts[:, 1:], runs["next", "observation"].view(3, 4, 2)[:, :-1])
 
 
-def test_a_summary_counts_what_is_there(tmp_path: Path) -> None:
+def test_summary_counts(tmp_path: Path) -> None:
     episodes = load(record(tmp_path / "set", (3, 5, 4)))
     summary = summarise(tmp_path / "set")
     assert (summary.episodes, summary.transitions, summary.policies) == (3, 12, {"random": 3})
@@ -79,6 +79,6 @@ def test_a_summary_counts_what_is_there(tmp_path: Path) -> None:
     assert summary.interventions == int(episodes.intervention.sum()) and summary.age_mean_s == pytest.approx(0.02)
 
 
-def test_a_picture_is_drawn(tmp_path: Path) -> None:
+def test_picture_is_drawn(tmp_path: Path) -> None:
     plot(record(tmp_path / "set"), tmp_path / "set.png")
     assert (tmp_path / "set.png").read_bytes().startswith(b"\x89PNG")

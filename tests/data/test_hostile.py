@@ -1,4 +1,4 @@
-"""Damaged, truncated, foreign and hostile datasets: one error of ours, nothing executed, nothing written."""
+"""Damaged, foreign and malicious datasets: one error, no execution, no writing."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def is_prefix(ours: Episodes, theirs: Episodes) -> bool:
 
 @settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.sampled_from([DATA, ROWS, INFO, "meta/bricksrl.json"]), st.integers(0, 10**9), st.integers(1, 255), st.booleans())
-def test_a_truncated_or_flipped_file_never_gives_wrong_data(tmp_path_factory, sound, name, place, mask, cut) -> None:
+def test_damaged_file_never_gives_wrong_data(tmp_path_factory, sound, name, place, mask, cut) -> None:
     root, wanted = sound
     damaged = tmp_path_factory.mktemp("damaged") / "set"
     shutil.copytree(root, damaged)
@@ -72,7 +72,7 @@ def test_a_truncated_or_flipped_file_never_gives_wrong_data(tmp_path_factory, so
 
 
 def bomb_as_type() -> bytes:
-    """An Arrow extension type whose metadata is a pickle, which old readers of Arrow executed."""
+    """An Arrow extension type with a pickle as metadata, which old readers executed."""
     sink = io.BytesIO()
     metadata = {b"ARROW:extension:name": b"arrow.py_extension_type", b"ARROW:extension:metadata": pickle.dumps(Bomb())}
     field = pa.field("index", pa.int64(), metadata=metadata)
@@ -82,7 +82,7 @@ def bomb_as_type() -> bytes:
 
 @pytest.mark.parametrize("content", [pickle.dumps(Bomb()), b"", b"\0" * 1000, bomb_as_type(), b'{"a": 1}', b"[" * 100_000])
 @pytest.mark.parametrize("name", [DATA, ROWS, INFO, "meta/bricksrl.json"])
-def test_a_foreign_file_is_one_error_and_is_not_executed(tmp_path: Path, name: str, content: bytes) -> None:
+def test_foreign_file_raises_without_execution(tmp_path: Path, name: str, content: bytes) -> None:
     root = record(tmp_path / "set")
     (root / name).write_bytes(content)
     before = contents(root)
@@ -119,7 +119,7 @@ def edit_rows(root: Path, **cells: object) -> None:
         {"versions": "[" * 50_000},
     ],
 )
-def test_rows_that_lie_are_noticed(tmp_path: Path, cells: dict[str, object]) -> None:
+def test_inconsistent_rows_raise(tmp_path: Path, cells: dict[str, object]) -> None:
     root = record(tmp_path / "set")
     edit_rows(root, **cells)
     with pytest.raises(DataError):
@@ -137,8 +137,8 @@ def test_rows_that_lie_are_noticed(tmp_path: Path, cells: dict[str, object]) -> 
         ("length", [3]),
     ],
 )
-def test_cells_of_another_type_or_shape_are_noticed(tmp_path: Path, column: str, value: object) -> None:
-    """Those who join the statistics of all episodes write a new index only when they are sound."""
+def test_wrong_cell_type_or_shape_raises(tmp_path: Path, column: str, value: object) -> None:
+    """Merging writes a new index only if all statistics are valid."""
     root = record(tmp_path / "set")
     table = pq.read_table(root / ROWS)
     pq.write_table(table.set_column(table.schema.get_field_index(column), column, pa.array([value])), root / ROWS)
@@ -149,8 +149,8 @@ def test_cells_of_another_type_or_shape_are_noticed(tmp_path: Path, column: str,
     assert contents(root) == before and not (tmp_path / "out").exists()
 
 
-def test_a_link_out_of_the_dataset_is_not_written_through(tmp_path: Path) -> None:
-    """Whatever is written replaces a link, and leaves alone what it leads to."""
+def test_symlink_out_of_dataset_is_not_followed(tmp_path: Path) -> None:
+    """Writes replace a symlink, not its target."""
     root = record(tmp_path / "set")
     outside = tmp_path / "outside.json"
     outside.write_bytes((root / INFO).read_bytes())
@@ -163,7 +163,7 @@ def test_a_link_out_of_the_dataset_is_not_written_through(tmp_path: Path) -> Non
     assert len(load(root).rows) == 4
 
 
-def test_paths_in_the_index_lead_nowhere_else(tmp_path: Path) -> None:
+def test_index_paths_stay_inside(tmp_path: Path) -> None:
     root = record(tmp_path / "set")
     info = json.loads((root / INFO).read_text())
     (root / INFO).write_text(json.dumps({**info, "data_path": "../../secret/{chunk_index}{file_index}"}))
@@ -181,7 +181,7 @@ def test_paths_in_the_index_lead_nowhere_else(tmp_path: Path) -> None:
         (lambda root: (record(root), (root / ROWS).unlink()), "counts 3 episodes and meta/episodes holds 1"),
     ],
 )
-def test_what_is_missing_is_named(tmp_path: Path, make, told: str) -> None:
+def test_missing_files_are_named(tmp_path: Path, make, told: str) -> None:
     make(tmp_path / "set")
     with pytest.raises(DataError, match=told):
         load(tmp_path / "set")

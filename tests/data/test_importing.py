@@ -17,7 +17,7 @@ from bricksrl.errors import DataError
 
 
 def save(folder: Path, observation: torch.Tensor, action: torch.Tensor, reward: torch.Tensor, done: torch.Tensor, **more) -> None:
-    """As the released code saves its buffer: ``observation`` ``[steps + 1, n]`` of episodes that end where ``done`` is set."""
+    """Save a buffer as the released code does: ``observation`` ``[steps + 1, n]``, episodes end at ``done``."""
     n = len(action)
     root = {"observation": observation[:-1].clone(), **{key: value[:-1].clone() for key, value in more.items()}}
     after = {"observation": observation[1:].clone(), **{key: value[1:].clone() for key, value in more.items()}}
@@ -39,7 +39,7 @@ def save(folder: Path, observation: torch.Tensor, action: torch.Tensor, reward: 
     data.memmap(folder)
 
 
-def test_the_walkers_data_come_in_our_order(tmp_path: Path) -> None:
+def test_walker_data_is_reordered(tmp_path: Path) -> None:
     observation = torch.tensor([[-170.0, 10, 20, 179, 1, 2, 300 + i] for i in range(131)])
     action = torch.rand(130, 4)
     done = torch.zeros(130, dtype=torch.bool)
@@ -58,7 +58,7 @@ def test_the_walkers_data_come_in_our_order(tmp_path: Path) -> None:
     assert check(tmp_path / "ours/Walker-v0-expert") == []
 
 
-def test_an_acceleration_is_not_called_a_distance(tmp_path: Path) -> None:
+def test_acceleration_is_not_named_distance(tmp_path: Path) -> None:
     observation = torch.tensor([[0.0, 0, 0, 0, 0, 0, -900.0 + i] for i in range(11)])
     save(tmp_path / "old", observation, torch.zeros(10, 4), torch.zeros(10), torch.zeros(10, dtype=torch.bool))
     import_paper(tmp_path / "old", tmp_path / "ours", env="Walker-v0")
@@ -90,14 +90,14 @@ class Bomb:
 @pytest.mark.parametrize(
     ("damage", "told"),
     [
-        (lambda root: (root / "meta.json").write_text("{"), "no JSON"),
+        (lambda root: (root / "meta.json").write_text("{"), "not JSON"),
         (lambda root: (root / "meta.json").write_text("[1]"), "describes no tensors"),
         (lambda root: (root / "action.memmap").write_bytes(b"1234"), "has 4 bytes"),
         (lambda root: (root / "action.memmap").unlink(), "cannot read"),
-        (lambda root: (root / "meta.json").write_bytes(pickle.dumps(Bomb())), "no JSON"),
+        (lambda root: (root / "meta.json").write_bytes(pickle.dumps(Bomb())), "not JSON"),
         (lambda root: (root / "next/meta.json").write_text("{}"), "no tensor observation"),
-        (lambda root: replace_in(root / "meta.json", '"action"', '"../../secret"'), "none of the paper's"),
-        (lambda root: replace_in(root / "meta.json", "torch.float32", "torch.complex64"), "none of the paper's"),
+        (lambda root: replace_in(root / "meta.json", '"action"', '"../../secret"'), "not of the paper"),
+        (lambda root: replace_in(root / "meta.json", "torch.float32", "torch.complex64"), "not of the paper"),
         (lambda root: reshape(root, "observation", []), "no steps in its tensor observation"),
         (lambda root: reshape(root, "observation", [0, 5]), "no steps in its tensor observation"),
         (lambda root: reshape(root, "action", [9]), "shapes that are not those"),
@@ -105,7 +105,7 @@ class Bomb:
         (lambda root: reshape(root, "observation", [4, 6]), "observes 6 numbers"),
     ],
 )
-def test_damaged_and_hostile_folders_are_one_error(tmp_path: Path, damage, told) -> None:
+def test_damaged_or_hostile_folder_raises(tmp_path: Path, damage, told) -> None:
     root = tmp_path / "RunAway"
     save(root, torch.rand(5, 5), torch.rand(4, 1), torch.rand(4), torch.zeros(4, dtype=torch.bool))
     (root / "other.pickle").write_bytes(pickle.dumps(Bomb()))
@@ -115,7 +115,7 @@ def test_damaged_and_hostile_folders_are_one_error(tmp_path: Path, damage, told)
     assert not (tmp_path / "ours").exists() and not Path(__file__).with_name("exploded").exists()
 
 
-def test_goals_without_their_steps_are_one_error(tmp_path: Path) -> None:
+def test_goals_without_steps_raise(tmp_path: Path) -> None:
     root = tmp_path / "RoboArm"
     save(
         root,
@@ -131,7 +131,7 @@ def test_goals_without_their_steps_are_one_error(tmp_path: Path) -> None:
 
 
 def reshape(root: Path, name: str, shape: list[int]) -> None:
-    """Let a tensor have another shape, all zeros."""
+    """Replace a tensor by zeros of another shape."""
     meta = json.loads((root / "meta.json").read_text())
     meta[name]["shape"] = shape
     (root / "meta.json").write_text(json.dumps(meta))
@@ -144,7 +144,7 @@ def replace_in(path: Path, old: str, new: str) -> None:
     path.write_text(text.replace(old, new))
 
 
-def test_a_task_that_nothing_tells_is_asked_for(tmp_path: Path) -> None:
+def test_unknown_task_must_be_given(tmp_path: Path) -> None:
     save(tmp_path / "buffer", torch.rand(5, 5), torch.rand(4, 1), torch.rand(4), torch.zeros(4, dtype=torch.bool))
     with pytest.raises(DataError, match="--env"):
         import_paper(tmp_path / "buffer", tmp_path / "ours")
@@ -157,7 +157,7 @@ def test_a_task_that_nothing_tells_is_asked_for(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", ["observation", "next/observation", "action", "next/reward"])
 @pytest.mark.parametrize("bits", [0x7FC00000, 0x7F800001, 0x7F800000], ids=["nan", "signalling nan", "infinite"])
-def test_numbers_that_are_none_are_refused(tmp_path: Path, name: str, bits: int) -> None:
+def test_non_finite_numbers_raise(tmp_path: Path, name: str, bits: int) -> None:
     done = torch.tensor([False, True])
     save(tmp_path / "RunAway", torch.rand(3, 5), torch.rand(2, 1), torch.rand(2), done)
     path = tmp_path / "RunAway" / f"{name}.memmap"

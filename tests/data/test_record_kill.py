@@ -1,4 +1,4 @@
-"""A recording that is killed loses the running episode at most; `benchmarks/record_kill.py` kills more often."""
+"""A killed recording loses at most the current episode; `benchmarks/record_kill.py` tests more often."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ KILL = runpy.run_path(str(Path(__file__).parents[2] / "benchmarks/record_kill.py
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason=f"there is no signal {int(signal.SIGINT)} like SIGKILL")
-def test_killed_at_random_moments_it_loses_nothing_that_was_committed(tmp_path: Path) -> None:
+def test_killed_recorder_loses_no_committed_episode(tmp_path: Path) -> None:
     rng = random.Random(1)
     for _ in range(6):
         committed = KILL["killed_after"](tmp_path / "set", "blind", rng.randrange(3), rng.uniform(0.0, 0.15))

@@ -17,7 +17,7 @@ from bricksrl.entry import Entry
 from bricksrl.errors import DataError
 
 
-def test_what_is_recorded_is_what_is_read(tmp_path: Path) -> None:
+def test_recorded_equals_read(tmp_path: Path) -> None:
     episodes = load(record(tmp_path / "set", (3, 5)))
     wanted = [*steps(0, 3), *steps(1, 5)]
     assert len(episodes) == 8
@@ -34,7 +34,7 @@ def test_what_is_recorded_is_what_is_read(tmp_path: Path) -> None:
     ]
 
 
-def test_transitions_as_torchrl_has_them(tmp_path: Path) -> None:
+def test_transitions_have_torchrl_layout(tmp_path: Path) -> None:
     episodes = load(record(tmp_path / "set", (3, 5), SEEING))
     data = episodes.to_tensordict()
     assert data.batch_size == (8,)
@@ -43,7 +43,7 @@ def test_transitions_as_torchrl_has_them(tmp_path: Path) -> None:
     assert data["next", "done"].shape == (8, 1) and data["next", "done"].flatten().nonzero().flatten().tolist() == [2, 7]
 
 
-def test_images_come_back_as_they_were(tmp_path: Path) -> None:
+def test_images_survive_round_trip(tmp_path: Path) -> None:
     episodes = load(record(tmp_path / "set", (3, 4), SEEING))
     wanted = [*steps(0, 3, SEEING), *steps(1, 4, SEEING)]
     assert episodes.image is not None and episodes.next_image is not None
@@ -74,7 +74,7 @@ def test_the_layout_is_that_of_lerobot(tmp_path: Path) -> None:
     assert pq.read_table(root / "meta/tasks.parquet").to_pandas().loc["Toy-v0", "task_index"] == 0
 
 
-def test_statistics_are_those_of_all_steps_together(tmp_path: Path) -> None:
+def test_statistics_cover_all_steps(tmp_path: Path) -> None:
     root = record(tmp_path / "set", (3, 5, 4))
     stats = json.loads((root / "meta/stats.json").read_text())
     every = load(root)
@@ -85,7 +85,7 @@ def test_statistics_are_those_of_all_steps_together(tmp_path: Path) -> None:
             assert stats[name][key] == pytest.approx(np.asarray(value).tolist()), (name, key)
 
 
-def test_recording_goes_on_where_it_ended(tmp_path: Path) -> None:
+def test_recording_continues(tmp_path: Path) -> None:
     record(tmp_path / "set", (3, 5))
     record(tmp_path / "set", (4,), first_seed=2)
     together = load(record(tmp_path / "other", (3, 5, 4)))
@@ -106,7 +106,7 @@ def test_recording_goes_on_where_it_ended(tmp_path: Path) -> None:
         (SEEING, "camera webcam instead of None"),
     ],
 )
-def test_data_of_another_kind_is_refused_and_the_difference_named(tmp_path: Path, other, named) -> None:
+def test_recording_other_kind_raises_with_difference(tmp_path: Path, other, named) -> None:
     root = record(tmp_path / "set")
     before = {path: path.read_bytes() for path in root.rglob("*") if path.is_file()}
     with pytest.raises(DataError, match=named):
@@ -115,7 +115,7 @@ def test_data_of_another_kind_is_refused_and_the_difference_named(tmp_path: Path
     record(root, (2,), first_seed=3)  # the folder was let go of
 
 
-def test_a_folder_with_something_else_is_left_alone(tmp_path: Path) -> None:
+def test_foreign_folder_is_unchanged(tmp_path: Path) -> None:
     (tmp_path / "letters").mkdir()
     (tmp_path / "letters/love.txt").write_text("dear")
     with pytest.raises(DataError, match="something else"):
@@ -124,7 +124,7 @@ def test_a_folder_with_something_else_is_left_alone(tmp_path: Path) -> None:
         Recorder(tmp_path / "letters/love.txt", TOY)
 
 
-def test_only_one_records_at_a_time(tmp_path: Path) -> None:
+def test_single_recorder_at_a_time(tmp_path: Path) -> None:
     root = record(tmp_path / "set")
     script = f"""
 import sys; sys.path.insert(0, {str(Path(__file__).parent)!r})
@@ -142,7 +142,7 @@ except DataError as error:
     assert "records into" in said.stdout
 
 
-def test_an_episode_that_was_broken_off_is_kept_as_such(tmp_path: Path) -> None:
+def test_aborted_episode_is_marked(tmp_path: Path) -> None:
     with Recorder(tmp_path / "set", TOY) as recorder:
         record_episode(recorder, 0, 4)
         recorder.begin(About())
@@ -153,7 +153,7 @@ def test_an_episode_that_was_broken_off_is_kept_as_such(tmp_path: Path) -> None:
     assert episodes.truncated.tolist() == [False, False, False, True, False, True]
 
 
-def test_an_index_that_cannot_be_written_costs_no_episode(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_unwritable_index_loses_no_episode(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
@@ -169,13 +169,13 @@ def test_an_index_that_cannot_be_written_costs_no_episode(tmp_path: Path, monkey
     assert check(tmp_path / "set") == []
 
 
-def test_nothing_recorded_leaves_nothing(tmp_path: Path) -> None:
+def test_empty_recording_leaves_no_files(tmp_path: Path) -> None:
     with Recorder(tmp_path / "set", TOY) as recorder:
         recorder.begin(About())
     assert not (tmp_path / "set").exists()
 
 
-def test_an_image_that_is_missing_is_told(tmp_path: Path) -> None:
+def test_missing_image_raises(tmp_path: Path) -> None:
     recorder = Recorder(tmp_path / "set", SEEING)
     recorder.begin(About())
     recorder.add(steps(0, 1)[0])

@@ -30,7 +30,7 @@ def hub(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
         yield server
 
 
-def test_a_dataset_goes_to_the_hub_and_comes_back(hub: Hub, tmp_path: Path) -> None:
+def test_dataset_hub_round_trip(hub: Hub, tmp_path: Path) -> None:
     root = record(tmp_path / "set", (3, 4), SEEING)
     (root / "meta/.part-x").unlink(missing_ok=True)
     assert push_dataset(root, "me/toy") == f"{hub.address}/datasets/me/toy"
@@ -46,7 +46,7 @@ def test_a_dataset_goes_to_the_hub_and_comes_back(hub: Hub, tmp_path: Path) -> N
         pull_dataset("me/toy", tmp_path / "fetched")
 
 
-def test_what_is_damaged_on_the_way_gets_no_name(hub: Hub, tmp_path: Path) -> None:
+def test_damaged_download_is_discarded(hub: Hub, tmp_path: Path) -> None:
     push_dataset(record(tmp_path / "set"), "me/toy")
     name = "data/chunk-000/file-001.parquet"
     hub.files["datasets/me/toy"][name] = hub.files["datasets/me/toy"][name][::-1]
@@ -55,11 +55,11 @@ def test_what_is_damaged_on_the_way_gets_no_name(hub: Hub, tmp_path: Path) -> No
     assert sorted(path.name for path in tmp_path.iterdir()) == ["set"]
 
 
-def test_refusals_are_one_line(hub: Hub, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_refusals_print_one_line(hub: Hub, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     root = record(tmp_path / "set")
     with pytest.raises(DataError, match="shows no me/nothing"):
         pull_dataset("me/nothing", tmp_path / "out")
-    with pytest.raises(DataError, match="no name on the hub"):
+    with pytest.raises(DataError, match="not a name on the hub"):
         pull_dataset("a name/of/three", tmp_path / "out")
     monkeypatch.setenv("HF_TOKEN", "hf_unknown")
     with pytest.raises(DataError, match="hf auth login"):
@@ -72,7 +72,7 @@ def test_refusals_are_one_line(hub: Hub, tmp_path: Path, monkeypatch: pytest.Mon
     assert not (tmp_path / "out").exists()
 
 
-def test_a_policy_goes_to_the_hub_and_acts_as_before(hub: Hub, tmp_path: Path) -> None:
+def test_policy_hub_round_trip(hub: Hub, tmp_path: Path) -> None:
     run = tmp_path / "run"
     train(TrainConfig("WalkerSim-v0", episodes=1, run_dir=run, settings=preset("default", "sac"), record=False))
     push_policy(run, "me/policy")
@@ -90,14 +90,14 @@ def test_a_policy_goes_to_the_hub_and_acts_as_before(hub: Hub, tmp_path: Path) -
         load_policy(tmp_path / "policy", bricksrl.make("RoboArmSim-v0", seed=0))
     for content in (b"\x80\x04cos\nsystem\n.", b"", files["policy.safetensors"][:-9]):
         files["policy.safetensors"] = content
-        with pytest.raises(CheckpointError, match="no sound safetensors"):
+        with pytest.raises(CheckpointError, match="not a valid safetensors"):
             pull_policy("me/policy", tmp_path / "bad")
     assert not (tmp_path / "bad").exists()
 
 
 @pytest.mark.parametrize("written", [0, 1, 2])
-def test_a_policy_is_exported_whole_or_not_at_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, written: int) -> None:
-    """Whenever the process is killed, nothing has the policy's name; where the disk is full, nothing is left at all."""
+def test_policy_export_is_atomic(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, written: int) -> None:
+    """A killed process leaves no file with the policy's name; a full disk leaves no file."""
     run, out = tmp_path / "run", tmp_path / "new" / "policy"
     train(TrainConfig("WalkerSim-v0", "random", episodes=1, run_dir=run, record=False))
     write, names = sharing.write_durably, []

@@ -20,7 +20,7 @@ SEEING = Description(TOY.env, TOY.rate_hz, TOY.observation, TOY.action, TOY.robo
 
 
 def steps(seed: int, length: int, description: Description = TOY) -> list[Step]:
-    """An episode that is truncated after ``length`` steps; all its numbers come from ``seed``."""
+    """A truncated episode of ``length`` steps with numbers from ``seed``."""
     rng = np.random.default_rng(seed)
     n, m, side = len(description.observation), len(description.action), description.image_px
     states = rng.normal(size=(length + 1, n)).astype(np.float32)
@@ -53,7 +53,7 @@ def record_episode(recorder: Recorder, seed: int, length: int) -> None:
 
 
 def record(root: Path, lengths: tuple[int, ...] = (3, 5, 4), description: Description = TOY, first_seed: int = 0) -> Path:
-    """A dataset of episodes of these lengths, with the seeds 0, 1, 2..."""
+    """A dataset of episodes of these lengths with seeds 0, 1, 2..."""
     with Recorder(root, description) as recorder:
         for seed, length in enumerate(lengths, first_seed):
             record_episode(recorder, seed, length)

@@ -1,4 +1,4 @@
-"""Documentation: every command and snippet runs, notebooks too, the site is built without warnings."""
+"""Documentation: commands, snippets and notebooks run; the site builds without warnings."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ from bricksrl.envs.registry import _OWN
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
 FOLLOWED = [ROOT / "README.md", *(DOCS / f"{name}.md" for name in ("start", "watch", "lesson", "own", "policies"))]
-"""Pages that are followed line by line."""
+"""Pages with executed commands."""
 READ = [path for path in sorted(DOCS.glob("*.md")) if path not in FOLLOWED]
-"""Pages whose commands name robots, cameras and files of the reader's: these are parsed."""
+"""Pages with commands for the reader's robots and files, which are only parsed."""
 NOTEBOOKS = sorted((DOCS / "tutorials").glob("*.ipynb"))
 
 
@@ -36,14 +36,14 @@ def blocks(page: Path, language: str) -> list[str]:
 
 
 def commands(page: Path) -> list[list[str]]:
-    """Arguments of every command of ours on a page, in their order."""
+    """Arguments of all ``bricksrl`` commands on a page."""
     lines = [line for block in blocks(page, "bash") for line in block.splitlines()]
     lines += re.findall(r"^ {4}(bricksrl .*)$", page.read_text(encoding="utf-8"), re.MULTILINE)
     return [shlex.split(line, comments=True)[1:] for line in lines if line.startswith("bricksrl ")]
 
 
 def cheap(words: list[str]) -> list[str]:
-    """The command with fewer episodes, updates and copies, and no video: how to train is shown, not that it is good."""
+    """The command with fewer episodes, updates and copies, and no video."""
     found = list(words)
     for flag, most in (("--episodes", None), ("--updates", 20), ("--num-envs", 4)):
         if flag in found:
@@ -68,7 +68,7 @@ def needs_a_browser(words: list[str]) -> bool:
 
 @pytest.fixture
 def clone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    """A folder like a fresh clone, for one page."""
+    """A folder like a fresh clone."""
     for name in ("examples", "plans"):
         shutil.copytree(ROOT / name, tmp_path / name, ignore=shutil.ignore_patterns("__pycache__"))
     monkeypatch.chdir(tmp_path)
@@ -80,7 +80,7 @@ def clone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("page", FOLLOWED, ids=lambda page: page.stem)
-def test_a_page_can_be_followed_line_by_line(page: Path, clone: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_docs_pages_can_be_executed(page: Path, clone: Path, capfd: pytest.CaptureFixture[str]) -> None:
     done = [words for words in commands(page) if not (needs_a_robot(words) or needs_a_browser(words) or words[0] == "doctor")]
     for words in done:
         code = main(cheap(words))
@@ -117,7 +117,7 @@ def test_notebooks_run(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPat
 
 
 @pytest.mark.slow
-def test_the_first_notebook_runs_in_a_kernel(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_first_notebook_runs_in_kernel(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("BRICKSRL_QUICK", "1")
     notebook = nbformat.read(NOTEBOOKS[0], 4)
     nbclient.NotebookClient(
@@ -137,7 +137,7 @@ def test_notebooks_hold_no_outputs_and_open_in_colab() -> None:
 
 
 @pytest.mark.slow
-def test_the_site_is_built_without_warnings_and_its_links_lead_somewhere(tmp_path: Path) -> None:
+def test_site_builds_without_warnings_or_broken_links(tmp_path: Path) -> None:
     copy = tmp_path / "docs"
     shutil.copytree(DOCS, copy, ignore=shutil.ignore_patterns("_build"))
     command = [

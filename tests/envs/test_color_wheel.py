@@ -1,4 +1,4 @@
-"""The robot with a color sensor in docs/virtual_hub.md, as an environment."""
+"""The color sensor robot of docs/virtual_hub.md as an environment."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def wheel(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     sys.modules.pop("color_wheel", None)
 
 
-def test_the_color_under_the_sensor_is_observed(wheel: str) -> None:
+def test_observed_color_is_under_sensor(wheel: str) -> None:
     env = bricksrl.make(wheel, seed=0)
     step = env.reset()
     hues = []
@@ -37,7 +37,7 @@ def test_the_color_under_the_sensor_is_observed(wheel: str) -> None:
     assert hues == pytest.approx([90, 180, 270], abs=5), "a turn of the disc shows another color"
 
 
-def test_hue_is_an_angle_that_runs_around(wheel: str) -> None:
+def test_hue_wraps(wheel: str) -> None:
     entries = get_task(wheel).entries
     assert [(entry.name, entry.wraps) for entry in entries] == [
         ("light_hue", True),

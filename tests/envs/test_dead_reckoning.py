@@ -1,4 +1,4 @@
-"""Where a target is, reckoned from the wheels; and the two tasks of driving robots, played by hand-written controllers."""
+"""Dead reckoning, and its two tasks with scripted controllers."""
 
 from __future__ import annotations
 
@@ -25,20 +25,20 @@ from bricksrl.robots import TWO_WHEELER, WALKER
 CONTROLLERS = runpy.run_path(str(Path(__file__).parents[2] / "benchmarks/scripted.py"))["CONTROLLERS"]
 
 
-def test_a_place_is_seen_from_the_robot() -> None:
+def test_place_in_robot_frame() -> None:
     bay = FloorPose(100.0, 0.0, 30.0)
     assert bay.seen_from(FloorPose()) == pytest.approx((100.0, 0.0, 30.0))
     assert bay.seen_from(FloorPose(heading_deg=90.0)) == pytest.approx((0.0, 100.0, -60.0)), "it looks along -y"
     assert FloorPose(heading_deg=-170.0).seen_from(FloorPose(heading_deg=170.0))[2] == pytest.approx(20.0), "the shorter way"
 
 
-def test_an_arc_ends_where_it_should() -> None:
+def test_arc_end_position() -> None:
     end = FloorPose().driven(math.pi * 100.0, 180.0)
     assert (end.x_mm, end.y_mm, end.heading_deg) == pytest.approx((0.0, -200.0, 180.0), abs=1e-9)
     assert FloorPose(5.0, 5.0, 90.0).driven(10.0, 0.0) == FloorPose(pytest.approx(5.0), pytest.approx(-5.0), 90.0)
 
 
-def test_wheels_are_followed_over_the_end_of_a_turn() -> None:
+def test_wheel_angles_are_unwrapped() -> None:
     interface = Interface((DriveSpeed(-1, 1),), (MotorAngle("left"), MotorAngle("right")), Wait(100))
     values = np.array([350.0, 10.0], np.float32)
     tracker = TargetTracker(Target(FloorPose(500.0)), TWO_WHEELER, interface, None, FloorPose(), values)
@@ -53,14 +53,14 @@ def test_wheels_are_followed_over_the_end_of_a_turn() -> None:
     assert tracker.metrics() == {}, "of a real robot the truth is not known"
 
 
-def test_an_agent_does_not_see_the_angles_of_the_wheels() -> None:
+def test_agent_does_not_observe_wheel_angles() -> None:
     assert PARK.observed_channels == () and LINE_FOLLOW.observed_channels == (0, 1)
     assert [entry.name for entry in PARK.entries] == ["target_ahead", "target_left", "target_turn", "moved", "turned"]
     interface = dataclasses.replace(PARK.interface, channels=(MotorAngle("left"), YawRate(), MotorAngle("right")))
     assert [entry.name for entry in dataclasses.replace(PARK, interface=interface).entries][:2] == ["yaw_rate", "target_ahead"]
 
 
-def test_a_real_robot_is_put_where_an_episode_starts(caplog: pytest.LogCaptureFixture) -> None:
+def test_real_robot_is_placed_at_start(caplog: pytest.LogCaptureFixture) -> None:
     with caplog.at_level(logging.WARNING):
         start = start_pose(PARK, None, np.random.default_rng(0))
     assert -550 <= start.x_mm <= -300 and abs(start.y_mm) <= 150 and abs(start.heading_deg) <= 40
@@ -68,7 +68,7 @@ def test_a_real_robot_is_put_where_an_episode_starts(caplog: pytest.LogCaptureFi
 
 
 @pytest.mark.parametrize("robot", [TWO_WHEELER, WALKER])
-def test_who_cannot_tell_is_refused(robot) -> None:
+def test_robot_without_odometry_raises(robot) -> None:
     interface = Interface((RunAngle(robot.motors[0].name, 0, 9, 9),), (MotorAngle(robot.motors[0].name),), Wait(9))
     with pytest.raises(DescriptionError, match="cannot tell where its target is"):
         type(PARK)("Lost-v0", "A.", robot, interface, 9, PARK.reward, PARK.success, PARK.metrics, target=Target())
@@ -78,7 +78,7 @@ def seen(ahead_mm: float, left_mm: float, turn_deg: float, moved_mm: float = 0.0
     return torch.tensor([ahead_mm, left_mm, turn_deg, moved_mm, turned_deg], dtype=torch.float32)
 
 
-def test_parking_pays_for_coming_nearer_and_straightening_up() -> None:
+def test_parking_reward_for_distance_and_heading() -> None:
     far, near, askew, there = seen(300, 0, 0), seen(200, 0, 0), seen(0, 0, 20), seen(0, 0, 0)
     assert reward(far, torch.zeros(2), near) > 0 > reward(near, torch.zeros(2), far)
     assert reward(askew, torch.zeros(2), there) > 0 > reward(there, torch.zeros(2), there)
@@ -90,11 +90,11 @@ def test_parking_pays_for_coming_nearer_and_straightening_up() -> None:
 
 
 STEPS = [(way_mm, turn_deg) for way_mm in (-15.0, 0.0, 15.0) for turn_deg in (-9.0, -2.0, 0.0, 2.0, 9.0)]
-"""What the robot can drive and turn in a step."""
+"""Maximum drive and turn per step."""
 
 
 @given(distance_mm=st.floats(32, 600), direction_deg=st.floats(-180, 180), heading_deg=st.floats(-180, 180))
-def test_away_from_the_bay_a_step_lessens_the_cost(distance_mm: float, direction_deg: float, heading_deg: float) -> None:
+def test_parking_cost_decreases_towards_bay(distance_mm: float, direction_deg: float, heading_deg: float) -> None:
     direction = math.radians(direction_deg)
     robot = FloorPose(distance_mm * math.cos(direction), distance_mm * math.sin(direction), heading_deg)
     now, *after = [cost(seen(*FloorPose().seen_from(at))).item() for at in (robot, *(robot.driven(*step) for step in STEPS))]
@@ -102,7 +102,7 @@ def test_away_from_the_bay_a_step_lessens_the_cost(distance_mm: float, direction
 
 
 @given(ahead_mm=st.floats(-10, 10), left_mm=st.floats(-10, 10), heading_deg=st.floats(-90, 90).filter(lambda deg: abs(deg) > 4))
-def test_in_the_bay_it_pays_to_straighten_up(ahead_mm: float, left_mm: float, heading_deg: float) -> None:
+def test_parking_reward_for_heading_in_bay(ahead_mm: float, left_mm: float, heading_deg: float) -> None:
     robot = FloorPose(ahead_mm, left_mm, heading_deg)
     straighter = robot.driven(0.0, -math.copysign(2.0, heading_deg))
     assert cost(seen(*FloorPose().seen_from(straighter))) < cost(seen(*FloorPose().seen_from(robot)))
@@ -119,7 +119,7 @@ def test_in_the_bay_it_pays_to_straighten_up(ahead_mm: float, left_mm: float, he
         (seen(0, 0, 0, 0, -2.1), False),
     ],
 )
-def test_parked_is_near_straight_and_at_rest(last: torch.Tensor, has_parked: bool) -> None:
+def test_parked_condition(last: torch.Tensor, has_parked: bool) -> None:
     assert PARK.terminated(last).item() is has_parked
 
 
@@ -133,12 +133,12 @@ def test_parked_is_near_straight_and_at_rest(last: torch.Tensor, has_parked: boo
         (seen(0, 0, 0, 0, -2.1), False),
     ],
 )
-def test_success_is_to_stand_in_the_bay_at_the_end(last: torch.Tensor, stands: bool) -> None:
+def test_parking_success_at_end(last: torch.Tensor, stands: bool) -> None:
     assert PARK.success(torch.stack([seen(100, 0, 0), last])).item() is stands
     assert not PARK.success(torch.stack([last, seen(100, 0, 0)]))
 
 
-def test_the_2wheeler_can_park_and_knows_where_it_is() -> None:
+def test_two_wheeler_parks_by_dead_reckoning() -> None:
     env = bricksrl.make("Park-v0", seed=3)
     for _ in range(2):
         state, observations = env.reset(), []
@@ -154,7 +154,7 @@ def test_the_2wheeler_can_park_and_knows_where_it_is() -> None:
     env.close()
 
 
-def test_success_is_judged_by_where_a_virtual_robot_truly_is(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_success_uses_true_position_of_twin(monkeypatch: pytest.MonkeyPatch) -> None:
     env = bricksrl.make("Park-v0", seed=3)
     state = env.reset()
     assert env.twin is not None
@@ -167,7 +167,7 @@ def test_success_is_judged_by_where_a_virtual_robot_truly_is(monkeypatch: pytest
     env.close()
 
 
-def test_a_lost_scout_pays_less_for_turning_back() -> None:
+def test_lost_scout_reward_for_turning_back() -> None:
     right, left = torch.tensor([0.0, 1.0]), torch.tensor([0.0, -1.0])
     floor, line, edge = (torch.tensor([brightness, 0.0]) for brightness in (82.0, 8.0, 45.0))
     assert [LINE_FOLLOW.reward(edge, right, seen).item() for seen in (floor, line, edge)] == [-0.25, -0.75, 0.75]
@@ -175,7 +175,7 @@ def test_a_lost_scout_pays_less_for_turning_back() -> None:
     assert LINE_FOLLOW.reward(edge, torch.tensor([1.0, 0.0]), edge).item() == 1.0
 
 
-def test_the_scout_can_follow_the_line() -> None:
+def test_scripted_scout_follows_line() -> None:
     env = bricksrl.make("LineFollow-v0", seed=1)
     state, observations = env.reset(), []
     while not observations or not bool(state["done"]):

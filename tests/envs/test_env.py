@@ -1,4 +1,4 @@
-"""The environment, over the real link to the virtual hub."""
+"""Robot environments over the link to the virtual hub."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def always(*values: float):
 
 
 def run_away_env(hub_class: type[VirtualHub] = VirtualHub, seed: int = 0) -> HubEnv:
-    """As ``make`` builds it, with another virtual hub."""
+    """The environment of ``make`` with another virtual hub."""
 
     def connect(twin_seed: int) -> Connection:
         twin = hub_class(make_body(RUN_AWAY.robot, scene=RUN_AWAY.scene, seed=twin_seed))
@@ -55,7 +55,7 @@ def run_away_env(hub_class: type[VirtualHub] = VirtualHub, seed: int = 0) -> Hub
 
 
 @IDS
-def test_specs_hold_for_random_and_for_ended_episodes(env_id: str) -> None:
+def test_specs_hold_for_random_episodes(env_id: str) -> None:
     env = bricksrl.make(env_id, seed=0)
     check_env_specs(env, break_when_any_done="both")
     steps = env.rollout(60, break_when_any_done=False)
@@ -63,7 +63,7 @@ def test_specs_hold_for_random_and_for_ended_episodes(env_id: str) -> None:
     assert all(env.observation_spec.is_in(step) for step in steps["next"].select("observation", "link_lost"))
 
 
-def test_specs_are_those_of_the_tables() -> None:
+def test_specs_match_tables() -> None:
     env = bricksrl.make("Spinning-v0")
     spec = env.observation_spec["observation"]
     assert spec.low.tolist() == [0, 0, -90, -90, -100, 0]
@@ -76,7 +76,7 @@ def test_specs_are_those_of_the_tables() -> None:
 
 
 @IDS
-def test_a_seed_repeats_a_run_bit_for_bit(env_id: str) -> None:
+def test_equal_seeds_give_identical_runs(env_id: str) -> None:
     def run(env: HubEnv) -> TensorDict:
         generator = torch.Generator().manual_seed(1)
         size = env.action_spec.shape
@@ -115,7 +115,7 @@ def test_starts_and_directions_vary_within_their_ranges() -> None:
     assert {spinning.reset()["observation"][5].item() for _ in range(20)} == {0.0, 1.0}
 
 
-def test_driving_away_pays_until_the_time_is_up() -> None:
+def test_driving_away_is_rewarded_until_time_limit() -> None:
     env = bricksrl.make("RunAway-v0", seed=0)
     steps = env.rollout(30, always(-1.0))
     assert steps["next", "reward"].sum() > 13
@@ -136,7 +136,7 @@ def test_driving_into_the_wall_terminates_without_reward() -> None:
     assert steps["next", "observation"][-1, 4] <= 40
 
 
-def test_spinning_fast_goes_beyond_the_nominal_range() -> None:
+def test_fast_spin_exceeds_nominal_range() -> None:
     env = bricksrl.make("Spinning-v0", seed=0)
     left = env.rollout(50, always(-1.0, 1.0))
     rates, direction = left["next", "observation"][:, 4], left["observation"][0, 5]
@@ -147,7 +147,7 @@ def test_spinning_fast_goes_beyond_the_nominal_range() -> None:
     assert torch.equal(left["next", "reward"][:, 0], rates if direction == 0 else -rates)
 
 
-def test_actions_are_clamped_and_the_agent_keeps_its_own() -> None:
+def test_clamping_leaves_agents_action() -> None:
     action = torch.tensor([-7.0])
     wild, tame = run_away_env(), run_away_env()
     wild.reset()
@@ -166,7 +166,7 @@ def test_observations_may_be_changed_in_place() -> None:
 
 
 @pytest.mark.parametrize("values", [(0.5, 0.5), (), (float("nan"),)])
-def test_actions_that_are_none_are_refused_and_the_episode_goes_on(values: tuple[float, ...]) -> None:
+def test_invalid_actions_raise_and_episode_continues(values: tuple[float, ...]) -> None:
     env = run_away_env()
     env.reset()
     with pytest.raises(BricksError, match=r"shape|NaN"):
@@ -174,7 +174,7 @@ def test_actions_that_are_none_are_refused_and_the_episode_goes_on(values: tuple
     env.step(act(-1.0))
 
 
-def test_no_step_without_an_episode() -> None:
+def test_step_without_reset_raises() -> None:
     env = run_away_env()
     with pytest.raises(BricksError, match="reset"):
         env.step(act(0.0))
@@ -184,7 +184,7 @@ def test_no_step_without_an_episode() -> None:
         env.step(act(0.0))
 
 
-def test_the_link_opens_at_the_first_reset_and_closes() -> None:
+def test_link_opens_at_first_reset() -> None:
     class Watched(VirtualHub):
         calls: list[str] = []  # noqa: RUF012
 
@@ -209,7 +209,7 @@ def test_the_link_opens_at_the_first_reset_and_closes() -> None:
 
 
 class Deaf(VirtualHub):
-    """Its answers are lost while it does not hear."""
+    """Loses answers while it is deaf."""
 
     hears = True
 
@@ -225,7 +225,7 @@ def deaf_env() -> tuple[HubEnv, Deaf]:
     return env, env.twin
 
 
-def test_a_link_that_breaks_in_a_step_is_data() -> None:
+def test_lost_link_in_step_truncates() -> None:
     env, twin = deaf_env()
     before = env.step(act(-1.0))["next"]
     assert not before["link_lost"] and before["reward"] == 1
@@ -243,7 +243,7 @@ def test_a_link_that_breaks_in_a_step_is_data() -> None:
     assert env.step(act(-1.0))["next", "reward"] == 1
 
 
-def test_a_reset_that_fails_raises_at_once_without_patience_and_may_be_tried_again() -> None:
+def test_failed_reset_without_patience_raises() -> None:
     env, twin = deaf_env()
     twin.hears = False
     for says in ("answer", "hello"):
@@ -253,7 +253,7 @@ def test_a_reset_that_fails_raises_at_once_without_patience_and_may_be_tried_aga
     assert env.step(env.reset().set("action", torch.tensor([-1.0])))["next", "reward"] == 1
 
 
-def test_a_reset_tries_for_as_long_as_there_is_patience() -> None:
+def test_reset_retries_within_patience() -> None:
     env, twin = deaf_env()
     waits_s: list[float] = []
     told: list[str] = []
@@ -271,7 +271,7 @@ def test_a_reset_tries_for_as_long_as_there_is_patience() -> None:
     assert len(told) == 4 and "answer" in told[0] and all("hello" in text for text in told[1:])
 
 
-def test_a_robot_that_answers_only_to_resets_is_given_up() -> None:
+def test_robot_answering_only_resets_is_given_up() -> None:
     env, twin = deaf_env()
     now_s = [0.0]
 
@@ -290,7 +290,7 @@ def test_a_robot_that_answers_only_to_resets_is_given_up() -> None:
         env.reset()
 
 
-def test_a_robot_that_a_hand_places_keeps_its_link_when_seeded() -> None:
+def test_seeding_keeps_link_of_placed_robot() -> None:
     twin = VirtualHub(make_body(SPINNING.robot, scene=SPINNING.scene))
     link = HubLink(twin, SPINNING.robot, SPINNING.interface)
     placed = []
@@ -304,7 +304,7 @@ def test_a_robot_that_a_hand_places_keeps_its_link_when_seeded() -> None:
 
 
 @IDS
-def test_a_step_leaves_torchrl_nothing_to_complete(env_id: str) -> None:
+def test_step_writes_complete_torchrl_output(env_id: str) -> None:
     env = bricksrl.make(env_id, seed=0)
     env.reset()
     mine = env._step(TensorDict({"action": env.action_spec.rand()}, batch_size=()))
@@ -314,7 +314,7 @@ def test_a_step_leaves_torchrl_nothing_to_complete(env_id: str) -> None:
     env.close()
 
 
-def test_a_task_with_rewards_of_another_shape() -> None:
+def test_wrong_reward_shape_raises() -> None:
     task = dataclasses.replace(
         SPINNING, reward=lambda previous, action, observation: SPINNING.reward(previous, action, observation)[0]
     )
@@ -359,14 +359,14 @@ def test_transforms() -> None:
     assert torch.allclose(steps["normed"][2:, :6], steps["observation"][:-2] * 0.01)
 
 
-def test_normalising_in_place_of_the_observation() -> None:
+def test_observation_norm_in_place() -> None:
     env = TransformedEnv(bricksrl.make("RunAway-v0", seed=0), ObservationNorm(in_keys=["observation"]))
     env.transform.init_stats(num_iter=20)
     check_env_specs(env)
 
 
-def test_an_own_task_over_the_same_robot() -> None:
-    """All that a user writes for a task of their own."""
+def test_user_task_on_same_robot() -> None:
+    """Everything that a user writes for a task."""
     task = dataclasses.replace(RUN_AWAY, id="Approach-v0", max_steps=3, reward=lambda before, _, after: (before - after)[..., 4:])
     bricksrl.register(task)
     steps = bricksrl.make("Approach-v0", seed=0).rollout(10, always(0.5))
@@ -374,7 +374,7 @@ def test_an_own_task_over_the_same_robot() -> None:
     assert 30 < steps["next", "reward"].mean() < 70
 
 
-def test_a_walker_waits_until_its_way_is_clear(caplog: pytest.LogCaptureFixture) -> None:
+def test_walker_waits_for_clear_path(caplog: pytest.LogCaptureFixture) -> None:
     env = bricksrl.make("Walker-v0", seed=0)
     env.reset()
     assert env.twin is not None
@@ -390,7 +390,7 @@ def test_a_walker_waits_until_its_way_is_clear(caplog: pytest.LogCaptureFixture)
     assert [body.angle_mdeg(port) for port in env.twin.machine.servos] == pytest.approx(legs, abs=8000)
 
 
-def test_a_walker_whose_way_stays_blocked_gives_up(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_walker_gives_up_if_blocked(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("bricksrl.envs.env.BLOCKED_TIMEOUT_S", 0.5)
     env = bricksrl.make("Walker-v0", seed=0, blocked_at_mm=2000)
     env.reset()
@@ -398,7 +398,7 @@ def test_a_walker_whose_way_stays_blocked_gives_up(monkeypatch: pytest.MonkeyPat
     assert "clear it" in str(env.link_error)
 
 
-def test_a_step_tells_when_it_happened() -> None:
+def test_step_has_timestamp() -> None:
     env = bricksrl.make("Spinning-v0", seed=0)
     state = env.reset()
     with pytest.raises(BricksError, match="no step yet"):

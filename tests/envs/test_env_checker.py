@@ -1,4 +1,4 @@
-"""The checker finds nothing wrong with our environments, and everything that is wrong with others."""
+"""The environment checker on valid and wrong environments."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def outcomes(task: Task) -> dict[str, tuple[Outcome, str]]:
 
 
 @pytest.mark.parametrize("env_id", bricksrl.list_envs())
-def test_our_environments_keep_their_promises(env_id: str) -> None:
+def test_our_environments_pass_check(env_id: str) -> None:
     checks = list(check_env(env_id))
     skipped = {"twin"} if "Sim" in env_id else set()
     assert {check.name for check in checks if check.outcome is Outcome.SKIPPED} == skipped
@@ -41,7 +41,7 @@ def test_our_environments_keep_their_promises(env_id: str) -> None:
     assert all("\n" not in check.detail for check in checks)
 
 
-def test_a_description_without_tables_is_no_fault() -> None:
+def test_description_without_tables_passes() -> None:
     found = outcomes(MINE)
     assert found.pop("description")[0] is Outcome.SKIPPED
     assert {outcome for outcome, _ in found.values()} == {Outcome.OK}
@@ -79,14 +79,14 @@ WRONG_TABLES = [
         ({"robot": Robot("two-wheeler", HubKind.MOVE)}, "hub program", "not supported"),
     ],
 )
-def test_what_is_wrong_is_found(change: dict[str, object], name: str, says: str) -> None:
+def test_wrong_environments_fail_check(change: dict[str, object], name: str, says: str) -> None:
     outcome, detail = outcomes(replace(MINE, **change))[name]
     assert outcome is Outcome.ERROR
     assert says in detail
     assert "\n" not in detail
 
 
-def test_a_robot_that_shows_nothing_of_what_it_does_is_found() -> None:
+def test_unresponsive_observation_fails_check() -> None:
     motors = (Motor("arm", "A"), Motor("idle", "B"))
     interface = Interface((RunAngle("arm", -10, 10, 100),), (MotorAngle("idle"),), Wait(50))
     never = replace(RUN_AWAY, id="Never-v0", doc="Idle.", robot=Robot("bench", HubKind.PRIME, motors), interface=interface)

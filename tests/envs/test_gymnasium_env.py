@@ -1,4 +1,4 @@
-"""What users of Gymnasium see."""
+"""The Gymnasium interface."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ IDS = pytest.mark.parametrize("env_id", ["RunAway-v0", "Spinning-v0"])
 
 
 @IDS
-def test_gymnasiums_own_checker_has_nothing_to_say(env_id: str) -> None:
+def test_gymnasium_checker_passes(env_id: str) -> None:
     env = gymnasium.make(f"bricksrl/{env_id}").unwrapped
     env.reset()
     with warnings.catch_warnings():
@@ -31,8 +31,8 @@ def test_gymnasiums_own_checker_has_nothing_to_say(env_id: str) -> None:
 
 
 @IDS
-def test_torchrl_wraps_it_as_any_environment_of_gymnasiums(env_id: str) -> None:
-    """It first tries an option that few environments have."""
+def test_torchrl_wraps_gymnasium_env(env_id: str) -> None:
+    """TorchRL first tries a rare option."""
     env = GymEnv(f"bricksrl/{env_id}")
     check_env_specs(env)
     env.close()
@@ -40,7 +40,7 @@ def test_torchrl_wraps_it_as_any_environment_of_gymnasiums(env_id: str) -> None:
         gymnasium.make(f"bricksrl/{env_id}", colour="red")
 
 
-def test_spaces_hold_what_a_hub_can_report() -> None:
+def test_spaces_cover_hub_range() -> None:
     run_away, spinning = gymnasium.make("bricksrl/RunAway-v0"), gymnasium.make("bricksrl/Spinning-v0")
     assert run_away.observation_space == gymnasium.spaces.Box(
         np.array([0, 0, -90, -90, 0], np.float32), np.array([360, 360, 90, 90, 2000], np.float32)
@@ -49,7 +49,7 @@ def test_spaces_hold_what_a_hub_can_report() -> None:
     assert spinning.action_space == gymnasium.spaces.Box(-1, 1, (2,))
 
 
-def test_an_episode_is_that_of_the_torchrl_environment() -> None:
+def test_gymnasium_episode_equals_torchrl() -> None:
     env = gymnasium.make("bricksrl/Spinning-v0")
     observation, info = env.reset(seed=5)
     reference = bricksrl.make("Spinning-v0", seed=5)
@@ -88,7 +88,7 @@ def test_drawing() -> None:
     env.close()
 
 
-def test_both_ways_to_find_it() -> None:
+def test_gymnasium_make_by_both_names() -> None:
     """After ``import bricksrl``, and by naming the module in the id."""
     program = "import gymnasium; gymnasium.make('bricksrl:bricksrl/RunAway-v0').reset(); print('fine')"
     done = subprocess.run(

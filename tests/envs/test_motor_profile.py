@@ -1,4 +1,4 @@
-"""Motors of `WalkerSim-v1` answer as the firmware's do (tests/data/firmware_motion.json)."""
+"""Motors of `WalkerSim-v1` against the firmware (tests/data/firmware_motion.json)."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ from bricksrl.errors import DescriptionError
 
 FIRMWARE = json.loads((Path(__file__).parents[1] / "data" / "firmware_motion.json").read_text())
 LAG_DEG = 2.0
-"""The motor behind its reference, and whole degrees."""
+"""Lag of the motor, and rounding to degrees."""
 SPEEDS, TURNS = st.floats(-600, 600), st.floats(-360, 360)
 
 
 @pytest.mark.parametrize("move", FIRMWARE["run_angle_repeated"], ids=lambda move: f"{move['speed']} deg/s")
-def test_commands_that_overlap(move: dict[str, Any]) -> None:
+def test_overlapping_commands(move: dict[str, Any]) -> None:
     position = speed = torch.zeros(1)
     for expected in move["angles_after_each_then_at_rest"][:-1]:
         turned, speed = turn_on(
@@ -45,7 +45,7 @@ def test_every_moment_of_one_command() -> None:
 
 
 @given(TURNS, SPEEDS, st.floats(10, 1000))
-def test_with_time_it_arrives_and_rests(turn: float, speed: float, limit: float) -> None:
+def test_motion_arrives_and_rests(turn: float, speed: float, limit: float) -> None:
     # The firmware takes a start that is too fast to stop, or too fast at all, as it comes: leave those out.
     turned, rest = turn_on(torch.tensor([turn]), torch.tensor([speed]), torch.tensor([limit]), 60.0)
     assert turned.item() == pytest.approx(turn, abs=0.05)
@@ -54,7 +54,7 @@ def test_with_time_it_arrives_and_rests(turn: float, speed: float, limit: float)
 
 @given(TURNS, SPEEDS, st.floats(0.001, 0.5))
 def test_no_jump_in_between(turn: float, speed: float, time_s: float) -> None:
-    """In a millisecond nothing turns farther than its speed allows, and no speed changes by more than the acceleration."""
+    """Speed and acceleration limits hold in every millisecond."""
     limit = torch.tensor([600.0])
     at = [turn_on(torch.tensor([turn]), torch.tensor([speed]), limit, t) for t in (time_s, time_s + 0.001)]
     (one, one_speed), (other, other_speed) = ((a.item(), b.item()) for a, b in at)
@@ -63,7 +63,7 @@ def test_no_jump_in_between(turn: float, speed: float, time_s: float) -> None:
 
 
 def test_walker_sim_v1_starts_slowly() -> None:
-    """60 degrees in the first step and about 88 in each that follows, as the firmware; a reset takes the speed away."""
+    """60 degrees in the first step and about 88 in later ones, as in the firmware; a reset clears the speed."""
     env = SimulatedEnv(get_task("WalkerSim-v1"), Kinematics(0.0, motion="firmware"), batch_size=2, seed=0)
     for _ in range(2):
         angle, turned = env.reset()["observation"][:, :4], []

@@ -1,4 +1,4 @@
-"""How far a robot gets: along its start heading, straightness, and the estimate of a real robot."""
+"""Odometry: distance along the initial heading, straightness, estimate of a real robot."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ NOTHING = np.zeros(7, dtype=np.float32)
 
 
 @pytest.mark.parametrize("heading_deg", [0.0, 90.0, -30.0, 400.0])
-def test_forward_is_where_the_robot_faced_at_the_start(heading_deg: float) -> None:
+def test_forward_is_initial_heading(heading_deg: float) -> None:
     poses = [Pose(1.0, 2.0, heading_deg)]
     odometer = TrueOdometer(lambda: poses[-1])
     odometer.start(10.0)
@@ -34,7 +34,7 @@ def test_forward_is_where_the_robot_faced_at_the_start(heading_deg: float) -> No
     assert metrics["turned_deg"] == pytest.approx(5)
 
 
-def test_a_real_robot_counts_how_much_nearer_the_wall_comes() -> None:
+def test_real_robot_uses_wall_distance() -> None:
     odometer = SonarOdometer(get_task("Walker-v1").interface)
     odometer.start(0.0)
     readings = [np.array([0] * 6 + [distance_mm], dtype=np.float32) for distance_mm in (2000, 1500, 1480, 1490, 2000, 1000)]
@@ -44,7 +44,7 @@ def test_a_real_robot_counts_how_much_nearer_the_wall_comes() -> None:
 
 
 @pytest.mark.parametrize("env_id", ["Walker-v0", "Walker-v1"])
-def test_a_trot_gets_ahead_and_standing_does_not(env_id: str) -> None:
+def test_trot_advances_standing_does_not(env_id: str) -> None:
     env = bricksrl.make(env_id, seed=0)
     ways = {}
     for name, speed in (("standing", 1.0), ("going", -1.0)):

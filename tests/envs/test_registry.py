@@ -24,7 +24,7 @@ def test_list_describes_each_environment() -> None:
     ("name", "meant"),
     [("RunAway", "RunAway-v0"), ("runaway-v0", "RunAway-v0"), ("Spining-v0", "Spinning-v0"), ("Chess-v5", None)],
 )
-def test_unknown_names_are_answered_with_known_ones(name: str, meant: str | None) -> None:
+def test_unknown_environment_lists_known_ones(name: str, meant: str | None) -> None:
     with pytest.raises(UnknownNameError, match=f"no environment '{name}'") as caught:
         bricksrl.make(name)
     message = str(caught.value)
@@ -33,7 +33,7 @@ def test_unknown_names_are_answered_with_known_ones(name: str, meant: str | None
     assert (f"did you mean '{meant}'?" in message) is (meant is not None)
 
 
-def test_other_hubs_are_not_known() -> None:
+def test_unknown_hubs_raise() -> None:
     for hub in ("wifi", "ble:", "virtual:2", ""):
         with pytest.raises(UnknownNameError, match="choose 'virtual', 'ble' or 'usb'"):
             bricksrl.make("RunAway-v0", hub=hub)
@@ -41,7 +41,7 @@ def test_other_hubs_are_not_known() -> None:
         bricksrl.make("RunAway-v0", hub="ble", realtime=True)
 
 
-def test_own_tasks_may_not_replace_ours_but_each_other() -> None:
+def test_user_tasks_cannot_replace_built_in() -> None:
     with pytest.raises(DescriptionError, match="comes with BricksRL"):
         bricksrl.register(dataclasses.replace(RUN_AWAY, max_steps=5))
     mine = dataclasses.replace(RUN_AWAY, id="Mine-v0")

@@ -1,4 +1,4 @@
-"""The arm that a camera shows its goal."""
+"""The arm with an image of its goal."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def random_actions(seed: int = 1) -> Callable[[TensorDictBase], TensorDictBase]:
 
 
 def steer(env: HubEnv) -> Callable[[TensorDictBase], TensorDictBase]:
-    """Turns and stretches the arm to where the green disc is in the image."""
+    """Turn and stretch the arm towards the green disc in the image."""
 
     def act(td: TensorDictBase) -> TensorDictBase:
         red, green, blue = td["image"].int().unbind(-1)
@@ -97,7 +97,7 @@ def test_as_in_the_paper() -> None:
     assert (GOAL.jitter_px, GOAL.radius_px, GOAL.red.area_px) == ((25, 20), 25, 10)
 
 
-def test_rewards_and_ends_from_what_is_seen() -> None:
+def test_rewards_and_ends_from_image() -> None:
     dense, sparse = get_task(ID), get_task(ID, sparse=True)
     seen = torch.tensor([[0.0, 40, -70, 250, 250], [0, 40, -70, 120, 40], [0, 40, -70, 120, 800]])
     action = torch.zeros(3, 3)
@@ -109,7 +109,7 @@ def test_rewards_and_ends_from_what_is_seen() -> None:
     assert dense.metrics(seen[None, :2])["final_distance_px"].tolist() == [40]
 
 
-def test_a_seed_repeats_a_run_bit_for_bit() -> None:
+def test_equal_seeds_give_identical_runs() -> None:
     env, other = bricksrl.make(ID, seed=3), bricksrl.make(ID, seed=4)
     first = env.rollout(6, random_actions(), break_when_any_done=False)
     env.set_seed(3)
@@ -119,7 +119,7 @@ def test_a_seed_repeats_a_run_bit_for_bit() -> None:
     other.close()
 
 
-def test_a_policy_that_looks_brings_the_ball_to_the_goal() -> None:
+def test_scripted_policy_brings_ball_to_goal() -> None:
     env = bricksrl.make(ID, seed=0)
     gains, arrived = [], []
     for _ in range(6):
@@ -163,7 +163,7 @@ def test_gymnasium() -> None:
     env.close()
 
 
-def test_chance_does_without_images(tmp_path: Path) -> None:
+def test_random_agent_needs_no_images(tmp_path: Path) -> None:
     env = short()
     result = train(TrainConfig(ID, agent="random", episodes=2, run_dir=tmp_path / "random"), env=env)
     assert all(episode.success is not None for episode in result.episodes)
@@ -173,7 +173,7 @@ def test_chance_does_without_images(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("agent", ["sac", "td3"])
-def test_a_run_in_two_parts_ends_as_one_in_a_single_part(agent: str, tmp_path: Path) -> None:
+def test_resumed_run_equals_uninterrupted(agent: str, tmp_path: Path) -> None:
     settings = replace(preset("default", agent, images=True), hidden=(16,), batch_size=8, prefill_episodes=1)
     whole = TrainConfig(ID, agent, episodes=3, seed=2, settings=settings, run_dir=tmp_path / "whole")
     one = train(whole, env=short())
@@ -189,7 +189,7 @@ def test_a_run_in_two_parts_ends_as_one_in_a_single_part(agent: str, tmp_path: P
 
 
 @pytest.mark.slow
-def test_it_learns_beside_the_robot_too(tmp_path: Path) -> None:
+def test_asynchronous_run_with_images(tmp_path: Path) -> None:
     settings = replace(preset("default", "sac", images=True), hidden=(16,), batch_size=8, prefill_episodes=1)
     config = TrainConfig(ID, episodes=3, settings=settings, asynchronous=True, run_dir=tmp_path / "run")
     result = train(config, env=short())
@@ -200,7 +200,7 @@ def test_it_learns_beside_the_robot_too(tmp_path: Path) -> None:
     evaluate(result.run_dir, short(), episodes=1)
 
 
-def test_the_settings_for_images_are_taken_and_written_down(tmp_path: Path) -> None:
+def test_image_settings_are_saved(tmp_path: Path) -> None:
     for name in ("default", "paper"):
         config = TrainConfig(ID, settings=settings_for(ID, name, "sac"))
         assert config.settings.encoder == ("keypoints" if name == "default" else "convolutions")
@@ -210,14 +210,14 @@ def test_the_settings_for_images_are_taken_and_written_down(tmp_path: Path) -> N
 
 @pytest.mark.slow
 def test_sac_learns_to_bring_the_ball_to_the_disc(tmp_path: Path) -> None:
-    """One seed tells little more than that it learns (random actions: 46 %); `benchmarks/camera_learning.py` has the rate."""
+    """One seed only shows that it learns (random actions: 46 %); `benchmarks/camera_learning.py` has the rate."""
     train(TrainConfig(ID, episodes=40, run_dir=tmp_path / "run"))
     success = evaluate(tmp_path / "run", episodes=50).success_rate
     assert success is not None
     assert success >= 0.55
 
 
-def test_without_a_library_to_draw_with_rays_show_the_same() -> None:
+def test_raycast_image_without_opengl() -> None:
     program = f"import bricksrl, torch\ntorch.manual_seed(1)\nsteps = bricksrl.make('{ID}', seed=5).rollout(3)\n"
     program += "print(steps['next', 'reward'][0].item(), steps['image'][0].float().mean().item())"
     environment = {**os.environ, "MUJOCO_GL": "disable"}

@@ -1,4 +1,4 @@
-"""The batched simulations: specs, noise, ends, resets, and how well scripted policies do in them."""
+"""Batched simulations: specs, noise, ends, resets, scripted policies."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def acted(env: SimulatedEnv, action: torch.Tensor) -> TensorDictBase:
     return env.step(TensorDict({"action": action}, env.batch_size))["next"]
 
 
-def test_batches_are_written_as_torchrl_writes_them_too() -> None:
+def test_batched_steps_match_torchrl() -> None:
     assert bricksrl.make("WalkerSim-v0", batch_size=[3]).batch_size == torch.Size([3])
     assert bricksrl.make("WalkerSim-v0", batch_size=np.int64(3)).batch_size == torch.Size([3])
     assert bricksrl.make("WalkerSim-v0", batch_size=torch.Size([])).batch_size == torch.Size([])
@@ -44,7 +44,7 @@ def test_specs(env_id: str, batch_size: int) -> None:
 @pytest.mark.parametrize(
     ("sim", "robot"), [("WalkerSim-v0", "Walker-v0"), ("WalkerSim-v1", "Walker-v0"), ("RoboArmSim-v0", "RoboArm-v0")]
 )
-def test_a_simulation_has_the_specs_of_its_robot(sim: str, robot: str) -> None:
+def test_simulation_specs_equal_robot(sim: str, robot: str) -> None:
     simulated, real = bricksrl.make(sim), bricksrl.make(robot)
     for spec, other in (
         (simulated.observation_spec["observation"], real.observation_spec["observation"]),
@@ -56,7 +56,7 @@ def test_a_simulation_has_the_specs_of_its_robot(sim: str, robot: str) -> None:
 
 
 @pytest.mark.parametrize("env_id", SIMULATIONS)
-def test_one_copy_moves_as_many_do(env_id: str) -> None:
+def test_single_copy_equals_batch(env_id: str) -> None:
     one, many = bricksrl.make(env_id, kinematics=QUIET, seed=0), bricksrl.make(env_id, kinematics=QUIET, batch_size=3, seed=0)
     one.reset(), many.reset()
     many._state[:] = one._state
@@ -66,7 +66,7 @@ def test_one_copy_moves_as_many_do(env_id: str) -> None:
         assert torch.equal(together[key][2], alone[key])
 
 
-def test_the_same_seed_repeats_everything() -> None:
+def test_simulation_is_reproducible() -> None:
     runs = [
         bricksrl.make("WalkerSim-v0", batch_size=5, seed=3).rollout(20, policy=lambda td: td.set("action", torch.ones(5, 4)))
         for _ in "ab"
@@ -91,7 +91,7 @@ def test_joints_stop_at_their_range() -> None:
 
 
 @pytest.mark.parametrize(("noise_on", "spread_deg"), [("action", 5.0), ("state", 5.0)])
-def test_noise_is_as_large_as_it_says_and_leaves_the_agents_action_alone(noise_on: str, spread_deg: float) -> None:
+def test_noise_has_given_scale(noise_on: str, spread_deg: float) -> None:
     env = bricksrl.make("WalkerSim-v0", kinematics=Kinematics(0.1, noise_on), batch_size=5000, seed=0)
     before = env.reset()["observation"][:, :4]
     action = torch.zeros(5000, 4)
@@ -101,7 +101,7 @@ def test_noise_is_as_large_as_it_says_and_leaves_the_agents_action_alone(noise_o
     assert torch.equal(action, torch.zeros(5000, 4))
 
 
-def test_only_copies_that_are_done_start_anew() -> None:
+def test_only_done_copies_reset() -> None:
     env = bricksrl.make("RoboArmSim-v0", batch_size=2000, seed=0)
     state = env.reset()
     for _ in range(3):
@@ -119,14 +119,14 @@ def test_the_time_limit_truncates() -> None:
     assert steps["next", "truncated"][:, -1].all() and not steps["next", "terminated"].any()
 
 
-def test_a_random_walker_is_as_bad_as_known() -> None:
+def test_random_walker_return_is_as_known() -> None:
     returns = bricksrl.make("WalkerSim-v0", batch_size=500, seed=0).rollout(100)["next", "reward"].sum(1)
     # facts/environments.md: -200 +- 15
     assert returns.mean().item() == pytest.approx(-200, abs=3)
     assert returns.std().item() == pytest.approx(15, abs=3)
 
 
-def test_a_random_arm_is_a_little_worse_than_the_released_one() -> None:
+def test_random_arm_is_slightly_worse_than_released() -> None:
     torch.manual_seed(0)
     env = bricksrl.make("RoboArmSim-v0", batch_size=2000, seed=0)
     env.reset()
@@ -141,7 +141,7 @@ def test_a_random_arm_is_a_little_worse_than_the_released_one() -> None:
     assert returns.mean().item() == pytest.approx(-164, abs=8)
 
 
-def test_an_arm_that_turns_straight_to_its_goal_succeeds() -> None:
+def test_direct_arm_policy_succeeds() -> None:
     env = bricksrl.make("RoboArmSim-v0", batch_size=500, seed=0)
     observation, done = env.reset()["observation"], torch.zeros(500, dtype=torch.bool)
     for _ in range(10):
@@ -164,7 +164,7 @@ def test_options_of_the_arm() -> None:
         bricksrl.make("RoboArmSim-v0", colour="red")
 
 
-def test_what_does_not_fit_is_refused() -> None:
+def test_mismatches_raise() -> None:
     with pytest.raises(DescriptionError, match="one robot"):
         bricksrl.make("RunAway-v0", batch_size=4)
     with pytest.raises(DescriptionError, match="without a robot"):
@@ -177,7 +177,7 @@ def test_what_does_not_fit_is_refused() -> None:
 
 
 @pytest.mark.parametrize("env_id", SIMULATIONS)
-def test_what_was_given_out_stays_as_it_was(env_id: str) -> None:
+def test_returned_tensors_are_not_modified(env_id: str) -> None:
     env = bricksrl.make(env_id, batch_size=300, seed=0)
     state = env.reset()
     kept = []
@@ -189,7 +189,7 @@ def test_what_was_given_out_stays_as_it_was(env_id: str) -> None:
 
 
 def test_auto_reset_is_that_of_torchrl(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The shortcut gives what TorchRL's own way of resetting gives, number for number."""
+    """The shortcut equals TorchRL's reset."""
     runs = []
     for maybe_reset in (SimulatedEnv.maybe_reset, EnvBase.maybe_reset):
         monkeypatch.setattr(SimulatedEnv, "maybe_reset", maybe_reset)

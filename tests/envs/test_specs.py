@@ -1,4 +1,4 @@
-"""A spec with nominal bounds stays one through everything that TorchRL does to specs."""
+"""Nominal bounds survive TorchRL's operations on specs."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def spec() -> NominalBounded:
     return NominalBounded(torch.tensor([0.0, -1.0]), torch.tensor([10.0, 1.0]), nominal=torch.tensor([False, True]))
 
 
-def test_nominal_entries_take_any_finite_number(spec: NominalBounded) -> None:
+def test_nominal_entries_accept_finite_numbers(spec: NominalBounded) -> None:
     assert spec.is_in(torch.tensor([5.0, 0.5]))
     assert spec.is_in(torch.tensor([5.0, -300.0]))
     assert spec.is_in(torch.tensor([[5.0, -300.0], [0.0, 300.0]]))
@@ -30,7 +30,7 @@ def test_nominal_entries_take_any_finite_number(spec: NominalBounded) -> None:
     assert not spec.is_in(torch.tensor(5.0))
 
 
-def test_bounds_are_shown_and_drawn_from(spec: NominalBounded) -> None:
+def test_bounds_are_used_for_sampling(spec: NominalBounded) -> None:
     assert spec.low.tolist() == [0, -1]
     assert spec.high.tolist() == [10, 1]
     drawn = spec.rand((1000,))
@@ -63,7 +63,7 @@ def test_nominal_entries_are_not_projected(spec: NominalBounded) -> None:
         (lambda s: Composite(a=s).clone()["a"], [5.0, 300.0], [11.0, 0.0]),
     ],
 )
-def test_operations_keep_the_class(
+def test_operations_keep_spec_class(
     spec: NominalBounded, operation: Callable[[NominalBounded], NominalBounded], inside: list[float], outside: list[float]
 ) -> None:
     result = operation(spec)
@@ -80,7 +80,7 @@ def test_other_precision(spec: NominalBounded) -> None:
     assert type(spec) is NominalBounded and spec.dtype == torch.float32
 
 
-def test_equality_looks_at_what_is_nominal(spec: NominalBounded) -> None:
+def test_equality_compares_nominal_entries(spec: NominalBounded) -> None:
     assert spec == spec.clone()
     assert spec != NominalBounded(spec.low, spec.high)
     assert spec != Bounded(spec.low, spec.high)

@@ -1,4 +1,4 @@
-"""Stopping and pausing an environment from another thread."""
+"""Stop and pause from another thread."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def driven(env: HubEnv) -> bool:
     return any(servo.control.is_active for servo in env.twin.machine.servos.values())
 
 
-def test_a_stopped_robot_does_not_move_until_it_may(env: HubEnv) -> None:
+def test_stopped_robot_moves_only_after_release(env: HubEnv) -> None:
     step(env)
     elsewhere(env.stop)
     with pytest.raises(StoppedError):
@@ -55,15 +55,15 @@ def test_a_stopped_robot_does_not_move_until_it_may(env: HubEnv) -> None:
     assert driven(env)
 
 
-def test_a_new_seed_does_not_bring_a_stopped_robot_back(env: HubEnv) -> None:
-    """A new seed brings a new virtual robot, which nobody has stopped."""
+def test_seeding_keeps_robot_stopped(env: HubEnv) -> None:
+    """A new seed makes a new virtual robot."""
     env.stop()
     env.set_seed(3)
     with pytest.raises(StoppedError):
         env.reset()
 
 
-def test_a_robot_can_be_stopped_before_it_is_there() -> None:
+def test_stop_before_connection() -> None:
     env = bricksrl.make("Spinning-v0", seed=0)
     env.stop()
     with pytest.raises(StoppedError):
@@ -73,7 +73,7 @@ def test_a_robot_can_be_stopped_before_it_is_there() -> None:
     env.close()
 
 
-def test_a_pause_ends_the_episode_after_the_step_at_hand(env: HubEnv) -> None:
+def test_pause_truncates_after_current_step(env: HubEnv) -> None:
     assert not step(env)["done"]
     elsewhere(env.pause)
     assert env.is_paused and not env.is_cut
@@ -83,7 +83,7 @@ def test_a_pause_ends_the_episode_after_the_step_at_hand(env: HubEnv) -> None:
     assert link.state is LinkState.READY and not driven(env)
 
 
-def test_a_reset_waits_for_the_end_of_a_pause_and_the_program_goes_on(env: HubEnv) -> None:
+def test_reset_waits_during_pause(env: HubEnv) -> None:
     env.pause()
     step(env)
     link = env._connection.link
@@ -105,7 +105,7 @@ def test_a_stop_ends_a_pause(env: HubEnv) -> None:
         env.reset()
 
 
-def test_a_pause_before_the_first_reset_holds_it_back() -> None:
+def test_pause_delays_first_reset() -> None:
     env = bricksrl.make("Spinning-v0", seed=0)
     env.pause()
     threading.Timer(0.5, env.resume).start()

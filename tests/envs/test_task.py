@@ -1,4 +1,4 @@
-"""Tasks are pure, batched functions; the numbers are those of the environment tables."""
+"""Tasks: pure, batched functions with the numbers of the tables."""
 
 from __future__ import annotations
 
@@ -59,13 +59,13 @@ def test_run_away_succeeds_when_it_ends_a_metre_away(path_mm: tuple[float, ...],
     assert RUN_AWAY.metrics(episode)["final_distance_mm"].item() == path_mm[-1]
 
 
-def test_run_away_tells_how_far_the_robot_tipped() -> None:
+def test_run_away_reports_max_tilt() -> None:
     episode = at_distance(300, 400, 500)
     episode[:, 2] = torch.tensor([1.0, -4.0, 2.0])
     assert RUN_AWAY.metrics(episode)["largest_pitch_deg"].item() == 4.0
 
 
-def test_a_walkers_episode_takes_25_seconds_whatever_its_steps_take() -> None:
+def test_walker_episode_takes_25_seconds() -> None:
     task = get_task("Walker-v0", step_ms=500)
     assert (task.max_steps, task.interface.settle.fixed_ms) == (50, 500)
     assert get_task("Walker-v0").max_steps == 100
@@ -117,7 +117,7 @@ def test_all_functions_are_batched(task: Task, batch: tuple[int, ...]) -> None:
     assert all(value.shape == batch for value in task.metrics(episode).values())
 
 
-def test_only_measured_values_that_can_exceed_their_table_are_nominal() -> None:
+def test_nominal_entries_are_measured_and_exceedable() -> None:
     assert [entry.name for entry in RUN_AWAY.entries if entry.limits is not None] == []
     assert [(e.name, e.limits) for e in SPINNING.entries if e.limits is not None] == [("yaw_rate", (-3276.7, 3276.7))]
     arm = dataclasses.replace(
@@ -142,6 +142,6 @@ def test_sampled_entries_are_drawn_from_their_whole_range() -> None:
         ({"sampled_entries": (SampledEntry("distance", 0, 1),)}, "twice"),
     ],
 )
-def test_a_task_that_cannot_be_is_refused(change: dict[str, object], words: str) -> None:
+def test_invalid_task_raises(change: dict[str, object], words: str) -> None:
     with pytest.raises(DescriptionError, match=words):
         dataclasses.replace(RUN_AWAY, **change)  # type: ignore[arg-type]

@@ -1,4 +1,4 @@
-"""The tables in the tasks' descriptions say what the tasks are."""
+"""Tables in task docstrings match the tasks."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def test_metrics_and_summary(task: Task) -> None:
 
 
 def test_as_in_the_paper() -> None:
-    """The paper's tables, word for word where ours has other names."""
+    """Tables of the paper, with our names."""
     assert [(e.low, e.high) for e in RUN_AWAY.entries] == [(0, 360), (0, 360), (-90, 90), (-90, 90), (0, 2000)]
     assert [(e.low, e.high) for e in SPINNING.entries] == [(0, 360), (0, 360), (-90, 90), (-90, 90), (-100, 100), (0, 1)]
     assert (RUN_AWAY.max_steps, SPINNING.max_steps) == (20, 50)

@@ -1,4 +1,4 @@
-"""TorchRL's own tools over our environments: several at once, in processes, collected, transformed."""
+"""TorchRL's tools with our environments: serial, parallel, collectors, transforms."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ MAKE = functools.partial(bricksrl.make, "RunAway-v0")
 
 
 def returns(envs: EnvBase) -> list[float]:
-    """Of four steps of two environments, all the way back, from one seed."""
+    """Returns of four steps of two environments."""
     envs.set_seed(3)
     steps = envs.rollout(4, policy=lambda td: td.set("action", torch.full((2, 1), -1.0)))
     envs.close()
@@ -26,7 +26,7 @@ def returns(envs: EnvBase) -> list[float]:
 
 
 @pytest.mark.slow
-def test_several_robots_in_one_process_and_in_many_do_the_same() -> None:
+def test_serial_and_parallel_envs_are_equal() -> None:
     here, there = returns(SerialEnv(2, MAKE)), returns(ParallelEnv(2, MAKE))
     assert here == there
     assert all(one > 0 for one in here)
@@ -34,7 +34,7 @@ def test_several_robots_in_one_process_and_in_many_do_the_same() -> None:
 
 @pytest.mark.filterwarnings("ignore:Creating .*WeightUpdater:DeprecationWarning")  # TorchRL's own, when it is loaded
 @pytest.mark.parametrize(("env_id", "frames"), [("RunAway-v0", 50), ("WalkerSim-v0", 150)])
-def test_a_collector_goes_on_over_the_ends_of_episodes(env_id: str, frames: int) -> None:
+def test_collector_continues_over_episode_ends(env_id: str, frames: int) -> None:
     from torchrl.collectors import Collector
 
     collector = Collector(bricksrl.make(env_id, seed=0), None, frames_per_batch=frames, total_frames=2 * frames)

@@ -1,4 +1,4 @@
-"""Tasks of the user's own, by file or module."""
+"""Tasks from users' files and modules."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.mark.parametrize("reference", ["mine.py:MINE", "./mine.py:MINE", "mine:MINE"])
-def test_a_task_in_a_file_or_module(folder: Path, reference: str) -> None:
+def test_task_from_file_or_module(folder: Path, reference: str) -> None:
     path = list(sys.path)
     assert bricksrl.envs.get_task(reference).max_steps == 3
     env = bricksrl.make(reference, seed=0)
@@ -45,13 +45,13 @@ def test_a_task_in_a_file_or_module(folder: Path, reference: str) -> None:
     assert sys.path == path
 
 
-def test_the_name_may_be_left_out_where_there_is_one_task(folder: Path) -> None:
+def test_name_is_optional_for_single_task(folder: Path) -> None:
     assert bricksrl.envs.get_task("single.py").id == "One-v0"
     with pytest.raises(UnknownNameError, match="2 tasks .*RUN_AWAY, MINE"):
         bricksrl.envs.get_task("mine.py")
 
 
-def test_a_function_takes_options(folder: Path) -> None:
+def test_task_function_with_options(folder: Path) -> None:
     assert bricksrl.envs.get_task("options.py:task").max_steps == 5
     assert bricksrl.envs.get_task("options.py:task", steps=2).max_steps == 2
     with pytest.raises(DescriptionError, match="no option colour"):
@@ -73,7 +73,7 @@ def test_a_function_takes_options(folder: Path) -> None:
         (":TASK", UnknownNameError, "module"),
     ],
 )
-def test_what_is_no_task_is_said_in_one_line(folder: Path, reference: str, error: type[Exception], says: str) -> None:
+def test_invalid_task_reference_raises(folder: Path, reference: str, error: type[Exception], says: str) -> None:
     with pytest.raises(error, match=says) as caught:
         bricksrl.make(reference)
     assert "\n" not in str(caught.value)

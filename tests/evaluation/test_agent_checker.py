@@ -1,4 +1,4 @@
-"""Checks of agents: ours pass, and what is wrong with one of the user's own is said in one line."""
+"""Agent checker on our agents and wrong user agents."""
 
 from __future__ import annotations
 
@@ -40,13 +40,13 @@ def own(path: Path, *, change: str = "", field: str = "", frozen: str = "frozen=
 
 
 @pytest.mark.parametrize("agent", ["sac", "ppo", "bc", "act", "random"])
-def test_ours_pass(agent: str) -> None:
+def test_our_agents_pass_check(agent: str) -> None:
     checks = list(check_agent(agent))
     assert [check.name for check in checks] == ["settings", "build", "acting", "memory", "learning", "saving", "copies"]
     assert [check for check in checks if check.outcome is Outcome.ERROR] == []
 
 
-def test_one_of_ones_own_passes(tmp_path: Path) -> None:
+def test_user_agent_passes_check(tmp_path: Path) -> None:
     assert {check.outcome for check in check_agent(own(tmp_path))} == {Outcome.OK}
 
 
@@ -64,12 +64,12 @@ def test_one_of_ones_own_passes(tmp_path: Path) -> None:
         ({"change": "learner.state_dict = lambda: {'a': object()}"}, "saving", "object"),
     ],
 )
-def test_what_is_wrong_is_one_line(tmp_path: Path, what: dict[str, str], name: str, says: str) -> None:
+def test_wrong_agent_fails_check(tmp_path: Path, what: dict[str, str], name: str, says: str) -> None:
     failed = [check for check in check_agent(own(tmp_path, **what)) if check.outcome is Outcome.ERROR]
     assert failed[0].name == name and says in failed[0].detail and "\n" not in failed[0].detail
 
 
-def test_settings_that_change_are_told(tmp_path: Path) -> None:
+def test_changed_settings_are_reported(tmp_path: Path) -> None:
     path = tmp_path / "own.py"
     path.write_text(
         "from dataclasses import dataclass\nfrom bricksrl.agents import random\n"
@@ -80,7 +80,7 @@ def test_settings_that_change_are_told(tmp_path: Path) -> None:
     assert (check.outcome, check.name) == (Outcome.ERROR, "settings") and "frozen=True" in check.detail
 
 
-def test_an_agent_is_told_from_a_task(tmp_path: Path) -> None:
+def test_agent_file_differs_from_task_file(tmp_path: Path) -> None:
     task = tmp_path / "task.py"
     task.write_text(
         "from bricksrl.envs.tasks.spinning import SPINNING as TASK\n\ndef make_task(*, fast=True):\n    return TASK\n"

@@ -1,4 +1,4 @@
-"""Seeds over a Ray cluster of this computer: the same numbers, also where a worker is killed."""
+"""Seeds on a local Ray cluster, also with a killed worker."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def sweep(folder: Path, on: str) -> dict:
     return json.loads(done.stdout.strip().splitlines()[-1])
 
 
-def test_a_killed_worker_is_replaced_and_the_numbers_are_those_without_ray(tmp_path: Path) -> None:
+def test_killed_ray_worker_gives_same_numbers(tmp_path: Path) -> None:
     here, there = sweep(tmp_path / "here", ""), sweep(tmp_path / "there", "ray")
     assert there["killed"] == 1
     started = [message["started"] for seed, message in there["told"] if seed == 1 and "started" in message]
@@ -63,20 +63,20 @@ def test_a_killed_worker_is_replaced_and_the_numbers_are_those_without_ray(tmp_p
         assert [line[:seconds] for line in rows[0]] == [line[:seconds] for line in rows[1]]
 
 
-def test_where_to_run_is_parsed() -> None:
+def test_cluster_address_is_parsed() -> None:
     assert parse_on("ray") is None and parse_on("ray:10.0.0.1:6379") == "10.0.0.1:6379"
     for wrong in ("slurm", "ray:", ""):
         with pytest.raises(RunError, match="to run on"):
             parse_on(wrong)
 
 
-def test_nothing_is_made_where_there_is_nothing_to_run_on(tmp_path: Path) -> None:
+def test_missing_ray_leaves_no_files(tmp_path: Path) -> None:
     with pytest.raises(RunError, match="to run on"):
         train_seeds(TrainConfig("WalkerSim-v0", run_dir=tmp_path / "run"), 2, on="slurm")
     assert not (tmp_path / "run").exists()
 
 
-def test_the_keeper_gets_what_changed_and_gives_it_back(tmp_path: Path) -> None:
+def test_changed_files_return_from_worker(tmp_path: Path) -> None:
     there, here = tmp_path / "there", tmp_path / "here"
     (there / "data").mkdir(parents=True)
     (there / "checkpoint.bin").write_bytes(b"1")

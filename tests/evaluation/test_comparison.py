@@ -1,4 +1,4 @@
-"""Comparison of runs: groups, intervals, probabilities, pictures."""
+"""Comparison of runs: groups, intervals, probabilities, plots."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ RESULTS = Path(__file__).parents[2] / "benchmarks/results"
 
 
 def write_run(path: Path, config: TrainConfig, returns: list[float], evaluation: float | None = None) -> Path:
-    """A folder with what a comparison reads."""
+    """A run folder for comparisons."""
     path.mkdir(parents=True)
     folder = RunFolder(path)
     folder.write_config(config)
@@ -35,7 +35,7 @@ def write_run(path: Path, config: TrainConfig, returns: list[float], evaluation:
 
 @pytest.fixture
 def runs(tmp_path: Path) -> list[Path]:
-    """Five seeds of one agent, two of another, and one elsewhere."""
+    """Five seeds of one agent, two of another, and one in another environment."""
     sac = TrainConfig("Walker-v0", "sac")
     made = [write_run(tmp_path / f"sac{s}", replace(sac, seed=s), [-200.0 + s, -50.0 + s, -10.0], -9.0 - s) for s in range(5)]
     td3 = TrainConfig("Walker-v0", "td3")
@@ -43,7 +43,7 @@ def runs(tmp_path: Path) -> list[Path]:
     return [*made, write_run(tmp_path / "arm", TrainConfig("RoboArm-v0"), [-100.0, -1.0], -1.5)]
 
 
-def test_groups_have_intervals_from_five_seeds_on(runs: list[Path]) -> None:
+def test_intervals_need_five_seeds(runs: list[Path]) -> None:
     found = compare(runs)
     arm, sac, td3 = found.groups
     assert [(one.env, one.agent, len(one.seeds)) for one in found.groups] == [
@@ -58,14 +58,14 @@ def test_groups_have_intervals_from_five_seeds_on(runs: list[Path]) -> None:
     assert (only.agent, only.other, only.probability, only.interval) == ("sac", "td3", 1.0, None)
 
 
-def test_one_run_without_an_evaluation_and_all_are_scored_by_training(runs: list[Path]) -> None:
+def test_missing_evaluation_scores_all_by_training(runs: list[Path]) -> None:
     (runs[0] / "evaluation.json").unlink()
     found = compare(runs)
     assert "last 5 episodes" in found.scored_by
     assert found.groups[2].scores == (-105.0, -105.0)
 
 
-def test_an_evaluation_of_an_earlier_state_does_not_count(runs: list[Path]) -> None:
+def test_outdated_evaluation_is_ignored(runs: list[Path]) -> None:
     (runs[0] / "evaluation.json").write_text(json.dumps({"return_mean": 0.0, "trained_episodes": 1}))
     assert compare(runs[:1]).scored_by != "evaluation"
 
@@ -77,7 +77,7 @@ def test_settings_that_differ_are_named(tmp_path: Path) -> None:
     assert {group.agent for group in compare(paths).groups} == {"sac, gamma=0.95", "sac, gamma=0.5"}
 
 
-def test_a_folder_of_seeds_stands_for_them_and_nothing_counts_twice(tmp_path: Path) -> None:
+def test_seed_folder_expands_without_duplicates(tmp_path: Path) -> None:
     config = TrainConfig("Walker-v0")
     for seed in range(2):
         write_run(tmp_path / f"all/seed-{seed}", replace(config, seed=seed), [1.0, 2.0])
@@ -116,7 +116,7 @@ def test_the_commands_print_and_draw(runs: list[Path], tmp_path: Path, capfd) ->
     assert main(["compare"]) == 2
 
 
-def test_reference_lines_are_those_of_the_results() -> None:
+def test_reference_lines_equal_results() -> None:
     baselines = json.loads((RESULTS / "baselines.json").read_text())["environments"]
     papers = json.loads((RESULTS / "robots.json").read_text())["environments"]
     assert REFERENCES.keys() == baselines.keys()

@@ -31,7 +31,7 @@ NOTHING = Interface((), (), Wait(1))
 
 @dataclass(frozen=True)
 class Task:
-    """As much of a task as evaluation asks for: the cart is to get beyond 600 mm."""
+    """A minimal task: the cart has to pass 600 mm."""
 
     id: str = "Judged-v0"
     entries: tuple[Entry, ...] = (Entry("x", 0.0, 1000.0, "mm", (0.0, 1000.0)), Entry("noise", -1.0, 1.0, "", (-1.0, 1.0)))
@@ -44,7 +44,7 @@ class Task:
         return {"final_position_mm": observations[-1, 0]}
 
 
-def test_result_adds_up_and_is_saved(run_dir: Path) -> None:
+def test_evaluation_result_is_consistent_and_saved(run_dir: Path) -> None:
     heard: list[tuple[int, float]] = []
     result = evaluate(run_dir, Cart(), episodes=6, on_episode=lambda episode, return_: heard.append((episode, return_)))
     assert result.episodes == len(result.returns) == len(result.lengths) == 6
@@ -61,7 +61,7 @@ def test_result_adds_up_and_is_saved(run_dir: Path) -> None:
     assert "\n" not in result.to_json()
 
 
-def test_successes_and_the_tasks_numbers_are_counted(run_dir: Path) -> None:
+def test_successes_and_metrics_are_counted(run_dir: Path) -> None:
     env = Cart()
     env.task = Task()
     result = evaluate(run_dir, env, episodes=4)
@@ -71,14 +71,14 @@ def test_successes_and_the_tasks_numbers_are_counted(run_dir: Path) -> None:
     assert 600.0 < result.metrics["final_position_mm"] <= 1000.0
 
 
-def test_evaluation_repeats_and_another_seed_starts_elsewhere(run_dir: Path) -> None:
+def test_evaluation_is_reproducible_by_seed(run_dir: Path) -> None:
     first = evaluate(run_dir, Cart(), episodes=2, seed=1)
     assert evaluate(run_dir, Cart(), episodes=2, seed=1) == first
     assert evaluate(run_dir, Cart(), episodes=3, seed=1).returns[:2] == first.returns
     assert evaluate(run_dir, Cart(), episodes=2, seed=2).returns != first.returns
 
 
-def test_evaluation_changes_nothing_but_its_file(run_dir: Path) -> None:
+def test_evaluation_writes_only_its_file(run_dir: Path) -> None:
     (run_dir / "evaluation.json").unlink(missing_ok=True)
     before = {path: path.read_bytes() for path in run_dir.rglob("*") if path.is_file()}
     state = torch.get_rng_state()
@@ -87,7 +87,7 @@ def test_evaluation_changes_nothing_but_its_file(run_dir: Path) -> None:
     assert torch.equal(torch.get_rng_state(), state)
 
 
-def test_an_environment_that_observes_otherwise_is_refused(run_dir: Path) -> None:
+def test_mismatched_environment_raises(run_dir: Path) -> None:
     class Wider(Cart):
         def __init__(self) -> None:
             super().__init__()
@@ -97,7 +97,7 @@ def test_an_environment_that_observes_otherwise_is_refused(run_dir: Path) -> Non
         evaluate(run_dir, Wider())
 
 
-def test_missing_run_and_no_episodes_are_refused(run_dir: Path, tmp_path: Path) -> None:
+def test_missing_run_or_no_episodes_raise(run_dir: Path, tmp_path: Path) -> None:
     with pytest.raises(RunError, match="no run in"):
         evaluate(tmp_path)
     with pytest.raises(RunError, match="at least 1"):
@@ -105,7 +105,7 @@ def test_missing_run_and_no_episodes_are_refused(run_dir: Path, tmp_path: Path) 
 
 
 class PausedCart(Cart):
-    """Somebody pauses it in its second episode: that one ends after three steps."""
+    """Paused in its second episode, which ends after three steps."""
 
     @property
     def is_cut(self) -> bool:
@@ -116,7 +116,7 @@ class PausedCart(Cart):
         return out.update({"truncated": out["truncated"] | self.is_cut, "done": out["done"] | self.is_cut})
 
 
-def test_an_episode_that_a_pause_cut_short_does_not_count(run_dir: Path) -> None:
+def test_paused_episode_is_not_counted(run_dir: Path) -> None:
     env, seen = PausedCart(), []
     paused = evaluate(run_dir, env, episodes=3, save=False, on_env=seen.append)
     assert env.resets == 4 and seen == [env]

@@ -1,4 +1,4 @@
-"""Several seeds side by side."""
+"""Several seeds in parallel."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from bricksrl.training import RunFolder, TrainConfig, train
 SMALL = SACSettings(hidden=(16,), batch_size=16, prefill_episodes=1, updates_per_step=1)
 
 
-def test_each_seed_is_the_run_it_is_by_itself_and_the_summary_is_of_all(tmp_path: Path) -> None:
+def test_seeds_equal_single_runs(tmp_path: Path) -> None:
     config = TrainConfig("RoboArmSim-v0", episodes=2, seed=3, settings=SMALL, run_dir=tmp_path / "all")
     heard: list[tuple[int, str]] = []
     lock = threading.Lock()
@@ -37,7 +37,7 @@ def test_each_seed_is_the_run_it_is_by_itself_and_the_summary_is_of_all(tmp_path
     assert [episode.return_ for episode in together] == [episode.return_ for episode in alone.episodes]
 
 
-def test_what_goes_wrong_in_a_seed_is_one_line(tmp_path: Path) -> None:
+def test_failing_seed_raises_one_line(tmp_path: Path) -> None:
     config = TrainConfig("RoboArmSim-v0", realtime=True, episodes=1, settings=SMALL, run_dir=tmp_path / "all")
     with pytest.raises(RunError, match="2 of 2 seeds failed; seed 0: RoboArmSim-v0 is simulated without a robot"):
         train_seeds(config, 2)

@@ -15,14 +15,14 @@ from bricksrl.evaluation.settings_text import read_settings, with_changes
 
 
 @given(st.floats(1e-6, 1.0), st.lists(st.integers(1, 512), min_size=1, max_size=4), st.booleans())
-def test_numbers_lists_and_switches_come_through(rate: float, hidden: list[int], layer_norm: bool) -> None:
+def test_numbers_lists_and_flags_are_parsed(rate: float, hidden: list[int], layer_norm: bool) -> None:
     text = ",".join(map(str, hidden))
     changed = with_changes(SACSettings(), [f"learning_rate={rate!r}", f"hidden={text}", f"critic-layer-norm={layer_norm}"])
     assert (changed.learning_rate, changed.hidden, changed.critic_layer_norm) == (rate, tuple(hidden), layer_norm)
 
 
 @pytest.mark.parametrize("agent", [agent for agent in AGENTS if agent != "random"])
-def test_every_setting_of_every_agent_can_be_given_and_read(agent: str, tmp_path: Path) -> None:
+def test_every_setting_can_be_given(agent: str, tmp_path: Path) -> None:
     settings = preset("default", agent)
     values = dataclasses.asdict(settings)
     texts = [f"{name}={','.join(map(str, value)) if isinstance(value, tuple) else value}" for name, value in values.items()]
@@ -48,13 +48,13 @@ def test_every_setting_of_every_agent_can_be_given_and_read(agent: str, tmp_path
         ("gamma=7", "gamma"),
     ],
 )
-def test_what_cannot_be_is_one_line(change: str, says: str) -> None:
+def test_invalid_settings_text_raises(change: str, says: str) -> None:
     with pytest.raises(DescriptionError, match=says) as caught:
         with_changes(SACSettings(), [change])
     assert "\n" not in str(caught.value)
 
 
-def test_files_that_hold_no_settings_are_one_line(tmp_path: Path) -> None:
+def test_invalid_settings_file_raises(tmp_path: Path) -> None:
     path = tmp_path / "settings.json"
     with pytest.raises(DescriptionError, match="cannot read"):
         read_settings(path, SACSettings())

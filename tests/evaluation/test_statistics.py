@@ -13,23 +13,23 @@ SCORES = st.lists(st.floats(-1e6, 1e6), min_size=1, max_size=40)
 
 
 @given(SCORES)
-def test_interquartile_mean_is_scipys_trimmed_mean(scores: list[float]) -> None:
+def test_interquartile_mean_equals_scipy_trim_mean(scores: list[float]) -> None:
     assert float(interquartile_mean(np.array(scores))) == pytest.approx(float(stats.trim_mean(scores, 0.25)), abs=1e-6)
 
 
 @given(SCORES)
-def test_interquartile_mean_lies_within_and_ignores_order(scores: list[float]) -> None:
+def test_interquartile_mean_is_bounded_and_order_free(scores: list[float]) -> None:
     value = float(interquartile_mean(np.array(scores)))
     assert min(scores) - 1e-6 <= value <= max(scores) + 1e-6
     assert value == float(interquartile_mean(np.array(scores[::-1])))
 
 
-def test_one_failed_run_of_five_does_not_move_the_interquartile_mean() -> None:
+def test_interquartile_mean_ignores_one_outlier_of_five() -> None:
     assert float(interquartile_mean(np.array([1.0, 1.0, 1.0, 1.0, -1e9]))) == 1.0
 
 
 @given(st.integers(1, 200), st.floats(0, 1), st.sampled_from([0.8, 0.95, 0.99]))
-def test_wilson_interval_is_scipys(trials: int, share: float, confidence: float) -> None:
+def test_wilson_interval_equals_scipy(trials: int, share: float, confidence: float) -> None:
     successes = round(share * trials)
     ours = wilson_interval(successes, trials, confidence=confidence)
     theirs = stats.binomtest(successes, trials).proportion_ci(confidence, method="wilson")
@@ -37,13 +37,13 @@ def test_wilson_interval_is_scipys(trials: int, share: float, confidence: float)
 
 
 @pytest.mark.parametrize(("successes", "trials"), [(0, 0), (3, 2), (-1, 4)])
-def test_impossible_counts_are_refused(successes: int, trials: int) -> None:
-    with pytest.raises(DescriptionError, match="no rate"):
+def test_invalid_counts_raise(successes: int, trials: int) -> None:
+    with pytest.raises(DescriptionError, match="not a rate"):
         wilson_interval(successes, trials)
 
 
 @given(st.lists(SCORES, min_size=1, max_size=4), st.integers(0, 10))
-def test_bootstrap_interval_is_ordered_within_the_scores_and_repeats(strata: list[list[float]], seed: int) -> None:
+def test_bootstrap_interval_is_bounded_and_reproducible(strata: list[list[float]], seed: int) -> None:
     interval = stratified_bootstrap_interval(strata, mean, seed=seed, resamples=200)
     scores = [score for stratum in strata for score in stratum]
     assert min(scores) - 1e-6 <= interval.low <= interval.high <= max(scores) + 1e-6
@@ -63,6 +63,6 @@ def test_strata_are_not_mixed() -> None:
 
 
 @pytest.mark.parametrize("strata", [[], [[1.0], []]])
-def test_empty_strata_are_refused(strata: list[list[float]]) -> None:
+def test_empty_strata_raise(strata: list[list[float]]) -> None:
     with pytest.raises(DescriptionError, match="at least one score"):
         stratified_bootstrap_interval(strata)

@@ -1,4 +1,4 @@
-"""Studies: a table of trainings with several seeds, which goes on where it was interrupted."""
+"""Studies: tables of trainings with several seeds, resumable."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def cells(quick: bool) -> tuple[Cell, ...]:
 TOY = Study("toy", "A toy", 0.1, 0.1, 5, cells)
 
 
-def test_a_study_writes_its_tables_and_makes_nothing_twice(tmp_path: Path) -> None:
+def test_study_writes_tables_and_reuses_runs(tmp_path: Path) -> None:
     page = run_study(TOY, tmp_path / "toy", quick=True, jobs=1)
     result = json.loads((tmp_path / "toy" / "study.json").read_text())
     assert [cell["row"] for cell in result["cells"]] == ["sac", "random"]
@@ -55,7 +55,7 @@ def test_a_study_writes_its_tables_and_makes_nothing_twice(tmp_path: Path) -> No
     assert len((folder / "metrics.csv").read_text().splitlines()) == 3, "the run was not made again, only evaluated"
 
 
-def test_a_seed_that_fails_is_told_and_the_others_are_kept(tmp_path: Path) -> None:
+def test_failed_seed_is_reported_others_kept(tmp_path: Path) -> None:
     def broken(quick: bool) -> tuple[Cell, ...]:
         return (cells(quick)[1], Cell("none", "Nowhere-v0", {"env": "Nowhere-v0", "settings": SMALL}, AFTER))
 
@@ -69,7 +69,7 @@ def outcome(seed: int, returns: list[float], successes: int | None) -> dict:
     return {"seed": seed, "judged": [judged], "steps": 10, "wall_s": 1.0, "robot_s": 120.0, "reached": True}
 
 
-def test_intervals_are_given_from_five_seeds_on() -> None:
+def test_study_intervals_need_five_seeds() -> None:
     cell = Cell("r", "c", {}, (Condition("same"),))
     few = summary(cell, [outcome(seed, [seed, seed + 1], 1) for seed in range(4)])["conditions"]["same"]
     assert few["return_95"] is None and "success_95" not in few and few["success_rate"] == 0.5
@@ -79,13 +79,13 @@ def test_intervals_are_given_from_five_seeds_on() -> None:
     assert many["metrics"] == {"x_m": 2.0}
 
 
-def test_no_interval_of_fewer_than_five() -> None:
+def test_no_study_interval_below_five_seeds() -> None:
     assert seeds_interval([1.0, 2.0, 3.0, 4.0]) is None
     interval = seeds_interval([1.0, 2.0, 3.0, 4.0, 5.0])
     assert interval is not None and interval.low < interquartile_mean(np.arange(1.0, 6.0)) < interval.high
 
 
-def test_the_page_stands_beside_the_paper_and_leaves_out_what_it_does_not_know() -> None:
+def test_study_page_compares_with_paper() -> None:
     cell = Cell("sac", "Robot-v0", {}, (Condition("same"),), {"return": (1.0, 0.5), "success": 0.7, "minutes": 15})
     result = {"title": "T", "study": "t", "quick": False, "metrics": ["x_m"], "machine": {"processor": "P", "cores": 2}}
     found = {**result, "versions": {}, "cells": [summary(cell, [outcome(seed, [2.0], 1) for seed in range(5)])]}
@@ -98,7 +98,7 @@ def test_the_page_stands_beside_the_paper_and_leaves_out_what_it_does_not_know()
     assert "robot minutes" not in page({**found, "cells": [{**found["cells"][0], "robot_s": [None] * 5}]})
 
 
-def test_an_agent_goes_on_learning_where_it_is_evaluated_and_its_run_stays_as_it_was(tmp_path: Path) -> None:
+def test_fine_tuning_leaves_original_run(tmp_path: Path) -> None:
     later = Condition("later", "RunAway-v0", {"physics": Physics(friction_scale=0.8)}, 1, learn_episodes=2)
     config = {"env": "RunAway-v0", "agent": "sac", "episodes": 2, "settings": SMALL, "stop_at": 1e6}
     study = Study("l", "L", 0.1, 0.1, 5, lambda _: (Cell("sac", "c", config, (Condition("same", episodes=1), later)),))
@@ -111,7 +111,7 @@ def test_an_agent_goes_on_learning_where_it_is_evaluated_and_its_run_stays_as_it
     assert lines == [3, 3]
 
 
-def test_robot_time_is_what_the_hub_counted(tmp_path: Path) -> None:
+def test_robot_time_is_hub_time(tmp_path: Path) -> None:
     config = {"agent": "random", "episodes": 2, "settings": None}
     run = train(TrainConfig("Walker-v0", run_dir=tmp_path / "walk", **config))
     steps = run.episodes[-1].steps
@@ -128,7 +128,7 @@ out.write_text(json.dumps({"value": float(sys.argv[1]), "machine": machine, "ver
 """
 
 
-def test_a_study_takes_what_a_benchmark_has_measured_and_measures_what_is_missing(tmp_path: Path) -> None:
+def test_study_uses_benchmark_results_and_adds_missing(tmp_path: Path) -> None:
     def tables(found: dict) -> dict:
         return {
             "cells": [
@@ -159,14 +159,14 @@ def test_a_study_takes_what_a_benchmark_has_measured_and_measures_what_is_missin
     assert "| 1.5 |" in take_study(study, tmp_path / "study", folder).read_text(), "of the try before"
 
 
-def test_the_repositorys_results_make_their_tables() -> None:
+def test_repository_results_build_tables() -> None:
     for study in BENCHMARK_STUDIES.values():
         text = page(result_of(study, Path(__file__).parents[2] / "benchmarks/results"))
         assert text.count("\n| ") > 8
         assert all(script.quick is not None for script in study.scripts[:1])
 
 
-def test_the_studies_are_what_they_say() -> None:
+def test_studies_match_descriptions() -> None:
     for study in STUDIES.values():
         whole, quick = study.cells(False), study.cells(True)
         assert study.seeds >= 5 and len(quick) <= len(whole)

@@ -1,4 +1,4 @@
-"""Hyperparameters by experiment."""
+"""Hyperparameter search."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from bricksrl.evaluation.tuning import BEST, Tuning, tune
 optuna = pytest.importorskip("optuna")
 
 
-def test_a_study_is_gone_on_with_and_its_best_can_be_trained_with(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_tuning_resumes_and_best_can_be_trained(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     about = Tuning("RoboArmSim-v0", "sac", steps=100, seeds=1)
 
     def score(_: Tuning, settings: object, seed: int) -> float:
@@ -41,7 +41,7 @@ def test_a_trial_trains_and_evaluates(tmp_path: Path) -> None:
     assert best.value < 0
 
 
-def test_hopeless_settings_are_ended_early(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_hopeless_trials_are_pruned(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     seeds_of: dict[float, list[int]] = {}
 
     def score(_: Tuning, settings: object, seed: int) -> float:
@@ -54,14 +54,14 @@ def test_hopeless_settings_are_ended_early(tmp_path: Path, monkeypatch: pytest.M
     assert tried[0] == [0, 1] and [0] in tried[5:]
 
 
-def test_wrong_names_are_told(tmp_path: Path) -> None:
+def test_wrong_tuning_names_raise(tmp_path: Path) -> None:
     with pytest.raises(UnknownNameError, match="WalkerSim-v0"):
         tune(Tuning("WalkerSmi-v0", "sac"), tmp_path, 1)
     with pytest.raises(UnknownNameError, match="pppo"):
         tune(Tuning("WalkerSim-v0", "pppo"), tmp_path, 1)
 
 
-def test_a_study_goes_on_whose_first_trials_were_not_finished(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_tuning_resumes_after_unfinished_trials(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     outcomes: list[float | Exception] = [BrokenPipeError(), optuna.TrialPruned(), optuna.TrialPruned(), -2.0, -1.0]
 
     def score(*_: object) -> float:

@@ -1,4 +1,4 @@
-"""Every example runs, is one screen, and says something sensible."""
+"""Every example runs and is short."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ OWN_LINES = 40  # what issue and README promise for a task or a robot of one's o
 
 
 def lines_of_code(path: Path) -> int:
-    """Lines without those of the first docstring and without empty ones."""
+    """Lines without module docstring and blank ones."""
     code = path.read_text(encoding="utf-8").split('"""', 2)[2]
     return sum(bool(line.strip()) for line in code.splitlines())
 
@@ -37,7 +37,7 @@ def main(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     return lambda name: runpy.run_path(str(EXAMPLES / f"{name}.py"), run_name="example")["main"]
 
 
-def test_each_is_one_screen() -> None:
+def test_examples_are_short() -> None:
     paths = sorted(EXAMPLES.glob("*.py"))
     assert [path.name[:3] for path in paths] == [f"{number:02}_" for number in range(1, len(paths) + 1)]
     assert all(len(path.read_text(encoding="utf-8").splitlines()) <= 50 for path in paths)
@@ -54,7 +54,7 @@ def test_train(main, capsys) -> None:
 
 
 @pytest.mark.parametrize("name", ["03_own_task", "04_own_robot", "13_front_steered", "14_driving_robot"])
-def test_own(name: str, tmp_path: Path) -> None:
+def test_own_robot_and_task(name: str, tmp_path: Path) -> None:
     path = EXAMPLES / f"{name}.py"
     assert lines_of_code(path) <= OWN_LINES
     assert [check for check in check_env(f"{path}") if check.outcome is Outcome.ERROR] == []
@@ -62,7 +62,7 @@ def test_own(name: str, tmp_path: Path) -> None:
     assert len(result.episodes) == 3
 
 
-def test_a_driving_robot_of_ones_own_is_filmed(tmp_path: Path) -> None:
+def test_own_driving_robot_video(tmp_path: Path) -> None:
     path, run_dir = EXAMPLES / "14_driving_robot.py", tmp_path / "run"
     assert len(path.read_text(encoding="utf-8").splitlines()) <= DRIVING_LINES
     train(TrainConfig(str(path), episodes=1, run_dir=run_dir))
@@ -118,7 +118,7 @@ def test_hub_program() -> None:
     assert code == 0 and before < 500 <= 800 <= after
 
 
-def test_a_program_is_tested_with_nothing_heavy(tmp_path: Path) -> None:
+def test_program_test_imports_no_torch(tmp_path: Path) -> None:
     test = f"""
 import runpy, sys
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""A hub, its air, and links to it, for tests of the Bluetooth transport."""
+"""Hub, radio and links for Bluetooth tests."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ NAME = "Pybricks Hub"
 LONG_RUN = Interface(
     commands=(RunAngle("left", -3000, 3000, 400),), channels=(MotorAngle("left"), MotorAngle("right")), settle=Wait(10)
 )
-"""A motor that goes on turning for seconds after the answer."""
+"""A motor that turns for seconds after the answer."""
 BOUND_S = 3.0
-"""No call may take longer, with the bounds that the tests set."""
+"""Upper bound of every call."""
 
 
 class World:
-    """A hub, its air, and links to it."""
+    """Hub, radio and links."""
 
     def __init__(self, folder: Path, robot: Robot = TWO_WHEELER, interval_ms: float = 2.0) -> None:
         self.radio = Radio()
@@ -63,7 +63,7 @@ class World:
 
 
 def bounded(call: Callable[[], object], error: type[HubError], bound_s: float = BOUND_S) -> HubError:
-    """The error that a call raises, within the bound."""
+    """The error of a call, within the time bound."""
     start_s = time.monotonic()
     with pytest.raises(error) as caught:
         call()

@@ -1,4 +1,4 @@
-"""The world of the tests over Bluetooth."""
+"""Fixtures of Bluetooth tests."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 @pytest.fixture
 def world(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[World]:
-    """A two-wheeler's hub, whose program ends after half a second of silence, over a fast link."""
+    """A two-wheeler's hub with a watchdog of half a second and a fast link."""
     from ble_world import World
 
     monkeypatch.setattr(generate, "END_MS", 500)

@@ -1,7 +1,7 @@
-"""Seeded faults, one after the other, while a robot over the played radio is being trained.
+"""Seeded faults during training over the simulated radio.
 
-Each fault hits one phase: the search for the hub, the download, the start, a step, a reset, or closing. The training is
-the project's own loop (``play``), with a learner that checks what it is given.
+Each fault hits one phase: search, download, start, step, reset or close. The training is the project's own loop (``play``) with a
+learner that checks its input.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ STEPS = 3
 CALL_BOUND_S = 12.0
 RECOVERY_BOUND_S = 15.0
 ADVERTISING_SLACK_S = 2.0
-"""The thread of a hub may have to wait for a loaded machine."""
+"""Timeout of hub threads."""
 _PHASES = ("scan", "download", "start", "step", "reset", "close")
 _KILLED = "host killed"
 _TASK = Task(
@@ -54,13 +54,13 @@ _TASK = Task(
 
 @dataclass
 class Report:
-    """What a course has seen; it fails at the first thing that must not be.
+    """Observations of a course; it fails at the first violation.
 
     Attributes:
-        longest_silent_drive_ms: hub time for which motors ran on in silence, with the watchdog that a program starts with.
-        longest_grown_drive_ms: the same with a watchdog that has grown with the delay of the link, as on a loaded machine.
-        watchdog_ms: the longest that was ever set.
-        grown: faults with such a watchdog.
+        longest_silent_drive_ms: longest motor run in silence (hub time) with the initial watchdog.
+        longest_grown_drive_ms: the same with a watchdog that has grown with the link's delay.
+        watchdog_ms: the longest watchdog.
+        grown: faults with a grown watchdog.
     """
 
     faults: Counter[str] = field(default_factory=Counter)
@@ -77,7 +77,7 @@ class Report:
 
 
 class CheckingLearner:
-    """Takes the place of a learner beside the rollout."""
+    """Replaces a learner in the rollout."""
 
     def __init__(self, world: World, rng: random.Random, report: Report) -> None:
         self._world, self._rng, self._report = world, rng, report
@@ -110,7 +110,7 @@ class Course:
         self.env = HubEnv(_TASK, lambda _: connection, seed=seed)
 
     def _watch_the_watchdog(self) -> None:
-        """The longest that was ever set, and since the last fault: a new program starts with the shortest again."""
+        """Longest watchdog overall and since the last fault; a new program starts with the shortest."""
         told = self.link._set_watchdog
         self._in_force_ms = WATCHDOG_MS
 
@@ -160,7 +160,7 @@ class Course:
         assert world.hub.runs >= before_runs
 
     def _look_at_the_motors(self, fault: str) -> None:
-        """How long they ran on in silence, by the hub's own clock."""
+        """Duration of motor runs in silence, by the hub's clock."""
         drive_ms, self.world.hub.longest_silent_drive_ms = self.world.hub.longest_silent_drive_ms, 0
         in_force_ms, self._in_force_ms = self._in_force_ms, self.link._watchdog_ms
         assert drive_ms <= in_force_ms, f"motors ran on for {drive_ms} ms, {in_force_ms} ms allowed ({fault})"
@@ -172,7 +172,7 @@ class Course:
             report.grown += 1
 
     def _use(self, phase: str) -> bool:
-        """What the training does in the phase; whether it failed."""
+        """Training in the phase. Returns whether it failed."""
         try:
             if phase == "close":
                 self._timed(lambda: self.env.close(raise_if_closed=False))
@@ -186,7 +186,7 @@ class Course:
         return not self._train()
 
     def _train(self) -> bool:
-        """An episode; whether it was a whole one."""
+        """One episode. Returns whether it was complete."""
         learner = CheckingLearner(self.world, self.rng, self.report)
         try:
             state = self._timed(self.env.reset)
@@ -239,11 +239,11 @@ class Course:
         return kinds
 
     def _some(self, opcodes: tuple[int, ...], result: Callable[[bytes], int | bytes]) -> Fault:
-        """Treats a third of the packets of some kinds so."""
+        """Apply to a third of the packets of some kinds."""
         return lambda opcode, data: result(data) if opcode in opcodes and self.rng.random() < 1 / 3 else 1
 
     def _flip(self) -> Fault:
-        """Flips one bit in a third of the program's output."""
+        """Flip one bit in a third of the program's output."""
 
         def rule(opcode: int, data: bytes) -> int | bytes:
             is_output = opcode == ATT_NOTIFICATION and len(data) > 4 and data[3] == Event.WRITE_STDOUT
@@ -255,7 +255,7 @@ class Course:
         return rule
 
     def _kill_host(self, phase: str) -> bool:
-        """Another process drives the hub meanwhile, and is killed at a packet of the phase."""
+        """Let another process drive the hub, and kill it at a packet of the phase."""
         count = self.rng.randrange(1, {"start": 3, "close": 2}.get(phase, 4))  # to subscribe looks like a first start
         with host_process(self.world, 10, steps=6, says_good_bye=self.rng.random() < 0.5) as process:
             self.world.fault(_at(phase, count, process.kill))
@@ -267,19 +267,19 @@ class Course:
         return True
 
     def _cut(self, phase: str) -> Fault:
-        """Breaks the link at a packet of the phase."""
+        """Break the link at a packet of the phase."""
         return _at(phase, self.rng.randrange(1, 4), self.world.radio.disconnect)
 
     def _refuse(self, code: CommandError) -> None:
         self.world.hub.faults[self.rng.choice(list(Command))] = [code] * self.rng.choice([1, 3, 100])
 
     def _unplug(self) -> None:
-        """A motor is pulled out and put back: the program's next command to it raises."""
+        """Unplug and replug a motor: the next command to it raises."""
         self.world.hub.machine.servos["E"].close()
 
 
 def _at(phase: str, count: int, harm: Callable[[], object]) -> Fault:
-    """Does harm at the count-th packet of the phase, which is lost."""
+    """Inject a fault at the count-th packet of the phase, which is lost."""
     wanted = {
         "scan": (ATT_READ_REQUEST, None),
         "download": (ATT_WRITE_REQUEST, Command.WRITE_USER_RAM),
@@ -299,7 +299,7 @@ def _at(phase: str, count: int, harm: Callable[[], object]) -> Fault:
 
 
 def run_course(folder: Path, faults: int, seed: int) -> Report:
-    """A hub, and that many faults on it."""
+    """A hub with a number of faults."""
     world = World(folder)
     try:
         return Course(world, seed).run(faults)

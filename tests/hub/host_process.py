@@ -1,4 +1,4 @@
-"""A host in a process of its own that drives a hub until it is killed; hub and air live in the process that starts it."""
+"""A host in a separate process that drives a hub until it is killed."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ from bricksrl.hub.transports.ble import BleTransport
 from bricksrl.robots import TWO_WHEELER
 
 START_S = 60.0
-"""To start Python may take a loaded machine long."""
+"""Timeout for starting Python."""
 
 
 def long_run(step_ms: int) -> Interface:
-    """A motor that turns for seconds, in steps of this time."""
+    """A motor that turns for seconds."""
     return replace(LONG_RUN, settle=Wait(step_ms))
 
 
@@ -33,7 +33,7 @@ def long_run(step_ms: int) -> Interface:
 def host_process(
     world: World, step_ms: int, *, steps: int | None = None, says_good_bye: bool = True
 ) -> Iterator[subprocess.Popen[bytes]]:
-    """A process that drives the hub for so many steps, and then closes the link, or until it is killed."""
+    """A process that drives the hub for a number of steps, or until it is killed."""
     source = generate.generate(TWO_WHEELER, long_run(step_ms)).source
     if source not in world.hub.library:
         world.hub.library.append(source)
@@ -49,7 +49,7 @@ def host_process(
 
 
 def drive(port: int, record: Path, step_ms: int, end_ms: int, steps: int) -> None:
-    """What the process does: connect, bring the program, step and read."""
+    """Connect, download, step and read."""
     generate.END_MS = end_ms
     transport = BleTransport(backend=Bluetooth(port).backend(), record=record)
     with HubLink(transport, TWO_WHEELER, long_run(step_ms)) as link:

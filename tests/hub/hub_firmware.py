@@ -1,8 +1,7 @@
-"""The firmware of a hub that is played: commands with their errors and buffers, status, and a program that really runs.
+"""Simulated hub firmware: commands, errors, buffers, status, and a running program.
 
-What the host downloads is bytecode. The hub knows the sources that it may belong to, and runs that one in the virtual
-hub's language, on a machine whose simulated time keeps pace with the clock on the wall. How bytes get to and from the
-host is up to its children.
+The downloaded bytecode is matched with known sources, which run in the virtual hub in real time. Subclasses provide the
+transport.
 """
 
 from __future__ import annotations
@@ -32,7 +31,7 @@ _PRODUCT_IDS = {HubKind.MOVE: 0x40, HubKind.CITY: 0x41, HubKind.TECHNIC: 0x80, H
 
 
 class Refusal(Exception):
-    """The error code with which a command is answered."""
+    """Error code of a refused command."""
 
     def __init__(self, code: int) -> None:
         super().__init__(code)
@@ -40,11 +39,11 @@ class Refusal(Exception):
 
 
 class _Stopped(BaseException):
-    """Thrown into the program when it is stopped; no program catches it."""
+    """Thrown into a program to stop it; programs cannot catch it."""
 
 
 class ProgramRun:
-    """One run of a program, in a thread."""
+    """A running program in a thread."""
 
     def __init__(self, hub: PlayedFirmware, found: dict[str, HubModule]) -> None:
         self._hub, self._found, self._machine = hub, found, hub.machine
@@ -64,7 +63,7 @@ class ProgramRun:
         self._thread.join(5)
 
     def deliver(self, data: bytes) -> None:
-        """Bytes from the host; all of them or none."""
+        """Deliver bytes from the host, all or none."""
         with self._lock:
             if len(self._stdin) + len(data) > self._hub.machine.robot.hub.model.stdin_bytes:
                 raise Refusal(CommandError.BUSY)
@@ -72,7 +71,7 @@ class ProgramRun:
             self._heard_ms = self._machine.time_ms
 
     def deliver_app_data(self, offset: int, data: bytes) -> None:
-        """Bytes that replace what the host wrote there before; where the program wants none, they go nowhere."""
+        """Overwrite the AppData, if the program has a buffer."""
         if not self.inbox:
             return
         if offset + len(data) > len(self.inbox):
@@ -80,7 +79,7 @@ class ProgramRun:
         self.inbox[offset : offset + len(data)] = data
 
     def take(self) -> bytes:
-        """What fits into the next notification."""
+        """Content of the next notification."""
         with self._lock:
             data = bytes(self._stdout[:NOTIFIED_BYTES])
             del self._stdout[:NOTIFIED_BYTES]
@@ -149,7 +148,7 @@ class ProgramRun:
 
 
 class WatchedBody(BenchBody):
-    """Remembers what the firmware applies to the motors."""
+    """Records applied voltages."""
 
     def __init__(self, robot: Robot) -> None:
         super().__init__(robot)
@@ -161,17 +160,17 @@ class WatchedBody(BenchBody):
 
 
 class PlayedFirmware(ABC):
-    """A hub that is switched on.
+    """A switched-on hub.
 
     Attributes:
-        library: programs that it recognises.
-        files: by their names, other files that it recognises.
-        faults: codes with which it refuses the next commands of each kind.
-        commands: kinds of all commands that arrived.
-        size: of the program on it; 0 for none.
-        runs: how many programs were started.
-        longest_silent_drive_ms: hub time for which a motor was under voltage although the host was silent, at the most.
-        flushes_late: whether it says that a program has ended before it has sent the rest of its output.
+        library: known programs.
+        files: other known files by name.
+        faults: error codes for the next commands of each kind.
+        commands: kinds of all received commands.
+        size: of the stored program, 0 for none.
+        runs: number of program starts.
+        longest_silent_drive_ms: longest time (hub time) with motor voltage and a silent host.
+        flushes_late: whether it reports the program's end before its last output.
     """
 
     def __init__(self, robot: Robot, name: str) -> None:
@@ -198,7 +197,7 @@ class PlayedFirmware(ABC):
 
     @abstractmethod
     def submit(self, coroutine: Coroutine[Any, Any, Any]) -> Any:
-        """Run it in the thread of the link."""
+        """Run in the link's thread."""
 
     @abstractmethod
     async def notify(self, event: bytes) -> None:
@@ -218,7 +217,7 @@ class PlayedFirmware(ABC):
         return any(self.body.voltages_mv.values())
 
     def wait_until(self, attribute: str, value: object, timeout_s: float = 5.0) -> float:
-        """How long it took until an attribute had a value, in seconds; fails when it does not."""
+        """Wait until an attribute has a value. Returns the seconds; fails after a timeout."""
         start_s = time.monotonic()
         while getattr(self, attribute) != value:
             assert time.monotonic() - start_s < timeout_s, f"{attribute} is not {value} after {timeout_s} s"
@@ -226,7 +225,7 @@ class PlayedFirmware(ABC):
         return time.monotonic() - start_s
 
     def press_button(self) -> None:
-        """The user stops the program."""
+        """The user presses the stop button."""
         if self._run is not None:
             self._run.stop()
 
@@ -241,7 +240,7 @@ class PlayedFirmware(ABC):
 
     @property
     def can_send(self) -> bool:
-        """Whether output gets away; without, it stays in its buffer."""
+        """Whether output can be sent; otherwise it is buffered."""
         return True
 
     # ---- in the thread of the link
@@ -302,7 +301,7 @@ class PlayedFirmware(ABC):
             self._ram[number : number + len(payload) - 4] = payload[4:]
 
     def _recognised(self) -> dict[str, HubModule]:
-        """The modules that lie in memory, by their names."""
+        """Modules in memory by name."""
         known = [(MAIN_FILE, source) for source in self.library] + list(self.files.items())
         found, place = {}, 0
         while place < self.size:

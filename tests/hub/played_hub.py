@@ -1,4 +1,4 @@
-"""A Pybricks hub over Bluetooth, played over Bumble: the profile's services, and when it advertises itself."""
+"""A simulated Pybricks hub over Bluetooth (Bumble): services and advertisement."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from bricksrl.robots import Robot
 
 
 class PlayedHub(PlayedFirmware):
-    """A hub that is switched on, within reach of a radio."""
+    """A switched-on hub within reach."""
 
     def __init__(self, radio: Radio, robot: Robot, name: str = "Pybricks Hub", address: str = "C0:01:02:03:04:05") -> None:
         super().__init__(robot, name)
@@ -48,7 +48,7 @@ class PlayedHub(PlayedFirmware):
             await self._advertise()
 
     def reboot(self) -> None:
-        """The battery came loose for a moment: link, program and memory are gone."""
+        """Power loss: link, program and memory are gone."""
         run = self._run
         self.size = 0
         self.radio.disconnect()
@@ -126,7 +126,7 @@ class PlayedHub(PlayedFirmware):
 
 
 def _uart_service() -> Service:
-    """The serial port of older firmware, which hubs still have."""
+    """UART service of older firmware."""
     uuid = "6e40{:04x}-b5a3-f393-e0a9-e50e24dcca9e"
     write, notify = Characteristic.Properties.WRITE_WITHOUT_RESPONSE, Characteristic.Properties.NOTIFY
     taken = CharacteristicValue(write=lambda _connection, _value: None)

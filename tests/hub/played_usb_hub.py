@@ -1,4 +1,4 @@
-"""A Pybricks hub on a USB cable, played: messages in frames over a stream of bytes, as the firmware's serial port has them."""
+"""A simulated Pybricks hub on USB: framed messages over a byte stream."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ MAX_MESSAGE_BYTES = 512
 
 
 class SocketSerial:
-    """A serial port that is a socket."""
+    """A serial port on a socket."""
 
     def __init__(self, end: socket.socket) -> None:
         self._end = end
@@ -48,11 +48,11 @@ class SocketSerial:
 
 
 class PlayedUsbHub(PlayedFirmware):
-    """A hub that is switched on, and may be plugged in.
+    """A switched-on hub that may be plugged in.
 
     Attributes:
-        change: what becomes of the bytes that the hub sends.
-        tells_product: whether it tells its product, which the first betas do not.
+        change: function of the bytes that the hub sends.
+        tells_product: whether it reports its product, unlike the first betas.
     """
 
     def __init__(self, robot: Robot, name: str = "Pybricks Hub") -> None:
@@ -87,7 +87,7 @@ class PlayedUsbHub(PlayedFirmware):
     # ---- the cable
 
     def open_serial(self, device: str) -> SocketSerial:
-        """What the host opens instead of a serial port of its system."""
+        """Replacement for opening a serial port."""
         if not self.is_plugged_in:
             raise OSError(2, f"no such device {device}")
         ours, theirs = socket.socketpair()
@@ -101,7 +101,7 @@ class PlayedUsbHub(PlayedFirmware):
         return SocketSerial(theirs)
 
     def attach_terminal(self) -> str:
-        """A pseudo terminal with the hub at its other end; the name to open, once."""
+        """A pseudo terminal connected to the hub; returns its name, once."""
         import tty
 
         master, slave = os.openpty()

@@ -1,6 +1,6 @@
-"""Bluetooth without a radio: a link of Bumble's that delivers at connection events, and a backend of bleak's for it.
+"""Simulated Bluetooth: a Bumble link with connection events, and a bleak backend for it.
 
-Everything of the radio runs in a thread of its own, as an operating system's Bluetooth does.
+The radio has its own thread, as an operating system's Bluetooth.
 """
 
 from __future__ import annotations
@@ -42,11 +42,11 @@ _CENTRAL, _OTHER_CENTRAL = "F0:F1:F2:F3:F4:F5", "F0:F1:F2:F3:F4:F6"
 _PROPERTIES = ("broadcast", "read", "write-without-response", "write", "notify", "indicate")
 
 Fault = Callable[[int, bytes], int | bytes]
-"""Of an attribute packet, its opcode and bytes: how often it arrives (0 lost, 1, 2 duplicated), or what arrives instead."""
+"""For the opcode and bytes of an attribute packet: number of deliveries (0 lost, 2 duplicated), or replacement bytes."""
 
 
 class IntervalLink(LocalLink):  # type: ignore[misc]
-    """Data waits for the next connection event, in either direction; an interval of 0 is a link without delay."""
+    """A link that delivers at connection events; an interval of 0 has no delay."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -60,7 +60,7 @@ class IntervalLink(LocalLink):  # type: ignore[misc]
         self._events: asyncio.Task[None] | None = None
 
     def send_advertising_pdu(self, sender: Controller, packet: Any) -> None:
-        """Bumble's controllers send no scan responses, so these go out with the advertisement."""
+        """Add scan responses to advertisements, as Bumble's controllers send none."""
         if isinstance(packet, ll.AdvInd):
             packet = dataclasses.replace(packet, data=packet.data + sender.le_legacy_advertiser.scan_response_data)
         elif isinstance(packet, ll.AdvExtInd):
@@ -84,12 +84,12 @@ class IntervalLink(LocalLink):  # type: ignore[misc]
             self._events = asyncio.get_running_loop().create_task(self._hold_events())
 
     def waits(self, opcode: int, command: int | None = None) -> bool:
-        """Whether such a packet, a write of this kind of command, waits for the next connection event."""
+        """Whether a packet waits for the next connection event."""
         packets = [packet[3][_ATT_OPCODE:] for packet in list(self._queue)]
         return any(packet[0] == opcode and command in (None, *packet[3:4]) for packet in packets)
 
     def connection_event(self) -> None:
-        """While events are held: let one happen."""
+        """Let one connection event happen while events are held."""
         self._deliver()
 
     def _deliver(self) -> None:
@@ -112,10 +112,10 @@ class IntervalLink(LocalLink):  # type: ignore[misc]
 
 
 class Bluetooth:
-    """A computer's Bluetooth, and the thread that it runs in.
+    """A computer's Bluetooth with its thread.
 
     Args:
-        port: of this computer, where the radio of another process lends a controller.
+        port: of this computer, where another process's radio lends a controller.
     """
 
     def __init__(self, port: int) -> None:
@@ -141,7 +141,7 @@ class Bluetooth:
         return asyncio.run_coroutine_threadsafe(coroutine, self._loop)
 
     def call(self, function: Callable[[], object]) -> None:
-        """Run a function in the radio's thread, and wait for it."""
+        """Run a function in the radio's thread and wait."""
 
         async def run() -> None:
             function()
@@ -149,7 +149,7 @@ class Bluetooth:
         self.run(run())
 
     def backend(self) -> BleBackend:
-        """What bleak needs to use this radio."""
+        """A bleak backend for this radio."""
         radio = self
 
         class Scanner(RadioScanner):
@@ -177,7 +177,7 @@ class Bluetooth:
 
 
 class Radio(Bluetooth):
-    """The air, and this computer's Bluetooth in it."""
+    """The air, and this computer's Bluetooth."""
 
     def __init__(self) -> None:
         self._start_thread()
@@ -186,16 +186,16 @@ class Radio(Bluetooth):
         self.central = self.run(self._power_on())
 
     def device(self, name: str, address: str) -> Device:
-        """A new Bluetooth device; to be called in the radio's thread."""
+        """A new Bluetooth device; call in the radio's thread."""
         host = Host()
         host.controller = Controller(name, link=self.link)
         return Device(name, address=Address(address), host=host)
 
     def lend(self, *, says_good_bye: bool) -> int:
-        """Have a controller in this air for the process that comes to the port that is returned.
+        """Lend a controller to the process that connects to the returned port.
 
-        When that process dies, its link ends at once where its system ``says_good_bye``, as a system does that goes on; else the
-        air falls silent, as when the whole computer dies, and the hub notices after the supervision timeout.
+        If the process dies, its link ends at once with ``says_good_bye``, as a running system does; otherwise the hub notices
+        after the supervision timeout, as if the computer had died.
         """
 
         async def serve() -> int:
@@ -206,12 +206,12 @@ class Radio(Bluetooth):
         return self.run(serve())
 
     def disconnect(self) -> None:
-        """The link breaks and both sides know at once, as when a hub is switched off by its button."""
+        """Break the link; both sides know at once."""
         for connection in list(self.central.connections.values()):
             self.submit(connection.disconnect())
 
     def leave(self) -> None:
-        """The hub is carried away: nothing arrives any more, and after the supervision timeout both sides know."""
+        """Move the hub out of reach; both sides know after the supervision timeout."""
 
         def lose() -> None:
             for controller in list(self.link.controllers):
@@ -239,7 +239,7 @@ class Radio(Bluetooth):
 
 
 class LentController(StreamPacketSource):  # type: ignore[misc]
-    """A controller in the air of this process whose host is another process, at the other end of a socket."""
+    """A controller in this process with a host in another one."""
 
     def __init__(self, radio: Radio, says_good_bye: bool) -> None:
         super().__init__()

@@ -1,6 +1,6 @@
-"""A hub without physics, for tests of hub programs: motors turn at their speed, sensors show what the test says.
+"""A hub without physics: motors follow commands, sensors return given values.
 
-The program is a greenlet in simulated time, and sees only the builtins that a hub has.
+The program is a greenlet in simulated time with a hub's builtins only.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ _HUB_BUILTINS = frozenset(dir(builtins)) & (_BUILTINS | _LARGER_BUILTINS) | {"__
 
 
 class Motor:
-    """Turns at the commanded speed to its target; ``blocked`` holds it."""
+    """Turns at the commanded speed to its target; ``blocked`` stops it."""
 
     def __init__(self, hub: StandInHub, port: str, direction: int = 1, gears: list[int] | None = None) -> None:
         if port in hub.unplugged:
@@ -97,7 +97,7 @@ class Motor:
 
 
 class DriveBase:
-    """Both wheels by the same way, at 200 mm/s."""
+    """Moves both wheels equally, at 200 mm/s."""
 
     def __init__(self, left: Motor, right: Motor, wheel_diameter: float, axle_track: float) -> None:
         self.wheels = (left, right)
@@ -119,7 +119,7 @@ class DriveBase:
 
 
 class Poll:
-    """Of one stream, as some firmware has it: whoever does not ask for input alone is told that output is possible."""
+    """Poll of one stream; without a mask, output readiness is reported, as in some firmware."""
 
     def __init__(self, hub: StandInHub) -> None:
         self.hub, self.mask = hub, 0
@@ -135,7 +135,7 @@ class Poll:
 
 
 class StandInHub:
-    """A transport to the stand-in. ``down`` and ``up`` may change the bytes on their way."""
+    """A transport to the stand-in; ``down`` and ``up`` may change bytes."""
 
     def __init__(self, stdin_bytes: int = 20) -> None:
         self.time_ms = 0
@@ -211,7 +211,7 @@ class StandInHub:
         return self._program is not None and not self._program.dead
 
     def run_ms(self, duration_ms: int) -> bytes:
-        """Let the program run, and return all that it sends."""
+        """Run the program. Returns its output."""
         end_ms, data = self.time_ms + duration_ms, b""
         while self.time_ms < end_ms:
             data += self.read((end_ms - self.time_ms) / 1000)
@@ -263,7 +263,7 @@ class StandInHub:
 
     @property
     def stdin_events(self) -> int:
-        """Standard input can always be written to, as it were."""
+        """Standard input is always writable."""
         return 4 | bool(self._stdin)
 
     def _read_stdin(self, n: int) -> bytes:

@@ -1,4 +1,4 @@
-"""Every kind of command: clamped on the hub, carried out by the virtual hub, refused where the robot cannot."""
+"""All commands: clamping, execution, validation."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def interface(*commands: Command, settle: Wait | UntilDone | None = None) -> Int
 
 
 def carried_out(wanted: Interface, *steps: Sequence[float], robot: Any = TWO_WHEELER) -> tuple[np.ndarray, VirtualHub]:
-    """Readings after the steps ``[1 + steps, channels]``, counted from the first one, and the hub."""
+    """Readings after the steps ``[1 + steps, channels]``, relative to the first, and the hub."""
     hub = VirtualHub(make_body(robot))
     link = HubLink(hub, robot, wanted)
     link.open()
@@ -72,7 +72,7 @@ def carried_out(wanted: Interface, *steps: Sequence[float], robot: Any = TWO_WHE
 
 
 @pytest.mark.parametrize("env_id", HASHES)
-def test_the_programs_of_the_papers_tasks_stay_as_they_were(env_id: str) -> None:
+def test_paper_program_hashes_are_unchanged(env_id: str) -> None:
     task = get_task(env_id)
     assert " ".join(f"{generate(task.robot, task.interface, pipe).hash:08x}" for pipe in Pipe) == HASHES[env_id]
 
@@ -103,7 +103,7 @@ def test_the_program_is_clean_and_runs(commands: tuple[Command, ...], pipe: Pipe
     link.act([0.0] * len(commands))
 
 
-def test_a_speed_is_held_until_the_next_step_and_clamped() -> None:
+def test_speed_command_is_held_and_clamped() -> None:
     seen, _ = carried_out(interface(RunSpeed("left", -300, 300), RunSpeed("right", -300, 300)), (200, 200), (200, 200), (900, 0))
     steps = np.diff(seen[:, :2], axis=0)
     assert steps[1] == pytest.approx([200 * 0.53] * 2, abs=12)
@@ -111,19 +111,19 @@ def test_a_speed_is_held_until_the_next_step_and_clamped() -> None:
     assert steps[2, 1] < 40, "stopped"
 
 
-def test_a_duty_is_a_share_of_the_battery() -> None:
+def test_duty_command_is_share_of_battery() -> None:
     seen, _ = carried_out(interface(RunDuty("left"), RunDuty("right", -50, 50)), (100, 100), (100, 100), (100, 100))
     left, right = np.diff(seen[:, :2], axis=0)[-1]
     assert left > 1.6 * right > 150
 
 
-def test_a_target_is_an_angle_that_is_held() -> None:
+def test_target_command_holds_angle() -> None:
     seen, hub = carried_out(interface(TrackTarget("left", -90, 90), settle=Wait(800)), (60,), (300,))
     start_deg = hub.machine.servos["E"].angle_deg() - seen[-1, 0]
     assert start_deg + seen[1:, 0] == pytest.approx([60, 90], abs=12)
 
 
-def test_a_drive_goes_ahead_and_turns_clockwise() -> None:
+def test_drive_command_signs() -> None:
     seen, hub = carried_out(interface(DriveSpeed(-200, 200), DriveTurnRate(-90, 90)), *((200, 0),) * 3, *((0, 90),) * 3)
     assert seen[3, 2] == pytest.approx(200 * 1.6, abs=60) and abs(seen[3, 3]) < 4
     assert seen[6, 3] - seen[3, 3] == pytest.approx(90 * 1.6, abs=30)
@@ -131,12 +131,12 @@ def test_a_drive_goes_ahead_and_turns_clockwise() -> None:
     assert hub.body.pose().heading_deg == pytest.approx(seen[6, 4], abs=5)
 
 
-def test_the_order_of_the_two_numbers_of_a_drive_is_that_of_the_action() -> None:
+def test_drive_command_order_follows_action() -> None:
     seen, _ = carried_out(interface(DriveTurnRate(-90, 90), DriveSpeed(-200, 200)), (0, 200), (0, 200))
     assert seen[2, 2] > 120 and abs(seen[2, 3]) < 4
 
 
-def test_turns_and_curves_end_where_they_should() -> None:
+def test_turns_and_curves_end_correctly() -> None:
     until = UntilDone(5000)
     turned, _ = carried_out(interface(Turn(-90, 90), settle=until), (90,), (-45,))
     assert turned[1:, 3] == pytest.approx([90, 45], abs=4)
@@ -145,7 +145,7 @@ def test_turns_and_curves_end_where_they_should() -> None:
     assert curved[2, 2:4] == pytest.approx([314, 0], abs=8), "to the left now, and ahead again"
 
 
-def test_light_and_sound_are_the_hubs() -> None:
+def test_light_and_sound_commands() -> None:
     wanted = interface(HubLight(), HubSound(duration_ms=100), settle=Wait(100))
     _, hub = carried_out(wanted, (120, 440))
     assert hub.machine.panel.light is not None and hub.machine.panel.light[0] == 120
@@ -175,12 +175,12 @@ def test_light_and_sound_are_the_hubs() -> None:
         (ROBO_ARM, Interface((HubLight(),), (DriveDistance(0, 9),), Wait(9)), "no drive base for 'drive_distance'"),
     ],
 )
-def test_what_a_robot_cannot_is_refused(robot: Any, wanted: Interface, message: str) -> None:
+def test_unsupported_commands_raise(robot: Any, wanted: Interface, message: str) -> None:
     with pytest.raises(DescriptionError, match=message):
         validate(robot, wanted)
 
 
-def test_a_joint_tracks_targets_within_its_range() -> None:
+def test_joint_tracks_targets_in_range() -> None:
     wanted = Interface((TrackTarget("high", -120, 0),), (MotorAngle("high", -150, 10),), Wait(600))
     hub = VirtualHub(make_body(ROBO_ARM))
     link = HubLink(hub, ROBO_ARM, wanted)
@@ -189,7 +189,7 @@ def test_a_joint_tracks_targets_within_its_range() -> None:
 
 
 @pytest.mark.parametrize("commands", EVERY[:1] + EVERY[3:4] + EVERY[7:], ids=str)
-def test_the_preflight_check_tries_them(commands: tuple[Command, ...]) -> None:
+def test_preflight_tries_commands(commands: tuple[Command, ...]) -> None:
     wanted = replace(interface(*commands), channels=(MotorAngle("left"), MotorAngle("right"), Distance("eyes")))
     transport = VirtualHub(make_body(TWO_WHEELER))
     findings = list(check_robot(transport, TWO_WHEELER, wanted, may_move=lambda: True))
@@ -197,6 +197,6 @@ def test_the_preflight_check_tries_them(commands: tuple[Command, ...]) -> None:
     assert len(findings) > len(commands)
 
 
-def test_straight_is_as_before() -> None:
+def test_straight_command_is_unchanged() -> None:
     seen, _ = carried_out(interface(DriveStraight(-100, 100), settle=UntilDone()), (80,))
     assert seen[1, 2] == pytest.approx(80, abs=4)

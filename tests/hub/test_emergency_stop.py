@@ -1,4 +1,4 @@
-"""The emergency stop: over the played radio from another thread, and on the virtual hub."""
+"""Emergency stop from another thread, over the simulated radio and on the virtual hub."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ SLOW_STEP = Interface((RunAngle("left", -3000, 3000, 400),), (MotorAngle("left")
 
 
 class Act(threading.Thread):
-    """A step in a thread of its own, and how it ended."""
+    """A step in a thread, and its result."""
 
     def __init__(self, link: HubLink) -> None:
         super().__init__(daemon=True)
@@ -46,7 +46,7 @@ class Act(threading.Thread):
 
 @contextmanager
 def held(world: World) -> Iterator[Callable[[], None]]:
-    """No connection event happens inside but when the function is called: nothing depends on how fast this machine is."""
+    """Hold connection events except on explicit calls, for independence of machine speed."""
     air = world.radio.link
     world.radio.call(lambda: setattr(air, "is_held", True))
     try:
@@ -57,7 +57,7 @@ def held(world: World) -> Iterator[Callable[[], None]]:
 
 
 def eventually(world: World, opcode: int, command: Command | None = None) -> None:
-    """Wait until a packet, or a command, lies ready for the next connection event."""
+    """Wait until a packet or command is ready for the next connection event."""
     start_s = time.monotonic()
     while not world.radio.link.waits(opcode, command):
         assert time.monotonic() - start_s < BOUND_S, (opcode, command)
@@ -65,7 +65,7 @@ def eventually(world: World, opcode: int, command: Command | None = None) -> Non
 
 
 def patient_link(world: World, interface: Interface) -> HubLink:
-    """Its hub's watchdog takes so long that what stops the motors is not silence."""
+    """A link with a long watchdog, so that silence does not stop the motors."""
     transport = world.transport(timeout_s=10.0, answer_timeout_s=10.0)
     link = HubLink(transport, world.robot, interface, timeout_s=10.0, watchdog_s=60.0)
     world.hub.library.append(link.program.source)
@@ -92,8 +92,8 @@ def test_motors_stop_with_the_next_connection_event(world: World) -> None:
     assert world.hub.commands.count(Command.STOP_USER_PROGRAM) == 1
 
 
-def test_a_stop_behind_a_write_leaves_with_its_acknowledgement(world: World) -> None:
-    """Bluetooth lets one write wait at a time: it arrives, it is acknowledged, and the next event brings the stop."""
+def test_stop_follows_pending_write(world: World) -> None:
+    """Bluetooth allows one pending write: the stop follows its acknowledgement."""
     link = patient_link(world, SLOW_STEP)
     with held(world) as connection_event:
         step = Act(link)
@@ -116,7 +116,7 @@ def test_a_stop_behind_a_write_leaves_with_its_acknowledgement(world: World) -> 
     assert isinstance(step.error, StoppedError)
 
 
-def test_nothing_moves_until_it_is_released(world: World) -> None:
+def test_nothing_moves_until_release(world: World) -> None:
     link = world.link()
     link.open()
     link.act([1000])
@@ -132,8 +132,8 @@ def test_nothing_moves_until_it_is_released(world: World) -> None:
     assert world.hub.is_running
 
 
-def test_a_stop_while_the_program_starts(world: World) -> None:
-    """The program may start after it was stopped: it is stopped again."""
+def test_stop_during_program_start(world: World) -> None:
+    """The program may start after the stop: it is stopped again."""
     link = world.link(SLOW_STEP)
     start, stopped = link._transport.start, threading.Event()
 
@@ -149,7 +149,7 @@ def test_a_stop_while_the_program_starts(world: World) -> None:
     assert link.state is LinkState.FAULT
 
 
-def test_a_stop_out_of_reach_is_left_to_the_watchdog(world: World) -> None:
+def test_stop_out_of_reach_relies_on_watchdog(world: World) -> None:
     link = world.link()
     link.open()
     link.act([3000])
@@ -166,7 +166,7 @@ def virtual() -> Iterator[HubLink]:
         yield link
 
 
-def test_a_virtual_hub_stops_for_another_thread(virtual: HubLink) -> None:
+def test_virtual_hub_stops_from_other_thread(virtual: HubLink) -> None:
     hub = virtual._transport
     virtual.act([100, 100])
     moving = [servo for servo in hub.machine.servos.values() if servo.control.is_active]
@@ -181,7 +181,7 @@ def test_a_virtual_hub_stops_for_another_thread(virtual: HubLink) -> None:
     virtual.act([100, 100])
 
 
-def test_a_streaming_link_is_stopped_and_rests_too() -> None:
+def test_streaming_link_stops_and_rests() -> None:
     hub = VirtualHub(make_body(TWO_WHEELER))
     with StreamingLink(hub, TWO_WHEELER, SPINNING) as link:
         link.act([100, 100])
@@ -198,7 +198,7 @@ def test_a_streaming_link_is_stopped_and_rests_too() -> None:
         link.act([100, 100])
 
 
-def test_a_stop_on_the_way_of_the_answer(virtual: HubLink) -> None:
+def test_stop_during_answer(virtual: HubLink) -> None:
     hub = virtual._transport
     write = hub.write
 
@@ -214,7 +214,7 @@ def test_a_stop_on_the_way_of_the_answer(virtual: HubLink) -> None:
     assert not any(servo.is_open for servo in hub.machine.servos.values()), "the program has ended, the motors coast"
 
 
-def test_rest_stops_the_motors_and_leaves_the_program(virtual: HubLink) -> None:
+def test_rest_stops_motors_not_program(virtual: HubLink) -> None:
     hub = virtual._transport
     virtual.act([100, 100])
     assert virtual.state is LinkState.ARMED

@@ -1,4 +1,4 @@
-"""An environment on a robot that is reached over Bluetooth: the same task, the same program, another transport."""
+"""An environment over Bluetooth: same task and program."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from bricksrl.envs.tasks.spinning import SPINNING
 pytestmark = pytest.mark.realtime
 
 
-def test_an_episode_over_bluetooth(world: World) -> None:
+def test_episode_over_bluetooth(world: World) -> None:
     placed = []
     connection = Connection(world.link(SPINNING.interface), placed.append, SonarOdometer(SPINNING.interface))
     env = HubEnv(SPINNING, lambda _seed: connection, seed=0)

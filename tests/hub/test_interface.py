@@ -1,4 +1,4 @@
-"""Commands and channels: names, ranges and units that everything else is derived from."""
+"""Commands and channels: names, ranges, units."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def test_names() -> None:
     assert [channel.unit for channel in CHANNELS] == ["deg", "deg", "deg", "deg/s", "mm"]
 
 
-def test_commands_have_their_range_in_their_unit() -> None:
+def test_command_ranges_have_units() -> None:
     assert {(command.low, command.high) for command in COMMANDS} == {(-100, 50)}
 
 
@@ -30,13 +30,13 @@ def test_every_range_fits_an_int16(item: Command | Channel) -> None:
 
 
 @pytest.mark.parametrize(("low", "high", "wraps"), [(0, 360, True), (0, 359, False), (-180, 180, False), (10, 70, False)])
-def test_an_angle_wraps_where_its_range_is_a_full_turn(low: float, high: float, wraps: bool) -> None:
+def test_full_turn_angles_wrap(low: float, high: float, wraps: bool) -> None:
     assert MotorAngle("left", low, high).wraps is wraps
     assert MotorAngle("left").wraps
 
 
 @pytest.mark.parametrize("item", [*COMMANDS, *CHANNELS])
-def test_they_are_values(item: Command | Channel) -> None:
+def test_interfaces_are_values(item: Command | Channel) -> None:
     assert item == dataclasses.replace(item)
     assert hash(item) == hash(dataclasses.replace(item))
     with pytest.raises(dataclasses.FrozenInstanceError):

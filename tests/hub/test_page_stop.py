@@ -1,4 +1,4 @@
-"""The red button of the page, on a robot that is reached over Bluetooth."""
+"""The page's stop button over Bluetooth."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ pytestmark = pytest.mark.realtime
 
 
 class Robot:
-    """As much of an environment as the page needs to stop it."""
+    """A minimal environment for the page."""
 
     batch_size = ()
 
@@ -28,7 +28,7 @@ class Robot:
         self.stop = link.emergency_stop
 
 
-def test_the_red_button_stops_the_motors_with_the_next_connection_event(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_page_stop_acts_at_next_connection_event(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(generate, "END_MS", 60_000)  # a browser on a loaded machine takes its time
     with chromium() as browser, LivePage("a robot") as live, tab(browser, live.url) as page:
         red = page.get_by_role("button", name="EMERGENCY STOP")

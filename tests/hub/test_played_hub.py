@@ -1,4 +1,4 @@
-"""The played hub against somebody else's client: what pybricksdev can work with is a Pybricks hub."""
+"""The simulated hub against pybricksdev as a client."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ while True:
 """
 
 
-def test_pybricksdev_takes_it_for_a_hub(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_pybricksdev_accepts_played_hub(monkeypatch: pytest.MonkeyPatch) -> None:
     from pybricksdev.ble import find_device
     from pybricksdev.connections.pybricks import PybricksHubBLE
 
@@ -100,7 +100,7 @@ def hub() -> Iterator[PlayedHub]:
         (bytes((Command.WRITE_APP_DATA, 0, 0, 5)), None),
     ],
 )
-def test_commands_are_refused_as_by_the_firmware(hub: PlayedHub, command: bytes, code: int | None) -> None:
+def test_played_hub_refuses_as_firmware(hub: PlayedHub, command: bytes, code: int | None) -> None:
     if code is None:
         asyncio.run(hub.command(command))
         return
@@ -112,7 +112,7 @@ def test_commands_are_refused_as_by_the_firmware(hub: PlayedHub, command: bytes,
 @pytest.mark.parametrize(
     ("version", "capability_bytes", "report_bytes"), [("1.3.0", 10, 5), ("1.4.0", 10, 6), ("1.5.0", 11, 7), ("1.6.0", 11, 7)]
 )
-def test_what_a_hub_says_grew_with_the_profile(
+def test_played_hub_follows_profile_versions(
     hub: PlayedHub, monkeypatch: pytest.MonkeyPatch, version: str, capability_bytes: int, report_bytes: int
 ) -> None:
     reports: list[bytes] = []

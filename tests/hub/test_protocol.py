@@ -1,4 +1,4 @@
-"""Frames: what goes in comes out, and nothing else does."""
+"""Frames of the wire protocol."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def test_sequence_numbers_are_1_to_255() -> None:
 
 
 @pytest.mark.parametrize("seq", [0, 256, -1])
-def test_other_sequence_numbers_are_refused(seq: int) -> None:
+def test_invalid_sequence_numbers_raise(seq: int) -> None:
     with pytest.raises(EncodingError, match="sequence"):
         data_frame(seq, b"")
 
@@ -91,7 +91,7 @@ def test_frames_survive_any_splitting(sent: list[Frame], cuts: list[int]) -> Non
 
 
 @given(st.lists(st.binary(max_size=60), max_size=6))
-def test_any_bytes_are_accepted_and_accounted_for(chunks: list[bytes]) -> None:
+def test_reader_accounts_for_all_bytes(chunks: list[bytes]) -> None:
     reader = decoder()
     received = [frame for chunk in chunks for frame in reader.feed(chunk)]
     used = sum(len(encode(frame)) for frame in received)
@@ -102,7 +102,7 @@ def test_any_bytes_are_accepted_and_accounted_for(chunks: list[bytes]) -> None:
 
 
 @given(st.binary(max_size=60), data_frames, data_frames, data_frames)
-def test_after_garbage_the_second_frame_is_heard(garbage: bytes, first: DataFrame, second: DataFrame, third: DataFrame) -> None:
+def test_reader_resyncs_within_two_frames(garbage: bytes, first: DataFrame, second: DataFrame, third: DataFrame) -> None:
     reader = decoder()
     reader.feed(garbage)
     received = reader.feed(encode(first)) + reader.feed(encode(second))
@@ -179,7 +179,7 @@ def test_large_values_saturate(value: float) -> None:
     assert decoded == pytest.approx(min(max(value, -3276.8), 3276.7), abs=0.0501)
 
 
-def test_what_is_not_a_number_is_refused() -> None:
+def test_nan_raises() -> None:
     wire = WireFormat.of(SPINNING)
     with pytest.raises(EncodingError, match="'right' is not a number"):
         wire.encode_actions([0.0, float("nan")])
@@ -188,13 +188,13 @@ def test_what_is_not_a_number_is_refused() -> None:
 
 
 @pytest.mark.parametrize("values", [[], [1.0], [1.0, 2.0, 3.0]])
-def test_the_number_of_values_must_fit(values: list[float]) -> None:
+def test_wrong_number_of_values_raises(values: list[float]) -> None:
     with pytest.raises(EncodingError, match="for 2 \\(left, right\\)"):
         WireFormat.of(SPINNING).encode_actions(values)
 
 
 @pytest.mark.parametrize("payload", [b"", b"abc", bytes(20)])
-def test_payloads_of_another_length_are_refused(payload: bytes) -> None:
+def test_wrong_payload_length_raises(payload: bytes) -> None:
     wire = WireFormat.of(SPINNING)
     with pytest.raises(HubProtocolError):
         wire.decode_answer(payload)

@@ -1,4 +1,4 @@
-"""What a browser gets that comes later, and that memory stays bounded."""
+"""Content for late browsers, and bounded memory."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from bricksrl.page.driver import PageDriver, stick_map
 from bricksrl.page.scene import Scene, SceneBody, Shape, box, poses
 
 
-def test_a_reader_gets_everything_once_and_then_what_is_new() -> None:
+def test_reader_gets_snapshot_then_changes() -> None:
     board = Board()
     scene = Scene((SceneBody("cube", (Shape(box((1.0, 1.0, 1.0)), (1.0, 0.0, 0.0, 1.0)),)),))
     board.show_scene(scene, poses([[0, 0, 1]]))
@@ -35,14 +35,14 @@ def test_a_reader_gets_everything_once_and_then_what_is_new() -> None:
     assert [type(one) for one in Reader(board).news(numbers=True)] == [dict, bytes, dict, dict]
 
 
-def test_an_image() -> None:
+def test_board_image() -> None:
     board = Board()
     board.show_image(np.arange(24, dtype=np.uint8).reshape(2, 4, 3))
     message = Reader(board).news(numbers=True)[0]
     assert struct.unpack_from("<BxHH", message) == (IMAGE, 2, 4) and message[8:] == bytes(range(24))
 
 
-def test_series_are_bounded_and_a_late_reader_gets_the_last() -> None:
+def test_late_reader_gets_bounded_series() -> None:
     board = Board()
     series = board.new_series("return", ("return",), kept=5)
     reader = Reader(board)
@@ -54,7 +54,7 @@ def test_series_are_bounded_and_a_late_reader_gets_the_last() -> None:
     assert Series(("a",)).since(0) == (0, [])
 
 
-def test_a_new_series_of_the_same_name_starts_anew() -> None:
+def test_new_series_replaces_same_name() -> None:
     board = Board()
     board.new_series("channels", ("a",)).add((1.0,))
     reader = Reader(board)
@@ -68,7 +68,7 @@ def test_a_new_series_of_the_same_name_starts_anew() -> None:
 LEGS = [Entry(f"{side}_{end}", -100.0, 0.0, "deg") for end in ("front", "back") for side in ("left", "right")]
 
 
-def test_a_driver_reaches_from_rest_to_the_ends(monkeypatch) -> None:
+def test_driver_covers_full_range(monkeypatch) -> None:
     driver = PageDriver(LEGS, in_charge=True)
     assert driver(None).tolist() == [1.0] * 4 and driver.actions() == [0.0] * 4, "legs at rest: nothing turns"
     assert driver.push([-1, -0.5, 0, 1])
@@ -82,7 +82,7 @@ def test_a_driver_reaches_from_rest_to_the_ends(monkeypatch) -> None:
     assert driver(None) is None
 
 
-def test_the_stick() -> None:
+def test_driver_stick() -> None:
     assert stick_map(LEGS) == [[-1.0, -1.0], [1.0, -1.0], [-1.0, -1.0], [1.0, -1.0]]
     wheels = [Entry("left", -90.0, 90.0, "deg"), Entry("right", -90.0, 90.0, "deg")]
     assert stick_map(wheels) == [[1.0, 1.0], [-1.0, 1.0]]

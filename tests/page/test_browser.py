@@ -1,4 +1,4 @@
-"""The page in a real browser, through its DOM: every button, two tabs, a reload in mid-run, foreign pages, a phone."""
+"""The page in a real browser: buttons, tabs, reload, foreign pages, phone."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def browser() -> Iterator[object]:
 
 
 class Played(threading.Thread):
-    """A virtual two-wheeler that plays on a page, in a thread of its own as on the command line."""
+    """A virtual two-wheeler on a page, in a thread."""
 
     def __init__(self, env_id: str, *, by_hand: bool = False) -> None:
         super().__init__(daemon=True)
@@ -53,7 +53,7 @@ class Played(threading.Thread):
             self.error = error
 
     def end(self) -> None:
-        """Have the thread leave its loop at the next step."""
+        """End the thread's loop at the next step."""
 
         def leave(*_: object) -> None:
             raise _EndedError
@@ -74,7 +74,7 @@ class Played(threading.Thread):
 
 
 class _EndedError(Exception):
-    """The test is over."""
+    """End of the test."""
 
 
 @contextmanager
@@ -100,7 +100,7 @@ def until(condition: Callable[[], bool], what: str) -> None:
 
 
 def at_rest(played: Played) -> int:
-    """The number of steps, once there are no more of them; the step at hand may end."""
+    """The number of steps once the robot rests."""
     count = -1
     for _ in range(20):
         if count == (count := played.steps):
@@ -153,7 +153,7 @@ def test_every_button(browser: object, played: Played) -> None:
         page.get_by_text("battery").wait_for()
 
 
-def test_the_space_bar_stops_whatever_has_the_focus(browser: object, played: Played) -> None:
+def test_space_bar_stops_with_any_focus(browser: object, played: Played) -> None:
     with tab(browser, played.page.url) as page:
         until(lambda: played.steps > 1, "it plays")
         button(page, "Resume" if played.page._paused else "Pause").focus()
@@ -163,7 +163,7 @@ def test_the_space_bar_stops_whatever_has_the_focus(browser: object, played: Pla
         until(lambda: not played.is_driven, "motors are at rest")
 
 
-def test_two_tabs_and_a_reload_in_mid_run(browser: object, played: Played) -> None:
+def test_two_tabs_and_reload_during_run(browser: object, played: Played) -> None:
     with tab(browser, played.page.url) as first, tab(browser, played.page.url) as second:
         for page in (first, second):
             page.wait_for_selector("#scene[data-frames]")
@@ -183,7 +183,7 @@ def test_two_tabs_and_a_reload_in_mid_run(browser: object, played: Played) -> No
 
 
 def pull_forward(page: object) -> None:
-    """Pull the stick beyond its rim, where it stands by then: what comes in above it may move it."""
+    """Pull the stick over its rim."""
     stick = page.locator("#stick")
     stick.hover()
     page.mouse.down()
@@ -191,7 +191,7 @@ def pull_forward(page: object) -> None:
     page.mouse.move(box["x"] + box["width"] / 2, box["y"] - 10)
 
 
-def test_a_human_drives_and_comes_to_rest(browser: object) -> None:
+def test_human_drives_then_rests(browser: object) -> None:
     with playing("Spinning-v0", by_hand=True) as played, tab(browser, played.page.url) as page:
         page.wait_for_selector("#scene[data-frames]")
         slider = page.get_by_role("slider").first
@@ -211,7 +211,7 @@ def test_a_human_drives_and_comes_to_rest(browser: object) -> None:
         until(lambda: played.page.driver.pushes == [0.0, 0.0], "a driver whose tab is gone pushes nothing")
 
 
-def test_a_phone(browser: object, played: Played) -> None:
+def test_page_on_phone(browser: object, played: Played) -> None:
     with tab(browser, played.page.url, 390, 844) as page:
         page.wait_for_selector("#scene[data-frames]")
         stop, view = (page.locator(name).bounding_box() for name in ("#stop", "#view"))
@@ -223,8 +223,8 @@ def test_a_phone(browser: object, played: Played) -> None:
         state_is(page, "STOPPED")
 
 
-def test_a_foreign_page_can_press_no_button(browser: object, played: Played) -> None:
-    """It knows the port and even has the token in an address: neither its scripts nor its frames get in."""
+def test_foreign_page_cannot_press_buttons(browser: object, played: Played) -> None:
+    """Even with port and token in an address, neither scripts nor frames get access."""
     port = played.page.url.split(":")[2].split("/")[0]
     asks = f"""<script>
     window.done = [];
@@ -259,7 +259,7 @@ def test_a_foreign_page_can_press_no_button(browser: object, played: Played) -> 
     assert not played.page.is_stopped
 
 
-def test_who_has_no_token_gets_nothing(played: Played) -> None:
+def test_access_without_token_is_denied(played: Played) -> None:
     base = played.page.url.partition("?")[0]
     requests = [
         urllib.request.Request(base),
@@ -283,7 +283,7 @@ def test_who_has_no_token_gets_nothing(played: Played) -> None:
 
 
 def test_memory_does_not_grow(browser: object, played: Played) -> None:
-    """A short look; `benchmarks/page_memory.py` takes ten minutes."""
+    """`benchmarks/page_memory.py` takes ten minutes."""
     with tab(browser, played.page.url) as page:
         page.wait_for_selector("#scene[data-frames]")
         button(page, "max").click()

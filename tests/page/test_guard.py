@@ -1,4 +1,4 @@
-"""Who may connect to the page."""
+"""Access control of the page."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ OPEN = Guard("secret", 8090, is_open=True)
 GOOD = {"Host": "127.0.0.1:8090", "Origin": "http://127.0.0.1:8090", "Cookie": "bricksrl_8090=secret"}
 
 
-def test_who_knows_the_token_gets_in() -> None:
+def test_access_with_token() -> None:
     assert OURS.refusal("/?token=secret", {"Host": "127.0.0.1:8090"}, is_socket=False) is None
     assert OURS.refusal("/ws", GOOD, is_socket=True) is None
     assert OURS.refusal("/ws", {**GOOD, "Host": "localhost:8090", "Origin": "http://localhost:8090"}, is_socket=True) is None
@@ -34,23 +34,23 @@ def test_who_knows_the_token_gets_in() -> None:
         ({"Host": "192.168.1.5:8090", "Origin": "http://192.168.1.5:8090"}, "/ws"),
     ],
 )
-def test_all_others_do_not(change: dict[str, str], path: str) -> None:
+def test_access_without_valid_token_is_denied(change: dict[str, str], path: str) -> None:
     assert OURS.refusal(path, {**GOOD, **change}, is_socket=True) is not None
 
 
-def test_a_socket_needs_an_origin_and_a_request_a_host() -> None:
+def test_origin_and_host_are_required() -> None:
     without_origin = {name: value for name, value in GOOD.items() if name != "Origin"}
     assert OURS.refusal("/ws", without_origin, is_socket=True) is not None
     assert OURS.refusal("/", without_origin, is_socket=False) is None
     assert OURS.refusal("/?token=secret", {}, is_socket=False) is not None
 
 
-def test_a_page_for_the_network_is_named_by_number_only() -> None:
+def test_network_page_uses_ip_address() -> None:
     at_home = {**GOOD, "Host": "192.168.1.5:8090", "Origin": "http://192.168.1.5:8090"}
     assert OPEN.refusal("/ws", at_home, is_socket=True) is None
     rebound = {**GOOD, "Host": "evil.example:8090", "Origin": "http://evil.example:8090"}
     assert OPEN.refusal("/ws", rebound, is_socket=True) is not None
 
 
-def test_the_cookie_is_for_this_page_alone() -> None:
+def test_cookie_is_limited_to_page() -> None:
     assert "HttpOnly" in OURS.set_cookie and "SameSite=Strict" in OURS.set_cookie

@@ -1,4 +1,4 @@
-"""Scenes as bytes, primitives, and the scenes of the twins."""
+"""Scenes as bytes, primitives, twin scenes."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from bricksrl.twin.sensed_pose import sensed_qpos
 
 
 def volume(mesh: Mesh) -> float:
-    """Of a closed mesh whose faces look outwards."""
+    """Volume of a closed mesh with outward faces."""
     a, b, c = (mesh.points[mesh.faces[:, i]].astype(float) for i in range(3))
     return float(np.einsum("ij,ij->i", a, np.cross(b, c)).sum() / 6)
 
@@ -35,7 +35,7 @@ def volume(mesh: Mesh) -> float:
         (capsule(1.0, 2.0), 4 * np.pi + 4 / 3 * np.pi),
     ],
 )
-def test_primitives_are_closed_and_look_outwards(mesh: Mesh, expected: float) -> None:
+def test_primitives_are_closed_and_face_outwards(mesh: Mesh, expected: float) -> None:
     assert 0.95 * expected < volume(mesh) < 1.0001 * expected
     assert np.allclose(np.linalg.norm(mesh.normals, axis=1), 1.0, atol=1e-5)
     a, b, c = (mesh.points[mesh.faces[:, i]] for i in range(3))
@@ -44,7 +44,7 @@ def test_primitives_are_closed_and_look_outwards(mesh: Mesh, expected: float) ->
     assert (np.einsum("ij,ij->i", across, mesh.normals[mesh.faces[:, 0]])[flat] > 0).all()
 
 
-def test_a_mesh_that_does_not_fit_is_one_line() -> None:
+def test_too_large_mesh_raises() -> None:
     good = box((1.0, 1.0, 1.0))
     with pytest.raises(PageError, match="numbers below 36"):
         Mesh(good.points, good.normals, good.faces + 1)
@@ -52,7 +52,7 @@ def test_a_mesh_that_does_not_fit_is_one_line() -> None:
         Mesh(good.points, good.normals[:-1], good.faces)
 
 
-def test_a_scene_as_bytes() -> None:
+def test_scene_bytes() -> None:
     cube = box((1.0, 1.0, 1.0))
     red, blue = (Shape(cube, colour, (0.0, 0.0, z)) for colour, z in (((1.0, 0, 0, 1.0), 0.0), ((0, 0, 1.0, 0.5), 2.0)))
     data = Scene((SceneBody("both", (red, blue)), SceneBody("one", (red,))), floor_m=None).to_bytes()
@@ -77,7 +77,7 @@ def test_poses() -> None:
     ("robot", "surroundings"),
     [(WALKER, Surroundings(wall_distance_mm=(300, 300))), (TWO_WHEELER, OPEN_FLOOR), (ROBO_ARM, Surroundings(ball=True))],
 )
-def test_the_scene_of_a_twin(robot, surroundings) -> None:
+def test_twin_scene(robot, surroundings) -> None:
     body = make_body(robot, scene=surroundings)
     twin = twin_scene(body)
     names = [one.name for one in twin.scene.bodies]
@@ -93,8 +93,8 @@ def test_the_scene_of_a_twin(robot, surroundings) -> None:
 
 
 @pytest.mark.parametrize("robot", [WALKER, TWO_WHEELER, ROBO_ARM])
-def test_a_robot_looks_as_its_sensors_say(robot) -> None:
-    """The twin of a robot moves, and what its sensors say puts another one into the same pose."""
+def test_pose_follows_sensors(robot) -> None:
+    """Sensor values of one twin give another the same pose."""
     body, mirror = make_body(robot), Mirror.of(robot, OPEN_FLOOR)
     for port, voltage in zip((motor.port for motor in robot.motors), (3000, -2500, 2000, -3500), strict=False):
         body.set_voltage(port, voltage)

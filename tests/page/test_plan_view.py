@@ -1,4 +1,4 @@
-"""Plans in the browser, without a browser: what is shown after what is pressed."""
+"""Plan view without a browser."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def places(shown: PlanView) -> np.ndarray[tuple[int, ...], np.dtype[np.float32]]
     return poses
 
 
-def test_the_last_step_shows_all_parts_and_the_first_its_own() -> None:
+def test_steps_show_their_parts() -> None:
     shown = view("two_wheeler")
     assert np.isfinite(places(shown)).all()
     shown.press("slider", ["Step", 1])
@@ -45,7 +45,7 @@ def test_the_last_step_shows_all_parts_and_the_first_its_own() -> None:
     assert np.isfinite(places(shown)).all()
 
 
-def test_a_slider_turns_a_leg_and_nothing_else() -> None:
+def test_slider_turns_one_leg() -> None:
     shown = view("walker")
     before = places(shown).copy()
     name = next(one["name"] for one in shown.board.status[1]["sliders"] if "port C" in one["name"])
@@ -60,21 +60,21 @@ def test_a_slider_turns_a_leg_and_nothing_else() -> None:
 @pytest.mark.parametrize(
     "press", [("slider", None), ("slider", ["Step"]), ("slider", ["Step", "x"]), ("slider", ["Step", float("nan")]), ("x", 1)]
 )
-def test_what_is_no_press_changes_nothing(press: tuple[str, object]) -> None:
+def test_invalid_press_is_ignored(press: tuple[str, object]) -> None:
     shown = view("two_wheeler")
     before = places(shown).copy()
     shown.press(*press)
     assert np.array_equal(places(shown), before)
 
 
-def test_a_plan_that_is_no_robot_yet_shows_its_steps() -> None:
+def test_incomplete_plan_shows_steps() -> None:
     lines = ["1 15 0 0 0 1 0 0 0 1 0 0 0 1 54696p02.dat", "0 STEP", "1 4 0 60 0 1 0 0 0 1 0 0 0 1 32316.dat"]
     shown = PlanView(make_plan(ldraw_file.parse("\n".join(lines), "try.ldr")))
     assert "has no port" in shown.board.status[1]["message"]
     assert [one["name"] for one in shown.board.status[1]["sliders"]] == ["Step"]
 
 
-def test_a_plan_without_parts_is_one_line() -> None:
+def test_plan_without_parts_raises() -> None:
     with pytest.raises(PlanError, match="no part that the catalogue knows"):
         PlanView(make_plan(ldraw_file.parse("1 4 0 0 0 1 0 0 0 1 0 0 0 1 99999.dat", "try.ldr")))
 

@@ -1,4 +1,4 @@
-"""A program on a virtual hub that is shown, and stopped on the page."""
+"""A program on a virtual hub on the page."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ while True:
 """
 
 
-def test_a_program_is_shown_and_stopped(tmp_path: Path) -> None:
+def test_program_is_shown_and_stopped(tmp_path: Path) -> None:
     path = tmp_path / "main.py"
     body = make_body(TWO_WHEELER)
     name = TWO_WHEELER.hub.model.class_name
@@ -56,7 +56,7 @@ def test_a_program_is_shown_and_stopped(tmp_path: Path) -> None:
     assert page.board.scene[0] == 1
 
 
-def test_a_port_that_is_taken_is_one_line() -> None:
+def test_used_port_raises() -> None:
     with ProgramPage("one") as page:
         port = int(page.url.split(":")[2].split("/")[0])
         with pytest.raises(PageError, match="name another host or port") as caught, ProgramPage("two", PageOptions(port=port)):

@@ -1,4 +1,4 @@
-"""Watching changes nothing: a run on a page is, bit for bit, the one without."""
+"""A watched run is bit-identical to an unwatched one."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def config(run_dir: Path) -> TrainConfig:
     return TrainConfig("Walker-v1", episodes=3, seed=4, settings=settings_for("Walker-v1", "default", "sac"), run_dir=run_dir)
 
 
-def test_a_run_on_a_page_is_the_one_without(tmp_path: Path) -> None:
+def test_watched_run_equals_unwatched(tmp_path: Path) -> None:
     train(config(tmp_path / "plain"))
     stop = threading.Event()
     with LivePage("Walker-v1", task=get_task("Walker-v1"), on_stop=stop.set) as page:
@@ -37,7 +37,7 @@ def test_a_run_on_a_page_is_the_one_without(tmp_path: Path) -> None:
 
 
 class Presses(PageCallback):
-    """Presses Reset at the third step of the first episode."""
+    """Presses Reset in the third step of the first episode."""
 
     def on_step(self, episode: int, step: int, phase: Phase) -> None:
         if (episode, step) == (1, 3):
@@ -45,7 +45,7 @@ class Presses(PageCallback):
         super().on_step(episode, step, phase)
 
 
-def test_a_reset_cuts_an_episode_of_training_and_an_evaluation_after_it_goes_on(tmp_path: Path) -> None:
+def test_page_reset_ends_episode_and_evaluation_continues(tmp_path: Path) -> None:
     settings = settings_for("RunAway-v0", "default", "random")
     config = TrainConfig("RunAway-v0", "random", 2, settings=settings, eval_every=1, eval_episodes=1, run_dir=tmp_path / "run")
     stop = threading.Event()
@@ -57,7 +57,7 @@ def test_a_reset_cuts_an_episode_of_training_and_an_evaluation_after_it_goes_on(
     assert all(episode.evaluation is not None for episode in result.episodes)
 
 
-def test_a_stop_on_the_page_ends_a_run_which_can_be_resumed(tmp_path: Path) -> None:
+def test_stopped_run_can_be_resumed(tmp_path: Path) -> None:
     settings = settings_for("RunAway-v0", "default", "random")
     config = TrainConfig("RunAway-v0", "random", 50, settings=settings, run_dir=tmp_path / "run")
     stop = threading.Event()

@@ -1,4 +1,4 @@
-"""What the tests of plans share."""
+"""Fixtures of plan tests."""
 
 from __future__ import annotations
 
@@ -12,5 +12,5 @@ from bricksrl.plans.finding import Finding
 
 @pytest.fixture
 def findings() -> Callable[..., list[Finding]]:
-    """The findings of a plan in some lines."""
+    """Findings about a plan."""
     return lambda *lines: findings_of(plan_of(*lines))

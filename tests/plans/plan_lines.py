@@ -1,4 +1,4 @@
-"""Lines of plans to try things on."""
+"""Lines of test plans."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ BEAM = "1 4 0 0 0 1 0 0 0 1 0 0 0 1 32316.dat"
 
 
 def pin(x: float, y: float, z: float) -> str:
-    """The line of a pin along y."""
+    """A pin along y."""
     return f"1 0 {x} {y} {z} 0 0 1 1 0 0 0 1 0 2780.dat"
 
 
 def plan_of(*lines: str) -> Plan:
-    """The plan in some lines."""
+    """A plan from lines."""
     return make_plan(ldraw_file.parse("\n".join(lines), "try.ldr"))
 
 
 def findings_of(plan: Plan) -> list[Finding]:
-    """All that is wrong with a plan, also against the description of the robot that it names."""
+    """All findings, including those against the robot's description."""
     return check(plan) + check_named(plan)

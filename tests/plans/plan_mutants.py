@@ -14,7 +14,7 @@ KINDS = ("pin removed", "part removed", "part shifted", "two in one place", "par
 
 @dataclass(frozen=True)
 class Mutant:
-    """A changed text, and what was done to it."""
+    """A changed text, and the change."""
 
     kind: str
     what: str
@@ -22,7 +22,7 @@ class Mutant:
 
 
 def mutant(text: str, seed: int) -> Mutant:
-    """A plan's text with a mistake; the kinds take turns."""
+    """A plan's text with a mistake; kinds alternate."""
     rng = random.Random(seed)
     kind = KINDS[seed % len(KINDS)]
     lines = text.splitlines()
@@ -56,7 +56,7 @@ def mutant(text: str, seed: int) -> Mutant:
 
 
 def _steps_swapped(lines: list[str], rng: random.Random) -> Mutant:
-    """Two steps of the first model exchanged."""
+    """Swap two steps of the first model."""
     end = next(i for i, line in enumerate(lines) if line.startswith("0 NOFILE"))
     marks = [i for i in range(end) if lines[i] == "0 STEP"]
     start = next(i for i, line in enumerate(lines) if line.startswith("1 "))

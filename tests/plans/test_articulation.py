@@ -1,4 +1,4 @@
-"""Gear trains, articulations, positions and end stops that follow from plans."""
+"""Gear trains, articulations, poses and end stops of plans."""
 
 from __future__ import annotations
 
@@ -33,14 +33,14 @@ def robot(name: str) -> PlannedRobot:
         ("robo_arm", "E", (12, 24), -2),
     ],
 )
-def test_each_motor_drives_what_it_does_in_the_twins_by_hand(name, port, gears, gear):
+def test_motors_drive_same_as_manual_twins(name, port, gears, gear):
     made = robot(name)
     assert made.train(port).gears == gears
     (drive,) = [one for one in made.articulation.drives if one.port == port]
     assert drive.gear == pytest.approx(gear)
 
 
-def test_two_pairs_of_gears_multiply_and_an_idler_does_not():
+def test_gear_pairs_multiply_idler_does_not():
     def gears(*teeth: int) -> tuple[int, ...]:
         from bricksrl.plans.mechanism.trains import Train
 
@@ -56,7 +56,7 @@ def test_two_pairs_of_gears_multiply_and_an_idler_does_not():
     ("name", "bodies", "drives", "rods", "geared", "followers", "is_fixed"),
     [("two_wheeler", 3, 2, 0, 0, 0, False), ("walker", 9, 4, 4, 0, 0, False), ("robo_arm", 6, 4, 0, 1, 6, True)],
 )
-def test_what_does_not_matter_is_left_out_and_nothing_is_lost(name, bodies, drives, rods, geared, followers, is_fixed):
+def test_simplification_keeps_all_parts(name, bodies, drives, rods, geared, followers, is_fixed):
     made = robot(name)
     found = made.articulation
     counts = tuple(map(len, (found.bodies, found.drives, found.rods, found.geared, found.followers)))
@@ -70,19 +70,19 @@ def test_what_does_not_matter_is_left_out_and_nothing_is_lost(name, bodies, driv
     assert sorted(parts) == list(range(len(made.plan.parts)))
 
 
-def test_a_wheel_on_an_axle_that_turns_freely_is_a_swing():
+def test_free_wheel_is_a_swing():
     axle = [PLATE, *shaft(0, 0, "39367p02")]
     made = planned(plan_of(*axle))
     assert len(made.articulation.swings) == 1
     assert made.articulation.drives == ()
 
 
-def test_an_axle_that_spins_for_nothing_is_none():
+def test_free_axle_is_no_swing():
     made = planned(plan_of(PLATE, *shaft(0, 0, "3713")))
     assert (len(made.articulation.bodies), made.articulation.swings) == (1, ())
 
 
-def test_two_motors_on_one_axle_are_refused_in_one_line():
+def test_two_motors_on_one_axle_raise():
     motors = [
         "0 !BRICKSRL PORT A",
         "1 15 0 0 0 1 0 0 0 1 0 0 0 1 54696p02.dat",
@@ -114,12 +114,12 @@ def test_two_motors_on_one_axle_are_refused_in_one_line():
         (["1 15 0 0 0 1 0 0 0 1 0 0 0 1 99999.dat"], "no part that the catalogue knows"),
     ],
 )
-def test_a_plan_that_is_no_robot_is_refused_in_one_line(lines, says):
+def test_plan_without_robot_raises(lines, says):
     with pytest.raises(PlanError, match=says):
         planned(plan_of(*lines))
 
 
-def test_the_legs_of_the_walker_go_round():
+def test_walker_legs_turn_fully():
     made = robot("walker")
     poser = Poser(made.articulation)
     assert poser.free == ()
@@ -137,7 +137,7 @@ def test_the_legs_of_the_walker_go_round():
     assert (stride, across, lift) == (pytest.approx(38.4, abs=1.0), pytest.approx(0, abs=1e-6), pytest.approx(16.0, abs=0.5))
 
 
-def test_gears_turn_for_the_eye_against_what_they_drive():
+def test_visual_gears_counter_rotate():
     made = robot("robo_arm")
     poser = Poser(made.articulation)
     shafts = {"A": math.radians(90.0)}
@@ -154,7 +154,7 @@ def test_gears_turn_for_the_eye_against_what_they_drive():
     assert second == pytest.approx(-first / 2)
 
 
-def test_an_arm_stops_where_its_parts_meet():
+def test_arm_stops_at_collision():
     made = robot("robo_arm")
     assert free_deg(made, "D", 0.0, 80.0)[1] == 80.0
     low, high = free_deg(made, "A", -300.0, 20.0)

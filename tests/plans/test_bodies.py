@@ -1,4 +1,4 @@
-"""Rigid bodies, what is left to move, and gears."""
+"""Rigid bodies, motions and gears."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ FLAT = "1 0 0 0 0 1 0 -1 0"
 
 
 def shaft(x: float, z: float, *gears: str) -> list[str]:
-    """An upright axle of 4 in the plate, a bush below, gears on top of it from the plate on."""
+    """A vertical axle of 4 in the plate with a bush below and gears above."""
     lines = [f"1 0 {x} -10 {z} {UPRIGHT} 3705.dat", f"1 0 {x} 20 {z} {FLAT} 3713.dat"]
     return lines + [f"1 4 {x} {-20 - 20 * level} {z} {FLAT} {number}.dat" for level, number in enumerate(gears)]
 
@@ -27,13 +27,13 @@ def solved(*lines: str) -> tuple[Plan, Structure]:
     return plan, structure_of(plan)
 
 
-def test_an_axle_with_a_gear_and_a_bush_turns_and_does_not_slide():
+def test_axle_with_gear_and_bush_does_not_slide():
     _, structure = solved(PLATE, *shaft(0, 0, "3648b"))
     assert [len(members) for members in structure.bodies.members] == [1, 3]
     assert structure.bodies.motions().shape == (12, 1)
 
 
-def test_without_its_bush_the_axle_slides():
+def test_axle_without_bush_slides():
     _, structure = solved(PLATE, *(line for line in shaft(0, 0, "3648b") if "3713" not in line))
     assert structure.bodies.motions().shape[1] == 2
 
@@ -42,7 +42,7 @@ def test_without_its_bush_the_axle_slides():
     ("first", "second", "distance"),
     [("10928", "3648b", 40), ("3648b", "3648b", 60), ("94925", "94925", 40), ("32270", "32498", 60), ("18575", "46372", 60)],
 )
-def test_two_gears_turn_against_each_other_as_their_teeth(first, second, distance):
+def test_gear_ratio_follows_teeth(first, second, distance):
     plan, structure = solved(PLATE, *shaft(0, 0, first), *shaft(distance, 0, second))
     assert [mesh.is_good for mesh in structure.meshes] == [True]
     motions = structure.bodies.motions()
@@ -53,7 +53,7 @@ def test_two_gears_turn_against_each_other_as_their_teeth(first, second, distanc
     assert rates[0] * teeth[0] == pytest.approx(-rates[1] * teeth[1])
 
 
-def test_a_ratio_is_that_of_the_teeth_where_the_grid_is_a_little_too_small_for_them():
+def test_ratio_follows_teeth_with_small_distance_error():
     # 12 and 24 teeth, 2 modules along and 1 across: 17.9 mm instead of 18.
     _, structure = solved(PLATE, *shaft(0, 0, "32270"), *shaft(40, 20, "3648b"))
     motions = structure.bodies.motions()
@@ -62,7 +62,7 @@ def test_a_ratio_is_that_of_the_teeth_where_the_grid_is_a_little_too_small_for_t
     assert first == pytest.approx(-2 * second)
 
 
-def test_three_gears_in_a_ring_lock():
+def test_three_gears_in_ring_lock():
     two = [PLATE, *shaft(0, 0, "94925"), *shaft(40, 0, "94925")]
     ring = [*two, *shaft(20, 40, "18575")]
     assert solved(*two)[1].bodies.motions().shape[1] == 1
@@ -71,7 +71,7 @@ def test_three_gears_in_a_ring_lock():
     assert structure.bodies.motions().shape[1] == 0
 
 
-def test_a_worm_turns_a_gear_by_a_tooth_a_turn():
+def test_worm_advances_one_tooth_per_turn():
     lines = [PLATE, *shaft(0, 0, "3648b"), "1 0 0 -20 40 1 0 0 0 1 0 0 0 1 3706.dat", "1 7 0 -20 40 0 0 1 0 1 0 -1 0 0 4716.dat"]
     plan, structure = solved(*lines)
     (mesh,) = structure.meshes
@@ -84,7 +84,7 @@ def test_a_worm_turns_a_gear_by_a_tooth_a_turn():
     assert abs(spin / turned) == pytest.approx(1 / 24, rel=1e-3)
 
 
-def test_a_motor_turns_what_is_on_its_shaft():
+def test_motor_turns_parts_on_shaft():
     motor = ["0 !BRICKSRL PORT A left", "1 15 0 0 0 1 0 0 0 1 0 0 0 1 54696p02.dat"]
     axle = "1 0 0 -60 0 0 -1 0 1 0 0 0 0 1 4519.dat"
     wheel = f"1 7 0 -70 0 {FLAT} 39367p02.dat"
@@ -97,8 +97,8 @@ def test_a_motor_turns_what_is_on_its_shaft():
     assert structure.bodies.motions(locked=[0]).shape[1] == 0
 
 
-def test_a_differential_halves_what_turns_its_axles():
-    """Gears of 12 on both axles and on the peg between them, as they stand in other people's plans."""
+def test_differential_averages_axles():
+    """Gears of 12 on both axles and on the peg."""
     plan, structure = solved(
         "1 4 0 0 0 1 0 0 0 1 0 0 0 1 62821.dat",
         "1 7 0 0 -17.5 1 0 0 0 1 0 0 0 1 6589.dat",
@@ -116,7 +116,7 @@ def test_a_differential_halves_what_turns_its_axles():
     assert [plan.parts[part].part.name for part in bodies.members[0]] == ["Differential 28"]
 
 
-def test_studs_hold_plates_and_bricks_together():
+def test_studs_connect_plates_and_bricks():
     brick, plate = "1 4 0 0 0 1 0 0 0 1 0 0 0 1 3001.dat", "1 4 20 -8 0 0 0 1 0 1 0 -1 0 0 3022.dat"
     _, structure = solved(brick, plate)
     assert len(structure.connections) == 4
@@ -126,7 +126,7 @@ def test_studs_hold_plates_and_bricks_together():
     assert apart.connections == ()
 
 
-def test_a_pin_goes_through_a_technic_brick_and_not_into_its_studs():
+def test_pin_fits_technic_brick_not_studs():
     pin = "1 0 0 10 10 0 0 1 0 1 0 -1 0 0 2780.dat"
     _, structure = solved("1 4 0 0 0 1 0 0 0 1 0 0 0 1 3700.dat", pin, pin.replace("0 10 10", "10 -2 0"))
     assert [(link.male, link.female) for link in structure.connections] == [(1, 0)]

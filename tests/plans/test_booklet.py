@@ -18,7 +18,7 @@ from bricksrl.plans.shapes import surface_of
 WHEEL = "0 FILE wheel.ldr\n1 71 0 0 0 1 0 0 0 1 0 0 0 1 39367p02.dat\n0 STEP\n1 71 0 0 20 1 0 0 0 1 0 0 0 1 3713.dat"
 
 
-def test_every_part_can_be_drawn_and_looks_as_large_as_it_is():
+def test_every_part_is_drawn_at_its_size():
     for part in catalogue.parts():
         surface = surface_of(part)
         points = surface.triangles.reshape(-1, 3)
@@ -28,7 +28,7 @@ def test_every_part_can_be_drawn_and_looks_as_large_as_it_is():
         assert np.abs(points.max(axis=0) - high).max() < 4.5, part.number
 
 
-def test_surfaces_look_outwards():
+def test_surfaces_face_outwards():
     for part in catalogue.parts():
         triangles = surface_of(part).triangles
         volume = float(np.einsum("ij,ij->i", triangles[:, 0], np.cross(triangles[:, 1], triangles[:, 2])).sum()) / 6
@@ -37,7 +37,7 @@ def test_surfaces_look_outwards():
         assert 0.6 * full < volume < 4.0 * full, part.number
 
 
-def test_a_view_is_upright_and_looks_from_the_front_left_above():
+def test_default_view_is_upright_from_front_left():
     right, down, away = VIEWS[0].axes
     assert np.allclose(np.stack([right, down, away]) @ np.stack([right, down, away]).T, np.eye(3))
     assert np.allclose(np.cross(right, down), away)
@@ -47,7 +47,7 @@ def test_a_view_is_upright_and_looks_from_the_front_left_above():
     assert away[2] < 0  # from the front, one looks backwards
 
 
-def test_a_box_covers_as_many_points_as_its_shadow():
+def test_box_covers_its_projection():
     plan = plan_of("1 4 0 0 0 1 0 0 0 1 0 0 0 1 67718.dat")
     canvas = Canvas((300, 200), View(0, 0), plan.parts)
     canvas.add(plan.parts[0])
@@ -56,7 +56,7 @@ def test_a_box_covers_as_many_points_as_its_shadow():
     assert canvas.visible({0}) == pytest.approx(140 * 80 * scale**2, rel=0.03)
 
 
-def test_what_is_nearer_hides_what_is_behind():
+def test_nearer_parts_occlude():
     lines = ["1 4 0 0 0 1 0 0 0 1 0 0 0 1 67718.dat", "1 1 0 -40 -200 1 0 0 0 1 0 0 0 1 3713.dat"]
     plan = plan_of(*lines)
     canvas = Canvas((300, 200), View(0, 0), plan.parts)
@@ -69,7 +69,7 @@ def test_what_is_nearer_hides_what_is_behind():
     assert behind.visible({1}) > 0
 
 
-def test_new_parts_are_in_colour_and_the_others_faded():
+def test_new_parts_are_coloured_others_faded():
     plan = plan_of(BEAM, pin(0, -10, 20), "1 4 0 -20 0 1 0 0 0 1 0 0 0 1 32316.dat")
     bright, faded = draw(plan.parts, (200, 150), bright={2}), draw(plan.parts, (200, 150), bright=set())
     red = lambda image: int(((image[..., 0] > 110) & (image[..., 1] < 60)).sum())  # noqa: E731
@@ -77,7 +77,7 @@ def test_new_parts_are_in_colour_and_the_others_faded():
     assert red(faded) == 0
 
 
-def test_a_page_for_each_step_and_one_for_what_is_built_twice():
+def test_repeated_steps_share_a_page():
     turned = "1 16 100 0 0 -1 0 0 0 1 0 0 0 -1 wheel.ldr"
     plan = plan_of(
         "0 FILE car.ldr", "0 // A beam.", BEAM, "0 STEP", "1 16 0 0 0 1 0 0 0 1 0 0 0 1 wheel.ldr", turned, *WHEEL.split("\n")
@@ -88,14 +88,14 @@ def test_a_page_for_each_step_and_one_for_what_is_built_twice():
     assert [(item.count, item.text) for item in list(pages_of(plan))[-1].items] == [(2, "wheel")]
 
 
-def test_a_pin_that_other_new_parts_hide_is_outlined():
+def test_hidden_new_pin_is_outlined():
     upper = BEAM.replace("1 4 0 0 0", "1 4 0 -20 0")
     orange = lambda page: int(((page.picture[..., 0] > 140) & (page.picture[..., 2] < 70) & (page.picture[..., 1] > 60)).sum())  # noqa: E731
     hidden, alone = (list(pages_of(plan_of(BEAM, *lines)))[-1] for lines in ([upper, pin(0, -10, 20)], [upper]))
     assert orange(hidden) > orange(alone) + 20
 
 
-def test_each_cable_has_its_letter_at_the_port_and_at_the_device():
+def test_cables_are_labelled_at_both_ends():
     plan = read_plan(PLANS / "two_wheeler.ldr")
     page = list(pages_of(plan))[-1]
     assert [cable.port for cable in page.cables] == ["A", "C", "E"]
@@ -104,7 +104,7 @@ def test_each_cable_has_its_letter_at_the_port_and_at_the_device():
 
 
 @pytest.mark.slow
-def test_the_booklet_of_the_two_wheeler(tmp_path):
+def test_two_wheeler_booklet(tmp_path):
     plan = read_plan(PLANS / "two_wheeler.ldr")
     pages = write_booklet(plan, tmp_path / "plan.pdf")
     assert write_booklet(plan, tmp_path / "plan.html") == pages == 14
@@ -116,7 +116,7 @@ def test_the_booklet_of_the_two_wheeler(tmp_path):
     assert len(pdf) < 2_000_000
 
 
-def test_a_booklet_has_an_ending_that_says_what_it_is(tmp_path):
+def test_booklet_suffix_selects_format(tmp_path):
     with pytest.raises(PlanError, match=r"a booklet is a \.pdf or \.html file"):
         write_booklet(plan_of(BEAM), tmp_path / "plan.doc")
     with pytest.raises(PlanError, match="has no part that the catalogue knows"):

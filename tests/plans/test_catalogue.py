@@ -1,4 +1,4 @@
-"""The catalogue: numbers, places, sizes, masses."""
+"""Part catalogue: numbers, sites, sizes, masses."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def test_at_least_250_kinds_each_number_once():
 
 
 @pytest.mark.parametrize("part", PARTS, ids=lambda part: part.number)
-def test_a_part_has_a_mass_a_size_and_samples_within_it(part: Part):
+def test_parts_have_mass_size_and_samples(part: Part):
     low, high = part.bounds
     assert 0.05 < part.mass_g < 300
     assert ((high - low) > 0).all() and ((high - low) < 700).all()
@@ -33,15 +33,15 @@ def test_a_part_has_a_mass_a_size_and_samples_within_it(part: Part):
             assert not part.contains(np.array([site.centre]), 0.0).any()
 
 
-def test_a_mass_is_less_than_that_of_its_solids_full_of_plastic():
+def test_mass_is_below_solid_plastic():
     for part in PARTS:
         if part.device is None:
             full_g = sum(solid.volume for solid in (*part.solids, *part.turning)) * 0.4**3 * 1.05e-3
             assert part.mass_g < 1.35 * full_g, part.number
 
 
-def test_a_block_weighs_nearly_what_its_shape_at_ldraw_does():
-    """Volumes of the shapes times 1.05 g/cm3."""
+def test_block_mass_is_close_to_ldraw_volume():
+    """Volumes of the shapes times 1.05 g/cm³."""
     for number, mass_g in {
         "3005": 0.482,
         "3004": 0.904,
@@ -76,10 +76,10 @@ def test_motors_turn_an_axle_hole():
             assert not any(site.turns for site in part.sites), part.number
 
 
-def test_numbers_are_found_with_and_without_the_ending_and_by_alias():
+def test_parts_are_found_by_number_suffix_or_alias():
     assert catalogue.get("2780.dat") is catalogue.get("2780") is catalogue.get("61332")
 
 
-def test_an_unknown_number_is_one_line():
+def test_unknown_part_number_raises():
     with pytest.raises(UnknownNameError, match=r"^part '99999' is not in the catalogue; .*`bricksrl plan parts`"):
         catalogue.get("99999")

@@ -1,4 +1,4 @@
-"""The check of plans: our robots pass, mistakes are found."""
+"""Check of plans."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ HELD = (BEAM, FRAME, pin(0, 10, 20), pin(0, 10, -20))
 
 
 def line(number: str, x: float, y: float, z: float, matrix: str = "1 0 0 0 1 0 0 0 1") -> str:
-    """The line of a part."""
+    """A line that places a part."""
     return f"1 4 {x} {y} {z} {matrix} {number}.dat"
 
 
 @pytest.mark.parametrize("robot", ROBOTS)
-def test_our_robots_pass(robot):
+def test_our_plans_pass_check(robot):
     plan = read_plan(PLANS / f"{robot}.ldr")
     assert findings_of(plan) == []
     assert 30 <= len(plan.parts) <= 250
     assert plan.robot is not None
 
 
-def test_two_beams_on_two_pins_are_fine(findings):
+def test_two_beams_on_two_pins_pass(findings):
     assert findings(*HELD) == []
 
 
@@ -55,12 +55,12 @@ def test_each_mistake_has_its_line(findings, lines, kind, number, says):
     assert any(says in one.text for one in found), findings(*lines)
 
 
-def test_a_beam_that_swings_may_be_meant(findings):
+def test_free_beam_is_allowed(findings):
     assert findings(BEAM, "0 !BRICKSRL FREE", FRAME, pin(0, 10, 20)) == []
 
 
 def _gears(distance: float, shift: float = 0.0) -> list[str]:
-    """Two axles in a base plate, a gear of 24 teeth on each."""
+    """Two axles in a base plate with a gear of 24 teeth each."""
     along_y = "1 0 0 0 0 1 0 -1 0"
     lines = [line("39369", 0, 0, 0)]
     for x, y in ((0.0, 0.0), (distance, shift)):
@@ -76,11 +76,11 @@ def _gears(distance: float, shift: float = 0.0) -> list[str]:
     ]
 
 
-def test_gears_at_the_sum_of_their_radii_mesh(findings):
+def test_gears_at_correct_distance_mesh(findings):
     assert [one for one in findings(*_gears(60)) if one.kind == "gears"] == []
 
 
-def test_gears_too_far_apart_or_beside_one_another_are_found(findings):
+def test_misplaced_gears_are_found(findings):
     far = [one.text for one in findings(*_gears(66)) if one.kind == "gears"]
     beside = [one.text for one in findings(*_gears(60, 10)) if one.kind == "gears"]
     assert len(far) == len(beside) == 1
@@ -88,7 +88,7 @@ def test_gears_too_far_apart_or_beside_one_another_are_found(findings):
     assert "meet over only" in beside[0]
 
 
-def test_a_part_that_is_walled_in_cannot_be_put_in(findings):
+def test_enclosed_part_is_found(findings):
     # A beam lies between two others that are pinned together outside it, before it comes.
     frame = line("39794", 0, 0, 0)
     inner = line("32316", 0, 0, 0)
@@ -98,7 +98,7 @@ def test_a_part_that_is_walled_in_cannot_be_put_in(findings):
     assert any("has no free path to its place" in one for one in text)
 
 
-def test_a_part_in_the_air_is_found(findings):
+def test_unconnected_part_is_found(findings):
     found = findings(BEAM, "0 STEP", FRAME, "0 STEP", *HELD[2:])
     assert [(one.kind, one.line) for one in found] == [("step", 3)]
 
@@ -115,7 +115,7 @@ def test_a_thousand_parts_in_one_place_are_found_in_seconds(findings, number):
 @pytest.mark.slow
 @pytest.mark.parametrize("robot", ROBOTS)
 def test_mutants_are_found(robot):
-    """At least 95 in 100 mistakes of eight kinds; of those that do not show in the number of parts, nothing comes apart."""
+    """At least 95 % of mistakes of eight kinds; those without a changed part count and without loose parts are excluded."""
     text = (PLANS / f"{robot}.ldr").read_text(encoding="utf-8")
     missed = []
     for seed in range(SEEDS[robot]):
@@ -128,7 +128,7 @@ def test_mutants_are_found(robot):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("robot", ROBOTS)
-def test_a_missing_part_is_mostly_found_by_what_it_held(robot):
+def test_missing_part_is_mostly_found(robot):
     text = _COUNT.sub("", (PLANS / f"{robot}.ldr").read_text(encoding="utf-8"))
     mutants = [mutant(text, seed) for seed in range(0, 80, 8)]
     found = sum(bool(findings_of(make_plan(ldraw_file.parse(one.text, "mutant.ldr")))) for one in mutants)

@@ -1,4 +1,4 @@
-"""What follows from the plans of our robots, against their descriptions and the twins that are written by hand."""
+"""Mechanisms of our plans against descriptions and manual twins."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def mechanism_of(name: str) -> Mechanism:
 
 
 def _ratios(name: str) -> dict[tuple[str, float, float, float], float]:
-    """Turns of each hinge for one of the motor that moves it, by the motor's port and the hinge's place in mm."""
+    """Turns of each hinge per turn of its motor, by port and position in mm."""
     made = mechanism_of(name)
     found = {}
     for hinge, row in zip(made.hinges, made.ratios, strict=True):
@@ -34,7 +34,7 @@ def _ratios(name: str) -> dict[tuple[str, float, float, float], float]:
     return found
 
 
-def test_a_part_by_itself_is_a_link_with_the_mass_and_the_inertia_of_a_bar():
+def test_single_part_has_mass_and_inertia_of_bar():
     plan = plan_of(BEAM)
     made = mechanism(plan, structure_of(plan).bodies)
     (link,) = made.links
@@ -47,7 +47,7 @@ def test_a_part_by_itself_is_a_link_with_the_mass_and_the_inertia_of_a_bar():
     assert np.linalg.eigvalsh(link.inertia).min() > 0
 
 
-def test_the_two_wheeler_is_the_one_of_its_description_and_its_twin():
+def test_two_wheeler_plan_matches_description_and_twin():
     made, robot = mechanism_of("two_wheeler"), robots.TWO_WHEELER
     spec = two_wheeler.build(robot, Scene())
     model = spec.compile()
@@ -68,7 +68,7 @@ def test_the_two_wheeler_is_the_one_of_its_description_and_its_twin():
     assert np.abs(centre).max() < 0.006
 
 
-def test_the_walker_has_the_legs_of_its_twin():
+def test_walker_plan_legs_match_twin():
     made = mechanism_of("walker")
     model = walker.build(robots.WALKER, Scene()).compile()
     assert len(made.links) == 13
@@ -100,7 +100,7 @@ def test_the_order_of_the_lines_changes_no_hinge(name):
     assert np.allclose(places[0], places[1], atol=1e-6)
 
 
-def test_the_robo_arm_turns_with_the_gears_of_its_description():
+def test_robo_arm_plan_gears_match_description():
     ratios = _ratios("robo_arm")
     # the motor on the turntable walks around the teeth that stand fast
     assert ratios["B", 0, 0, 0] == pytest.approx(20 / 60)
@@ -113,7 +113,7 @@ def test_the_robo_arm_turns_with_the_gears_of_its_description():
     assert abs(ratios["B", 0, 0, 0]) == pytest.approx(arm.motor("rotation").gears[0] / arm.motor("rotation").gears[-1])
 
 
-def test_a_motor_with_nothing_on_its_shaft_turns_its_shaft():
+def test_bare_motor_turns_its_shaft():
     plan = plan_of("0 !BRICKSRL PORT A arm", "1 4 0 0 0 1 0 0 0 1 0 0 0 1 54696.dat")
     made = mechanism(plan, structure_of(plan).bodies)
     assert [link.parts for link in made.links] == [(0,), ()]

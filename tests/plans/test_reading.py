@@ -1,4 +1,4 @@
-"""Reading LDraw files: steps, sub-assemblies, our comments, and files that mean harm."""
+"""LDraw files: steps, sub-assemblies, comments, malicious files."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def test_steps_and_notes():
     assert plan.mass_g == pytest.approx(1.226 + 0.193, abs=0.01)
 
 
-def test_a_sub_assembly_is_built_before_it_is_joined():
+def test_sub_assembly_is_built_before_joining():
     plan = plan_of("0 FILE car.ldr", BEAM, "0 STEP", "1 1 100 0 0 -1 0 0 0 1 0 0 0 -1 wheel.ldr", *WHEEL)
     assert [step.assembly for step in plan.steps] == [(), ("wheel.ldr:4",), ("wheel.ldr:4",), ()]
     assert plan.steps[-1].joined == ((1, 2),)
@@ -37,7 +37,7 @@ def test_a_sub_assembly_is_built_before_it_is_joined():
     assert np.allclose(wheel.to_part(wheel.to_plan(np.array([[1.0, 2, 3]]))), [[1, 2, 3]])
 
 
-def test_our_comments_belong_to_the_next_part():
+def test_comments_apply_to_next_part():
     plan = plan_of(
         "0 !BRICKSRL ROBOT walker", "0 !BRICKSRL PARTS 3", "0 !BRICKSRL PORT a left", BEAM, "0 !BRICKSRL FREE", BEAM, BEAM
     )
@@ -69,14 +69,14 @@ def test_unknown_parts_are_kept_with_their_lines():
         (["0 FILE a.ldr", "1 4 0 0 0 1 0 0 0 1 0 0 0 1 a.ldr"], "nested more than 16 deep or in itself"),
     ],
 )
-def test_what_cannot_be_read_is_one_line(lines, says):
+def test_unreadable_file_raises(lines, says):
     with pytest.raises(PlanError) as error:
         plan_of(*lines)
     assert says in str(error.value)
     assert "\n" not in str(error.value)
 
 
-def test_models_that_multiply_are_bounded():
+def test_recursive_models_are_bounded():
     text = ["0 FILE m0.ldr", *["1 4 0 0 0 1 0 0 0 1 0 0 0 1 m1.ldr"] * 10]
     for level in range(1, 12):
         text += [f"0 FILE m{level}.ldr", *[f"1 4 0 0 0 1 0 0 0 1 0 0 0 1 m{level + 1}.ldr"] * 10]
@@ -85,7 +85,7 @@ def test_models_that_multiply_are_bounded():
         plan_of(*text)
 
 
-def test_a_file_too_large_or_binary_or_missing_is_one_line(tmp_path):
+def test_large_binary_or_missing_file_raises(tmp_path):
     large, binary = tmp_path / "large.ldr", tmp_path / "binary.ldr"
     large.write_bytes(b"0 x\n" * (ldraw_file.MAX_BYTES // 4 + 1))
     binary.write_bytes(bytes(range(256)) * 4)
@@ -106,13 +106,13 @@ def _zipped(name: str, data: bytes) -> bytes:
     return buffer.getvalue()
 
 
-def test_a_file_of_studio_is_a_zip(tmp_path):
+def test_studio_file_is_a_zip(tmp_path):
     path = tmp_path / "robot.io"
     path.write_bytes(_zipped("model.ldr", (PLANS / "two_wheeler.ldr").read_bytes()))
     assert len(read_plan(path).parts) == len(read_plan(PLANS / "two_wheeler.ldr").parts)
 
 
-def test_zips_that_mean_harm_are_one_line(tmp_path):
+def test_malicious_zip_raises(tmp_path):
     path, model = tmp_path / "robot.io", _zipped("model.ldr", BEAM.encode())
     at = model.index(b"PK\x01\x02") + 8
     encrypted = model[:at] + b"\x01" + model[at + 1 :]
@@ -130,12 +130,12 @@ def test_zips_that_mean_harm_are_one_line(tmp_path):
 
 
 @given(st.lists(st.text(alphabet="01 -.!eBRICKSLPOTFDAxyzldrt/n\\", max_size=60), max_size=8))
-def test_any_text_is_a_plan_or_one_error(lines):
+def test_any_text_parses_or_raises_plan_error(lines):
     with suppress(PlanError):
         assert plan_of(*lines).steps is not None
 
 
-def test_a_zip_with_damaged_bytes_is_read_or_is_one_error(tmp_path):
+def test_damaged_zip_is_read_or_raises(tmp_path):
     model, path, errors = _zipped("model.ldr", f"{BEAM}\n".encode() * 20), tmp_path / "robot.io", 0
     for seed in range(600):
         rng = random.Random(seed)
@@ -151,19 +151,19 @@ def test_a_zip_with_damaged_bytes_is_read_or_is_one_error(tmp_path):
 
 
 @pytest.mark.parametrize("angle", ["x", "nan", "1e9", "90 deg"])
-def test_an_angle_that_is_none_is_one_error(angle):
+def test_invalid_angle_raises(angle):
     with pytest.raises(PlanError, match="is not understood"):
         plan_of(f"0 !BRICKSRL PORT A left {angle}", BEAM)
 
 
-def test_what_is_unknown_may_be_stretched_and_what_is_known_may_not():
+def test_only_unknown_parts_may_be_stretched():
     hose = "1 4 0 0 0 1 0 0 0 9 0 0 0 1 hose_piece.dat"
     assert len(plan_of(BEAM, hose).unknown) == 1
     with pytest.raises(PlanError, match="line 2: '32316.dat' is stretched"):
         plan_of(hose, hose.replace("hose_piece", "32316"))
 
 
-def test_files_of_parts_that_a_document_carries_along_are_parts_and_may_be_there_twice():
+def test_embedded_part_files_may_repeat():
     plate = ["0 FILE 99999.dat", "0 !LDRAW_ORG Unofficial_Part", "1 16 0 0 0 1 0 0 0 1 0 0 0 1 box.dat"]
     plan = plan_of("0 FILE a.ldr", BEAM, BEAM.replace("32316", "99999"), *plate, *plate)
     assert len(plan.parts) == 1
@@ -177,6 +177,6 @@ def test_files_of_parts_that_a_document_carries_along_are_parts_and_may_be_there
         ["0 !LDCAD GENERATED [generator=LDCad 1.6] [master=a.ldr]", *["1 16 0 0 0 1 0 0 0 1 0 0 0 1 u9218.dat"] * 40],
     ],
 )
-def test_a_hose_that_is_drawn_of_pieces_is_one_unknown_part(segments):
+def test_segmented_hose_is_one_unknown_part(segments):
     plan = plan_of("0 FILE a.ldr", BEAM, BEAM.replace("32316.dat", "hose.ldr"), "0 FILE hose.ldr", *segments)
     assert [(one.number, len(one.lines)) for one in plan.unknown] == [("hose.ldr", 1)]

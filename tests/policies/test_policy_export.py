@@ -1,4 +1,4 @@
-"""Policies as files that need nothing of BricksRL."""
+"""Policies exported without BricksRL."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return run(tmp_path_factory.mktemp("runs"), "sac", hidden=(16,))
 
 
-def test_the_file_acts_as_the_policy_without_bricksrl(trained: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_exported_policy_acts_without_bricksrl(trained: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "new" / "arm.pt2"
     assert main(["export", str(trained), "--out", str(out)]) == 0
     assert capsys.readouterr().out.startswith(f"written  {out}  (its actions differ by 0")
@@ -48,25 +48,25 @@ def test_the_file_acts_as_the_policy_without_bricksrl(trained: Path, tmp_path: P
     torch.testing.assert_close(torch.load(tmp_path / "action.pt"), load_policy(trained).act(observation))
 
 
-def test_a_shared_policy_is_exported_too(trained: Path, tmp_path: Path) -> None:
+def test_shared_policy_can_be_exported(trained: Path, tmp_path: Path) -> None:
     assert export_model(export_policy(trained, tmp_path / "shared"), tmp_path / "arm.pt2") < 1e-5
 
 
-def test_what_is_there_stays(trained: Path, tmp_path: Path) -> None:
+def test_existing_file_is_not_overwritten(trained: Path, tmp_path: Path) -> None:
     (tmp_path / "arm.pt2").write_text("mine")
     with pytest.raises(RunError, match="exists already; choose a new file"):
         export_model(trained, tmp_path / "arm.pt2")
     assert (tmp_path / "arm.pt2").read_text() == "mine"
 
 
-def test_a_file_that_acts_otherwise_is_not_left(trained: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_wrong_export_is_removed(trained: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(export, "_reader", lambda path, format_: lambda inputs: torch.full((len(inputs[0]), 4), 0.5))
     with pytest.raises(RunError, match="what was written acts otherwise, by"):
         export_model(trained, tmp_path / "arm.pt2")
     assert list(tmp_path.iterdir()) == []
 
 
-def test_onnx_that_is_not_installed_is_one_line(trained: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_onnx_raises(trained: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(export.importlib.util, "find_spec", lambda name: None)
     with pytest.raises(RunError, match=r"onnx and onnxscript is not installed; run `pip install 'bricksrl\[onnx\]'`"):
         export_model(trained, tmp_path / "arm.onnx", "onnx")
@@ -74,11 +74,11 @@ def test_onnx_that_is_not_installed_is_one_line(trained: Path, tmp_path: Path, m
 
 
 @pytest.mark.skipif(importlib.util.find_spec("onnxscript") is None, reason="onnxscript is an extra")
-def test_onnx_acts_as_the_policy(trained: Path, tmp_path: Path) -> None:
+def test_onnx_equals_policy(trained: Path, tmp_path: Path) -> None:
     assert export_model(trained, tmp_path / "arm.onnx", "onnx") < 1e-4
 
 
-def test_chance_is_no_function_of_what_is_observed(tmp_path: Path) -> None:
+def test_random_agent_cannot_be_exported(tmp_path: Path) -> None:
     with pytest.raises(RunError, match="depends on more than what it observes"):
         export_model(run(tmp_path, "random"), tmp_path / "arm.pt2")
     with pytest.raises((RunError, CheckpointError), match="no run|no policy"):

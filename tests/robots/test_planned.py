@@ -1,4 +1,4 @@
-"""Descriptions that leave things to their plan."""
+"""Descriptions completed by plans."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ TWO_WHEELER_PLAN = str(PLANS / "two_wheeler.ldr")
 
 
 def robot(**said: object) -> Robot:
-    """A 2Wheeler of which a description says only that."""
+    """A 2Wheeler with given fields only."""
     return Robot("mine", HubKind.PRIME, plan=TWO_WHEELER_PLAN, **said)  # type: ignore[arg-type]
 
 
-def test_all_that_is_left_open_follows_from_the_plan():
+def test_omitted_fields_follow_from_plan():
     made = robot(drive_base=DriveBase("left", "right"))
     assert {motor.name: (motor.port, motor.direction) for motor in made.motors} == {
         "left": ("E", Direction.COUNTERCLOCKWISE),
@@ -40,13 +40,13 @@ def test_all_that_is_left_open_follows_from_the_plan():
     assert made.drive_base == DriveBase("left", "right", 56.0, 130.0)
 
 
-def test_a_name_alone_gets_its_port_and_what_is_said_stays():
+def test_given_fields_are_kept_port_follows_from_plan():
     made = robot(motors=(Motor("right", range_deg=(0, 90)),))
     assert made.motors[0] == Motor("right", "A", range_deg=(0, 90))
     assert [motor.name for motor in made.motors] == ["right", "left"]
 
 
-def test_gears_are_those_of_the_plan_unless_they_are_said():
+def test_gears_follow_from_plan_unless_given():
     arm = Robot("mine", HubKind.PRIME, motors=(Motor("low", gears=(1, 1)),), plan=str(PLANS / "robo_arm.ldr"))
     assert {motor.name: motor.gears for motor in arm.motors} == {
         "low": (1, 1),
@@ -68,20 +68,20 @@ def test_gears_are_those_of_the_plan_unless_they_are_said():
         ({"sensors": (UltrasonicSensor("ears", "C"),)}, "'eyes', but .* 'ears'"),
     ],
 )
-def test_what_is_said_twice_agrees_or_is_one_line(said, says):
+def test_contradictions_to_plan_raise(said, says):
     with pytest.raises(DescriptionError, match=says) as caught:
         robot(**said)
     assert "\n" not in str(caught.value)
 
 
-def test_another_hub_or_no_plan_is_one_line():
+def test_other_hub_or_missing_plan_raises():
     with pytest.raises(DescriptionError, match="is not a technic hub"):
         Robot("mine", HubKind.TECHNIC, plan=TWO_WHEELER_PLAN)
     with pytest.raises(PlanError, match="name an LDraw file"):
         Robot("mine", HubKind.PRIME, plan="nowhere.ldr")
 
 
-def test_without_a_plan_everything_has_to_be_said():
+def test_fields_are_required_without_plan():
     with pytest.raises(DescriptionError, match="'left' has no port; say it, or name a plan"):
         Robot("mine", HubKind.PRIME, motors=(Motor("left"),))
     motors = (Motor("left", "A"), Motor("right", "B"))
@@ -90,11 +90,11 @@ def test_without_a_plan_everything_has_to_be_said():
 
 
 @pytest.mark.parametrize("one", [TWO_WHEELER, WALKER, ROBO_ARM], ids=lambda one: one.name)
-def test_our_descriptions_agree_with_our_plans(one):
+def test_descriptions_match_plans(one):
     check_description(one, PLANS / f"{one.name.replace('-', '_')}.ldr")
 
 
-def test_a_motor_that_no_hub_runs_is_one_line(tmp_path):
+def test_unsupported_motor_raises(tmp_path):
     plan = tmp_path / "ev3.ldr"
     plan.write_text("0 !BRICKSRL PORT A arm\n1 4 0 0 0 1 0 0 0 1 0 0 0 1 99455.dat\n")
     with pytest.raises(DescriptionError, match=r"line 2: no hub of ours runs EV3 medium motor \(99455\); take"):

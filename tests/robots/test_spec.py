@@ -1,4 +1,4 @@
-"""Descriptions of robots: those that can be built are accepted, the others are refused with a remedy."""
+"""Robot descriptions: validation with remedies."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ hubs = st.sampled_from(HubKind)
 
 @st.composite
 def descriptions(draw: st.DrawFn) -> Robot:
-    """Any robot that can be built."""
+    """Any valid robot."""
     hub = draw(hubs)
     ports = draw(st.permutations(hub.model.ports))
     count = draw(st.integers(0, len(ports)))
@@ -33,7 +33,7 @@ def descriptions(draw: st.DrawFn) -> Robot:
 
 
 @given(descriptions())
-def test_what_can_be_built_is_accepted_and_is_a_value(robot: Robot) -> None:
+def test_valid_robots_are_values(robot: Robot) -> None:
     assert robot == dataclasses.replace(robot)
     assert hash(robot) == hash(dataclasses.replace(robot))
     assert [robot.motor(motor.name) for motor in robot.motors] == list(robot.motors)
@@ -41,7 +41,7 @@ def test_what_can_be_built_is_accepted_and_is_a_value(robot: Robot) -> None:
 
 
 @given(descriptions(), names)
-def test_devices_that_are_not_there_are_named(robot: Robot, name: str) -> None:
+def test_missing_devices_are_named(robot: Robot, name: str) -> None:
     if name not in {motor.name for motor in robot.motors}:
         with pytest.raises(DescriptionError, match=f"no motor '{name}'"):
             robot.motor(name)
@@ -51,7 +51,7 @@ def test_devices_that_are_not_there_are_named(robot: Robot, name: str) -> None:
 
 
 @given(hubs, st.text(max_size=3))
-def test_ports_are_those_of_the_hub(hub: HubKind, port: str) -> None:
+def test_ports_follow_hub(hub: HubKind, port: str) -> None:
     if len(port) == 1 and port in hub.model.ports:
         assert Robot("r", hub, (Motor("m", port),))
     else:
@@ -81,7 +81,7 @@ def test_names_are_identifiers(name: str) -> None:
         ({"torque_limit_mnm": 0}, "torque_limit_mnm is 0"),
     ],
 )
-def test_motors_that_cannot_be(fields: dict[str, object], message: str) -> None:
+def test_invalid_motors(fields: dict[str, object], message: str) -> None:
     with pytest.raises(DescriptionError, match=message):
         Motor("m", "A", **fields)  # type: ignore[arg-type]
 
@@ -90,7 +90,7 @@ def test_motors_that_cannot_be(fields: dict[str, object], message: str) -> None:
     ("left", "right", "wheel_mm", "axle_mm", "message"),
     [("a", "a", 56, 130, "both 'a'"), ("a", "b", -56, 130, "positive"), ("a", "b", 56, -1, "positive")],
 )
-def test_drive_bases_that_cannot_be(left: str, right: str, wheel_mm: float, axle_mm: float, message: str) -> None:
+def test_invalid_drive_bases(left: str, right: str, wheel_mm: float, axle_mm: float, message: str) -> None:
     with pytest.raises(DescriptionError, match=message):
         DriveBase(left, right, wheel_mm, axle_mm)
 
@@ -113,7 +113,7 @@ A, B = Motor("a", "A"), Motor("b", "B")
         ),
     ],
 )
-def test_robots_that_cannot_be(robot: object, message: str) -> None:
+def test_invalid_robots(robot: object, message: str) -> None:
     assert callable(robot)
     with pytest.raises(DescriptionError, match=message) as info:
         robot()
@@ -126,7 +126,7 @@ def test_robots_are_found_by_name() -> None:
         robots.get("r2d2")
 
 
-def test_hubs_without_floats_have_no_standard_input() -> None:
+def test_small_hubs_have_no_standard_input() -> None:
     for hub in HubKind:
         assert hub.model.has_float == (hub.model.stdin_bytes >= 20)
         assert len(set(hub.model.ports)) == len(hub.model.ports)

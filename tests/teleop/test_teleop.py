@@ -23,7 +23,7 @@ LEG, ARM = Entry("leg", -100.0, 0.0, "deg"), Entry("arm", -30.0, 30.0, "deg")
 NOTHING = torch.zeros(3)
 
 
-def test_hands_at_rest_move_nothing() -> None:
+def test_released_controls_do_not_move() -> None:
     at_rest = rest([LEG, ARM, Entry("unknown"), Entry("far", 10.0, 20.0, "deg")])
     assert at_rest.tolist() == [1.0, 0.0, 0.0, -1.0]  # 0 degrees, and the nearest to it
     assert reach(torch.zeros(4), at_rest).tolist() == at_rest.tolist()
@@ -38,7 +38,7 @@ class TestKeyboard:
         self.terminal = os.fdopen(theirs, "r")
         return KeyboardDriver([LEG, ARM], source=Vt100Input(self.terminal), **options), ours
 
-    def test_keys_drive_space_gives_back_and_ctrl_c_ends(self) -> None:
+    def test_keyboard_controls(self) -> None:
         driver, hand = self.keyboard()
         with driver:
             assert driver(NOTHING).tolist() == [1.0, 0.0]
@@ -55,7 +55,7 @@ class TestKeyboard:
         self.terminal.close()
         os.close(hand)
 
-    def test_a_question_is_answered_with_the_enter_key(self) -> None:
+    def test_question_needs_enter_key(self) -> None:
         driver, hand = self.keyboard()
         with driver:
             with driver.quiet():
@@ -66,7 +66,7 @@ class TestKeyboard:
         self.terminal.close()
         os.close(hand)
 
-    def test_the_policy_is_in_charge_until_somebody_takes_over(self) -> None:
+    def test_policy_acts_until_intervention(self) -> None:
         driver, hand = self.keyboard(in_charge=False)
         with driver:
             os.write(hand, b"q")
@@ -76,13 +76,13 @@ class TestKeyboard:
         self.terminal.close()
         os.close(hand)
 
-    def test_without_a_terminal_there_are_no_keys(self, monkeypatch: pytest.MonkeyPatch) -> None:
+    def test_keyboard_needs_terminal(self, monkeypatch: pytest.MonkeyPatch) -> None:
         with Path(os.devnull).open() as nothing:
             monkeypatch.setattr(sys, "stdin", nothing)
             with pytest.raises(DataError, match="nobody sits at a terminal"):
                 KeyboardDriver([LEG])
 
-    def test_too_many_commands_are_told(self) -> None:
+    def test_too_many_commands_for_controls_raise(self) -> None:
         with pytest.raises(DataError, match="7 commands are too many"):
             KeyboardDriver([ARM] * 7)
 
@@ -94,7 +94,7 @@ class TestGamepad:
         pad = LinuxPad(tmp_path / "js0")
         return pad, os.open(tmp_path / "js0", os.O_WRONLY)
 
-    def test_sticks_drive_and_the_button_gives_back(self, tmp_path: Path) -> None:
+    def test_gamepad_controls(self, tmp_path: Path) -> None:
         pad, hand = self.pad(tmp_path)
 
         def event(value: int, kind: int, number: int) -> None:
@@ -115,17 +115,17 @@ class TestGamepad:
             assert driver(NOTHING) is not None
         os.close(hand)
 
-    def test_a_device_that_is_missing_is_told(self, tmp_path: Path) -> None:
+    def test_missing_gamepad_raises(self, tmp_path: Path) -> None:
         with pytest.raises(DataError, match="cannot read the gamepad"):
             LinuxPad(tmp_path / "js9")
 
-    def test_without_pygame_it_is_told_what_to_install(self, monkeypatch: pytest.MonkeyPatch) -> None:
+    def test_missing_pygame_names_package(self, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setitem(sys.modules, "pygame", None)
         with pytest.raises(DataError, match="pip install pygame"):
             PygamePad()
 
 
-def test_a_paced_driver_takes_its_time() -> None:
+def test_paced_driver_waits() -> None:
     paced = Paced(lambda _: torch.ones(1), 50.0)
     started = time.monotonic()
     for _ in range(5):

@@ -1,4 +1,4 @@
-"""Settings of the tests of training."""
+"""Fixtures of training tests."""
 
 import torch
 

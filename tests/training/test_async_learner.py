@@ -1,4 +1,4 @@
-"""Learning in a process beside the robot."""
+"""Asynchronous learning."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def config(tmp_path: Path) -> TrainConfig:
 
 @pytest.fixture
 def started(monkeypatch: pytest.MonkeyPatch) -> list[subprocess.Popen[bytes]]:
-    """The processes that were started to learn."""
+    """Learner processes that were started."""
     processes = []
     popen = subprocess.Popen
 
@@ -75,7 +75,7 @@ def remember(side: AsyncLearner, count: int) -> None:
         side.remember(frame[None])
 
 
-def test_the_robot_goes_on_and_the_learner_follows_but_never_leads(tmp_path: Path) -> None:
+def test_learner_never_leads_robot(tmp_path: Path) -> None:
     with learner() as side:
         side.wait_until_ready()
         before = best_action(side)
@@ -104,14 +104,14 @@ def test_the_robot_goes_on_and_the_learner_follows_but_never_leads(tmp_path: Pat
         assert len(state["agent"]["memory"]["rows"]["action"]) == 30
 
 
-def test_what_is_due_after_a_resume_is_made_up_for_and_a_patient_robot_waits() -> None:
+def test_pending_updates_are_made_after_resume() -> None:
     with learner(patient=True, pace=Pace(30, 10)) as side:
         remember(side, 30)
         side.learn(1)
         assert side.pace.done >= 31 - 4
 
 
-def test_a_run_beside_the_robot_keeps_what_it_learns(config: TrainConfig) -> None:
+def test_asynchronous_run_saves_learner(config: TrainConfig) -> None:
     result = train(config, env=Cart())
     assert (len(result.episodes), result.interrupted) == (6, False)
     asked = sum(episode.length for episode in result.episodes[2:])
@@ -129,7 +129,7 @@ def test_a_run_beside_the_robot_keeps_what_it_learns(config: TrainConfig) -> Non
     assert state["pace"]["done"] == asked + sum(episode.length for episode in more.episodes[6:])
 
 
-def test_a_learner_that_is_killed_ends_the_run_with_one_error(config: TrainConfig, started, tmp_path: Path) -> None:
+def test_killed_learner_ends_run_with_one_error(config: TrainConfig, started, tmp_path: Path) -> None:
     observer = Recorder((4, 1), lambda: os.kill(started[0].pid, signal.SIGKILL))
     with pytest.raises(LearnerError, match=r"died \(signal 9\); resume") as caught:
         train(replace(config, episodes=10_000), observer, env=Cart())
@@ -141,7 +141,7 @@ def test_a_learner_that_is_killed_ends_the_run_with_one_error(config: TrainConfi
     assert started[1].wait(10) == 0, "an interrupted run leaves no process behind"
 
 
-def test_the_motors_of_a_virtual_robot_stop_when_the_learner_dies(started, tmp_path: Path, monkeypatch) -> None:
+def test_motors_stop_when_learner_dies(started, tmp_path: Path, monkeypatch) -> None:
     config = TrainConfig("RunAway-v0", settings=SMALL, run_dir=tmp_path / "run", asynchronous=True)
     env = make("RunAway-v0", seed=0)
     assert isinstance(env, HubEnv)
@@ -161,7 +161,7 @@ def test_the_motors_of_a_virtual_robot_stop_when_the_learner_dies(started, tmp_p
     assert [body.angle_mdeg(port) for port in ("A", "E")] == pytest.approx(angles_mdeg, abs=50)
 
 
-def test_what_fails_in_the_learner_is_one_line_here(config: TrainConfig, tmp_path: Path) -> None:
+def test_learner_error_is_one_line(config: TrainConfig, tmp_path: Path) -> None:
     env = make("RunAway-v0", seed=0)
     with pytest.raises(LearnerError, match=r"failed \(UnknownNameError: there is no environment 'Nowhere-v7'") as caught:
         train(replace(config, env="Nowhere-v7"), env=env)
@@ -170,7 +170,7 @@ def test_what_fails_in_the_learner_is_one_line_here(config: TrainConfig, tmp_pat
     assert list(tmp_path.iterdir()) == []
 
 
-def test_ctrl_c_while_the_learner_is_loaded_leaves_nothing(config: TrainConfig, started, tmp_path: Path) -> None:
+def test_ctrl_c_during_learner_start_leaves_no_files(config: TrainConfig, started, tmp_path: Path) -> None:
     timer = threading.Timer(0.3, ctrl_c)
     timer.start()
     with pytest.raises(KeyboardInterrupt):
@@ -180,7 +180,7 @@ def test_ctrl_c_while_the_learner_is_loaded_leaves_nothing(config: TrainConfig, 
     assert list(tmp_path.iterdir()) == []
 
 
-def test_real_time_and_real_robots_learn_beside_unless_told_otherwise() -> None:
+def test_real_time_runs_are_asynchronous_by_default() -> None:
     assert not TrainConfig("Walker-v0").asynchronous
     assert TrainConfig("Walker-v0", realtime=True).asynchronous
     assert TrainConfig("Walker-v0", hub="ble").asynchronous

@@ -17,7 +17,7 @@ from bricksrl.training.checkpoint import MAGIC, load_checkpoint, save_checkpoint
 STATE: dict[str, Any] = {"numbers": [1, 2.5, "three", None, True], "tensor": torch.arange(6.0).view(2, 3)}
 
 
-def test_state_comes_back(tmp_path: Path) -> None:
+def test_checkpoint_round_trip(tmp_path: Path) -> None:
     path = tmp_path / "checkpoint.bin"
     save_checkpoint(path, STATE)
     state = load_checkpoint(path)
@@ -28,7 +28,7 @@ def test_state_comes_back(tmp_path: Path) -> None:
 
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=60)
 @given(st.data())
-def test_any_flipped_bit_and_any_cut_is_noticed(tmp_path: Path, data: st.DataObject) -> None:
+def test_damaged_checkpoint_raises(tmp_path: Path, data: st.DataObject) -> None:
     path = tmp_path / "checkpoint.bin"
     save_checkpoint(path, STATE)
     content = bytearray(path.read_bytes())
@@ -42,7 +42,7 @@ def test_any_flipped_bit_and_any_cut_is_noticed(tmp_path: Path, data: st.DataObj
     assert "\n" not in str(caught.value)
 
 
-def test_missing_file_and_folder_in_its_place(tmp_path: Path) -> None:
+def test_missing_file_or_folder_raises(tmp_path: Path) -> None:
     for path in (tmp_path / "none.bin", tmp_path):
         with pytest.raises(CheckpointError, match="cannot read"):
             load_checkpoint(path)
@@ -68,7 +68,7 @@ def test_nothing_in_a_checkpoint_is_executed(tmp_path: Path) -> None:
     assert not trace.exists()
 
 
-def test_old_file_stays_whole_when_writing_fails(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_failed_write_keeps_old_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "checkpoint.bin"
     save_checkpoint(path, STATE)
 

@@ -16,7 +16,7 @@ from bricksrl.training import TrainConfig
 
 
 @given(st.integers(0, LARGEST_SEED), st.lists(st.integers(1, 512), min_size=1, max_size=4), st.floats(1e-6, 1.0), st.booleans())
-def test_config_comes_back_from_json(seed: int, hidden: list[int], rate: float, realtime: bool) -> None:
+def test_config_json_round_trip(seed: int, hidden: list[int], rate: float, realtime: bool) -> None:
     settings = SACSettings(hidden=tuple(hidden), learning_rate=rate)
     config = TrainConfig(env="RunAway-v0", seed=seed, realtime=realtime, settings=settings)
     assert TrainConfig.from_dict(json.loads(json.dumps(config.to_dict()))) == config
@@ -30,13 +30,13 @@ def test_folder_is_not_part_of_the_dictionary() -> None:
 
 @pytest.mark.parametrize("agent", AGENTS)
 @pytest.mark.parametrize("name", ["default", "paper"])
-def test_settings_come_back_for_every_agent(agent: str, name: str) -> None:
+def test_settings_round_trip_for_every_agent(agent: str, name: str) -> None:
     config = TrainConfig(env="RunAway-v0", agent=agent, settings=preset(name, agent))
     assert TrainConfig.from_dict(json.loads(json.dumps(config.to_dict()))) == config
 
 
 @pytest.mark.parametrize("agent", AGENTS)
-def test_without_settings_the_agents_own_are_written_down(agent: str) -> None:
+def test_default_settings_are_saved(agent: str) -> None:
     config = TrainConfig(env="RunAway-v0", agent=agent)
     assert config.settings == preset("default", agent)
     assert config.to_dict()["settings"].keys() == vars(preset("default", agent)).keys()
@@ -56,19 +56,19 @@ def test_without_settings_the_agents_own_are_written_down(agent: str) -> None:
         {"settings": {"momentum": 0.9}},
     ],
 )
-def test_damaged_config_is_refused_in_one_line(damage: dict[str, object]) -> None:
+def test_damaged_config_raises(damage: dict[str, object]) -> None:
     data = TrainConfig(env="RunAway-v0").to_dict()
     with pytest.raises(RunError, match=r"config|settings") as caught:
         TrainConfig.from_dict({**data, **damage})
     assert "\n" not in str(caught.value)
 
 
-def test_config_without_environment_is_refused() -> None:
+def test_config_without_environment_raises() -> None:
     with pytest.raises(RunError, match="env"):
         TrainConfig.from_dict({})
 
 
 @pytest.mark.parametrize("change", [{"episodes": 0}, {"seed": -1}, {"seed": LARGEST_SEED + 1}])
-def test_impossible_numbers_are_refused(change: dict[str, int]) -> None:
+def test_invalid_numbers_raise(change: dict[str, int]) -> None:
     with pytest.raises((DescriptionError, RunError), match=next(iter(change))):
         TrainConfig(env="RunAway-v0", **change)  # type: ignore[arg-type]

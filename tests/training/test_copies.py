@@ -1,4 +1,4 @@
-"""Learning from many copies at once: of a simulation in one batch, of a virtual robot in processes."""
+"""Learning from many copies: batched simulations and virtual robots in processes."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def config(agent: str, run_dir: Path, **changes: Any) -> TrainConfig:
 
 
 @pytest.mark.parametrize("agent", ["sac", "td3", "ppo"])
-def test_all_copies_are_learned_from(tmp_path: Path, agent: str) -> None:
+def test_all_copies_are_used_for_learning(tmp_path: Path, agent: str) -> None:
     result = train(config(agent, tmp_path / "run"))
     assert [episode.steps for episode in result.episodes] == [k * COPIES * ROUND for k in (1, 2, 3)]
     assert [episode.phase for episode in result.episodes][1:] == [Phase.TRAIN] * 2
@@ -46,7 +46,7 @@ def test_all_copies_are_learned_from(tmp_path: Path, agent: str) -> None:
 
 
 @pytest.mark.parametrize("agent", ["sac", "ppo"])
-def test_an_interrupted_and_resumed_run_ends_bit_identical(tmp_path: Path, agent: str) -> None:
+def test_resumed_run_of_copies_is_bit_identical(tmp_path: Path, agent: str) -> None:
     train(config(agent, tmp_path / "whole"))
     step = 40 if agent == "ppo" else 30
     result = train(config(agent, tmp_path / "run"), Recorder((2, step), ctrl_c))
@@ -55,7 +55,7 @@ def test_an_interrupted_and_resumed_run_ends_bit_identical(tmp_path: Path, agent
     assert_same_run(tmp_path / "whole", tmp_path / "run")
 
 
-def test_a_memory_that_has_wrapped_is_gone_on_with(tmp_path: Path) -> None:
+def test_wrapped_buffer_resumes(tmp_path: Path) -> None:
     whole = config("sac", tmp_path / "whole")
     whole = replace(whole, settings=replace(whole.settings, buffer_size=500, n_step=3))
     train(whole)
@@ -64,7 +64,7 @@ def test_a_memory_that_has_wrapped_is_gone_on_with(tmp_path: Path) -> None:
     assert_same_run(tmp_path / "whole", tmp_path / "run")
 
 
-def test_copies_take_simulations_and_simulated_time() -> None:
+def test_copies_need_simulated_time() -> None:
     for wrong in ({"hub": "ble"}, {"realtime": True}, {"asynchronous": True}, {"num_envs": 0}):
         with pytest.raises(RunError, match="copies|num_envs"):
             TrainConfig(ENV, **{"num_envs": 2, **wrong})
@@ -99,7 +99,7 @@ except FileExistsError:
 
 
 @pytest.mark.slow
-def test_robots_in_processes_are_learned_from_and_one_that_is_lost_comes_back(tmp_path: Path) -> None:
+def test_parallel_robots_learn_and_lost_one_returns(tmp_path: Path) -> None:
     (tmp_path / "losing.py").write_text(LOSING)
     run = TrainConfig(
         f"{tmp_path / 'losing.py'}:TASK",

@@ -1,4 +1,4 @@
-"""Evaluations during training, the best checkpoint, the early end of a run, and the device."""
+"""Evaluations during training, best checkpoint, early stop, devices."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def config(tmp_path: Path) -> TrainConfig:
     return TrainConfig("Cart", episodes=6, seed=4, settings=SMALL, run_dir=tmp_path / "run", eval_every=2, eval_episodes=3)
 
 
-def test_an_evaluation_changes_nothing_in_what_is_learned(config: TrainConfig, tmp_path: Path) -> None:
+def test_evaluation_does_not_affect_learning(config: TrainConfig, tmp_path: Path) -> None:
     train(config, env=Cart())
     train(replace(config, run_dir=tmp_path / "without", eval_every=0), env=Cart())
     told = [row.pop("evaluation") for row in rows(tmp_path / "run")]
@@ -36,7 +36,7 @@ def test_an_evaluation_changes_nothing_in_what_is_learned(config: TrainConfig, t
     assert not (tmp_path / "without" / "best.bin").exists()
 
 
-def test_the_best_checkpoint_is_kept_and_can_be_taken(config: TrainConfig) -> None:
+def test_best_checkpoint_is_kept(config: TrainConfig) -> None:
     result = train(config, env=Cart())
     found = {episode.episode: episode.evaluation for episode in result.episodes if episode.evaluation is not None}
     best = max(found, key=lambda episode: found[episode])
@@ -47,13 +47,13 @@ def test_the_best_checkpoint_is_kept_and_can_be_taken(config: TrainConfig) -> No
     load_policy(result.run_dir, Cart(), which="best")
 
 
-def test_without_evaluations_there_is_no_best_one(config: TrainConfig) -> None:
+def test_no_best_checkpoint_without_evaluations(config: TrainConfig) -> None:
     result = train(replace(config, eval_every=0, episodes=1), env=Cart())
     with pytest.raises(CheckpointError, match="no best checkpoint"):
         evaluate(result.run_dir, Cart(), which="best")
 
 
-def test_a_run_in_two_parts_has_the_best_of_both(config: TrainConfig, tmp_path: Path) -> None:
+def test_resumed_run_keeps_best_checkpoint(config: TrainConfig, tmp_path: Path) -> None:
     train(replace(config, run_dir=tmp_path / "whole"), env=Cart())
     train(config, Recorder((5, 2), ctrl_c), env=Cart())
     resume(tmp_path / "run", env=Cart())
@@ -63,25 +63,25 @@ def test_a_run_in_two_parts_has_the_best_of_both(config: TrainConfig, tmp_path: 
 
 
 @pytest.mark.parametrize(("stop_at", "eval_every", "ends"), [(-100.0, 2, 2), (-100.0, 0, 6), (-100.0, 4, 4), (100.0, 2, 8)])
-def test_a_run_ends_when_it_is_good_enough(config: TrainConfig, stop_at: float, eval_every: int, ends: int) -> None:
+def test_run_stops_at_target_return(config: TrainConfig, stop_at: float, eval_every: int, ends: int) -> None:
     result = train(replace(config, episodes=8, stop_at=stop_at, eval_every=eval_every), env=Cart())
     assert (len(result.episodes), result.interrupted) == (ends, False)
 
 
-def test_a_run_that_was_good_enough_stays_so(config: TrainConfig) -> None:
+def test_stopped_run_stays_stopped(config: TrainConfig) -> None:
     first = train(replace(config, stop_at=-100.0), env=Cart())
     again = resume(first.run_dir, env=Cart())
     assert (len(again.episodes), again.interrupted) == (2, False)
 
 
 class Untrusty(LosingCart):
-    """Its link breaks in the second step of the first evaluation, which is the third episode that is started."""
+    """Its link breaks in the second step of the first evaluation, the third episode."""
 
     def _is_lost(self) -> bool:
         return (self.resets, self.step_count + 1) == (3, 2)
 
 
-def test_a_link_that_breaks_in_an_evaluation_costs_that_evaluation(config: TrainConfig) -> None:
+def test_lost_link_skips_evaluation(config: TrainConfig) -> None:
     told = []
 
     class Listener(Callback):
@@ -95,7 +95,7 @@ def test_a_link_that_breaks_in_an_evaluation_costs_that_evaluation(config: Train
     assert recorded == [(episode.length, True) for episode in result.episodes]
 
 
-def test_a_device_that_is_not_here_is_one_line(config: TrainConfig, tmp_path: Path) -> None:
+def test_unavailable_device_raises(config: TrainConfig, tmp_path: Path) -> None:
     absent = "mps" if torch.cuda.is_available() else "cuda"
     for name in (absent, "abacus"):
         with pytest.raises(RunError, match=f"there is no device '{name}' here; choose cpu, cuda, mps or auto"):
@@ -103,7 +103,7 @@ def test_a_device_that_is_not_here_is_one_line(config: TrainConfig, tmp_path: Pa
     assert list(tmp_path.iterdir()) == []
 
 
-def test_auto_is_the_best_device_here(config: TrainConfig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_auto_selects_best_device(config: TrainConfig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
     monkeypatch.setattr(torch.backends.mps, "is_available", lambda: False)
     train(replace(config, device="auto", episodes=3), env=Cart())

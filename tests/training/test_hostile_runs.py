@@ -1,4 +1,4 @@
-"""Runs whose files were changed by a hostile hand, digests included: one error, nothing executed, nothing written."""
+"""Runs with manipulated files, digests included: one error, no execution, no writing."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ EXPLODED = Path(__file__).with_name("exploded")
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Of two episodes of four; the second is one in which it learned."""
+    """A run of two episodes of four, the second with learning."""
     folder = tmp_path_factory.mktemp("run") / "run"
     small = replace(preset("default", "sac"), hidden=(8,), batch_size=4, prefill_episodes=1, n_step=2)
     train(TrainConfig("Cart", episodes=2, settings=small, run_dir=folder, record=False), env=Cart())
@@ -45,7 +45,7 @@ def changed(run: Path, tmp_path: Path) -> Path:
 
 
 def places(value: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
-    """All places in nested dictionaries and lists."""
+    """All paths in nested dictionaries and lists."""
     yield path
     inside = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
     for key, part in inside:
@@ -83,7 +83,7 @@ def is_refused_or_sound(folder: Path, error: type[BricksError]) -> None:
 
 @settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
 @given(data=st.data())
-def test_a_config_of_wrong_values_is_one_error(changed: Path, run: Path, data: st.DataObject) -> None:
+def test_config_with_wrong_values_raises(changed: Path, run: Path, data: st.DataObject) -> None:
     said = json.loads((run / "config.json").read_text())
     path, new = data.draw(st.sampled_from(list(places(said)))), data.draw(st.sampled_from(WRONG))
     (changed / "config.json").write_text(json.dumps(exchanged(said, path, new)))
@@ -92,7 +92,7 @@ def test_a_config_of_wrong_values_is_one_error(changed: Path, run: Path, data: s
 
 @settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
 @given(data=st.data())
-def test_a_checkpoint_of_wrong_values_is_one_error(changed: Path, run: Path, data: st.DataObject) -> None:
+def test_checkpoint_with_wrong_values_raises(changed: Path, run: Path, data: st.DataObject) -> None:
     state = load_checkpoint(run / "checkpoint.bin")
     path, new = data.draw(st.sampled_from(list(places(state)))), data.draw(st.sampled_from((*WRONG, *TENSORS)))
     if path:
@@ -124,7 +124,7 @@ def test_a_checkpoint_of_wrong_values_is_one_error(changed: Path, run: Path, dat
         (("pace",), [1]),
     ],
 )
-def test_a_checkpoint_without_a_part_is_one_error(changed: Path, run: Path, path: tuple[Any, ...], new: Any) -> None:
+def test_incomplete_checkpoint_raises(changed: Path, run: Path, path: tuple[Any, ...], new: Any) -> None:
     state = load_checkpoint(run / "checkpoint.bin")
     save_checkpoint(changed / "checkpoint.bin", exchanged(state, path, new))
     with pytest.raises(CheckpointError):
@@ -152,7 +152,7 @@ def test_a_checkpoint_without_a_part_is_one_error(changed: Path, run: Path, path
         (("collected",), [3]),
     ],
 )
-def test_a_memory_that_cannot_be_gone_on_with_is_one_error(changed: Path, run: Path, path: tuple[Any, ...], new: Any) -> None:
+def test_invalid_buffer_state_raises(changed: Path, run: Path, path: tuple[Any, ...], new: Any) -> None:
     state = load_checkpoint(run / "checkpoint.bin")
     save_checkpoint(changed / "checkpoint.bin", exchanged(state, path, new))
     before = contents(changed)
@@ -166,7 +166,7 @@ def test_a_memory_that_cannot_be_gone_on_with_is_one_error(changed: Path, run: P
     "settings",
     [{"batch_size": 10**30}, {"hidden": [10**9, 10**9]}, {"buffer_size": 10**15}, {"learning_rate": float("inf")}, {"tau": None}],
 )
-def test_settings_of_absurd_size_are_one_error(changed: Path, run: Path, settings: dict[str, Any]) -> None:
+def test_huge_settings_raise(changed: Path, run: Path, settings: dict[str, Any]) -> None:
     said = json.loads((run / "config.json").read_text())
     said["config"]["settings"].update(settings)
     (changed / "config.json").write_text(json.dumps(said))
@@ -175,7 +175,7 @@ def test_settings_of_absurd_size_are_one_error(changed: Path, run: Path, setting
     assert "\n" not in str(caught.value)
 
 
-def test_an_agent_that_does_not_fit_into_the_memory_is_one_error(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_agent_out_of_memory_raises(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def make(*_: Any) -> None:
         torch.empty(2**60)
 
@@ -198,7 +198,7 @@ def in_a_file_of_torch() -> bytes:
 @pytest.mark.parametrize(
     "payload", [pickle.dumps(Bomb()), pickle.dumps(Bomb(), 2), in_a_file_of_torch(), b"", b"PK\3\4" + b"\0" * 99]
 )
-def test_a_pickle_with_a_sound_digest_is_one_error(changed: Path, payload: bytes) -> None:
+def test_pickle_with_valid_digest_raises(changed: Path, payload: bytes) -> None:
     (changed / "checkpoint.bin").write_bytes(MAGIC + hashlib.sha256(payload).digest() + payload)
     with pytest.raises(CheckpointError):
         load_learner(changed, Cart())

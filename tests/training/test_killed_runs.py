@@ -1,4 +1,4 @@
-"""Runs whose process is killed with -9, at moments drawn from a seed."""
+"""Runs killed by SIGKILL at seeded random moments."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def start(*arguments: str) -> subprocess.Popen[str]:
 
 
 def kill_in(process: subprocess.Popen[str], episode: int, delay_s: float) -> int:
-    """Kill it some time after an episode; returns the last episode that it told of."""
+    """Kill the process some time after an episode. Returns the last reported episode."""
     assert process.stdout is not None
     told = 0
     for line in process.stdout:
@@ -47,7 +47,7 @@ def kill_in(process: subprocess.Popen[str], episode: int, delay_s: float) -> int
 
 
 @pytest.mark.slow
-def test_a_run_killed_again_and_again_loses_at_most_an_episode_and_ends_as_one_that_was_not(tmp_path: Path) -> None:
+def test_repeatedly_killed_run_equals_uninterrupted(tmp_path: Path) -> None:
     rng = random.Random(7)
     settings = replace(preset("default", "sac"), hidden=(16,), batch_size=16, updates_per_step=1.0)
     config = TrainConfig("RoboArmSim-v0", episodes=EPISODES, seed=5, settings=settings, run_dir=tmp_path / "whole")
@@ -66,7 +66,7 @@ def test_a_run_killed_again_and_again_loses_at_most_an_episode_and_ends_as_one_t
 
 
 @pytest.mark.slow
-def test_the_learner_of_a_killed_run_writes_what_it_was_told_to_and_goes(tmp_path: Path) -> None:
+def test_learner_of_killed_run_saves_and_exits(tmp_path: Path) -> None:
     run_dir = tmp_path / "run"
     child = start("train", "RoboArmSim-v0", "--episodes", "500", *SETTINGS, "--run", str(run_dir), "--asynchronous")
     told = kill_in(child, 3, 0.05)  # it waits until the learner has gone too

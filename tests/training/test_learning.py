@@ -1,4 +1,4 @@
-"""What the default settings learn in the simulations, in the few steps that a robot has time for."""
+"""Learning of the default settings in simulations within few steps."""
 
 from __future__ import annotations
 

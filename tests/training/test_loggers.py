@@ -1,4 +1,4 @@
-"""Experiment trackers that listen to a run."""
+"""Experiment trackers."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def config(tmp_path: Path) -> TrainConfig:
     return TrainConfig("Cart", episodes=3, seed=4, settings=SMALL, run_dir=tmp_path / "run")
 
 
-def test_tensorboard_has_what_the_metrics_have(config: TrainConfig) -> None:
+def test_tensorboard_equals_metrics(config: TrainConfig) -> None:
     pytest.importorskip("tensorboard")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # TensorBoard's own
@@ -42,7 +42,7 @@ def test_tensorboard_has_what_the_metrics_have(config: TrainConfig) -> None:
 
 
 @pytest.mark.parametrize(("log", "wrong"), [("wandb", "wandb is not installed"), ("paper", "there is no log 'paper'")])
-def test_a_log_that_is_not_there_is_one_line_and_leaves_nothing(
+def test_missing_logger_raises_and_leaves_no_files(
     config: TrainConfig, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, log: str, wrong: str
 ) -> None:
     monkeypatch.setattr(loggers.importlib.util, "find_spec", lambda name: None)
@@ -52,7 +52,7 @@ def test_a_log_that_is_not_there_is_one_line_and_leaves_nothing(
 
 
 class Experiment:
-    """Takes notes as the run objects of both packages do."""
+    """Records calls as both packages' run objects do."""
 
     def __init__(self, **given: Any) -> None:
         self.given, self.logged, self.finished = given, [], False
@@ -68,7 +68,7 @@ class Experiment:
         self.finished = True
 
 
-def test_trackio_is_told_on_this_computer(config: TrainConfig, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_trackio_logs_locally(config: TrainConfig, monkeypatch: pytest.MonkeyPatch) -> None:
     experiments = []
 
     def init(project: str, name: str | None = None, config: dict[str, Any] | None = None, resume: str = "never") -> Experiment:

@@ -1,4 +1,4 @@
-"""Runs that go on after the link to the robot broke."""
+"""Runs with lost links."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def successors(run_dir: Path) -> list[int]:
 
 
 def assert_linked_within_episodes(result: RunResult) -> None:
-    """Each episode's transitions follow one another, the broken one's too, and none follows from another episode."""
+    """Transitions are linked within each episode only, also in the broken one."""
     lengths, expected, nothing = [episode.length for episode in result.episodes], [], SMALL.buffer_size
     for length in lengths:
         expected += [len(expected) + step + 1 for step in range(length - 1)]
@@ -62,7 +62,7 @@ def assert_linked_within_episodes(result: RunResult) -> None:
             assert torch.equal(rows["next.observation"][place], rows["observation"][following])
 
 
-def test_a_run_goes_on_after_the_gap_and_nothing_is_remembered_across_it(config, monkeypatch) -> None:
+def test_run_continues_after_lost_link_without_linking(config, monkeypatch) -> None:
     monkeypatch.setattr(connection, "_FIRST_PAUSE_S", 0.05)
     observer = Notes()
     started_s = time.perf_counter()
@@ -77,14 +77,14 @@ def test_a_run_goes_on_after_the_gap_and_nothing_is_remembered_across_it(config,
     assert_linked_within_episodes(result)
 
 
-def test_an_episode_without_a_step_leaves_no_trace(config) -> None:
+def test_episode_without_steps_is_dropped(config) -> None:
     result = train(config, env=LosingCart(1, failures=0))
     assert [episode.link_lost for episode in result.episodes] == [False] * 5
     assert len(result.episodes) == 5
     assert_linked_within_episodes(result)
 
 
-def test_patience_ends(config, monkeypatch, tmp_path: Path) -> None:
+def test_lost_robot_raises_after_patience(config, monkeypatch, tmp_path: Path) -> None:
     monkeypatch.setattr(connection, "_FIRST_PAUSE_S", 0.02)
     started_s = time.perf_counter()
     with pytest.raises(HubTimeoutError, match="not there"):
@@ -94,18 +94,18 @@ def test_patience_ends(config, monkeypatch, tmp_path: Path) -> None:
 
 
 class HopelessCart(LosingCart):
-    """Its resets succeed and its steps do not."""
+    """Its resets succeed, its steps fail."""
 
     def _is_lost(self) -> bool:
         return True
 
 
-def test_a_robot_that_answers_only_to_resets_ends_patience_too(config) -> None:
+def test_robot_answering_only_resets_exhausts_patience(config) -> None:
     with pytest.raises(HubTimeoutError, match="did not answer"):
         train(replace(config, patience_s=0.3), env=HopelessCart(1))
 
 
-def test_ctrl_c_ends_the_waiting(config, monkeypatch) -> None:
+def test_ctrl_c_ends_wait_for_robot(config, monkeypatch) -> None:
     monkeypatch.setattr(connection, "_FIRST_PAUSE_S", 60.0)
     timer = threading.Timer(1.0, ctrl_c)
 
@@ -122,7 +122,7 @@ def test_ctrl_c_ends_the_waiting(config, monkeypatch) -> None:
 
 
 class Breaking(VirtualHub):
-    """Out of reach from its 25th write on until it has been opened twice more."""
+    """Out of reach from the 25th write until it was opened twice."""
 
     writes = opens = 0
 
@@ -140,7 +140,7 @@ class Breaking(VirtualHub):
 
 
 @pytest.mark.parametrize("asynchronous", [False, True])
-def test_the_virtual_robot_comes_back_too(asynchronous: bool, tmp_path: Path) -> None:
+def test_virtual_robot_returns(asynchronous: bool, tmp_path: Path) -> None:
     hub = Breaking(make_body(RUN_AWAY.robot, scene=RUN_AWAY.scene))
     link = HubLink(hub, RUN_AWAY.robot, RUN_AWAY.interface)
     env = HubEnv(RUN_AWAY, lambda _: Connection(link, hub.reset, SonarOdometer(RUN_AWAY.interface)), seed=0)

@@ -1,4 +1,4 @@
-"""Runs that learn from a dataset, and runs that go on with an earlier agent."""
+"""Offline runs and warm starts."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def config(tmp_path: Path, data: str) -> TrainConfig:
     return TrainConfig("Cart", "iql", 3, seed=4, settings=small("iql"), data=data, updates=100, run_dir=tmp_path / "run")
 
 
-def test_a_run_from_data_leaves_the_files_of_any_run(config: TrainConfig) -> None:
+def test_offline_run_writes_files(config: TrainConfig) -> None:
     listener = Listener()
     result = train(config, listener, env=Cart())
     assert not result.interrupted
@@ -73,7 +73,7 @@ def test_equal_seeds_give_equal_runs(config: TrainConfig, tmp_path: Path) -> Non
 
 
 class Breaking(Cart):
-    """Ctrl-C comes when its second episode is to start, for which it has learned already."""
+    """Ctrl-C at the start of the second episode, after its updates."""
 
     def _reset(self, *args: Any, **kwargs: Any) -> Any:
         if self.resets == 1:
@@ -100,12 +100,12 @@ def test_interrupted_and_resumed_run_ends_bit_identical(config: TrainConfig, tmp
         ({"updates": 2}, "2 updates cannot be spread over 3 episodes"),
     ],
 )
-def test_impossible_configs_are_refused(config: TrainConfig, changes: dict[str, Any], says: str) -> None:
+def test_invalid_configs_raise(config: TrainConfig, changes: dict[str, Any], says: str) -> None:
     with pytest.raises(RunError, match=says):
         replace(config, **changes)
 
 
-def test_what_cannot_learn_from_the_data_leaves_no_folder(config: TrainConfig, tmp_path: Path) -> None:
+def test_invalid_offline_agent_leaves_no_folder(config: TrainConfig, tmp_path: Path) -> None:
     with pytest.raises(RunError, match="bc needs a dataset"):
         train(TrainConfig("Cart", "bc", run_dir=tmp_path / "run"), env=Cart())
     with pytest.raises(RunError, match="random cannot use a dataset"):
@@ -120,10 +120,10 @@ def test_what_cannot_learn_from_the_data_leaves_no_folder(config: TrainConfig, t
 @pytest.mark.parametrize(
     ("agent", "least", "most"), [("bc", -3, 3), ("iql", 3, 8), ("cql", 5, 9), ("td3bc", 5, 9), ("sac", 5, 9)]
 )
-def test_learns_from_the_data_what_the_data_can_teach(tmp_path: Path, data: str, agent: str, least: int, most: int) -> None:
-    """Random steps lead away from the wall by chance; a policy that wants to gets 7 dm in 8 steps.
+def test_offline_agent_learns_from_data(tmp_path: Path, data: str, agent: str, least: int, most: int) -> None:
+    """Random steps drift from the wall; the best policy gets 7 dm in 8 steps.
 
-    BC can but imitate, and IQL imitates the better half: the mean of its actions stays below the best one.
+    BC imitates, and IQL imitates the better half: the mean of its actions stays below the best one.
     """
     changes = {"sampled_actions": 4} if agent == "cql" else {}
     settings = small(agent, **changes)
@@ -133,7 +133,7 @@ def test_learns_from_the_data_what_the_data_can_teach(tmp_path: Path, data: str,
     assert least < found < (3 if agent == "bc" else 9)
 
 
-def test_a_dataset_is_learned_from_on_the_robot_too(config: TrainConfig, tmp_path: Path) -> None:
+def test_online_run_uses_dataset(config: TrainConfig, tmp_path: Path) -> None:
     online = replace(config, agent="sac", settings=small("sac", prefill_episodes=1), updates=0, episodes=4)
     train(online, env=Cart())
     train(replace(online, data=None, run_dir=tmp_path / "without"), env=Cart())
@@ -147,8 +147,8 @@ def test_a_dataset_is_learned_from_on_the_robot_too(config: TrainConfig, tmp_pat
 @pytest.mark.parametrize(
     ("agent", "beside"), [("sac", False), ("td3", False), ("iql", False), ("sac", True), ("iql", True), ("cql", True)]
 )
-def test_a_learned_agent_goes_on_from_where_it_was(tmp_path: Path, data: str, agent: str, beside: bool) -> None:
-    """It acts at once as well as before, and stays as good while it learns on, with the dataset beside it or without."""
+def test_warm_start_continues(tmp_path: Path, data: str, agent: str, beside: bool) -> None:
+    """It acts as before at once, and stays as good while it learns on, with or without the dataset."""
     settings = small(agent, **({"sampled_actions": 4} if agent == "cql" else {}))
     first = TrainConfig("Cart", agent, 1, settings=settings, data=data, updates=400, run_dir=tmp_path / "first")
     train(first, env=Cart())
@@ -165,8 +165,8 @@ def test_a_learned_agent_goes_on_from_where_it_was(tmp_path: Path, data: str, ag
     assert evaluate(tmp_path / "second", Cart(), episodes=10).return_mean > before - 1.0
 
 
-def test_the_whole_agent_is_taken_over(tmp_path: Path) -> None:
-    """Critics, targets, temperature, optimiser and memory: without them learning on spoils a policy."""
+def test_warm_start_copies_whole_agent(tmp_path: Path) -> None:
+    """Critics, targets, temperature, optimiser and replay buffer; without them the policy degrades."""
     settings = small("sac", prefill_episodes=1)
     first = TrainConfig("Cart", episodes=3, settings=settings, run_dir=tmp_path / "first")
     train(first, env=Cart())
@@ -188,7 +188,7 @@ def test_the_whole_agent_is_taken_over(tmp_path: Path) -> None:
     assert torch.equal(rows["observation"][:known], state["memory"]["rows"]["observation"])
 
 
-def test_another_agent_or_other_settings_cannot_go_on(config: TrainConfig, tmp_path: Path) -> None:
+def test_warm_start_of_other_settings_raises(config: TrainConfig, tmp_path: Path) -> None:
     train(config, env=Cart())
     start = str(tmp_path / "run")
     wanted = TrainConfig("Cart", "iql", settings=config.settings, start=start, run_dir=tmp_path / "next")
@@ -201,10 +201,8 @@ def test_another_agent_or_other_settings_cannot_go_on(config: TrainConfig, tmp_p
     assert names(tmp_path) == ["run"]
 
 
-def test_the_process_that_learns_beside_the_robot_knows_the_data_too(
-    config: TrainConfig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """ACT has nothing else to learn from; the agent that acts is told where episodes start."""
+def test_asynchronous_learner_uses_dataset(config: TrainConfig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """ACT needs the dataset, and its actor needs resets."""
     starts: list[ChunkPolicy] = []
     monkeypatch.setattr(ChunkPolicy, "reset", lambda self: starts.append(self))  # noqa: PLW0108  append is no method
     beside = replace(config, agent="act", settings=preset("default", "act"), updates=0, episodes=3, asynchronous=True)
@@ -214,8 +212,8 @@ def test_the_process_that_learns_beside_the_robot_knows_the_data_too(
     assert 0 < state["updates"] <= 2 * result.episodes[-1].steps  # it does not wait for the last ones
 
 
-def test_iql_reaches_the_goals_that_its_example_reaches(tmp_path: Path) -> None:
-    """With the default settings: an action that was done for one goal is not imitated for another."""
+def test_iql_reaches_goals_of_demonstrations(tmp_path: Path) -> None:
+    """With the default settings: actions for one goal are not imitated for another."""
 
     def reach(state: TensorDictBase) -> TensorDictBase:
         lacks = state["observation"][4:] - state["observation"][:4]

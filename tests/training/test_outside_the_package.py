@@ -1,4 +1,4 @@
-"""A kind of sensor, a robot, a task and an algorithm of the user's own: one file each, none of them in the package."""
+"""A sensor, a robot, a task and an algorithm in one file each, outside of the package."""
 
 from __future__ import annotations
 
@@ -132,7 +132,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
         sys.modules.pop(name, None)
 
 
-def test_the_hub_program_and_the_environment_have_the_new_kinds(folder: Path) -> None:
+def test_user_channels_are_in_program_and_env(folder: Path) -> None:
     reference = f"{folder / 'my_task.py'}:FAST"
     task = bricksrl.envs.get_task(reference)
     program = generate(task.robot, task.interface).source
@@ -148,7 +148,7 @@ def test_the_hub_program_and_the_environment_have_the_new_kinds(folder: Path) ->
     assert env.observation_spec["observation"].nominal.tolist() == [False, True, False]
 
 
-def test_an_algorithm_of_the_users_own_learns_from_them(folder: Path) -> None:
+def test_user_algorithm_learns_from_user_channels(folder: Path) -> None:
     config = TrainConfig(f"{folder / 'my_task.py'}:FAST", agent=str(folder / "my_agent.py"), episodes=4, run_dir=folder / "run")
     result = train(config)
     assert [episode.length for episode in result.episodes] == [6] * 4
@@ -156,7 +156,7 @@ def test_an_algorithm_of_the_users_own_learns_from_them(folder: Path) -> None:
     assert [entry.name for entry in data.description.observation] == ["disc_angle", "disc_speed", "battery"]
 
 
-def test_a_log_of_them_is_read_again(folder: Path) -> None:
+def test_motion_log_of_user_channels_round_trip(folder: Path) -> None:
     task = bricksrl.envs.get_task(f"{folder / 'my_task.py'}:FAST")
     log = RunLog("spinner", task.interface, 7, np.zeros((1, 1)), np.zeros(1), np.array([0, 100]), np.ones((2, 3)))
     write_log(folder / "log.jsonl", log)

@@ -1,4 +1,4 @@
-"""Algorithms of the user's own, with losses of TorchRL's that the package does not know: trained, resumed, evaluated, tuned."""
+"""User algorithms with other TorchRL losses: train, resume, evaluate, tune."""
 
 from __future__ import annotations
 
@@ -76,8 +76,8 @@ def redq(tmp_path: Path) -> str:
     return f"{tmp_path / 'own.py'}:make_redq"
 
 
-def test_a_loss_that_the_package_does_not_know_is_trained_and_resumed_exactly(redq: str, tmp_path: Path) -> None:
-    """Its memory is a plain buffer of TorchRL's, and has wrapped."""
+def test_user_loss_trains_and_resumes_exactly(redq: str, tmp_path: Path) -> None:
+    """Its buffer is TorchRL's, and has wrapped."""
     config = TrainConfig("Cart", redq, 8, seed=3, run_dir=tmp_path / "whole")
     result = train(config, env=Cart())
     assert {"loss_actor", "loss_qvalue", "loss_alpha"} <= set(result.episodes[-1].losses)
@@ -90,13 +90,13 @@ def test_a_loss_that_the_package_does_not_know_is_trained_and_resumed_exactly(re
     assert evaluate(tmp_path / "run", Cart(), episodes=2).agent == redq
 
 
-def test_the_process_beside_the_robot_learns_it_too(redq: str, tmp_path: Path) -> None:
+def test_asynchronous_user_algorithm(redq: str, tmp_path: Path) -> None:
     result = train(TrainConfig("Cart", redq, 8, run_dir=tmp_path / "run", asynchronous=True), env=Cart())
     assert any(episode.losses.get("loss_qvalue", 0.0) > 0 for episode in result.episodes)
     assert load_checkpoint(tmp_path / "run" / "checkpoint.bin")["agent"]["updates"] > 0
 
 
-def test_the_example_learns_is_tuned_and_shared_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_example_agent_learns_tunes_and_shares(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     run, agent = tmp_path / "run", str(EXAMPLE)
     options = ("--set", "noise=0.2", "--set", "hidden=32,32", "--set", "batch_size=32", "--episodes", "6", "--run", str(run))
     assert main(["train", "RoboArmSim-v0", "--agent", agent, *options]) == 0
@@ -117,7 +117,7 @@ def test_the_example_learns_is_tuned_and_shared_in_one_line(tmp_path: Path, caps
 
 
 @pytest.mark.slow
-def test_the_example_reaches_its_goals(tmp_path: Path) -> None:
+def test_example_agent_reaches_goals(tmp_path: Path) -> None:
     train(TrainConfig("RoboArmSim-v0", str(EXAMPLE), episodes=60, run_dir=tmp_path / "run"))
     assert evaluate(tmp_path / "run", episodes=20).success_rate >= 0.8
 
@@ -131,20 +131,20 @@ def test_the_example_reaches_its_goals(tmp_path: Path) -> None:
         ("def build(env, settings, device): pass", DescriptionError, "has no type for its settings"),
     ],
 )
-def test_what_is_no_algorithm_is_one_line(tmp_path: Path, text: str, error: type[Exception], says: str) -> None:
+def test_invalid_algorithm_raises(tmp_path: Path, text: str, error: type[Exception], says: str) -> None:
     (tmp_path / "own.py").write_text(text)
     with pytest.raises(error, match=says) as caught:
         algorithm(str(tmp_path / "own.py"))
     assert "\n" not in str(caught.value)
 
 
-def test_settings_of_ones_own_have_no_preset_but_the_default(redq: str) -> None:
+def test_user_settings_have_default_preset_only(redq: str) -> None:
     assert preset("default", redq).rate == 1e-3
     with pytest.raises(UnknownNameError, match="has no preset 'paper'"):
         preset("paper", redq)
 
 
-def test_a_policy_takes_and_gives_what_it_is_given(tmp_path: Path) -> None:
+def test_user_policy_keys(tmp_path: Path) -> None:
     train(TrainConfig("RoboArmSim-v0", episodes=1, run_dir=tmp_path / "run", record=False))
     for path in (tmp_path / "run", str(tmp_path / "run")):
         policy = load_policy(path)

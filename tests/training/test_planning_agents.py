@@ -1,4 +1,4 @@
-"""Runs of an agent that plans ahead: each episode starts with a new plan, whoever runs it."""
+"""Chunk policies are reset at each episode start."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ RHYTHM = (1.0, 1.0, -1.0, -1.0, 1.0)
 
 
 class Metronome(Cart):
-    """Five steps, each to be made in its own direction. All that is ever seen is 1 at the first step and 0 at the others."""
+    """Five steps with a fixed sequence of directions; the observation is 1 at the first step and 0 later."""
 
     def __init__(self) -> None:
         super().__init__(len(RHYTHM))
@@ -54,7 +54,7 @@ class Metronome(Cart):
 
 @pytest.fixture(scope="module")
 def config(tmp_path_factory: pytest.TempPathFactory) -> TrainConfig:
-    """A run that has learned the rhythm by heart. A chunk is longer than an episode."""
+    """A run that has learned the sequence; a chunk is longer than an episode."""
     folder = tmp_path_factory.mktemp("act")
     env = Metronome()
     beats = iter(RHYTHM * 30)
@@ -69,19 +69,19 @@ def config(tmp_path_factory: pytest.TempPathFactory) -> TrainConfig:
     return made
 
 
-def test_episodes_that_show_what_was_learned_start_with_a_new_plan(config: TrainConfig) -> None:
+def test_offline_episodes_reset_chunks(config: TrainConfig) -> None:
     assert config.run_dir is not None
     episodes = RunFolder(config.run_dir).read_episodes()
     assert episodes[-1].return_ > -0.5
     assert set(episodes[-1].losses) == {"loss_act", "loss_reconstruction", "loss_kl"}
 
 
-def test_evaluation_starts_with_a_new_plan(config: TrainConfig) -> None:
+def test_evaluation_resets_chunks(config: TrainConfig) -> None:
     assert config.run_dir is not None
     assert min(evaluate(config.run_dir, Metronome(), episodes=3, save=False).returns) > -0.5
 
 
-def test_collecting_starts_with_a_new_plan(config: TrainConfig, tmp_path: Path) -> None:
+def test_collection_resets_chunks(config: TrainConfig, tmp_path: Path) -> None:
     assert config.run_dir is not None
     env = Metronome()
     policy = load_policy(config.run_dir, env)
@@ -95,8 +95,8 @@ def test_collecting_starts_with_a_new_plan(config: TrainConfig, tmp_path: Path) 
     assert collected("on")[1] < -2  # or it goes on in the middle of the rhythm
 
 
-def test_a_plan_is_given_up_for_a_human(config: TrainConfig, tmp_path: Path) -> None:
-    """The human acts in the second step. The agent, which then sees nothing, does not go on where it was."""
+def test_intervention_resets_chunks(config: TrainConfig, tmp_path: Path) -> None:
+    """A human acts in the second step; the agent does not continue its chunk."""
     assert config.run_dir is not None
     steps = 0
 
@@ -116,7 +116,7 @@ def test_a_plan_is_given_up_for_a_human(config: TrainConfig, tmp_path: Path) -> 
     assert load(tmp_path / "run").action[2, 0] == pytest.approx(wanted, abs=0.05)
 
 
-def test_learning_goes_on_from_a_run_without_collapse(config: TrainConfig, tmp_path: Path) -> None:
+def test_continued_learning_does_not_collapse(config: TrainConfig, tmp_path: Path) -> None:
     start = replace(config, updates=0, start=str(config.run_dir), episodes=4, run_dir=tmp_path / "next")
     result = train(start, env=Metronome())
     assert min(episode.return_ for episode in result.episodes) > -0.6
@@ -124,7 +124,7 @@ def test_learning_goes_on_from_a_run_without_collapse(config: TrainConfig, tmp_p
         train(replace(start, data=None, run_dir=tmp_path / "none"), env=Metronome())
 
 
-def test_a_policy_is_shared_and_recorded_with_a_new_plan_for_each_episode(
+def test_shared_policy_resets_chunks_each_episode(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     env = bricksrl.make("WalkerSim-v0", seed=0)
@@ -146,7 +146,7 @@ def test_a_policy_is_shared_and_recorded_with_a_new_plan_for_each_episode(
     capsys.readouterr()
 
 
-def test_each_episode_of_a_film_starts_with_a_new_plan(tmp_path: Path) -> None:
+def test_video_resets_chunks_each_episode(tmp_path: Path) -> None:
     calls = []
 
     def act(state: TensorDictBase) -> TensorDictBase:

@@ -1,4 +1,4 @@
-"""Domain randomisation and given physics, from the config to the twin."""
+"""Domain randomisation and given physics."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ WEAK = Physics(battery_v=7.2, friction_scale=0.8)
 
 
 def physics_of_episodes(config: TrainConfig, episodes: int = 4) -> list[Physics]:
-    """The physics in force in each episode, as training runs them."""
+    """Physics of each episode of a training."""
     env = make_env(config)
     assert isinstance(env, HubEnv)
     found = []
@@ -33,7 +33,7 @@ def physics_of_episodes(config: TrainConfig, episodes: int = 4) -> list[Physics]
     return found
 
 
-def test_randomising_draws_another_physics_for_each_episode() -> None:
+def test_randomisation_redraws_physics_each_episode() -> None:
     config = TrainConfig("RunAway-v0", randomize=True)
     drawn = physics_of_episodes(config)
     for name, parameter in PARAMETERS.items():
@@ -42,12 +42,12 @@ def test_randomising_draws_another_physics_for_each_episode() -> None:
     assert drawn == physics_of_episodes(config), "a seed repeats them"
 
 
-def test_without_randomising_the_physics_stays() -> None:
+def test_physics_is_constant_without_randomisation() -> None:
     assert set(physics_of_episodes(TrainConfig("RunAway-v0"))) == {Physics()}
     assert set(physics_of_episodes(TrainConfig("RunAway-v0", physics=WEAK))) == {WEAK}
 
 
-def test_both_at_once_are_refused() -> None:
+def test_physics_and_randomisation_raise() -> None:
     with pytest.raises(DescriptionError, match="one of the two"):
         TrainConfig("RunAway-v0", randomize=True, physics=WEAK)
 
@@ -57,7 +57,7 @@ def test_a_simulation_without_a_robot_has_no_physics() -> None:
         make_env(TrainConfig("WalkerSim-v0", randomize=True))
 
 
-def test_the_config_comes_back_and_older_ones_are_read() -> None:
+def test_old_and_new_configs_are_read() -> None:
     for config in (TrainConfig("RunAway-v0", physics=WEAK), TrainConfig("RunAway-v0", randomize=True)):
         assert TrainConfig.from_dict(config.to_dict()) == config
     older = TrainConfig("RunAway-v0").to_dict()
@@ -78,7 +78,7 @@ def test_the_config_comes_back_and_older_ones_are_read() -> None:
         ({}, {"physics": WEAK}, (False, WEAK)),
     ],
 )
-def test_evaluation_does_not_randomise_unless_told_to(trained_with, evaluated_with, expected, tmp_path, monkeypatch) -> None:
+def test_evaluation_does_not_randomise_by_default(trained_with, evaluated_with, expected, tmp_path, monkeypatch) -> None:
     settings = SACSettings(hidden=(8,), batch_size=8, prefill_episodes=1)
     config = TrainConfig("RunAway-v0", episodes=1, settings=settings, run_dir=tmp_path / "run")
     train(replace(config, **trained_with))

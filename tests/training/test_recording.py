@@ -1,4 +1,4 @@
-"""Every run keeps what it did."""
+"""Recording of runs."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def config(run_dir: Path, episodes: int = 4, **more) -> TrainConfig:
     return TrainConfig("Cart", episodes=episodes, run_dir=run_dir, settings=preset("default", "sac"), **more)
 
 
-def test_a_run_leaves_a_dataset_of_all_it_did(tmp_path: Path) -> None:
+def test_run_records_dataset(tmp_path: Path) -> None:
     result = train(config(tmp_path / "run"), env=Cart())
     episodes = load(tmp_path / "run")
     assert [row.length for row in episodes.rows] == [episode.length for episode in result.episodes]
@@ -28,12 +28,12 @@ def test_a_run_leaves_a_dataset_of_all_it_did(tmp_path: Path) -> None:
     assert check(tmp_path / "run/data") == []
 
 
-def test_a_run_that_is_not_to_be_recorded_is_not(tmp_path: Path) -> None:
+def test_record_false_writes_no_dataset(tmp_path: Path) -> None:
     train(config(tmp_path / "run", 2, record=False), env=Cart())
     assert not (tmp_path / "run/data").exists()
 
 
-def test_an_interrupted_run_keeps_its_last_steps_and_goes_on(tmp_path: Path) -> None:
+def test_interrupted_run_records_last_steps(tmp_path: Path) -> None:
     stop = threading.Event()
 
     class Impatient(Callback):
@@ -49,13 +49,13 @@ def test_an_interrupted_run_keeps_its_last_steps_and_goes_on(tmp_path: Path) -> 
     assert after == [*before, *((episode.length, True) for episode in result.episodes[1:])] and len(after) == 5
 
 
-def test_an_episode_that_lost_its_robot_is_kept_as_broken_off(tmp_path: Path) -> None:
+def test_lost_episode_is_recorded_as_aborted(tmp_path: Path) -> None:
     result = train(config(tmp_path / "run", 4, patience_s=60.0), env=LosingCart(4, failures=1))
     recorded = [(row.length, row.about.whole) for row in load(tmp_path / "run").rows]
     assert recorded == [(episode.length, not episode.link_lost) for episode in result.episodes] and recorded[2] == (3, False)
 
 
-def test_a_human_takes_over_and_the_agent_learns_from_it(tmp_path: Path) -> None:
+def test_agent_learns_from_intervention(tmp_path: Path) -> None:
     def driver(observation: torch.Tensor) -> torch.Tensor | None:
         return torch.tensor([0.125]) if observation[0] > 250 else None
 

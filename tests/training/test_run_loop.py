@@ -38,7 +38,7 @@ def names(path: Path) -> list[str]:
 
 
 def assert_same_run(one: Path, other: Path) -> None:
-    """Equal in everything but the time it took."""
+    """Equal except for times."""
     assert rows(one) == rows(other)
     a, b = (load_checkpoint(path / "checkpoint.bin") for path in (one, other))
     for state in (a, b):
@@ -48,7 +48,7 @@ def assert_same_run(one: Path, other: Path) -> None:
 
 
 class Recorder(Callback):
-    """Notes all it is told, and does something once at a step."""
+    """Records calls, and runs a function at one step."""
 
     def __init__(self, at: tuple[int, int] | None = None, do: Callable[[], object] = lambda: None) -> None:
         self.calls: list[str] = []
@@ -75,7 +75,7 @@ def ctrl_c() -> None:
     os.kill(os.getpid(), signal.SIGINT)
 
 
-def test_a_run_leaves_its_files_in_order(config: TrainConfig) -> None:
+def test_run_writes_files(config: TrainConfig) -> None:
     observer = Recorder()
     result = train(config, observer, env=Cart())
     assert not result.interrupted
@@ -109,7 +109,7 @@ class Listener(Callback):
         self.seen.append((episode, step, phase, transition.clone()))
 
 
-def test_a_listener_hears_every_step_with_all_that_the_environment_tells(config: TrainConfig) -> None:
+def test_callback_receives_every_transition(config: TrainConfig) -> None:
     listener = Listener()
     result = train(config, listener, env=Cart())
     for episode in result.episodes:
@@ -126,7 +126,7 @@ def test_a_listener_hears_every_step_with_all_that_the_environment_tells(config:
         assert last["truncated"].item() == (episode.length == 8) or last["terminated"].item()
 
 
-def test_equal_seeds_give_equal_runs_and_others_do_not(config: TrainConfig, tmp_path: Path) -> None:
+def test_only_equal_seeds_give_equal_runs(config: TrainConfig, tmp_path: Path) -> None:
     train(config, env=Cart())
     torch.rand(7)  # whatever happened before must not matter
     train(replace(config, run_dir=tmp_path / "again"), env=Cart())
@@ -135,7 +135,7 @@ def test_equal_seeds_give_equal_runs_and_others_do_not(config: TrainConfig, tmp_
     assert rows(tmp_path / "run") != rows(tmp_path / "other")
 
 
-def test_training_leaves_torch_as_it_was(config: TrainConfig) -> None:
+def test_training_restores_torch_state(config: TrainConfig) -> None:
     threads, state = torch.get_num_threads(), torch.get_rng_state()
     train(config, env=Cart())
     assert torch.get_num_threads() == threads
@@ -183,7 +183,7 @@ def test_another_thread_can_stop_a_run(config: TrainConfig) -> None:
 
 
 class CartInHand(Cart):
-    """Its second reset waits for a hand that never comes."""
+    """Its second reset waits for ever."""
 
     def _reset(self, *args: object, **kwargs: object) -> object:  # type: ignore[override]
         if self.resets == 1:
@@ -192,7 +192,7 @@ class CartInHand(Cart):
         return super()._reset()
 
 
-def test_ctrl_c_ends_a_waiting_reset_at_once(config: TrainConfig, tmp_path: Path) -> None:
+def test_ctrl_c_ends_waiting_reset(config: TrainConfig, tmp_path: Path) -> None:
     result = train(config, env=CartInHand())
     assert result.interrupted
     assert len(result.episodes) == 1
@@ -212,7 +212,7 @@ def test_second_ctrl_c_does_not_wait_for_the_step(config: TrainConfig) -> None:
 
 
 class BrokenCart(Cart):
-    """It raises in its fourth episode, as an environment does that does not tell of a lost link."""
+    """Raises in its fourth episode without reporting a lost link."""
 
     def _step(self, tensordict: object) -> object:  # type: ignore[override]
         if self.resets == 4:
@@ -220,7 +220,7 @@ class BrokenCart(Cart):
         return super()._step(tensordict)  # type: ignore[arg-type]
 
 
-def test_an_error_of_the_environment_is_reported_and_nothing_learned_is_lost(config: TrainConfig, tmp_path: Path) -> None:
+def test_environment_error_keeps_progress(config: TrainConfig, tmp_path: Path) -> None:
     with pytest.raises(HubTimeoutError):
         train(config, env=BrokenCart())
     assert len(rows(tmp_path / "run")) == 3
@@ -230,7 +230,7 @@ def test_an_error_of_the_environment_is_reported_and_nothing_learned_is_lost(con
     assert_same_run(tmp_path / "whole", tmp_path / "run")
 
 
-def test_a_row_that_the_checkpoint_does_not_know_goes(config: TrainConfig, tmp_path: Path) -> None:
+def test_metrics_row_after_checkpoint_is_dropped(config: TrainConfig, tmp_path: Path) -> None:
     train(replace(config, episodes=3), env=Cart())
     folder = RunFolder(tmp_path / "run")
     folder.append(replace(folder.read_episodes()[-1], episode=4))
@@ -239,7 +239,7 @@ def test_a_row_that_the_checkpoint_does_not_know_goes(config: TrainConfig, tmp_p
     assert_same_run(tmp_path / "whole", tmp_path / "run")
 
 
-def test_a_folder_is_never_overwritten(config: TrainConfig) -> None:
+def test_run_folder_is_never_overwritten(config: TrainConfig) -> None:
     assert config.run_dir is not None
     config.run_dir.mkdir()
     env = Cart()
@@ -249,9 +249,7 @@ def test_a_folder_is_never_overwritten(config: TrainConfig) -> None:
     assert names(config.run_dir) == []
 
 
-def test_without_a_folder_the_next_free_one_is_taken(
-    config: TrainConfig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_default_run_folder_is_next_free(config: TrainConfig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     for name in (f"Cart-sac-seed-{config.seed}", f"Cart-sac-seed-{config.seed}-2"):
         assert train(replace(config, run_dir=None, episodes=1), env=Cart()).run_dir == Path("runs") / name
@@ -264,7 +262,7 @@ def test_unknown_names_leave_no_folder(config: TrainConfig, tmp_path: Path) -> N
     assert names(tmp_path) == []
 
 
-def test_resume_refuses_what_does_not_belong(config: TrainConfig, tmp_path: Path) -> None:
+def test_resume_of_other_run_raises(config: TrainConfig, tmp_path: Path) -> None:
     with pytest.raises(RunError, match="no run in"):
         resume(tmp_path, env=Cart())
     train(replace(config, episodes=2), env=Cart())
@@ -274,7 +272,7 @@ def test_resume_refuses_what_does_not_belong(config: TrainConfig, tmp_path: Path
     with pytest.raises(CheckpointError, match="another config or environment"):
         resume(tmp_path / "run", env=Cart())
     checkpoint.write_bytes(b"PK\x03\x04")
-    with pytest.raises(CheckpointError, match="no checkpoint of this version"):
+    with pytest.raises(CheckpointError, match="not a checkpoint of this version"):
         resume(tmp_path / "run", env=Cart())
     for text in ("{", "[]", '{"bricksrl_run": 2, "config": {}}'):
         (tmp_path / "run" / "config.json").write_text(text)

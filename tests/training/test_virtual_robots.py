@@ -1,4 +1,4 @@
-"""Training on the virtual robots themselves."""
+"""Training on virtual robots."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def weights(run_dir: Path) -> list[torch.Tensor]:
 
 
 @pytest.mark.parametrize("env", ["RunAway-v0", "Spinning-v0"])
-def test_a_run_in_two_parts_ends_as_one_in_a_single_part(env: str, tmp_path: Path) -> None:
+def test_resumed_run_equals_uninterrupted(env: str, tmp_path: Path) -> None:
     settings = SACSettings(hidden=(16,), batch_size=16, prefill_episodes=1, updates_per_step=1)
     whole = TrainConfig(env=env, episodes=3, seed=2, settings=settings, run_dir=tmp_path / "whole")
     one = train(whole)

@@ -1,4 +1,4 @@
-"""Learning on from the policy of another agent: it is the same policy, and it stays as good as it was."""
+"""Warm starts from the policy of another agent."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ SMALL = {"hidden": (64, 64), "batch_size": 64, "prefill_episodes": 1}
 
 
 def to_the_goal(state: TensorDictBase) -> TensorDictBase:
-    """What the arm has left to turn, as far as one step goes."""
+    """Remaining angles of the arm, limited to a step."""
     angle, goal = state["observation"].split(4)
     way = goal - angle
     way[0] -= 360.0 * (way[0] / 360.0).round()
@@ -51,7 +51,7 @@ def small(agent: str) -> Any:
 
 @pytest.fixture(scope="module")
 def runs(data: str, tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
-    """What agents learned from the dataset alone."""
+    """Agents trained on the dataset only."""
     root = tmp_path_factory.mktemp("runs")
     for agent, updates in (("bc", 1500), ("iql", 20), ("sac", 20), ("td3", 20)):
         train(TrainConfig(ENV, agent, 1, settings=small(agent), data=data, updates=updates, run_dir=root / agent))
@@ -67,7 +67,7 @@ def going_on(start: str, agent: str, run_dir: Path, **changes: Any) -> TrainConf
     ("before", "after"),
     [("bc", "sac"), ("bc", "td3"), ("bc", "cql"), ("iql", "redq"), ("sac", "droq"), ("td3", "droq"), ("td3", "sac")],
 )
-def test_it_is_the_same_policy(runs: dict[str, str], before: str, after: str) -> None:
+def test_transferred_policy_is_equal(runs: dict[str, str], before: str, after: str) -> None:
     env = make(ENV, seed=3)
     one = load_learner(runs[before], env).learner
     settings = going_on(runs[before], after, Path("nowhere")).settings
@@ -81,8 +81,8 @@ def test_it_is_the_same_policy(runs: dict[str, str], before: str, after: str) ->
 
 
 @pytest.mark.parametrize(("agent", "beside"), [("sac", True), ("sac", False), ("td3", True)])
-def test_it_does_not_collapse(runs: dict[str, str], data: str, tmp_path: Path, agent: str, beside: bool) -> None:
-    """Its critics are new, and an actor that follows them at once may lose what it could do."""
+def test_warm_started_run_does_not_collapse(runs: dict[str, str], data: str, tmp_path: Path, agent: str, beside: bool) -> None:
+    """With new critics, an unconstrained actor would lose its policy."""
     before = evaluate(Path(runs["bc"]), episodes=20).return_mean
     config = going_on(runs["bc"], agent, tmp_path / "run", episodes=20, data=data if beside else None)
     returns = torch.tensor([episode.return_ for episode in train(config).episodes])
@@ -91,8 +91,8 @@ def test_it_does_not_collapse(runs: dict[str, str], data: str, tmp_path: Path, a
     assert evaluate(tmp_path / "run", episodes=20).return_mean > before - 1.0
 
 
-def test_what_holds_it_is_gone_on_with(runs: dict[str, str], data: str, tmp_path: Path) -> None:
-    """A run that is resumed ends as one that was not interrupted: the policy it is held near is in the checkpoint."""
+def test_anchor_is_resumed(runs: dict[str, str], data: str, tmp_path: Path) -> None:
+    """A resumed run equals an uninterrupted one: the anchor's policy is in the checkpoint."""
     whole = going_on(runs["bc"], "sac", tmp_path / "whole", episodes=4, data=data)
     train(whole)
     train(replace(whole, run_dir=tmp_path / "part", episodes=2))
@@ -109,7 +109,7 @@ def test_what_holds_it_is_gone_on_with(runs: dict[str, str], data: str, tmp_path
     torch.testing.assert_close(action, before.exploit(observation)["action"])
 
 
-def test_in_the_end_it_is_free(runs: dict[str, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_anchor_ends(runs: dict[str, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("bricksrl.agents.policy_transfer.STEPS", 5)
     train(going_on(runs["sac"], "td3", tmp_path / "run", episodes=3))
     state = load_checkpoint(tmp_path / "run" / "checkpoint.bin")["agent"]
@@ -133,7 +133,7 @@ def test_in_the_end_it_is_free(runs: dict[str, str], tmp_path: Path, monkeypatch
         ("sac", "td3bc", {}, "which is sac's, does not fit td3bc: "),
     ],
 )
-def test_a_policy_of_another_form_is_refused(
+def test_policy_of_other_form_raises(
     runs: dict[str, str], data: str, tmp_path: Path, before: str, after: str, changes: dict[str, Any], says: str
 ) -> None:
     config = going_on(runs[before], after, tmp_path / "run", data=data)
@@ -142,13 +142,13 @@ def test_a_policy_of_another_form_is_refused(
     assert not (tmp_path / "run").exists()
 
 
-def test_the_command_takes_the_form_of_the_policy(runs: dict[str, str]) -> None:
+def test_command_adapts_network_to_policy(runs: dict[str, str]) -> None:
     config = Train(start=Path(runs["bc"]), agent="sac").config(ENV)
     assert config.settings == replace(preset("default", "sac"), hidden=(64, 64), actor_layer_norm=True)
     assert Train(start=Path(runs["bc"])).config(ENV).settings == RunFolder(Path(runs["bc"])).read_config().settings
 
 
-def test_runs_from_before_a_setting_was_there_are_read(runs: dict[str, str], tmp_path: Path) -> None:
+def test_older_runs_without_new_settings_are_read(runs: dict[str, str], tmp_path: Path) -> None:
     state = load_checkpoint(Path(runs["sac"]) / "checkpoint.bin")
     folder = RunFolder(tmp_path)
     folder.write_config(RunFolder(Path(runs["sac"])).read_config())

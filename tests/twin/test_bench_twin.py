@@ -1,4 +1,4 @@
-"""The twin of a robot without a MuJoCo model: free motors, and sensors that read what the scene says."""
+"""Bench twin: free motors, sensors with readings of the scene."""
 
 from __future__ import annotations
 
@@ -35,27 +35,27 @@ def readings(scene: Scene, command: float) -> list[float]:
 
 
 @pytest.mark.parametrize("command", [80.0, -60.0])
-def test_sensors_read_what_the_scene_says_at_the_motors_angles(command: float) -> None:
+def test_readings_follow_motor_angles(command: float) -> None:
     angle, light, distance = readings(SCENE, command)
     assert angle == pytest.approx(command, abs=2), "through direction and gears"
     assert light == pytest.approx(50 + angle / 10, abs=0.6)
     assert distance == pytest.approx(500 + angle, abs=1.5)
 
 
-def test_an_ultrasonic_sensor_without_a_reading_sees_nothing_and_the_others_stay_in_their_range() -> None:
+def test_readings_are_clamped_and_default_to_nothing() -> None:
     assert readings(Scene(readings={"light": lambda angles: 7}), 10.0)[2] == 2000
     far = Scene(readings={"light": lambda angles: 7, "eyes": lambda angles: 1})
     assert readings(far, 10.0)[1:] == [7.0, 40.0]
 
 
-def test_the_program_uses_the_class_and_the_method() -> None:
+def test_program_uses_sensor_class_and_method() -> None:
     source = generate(ROBOT, INTERFACE).source
     assert "sensor_light = ColorSensor(Port.B)" in source
     assert "sensor_light.reflection()" in source
     assert "from pybricks.pupdevices import ColorSensor, Motor, UltrasonicSensor" in source
 
 
-def test_a_method_that_the_sensor_lacks_is_told_with_those_that_it_has() -> None:
+def test_unknown_sensor_method_lists_known() -> None:
     interface = dataclasses.replace(INTERFACE, channels=(SensorReading("light", "reflexion", 0, 1),))
     with pytest.raises(
         DescriptionError, match="no reading 'reflexion'; did you mean 'reflection'. It has reflection, ambient, hsv"
@@ -63,7 +63,7 @@ def test_a_method_that_the_sensor_lacks_is_told_with_those_that_it_has() -> None
         generate(ROBOT, interface)
 
 
-def test_what_a_scene_raises_is_not_blamed_on_the_hub_program() -> None:
+def test_scene_error_is_not_a_program_error() -> None:
     scene = dataclasses.replace(SCENE, readings={"light": lambda angles: 1 / 0})
     link = HubLink(VirtualHub(make_body(ROBOT, scene=scene)), ROBOT, INTERFACE)
     with (
@@ -73,7 +73,7 @@ def test_what_a_scene_raises_is_not_blamed_on_the_hub_program() -> None:
         link.read()
 
 
-def test_readings_are_methods_of_the_virtual_sensors() -> None:
+def test_readings_are_sensor_methods() -> None:
     for kind in SensorKind:
         device = getattr(pupsensors, kind.value)
         assert all(callable(getattr(device, name)) for name in kind.readings), kind
@@ -87,12 +87,12 @@ def test_readings_are_methods_of_the_virtual_sensors() -> None:
         (Scene(wall_distance_mm=(200.0, 300.0)), "without wall"),
     ],
 )
-def test_scenes_that_do_not_fit(scene: Scene, says: str) -> None:
+def test_mismatched_scenes_raise(scene: Scene, says: str) -> None:
     with pytest.raises(TwinError, match=says):
         make_body(ROBOT, scene=scene)
 
 
-def test_a_modelled_robot_has_the_sensors_of_its_model_only() -> None:
+def test_modelled_robot_takes_no_readings() -> None:
     with pytest.raises(TwinError, match="sensors of its own"):
         make_body(TWO_WHEELER, scene=Scene(readings={"eyes": lambda angles: 1}))
     touching = dataclasses.replace(WALKER, sensors=(*WALKER.sensors, PoweredUpSensor("bump", "F", SensorKind.FORCE)))
@@ -103,14 +103,14 @@ def test_a_modelled_robot_has_the_sensors_of_its_model_only() -> None:
 @pytest.mark.parametrize(
     ("channel", "says"), [(Distance("light"), "SensorReading"), (SensorReading("eyes", "distance", 0, 9), "use Distance")]
 )
-def test_channels_fit_their_sensors(channel: Distance | SensorReading, says: str) -> None:
+def test_channels_match_sensors(channel: Distance | SensorReading, says: str) -> None:
     with pytest.raises(DescriptionError, match=says):
         generate(ROBOT, dataclasses.replace(INTERFACE, channels=(channel,)))
     with pytest.raises(DescriptionError, match="no reading"):
         generate(ROBOT, dataclasses.replace(INTERFACE, channels=(SensorReading("light", "a b", 0, 9),)))
 
 
-def test_its_physics_can_be_given_and_drawn() -> None:
+def test_bench_physics_can_be_given_and_drawn() -> None:
     assert make_body(ROBOT, scene=SCENE).battery_mv == 7200
     assert make_body(ROBOT, scene=SCENE, physics=Physics(battery_v=7.9)).battery_mv == 7900
     body = make_body(ROBOT, scene=SCENE, physics=RandomPhysics())

@@ -1,4 +1,4 @@
-"""A driving robot from its numbers: every hub and motor, how it drives, and what its sensors find in the scene."""
+"""Twins of driving robots from their numbers: all hubs, motors, sensors."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def placed(scene: Scene = OPEN_FLOOR, robot: Robot = ROVER) -> MujocoBody:
 
 
 def driven(robot: Robot, body: MujocoBody) -> Any:
-    """A machine, and its drive base."""
+    """A machine with its drive base."""
     base, machine = robot.drive_base, Machine(body)
     assert base is not None
     servos = []
@@ -77,7 +77,7 @@ def straight(machine: Machine, drive: Any, distance_mm: int, limit_ms: int = 800
 
 
 @pytest.mark.parametrize("kind", MotorKind)
-def test_motors_turn_as_fast_without_load_as_the_curves_say(kind: MotorKind) -> None:
+def test_no_load_speed_follows_motor_curve(kind: MotorKind) -> None:
     constants = motor_constants(kind)
     stall_mnm = 1000 * (7.2 * constants.torque_nm_v - constants.friction_nm)
     free_deg_s = math.degrees(stall_mnm / 1000 / constants.drag_nm_s)
@@ -108,9 +108,7 @@ def test_motors_turn_as_fast_without_load_as_the_curves_say(kind: MotorKind) -> 
     ("kind", "gears", "wheel_mm"),
     [(MotorKind.SPIKE_SMALL, (), 56), (MotorKind.SPIKE_LARGE, (), 88), (MotorKind.TECHNIC_XL, (12, 20), 43.2)],
 )
-def test_it_drives_as_far_and_turns_as_much_as_its_numbers_say(
-    hub: HubKind, kind: MotorKind, gears: tuple[int, ...], wheel_mm: float
-) -> None:
+def test_distance_and_turn_follow_description(hub: HubKind, kind: MotorKind, gears: tuple[int, ...], wheel_mm: float) -> None:
     motors = (Motor("left", "A", kind, Direction.COUNTERCLOCKWISE, gears), Motor("right", "B", kind, gears=gears))
     robot = Robot("any", hub, motors, drive_base=DriveBase("left", "right", wheel_mm, 130))
     body = placed(robot=robot)
@@ -125,7 +123,7 @@ def test_it_drives_as_far_and_turns_as_much_as_its_numbers_say(
     assert max(map(abs, body.tilt_deg())) < 6, "it stands on its caster"
 
 
-def test_odometry_is_what_the_drive_base_counts() -> None:
+def test_odometry_equals_drive_base() -> None:
     body = placed()
     machine, drive = driven(ROVER, body)
     straight(machine, drive, 400)
@@ -139,7 +137,7 @@ def test_odometry_is_what_the_drive_base_counts() -> None:
     assert (pose.x_m, pose.y_m) == pytest.approx((0.4, -0.3), abs=0.02) and pose.heading_deg == pytest.approx(180, abs=6)
 
 
-def test_parts_can_be_elsewhere() -> None:
+def test_custom_part_positions() -> None:
     ahead = replace(ROVER, chassis=Chassis(hub_mm=(10.0, 0.0), caster_mm=(60.0, 0.0), ballast_g=200.0), sensors=())
     light, heavy = (placed(robot=robot).model.body_mass.sum() for robot in (replace(ROVER, sensors=()), ahead))
     assert heavy == pytest.approx(light + 0.2)
@@ -157,12 +155,12 @@ def test_parts_can_be_elsewhere() -> None:
         (lambda: Chassis(ballast_g=-1.0), "0 g or more"),
     ],
 )
-def test_descriptions_that_cannot_be(description: Any, says: str) -> None:
+def test_invalid_descriptions(description: Any, says: str) -> None:
     with pytest.raises(DescriptionError, match=says):
         description()
 
 
-def test_bodies_that_cannot_be() -> None:
+def test_invalid_bodies() -> None:
     with pytest.raises(TwinError, match="no room"):
         make_body(replace(ROVER, drive_base=DriveBase("left", "right", 62.4, 30)))
     with pytest.raises(TwinError, match="no ultrasonic sensor"):
@@ -180,7 +178,7 @@ def test_bodies_that_cannot_be() -> None:
 
 
 @pytest.mark.parametrize("color", COLORS)
-def test_a_colour_is_seen_as_it_is(color: str) -> None:
+def test_colour_is_sensed(color: str) -> None:
     hue, saturation, value = placed(Scene(objects=(Field((60, 0), (100, 100), color),))).sensed("C", Sense.SURFACE)
     red, green, blue = COLORS[color]
     assert value == pytest.approx(100 * max(red, green, blue), abs=0.5)
@@ -188,7 +186,7 @@ def test_a_colour_is_seen_as_it_is(color: str) -> None:
     assert 0 <= hue < 360
 
 
-def test_an_edge_is_half_of_both_and_what_lies_above_counts() -> None:
+def test_colour_edge_is_mixed_and_top_counts() -> None:
     black, white = Field((60, 50), (200, 100), "black"), Field((60, 0), (200, 300), "white")
     for objects, expected in (((white, black), 50), ((black, white), 93), ((white,), 93), ((), 84)):
         _, _, value = placed(Scene(objects=objects)).sensed("C", Sense.SURFACE)
@@ -199,21 +197,21 @@ def test_an_edge_is_half_of_both_and_what_lies_above_counts() -> None:
     assert disc.covers(np.array([(49.0, 0.0), (0.0, 29.0), (45.0, 25.0)])).tolist() == [True, True, False]
 
 
-def test_a_line_is_followed_by_eye_all_around() -> None:
+def test_line_can_be_followed() -> None:
     line = Line(oval(800, 400), width_mm=20, closed=True)
     along = np.array([(0.0, 0.0), (399.0, 200.0), (0.0, 400.0), (-399.0, 200.0), (-100.0, 0.0)])
     assert line.covers(along).all() and not line.covers(along * 1.1 + (0.0, 25.0)).any()
     assert not Line(((0, 0), (100, 0), (100, 100))).covers(np.array([(50.0, 50.0)])).any(), "it is not closed"
 
 
-def test_less_light_comes_back_from_afar() -> None:
+def test_reflection_decreases_with_distance() -> None:
     high = replace(ROVER, sensors=(PoweredUpSensor("light", "C", SensorKind.COLOR, Mount((60, 0, 60), "down")),))
     _, _, near = placed().sensed("C", Sense.SURFACE)
     _, _, far = placed(robot=high).sensed("C", Sense.SURFACE)
     assert far < near / 5
 
 
-def test_ambient_light_tells_where_the_lamp_is() -> None:
+def test_ambient_light_depends_on_lamp() -> None:
     def light(looks: str, *objects: Any) -> float:
         robot = replace(ROVER, sensors=(PoweredUpSensor("light", "C", SensorKind.COLOR, Mount((60, 0, 50), looks)),))
         sensed = placed(Scene(objects=objects, light_pct=10.0), robot).sensed("C", Sense.AMBIENT)
@@ -227,7 +225,7 @@ def test_ambient_light_tells_where_the_lamp_is() -> None:
     assert 10 < light("ahead", Lamp((660, 0, 50))) < 40, "a quarter at twice the distance"
 
 
-def test_distances_are_those_to_walls_and_blocks() -> None:
+def test_distance_to_walls_and_blocks() -> None:
     robot = replace(
         ROVER,
         sensors=(
@@ -242,7 +240,7 @@ def test_distances_are_those_to_walls_and_blocks() -> None:
     assert placed(robot=robot).distance_mm("C") == 2000
 
 
-def test_a_force_sensor_feels_what_it_pushes_and_a_block_moves() -> None:
+def test_force_sensor_pushes_block() -> None:
     robot = replace(ROVER, sensors=(PoweredUpSensor("bump", "C", SensorKind.FORCE, Mount((90, 0, 30), "ahead")),))
     scene = Scene(objects=(Block((200, 0), (60, 60, 60), mass_g=300, spread_mm=(10, 0)),))
     body = placed(scene, robot)
@@ -261,14 +259,14 @@ def test_a_force_sensor_feels_what_it_pushes_and_a_block_moves() -> None:
     assert body.data.qpos[block] == pytest.approx(0.2, abs=0.01) and body.data.qpos[block] != 0.2, "drawn anew"
 
 
-def test_a_robot_stalls_at_a_wall() -> None:
+def test_robot_stalls_at_wall() -> None:
     body = placed(Scene(objects=(Wall((200, -100), (200, 100)),)))
     machine, drive = driven(ROVER, body)
     straight(machine, drive, 400, limit_ms=3000)
     assert body.pose().x_m < 0.2
 
 
-def test_it_climbs_a_ramp() -> None:
+def test_robot_climbs_ramp() -> None:
     body = placed(Scene(objects=(Ramp((150, 0), length_mm=600, height_mm=80),)))
     machine, drive = driven(ROVER, body)
     straight(machine, drive, 450)
@@ -277,7 +275,7 @@ def test_it_climbs_a_ramp() -> None:
     assert body.data.qpos[2] > 0.05
 
 
-def test_it_starts_where_the_scene_says() -> None:
+def test_start_pose_follows_scene() -> None:
     body = placed(Scene(start_mm=((-200.0, 200.0), (100.0, 100.0)), heading_deg=(90.0, 90.0)))
     places = []
     for seed in range(4):
@@ -304,20 +302,20 @@ def test_it_starts_where_the_scene_says() -> None:
         (lambda: Scene(light_pct=200), "light_pct"),
     ],
 )
-def test_objects_that_cannot_be_are_one_line(wrong: Any, says: str) -> None:
+def test_invalid_objects_raise(wrong: Any, says: str) -> None:
     with pytest.raises(TwinError, match=says) as caught:
         wrong()
     assert "\n" not in str(caught.value)
 
 
-def test_the_2wheeler_carries_a_colour_sensor() -> None:
+def test_two_wheeler_with_colour_sensor() -> None:
     sensors = (*TWO_WHEELER.sensors, PoweredUpSensor("light", "B", SensorKind.COLOR))
     body = placed(Scene(objects=(Field((60, 0), (60, 60), "red"),)), replace(TWO_WHEELER, sensors=sensors))
     hue, saturation, _ = body.sensed("B", Sense.SURFACE)  # type: ignore[misc]
     assert min(hue, 360 - hue) < 10 and saturation > 60
 
 
-def test_scenes_do_not_change_robots_without_them() -> None:
+def test_robots_without_scene_are_unchanged() -> None:
     plain, floor = make_body(TWO_WHEELER), make_body(TWO_WHEELER, scene=Scene(objects=(Field((0, 0), (9, 9)),)))
     assert isinstance(plain, MujocoBody) and isinstance(floor, MujocoBody)
     assert plain.model.nq == floor.model.nq and floor.model.ngeom == plain.model.ngeom + 1

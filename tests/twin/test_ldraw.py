@@ -1,4 +1,4 @@
-"""The LDraw reader, on libraries that the tests write."""
+"""LDraw reader, with generated libraries."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ CERTIFIED = "0 BFC CERTIFY CCW\n"
 
 
 def volume(triangles: Floats) -> float:
-    """Of a closed surface; negative when it is inside out."""
+    """Volume of a closed surface; negative if inverted."""
     return float(np.einsum("ij,ij->", triangles[:, 0], np.cross(triangles[:, 1], triangles[:, 2])) / 6)
 
 
@@ -26,7 +26,7 @@ def read(tmp_path: Path, **parts: str) -> ldraw.Triangles:
     return Library(write_library(tmp_path, **parts)).part("a.dat")
 
 
-def test_a_part_is_its_files_scaled_moved_and_coloured(tmp_path: Path) -> None:
+def test_ldraw_part_is_scaled_moved_coloured(tmp_path: Path) -> None:
     read_back = read(
         tmp_path,
         a=CERTIFIED + placed("box8.dat", size=(10, 2, 3), offset="100 0 0") + placed("b.dat", 15),
@@ -42,7 +42,7 @@ def test_a_part_is_its_files_scaled_moved_and_coloured(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("first", "sign"), [("", 1), ("0 BFC INVERTNEXT\n", -1)])
 @pytest.mark.parametrize("mirror", [1, -1])
-def test_outside_stays_outside_in_a_mirror_and_is_turned_on_request(tmp_path: Path, first: str, sign: int, mirror: int) -> None:
+def test_winding_survives_mirroring(tmp_path: Path, first: str, sign: int, mirror: int) -> None:
     text = CERTIFIED + first + placed("box8.dat", size=(mirror, 1, 1)) + placed("box8.dat", 15)
     triangles = read(tmp_path, a=text)
     assert volume(triangles[ldraw.MAIN_COLOUR]) == pytest.approx(8 * sign)
@@ -65,7 +65,7 @@ def test_colours(tmp_path: Path) -> None:
     assert library.rgba(-3) == library.rgba(4711) == (0.5, 0.5, 0.5, 1.0)
 
 
-def test_a_part_that_cannot_be_drawn_is_one_line(tmp_path: Path) -> None:
+def test_invalid_ldraw_part_raises(tmp_path: Path) -> None:
     doubling = {f"d{i}": CERTIFIED + 2 * placed(f"d{i + 1}.dat") for i in range(20)}
     library = Library(
         write_library(
@@ -84,19 +84,19 @@ def test_a_part_that_cannot_be_drawn_is_one_line(tmp_path: Path) -> None:
         assert "\n" not in str(error.value)
 
 
-def test_what_is_broken_in_a_file_is_left_away(tmp_path: Path) -> None:
+def test_broken_ldraw_lines_are_skipped(tmp_path: Path) -> None:
     broken = "3 16 0 0 zero 1 0 0 0 1 0\n4 16 1 2 3\n1 16 0 0 0\n3\n3 red 0 0 0 1 0 0 0 1 0\n3 16 nan 0 0 1 0 0 0 1 0\n"
     text = CERTIFIED + broken + placed("not there.dat") + placed("a.dat") + placed("..\\..\\x.dat") + placed("box8.dat")
     assert volume(read(tmp_path, a=text)[ldraw.MAIN_COLOUR]) == pytest.approx(8)
 
 
 @given(st.text(alphabet="01234 -.eBFCWINVERTX\n"))
-def test_any_text_is_read(text: str) -> None:
+def test_any_ldraw_text_is_read(text: str) -> None:
     file = ldraw.parse(text)
     assert all(triangles.shape[1:] == (3, 3) for triangles in file.triangles.values())
 
 
-def test_the_folder_is_where_the_variable_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_ldraw_folder_follows_variable(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     root = write_library(tmp_path / "library")
     monkeypatch.setattr(ldraw, "_SYSTEM_FOLDERS", (str(tmp_path / "nowhere"), str(root)))
     monkeypatch.delenv("LDRAWDIR", raising=False)
@@ -105,9 +105,7 @@ def test_the_folder_is_where_the_variable_says(tmp_path: Path, monkeypatch: pyte
     assert ldraw.folder() == tmp_path / "other"
 
 
-def test_a_variable_that_points_nowhere_is_told(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_invalid_ldraw_variable_warns(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture) -> None:
     monkeypatch.setenv("LDRAWDIR", str(tmp_path))
     assert ldraw.folder() is None
     assert "is not an LDraw library" in caplog.text

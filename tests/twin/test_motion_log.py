@@ -1,4 +1,4 @@
-"""Logs: what is recorded, and that a file gives it back."""
+"""Motion logs."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def assert_equal(one: RunLog, other: RunLog) -> None:
         assert np.array_equal(getattr(one, field.name), getattr(other, field.name)), field.name
 
 
-def test_it_holds_commands_answers_and_the_hubs_time(log: RunLog) -> None:
+def test_log_has_commands_answers_hub_time(log: RunLog) -> None:
     assert log.robot == "two-wheeler"
     assert log.program_hash == generate(TWO_WHEELER, log.interface).hash
     assert log.commands.shape == (30, 2)
@@ -43,7 +43,7 @@ def test_it_holds_commands_answers_and_the_hubs_time(log: RunLog) -> None:
 
 
 @pytest.mark.parametrize("robot", ROBOTS.values(), ids=lambda robot: robot.name)
-def test_every_robot_has_an_interface_that_tells_about_it(robot) -> None:
+def test_every_robot_has_a_log_interface(robot) -> None:
     interface = identification_interface(robot)
     generate(robot, interface)
     commands = identification_commands(interface, 120, np.random.default_rng(1))
@@ -53,14 +53,14 @@ def test_every_robot_has_an_interface_that_tells_about_it(robot) -> None:
     assert not commands.sum(axis=0).any(), "there and back"
 
 
-def test_a_file_gives_it_back(log: RunLog, tmp_path: Path) -> None:
+def test_motion_log_round_trip(log: RunLog, tmp_path: Path) -> None:
     write_log(tmp_path / "log.jsonl", log)
     assert_equal(read_log(tmp_path / "log.jsonl"), dataclasses.replace(log, gaps_ms=log.gaps_ms.round(3)))
     header = json.loads((tmp_path / "log.jsonl").read_text().splitlines()[0])
     assert (header["robot"], header["program"]) == ("two-wheeler", f"{log.program_hash:08x}")
 
 
-def test_tasks_with_moves_that_end_can_be_logged_too(tmp_path: Path) -> None:
+def test_drive_base_tasks_can_be_logged(tmp_path: Path) -> None:
     task = get_task("RunAway-v0")
     with HubLink(VirtualHub(make_body(task.robot, scene=task.scene)), task.robot, task.interface) as link:
         log = record(link, task.robot, task.interface, [[-50.0], [30.0]])
@@ -82,7 +82,7 @@ def test_tasks_with_moves_that_end_can_be_logged_too(tmp_path: Path) -> None:
         lambda lines: [lines[0], *lines[:0:-1]],
     ],
 )
-def test_a_damaged_file_is_one_line(log: RunLog, tmp_path: Path, harm) -> None:
+def test_damaged_log_raises(log: RunLog, tmp_path: Path, harm) -> None:
     path = tmp_path / "log.jsonl"
     write_log(path, log)
     path.write_text("\n".join(harm(path.read_text().splitlines())))

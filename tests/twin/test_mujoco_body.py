@@ -37,7 +37,7 @@ def before_wall(mm: float, heading_deg: float = 0.0) -> Scene:
 
 
 def drive(robot: MujocoBody, left_mv: int | None, right_mv: int | None, *, start_ms: int = 0, for_ms: int) -> int:
-    """Clockwise voltages at both shafts for a while; returns the time at the end."""
+    """Apply clockwise voltages for a time. Returns the end time."""
     robot.set_voltage(LEFT, left_mv)
     robot.set_voltage(RIGHT, right_mv)
     robot.advance_to(start_ms + for_ms)
@@ -57,7 +57,7 @@ def shaft_speed_deg_s(robot: MujocoBody, port: str, now_ms: int) -> float:
 
 
 class TestAtRest:
-    def test_it_stands_still_and_level(self) -> None:
+    def test_body_stands_level(self) -> None:
         robot = body()
         pose = robot.pose()
         drive(robot, None, None, for_ms=5000)
@@ -69,10 +69,10 @@ class TestAtRest:
         assert robot.acceleration_mm_s2() == pytest.approx((0, 0, 9810), abs=40)
         assert (robot.angle_mdeg(LEFT), robot.angle_mdeg(RIGHT)) == (0, 0)
 
-    def test_the_wheels_carry_it_without_sinking_in(self) -> None:
+    def test_wheels_carry_body(self) -> None:
         assert body().data.qpos[2] == pytest.approx(0.028, abs=1e-4)
 
-    def test_it_names_what_is_plugged_in(self) -> None:
+    def test_body_names_devices(self) -> None:
         robot = body()
         assert robot.robot is TWO_WHEELER
         assert robot.battery_mv == 8000
@@ -81,20 +81,20 @@ class TestAtRest:
 class TestMotors:
     @pytest.mark.parametrize("volts", [3.0, 7.2, -5.0])
     @pytest.mark.parametrize("port", [LEFT, RIGHT])
-    def test_a_free_wheel_turns_as_the_motor_curve_says(self, volts: float, port: str) -> None:
+    def test_free_wheel_follows_motor_curve(self, volts: float, port: str) -> None:
         robot = off_the_ground(body())
         robot.set_voltage(port, round(volts * 1000))
         robot.advance_to(1000)
         no_load = math.copysign(MEDIUM.torque_nm_v * abs(volts) - MEDIUM.friction_nm, volts) / MEDIUM.drag_nm_s
         assert shaft_speed_deg_s(robot, port, 1000) == pytest.approx(math.degrees(no_load), rel=0.01)
 
-    def test_the_curve_is_the_measured_one(self) -> None:
+    def test_motor_curve_equals_measurement(self) -> None:
         stall_nm = MEDIUM.torque_nm_v * 7.2 - MEDIUM.friction_nm
         no_load = (MEDIUM.torque_nm_v * 7.2 - MEDIUM.friction_nm) / MEDIUM.drag_nm_s
         assert stall_nm == pytest.approx(0.138, abs=0.001)
         assert math.degrees(no_load) == pytest.approx(951, abs=2)
 
-    def test_too_little_voltage_does_not_overcome_friction(self) -> None:
+    def test_low_voltage_does_not_overcome_friction(self) -> None:
         robot = off_the_ground(body())
         drive(robot, -800, 800, for_ms=1000)
         assert (robot.angle_mdeg(LEFT), robot.angle_mdeg(RIGHT)) == (0, 0)
@@ -114,7 +114,7 @@ class TestMotors:
         turn = math.radians((robot.angle_mdeg(RIGHT) - robot.angle_mdeg(LEFT)) / 2000)
         assert robot.pose().x_m == pytest.approx(turn * 0.028, rel=0.02)
 
-    def test_both_clockwise_turn_it_to_the_left_on_the_spot(self) -> None:
+    def test_both_clockwise_turn_left(self) -> None:
         robot = body()
         now_ms = drive(robot, 3000, 3000, for_ms=2000)
         pose, before = robot.pose(), robot.heading_deg()
@@ -138,7 +138,7 @@ class TestMotors:
             ways.append(robot.pose().x_m - start)
         assert ways[0] > 2 * ways[1] > 0
 
-    def test_after_coasting_a_motor_drives_again(self) -> None:
+    def test_motor_drives_after_coasting(self) -> None:
         robot = body()
         now_ms = drive(robot, None, None, for_ms=100)
         drive(robot, -3000, 3000, start_ms=now_ms, for_ms=500)
@@ -155,18 +155,18 @@ class TestSensors:
         assert body(before_wall(2500)).distance_mm(EYES) == 2000
         assert body().distance_mm(EYES) == 2000
 
-    def test_the_cone_sees_the_nearest_point(self) -> None:
+    def test_distance_is_nearest_point_in_cone(self) -> None:
         straight, turned = (body(before_wall(500, heading_deg)).distance_mm(EYES) for heading_deg in (0, 12))
         assert turned == pytest.approx(straight, abs=2)
         assert body(before_wall(500, 30)).distance_mm(EYES) > 510
 
-    def test_distance_grows_when_it_backs_off(self) -> None:
+    def test_distance_grows_when_reversing(self) -> None:
         robot = body(before_wall(250))
         start = robot.pose().x_m
         drive(robot, 3000, -3000, for_ms=1000)
         assert robot.distance_mm(EYES) - 250 == pytest.approx((start - robot.pose().x_m) * 1000, abs=2)
 
-    def test_the_wall_stops_it(self) -> None:
+    def test_wall_stops_robot(self) -> None:
         robot = body(before_wall(100))
         start = robot.pose().x_m
         drive(robot, -4000, 4000, for_ms=2000)
@@ -191,7 +191,7 @@ class TestSensors:
         expected = math.degrees(math.atan2(-x, math.hypot(y, z))), math.degrees(math.atan2(y, z))
         assert robot.tilt_deg() == pytest.approx(expected, abs=0.05)
 
-    def test_the_accelerometer_feels_the_start(self) -> None:
+    def test_accelerometer_measures_start(self) -> None:
         robot = body()
         drive(robot, -2500, 2500, for_ms=40)
         assert robot.acceleration_mm_s2()[0] > 300
@@ -221,14 +221,14 @@ class TestPhysics:
     def test_friction_scale_limits_the_grip(self) -> None:
         assert way_mm(quiet(friction_scale=0.1), 8000, 200) < 0.6 * way_mm(quiet(friction_scale=1.0), 8000, 200)
 
-    def test_mass_scale_makes_it_slow(self) -> None:
+    def test_mass_scale_slows(self) -> None:
         assert way_mm(quiet(mass_scale=3.0), 3000, 200) < 0.8 * way_mm(quiet(mass_scale=1.0), 3000, 200)
 
-    def test_motor_friction_scale_makes_it_stick(self) -> None:
+    def test_motor_friction_scale_sticks(self) -> None:
         assert way_mm(quiet(motor_friction_scale=1.0), 2000, 500) > 20
         assert way_mm(quiet(motor_friction_scale=5.0), 2000, 500) < 1
 
-    def test_backlash_deg_is_lost_between_shaft_and_wheel(self) -> None:
+    def test_backlash_between_shaft_and_wheel(self) -> None:
         lost = []
         for backlash_deg in (0.0, 5.0):
             robot = body(physics=quiet(backlash_deg=backlash_deg))
@@ -278,7 +278,7 @@ class TestReset:
         assert -5 <= min(headings) < -4
         assert 4 < max(headings) <= 5
 
-    def test_the_hand_leaves_motors_as_they_are_and_stops_the_wheels(self) -> None:
+    def test_reset_keeps_motors_and_stops_wheels(self) -> None:
         robot = body(self.SCENE)
         now_ms = drive(robot, 3000, -3000, for_ms=700)
         angles = robot.angle_mdeg(LEFT), robot.angle_mdeg(RIGHT)
@@ -290,7 +290,7 @@ class TestReset:
         assert robot.pose().x_m == pytest.approx(start.x_m, abs=1e-3)
         assert robot.tilt_deg() == pytest.approx((0, 0), abs=0.2)
 
-    def test_random_physics_are_drawn_anew(self) -> None:
+    def test_random_physics_are_redrawn(self) -> None:
         robot, rng = body(physics=RandomPhysics()), np.random.default_rng(3)
         seen = []
         for _ in range(3):
@@ -300,7 +300,7 @@ class TestReset:
             assert robot.model.body_mass.sum() == pytest.approx(0.47 * robot.physics.mass_scale, abs=0.001)
         assert len(set(seen)) == 3
 
-    def test_given_physics_stay(self) -> None:
+    def test_given_physics_are_constant(self) -> None:
         robot = body()
         robot.reset(np.random.default_rng(4))
         assert robot.physics == QUIET
@@ -319,11 +319,11 @@ def history(seed: int) -> list[object]:
 
 
 class TestTime:
-    def test_everything_follows_from_the_seed_bit_for_bit(self) -> None:
+    def test_equal_seeds_are_bit_identical(self) -> None:
         assert history(5) == history(5)
         assert history(5) != history(6)
 
-    def test_the_grain_of_the_calls_does_not_matter(self) -> None:
+    def test_advance_is_independent_of_step_size(self) -> None:
         poses = []
         for grain_ms in (1, 5, 1000):
             robot = body()
@@ -344,19 +344,19 @@ class TestTime:
 
 
 class TestMakeBody:
-    def test_it_knows_the_two_wheeler_and_the_bench(self) -> None:
+    def test_make_body_for_two_wheeler_and_bench(self) -> None:
         assert isinstance(make_body(TWO_WHEELER), MujocoBody)
         assert isinstance(make_body(BENCH), BenchBody)
 
-    def test_the_bench_takes_no_wall(self) -> None:
+    def test_bench_refuses_wall(self) -> None:
         with pytest.raises(TwinError, match="bench"):
             make_body(BENCH, scene=before_wall(200))
 
-    def test_a_robot_without_a_model_lies_on_the_bench(self) -> None:
+    def test_robot_without_model_is_on_bench(self) -> None:
         assert isinstance(make_body(Robot(name="robo_ant", hub=HubKind.PRIME)), BenchBody)
 
 
-def test_a_body_leaves_the_next_one_of_its_robot_as_it_would_be_alone() -> None:
+def test_bodies_of_same_robot_are_independent() -> None:
     first = body()
     nominal = first.model.body_mass.copy()
     heavy = body(physics=quiet(mass_scale=1.2))

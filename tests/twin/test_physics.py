@@ -23,7 +23,7 @@ def test_every_field_says_its_unit_range_and_source() -> None:
 
 @pytest.mark.parametrize("name", list(PARAMETERS))
 @pytest.mark.parametrize("value", [-1e6, 1e6, math.nan, math.inf])
-def test_values_that_no_twin_takes_are_refused_by_name(name: str, value: float) -> None:
+def test_invalid_physics_name_parameter(name: str, value: float) -> None:
     with pytest.raises(TwinError, match=name):
         dataclasses.replace(Physics(), **{name: value})
 
@@ -37,7 +37,7 @@ def test_draws_stay_within_their_ranges(seed: int, width: float) -> None:
         assert low - 1e-9 <= value <= high + 1e-9
 
 
-def test_draws_reach_both_ends_of_every_range_that_is_open() -> None:
+def test_draws_cover_ranges() -> None:
     rng = np.random.default_rng(0)
     draws = [RandomPhysics().sample(rng) for _ in range(400)]
     for name, parameter in PARAMETERS.items():
@@ -46,12 +46,12 @@ def test_draws_reach_both_ends_of_every_range_that_is_open() -> None:
         assert share > 0.95, name
 
 
-def test_a_seed_gives_the_same_draw_and_no_width_the_defaults() -> None:
+def test_draws_are_reproducible_zero_width_is_default() -> None:
     assert RandomPhysics().sample(np.random.default_rng(3)) == RandomPhysics().sample(np.random.default_rng(3))
     assert RandomPhysics(0.0).sample(np.random.default_rng(3)) == Physics()
 
 
 @pytest.mark.parametrize("width", [-0.1, 1.1, math.nan])
-def test_a_width_outside_0_to_1_is_refused(width: float) -> None:
+def test_width_outside_0_to_1_raises(width: float) -> None:
     with pytest.raises(TwinError, match="width"):
         RandomPhysics(width)

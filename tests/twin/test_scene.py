@@ -26,6 +26,6 @@ def test_the_default_is_an_open_floor() -> None:
         {"wall_distance_mm": (200.0, 300.0), "heading_deg": (0.0, 90.0)},
     ],
 )
-def test_a_start_that_cannot_be_is_refused(arguments: dict[str, Any]) -> None:
+def test_invalid_start_raises(arguments: dict[str, Any]) -> None:
     with pytest.raises(TwinError, match="scene: "):
         Scene(**arguments)

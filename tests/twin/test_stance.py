@@ -16,7 +16,7 @@ def feet(heights: list[float]) -> np.ndarray[tuple[int, int], np.dtype[np.float6
 
 
 def on_the_floor(heights: list[float]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Feet and centre of mass in the world, and the turn [3, 3]."""
+    """Feet and centre of mass in the world, and the rotation [3, 3]."""
     points = feet(heights)
     quaternion, height = standing_pose(points, CENTRE)
     matrix = np.empty(9)
@@ -27,14 +27,14 @@ def on_the_floor(heights: list[float]) -> tuple[np.ndarray, np.ndarray, np.ndarr
 
 
 @given(st.lists(st.floats(-0.1, -0.08), min_size=4, max_size=4))
-def test_three_feet_carry_it_and_none_sinks_in(heights: list[float]) -> None:
+def test_three_feet_carry_robot(heights: list[float]) -> None:
     points, _, _ = on_the_floor(heights)
     assert points[:, 2].min() >= -1e-9
     assert (points[:, 2] < 1e-9).sum() >= 3
 
 
 @given(st.lists(st.floats(-0.1, -0.08), min_size=4, max_size=4))
-def test_it_does_not_tip_over_from_there(heights: list[float]) -> None:
+def test_stance_is_stable(heights: list[float]) -> None:
     points, centre, _ = on_the_floor(heights)
     touching = points[points[:, 2] < 1e-9][:, :2]
     # No line through the centre of mass has all feet that touch on one side.
@@ -44,18 +44,18 @@ def test_it_does_not_tip_over_from_there(heights: list[float]) -> None:
 
 
 @given(st.lists(st.floats(-0.1, -0.08), min_size=4, max_size=4))
-def test_its_nose_is_not_turned_aside(heights: list[float]) -> None:
+def test_stance_keeps_heading(heights: list[float]) -> None:
     quaternion, _ = standing_pose(feet(heights), CENTRE)
     assert quaternion[3] == 0.0
     assert np.linalg.norm(quaternion) == 1.0 or abs(np.linalg.norm(quaternion) - 1.0) < 1e-12
 
 
-def test_feet_of_one_height_leave_it_level() -> None:
+def test_equal_feet_are_level() -> None:
     quaternion, height = standing_pose(feet([-0.09] * 4), CENTRE)
     np.testing.assert_allclose(quaternion, [1, 0, 0, 0], atol=1e-12)
     assert height == 0.09
 
 
-def test_a_short_leg_hangs_in_the_air() -> None:
+def test_short_leg_is_off_floor() -> None:
     points, _, _ = on_the_floor([-0.09, -0.09, -0.09, -0.08])
     assert points[3, 2] > 0.009

@@ -1,4 +1,4 @@
-"""Fitting a twin to a log that was made with other, hidden parameters."""
+"""System identification with hidden parameters."""
 
 from __future__ import annotations
 
@@ -37,8 +37,8 @@ def log() -> RunLog:
     return recorded(HIDDEN, 160)  # as many steps as `bricksrl twin record` makes
 
 
-def test_the_right_parameters_move_the_twin_as_the_robot_moved(log: RunLog) -> None:
-    """The recorded commands come at the recorded times: of the angles, which have no noise, nothing is left."""
+def test_true_parameters_reproduce_motion(log: RunLog) -> None:
+    """Replayed commands have recorded times: the noiseless angles match exactly."""
 
     def off_deg(physics: Physics) -> np.ndarray:
         return (replay(log, physics)[:, :2] - log.channels[:, :2] + 180.0) % 360.0 - 180.0
@@ -47,7 +47,7 @@ def test_the_right_parameters_move_the_twin_as_the_robot_moved(log: RunLog) -> N
     assert np.sqrt((off_deg(Physics()) ** 2).mean()) > 5.0
 
 
-def test_moves_that_end_are_replayed_too() -> None:
+def test_drive_base_moves_are_replayed() -> None:
     task = get_task("RunAway-v0")
     physics = Physics(distance_noise_mm=0, distance_noise_ratio=0)
     with HubLink(VirtualHub(make_body(task.robot, scene=task.scene, physics=physics)), task.robot, task.interface) as link:
@@ -69,7 +69,7 @@ def test_hidden_parameters_are_found(log: RunLog) -> None:
         assert getattr(found.physics, name) == getattr(Physics(), name)
 
 
-def test_noise_is_read_off_the_rest() -> None:
+def test_noise_is_estimated_at_rest() -> None:
     noisy = Physics(gyro_noise_deg_s=2.0, tilt_noise_deg=1.0)
     commands = np.zeros((150, 2))
     interface = identification_interface(TWO_WHEELER)
@@ -81,7 +81,7 @@ def test_noise_is_read_off_the_rest() -> None:
     assert found.physics.battery_v == Physics().battery_v
 
 
-def test_what_cannot_be_fitted_is_said(log: RunLog) -> None:
+def test_unidentifiable_parameters_are_reported(log: RunLog) -> None:
     with pytest.raises(TwinError, match="does not tell encoder_resolution_deg"):
         fit(log, names=("encoder_resolution_deg",))
     short = dataclasses.replace(log, commands=log.commands[:5], gaps_ms=log.gaps_ms[:5])

@@ -1,8 +1,8 @@
-"""Small programs for every documented method of Pybricks: all run, and print what they should.
+"""Small programs for every documented method of Pybricks, with expected output.
 
-Format of ``data/api_programs.txt``: a line in brackets begins a section and says which hub is imported (a Prime hub where it
-names none), which buttons are pressed (``press=``), what sensors read (``reading``) and which end stops there are. Other lines
-are programs, with ``|`` for its line breaks; ``=>`` comes before what it prints.
+Format of ``data/api_programs.txt``: a line in brackets starts a section: imported hub (default Prime), button presses
+(``press=``), sensor values (``reading``) and end stops. Other lines are programs with ``|`` as line breaks, then ``=>`` and the
+output.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _FILE = Path(__file__).parent / "data" / "api_programs.txt"
 
 @dataclass(frozen=True)
 class Program:
-    """One program with its surroundings; ``printed`` is what it prints."""
+    """A program with its surroundings; ``printed`` is the expected output."""
 
     section: str
     source: str
@@ -66,7 +66,7 @@ def programs() -> Iterator[Program]:
             yield Program(section, source.replace("|", "\n").replace("\n=", "|="), printed.strip().replace(" | ", "\n"))
 
 
-def test_there_are_many() -> None:
+def test_there_are_many_programs() -> None:
     assert sum(1 for _ in programs()) >= 200
 
 

@@ -1,8 +1,7 @@
-"""What the firmware (v4.1.0b2, built for a computer as a Prime hub) answered to small programs, measured: here the same.
+"""Measured answers of the firmware (v4.1.0b2, built for a computer as a Prime hub) to small programs.
 
-Format of ``data/firmware_answers.txt``: ``===`` begins a program and says what sensors read; lines with ``>`` are its
-beginning. Each other line is tried by itself within that program, and ``=>`` comes before what it printed there, or the
-error (``E``). ``¦`` is a line break.
+Format of ``data/firmware_answers.txt``: ``===`` starts a program with its sensor values; lines with ``>`` are its beginning. Each
+other line runs in that program; after ``=>`` comes its output or error (``E``). ``¦`` is a line break.
 """
 
 from __future__ import annotations

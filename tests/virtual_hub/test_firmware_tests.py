@@ -1,4 +1,4 @@
-"""`benchmarks/firmware_tests.py`: programs beside their expected output."""
+"""`benchmarks/firmware_tests.py`: programs with expected output."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ def script(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
         ("OverflowError: small int overflow\n", "1180591620717411303424\n", "needs long integers"),
     ],
 )
-def test_a_verdict_says_why(script: dict[str, Any], printed: str, expected: str, verdict: str) -> None:
+def test_verdict_has_reason(script: dict[str, Any], printed: str, expected: str, verdict: str) -> None:
     assert script["verdict"](printed, expected) == verdict
 
 
-def test_a_program_is_run_with_what_lies_beside_it(script: dict[str, Any], tmp_path: Path) -> None:
+def test_program_runs_with_files_beside_it(script: dict[str, Any], tmp_path: Path) -> None:
     program = tmp_path / "main.py"
     program.write_text("import part\nprint(part.VALUE / 3)\n1 / 0\n")
     (tmp_path / "part.py").write_text("VALUE = 2\n")

@@ -1,4 +1,4 @@
-"""The language of a hub: numbers, text, builtins, errors. Expected texts are those of MicroPython."""
+"""MicroPython on a hub: numbers, text, builtins, errors. Expected texts are from MicroPython."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from bricksrl.virtual_hub.micropython.numbers import struct_module
 
 
 class Recorder:
-    """A console that keeps what is written and has these bytes to read."""
+    """A console that records output and has given input."""
 
     def __init__(self, data: bytes = b"") -> None:
         self.data = data
@@ -74,7 +74,7 @@ def test_numbers(expression: str, expected: str) -> None:
 
 
 @given(st.floats(width=32, allow_nan=False, allow_infinity=False), st.floats(width=32, allow_nan=False, allow_infinity=False))
-def test_sums_and_products_are_single_precision(a: float, b: float) -> None:
+def test_arithmetic_is_single_precision(a: float, b: float) -> None:
     given, wanted = struct.pack("<2f", a, b), struct.pack("<2f", to_single(a + b), to_single(a * b))
     source = f"import struct\na, b = struct.unpack('<2f', {given!r})\nprint(struct.pack('<2f', a + b, a * b) == {wanted!r})"
     console = Recorder()
@@ -96,21 +96,21 @@ def test_sums_and_products_are_single_precision(a: float, b: float) -> None:
         ("float('3.14159265358979') == 3.14159265358979, float('1_000.5'), float('-inf')", "(True, 1000.5, -inf)"),
     ],
 )  # fmt: skip
-def test_floats_are_written_and_read_as_single_precision_computes_it(source: str, expected: str) -> None:
-    """Expected: MicroPython 1.26.1, built for 32 bits as Pybricks configures it."""
+def test_float_text_is_single_precision(source: str, expected: str) -> None:
+    """Expected: MicroPython 1.26.1, built for 32 bits with Pybricks' configuration."""
     assert printed(f"print(({source}))") == expected
 
 
 @given(st.floats(width=32, allow_nan=False, allow_infinity=False, allow_subnormal=False))
-def test_text_of_a_float_is_one_again_and_close(x: float) -> None:
+def test_float_text_round_trip_is_close(x: float) -> None:
     text = float_text(x)
     assert float(text) == pytest.approx(x, rel=1e-6, abs=1e-44)
     assert set(text) & set(".en")
 
 
 @given(st.integers(1, 0x7FFFFF))
-def test_floats_below_the_normal_ones_stay_small(bits: int) -> None:
-    """A hub scales them by bits that they do not have: it writes another number, but none that matters."""
+def test_subnormal_floats(bits: int) -> None:
+    """A hub scales them by missing bits: the text differs slightly."""
     (x,) = struct.unpack("<f", struct.pack("<I", bits))
     assert 0 < float(float_text(x)) < 2.0**-124
     assert float_text(-x) == "-" + float_text(x)
@@ -137,14 +137,14 @@ def test_smallest_and_largest_integers_work() -> None:
 @pytest.mark.parametrize(
     "number", ["1 << 40", "2 ** 31", "-2 ** 40", "(1, (2, 99999999999))", "(1, -0x40000000)", "0x7FFFFFFF if 0 else 1"]
 )
-def test_long_constant_is_refused_before_anything_runs(number: str) -> None:
+def test_long_constant_raises_before_execution(number: str) -> None:
     console = Recorder()
     with pytest.raises(OverflowError, match="long int not supported"):
         execute(f"print(1, 'text', b'bytes', 1.5)\ndef f():\n    return {number}", "main.py", {}, console)
     assert console.written == b""
 
 
-def test_other_constants_are_no_long_integers() -> None:
+def test_other_constants_are_allowed() -> None:
     source = "x = ('text', b'bytes', 1.5, None, True, ..., (1, 2), 2j, 0x3FFFFFFF)\nprint(len(x), x[6], -0x40000000)"
     assert printed(source) == "9 (1, 2) -1073741824"
 
@@ -170,7 +170,7 @@ def test_text_of_values(source: str, expected: str) -> None:
     assert printed(f"print(({source}))") == expected
 
 
-def test_objects_of_a_program_print_as_on_a_hub() -> None:
+def test_object_text_equals_hub() -> None:
     source = """
 class A:
     pass
@@ -260,24 +260,24 @@ print(str(A())[:13])
         ("[1][::0]", "ValueError: slice step can't be zero"),
     ],
 )
-def test_errors_have_the_words_of_a_hub(statement: str, message: str) -> None:
+def test_error_messages_equal_hub(statement: str, message: str) -> None:
     assert traceback_of(statement).splitlines()[-1] == message
 
 
 @pytest.mark.parametrize(
     "name", ["property", "filter", "frozenset", "compile", "vars", "format", "ascii", "TimeoutError", "__file__"]
 )
-def test_what_a_hub_lacks_is_missing(name: str) -> None:
+def test_missing_builtins(name: str) -> None:
     assert traceback_of(name).endswith(f"NameError: name '{name}' isn't defined\n")
 
 
-def test_memoryview_is_there_only_on_hubs_that_have_it() -> None:
+def test_memoryview_depends_on_hub() -> None:
     with pytest.raises(NameError, match="memoryview"):
         execute("memoryview(b'')", "main.py", Modules({}, lambda: None, has_memoryview=False), Recorder())
     execute("memoryview(b'')", "main.py", Modules({}, lambda: None, has_memoryview=True), Recorder())
 
 
-def test_program_sees_the_words_in_its_own_handlers() -> None:
+def test_handlers_see_hub_messages() -> None:
     source = """
 try:
     1 / 0
@@ -291,7 +291,7 @@ except OSError as e:
     assert printed(source) == "divide by zero ZeroDivisionError('divide by zero',) ('divide by zero',)\n16 [Errno 16] EBUSY"
 
 
-def test_traceback_shows_the_lines_of_the_program() -> None:
+def test_traceback_has_program_lines() -> None:
     source = "def f(x):\n    x += 1\n    return (x *\n            'a' * None)\n\nprint(\n    f(1))\n"
     assert traceback_of(source) == (
         "Traceback (most recent call last):\n"
@@ -318,7 +318,7 @@ def test_an_error_before_the_first_line_has_no_traceback() -> None:
         ("hasattr('', 'encode'), hasattr('', 'upper'), getattr(b'', 'hex', 5)", "False True 5"),
     ],
 )
-def test_what_differs_from_cpython(expression: str, expected: str) -> None:
+def test_differences_from_cpython(expression: str, expected: str) -> None:
     assert printed(f"print({expression})") == expected
 
 
@@ -326,7 +326,7 @@ def test_classes_have_no_slots_and_take_any_arguments_without_init() -> None:
     assert printed("class A:\n    __slots__ = ('x',)\na = A(1, b=2)\na.y = 5\nprint(a.y)") == "5"
 
 
-def test_syntax_is_that_of_the_hubs_compiler() -> None:
+def test_syntax_equals_hub_compiler() -> None:
     text = traceback_of("x = 1\nmatch x:\n    case 1: pass\n")
     assert text == 'Traceback (most recent call last):\n  File "main.py", line 2\nSyntaxError: invalid syntax\n'
 
@@ -344,7 +344,7 @@ def test_syntax_is_that_of_the_hubs_compiler() -> None:
         ("t = '%s'\nt %= 5\nprint(t)", "5"),
     ],
 )
-def test_augmented_assignment_keeps_its_meaning(source: str, expected: str) -> None:
+def test_augmented_assignment(source: str, expected: str) -> None:
     assert printed(source) == expected
 
 
@@ -384,7 +384,7 @@ def test_eval_and_exec_see_the_program() -> None:
     assert printed("x = 2\nprint(eval('x / 3'))\nexec('x += 0.1')\nprint(x)") == "0.6666667\n2.1"
 
 
-def test_each_run_starts_afresh() -> None:
+def test_runs_are_independent() -> None:
     printed("import_me = 1")
     assert traceback_of("import_me").endswith("NameError: name 'import_me' isn't defined\n")
 
@@ -397,17 +397,17 @@ def test_each_run_starts_afresh() -> None:
         ("x = )", '  File "main.py", line 1\nSyntaxError: invalid syntax\n'),
     ],
 )
-def test_what_the_compiler_refuses_has_file_and_line(source: str, printed: str) -> None:
+def test_compiler_errors_have_file_and_line(source: str, printed: str) -> None:
     with pytest.raises(SyntaxError) as caught:
         output(source)
     assert format_traceback(caught.value, "main.py") == "Traceback (most recent call last):\n" + printed
 
 
-def test_a_number_that_stands_alone_is_left_out() -> None:
+def test_lone_number_is_omitted() -> None:
     assert output("10**9*3\nprint('on')") == "on"
 
 
-def test_a_syntax_error_of_a_hub_holds_its_text_only() -> None:
+def test_syntax_error_has_text_only() -> None:
     assert output("try:\n    exec('x = (')\nexcept SyntaxError as e:\n    print(e.args, repr(e))") == (
         "('invalid syntax',) SyntaxError('invalid syntax',)"
     )

@@ -1,4 +1,4 @@
-"""The generated program of every robot task, run for real: link, hub program, firmware, physics."""
+"""Generated programs of all robot tasks, with link, hub, firmware and physics."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def test_reading_moves_nothing(env_id: str) -> None:
 
 
 @pytest.mark.parametrize("env_id", ON_A_ROBOT)
-def test_a_step_takes_the_moves_time_and_two_connection_intervals(env_id: str) -> None:
+def test_step_takes_move_and_two_intervals(env_id: str) -> None:
     link, hub = connected(env_id)
     interface = get_task(env_id).interface
     link.read()
@@ -50,7 +50,7 @@ def test_a_step_takes_the_moves_time_and_two_connection_intervals(env_id: str) -
     assert hub.now_s() > settle_s
 
 
-def test_overlapping_commands_turn_a_leg_as_the_firmware_does() -> None:
+def test_overlapping_commands_equal_firmware() -> None:
     link, hub = connected("Walker-v0")
     link.read()
     angles = []
@@ -63,7 +63,7 @@ def test_overlapping_commands_turn_a_leg_as_the_firmware_does() -> None:
     assert sum(steps[2:]) / len(steps[2:]) == pytest.approx(92, abs=8)
 
 
-def test_a_joint_never_leaves_its_range() -> None:
+def test_joint_stays_in_range() -> None:
     link, _ = connected("RoboArm-v0")
     link.read()
     for _ in range(15):
@@ -73,7 +73,7 @@ def test_a_joint_never_leaves_its_range() -> None:
     assert low <= 70 + 8 and high <= 10 + 8 and grab <= -45 + 8
 
 
-def test_a_silent_host_stops_the_motors_then_the_program_which_the_next_reading_starts_again() -> None:
+def test_silent_host_stops_then_reading_restarts() -> None:
     link, hub = connected("Spinning-v0")
     link.read()
     for _ in range(3):
@@ -88,7 +88,7 @@ def test_a_silent_host_stops_the_motors_then_the_program_which_the_next_reading_
     assert link.read().hub_time_ms < 1000
 
 
-def test_closing_stops_the_robot() -> None:
+def test_close_stops_robot() -> None:
     link, hub = connected("Spinning-v0")
     for _ in range(3):
         link.act([100, 100])
@@ -100,7 +100,7 @@ def test_closing_stops_the_robot() -> None:
     assert link.state is LinkState.DISCONNECTED
 
 
-def test_a_real_time_hub_that_was_out_of_reach_for_longer_than_its_program_waits_starts_again(monkeypatch) -> None:
+def test_real_time_hub_restarts_after_long_gap(monkeypatch) -> None:
     clock = [0.0]
 
     def sleep(duration_s: float) -> None:

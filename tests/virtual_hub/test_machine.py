@@ -1,4 +1,4 @@
-"""Simulated time: what passes in a wait, and what ends a doze."""
+"""Simulated time: waits and dozes."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ def machine_with_alarm(alarm_ms: int) -> tuple[Machine, list[int]]:
     return machine, rung
 
 
-def test_a_wait_goes_on_after_an_alarm() -> None:
+def test_wait_continues_after_alarm() -> None:
     machine, rung = machine_with_alarm(7)
     machine.advance(12)
     assert (machine.time_ms, rung) == (12, [7])
 
 
-def test_a_doze_ends_at_an_alarm() -> None:
+def test_doze_ends_at_alarm() -> None:
     machine, rung = machine_with_alarm(7)
     assert machine.doze(12) == 7
     assert (machine.time_ms, rung) == (7, [7])
@@ -33,7 +33,7 @@ def test_a_doze_ends_at_an_alarm() -> None:
     assert (machine.time_ms, rung) == (19, [7])
 
 
-def test_a_doze_runs_the_control_loop_as_waits_do() -> None:
+def test_doze_runs_control_loop() -> None:
     angles = []
     for dozes in (False, True):
         machine = Machine(BenchBody(BENCH))

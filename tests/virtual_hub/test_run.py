@@ -1,4 +1,4 @@
-"""Whole programs from files, on both virtual robots."""
+"""Programs from files on both virtual robots."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ print(abs(hub.imu.heading() - 90) < 10)
     assert run(tmp_path, source, "two-wheeler") == (0, "True True\nTrue\n", "")
 
 
-def test_an_error_shows_where_it_was(tmp_path: Path) -> None:
+def test_error_has_traceback(tmp_path: Path) -> None:
     source = "from pybricks.pupdevices import Motor\nfrom pybricks.parameters import Port\nprint(1)\nMotor(Port.B)\nprint(2)"
     code, out, err = run(tmp_path, source, "two-wheeler")
     assert (code, out) == (1, "1\n")
@@ -70,12 +70,12 @@ def test_an_error_shows_where_it_was(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("base", ["BaseException", "KeyboardInterrupt", "GeneratorExit"])
-def test_whatever_a_program_raises_is_its_own(tmp_path: Path, base: str) -> None:
+def test_any_program_exception_is_reported(tmp_path: Path, base: str) -> None:
     code, _, err = run(tmp_path, f"class Mine({base}):\n    pass\nraise Mine(3)")
     assert (code, err.splitlines()[-1]) == (1, "Mine: 3")
 
 
-def test_a_program_may_end_itself(tmp_path: Path) -> None:
+def test_program_may_exit(tmp_path: Path) -> None:
     source = "print(1)\nclass Over(SystemExit):\n    pass\nraise {}\nprint(2)"
     assert run(tmp_path, source.format("SystemExit(3)")) == (0, "1\n", "The program was stopped (SystemExit).\n")
     assert run(tmp_path, source.format("Over")) == (0, "1\n", "The program was stopped (Over).\n")
@@ -90,7 +90,7 @@ def test_the_time_limit_stops_any_loop(tmp_path: Path, loop: str) -> None:
     assert run(tmp_path, source, time_limit_s=0.5) == (0, "go\n", "The program was stopped (SystemExit).\n")
 
 
-def test_input_is_what_was_given(tmp_path: Path) -> None:
+def test_input_is_passed(tmp_path: Path) -> None:
     source = "import usys\nprint(usys.stdin.buffer.read(3))\nprint(input())"
     assert run(tmp_path, source, stdin=b"abcdef\n") == (0, "b'abc'\ndef\ndef\n", "")
     code, _, err = run(tmp_path, source)
@@ -104,12 +104,12 @@ def test_syntax_error(tmp_path: Path) -> None:
     assert err.splitlines()[1:] == ['  File "main.py", line 2', "SyntaxError: invalid syntax"]
 
 
-def test_a_missing_file_is_said(tmp_path: Path) -> None:
+def test_missing_program_file_raises(tmp_path: Path) -> None:
     with pytest.raises(ProgramError, match="nowhere.py"):
         run_file(tmp_path / "nowhere.py", stdout=io.BytesIO(), stderr=io.StringIO())
 
 
-def test_programs_of_the_same_folder_can_be_imported(tmp_path: Path) -> None:
+def test_modules_beside_program_are_importable(tmp_path: Path) -> None:
     (tmp_path / "helper.py").write_text("def halve(x):\n    return x / 0\nthird = 1 / 3\nprint(__name__)\n")
     code, out, err = run(tmp_path, "import helper\nfrom helper import halve, third\nprint(third)\nhalve(1)\n")
     assert (code, out) == (1, "helper\n0.33333334\n")
@@ -136,17 +136,17 @@ def fitted(folder: Path, source: str, *, press: str = "", reading: str = "", **o
     ("name", "ports"),
     [("PrimeHub", "ABCDEF"), ("InventorHub", "ABCDEF"), ("EssentialHub", "AB"), ("TechnicHub", "ABCD"), ("CityHub", "AB")],
 )
-def test_the_bench_has_the_hub_that_the_program_imports(tmp_path: Path, name: str, ports: str) -> None:
+def test_bench_has_imported_hub(tmp_path: Path, name: str, ports: str) -> None:
     source = f"from pybricks.hubs import {name}\nhub = {name}()\nprint([hasattr(Port, p) for p in 'ABCDEF'].count(True))"
     assert fitted(tmp_path, source) == (0, f"{len(ports)}\n", "")
 
 
-def test_the_hub_may_be_imported_by_a_module_beside_the_program(tmp_path: Path) -> None:
+def test_hub_import_in_module_counts(tmp_path: Path) -> None:
     (tmp_path / "parts.py").write_text("from pybricks.hubs import CityHub\nhub = CityHub()\n")
     assert fitted(tmp_path, "from parts import hub\nprint(hub)") == (0, "<CityHub>\n", "")
 
 
-def test_the_bench_has_on_each_port_what_the_program_asks_for(tmp_path: Path) -> None:
+def test_bench_has_used_devices(tmp_path: Path) -> None:
     source = """
 motor, color, eyes = Motor(Port.A), ColorSensor(Port.B), UltrasonicSensor(Port.C)
 force, tilt, infrared = ForceSensor(Port.D), TiltSensor(Port.E), InfraredSensor(Port.F)
@@ -164,7 +164,7 @@ print(remote.buttons.pressed())
     assert fitted(tmp_path, source) == (0, "Color.NONE 0 0.0 2000 0.0 (0, 0) 100\nTrue\n19\n19\nset()\n", "")
 
 
-def test_sensors_read_what_is_given(tmp_path: Path) -> None:
+def test_sensors_have_given_readings(tmp_path: Path) -> None:
     source = """
 color, eyes, force = ColorSensor(Port.A), UltrasonicSensor(Port.B), ForceSensor(Port.C)
 tilt, both, infrared = TiltSensor(Port.D), ColorDistanceSensor(Port.E), InfraredSensor(Port.F)
@@ -176,7 +176,7 @@ print(both.color(), both.distance(), infrared.distance())
     assert fitted(tmp_path, source, reading=reading) == (0, printed, "")
 
 
-def test_readings_come_from_a_file_over_time(tmp_path: Path) -> None:
+def test_readings_from_file_over_time(tmp_path: Path) -> None:
     (tmp_path / "colors.csv").write_text("# seconds, color\n0, red\n1.5, green\n3, 240,100,100\n")
     source = "color = ColorSensor(Port.A)\nfor i in range(4):\n    print(color.color())\n    wait(1000)"
     done = fitted(tmp_path, source, reading=f"A=@{tmp_path / 'colors.csv'}")
@@ -194,7 +194,7 @@ def test_readings_come_from_a_file_over_time(tmp_path: Path) -> None:
         ("A=@nowhere", "cannot read the readings"),
     ],
 )
-def test_readings_that_do_not_fit(tmp_path: Path, reading: str, says: str) -> None:
+def test_invalid_readings_raise(tmp_path: Path, reading: str, says: str) -> None:
     with pytest.raises(TwinError, match=says):
         fitted(tmp_path, "ColorSensor(Port.A)", reading=reading)
 
@@ -203,17 +203,17 @@ def test_readings_that_do_not_fit(tmp_path: Path, reading: str, says: str) -> No
     ("reading", "says"),
     [("A=200mm", "the ColorSensor on port A senses surface or ambient, not distance"), ("A=1,2", "(1.0, 2.0) is not a surface")],
 )
-def test_readings_that_do_not_fit_the_sensor_are_told_where_it_is_asked_for(tmp_path: Path, reading: str, says: str) -> None:
+def test_mismatched_readings_raise_at_sensor(tmp_path: Path, reading: str, says: str) -> None:
     code, _, err = fitted(tmp_path, "ColorSensor(Port.A)", reading=reading)
     assert code == 1 and "line 4" in err and says in err
 
 
-def test_a_menu_that_nobody_sees_is_told_where_it_is(tmp_path: Path) -> None:
+def test_hub_menu_without_presses_has_traceback(tmp_path: Path) -> None:
     code, _, err = fitted(tmp_path, "hub_menu('A', 'B')")
     assert code == 1 and "line 4" in err and "--press" in err
 
 
-def test_a_reading_is_for_a_port_of_the_hub_and_for_the_bench(tmp_path: Path) -> None:
+def test_readings_need_bench_and_valid_port(tmp_path: Path) -> None:
     with pytest.raises(TwinError, match="a city hub has no port E"):
         fitted(tmp_path, "from pybricks.hubs import CityHub", reading="E=red")
     (tmp_path / "main.py").write_text("")
@@ -222,20 +222,20 @@ def test_a_reading_is_for_a_port_of_the_hub_and_for_the_bench(tmp_path: Path) ->
         run_file(tmp_path / "main.py", make_body(robots.WALKER), stdout=io.BytesIO(), stderr=io.StringIO(), operation=operation)
 
 
-def test_motors_of_the_bench_may_have_end_stops_or_no_rotation_sensor(tmp_path: Path) -> None:
+def test_bench_motors_with_end_stops_or_without_sensor(tmp_path: Path) -> None:
     source = "arm, plain = Motor(Port.A), DCMotor(Port.B)\nprint(arm.run_until_stalled(300, duty_limit=50))\n"
     source += "plain.dc(50)\nprint(plain, plain.settings())\nplain.brake()\nplain.stop()\nplain.close()"
     printed = "120\nDCMotor(Port.B, Direction.CLOCKWISE) (9000,)\n"
     assert fitted(tmp_path, source, end_stops={"A": (-90.0, 120.0)}) == (0, printed, "")
 
 
-def test_buttons_are_pressed_by_the_operation(tmp_path: Path) -> None:
+def test_operation_presses_buttons(tmp_path: Path) -> None:
     source = "from pybricks.hubs import PrimeHub\nhub = PrimeHub()\nprint(hub_menu('A', 'B'))\nwait(9000)"
     done = fitted(tmp_path, source, press="right@1s center@2s center@3s")
     assert done == (0, "B\n", "The program was stopped (SystemExit).\n")
 
 
-def test_what_is_shown_can_be_watched(tmp_path: Path) -> None:
+def test_panel_can_be_watched(tmp_path: Path) -> None:
     seen: list[str] = []
 
     def watch(panel: Panel) -> None:
@@ -249,13 +249,13 @@ def test_what_is_shown_can_be_watched(tmp_path: Path) -> None:
     assert seen[3].endswith("sound 440") and seen[4].startswith("0.6 ") and seen[4].endswith("sound off")
 
 
-def test_in_real_time_a_program_takes_as_long_as_on_a_hub(tmp_path: Path) -> None:
+def test_realtime_program_takes_real_time(tmp_path: Path) -> None:
     start_s = time.monotonic()
     assert fitted(tmp_path, "wait(300)", realtime=True)[0] == 0
     assert 0.29 < time.monotonic() - start_s < 2.0
 
 
-def test_in_real_time_time_goes_on_in_small_pieces() -> None:
+def test_realtime_advances_in_small_steps() -> None:
     now_s, pieces = [0.0], []
 
     def sleep(duration_s: float) -> None:

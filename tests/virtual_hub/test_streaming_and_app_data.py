@@ -1,4 +1,4 @@
-"""The other ways to speak to a program, on the virtual hub: AppData, and observations that come by themselves."""
+"""AppData and streaming on the virtual hub."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def stream(interval_ms: float = 15.0, **options: object) -> StreamingLink:
     return StreamingLink(hub, TWO_WHEELER, SPINNING.interface, **options)
 
 
-def test_app_data_does_what_standard_input_does() -> None:
+def test_app_data_equals_standard_input() -> None:
     readings = {}
     for pipe in Pipe:
         with HubLink(VirtualHub(make_body(TWO_WHEELER, seed=1)), TWO_WHEELER, SPINNING.interface, pipe=pipe) as link:
@@ -42,7 +42,7 @@ def test_app_data_does_what_standard_input_does() -> None:
     assert np.abs(difference).max() < 5
 
 
-def test_app_data_is_refused_where_the_program_has_no_room_for_it() -> None:
+def test_app_data_without_buffer_raises() -> None:
     hub = VirtualHub(make_body(TWO_WHEELER))
     hub.start(HubProgram("from pybricks.tools import wait\nwait(1000)\n", 1, Pipe.APP_DATA))
     with pytest.raises(HubError, match="no AppData buffer"):
@@ -51,7 +51,7 @@ def test_app_data_is_refused_where_the_program_has_no_room_for_it() -> None:
 
 
 @pytest.mark.parametrize("interval_ms", [7.5, 15.0, 30.0, 45.0])
-def test_steps_follow_one_another_at_a_fixed_rate_and_observations_are_fresh(interval_ms: float) -> None:
+def test_streaming_steps_are_periodic_and_fresh(interval_ms: float) -> None:
     with stream(interval_ms) as link:
         link.act([50, 50])
         before = link.now_s()
@@ -63,8 +63,8 @@ def test_steps_follow_one_another_at_a_fixed_rate_and_observations_are_fresh(int
         assert link.statistics.resends == 0 == link.statistics.stale_answers
 
 
-def test_the_age_is_right_to_half_a_round_trip() -> None:
-    """The simulation knows better: the program's clock starts when the program does."""
+def test_observation_age_is_accurate_to_half_round_trip() -> None:
+    """The simulation knows the true age: the program's clock starts with the program."""
     with stream() as link:
         hub = link._transport
         started_s = min(link.now_s() - link.read().hub_time_ms / 1000 for _ in range(3))  # too late by the way back
@@ -73,7 +73,7 @@ def test_the_age_is_right_to_half_a_round_trip() -> None:
             assert reading.age_s == pytest.approx(hub.now_s() - started_s - reading.hub_time_ms / 1000, abs=0.016)
 
 
-def test_in_lock_step_a_step_takes_longer_and_its_observation_is_older_by_the_way_back() -> None:
+def test_lockstep_is_slower_and_older_than_streaming() -> None:
     with HubLink(VirtualHub(make_body(TWO_WHEELER, seed=1)), TWO_WHEELER, SPINNING.interface) as link:
         readings = [link.act([50, 50]) for _ in range(10)]
         assert np.diff([reading.hub_time_ms for reading in readings]).mean() > 1000 * STEP_S + 10
@@ -81,14 +81,14 @@ def test_in_lock_step_a_step_takes_longer_and_its_observation_is_older_by_the_wa
         assert readings[-1].age_s > 0.003
 
 
-def test_the_latest_command_counts() -> None:
+def test_latest_command_counts() -> None:
     with stream() as link:
         for angle in (100, -100, 100):
             link.act([angle, angle])
         assert link.act([0, 0]).values.shape == (5,)
 
 
-def test_a_reading_between_steps_is_fresh_and_moves_nothing() -> None:
+def test_reading_between_steps_is_fresh() -> None:
     with stream() as link:
         link.act([50, 50])
         link._transport.reset(np.random.default_rng(0))  # a hand takes a second, and the hub streams on
@@ -99,7 +99,7 @@ def test_a_reading_between_steps_is_fresh_and_moves_nothing() -> None:
         link.act([50, 50])
 
 
-def test_a_step_longer_than_the_watchdog_keeps_the_motors_under_power() -> None:
+def test_long_step_keeps_motors_powered() -> None:
     slow = dataclasses.replace(SPINNING.interface, settle=Wait(1500))
     hub = VirtualHub(make_body(TWO_WHEELER, seed=1))
     with StreamingLink(hub, TWO_WHEELER, slow) as link:
@@ -108,7 +108,7 @@ def test_a_step_longer_than_the_watchdog_keeps_the_motors_under_power() -> None:
         assert all(servo.control.is_active for servo in servos), "the hub has let go of its motors"
 
 
-def test_silence_stops_a_streaming_hub_and_a_reading_starts_it_again() -> None:
+def test_silence_stops_streaming_reading_restarts() -> None:
     with stream() as link:
         hub = link._transport
         link.act([100, 100])
@@ -119,7 +119,7 @@ def test_silence_stops_a_streaming_hub_and_a_reading_starts_it_again() -> None:
         link.act([100, 100])
 
 
-def test_a_pause_ends_and_streaming_goes_on() -> None:
+def test_streaming_resumes_after_pause() -> None:
     with stream() as link:
         link.act([100, 100])
         link.rest()
@@ -132,14 +132,14 @@ def test_streaming_over_app_data() -> None:
         assert max(reading.age_s for reading in readings) < 0.05
 
 
-def test_a_step_without_a_fixed_time_cannot_be_streamed() -> None:
+def test_untimed_step_cannot_be_streamed() -> None:
     env = bricksrl.make("RunAway-v0", streaming=True)
     with pytest.raises(DescriptionError, match="cannot be streamed; omit streaming"):
         env.reset()
 
 
 @pytest.mark.parametrize("app_data", [False, True])
-def test_an_environment_streams(app_data: bool) -> None:
+def test_environment_with_streaming(app_data: bool) -> None:
     env = bricksrl.make("Spinning-v0", seed=0, streaming=True, app_data=app_data)
     assert isinstance(env, HubEnv)
     env.reset()
@@ -157,7 +157,7 @@ def test_an_environment_streams(app_data: bool) -> None:
     env.close()
 
 
-def test_an_episode_that_streams_repeats_bit_for_bit() -> None:
+def test_streaming_episode_is_reproducible() -> None:
     returns = []
     for _ in range(2):
         env = bricksrl.make("Spinning-v0", seed=3, streaming=True)

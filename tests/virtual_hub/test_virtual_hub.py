@@ -1,4 +1,4 @@
-"""The virtual hub as a transport: connection events, buffers, stopping, errors, simulated and real time."""
+"""Virtual hub as a transport: connection events, buffers, stop, errors, simulated and real time."""
 
 from __future__ import annotations
 
@@ -59,14 +59,14 @@ def hub(source: str, interval_ms: float = 15.0, **kwargs: bool) -> VirtualHub:
     return hub
 
 
-def test_output_arrives_at_a_connection_event() -> None:
+def test_output_arrives_at_connection_event() -> None:
     virtual = hub(ECHO)
     assert virtual.read(1.0) == b"hello"
     assert virtual.now_s() == pytest.approx(0.015)
 
 
 @pytest.mark.parametrize("interval_ms", [7.5, 15.0, 30.0, 45.0])
-def test_an_exchange_costs_two_connection_intervals(interval_ms: float) -> None:
+def test_exchange_takes_two_intervals(interval_ms: float) -> None:
     virtual = hub(ECHO, interval_ms)
     virtual.read(1.0)
     start_s, rounds = virtual.now_s(), 20
@@ -76,7 +76,7 @@ def test_an_exchange_costs_two_connection_intervals(interval_ms: float) -> None:
     assert (virtual.now_s() - start_s) * 1000 / rounds == pytest.approx(2 * interval_ms, abs=1.0)
 
 
-def test_a_link_without_interval_is_a_link_without_delay() -> None:
+def test_zero_interval_has_no_delay() -> None:
     virtual = hub(ECHO, 0.0)
     virtual.read(1.0)
     start_s = virtual.now_s()
@@ -85,7 +85,7 @@ def test_a_link_without_interval_is_a_link_without_delay() -> None:
     assert virtual.now_s() - start_s <= 0.002
 
 
-def test_reading_in_vain_costs_the_timeout_in_simulated_time() -> None:
+def test_read_timeout_is_simulated_time() -> None:
     virtual = hub(ECHO)
     virtual.read(1.0)
     start_s = virtual.now_s()
@@ -93,7 +93,7 @@ def test_reading_in_vain_costs_the_timeout_in_simulated_time() -> None:
     assert virtual.now_s() - start_s == pytest.approx(0.5)
 
 
-def test_the_input_buffer_is_as_small_as_the_hubs() -> None:
+def test_input_buffer_has_hub_size() -> None:
     virtual = hub("from pybricks.tools import wait\nwhile True:\n    wait(100)\n")
     for _ in range(3):
         virtual.write(bytes(20))
@@ -103,7 +103,7 @@ def test_the_input_buffer_is_as_small_as_the_hubs() -> None:
         virtual.write(bytes(21))
 
 
-def test_stopping_stops_the_motors() -> None:
+def test_stop_stops_motors() -> None:
     virtual = hub(DRIVE)
     assert virtual.read(2.0) == b"up"
     assert virtual.machine.servos["A"].speed_deg_s() > 400
@@ -118,7 +118,7 @@ def test_stopping_stops_the_motors() -> None:
     virtual.close()
 
 
-def test_a_program_that_ends_stops_the_motors_too() -> None:
+def test_program_end_stops_motors() -> None:
     virtual = hub(DRIVE.replace("while True:\n    wait(10)\n", ""))
     assert virtual.read(2.0) == b"up"
     with pytest.raises(HubError, match="no program runs"):
@@ -126,23 +126,21 @@ def test_a_program_that_ends_stops_the_motors_too() -> None:
     assert not virtual.machine.servos["A"].is_open
 
 
-def test_an_exception_on_the_hub_reaches_the_host_in_one_line() -> None:
+def test_hub_exception_is_one_line() -> None:
     virtual = hub("from pybricks.pupdevices import Motor\nfrom pybricks.parameters import Port\nMotor(Port.F)\n")
     with pytest.raises(HubProgramError, match=r"OSError.*ENODEV.*line 3.*plug the device") as caught:
         virtual.read(0.1)
     assert "\n" not in str(caught.value)
 
 
-def test_an_exception_of_the_programs_own_kind_reaches_the_host_too() -> None:
+def test_user_exception_reaches_host() -> None:
     virtual = hub("class Mine(BaseException):\n    pass\nraise Mine(3)\n")
     with pytest.raises(HubProgramError, match="Mine: 3"):
         virtual.read(0.1)
 
 
 @pytest.mark.parametrize("kind", [KeyboardInterrupt, type("Ours", (BaseException,), {"__module__": "bricksrl.cli.hub"})])
-def test_what_somebody_at_this_computer_raises_is_not_the_programs(
-    kind: type[BaseException], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_host_exception_is_not_a_program_error(kind: type[BaseException], monkeypatch: pytest.MonkeyPatch) -> None:
     virtual = hub(DRIVE)
 
     def press(_seconds: object) -> None:
@@ -153,14 +151,14 @@ def test_what_somebody_at_this_computer_raises_is_not_the_programs(
         virtual.read(1.0)
 
 
-def test_a_program_can_be_started_again() -> None:
+def test_program_can_be_restarted() -> None:
     virtual = hub(DRIVE)
     virtual.read(2.0)
     virtual.start(HubProgram(ECHO, 0))
     assert virtual.read(1.0) == b"hello"
 
 
-def test_a_program_that_never_waits_does_not_hang() -> None:
+def test_busy_program_does_not_hang() -> None:
     virtual = hub(NEVER_WAITS)
     with pytest.raises(HubProgramError, match="ValueError: 5"):
         virtual.read(1.0)
@@ -178,7 +176,7 @@ def test_real_time_paces_the_robot() -> None:
     assert virtual.now_s() - before_s > 10 * 0.030 - 0.015
 
 
-def test_in_real_time_the_robot_does_not_wait_for_the_host() -> None:
+def test_realtime_robot_does_not_wait_for_host() -> None:
     virtual = hub(ECHO, realtime=True)
     virtual.read(1.0)
     before_s = virtual.now_s()
@@ -187,7 +185,7 @@ def test_in_real_time_the_robot_does_not_wait_for_the_host() -> None:
     assert virtual.now_s() - before_s >= 0.2
 
 
-def test_in_real_time_time_goes_on_in_pieces_and_a_stop_is_heard_soon(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_realtime_advances_in_steps_and_stops_soon(monkeypatch: pytest.MonkeyPatch) -> None:
     virtual = hub("from pybricks.tools import wait\nwait(100000)", realtime=True)
     seen = []
     wait_for_wall = virtual._wait_for_wall
@@ -207,7 +205,7 @@ def test_in_real_time_time_goes_on_in_pieces_and_a_stop_is_heard_soon(monkeypatc
     assert time.monotonic() - start_s < 1.0
 
 
-def test_in_real_time_motors_run_down_after_a_stop() -> None:
+def test_realtime_motors_run_down_after_stop() -> None:
     source = "from pybricks.pupdevices import Motor\nfrom pybricks.parameters import Port\nfrom pybricks.tools import wait\n"
     source += "motor = Motor(Port.A)\nmotor.dc(100)\nwait(10000)"
     virtual = VirtualHub(make_body(BENCH), realtime=True)
@@ -221,7 +219,7 @@ def test_in_real_time_motors_run_down_after_a_stop() -> None:
     assert abs(virtual.body.angle_mdeg("A") - at_rest) < 1000
 
 
-def test_the_hand_puts_the_robot_back_while_the_program_runs() -> None:
+def test_reset_during_program() -> None:
     virtual = VirtualHub(make_body(TWO_WHEELER, scene=Scene(wall_distance_mm=(500, 500))))
     virtual.start(HubProgram(ECHO, 0))
     virtual.read(1.0)
@@ -231,7 +229,7 @@ def test_the_hand_puts_the_robot_back_while_the_program_runs() -> None:
     assert virtual.read(1.0) == b"x"
 
 
-def test_the_bench_has_a_hub_too() -> None:
+def test_bench_has_hub() -> None:
     virtual = VirtualHub(make_body(BENCH))
     virtual.start(HubProgram(ECHO, 0))
     assert virtual.read(1.0) == b"hello"
@@ -254,7 +252,7 @@ print(app.get_bytes(1), app.get_bytes(0, 1))
 """
 
 
-def test_app_data_is_refused_as_on_a_hub() -> None:
+def test_app_data_refusals_equal_hub() -> None:
     virtual = hub(APP_DATA, 0.0)
     output = b"".join(iter(lambda: virtual.read(0.1) if virtual._wire.outbox else b"", b""))
     lines = output.replace(bytes((0, 0, 1)), b"").decode().splitlines()
@@ -270,7 +268,7 @@ def test_app_data_is_refused_as_on_a_hub() -> None:
     ]
 
 
-def test_a_program_brings_its_modules_and_the_name_of_its_file() -> None:
+def test_program_has_modules_and_file_name() -> None:
     virtual = VirtualHub(make_body(TWO_WHEELER))
     arm = HubModule("arm", "arm.py", "def reach():\n    return 42\n")
     source = "import arm\nfrom pybricks.tools import wait\nprint(arm.reach())\nwait(100)\n1 / 0\n"

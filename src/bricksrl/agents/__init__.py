@@ -74,13 +74,10 @@ def algorithm(agent: str) -> Algorithm:
 
 
 def preset(name: str = "default", agent: str = "sac", *, images: bool = False) -> Any:
-    """Settings of a preset for an algorithm.
+    """Settings of a preset for an algorithm. Raises UnknownNameError if there is no such preset or algorithm.
 
     Args:
         images: for a task with a camera.
-
-    Raises:
-        UnknownNameError: there is no such preset or algorithm.
     """
     if name not in PRESETS:
         raise UnknownNameError(f"there is no preset '{name}'; choose one of {', '.join(PRESETS)}")

@@ -37,11 +37,7 @@ class _Parts(nn.Module):
 
 
 class CompiledGradients:
-    """Losses and gradients of a batch from a compiled graph; see `Learner.gradients`.
-
-    Args:
-        backend: of ``torch.compile``.
-    """
+    """Losses and gradients of a batch from a compiled graph; see `Learner.gradients`. ``backend``: of ``torch.compile``."""
 
     def __init__(self, loss: ActorCriticLoss, device: torch.device, backend: str = "inductor") -> None:
         self._parts, self._device = _Parts(loss), device
@@ -65,11 +61,8 @@ class CompiledGradients:
         return found
 
     def __call__(self, batch: TensorDictBase, whole: bool) -> TensorDict:
-        """Losses of a batch, with the actor's if ``whole``. Writes gradients to the parameters.
-
-        Raises:
-            RunError: there is no compiler.
-        """
+        """Losses of a batch, with the actor's if ``whole``. Writes gradients to the parameters. Raises RunError if there is no
+        compiler."""
         rows = batch.select(*self._keys, "steps_to_next_obs", strict=False).to_dict()
         learned: dict[str, Tensor] = {**self._learned[whole]}
         try:
@@ -88,11 +81,7 @@ class CompiledGradients:
 
 
 def compile_updates(learner: Learner) -> None:
-    """Compile a learner's updates.
-
-    Raises:
-        RunError: its algorithm cannot be compiled.
-    """
+    """Compile a learner's updates. Raises RunError if its algorithm cannot be compiled."""
     loss = learner.loss
     if not isinstance(loss, ActorCriticLoss) or isinstance(loss, CrossQLoss | CQLLoss):
         raise RunError("only SAC, DroQ, REDQ and TD3 can be compiled; omit --compile")

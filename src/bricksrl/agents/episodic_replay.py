@@ -189,11 +189,7 @@ class EpisodicReplayBuffer(TransitionReplayBuffer):
         return {"successor": self._successor[: len(self)].clone(), "last": self._last.get(0)} if self._has_links else {}
 
     def load_links(self, state: dict[str, Any]) -> None:
-        """Inverse of `links`, after the transitions are loaded.
-
-        Raises:
-            ValueError, KeyError: the state is of another buffer.
-        """
+        """Inverse of `links`, after the transitions are loaded. Raises ValueError or KeyError for another state."""
         if not self._has_links:
             return
         last = state["last"]

@@ -215,11 +215,7 @@ class Learner:
         return state_of(self)
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Restore `state_dict`, on any device.
-
-        Raises:
-            CheckpointError: the state is of another algorithm, network or buffer.
-        """
+        """Restore `state_dict`, on any device. Raises CheckpointError if the state is of another algorithm, network or buffer."""
         from bricksrl.agents.learner_state import load_state
 
         load_state(self, state)

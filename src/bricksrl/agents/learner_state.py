@@ -62,11 +62,7 @@ def memory_state(memory: ReplayBuffer) -> dict[str, Any]:
 
 
 def load_memory_state(memory: ReplayBuffer, state: dict[str, Any], device: torch.device | str = "cpu") -> None:
-    """Restore `memory_state`.
-
-    Raises:
-        ValueError, KeyError, RuntimeError: the state is of another buffer.
-    """
+    """Restore `memory_state`. Raises ValueError, KeyError or RuntimeError if the state is of another buffer."""
     rows, capacity = dict(state["rows"]), memory.storage.max_size
     size = len(next(iter(rows.values()), ()))
     if size > capacity or state["writer"].get("_cursor", 0) not in range(capacity):

@@ -16,11 +16,8 @@ from bricksrl.errors import DescriptionError
 
 
 def mlp(in_size: int, out_size: int, hidden: tuple[int, ...], *, layer_norm: bool = False, dropout: float = 0.0) -> nn.Sequential:
-    """A multilayer perceptron ``[*batch, in_size]`` to ``[*batch, out_size]`` with ReLU.
-
-    Args:
-        layer_norm, dropout: after each hidden layer, before its ReLU, as in DroQ (Hiraoka et al., 2022).
-    """
+    """A multilayer perceptron ``[*batch, in_size]`` to ``[*batch, out_size]`` with ReLU. ``layer_norm, dropout``: after each
+    hidden layer, before its ReLU, as in DroQ (Hiraoka et al., 2022)."""
     layers: list[nn.Module] = []
     size = in_size
     for units in hidden:
@@ -35,11 +32,8 @@ def mlp(in_size: int, out_size: int, hidden: tuple[int, ...], *, layer_norm: boo
 
 
 def make_body(settings: Settings, in_size: int, out_size: int, **kind: Any) -> nn.Module:
-    """The network of the settings: an `mlp`, or the result of the user's factory.
-
-    Raises:
-        DescriptionError: the user's factory cannot be loaded, raises, or returns no network.
-    """
+    """The network of the settings: an `mlp`, or the result of the user's factory. Raises DescriptionError if the user's factory
+    cannot be loaded, raises, or returns no network."""
     if not settings.network:
         return mlp(in_size, out_size, settings.hidden, **kind)
     from bricksrl.envs.user_files import load_object

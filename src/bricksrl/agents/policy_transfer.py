@@ -34,12 +34,10 @@ class PolicyFormError(Exception):
 
 @torch.no_grad()
 def transfer_policy(learner: Learner, source: Learner) -> None:
-    """Copy the policy of ``source`` to the new ``learner`` and anchor it there.
+    """Copy the policy of ``source`` to the new ``learner`` and anchor it there. Raises PolicyFormError if their networks differ
+    in form.
 
     Standard deviation and temperature are copied if both have them.
-
-    Raises:
-        PolicyFormError: their networks differ in form.
     """
     loss = learner.loss
     if not isinstance(loss, ActorCriticLoss) or "image" in learner.policy.in_keys:

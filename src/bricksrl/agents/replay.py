@@ -38,11 +38,8 @@ class TransitionReplayBuffer(TensorDictReplayBuffer):  # type: ignore[misc]
         return self._rows
 
     def extend(self, frames: TensorDictBase, *, robot: int = 0, **_: Any) -> Tensor:
-        """Store transitions ``[time]`` or ``[copies, time]`` of one robot. Returns their indices.
-
-        Raises:
-            DescriptionError: they exceed the capacity.
-        """
+        """Store transitions ``[time]`` or ``[copies, time]`` of one robot. Returns their indices. Raises DescriptionError if they
+        exceed the capacity."""
         rows = with_outcome(frames.select(*self._keys), link_lost(frames))
         if not len(rows):
             return torch.empty(0, dtype=torch.int64)

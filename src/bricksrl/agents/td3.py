@@ -36,10 +36,7 @@ class TD3Settings(TargetSettings):
 
 class TD3Loss(ActorCriticLoss):
     """Loss of TD3: clipped target noise, the actor maximises the first critic. Tests compare it with TorchRL's ``TD3Loss``.
-
-    Args:
-        actor: features to actions before the tanh.
-    """
+    ``actor``: features to actions before the tanh."""
 
     out_keys = ["loss_qvalue", "loss_actor"]  # noqa: RUF012  as in TorchRL
 

@@ -173,13 +173,7 @@ def _on_page(
     from bricksrl.page.play import play_on_page
 
     page = LivePage(
-        env_id,
-        subtitle,
-        task=env.task,
-        in_charge=in_charge,
-        policies=tuple(players),
-        speed="1x",
-        options=address.page_options(),
+        env_id, subtitle, task=env.task, in_charge=in_charge, policies=tuple(players), speed="1x", options=address.page_options()
     )
     try:
         with page, Hand(stop := threading.Event(), print_note) as hand:

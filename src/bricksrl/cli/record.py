@@ -129,12 +129,7 @@ class Record:
             env.close(raise_if_closed=False)
 
     def _collect(
-        self,
-        env: EnvBase,
-        recorder: Recorder,
-        human: Driver | None,
-        tell: Callable[[Collected], None],
-        page: LivePage | None,
+        self, env: EnvBase, recorder: Recorder, human: Driver | None, tell: Callable[[Collected], None], page: LivePage | None
     ) -> None:
         from bricksrl.data.collect import collect, random_policy
         from bricksrl.teleop.mapping import Paced, rest

@@ -56,11 +56,8 @@ RobotGroup = Annotated[RobotFlags, OmitArgPrefixes]
 
 
 def parse_option(text: str) -> tuple[str, Any]:
-    """Parse ``NAME=VALUE`` into the name and the value: JSON, or else a string.
-
-    Raises:
-        DescriptionError: the text has no name or no ``=``.
-    """
+    """Parse ``NAME=VALUE`` into the name and the value: JSON, or else a string. Raises DescriptionError if the text has no name
+    or no ``=``."""
     name, equals, value = text.partition("=")
     if not (name.isidentifier() and equals):
         raise DescriptionError(f"'{text}' is not an option; give NAME=VALUE, such as sparse=true")

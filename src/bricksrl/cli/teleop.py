@@ -18,11 +18,8 @@ HANDS = ("keyboard", "gamepad")
 
 @contextmanager
 def driving(hands: str | None, description: Description, *, in_charge: bool) -> Iterator[KeyboardDriver | GamepadDriver | None]:
-    """The driver of a keyboard or a gamepad, after printing the keys' meanings; ``None`` for no device.
-
-    Raises:
-        DataError: the device is not available.
-    """
+    """The driver of a keyboard or a gamepad, after printing the keys' meanings; ``None`` for no device. Raises DataError if the
+    device is not available."""
     from bricksrl.teleop.gamepad import GamepadDriver
     from bricksrl.teleop.keyboard import KeyboardDriver
     from bricksrl.teleop.mapping import legend

@@ -54,11 +54,7 @@ def yes(question: str) -> bool:
 
 
 def place_robot(_rng: np.random.Generator | None = None) -> None:
-    """Ask the user to put a real robot where an episode starts, and wait for Enter.
-
-    Raises:
-        RunError: standard input has ended.
-    """
+    """Ask the user to put a real robot at the start, and wait for Enter. Raises RunError if standard input has ended."""
     sys.stderr.write("put the robot where an episode starts, then press Enter ")
     sys.stderr.flush()
     if not (sys.stdin and sys.stdin.readline()):

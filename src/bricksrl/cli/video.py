@@ -22,18 +22,14 @@ FILM_BUDGET_S = 20.0
 _FRAME_MS = 80
 
 
-def film_before_and_after(run_dir: Path, env: str, *, budget_s: float = FILM_BUDGET_S) -> Films:
-    """Film an episode of a run's agent before training and one after, and join them side by side.
-
-    Raises:
-        RenderingUnavailableError: no OpenGL library works here.
-        TwinError: the environment has no virtual robot.
-    """
+def film_before_and_after(run_dir: Path, env: str) -> Films:
+    """Film an episode of a run's agent before training and one after, and join them side by side. Raises
+    RenderingUnavailableError if no OpenGL library works here, TwinError if the environment has no virtual robot."""
     from bricksrl.evaluation.film import FilmOptions, film_run, side_by_side
     from bricksrl.evaluation.report import Films
 
     before, after = (
-        film_run(run_dir, which, run_dir / f"{name}.mp4", FilmOptions(f"{env} {name} learning", budget_s=budget_s))
+        film_run(run_dir, which, run_dir / f"{name}.mp4", FilmOptions(f"{env} {name} learning", budget_s=FILM_BUDGET_S))
         for which, name in (("first", "before"), ("last", "after"))
     )
     both = side_by_side(before.path, after.path, run_dir / "before_after.mp4")
@@ -60,12 +56,8 @@ def check_film(path: Path) -> None:
 
 @contextmanager
 def filmed_env(env: EnvBase, path: Path | None, title: str) -> Iterator[None]:
-    """Film the virtual robot of an environment inside this context; without a path do nothing.
-
-    Raises:
-        TwinError: there is no virtual robot to film, or the file is no mp4.
-        RenderingUnavailableError: no OpenGL library works here.
-    """
+    """Film the virtual robot of an environment inside this context; without a path do nothing. Raises TwinError if there is no
+    virtual robot to film, or the file is no mp4, RenderingUnavailableError if no OpenGL library works here."""
     if path is None:
         yield
         return

@@ -32,11 +32,7 @@ class Collected:
 
 
 def random_policy(env: EnvBase, seed: int) -> Policy:
-    """Policy of uniform random actions, with a generator of its own.
-
-    Raises:
-        DescriptionError: the seed is invalid.
-    """
+    """Policy of uniform random actions, with a generator of its own. Raises DescriptionError if the seed is invalid."""
     check_seed(seed)
     generator = torch.Generator().manual_seed(seed)
     size = int(env.action_spec.shape[-1])

@@ -42,11 +42,8 @@ class Whole:
 
 
 def merge(sources: Sequence[Path], out: Path) -> Index:
-    """Merge the episodes of all ``sources``, in order, into a new dataset; a single source is copied compactly.
-
-    Raises:
-        DataError: a source is damaged, their descriptions differ, or ``out`` exists.
-    """
+    """Merge the episodes of all ``sources``, in order, into a new dataset; a single source is copied compactly. Raises DataError
+    if a source is damaged, their descriptions differ, or ``out`` exists."""
     indices = [read_index(source) for source in sources]
     for source, index in zip(sources[1:], indices[1:], strict=True):
         differences = indices[0].description.differences(index.description)
@@ -57,12 +54,8 @@ def merge(sources: Sequence[Path], out: Path) -> Index:
 
 
 def split(source: Path, first: Path, second: Path, share: float, seed: int) -> tuple[Index, Index]:
-    """Write a random share of the episodes to ``first`` and the others to ``second``, both in order.
-
-    Raises:
-        DataError: the source is damaged, a target exists, or a target would be empty.
-        DescriptionError: the seed is invalid.
-    """
+    """Write a random share of the episodes to ``first`` and the others to ``second``, both in order. Raises DataError if the
+    source is damaged, a target exists, or a target would be empty, DescriptionError if the seed is invalid."""
     if not math.isfinite(share):
         raise DataError(f"share is {share:g}; give a number between 0 and 1")
     check_seed(seed)
@@ -84,11 +77,8 @@ def split(source: Path, first: Path, second: Path, share: float, seed: int) -> t
 
 
 def salvage(source: Path, out: Path) -> tuple[Index, list[str]]:
-    """Write the intact episodes of a damaged dataset to a new one; returns its index and messages on what was lost.
-
-    Raises:
-        DataError: the description is damaged, no episode is intact, or ``out`` exists.
-    """
+    """Write the intact episodes of a damaged dataset to a new one; returns its index and messages on what was lost. Raises
+    DataError if the description is damaged, no episode is intact, or ``out`` exists."""
     layout = Layout(source)
     _refuse_existing(out)
     description = read_description(layout)
@@ -121,11 +111,7 @@ def _file_indices(layout: Layout) -> Iterator[FileIndex]:
 
 
 def read_episodes(index: Index, rows: Iterable[EpisodeRow]) -> Iterator[Whole]:
-    """Read episodes of a dataset, one by one.
-
-    Raises:
-        DataError: an episode is damaged.
-    """
+    """Read episodes of a dataset, one by one. Raises DataError if an episode is damaged."""
     key, side = index.description.image_key, index.description.image_px
     names = [name for name, _, _ in numbers(index.description)]
     tables: dict[FileIndex, pa.Table] = {}
@@ -149,11 +135,7 @@ def read_episodes(index: Index, rows: Iterable[EpisodeRow]) -> Iterator[Whole]:
 
 
 def write_dataset(out: Path, description: Description, episodes: Iterable[Whole]) -> Index:
-    """Write a dataset atomically.
-
-    Raises:
-        DataError: ``out`` exists, or there are no episodes.
-    """
+    """Write a dataset atomically. Raises DataError if ``out`` exists, or there are no episodes."""
     _refuse_existing(out)
     with whole_folder(out) as folder:
         rows: list[EpisodeRow] = []

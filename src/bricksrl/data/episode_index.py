@@ -49,11 +49,8 @@ def is_dataset(root: Path) -> bool:
 
 
 def read_index(root: Path) -> Index:
-    """Read the index of the dataset in the folder ``root``.
-
-    Raises:
-        DataError: there is no dataset, it is damaged, or it was not made by BricksRL.
-    """
+    """Read the index of the dataset in the folder ``root``. Raises DataError if there is no dataset, it is damaged, or it was not
+    made by BricksRL."""
     layout = Layout(root)
     if not layout.info.exists():
         raise DataError(f"there is no dataset in {root}; choose a folder with a meta/info.json")
@@ -193,11 +190,7 @@ def rows_table(rows: Sequence[EpisodeRow], description: Description, at: FileInd
 
 
 def read_rows(path: Path, description: Description) -> list[EpisodeRow]:
-    """Read the rows in a file.
-
-    Raises:
-        DataError: the file is missing, damaged or not of such a dataset.
-    """
+    """Read the rows in a file. Raises DataError if the file is missing, damaged or not of such a dataset."""
     records = read_parquet(path).to_pylist()
     try:
         return [_row(record, description) for record in records]

@@ -25,11 +25,8 @@ if TYPE_CHECKING:
 
 
 def export_numpy(path: Path, out: Path) -> None:
-    """Write an ``.npz`` file of arrays over all steps, as in `Episodes`, and ``description``, a JSON text.
-
-    Raises:
-        DataError: the dataset cannot be read, or ``out`` exists.
-    """
+    """Write an ``.npz`` file of arrays over all steps, as in `Episodes`, and ``description``, a JSON text. Raises DataError if
+    the dataset cannot be read, or ``out`` exists."""
     _refuse_existing(out)
     episodes = load(path)
     arrays: dict[str, Any] = _arrays(episodes)
@@ -40,11 +37,8 @@ def export_numpy(path: Path, out: Path) -> None:
 
 
 def export_parquet(path: Path, out: Path) -> None:
-    """Write a Parquet file with a row per step and a column per number, named after its channel; without images.
-
-    Raises:
-        DataError: as in `export_numpy`.
-    """
+    """Write a Parquet file with a row per step and a column per number, named after its channel; without images. Raises DataError
+    as in `export_numpy`."""
     _refuse_existing(out)
     episodes = load(path, images=False)
     columns: dict[str, Any] = {}

@@ -17,11 +17,8 @@ _ONE_MP4_FILE = ("-protocol_whitelist", "file", "-f", "mp4")  # a disguised play
 
 
 def encode(images: NDArray[np.uint8], rate_hz: float) -> bytes:
-    """Encode images ``[steps, height, width, 3]`` losslessly as an mp4 file, the inverse of `decode`.
-
-    Raises:
-        DataError: ffmpeg is not installed, or it failed.
-    """
+    """Encode images ``[steps, height, width, 3]`` losslessly as an mp4 file, the inverse of `decode`. Raises DataError if ffmpeg
+    is not installed, or it failed."""
     _, height, width, _ = images.shape
     raw = ("-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}", "-r", f"{rate_hz:g}", "-i", "pipe:0")
     with tempfile.TemporaryDirectory() as folder:
@@ -34,11 +31,8 @@ def encode(images: NDArray[np.uint8], rate_hz: float) -> bytes:
 
 
 def decode(path: Path, count: int, side: int) -> NDArray[np.uint8]:
-    """Decode the first ``count`` images of a file, ``[count, side, side, 3]``.
-
-    Raises:
-        DataError: the file is no such video, or too short.
-    """
+    """Decode the first ``count`` images of a file, ``[count, side, side, 3]``. Raises DataError if the file is no such video, or
+    too short."""
     wanted = count * side * side * 3
     raw = ("-frames:v", str(count), "-f", "rawvideo", "-pix_fmt", "rgb24", "pipe:1")
     command = [_ffmpeg(), *_QUIET, *_ONE_MP4_FILE, "-i", str(path), *raw]

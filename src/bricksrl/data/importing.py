@@ -70,13 +70,11 @@ class Imported:
 
 
 def import_paper(source: Path, out: Path, *, env: str | None = None) -> list[Imported]:
-    """Import one of the paper's datasets into ``out``, or all below a folder, each into a subfolder of ``out``.
+    """Import one of the paper's datasets into ``out``, or all below a folder, each into a subfolder of ``out``. Raises DataError
+    if there is no dataset, one is damaged, or ``out`` exists.
 
     Args:
         env: environment of the datasets; by default inferred from the names of the folders.
-
-    Raises:
-        DataError: there is no dataset, one is damaged, or ``out`` exists.
     """
     folders = [path.parent for path in sorted(source.rglob("meta.json")) if (path.parent / "next").is_dir()]
     if not folders:
@@ -200,11 +198,8 @@ def _description(task: Task, observation: NDArray[np.float32]) -> Description:
 
 
 def read_tensors(folder: Path) -> Arrays:
-    """Read the tensors of one folder, by name, as plain numbers.
-
-    Raises:
-        DataError: ``meta.json`` or a file is missing, damaged or of the wrong size.
-    """
+    """Read the tensors of one folder, by name, as plain numbers. Raises DataError if ``meta.json`` or a file is missing, damaged
+    or of the wrong size."""
     meta = folder / "meta.json"
     try:
         if meta.stat().st_size > _MAX_META_BYTES:

@@ -20,11 +20,8 @@ _CARD = "README.md"
 
 
 def check(root: Path) -> list[str]:
-    """Faults of a dataset, one line each; empty if it is intact. Nothing is changed, and no foreign file is opened.
-
-    Raises:
-        DataError: there is no dataset made by BricksRL.
-    """
+    """Faults of a dataset, one line each; empty if it is intact. Nothing is changed, and no foreign file is opened. Raises
+    DataError if there is no dataset made by BricksRL."""
     index = read_index(root)
     return [*_steps(index), *_files(index), *_joint(index)]
 

@@ -32,16 +32,9 @@ def to_parquet(table: pa.Table) -> bytes:
     return sink.getvalue()
 
 
-def read_parquet(path: Path, columns: Sequence[str] | None = None, *, digest: str | None = None) -> pa.Table:
-    """Read a table that `to_parquet` wrote. Nothing in the file is executed.
-
-    Args:
-        columns: columns to read; by default all.
-        digest: required SHA-256 of the file.
-
-    Raises:
-        DataError: the file is missing, damaged, or without these columns.
-    """
+def read_parquet(path: Path, *, digest: str | None = None) -> pa.Table:
+    """Read a table that `to_parquet` wrote, of this SHA-256 ``digest`` if given. Nothing in the file is executed. Raises
+    DataError if the file is missing or damaged."""
     try:
         data = path.read_bytes()
     except OSError as error:
@@ -52,10 +45,7 @@ def read_parquet(path: Path, columns: Sequence[str] | None = None, *, digest: st
         file = pq.ParquetFile(pa.BufferReader(data), page_checksum_verification=True)
         if file.metadata.num_rows > len(data):
             raise DataError(f"{path} claims more rows than it can hold; it is damaged or not ours")
-        missing = set(columns or ()) - set(file.schema_arrow.names)
-        if missing:
-            raise DataError(f"{path} has no column {', '.join(sorted(missing))}; it is not a file of such a dataset")
-        table = file.read(columns=columns)
+        table = file.read()
         table.validate(full=True)
     except (pa.ArrowException, OSError, ValueError, TypeError, OverflowError, MemoryError, RecursionError):
         raise DataError(f"{path} is not a valid Parquet file; restore it from a copy") from None
@@ -75,11 +65,8 @@ def to_table(columns: Columns, description: Description) -> pa.Table:
 
 
 def from_table(table: pa.Table, description: Description, names: Iterable[str], where: Path) -> dict[str, NDArray[Any]]:
-    """Inverse of `to_table` for some of the columns; vectors of length 1 are returned as ``[steps]``.
-
-    Raises:
-        DataError: a column has another type than in the description.
-    """
+    """Inverse of `to_table` for some of the columns; vectors of length 1 are returned as ``[steps]``. Raises DataError if a
+    column has another type than in the description."""
     shapes = {name: (n, kind) for name, n, kind in numbers(description)}
     arrays = {}
     for name in names:

@@ -98,13 +98,11 @@ class Episodes:
 
 
 def load(path: Path | str, *, images: bool = True) -> Episodes:
-    """Load the dataset in a folder, or in the folder of a run. Nothing in it is executed, nothing is written.
+    """Load the dataset in a folder, or in the folder of a run. Nothing in it is executed, nothing is written. Raises DataError if
+    there is no dataset, it is damaged, or it was not made by BricksRL.
 
     Args:
         images: read the images too, if there are any.
-
-    Raises:
-        DataError: there is no dataset, it is damaged, or it was not made by BricksRL.
     """
     import torch
 
@@ -139,11 +137,8 @@ def dataset_folder(path: Path) -> Path:
 
 
 def read_columns(index: Index, names: Sequence[str]) -> dict[str, NDArray[Any]]:
-    """Read columns of all steps: ``[N]``, vectors ``[N, n]`` even for ``n`` = 1.
-
-    Raises:
-        DataError: a file is missing or damaged.
-    """
+    """Read columns of all steps: ``[N]``, vectors ``[N, n]`` even for ``n`` = 1. Raises DataError if a file is missing
+    or damaged."""
     widths = {OBSERVATION: len(index.description.observation), NEXT: len(index.description.observation)}
     widths[ACTION] = len(index.description.action)
     parts: list[dict[str, NDArray[Any]]] = []
@@ -178,11 +173,8 @@ def by_file(rows: Sequence[EpisodeRow]) -> Iterator[list[EpisodeRow]]:
 
 
 def read_images(index: Index) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
-    """Read the images before and after all steps, each ``[N, side, side, 3]``.
-
-    Raises:
-        DataError: a video is missing or damaged.
-    """
+    """Read the images before and after all steps, each ``[N, side, side, 3]``. Raises DataError if a video is missing or
+    damaged."""
     from bricksrl.data.images import decode
 
     key, side = index.description.image_key, index.description.image_px

@@ -25,7 +25,8 @@ if TYPE_CHECKING:
 
 
 class Recorder:
-    """Recorder of episodes into a new or an existing dataset.
+    """Recorder of episodes into a new or an existing dataset. Raises DataError if the folder holds something else or data of
+    another robot, rate or shape, or is being recorded into.
 
     `add` keeps a step in memory; `commit` writes the episode: its steps and images, then its row, then the index. If the program
     is killed in between, only that episode is lost. Use it as a context manager: leaving commits the unfinished episode as an
@@ -33,9 +34,6 @@ class Recorder:
 
     Args:
         root: folder of the dataset, created with the first episode.
-
-    Raises:
-        DataError: the folder holds something else or data of another robot, rate or shape, or is being recorded into.
     """
 
     def __init__(self, root: Path, description: Description) -> None:

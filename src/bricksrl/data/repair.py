@@ -36,15 +36,13 @@ class Recovery:
 
 
 def recover(root: Path, *, anew: bool = False) -> Recovery:
-    """Update the index from the files on the disk. The caller must hold the write lock.
+    """Update the index from the files on the disk. The caller must hold the write lock. Raises DataError if the dataset has
+    damage that a killed writer cannot cause.
 
     A row is written after all other files of its episode, so a row that the index does not count is a complete episode.
 
     Args:
         anew: rebuild a damaged index too.
-
-    Raises:
-        DataError: the dataset has damage that a killed writer cannot cause.
     """
     layout = Layout(root)
     description = read_description(layout)

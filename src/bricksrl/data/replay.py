@@ -16,16 +16,14 @@ _KEYS = {OBSERVATION: "observation", NEXT: ("next", "observation")}
 
 
 def replay(path: Path | str, *, batch_size: int, slice_len: int | None = None) -> LeRobotExperienceReplay:
-    """Load a dataset into TorchRL's buffer for LeRobot's data, which samples steps or slices of episodes.
+    """Load a dataset into TorchRL's buffer for LeRobot's data, which samples steps or slices of episodes. Raises DataError if the
+    dataset cannot be read.
 
     The keys are those of our environments. (TorchRL's loader from the Hugging Face hub has other keys, and drops the dimension
     of vectors of length 1.)
 
     Args:
         slice_len: sample slices of this many consecutive steps, ``batch_size`` steps in all; by default single steps.
-
-    Raises:
-        DataError: the dataset cannot be read.
     """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DeprecationWarning)  # TorchRL's import warns of its own classes

@@ -56,11 +56,7 @@ class Description:
 
     @classmethod
     def from_json(cls, data: bytes, where: str) -> Description:
-        """Inverse of `to_json`.
-
-        Raises:
-            DataError: the data is no such description, or damaged.
-        """
+        """Inverse of `to_json`. Raises DataError if the data is no such description, or damaged."""
         try:
             values = json.loads(data)
         except (ValueError, RecursionError):

@@ -29,13 +29,11 @@ _PATTERNS = ["meta/*", "meta/**", "data/**", "videos/**", CARD]
 
 
 def push_dataset(path: Path, repo: str, *, private: bool = False, licence: str = "mit") -> str:
-    """Upload a dataset to the hub, with a generated card and the version tag that LeRobot requires; returns its address.
+    """Upload a dataset to the hub, with a generated card and the version tag that LeRobot requires; returns its address. Raises
+    DataError if the dataset is not intact, huggingface_hub is not installed, or the hub is out of reach or refuses.
 
     Args:
         repo: name of the repository, as ``name/dataset``.
-
-    Raises:
-        DataError: the dataset is not intact, huggingface_hub is not installed, or the hub is out of reach or refuses.
     """
     root = dataset_folder(path)
     wrong = check(root)
@@ -52,13 +50,11 @@ def push_dataset(path: Path, repo: str, *, private: bool = False, licence: str =
 
 
 def pull_dataset(repo: str, out: Path, *, revision: str | None = None) -> Path:
-    """Download a dataset from the hub into the folder ``out``.
+    """Download a dataset from the hub into the folder ``out``. Raises DataError if ``out`` exists, there is no such dataset of
+    BricksRL, it is damaged, or the hub is out of reach.
 
     Args:
         revision: branch, tag or commit; by default the newest.
-
-    Raises:
-        DataError: ``out`` exists, there is no such dataset of BricksRL, it is damaged, or the hub is out of reach.
     """
     with fetched(repo, "dataset", out, _PATTERNS, revision) as folder:
         wrong = [line for line in check(folder) if "is not a file of a dataset" not in line]
@@ -85,11 +81,8 @@ def fetched(repo: str, kind: str, out: Path, patterns: list[str], revision: str 
 
 @contextmanager
 def reaching(repo: str) -> Iterator[HfApi]:
-    """Client of the hub; its errors inside this context are translated into ours.
-
-    Raises:
-        DataError: huggingface_hub is not installed, the hub is out of reach, or it refuses.
-    """
+    """Client of the hub; its errors inside this context are translated into ours. Raises DataError if huggingface_hub is not
+    installed, the hub is out of reach, or it refuses."""
     try:
         from huggingface_hub import HfApi, errors
         from huggingface_hub.errors import (

@@ -60,11 +60,7 @@ class Summary:
 
 
 def summarise(path: Path) -> Summary:
-    """Summarise a dataset.
-
-    Raises:
-        DataError: there is no dataset, or it is damaged.
-    """
+    """Summarise a dataset. Raises DataError if there is no dataset, or it is damaged."""
     index = read_index(dataset_folder(path))
     ages = read_columns(index, ["age_s"])["age_s"]
     returns = np.array([row.return_ for row in index.rows])
@@ -93,11 +89,8 @@ def summarise(path: Path) -> Summary:
 
 
 def plot(path: Path, out: Path) -> None:
-    """Plot the returns, and every channel and action over the steps of an episode, into an image file.
-
-    Raises:
-        DataError: there is no dataset, or it is damaged.
-    """
+    """Plot the returns, and every channel and action over the steps of an episode, into an image file. Raises DataError if there
+    is no dataset, or it is damaged."""
     check_picture(out)
     index = read_index(dataset_folder(path))
     columns = read_columns(index, [OBSERVATION, ACTION, "next.reward", "frame_index"])

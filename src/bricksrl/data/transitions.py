@@ -23,11 +23,8 @@ _PACKAGES = ("torch", "torchrl", "mujoco")
 
 
 def step_of(transition: TensorDictBase, env: EnvBase, *, intervention: bool = False) -> Step:
-    """Step from a transition of TorchRL's ``EnvBase.step``, copied, since the environment may reuse its tensors.
-
-    Args:
-        env: environment of the transition; its ``timing``, if any, is recorded.
-    """
+    """Step from a transition of TorchRL's ``EnvBase.step``, copied, since the environment may reuse its tensors. ``env``:
+    environment of the transition; its ``timing``, if any, is recorded."""
     after = transition["next"]
     timing = getattr(env, "timing", None)
     when = {} if timing is None else {"age_s": timing.age_s, "hub_time_s": timing.hub_time_s}

@@ -70,11 +70,7 @@ class Reconnect:
         self._error = error
 
     def before_try(self) -> None:
-        """Wait until the next reset may be tried.
-
-        Raises:
-            HubError: the last error, once ``patience_s`` is used up.
-        """
+        """Wait until the next reset may be tried. Raises the last HubError once ``patience_s`` is used up."""
         if self._error is not None and self._tries:
             pause_s = min(_FIRST_PAUSE_S * 2.0 ** (self._tries - 1), _LONGEST_PAUSE_S)
             if time.monotonic() + pause_s - self._since_s >= self.patience_s:

@@ -82,11 +82,8 @@ class Target:
 
 
 def wheels(robot: Robot, interface: Interface) -> tuple[int, int]:
-    """Indices of the left and the right wheel's angle among the channels.
-
-    Raises:
-        DescriptionError: the robot has no drive base, or the angles are not observed.
-    """
+    """Indices of the left and the right wheel's angle among the channels. Raises DescriptionError if the robot has no drive base,
+    or the angles are not observed."""
     base, places = robot.drive_base, interface.angle_places
     if base is None or not {base.left, base.right} <= set(places):
         raise DescriptionError(

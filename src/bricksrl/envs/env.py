@@ -110,11 +110,8 @@ class HubEnv(EnvBase):  # type: ignore[misc]
         self._close_link()
 
     def stop(self) -> None:
-        """Stop motors and program at once, even during a step; step and reset raise StoppedError until `resume`.
-
-        Raises:
-            HubError: the hub could not be reached; its watchdog then stops the motors.
-        """
+        """Stop motors and program at once, even during a step; step and reset raise StoppedError until `resume`. Raises HubError
+        if the hub could not be reached; its watchdog then stops the motors."""
         self._stop_flag.stop()
         if self._connection is not None:
             self._connection.link.emergency_stop()
@@ -258,11 +255,8 @@ class HubEnv(EnvBase):  # type: ignore[misc]
         return super()._step_proc_data(next_tensordict_out)
 
     def _wait_while_blocked(self, episode: EpisodeState) -> None:
-        """Read without moving until the task is no longer blocked; reading feeds the hub's watchdog.
-
-        Raises:
-            HubError: still blocked after two minutes.
-        """
+        """Read without moving until the task is no longer blocked; reading feeds the hub's watchdog. Raises HubError if still
+        blocked after two minutes."""
         if self.task.blocked is never or not self.task.blocked(episode.observation):
             return
         link = self._robot().link
@@ -293,13 +287,11 @@ class HubEnv(EnvBase):  # type: ignore[misc]
         return with_numbers(observation, episode.watch)
 
     def judged(self, observations: torch.Tensor) -> torch.Tensor:
-        """Input of the task's success and metrics for the observations ``[steps, n]`` of the whole current episode.
+        """Input of the task's success and metrics for the observations ``[steps, n]`` of the whole current episode. Raises
+        BricksError if the number of observations is not that of the current episode's steps.
 
         These are the observations; where the task's camera has a goal, with the camera's two distances appended; where the task
         has a target, with the true pose of a virtual robot.
-
-        Raises:
-            BricksError: the number of observations is not that of the current episode's steps.
         """
         if not self.task.is_judged_by_more:
             return observations
@@ -310,11 +302,7 @@ class HubEnv(EnvBase):  # type: ignore[misc]
 
     @property
     def timing(self) -> Timing:
-        """Times of the last step.
-
-        Raises:
-            BricksError: no step was made yet.
-        """
+        """Times of the last step. Raises BricksError if no step was made yet."""
         if self._episode is None or not self._episode.step_count:
             raise BricksError(f"{self.task.id} has made no step yet; make one first")
         return Timing(self._episode.age_s, self._episode.hub_time_s)

@@ -28,13 +28,11 @@ class Skip(Exception):
 
 
 def check_env(env_id: str) -> Iterator[Finding]:
-    """Check a task and, on the virtual hub or in its simulation, the environment made of it.
+    """Check a task and, on the virtual hub or in its simulation, the environment made of it. Raises UnknownNameError or
+    DescriptionError if there is no such task.
 
     Args:
         env_id: as :func:`bricksrl.make` takes it.
-
-    Raises:
-        UnknownNameError, DescriptionError: there is no such task.
     """
     task = get_task(env_id)
     yield from run_checks(

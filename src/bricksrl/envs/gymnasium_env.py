@@ -39,13 +39,7 @@ class GymnasiumEnv(gymnasium.Env[Observation, Array]):
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012 - as Gymnasium declares it
 
-    def __init__(
-        self,
-        env_id: str,
-        render_mode: str | None = None,
-        options: EnvOptions | None = None,
-        **named: Any,
-    ) -> None:
+    def __init__(self, env_id: str, render_mode: str | None = None, options: EnvOptions | None = None, **named: Any) -> None:
         self.env: HubEnv | SimulatedEnv = make(env_id, options, **named)
         self.render_mode = render_mode
         self._observations: list[torch.Tensor] = []
@@ -80,11 +74,8 @@ class GymnasiumEnv(gymnasium.Env[Observation, Array]):
         return self._shown(result), float(result["reward"]), terminated, truncated, info
 
     def render(self) -> NDArray[np.uint8] | None:
-        """Image of the virtual robot, uint8 ``[height, width, 3]``; ``None`` without a render mode.
-
-        Raises:
-            RenderingUnavailableError: the robot is real, or OpenGL is missing.
-        """
+        """Image of the virtual robot, uint8 ``[height, width, 3]``; ``None`` without a render mode. Raises
+        RenderingUnavailableError if the robot is real, or OpenGL is missing."""
         if self.render_mode is None:
             return None
         if self._renderer is None:

@@ -10,16 +10,14 @@ from bricksrl.errors import DescriptionError
 
 @dataclass(frozen=True)
 class Kinematics:
-    """Kinematic model: each commanded motor turns by its command plus noise.
+    """Kinematic model: each commanded motor turns by its command plus noise. Raises DescriptionError if the noise is negative, or
+    ``noise_on`` or ``motion`` is unknown.
 
     Attributes:
         noise: standard deviation of the normal noise on each normalised action, before it is mapped to degrees.
         noise_on: ``"action"``, or ``"state"`` for the same noise, in the same degrees, on the angle after the move.
         motion: ``"instant"``: a motor reaches its target before the next command. ``"firmware"``: it follows the firmware's
             trajectory for the task's step time and carries its speed over into the next command.
-
-    Raises:
-        DescriptionError: the noise is negative, or ``noise_on`` or ``motion`` is unknown.
     """
 
     noise: float

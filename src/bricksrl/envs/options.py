@@ -12,10 +12,8 @@ from bricksrl.twin.physics import Physics, RandomPhysics
 
 @dataclass(frozen=True, kw_only=True)
 class EnvOptions:
-    """Connection to the robot, physics of a virtual one, and options of the task.
-
-    Raises:
-        DescriptionError: at construction, when two options contradict each other.
+    """Connection to the robot, physics of a virtual one, and options of the task. Raises DescriptionError if two options
+    contradict each other.
     """
 
     hub: str = "virtual"

@@ -190,20 +190,12 @@ def _on_robot(task: Task, options: EnvOptions, transport: ProfileTransport, seed
 
 
 def is_simulation(env_id: str) -> bool:
-    """Whether an environment is a batched kinematic simulation.
-
-    Raises:
-        UnknownNameError: there is no environment of that name.
-    """
+    """Whether an environment is a batched kinematic simulation. Raises UnknownNameError if there is no such environment."""
     return _offer(env_id).kinematics is not None
 
 
 def training_episodes(env_id: str) -> int:
-    """Default number of training episodes of an environment.
-
-    Raises:
-        UnknownNameError: there is no environment of that name.
-    """
+    """Default number of training episodes of an environment. Raises UnknownNameError if there is no environment of that name."""
     return _offer(env_id).episodes
 
 
@@ -213,12 +205,8 @@ def list_envs() -> dict[str, str]:
 
 
 def get_task(env_id: str, **options: Any) -> Task:
-    """The task of an environment.
-
-    Raises:
-        UnknownNameError: there is no environment of that name.
-        UnknownOptionError: it has no such option.
-    """
+    """The task of an environment. Raises UnknownNameError if there is no environment of that name, UnknownOptionError if it has
+    no such option."""
     return _build(env_id, _offer(env_id), options)
 
 
@@ -268,12 +256,10 @@ def _check_id(task: Task) -> None:
 
 
 def register(task: Task) -> None:
-    """Register a task by its id for :func:`make` and, as ``bricksrl/<id>``, for Gymnasium.
+    """Register a task by its id for :func:`make` and, as ``bricksrl/<id>``, for Gymnasium. Raises DescriptionError if the id is
+    one of the environments that come with BricksRL.
 
     Registering the same id again replaces the earlier task.
-
-    Raises:
-        DescriptionError: the id is one of the environments that come with BricksRL.
     """
     if task.id in _OWN:
         raise DescriptionError(f"{task.id} comes with BricksRL; give your task another name or version")

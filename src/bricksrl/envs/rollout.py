@@ -35,15 +35,13 @@ def play(
     reset_policy: Callable[[], None] = lambda: None,
 ) -> Iterator[TensorDictBase]:
     """Play one episode and yield its frames, as ``EnvBase.step`` returns them: observation and action, and "next" the outcome.
+    Raises HubError if the robot cannot be reached at the start of the episode.
 
     Args:
         start: the output of a reset; without it the environment is reset.
         driver: asked first at each step; "intervention" then tells whether the action was the driver's.
         reset_policy: called when the next observation does not follow from the policy's last action: at the start of the
             episode, and when the driver chose an action.
-
-    Raises:
-        HubError: the robot cannot be reached at the start of the episode.
     """
     state = env.reset() if start is None else start
     reset_policy()
@@ -149,10 +147,7 @@ def play_episodes(
     env: EnvBase, policy: Policy, episodes: int, seed: int, *, reset_policy: Callable[[], None] = lambda: None
 ) -> Iterator[Judged]:
     """Play whole episodes; episode ``k`` depends only on ``seed``, ``k`` and the policy. Copies of a simulation run in parallel.
-
-    Raises:
-        HubError: the link to the robot broke.
-    """
+    Raises HubError if the link to the robot broke."""
     if env.batch_size:
         yield from _play_copies(env, policy, episodes, seed)
         return

@@ -27,7 +27,8 @@ from bricksrl.hub.interface import RunAngle
 
 
 class SimulatedEnv(EnvBase):  # type: ignore[misc]
-    """``batch_size`` independent copies of a task; keys and specs are those of :class:`~bricksrl.envs.env.HubEnv`.
+    """``batch_size`` independent copies of a task; keys and specs are those of :class:`~bricksrl.envs.env.HubEnv`. Raises
+    DescriptionError if the task has commands or motors that kinematics cannot move, or the batch size is invalid.
 
     Args:
         task: a task whose commands all turn motors, and whose motor channels are all commanded.
@@ -35,9 +36,6 @@ class SimulatedEnv(EnvBase):  # type: ignore[misc]
         batch_size: number of copies, as an integer or as in TorchRL (``[8]``); 0 or ``[]`` for one without a batch dimension.
         device: device of the tensors.
         seed: seed of starts, goals and noise.
-
-    Raises:
-        DescriptionError: the task has commands or motors that kinematics cannot move, or the batch size is invalid.
     """
 
     def __init__(
@@ -186,11 +184,8 @@ def _shape(batch_size: int | Sequence[int]) -> torch.Size:
 
 
 def _time_s(task: Task, kinematics: Kinematics) -> float | None:
-    """Time until the next command; ``None`` for instant motion.
-
-    Raises:
-        DescriptionError: the task's steps have no fixed time, or a motor has end stops, where the firmware is not modelled.
-    """
+    """Time until the next command; ``None`` for instant motion. Raises DescriptionError if the task's steps have no fixed time,
+    or a motor has end stops, where the firmware is not modelled."""
     if kinematics.motion == "instant":
         return None
     interface = task.interface

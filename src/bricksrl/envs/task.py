@@ -26,11 +26,8 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class SampledEntry(Entry):
-    """Entry of the observation that is drawn at every reset and constant for the episode.
-
-    Attributes:
-        whole: draw an integer ``low, low + 1, ..., high`` instead of a real number.
-    """
+    """Entry of the observation that is drawn at every reset and constant for the episode. ``whole``: draw an integer ``low, low
+    + 1, ..., high`` instead of a real number."""
 
     whole: bool = False
 
@@ -48,7 +45,7 @@ def never(observation: Tensor) -> Tensor:
 
 @dataclass(frozen=True)
 class Task:
-    """A reinforcement learning task on a robot.
+    """A reinforcement learning task on a robot. Raises DescriptionError if the parts are inconsistent.
 
     The observation consists of the interface's channels in order, the sampled entries, the measured entries and the target's
     entries. With a target, the wheel angles are left out. Where a camera has a goal, the task's functions get two further entries
@@ -71,9 +68,6 @@ class Task:
         target: a pose that a driving robot is to reach; success and metrics get the true pose of a virtual robot.
         walks: whether a virtual robot reports distance, speed and straightness.
         camera: a camera on the robot, which adds an image to the observation.
-
-    Raises:
-        DescriptionError: at construction, when the parts are inconsistent.
     """
 
     id: str

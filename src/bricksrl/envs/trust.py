@@ -35,13 +35,11 @@ def remember(data: bytes) -> None:
 
 
 def require_trusted(path: Path, data: bytes, config: Any) -> None:
-    """Require that a config names no code, was written here, or was declared trusted.
+    """Require that a config names no code, was written here, or was declared trusted. Raises RunError if the config names code,
+    and was made elsewhere or changed.
 
     Args:
         path: file of the config; ``data`` are its bytes, and ``config`` is its content.
-
-    Raises:
-        RunError: the config names code, and was made elsewhere or changed.
     """
     code = code_in(config)
     if code and not _digest_path(data).exists():
@@ -52,11 +50,8 @@ def require_trusted(path: Path, data: bytes, config: Any) -> None:
 
 
 def trust(folder: Path) -> tuple[str, ...]:
-    """Declare the present config of a run or a shared policy trusted; returns the references to code in it.
-
-    Raises:
-        RunError: there is no run or policy in the folder, or the digest cannot be written.
-    """
+    """Declare the present config of a run or a shared policy trusted; returns the references to code in it. Raises RunError if
+    there is no run or policy in the folder, or the digest cannot be written."""
     for name in ("config.json", "policy.json"):
         path = folder / name
         if path.is_file():

@@ -45,11 +45,7 @@ def is_agent(name: str) -> bool:
 
 
 def check_agent(agent: str) -> Iterator[Finding]:
-    """Check an algorithm.
-
-    Raises:
-        UnknownNameError, DescriptionError: there is no such algorithm.
-    """
+    """Check an algorithm. Raises UnknownNameError or DescriptionError if there is no such algorithm."""
     checked = _Checked(algorithm(agent))
     with reproducible(_SEED):
         yield from run_checks(

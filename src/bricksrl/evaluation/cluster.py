@@ -28,11 +28,8 @@ OnMessage = Callable[[int, dict[str, Any]], None]
 
 
 def parse_on(text: str) -> str | None:
-    """Parse ``ray`` or ``ray:ADDRESS`` into the address of the cluster; ``None`` for a local one.
-
-    Raises:
-        RunError: the text is neither.
-    """
+    """Parse ``ray`` or ``ray:ADDRESS`` into the address of the cluster; ``None`` for a local one. Raises RunError if the text is
+    neither."""
     kind, colon, address = text.partition(":")
     if kind != "ray" or (colon and not address):
         raise RunError(f"there is no '{text}' to run on; choose ray, or ray:ADDRESS for a cluster that is there")
@@ -41,13 +38,11 @@ def parse_on(text: str) -> str | None:
 
 @contextmanager
 def connected(address: str | None, cpus: int | None = None) -> Iterator[Any]:
-    """The ``ray`` module, connected to a cluster, or to a local one for the duration of this context.
+    """The ``ray`` module, connected to a cluster, or to a local one for the duration of this context. Raises RunError if Ray is
+    not installed, or the cluster does not answer.
 
     Args:
         cpus: concurrent runs of a local cluster; by default the number of cores.
-
-    Raises:
-        RunError: Ray is not installed, or the cluster does not answer.
     """
     os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")
     try:
@@ -168,11 +163,8 @@ def train_on_cluster(
     *,
     cpus: int | None = None,
 ) -> list[str | None]:
-    """Train all orders, each a config and its local folder; returns the error of each, or ``None``.
-
-    Raises:
-        RunError: the cluster cannot be reached.
-    """
+    """Train all orders, each a config and its local folder; returns the error of each, or ``None``. Raises RunError if the
+    cluster cannot be reached."""
     with connected(address, cpus) as ray:
         from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
 

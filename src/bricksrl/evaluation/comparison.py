@@ -89,12 +89,10 @@ class Comparison:
 
 
 def compare(paths: Sequence[Path]) -> Comparison:
-    """Compare runs; a folder of several seeds stands for all its runs.
+    """Compare runs; a folder of several seeds stands for all its runs. Raises RunError if a folder holds no run or one without
+    episodes, a run is named twice, or two runs of a group share a seed.
 
     Runs are scored by their evaluations if all have one, else by the mean of their last training episodes.
-
-    Raises:
-        RunError: a folder holds no run or one without episodes, a run is named twice, or two runs of a group share a seed.
     """
     runs = [_Run.read(path) for path in _run_folders(paths)]
     evaluated = all(run.evaluation is not None for run in runs)
@@ -193,12 +191,10 @@ def _pair(interval: Interval | None) -> list[float] | None:
 
 
 def draw(path: Path, groups: Sequence[Group]) -> None:
-    """Plot the learning curves into an image file, with one panel per environment.
+    """Plot the learning curves into an image file, with one panel per environment. Raises DescriptionError if the file name is
+    not that of an image.
 
     A group of five or more runs is shown by its interquartile mean and 95 % interval, a smaller one by its runs and their mean.
-
-    Raises:
-        DescriptionError: the file name is not that of an image.
     """
     check_picture(path)
     envs = list(dict.fromkeys(group.env for group in groups))

@@ -71,11 +71,8 @@ class EvaluationResult:
         return json.dumps(dataclasses.asdict(self))
 
     def save(self) -> None:
-        """Write the result to the run's ``evaluation.json``, replacing an earlier one.
-
-        Raises:
-            RunError: the file cannot be written.
-        """
+        """Write the result to the run's ``evaluation.json``, replacing an earlier one. Raises RunError if the file cannot be
+        written."""
         path = RunFolder(Path(self.run_dir)).evaluation_path
         try:
             write_durably(path, (self.to_json() + "\n").encode())

@@ -217,11 +217,8 @@ def _step_ms(env: EnvBase) -> float:
 
 
 def side_by_side(left: Path, right: Path, path: Path, height: int = 540) -> Path:
-    """Join two films side by side, each ``height`` px high, for the duration of the longer one.
-
-    Raises:
-        TwinError: they cannot be joined.
-    """
+    """Join two films side by side, each ``height`` px high, for the duration of the longer one. Raises TwinError if they cannot
+    be joined."""
     import imageio_ffmpeg
 
     fit = f"scale=-2:{height},setsar=1,tpad=stop_mode=clone:stop_duration=60"
@@ -243,12 +240,8 @@ def _duration_s(path: Path) -> float:
 
 
 def film_run(run_dir: Path, which: str, path: Path, options: FilmOptions) -> Filmed:
-    """Film the policy of a run: ``first`` (untrained), ``best``, ``last``, or ``random`` actions.
-
-    Raises:
-        RunError, CheckpointError: there is no such run or policy.
-        RenderingUnavailableError, TwinError: as :func:`film`.
-    """
+    """Film the policy of a run: ``first`` (untrained), ``best``, ``last``, or ``random`` actions. Raises RunError or
+    CheckpointError if there is no such run or policy, RenderingUnavailableError or TwinError as :func:`film`."""
     from bricksrl.policies.named import named_policies
     from bricksrl.training.restore import one_robot
     from bricksrl.training.run import make_env

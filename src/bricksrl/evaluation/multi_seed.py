@@ -184,11 +184,7 @@ class _Processes:
 
 
 def summarise(run_dirs: Sequence[Path]) -> SeedsSummary:
-    """Summarise evaluated runs that differ only in their seed.
-
-    Raises:
-        RunError: a folder holds no run, or no evaluation.
-    """
+    """Summarise evaluated runs that differ only in their seed. Raises RunError if a folder holds no run, or no evaluation."""
     configs = [RunFolder(path).read_config() for path in run_dirs]
     curves = [[episode.return_ for episode in RunFolder(path).read_episodes()] for path in run_dirs]
     returns = tuple(_evaluated(RunFolder(path)) for path in run_dirs)

@@ -17,11 +17,8 @@ S = TypeVar("S")
 
 
 def with_changes(settings: S, changes: Iterable[str]) -> S:
-    """A copy of the settings, a frozen dataclass, with changes such as ``"learning_rate=3e-4"`` or ``"hidden=128,128"``.
-
-    Raises:
-        DescriptionError: there is no such setting, or its value is invalid.
-    """
+    """A copy of the settings, a frozen dataclass, with changes such as ``"learning_rate=3e-4"`` or ``"hidden=128,128"``. Raises
+    DescriptionError if there is no such setting, or its value is invalid."""
     given: dict[str, str] = {}
     for change in changes:
         name, equals, value = change.partition("=")
@@ -33,11 +30,8 @@ def with_changes(settings: S, changes: Iterable[str]) -> S:
 
 
 def read_settings(path: Path, settings: S) -> S:
-    """A copy of the settings with the values of a JSON file, such as `bricksrl tune` writes; others are unchanged.
-
-    Raises:
-        DescriptionError: the file cannot be read, or names an unknown setting or an invalid value.
-    """
+    """A copy of the settings with the values of a JSON file, such as `bricksrl tune` writes; others are unchanged. Raises
+    DescriptionError if the file cannot be read, or names an unknown setting or an invalid value."""
     try:
         data = json.loads(path.read_text())
     except OSError as error:

@@ -41,21 +41,14 @@ def interquartile_mean(scores: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def stratified_bootstrap_interval(
-    strata: Sequence[Sequence[float]],
-    statistic: Statistic = interquartile_mean,
-    *,
-    confidence: float = 0.95,
-    resamples: int = 2000,
-    seed: int = 0,
+    strata: Sequence[Sequence[float]], statistic: Statistic = interquartile_mean, *, resamples: int = 2000, seed: int = 0
 ) -> Interval:
-    """Percentile bootstrap interval of a statistic of all scores, resampled within each stratum.
+    """95 % percentile bootstrap interval of a statistic of all scores, resampled within each stratum. Raises DescriptionError if
+    there is no stratum, or an empty one.
 
     Args:
         strata: scores by group, for instance the episodes of each run, or the runs of each task.
         seed: the same seed gives the same interval.
-
-    Raises:
-        DescriptionError: there is no stratum, or an empty one.
     """
     if not strata or any(len(stratum) == 0 for stratum in strata):
         raise DescriptionError("a bootstrap needs at least one score in each stratum; leave out the empty ones")
@@ -65,8 +58,7 @@ def stratified_bootstrap_interval(
         scores = np.asarray(stratum, dtype=np.float64)
         parts.append(scores[rng.integers(0, scores.size, (resamples, scores.size))])
     values = statistic(np.concatenate(parts, axis=-1))
-    tail = (1.0 - confidence) / 2.0
-    low, high = np.quantile(values, (tail, 1.0 - tail))
+    low, high = np.quantile(values, (0.025, 0.975))
     return Interval(float(low), float(high))
 
 
@@ -74,23 +66,19 @@ FEWEST_SEEDS = 5
 """Fewest runs for a meaningful interval."""
 
 
-def seeds_interval(scores: Sequence[float], statistic: Statistic = interquartile_mean) -> Interval | None:
-    """95 % bootstrap interval of a statistic of one score per seed; ``None`` for fewer than `FEWEST_SEEDS`."""
-    return None if len(scores) < FEWEST_SEEDS else stratified_bootstrap_interval([scores], statistic)
+def seeds_interval(scores: Sequence[float]) -> Interval | None:
+    """95 % bootstrap interval of the interquartile mean of one score per seed; ``None`` for fewer than `FEWEST_SEEDS`."""
+    return None if len(scores) < FEWEST_SEEDS else stratified_bootstrap_interval([scores])
 
 
-def probability_of_improvement(
-    scores: Sequence[float], others: Sequence[float], *, resamples: int = 2000, seed: int = 0
-) -> tuple[float, Interval | None]:
-    """Probability that a run of the first kind scores higher than one of the second; equal scores count half.
+def probability_of_improvement(scores: Sequence[float], others: Sequence[float]) -> tuple[float, Interval | None]:
+    """Probability that a run of the first kind scores higher than one of the second; equal scores count half. Raises
+    DescriptionError if one of the two is empty.
 
     It is the mean over all pairs (Agarwal et al. 2021, "Deep Reinforcement Learning at the Edge of the Statistical Precipice").
 
     Returns:
         The probability, and its 95 % bootstrap interval, or ``None`` where one of the two has fewer than five runs.
-
-    Raises:
-        DescriptionError: one of the two is empty.
     """
     if not scores or not others:
         raise DescriptionError("a comparison needs at least one score of each; leave out what has none")
@@ -103,18 +91,15 @@ def probability_of_improvement(
     probability = float(share(mine, theirs))
     if min(mine.size, theirs.size) < FEWEST_SEEDS:
         return probability, None
-    rng = np.random.default_rng(seed)
-    drawn = [x[rng.integers(0, x.size, (resamples, x.size))] for x in (mine, theirs)]
+    rng = np.random.default_rng(0)
+    drawn = [x[rng.integers(0, x.size, (2000, x.size))] for x in (mine, theirs)]
     low, high = np.quantile(share(*drawn), (0.025, 0.975))
     return probability, Interval(float(low), float(high))
 
 
 def wilson_interval(successes: int, trials: int, *, confidence: float = 0.95) -> Interval:
-    """Wilson score interval of a success rate, valid for few trials and for rates of 0 and 1.
-
-    Raises:
-        DescriptionError: there are no trials, or the successes are not between 0 and ``trials``.
-    """
+    """Wilson score interval of a success rate, valid for few trials and for rates of 0 and 1. Raises DescriptionError if there
+    are no trials, or the successes are not between 0 and ``trials``."""
     if trials < 1 or not 0 <= successes <= trials:
         raise DescriptionError(f"{successes} successes in {trials} trials is not a rate; give 0 to {max(trials, 1)} of 1 or more")
     z = NormalDist().inv_cdf(0.5 + confidence / 2.0)

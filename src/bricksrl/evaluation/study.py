@@ -22,13 +22,7 @@ import numpy as np
 
 from bricksrl.errors import BricksError, DataError, RunError
 from bricksrl.evaluation.cluster import connected, parse_on
-from bricksrl.evaluation.statistics import (
-    interquartile_mean,
-    mean,
-    probability_of_improvement,
-    seeds_interval,
-    wilson_interval,
-)
+from bricksrl.evaluation.statistics import interquartile_mean, mean, probability_of_improvement, seeds_interval, wilson_interval
 from bricksrl.evaluation.study_page import page
 from bricksrl.evaluation.study_tables import Cell, Condition, Study
 from bricksrl.files import write_durably
@@ -142,16 +136,14 @@ def run_study(
     on: str | None = None,
     on_seed: OnSeed = lambda *_: None,
 ) -> Path:
-    """Run the missing parts of a study, and write ``study.json`` and ``study.md``; returns the path of the latter.
+    """Run the missing parts of a study, and write ``study.json`` and ``study.md``; returns the path of the latter. Raises
+    RunError if a seed failed; the others are kept, and the same command resumes.
 
     Args:
         quick: run the quick form, a smoke test of the study.
         seeds: seeds per cell; by default the study's number, 2 in the quick form.
         jobs: concurrent processes; by default the number of cores.
         on: "ray", or "ray:ADDRESS", with a folder shared by all computers.
-
-    Raises:
-        RunError: a seed failed; the others are kept, and the same command resumes.
     """
     cells = study.cells(quick)
     count = seeds or (2 if quick else study.seeds)

@@ -58,14 +58,12 @@ class BenchmarkStudy:
 
 
 def take_study(study: BenchmarkStudy, folder: Path, benchmarks: Path, *, quick: bool = False) -> Path:
-    """Write the numbers and the page of a study from benchmark results; returns the path of the page.
+    """Write the numbers and the page of a study from benchmark results; returns the path of the page. Raises RunError if there
+    are no benchmarks in the folder, or one of them failed.
 
     Args:
         benchmarks: the repository's folder of benchmark scripts, with its subfolder ``results``. Missing results are measured;
             the quick form measures everything, and writes it to the study's folder.
-
-    Raises:
-        RunError: there are no benchmarks in the folder, or one of them failed.
     """
     if not (benchmarks / "machine.py").exists():
         raise RunError(f"the study '{study.name}' needs the repository's benchmarks, and {benchmarks} has none; run it there")

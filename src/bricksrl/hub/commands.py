@@ -58,6 +58,7 @@ class RunAngle(_OfMotor):
 
     speed_deg_s: int
     unit: ClassVar[str] = "deg"
+    description: ClassVar[str] = "turn by {0.low:g} to {0.high:g} deg at {0.speed_deg_s} deg/s"
 
     def check(self, robot: Robot) -> None:
         if not 1 <= self.speed_deg_s <= WIRE_MAX:
@@ -67,10 +68,6 @@ class RunAngle(_OfMotor):
 
     def turns_deg(self, robot: Robot, amount: float) -> tuple[float, ...]:
         return (amount,)
-
-    @property
-    def text(self) -> str:
-        return f"turn by {self.low:g} to {self.high:g} deg at {self.speed_deg_s} deg/s"
 
     def start(self, robot: Robot, amount: str) -> str:
         if robot.motor(self.motor).range_deg is not None:
@@ -99,13 +96,8 @@ class RunSpeed(_Endless):
     """Turn one motor at a controlled speed: ``Motor.run(speed)``."""
 
     unit: ClassVar[str] = "deg/s"
-
-    @property
-    def text(self) -> str:
-        return f"run at {self.low:g} to {self.high:g} deg/s"
-
-    def start(self, robot: Robot, amount: str) -> str:
-        return f"{self.mover}.run({amount})"
+    description: ClassVar[str] = "run at {0.low:g} to {0.high:g} deg/s"
+    code: ClassVar[str] = "{0.mover}.run({1})"
 
 
 @dataclass(frozen=True)
@@ -115,18 +107,13 @@ class RunDuty(_Endless):
     low: float = -100.0
     high: float = 100.0
     unit: ClassVar[str] = "%"
+    description: ClassVar[str] = "run with {0.low:g} to {0.high:g} % of the battery's voltage"
+    code: ClassVar[str] = "{0.mover}.dc({1})"
 
     def check(self, robot: Robot) -> None:
         super().check(robot)
         if self.low < -100 or self.high > 100:
             raise DescriptionError(f"command '{self.name}' ranges from {self.low:g} to {self.high:g} %; stay within -100 to 100")
-
-    @property
-    def text(self) -> str:
-        return f"run with {self.low:g} to {self.high:g} % of the battery's voltage"
-
-    def start(self, robot: Robot, amount: str) -> str:
-        return f"{self.mover}.dc({amount})"
 
 
 @dataclass(frozen=True)
@@ -135,6 +122,8 @@ class TrackTarget(_OfMotor):
 
     unit: ClassVar[str] = "deg"
     ends: ClassVar[bool] = False
+    description: ClassVar[str] = "go to {0.low:g} to {0.high:g} deg"
+    code: ClassVar[str] = "{0.mover}.track_target({1})"
 
     def check(self, robot: Robot) -> None:
         reach = robot.motor(self.motor).range_deg
@@ -146,13 +135,6 @@ class TrackTarget(_OfMotor):
 
     def turns_deg(self, robot: Robot, amount: float) -> tuple[float, ...]:
         return (0.0,)
-
-    @property
-    def text(self) -> str:
-        return f"go to {self.low:g} to {self.high:g} deg"
-
-    def start(self, robot: Robot, amount: str) -> str:
-        return f"{self.mover}.track_target({amount})"
 
 
 # ---------------------------------------------------------------- a drive base
@@ -188,17 +170,12 @@ class DriveStraight(_OfDriveBase):
 
     unit: ClassVar[str] = "mm"
     name: ClassVar[str] = "straight"
+    description: ClassVar[str] = "drive {0.low:g} to {0.high:g} mm"
+    code: ClassVar[str] = "{0.mover}.straight({1}, wait=False)"
 
     def turns_deg(self, robot: Robot, amount: float) -> tuple[float, ...]:
         turn_deg = drive_base(robot, self.name).turn_deg(amount)
         return turn_deg, turn_deg
-
-    @property
-    def text(self) -> str:
-        return f"drive {self.low:g} to {self.high:g} mm"
-
-    def start(self, robot: Robot, amount: str) -> str:
-        return f"{self.mover}.straight({amount}, wait=False)"
 
 
 @dataclass(frozen=True)
@@ -207,31 +184,25 @@ class Turn(_OfDriveBase):
 
     unit: ClassVar[str] = "deg"
     name: ClassVar[str] = "turn"
+    description: ClassVar[str] = "turn by {0.low:g} to {0.high:g} deg"
+    code: ClassVar[str] = "{0.mover}.turn({1}, wait=False)"
 
     def turns_deg(self, robot: Robot, amount: float) -> tuple[float, ...]:
         base = drive_base(robot, self.name)
         wheel_deg = amount * base.axle_track_mm / base.wheel_diameter_mm
         return wheel_deg, -wheel_deg
 
-    @property
-    def text(self) -> str:
-        return f"turn by {self.low:g} to {self.high:g} deg"
-
-    def start(self, robot: Robot, amount: str) -> str:
-        return f"{self.mover}.turn({amount}, wait=False)"
-
 
 @dataclass(frozen=True)
 class Curve(_OfDriveBase):
     """Drive along a circle by an angle, to the right for a positive one, without waiting: ``DriveBase.curve(..., wait=False)``.
-
-    Attributes:
-        radius_mm: radius of the path of the robot's centre; negative to drive backwards.
-    """
+    ``radius_mm``: radius of the path of the robot's centre; negative to drive backwards."""
 
     radius_mm: int
     unit: ClassVar[str] = "deg"
     name: ClassVar[str] = "curve"
+    description: ClassVar[str] = "drive along a circle of {0.radius_mm} mm by {0.low:g} to {0.high:g} deg"
+    code: ClassVar[str] = "{0.mover}.curve({0.radius_mm}, {1}, wait=False)"
 
     def check(self, robot: Robot) -> None:
         super().check(robot)
@@ -244,13 +215,6 @@ class Curve(_OfDriveBase):
         base = drive_base(robot, self.name)
         way, turn = abs(amount) * self.radius_mm, math.copysign(amount, amount * self.radius_mm) * base.axle_track_mm / 2
         return 2 * (way + turn) / base.wheel_diameter_mm, 2 * (way - turn) / base.wheel_diameter_mm
-
-    @property
-    def text(self) -> str:
-        return f"drive along a circle of {self.radius_mm} mm by {self.low:g} to {self.high:g} deg"
-
-    def start(self, robot: Robot, amount: str) -> str:
-        return f"{self.mover}.curve({self.radius_mm}, {amount}, wait=False)"
 
 
 @dataclass(frozen=True)
@@ -274,14 +238,11 @@ class DriveSpeed(_Drive):
 
     unit: ClassVar[str] = "mm/s"
     name: ClassVar[str] = "drive_speed"
+    description: ClassVar[str] = "drive at {0.low:g} to {0.high:g} mm/s"
 
     def turns_deg(self, robot: Robot, amount: float) -> tuple[float, ...]:
         turn_deg = _at_least(drive_base(robot, self.name).turn_deg(amount))
         return turn_deg, turn_deg
-
-    @property
-    def text(self) -> str:
-        return f"drive at {self.low:g} to {self.high:g} mm/s"
 
 
 @dataclass(frozen=True)
@@ -290,23 +251,16 @@ class DriveTurnRate(_Drive):
 
     unit: ClassVar[str] = "deg/s"
     name: ClassVar[str] = "turn_rate"
+    description: ClassVar[str] = "turn at {0.low:g} to {0.high:g} deg/s"
 
     def turns_deg(self, robot: Robot, amount: float) -> tuple[float, ...]:
         base = drive_base(robot, self.name)
         wheel_deg = _at_least(amount * base.axle_track_mm / base.wheel_diameter_mm)
         return wheel_deg, -wheel_deg
 
-    @property
-    def text(self) -> str:
-        return f"turn at {self.low:g} to {self.high:g} deg/s"
-
 
 def drive_base(robot: Robot, wanted_for: str) -> DriveBase:
-    """The robot's drive base.
-
-    Raises:
-        DescriptionError: the robot has no drive base.
-    """
+    """The robot's drive base. Raises DescriptionError if the robot has no drive base."""
     if robot.drive_base is None:
         raise DescriptionError(f"robot '{robot.name}' has no drive base for '{wanted_for}'; describe one or command its motors")
     return robot.drive_base
@@ -344,26 +298,18 @@ class HubLight(_OfHub):
     unit: ClassVar[str] = "deg"
     name: ClassVar[str] = "light"
     imports: ClassVar[Imports] = (("pybricks.parameters", "Color"),)
+    description: ClassVar[str] = "light of a hue of {0.low:g} to {0.high:g} deg"
+    code: ClassVar[str] = "hub.light.on(Color({1}, 100, 100))"
 
     def check(self, robot: Robot) -> None:
         if self.low < 0 or self.high > 360:
             raise DescriptionError(f"command '{self.name}' ranges from {self.low:g} to {self.high:g}; hues are 0 to 360 degrees")
 
-    @property
-    def text(self) -> str:
-        return f"light of a hue of {self.low:g} to {self.high:g} deg"
-
-    def start(self, robot: Robot, amount: str) -> str:
-        return f"hub.light.on(Color({amount}, 100, 100))"
-
 
 @dataclass(frozen=True)
 class HubSound(_OfHub):
-    """Short tone of the hub's loudspeaker: ``hub.speaker.beep(frequency, duration)``; silent below 64 Hz.
-
-    Attributes:
-        duration_ms: duration of the tone, for which the hub waits.
-    """
+    """Short tone of the hub's loudspeaker: ``hub.speaker.beep(frequency, duration)``; silent below 64 Hz. ``duration_ms``:
+    duration of the tone, for which the hub waits."""
 
     low: float = 0.0
     high: float = 2000.0
@@ -371,6 +317,8 @@ class HubSound(_OfHub):
     scale: ClassVar[int] = 1
     unit: ClassVar[str] = "Hz"
     name: ClassVar[str] = "sound"
+    description: ClassVar[str] = "a tone of {0.low:g} to {0.high:g} Hz for {0.duration_ms} ms"
+    code: ClassVar[str] = "play_tone({1})"
 
     def check(self, robot: Robot) -> None:
         if robot.hub is not HubKind.PRIME:
@@ -382,13 +330,6 @@ class HubSound(_OfHub):
                 f"command '{self.name}': {self.low:g} Hz at least, for {self.duration_ms} ms; give 0 Hz or more, and 1 to 200 ms"
             )
 
-    @property
-    def text(self) -> str:
-        return f"a tone of {self.low:g} to {self.high:g} Hz for {self.duration_ms} ms"
-
     def setup(self, robot: Robot) -> tuple[str, ...]:
         play = f"hub.speaker.beep(frequency_hz, {self.duration_ms})"
         return ("def play_tone(frequency_hz):", f"    if frequency_hz >= {_LOWEST_HZ}:", f"        {play}", "")
-
-    def start(self, robot: Robot, amount: str) -> str:
-        return f"play_tone({amount})"

@@ -26,7 +26,7 @@ from bricksrl.hub.commands import (
     drive_base,
     drive_base_setup,
 )
-from bricksrl.hub.kinds import WIRE_MAX, Channel, Command, Imports
+from bricksrl.hub.kinds import Channel, Command, Imports
 from bricksrl.robots import PoweredUpSensor, Robot, UltrasonicSensor
 
 __all__ = [
@@ -80,8 +80,8 @@ class MotorAngle(Channel):
         return (self.low, self.high) == (0.0, 360.0)
 
     @property
-    def limits(self) -> tuple[float, float] | None:
-        return None if self.wraps else _limits_of_wire(self)
+    def is_nominal(self) -> bool:  # type: ignore[override]  # a constant of most kinds
+        return not self.wraps
 
     def check(self, robot: Robot) -> None:
         robot.motor(self.motor)
@@ -139,14 +139,11 @@ class YawRate(_OfImu):
     high: float = 100.0
     unit: ClassVar[str] = "deg/s"
     name: ClassVar[str] = "yaw_rate"
+    is_nominal: ClassVar[bool] = True
     imports: ClassVar[Imports] = (("pybricks.parameters", "Axis"),)
     expression: ClassVar[str] = "hub.imu.angular_velocity(Axis.Z)"
     noise: ClassVar[str] = "gyro_noise_deg_s"
     roughness: ClassVar[float] = 4.0
-
-    @property
-    def limits(self) -> tuple[float, float]:
-        return _limits_of_wire(self)
 
 
 @dataclass(frozen=True)
@@ -158,10 +155,7 @@ class Heading(_OfImu):
     unit: ClassVar[str] = "deg"
     name: ClassVar[str] = "heading"
     expression: ClassVar[str] = "hub.imu.heading()"
-
-    @property
-    def limits(self) -> tuple[float, float]:
-        return _limits_of_wire(self)
+    is_nominal: ClassVar[bool] = True
 
 
 @dataclass(frozen=True)
@@ -171,6 +165,7 @@ class _OfDriveBase(Channel):
     low: float
     high: float
     imports: ClassVar[Imports] = (("pybricks.robotics", "DriveBase"),)
+    is_nominal: ClassVar[bool] = True
 
     def check(self, robot: Robot) -> None:
         drive_base(robot, self.name)
@@ -181,10 +176,6 @@ class _OfDriveBase(Channel):
 
     def setup(self, robot: Robot) -> tuple[str, ...]:
         return drive_base_setup(robot, self.name)
-
-    @property
-    def limits(self) -> tuple[float, float]:
-        return _limits_of_wire(self)
 
 
 @dataclass(frozen=True)
@@ -301,10 +292,6 @@ class SensorReading(Channel):
     @property
     def _parts(self) -> str:
         return f"read_{self.sensor}_{self.method}"
-
-
-def _limits_of_wire(channel: Channel) -> tuple[float, float]:
-    return -WIRE_MAX / channel.scale, WIRE_MAX / channel.scale
 
 
 @dataclass(frozen=True)

@@ -61,8 +61,12 @@ class Command(_Number, ABC):
         mover: moving object in the hub program, with the methods ``done()`` and ``stop()``; ``None`` for a light or a sound.
         ends: whether the move ends by itself, so that a step may wait for it.
         call: commands with the same ``call`` are the arguments of one call on the hub; ``None`` for a separate call.
+        description: for the header of the hub program; a format of the command.
+        code: statement that starts the move; a format of the command and the expression of its value. See `start`.
     """
 
+    description: ClassVar[str] = "{0.low:g} to {0.high:g} {0.unit}"
+    code: ClassVar[str]
     ends: ClassVar[bool] = True
     call: ClassVar[str | None] = None
 
@@ -83,18 +87,13 @@ class Command(_Number, ABC):
     def turns_deg(self, robot: Robot, amount: float) -> tuple[float, ...]:
         """Angle that each of its motors turns by; for an endless move, at least in one second."""
 
-    @property
-    @abstractmethod
-    def text(self) -> str:
-        """Description of the command, for the header of the hub program."""
-
     def setup(self, robot: Robot) -> tuple[str, ...]:
         """Statements of the hub program that make the mover, after the motors; equal ones of several commands occur once."""
         return ()
 
-    @abstractmethod
     def start(self, robot: Robot, amount: str) -> str:
         """Statement of the hub program that starts the move, without waiting for its end; ``amount`` is an expression."""
+        return self.code.format(self, amount)
 
     def start_all(self, robot: Robot, amounts: Mapping[str, str]) -> str:
         """Statement that starts all commands of one ``call``; ``amounts`` are expressions by command name."""
@@ -106,11 +105,13 @@ class Channel(_Number, ABC):
     """Number that the hub reports at every step.
 
     Attributes:
+        is_nominal: whether values beyond ``low`` and ``high`` are possible, up to the limits of the wire.
         noise, noise_share: names of the twin's physics parameters for its noise: the standard deviation, and an additional one as
             a share of the value.
         roughness: insignificant difference between a robot and its twin, in the unit, due to rounding and clock ticks.
     """
 
+    is_nominal: ClassVar[bool] = False
     noise: ClassVar[str | None] = None
     noise_share: ClassVar[str | None] = None
     roughness: ClassVar[float] = 1.0
@@ -132,7 +133,7 @@ class Channel(_Number, ABC):
     @property
     def limits(self) -> tuple[float, float] | None:
         """Possible range, if ``low`` and ``high`` are only nominal."""
-        return None
+        return (-WIRE_MAX / self.scale, WIRE_MAX / self.scale) if self.is_nominal else None
 
     @property
     def entry(self) -> Entry:

@@ -96,11 +96,7 @@ def next_seq(seq: int) -> int:
 
 
 def data_frame(seq: int, payload: bytes) -> bytes:
-    """Bytes of a data frame.
-
-    Raises:
-        EncodingError: ``seq`` is not in 1..255.
-    """
+    """Bytes of a data frame. Raises EncodingError if ``seq`` is not in 1..255."""
     if not 1 <= seq <= 255:
         raise EncodingError(f"sequence number {seq} does not fit a data frame; use 1 to 255")
     head = bytes((MAGIC, seq)) + payload
@@ -218,37 +214,24 @@ class WireFormat:
         return -(-self.up_frame_bytes // NOTIFICATION_BYTES)
 
     def encode_actions(self, values: Iterable[float]) -> bytes:
-        """Payload for the actions ``[n_commands]`` in the units of their names; values out of range saturate.
-
-        Raises:
-            EncodingError: the wrong number of values, or one that is not a number.
-        """
+        """Payload for the actions ``[n_commands]`` in the units of their names; values out of range saturate. Raises
+        EncodingError for a wrong number of values, or one that is not a number."""
         return struct.pack(self.action_format, *_to_int16(values, self.command_scales, self.command_names))
 
     def decode_actions(self, payload: bytes) -> tuple[float, ...]:
-        """Actions as the hub decodes them, in the units of their names.
-
-        Raises:
-            HubProtocolError: the payload has another length.
-        """
+        """Actions as the hub decodes them, in the units of their names. Raises HubProtocolError for another length."""
         numbers = _unpack(self.action_format, payload)
         return tuple(number / scale for number, scale in zip(numbers, self.command_scales, strict=True))
 
     def encode_answer(self, time_ms: int, values: Iterable[float]) -> bytes:
-        """Payload of an answer with the channels ``[n_channels]``; the clock wraps at 65536 ms.
-
-        Raises:
-            EncodingError: the wrong number of values, or one that is not a number.
-        """
+        """Payload of an answer with the channels ``[n_channels]``; the clock wraps at 65536 ms. Raises EncodingError if the wrong
+        number of values, or one that is not a number."""
         numbers = _to_int16(values, self.channel_scales, self.channel_names)
         return struct.pack(self.answer_format, time_ms & 0xFFFF, *numbers)
 
     def decode_answer(self, payload: bytes) -> tuple[int, NDArray[np.float32]]:
-        """Hub's clock (0..65535 ms) and the channels ``[n_channels]`` in their units.
-
-        Raises:
-            HubProtocolError: the payload has another length.
-        """
+        """Hub's clock (0..65535 ms) and the channels ``[n_channels]`` in their units. Raises HubProtocolError if the payload has
+        another length."""
         time_ms, *numbers = _unpack(self.answer_format, payload)
         return time_ms, np.array(numbers, np.float32) / self._channel_scale_array
 
@@ -256,8 +239,7 @@ class WireFormat:
 class FrameDecoder:
     """Decoder of frames in a stream of bytes, with any other bytes between them.
 
-    After garbage, it finds the second data frame at the latest, and every intact one before the garbage. It never
-    raises.
+    After garbage, it finds the second data frame at the latest, and every intact one before the garbage. It never raises.
 
     Attributes:
         crc_errors: candidates for a frame with a wrong CRC.

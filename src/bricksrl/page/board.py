@@ -94,11 +94,7 @@ class Board:
 
 
 class Reader:
-    """Reader of a board's changes for one browser.
-
-    Args:
-        board: the board to read.
-    """
+    """Reader of a board's changes for one browser. ``board``: the board to read."""
 
     def __init__(self, board: Board) -> None:
         self._board = board

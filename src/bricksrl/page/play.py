@@ -37,16 +37,14 @@ def play_on_page(
     episodes: int | None = None,
     stop: threading.Event | None = None,
 ) -> list[float]:
-    """Play a number of episodes, or endlessly; returns the returns of the whole ones.
+    """Play a number of episodes, or endlessly; returns the returns of the whole ones. Raises StoppedError if the robot was
+    stopped, and ``stop`` is set.
 
     An emergency stop or an unreachable robot ends the episode; the next one begins after a reset on the page.
 
     Args:
         players: players by name; each is made when it is first selected.
         stop: set if a stop is to end the playing, as by a key in the terminal.
-
-    Raises:
-        StoppedError: the robot was stopped, and ``stop`` is set.
     """
     stop = stop or threading.Event()
     made: dict[str, Player] = {}

@@ -33,14 +33,12 @@ _ROUND = 24
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
-    """Triangle mesh with a normal at each point.
+    """Triangle mesh with a normal at each point. Raises PageError if the arrays' shapes do not match, or a face index is out of
+    range.
 
     Attributes:
         points, normals: float32 ``[n, 3]``.
         faces: int ``[m, 3]``, counter-clockwise from outside.
-
-    Raises:
-        PageError: at construction, when the arrays' shapes do not match, or a face index is out of range.
     """
 
     points: Floats

@@ -72,11 +72,8 @@ class Page:
 
 
 def write_booklet(plan: Plan, path: Path) -> int:
-    """Write the booklet. Returns the number of pages.
-
-    Raises:
-        PlanError: the suffix is not ``.pdf`` or ``.html``, or the plan has no parts.
-    """
+    """Write the booklet. Returns the number of pages. Raises PlanError if the suffix is not ``.pdf`` or ``.html``, or the plan
+    has no parts."""
     if path.suffix.lower() not in FORMATS:
         raise PlanError(f"{path}: a booklet is a .pdf or .html file; name one of these")
     if not plan.parts:

@@ -67,12 +67,7 @@ def step_troubles(plan: Plan, found: Sequence[Connection], room: Occupancy) -> l
 
 
 def _unconnected(
-    plan: Plan,
-    step: Step,
-    items: Sequence[tuple[int, ...]],
-    before: set[int],
-    now: set[int],
-    beside: dict[int, set[int]],
+    plan: Plan, step: Step, items: Sequence[tuple[int, ...]], before: set[int], now: set[int], beside: dict[int, set[int]]
 ) -> list[StepTrouble]:
     """Parts that are not connected to the rest after the step."""
     start = (

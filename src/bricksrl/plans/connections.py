@@ -256,14 +256,7 @@ def _rack(first: Placed, rack: Gear, second: Placed, gear: Gear) -> Mesh | None:
 
 
 def _make_mesh(
-    first: Placed,
-    gear: Gear,
-    second: Placed,
-    other: Gear,
-    error: float,
-    engaged: float,
-    point: Floats,
-    tangent: Floats,
+    first: Placed, gear: Gear, second: Placed, other: Gear, error: float, engaged: float, point: Floats, tangent: Floats
 ) -> Mesh:
     """A mesh: at ``point`` both have the same velocity along ``tangent``."""
     row = np.concatenate([tangent, np.cross(point, tangent)])

@@ -98,11 +98,7 @@ class Document:
 
 
 def read_text(path: Path) -> str:
-    """Text of an LDraw file, also from inside Studio's zip.
-
-    Raises:
-        PlanError: the file is missing, too large or encrypted.
-    """
+    """Text of an LDraw file, also from inside Studio's zip. Raises PlanError if the file is missing, too large or encrypted."""
     try:
         with path.open("rb") as file:
             data = file.read(MAX_BYTES + 1)
@@ -145,11 +141,7 @@ def _unzipped(path: Path, data: bytes) -> bytes:
 
 
 def parse(text: str, path: str) -> Document:
-    """Parse a document.
-
-    Raises:
-        PlanError: a line is invalid; the message has its number.
-    """
+    """Parse a document. Raises PlanError if a line is invalid; the message has its number."""
     lines = text.splitlines()
     if len(lines) > MAX_LINES:
         raise PlanError(f"{path} has {len(lines)} lines, more than {MAX_LINES}; split the plan")

@@ -136,14 +136,13 @@ class Part:
     """A kind of part.
 
     Attributes:
-        number: of the LDraw file, without ``.dat``.
+        number: of the LDraw file, without ``.dat``, and in shops.
         aliases: other LDraw numbers of the same shape.
         family: beams, pins and so on.
         sites: connection sites.
         solids: occupied space, holes not subtracted.
         turning: solids of a motor's rotor.
         mass_g: grams.
-        bricklink, rebrickable: numbers in shops.
         length: of an axle, in modules; else 0.
         wheel_mm: rolling diameter of a wheel, else 0.
         is_loose: whether its connection is not modelled (a tyre on its rim, a ball in its cup).
@@ -156,8 +155,6 @@ class Part:
     solids: tuple[Solid, ...]
     mass_g: float
     mass_source: MassSource
-    bricklink: str
-    rebrickable: str
     aliases: tuple[str, ...] = ()
     turning: tuple[Solid, ...] = ()
     gears: tuple[Gear, ...] = ()

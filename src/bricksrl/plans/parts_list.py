@@ -42,7 +42,7 @@ def as_text(entries: list[Entry], kind: str) -> str:
     if kind == "bricklink":
         return _bricklink(entries)
     if kind == "rebrickable":
-        return _table(["Part", "Color", "Quantity"], [[one.part.rebrickable, one.colour.code, one.count] for one in entries])
+        return _table(["Part", "Color", "Quantity"], [[one.part.number, one.colour.code, one.count] for one in entries])
     heads = ["number", "name", "colour", "count", "mass_g", "mass_source", "bricklink", "rebrickable"]
     rows = [
         [
@@ -52,8 +52,8 @@ def as_text(entries: list[Entry], kind: str) -> str:
             one.count,
             round(one.mass_g, 3),
             one.part.mass_source.value,
-            one.part.bricklink,
-            one.part.rebrickable,
+            one.part.number,
+            one.part.number,
         ]
         for one in entries
     ]
@@ -73,6 +73,6 @@ def _bricklink(entries: list[Entry]) -> str:
     lines = ["<INVENTORY>"]
     for one in entries:
         colour = f"<COLOR>{one.colour.bricklink}</COLOR>" if one.colour.bricklink else ""
-        item = f"<ITEMTYPE>P</ITEMTYPE><ITEMID>{escape(one.part.bricklink)}</ITEMID>{colour}<MINQTY>{one.count}</MINQTY>"
+        item = f"<ITEMTYPE>P</ITEMTYPE><ITEMID>{escape(one.part.number)}</ITEMID>{colour}<MINQTY>{one.count}</MINQTY>"
         lines.append(f"  <ITEM>{item}</ITEM>")
     return "\n".join([*lines, "</INVENTORY>"]) + "\n"

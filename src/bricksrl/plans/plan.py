@@ -117,20 +117,12 @@ class Plan:
 
 
 def read_plan(path: Path) -> Plan:
-    """Read a plan from an LDraw file.
-
-    Raises:
-        PlanError: the file is unreadable, invalid or too large.
-    """
+    """Read a plan from an LDraw file. Raises PlanError if the file is unreadable, invalid or too large."""
     return make_plan(ldraw_file.parse(ldraw_file.read_text(path), str(path)))
 
 
 def make_plan(document: Document) -> Plan:
-    """The plan of a document.
-
-    Raises:
-        PlanError: a model contains itself, or there are too many parts.
-    """
+    """The plan of a document. Raises PlanError if a model contains itself, or there are too many parts."""
     builder = _Builder(document)
     builder.build(document.main, _MAIN_COLOUR, np.eye(3), np.zeros(3), ())
     unknown = tuple(Unknown(number, tuple(lines)) for number, lines in sorted(builder.unknown.items()))
@@ -190,13 +182,7 @@ class _Builder:
         return self.build(model, own, matrix @ reference.matrix, place, (*assembly, f"{model.name}:{reference.line}"))
 
     def _place(
-        self,
-        reference: Reference,
-        colour: int,
-        matrix: Floats,
-        offset: Floats,
-        step: int,
-        assembly: tuple[str, ...],
+        self, reference: Reference, colour: int, matrix: Floats, offset: Floats, step: int, assembly: tuple[str, ...]
     ) -> Placed | None:
         if self._assembly(reference) is not None:
             return None

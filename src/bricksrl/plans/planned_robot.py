@@ -61,11 +61,7 @@ class PlannedRobot:
 
 
 def planned_robot(path: Path) -> PlannedRobot:
-    """The robot of a plan file.
-
-    Raises:
-        PlanError: the file is no plan, a motor has no port, or something has no twin.
-    """
+    """The robot of a plan file. Raises PlanError if the file is no plan, a motor has no port, or something has no twin."""
     try:
         state = path.stat()
     except OSError as error:
@@ -79,11 +75,7 @@ def _planned(path: Path, _changed_ns: int, _size: int, _name: str) -> PlannedRob
 
 
 def planned(plan: Plan) -> PlannedRobot:
-    """The robot of a plan.
-
-    Raises:
-        PlanError: a motor has no port, two devices share one, or something has no twin.
-    """
+    """The robot of a plan. Raises PlanError if a motor has no port, two devices share one, or something has no twin."""
     if not plan.parts:
         raise PlanError(f"{plan.path} has no part that the catalogue knows; run `bricksrl plan check` on it")
     ports: set[str] = set()

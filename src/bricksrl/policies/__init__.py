@@ -42,11 +42,7 @@ def load_policy(path: Path | str, env: EnvBase | None = None, *, which: Which = 
 
 
 def config_of(path: Path) -> TrainConfig:
-    """Config of a run, or of a shared policy.
-
-    Raises:
-        RunError, CheckpointError: the folder has neither, or it is damaged.
-    """
+    """Config of a run, or of a shared policy. Raises RunError or CheckpointError if the folder has neither, or it is damaged."""
     from bricksrl.policies.sharing import is_policy, read_policy
     from bricksrl.training.run_folder import RunFolder
 

@@ -79,11 +79,7 @@ def export_model(path: Path | str, out: Path, format_: Format = "torch-export", 
 
 
 def _best(policy: Policy, acting: BestAction, inputs: tuple[Tensor, ...]) -> Tensor:
-    """The policy's actions, computed twice in different order.
-
-    Raises:
-        RunError: the results differ.
-    """
+    """The policy's actions, computed twice in different order. Raises RunError if the results differ."""
     first: Tensor = acting(*inputs)
     policy.reset()
     flipped = acting(*(one.flip(0) for one in inputs)).flip(0)
@@ -112,11 +108,7 @@ def _observations(path: Path | str) -> tuple[Tensor, ...]:
 
 
 def _program(acting: BestAction, inputs: tuple[Tensor, ...], format_: Format) -> bytes:
-    """Content of the file, for any batch size.
-
-    Raises:
-        RunError: torch cannot export the policy.
-    """
+    """Content of the file, for any batch size. Raises RunError if torch cannot export the policy."""
     any_batch = tuple({0: torch.export.Dim.DYNAMIC} for _ in inputs)
     buffer, quiet = io.BytesIO(), logging.getLogger("torch.onnx")
     level = quiet.level

@@ -22,12 +22,10 @@ class Player:
 
 
 def named_policies(run_dir: Path, env: EnvBase) -> dict[str, Callable[[], Player]]:
-    """Factories of the policies of a run, or of a shared one, by name; the last name is the last checkpoint.
+    """Factories of the policies of a run, or of a shared one, by name; the last name is the last checkpoint. Raises RunError or
+    CheckpointError if there is no run in the folder, or, when called, the policy does not match ``env``.
 
     ``best`` exists only if the run was evaluated during training.
-
-    Raises:
-        RunError, CheckpointError: there is no run in the folder, or, when called, the policy does not match ``env``.
     """
     from bricksrl.policies import load_policy
     from bricksrl.policies.sharing import is_policy

@@ -36,10 +36,7 @@ class Policy(TensorDictModuleBase):  # type: ignore[misc]
 
     def act(self, observation: Any, image: Any = None) -> Any:
         """Action ``[*batch, m]``, in -1..1, for an observation ``[*batch, n]``: an array for an array, a tensor for a tensor.
-
-        Args:
-            image: uint8 ``[*batch, side, side, 3]``, for a policy that uses images.
-        """
+        ``image``: uint8 ``[*batch, side, side, 3]``, for a policy that uses images."""
         given = torch.as_tensor(observation, dtype=torch.float32)
         seen = {"observation": given} if image is None else {"observation": given, "image": torch.as_tensor(image)}
         action: Tensor = self(TensorDict(seen, given.shape[:-1]))["action"]

@@ -31,12 +31,8 @@ def is_policy(path: Path) -> bool:
 
 
 def export_policy(run_dir: Path, out: Path, *, licence: str = "mit") -> Path:
-    """Write the policy of a run to the folder ``out``, atomically: `TENSORS`, `ABOUT` and a card.
-
-    Raises:
-        RunError: ``out`` exists or cannot be written, or there is no run.
-        CheckpointError: the run's checkpoint is damaged.
-    """
+    """Write the policy of a run to the folder ``out``, atomically: `TENSORS`, `ABOUT` and a card. Raises RunError if ``out``
+    exists or cannot be written, or there is no run, CheckpointError if the run's checkpoint is damaged."""
     from safetensors.torch import save
 
     from bricksrl.training.restore import load_learner, one_robot
@@ -87,11 +83,8 @@ class SharedPolicy:
 
 
 def read_policy(path: Path) -> SharedPolicy:
-    """Read the policy in a folder. Nothing in it is executed.
-
-    Raises:
-        CheckpointError, RunError: there is no policy, it is damaged, or its config names untrusted code.
-    """
+    """Read the policy in a folder. Nothing in it is executed. Raises CheckpointError or RunError if there is no policy, it is
+    damaged, or its config names untrusted code."""
     from safetensors import SafetensorError
     from safetensors.torch import load
 
@@ -117,11 +110,8 @@ def read_policy(path: Path) -> SharedPolicy:
 
 
 def load_shared(path: Path, env: EnvBase) -> Learner:
-    """A learner with a shared policy, to act in ``env``; its other training state is not restored.
-
-    Raises:
-        CheckpointError: there is no policy, it is damaged, or ``env`` has other observations or actions.
-    """
+    """A learner with a shared policy, to act in ``env``; its other training state is not restored. Raises CheckpointError if
+    there is no policy, it is damaged, or ``env`` has other observations or actions."""
     from bricksrl.training.restore import make_learner_for
 
     shared = read_policy(path)
@@ -134,12 +124,8 @@ def load_shared(path: Path, env: EnvBase) -> Learner:
 
 
 def push_policy(run_dir: Path, repo: str, *, private: bool = False) -> str:
-    """Upload the policy of a run, or a shared one, to the hub; returns its address.
-
-    Raises:
-        RunError, CheckpointError: as in `export_policy`.
-        DataError: the hub is out of reach or refuses.
-    """
+    """Upload the policy of a run, or a shared one, to the hub; returns its address. Raises RunError or CheckpointError as in
+    `export_policy`, DataError if the hub is out of reach or refuses."""
     with tempfile.TemporaryDirectory() as temporary:
         folder = run_dir if is_policy(run_dir) else export_policy(run_dir, Path(temporary) / "policy")
         with reaching(repo) as api:

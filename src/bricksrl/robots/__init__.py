@@ -28,11 +28,7 @@ ROBOTS = {robot.name: robot for robot in (TWO_WHEELER, SCOUT, WALKER, ROBO_ARM, 
 
 
 def get(name: str) -> Robot:
-    """The robot of that name.
-
-    Raises:
-        UnknownNameError: there is no such robot.
-    """
+    """The robot of that name. Raises UnknownNameError if there is no such robot."""
     try:
         return ROBOTS[name]
     except KeyError:

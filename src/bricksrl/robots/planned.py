@@ -12,16 +12,7 @@ from bricksrl.plans.finding import Finding
 from bricksrl.plans.part import DeviceKind
 from bricksrl.plans.plan import Placed, Plan
 from bricksrl.plans.planned_robot import PlannedRobot, planned, planned_robot
-from bricksrl.robots.spec import (
-    Direction,
-    DriveBase,
-    Motor,
-    MotorKind,
-    PoweredUpSensor,
-    Sensor,
-    SensorKind,
-    UltrasonicSensor,
-)
+from bricksrl.robots.spec import Direction, DriveBase, Motor, MotorKind, PoweredUpSensor, Sensor, SensorKind, UltrasonicSensor
 
 if TYPE_CHECKING:
     from bricksrl.robots.spec import Robot
@@ -31,12 +22,8 @@ _RATIO = 0.01
 
 
 def completed(robot: Robot) -> tuple[tuple[Motor, ...], tuple[Sensor, ...], DriveBase | None]:
-    """Motors, sensors and drive base of a description, completed from its plan.
-
-    Raises:
-        DescriptionError: the plan contradicts the description.
-        PlanError: the plan cannot be read.
-    """
+    """Motors, sensors and drive base of a description, completed from its plan. Raises DescriptionError if the plan contradicts
+    the description, PlanError if the plan cannot be read."""
     made = planned_robot(Path(robot.plan or ""))
     _refuse_strangers(robot, made)
     motors = _motors(robot, made)
@@ -196,12 +183,8 @@ def check_named(plan: Plan) -> list[Finding]:
 
 
 def check_description(robot: Robot, path: Path) -> None:
-    """Check that a plan agrees with a description.
-
-    Raises:
-        DescriptionError: the plan contradicts the description.
-        PlanError: the plan cannot be read.
-    """
+    """Check that a plan agrees with a description. Raises DescriptionError if the plan contradicts the description, PlanError if
+    the plan cannot be read."""
     found = disagreements(robot.name, robot.hub.value, (*robot.motors, *robot.sensors), robot.drive_base, planned_robot(path))
     if found:
         where = f", line {found[0].line}" if found[0].line else ""

@@ -137,14 +137,12 @@ LOOKS: dict[str, tuple[float, float, float]] = {
 
 @dataclass(frozen=True)
 class Mount:
-    """Mount of a sensor on a driving robot, for its virtual body; a real robot ignores it.
+    """Mount of a sensor on a driving robot, for its virtual body; a real robot ignores it. Raises DescriptionError if position or
+    direction is invalid.
 
     Attributes:
         at_mm: position of its eye, or its button: ahead of the middle of the axle, to the left of it, and above the floor.
         looks: viewing direction, one of ``LOOKS``.
-
-    Raises:
-        DescriptionError: at construction, when position or direction is invalid.
     """
 
     at_mm: tuple[float, float, float]
@@ -243,14 +241,12 @@ class DriveBase:
 @dataclass(frozen=True)
 class Chassis:
     """Chassis of a driving robot, for its virtual body; positions in mm ahead of the middle of the axle, and to the left of it.
+    Raises DescriptionError if a value is invalid.
 
     Attributes:
         hub_mm: middle of the hub; ``None`` for slightly behind the axle.
         caster_mm: position of the ball caster.
         ballast_g: mass in addition to hub, motors, sensors, wheels and a light frame.
-
-    Raises:
-        DescriptionError: at construction, when a value is invalid.
     """
 
     hub_mm: tuple[float, float] | None = None
@@ -268,7 +264,7 @@ class Chassis:
 
 @dataclass(frozen=True)
 class Robot:
-    """Description of a robot: one hub with its devices.
+    """Description of a robot: one hub with its devices. Raises DescriptionError if the description is invalid.
 
     Attributes:
         model: MuJoCo model of a virtual robot: ``"package.module:function"``, which is called with the robot and its scene and
@@ -277,9 +273,6 @@ class Robot:
         plan: path of the building plan, an LDraw file. It completes this description: missing motors and sensors, ports that are
             "", gears, wheel diameter and axle track; and it is the model if there is none.
         chassis: chassis of the generated body of a drive base without model and plan.
-
-    Raises:
-        DescriptionError: at construction, when the description is invalid.
     """
 
     name: str
@@ -327,19 +320,11 @@ class Robot:
                 raise DescriptionError(f"robot '{self.name}': both motors of a drive base need the same gears")
 
     def motor(self, name: str) -> Motor:
-        """The motor of that name.
-
-        Raises:
-            DescriptionError: the robot has no such motor.
-        """
+        """The motor of that name. Raises DescriptionError if the robot has no such motor."""
         return _by_name(self, "motor", self.motors, name)
 
     def sensor(self, name: str) -> Sensor:
-        """The sensor of that name.
-
-        Raises:
-            DescriptionError: the robot has no such sensor.
-        """
+        """The sensor of that name. Raises DescriptionError if the robot has no such sensor."""
         return _by_name(self, "sensor", self.sensors, name)
 
 

@@ -38,15 +38,13 @@ class Pad(Protocol):
 
 
 class GamepadDriver:
-    """Driver by gamepad: each axis drives one command, in order; the first button toggles between human and policy.
+    """Driver by gamepad: each axis drives one command, in order; the first button toggles between human and policy. Raises
+    DataError if there is no gamepad.
 
     Args:
         commands: commands of the robot.
         in_charge: drive from the start.
         pad: the gamepad; by default the first one found.
-
-    Raises:
-        DataError: there is no gamepad.
     """
 
     def __init__(self, commands: Sequence[Entry], *, in_charge: bool = True, pad: Pad | None = None) -> None:
@@ -55,11 +53,7 @@ class GamepadDriver:
         self._pad = find_pad() if pad is None else pad
 
     def __call__(self, observation: Tensor) -> Tensor | None:
-        """Action ``[m]``; ``None`` while the policy is in charge.
-
-        Raises:
-            DataError: the gamepad was disconnected.
-        """
+        """Action ``[m]``; ``None`` while the policy is in charge. Raises DataError if the gamepad was disconnected."""
         if self._pad.presses() % 2:
             self.in_charge = not self.in_charge
         if not self.in_charge:
@@ -77,11 +71,7 @@ class GamepadDriver:
 
 
 def find_pad() -> Pad:
-    """The first gamepad of this computer.
-
-    Raises:
-        DataError: there is no gamepad, or pygame is not installed.
-    """
+    """The first gamepad of this computer. Raises DataError if there is no gamepad, or pygame is not installed."""
     devices = sorted(Path("/dev/input").glob("js*")) if Path("/dev/input").is_dir() else []
     return LinuxPad(devices[0]) if devices else PygamePad()
 

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 class KeyboardDriver:
     """Driver by keyboard: each command has a key to raise and one to lower it; a step applies the keys since the last step.
+    Raises DataError if the robot has more commands than there are keys, or there is no terminal.
 
     A terminal reports key presses but no releases; a held key repeats. Use it as a context manager: inside, keys are read one
     by one and are not echoed.
@@ -30,9 +31,6 @@ class KeyboardDriver:
         commands: commands of the robot.
         in_charge: drive from the start; the space bar toggles between human and policy.
         source: source of the keys; by default the terminal.
-
-    Raises:
-        DataError: the robot has more commands than there are keys, or there is no terminal.
     """
 
     def __init__(self, commands: Sequence[Entry], *, in_charge: bool = True, source: Input | None = None) -> None:

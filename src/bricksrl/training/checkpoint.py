@@ -31,11 +31,7 @@ def save_checkpoint(path: Path, state: dict[str, Any]) -> None:
 
 
 def load_checkpoint(path: Path) -> dict[str, Any]:
-    """Load a checkpoint.
-
-    Raises:
-        CheckpointError: the file is missing, damaged, or no checkpoint.
-    """
+    """Load a checkpoint. Raises CheckpointError if the file is missing, damaged, or no checkpoint."""
     try:
         data = path.read_bytes()
     except OSError as error:

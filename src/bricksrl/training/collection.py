@@ -30,11 +30,8 @@ def make_copies(env_id: str, options: EnvOptions, copies: int, *, seed: int | No
 
 
 def collect_round(env: EnvBase, policy: Any, steps: int, steps_per_batch: int) -> Iterator[TensorDictBase]:
-    """Frames ``[copies, steps_per_batch]``, at least ``steps`` per copy from a reset on; ended copies restart.
-
-    Args:
-        policy: a TensorDict module on the environment's device; it explores.
-    """
+    """Frames ``[copies, steps_per_batch]``, at least ``steps`` per copy from a reset on; ended copies restart. ``policy``: a
+    TensorDict module on the environment's device; it explores."""
     with warnings.catch_warnings(action="ignore", category=DeprecationWarning):  # raised by TorchRL's own import
         from torchrl.collectors import Collector
 

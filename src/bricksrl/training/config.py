@@ -113,11 +113,7 @@ class TrainConfig(EnvOptions):
 
     @classmethod
     def from_dict(cls, data: dict[str, Any], run_dir: Path | None = None) -> TrainConfig:
-        """Inverse of `to_dict`.
-
-        Raises:
-            RunError: a name or type is invalid.
-        """
+        """Inverse of `to_dict`. Raises RunError if a name or type is invalid."""
         given = data.get("settings")
         if not isinstance(given, dict | None):
             raise RunError("'settings' in the config is not a table; restore the file")
@@ -132,11 +128,7 @@ class TrainConfig(EnvOptions):
 
 
 def settings_from(agent: str, given: dict[str, Any]) -> Any:
-    """Settings of an agent from plain values.
-
-    Raises:
-        BricksError, TypeError: the agent or its settings are invalid.
-    """
+    """Settings of an agent from plain values. Raises BricksError or TypeError if the agent or its settings are invalid."""
     kind = algorithm(agent).settings
     values = {key: tuple(value) if isinstance(value, list) else value for key, value in given.items()}
     check_fields(kind, values)
@@ -144,11 +136,8 @@ def settings_from(agent: str, given: dict[str, Any]) -> Any:
 
 
 def settings_for(env: str, name: str, agent: str) -> Any:
-    """Settings of a preset for an agent in an environment, with those for images if it has a camera.
-
-    Raises:
-        UnknownNameError: there is no such agent or preset.
-    """
+    """Settings of a preset for an agent in an environment, with those for images if it has a camera. Raises UnknownNameError if
+    there is no such agent or preset."""
     from bricksrl.envs.registry import get_task
 
     try:

@@ -22,11 +22,7 @@ PROJECT = "bricksrl"
 
 
 class Tracking(Callback):
-    """Logs each episode at its number of robot steps.
-
-    Raises:
-        RunError: the tracker's package is not installed.
-    """
+    """Logs each episode at its number of robot steps. Raises RunError if the tracker's package is not installed."""
 
     def __init__(self, log: str) -> None:
         if log not in LOGS:

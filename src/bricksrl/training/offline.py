@@ -19,11 +19,8 @@ if TYPE_CHECKING:
 
 
 def read_for(path: str, env: EnvBase, *, images: bool = False) -> Episodes:
-    """The dataset in a folder, or of a run, for an agent in ``env``.
-
-    Raises:
-        DataError: it is missing, empty or damaged, or its entries are not those of ``env``.
-    """
+    """The dataset in a folder, or of a run, for an agent in ``env``. Raises DataError if it is missing, empty or damaged, or its
+    entries are not those of ``env``."""
     from bricksrl.data import describe, load
 
     data = load(path, images=images)
@@ -38,12 +35,8 @@ def read_for(path: str, env: EnvBase, *, images: bool = False) -> Episodes:
 
 
 def attach_dataset(config: TrainConfig, learner: Learner, env: EnvBase) -> None:
-    """Give a learner the config's dataset; also needed when a run resumes.
-
-    Raises:
-        DataError: the dataset cannot be used.
-        RunError: the agent cannot use a dataset, or needs one.
-    """
+    """Give a learner the config's dataset; also needed when a run resumes. Raises DataError if the dataset cannot be used,
+    RunError if the agent cannot use a dataset, or needs one."""
     from bricksrl.agents.imitation.chunks import recorded_memory
     from bricksrl.agents.replay import TransitionReplayBuffer, make_replay_buffer
 

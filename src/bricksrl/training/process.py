@@ -35,11 +35,7 @@ class Channel:
         self._thread.start()
 
     def send(self, kind: str, content: Any = None) -> None:
-        """Send a message.
-
-        Raises:
-            OSError: the other side is gone.
-        """
+        """Send a message. Raises OSError if the other side is gone."""
         data = io.BytesIO()
         _Pickler(data, pickle.HIGHEST_PROTOCOL).dump((kind, content))
         self._outgoing.write(_LENGTH.pack(data.tell()))
@@ -71,11 +67,8 @@ class _Pickler(pickle.Pickler):
 
 
 class ChildProcess:
-    """A process that runs a module, in its own session: Ctrl-C in the terminal does not reach it.
-
-    Raises:
-        OSError: it cannot be started.
-    """
+    """A process that runs a module, in its own session: Ctrl-C in the terminal does not reach it. Raises OSError if it cannot be
+    started."""
 
     def __init__(self, module: str, deliver: Deliver) -> None:
         flags = getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0)

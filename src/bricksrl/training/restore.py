@@ -31,12 +31,8 @@ class Trained:
 
 
 def load_learner(run_dir: Path | str, env: EnvBase, *, which: Which = "last") -> Trained:
-    """The learner of a run, on the CPU, for ``env``.
-
-    Raises:
-        RunError: there is no run in the folder.
-        CheckpointError: it is damaged, or the observation or action of ``env`` differs.
-    """
+    """The learner of a run, on the CPU, for ``env``. Raises RunError if there is no run in the folder, CheckpointError if it is
+    damaged, or the observation or action of ``env`` differs."""
     folder = RunFolder(Path(run_dir))
     config = folder.read_config()
     learner = make_learner_for(config, env, device="cpu")
@@ -52,11 +48,7 @@ def one_robot(config: TrainConfig) -> TrainConfig:
 
 
 def resolve_device(name: str) -> str:
-    """A device by name; "auto" is the best one here.
-
-    Raises:
-        RunError: there is no such device.
-    """
+    """A device by name; "auto" is the best one here. Raises RunError if there is no such device."""
     import torch
 
     if name == "auto":
@@ -69,11 +61,7 @@ def resolve_device(name: str) -> str:
 
 
 def make_learner_for(config: TrainConfig, env: EnvBase, device: str | None = None) -> Learner:
-    """A new learner from a config, for ``env``.
-
-    Raises:
-        RunError: out of memory, no such device, or no compiler.
-    """
+    """A new learner from a config, for ``env``. Raises RunError without enough memory, device or compiler."""
     device = resolve_device(config.device) if device is None else device
     try:
         learner = make_learner(config.agent, env, config.settings, device)
@@ -99,11 +87,7 @@ def identity_of(config: TrainConfig, env: EnvBase) -> dict[str, Any]:
 
 
 def load_state(folder: RunFolder, config: TrainConfig, env: EnvBase, *, which: Which = "last") -> dict[str, Any]:
-    """A verified checkpoint of a run.
-
-    Raises:
-        CheckpointError: it is damaged, missing, or of another run or environment.
-    """
+    """A verified checkpoint of a run. Raises CheckpointError if it is damaged, missing, or of another run or environment."""
     from bricksrl.training.checkpoint import load_checkpoint
 
     if which == "best" and not folder.best_path.exists():

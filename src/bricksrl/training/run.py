@@ -176,12 +176,8 @@ def _learning(
 
 
 def make_env(config: TrainConfig, place: Placement | None = None) -> EnvBase:
-    """The environment of a config; ``place`` places a real robot at the start position.
-
-    Raises:
-        UnknownNameError: there is no such environment or hub.
-        RunError: it does not support copies.
-    """
+    """The environment of a config; ``place`` places a real robot at the start position. Raises UnknownNameError if there is no
+    such environment or hub, RunError if it does not support copies."""
     if len(config.hubs) > 1:
         from bricksrl.training.fleet.robots import Fleet
 

@@ -34,13 +34,11 @@ class RunFolder:
 
     @classmethod
     def create(cls, config: TrainConfig, state: dict[str, Any], losses: tuple[str, ...]) -> RunFolder:
-        """Create a folder with config and first checkpoint, atomically.
+        """Create a folder with config and first checkpoint, atomically. Raises RunError if the folder exists, or cannot be
+        created.
 
         Args:
             losses: names of the learning metrics.
-
-        Raises:
-            RunError: the folder exists, or cannot be created.
         """
         from bricksrl.training.checkpoint import save_checkpoint
 
@@ -79,11 +77,7 @@ class RunFolder:
         write_durably(self.config_path, text)
 
     def read_config(self) -> TrainConfig:
-        """Read the config.
-
-        Raises:
-            RunError: there is no run, its config is invalid, or it names code from another computer.
-        """
+        """Read the config. Raises RunError if there is no run, its config is invalid, or it names code from another computer."""
         try:
             text = self.config_path.read_bytes()
             data = json.loads(text)
@@ -104,11 +98,7 @@ class RunFolder:
             file.write(_csv([_row(episode, _losses(columns))]))
 
     def read_episodes(self) -> tuple[Episode, ...]:
-        """Read the metrics.
-
-        Raises:
-            RunError: they are missing or invalid.
-        """
+        """Read the metrics. Raises RunError if they are missing or invalid."""
         try:
             with self.metrics_path.open(newline="") as file:
                 return tuple(_episode(row) for row in csv.DictReader(file))

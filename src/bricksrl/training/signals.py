@@ -54,11 +54,7 @@ class StopSignals:
             self._held_back = False
 
     def wait(self, duration_s: float) -> None:
-        """Wait, at most until the run is to end.
-
-        Raises:
-            KeyboardInterrupt: the run is to end.
-        """
+        """Wait, at most until the run is to end. Raises KeyboardInterrupt if the run is to end."""
         with self.at_once():
             if self._stop.wait(duration_s):
                 raise KeyboardInterrupt

@@ -72,14 +72,11 @@ class Load:
 
 @dataclass(frozen=True)
 class Arena:
-    """Robots, start places and scene.
+    """Robots, start places and scene. Raises TwinError if names are not unique or there are too many motors.
 
     Attributes:
         half_size_m: half size of the floor within the walls, along x and y; ``None`` for an open floor.
         gap_m: least distance between any two robots at the start.
-
-    Raises:
-        TwinError: at construction, when names are not unique or there are too many motors.
     """
 
     robots: tuple[Contestant, ...]

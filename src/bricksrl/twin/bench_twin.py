@@ -14,7 +14,8 @@ if TYPE_CHECKING:
 
 
 class BenchTwin(BenchBody):
-    """Bench body with the physics of a twin: battery, motor friction, link.
+    """Bench body with the physics of a twin: battery, motor friction, link. Raises TwinError if the scene lacks the readings of a
+    sensor, or names one that the robot does not have.
 
     Args:
         scene: scene with ``readings`` and ``end_stops``.
@@ -23,9 +24,6 @@ class BenchTwin(BenchBody):
 
     Attributes:
         physics: the present parameters.
-
-    Raises:
-        TwinError: the scene lacks the readings of a sensor, or names one that the robot does not have.
     """
 
     def __init__(self, robot: Robot, scene: Scene, physics: Physics | RandomPhysics | None) -> None:

@@ -91,11 +91,8 @@ class Library:
         return self._colours.get(code, (0.5, 0.5, 0.5, 1.0))
 
     def part(self, name: str) -> Triangles:
-        """Triangles of a part, such as ``"37316.dat"``, in LDraw units: 0.4 mm, y downwards.
-
-        Raises:
-            TwinError: the library does not have the part, or it is empty or too large.
-        """
+        """Triangles of a part, such as ``"37316.dat"``, in LDraw units: 0.4 mm, y downwards. Raises TwinError if the library does
+        not have the part, or it is empty or too large."""
         if self._path(name) is None:
             raise TwinError(f"the LDraw library in {self._root} has no part '{name}'; install a newer one")
         harvest = _Harvest(self._file)

@@ -17,7 +17,8 @@ _log = logging.getLogger(__name__)
 
 
 def make_body(robot: Robot, *, scene: Scene | None = None, physics: Physics | RandomPhysics | None = None, seed: int = 0) -> Body:
-    """Build the body of a virtual robot.
+    """Build the body of a virtual robot. Raises TwinError if the robot cannot be placed in this scene, or a sensor has no
+    readings.
 
     Args:
         robot: any robot. Without a MuJoCo model, its body is generated from its drive base, or is a bench, where its motors turn
@@ -25,9 +26,6 @@ def make_body(robot: Robot, *, scene: Scene | None = None, physics: Physics | Ra
         scene: surroundings of the robot; ``None`` for an open floor.
         physics: parameters, or a sampler of them for each episode; ``None`` for the defaults.
         seed: seed of the sensors' noise and of the first start.
-
-    Raises:
-        TwinError: the robot cannot be placed in this scene, or a sensor has no readings.
     """
     scene = scene or OPEN_FLOOR
     has_stimuli = bool(scene.readings or scene.end_stops)

@@ -34,14 +34,11 @@ class RobotPart:
 def set_physics(
     model: mujoco.MjModel, nominal: mujoco.MjModel, physics: Physics, robots: Sequence[RobotPart], bodies: Sequence[int]
 ) -> None:
-    """Set a model's parameters.
+    """Set a model's parameters. Raises TwinError if there is a side load, and a robot without a chassis that moves.
 
     Args:
         nominal: the same model as compiled.
         bodies: bodies whose masses are scaled.
-
-    Raises:
-        TwinError: there is a side load, and a robot without a chassis that moves.
     """
     model.opt.gravity[:] = nominal.opt.gravity[2] * up(physics)
     model.geom_friction[:] = nominal.geom_friction * physics.friction_scale

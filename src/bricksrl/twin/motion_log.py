@@ -17,17 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bricksrl.errors import TwinError
-from bricksrl.hub.interface import (
-    Distance,
-    Interface,
-    MotorAngle,
-    Pitch,
-    Roll,
-    RunAngle,
-    UntilDone,
-    Wait,
-    YawRate,
-)
+from bricksrl.hub.interface import Distance, Interface, MotorAngle, Pitch, Roll, RunAngle, UntilDone, Wait, YawRate
 from bricksrl.hub.kinds import Channel, Command
 from bricksrl.hub.link.lockstep import HubLink
 from bricksrl.robots import Robot, UltrasonicSensor
@@ -62,13 +52,10 @@ class RunLog:
 
 
 def record(link: HubLink, robot: Robot, interface: Interface, commands: Iterable[Sequence[float]]) -> RunLog:
-    """Record a robot that carries out commands one by one.
+    """Record a robot that carries out commands one by one. Raises HubError if the link failed.
 
     Args:
         link: open link to its hub.
-
-    Raises:
-        HubError: the link failed.
     """
     first = link.read()
     rows, answers, gaps_ms = [], [first], []
@@ -147,11 +134,7 @@ def write_log(path: Path, log: RunLog) -> None:
 
 
 def read_log(path: Path) -> RunLog:
-    """Read a log.
-
-    Raises:
-        TwinError: the file cannot be read, or is no motion log.
-    """
+    """Read a log. Raises TwinError if the file cannot be read, or is no motion log."""
     try:
         header, first, *rest = [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
         if header["bricksrl_log"] != _FORMAT:

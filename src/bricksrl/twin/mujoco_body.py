@@ -67,7 +67,8 @@ def _compiled(robot: Robot, scene: Scene, _looks: Path | None) -> mujoco.MjModel
 
 
 class MujocoBody:
-    """Robot in MuJoCo; implements :class:`bricksrl.virtual_hub.body.Body`.
+    """Robot in MuJoCo; implements :class:`bricksrl.virtual_hub.body.Body`. Raises TwinError if there is no model of this robot,
+    or it cannot be placed in this scene.
 
     The simulation is deterministic, bit for bit, given the arguments and the calls.
 
@@ -80,9 +81,6 @@ class MujocoBody:
     Attributes:
         model, data: MuJoCo's model and data, e.g. for a renderer.
         physics: the present parameters.
-
-    Raises:
-        TwinError: there is no model of this robot, or it cannot be placed in this scene.
     """
 
     def __init__(self, robot: Robot, scene: Scene, physics: Physics | RandomPhysics, seed: int) -> None:
@@ -140,11 +138,7 @@ class MujocoBody:
         self._qpos, self._qvel, self._ctrl = data.qpos, data.qvel, data.ctrl
 
     def _site(self, name: str) -> tuple[Vector, NDArray[np.float64]]:
-        """Position of a site on the chassis [3], and its axes as columns [3, 3].
-
-        Raises:
-            TwinError: the model has no such site.
-        """
+        """Position of a site on the chassis [3], and its axes as columns [3, 3]. Raises TwinError if there is no such site."""
         index = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_SITE, name)
         if index < 0:
             sensor = next(one for one in self.robot.sensors if one.port == name[-1])
@@ -193,11 +187,8 @@ class MujocoBody:
         self._qpos[[address for address, _ in self._shaft.values()]] = 0.0
 
     def reset(self, rng: np.random.Generator) -> None:
-        """Place the robot at the start of an episode; motors keep their angles, clock and program continue.
-
-        Args:
-            rng: generator of the start pose, and of the physics if random.
-        """
+        """Place the robot at the start of an episode; motors keep their angles, clock and program continue. ``rng``: generator
+        of the start pose, and of the physics if random."""
         if self._random_physics is not None:
             self._apply(self._random_physics.sample(rng))
         self._qvel[:] = 0.0

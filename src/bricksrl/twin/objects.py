@@ -36,15 +36,12 @@ COLORS: dict[str, Size] = {
 
 @dataclass(frozen=True)
 class Line:
-    """Line on the floor, such as tape.
+    """Line on the floor, such as tape. Raises TwinError if a value is invalid.
 
     Attributes:
         points_mm: corners of the polyline.
         width_mm: width from edge to edge.
         closed: whether the last point is connected to the first.
-
-    Raises:
-        TwinError: at construction, when a value is invalid.
     """
 
     points_mm: tuple[Point, ...]
@@ -76,15 +73,12 @@ class Line:
 
 @dataclass(frozen=True)
 class Field:
-    """Coloured rectangle or ellipse on the floor.
+    """Coloured rectangle or ellipse on the floor. Raises TwinError if a value is invalid.
 
     Attributes:
         at_mm: its centre.
         size_mm: size along x and y, before rotation.
         round: whether it is an ellipse of that size.
-
-    Raises:
-        TwinError: at construction, when a value is invalid.
     """
 
     at_mm: Point
@@ -107,11 +101,7 @@ class Field:
 
 @dataclass(frozen=True)
 class Wall:
-    """Wall between two points.
-
-    Raises:
-        TwinError: at construction, when a value is invalid.
-    """
+    """Wall between two points. Raises TwinError if a value is invalid."""
 
     from_mm: Point
     to_mm: Point
@@ -127,16 +117,14 @@ class Wall:
 
 @dataclass(frozen=True)
 class Block:
-    """Block, or with ``round`` an upright cylinder, that is fixed or, with a mass, can be pushed.
+    """Block, or with ``round`` an upright cylinder, that is fixed or, with a mass, can be pushed. Raises TwinError if a value is
+    invalid.
 
     Attributes:
         at_mm: its centre.
         size_mm: size along x and y, before rotation, and height.
         mass_g: mass; ``None`` for a fixed block.
         spread_mm: maximum random shift along x and y at the start of each episode; only with a mass.
-
-    Raises:
-        TwinError: at construction, when a value is invalid.
     """
 
     at_mm: Point
@@ -157,15 +145,12 @@ class Block:
 
 @dataclass(frozen=True)
 class Ramp:
-    """Ramp that begins at the floor.
+    """Ramp that begins at the floor. Raises TwinError if a value is invalid.
 
     Attributes:
         at_mm: middle of its lower edge.
         heading_deg: direction in which it rises.
         length_mm: length on the floor; ``height_mm`` is that of its upper end.
-
-    Raises:
-        TwinError: at construction, when a value is invalid.
     """
 
     at_mm: Point
@@ -182,14 +167,11 @@ class Ramp:
 
 @dataclass(frozen=True)
 class Lamp:
-    """Lamp, detected by ambient light sensors.
+    """Lamp, detected by ambient light sensors. Raises TwinError if a value is invalid.
 
     Attributes:
         at_mm: position and height.
         light_pct: reading of a sensor that faces it from 300 mm away.
-
-    Raises:
-        TwinError: at construction, when a value is invalid.
     """
 
     at_mm: Size
@@ -205,19 +187,14 @@ Solid = Wall | Block | Ramp
 Object = Line | Field | Wall | Block | Ramp | Lamp
 
 
-def oval(length_mm: float, width_mm: float, at_mm: Point = (0.0, 0.0), corners: int = 24) -> tuple[Point, ...]:
-    """Points of a stadium-shaped closed line, which begins at ``at_mm`` and leads along x, then to the left.
-
-    Args:
-        length_mm, width_mm: total size along x and y; the ends are half circles.
-        corners: number of segments of each half circle.
-    """
+def oval(length_mm: float, width_mm: float) -> tuple[Point, ...]:
+    """Points of a closed line with half circles as ends, of this total size, from the origin along x, then to the left."""
     radius, straight = width_mm / 2, length_mm - width_mm
     if straight < 0 or radius <= 0:
         raise TwinError(f"scene: an oval of {length_mm} x {width_mm} mm; give a length of at least its width")
-    angles = np.linspace(-math.pi / 2, math.pi / 2, corners + 1)
+    angles = np.linspace(-math.pi / 2, math.pi / 2, 25)
     right = np.stack([straight / 2 + radius * np.cos(angles), radius + radius * np.sin(angles)], -1)
-    points = np.concatenate([[(0.0, 0.0)], right, right * (-1.0, -1.0) + (0.0, width_mm)]) + np.array(at_mm)
+    points = np.concatenate([[(0.0, 0.0)], right, right * (-1.0, -1.0) + (0.0, width_mm)])
     return tuple((float(x), float(y)) for x, y in points)
 
 

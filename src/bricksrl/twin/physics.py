@@ -38,7 +38,8 @@ def _parameter(default: float, unit: str, drawn: tuple[float, float], accepted: 
 
 @dataclass(frozen=True)
 class Physics:
-    """Parameters of a twin; the defaults are a freshly charged robot on a smooth floor.
+    """Parameters of a twin; the defaults are a freshly charged robot on a smooth floor. Raises TwinError if a value is outside of
+    its accepted range.
 
     Attributes:
         battery_v: voltage of the battery, which limits the motors'.
@@ -57,9 +58,6 @@ class Physics:
         slope_deg: slope of the floor, uphill along x, the direction in which robots start.
         side_load_g: mass fastened to the left side of the chassis, 6 modules from its centre of mass.
         weak_motor_scale: factor on the torque per volt of the first motor of the description.
-
-    Raises:
-        TwinError: at construction, when a value is outside of its accepted range.
     """
 
     battery_v: float = _parameter(
@@ -96,11 +94,8 @@ class Physics:
 
     @classmethod
     def from_dict(cls, data: object) -> Physics:
-        """Physics from a dict of parameters; others keep their defaults.
-
-        Raises:
-            TwinError: a name is unknown, or a value is no number or out of range.
-        """
+        """Physics from a dict of parameters; others keep their defaults. Raises TwinError if a name is unknown, or a value is no
+        number or out of range."""
         if not isinstance(data, dict):
             raise TwinError('physics: this is not a table of names and numbers; give one such as {"battery_v": 7.4}')
         for name, value in data.items():
@@ -112,11 +107,8 @@ class Physics:
 
 
 def read_physics(path: Path) -> Physics:
-    """Read the parameters from a JSON file such as ``bricksrl twin fit`` writes.
-
-    Raises:
-        TwinError: the file cannot be read, or its content is invalid.
-    """
+    """Read the parameters from a JSON file such as ``bricksrl twin fit`` writes. Raises TwinError if the file cannot be read, or
+    its content is invalid."""
     try:
         data = json.loads(path.read_bytes())
     except OSError as error:
@@ -139,13 +131,10 @@ PARAMETERS: dict[str, Parameter] = {field.name: field.metadata["parameter"] for 
 
 @dataclass(frozen=True)
 class RandomPhysics:
-    """Sampler of a :class:`Physics` for every episode (domain randomization).
+    """Sampler of a :class:`Physics` for every episode (domain randomization). Raises TwinError if the width is not in 0..1.
 
     Attributes:
         width: 1 draws each parameter uniformly from its whole range, 0 keeps the defaults.
-
-    Raises:
-        TwinError: the width is not in 0..1.
     """
 
     width: float = 1.0

@@ -17,13 +17,12 @@ _MOST_HEADING_AT_WALL_DEG = 60.0
 
 @dataclass(frozen=True)
 class Scene:
-    """Scene of a flat floor with an optional wall ahead of the robot, and objects.
+    """Scene of a flat floor with an optional wall ahead of the robot, and objects. Raises TwinError if a range is invalid.
 
     Attributes:
-        wall_distance_mm: lowest and highest distance from the ultrasonic sensor to the wall at the start, drawn
-            uniformly; ``None`` for an open floor.
-        heading_deg: lowest and highest heading at the start, drawn uniformly, clockwise positive; 0 looks straight at
-            the wall.
+        wall_distance_mm: lowest and highest distance from the ultrasonic sensor to the wall at the start, drawn uniformly;
+            ``None`` for an open floor.
+        heading_deg: lowest and highest heading at the start, drawn uniformly, clockwise positive; 0 looks straight at the wall.
         objects: lines and fields on the floor, walls, blocks, ramps and lamps: see ``bricksrl.twin.objects``.
         start_mm: ranges of x and y of the robot's start position, drawn uniformly; ignored with a wall ahead.
         light_pct: ambient light of the room, as read by an ambient light sensor.
@@ -33,9 +32,6 @@ class Scene:
             one; see ``virtual_hub/stimuli.py``.
         end_stops: for a robot without a MuJoCo model: lowest and highest angle of a motor (deg at the output, by motor name),
             relative to its angle when the hub is switched on.
-
-    Raises:
-        TwinError: at construction, when a range is invalid.
     """
 
     wall_distance_mm: tuple[float, float] | None = None

@@ -73,11 +73,8 @@ class Fit:
 
 
 def replay(log: RunLog, physics: Physics, robot: Robot | None = None) -> Vector:
-    """Channels ``[n + 1, n_channels]`` of a noise-free twin that gets a log's commands at the same times.
-
-    Raises:
-        UnknownNameError, TwinError: there is no such robot, or it has no twin.
-    """
+    """Channels ``[n + 1, n_channels]`` of a noise-free twin that gets a log's commands at the same times. Raises UnknownNameError
+    or TwinError if there is no such robot, or it has no twin."""
     robot = robots.get(log.robot) if robot is None else robot
     hub = VirtualHub(make_body(robot, scene=_scene(log), physics=replace(physics, **_SILENT)))
     rows = []
@@ -94,12 +91,7 @@ def replay(log: RunLog, physics: Physics, robot: Robot | None = None) -> Vector:
 
 
 def fit(
-    log: RunLog,
-    *,
-    robot: Robot | None = None,
-    names: Sequence[str] = FITTED,
-    seed: int = 0,
-    on_replay: OnReplay | None = None,
+    log: RunLog, *, robot: Robot | None = None, names: Sequence[str] = FITTED, seed: int = 0, on_replay: OnReplay | None = None
 ) -> Fit:
     """Fit a twin's physics to a log, with some 300 replays: two minutes on one core for ten seconds of log.
 
@@ -129,14 +121,7 @@ def fit(
     told = {name: rise for name, rise in rises.items() if rise >= _LEAST_RISE}
     default = Physics()
     physics = replace(physics, **{name: getattr(default, name) for name in names if name not in told})
-    return Fit(
-        physics,
-        told,
-        tuple(name for name in names if name not in told),
-        before,
-        search.errors(physics),
-        search.replays,
-    )
+    return Fit(physics, told, tuple(name for name in names if name not in told), before, search.errors(physics), search.replays)
 
 
 class _Search:

@@ -20,11 +20,7 @@ class Console(Protocol):
 
 @runtime_checkable
 class AppDataConsole(Protocol):
-    """A console with AppData.
-
-    Attributes:
-        inbox: buffer that the host writes to; the program sets its size.
-    """
+    """A console with AppData. ``inbox``: buffer that the host writes to; the program sets its size."""
 
     inbox: bytearray
 

@@ -25,22 +25,17 @@ _DEFAULTS: Mapping[Sense, Sensed] = {
 
 
 class FittedBench(BenchBody):
-    """A hub without devices until a program uses them; motors turn freely, sensors have given readings.
+    """A hub without devices until a program uses them; motors turn freely, sensors have given readings. Raises TwinError if a
+    reading is for a port that the hub does not have.
 
     Args:
         hub: kind of hub.
         readings: of sensors; without one a sensor sees nothing near, dark, untouched and level.
         end_stops: lowest and highest angle of the motor on a port, deg of the shaft.
-
-    Raises:
-        TwinError: a reading is for a port that the hub does not have.
     """
 
     def __init__(
-        self,
-        hub: HubKind,
-        readings: Iterable[GivenReading] = (),
-        end_stops: Mapping[str, tuple[float, float]] | None = None,
+        self, hub: HubKind, readings: Iterable[GivenReading] = (), end_stops: Mapping[str, tuple[float, float]] | None = None
     ) -> None:
         super().__init__(Robot("bench", hub, needs_imu=hub.model.has_imu))
         self._given = list(readings)
@@ -52,11 +47,8 @@ class FittedBench(BenchBody):
                 raise TwinError(f"a {hub.value} hub has no port {port}; it has {', '.join(hub.model.ports)}")
 
     def plug_in(self, port: str, device: str) -> bool:
-        """Plug in a device of a class of ``pybricks.pupdevices``. Returns whether the port was free or has it already.
-
-        Raises:
-            TwinError: the port's reading does not suit the device.
-        """
+        """Plug in a device of a class of ``pybricks.pupdevices``. Returns whether the port was free or has it already. Raises
+        TwinError if the port's reading does not suit the device."""
         if port in self._devices:
             return self._devices[port] == device
         self._devices[port] = device
@@ -87,11 +79,7 @@ class FittedBench(BenchBody):
 
     @staticmethod
     def _sense_of(reading: GivenReading, device: str) -> Sense:
-        """Sense of a reading.
-
-        Raises:
-            TwinError: the device has no such sense.
-        """
+        """Sense of a reading. Raises TwinError if the device has no such sense."""
         sensor = UltrasonicSensor("it", "A") if device == _ULTRASONIC else PoweredUpSensor("it", "A", SensorKind(device))
         known = senses(sensor)
         if reading.sense is None and known:

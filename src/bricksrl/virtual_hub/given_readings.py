@@ -60,11 +60,8 @@ class GivenReading:
 
 
 def parse_reading(text: str) -> GivenReading:
-    """Parse ``B=red``, ``B.ambient=20%`` or ``B=@distances.csv`` (lines ``seconds, value``).
-
-    Raises:
-        TwinError: the text is invalid, or the file cannot be read.
-    """
+    """Parse ``B=red``, ``B.ambient=20%`` or ``B=@distances.csv`` (lines ``seconds, value``). Raises TwinError if the text is
+    invalid, or the file cannot be read."""
     match = re.fullmatch(r"([A-Fa-f])(?:\.([a-z]+))?=(.+)", text.strip())
     if match is None:
         raise TwinError(f"'{text}' is not a reading; give one such as {_EXAMPLES}")

@@ -10,11 +10,7 @@ PIECE_MS = 15
 
 
 class Pace:
-    """Delays simulated time to real time.
-
-    Args:
-        clock_s, sleep: replaced in tests.
-    """
+    """Delays simulated time to real time. ``clock_s, sleep``: replaced in tests."""
 
     def __init__(self, clock_s: Callable[[], float] = time.monotonic, sleep: Callable[[float], None] = time.sleep) -> None:
         self._clock_s, self._sleep = clock_s, sleep

@@ -54,40 +54,24 @@ def senses(sensor: Sensor) -> tuple[Sense, ...]:
 
 
 def number(sensed: Sensed) -> float:
-    """A stimulus as a number.
-
-    Raises:
-        TwinError: it is not a number.
-    """
+    """A stimulus as a number. Raises TwinError if it is not a number."""
     return float(_expect(sensed, 1)[0])
 
 
 def brightness_pct(sensed: Sensed) -> float:
-    """Brightness 0..100 of a color or gray.
-
-    Raises:
-        TwinError: it is neither.
-    """
+    """Brightness 0..100 of a color or gray. Raises TwinError if it is neither."""
     value = sensed if isinstance(sensed, int | float) else _expect(sensed, 3)[2]
     return min(max(float(value), 0.0), 100.0)
 
 
 def color(sensed: Sensed) -> Hsv:
-    """Hue 0..359, saturation and value 0..100; a number is a gray's value.
-
-    Raises:
-        TwinError: it is neither.
-    """
+    """Hue 0..359, saturation and value 0..100; a number is a gray's value. Raises TwinError if it is neither."""
     hue, saturation, value = (0.0, 0.0, sensed) if isinstance(sensed, int | float) else _expect(sensed, 3)
     return round(hue) % 360, *(min(max(round(share), 0), 100) for share in (saturation, value))  # type: ignore[return-value]
 
 
 def pitch_and_roll(sensed: Sensed) -> tuple[float, float]:
-    """Both angles of a tilt.
-
-    Raises:
-        TwinError: it is not a tilt.
-    """
+    """Both angles of a tilt. Raises TwinError if it is not a tilt."""
     pitch, roll = _expect(sensed, 2)
     return pitch, roll
 

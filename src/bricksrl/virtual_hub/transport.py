@@ -115,11 +115,7 @@ class VirtualHub:
         return self._pace is not None
 
     def open(self) -> None:
-        """Connect.
-
-        Raises:
-            HubError: the hub is out of reach.
-        """
+        """Connect. Raises HubError if the hub is out of reach."""
         self._check_reach()
 
     def start(self, program: HubProgram) -> None:
@@ -135,12 +131,8 @@ class VirtualHub:
         self._run_until(self.machine.time_ms, program)
 
     def write(self, data: bytes) -> None:
-        """Send bytes; they arrive at the next connection event.
-
-        Raises:
-            HubError: more than 20 bytes, no program, or its input buffer is full.
-            HubProgramError: the program raised.
-        """
+        """Send bytes; they arrive at the next connection event. Raises HubError for over 20 bytes, no program, or a full input
+        buffer, HubProgramError if the program raised."""
         if len(data) > MAX_WRITE_BYTES:
             raise HubError(f"{len(data)} bytes in one write; split them into {MAX_WRITE_BYTES} bytes or less")
         self._check_reach()
@@ -155,12 +147,8 @@ class VirtualHub:
             self._wire.deliver(data)
 
     def read(self, timeout_s: float) -> bytes:
-        """The program's next output; ``b""`` after the (simulated) timeout.
-
-        Raises:
-            HubError: no program runs and no output is left.
-            HubProgramError: the program raised.
-        """
+        """The program's next output; ``b""`` after the (simulated) timeout. Raises HubError if no program runs and no output is
+        left, HubProgramError if the program raised."""
         self._check_reach()
         self._keep_pace()
         deadline_ms = self.machine.time_ms + round(timeout_s * 1000)

@@ -1,4 +1,4 @@
-"""Several robots in one world: one clock, both interfaces, links that break."""
+"""Arenas: common clock, both interfaces, lost links."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def test_pettingzoo_checks_its_interface(name: str) -> None:
     env.close()
 
 
-def test_all_robots_move_in_the_same_time_and_their_clocks_agree() -> None:
+def test_robots_share_simulated_time() -> None:
     env = make_arena("Tag-v0", seed=1)
     state = env.reset()
     clocks = [env.hub(robot).machine.time_ms for robot in env.task.robots]
@@ -72,7 +72,7 @@ def test_all_robots_move_in_the_same_time_and_their_clocks_agree() -> None:
     env.close()
 
 
-def test_a_seed_and_actions_give_the_same_episode_bit_for_bit() -> None:
+def test_arena_episode_is_reproducible() -> None:
     played = []
     for _ in range(2):
         env = make_arena("Tag-v0", seed=8)
@@ -85,7 +85,7 @@ def test_a_seed_and_actions_give_the_same_episode_bit_for_bit() -> None:
     assert torch.equal(*played)
 
 
-def test_one_lost_link_ends_the_episode_for_all_and_the_next_reset_mends_it() -> None:
+def test_one_lost_link_ends_episode_until_reset() -> None:
     env = make_arena("Tag-v0", seed=1)
     state = acted(env, env.reset(), catcher=[[1.0, 1.0]], runner=[[1.0, 1.0]])
     seen = state["catcher", "observation"].clone()
@@ -104,7 +104,7 @@ def test_one_lost_link_ends_the_episode_for_all_and_the_next_reset_mends_it() ->
     env.close()
 
 
-def test_robots_collide_and_their_sonars_see_one_another() -> None:
+def test_robots_collide_and_see_each_other() -> None:
     def facing(x_m: float, heading_deg: float, name: str) -> Contestant:
         return Contestant(name, TWO_WHEELER, Place((x_m, x_m), (0.0, 0.0), (heading_deg, heading_deg)))
 
@@ -120,7 +120,7 @@ def test_robots_collide_and_their_sonars_see_one_another() -> None:
     assert 0.09 < b.x_m - a.x_m < 0.2, "nose to nose"
 
 
-def test_the_beam_needs_two() -> None:
+def test_beam_needs_two_robots() -> None:
     env = make_arena("Carry-v0", seed=2)
     push = env.task.scripts["push"]
 
@@ -136,13 +136,13 @@ def test_the_beam_needs_two() -> None:
     env.close()
 
 
-def test_what_a_robot_sees_is_in_its_own_frame() -> None:
+def test_observations_are_in_robot_frame() -> None:
     poses = torch.tensor([[1.0, 2.0, torch.pi / 2], [1.0, 2.5, torch.pi]])
     assert torch.allclose(seen_from(poses, 0, 1), torch.tensor([0.5, 0.0, 0.0, 1.0]), atol=1e-6)
     assert torch.allclose(seen_from(poses, 1, 0), torch.tensor([0.0, 0.5, 0.0, -1.0]), atol=1e-6)
 
 
-def test_tag_rewards_add_up_to_nothing() -> None:
+def test_tag_rewards_sum_to_zero() -> None:
     task = get_arena_task("Tag-v0")
     before = ArenaState(torch.tensor([[0.0, 0.0, 0.0], [0.5, 0.0, 0.0]]), torch.zeros(2, 2))
     after = ArenaState(torch.tensor([[0.35, 0.0, 0.0], [0.5, 0.0, 0.0]]), torch.zeros(2, 2))
@@ -150,7 +150,7 @@ def test_tag_rewards_add_up_to_nothing() -> None:
     assert torch.allclose(rewards, torch.tensor([[8.5], [-8.5]])) and bool(task.terminated(after))
 
 
-def test_the_runners_script_holds_out_longer_than_one_that_drives_straight_away() -> None:
+def test_runner_script_outlasts_straight_escape() -> None:
     def mean_steps(script: Any) -> float:
         env = make_arena("Tag-v0", seed=1, batch_size=128)
         state, steps, free = env.reset(), torch.zeros(128, 1), torch.ones(128, 1, dtype=torch.bool)
@@ -166,8 +166,8 @@ def test_the_runners_script_holds_out_longer_than_one_that_drives_straight_away(
     assert mean_steps(TAG.scripts["flee"]) > away + 1.0 > 5.0
 
 
-def test_the_simulation_drives_as_the_arena_does() -> None:
-    """From the same start the same commands lead to the same places, within a few centimetres."""
+def test_simulation_matches_arena() -> None:
+    """Equal commands lead to equal places within a few centimetres."""
     from dataclasses import replace
 
     task = get_arena_task("Tag-v0")
@@ -188,7 +188,7 @@ def test_the_simulation_drives_as_the_arena_does() -> None:
     assert torch.allclose(*ends, atol=0.08)
 
 
-def test_what_cannot_be_is_told() -> None:
+def test_invalid_arguments_raise() -> None:
     with pytest.raises(UnknownNameError, match="no arena 'Chess-v0'"):
         make_arena("Chess-v0")
     with pytest.raises(DescriptionError, match="no kinematic simulation"):

@@ -1,4 +1,4 @@
-"""A camera as a sensor: what is found in a frame, and cameras of virtual and of real robots."""
+"""Cameras: objects in frames, virtual and real cameras."""
 
 from __future__ import annotations
 
@@ -69,13 +69,13 @@ def box(x: int, y: int, width: int = 5, height: int = 5) -> tuple[slice, slice]:
 # ---------------------------------------------------------------- what is found in a frame
 
 
-def test_each_red_thing_is_found_at_its_middle() -> None:
+def test_red_objects_are_found_at_centre() -> None:
     assert find_red(frame_with(), RedWindow()).shape == (0, 2)
     found = find_red(frame_with(box(10, 40), box(60, 5, 9, 3)), RedWindow())
     assert sorted(found.tolist()) == [[12, 42], [64, 6]]
 
 
-def test_a_thing_has_more_than_ten_pixels_in_one_piece() -> None:
+def test_small_components_are_ignored() -> None:
     assert len(find_red(frame_with(box(0, 0, 5, 2)), RedWindow())) == 0
     assert len(find_red(frame_with(box(0, 0, 11, 1)), RedWindow())) == 1
     assert len(find_red(frame_with(box(0, 0, 10, 1), box(0, 2, 10, 1)), RedWindow())) == 0
@@ -84,13 +84,13 @@ def test_a_thing_has_more_than_ten_pixels_in_one_piece() -> None:
 
 
 @pytest.mark.parametrize("hue_deg", [-50, -20, -1, 0, 1, 10, 20])
-def test_both_ends_of_the_circle_of_hues_are_red(hue_deg: int) -> None:
+def test_both_ends_of_hue_circle_are_red(hue_deg: int) -> None:
     red, green, blue = (round(255 * part) for part in colorsys.hsv_to_rgb(hue_deg % 360 / 360, 0.9, 0.8))
     assert len(find_red(frame_with(box(3, 3), colour=(red, green, blue)), RedWindow())) == 1
 
 
 @given(st.tuples(*[st.integers(0, 255)] * 3))
-def test_a_colour_is_red_as_the_usual_formula_has_it(colour: tuple[int, int, int]) -> None:
+def test_red_mask_equals_hsv_formula(colour: tuple[int, int, int]) -> None:
     window = RedWindow()
     hue, saturation, value = colorsys.rgb_to_hsv(*(part / 255 for part in colour))
     hue_deg = (hue * 360 + 180) % 360 - 180
@@ -100,7 +100,7 @@ def test_a_colour_is_red_as_the_usual_formula_has_it(colour: tuple[int, int, int
     assert len(find_red(frame_with(box(3, 3), colour=colour), window)) == (min(limits) > 0)
 
 
-def test_windows_that_hold_nothing_red_are_refused() -> None:
+def test_windows_without_red_raise() -> None:
     for wrong in ({"hue_deg": (90.0, 120.0)}, {"hue_deg": (10.0, 0.0)}, {"saturation": 0.0}, {"value": 1.5}, {"area_px": -1}):
         with pytest.raises(DescriptionError, match="red"):
             RedWindow(**wrong)  # type: ignore[arg-type]
@@ -110,7 +110,7 @@ def test_distances() -> None:
     assert distances_px(np.array([[3.0, 4.0], [0.0, 1.0]]), (0, 0)).tolist() == [5, 1]
 
 
-def test_a_pixel_of_the_image_is_the_mean_of_what_it_covers() -> None:
+def test_image_pixels_are_area_means() -> None:
     frame = np.random.default_rng(0).integers(0, 256, (60, 80, 3), dtype=np.uint8)
     means = frame.reshape(20, 3, 20, 4, 3).mean((1, 3))
     assert np.abs(shrink(frame, 20).astype(float) - means).max() <= 0.51
@@ -118,12 +118,12 @@ def test_a_pixel_of_the_image_is_the_mean_of_what_it_covers() -> None:
 
 
 @given(st.integers(1, 60), st.integers(60, 90), st.integers(60, 90), st.integers(0, 255))
-def test_an_even_frame_gives_an_even_image(side: int, height: int, width: int, grey: int) -> None:
+def test_uniform_frame_gives_uniform_image(side: int, height: int, width: int, grey: int) -> None:
     assert (shrink(np.full((height, width, 3), grey, np.uint8), side) == grey).all()
 
 
 @given(st.integers(-30, 110), st.integers(-30, 90), st.integers(1, 25))
-def test_a_disc_may_reach_over_the_edge(x: int, y: int, radius: int) -> None:
+def test_disc_may_exceed_image(x: int, y: int, radius: int) -> None:
     frame, drawn = frame_with(), frame_with()
     draw_disc(drawn, (x, y), radius)
     rows, columns = np.mgrid[:60, :80]
@@ -134,7 +134,7 @@ def test_a_disc_may_reach_over_the_edge(x: int, y: int, radius: int) -> None:
     assert (frame == 180).all()
 
 
-def test_views_that_cannot_be_are_refused() -> None:
+def test_invalid_views_raise() -> None:
     with pytest.raises(DescriptionError, match="spots of 0 px"):
         CameraView(spot_px=0)
     for wrong in (
@@ -150,7 +150,7 @@ def test_views_that_cannot_be_are_refused() -> None:
 # ---------------------------------------------------------------- an episode before a camera
 
 
-def test_a_watch_measures_from_the_goal_and_remembers_the_mean() -> None:
+def test_camera_watch_measures_goal_distance() -> None:
     watch = Watch(VIEW, np.random.default_rng(0), frame_with(box(28, 18)))
     assert watch.goal == (30, 20)
     assert watch.numbers().tolist() == [0, 100]  # at the start nothing counts yet
@@ -162,7 +162,7 @@ def test_a_watch_measures_from_the_goal_and_remembers_the_mean() -> None:
     assert watch.numbers().tolist() == [20, 100]
 
 
-def test_the_goal_is_in_the_image_and_not_in_what_is_searched() -> None:
+def test_goal_is_drawn_after_search() -> None:
     covered = frame_with(box(28, 18, 3, 4))
     watch = Watch(VIEW, np.random.default_rng(0), covered)
     watch.see(covered)
@@ -179,7 +179,7 @@ def test_goals_are_drawn_around_their_places() -> None:
     assert drawn == {(x + dx, y + dy) for x, y in goal.places for dx in range(-2, 3) for dy in (-1, 0, 1)}
 
 
-def test_a_camera_without_a_goal_only_shows() -> None:
+def test_camera_without_goal_has_image_only() -> None:
     view = dataclasses.replace(VIEW, goal=None)
     watch = Watch(view, np.random.default_rng(0), frame_with())
     watch.see(frame_with(box(0, 0)))
@@ -206,7 +206,7 @@ def webcam(arm: MujocoBody) -> Iterator[TwinCamera]:
     camera.close()
 
 
-def test_the_ball_is_found_where_it_is(arm: MujocoBody, webcam: TwinCamera) -> None:
+def test_ball_is_found_at_true_position(arm: MujocoBody, webcam: TwinCamera) -> None:
     camera, ball = arm.model.camera("webcam").id, arm.model.geom("ball").id
     for port, time_ms in (("B", 300), ("B", 600), ("A", 900)):
         arm.set_voltage(port, 6000)
@@ -218,7 +218,7 @@ def test_the_ball_is_found_where_it_is(arm: MujocoBody, webcam: TwinCamera) -> N
         assert find_red(frame, RedWindow()) == pytest.approx(np.array([expected]), abs=6)
 
 
-def test_without_opengl_rays_draw_what_the_camera_sees(arm: MujocoBody, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_camera_works_without_opengl(arm: MujocoBody, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(opengl, "Renderer", unavailable)
     coarse, fine = (TwinCamera(arm, CameraView(spot_px=spot_px)) for spot_px in (10, 4))
     assert coarse.frame().shape == fine.frame().shape == (480, 640, 3)
@@ -234,14 +234,14 @@ def unavailable(*_args: Any, **_kwargs: Any) -> None:
     raise RenderingUnavailableError("no OpenGL; install some")
 
 
-def test_a_closed_camera_opens_again(webcam: TwinCamera) -> None:
+def test_closed_camera_reopens(webcam: TwinCamera) -> None:
     first = webcam.frame()
     webcam.close()
     webcam.close()
     assert np.array_equal(webcam.frame(), first)
 
 
-def test_a_robot_without_a_model_has_no_picture() -> None:
+def test_robot_without_model_has_no_camera() -> None:
     bench = make_body(Robot("bench", ROBO_ARM.hub, ROBO_ARM.motors))
     with pytest.raises(RenderingUnavailableError, match="no picture"):
         TwinCamera(bench, CameraView()).frame()
@@ -271,7 +271,7 @@ def test_any_task_takes_a_camera() -> None:
 
 
 class Film:
-    """Frames one after the other; at its end the camera is unplugged."""
+    """Frames in order; unplugged at the end."""
 
     def __init__(self, *frames: Frame) -> None:
         self.frames = list(frames)
@@ -288,7 +288,7 @@ class Film:
 
 
 def filmed(camera: Camera | None, **changes: Any) -> HubEnv:
-    """Spinning before a camera."""
+    """Spinning in front of a camera."""
     task = dataclasses.replace(SPINNING, id="Filmed-v0", camera=VIEW, **changes)
     twin = VirtualHub(make_body(task.robot, scene=task.scene))
     link = HubLink(twin, task.robot, task.interface)
@@ -299,7 +299,7 @@ def act() -> TensorDict:
     return TensorDict({"action": torch.zeros(2)})
 
 
-def test_the_tasks_functions_get_what_the_camera_found_and_the_agent_does_not() -> None:
+def test_camera_findings_are_for_task_only() -> None:
     seen: list[torch.Tensor] = []
 
     def reward(previous: torch.Tensor, _action: torch.Tensor, observation: torch.Tensor) -> torch.Tensor:
@@ -320,7 +320,7 @@ def test_the_tasks_functions_get_what_the_camera_found_and_the_agent_does_not() 
         env.judged(torch.zeros(5, 6))
 
 
-def test_a_camera_that_fails_stops_the_robot() -> None:
+def test_failing_camera_stops_robot() -> None:
     film = Film(frame_with())
     env = filmed(film)
     env.reset()
@@ -337,26 +337,26 @@ def test_a_camera_that_fails_stops_the_robot() -> None:
     assert not film.open
 
 
-def test_a_connection_without_the_camera_says_so() -> None:
+def test_missing_camera_raises() -> None:
     with pytest.raises(CameraError, match="needs a camera"):
         filmed(None).reset()
 
 
-def test_without_opencv_one_line_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_opencv_names_extra(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "cv2", None)
     with pytest.raises(CameraError, match=r"bricksrl\[vision\]") as caught:
         VideoCamera(CameraView()).frame()
     assert "\n" not in str(caught.value)
 
 
-def test_a_robot_over_bluetooth_is_seen_by_a_real_camera() -> None:
+def test_bluetooth_robot_with_webcam() -> None:
     env = bricksrl.make("RoboArm_mixed-v0", hub="ble", camera=3)
     camera = env._robot().camera
     assert isinstance(camera, VideoCamera)
     assert camera._view.device == 3
 
 
-def test_opencv_reads_what_is_there(tmp_path: Path) -> None:
+def test_opencv_reads_available_frames(tmp_path: Path) -> None:
     cv2 = pytest.importorskip("cv2", reason="the extra 'vision' is not installed")
     path = str(tmp_path / "film.avi")
     writer = cv2.VideoWriter(path, cv2.VideoWriter_fourcc(*"MJPG"), 10, (80, 60))

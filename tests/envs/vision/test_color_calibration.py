@@ -1,4 +1,4 @@
-"""Which colours a ball has before a camera."""
+"""Color calibration of cameras."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ ID = "RoboArm_mixed-v0"
 def ball(
     hue_deg: float = 0.0, saturation: float = 0.9, value: float = 0.8, at: tuple[int, int] = (60, 40), noise: float = 6.0
 ) -> Frame:
-    """A frame of 120 x 80 with a shaded ball of 12 px on a grey table, and a noisy sensor."""
+    """A frame of 120 x 80 with a shaded ball of 12 px on a grey table, with noise."""
     rows, columns = np.mgrid[:80, :120]
     distance = np.hypot(rows - at[1], columns - at[0])
     colour = np.array(colorsys.hsv_to_rgb(hue_deg % 360 / 360, saturation, value))
@@ -32,7 +32,7 @@ def ball(
 
 
 @given(st.floats(-45, 45), st.floats(0.35, 1.0), st.floats(0.35, 1.0))
-def test_a_ball_of_any_red_in_any_light_is_found_by_its_own_window(hue_deg: float, saturation: float, value: float) -> None:
+def test_calibrated_window_finds_ball_in_any_light(hue_deg: float, saturation: float, value: float) -> None:
     frame = ball(hue_deg, saturation, value)
     found = calibrate_red(frame)
     assert found.window.hue_deg[0] < hue_deg < found.window.hue_deg[1]
@@ -42,13 +42,13 @@ def test_a_ball_of_any_red_in_any_light_is_found_by_its_own_window(hue_deg: floa
     assert found.middle == pytest.approx((60, 40), abs=2)
 
 
-def test_a_ball_beyond_the_usual_window_needs_calibration() -> None:
+def test_unusual_red_needs_calibration() -> None:
     for frame in (ball(hue_deg=40), ball(saturation=0.45), ball(value=0.32)):
         assert len(find_red(frame, RedWindow())) == 0
         assert len(find_red(frame, calibrate_red(frame).window)) == 1
 
 
-def test_a_point_chooses_between_two_things() -> None:
+def test_point_selects_object() -> None:
     frame = ball(hue_deg=-20, saturation=0.6, at=(30, 40))
     frame[:, 60:] = ball(hue_deg=15, saturation=0.9, at=(90, 40))[:, 60:]
     assert calibrate_red(frame).middle == pytest.approx((90, 40), abs=2)
@@ -56,7 +56,7 @@ def test_a_point_chooses_between_two_things() -> None:
     assert find_red(frame, calibrate_red(frame, (30, 40)).window) == pytest.approx(np.array([[30, 40]]), abs=2)
 
 
-def test_where_nothing_is_red_one_line_says_what_to_do() -> None:
+def test_no_red_object_raises() -> None:
     grey = np.full((80, 120, 3), 150, np.uint8)
     for frame, at in ((grey, None), (ball(), (5, 5)), (ball(hue_deg=120), None), (ball(), (500, 5))):
         with pytest.raises(CameraError, match="nothing is red in the frame") as caught:
@@ -68,7 +68,7 @@ def test_where_nothing_is_red_one_line_says_what_to_do() -> None:
         calibrate_red(speck)
 
 
-def test_the_picture_shows_the_thing_and_what_counts_as_red() -> None:
+def test_calibration_picture_marks_object_and_mask() -> None:
     frame = ball(noise=0)
     shown = picture(frame, calibrate_red(frame))
     assert shown.shape == (80, 240, 3)
@@ -77,7 +77,7 @@ def test_the_picture_shows_the_thing_and_what_counts_as_red() -> None:
     assert (shown[5, 125] == 30).all()
 
 
-def test_windows_are_kept_and_spanned(tmp_path: Path) -> None:
+def test_windows_are_saved_and_joined(tmp_path: Path) -> None:
     one, other = RedWindow((-20, 5), 0.6, 0.5), RedWindow((-10, 15), 0.4, 0.7)
     assert spanning([one, other]) == RedWindow((-20, 15), 0.4, 0.5)
     path = saved_path("rtsp://eye/1", tmp_path / "deep")
@@ -89,7 +89,7 @@ def test_windows_are_kept_and_spanned(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "text", ["{", "[]", '{"red": {"hue_deg": [0]}}', '{"red": {"hue_deg": [90, 99], "saturation": 1}}', None]
 )
-def test_a_file_that_is_not_ours_is_refused(text: str | None, tmp_path: Path) -> None:
+def test_foreign_calibration_file_raises(text: str | None, tmp_path: Path) -> None:
     path = tmp_path / "red.json"
     if text is not None:
         path.write_text(text)
@@ -100,7 +100,7 @@ def test_a_file_that_is_not_ours_is_refused(text: str | None, tmp_path: Path) ->
         bricksrl.make(ID, calibration=path)
 
 
-def test_the_task_takes_a_calibration_and_sees_by_it(tmp_path: Path) -> None:
+def test_task_uses_calibration(tmp_path: Path) -> None:
     path = tmp_path / "red.json"
     write_red(path, RedWindow((-60, -30), 0.9, 0.9))
     blind, seeing = bricksrl.make(ID, seed=0, calibration=str(path)), bricksrl.make(ID, seed=0)
@@ -111,7 +111,7 @@ def test_the_task_takes_a_calibration_and_sees_by_it(tmp_path: Path) -> None:
     seeing.close()
 
 
-def test_a_robots_camera_finds_what_was_saved_for_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_calibration_is_found_by_robot(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("bricksrl.envs.vision.color_calibration.calibration_folder", lambda: tmp_path)
     write_red(saved_path(3), RedWindow((-5, 5), 0.3, 0.3))
     given_path = tmp_path / "given.json"

@@ -1,4 +1,4 @@
-"""Encoders that others have trained, as far as there is a way to them without a network."""
+"""Pretrained encoders, without network access."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def env(monkeypatch: pytest.MonkeyPatch) -> Any:
 
 
 class MeanColour(Transform):
-    """Stands in for TorchRL's transforms, with their arguments."""
+    """Replaces TorchRL's transforms."""
 
     told: dict[str, Any]
 
@@ -56,7 +56,7 @@ class MeanColour(Transform):
 @pytest.mark.parametrize(
     ("encoder", "name", "network"), [("vip", "VIPTransform", "resnet50"), ("r3m", "R3MTransform", "resnet18")]
 )
-def test_the_image_of_any_task_becomes_an_embedding(
+def test_images_become_embeddings(
     encoder: Any, name: str, network: str, env: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setattr(torchrl.envs, name, MeanColour)
@@ -74,7 +74,7 @@ def test_the_image_of_any_task_becomes_an_embedding(
 
 
 @pytest.mark.parametrize("failure", [URLError("no name of that host"), OSError(28, "no space\nleft"), RuntimeError("not a zip")])
-def test_weights_that_cannot_be_fetched_are_one_line(failure: Exception, env: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_unavailable_weights_raise(failure: Exception, env: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     def fetch(*_args: object, **_kwargs: object) -> None:
         raise failure
 
@@ -84,7 +84,7 @@ def test_weights_that_cannot_be_fetched_are_one_line(failure: Exception, env: An
     assert "\n" not in str(caught.value)
 
 
-def test_without_torchvision_one_line_names_the_extra(env: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_torchvision_names_extra(env: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     for name in [name for name in sys.modules if name.startswith("torchvision")] or ["torchvision"]:
         monkeypatch.setitem(sys.modules, name, None)
     monkeypatch.setattr("torchrl.envs.transforms._observation._has_tv", False, raising=False)
@@ -93,7 +93,7 @@ def test_without_torchvision_one_line_names_the_extra(env: Any, monkeypatch: pyt
             encode_images(env, encoder)  # type: ignore[arg-type]
 
 
-def test_mistakes_are_named(env: Any) -> None:
+def test_mistakes_raise(env: Any) -> None:
     with pytest.raises(EncoderError, match="choose one of vip, r3m"):
         encode_images(env, "clip")  # type: ignore[arg-type]
     with pytest.raises(EncoderError, match="has no image"):

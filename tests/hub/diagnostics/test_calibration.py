@@ -1,4 +1,4 @@
-"""Calibration: from stops to zeros, into the description, into the program, and what the host then observes."""
+"""Calibration from end stops to zeros, program and observations."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ ARM = get_task("RoboArm-v0").interface
 
 
 class MisbuiltHub(VirtualHub):
-    """A robot whose motors were built in turned by some angle of their shafts, or the wrong way round."""
+    """A robot with motors mounted at an angle or reversed."""
 
     def __init__(self, shifts_deg: dict[str, int], mirrored: tuple[str, ...] = (), robot: robots.Robot = ROBO_ARM) -> None:
         super().__init__(make_body(robot))
@@ -54,10 +54,10 @@ def observe(hub: VirtualHub, calibration: Calibration | None, robot: robots.Robo
 
 
 SHIFTS = {"D": 35, "A": -120, "E": 150}
-"""Of the joints' shafts. The last two carry the angle over the end of what a motor shows."""
+"""Shaft angles; the last two cross the wrap of the sensor."""
 
 
-def test_a_calibration_by_the_stops_repairs_the_observation() -> None:
+def test_end_stop_calibration_corrects_observation() -> None:
     right = observe(VirtualHub(make_body(ROBO_ARM)), None)
     hub = MisbuiltHub(SHIFTS)
     wrong = observe(hub, None)
@@ -71,8 +71,8 @@ def test_a_calibration_by_the_stops_repairs_the_observation() -> None:
     np.testing.assert_allclose(observe(again, Calibration(zeros)), right, atol=3)
 
 
-def test_targets_stay_within_the_range_of_the_joint() -> None:
-    """The arm that is built in wrong would be driven against its stops; with its calibration it is not."""
+def test_calibrated_targets_stay_in_range() -> None:
+    """Without its calibration the arm would drive against its stops."""
     for calibration, low_end in ((None, True), (Calibration({"low": 35}), False)):
         hub = MisbuiltHub({"D": 35})
         calibrate = None if calibration is None else lambda robot: calibrated(robot, Calibration({"low": 35}))
@@ -83,7 +83,7 @@ def test_targets_stay_within_the_range_of_the_joint() -> None:
         assert (shaft_deg < 5) is low_end, "stops at 0; the range begins at 10"
 
 
-def test_a_mirrored_motor_is_turned_round() -> None:
+def test_mirrored_motor_direction_is_reversed() -> None:
     hub = MisbuiltHub({}, mirrored=("A",), robot=TWO_WHEELER)
     interface = get_task("Spinning-v0").interface
     turned = []
@@ -96,7 +96,7 @@ def test_a_mirrored_motor_is_turned_round() -> None:
     assert turned[0] * turned[1] < 0
 
 
-def test_without_a_calibration_the_program_is_the_same() -> None:
+def test_program_without_calibration_is_unchanged() -> None:
     assert calibrated(ROBO_ARM, Calibration()) == ROBO_ARM
     program = generate(ROBO_ARM, ARM)
     assert generate(calibrated(ROBO_ARM, Calibration({"low": 0})), ARM).hash == program.hash
@@ -106,7 +106,7 @@ def test_without_a_calibration_the_program_is_the_same() -> None:
 
 
 @given(zero=st.integers(-360, 360), angle=st.integers(10, 70))
-def test_what_the_hub_computes_is_the_angle_from_the_zero(zero: int, angle: int) -> None:
+def test_hub_computes_angle_from_zero(zero: int, angle: int) -> None:
     motor = replace(ROBO_ARM.motor("low"), zero_deg=zero)
     shown = (angle + zero + 180) % 360 - 180
     line = generate(replace(ROBO_ARM, motors=(motor, *[m for m in ROBO_ARM.motors if m.name != "low"])), ARM).source
@@ -115,7 +115,7 @@ def test_what_the_hub_computes_is_the_angle_from_the_zero(zero: int, angle: int)
         assert eval(expression.replace("motor_low.angle()", str(shown))) == angle  # noqa: S307  our own line
 
 
-def test_a_geared_motor_knows_its_place_within_one_turn_of_its_shaft() -> None:
+def test_geared_motor_position_within_shaft_turn() -> None:
     assert ROBO_ARM.motor("rotation").turn_deg == 120.0
     source = generate(calibrated(ROBO_ARM, Calibration({"rotation": 10})), ARM).source
     assert "motor_rotation.reset_angle((motor_rotation.angle() - -50) % 120 + -60)" in source
@@ -124,20 +124,20 @@ def test_a_geared_motor_knows_its_place_within_one_turn_of_its_shaft() -> None:
 
 
 @given(st.integers(-500, 500), st.integers(0, 40))
-def test_the_range_lies_in_the_middle_between_the_stops(zero: int, margin: int) -> None:
+def test_range_is_centred_between_stops(zero: int, margin: int) -> None:
     motor = ROBO_ARM.motor("high")
     low, high = motor.range_deg
     assert zero_between((low + zero - margin, high + zero + margin), motor) == zero
 
 
-def test_a_joint_that_is_blocked_too_early_is_not_calibrated() -> None:
+def test_early_block_is_not_calibrated() -> None:
     with pytest.raises(CalibrationError, match="blocked after 100 degrees and has to turn by 160; clear its way"):
         zero_between((0, 100), ROBO_ARM.motor("high"))
     with pytest.raises(CalibrationError, match="by hand"):
         zero_between((0, 100), ROBO_ARM.motor("rotation"))
 
 
-def test_directions_and_strangers() -> None:
+def test_unknown_motors_and_directions() -> None:
     robot = calibrated(TWO_WHEELER, Calibration({}, frozenset({"left"})))
     assert robot.motor("left").direction is Direction.CLOCKWISE
     assert calibrated(robot, Calibration({}, frozenset({"left"}))) == TWO_WHEELER
@@ -146,7 +146,7 @@ def test_directions_and_strangers() -> None:
             calibrated(TWO_WHEELER, stranger)
 
 
-def test_it_is_kept_for_each_hub_and_robot(tmp_path: Path) -> None:
+def test_calibration_is_per_hub_and_robot(tmp_path: Path) -> None:
     hub_id, one = "C0:01:02:03:04:05", Calibration({"low": -3}, frozenset({"high"}))
     assert load_calibration(hub_id, ROBO_ARM, tmp_path) == Calibration()
     path = save_calibration(hub_id, ROBO_ARM, one, tmp_path)
@@ -162,20 +162,20 @@ def test_it_is_kept_for_each_hub_and_robot(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "text", ["", "{", "[]", "{}", '{"zeros_deg": [1], "reversed": []}', '{"zeros_deg": {"low": "x"}, "reversed": []}']
 )
-def test_a_damaged_file_is_one_error(tmp_path: Path, text: str) -> None:
+def test_damaged_calibration_file_raises(tmp_path: Path, text: str) -> None:
     path = save_calibration("hub", ROBO_ARM, Calibration(), tmp_path)
     path.write_text(text)
     with pytest.raises(CalibrationError, match="delete the file and calibrate again"):
         load_calibration("hub", ROBO_ARM, tmp_path)
 
 
-def test_a_folder_that_cannot_be_written_is_one_error(tmp_path: Path) -> None:
+def test_unwritable_folder_raises(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(CalibrationError, match="choose another folder"):
         save_calibration("hub", ROBO_ARM, Calibration(), tmp_path / "file")
 
 
-def test_the_folder_is_that_of_the_user(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_calibration_folder_is_in_user_folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr("sys.platform", "linux")
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
     assert calibration_folder() == tmp_path / "bricksrl" / "calibrations"

@@ -1,4 +1,4 @@
-"""Scan, check, latency and stop over the played radio."""
+"""Scan, check, latency and stop over the simulated radio."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ pytestmark = pytest.mark.realtime
 SPINNING = get_task("Spinning-v0").interface
 
 
-def test_a_scan_tells_the_kind_of_hub(world: World) -> None:
+def test_scan_shows_kind_of_hub(world: World) -> None:
     assert [(hub.name, hub.kind) for hub in scan(0.3, backend=world.radio.backend())] == [(NAME, HubKind.PRIME)]
 
 
-def test_a_robot_is_checked(world: World) -> None:
+def test_preflight_over_bluetooth(world: World) -> None:
     world.link(SPINNING)
     world.hub.library.append(survey_program(TWO_WHEELER).source)
     findings = list(check_robot(world.transport(), TWO_WHEELER, SPINNING, may_move=lambda: True))
@@ -44,7 +44,7 @@ def test_a_robot_is_checked(world: World) -> None:
     assert not world.hub.is_connected and not world.hub.is_running
 
 
-def test_another_kind_of_hub_is_an_error() -> None:
+def test_other_kind_of_hub_is_an_error() -> None:
     told = {"kind": HubKind.CITY, "firmware": "3.6.1", "profile_version": (1, 4), "name": NAME, "address": "x"}
     kind, firmware = check_hub(SimpleNamespace(**told), TWO_WHEELER)
     assert kind.outcome is Outcome.ERROR and "city hub" in kind.detail
@@ -52,7 +52,7 @@ def test_another_kind_of_hub_is_an_error() -> None:
 
 
 @pytest.mark.parametrize(("interval_ms", "is_slow"), [(15.0, False), (45.0, True)])
-def test_the_connection_interval_is_inferred(world: World, interval_ms: float, is_slow: bool) -> None:
+def test_connection_interval_is_inferred(world: World, interval_ms: float, is_slow: bool) -> None:
     world.set_interval(interval_ms)
     with world.link(SPINNING) as link:
         found = measure(link, SPINNING, 15)
@@ -60,7 +60,7 @@ def test_the_connection_interval_is_inferred(world: World, interval_ms: float, i
     assert found.is_slow is is_slow
 
 
-def test_a_robot_is_recorded_for_its_twin(world: World, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_motion_log_over_bluetooth(world: World, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     interface = identification_interface(TWO_WHEELER)
     world.link(interface)
     monkeypatch.setattr(HubAddress, "transport", lambda self: world.transport())
@@ -72,8 +72,8 @@ def test_a_robot_is_recorded_for_its_twin(world: World, monkeypatch: pytest.Monk
     assert not world.hub.is_driven and not world.hub.is_running
 
 
-def test_any_program_is_stopped(world: World, monkeypatch: pytest.MonkeyPatch, capsys) -> None:
-    """Also one that is not ours, over a link that a program of this computer left open."""
+def test_any_program_can_be_stopped(world: World, monkeypatch: pytest.MonkeyPatch, capsys) -> None:
+    """Also a foreign one, over a link that another program left open."""
     other = "from pybricks.parameters import Port\nfrom pybricks.pupdevices import Motor\nfrom pybricks.tools import wait\n"
     other += "Motor(Port.A).run(500)\nwhile True:\n    wait(10)\n"
     world.hub.library.append(other)
@@ -92,22 +92,20 @@ def test_any_program_is_stopped(world: World, monkeypatch: pytest.MonkeyPatch, c
     assert "no program ran" in capsys.readouterr().out
 
 
-def test_a_hub_that_cannot_be_found_is_stopped_by_its_button(world: World, monkeypatch: pytest.MonkeyPatch, capsys) -> None:
+def test_unreachable_hub_needs_button(world: World, monkeypatch: pytest.MonkeyPatch, capsys) -> None:
     monkeypatch.setattr(HubAddress, "transport", lambda self: world.transport(name="Rover", timeout_s=0.5))
     assert main(("hub", "stop", "--hub", "ble:Rover")) == 2
     assert "hears only its button" in capsys.readouterr().err
 
 
-def test_calibration_is_kept_under_the_address_of_the_hub(
-    world: World, monkeypatch: pytest.MonkeyPatch, capsys, tmp_path
-) -> None:
+def test_calibration_is_stored_by_address(world: World, monkeypatch: pytest.MonkeyPatch, capsys, tmp_path) -> None:
     monkeypatch.setattr(HubAddress, "transport", lambda self: world.transport())
     assert main(("hub", "calibrate", "RunAway-v0", "--reverse", "left", "--calibrations", str(tmp_path))) == 0
     assert (tmp_path / world.hub.address.replace(":", "-") / "two-wheeler.json").exists()
     capsys.readouterr()
 
 
-def test_a_link_is_calibrated_when_it_knows_its_hub(world: World, tmp_path) -> None:
+def test_link_uses_calibration_of_hub(world: World, tmp_path) -> None:
     from bricksrl.hub.diagnostics.calibration import Calibration, calibrated, calibration_of, save_calibration
     from bricksrl.hub.program.generate import generate
 

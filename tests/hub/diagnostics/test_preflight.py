@@ -1,4 +1,4 @@
-"""What is made of what a hub says."""
+"""Findings of the preflight check."""
 
 from __future__ import annotations
 
@@ -38,21 +38,21 @@ def ports(**changed: int) -> dict[str, Finding]:
     return {finding.name[-1]: finding for finding in check_ports(TWO_WHEELER, found)}
 
 
-def test_every_port_is_named() -> None:
+def test_preflight_names_every_port() -> None:
     findings = ports()
     assert list(findings) == list("ABCDEF")
     assert all(finding.outcome is Outcome.OK for finding in findings.values())
     assert ports(B=61)["B"].outcome is Outcome.OK and "color sensor is there" in ports(B=61)["B"].detail
 
 
-def test_what_is_missing_is_an_error_with_its_remedy() -> None:
+def test_missing_device_is_an_error_with_remedy() -> None:
     assert ports(A=0)["A"].outcome is Outcome.ERROR and "plug it into port A until it clicks" in ports(A=0)["A"].detail
     assert "move it from port F to C" in ports(C=0, F=62)["C"].detail
     assert ports(A=62, C=48)["A"].outcome is Outcome.ERROR, "swapped"
     assert "device 99 is there" in ports(A=99)["A"].detail
 
 
-def test_another_motor_is_a_warning() -> None:
+def test_other_motor_kind_is_a_warning() -> None:
     finding = ports(A=MOTOR_IDS[MotorKind.TECHNIC_M_ANGULAR])["A"]
     assert finding.outcome is Outcome.WARNING and "technic-m-angular is there; it works" in finding.detail
 
@@ -97,7 +97,7 @@ def test_imu() -> None:
     assert not list(check_imu(ROBO_ARM, GOOD)), "it does not need one"
 
 
-def test_joints_out_of_their_range_are_errors() -> None:
+def test_joints_out_of_range_are_errors() -> None:
     interface = get_task("RoboArm-v0").interface
     values = np.array([0, 40, -70, -95], np.float32)
     assert [f.outcome for f in check_angles(ROBO_ARM, interface, values)] == [Outcome.OK] * 3
@@ -125,7 +125,7 @@ def test_there_is_advice_for_every_system() -> None:
 
 
 @given(st.floats(-200, 0), st.floats(0, 200), st.none() | st.floats(-150, 10))
-def test_a_test_move_is_small_and_allowed(low: float, high: float, angle: float | None) -> None:
+def test_test_move_is_small_and_in_range(low: float, high: float, angle: float | None) -> None:
     value = small_move(RunAngle("high", low, high, 100), (-150, 10), angle)
     assert low <= value <= high and abs(value) <= 30
     assert abs(value) == min(30, max(-low, high)) or (abs(value) >= min(30, -low, high))
@@ -139,7 +139,7 @@ def test_a_joint_moves_to_the_middle_of_its_range() -> None:
 
 
 class Blocked(VirtualHub):
-    """Somebody holds the right wheel."""
+    """The right wheel is blocked."""
 
     def __init__(self) -> None:
         super().__init__(make_body(TWO_WHEELER))
@@ -147,14 +147,14 @@ class Blocked(VirtualHub):
         self.body.set_voltage = lambda port, mv: apply(port, None if port == "A" else mv)
 
 
-def test_a_motor_that_does_not_turn_is_an_error() -> None:
+def test_blocked_motor_is_an_error() -> None:
     findings = check_robot(Blocked(), TWO_WHEELER, get_task("Spinning-v0").interface, may_move=lambda: True)
     told = {finding.name: finding for finding in findings}
     assert told["motor left"].outcome is Outcome.OK
     assert told["motor right"].outcome is Outcome.ERROR and "blocked, or its cable is loose" in told["motor right"].detail
 
 
-def test_a_program_that_fails_is_a_finding_and_the_hub_is_let_go() -> None:
+def test_failing_program_is_a_finding() -> None:
     hub = VirtualHub(make_body(TWO_WHEELER))
     described = replace(TWO_WHEELER, motors=(replace(TWO_WHEELER.motors[0], port="D"), *TWO_WHEELER.motors[1:]))
     hub.machine.robot = described  # it says that it is there, and cannot be used

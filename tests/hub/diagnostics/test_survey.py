@@ -1,4 +1,4 @@
-"""Programs that look at a hub, in the virtual hub and over the played radio."""
+"""Survey programs on the virtual hub and over the simulated radio."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ pytestmark = pytest.mark.realtime
 
 
 @pytest.mark.parametrize("hub", [HubKind.PRIME, HubKind.ESSENTIAL, HubKind.TECHNIC, HubKind.CITY])
-def test_every_hub_can_run_the_programs(hub: HubKind) -> None:
+def test_survey_programs_fit_every_hub(hub: HubKind) -> None:
     robot = Robot("any", hub, (Motor("one", "A", gears=(12, 20)), Motor("two", "B", range_deg=(0, 90))))
     for program in (survey_program(robot), stops_program(robot)):
         require_clean(program.source, hub)
@@ -30,7 +30,7 @@ def test_every_hub_can_run_the_programs(hub: HubKind) -> None:
 
 
 @pytest.mark.parametrize("name", robots.ROBOTS)
-def test_a_survey_finds_what_is_plugged_in_and_moves_nothing(name: str) -> None:
+def test_survey_finds_devices_without_motion(name: str) -> None:
     robot = robots.get(name)
     hub = VirtualHub(make_body(robot))
     before = [hub.body.angle_mdeg(port) for port in hub.machine.servos]
@@ -44,7 +44,7 @@ def test_a_survey_finds_what_is_plugged_in_and_moves_nothing(name: str) -> None:
     assert [hub.body.angle_mdeg(port) for port in hub.machine.servos] == before
 
 
-def test_a_survey_shows_the_output_s_angle_in_the_described_direction() -> None:
+def test_survey_angle_has_described_direction() -> None:
     hub = VirtualHub(make_body(ROBO_ARM))
     assert survey(hub, ROBO_ARM).angles_deg["high"] == -70
     turned = dataclasses.replace(ROBO_ARM.motor("high"), direction=robots.Direction.COUNTERCLOCKWISE)
@@ -52,7 +52,7 @@ def test_a_survey_shows_the_output_s_angle_in_the_described_direction() -> None:
     assert survey(hub, other).angles_deg == {"high": 70}
 
 
-def test_a_missing_device_is_no_error_of_the_survey() -> None:
+def test_survey_tolerates_missing_device() -> None:
     hub = VirtualHub(make_body(TWO_WHEELER))
     unplug(hub.machine, "A")
     found = survey(hub, TWO_WHEELER)
@@ -60,7 +60,7 @@ def test_a_missing_device_is_no_error_of_the_survey() -> None:
     assert set(found.angles_deg) == {"left"}
 
 
-def test_joints_are_turned_to_their_stops_and_back_to_the_middle() -> None:
+def test_survey_turns_joints_to_stops_and_back() -> None:
     hub = VirtualHub(make_body(ROBO_ARM))
     found = find_stops(hub, ROBO_ARM)
     assert found == {
@@ -72,7 +72,7 @@ def test_joints_are_turned_to_their_stops_and_back_to_the_middle() -> None:
     assert angles["low"] == pytest.approx(40, abs=8) and angles["grab"] == pytest.approx(-96, abs=8)
 
 
-def test_a_joint_that_nothing_blocks_gives_up() -> None:
+def test_unblocked_joint_gives_up() -> None:
     robot = Robot("free", HubKind.PRIME, (Motor("one", "A", range_deg=(0, 90)),))
     hub = VirtualHub(make_body(robot))
     assert find_stops(hub, robot) == {"one": None}
@@ -84,7 +84,7 @@ def test_a_robot_without_joints_does_not_move() -> None:
 
 
 @pytest.mark.parametrize("lines", [[], ["port A"], ["port A 48", "battery x", "firmware 4", "name n"], ["battery 8000"]])
-def test_half_an_answer_is_one_error(lines: list[str]) -> None:
+def test_incomplete_answer_raises(lines: list[str]) -> None:
     with pytest.raises(HubError, match="incomplete; bring it near"):
         parse_survey(lines)
 
@@ -97,14 +97,14 @@ def test_half_an_answer_is_one_error(lines: list[str]) -> None:
         ("print('x')\n", HubError, "no program runs"),
     ],
 )
-def test_programs_that_go_wrong(source: str, error: type[HubError], says: str) -> None:
+def test_failing_programs(source: str, error: type[HubError], says: str) -> None:
     hub = VirtualHub(make_body(TWO_WHEELER))
     with pytest.raises(error, match=says):
         run(hub, HubProgram(source, 1), 3.0)
     assert not any(servo.is_open for servo in hub.machine.servos.values())
 
 
-def test_over_bluetooth_and_a_second_time_without_a_download(world: World) -> None:
+def test_survey_twice_over_bluetooth_downloads_once(world: World) -> None:
     world.hub.library.append(survey_program(TWO_WHEELER).source)
     transport = world.transport()
     transport.open()

@@ -1,4 +1,4 @@
-"""When a host tells its hub that it lives."""
+"""Keepalive frames."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ WATCHDOG_S = WATCHDOG_MS / 1000
 
 
 @given(st.none() | st.floats(0.0, 10.0), st.floats(0.05, 2.0))
-def test_the_hub_is_never_left_alone_for_long_and_the_answer_is_not_held_up(move_s: float | None, watchdog_s: float) -> None:
+def test_keepalive_interval_is_bounded(move_s: float | None, watchdog_s: float) -> None:
     times_s = list(itertools.takewhile(lambda time_s: time_s < 12.0, signs_of_life_s(move_s, watchdog_s)))
     pauses_s = [after - before for before, after in itertools.pairwise([0.0, *times_s])]
     assert max(pauses_s) <= 0.7501 * watchdog_s, "a quarter is left for the way"
@@ -40,7 +40,7 @@ def signs(hub: StandInHub) -> int:
     ("robot", "interface", "values", "count"),
     [(TWO_WHEELER, SPINNING, [30, 30], 0), (WALKER, WALKER_INTERFACE, [-30] * 4, 1), (TWO_WHEELER, RUN_AWAY, [90], 2)],
 )
-def test_a_step_is_seen_through(robot: Robot, interface: Interface, values: list[float], count: int) -> None:
+def test_keepalive_lets_long_step_finish(robot: Robot, interface: Interface, values: list[float], count: int) -> None:
     hub = StandInHub()
     with HubLink(hub, robot, interface) as link:
         for _ in range(3):
@@ -49,7 +49,7 @@ def test_a_step_is_seen_through(robot: Robot, interface: Interface, values: list
         assert (link.statistics.resends, link.statistics.stale_answers) == (0, 0)
 
 
-def test_a_hub_that_does_not_hear_them_breaks_the_step_off() -> None:
+def test_lost_keepalives_abort_step() -> None:
     hub = StandInHub()
     link = HubLink(hub, TWO_WHEELER, RUN_AWAY)
     link.open()

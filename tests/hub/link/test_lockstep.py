@@ -1,4 +1,4 @@
-"""The link and the program together, over a stand-in that loses and damages what the test says."""
+"""Link and program over a transport with loss and damage."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def make(hub: StandInHub, interface: Interface = SPINNING, **options: float) -> 
 
 
 def every(n: int, change: Callable[[bytes], bytes], first: int = 0) -> Callable[[bytes], bytes]:
-    """Changes every n-th piece of data."""
+    """Change every n-th chunk."""
     count = -first
 
     def apply(data: bytes) -> bytes:
@@ -67,7 +67,7 @@ def test_open_act_read_close() -> None:
     assert not hub.running and link.state is LinkState.DISCONNECTED
 
 
-def test_it_opens_and_closes_as_a_context() -> None:
+def test_link_is_a_context_manager() -> None:
     hub = StandInHub()
     with make(hub) as link:
         link.open()  # once more is no harm
@@ -76,7 +76,7 @@ def test_it_opens_and_closes_as_a_context() -> None:
     assert not hub.running and hub.closes == 2
 
 
-def test_a_context_that_cannot_open_is_closed() -> None:
+def test_failed_open_closes_link() -> None:
     hub = StandInHub()
     hub.unplugged.add("E")
     with pytest.raises(HubProgramError), make(hub):
@@ -84,7 +84,7 @@ def test_a_context_that_cannot_open_is_closed() -> None:
     assert hub.closes == 1
 
 
-def test_what_needs_an_open_link_says_so() -> None:
+def test_closed_link_raises() -> None:
     link = make(StandInHub())
     for call in (link.read, lambda: link.act([0, 0])):
         with pytest.raises(HubError, match=r"call open\(\) first"):
@@ -93,7 +93,7 @@ def test_what_needs_an_open_link_says_so() -> None:
     link.close()
 
 
-def test_the_hubs_clock_does_not_wrap() -> None:
+def test_hub_clock_is_unwrapped() -> None:
     hub = StandInHub()
     with make(hub) as link:
         times = []
@@ -105,7 +105,7 @@ def test_the_hubs_clock_does_not_wrap() -> None:
 
 @pytest.mark.parametrize("change", [lose, damage])
 @pytest.mark.parametrize("direction", ["down", "up"])
-def test_a_lost_frame_costs_time_but_never_moves_twice(direction: str, change: Callable[[bytes], bytes]) -> None:
+def test_lost_frame_never_moves_twice(direction: str, change: Callable[[bytes], bytes]) -> None:
     hub = StandInHub()
     with make(hub, timeout_s=2.0) as link:
         harm = every(3, change)
@@ -117,7 +117,7 @@ def test_a_lost_frame_costs_time_but_never_moves_twice(direction: str, change: C
         assert link.statistics.exchanges == 40
 
 
-def test_noise_both_ways() -> None:
+def test_noise_in_both_directions() -> None:
     hub = StandInHub()
     noise = random.Random(3)
     with make(hub, timeout_s=8.0) as link:
@@ -138,7 +138,7 @@ def test_duplicated_answers_are_ignored() -> None:
         assert link.statistics.stale_answers == 4
 
 
-def test_duplicated_commands_are_carried_out_once() -> None:
+def test_duplicated_commands_run_once() -> None:
     hub = StandInHub(stdin_bytes=63)
     with make(hub) as link:
         hub.down = lambda data: data * 2
@@ -147,7 +147,7 @@ def test_duplicated_commands_are_carried_out_once() -> None:
         assert len(hub.moves) == 10
 
 
-def test_a_silent_hub_is_a_timeout_and_then_a_fault() -> None:
+def test_silent_hub_times_out_then_faults() -> None:
     hub = StandInHub()
     link = make(hub, timeout_s=1.0)
     link.open()
@@ -166,7 +166,7 @@ def test_a_silent_hub_is_a_timeout_and_then_a_fault() -> None:
     link.close()
 
 
-def test_a_long_move_gets_its_time() -> None:
+def test_long_move_extends_timeout() -> None:
     hub = StandInHub()
     with make(hub, RUN_AWAY, timeout_s=0.4) as link:
         hub.motors["A"].blocked = True
@@ -177,7 +177,7 @@ def test_a_long_move_gets_its_time() -> None:
 
 
 class FrozenHub(StandInHub):
-    """Its clock stands still and it never sends anything of use."""
+    """Its clock stands still, and it sends nothing useful."""
 
     def __init__(self, noise: bytes) -> None:
         super().__init__()
@@ -192,14 +192,14 @@ class FrozenHub(StandInHub):
 
 
 @pytest.mark.parametrize("noise", [b"", b"x", b"\xa5\x01", b"\xa5\x00H"])
-def test_a_transport_whose_clock_stands_still_cannot_hang_it(noise: bytes) -> None:
+def test_stopped_clock_does_not_hang(noise: bytes) -> None:
     hub = FrozenHub(noise)
     with pytest.raises(HubTimeoutError):
         make(hub).open()
     assert hub.reads < 10_000
 
 
-def test_a_lost_hello_is_asked_for() -> None:
+def test_lost_hello_is_requested() -> None:
     hub = StandInHub()
     hub.up = every(1, lose)
     hub.down = lambda data: (setattr(hub, "up", lambda answer: answer), data)[1]
@@ -210,7 +210,7 @@ def test_a_lost_hello_is_asked_for() -> None:
     link.close()
 
 
-def test_another_program_is_recognised() -> None:
+def test_other_program_is_detected() -> None:
     class OtherProgram(StandInHub):
         def start(self, program: HubProgram) -> None:
             super().start(generate(TWO_WHEELER, RUN_AWAY))
@@ -219,7 +219,7 @@ def test_another_program_is_recognised() -> None:
         make(OtherProgram()).open()
 
 
-def test_another_protocol_is_recognised() -> None:
+def test_other_protocol_is_detected() -> None:
     class OtherVersion(StandInHub):
         def start(self, program: HubProgram) -> None:
             source = program.source.replace("HELLO_HEAD = bytes([MAGIC, 0, 72, 1])", "HELLO_HEAD = bytes([MAGIC, 0, 72, 2])")
@@ -229,7 +229,7 @@ def test_another_protocol_is_recognised() -> None:
         make(OtherVersion()).open()
 
 
-def test_a_missing_device_is_told_at_the_start() -> None:
+def test_missing_device_raises_at_start() -> None:
     hub = StandInHub()
     hub.unplugged.add("E")
     link = make(hub)
@@ -241,7 +241,7 @@ def test_a_missing_device_is_told_at_the_start() -> None:
     assert link.state is LinkState.READY
 
 
-def test_a_device_that_goes_away_is_told() -> None:
+def test_unplugged_device_raises() -> None:
     hub = StandInHub()
     link = make(hub)
     link.open()
@@ -251,7 +251,7 @@ def test_a_device_that_goes_away_is_told() -> None:
     assert link.state is LinkState.FAULT
 
 
-def test_values_that_cannot_be_sent_change_nothing() -> None:
+def test_invalid_values_send_nothing() -> None:
     hub = StandInHub()
     with make(hub) as link:
         for values in ([float("nan"), 0], [1], []):
@@ -260,7 +260,7 @@ def test_values_that_cannot_be_sent_change_nothing() -> None:
         assert link.state is LinkState.READY and hub.writes == []
 
 
-def test_after_a_long_silence_reading_starts_the_program_again() -> None:
+def test_read_after_silence_restarts_program() -> None:
     hub = StandInHub()
     with make(hub) as link:
         link.act([10, 10])
@@ -271,7 +271,7 @@ def test_after_a_long_silence_reading_starts_the_program_again() -> None:
         assert reading.hub_time_ms < 1000
 
 
-def test_after_a_long_silence_acting_says_what_happened() -> None:
+def test_act_after_silence_raises() -> None:
     hub = StandInHub()
     with make(hub) as link:
         link.act([10, 10])
@@ -283,7 +283,7 @@ def test_after_a_long_silence_acting_says_what_happened() -> None:
         assert len(hub.moves) == 4
 
 
-def test_reading_keeps_the_motors_under_power() -> None:
+def test_reading_keeps_motors_powered() -> None:
     hub = StandInHub()
     with make(hub) as link:
         link.act([10, 10])
@@ -294,7 +294,7 @@ def test_reading_keeps_the_motors_under_power() -> None:
         assert link.state is LinkState.ARMED
 
 
-def test_stop_stops_and_open_starts_again() -> None:
+def test_open_after_stop_restarts() -> None:
     hub = StandInHub()
     link = make(hub)
     link.open()
@@ -328,7 +328,7 @@ def test_close_never_raises(caplog: pytest.LogCaptureFixture) -> None:
     assert [record.exc_info is not None and record.exc_info is not False for record in caplog.records[:2]] == [False, True]
 
 
-def test_an_error_of_the_transport_is_a_fault() -> None:
+def test_transport_error_is_a_fault() -> None:
     hub = StandInHub()
     link = make(hub)
     link.open()
@@ -339,7 +339,7 @@ def test_an_error_of_the_transport_is_a_fault() -> None:
     link.close()
 
 
-def test_the_timeout_tells_the_hubs_last_words() -> None:
+def test_timeout_message_has_last_output() -> None:
     hub = StandInHub()
     link = make(hub, timeout_s=1.0)
     link.open()
@@ -348,7 +348,7 @@ def test_the_timeout_tells_the_hubs_last_words() -> None:
         link.read()
 
 
-def test_the_watchdog_is_told_and_grows_with_the_delay() -> None:
+def test_watchdog_grows_with_delay() -> None:
     hub = StandInHub()
     with make(hub, watchdog_s=0.6) as link:
         assert hub.writes == [control_frame(Down.WATCHDOG, struct.pack("<H", 600))]
@@ -362,7 +362,7 @@ def test_the_watchdog_is_told_and_grows_with_the_delay() -> None:
 
 
 class DelayedWrites:
-    """A transport whose writes take their time."""
+    """A transport with slow writes."""
 
     def __init__(self, hub: StandInHub, delay_ms: int) -> None:
         self.hub, self.delay_ms = hub, delay_ms
@@ -388,7 +388,7 @@ def test_statistics() -> None:
     assert statistics.watchdog_s == WATCHDOG_MS / 1000
 
 
-def test_sequence_numbers_go_round() -> None:
+def test_sequence_numbers_wrap() -> None:
     hub = StandInHub()
     with make(hub, timeout_s=1.0) as link:
         for _ in range(600):
@@ -398,6 +398,6 @@ def test_sequence_numbers_go_round() -> None:
 
 
 def sleep_ms(hub: StandInHub, duration_ms: int) -> None:
-    """The host is busy: time passes, and what the hub sends stays where it is."""
+    """Let time pass without reading."""
     kept = hub.run_ms(duration_ms)
     hub._outbox[:0] = kept

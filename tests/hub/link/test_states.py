@@ -1,4 +1,4 @@
-"""The table of states: complete, and what the documentation shows."""
+"""The state table: completeness and documentation."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def test_every_cause_has_a_defined_action() -> None:
         assert transition.before and transition.host and transition.hub
 
 
-def test_every_error_leads_to_the_state_that_the_table_has_for_it() -> None:
+def test_errors_lead_to_states_of_table() -> None:
     for cause, transition in TABLE.items():
         if transition.error is not None:
             assert cause_of(transition.error("what happened; what to do")) is cause
@@ -31,7 +31,7 @@ def test_every_error_leads_to_the_state_that_the_table_has_for_it() -> None:
     assert cause_of(StoppedError("")) is Cause.HALTED
 
 
-def test_from_every_state_there_is_a_way_back() -> None:
+def test_every_state_can_recover() -> None:
     assert {state for state in LinkState if LinkState.READY in _reachable(state)} == set(LinkState)
 
 
@@ -52,5 +52,5 @@ def test_only_an_open_link_is_armed() -> None:
     assert after(LinkState.READY, Cause.ACTED) is LinkState.ARMED
 
 
-def test_the_documentation_has_this_table() -> None:
+def test_documentation_has_state_table() -> None:
     assert markdown() in LINK_DOC

@@ -1,4 +1,4 @@
-"""MicroPython in, bytes for the hub out."""
+"""Compilation of hub programs."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def test_mpy_is_version_6_without_native_code_for_31_bit_small_integers() -> Non
 
 
 @pytest.mark.parametrize("source", ["x = = 1\n", "if x:\npass\n", "match x:\n    case 1:\n        pass\n", "'\n", "\0"])
-def test_errors_of_syntax_are_one_line(source: str) -> None:
+def test_syntax_errors_are_one_line(source: str) -> None:
     with pytest.raises(ProgramError, match=r"^main.py, line \d: SyntaxError: .*; ") as info:
         compile_mpy(source)
     assert "\n" not in str(info.value)
@@ -31,13 +31,13 @@ def test_an_error_names_its_line() -> None:
         compile_mpy("x = 1\n\ny = = 2\n")
 
 
-def test_a_compiler_that_is_not_there_is_told(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_missing_hub_compiler_raises(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr("mpy_cross_v6.MPY_CROSS_PATH", str(tmp_path / "mpy-cross"))
     with pytest.raises(ProgramError, match="reinstall mpy-cross-v6"):
         compile_mpy("x = 1\n")
 
 
-def test_the_blob_is_the_program_and_the_modules_beside_it() -> None:
+def test_blob_has_program_and_modules() -> None:
     modules = compile_program(
         HubProgram("import arm.hand\n", 0, name="wave.py", beside=(HubModule("arm.hand", "arm/hand.py", "x = 1\n"),))
     )
@@ -46,7 +46,7 @@ def test_the_blob_is_the_program_and_the_modules_beside_it() -> None:
     assert program_blob(modules, HubKind.PRIME) == expected
 
 
-def test_a_program_that_does_not_fit_is_refused() -> None:
+def test_too_large_program_raises() -> None:
     largest = bytes(HubKind.CITY.model.program_bytes - 13)
     assert program_blob({"__main__": largest}, HubKind.CITY)
     with pytest.raises(ProgramError, match="20481 bytes, the city hub takes 20480"):

@@ -1,4 +1,4 @@
-"""Generated programs: complete, clean, small, and the same every time."""
+"""Generated programs: complete, clean, small, deterministic."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ PAPER = [(TWO_WHEELER, RUN_AWAY), (TWO_WHEELER, SPINNING), (WALKER, WALKER_INTER
 
 
 def driver(kind: HubKind, interface: Interface) -> tuple[Robot, Interface]:
-    """The 2Wheeler as far as it can be built around such a hub, and what is left of the task there."""
+    """A 2Wheeler with another hub, and the task as far as it is supported."""
     has_third_port = len(kind.model.ports) > 2
     robot = Robot(
         name=f"driver-{kind.value}",
@@ -54,7 +54,7 @@ ALL = PAPER + [driver(kind, interface) for kind in KINDS for interface in (RUN_A
 
 
 @pytest.mark.parametrize(("robot", "interface"), ALL)
-def test_it_is_clean_and_fits_its_hub(robot: Robot, interface: Interface) -> None:
+def test_generated_program_is_clean_and_fits(robot: Robot, interface: Interface) -> None:
     program = generate(robot, interface)
     assert lint(program.source, robot.hub) == ()
     blob = program_blob(compile_program(program), robot.hub)
@@ -62,7 +62,7 @@ def test_it_is_clean_and_fits_its_hub(robot: Robot, interface: Interface) -> Non
     assert max(map(len, program.source.splitlines())) <= 130
 
 
-def test_it_is_the_same_every_time_and_the_hash_tells_programs_apart() -> None:
+def test_generation_is_deterministic_and_hash_distinguishes() -> None:
     programs = [generate(robot, interface) for robot, interface in ALL]
     assert programs == [generate(robot, interface) for robot, interface in ALL]
     assert len({program.hash for program in programs}) == len(ALL)
@@ -70,7 +70,7 @@ def test_it_is_the_same_every_time_and_the_hash_tells_programs_apart() -> None:
 
 
 @pytest.mark.parametrize(("robot", "interface"), PAPER)
-def test_the_hash_is_in_the_source(robot: Robot, interface: Interface) -> None:
+def test_source_contains_hash(robot: Robot, interface: Interface) -> None:
     program = generate(robot, interface)
     values = {
         node.targets[0].id: node.value.value
@@ -80,14 +80,14 @@ def test_the_hash_is_in_the_source(robot: Robot, interface: Interface) -> None:
     assert values["PROGRAM_HASH"] == program.hash.to_bytes(4, "little")
 
 
-def test_the_top_says_what_it_is() -> None:
+def test_source_header() -> None:
     top = generate(TWO_WHEELER, RUN_AWAY).source.split("\n\n", maxsplit=1)[0]
     assert all(line.startswith("# ") for line in top.splitlines())
     for words in ("two-wheeler", "prime hub", "straight: drive -100 to 100 mm", "pitch, -90 to 90 deg", "3000 ms"):
         assert words in top
 
 
-def test_it_sets_up_what_is_needed_and_nothing_else() -> None:
+def test_program_sets_up_only_used_devices() -> None:
     source = generate(TWO_WHEELER, SPINNING).source
     assert "DriveBase" not in source and "UltrasonicSensor" not in source and "Joint" not in source
     source = generate(TWO_WHEELER, RUN_AWAY).source
@@ -105,7 +105,7 @@ def test_tilt_is_read_once_per_answer() -> None:
     assert generate(TWO_WHEELER, SPINNING).source.count("hub.imu.tilt()") == 1
 
 
-def test_any_python_name_may_name_a_motor() -> None:
+def test_motor_names_may_be_any_identifier() -> None:
     robot = Robot("odd", HubKind.PRIME, motors=(Motor("class", "A"), Motor("hub", "B"), Motor("wait", "C")))
     names = [motor.name for motor in robot.motors]
     interface = Interface(
@@ -114,13 +114,13 @@ def test_any_python_name_may_name_a_motor() -> None:
     assert compile_mpy(generate(robot, interface).source)
 
 
-def test_a_robot_may_be_only_observed() -> None:
+def test_interface_without_commands() -> None:
     interface = Interface((), (Pitch(),), Wait(10))
     source = generate(BENCH, interface).source
     assert lint(source, HubKind.PRIME) == () and "Port" not in source
     assert compile_mpy(source)
 
 
-def test_whole_numbers_of_the_wire_are_exact_for_fractional_ranges() -> None:
+def test_wire_integers_are_exact_for_fractional_ranges() -> None:
     interface = Interface((DriveStraight(-0.5, 12.34),), (MotorAngle("left"),), UntilDone())
     assert "whole(actions[0], -5, 123, 10)" in generate(TWO_WHEELER, interface).source

@@ -1,4 +1,4 @@
-"""What a hub's language lacks is found; what it has is not."""
+"""Lint of hub programs."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ if __name__ == "__main__":
 """
 
 
-def test_what_works_is_not_complained_about() -> None:
+def test_lint_accepts_valid_code() -> None:
     assert lint(CLEAN, HubKind.PRIME) == ()
     require_clean(CLEAN, HubKind.PRIME)
 
@@ -90,35 +90,35 @@ def test_what_works_is_not_complained_about() -> None:
         ("x = '\0'", "not Python"),
     ],
 )
-def test_what_does_not_work_is_found(source: str, words: str) -> None:
+def test_lint_finds_unsupported_code(source: str, words: str) -> None:
     findings = lint(source, HubKind.PRIME)
     assert len(findings) == 1
     assert words in findings[0].detail
 
 
-def test_findings_have_their_lines_in_order() -> None:
+def test_lint_findings_are_ordered_by_line() -> None:
     findings = lint("x = 1\nimport time\n\ny = filter(x, [])\n", HubKind.PRIME)
     assert [finding.name for finding in findings] == ["line 2", "line 4"]
     assert str(findings[0]).startswith("line 2: the prime hub has no module time; ")
 
 
 @pytest.mark.parametrize(("kind", "count"), [(HubKind.PRIME, 0), (HubKind.ESSENTIAL, 0), (HubKind.TECHNIC, 1), (HubKind.CITY, 1)])
-def test_memoryview_is_on_the_large_hubs_only(kind: HubKind, count: int) -> None:
+def test_memoryview_needs_large_hub(kind: HubKind, count: int) -> None:
     assert len(lint("x = memoryview(b'')", kind)) == count
 
 
 @pytest.mark.parametrize("source", ["x = 1.5", "x = 1 / 2", "x = float(1)", "import ustruct", "x = {1, 2}", "import umath"])
-def test_a_move_hub_has_less(source: str) -> None:
+def test_move_hub_supports_less(source: str) -> None:
     assert lint(source, HubKind.CITY) == ()
     assert len(lint(source, HubKind.MOVE)) == 1
 
 
-def test_a_program_with_findings_is_refused() -> None:
+def test_program_with_findings_raises() -> None:
     with pytest.raises(ProgramError, match=r"prime hub: line 1: .*no module time.* \(2 findings in all\)"):
         require_clean("import time\nimport os\n", HubKind.PRIME)
 
 
 @given(st.text(max_size=60))
-def test_no_text_breaks_it(source: str) -> None:
+def test_lint_survives_any_text(source: str) -> None:
     for finding in lint(source, HubKind.PRIME):
         assert int(finding.name.removeprefix("line ")) >= 1

@@ -1,4 +1,4 @@
-"""The generated program, run for real: what the hub does with every kind of byte that can reach it."""
+"""The generated program on all kinds of input."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ ARM_INTERFACE = Interface((RunAngle("low", -30, 30, 250),), (MotorAngle("low", 1
 
 
 class Session:
-    """A program that runs, spoken to in frames."""
+    """A running program with a frame interface."""
 
     def __init__(self, robot: Robot, interface: Interface) -> None:
         self.hub = StandInHub(robot.hub.model.stdin_bytes)
@@ -65,7 +65,7 @@ def spinning() -> Session:
     return Session(TWO_WHEELER, SPINNING)
 
 
-def test_it_says_hello_at_its_start_and_when_asked(spinning: Session) -> None:
+def test_hello_at_start_and_on_request(spinning: Session) -> None:
     expected = ControlFrame(Up.HELLO, struct.pack("<BI", PROTOCOL_VERSION, spinning.program.hash))
     assert spinning.first == [expected]
     assert parse_hello(expected.payload) == (PROTOCOL_VERSION, spinning.program.hash)
@@ -74,7 +74,7 @@ def test_it_says_hello_at_its_start_and_when_asked(spinning: Session) -> None:
     assert spinning.hub.interrupt_byte == -1
 
 
-def test_a_command_moves_the_motors_and_is_answered_after_the_wait(spinning: Session) -> None:
+def test_command_moves_and_is_answered_after_wait(spinning: Session) -> None:
     spinning.hub.tilt, spinning.hub.yaw_rate_deg_s = (1.234, -56.7), 123.46
     spinning.send(spinning.command(7, 30, -20))
     assert spinning.run_ms(95) == []
@@ -84,7 +84,7 @@ def test_a_command_moves_the_motors_and_is_answered_after_the_wait(spinning: Ses
     assert spinning.values(answer) == [30.0, 340.0, 1.23, -56.7, 123.5]
 
 
-def test_the_clock_of_the_answer_is_the_hubs(spinning: Session) -> None:
+def test_answer_has_hub_time(spinning: Session) -> None:
     times = []
     for seq in range(1, 4):
         spinning.send(spinning.command(seq, 0, 0))
@@ -94,7 +94,7 @@ def test_the_clock_of_the_answer_is_the_hubs(spinning: Session) -> None:
     assert [later - earlier for earlier, later in zip(times, times[1:], strict=False)] == [200, 200]
 
 
-def test_actions_are_clamped_to_the_commands_range_and_rounded(spinning: Session) -> None:
+def test_actions_are_clamped_and_rounded(spinning: Session) -> None:
     spinning.send(spinning.command(1, 1000, -3000))
     spinning.run_ms(150)
     spinning.send(spinning.command(2, 12.5, -12.6))
@@ -102,7 +102,7 @@ def test_actions_are_clamped_to_the_commands_range_and_rounded(spinning: Session
     assert [move[-1] for move in spinning.hub.moves] == [100, -100, 13, -13]
 
 
-def test_a_repeated_command_is_answered_again_but_carried_out_once(spinning: Session) -> None:
+def test_repeated_command_runs_once(spinning: Session) -> None:
     command = spinning.command(1, 50, 50)
     spinning.send(command)
     spinning.run_ms(50)
@@ -114,7 +114,7 @@ def test_a_repeated_command_is_answered_again_but_carried_out_once(spinning: Ses
     assert len(spinning.hub.moves) == 2
 
 
-def test_a_new_command_replaces_one_under_way(spinning: Session) -> None:
+def test_new_command_replaces_running_one(spinning: Session) -> None:
     spinning.send(spinning.command(1, 50, 50))
     spinning.run_ms(50)
     spinning.send(spinning.command(2, -50, -50))
@@ -131,7 +131,7 @@ def test_reading_moves_nothing_and_does_not_arm(spinning: Session) -> None:
     assert all(motor.stops == 0 for motor in spinning.hub.motors.values())
 
 
-def test_a_command_with_the_sequence_number_of_an_older_reading_is_new(spinning: Session) -> None:
+def test_command_with_reused_sequence_number_is_new(spinning: Session) -> None:
     spinning.send(spinning.command(5, 10, 10))
     spinning.run_ms(150)
     spinning.send(control_frame(Down.READ, b"\x06"))
@@ -166,7 +166,7 @@ def test_silence_stops_the_motors_and_later_the_program(spinning: Session) -> No
 
 
 @pytest.mark.parametrize("settle", [Wait(2000), UntilDone()])
-def test_silence_in_the_middle_of_a_step_breaks_it_off(settle: Wait | UntilDone) -> None:
+def test_silence_aborts_running_step(settle: Wait | UntilDone) -> None:
     session = Session(TWO_WHEELER, replace(RUN_AWAY, settle=settle))
     session.hub.motors["A"].blocked = True
     session.send(session.command(1, 60))
@@ -180,7 +180,7 @@ def test_silence_in_the_middle_of_a_step_breaks_it_off(settle: Wait | UntilDone)
     assert not session.hub.running and not session.hub.motors["A"].moving
 
 
-def test_noise_does_not_feed_the_watchdog(spinning: Session) -> None:
+def test_noise_does_not_reset_watchdog(spinning: Session) -> None:
     spinning.send(spinning.command(1, 100, 100))
     spinning.run_ms(110)
     noise = random.Random(1)
@@ -190,7 +190,7 @@ def test_noise_does_not_feed_the_watchdog(spinning: Session) -> None:
     assert all(motor.stops for motor in spinning.hub.motors.values())
 
 
-def test_after_the_watchdog_a_command_works_again(spinning: Session) -> None:
+def test_command_works_after_watchdog(spinning: Session) -> None:
     spinning.send(spinning.command(1, 10, 10))
     spinning.run_ms(1000)
     spinning.send(spinning.command(2, 10, 10))
@@ -224,7 +224,7 @@ def test_motors_stop_when_the_program_is_stopped_from_outside(spinning: Session)
     assert not any(motor.moving for motor in spinning.hub.motors.values())
 
 
-def test_motors_stop_when_the_program_raises_and_the_traceback_goes_out(spinning: Session) -> None:
+def test_motors_stop_and_traceback_is_sent_on_error(spinning: Session) -> None:
     spinning.send(spinning.command(1, 100, 100))
     spinning.run_ms(20)
     spinning.hub.unplugged.add("A")
@@ -234,7 +234,7 @@ def test_motors_stop_when_the_program_raises_and_the_traceback_goes_out(spinning
     assert not any(motor.moving for motor in spinning.hub.motors.values())
 
 
-def test_corrupt_frames_are_dropped_and_the_second_frame_after_them_is_heard(spinning: Session) -> None:
+def test_reader_resyncs_after_corrupt_frames(spinning: Session) -> None:
     good = spinning.command(1, 10, 10)
     for bit in range(8 * len(good)):
         if bit // 8 == 1:
@@ -251,7 +251,7 @@ def test_corrupt_frames_are_dropped_and_the_second_frame_after_them_is_heard(spi
     assert answers and isinstance(answers[0], DataFrame) and len(spinning.hub.moves) == 2
 
 
-def test_any_garbage_is_survived(spinning: Session) -> None:
+def test_garbage_is_tolerated(spinning: Session) -> None:
     noise = random.Random(2)
     for _ in range(300):
         spinning.send(bytes(noise.choices([0xA5, 0, 72, 82, 1, 255], k=noise.randint(1, 20))))
@@ -265,7 +265,7 @@ def test_any_garbage_is_survived(spinning: Session) -> None:
     assert len(spinning.hub.moves) == 2
 
 
-def test_a_frame_may_come_in_pieces(spinning: Session) -> None:
+def test_split_frames_are_read(spinning: Session) -> None:
     for byte in spinning.command(3, 10, 10):
         spinning.send(bytes([byte]))
         spinning.run_ms(3)
@@ -273,7 +273,7 @@ def test_a_frame_may_come_in_pieces(spinning: Session) -> None:
     assert isinstance(answer, DataFrame) and answer.seq == 3
 
 
-def test_the_drive_base_answers_when_its_move_has_ended() -> None:
+def test_drive_base_answers_after_move() -> None:
     session = Session(TWO_WHEELER, RUN_AWAY)
     session.hub.distance_mm = 1234
     session.send(session.command(1, 60))
@@ -284,7 +284,7 @@ def test_the_drive_base_answers_when_its_move_has_ended() -> None:
     assert not any(motor.stops for motor in session.hub.motors.values())
 
 
-def test_a_blocked_move_is_stopped_at_its_timeout_while_control_frames_are_served() -> None:
+def test_blocked_move_stops_at_timeout() -> None:
     session = Session(TWO_WHEELER, RUN_AWAY)
     session.hub.motors["A"].blocked = True
     session.send(session.command(1, 60))
@@ -296,7 +296,7 @@ def test_a_blocked_move_is_stopped_at_its_timeout_while_control_frames_are_serve
     assert not any(motor.moving for motor in session.hub.motors.values())
 
 
-def test_only_the_blocked_motor_is_stopped() -> None:
+def test_only_blocked_motor_stops() -> None:
     robot = Robot("pair", HubKind.CITY, motors=(Motor("one", "A"), Motor("two", "B")))
     interface = Interface(
         (RunAngle("one", -90, 90, 500), RunAngle("two", -90, 90, 500)), (MotorAngle("one"), MotorAngle("two")), UntilDone(300)
@@ -310,7 +310,7 @@ def test_only_the_blocked_motor_is_stopped() -> None:
     assert [motor.stops for motor in session.hub.motors.values()] == [1, 0]
 
 
-def test_the_walkers_answer_is_one_notification() -> None:
+def test_walker_answer_fits_one_notification() -> None:
     session = Session(WALKER, WALKER_INTERFACE)
     session.send(session.command(1, -100, -50, -25, 0))
     (answer,) = session.run_ms(300)
@@ -318,7 +318,7 @@ def test_the_walkers_answer_is_one_notification() -> None:
     assert session.values(answer)[:4] == [260, 310, 335, 0]
 
 
-def test_a_longer_answer_is_written_in_pieces() -> None:
+def test_long_answer_is_split() -> None:
     robot = Robot("many", HubKind.PRIME, motors=tuple(Motor(f"motor_{port}", port) for port in "ABCDEF"), needs_imu=True)
     motors = [motor.name for motor in robot.motors]
     interface = Interface(
@@ -334,7 +334,7 @@ def test_a_longer_answer_is_written_in_pieces() -> None:
     assert [len(piece) for piece in session.hub.sent[-2:]] == [19, 4]
 
 
-def test_targets_stay_within_a_motors_range() -> None:
+def test_targets_stay_in_motor_range() -> None:
     session = Session(ARM, ARM_INTERFACE)
     motor = session.hub.motors["D"]
     motor.position = 40.0
@@ -347,7 +347,7 @@ def test_targets_stay_within_a_motors_range() -> None:
     assert motor.gears == [12, 36] and motor.limits == {"torque": 900}
 
 
-def test_a_joint_that_sags_does_not_creep() -> None:
+def test_sagging_joint_does_not_creep() -> None:
     session = Session(ARM, ARM_INTERFACE)
     motor = session.hub.motors["D"]
     motor.position = 40.0

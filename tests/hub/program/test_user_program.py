@@ -1,4 +1,4 @@
-"""A program of one's own on a hub: what goes with it, and what comes back."""
+"""User programs on a hub."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def unpacked(blob: bytes) -> dict[str, bytes]:
     return modules
 
 
-def test_a_program_takes_its_modules_along_as_pybricksdev_does(folder: Path) -> None:
+def test_program_modules_match_pybricksdev(folder: Path) -> None:
     from pybricksdev.compile import compile_multi_file
 
     program = own_program(folder / "main.py")
@@ -61,13 +61,13 @@ def test_a_program_takes_its_modules_along_as_pybricksdev_does(folder: Path) -> 
     assert blob.index(b"__main__") == 4
 
 
-def test_programs_that_import_each_other_end(tmp_path: Path) -> None:
+def test_circular_imports_terminate(tmp_path: Path) -> None:
     (tmp_path / "main.py").write_text("import other\n")
     (tmp_path / "other.py").write_text("import main, other\n")
     assert [module.name for module in own_program(tmp_path / "main.py").beside] == ["other", "main"]
 
 
-def test_files_that_cannot_be_read_or_compiled_are_one_line(folder: Path) -> None:
+def test_unreadable_or_invalid_files_raise(folder: Path) -> None:
     with pytest.raises(ProgramError, match="cannot read the program"):
         own_program(folder / "none.py")
     (folder / "leg.py").write_bytes(b"\xff\xfe")
@@ -101,7 +101,7 @@ STOPPED = "The program was stopped (SystemExit).\r\n"
     ],
 )
 @given(data=st.data())
-def test_what_the_firmware_says_is_told_apart(data: st.DataObject, written: str, out: str, err: str, code: int) -> None:
+def test_firmware_messages_are_distinguished(data: st.DataObject, written: str, out: str, err: str, code: int) -> None:
     stdout, stderr = io.BytesIO(), io.StringIO()
     transcript, left = Transcript(stdout, stderr), written.encode()
     while left:
@@ -113,7 +113,7 @@ def test_what_the_firmware_says_is_told_apart(data: st.DataObject, written: str,
     assert stderr.getvalue() == err.replace("\r\n", "\n")
 
 
-def test_a_prompt_is_shown_at_once() -> None:
+def test_prompt_is_shown_immediately() -> None:
     stdout = io.BytesIO()
     Transcript(stdout, io.StringIO()).take(b"a\r\nTicket: ")
     assert stdout.getvalue() == b"a\nTicket: "
@@ -132,7 +132,7 @@ def run(world: World, path: Path, stdin: bytes | None = None, time_limit_s: floa
     return code, out.getvalue().decode(), err.getvalue()
 
 
-def test_it_runs_on_a_hub_over_bluetooth(world: World, folder: Path) -> None:
+def test_user_program_runs_over_bluetooth(world: World, folder: Path) -> None:
     assert run(world, folder / "main.py") == (0, "42 1 2\n", "")
     (folder / "leg.py").write_text("kick, step = 1, 2\nprint('a')\nkick / 0\n")
     code, out, err = run(world, folder / "main.py")
@@ -145,7 +145,7 @@ def test_it_runs_on_a_hub_over_bluetooth(world: World, folder: Path) -> None:
     assert not world.hub.is_running
 
 
-def test_it_runs_on_a_hub_that_our_own_programs_do_not_fit(tmp_path: Path) -> None:
+def test_user_program_runs_on_small_hub(tmp_path: Path) -> None:
     world = World(tmp_path, Robot("small", HubKind.MOVE, motors=(Motor("one", "A"),)))
     try:
         (tmp_path / "main.py").write_text("print(7 // 2)\n")
@@ -154,8 +154,8 @@ def test_it_runs_on_a_hub_that_our_own_programs_do_not_fit(tmp_path: Path) -> No
         world.close()
 
 
-def test_it_is_never_taken_for_one_that_is_there(world: World, folder: Path) -> None:
-    """A program without a HELLO comes anew every time, and leaves no note behind."""
+def test_user_program_is_always_downloaded(world: World, folder: Path) -> None:
+    """A program without HELLO is always downloaded and not cached."""
     link = world.link()
     link.open()
     link.close()
@@ -167,14 +167,14 @@ def test_it_is_never_taken_for_one_that_is_there(world: World, folder: Path) -> 
     assert len(world.hub.commands) > downloads + 5, "our own program had to come again"
 
 
-def test_it_reads_what_is_typed(world: World, folder: Path) -> None:
+def test_user_program_reads_input(world: World, folder: Path) -> None:
     lines = b"".join(b"%d\n" % n for n in range(100))
     (folder / "main.py").write_text("total = 0\nfor _ in range(100):\n    total += int(input())\nprint()\nprint('sum', total)\n")
     code, out, _ = run(world, folder / "main.py", stdin=lines)
     assert code == 0 and out.endswith("\nsum 4950\n")
 
 
-def test_input_that_is_closed_is_no_input(world: World, folder: Path) -> None:
+def test_closed_input_is_empty(world: World, folder: Path) -> None:
     (folder / "main.py").write_text("print('runs')\n")
     program = own_program(folder / "main.py")
     world.hub.files[program.name] = program.source
@@ -184,7 +184,7 @@ def test_input_that_is_closed_is_no_input(world: World, folder: Path) -> None:
     assert out.getvalue() == b"runs\n"
 
 
-def test_it_is_stopped_in_time_and_its_motors_too(world: World, folder: Path) -> None:
+def test_user_program_and_motors_stop_at_time_limit(world: World, folder: Path) -> None:
     source = "from pybricks.parameters import Port\nfrom pybricks.pupdevices import Motor\nfrom pybricks.tools import wait\n"
     (folder / "main.py").write_text(source + "Motor(Port.A).run(500)\nprint('runs')\nwhile True:\n    wait(10)\n")
     code, out, err = run(world, folder / "main.py", time_limit_s=0.5)
@@ -192,7 +192,7 @@ def test_it_is_stopped_in_time_and_its_motors_too(world: World, folder: Path) ->
     assert not world.hub.is_driven and not world.hub.is_running
 
 
-def test_a_lost_link_is_told(world: World, folder: Path) -> None:
+def test_lost_link_raises(world: World, folder: Path) -> None:
     (folder / "main.py").write_text("from pybricks.tools import wait\nprint('runs')\nwait(60000)\n")
 
     class Unplugs(io.BytesIO):
@@ -208,7 +208,7 @@ def test_a_lost_link_is_told(world: World, folder: Path) -> None:
         run_program(transport, program, stdout=Unplugs(), stderr=io.StringIO())
 
 
-def test_the_command_runs_it(world: World, folder: Path, monkeypatch: pytest.MonkeyPatch, capfdbinary) -> None:
+def test_command_runs_user_program(world: World, folder: Path, monkeypatch: pytest.MonkeyPatch, capfdbinary) -> None:
     monkeypatch.setattr(HubAddress, "transport", lambda self: world.transport())
     monkeypatch.setattr(sys, "stdin", None)
     world.hub.files.update(FILES)
@@ -217,7 +217,7 @@ def test_the_command_runs_it(world: World, folder: Path, monkeypatch: pytest.Mon
     assert not world.hub.is_connected
 
 
-def test_a_program_that_cannot_be_compiled_needs_no_hub(folder: Path, capsys) -> None:
+def test_invalid_program_fails_without_hub(folder: Path, capsys) -> None:
     (folder / "main.py").write_text("x =\n")
     assert main(("hub", "run", str(folder / "main.py"), "--hub", "ble")) == 2
     assert "main.py, line 2: SyntaxError" in capsys.readouterr().err

@@ -1,4 +1,4 @@
-"""What does not fit is told in one line, with a remedy."""
+"""Validation errors with remedies."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def changed(**fields: Any) -> Interface:
 
 
 @pytest.mark.parametrize("interface", [RUN_AWAY, SPINNING])
-def test_the_papers_interfaces_fit(interface: Interface) -> None:
+def test_paper_interfaces_are_valid(interface: Interface) -> None:
     validate(TWO_WHEELER, interface)
 
 
@@ -57,12 +57,12 @@ def test_the_papers_interfaces_fit(interface: Interface) -> None:
         (changed(settle=UntilDone(70_000)), "70000 ms"),
     ],
 )
-def test_what_does_not_fit_is_refused(interface: Interface, message: str) -> None:
+def test_mismatches_raise(interface: Interface, message: str) -> None:
     with pytest.raises(DescriptionError, match=message):
         validate(TWO_WHEELER, interface)
 
 
-def test_more_commands_than_a_write_holds_are_refused() -> None:
+def test_too_many_commands_raise() -> None:
     commands = tuple(RunAngle(f"m{index}", -1, 1, 10) for index in range(9))
     with pytest.raises(DescriptionError, match="at most 8"):
         validate(TWO_WHEELER, changed(commands=commands))
@@ -76,18 +76,18 @@ def test_more_commands_than_a_write_holds_are_refused() -> None:
         (SensorReading("light", "reflection", 0, 100, part="hue"), "reflection.. is one number"),
     ],
 )
-def test_a_reading_names_one_number(reading: SensorReading, message: str) -> None:
+def test_reading_is_one_number(reading: SensorReading, message: str) -> None:
     robot = Robot("seer", HubKind.PRIME, sensors=(PoweredUpSensor("light", "B", SensorKind.COLOR),))
     with pytest.raises(DescriptionError, match=message):
         validate(robot, Interface((), (reading,), Wait(100)))
 
 
-def test_a_drive_base_is_needed_to_drive() -> None:
+def test_driving_needs_drive_base() -> None:
     with pytest.raises(DescriptionError, match="no drive base"):
         validate(ROBO_ARM, Interface((DriveStraight(-1, 1),), (MotorAngle("low", 10, 70),), UntilDone()))
 
 
-def test_a_wheel_has_no_range() -> None:
+def test_wheels_have_no_range() -> None:
     motors = (Motor("left", "A", range_deg=(0, 90)), Motor("right", "B"))
     robot = Robot("odd", HubKind.PRIME, motors=motors, drive_base=DriveBase("left", "right", 56, 130))
     with pytest.raises(DescriptionError, match="wheels turn endlessly"):
@@ -101,13 +101,13 @@ def test_a_city_hub_has_no_imu(channel: Pitch | YawRate) -> None:
         validate(robot, Interface((LEFT,), (channel,), Wait(10)))
 
 
-def test_a_move_hub_is_refused() -> None:
+def test_move_hub_raises() -> None:
     robot = Robot("vernie", HubKind.MOVE, motors=(Motor("left", "A"),))
     with pytest.raises(ProgramError, match="is not supported; choose a prime"):
         generate(robot, Interface((LEFT,), (MotorAngle("left"),), Wait(10)))
 
 
-def test_messages_are_one_line_and_say_what_to_do() -> None:
+def test_validation_messages_have_remedies() -> None:
     with pytest.raises(BricksError) as info:
         validate(TWO_WHEELER, changed(channels=()))
     assert "\n" not in str(info.value) and ";" in str(info.value)

@@ -1,4 +1,4 @@
-"""Which hub is meant, and a whole way from its name to its motors."""
+"""Hub addresses."""
 
 from __future__ import annotations
 
@@ -31,12 +31,12 @@ from bricksrl.robots import TWO_WHEELER
         ("usb:COM3", HubAddress("usb", "COM3")),
     ],
 )
-def test_what_is_meant(text: str, meant: HubAddress) -> None:
+def test_valid_addresses(text: str, meant: HubAddress) -> None:
     assert parse_hub(text) == meant
 
 
 @pytest.mark.parametrize("text", ["", "wifi", "ble:", "usb:", "virtual:", "virtual:2", "BLE"])
-def test_what_is_none(text: str) -> None:
+def test_invalid_addresses(text: str) -> None:
     with pytest.raises(UnknownNameError, match="choose 'virtual', 'ble' or 'usb'"):
         parse_hub(text)
 
@@ -54,7 +54,7 @@ def test_transports() -> None:
 
 @pytest.mark.skipif(os.name != "posix", reason="pseudo terminals are a thing of POSIX")
 @pytest.mark.parametrize("streaming", [False, True])
-def test_from_the_name_of_a_hub_to_its_motors(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, streaming: bool) -> None:
+def test_address_to_moving_motors(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, streaming: bool) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     monkeypatch.setattr("bricksrl.hub.program.generate.END_MS", 500)
     hub = PlayedUsbHub(TWO_WHEELER)

@@ -1,4 +1,4 @@
-"""The Bluetooth transport against a played hub, over a link that delivers at connection events."""
+"""Bluetooth transport with a simulated hub."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ pytestmark = pytest.mark.realtime
 # ---- what it is for
 
 
-def test_it_connects_downloads_and_exchanges(world: World) -> None:
+def test_connect_download_exchange(world: World) -> None:
     transport = world.transport()
     transport.open()
     identity = transport.identity
@@ -59,7 +59,7 @@ def test_an_exchange_takes_two_connection_intervals(tmp_path: Path) -> None:
         world.close()
 
 
-def test_the_same_program_is_not_downloaded_again(world: World) -> None:
+def test_same_program_is_downloaded_once(world: World) -> None:
     for _ in range(2):
         with world.link() as link:
             link.act([100])
@@ -69,7 +69,7 @@ def test_the_same_program_is_not_downloaded_again(world: World) -> None:
     assert world.hub.commands.count(Command.WRITE_USER_PROGRAM_META) == 4
 
 
-def test_a_hub_that_lost_its_program_gets_it_again(world: World) -> None:
+def test_lost_program_is_downloaded_again(world: World) -> None:
     with world.link():
         pass
     world.hub.size = 0
@@ -78,7 +78,7 @@ def test_a_hub_that_lost_its_program_gets_it_again(world: World) -> None:
     assert world.hub.commands.count(Command.WRITE_USER_PROGRAM_META) == 4
 
 
-def test_another_program_in_its_place_is_stopped_and_replaced(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_other_running_program_is_replaced(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("bricksrl.hub.transports.pybricks_hub._HELLO_S", 0.3)
     link = world.link()
     other = "from pybricks.tools import wait\nprint('mine')\nwhile True:\n    wait(10)\n"
@@ -105,7 +105,7 @@ def test_an_unknown_program_is_never_started(world: World) -> None:
         assert kinds.index(Command.WRITE_USER_RAM) < kinds.index(Command.START_USER_PROGRAM)
 
 
-def test_all_writes_wait_for_their_response(world: World) -> None:
+def test_writes_wait_for_response(world: World) -> None:
     seen = set[int]()
 
     def watch(opcode: int, data: bytes) -> int:
@@ -122,14 +122,14 @@ def test_all_writes_wait_for_their_response(world: World) -> None:
 
 
 @pytest.mark.parametrize("flushes_late", [False, True])
-def test_a_program_that_raises_at_its_start(world: World, flushes_late: bool) -> None:
+def test_program_raises_at_start(world: World, flushes_late: bool) -> None:
     world.hub.flushes_late = flushes_late
     unplug(world.hub.machine, "A")
     error = bounded(world.link().open, HubProgramError)
     assert "ENODEV" in str(error) and "Motor(Port.A" in str(error) and "plug the device" in str(error)
 
 
-def test_a_program_that_raises_later(world: World) -> None:
+def test_program_raises_later(world: World) -> None:
     transport = world.transport()
     source = "from usys import stdin\nfrom pybricks.tools import wait\nprint('ready')\nstdin.buffer.read(1)\nwait(50)\n1 // 0\n"
     world.hub.library.append(source)
@@ -143,7 +143,7 @@ def test_a_program_that_raises_later(world: World) -> None:
     bounded(lambda: transport.write(b"x"), HubError)
 
 
-def test_a_program_that_raises_in_a_step_is_told_with_the_hubs_text_and_its_line(world: World) -> None:
+def test_program_error_in_step_has_text_and_line(world: World) -> None:
     link = world.link()
     link.open()
     world.hub.machine.servos.pop("E").close()  # the motor is pulled out
@@ -152,7 +152,7 @@ def test_a_program_that_raises_in_a_step_is_told_with_the_hubs_text_and_its_line
     assert link.state is LinkState.FAULT
 
 
-def test_the_button_ends_the_program(world: World) -> None:
+def test_button_ends_program(world: World) -> None:
     link = world.link()
     link.open()
     world.hub.press_button()
@@ -163,7 +163,7 @@ def test_the_button_ends_the_program(world: World) -> None:
     link.act([100])
 
 
-def test_stop_from_another_thread_while_a_move_is_under_way(world: World) -> None:
+def test_stop_from_other_thread_during_move(world: World) -> None:
     link = world.link()
     link.open()
     link.act([3000])
@@ -195,7 +195,7 @@ def test_several_hubs(world: World) -> None:
         other.wait_until("is_connected", False)
 
 
-def test_the_only_hub_needs_no_name(world: World) -> None:
+def test_single_hub_needs_no_name(world: World) -> None:
     world.transport(name=None).open()
     assert world.hub.is_connected
 
@@ -210,7 +210,7 @@ def test_without_bluetooth(tmp_path: Path) -> None:
 # ---- opening and closing
 
 
-def test_close_in_any_state_leaves_nothing_behind(world: World) -> None:
+def test_close_in_any_state_cleans_up(world: World) -> None:
     before = set(threading.enumerate())
     transport = world.transport()
     transport.close()
@@ -245,7 +245,7 @@ def test_closing_while_another_thread_reads(world: World) -> None:
     assert not thread.is_alive() and errors
 
 
-def test_a_write_holds_at_most_twenty_bytes(world: World) -> None:
+def test_write_is_limited_to_20_bytes(world: World) -> None:
     transport = world.transport()
     transport.open()
     bounded(lambda: transport.write(bytes(21)), HubError)

@@ -1,4 +1,4 @@
-"""What goes wrong over Bluetooth: each fault ends in bounded time, with our error, with the motors stopped, and can be mended."""
+"""Bluetooth faults: bounded time, our errors, stopped motors, recovery."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ WATCHDOG_S = WATCHDOG_MS / 1000
 
 
 def drop_when(world: World, kind: Command, count: int = 1, drop: Callable[[], None] | None = None) -> None:
-    """Break the link at the count-th command of a kind. Subscribing to notifications looks like a first START."""
+    """Break the link at the count-th command of a kind; subscribing counts as a first START."""
     seen = itertools.count(1)
 
     def rule(opcode: int, data: bytes) -> int:
@@ -38,7 +38,7 @@ def drop_when(world: World, kind: Command, count: int = 1, drop: Callable[[], No
 @pytest.mark.parametrize(
     ("kind", "count"), [(Command.WRITE_USER_PROGRAM_META, 1), (Command.WRITE_USER_RAM, 3), (Command.START_USER_PROGRAM, 2)]
 )
-def test_a_disconnection_while_the_program_is_brought(world: World, kind: Command, count: int) -> None:
+def test_disconnect_during_download(world: World, kind: Command, count: int) -> None:
     drop_when(world, kind, count)
     link = world.link()
     bounded(link.open, HubDisconnectedError)
@@ -47,7 +47,7 @@ def test_a_disconnection_while_the_program_is_brought(world: World, kind: Comman
     link.act([100])
 
 
-def test_a_disconnection_while_connecting_is_tried_again(world: World) -> None:
+def test_disconnect_while_connecting_is_retried(world: World) -> None:
     attempts = itertools.count(1)
 
     def rule(opcode: int, data: bytes) -> int:
@@ -61,7 +61,7 @@ def test_a_disconnection_while_connecting_is_tried_again(world: World) -> None:
         link.act([100])
 
 
-def test_a_disconnection_in_a_step_and_in_a_reset(world: World) -> None:
+def test_disconnect_in_step_and_reset(world: World) -> None:
     link = world.link()
     for exchange in (lambda: link.act([3000]), link.read):
         link.open()
@@ -76,7 +76,7 @@ def test_a_disconnection_in_a_step_and_in_a_reset(world: World) -> None:
     assert link.read().values.shape == (2,)
 
 
-def test_a_disconnection_while_closing(world: World) -> None:
+def test_disconnect_while_closing(world: World) -> None:
     link = world.link()
     link.open()
     drop_when(world, Command.STOP_USER_PROGRAM)
@@ -86,7 +86,7 @@ def test_a_disconnection_while_closing(world: World) -> None:
     world.hub.wait_until("is_running", False)
 
 
-def test_a_hub_out_of_reach_stops_its_motors_and_comes_back(world: World) -> None:
+def test_hub_out_of_reach_stops_and_returns(world: World) -> None:
     link = world.link(timeout_s=5.0)
     link.open()
     link.act([3000])
@@ -104,13 +104,13 @@ def test_a_hub_out_of_reach_stops_its_motors_and_comes_back(world: World) -> Non
     assert world.hub.commands.count(Command.WRITE_USER_PROGRAM_META) == 2, "the hub has kept its program"
 
 
-def test_a_hub_out_of_reach_cannot_be_found(world: World) -> None:
+def test_hub_out_of_reach_is_not_found(world: World) -> None:
     world.radio.leave()
     error = bounded(world.transport(timeout_s=0.5).open, HubNotFoundError)
     assert NAME in str(error) and "switch it on" in str(error)
 
 
-def test_a_hub_whose_program_runs_on_is_found_when_it_has_ended(world: World) -> None:
+def test_hub_with_running_program_is_found_after_its_end(world: World) -> None:
     first = world.link()
     first.open()
     world.radio.disconnect()
@@ -119,15 +119,15 @@ def test_a_hub_whose_program_runs_on_is_found_when_it_has_ended(world: World) ->
     second.act([100])
 
 
-def test_a_hub_that_the_system_has_kept_connected(world: World) -> None:
-    """A program of ours was killed; some systems keep the connection, so that the hub does not advertise itself."""
+def test_hub_kept_connected_by_system(world: World) -> None:
+    """Some systems keep the connection of a killed program, so the hub does not advertise."""
     world.radio.run(world.radio.central.connect(world.hub.address))
     world.hub.wait_until("is_connected", True)
     with world.link(name=None) as link:
         link.act([100])
 
 
-def test_a_hub_that_reboots(world: World) -> None:
+def test_hub_reboot(world: World) -> None:
     link = world.link()
     link.open()
     world.hub.reboot()
@@ -152,7 +152,7 @@ def test_lost_and_duplicated_notifications(world: World) -> None:
         assert link.statistics.resends > 0 and link.statistics.stale_answers > 0
 
 
-def test_a_full_input_buffer_is_tried_again(world: World) -> None:
+def test_full_input_buffer_is_retried(world: World) -> None:
     with world.link() as link:
         world.hub.faults[Command.WRITE_STDIN] = [CommandError.BUSY] * 3
         link.act([100])
@@ -161,14 +161,14 @@ def test_a_full_input_buffer_is_tried_again(world: World) -> None:
         bounded(lambda: link.act([100]), HubBusyError)
 
 
-def test_a_command_that_the_hub_refuses(world: World) -> None:
+def test_refused_hub_command(world: World) -> None:
     world.hub.faults[Command.WRITE_USER_RAM] = [CommandError.INVALID_COMMAND]
     error = bounded(world.link().open, HubRefusedError)
     assert "0x80, invalid command" in str(error)
 
 
 @pytest.mark.parametrize("lost", [ATT_WRITE_REQUEST, ATT_WRITE_RESPONSE])
-def test_a_write_that_is_never_acknowledged(world: World, lost: int) -> None:
+def test_unacknowledged_write(world: World, lost: int) -> None:
     link = world.link()
     link.open()
     link.act([3000])
@@ -181,7 +181,7 @@ def test_a_write_that_is_never_acknowledged(world: World, lost: int) -> None:
     link.act([100])
 
 
-def test_a_program_that_does_not_stop(world: World) -> None:
+def test_program_that_does_not_stop(world: World) -> None:
     transport = world.transport()
     transport.open()
     transport.start(world.link().program)

@@ -1,4 +1,4 @@
-"""A host process that is killed, as by ``kill -9``, over Bluetooth; for more of it see ``fault_course.py``."""
+"""A killed host process (``kill -9``) over Bluetooth; see also ``fault_course.py``."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from bricksrl.hub.transports.profile import Command
 pytestmark = pytest.mark.realtime
 
 LIVES_S = 0.7
-"""Longer than the watchdog: without signs of life the motors would stop by themselves."""
+"""Longer than the watchdog."""
 
 
 @pytest.mark.parametrize(("step_ms", "says_good_bye"), [(2000, True), (10, False)], ids=["process in mid-step", "computer"])
-def test_the_motors_stop_and_a_new_host_takes_over(world: World, step_ms: int, says_good_bye: bool) -> None:
+def test_killed_host_stops_motors_and_new_host_connects(world: World, step_ms: int, says_good_bye: bool) -> None:
     world.set_interval(15.0)
     hub = world.hub
     with host_process(world, step_ms, says_good_bye=says_good_bye) as first:

@@ -1,6 +1,6 @@
-"""Random faults during a training, one after the other, on one hub.
+"""Random faults during a training on one hub.
 
-For more of them set ``BRICKSRL_FAULTS``, or run ``python benchmarks/link_faults.py --faults 1000``.
+For more, set ``BRICKSRL_FAULTS`` or run ``python benchmarks/link_faults.py --faults 1000``.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ def short_second_stage(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.slow
-def test_a_training_goes_on_through_faults(tmp_path: Path, short_second_stage: None) -> None:
+def test_training_survives_faults(tmp_path: Path, short_second_stage: None) -> None:
     report = run_course(tmp_path, FAULTS, seed=5)
     assert report.faults.total() == FAULTS and len(report.phases) > 1
     assert report.transitions >= 3 * FAULTS

@@ -1,4 +1,4 @@
-"""Streaming, AppData, and the smaller hubs, over the played radio."""
+"""Streaming, AppData and smaller hubs over the simulated radio."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def streaming(world: World, interface: Interface = SPINNING, pipe: Pipe = Pipe.S
 
 
 @pytest.mark.parametrize("interval_ms", [15.0, 45.0])
-def test_observations_come_at_a_fixed_rate_and_are_fresh(world: World, interval_ms: float) -> None:
+def test_observations_are_periodic_and_fresh(world: World, interval_ms: float) -> None:
     world.set_interval(interval_ms)
     with streaming(world) as link:
         link.act([10, 10])
@@ -62,8 +62,8 @@ def test_lock_step_over_app_data(world: World) -> None:
     assert world.hub.commands.count(Command.WRITE_APP_DATA) >= 10
 
 
-def test_a_streaming_hub_out_of_reach_stops_its_motors(world: World) -> None:
-    """Its output buffer is full soon, so that the program waits until the hub knows that the link is lost."""
+def test_streaming_hub_out_of_reach_stops(world: World) -> None:
+    """A small output buffer makes the program wait until the hub notices the lost link."""
     link = streaming(world, Interface((RunAngle("left", -3000, 3000, 400),), (MotorAngle("left"),), Wait(50)))
     link.open()
     link.act([3000])
@@ -76,7 +76,7 @@ def test_a_streaming_hub_out_of_reach_stops_its_motors(world: World) -> None:
     link.act([100])
 
 
-def test_age_in_lock_step_is_the_way_back(world: World) -> None:
+def test_lockstep_age_is_return_delay(world: World) -> None:
     world.set_interval(30.0)
     with world.link(SPINNING) as link:
         link.read()
@@ -101,7 +101,7 @@ def test_smaller_hubs(tmp_path: Path, kind: HubKind, pipe: Pipe) -> None:
 
 
 @pytest.mark.parametrize("kind", [*WITHOUT_IMU, HubKind.PRIME])
-def test_a_hub_refuses_what_does_not_fit_its_buffer(tmp_path: Path, kind: HubKind) -> None:
+def test_hub_refuses_oversized_write(tmp_path: Path, kind: HubKind) -> None:
     world = World(tmp_path, Robot("small", kind))
     deaf = "from pybricks.tools import wait\nfrom micropython import kbd_intr\nkbd_intr(-1)\nwait(5000)\n"
     world.hub.library.append(deaf)

@@ -1,4 +1,4 @@
-"""What is said where this computer has no Bluetooth."""
+"""Messages without Bluetooth."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from bricksrl.hub.transports.bluetooth import bleak_errors
 
 @pytest.fixture
 def linux(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
-    """A computer with Linux that has an bluetooth, and a system bus."""
+    """A Linux computer with a Bluetooth adapter and a system bus."""
     (tmp_path / "bluetooth/hci0").mkdir(parents=True)
     (tmp_path / "bus").write_text("")
     for name, path in (("_BLUETOOTH_FOLDER", "bluetooth"), ("_RFKILL_FOLDER", "rfkill"), ("_SYSTEM_BUS", "bus")):
@@ -32,7 +32,7 @@ def said_when_the_bus_is_not_there(reason: Reason) -> str:
     return str(caught.value)
 
 
-def test_an_error_of_the_system_is_told_as_what_is_missing(linux: Path) -> None:
+def test_system_errors_name_cause(linux: Path) -> None:
     assert "bricksrl doctor" in said_when_the_bus_is_not_there(Reason.UNKNOWN)
     (linux / "bus").unlink()
     assert said_when_the_bus_is_not_there(Reason.NO_SERVICE) == (
@@ -43,7 +43,7 @@ def test_an_error_of_the_system_is_told_as_what_is_missing(linux: Path) -> None:
     assert said_when_the_bus_is_not_there(Reason.NO_ADAPTER).endswith("no Bluetooth adapter; plug one in")
 
 
-def test_a_switch_that_is_off_is_told(linux: Path) -> None:
+def test_bluetooth_off_is_named(linux: Path) -> None:
     (linux / "rfkill/rfkill0").mkdir(parents=True)
     for name, text in (("type", "bluetooth"), ("soft", "1"), ("hard", "0")):
         (linux / "rfkill/rfkill0" / name).write_text(text)
@@ -59,7 +59,7 @@ def test_a_switch_that_is_off_is_told(linux: Path) -> None:
         (BleakReason.UNKNOWN, Reason.UNKNOWN),
     ],
 )
-def test_other_systems_say_why_themselves(monkeypatch: pytest.MonkeyPatch, told: BleakReason, reason: Reason) -> None:
+def test_other_systems_pass_message(monkeypatch: pytest.MonkeyPatch, told: BleakReason, reason: Reason) -> None:
     monkeypatch.setattr("sys.platform", "darwin")
     with pytest.raises(BluetoothUnavailableError) as caught, bleak_errors("look for hubs", BluetoothUnavailableError):
         raise BleakBluetoothNotAvailableError("no", told)

@@ -1,4 +1,4 @@
-"""Frames over USB."""
+"""COBS frames of USB."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ messages = (
 )
 
 
-def test_the_published_example() -> None:
+def test_cobs_published_example() -> None:
     """From https://lego.github.io/spike-prime-docs/encoding.html, before the XOR."""
     assert bytes(byte ^ 3 for byte in encode(bytes((0, 1, 2, 3)))[:-1]) == bytes((3, 87, 171, 4, 3))
 
 
 @given(messages)
-def test_a_message_comes_back(message: bytes) -> None:
+def test_cobs_round_trip(message: bytes) -> None:
     frame = encode(message)
     assert frame[-1] == END and not {1, 2, 3} & set(frame[:-1])
     assert len(frame) <= len(message) + len(message) // 84 + 2
@@ -30,20 +30,20 @@ def test_a_message_comes_back(message: bytes) -> None:
 
 
 @given(st.binary(max_size=600))
-def test_any_bytes_raise_nothing_but_our_error(data: bytes) -> None:
+def test_any_bytes_raise_only_our_error(data: bytes) -> None:
     with contextlib.suppress(HubProtocolError):
         assert len(decode(data)) <= len(data)
 
 
 @given(st.binary(max_size=400), st.lists(st.binary(min_size=1, max_size=60), min_size=2, max_size=5), st.integers(1, 50))
-def test_after_garbage_the_second_frame_is_heard(garbage: bytes, sent: list[bytes], piece: int) -> None:
+def test_reader_resyncs_within_two_frames(garbage: bytes, sent: list[bytes], piece: int) -> None:
     framer = Framer()
     stream = garbage + b"".join(map(encode, sent))
     received = [m for start in range(0, len(stream), piece) for m in framer.feed(stream[start : start + piece])]
     assert received[-len(sent) + 1 :] == sent[1:]
 
 
-def test_a_frame_without_end_does_not_fill_the_memory() -> None:
+def test_endless_frame_is_bounded() -> None:
     framer = Framer(longest_bytes=100)
     for _ in range(1000):
         assert framer.feed(b"x" * 50) == []
@@ -53,6 +53,6 @@ def test_a_frame_without_end_does_not_fill_the_memory() -> None:
 
 
 @pytest.mark.parametrize("frame", [b"\x03", b"\x02\x02", bytes((50 ^ 3,)) + b"short"])
-def test_what_is_no_frame(frame: bytes) -> None:
+def test_invalid_frames(frame: bytes) -> None:
     with pytest.raises(HubProtocolError):
         decode(frame)

@@ -1,4 +1,4 @@
-"""The event loop in its thread: results, errors, bounds."""
+"""Event loop thread: results, errors, time bounds."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ async def refuse_once() -> None:
         await asyncio.sleep(60)
 
 
-def test_results_and_errors_come_through() -> None:
+def test_results_and_errors_are_passed() -> None:
     loop = EventLoopThread("test")
     try:
         assert loop.run(value(), 1.0, "get a value") == 7
@@ -38,7 +38,7 @@ def test_results_and_errors_come_through() -> None:
         loop.close()
 
 
-def test_a_call_that_takes_too_long_is_cancelled() -> None:
+def test_slow_call_is_cancelled() -> None:
     loop = EventLoopThread("test")
     cancelled = threading.Event()
 
@@ -56,7 +56,7 @@ def test_a_call_that_takes_too_long_is_cancelled() -> None:
         loop.close()
 
 
-def test_closing_is_bounded_and_ends_calls_of_other_threads() -> None:
+def test_close_is_bounded_and_ends_pending_calls() -> None:
     loop = EventLoopThread("test")
     errors: list[Exception] = []
 

@@ -28,7 +28,7 @@ def test_commands() -> None:
 
 
 @given(st.binary(max_size=2000), st.integers(6, 512))
-def test_a_download_puts_every_byte_in_its_place(blob: bytes, max_write_bytes: int) -> None:
+def test_download_writes_every_byte(blob: bytes, max_write_bytes: int) -> None:
     commands = list(profile.download(blob, max_write_bytes))
     assert all(len(command) <= max_write_bytes for command in commands)
     assert commands[0] == b"\x03\0\0\0\0" and commands[-1] == b"\x03" + struct.pack("<I", len(blob))
@@ -59,7 +59,7 @@ def test_other_events() -> None:
 
 
 @given(st.binary(max_size=30))
-def test_any_bytes_give_a_value_or_our_error(data: bytes) -> None:
+def test_any_bytes_give_value_or_our_error(data: bytes) -> None:
     for parse in (profile.parse_event, profile.parse_capabilities, profile.parse_version, profile.parse_hub_kind):
         with contextlib.suppress(HubProtocolError):
             parse(data)
@@ -84,6 +84,6 @@ def test_hub_kinds(product: int, kind: HubKind) -> None:
 
 
 @pytest.mark.parametrize(("vendor", "product"), [(0x0397, 0x99), (0x004C, 0x81)])
-def test_devices_that_are_no_hubs(vendor: int, product: int) -> None:
+def test_other_devices_are_not_hubs(vendor: int, product: int) -> None:
     with pytest.raises(HubProtocolError, match="not a LEGO hub"):
         profile.parse_hub_kind(struct.pack("<BHHH", 1, vendor, product, 0))

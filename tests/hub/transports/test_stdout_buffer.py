@@ -1,4 +1,4 @@
-"""The program's output between two threads."""
+"""Output buffer between two threads."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from bricksrl.hub.errors import HubDisconnectedError
 from bricksrl.hub.transports.stdout_buffer import Output
 
 
-def test_before_a_program_there_is_nothing_to_read() -> None:
+def test_no_output_before_program() -> None:
     with pytest.raises(HubError, match="no program runs"):
         Output().read(0.0)
 
 
-def test_reading_gives_all_that_came_and_nothing_in_time() -> None:
+def test_read_returns_available_output_or_times_out() -> None:
     output = Output()
     output.begin()
     assert output.read(0.0) == b""
@@ -28,7 +28,7 @@ def test_reading_gives_all_that_came_and_nothing_in_time() -> None:
     assert not output.holds(b"bc")
 
 
-def test_a_reader_wakes_when_something_comes() -> None:
+def test_reader_wakes_on_output() -> None:
     output = Output()
     output.begin()
     threading.Timer(0.05, output.put, [b"x"]).start()
@@ -37,7 +37,7 @@ def test_a_reader_wakes_when_something_comes() -> None:
     assert time.monotonic() - start_s < 1.0
 
 
-def test_the_end_comes_after_the_rest() -> None:
+def test_end_follows_remaining_output() -> None:
     output = Output()
     output.begin()
     output.put(b"last words")
@@ -52,7 +52,7 @@ def test_the_end_comes_after_the_rest() -> None:
     assert output.read(0.0) == b""
 
 
-def test_the_last_reason_counts() -> None:
+def test_last_end_reason_counts() -> None:
     output = Output()
     output.begin()
     output.end(HubError, "ended; start again")

@@ -1,4 +1,4 @@
-"""The transport over USB against a played hub, over sockets and over a pseudo terminal."""
+"""USB transport with a simulated hub, over sockets and a pseudo terminal."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ def cable(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Cable]:
     made.close()
 
 
-def test_it_connects_downloads_and_exchanges(cable: Cable) -> None:
+def test_connect_download_exchange(cable: Cable) -> None:
     with cable.link(SPINNING) as link:
         identity = link._transport.identity
         assert (identity.name, identity.kind, identity.profile_version) == ("Rover", HubKind.PRIME, (1, 6))
@@ -93,7 +93,7 @@ def test_it_connects_downloads_and_exchanges(cable: Cable) -> None:
     cable.hub.wait_until("is_connected", False)
 
 
-def test_the_same_program_is_not_downloaded_again(cable: Cable) -> None:
+def test_same_program_is_downloaded_once(cable: Cable) -> None:
     for _ in range(2):
         with cable.link() as link:
             link.act([100])
@@ -101,7 +101,7 @@ def test_the_same_program_is_not_downloaded_again(cable: Cable) -> None:
 
 
 @pytest.mark.skipif(os.name != "posix", reason="pseudo terminals are a thing of POSIX")
-def test_over_a_pseudo_terminal_and_pyserial(cable: Cable) -> None:
+def test_usb_over_pseudo_terminal(cable: Cable) -> None:
     with cable.link(port=cable.hub.attach_terminal(), open_serial=None) as link:
         times = [link.read().round_trip_s for _ in range(20)]
         link.act([100])
@@ -109,7 +109,7 @@ def test_over_a_pseudo_terminal_and_pyserial(cable: Cable) -> None:
     assert not cable.hub.is_running
 
 
-def test_a_hub_that_does_not_tell_its_product_is_known_by_usb(cable: Cable) -> None:
+def test_hub_is_identified_by_usb_ids(cable: Cable) -> None:
     cable.hub.tells_product = False
     transport = cable.transport(port=None, find_hubs=lambda: [UsbHub(PORT, "123", 0x0009)])
     transport.open()
@@ -117,7 +117,7 @@ def test_a_hub_that_does_not_tell_its_product_is_known_by_usb(cable: Cable) -> N
     assert (transport.identity.kind, transport.identity.address) == (HubKind.PRIME, "123")
 
 
-def test_which_hub(cable: Cable) -> None:
+def test_usb_hub_selection(cable: Cable) -> None:
     assert all(isinstance(hub, UsbHub) for hub in list_usb_hubs())
     assert "plug it in" in str(bounded(cable.transport(port=None).open, HubNotFoundError))
     two = [UsbHub("/dev/a", "1"), UsbHub("/dev/b", "2")]
@@ -126,7 +126,7 @@ def test_which_hub(cable: Cable) -> None:
     cable.transport(port="/dev/b", find_hubs=lambda: two).open()
 
 
-def test_a_port_that_may_not_be_used(cable: Cable) -> None:
+def test_forbidden_port(cable: Cable) -> None:
     def refuse(device: str) -> Any:
         raise PermissionError(errno.EACCES, "Permission denied", device)
 
@@ -134,7 +134,7 @@ def test_a_port_that_may_not_be_used(cable: Cable) -> None:
     assert "dialout" in str(error) and error.reason is Reason.DENIED
 
 
-def test_a_port_with_something_else_behind_it(cable: Cable, tmp_path: Path) -> None:
+def test_port_of_other_device(cable: Cable, tmp_path: Path) -> None:
     cable.hub._on_message = lambda message: _nothing()  # type: ignore[method-assign]
     bounded(cable.transport().open, HubTimeoutError)
 
@@ -143,7 +143,7 @@ async def _nothing() -> None:
     pass
 
 
-def test_a_program_that_raises_later_is_told_with_its_line(cable: Cable) -> None:
+def test_program_error_has_line(cable: Cable) -> None:
     link = cable.link()
     link.open()
     servos = cable.hub.machine.servos
@@ -153,19 +153,19 @@ def test_a_program_that_raises_later_is_told_with_its_line(cable: Cable) -> None
     assert link.state is LinkState.FAULT
 
 
-def test_a_refused_command(cable: Cable) -> None:
+def test_refused_command(cable: Cable) -> None:
     cable.hub.faults[Command.WRITE_USER_RAM] = [CommandError.INVALID_COMMAND]
     bounded(cable.link().open, HubRefusedError)
 
 
-def test_a_full_input_buffer_is_tried_again(cable: Cable) -> None:
+def test_full_input_buffer_is_retried(cable: Cable) -> None:
     with cable.link() as link:
         cable.hub.faults[Command.WRITE_STDIN] = [CommandError.BUSY] * 3
         link.act([100])
         assert link.statistics.resends == 0
 
 
-def test_a_pulled_cable_stops_the_motors_and_the_same_hub_is_found_again(cable: Cable) -> None:
+def test_unplugged_hub_stops_and_is_found_again(cable: Cable) -> None:
     link = cable.link(timeout_s=3.0)
     link.open()
     link.act([3000])
@@ -196,7 +196,7 @@ while True:
 
 
 @pytest.mark.skipif(os.name != "posix", reason="pseudo terminals and SIGKILL are things of POSIX")
-def test_a_host_process_that_is_killed(cable: Cable) -> None:
+def test_killed_host_process(cable: Cable) -> None:
     link = cable.link()
     command = [sys.executable, "-c", HOST, cable.hub.attach_terminal(), str(cable.record)]
     host = subprocess.Popen(command, env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)})
@@ -213,7 +213,7 @@ def test_a_host_process_that_is_killed(cable: Cable) -> None:
     link.act([100])
 
 
-def test_closing_in_any_state(cable: Cable) -> None:
+def test_close_in_any_state(cable: Cable) -> None:
     before = set(threading.enumerate())
     transport = cable.transport()
     transport.close()
@@ -241,7 +241,7 @@ def damage(rng: random.Random, kind: str) -> Callable[[bytes], bytes]:
 
 
 @pytest.mark.parametrize("kind", ["lost", "cut", "flipped", "noise"])
-def test_damaged_frames_end_in_an_error_of_ours_or_not_at_all(cable: Cable, kind: str) -> None:
+def test_damaged_frames_raise_only_our_errors(cable: Cable, kind: str) -> None:
     rng = random.Random(7)
     link = cable.link()
     answered = 0

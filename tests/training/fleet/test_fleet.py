@@ -1,4 +1,4 @@
-"""Several robots, one learner: processes that leave and come back, one dataset, nothing mixed."""
+"""Fleets: processes that leave and return, one dataset, separate rows."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def config(run_dir: Path, **changes: Any) -> TrainConfig:
 
 
 class Harm(Callback):
-    """Cuts the link of the first robot after three episodes, and kills the process of the second one after four."""
+    """Cuts the first robot's link after three episodes, kills the second one's process after four."""
 
     def __init__(self) -> None:
         self.states: list[tuple[str, RobotState]] = []
@@ -66,7 +66,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Harm]:
     return path, harm
 
 
-def test_a_robot_that_fails_leaves_and_comes_back(run: tuple[Path, Harm]) -> None:
+def test_failed_robot_returns(run: tuple[Path, Harm]) -> None:
     _, harm = run
     for robot in ("virtual-1", "virtual-2"):
         states = [state for name, state in harm.states if name == robot]
@@ -76,7 +76,7 @@ def test_a_robot_that_fails_leaves_and_comes_back(run: tuple[Path, Harm]) -> Non
     assert RobotState.ACTING in first[first.index(RobotState.LEFT) :], "its link came back"
 
 
-def test_the_dataset_holds_every_frame_of_the_memory_and_names_the_robots(run: tuple[Path, Harm]) -> None:
+def test_dataset_has_all_frames_and_robot_names(run: tuple[Path, Harm]) -> None:
     path, _ = run
     rows = read_index(path / "data").rows
     with (path / "metrics.csv").open() as file:
@@ -98,7 +98,7 @@ def _key(parts: tuple[torch.Tensor, ...]) -> tuple[float, ...]:
     return tuple(torch.cat(parts).tolist())
 
 
-def test_successors_stay_within_one_robots_episode(run: tuple[Path, Harm]) -> None:
+def test_successors_stay_within_robot_and_episode(run: tuple[Path, Harm]) -> None:
     path, _ = run
     memory = load_checkpoint(path / "checkpoint.bin")["agent"]["memory"]
     rows, successor = memory["rows"], memory["successor"]
@@ -108,7 +108,7 @@ def test_successors_stay_within_one_robots_episode(run: tuple[Path, Harm]) -> No
         assert torch.equal(rows["next.observation"][place], rows["observation"][after])
 
 
-def test_a_fleet_goes_on_where_it_ended_and_stops_when_nobody_is_reached(run: tuple[Path, Harm]) -> None:
+def test_fleet_resumes_and_stops_without_robots(run: tuple[Path, Harm]) -> None:
     path, _ = run
     folder = RunFolder(path)
     folder.write_config(replace(folder.read_config(), patience_s=0.5))
@@ -127,7 +127,7 @@ def test_a_fleet_goes_on_where_it_ended_and_stops_when_nobody_is_reached(run: tu
     assert numbers == list(range(1, len(numbers) + 1)) and len(numbers) > 7
 
 
-def test_rows_of_several_robots_are_not_linked_with_one_another() -> None:
+def test_rows_of_different_robots_are_not_linked() -> None:
     buffer = EpisodicReplayBuffer(8, 2, ("observation",), n_step=2)
 
     def frame(value: float, done: bool = False) -> TensorDict:
@@ -157,7 +157,7 @@ def test_rows_of_several_robots_are_not_linked_with_one_another() -> None:
 
 
 class Stub:
-    """A fleet without processes, and a recorder: notes what it is asked for."""
+    """A fleet without processes that logs calls."""
 
     def __init__(self, robots: int) -> None:
         self.members = [Member(f"r{place}", place, "virtual") for place in range(robots)]
@@ -184,7 +184,7 @@ def stub_loop(tmp_path: Path, robots: int) -> tuple[FleetLoop, Stub]:
     return loop, stub
 
 
-def test_first_episodes_begin_together_once_every_process_is_there_or_has_failed(tmp_path: Path) -> None:
+def test_first_episodes_start_together(tmp_path: Path) -> None:
     loop, stub = stub_loop(tmp_path, 3)
     one, two, three = stub.members
     loop._handle((two, "ready", None))
@@ -199,7 +199,7 @@ def test_first_episodes_begin_together_once_every_process_is_there_or_has_failed
     assert stub.log[3:] == [("order", 2)], "and that one joins them at once"
 
 
-def test_a_process_that_starts_gets_weights_only_once_it_can_take_them(tmp_path: Path) -> None:
+def test_starting_process_gets_no_weights(tmp_path: Path) -> None:
     fleet = Fleet(config(tmp_path / "run"))
     sent: list[tuple[int, str]] = []
     for member in fleet.members:
@@ -212,7 +212,7 @@ def test_a_process_that_starts_gets_weights_only_once_it_can_take_them(tmp_path:
     assert sent == [(1, "weights"), (1, "weights")]
 
 
-def test_a_robot_has_its_next_episode_before_the_last_one_is_written_to_the_disk(tmp_path: Path) -> None:
+def test_next_episode_starts_before_saving_last(tmp_path: Path) -> None:
     loop, stub = stub_loop(tmp_path, 1)
     loop._handle((stub.members[0], "ready", None))
     playing = loop._playing[0]
@@ -227,19 +227,19 @@ def test_a_robot_has_its_next_episode_before_the_last_one_is_written_to_the_disk
     ("changes", "message"),
     [
         ({"robots": 2, "hub": "ble:A"}, "named one by one"),
-        ({"hub": "ble:A,ble:A", "robots": 1}, "give each a name"),
-        ({"hub": "ble,ble:A", "robots": 1}, "give each a name"),
-        ({"eval_every": 2}, "learn on"),
-        ({"num_envs": 2}, "learn on"),
+        ({"hub": "ble:A,ble:A", "robots": 1}, "give each robot a name"),
+        ({"hub": "ble,ble:A", "robots": 1}, "give each robot a name"),
+        ({"eval_every": 2}, "does not support num_envs"),
+        ({"num_envs": 2}, "does not support num_envs"),
         ({"robots": 0}, "give 1 or more"),
     ],
 )
-def test_what_cannot_be_a_fleet_is_told(tmp_path: Path, changes: dict[str, Any], message: str) -> None:
+def test_invalid_fleet_raises(tmp_path: Path, changes: dict[str, Any], message: str) -> None:
     with pytest.raises(RunError, match=message):
         config(tmp_path / "run", **changes)
 
 
-def test_real_robots_are_named_by_their_hubs(tmp_path: Path) -> None:
+def test_real_robots_are_named_by_hub(tmp_path: Path) -> None:
     named = config(tmp_path / "run", robots=1, hub="ble:A, ble:B")
     assert [(member.name, member.number) for member in members_of(named)] == [("ble:A", 0), ("ble:B", 1)]
     with pytest.raises(UnknownNameError, match="no hub 'tin:B'"):

@@ -1,4 +1,4 @@
-"""Groups of robots that learn: MAPPO, IPPO and independent SAC."""
+"""Teams: MAPPO, IPPO and independent SAC."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ SMALL = TeamSettings(hidden=(16,), steps=8, passes=2, updates_per_step=0.5)
 
 
 @pytest.mark.parametrize("agent", TEAM_AGENTS)
-def test_both_groups_learn_repeatably_and_are_saved(tmp_path: Path, agent: str) -> None:
+def test_team_training_is_reproducible_and_saved(tmp_path: Path, agent: str) -> None:
     config = TeamConfig("Tag-v0", {"catcher": agent, "runner": agent}, frames=256, copies=8, seed=4)
     told: list[TeamProgress] = []
     team, again = train_team(config, SMALL, told.append), train_team(config, SMALL)
@@ -31,20 +31,20 @@ def test_both_groups_learn_repeatably_and_are_saved(tmp_path: Path, agent: str) 
 
 
 @pytest.mark.parametrize("agent", ["mappo", "sac"])
-def test_a_team_learns_in_the_arena_itself(agent: str) -> None:
+def test_team_learns_in_arena(agent: str) -> None:
     team = train_team(TeamConfig("Carry-v0", {"agents": agent}, frames=16, copies=0), SMALL)
     played = play_team(make_arena("Carry-v0"), team.policy, 1, seed=3)
     assert played[0].length >= 1 and set(played[0].returns) == {"agents"}
 
 
-def test_a_catcher_learns_to_catch() -> None:
+def test_catcher_learns_to_catch() -> None:
     settings = TeamSettings(hidden=(32,), steps=32, passes=6, learning_rate=2e-3)
     told: list[TeamProgress] = []
     train_team(TeamConfig("Tag-v0", {"catcher": "ippo"}, {"runner": "random"}, frames=80_000, copies=128), settings, told.append)
     assert told[-1].success > 0.8 > 0.5 > told[2].success, "by then all episodes of the start have ended"
 
 
-def test_copies_take_turns_with_several_scripts() -> None:
+def test_copies_alternate_scripts() -> None:
     act = by_copy([lambda seen: seen[..., :2] * 0.0, lambda seen: seen[..., :2] * 0.0 + 1.0])
     assert act(torch.zeros(5, 1, 10))[:, 0, 0].tolist() == [0.0, 1.0, 0.0, 1.0, 0.0]
     assert act(torch.zeros(1, 10)).tolist() == [[0.0, 0.0]], "one environment has no copies"
@@ -53,8 +53,8 @@ def test_copies_take_turns_with_several_scripts() -> None:
         train_team(TeamConfig("Tag-v0", {"catcher": "ippo"}, {"runner": "flee,hide"}, frames=8, copies=1), SMALL)
 
 
-def test_what_is_no_team_is_told(tmp_path: Path) -> None:
-    with pytest.raises(RunError, match="a group that learns"):
+def test_invalid_team_raises(tmp_path: Path) -> None:
+    with pytest.raises(RunError, match="a learning group"):
         TeamConfig("Tag-v0", {})
     with pytest.raises(DescriptionError, match="no script 'hide'"):
         train_team(TeamConfig("Tag-v0", {"catcher": "ippo"}, {"runner": "hide"}, frames=8, copies=1), SMALL)

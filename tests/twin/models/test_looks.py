@@ -1,4 +1,4 @@
-"""Robots drawn from an LDraw library: other looks, the same physics."""
+"""Robots with LDraw looks: same physics."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def body(robot: Robot) -> MujocoBody:
 
 
 def motion(robot: MujocoBody) -> bytes:
-    """Where everything is after half a second with all motors on."""
+    """Positions after half a second with all motors on."""
     for port in [motor.port for motor in robot.robot.motors]:
         robot.set_voltage(port, 5000)
     robot.advance_to(500)
@@ -40,7 +40,7 @@ def motion(robot: MujocoBody) -> bytes:
 
 @pytest.mark.usefixtures("no_library")
 @pytest.mark.parametrize("robot", [TWO_WHEELER, WALKER, ROBO_ARM], ids=lambda robot: robot.name)
-def test_other_looks_same_physics(robot: Robot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_looks_do_not_change_physics(robot: Robot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     ours = body(robot)
     monkeypatch.setenv("LDRAWDIR", str(write_robot_parts(tmp_path)))
     theirs = body(robot)
@@ -59,7 +59,7 @@ def _material(model: mujoco.MjModel, geom: int) -> str:
 
 
 @pytest.mark.usefixtures("no_library")
-def test_the_picture_is_another(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_looks_change_picture(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def picture() -> Image:
         with Renderer(body(TWO_WHEELER), 160, 120, "portrait") as renderer:
             return renderer.render()
@@ -80,7 +80,7 @@ def _green(image: Image) -> int:
 
 
 @pytest.mark.usefixtures("no_library")
-def test_a_part_lies_where_ours_does(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_ldraw_part_matches_position(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for part in (lego.hub, lego.ultrasonic_sensor, lego.medium_motor):
         monkeypatch.delenv("LDRAWDIR", raising=False)
         ours = np.concatenate([shape.points for _, shape in part().shapes])
@@ -96,7 +96,7 @@ def test_a_part_lies_where_ours_does(tmp_path: Path, monkeypatch: pytest.MonkeyP
 
 
 @pytest.mark.usefixtures("no_library")
-def test_a_part_of_another_size_is_not_ours(
+def test_ldraw_part_of_other_size_is_rejected(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     ours = lego.hub()

@@ -1,4 +1,4 @@
-"""A user's robot with a model from an MJCF file, and models that cannot be used."""
+"""Users' robots with MJCF models."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def rover(tmp_path: Path) -> Robot:
     return Robot("rover", HubKind.PRIME, motors=motors, sensors=(UltrasonicSensor("eyes", "C"),), model=str(path))
 
 
-def test_a_user_s_robot_drives_towards_its_wall(rover: Robot, tmp_path: Path) -> None:
+def test_user_mjcf_robot_drives_to_wall(rover: Robot, tmp_path: Path) -> None:
     (tmp_path / "main.py").write_text(PROGRAM)
     body = make_body(rover, scene=Scene(wall_distance_mm=(600.0, 600.0)))
     said = io.BytesIO()
@@ -68,7 +68,7 @@ def test_a_user_s_robot_drives_towards_its_wall(rover: Robot, tmp_path: Path) ->
     assert driven_mm == pytest.approx(150, abs=3) and nearer_mm == pytest.approx(150, abs=8)
 
 
-def test_gears_and_direction_are_those_of_the_description(rover: Robot) -> None:
+def test_mjcf_gears_and_direction_follow_description(rover: Robot) -> None:
     geared = replace(rover, motors=(replace(rover.motors[0], gears=(12, 36)), replace(rover.motors[1], gears=(12, 36))))
     body = make_body(geared)
     assert isinstance(body, MujocoBody)
@@ -88,7 +88,7 @@ def test_gears_and_direction_are_those_of_the_description(rover: Robot) -> None:
         ({"model": "bricksrl.twin.models.two_wheeler:build"}, "is not a 2Wheeler"),
     ],
 )
-def test_what_does_not_fit_is_one_line(rover: Robot, change: dict[str, object], says: str) -> None:
+def test_mismatched_model_raises(rover: Robot, change: dict[str, object], says: str) -> None:
     with pytest.raises(TwinError, match=says):
         make_body(replace(rover, **change))
 
@@ -101,17 +101,17 @@ def test_what_does_not_fit_is_one_line(rover: Robot, change: dict[str, object], 
         (ROVER_XML.replace('0.028">', '0.028 3 4">'), "no MJCF|compile"),
     ],
 )
-def test_a_file_that_is_no_model_is_one_line(rover: Robot, text: str, says: str) -> None:
+def test_invalid_mjcf_raises(rover: Robot, text: str, says: str) -> None:
     Path(str(rover.model)).write_text(text)
     with pytest.raises(TwinError, match=says) as caught:
         make_body(rover)
     assert "\n" not in str(caught.value)
 
 
-def test_a_robot_without_a_sensor_stands_before_no_wall(rover: Robot) -> None:
+def test_wall_needs_ultrasonic_sensor(rover: Robot) -> None:
     with pytest.raises(TwinError, match="no ultrasonic sensor"):
         make_body(replace(rover, sensors=()), scene=Scene(wall_distance_mm=(600.0, 600.0)))
 
 
-def test_datasets_describe_the_robot_and_not_its_simulation() -> None:
+def test_dataset_description_omits_model() -> None:
     assert "model" not in describe_task(get_task("RunAway-v0"), {}).robot

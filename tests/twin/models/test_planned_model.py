@@ -1,4 +1,4 @@
-"""Twins that follow from plans, beside those that are written by hand."""
+"""Twins from plans against manual ones."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ QUIET = Physics(distance_noise_mm=0, distance_noise_ratio=0, tilt_noise_deg=0, b
 
 
 def from_plan(robot: Robot) -> Robot:
-    """The robot with the model that follows from its plan."""
+    """The robot with the model from its plan."""
     return replace(robot, model=str(ROOT / "plans" / f"{robot.name.replace('-', '_')}.ldr"))
 
 
 def body(robot: Robot, scene: Scene = OPEN_FLOOR) -> MujocoBody:
-    """A twin without play and noise."""
+    """A twin without backlash and noise."""
     return MujocoBody(robot, scene, QUIET, 0)
 
 
@@ -41,7 +41,7 @@ def car() -> Robot:
 
 
 @pytest.mark.parametrize("voltages", [(-5000, 5000), (-5000, 3000), (5000, 5000)], ids=["straight", "curve", "turn"])
-def test_the_two_wheeler_drives_as_the_one_by_hand(voltages: tuple[int, int]) -> None:
+def test_planned_two_wheeler_drives_as_manual_model(voltages: tuple[int, int]) -> None:
     ways = []
     for robot in (TWO_WHEELER, from_plan(TWO_WHEELER)):
         one = body(robot)
@@ -54,7 +54,7 @@ def test_the_two_wheeler_drives_as_the_one_by_hand(voltages: tuple[int, int]) ->
     assert plan.heading_deg == pytest.approx(hand.heading_deg, abs=1.0)
 
 
-def test_the_two_wheeler_sees_the_wall_where_it_is() -> None:
+def test_planned_two_wheeler_sees_wall() -> None:
     one = body(from_plan(TWO_WHEELER), Scene(wall_distance_mm=(250.0, 250.0)))
     assert one.distance_mm("C") == pytest.approx(250, abs=2)
     assert one.tilt_deg() == pytest.approx((0, 0), abs=0.3)
@@ -82,12 +82,12 @@ def _foot_path(robot: Robot) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]
     return np.stack([np.interp(grid, found[:, 0], found[:, axis]) for axis in (1, 3)], axis=1)
 
 
-def test_the_feet_of_the_walker_go_the_way_of_those_by_hand() -> None:
+def test_planned_walker_feet_match_manual_model() -> None:
     apart = np.linalg.norm(_foot_path(WALKER) - _foot_path(from_plan(WALKER)), axis=1)
     assert apart.max() < 0.001
 
 
-def test_the_walker_stands_on_four_feet() -> None:
+def test_planned_walker_stands_on_four_feet() -> None:
     one = body(from_plan(WALKER))
     one.advance_to(1000)
     touching = {one.model.geom(geom).name for contact in one.data.contact for geom in contact.geom}
@@ -95,7 +95,7 @@ def test_the_walker_stands_on_four_feet() -> None:
     assert one.tilt_deg() == pytest.approx((0, 0), abs=1.0)
 
 
-def test_the_robo_arm_starts_in_the_middle_of_its_ranges_and_stands_by_itself() -> None:
+def test_planned_arm_starts_mid_range_and_stands() -> None:
     one = body(from_plan(ROBO_ARM))
     start = [one.angle_mdeg(motor.port) / 1000 for motor in ROBO_ARM.motors]
     assert start == pytest.approx([0, 40, -70, -96], abs=1)
@@ -103,7 +103,7 @@ def test_the_robo_arm_starts_in_the_middle_of_its_ranges_and_stands_by_itself() 
     assert [one.angle_mdeg(motor.port) / 1000 for motor in ROBO_ARM.motors] == pytest.approx(start, abs=1)
 
 
-def test_the_fingers_of_the_robo_arm_mirror_one_another() -> None:
+def test_planned_arm_fingers_mirror() -> None:
     one = body(from_plan(ROBO_ARM))
     one.set_voltage("E", 3000)
     one.advance_to(300)
@@ -114,7 +114,7 @@ def test_the_fingers_of_the_robo_arm_mirror_one_another() -> None:
     assert angles[0] == pytest.approx(-moved, abs=0.01)
 
 
-def test_shafts_turn_for_the_eye() -> None:
+def test_visual_shafts_turn() -> None:
     one = body(from_plan(ROBO_ARM))
     one.set_voltage("B", 3000)
     one.advance_to(400)
@@ -131,7 +131,7 @@ def test_shafts_turn_for_the_eye() -> None:
     assert Spinners(mujoco.MjModel.from_xml_string("<mujoco/>")) is not None
 
 
-def test_a_car_that_is_steered_goes_round() -> None:
+def test_steered_car_drives_circle() -> None:
     one = body(car())
     one.set_voltage("B", -5000)
     one.advance_to(800)
@@ -144,7 +144,7 @@ def test_a_car_that_is_steered_goes_round() -> None:
     assert 30 < one.angle_mdeg("A") / 1000 < 56  # against the friction of both tyres, and not beyond its end stop
 
 
-def test_masses_are_those_of_the_parts() -> None:
+def test_planned_masses_equal_parts() -> None:
     for robot in (from_plan(TWO_WHEELER), from_plan(WALKER), car()):
         model = body(robot).model
         assert model.body_mass.sum() == pytest.approx(
@@ -160,17 +160,17 @@ def test_masses_are_those_of_the_parts() -> None:
         (car(), Scene(wall_distance_mm=(200.0, 300.0)), "no ultrasonic sensor"),
     ],
 )
-def test_a_scene_that_is_none_for_it_is_one_line(robot: Robot, scene: Scene, says: str) -> None:
+def test_unsupported_scene_raises(robot: Robot, scene: Scene, says: str) -> None:
     with pytest.raises(TwinError, match=says):
         make_body(robot, scene=scene)
 
 
-def test_a_plan_of_another_robot_is_one_line() -> None:
+def test_plan_of_other_robot_raises() -> None:
     with pytest.raises(DescriptionError, match="make both agree|add it with"):
         make_body(replace(TWO_WHEELER, model=str(ROOT / "plans" / "walker.ldr")))
 
 
-def test_a_hub_that_does_not_lie_flat_has_no_imu(tmp_path: Path) -> None:
+def test_tilted_hub_has_no_imu(tmp_path: Path) -> None:
     text = (ROOT / "plans" / "robo_arm.ldr").read_text(encoding="utf-8").replace("0 !BRICKSRL FIXED\n", "")
     path = tmp_path / "arm.ldr"
     path.write_text(text, encoding="utf-8")

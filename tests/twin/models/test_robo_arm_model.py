@@ -25,7 +25,7 @@ WITH_BALL = Scene(ball=True)
 
 
 class Arm:
-    """A RoboArm whose motors the firmware's servos turn, as a hub program would."""
+    """A RoboArm with firmware servos."""
 
     def __init__(self, physics: Physics | RandomPhysics = QUIET, scene: Scene = OPEN_FLOOR, seed: int = 0) -> None:
         body = make_body(ROBO_ARM, scene=scene, physics=physics, seed=seed)
@@ -45,7 +45,7 @@ class Arm:
         self.machine.advance(2000)
 
     def place(self, name: str) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
-        """Of a body's origin in the world, m."""
+        """Position of a body in the world, m."""
         mujoco.mj_kinematics(self.body.model, self.body.data)
         return np.array(self.body.data.body(name).xpos)
 
@@ -63,25 +63,25 @@ def quiet(**values: Any) -> Physics:
 
 
 class TestModel:
-    def test_another_robot_or_a_wall_is_refused(self) -> None:
-        with pytest.raises(TwinError, match="no RoboArm"):
+    def test_other_robot_or_wall_raises(self) -> None:
+        with pytest.raises(TwinError, match="not a RoboArm"):
             robo_arm.build(BENCH, OPEN_FLOOR)
         with pytest.raises(TwinError, match="wall"):
             robo_arm.build(ROBO_ARM, Scene(wall_distance_mm=(200.0, 300.0)))
         with pytest.raises(TwinError, match="heading_deg"):
             robo_arm.build(ROBO_ARM, Scene(heading_deg=(-5.0, 5.0)))
 
-    def test_it_has_its_cameras(self) -> None:
+    def test_model_has_cameras(self) -> None:
         model = robo_arm.build(ROBO_ARM, OPEN_FLOOR).compile()
         assert {model.camera(index).name for index in range(model.ncam)} == {"overview", "webcam", "chase", "portrait"}
         np.testing.assert_allclose(model.camera("webcam").pos, [0, 0, 0.68])
 
-    def test_only_a_scene_with_a_ball_has_one(self) -> None:
+    def test_ball_only_in_scene_with_ball(self) -> None:
         assert robo_arm.build(ROBO_ARM, WITH_BALL).compile().geom("ball").size[0] == pytest.approx(0.024)
         with pytest.raises(KeyError):
             robo_arm.build(ROBO_ARM, OPEN_FLOOR).compile().geom("ball")
 
-    def test_nothing_touches_anything_at_the_ends_of_all_ranges(self) -> None:
+    def test_no_self_contact_at_range_ends(self) -> None:
         # Nothing is made to collide, so the ranges must keep the ball and the fingers off the floor and off the base.
         arm = Arm(scene=WITH_BALL)
         for low, high in itertools.product((10, 70), (-150, 10)):
@@ -93,27 +93,27 @@ class TestModel:
 
 
 class TestAtRest:
-    def test_the_hub_reads_the_angles_of_the_start(self) -> None:
+    def test_hub_reads_start_angles(self) -> None:
         assert Arm().angles() == START
 
     @pytest.mark.parametrize("scene", [OPEN_FLOOR, WITH_BALL], ids=["empty", "ball"])
-    def test_it_stands_by_itself_while_its_motors_coast(self, scene: Scene) -> None:
+    def test_arm_stands_while_coasting(self, scene: Scene) -> None:
         arm = Arm(scene=scene)
         arm.machine.advance(10_000)
         assert arm.angles() == pytest.approx(START, abs=1)
 
-    def test_so_does_a_heavy_arm_with_worn_in_motors(self) -> None:
+    def test_heavy_arm_with_low_friction_stands(self) -> None:
         arm = Arm(quiet(mass_scale=1.15, motor_friction_scale=0.7))
         arm.machine.advance(10_000)
         assert arm.angles() == pytest.approx(START, abs=1)
 
-    def test_without_friction_it_sinks(self) -> None:
+    def test_arm_without_friction_sinks(self) -> None:
         arm = Arm(quiet(mass_scale=3.0, motor_friction_scale=0.0))
         arm.machine.advance(3000)
         assert arm.angles()["low"] > 70
         assert arm.angles()["high"] < -100
 
-    def test_its_hub_lies_flat(self) -> None:
+    def test_hub_is_flat(self) -> None:
         arm = Arm()
         arm.machine.advance(1000)
         assert arm.body.tilt_deg() == pytest.approx((0, 0), abs=0.01)
@@ -136,7 +136,7 @@ class TestJoints:
             ("grab", -45),
         ],
     )
-    def test_a_joint_reaches_its_target_and_holds_it(self, joint: str, angle: int) -> None:
+    def test_joint_reaches_and_holds_target(self, joint: str, angle: int) -> None:
         arm = Arm(scene=WITH_BALL if joint != "grab" else OPEN_FLOOR)
         arm.go(**{joint: angle})
         assert arm.servos[joint].is_done()
@@ -148,14 +148,14 @@ class TestJoints:
             {name: angle for name, angle in START.items() if name != joint}, abs=2
         )
 
-    def test_all_joints_move_together_as_the_task_moves_them(self) -> None:
+    def test_joints_move_together(self) -> None:
         arm = Arm()
         for name, angle in (("rotation", 50), ("low", -20), ("high", -40), ("grab", 25)):
             arm.servos[name].run_angle(250, angle, OnCompletion.HOLD)
         arm.machine.advance(1500)
         assert arm.angles() == pytest.approx({"rotation": 50, "low": 20, "high": -110, "grab": -70}, abs=6)
 
-    def test_stops_block_a_joint_not_far_beyond_its_range(self) -> None:
+    def test_end_stops_are_near_range(self) -> None:
         arm = Arm()
         for name in ("low", "high", "grab"):
             arm.servos[name].dc(60)
@@ -168,7 +168,7 @@ class TestJoints:
             assert high + 5 < highest[name] < high + 20
             assert low - 20 < arm.angles()[name] < low - 5
 
-    def test_the_turntable_turns_for_ever_a_third_of_its_motor(self) -> None:
+    def test_turntable_is_unlimited_with_ratio_3(self) -> None:
         arm = Arm()
         arm.servos["rotation"].run_angle(250, 800, OnCompletion.HOLD)
         arm.machine.advance(5000)
@@ -178,13 +178,13 @@ class TestJoints:
         assert arm.body.pose().heading_deg == pytest.approx(-800, abs=5)
         assert arm.body.heading_deg() == pytest.approx(-800, abs=5)
 
-    def test_its_gyroscope_feels_the_turntable(self) -> None:
+    def test_gyroscope_measures_turntable(self) -> None:
         arm = Arm()
         arm.servos["rotation"].run(100)
         arm.machine.advance(1500)
         assert arm.body.angular_velocity_deg_s() == pytest.approx((0, 0, 100), abs=15)
 
-    def test_low_leans_forward_and_high_lifts(self) -> None:
+    def test_low_leans_and_high_lifts(self) -> None:
         arm = Arm()
         elbow, wrist = arm.place("high"), arm.place("finger_left")
         arm.go(low=70)
@@ -192,14 +192,14 @@ class TestJoints:
         arm.go(low=40, high=10)
         assert arm.place("finger_left")[2] > wrist[2] + 0.03
 
-    def test_the_gripper_closes_to_where_its_fingers_meet(self) -> None:
+    def test_gripper_closes_until_contact(self) -> None:
         arm = Arm()
         arm.go(grab=-148)
         assert arm.fingertips_apart_mm() < 14
         arm.go(grab=-45)
         assert arm.fingertips_apart_mm() > 80
 
-    def test_the_fingers_mirror_each_other(self) -> None:
+    def test_fingers_mirror(self) -> None:
         arm, worst = Arm(quiet(backlash_deg=0.0)), 0.0
         arm.servos["grab"].run_target(600, -140, OnCompletion.HOLD)
         for _ in range(200):
@@ -213,7 +213,7 @@ class TestJoints:
 
 class TestWebcam:
     def pixel(self, arm: Arm) -> tuple[float, float]:
-        """Where the ball's centre is in the image of 640 x 480."""
+        """Pixel of the ball's centre in an image of 640 x 480."""
         model, data = arm.body.model, arm.body.data
         mujoco.mj_kinematics(model, data)
         mujoco.mj_camlight(model, data)
@@ -222,7 +222,7 @@ class TestWebcam:
         focal = 240 / math.tan(math.radians(model.camera("webcam").fovy[0]) / 2)
         return 320 - focal * x / z, 240 + focal * y / z
 
-    def test_the_arm_points_down_in_the_image_and_turns_to_the_right(self) -> None:
+    def test_webcam_view_of_arm(self) -> None:
         arm = Arm(scene=WITH_BALL)
         x, y = self.pixel(arm)
         assert x == pytest.approx(320, abs=1)
@@ -232,7 +232,7 @@ class TestWebcam:
         assert 430 < x < 540
         assert y == pytest.approx(240, abs=15)
 
-    def test_the_circle_of_the_goals_is_within_reach(self) -> None:
+    def test_goal_circle_is_reachable(self) -> None:
         arm = Arm(scene=WITH_BALL)
         arm.go(low=10, high=-150)
         assert math.dist(self.pixel(arm), (320, 240)) < 150
@@ -241,7 +241,7 @@ class TestWebcam:
 
 
 class TestReset:
-    def test_the_hand_leaves_the_motors_as_they_are(self) -> None:
+    def test_reset_keeps_motor_angles(self) -> None:
         arm = Arm()
         arm.go(rotation=30, low=20, high=-120, grab=-60)
         held = arm.angles()
@@ -250,7 +250,7 @@ class TestReset:
         arm.machine.advance(1000)
         assert arm.angles() == pytest.approx(held, abs=2)
 
-    def test_random_physics_act(self) -> None:
+    def test_random_physics_have_effect(self) -> None:
         arm, rng, seen = Arm(RandomPhysics()), np.random.default_rng(1), []
         for _ in range(3):
             arm.body.reset(rng)
@@ -261,7 +261,7 @@ class TestReset:
             assert model.joint("motor_D").frictionloss[0] == pytest.approx(0.1 + 3 * 0.021413 * physics.motor_friction_scale)
         assert len(set(seen)) == 3
 
-    def test_everything_follows_from_the_seed_bit_for_bit(self) -> None:
+    def test_equal_seeds_are_bit_identical(self) -> None:
         def history(seed: int) -> list[Any]:
             arm, seen = Arm(RandomPhysics(), seed=seed), []
             for turn in (20, -30):
@@ -276,7 +276,7 @@ class TestReset:
         assert history(5) == history(5)
         assert history(5) != history(6)
 
-    def test_backlash_is_lost_between_motor_and_turntable(self) -> None:
+    def test_backlash_between_motor_and_turntable(self) -> None:
         def turned(backlash_deg: float) -> float:
             arm = Arm(quiet(backlash_deg=backlash_deg))
             arm.go(rotation=90)

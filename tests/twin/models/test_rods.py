@@ -8,7 +8,7 @@ from bricksrl.twin.models.rods import Rods, add_rod
 
 
 def swing() -> mujoco.MjModel:
-    """A pendulum of 0.1 m on a frame that lies on its side, and a sledge that a rod of 0.25 m couples to its bob."""
+    """A pendulum of 0.1 m on a horizontal frame, coupled to a sledge by a rod of 0.25 m."""
     spec = mujoco.MjSpec()
     spec.option.gravity, spec.option.timestep = [-9.81, 3.0, 0.0], 0.0005
     frame = spec.worldbody.add_body(name="frame", quat=[0.5, 0.5, 0.5, 0.5])
@@ -24,13 +24,13 @@ def swing() -> mujoco.MjModel:
 
 
 def tip(data: mujoco.MjData) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
-    """Where the drawn rod ends."""
+    """End of the drawn rod."""
     end: np.ndarray[tuple[int], np.dtype[np.float64]] = data.body("rod_arm").xmat.reshape(3, 3)[:, 2] * 0.25
     return data.body("rod_arm").xpos + end
 
 
 class TestRod:
-    def test_its_length_stays_while_its_ends_move(self) -> None:
+    def test_rod_length_is_constant(self) -> None:
         model = swing()
         data, seen, lengths = mujoco.MjData(model), [], []
         for _ in range(500):
@@ -40,13 +40,13 @@ class TestRod:
         assert np.ptp(seen, axis=0).min() > 0.05
         assert lengths == pytest.approx([0.25] * 500, abs=1e-4)
 
-    def test_half_of_its_mass_is_at_either_end(self) -> None:
+    def test_rod_mass_is_halved(self) -> None:
         model = swing()
         assert model.body("sledge").mass == pytest.approx(0.11)
         assert model.body("bob").mass == pytest.approx(0.11)
         assert model.body("rod_arm").mass == 0.0
 
-    def test_it_is_drawn_from_pin_to_pin(self) -> None:
+    def test_rod_is_drawn_between_pins(self) -> None:
         model = swing()
         data, rods = mujoco.MjData(model), Rods(model)
         for _ in range(5):
@@ -56,7 +56,7 @@ class TestRod:
             assert data.body("rod_arm").xpos == pytest.approx(data.site("rod_arm_near").xpos, abs=1e-9)
             assert tip(data) == pytest.approx(data.site("rod_arm_far").xpos, abs=1e-4)
 
-    def test_drawing_it_leaves_the_motion_as_it_is(self) -> None:
+    def test_drawing_rod_does_not_change_motion(self) -> None:
         def motion(draws: bool) -> bytes:
             model = swing()
             data, rods = mujoco.MjData(model), Rods(model)
@@ -69,6 +69,6 @@ class TestRod:
 
         assert motion(True) == motion(False)
 
-    def test_a_model_without_rods_is_left_alone(self) -> None:
+    def test_model_without_rods_is_unchanged(self) -> None:
         model = mujoco.MjSpec().compile()
         Rods(model).turn(model, mujoco.MjData(model))

@@ -21,7 +21,7 @@ def model() -> mujoco.MjModel:
     return two_wheeler.build(TWO_WHEELER, WALL).compile()
 
 
-def test_masses_and_measures_are_those_of_the_robot() -> None:
+def test_masses_and_dimensions_match_robot() -> None:
     assert model().body_mass.sum() == pytest.approx(0.47, abs=0.001)
     left, right = model().body("rotor_E").pos, model().body("rotor_A").pos
     assert left[1] - right[1] == pytest.approx(0.130)
@@ -29,14 +29,14 @@ def test_masses_and_measures_are_those_of_the_robot() -> None:
         assert model().geom(f"tyre_{port}").size[0] == pytest.approx(0.028)
 
 
-def test_measures_follow_the_description() -> None:
+def test_dimensions_follow_description() -> None:
     wide = dataclasses.replace(TWO_WHEELER, drive_base=DriveBase("left", "right", wheel_diameter_mm=62, axle_track_mm=150))
     built = two_wheeler.build(wide, OPEN_FLOOR).compile()
     assert built.body("rotor_E").pos[1] == pytest.approx(0.075)
     assert built.geom("tyre_E").size[0] == pytest.approx(0.031)
 
 
-def test_the_robot_leans_on_its_caster_not_on_its_nose() -> None:
+def test_robot_rests_on_caster() -> None:
     data = mujoco.MjData(model())
     mujoco.mj_forward(model(), data)
     centre = data.subtree_com[model().body("chassis").id] - data.qpos[:3]
@@ -44,25 +44,25 @@ def test_the_robot_leans_on_its_caster_not_on_its_nose() -> None:
     assert centre[1] == pytest.approx(0.0, abs=1e-6)
 
 
-def test_the_motors_are_mounted_mirrored() -> None:
+def test_motors_are_mirrored() -> None:
     np.testing.assert_allclose(model().joint("motor_A").axis, [0, 1, 0])
     np.testing.assert_allclose(model().joint("motor_E").axis, [0, -1, 0])
 
 
-def test_the_options_are_those_that_were_found_stable() -> None:
+def test_solver_options() -> None:
     assert model().opt.timestep == 0.0025
     assert model().opt.integrator == mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     assert model().opt.cone == mujoco.mjtCone.mjCONE_ELLIPTIC
 
 
-def test_looks_weigh_nothing_and_touch_nothing() -> None:
+def test_visuals_have_no_mass_or_contacts() -> None:
     looks = model().geom_group == LOOKS_GROUP
     assert looks.sum() > 10
     assert not model().geom_contype[looks].any()
     assert not model().geom_conaffinity[looks].any()
 
 
-def test_normals_point_out_of_the_parts() -> None:
+def test_mesh_normals_point_outwards() -> None:
     # Faces wound the other way round would be culled: the part would look hollow.
     built = model()
     for index in range(built.nmesh):
@@ -78,12 +78,12 @@ def test_normals_point_out_of_the_parts() -> None:
         assert (np.einsum("ij,ij->i", across, shade)[seen] > 0).all(), built.mesh(index).name
 
 
-def test_only_a_scene_with_a_wall_has_a_wall() -> None:
+def test_wall_only_in_scene_with_wall() -> None:
     assert model().geom("wall").pos[0] > 0
     with pytest.raises(KeyError):
         two_wheeler.build(TWO_WHEELER, OPEN_FLOOR).compile().geom("wall")
 
 
-def test_another_robot_is_refused() -> None:
+def test_other_robot_raises() -> None:
     with pytest.raises(TwinError, match="bench"):
         two_wheeler.build(BENCH, OPEN_FLOOR)

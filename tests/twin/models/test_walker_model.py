@@ -30,7 +30,7 @@ def quiet(**values: Any) -> Physics:
 
 
 class Walking:
-    """A Walker whose motors the firmware's servos turn, as a hub program would."""
+    """A Walker with firmware servos."""
 
     def __init__(self, physics: Physics | RandomPhysics = QUIET, scene: Scene = OPEN_FLOOR, seed: int = 0) -> None:
         body = make_body(WALKER, scene=scene, physics=physics, seed=seed)
@@ -52,7 +52,7 @@ class Walking:
         self.body.reset(np.random.default_rng(0))
 
     def walk(self, steps: int, angle: int = -100) -> float:
-        """As ``Walker-v0`` steps; returns the largest tilt in degrees."""
+        """Steps as in ``Walker-v0``. Returns the largest tilt in degrees."""
         tilt = 0.0
         for _ in range(steps):
             for servo in self.servos:
@@ -62,14 +62,14 @@ class Walking:
         return tilt
 
     def loop_error_mm(self) -> float:
-        """How much a rocker's pins are too near or too far apart; one step behind the joints."""
+        """Distance error of a rocker's pins; one step behind the joints."""
         sites = self.body.data.site
         apart = [np.linalg.norm(sites(f"rod_{port}_far").xpos - sites(f"rod_{port}_near").xpos) for port in "ABCD"]
         return float(np.abs(np.array(apart) - 0.032).max()) * 1000
 
 
 def speed_m_s(phases: Phases, physics: Physics = QUIET, angle: int = -100, steps: int = 12) -> float:
-    """Forward speed of a gait: all cranks turn alike, with these phases."""
+    """Forward speed of a gait: equal cranks with these phases."""
     robot = Walking(physics)
     robot.pose_legs(tuple(-phase for phase in phases))
     robot.put_down()
@@ -84,12 +84,12 @@ def model() -> mujoco.MjModel:
 
 
 class TestModel:
-    def test_masses_and_measures_are_those_of_the_robot(self) -> None:
+    def test_masses_and_dimensions_match_robot(self) -> None:
         assert model().body_mass.sum() == pytest.approx(0.69, abs=0.01)
         corners = {port: np.sign(model().body(f"rotor_{port}").pos[:2]).tolist() for port in "DCBA"}
         assert corners == {"D": [1, 1], "C": [1, -1], "B": [-1, 1], "A": [-1, -1]}
 
-    def test_the_loops_are_closed_as_built(self) -> None:
+    def test_loops_are_closed_initially(self) -> None:
         data = mujoco.MjData(model())
         mujoco.mj_forward(model(), data)
         open_by = data.efc_pos[data.efc_type == mujoco.mjtConstraint.mjCNSTR_EQUALITY]
@@ -97,7 +97,7 @@ class TestModel:
         assert np.abs(open_by).max() < 1e-9
         assert Walking().loop_error_mm() < 1e-6
 
-    def test_only_feet_and_frame_touch_and_only_the_floor(self) -> None:
+    def test_only_feet_and_frame_touch_floor(self) -> None:
         assert not (model().geom_contype.any() or model().geom_conaffinity.any())
         below, above = model().pair_geom1, model().pair_geom2
         assert {model().geom(index).name for index in below} == {"floor"}
@@ -105,7 +105,7 @@ class TestModel:
         assert bodies == {"chassis", *(f"leg_{port}" for port in "ABCD")}
         assert {f"foot_{port}" for port in "ABCD"} <= {model().geom(index).name for index in above}
 
-    def test_what_touches_does_so_as_its_shapes_say(self) -> None:
+    def test_contacts_follow_shapes(self) -> None:
         model = walker.build(WALKER, Scene(wall_distance_mm=(100, 100))).compile()
         assert {model.geom(index).name for index in model.pair_geom1} == {"floor", "wall"}
         for above, friction, solref in zip(model.pair_geom2, model.pair_friction, model.pair_solref, strict=True):
@@ -113,17 +113,17 @@ class TestModel:
             assert friction.tolist() == shape.friction[[0, 0, 1, 2, 2]].tolist()
             assert solref.tolist() == shape.solref.tolist()
 
-    def test_another_robot_is_refused(self) -> None:
-        with pytest.raises(TwinError, match="no Walker"):
+    def test_other_robot_raises(self) -> None:
+        with pytest.raises(TwinError, match="not a Walker"):
             walker.build(BENCH, OPEN_FLOOR)
 
-    def test_it_cannot_hold_a_ball(self) -> None:
+    def test_walker_cannot_hold_ball(self) -> None:
         with pytest.raises(TwinError, match="no gripper"):
             make_body(WALKER, scene=Scene(ball=True))
 
 
 class TestAtRest:
-    def test_it_stands_still_and_level_while_its_motors_coast(self) -> None:
+    def test_walker_stands_level_while_coasting(self) -> None:
         robot = Walking()
         assert robot.angles() == [0, 0, 0, 0]
         start = robot.body.pose()
@@ -135,7 +135,7 @@ class TestAtRest:
         assert robot.body.acceleration_mm_s2() == pytest.approx((0, 0, 9810), abs=60)
         assert robot.angles() == pytest.approx([0, 0, 0, 0], abs=1)
 
-    def test_held_legs_do_not_creep(self) -> None:
+    def test_held_legs_are_still(self) -> None:
         robot = Walking()
         robot.pose_legs((0, -180, -180, 0))
         robot.put_down()
@@ -145,14 +145,14 @@ class TestAtRest:
         assert robot.body.pose().x_m == pytest.approx(start.x_m, abs=1e-4)
         assert robot.body.pose().y_m == pytest.approx(start.y_m, abs=1e-4)
 
-    def test_it_sees_the_wall_that_it_stands_before(self) -> None:
+    def test_walker_sees_wall(self) -> None:
         robot = Walking(scene=Scene(wall_distance_mm=(300.0, 300.0)))
         assert robot.body.distance_mm("E") == pytest.approx(300, abs=2)
 
 
 class TestLegs:
     def foot(self, robot: Walking, port: str) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
-        """Of a robot that hangs in the air, in the frame of its chassis; m."""
+        """Foot position of a suspended robot in the chassis frame, m."""
         mujoco.mj_kinematics(robot.body.model, robot.body.data)
         chassis = robot.body.data.body("chassis")
         return (robot.body.data.geom(f"foot_{port}").xpos - chassis.xpos) @ chassis.xmat.reshape(3, 3)
@@ -164,7 +164,7 @@ class TestLegs:
         return robot
 
     @pytest.mark.parametrize("leg", LEGS)
-    def test_a_negative_turn_takes_the_foot_back_below_and_forward_above(self, leg: str) -> None:
+    def test_negative_turn_moves_foot_back_below(self, leg: str) -> None:
         robot, index, port = self.hanging(), LEGS.index(leg), WALKER.motor(leg).port
         places = []
         for quarter in range(4):
@@ -175,7 +175,7 @@ class TestLegs:
         assert high[2] - low[2] == pytest.approx(0.016, abs=0.003)
         assert back[0] < low[0] - 0.01 < low[0] + 0.01 < front[0]
 
-    def test_a_foot_goes_where_crank_and_rocker_take_it(self) -> None:
+    def test_foot_path_follows_linkage(self) -> None:
         robot, worst_mm = self.hanging(), 0.0
         robot.servos[0].run(-300)
         for _ in range(260):
@@ -193,13 +193,13 @@ class TestLegs:
         assert robot.angles()[0] < -360
         assert worst_mm < 0.1
 
-    def test_the_other_legs_stay_where_they_are(self) -> None:
+    def test_other_legs_stay(self) -> None:
         robot = self.hanging()
         before = [self.foot(robot, port) for port in "CBA"]
         robot.pose_legs((-120, 0, 0, 0))
         np.testing.assert_allclose([self.foot(robot, port) for port in "CBA"], before, atol=0.003)
 
-    def test_the_loops_stay_closed_through_a_fast_turn(self) -> None:
+    def test_loops_stay_closed_in_fast_turn(self) -> None:
         robot, worst = Walking(), 0.0
         for servo in robot.servos:
             servo.run(-900)
@@ -209,7 +209,7 @@ class TestLegs:
         assert robot.angles()[0] < -600
         assert worst < 1.5
 
-    def test_the_command_is_reached_within_what_the_firmware_tolerates(self) -> None:
+    def test_command_is_reached_within_tolerance(self) -> None:
         robot = Walking()
         for servo, angle in zip(robot.servos, (-100, -37, 80, -250), strict=True):
             servo.run_angle(600, angle, OnCompletion.HOLD)
@@ -219,7 +219,7 @@ class TestLegs:
 
 
 class TestGaits:
-    def test_a_trot_goes_forward_and_straight(self) -> None:
+    def test_trot_goes_straight_forward(self) -> None:
         robot = Walking()
         robot.pose_legs(tuple(-phase for phase in TROT))
         robot.put_down()
@@ -231,17 +231,17 @@ class TestGaits:
         assert 3 < tilt < 15
         assert robot.loop_error_mm() < 1.0
 
-    def test_a_bound_goes_backward_and_a_pronk_nowhere(self) -> None:
+    def test_bound_goes_backward_pronk_stays(self) -> None:
         assert -0.09 < speed_m_s(BOUND) < -0.02
         assert abs(speed_m_s(PRONK)) < 0.015
 
-    def test_a_pace_is_slower_than_a_trot(self) -> None:
+    def test_pace_is_slower_than_trot(self) -> None:
         assert 0.01 < speed_m_s(PACE) < 0.06
 
-    def test_a_trot_turned_round_goes_backward(self) -> None:
+    def test_reversed_trot_goes_backward(self) -> None:
         assert speed_m_s(TROT, angle=100) < -0.04
 
-    def test_a_random_policy_gets_hardly_ahead_and_never_falls(self) -> None:
+    def test_random_policy_hardly_advances_and_never_falls(self) -> None:
         robot, rng = Walking(seed=3), np.random.default_rng(3)
         for _ in range(40):
             for servo in robot.servos:
@@ -252,7 +252,7 @@ class TestGaits:
 
 
 class TestReset:
-    def test_the_feet_touch_the_floor_whatever_the_legs_do(self) -> None:
+    def test_feet_touch_floor_at_all_angles(self) -> None:
         robot, rng = Walking(), np.random.default_rng(1)
         for _ in range(6):
             robot.pose_legs(tuple(rng.integers(-180, 180, 4).tolist()))
@@ -269,7 +269,7 @@ class TestReset:
             assert data.ncon >= 2
             assert abs(data.qpos[2] - height_m) < 0.001
 
-    def test_it_is_put_back_from_wherever_it_is(self) -> None:
+    def test_reset_from_any_place(self) -> None:
         robot = Walking()
         robot.walk(8)
         robot.body.data.qpos[:7] = (3.0, -1.0, 0.4, 0.0, 1.0, 0.0, 0.0)
@@ -279,7 +279,7 @@ class TestReset:
         assert max(map(abs, robot.body.tilt_deg())) < 12
         assert robot.body.angular_velocity_deg_s() == (0, 0, 0)
 
-    def test_random_physics_act(self) -> None:
+    def test_random_physics_have_effect(self) -> None:
         robot, rng, seen = Walking(RandomPhysics()), np.random.default_rng(2), []
         for _ in range(3):
             robot.body.reset(rng)
@@ -290,7 +290,7 @@ class TestReset:
 
 
 class TestPhysics:
-    def test_on_a_slippery_floor_it_slides(self) -> None:
+    def test_slippery_floor_slides(self) -> None:
         def slide_m(friction_scale: float) -> float:
             robot = Walking(quiet(friction_scale=friction_scale))
             robot.machine.advance(500)
@@ -313,7 +313,7 @@ class TestPhysics:
 
         assert turned(0.7) > 1.15 * turned(1.5) > 0
 
-    def test_a_load_slows_the_legs_down(self) -> None:
+    def test_load_slows_legs(self) -> None:
         def turned(mass_scale: float) -> list[int]:
             robot = Walking(quiet(mass_scale=mass_scale))
             robot.pose_legs(tuple(-phase for phase in TROT))
@@ -327,7 +327,7 @@ class TestPhysics:
         for heavy, light in zip(turned(3.0), turned(1.0), strict=True):
             assert 0 < heavy < 0.8 * light
 
-    def test_an_empty_battery_makes_the_legs_slow(self) -> None:
+    def test_low_battery_slows_legs(self) -> None:
         def turned(battery_v: float) -> int:
             robot = Walking(quiet(battery_v=battery_v))
             for servo in robot.servos:
@@ -337,7 +337,7 @@ class TestPhysics:
 
         assert turned(8.3) > 1.2 * turned(6.0)
 
-    def test_everything_follows_from_the_seed_bit_for_bit(self) -> None:
+    def test_equal_seeds_are_bit_identical(self) -> None:
         def history(seed: int) -> list[Any]:
             robot, seen = Walking(RandomPhysics(), seed=seed), []
             for _ in range(4):

@@ -39,13 +39,13 @@ def picture(body: MujocoBody, width: int, height: int, camera: str = "chase", **
 
 
 def turquoise(image: Image) -> np.ndarray[tuple[int, int], np.dtype[np.bool_]]:
-    """Where the robot's lower half is."""
+    """Position of the robot's lower half."""
     red, green, blue = (image[..., channel].astype(int) for channel in range(3))
     return (green > red + 40) & (blue > red + 40)
 
 
 @pytest.mark.parametrize(("width", "height"), [(64, 64), (320, 240), (640, 480)])
-def test_a_picture_has_the_size_asked_for_and_shows_the_robot(body: MujocoBody, width: int, height: int) -> None:
+def test_picture_has_given_size_and_shows_robot(body: MujocoBody, width: int, height: int) -> None:
     image = picture(body, width, height)
     assert image.shape == (height, width, 3)
     assert image.dtype == np.uint8
@@ -55,14 +55,14 @@ def test_a_picture_has_the_size_asked_for_and_shows_the_robot(body: MujocoBody, 
     assert 0.25 < columns.mean() / width < 0.75
 
 
-def test_up_is_up(body: MujocoBody) -> None:
+def test_picture_is_upright(body: MujocoBody) -> None:
     image = picture(body, 160, 120)
     red = (image[..., 0] > 100) & (image[..., 1] < 60)
     assert red[:40].mean() > 0.2
     assert red[80:].mean() == 0.0
 
 
-def test_chase_moves_along_and_overview_stands_still() -> None:
+def test_chase_camera_follows_overview_is_fixed() -> None:
     robot = MujocoBody(TWO_WHEELER, SCENE, Physics(), 0)
     before = {camera: picture(robot, 320, 240, camera) for camera in ("chase", "overview")}
     robot.set_voltage("E", 5000)
@@ -82,7 +82,7 @@ def test_shadows_darken_and_smoothing_changes_edges(body: MujocoBody) -> None:
     assert not np.array_equal(picture(body, 160, 120, "portrait"), plain)
 
 
-def test_drawing_does_not_disturb_the_physics() -> None:
+def test_rendering_does_not_change_physics() -> None:
     poses = []
     for draws in (False, True):
         robot = MujocoBody(TWO_WHEELER, SCENE, Physics(), 0)
@@ -99,7 +99,7 @@ def test_drawing_does_not_disturb_the_physics() -> None:
     ("camera", "smooth", "alpha"),
     [("webcam", False, None), ("overview", False, None), ("webcam", True, None), ("webcam", False, 0.5)],
 )
-def test_what_stands_still_is_drawn_once_and_the_picture_is_the_same(
+def test_static_culling_gives_same_picture(
     camera: str, smooth: bool, alpha: float | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     arm = MujocoBody(ROBO_ARM, Scene(ball=True), Physics(), 0)
@@ -119,14 +119,14 @@ def test_what_stands_still_is_drawn_once_and_the_picture_is_the_same(
             assert np.abs(part.astype(int) - whole).max() <= 2
 
 
-def test_a_picture_is_repeatable_and_its_own(body: MujocoBody) -> None:
+def test_picture_is_reproducible_and_independent(body: MujocoBody) -> None:
     with Renderer(body, 64, 64) as renderer:
         first, second = renderer.render(), renderer.render()
     assert np.array_equal(first, second)
     assert first.base is None or first.base is not second.base
 
 
-def test_mistakes_are_named(body: MujocoBody) -> None:
+def test_mistakes_raise(body: MujocoBody) -> None:
     with pytest.raises(TwinError, match="choose one of overview, chase, portrait"):
         Renderer(body, camera="selfie")
     with pytest.raises(TwinError, match="0 x 240"):
@@ -152,7 +152,7 @@ except RenderingUnavailableError as error:
 
 
 @pytest.mark.parametrize("backend", ["disable", "nonsense"])
-def test_without_a_library_to_draw_with_one_line_says_what_to_do(backend: str) -> None:
+def test_missing_opengl_names_remedy(backend: str) -> None:
     environment = {**os.environ, "MUJOCO_GL": backend}
     done = subprocess.run([sys.executable, "-c", PROGRAM], env=environment, capture_output=True, text=True, check=True)
     assert len(done.stdout.splitlines()) == 1
@@ -160,7 +160,7 @@ def test_without_a_library_to_draw_with_one_line_says_what_to_do(backend: str) -
     assert backend in done.stdout + done.stderr
 
 
-def test_physics_need_no_library_to_draw_with() -> None:
+def test_physics_need_no_opengl() -> None:
     program = "import sys\nfrom bricksrl.robots import TWO_WHEELER\nfrom bricksrl.twin.make_body import make_body\n"
     program += (
         "make_body(TWO_WHEELER).advance_to(100)\nprint('bricksrl.twin.render.opengl' in sys.modules, 'mujoco' in sys.modules)"
@@ -170,7 +170,7 @@ def test_physics_need_no_library_to_draw_with() -> None:
     assert done.stdout.split() == ["False", "True"]
 
 
-def test_a_video_holds_the_frames(body: MujocoBody, tmp_path: Path) -> None:
+def test_video_has_frames(body: MujocoBody, tmp_path: Path) -> None:
     frame = picture(body, 96, 64)
     frames = [np.roll(frame, 3 * shift, axis=1) for shift in range(12)]
     path = write_video(tmp_path / "deep" / "run.mp4", iter(frames), fps=20)
@@ -184,14 +184,14 @@ def test_a_video_holds_the_frames(body: MujocoBody, tmp_path: Path) -> None:
     assert np.abs(decoded.astype(int) - frame).mean() < 12
 
 
-def test_frames_of_two_sizes_or_none_make_no_video(tmp_path: Path) -> None:
+def test_mixed_or_missing_frames_raise(tmp_path: Path) -> None:
     with pytest.raises(TwinError, match="no frames"):
         write_video(tmp_path / "none.mp4", [], fps=20)
     with pytest.raises(TwinError, match="one size"):
         write_video(tmp_path / "two.mp4", [np.zeros((16, 16, 3), np.uint8), np.zeros((32, 16, 3), np.uint8)], fps=20)
 
 
-def test_a_renderer_that_is_dropped_does_not_blind_the_next() -> None:
+def test_dropped_renderer_does_not_affect_next() -> None:
     body = MujocoBody(TWO_WHEELER, Scene(), Physics(), 0)
     renderer = Renderer(body, 64, 48)
     first = renderer.render()

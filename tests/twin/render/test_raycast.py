@@ -1,4 +1,4 @@
-"""Pictures without OpenGL, beside those with it."""
+"""Raycast pictures against OpenGL."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ def arm() -> MujocoBody:
 
 
 def red(image: Image) -> tuple[float, float]:
-    """Middle of what is red."""
+    """Centre of the red pixels."""
     rows, columns = np.nonzero((image[..., 0] > 100) & (image[..., 1] < 60) & (image[..., 2] < 60))
     return float(rows.mean()), float(columns.mean())
 
 
-def test_a_picture_is_that_of_opengl_but_for_spots_and_shine(arm: MujocoBody) -> None:
+def test_raycast_matches_opengl_without_lights(arm: MujocoBody) -> None:
     try:
         renderer = Renderer(arm, 320, 240, "webcam", smooth=False)
     except RenderingUnavailableError as error:
@@ -43,7 +43,7 @@ def test_a_picture_is_that_of_opengl_but_for_spots_and_shine(arm: MujocoBody) ->
     renderer.close()
 
 
-def test_what_stood_still_is_cast_once_and_the_picture_is_the_same(arm: MujocoBody) -> None:
+def test_static_rays_are_cached(arm: MujocoBody) -> None:
     caster = RayCaster(arm, 160, 120, "webcam", 4)
     for port, voltage_mv, time_ms in MOVES:
         arm.set_voltage(port, voltage_mv)
@@ -52,7 +52,7 @@ def test_what_stood_still_is_cast_once_and_the_picture_is_the_same(arm: MujocoBo
         assert caster._stale.sum() < 600  # of 1,200 spots
 
 
-def test_a_camera_that_moves_along_sees_all_anew() -> None:
+def test_moving_camera_recasts_all() -> None:
     robot = MujocoBody(TWO_WHEELER, Scene(wall_distance_mm=(250.0, 250.0)), Physics(), 0)
     caster = RayCaster(robot, 64, 48, "chase", 4)
     before = caster.render()
@@ -64,13 +64,13 @@ def test_a_camera_that_moves_along_sees_all_anew() -> None:
     assert not np.array_equal(before, after)
 
 
-def test_spots_need_not_fill_the_image(arm: MujocoBody) -> None:
+def test_spot_lights_may_cover_part(arm: MujocoBody) -> None:
     fine, coarse = (RayCaster(arm, 101, 75, "webcam", spot_px).render() for spot_px in (1, 7))
     assert fine.shape == coarse.shape == (75, 101, 3)
     assert np.array_equal(coarse[3::7, 3::7][:10, :14], fine[3::7, 3::7][:10, :14])
 
 
-def test_mistakes_are_named(arm: MujocoBody) -> None:
+def test_mistakes_raise(arm: MujocoBody) -> None:
     with pytest.raises(TwinError, match="640 x 480 with spots of 0"):
         RayCaster(arm, 640, 480, "webcam", 0)
     with pytest.raises(TwinError, match="no camera 'selfie'"):

@@ -1,4 +1,4 @@
-"""The room of the videos: captions, metres, the ghost of a goal."""
+"""Room of videos: captions, metre labels, goal ghost."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def drawn(robot, goal=None) -> tuple[Image, Room]:
         pytest.skip(str(error))
 
 
-def test_captions_change_their_corner_and_their_labels_only() -> None:
+def test_captions_change_only_corner_and_labels() -> None:
     image = np.full((180, 320, 3), 90, np.uint8)
     told = captioned(image, "Walker-v1", "step 3", [(200, 150, "1 m")])
     assert told.shape == image.shape and told.dtype == np.uint8 and (image == 90).all()
@@ -34,7 +34,7 @@ def test_captions_change_their_corner_and_their_labels_only() -> None:
     assert (captioned(image, "", "") == image).all()
 
 
-def test_the_camera_follows_and_knows_where_the_metres_are() -> None:
+def test_camera_follows_with_metre_labels() -> None:
     _, room = drawn(WALKER)
     ((column, row, text),) = [mark for mark in room.metre_marks(*SIZE) if mark[2] == "0 m"]
     assert 0 < column < SIZE[0] and SIZE[1] / 2 < row < SIZE[1] and text == "0 m"
@@ -45,7 +45,7 @@ def test_the_camera_follows_and_knows_where_the_metres_are() -> None:
     assert "1 m" in [text for _, _, text in room.metre_marks(*SIZE)]
 
 
-def test_the_ghost_stands_where_the_arm_is_to_get_to() -> None:
+def test_ghost_is_at_goal() -> None:
     plain, _ = drawn(ROBO_ARM)
     ghost, _ = drawn(ROBO_ARM, {"rotation": 90.0, "low": 60.0, "high": -90.0, "grab": -100.0})
     green = (ghost[..., 1].astype(int) - ghost[..., 0] > 40) & (plain[..., 1].astype(int) - plain[..., 0] < 20)

@@ -1,4 +1,4 @@
-"""Films of programs: as long as the robot's own time, whatever ends them."""
+"""Videos of programs."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def frames(video: Path) -> list[Image]:
     return read
 
 
-def test_a_program_is_filmed_at_the_speed_of_its_own_time(tmp_path: Path) -> None:
+def test_program_video_has_simulated_speed(tmp_path: Path) -> None:
     video = tmp_path / "films" / "drive.mp4"
     assert film(tmp_path, DRIVE, video) == film(tmp_path, DRIVE, None)
     count, seconds = imageio_ffmpeg.count_frames_and_secs(str(video))
@@ -73,7 +73,7 @@ def test_a_program_is_filmed_at_the_speed_of_its_own_time(tmp_path: Path) -> Non
     ("source", "time_limit_s", "count", "code"),
     [("print(1)", None, 1, 0), (DRIVE + "while True: wait(10)", 0.4, 11, 0), (DRIVE + "1 / 0", None, 26, 1)],
 )
-def test_a_film_is_whole_however_the_program_ends(
+def test_video_is_complete_however_program_ends(
     tmp_path: Path, source: str, time_limit_s: float | None, count: int, code: int
 ) -> None:
     video = tmp_path / "end.mp4"
@@ -81,7 +81,7 @@ def test_a_film_is_whole_however_the_program_ends(
     assert len(frames(video)) == count
 
 
-def test_what_cannot_be_filmed_is_one_line(tmp_path: Path, capsys) -> None:
+def test_unfilmable_program_raises(tmp_path: Path, capsys) -> None:
     (tmp_path / "main.py").write_text("print(1)")
     with pytest.raises(TwinError, match=r"end it in \.mp4"):
         film(tmp_path, "print(1)", tmp_path / "film.avi")

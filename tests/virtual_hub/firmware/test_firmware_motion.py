@@ -1,4 +1,4 @@
-"""The motors move as the firmware's: held to what the firmware itself answered (tests/data/firmware_motion.json)."""
+"""Motor motion against the firmware's recordings (tests/data/firmware_motion.json)."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def wait_ms(machine: Machine, mover: Servo | DriveBaseControl) -> int:
     return machine.time_ms - start_ms
 
 
-def test_limits_are_the_firmwares() -> None:
+def test_limits_equal_firmware() -> None:
     _, servo = motor()
     limits = FIRMWARE["motor_limits"]
     assert servo.settings.limits() == (limits["speed"], limits["acceleration"], limits["acceleration"], limits["torque_mNm"])
@@ -59,15 +59,15 @@ def test_limits_are_the_firmwares() -> None:
 
 
 @pytest.mark.parametrize("move", FIRMWARE["run_angle_blocking"], ids=lambda m: f"{m['angle']}@{m['speed']}")
-def test_one_move_takes_the_firmwares_time(move: dict[str, int]) -> None:
+def test_move_duration_equals_firmware(move: dict[str, int]) -> None:
     machine, servo = motor()
     servo.run_angle(move["speed"], move["angle"], OnCompletion.HOLD)
     assert wait_ms(machine, servo) == pytest.approx(move["time_ms"], rel=0.02)
     assert servo.angle_deg() == pytest.approx(move["angle_at_end"], abs=1)
 
 
-def test_moves_one_after_the_other_take_the_firmwares_number_of_control_ticks() -> None:
-    """In one program, as the firmware ran them: each begins where the one before let the motor rest."""
+def test_consecutive_moves_take_firmware_ticks() -> None:
+    """In one program: each move starts where the previous one ended."""
     machine, servo = motor()
     moves = FIRMWARE["run_angle_blocking"]
     ticks = []
@@ -86,14 +86,14 @@ TIMED = [
 
 
 @pytest.mark.parametrize(("duration_ms", "after_tick_ms", "takes_ms"), TIMED)
-def test_a_timed_run_begins_after_the_tick_that_the_program_saw(duration_ms: int, after_tick_ms: int, takes_ms: int) -> None:
+def test_timed_run_starts_after_seen_tick(duration_ms: int, after_tick_ms: int, takes_ms: int) -> None:
     machine, servo = motor()
     machine.advance(after_tick_ms)
     servo.run_time(300, duration_ms, OnCompletion.HOLD)
     assert wait_ms(machine, servo) == takes_ms
 
 
-def test_a_drive_covers_its_distance_to_the_millidegree() -> None:
+def test_drive_distance_is_exact() -> None:
     """200 mm on wheels of 56 mm are 409 degrees on firmware v4.1.0b2 (``distance_control.trajectory()``), at 2046 mdeg/mm."""
     _, base = drive_base()
     base.straight(200, OnCompletion.HOLD)
@@ -101,7 +101,7 @@ def test_a_drive_covers_its_distance_to_the_millidegree() -> None:
 
 
 @pytest.mark.parametrize("moves", FIRMWARE["run_angle_repeated"], ids=lambda m: f"{m['angle']}@{m['speed']}")
-def test_overlapping_moves_add_up_as_the_firmwares(moves: dict[str, list[int]]) -> None:
+def test_overlapping_moves_equal_firmware(moves: dict[str, list[int]]) -> None:
     machine, servo = motor()
     *expected, at_rest = moves["angles_after_each_then_at_rest"]
     angles = []
@@ -115,7 +115,7 @@ def test_overlapping_moves_add_up_as_the_firmwares(moves: dict[str, list[int]]) 
 
 
 @pytest.mark.parametrize("trace", FIRMWARE["trace_20ms"], ids=lambda m: f"{m['angle']}@{m['speed']}")
-def test_the_way_of_a_move_is_the_firmwares(trace: dict[str, list[int]]) -> None:
+def test_move_path_equals_firmware(trace: dict[str, list[int]]) -> None:
     machine, servo = motor()
     servo.run_angle(trace["speed"], trace["angle"], OnCompletion.HOLD)
     angles = []
@@ -126,7 +126,7 @@ def test_the_way_of_a_move_is_the_firmwares(trace: dict[str, list[int]]) -> None
 
 
 @pytest.mark.parametrize("move", FIRMWARE["straight"], ids=lambda m: f"{m['mm']}mm")
-def test_straight_takes_the_firmwares_time(move: dict[str, float]) -> None:
+def test_straight_duration_equals_firmware(move: dict[str, float]) -> None:
     machine, base = drive_base()
     base.straight(int(move["mm"]), OnCompletion.HOLD)
     assert wait_ms(machine, base) == pytest.approx(move["time_ms"], rel=0.02)
@@ -134,7 +134,7 @@ def test_straight_takes_the_firmwares_time(move: dict[str, float]) -> None:
 
 
 @pytest.mark.parametrize("move", FIRMWARE["turn"], ids=lambda m: f"{m['deg']}deg")
-def test_turn_takes_the_firmwares_time(move: dict[str, float]) -> None:
+def test_turn_duration_equals_firmware(move: dict[str, float]) -> None:
     machine, base = drive_base()
     base.curve(0, int(move["deg"]), OnCompletion.HOLD)
     assert wait_ms(machine, base) == pytest.approx(move["time_ms"], rel=0.02)

@@ -1,4 +1,4 @@
-"""A motor under the firmware's control, on the bench: stops, stalls, directions, gears, settings."""
+"""Firmware motor control on the bench: stops, stalls, directions, gears, settings."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from bricksrl.virtual_hub.machine import CONTROL_LOOP_MS, Machine
 
 
 class Blocked(BenchBody):
-    """Something stands in the way of every motor at 30 degrees."""
+    """All motors are blocked at 30 degrees."""
 
     def angle_mdeg(self, port: str) -> int:
         return min(super().angle_mdeg(port), 30_000)
@@ -30,7 +30,7 @@ def run(servo: Servo, time_ms: int) -> None:
     servo.clock.advance(time_ms)
 
 
-def test_direction_turns_the_shaft_the_other_way() -> None:
+def test_direction_reverses_shaft() -> None:
     motor = servo(direction=Direction.COUNTERCLOCKWISE)
     motor.run_angle(500, 90, OnCompletion.HOLD)
     run(motor, 1000)
@@ -46,7 +46,7 @@ def test_gears_scale_the_angle() -> None:
     assert motor.body.angle_mdeg("A") == pytest.approx(150_000, abs=2000)
 
 
-def test_run_reaches_its_speed_and_never_ends() -> None:
+def test_run_reaches_speed_and_continues() -> None:
     motor = servo()
     motor.run(500)
     run(motor, 1000)
@@ -57,14 +57,14 @@ def test_run_reaches_its_speed_and_never_ends() -> None:
 
 
 @pytest.mark.parametrize("then", [OnCompletion.COAST, OnCompletion.BRAKE, OnCompletion.COAST_SMART, OnCompletion.BRAKE_SMART])
-def test_a_passive_stop_leaves_the_motor_without_control(then: OnCompletion) -> None:
+def test_passive_stop_ends_control(then: OnCompletion) -> None:
     motor = servo()
     motor.run_angle(500, 100, then)
     run(motor, 1500)
     assert motor.is_done() and not motor.control.is_active
 
 
-def test_smart_stops_do_not_add_up_errors() -> None:
+def test_smart_stops_do_not_accumulate_errors() -> None:
     motor = servo()
     for _ in range(10):
         motor.run_angle(500, 90, OnCompletion.COAST_SMART)
@@ -72,7 +72,7 @@ def test_smart_stops_do_not_add_up_errors() -> None:
     assert motor.angle_deg() == pytest.approx(900, abs=15)
 
 
-def test_run_time_lasts_its_time_then_holds() -> None:
+def test_run_time_then_holds() -> None:
     motor = servo()
     motor.run_time(400, 500, OnCompletion.HOLD)
     run(motor, 495)
@@ -85,7 +85,7 @@ def test_run_time_lasts_its_time_then_holds() -> None:
     assert motor.angle_deg() == pytest.approx(angle, abs=8)
 
 
-def test_a_blocked_motor_is_stalled_and_its_move_does_not_end() -> None:
+def test_blocked_motor_stalls_without_end() -> None:
     motor = servo(Blocked)
     motor.run_angle(500, 360, OnCompletion.HOLD)
     run(motor, 150)
@@ -95,7 +95,7 @@ def test_a_blocked_motor_is_stalled_and_its_move_does_not_end() -> None:
     assert not motor.is_done()
 
 
-def test_run_until_stalled_ends_at_the_block() -> None:
+def test_run_until_stalled_ends_at_block() -> None:
     motor = servo(Blocked)
     motor.run_until_stalled(300, OnCompletion.COAST, duty_limit_pct=50)
     run(motor, 100)
@@ -104,7 +104,7 @@ def test_run_until_stalled_ends_at_the_block() -> None:
     assert motor.is_done() and motor.angle_deg() == 30
 
 
-def test_dc_voltage_gives_the_speed_of_the_motor_curve() -> None:
+def test_dc_voltage_speed_follows_motor_curve() -> None:
     motor = servo()
     motor.dc(100)
     run(motor, 1000)
@@ -115,7 +115,7 @@ def test_dc_voltage_gives_the_speed_of_the_motor_curve() -> None:
     assert motor.speed_deg_s() == 0
 
 
-def test_reset_angle_counts_from_there_and_stops_the_move() -> None:
+def test_reset_angle_stops_move() -> None:
     motor = servo()
     motor.run(300)
     run(motor, 700)
@@ -127,7 +127,7 @@ def test_reset_angle_counts_from_there_and_stops_the_move() -> None:
     assert -180 <= motor.angle_deg() <= 180
 
 
-def test_a_motor_is_set_up_once() -> None:
+def test_motor_setup_is_once() -> None:
     motor = servo()
     with pytest.raises(OSError, match="in use"):
         motor.setup(Direction.CLOCKWISE, 1000, reset_angle=True, profile_deg=0)
@@ -135,7 +135,7 @@ def test_a_motor_is_set_up_once() -> None:
     motor.setup(Direction.CLOCKWISE, 1000, reset_angle=True, profile_deg=0)
 
 
-def test_refused_settings_change_nothing() -> None:
+def test_invalid_settings_change_nothing() -> None:
     motor = servo()
     before = motor.settings.limits()
     with pytest.raises(ValueError, match="out of range"):
@@ -145,7 +145,7 @@ def test_refused_settings_change_nothing() -> None:
     assert motor.settings.limits() == (500, 1000, 900, 100)
 
 
-def test_a_limit_on_speed_is_kept() -> None:
+def test_speed_limit_is_kept() -> None:
     motor = servo()
     motor.settings.set_limits(200, 2000, 2000, 199)
     motor.run(900)
@@ -168,7 +168,7 @@ def base() -> DriveBaseControl:
     return machine.new_drive_base(left, right, 56_000, 130_000)
 
 
-def test_drive_keeps_its_speeds() -> None:
+def test_drive_keeps_speeds() -> None:
     drive = base()
     drive.drive(150, 60)
     drive.left.clock.advance(1500)
@@ -177,7 +177,7 @@ def test_drive_keeps_its_speeds() -> None:
     assert rate == pytest.approx(60, rel=0.05)
 
 
-def test_a_motor_command_ends_the_drive() -> None:
+def test_motor_command_ends_drive() -> None:
     drive = base()
     drive.drive(150, 0)
     drive.left.clock.advance(500)
@@ -187,7 +187,7 @@ def test_a_motor_command_ends_the_drive() -> None:
     assert drive.right.speed_deg_s() == pytest.approx(0, abs=5)
 
 
-def test_reset_counts_from_there() -> None:
+def test_reset_counts_from_zero() -> None:
     drive = base()
     drive.straight(50, OnCompletion.HOLD)
     drive.left.clock.advance(1500)
@@ -198,7 +198,7 @@ def test_reset_counts_from_there() -> None:
     assert drive.state()[0] == pytest.approx(100, abs=2)
 
 
-def test_curves_turn_both_wheels() -> None:
+def test_curve_turns_both_wheels() -> None:
     drive = base()
     drive.curve(200, 90, OnCompletion.HOLD)
     drive.left.clock.advance(5000)
@@ -207,7 +207,7 @@ def test_curves_turn_both_wheels() -> None:
     assert angle == pytest.approx(90, abs=2)
 
 
-def test_a_drive_base_needs_two_free_motors_of_one_gear() -> None:
+def test_drive_base_needs_two_free_equal_motors() -> None:
     drive = base()
     machine = drive.left.clock
     with pytest.raises(OSError, match="another drive base"):

@@ -24,7 +24,7 @@ distances = st.integers(-(10**6), 10**6)
 
 
 @given(commands, distances)
-def test_an_angle_command_ends_at_its_target(command: Command, distance: int) -> None:
+def test_angle_command_ends_at_target(command: Command, distance: int) -> None:
     command = command._replace(end=command.position + distance)
     trajectory = to_angle(command)
     assert trajectory.end.position == command.end
@@ -34,7 +34,7 @@ def test_an_angle_command_ends_at_its_target(command: Command, distance: int) ->
 
 
 @given(commands, distances)
-def test_the_reference_has_no_jumps_and_keeps_the_speed_limit(command: Command, distance: int) -> None:
+def test_reference_is_continuous_within_speed_limit(command: Command, distance: int) -> None:
     trajectory = to_angle(command._replace(end=command.position + distance))
     fastest = max(abs(trajectory.w0), abs(trajectory.w1)) * 100
     before = trajectory.reference(command.time)
@@ -47,7 +47,7 @@ def test_the_reference_has_no_jumps_and_keeps_the_speed_limit(command: Command, 
 
 
 @given(commands, st.integers(1, FOREVER_MS * 10))
-def test_a_timed_command_lasts_its_duration(command: Command, duration: int) -> None:
+def test_timed_command_lasts_duration(command: Command, duration: int) -> None:
     try:
         trajectory = for_time(command._replace(duration=duration))
     except InfeasibleMoveError:
@@ -57,15 +57,15 @@ def test_a_timed_command_lasts_its_duration(command: Command, duration: int) -> 
     assert 0 <= trajectory.t1 <= trajectory.t2 <= trajectory.t3
 
 
-def test_a_timed_command_without_a_trajectory_is_refused() -> None:
-    """Slowing down at 1000, then at 999 deg/s2: the ramps meet at a division by their difference, beyond the end."""
+def test_timed_command_without_trajectory_raises() -> None:
+    """Deceleration at 1000, then 999 deg/s²: the ramps meet beyond the end."""
     command = Command(0, 0, 953_188, 946_637, 1_000_000, 1_000_000, 999_000, keep_running=False, duration=5331)
     with pytest.raises(InfeasibleMoveError):
         for_time(command)
     assert for_time(command._replace(deceleration=1_000_000)).t3 == 5331
 
 
-def test_a_stretched_way_of_many_turns_loses_digits_as_on_the_hub() -> None:
+def test_long_stretched_trajectory_loses_digits() -> None:
     command = Command(0, 0, 0, 1_000_000, 1_000_000, 2_000_000, 2_000_000, keep_running=False, end=21_475_000)
     leader, follower = to_angle(command), to_angle(command)
     follower.stretch(leader)
@@ -73,7 +73,7 @@ def test_a_stretched_way_of_many_turns_loses_digits_as_on_the_hub() -> None:
 
 
 @given(commands, distances, distances)
-def test_a_stretched_trajectory_ends_with_its_leader(command: Command, short: int, long: int) -> None:
+def test_stretched_trajectory_ends_with_leader(command: Command, short: int, long: int) -> None:
     command = command._replace(speed=0, keep_running=False)
     one = to_angle(command._replace(end=command.position + short))
     other = to_angle(command._replace(end=command.position + long))
@@ -84,12 +84,12 @@ def test_a_stretched_trajectory_ends_with_its_leader(command: Command, short: in
     assert follower.end.position == end
 
 
-def test_a_move_of_no_length_is_over_at_once() -> None:
+def test_zero_length_move_ends_immediately() -> None:
     command = Command(5, 7, 0, 100_000, 1_000_000, 2_000_000, 2_000_000, keep_running=False, end=7)
     assert to_angle(command).end == Trajectory(5, 7).end
 
 
-def test_a_move_that_is_too_long_is_refused() -> None:
+def test_too_long_move_raises() -> None:
     command = Command(0, 0, 0, 100_000, 1_000_000, 2_000_000, 2_000_000, keep_running=False, end=2**31)
     with pytest.raises(ValueError, match="too large"):
         to_angle(command)

@@ -1,4 +1,4 @@
-"""Classes, attributes and calls of a hub. Expected: MicroPython 1.26.1, built as Pybricks configures it."""
+"""Classes, attributes and calls. Expected: MicroPython 1.26.1 with Pybricks' configuration."""
 
 from __future__ import annotations
 
@@ -25,19 +25,19 @@ class Tile(Square):
 """
 
 
-def test_super_finds_what_a_class_above_defines_and_nothing_in_object() -> None:
+def test_super_finds_base_class_but_not_object() -> None:
     assert output(_SHAPES + "print(Square(4).area())") == "'super' object has no attribute '__init__'\n5"
     assert output("class E(Exception):\n def __init__(self, a):\n  super().__init__(a, 2)\nprint(repr(E(1)))") == "E(1, 2)"
     assert output("class L(list):\n def append(self, x):\n  super().append(2 * x)\na = L()\na.append(3)\nprint(a)") == "[6]"
 
 
-def test_private_names_are_not_changed() -> None:
+def test_private_names_are_not_mangled() -> None:
     assert output(_SHAPES + "tile = Tile(3)\nprint(tile.side(), tile.__side, '__side' in dir(tile))").endswith("3 3 True")
     with pytest.raises(AttributeError, match="'Square' object has no attribute '__edge'"):
         output(_SHAPES + "class A(Square):\n def f(self):\n  return Square(1).__edge\nA(1).f()")
 
 
-def test_an_initializer_that_nobody_wrote_cannot_be_named() -> None:
+def test_default_initializer_is_no_attribute() -> None:
     with pytest.raises(AttributeError, match="type object 'Shape' has no attribute '__init__'"):
         output(_SHAPES + "Shape.__init__(Shape())")
     assert (
@@ -45,7 +45,7 @@ def test_an_initializer_that_nobody_wrote_cannot_be_named() -> None:
     )
 
 
-def test_hooks_into_attributes_are_never_called() -> None:
+def test_attribute_hooks_are_ignored() -> None:
     source = """
 class A:
     def __setattr__(self, name, value):
@@ -76,13 +76,13 @@ del a
         ("class A: pass\nA().__dict__", "'A' object has no attribute '__dict__'"),
     ],
 )  # fmt: skip
-def test_attributes_that_cannot_be_set_or_read(statement: str, message: str) -> None:
+def test_readonly_and_hidden_attributes(statement: str, message: str) -> None:
     with pytest.raises(AttributeError) as caught:
         output(statement)
     assert str(caught.value) == message
 
 
-def test_own_classes_errors_and_modules_take_attributes() -> None:
+def test_classes_errors_modules_take_attributes() -> None:
     source = """
 from pybricks.parameters import Color
 class A: pass
@@ -113,19 +113,19 @@ print(a.x, a.q, A.y, e.z, Color.SKY)
         "abs(x=1)",
     ],
 )
-def test_functions_that_are_built_in_take_no_keywords(call: str) -> None:
+def test_builtins_take_no_keywords(call: str) -> None:
     with pytest.raises(TypeError) as caught:
         output(call)
     assert str(caught.value) == "function doesn't take keyword arguments"
 
 
-def test_functions_that_do_take_keywords() -> None:
+def test_builtins_with_keywords() -> None:
     source = "x = [3, -4]\nx.sort(key=abs, reverse=True)\nd = dict(a=1)\nd.update(b=2)\n"
     source += "print(x, d, sorted(x, key=abs), max(x, key=abs), max([], default=7), '{a}'.format(a=1), sep='|', end='!')"
     assert output(source) == "[-4, 3]|{'a': 1, 'b': 2}|[3, -4]|-4|7|1!"
 
 
-def test_what_is_built_in_does_not_become_a_method() -> None:
+def test_builtins_do_not_become_methods() -> None:
     source = "from pybricks.tools import wait\nclass A:\n    size, pause, show = abs, wait, print\n"
     source += "a = A()\na.pause(1)\na.show(a.size(-4), A.size(-5))"
     assert output(source) == "4 5"
@@ -215,7 +215,7 @@ def test_refusals(statement: str, message: str) -> None:
     assert output(source) == message
 
 
-def test_objects_of_a_class_and_of_its_child_are_sorted() -> None:
+def test_objects_of_subclass_are_sortable() -> None:
     source = """
 class Base:
     def __init__(self, n):
@@ -233,14 +233,14 @@ except TypeError as e:
     assert output(source) == "[1, 2, 3, 4] True True\nunsupported types for __gt__: 'Base', 'Base'"
 
 
-def test_every_exception_has_its_first_argument_as_errno_and_value() -> None:
+def test_exceptions_have_errno_and_value() -> None:
     """Firmware v4.1.0b2 prints this."""
     source = "for error in (TypeError('a'), ValueError(), KeyError(7)):\n    print(error.errno, error.value)\n"
     assert output(source) == "a a\nNone None\n7 7"
     assert output("class E(Exception):\n    pass\ne = E('text', 2)\nprint(e.errno, e.value, e.args)") == "text text ('text', 2)"
 
 
-def test_the_firmwares_classes_take_no_attributes() -> None:
+def test_firmware_classes_take_no_attributes() -> None:
     """Firmware v4.1.0b2 prints this."""
     source = "from pybricks.parameters import Port, Stop\n"
     source += (
@@ -250,18 +250,18 @@ def test_the_firmwares_classes_take_no_attributes() -> None:
     assert output("class Shape:\n    pass\nShape.sides = 3\nprint(Shape.sides)") == "3"
 
 
-def test_the_compiler_works_out_constants_of_which_only_the_outcome_must_be_small() -> None:
+def test_constant_folding_allows_large_intermediates() -> None:
     """Firmware v4.1.0b2 prints this."""
     source = "print(2**30-1, (1 << 30) - 1, 2**10, 1024*1024*1023, -(2**30), 2**31 >> 2, 10**12 // 10**6, -7 // 2, -7 % 3)"
     assert output(source) == "1073741823 1073741823 1024 1072693248 -1073741824 536870912 1000000 -4 2"
 
 
-def test_a_power_of_a_power_is_too_long_a_number() -> None:
+def test_nested_power_overflows() -> None:
     with pytest.raises(OverflowError):
         output("print((7**63)**63)")
 
 
-def test_a_division_by_zero_that_stands_alone_is_one() -> None:
+def test_constant_division_by_zero_raises() -> None:
     source = "for text in ('1 // 0', '7 % 0'):\n    try:\n        exec(text)\n"
     source += "    except ZeroDivisionError as error:\n        print(error)"
     assert output(source) == "divide by zero\ndivide by zero"

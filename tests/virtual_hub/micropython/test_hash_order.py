@@ -1,4 +1,4 @@
-"""Dicts and sets in the order of a hub, and how they refuse; `data/micropython_containers.json` says where that is from."""
+"""Order and errors of dicts and sets; source: `data/micropython_containers.json`."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ def test_refusals(call: str, printed: str) -> None:
     assert output(f"try:\n    {call}\nexcept Exception as e:\n    print(repr(e))") == printed
 
 
-def test_an_object_of_a_child_class_is_no_dict_to_copy_from() -> None:
-    """A hub goes through it as through anything else, and finds keys where it looks for pairs."""
+def test_dict_of_subclass_object_raises() -> None:
+    """A hub iterates over it and expects pairs."""
     source = "class D(dict): pass\nd = D()\nd['key'] = 1\ntry:\n    dict(d)\nexcept ValueError as e:\n    print(e)"
     assert output(source) == "dict update sequence has wrong length"
 
 
-def test_the_order_is_the_same_in_every_process() -> None:
+def test_hash_order_is_process_independent() -> None:
     program = (
         "from bricksrl.virtual_hub.micropython.containers import HubSet; print(list(HubSet(['one', 'two', 'three', 'four'])))"
     )
@@ -52,7 +52,7 @@ _KEYS = st.one_of(st.text(max_size=3), st.integers(-20, 20), st.sampled_from([0.
 
 
 @given(st.lists(st.tuples(st.sampled_from(["set", "delete", "first", "copy"]), _KEYS)))
-def test_a_dict_and_a_set_hold_what_those_of_python_hold(steps: list[tuple[str, object]]) -> None:
+def test_dict_and_set_content_equals_python(steps: list[tuple[str, object]]) -> None:
     ours, theirs = HubDict(), {}
     members, plain = HubSet(), set()
     for number, (step, key) in enumerate(steps):
@@ -77,7 +77,7 @@ def test_a_dict_and_a_set_hold_what_those_of_python_hold(steps: list[tuple[str, 
 
 
 @given(st.lists(_KEYS, unique=True))
-def test_keys_are_where_their_hash_says_unless_others_are_there(keys: list[object]) -> None:
+def test_keys_follow_hash_slots(keys: list[object]) -> None:
     table = HashTable()
     for key in keys:
         table.add(key)

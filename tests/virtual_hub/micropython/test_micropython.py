@@ -1,4 +1,4 @@
-"""The modules of MicroPython, against what a hub computes."""
+"""MicroPython's modules against values from a hub."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from bricksrl.virtual_hub.pybricks import modules
 @pytest.mark.parametrize(
     "name", ["time", "utime", "os", "uos", "array", "collections", "re", "binascii", "asyncio", "machine", "numpy"]
 )
-def test_modules_that_a_hub_lacks(name: str) -> None:
+def test_missing_modules(name: str) -> None:
     with pytest.raises(ImportError, match=f"no module named '{name}'"):
         output(f"import {name}")
 
 
 @pytest.mark.parametrize("name", ["struct", "sys", "select", "math", "random", "json", "io", "errno"])
-def test_modules_have_their_old_names_too(name: str) -> None:
+def test_modules_have_u_names(name: str) -> None:
     assert output(f"import {name}\nimport u{name}\nprint({name} is u{name})") == "True"
 
 
@@ -34,8 +34,8 @@ def test_math_is_single_precision() -> None:
     assert output(source) == "3.1415928 1.4142135 0.84147096 -2 2.3025852 (0.25, 1.0)"
 
 
-def test_angles_are_converted_by_the_factors_that_a_hub_has() -> None:
-    """Printed by MicroPython 1.26.1; the factors are quotients of single-precision numbers."""
+def test_angle_conversion_factors_equal_hub() -> None:
+    """From MicroPython 1.26.1; the factors are single-precision quotients."""
     source = (
         "import umath\nprint(umath.degrees(1), umath.degrees(-2.5), umath.radians(77), umath.radians(-140), umath.degrees(3e38))"
     )
@@ -49,7 +49,7 @@ def test_math_refuses(call: str, error: str) -> None:
 
 
 @pytest.mark.parametrize("name", ["sinh", "gamma", "log2", "hypot", "tau", "isclose"])
-def test_math_has_not_everything(name: str) -> None:
+def test_math_lacks_functions(name: str) -> None:
     with pytest.raises(AttributeError):
         output(f"import umath\numath.{name}")
 
@@ -83,7 +83,7 @@ except OverflowError as e:
     )
 
 
-def test_random_numbers_follow_their_seed() -> None:
+def test_random_numbers_follow_seed() -> None:
     first, second = random_module(1), random_module(99)
     second.seed(1)
     assert [first.getrandbits(8) for _ in range(20)] == [second.getrandbits(8) for _ in range(20)]
@@ -129,7 +129,7 @@ def test_json_round_trip() -> None:
         ('{"zeta": 1, "alpha": [null, {}]}', "{'alpha': [None, {}], 'zeta': 1}"),
     ],
 )
-def test_json_is_read_as_leniently_as_on_a_hub(text: str, printed: str) -> None:
+def test_json_parser_is_lenient(text: str, printed: str) -> None:
     """Printed by MicroPython 1.26.1."""
     source = f"from ujson import loads\ntry:\n    print(repr(loads({text!r})))\nexcept Exception as e:\n    print(repr(e))"
     assert output(source) == printed
@@ -169,7 +169,7 @@ stdout.write('cooked\\n')
     assert output(source, {100: b"\x03a", 150: b"b"}) == "[] [] 20\n1 True 1 100\nb'\\x03ab' 150 []\nraw\ncooked"
 
 
-def test_raw_output_is_raw() -> None:
+def test_raw_output_is_unchanged() -> None:
     machine = Machine(BenchBody(robots.BENCH))
     console = Console(machine, {})
     source = "import usys\nusys.stdout.buffer.write(b'a\\n')\nusys.stdout.write('b\\n')\nprint('c')"
@@ -177,7 +177,7 @@ def test_raw_output_is_raw() -> None:
     assert console.written == b"a\nb\r\nc\r\n"
 
 
-def test_the_interrupt_byte_stops_a_program_that_did_not_ask_for_it() -> None:
+def test_interrupt_byte_stops_program() -> None:
     with pytest.raises(KeyboardInterrupt):
         output("import usys\nusys.stdin.buffer.read(1)", {0: b"\x03"})
 
@@ -196,7 +196,7 @@ def test_print_exception_shows_the_line() -> None:
     assert output(source).splitlines()[1:] == ['  File "main.py", line 3, in <module>', "ZeroDivisionError: divide by zero"]
 
 
-def test_a_hub_that_is_small_has_less() -> None:
+def test_small_hub_has_less() -> None:
     city = Robot("small", HubKind.CITY)
     with pytest.raises(NameError, match="memoryview"):
         output("memoryview(b'')", robot=city)

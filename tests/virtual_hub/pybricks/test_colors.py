@@ -1,4 +1,4 @@
-"""Which of the detectable colors a measured one is taken for."""
+"""Nearest detectable color."""
 
 from __future__ import annotations
 
@@ -28,25 +28,25 @@ colors = st.tuples(st.integers(0, 359), st.integers(0, 100), st.integers(0, 100)
         ((30, 50, 50), RED),  # halfway: the first
     ],
 )
-def test_with_pure_colors_hue_counts_or_brightness(measured, color):
+def test_pure_colors_compare_hue_or_brightness(measured, color):
     assert DEFAULT[nearest(measured, DEFAULT)] == color
 
 
-def test_a_color_of_ones_own_makes_all_distances_those_of_the_cone():
+def test_custom_color_uses_cone_distance():
     brick = (350, 90, 40)
     assert nearest((350, 90, 8), DEFAULT) == 0
     assert nearest((350, 90, 8), [*DEFAULT, brick]) == 5, "so dark that black is nearer"
     assert nearest((345, 85, 45), [*DEFAULT, brick]) == 6
 
 
-def test_a_negative_value_moves_no_color_away_from_the_others():
+def test_negative_value_keeps_order():
     measured = (0, 0, 20)
     dark, gray = (0, 0, 0), (10, 0, 45)
     assert nearest(measured, [dark, gray]) == 0
     assert nearest(measured, [(0, 0, -30), gray]) == 1
 
 
-def test_without_detectable_colors_there_is_none():
+def test_no_detectable_colors_gives_none():
     assert nearest((0, 0, 0), []) is None
 
 
@@ -57,7 +57,7 @@ def place(color):
 
 
 @given(colors, st.lists(colors, min_size=1, max_size=6).map(lambda found: [*found, (0, 50, 50)]))
-def test_the_cone_is_that_of_lightness_and_chroma(measured, candidates):
+def test_cone_of_lightness_and_chroma(measured, candidates):
     found = math.dist(place(measured), place(candidates[nearest(measured, candidates)]))
     best = min(math.dist(place(measured), place(candidate)) for candidate in candidates)
     assert found <= best + 700, "the firmware's sine is off by up to 1.7 % of the radius, twice"

@@ -1,4 +1,4 @@
-"""``Motor.log`` and the logs of controllers: their rows are what the control loop did."""
+"""``Motor.log`` and controller logs."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ MODEL = MOTOR_TYPES[MotorKind.SPIKE_MEDIUM].model
 
 
 def files(text: str) -> dict[str, list[list[int]]]:
-    """What pybricksdev would save: rows of numbers by the name of their file."""
+    """Files that pybricksdev would save: rows by name."""
     found: dict[str, list[list[int]]] = {}
     name = ""
     for line in text.split("\n"):
@@ -34,7 +34,7 @@ def files(text: str) -> dict[str, list[list[int]]]:
     return found
 
 
-def test_a_motor_and_its_controller_are_noted_down() -> None:
+def test_log_of_motor_and_controller() -> None:
     logged = files(
         output(
             MOTOR
@@ -57,7 +57,7 @@ def test_a_motor_and_its_controller_are_noted_down() -> None:
     assert references == sorted(references) and max(row[7] for row in control) == pytest.approx(415, abs=10)
 
 
-def test_a_passive_motor_is_noted_down_without_its_controller() -> None:
+def test_log_of_passive_motor() -> None:
     logged = files(
         output(
             MOTOR
@@ -71,20 +71,20 @@ def test_a_passive_motor_is_noted_down_without_its_controller() -> None:
 
 
 @pytest.mark.parametrize(("down_sample", "times"), [(1, [4, 9, 14, 19]), (2, [9, 19]), (3, [14]), (0, [4, 9, 14, 19])])
-def test_a_log_is_thinned_out_and_ends_when_it_is_full(down_sample: int, times: list[int]) -> None:
+def test_log_is_downsampled_and_bounded(down_sample: int, times: list[int]) -> None:
     program = MOTOR + f"motor.log.start(20, {down_sample})\nwait(200)\nmotor.log.save('a')"
     assert [row[0] for row in files(output(program))["a"]] == times
 
 
-def test_a_log_stops_and_starts_anew() -> None:
+def test_log_stops_and_restarts() -> None:
     program = "motor.log.start(100)\nwait(10)\nmotor.log.stop()\nwait(50)\nmotor.log.save('a')\n"
     program += "motor.log.start(duration=100, down_sample=2)\nwait(20)\nmotor.log.save(path='b')"
     logged = files(output(MOTOR + program))
     assert [row[0] for row in logged["a"]] == [4, 9] and [row[0] for row in logged["b"]] == [9, 19]
 
 
-def test_a_stall_is_noted_down() -> None:
-    """Friction blocks a motor that may exert next to nothing."""
+def test_log_of_stall() -> None:
+    """Friction blocks a motor with a low torque limit."""
     body = BenchBody(BENCH)
     body.motor_friction_scale = 1.5
     program = MOTOR + "motor.control.limits(torque=1)\nmotor.control.log.start(2000)\n"
@@ -92,7 +92,7 @@ def test_a_stall_is_noted_down() -> None:
     assert rows[-1][4] == 3 | 1 << 2 | 1 << 3 | 1 << 4, "a torque, stalled, complete (it runs for ever), at its limit"
 
 
-def test_a_drive_base_is_noted_down() -> None:
+def test_log_of_drive_base() -> None:
     program = IMPORTS + "base = DriveBase(Motor(Port.A, Direction.COUNTERCLOCKWISE), Motor(Port.B), 56, 130)\n"
     program += "base.distance_control.log.start(2000)\nbase.heading_control.log.start(2000)\nbase.straight(100)\nbase.turn(90)\n"
     program += "base.distance_control.log.save('distance')\nbase.heading_control.log.save('heading')\nprint(base.state()[0])"
@@ -104,12 +104,12 @@ def test_a_drive_base_is_noted_down() -> None:
 
 
 @pytest.mark.parametrize("call", ["motor.log.start(-1)", "motor.log.save(3)", "motor.log.start()", "motor.log.get()"])
-def test_nonsense_is_refused(call: str) -> None:
+def test_invalid_arguments_raise(call: str) -> None:
     program = f"try:\n    {call}\nexcept (MemoryError, TypeError, AttributeError):\n    print('refused')"
     assert output(MOTOR + program).split("\n")[-1] == "refused"
 
 
-def test_who_is_noted_down_moves_as_ever() -> None:
+def test_logging_does_not_change_motion() -> None:
     move = "motor.run_angle(400, 200)\nprint(motor.angle(), motor.speed(), motor.load())\n"
     move += "motor.run_time(300, 200)\nprint(motor.angle())"
     assert output(MOTOR + "motor.log.start(900)\nmotor.control.log.start(900)\n" + move) == output(MOTOR + move)

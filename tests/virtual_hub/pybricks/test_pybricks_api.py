@@ -1,4 +1,4 @@
-"""`benchmarks/pybricks_api.py`: what is documented and missing is told."""
+"""`benchmarks/pybricks_api.py` reports missing documented methods."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def api(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
     return runpy.run_path(str(BENCHMARKS / "pybricks_api.py"), run_name="pybricks_api")
 
 
-def test_what_is_missing_is_told(api: dict[str, Any], tmp_path: Path) -> None:
+def test_missing_api_is_reported(api: dict[str, Any], tmp_path: Path) -> None:
     (tmp_path / "pybricks").mkdir()
     for name, source in FILES.items():
         (tmp_path / "pybricks" / f"{name}.py").write_text(source)

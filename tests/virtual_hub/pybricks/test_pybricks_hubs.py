@@ -27,7 +27,7 @@ def hub(source: str) -> str:
 
 
 @pytest.mark.parametrize("kind", list(HubKind))
-def test_only_the_hub_that_is_there(kind: HubKind) -> None:
+def test_only_own_hub_class(kind: HubKind) -> None:
     robot = Robot("it", kind)
     own = {kind.model.class_name, "ThisHub"} | ({"InventorHub"} if kind is HubKind.PRIME else set())
     for name in ("PrimeHub", "InventorHub", "EssentialHub", "TechnicHub", "CityHub", "MoveHub", "ThisHub", "EV3Brick"):
@@ -43,12 +43,12 @@ def test_only_the_hub_that_is_there(kind: HubKind) -> None:
     ("kind", "missing"),
     [(HubKind.CITY, "imu"), (HubKind.TECHNIC, "display"), (HubKind.ESSENTIAL, "speaker"), (HubKind.TECHNIC, "charger")],
 )
-def test_a_hub_has_only_its_own_parts(kind: HubKind, missing: str) -> None:
+def test_hub_has_own_parts_only(kind: HubKind, missing: str) -> None:
     with pytest.raises(AttributeError, match=missing):
         output(f"from pybricks.hubs import ThisHub\nThisHub().{missing}", robot=Robot("it", kind))
 
 
-def test_ports_are_those_of_the_hub() -> None:
+def test_ports_follow_hub() -> None:
     with pytest.raises(AttributeError, match="'Port' has no attribute 'C'"):
         output("from pybricks.parameters import Port\nPort.C", robot=Robot("it", HubKind.CITY))
 
@@ -68,7 +68,7 @@ print(imu.heading(), imu.settings()[0], imu.settings(heading_correction=359.5), 
     )
 
 
-def test_a_hub_on_its_side_reports_in_the_frame_of_the_robot() -> None:
+def test_sideways_hub_reports_in_robot_frame() -> None:
     source = """
 hub = PrimeHub(top_side=Axis.X, front_side=-Axis.Z)
 print(hub.imu.up(), round(hub.imu.acceleration(Axis.X)), hub.imu.acceleration(Axis.Z) == 0, round(hub.imu.tilt()[0]))
@@ -96,7 +96,7 @@ def test_refusals(call: str, error: str) -> None:
     assert hub(f"try:\n    {call}\nexcept {kind} as e:\n    print(e)") == message
 
 
-def test_the_radio_sends_and_hears_nobody() -> None:
+def test_radio_sends_and_receives_nothing() -> None:
     source = """
 from pybricks.messaging import BLERadio
 hub = PrimeHub(broadcast_channel=5, observe_channels=[7])
@@ -118,7 +118,7 @@ except RuntimeError as e:
     assert hub(source) == moved + one + one + "no broadcast channel selected"
 
 
-def test_display_sounds_and_lights_take_their_time() -> None:
+def test_display_sounds_lights_take_time() -> None:
     source = """
 hub.display.text('Hi!')
 print(watch.time())
@@ -189,7 +189,7 @@ print(h, s, v, Color.CYAN.h, Color.CYAN[2], Color.RED * 0.5, Color.RED >> 60)
     )
 
 
-def test_what_is_plugged_in_says_what_it_is() -> None:
+def test_pup_device_identity() -> None:
     source = """
 from pybricks.iodevices import PUPDevice
 from pybricks.parameters import Port
@@ -203,7 +203,7 @@ except OSError as e:
     assert hub(source) == "{'id': 48} None\n95"
 
 
-def test_devices_that_nobody_has() -> None:
+def test_absent_devices() -> None:
     source = """
 from pybricks.iodevices import UARTDevice, XboxController
 from pybricks.pupdevices import Remote
@@ -217,7 +217,7 @@ for make in (lambda: UARTDevice(Port.A), XboxController, Remote):
     assert hub(source) == "19\n110\n110"
 
 
-def test_looking_for_a_device_takes_its_time() -> None:
+def test_device_search_takes_time() -> None:
     source = """
 from pybricks.iodevices import LWP3Device, XboxController
 from pybricks.pupdevices import DuploTrain, MarioHub, Remote, TechnicMoveHub
@@ -275,7 +275,7 @@ for call in (lambda: Remote('a' * 15), lambda: Remote(timeout=-5), lambda: LWP3D
     ]
 
 
-def test_the_colors_are_a_dictionary_that_a_program_changes_for_itself() -> None:
+def test_color_dictionary_is_per_program() -> None:
     source = """
 Color.GREEN = Color(h=125)
 Color['PINK'] = Color(330, 50)
@@ -302,12 +302,12 @@ for call in (lambda: Color['NO'], lambda: Color.PURPLE, lambda: Color.PINK, lamb
     assert hub("print(Color.GREEN)") == "Color.GREEN"
 
 
-def test_the_colors_come_in_the_order_of_the_hubs_table() -> None:
+def test_color_order_equals_hub() -> None:
     order = "BLACK GRAY WHITE NONE GREEN BLUE BROWN ORANGE YELLOW RED CYAN MAGENTA VIOLET"
     assert hub("print(*Color)\nprint(str(Color)[:43])") == order + "\n{'BLACK': Color.BLACK, 'GRAY': Color.GRAY, "
 
 
-def test_only_named_colors_print_their_names() -> None:
+def test_named_colors_print_names() -> None:
     source = "print(Color.GREEN, Color(120, 100, 100), Color.GREEN * 1, Color.RED >> 120, 0.5 * Color.RED, Color.RED // 3)\n"
     source += "print(Color.GREEN == Color(120), hash(Color.RED) == hash(Color(0)), hash(Color.RED) == hash(Color.RED))\n"
     source += "print({Color.RED: 1}[Color(0)], -1 * Color.RED)"
@@ -349,14 +349,14 @@ HEAD_OF_HUB = "from pybricks.hubs import *\nfrom pybricks.parameters import *\nf
 POLL = "while not hub.buttons.pressed():\n    wait(10)\nprint(hub.buttons.pressed())\n"
 
 
-def test_buttons_are_pressed_when_the_script_says_so() -> None:
+def test_buttons_follow_script() -> None:
     source = "watch = StopWatch()\n" + POLL + "print(watch.time())\nwait(150)\nprint(Button.LEFT in hub.buttons.pressed())\n"
     source += "wait(100)\nprint(hub.buttons.pressed())"
     assert pressing(source, "left@2.5s") == "{Button.LEFT}\n2500\nTrue\nset()"
     assert pressing(POLL, "left@1", "bluetooth@0.995s+1s") == "{Button.LEFT, Button.BLUETOOTH}"
 
 
-def test_the_button_in_the_middle_stops_the_program_unless_told_otherwise() -> None:
+def test_center_button_stops_program_by_default() -> None:
     assert pressing("print('on')\nwait(5000)", "center@1.234s") == "on\nstopped at 1234"
     assert pressing("while True:\n    pass", "center@1s") == "stopped at 1000"
     assert pressing("try:\n    wait(5000)\nexcept SystemExit:\n    print('caught')", "center@1s") == "caught"
@@ -366,7 +366,7 @@ def test_the_button_in_the_middle_stops_the_program_unless_told_otherwise() -> N
     assert pressing("hub.system.set_stop_button(Button.BLUETOOTH)\n" + POLL, "center@1s") == "{Button.CENTER}"
 
 
-def test_a_hub_menu_shows_its_entries_and_waits_for_the_one_that_is_chosen() -> None:
+def test_hub_menu_selects_entry() -> None:
     menu = "print(hub_menu('A', 'B', 7))\nwait(5000)"
     assert pressing(menu, "right@1s", "right@2s", "center@3s", "center@4s") == "7\nstopped at 4000"
     assert pressing("print(hub_menu('A', 'B', 7))", "left@1s", "left@2s", "center@3s") == "B"
@@ -382,7 +382,7 @@ def test_other_hubs_have_one_button() -> None:
         pressing("", "left@1s", robot=robot)
 
 
-def test_a_remote_control_that_is_pressed_is_near() -> None:
+def test_pressed_remote_is_near() -> None:
     source = """
 from pybricks.pupdevices import Remote
 remote = Remote()
@@ -400,12 +400,12 @@ except OSError as e:
 
 
 @pytest.mark.parametrize("text", ["left", "left@", "left@x", "@3s", "left@1.2.3", "left@-1", "left@1+0"])
-def test_a_press_has_a_button_and_a_time(text: str) -> None:
+def test_press_needs_button_and_time(text: str) -> None:
     with pytest.raises(TwinError, match="left@2.5s"):
         parse_press(text)
 
 
-def test_light_display_and_loudspeaker_can_be_seen_and_heard() -> None:
+def test_panel_shows_light_display_sound() -> None:
     machine = Machine(BenchBody(BENCH))
     panel, seen = machine.panel, []
 
@@ -457,7 +457,7 @@ def test_refusals_of_the_parts(call: str, error: str) -> None:
     assert hub(f"try:\n    {call}\nexcept {kind} as e:\n    print(e)") == message
 
 
-def test_a_hub_is_stationary_while_its_motors_coast() -> None:
+def test_hub_is_stationary_while_coasting() -> None:
     source = "from pybricks.pupdevices import Motor\nfrom pybricks.parameters import Port\nmotor = Motor(Port.A)\n"
     source += "print(hub.imu.stationary())\nmotor.hold()\nwait(10)\nprint(hub.imu.stationary())\nprint(hub.battery.type())"
     assert hub(source) == "True\nFalse\nLi-ion"

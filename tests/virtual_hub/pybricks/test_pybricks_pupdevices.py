@@ -1,4 +1,4 @@
-"""Motors and sensors: what they answer, what they refuse, how they are awaited."""
+"""Motors and sensors: results, errors, awaiting."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ def within(measured: float, true: float) -> bool:
     ("speed", "angle", "time_ms", "end"),
     [(600, -100, 484, -99), (400, 100, 490, 99), (400, 10, 180, 9), (250, 60, 405, 59), (1000, 360, 885, 359)],
 )
-def test_run_angle_takes_as_long_as_on_a_hub(speed: int, angle: int, time_ms: int, end: int) -> None:
+def test_run_angle_duration_equals_hub(speed: int, angle: int, time_ms: int, end: int) -> None:
     measured = output(MOTOR + f"motor.run_angle({speed}, {angle})\nprint(watch.time(), motor.angle())").split()
     assert within(int(measured[0]), time_ms)
     assert abs(int(measured[1]) - end) <= 1
 
 
-def test_commands_replace_one_another() -> None:
+def test_commands_replace_each_other() -> None:
     source = MOTOR + "for i in range(8):\n    motor.run_angle(600, -100, wait=False)\n    wait(250)\n    print(motor.angle())\n"
     angles = [int(line) for line in output(source).split()]
     true = [-60, -154, -236, -326, -412, -500, -587, -675]
@@ -94,7 +94,7 @@ print(motor.control.target_tolerances(), motor.control.stall_tolerances())
     )
 
 
-def test_the_model_of_a_motor_follows_it() -> None:
+def test_motor_model_follows_motor() -> None:
     source = (
         HEAD
         + """
@@ -117,7 +117,7 @@ class Blocked(BenchBody):
         return 0
 
 
-def test_the_model_of_a_blocked_motor_stalls_at_once() -> None:
+def test_motor_model_of_blocked_motor_stalls() -> None:
     source = MOTOR + "motor.dc(100)\nwait(150)\nprint(motor.model.state()[3], motor.stalled())\nwait(200)\nprint(motor.stalled())"
     assert output(source, body=Blocked(robots.BENCH)) == "True False\nTrue"
 
@@ -135,13 +135,13 @@ STALL = "m = motor.model\n{}\nmotor.dc(100)\nwait({})\nprint(m.state()[3], motor
         ("s[0] = -5000000", 900, "False False"),  # nothing is slow
     ],
 )
-def test_settings_of_the_model_decide_what_is_a_stall(change: str, time_ms: int, seen: str) -> None:
+def test_model_settings_define_stall(change: str, time_ms: int, seen: str) -> None:
     change = f"s = list(m.settings())\n{change}\nm.settings(s)"
     assert output(MOTOR + STALL.format(change, time_ms), body=Blocked(robots.BENCH)) == seen
 
 
 @pytest.mark.parametrize(("setting", "value"), [(4, 10), (5, 2000), (6, 1000)])
-def test_gains_of_the_model_pull_it_to_the_measured_angle(setting: int, value: int) -> None:
+def test_model_gains_correct_angle(setting: int, value: int) -> None:
     ends = []
     for change in ("", f"s[{setting}] = {value}\nmotor.model.settings(tuple(s))\n"):
         source = f"s = list(motor.model.settings())\n{change}motor.dc(100)\nwait(1000)\nprint(motor.model.state()[0])"
@@ -151,14 +151,14 @@ def test_gains_of_the_model_pull_it_to_the_measured_angle(setting: int, value: i
     assert (tuned > usual + 1) if value == 10 else (tuned < usual - 1)
 
 
-def test_friction_of_the_model_fades_below_its_cutoff() -> None:
+def test_model_friction_fades_below_cutoff() -> None:
     source = "s = list(motor.model.settings())\ns[7] = {}\nmotor.model.settings(s)\nmotor.dc(50)\nwait(1000)\n"
     source += "print(motor.model.state()[0] - motor.angle())"
     usual, without = (float(output(MOTOR + source.format(cutoff))) for cutoff in (500, 5_000_000))
     assert without > usual + 5, "without friction the model runs ahead of the motor"
 
 
-def test_settings_of_the_model_are_eight_whole_numbers() -> None:
+def test_model_settings_are_eight_integers() -> None:
     source = (
         MOTOR
         + """
@@ -184,7 +184,7 @@ wait(100)
     ]
 
 
-def test_a_move_hub_has_no_model_of_its_motors() -> None:
+def test_move_hub_has_no_motor_model() -> None:
     robot = Robot("small", HubKind.MOVE, motors=(Motor("m", "A"),))
     source = MOTOR + "try:\n    motor.model\nexcept AttributeError as e:\n    print(e)"
     assert output(source, robot=robot) == "'Motor' object has no attribute 'model'"
@@ -238,22 +238,22 @@ def test_refusals(call: str, error: str) -> None:
     assert output(MOTOR + source) == message
 
 
-def test_a_move_that_rounding_leaves_no_trajectory_for_is_an_unknown_error() -> None:
+def test_move_without_trajectory_raises() -> None:
     with pytest.raises(RuntimeError, match="^Unknown error$"), refusals():
         raise InfeasibleMoveError
 
 
-def test_floats_are_cut_off() -> None:
+def test_floats_are_truncated() -> None:
     assert output(MOTOR + "motor.run_target(500.9, 90.7)\nprint(abs(motor.angle() - 90) <= 2)") == "True"
 
 
 @pytest.mark.parametrize("device", ["Motor", "UltrasonicSensor", "ColorSensor", "ForceSensor", "TiltSensor", "DCMotor", "Light"])
-def test_empty_port_is_no_device(device: str) -> None:
+def test_empty_port_raises(device: str) -> None:
     source = HEAD + f"try:\n    {device}(Port.B)\nexcept OSError as e:\n    print(e.errno, str(e)[:18])"
     assert output(source, robot=robots.TWO_WHEELER) == "19 [Errno 19] ENODEV:"
 
 
-def test_a_closed_motor_can_be_opened_anew_but_not_used() -> None:
+def test_closed_motor_can_only_be_reopened() -> None:
     source = (
         MOTOR
         + """
@@ -271,7 +271,7 @@ print(motor)
     assert output(source) == "19\nMotor(Port.A, Direction.CLOCKWISE)"
 
 
-def test_who_asks_twice_for_a_motor_ends_its_control_until_it_is_closed() -> None:
+def test_second_motor_object_ends_control() -> None:
     source = (
         MOTOR
         + """
@@ -298,12 +298,12 @@ print(number(Motor, Port.A), number(motor.close), number(Motor, Port.A), number(
         ("motor.control.limits(torque=50)\nmotor.run_time(-480, 1203)", -225, 1285),
     ],
 )
-def test_a_limit_of_the_torque_holds_for_the_feedforward_too(call: str, angle: int, time_ms: int) -> None:
+def test_torque_limit_includes_feedforward(call: str, angle: int, time_ms: int) -> None:
     measured = output(MOTOR + f"{call}\nprint(motor.angle(), watch.time())").split()
     assert abs(int(measured[0]) - angle) <= 1 and abs(int(measured[1]) - time_ms) <= 5
 
 
-def test_a_motor_stalls_at_its_end_stop_as_on_a_hub() -> None:
+def test_motor_stalls_at_end_stop() -> None:
     robot = Robot("arm", HubKind.PRIME, (Motor("arm", "A", MotorKind.SPIKE_LARGE),))
     body = BenchBody(robot, end_stops={"arm": (-142.0, 142.0)})
     source = MOTOR + "print(motor.run_until_stalled(300, duty_limit=25), watch.time())\n"
@@ -316,12 +316,12 @@ def test_a_motor_stalls_at_its_end_stop_as_on_a_hub() -> None:
     assert third[0] == "-142" and abs(int(third[1]) - 111) <= 1
 
 
-def test_a_stalled_motor_cannot_go_on() -> None:
+def test_stalled_motor_stays_stalled() -> None:
     source = MOTOR + "try:\n    motor.run_until_stalled(100, then=Stop.NONE)\nexcept ValueError as e:\n    print(e, motor.done())"
     assert output(source) == "Invalid argument True"
 
 
-def test_the_zero_of_an_angle_stays_when_the_direction_changes() -> None:
+def test_angle_zero_survives_direction_change() -> None:
     source = (
         MOTOR
         + """
@@ -354,7 +354,7 @@ run_task(main())
     assert (first, second.split()[0], third) == ("(None, None)", "True", "True")
 
 
-def test_a_cancelled_move_coasts_and_a_replaced_one_is_over() -> None:
+def test_cancelled_move_coasts_replaced_move_ends() -> None:
     source = (
         MOTOR
         + """
@@ -398,7 +398,7 @@ run_task(main())
     assert output(source, robot=robot) == "2000 False\nexpected 1 number or tuple of 4 values\n2000"
 
 
-def test_scale_and_the_older_methods_of_a_controller() -> None:
+def test_controller_scale_and_old_methods() -> None:
     source = (
         MOTOR
         + """

@@ -1,4 +1,4 @@
-"""Sensors and lights: what they answer to what they sense, what they refuse, how long they take."""
+"""Sensors and lights: results, errors, durations."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def one(kind: SensorKind) -> Robot:
 
 
 def told(kind: SensorKind, source: str, **sensed: object) -> str:
-    """What a program prints whose sensor on port B senses these things; ``it`` is the first of them."""
+    """Output of a program with a sensor on port B; ``it`` is its first stimulus."""
     robot = one(kind)
     readings = {("it" if name == "it" else f"it.{name}"): (lambda angles, v=value: v) for name, value in sensed.items()}
     body = BenchBody(robot, readings)
@@ -40,23 +40,23 @@ def refusal(kind: SensorKind, call: str, **sensed: object) -> str:
 # ---- the color sensor
 
 
-def test_a_color_sensor_tells_the_color_of_a_surface() -> None:
+def test_color_sensor_reads_surface() -> None:
     source = "print(it.hsv(), it.color(), it.reflection(), it.hsv() == Color(130, 80, 40), it.hsv().h)"
     assert told(SensorKind.COLOR, source, it=(130, 80, 40)) == "Color(h=130, s=80, v=40) Color.GREEN 20 True 130"
 
 
-def test_a_number_is_the_brightness_of_a_gray() -> None:
+def test_number_is_gray_brightness() -> None:
     source = "print(it.hsv(), it.color(), it.reflection(), it.color(surface=False), it.ambient())"
     assert told(SensorKind.COLOR, source, it=62) == "Color(h=0, s=0, v=62) Color.WHITE 62 Color.NONE 0.0"
 
 
-def test_with_its_light_off_it_sees_what_shines() -> None:
+def test_color_sensor_ambient_mode() -> None:
     source = "print(it.hsv(surface=False), it.color(False), it.ambient(), it.color())"
     seen = told(SensorKind.COLOR, source, it=(0, 90, 80), ambient=(240, 95, 33))
     assert seen == "Color(h=240, s=95, v=33) Color.BLUE 33.0 Color.RED"
 
 
-def test_colors_to_detect_can_be_chosen() -> None:
+def test_detectable_colors_can_be_chosen() -> None:
     source = """
 print(it.detectable_colors())
 mine = [Color.MAGENTA, Color(h=130, s=70, v=30), Color.NONE]
@@ -71,7 +71,7 @@ print(it.color())
     )
 
 
-def test_a_program_may_make_a_sensor_of_its_own() -> None:
+def test_program_may_create_sensor() -> None:
     source = """
 class Eye(ColorSensor):
     def is_dark(self):
@@ -81,7 +81,7 @@ print(Eye(Port.B).is_dark())
     assert told(SensorKind.COLOR, source, it=10) == "True"
 
 
-def test_its_lights_take_one_brightness_or_three() -> None:
+def test_sensor_lights_take_one_or_three_values() -> None:
     source = "it.lights.on(100)\nit.lights.on([0, 100, 50.5])\nit.lights.off()\nprint(it.reflection())"
     assert told(SensorKind.COLOR, source, it=10) == "10"
 
@@ -101,11 +101,11 @@ def test_its_lights_take_one_brightness_or_three() -> None:
         ("ColorSensor('B')", "can't convert str to Port"),
     ],
 )
-def test_refusals_of_a_color_sensor(call: str, error: str) -> None:
+def test_refusals_of_color_sensor(call: str, error: str) -> None:
     assert refusal(SensorKind.COLOR, call, it=0).startswith(error)
 
 
-def test_the_other_light_takes_a_moment() -> None:
+def test_mode_change_takes_time() -> None:
     source = """
 def spent(measure):
     watch.reset()
@@ -126,7 +126,7 @@ run_task(main())
 # ---- the others
 
 
-def test_a_color_and_distance_sensor() -> None:
+def test_color_distance_sensor() -> None:
     source = """
 print(it.hsv(), it.color(), it.reflection(), it.ambient(), it.distance())
 it.detectable_colors([Color.CYAN, Color.RED])
@@ -151,11 +151,11 @@ it.light.off()
         ("PFMotor(it, 1, Color.RED, 1)", "can't convert int to Direction"),
     ],
 )
-def test_refusals_of_a_color_and_distance_sensor(call: str, error: str) -> None:
+def test_refusals_of_color_distance_sensor(call: str, error: str) -> None:
     assert refusal(SensorKind.COLOR_DISTANCE, call, it=0) == error
 
 
-def test_a_power_functions_motor_takes_its_time() -> None:
+def test_pf_motor_takes_time() -> None:
     source = "motor = PFMotor(it, 2, Color.BLUE)\nwatch.reset()\nmotor.dc(50)\nmotor.brake()\nmotor.stop()\nprint(watch.time())"
     assert told(SensorKind.COLOR_DISTANCE, source, it=0) == "750"
 
@@ -170,31 +170,31 @@ def test_a_power_functions_motor_takes_its_time() -> None:
         (40, "10.0 6.67 True True True"),
     ],
 )
-def test_a_force_sensor(newtons: float, seen: str) -> None:
+def test_force_sensor(newtons: float, seen: str) -> None:
     source = "print(it.force(), it.distance(), it.pressed(), it.touched(), it.pressed(force=0.2))"
     assert told(SensorKind.FORCE, source, it=newtons) == seen
     assert refusal(SensorKind.FORCE, "it.pressed('hard')", it=newtons) == "can't convert str to float"
 
 
 @pytest.mark.parametrize(("distance_pct", "seen"), [(100, "0.2 100 0"), (10, "20.0 10 0"), (0, "100.0 2 0")])
-def test_an_infrared_sensor(distance_pct: float, seen: str) -> None:
+def test_infrared_sensor(distance_pct: float, seen: str) -> None:
     source = "print(it.reflection(), it.distance(), it.count())"
     assert told(SensorKind.INFRARED, source, it=distance_pct, count=7) == seen, "it counts from when the program starts"
 
 
-def test_an_infrared_sensor_counts_on() -> None:
+def test_infrared_sensor_counts() -> None:
     robot = one(SensorKind.INFRARED)
     body = BenchBody(robot, {"it": lambda angles: 50, "it.count": lambda angles: angles["m"] // 90})
     source = HEAD + "it = InfraredSensor(Port.B)\nMotor(Port.A).run_angle(500, 280)\nprint(it.count())"
     assert output(source, robot=robot, body=body) == "3"
 
 
-def test_a_tilt_sensor() -> None:
+def test_tilt_sensor() -> None:
     assert told(SensorKind.TILT, "print(it.tilt())", it=(12.6, -70)) == "(13, -45)"
     assert told(SensorKind.TILT, "async def main():\n    print(await it.tilt())\nrun_task(main())", it=(1, 2)) == "(1, 2)"
 
 
-def test_lights_need_nothing_to_sense() -> None:
+def test_lights_need_no_readings() -> None:
     assert told(SensorKind.LIGHT, "it.on()\nit.on(50)\nit.off()\nprint(1)") == "1"
     assert refusal(SensorKind.LIGHT, "it.on('dim')") == "can't convert str to int"
     assert told(SensorKind.COLOR_LIGHT_MATRIX, "it.on(Color.RED)\nit.on([Color.RED] * 9)\nit.off()\nprint(1)") == "1"
@@ -202,7 +202,7 @@ def test_lights_need_nothing_to_sense() -> None:
     assert refusal(SensorKind.COLOR_LIGHT_MATRIX, "it.on([5] * 9)") == "can't convert int to Color"
 
 
-def test_the_ultrasonic_sensor_waits_after_its_lights() -> None:
+def test_ultrasonic_sensor_waits_after_lights() -> None:
     robot = Robot("look", HubKind.PRIME, motors=(Motor("m", "A"),), sensors=(UltrasonicSensor("eyes", "C"),))
     source = HEAD + "eyes = UltrasonicSensor(Port.C)\neyes.distance()\neyes.lights.on(9)\neyes.distance()\nprint(watch.time())"
     assert output(source, robot=robot) == "61", "11 ms to write, 50 ms of stale values"
@@ -219,12 +219,12 @@ def test_the_ultrasonic_sensor_waits_after_its_lights() -> None:
         (SensorKind.TILT, "tilt", 5, "give .pitch, roll."),
     ],
 )
-def test_a_scene_that_lets_a_sensor_sense_something_else(kind: SensorKind, method: str, sensed: object, says: str) -> None:
+def test_wrong_stimulus_raises(kind: SensorKind, method: str, sensed: object, says: str) -> None:
     with pytest.raises(TwinError, match=says):
         told(kind, f"it.{method}()", it=sensed)
 
 
-def test_a_scene_names_only_what_there_is_to_sense() -> None:
+def test_unknown_stimulus_raises() -> None:
     robot = one(SensorKind.COLOR)
     with pytest.raises(TwinError, match=r"no sensor 'it.force'; it senses it, it.ambient"):
         BenchBody(robot, {"it": lambda angles: 0, "it.force": lambda angles: 1})
@@ -238,7 +238,7 @@ def channels(kind: SensorKind, method: str) -> tuple[SensorReading, ...]:
     ("kind", "method", "sensed", "seen"),
     [(SensorKind.COLOR, "hsv", (300, 70, 40), [300, 70, 40]), (SensorKind.TILT, "tilt", (20, -30), [20, -30])],
 )
-def test_all_parts_are_observed_from_one_measurement(kind, method, sensed, seen) -> None:
+def test_parts_share_one_measurement(kind, method, sensed, seen) -> None:
     interface = Interface((RunAngle("m", -90, 90, 500),), (MotorAngle("m"), *channels(kind, method)), Wait(300))
     transport = VirtualHub(BenchBody(one(kind), {"it": lambda angles: sensed}))
     with HubLink(transport, one(kind), interface) as link:

@@ -1,4 +1,4 @@
-"""The drive base on the bench (no load), against what the firmware answered there."""
+"""Drive base on the bench (no load) against the firmware."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ base = DriveBase(left, right, wheel_diameter=56, axle_track=130)
 @pytest.mark.parametrize(
     ("call", "time_ms", "value"), [("straight(100)", 805, 99), ("straight(-100)", 805, -98), ("straight(5)", 190, 5)]
 )
-def test_straight_takes_as_long_as_on_a_hub(call: str, time_ms: int, value: int) -> None:
+def test_straight_duration_equals_hub(call: str, time_ms: int, value: int) -> None:
     time, distance = map(int, output(HEAD + f"base.{call}\nprint(watch.time(), base.distance())").split())
     assert time == pytest.approx(time_ms, rel=0.05)
     assert distance == pytest.approx(value, abs=2)
 
 
 @pytest.mark.parametrize(("angle", "time_ms"), [(90, 874), (-30, 454)])
-def test_turn_takes_as_long_as_on_a_hub(angle: int, time_ms: int) -> None:
+def test_turn_duration_equals_hub(angle: int, time_ms: int) -> None:
     time, turned = output(HEAD + f"base.turn({angle})\nprint(watch.time(), base.angle())").split()
     assert int(time) == pytest.approx(time_ms, rel=0.05)
     assert float(turned) == pytest.approx(angle, abs=1.5)
@@ -130,7 +130,7 @@ except ValueError as e:
 
 
 class Steering(BenchBody):
-    """Motor C steers between -60 and 100 degrees."""
+    """Motor C is limited to -60..100 degrees."""
 
     def advance_to(self, time_ms: int) -> None:
         for moment_ms in range(self._time_ms + 1, time_ms + 1):
@@ -149,7 +149,7 @@ steer, drive = Motor(Port.C), Motor(Port.D)
 """
 
 
-def test_a_car_finds_the_middle_of_its_steering() -> None:
+def test_car_centres_steering() -> None:
     machine = Machine(Steering(BENCH))
     console = Console(machine, {})
     source = """
@@ -178,12 +178,12 @@ print(drive.speed())
         ("Car(steer, drive)", "RuntimeError The steering mechanism has no end stop. Did you build a car yet?"),
     ],
 )
-def test_a_car_that_cannot_be(call: str, error: str) -> None:
+def test_invalid_car(call: str, error: str) -> None:
     kind, _, message = error.partition(" ")
     assert output(CAR + f"try:\n    {call}\nexcept {kind} as e:\n    print(e)") == message
 
 
-def test_a_motor_of_its_own_ends_the_drive() -> None:
+def test_single_motor_command_ends_drive() -> None:
     source = "base.drive(100, 0)\nwait(200)\nleft.run(-200)\nwait(500)\nprint(left.speed() < -100, abs(right.speed()) < 20)"
     assert output(HEAD + source) == "True True"
 
@@ -204,19 +204,19 @@ run_task(main())
     assert output(source) == "True\nTrue"
 
 
-def test_no_gyro_where_there_is_no_imu() -> None:
+def test_use_gyro_needs_imu() -> None:
     robot = Robot("city", HubKind.CITY, motors=(Motor("a", "A"), Motor("b", "B")))
     with pytest.raises(AttributeError, match="use_gyro"):
         output(HEAD + "base.use_gyro(True)", robot=robot)
 
 
-def test_a_drive_base_counts_from_where_it_was_made() -> None:
+def test_drive_base_counts_from_creation() -> None:
     turned = HEAD.replace("base =", "left.run_angle(500, 720)\nwait(200)\nbase =")
     source = turned + "distance, _, angle, _ = base.state()\nprint(distance, angle, base)"
     assert output(source) == "0 0 <DriveBase>"
 
 
-def test_an_absolute_turn_is_half_a_turn_at_most() -> None:
+def test_absolute_turn_is_at_most_half() -> None:
     source = """
 base.turn(359)
 watch.reset()
@@ -228,19 +228,19 @@ print(round(base.angle()))
     assert output(HEAD + source) == "True 359\n439"
 
 
-def test_moving_by_nothing_takes_over_a_drive_and_stops_it() -> None:
+def test_zero_move_stops_drive() -> None:
     source = "base.drive(200, 0)\nwait(1000)\nbase.move_by(0, 0)\nwait(500)\n"
     source += "print(base.state()[1], base.done(), 0 < base.distance() < 260)"
     assert output(HEAD + source) == "0 True True"
 
 
-def test_the_place_to_move_to_is_cut_to_whole_degrees_and_millimetres() -> None:
+def test_move_target_is_truncated() -> None:
     # 100 mm ahead and 99 mm to the right: -44.71 degrees and 140.7 mm.
     assert output(HEAD + "base.move_by(100, -99)\nprint(round(base.angle()), base.distance())") in ("44 140", "44 139")
 
 
 class Turning(BenchBody):
-    """The hub turns with the wheels of a robot that slips: by its gyroscope it turns 0.9 times as far."""
+    """A slipping robot: the gyroscope measures 0.9 times the turn."""
 
     turns_with_its_wheels = True
 
@@ -256,7 +256,7 @@ def turning(source: str) -> str:
     return output(GYRO + source, body=Turning(BENCH))
 
 
-def test_a_drive_base_that_uses_the_gyro_has_the_heading_of_the_imu() -> None:
+def test_gyro_drive_base_has_imu_heading() -> None:
     source = """
 print(both())
 hub.imu.reset_heading(50)
@@ -280,7 +280,7 @@ print(both())
     assert by_wheels == (pytest.approx(80, abs=1), pytest.approx(160, abs=1))
 
 
-def test_the_heading_can_be_reset_unless_a_drive_base_drives_or_holds_by_it() -> None:
+def test_heading_reset_needs_passive_drive_base() -> None:
     source = """
 def reset():
     try:
@@ -303,11 +303,11 @@ reset()
     assert turning(source) == f"reset\nreset\n{refused}\nreset\n{refused}"
 
 
-def test_a_new_hub_object_counts_the_heading_from_here() -> None:
+def test_new_hub_object_resets_heading() -> None:
     assert turning("base.use_gyro(True)\nbase.turn(90)\nbase.stop()\nhub = PrimeHub()\nprint(both())") == "(0, 0)"
 
 
-def test_a_correction_of_the_heading_counts_for_the_drive_base_too() -> None:
+def test_heading_correction_affects_drive_base() -> None:
     source = (
         "base.use_gyro(True)\nhub.imu.settings(heading_correction=350)\nhub.imu.reset_heading(0)\nbase.turn(90)\nwait(1000)\n"
     )
@@ -316,13 +316,13 @@ def test_a_correction_of_the_heading_counts_for_the_drive_base_too() -> None:
     assert ast.literal_eval(turning(source)) == (pytest.approx(97, abs=1), pytest.approx(90, abs=1))
 
 
-def test_a_refused_drive_base_keeps_its_motors() -> None:
+def test_refused_drive_base_keeps_motors() -> None:
     source = HEAD.replace("base =", "try:\n    DriveBase(left, right, 0, 130)\nexcept ValueError as e:\n    print(e)\nbase =")
     with pytest.raises(OSError, match="busy"):
         output(source)
 
 
-def test_a_drive_base_with_a_closed_motor_does_not_drive_but_tells_where_it_is() -> None:
+def test_drive_base_with_closed_motor_only_reports() -> None:
     source = (
         HEAD
         + """
@@ -342,6 +342,6 @@ print(base.distance(), base.done(), base.settings()[0])
     assert output(source) == "19\n19\n19\n19\n19\n0 True 195"
 
 
-def test_a_turn_by_the_gyroscope_of_a_bench_says_that_it_never_ends() -> None:
+def test_gyro_turn_on_bench_raises() -> None:
     with pytest.raises(TwinError, match="lies still"):
         output(GYRO + "base.use_gyro(True)\nbase.straight(50)\nbase.turn(90)")

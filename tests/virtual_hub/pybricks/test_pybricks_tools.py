@@ -14,7 +14,7 @@ def tool(source: str) -> str:
     return output("from pybricks.tools import *\n" + source)
 
 
-def test_stopwatch_counts_simulated_time_without_its_pauses() -> None:
+def test_stopwatch_excludes_pauses() -> None:
     source = """
 watch = StopWatch()
 wait(100)
@@ -34,22 +34,22 @@ print(watch.time())
     assert tool(source) == "100\n107\n0\n0"
 
 
-def test_a_loop_that_only_polls_comes_to_an_end() -> None:
+def test_polling_loop_ends() -> None:
     assert tool("watch = StopWatch()\nwhile watch.time() < 30:\n    pass\nprint('end')") == "end"
 
 
 @pytest.mark.parametrize("argument", ["'1'", "None", "[1]"])
-def test_wait_wants_a_number(argument: str) -> None:
+def test_wait_needs_number(argument: str) -> None:
     with pytest.raises(TypeError, match="can't convert .* to int"):
         tool(f"wait({argument})")
 
 
-def test_wait_wants_an_argument() -> None:
+def test_wait_needs_argument() -> None:
     with pytest.raises(TypeError, match="'time' argument required"):
         tool("wait()")
 
 
-def test_multitask_runs_tasks_in_turns_and_returns_all_results() -> None:
+def test_multitask_returns_all_results() -> None:
     source = """
 watch = StopWatch()
 async def slow(name, n, pause):
@@ -105,12 +105,12 @@ run_task(main())
     assert tool(source) == "closed\ndivide by zero"
 
 
-def test_multitask_refuses_what_is_no_task() -> None:
+def test_multitask_refuses_non_tasks() -> None:
     with pytest.raises(TypeError, match="'int' object isn't iterable"):
         tool("async def main():\n    await multitask(5)\nrun_task(main())")
 
 
-def test_run_loop_runs_once_and_is_over_after_an_error() -> None:
+def test_run_loop_ends_after_error() -> None:
     source = """
 async def inner():
     pass
@@ -127,7 +127,7 @@ run_task(inner())
     assert tool(source) == "True\nRun loop already active."
 
 
-def test_waiting_for_nothing_lets_others_run() -> None:
+def test_zero_wait_yields() -> None:
     source = """
 order = []
 async def one(name):
@@ -181,7 +181,7 @@ def test_matrix_refuses(expression: str, kind: type[Exception]) -> None:
         tool(expression)
 
 
-def test_hub_menu_says_that_nobody_presses() -> None:
+def test_hub_menu_without_presses_raises() -> None:
     with pytest.raises(TwinError, match="nobody presses"):
         tool("hub_menu('a', 'b')")
     with pytest.raises(ImportError, match="can't import name hub_menu"):
@@ -201,7 +201,7 @@ run_task(main())
         output(source, robot=robots.BENCH)
 
 
-def test_letting_others_go_first_takes_next_to_no_time() -> None:
+def test_yielding_takes_little_time() -> None:
     source = """
 from pybricks.tools import wait, run_task, multitask, StopWatch
 watch = StopWatch()

@@ -116,10 +116,7 @@ class CQLLoss(SACLoss):
         out = self.actor_outputs(batch.features)
         _, log_density = self.draw(out)
         imitation = log_prob(out, self.settings.min_scale, batch.action).mean()
-        return {
-            "loss_actor": self.alpha * log_density.mean() - imitation,
-            **self.alpha_loss(log_density, batch.action.shape[-1]),
-        }
+        return {"loss_actor": self.alpha * log_density.mean() - imitation, **self.alpha_loss(log_density, batch.action.shape[-1])}
 
     def get_extra_state(self) -> dict[str, int]:
         """Number of the actor's updates."""

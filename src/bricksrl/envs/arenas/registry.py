@@ -19,11 +19,7 @@ ARENAS = {"Tag-v0": "tag:TAG", "Carry-v0": "carry:CARRY"}
 
 
 def get_arena_task(env_id: str) -> ArenaTask:
-    """The task of a name.
-
-    Raises:
-        UnknownNameError: there is none.
-    """
+    """The task of a name. Raises UnknownNameError if there is none."""
     if env_id not in ARENAS:
         raise UnknownNameError(f"there is no arena '{env_id}'; choose {', '.join(ARENAS)}")
     module, _, name = ARENAS[env_id].partition(":")

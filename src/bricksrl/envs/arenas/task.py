@@ -37,7 +37,7 @@ class ArenaState:
 
 @dataclass(frozen=True)
 class ArenaTask:
-    """A task of several robots.
+    """A task of several robots. Raises DescriptionError if the parts do not fit.
 
     Attributes:
         id: name and version, such as ``"Tag-v0"``.
@@ -52,9 +52,6 @@ class ArenaTask:
         success: the state after the last step to ``[*batch, 1]`` bool.
         scripts: policies written by hand, by name: from an observation ``[*batch, n]`` of one robot to its action ``[*batch,
             2]``.
-
-    Raises:
-        DescriptionError: at construction, when the parts do not fit.
     """
 
     id: str

@@ -34,16 +34,14 @@ _HUE_AROUND_RED_DEG = 60.0  # hues within this distance of 0 have red as the str
 
 @dataclass(frozen=True)
 class RedWindow:
-    """HSV window of colours that count as red, and the minimum area of an object.
+    """HSV window of colours that count as red, and the minimum area of an object. Raises DescriptionError if a limit is out of
+    range.
 
     Attributes:
         hue_deg: lowest and highest hue; red is 0, hues below it are negative.
         saturation: lowest saturation, 0..1.
         value: lowest brightness, 0..1.
         area_px: an object is a connected region of more pixels than this.
-
-    Raises:
-        DescriptionError: at construction, when a limit is out of range.
     """
 
     hue_deg: tuple[float, float] = (-60.0, 24.0)
@@ -84,7 +82,8 @@ class VisualGoal:
 
 @dataclass(frozen=True)
 class CameraView:
-    """Camera that looks at the robot. Its image is part of the observation, under the key ``"image"``.
+    """Camera that looks at the robot. Its image is part of the observation, under the key ``"image"``. Raises DescriptionError if
+    the image is larger than the frame or the goal lies outside of it.
 
     Attributes:
         name: camera in a virtual robot's model.
@@ -93,9 +92,6 @@ class CameraView:
         image_px: side of the agent's square image.
         goal: goal in the image; ``None`` for a camera without one.
         spot_px: without OpenGL, a virtual robot is drawn by ray casting, with one ray per square of this side.
-
-    Raises:
-        DescriptionError: at construction, when the image is larger than the frame or the goal lies outside of it.
     """
 
     name: str = "webcam"
@@ -127,12 +123,8 @@ class Camera(Protocol):
     """Source of frames."""
 
     def frame(self) -> Frame:
-        """Present frame; opens the camera if it is closed.
-
-        Raises:
-            CameraError: a real camera cannot be read, or OpenCV is not installed.
-            RenderingUnavailableError: a virtual robot cannot be drawn.
-        """
+        """Present frame; opens the camera if it is closed. Raises CameraError if a real camera cannot be read, or OpenCV is not
+        installed, RenderingUnavailableError if a virtual robot cannot be drawn."""
 
     def close(self) -> None:
         """Release the camera; closing twice does nothing."""
@@ -176,11 +168,8 @@ def distances_px(centres: NDArray[np.float64], goal: Place) -> NDArray[np.float6
 
 
 def shrink(frame: Frame, side_px: int, disc: tuple[Place, int] | None = None) -> Frame:
-    """Area-averaged image ``[side, side, 3]`` of the frame, in which small objects stay visible.
-
-    Args:
-        disc: centre and radius, in px of the frame, of a green disc to draw into the image; the frame is not changed.
-    """
+    """Area-averaged image ``[side, side, 3]`` of the frame, in which small objects stay visible. ``disc``: centre and radius, in
+    px of the frame, of a green disc to draw into the image; the frame is not changed."""
     canvas = frame.astype(np.float32)
     if disc is not None:
         draw_disc(canvas, *disc)
@@ -270,11 +259,7 @@ class TwinCamera:
         self._renderer: Renderer | RayCaster | None = None
 
     def frame(self) -> Frame:
-        """Present frame.
-
-        Raises:
-            RenderingUnavailableError: the virtual robot has no MuJoCo model.
-        """
+        """Present frame. Raises RenderingUnavailableError if the virtual robot has no MuJoCo model."""
         if self._renderer is None:
             from bricksrl.twin.mujoco_body import MujocoBody
 
@@ -310,11 +295,8 @@ class VideoCamera:
         self._capture: Any = None
 
     def frame(self) -> Frame:
-        """Present frame.
-
-        Raises:
-            CameraError: OpenCV is not installed, the camera cannot be read, or its frames have another size.
-        """
+        """Present frame. Raises CameraError if OpenCV is not installed, the camera cannot be read, or its frames have another
+        size."""
         view = self._view
         if self._capture is None:
             self._capture = _open_capture(view)

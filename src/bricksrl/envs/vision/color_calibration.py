@@ -42,14 +42,12 @@ class FoundRed:
 
 
 def calibrate_red(frame: Frame, at: Place | None = None) -> FoundRed:
-    """Find the red object in a frame, and the HSV window that holds its colours with a margin.
+    """Find the red object in a frame, and the HSV window that holds its colours with a margin. Raises CameraError if nothing is
+    red, at that point or anywhere, or the object is too small.
 
     Args:
         frame: uint8 ``[height, width, 3]``.
         at: a point of the object; by default it is the largest of the most strongly red regions.
-
-    Raises:
-        CameraError: nothing is red, at that point or anywhere, or the object is too small.
     """
     hue_deg, saturation, value = _colours(frame)
     chroma = np.where(np.abs(hue_deg) <= _AROUND_RED_DEG, saturation * value, 0.0)
@@ -138,11 +136,7 @@ def saved_path(device: int | str, folder: Path | None = None) -> Path:
 
 
 def write_red(path: Path, window: RedWindow) -> None:
-    """Write a window atomically.
-
-    Raises:
-        CameraError: the file cannot be written.
-    """
+    """Write a window atomically. Raises CameraError if the file cannot be written."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         draft = path.with_name(f"{path.name}.{os.getpid()}")
@@ -153,11 +147,7 @@ def write_red(path: Path, window: RedWindow) -> None:
 
 
 def read_red(path: Path) -> RedWindow:
-    """Read the window that `write_red` wrote.
-
-    Raises:
-        CameraError: the file is missing or invalid.
-    """
+    """Read the window that `write_red` wrote. Raises CameraError if the file is missing or invalid."""
     try:
         data: dict[str, Any] = json.loads(path.read_bytes())["red"]
         low, high = map(float, data["hue_deg"])
@@ -170,10 +160,6 @@ def read_red(path: Path) -> RedWindow:
 
 
 def saved_red(device: int | str, folder: Path | None = None) -> RedWindow | None:
-    """The saved window of this camera; ``None`` if there is none.
-
-    Raises:
-        CameraError: the file is invalid.
-    """
+    """The saved window of this camera; ``None`` if there is none. Raises CameraError if the file is invalid."""
     path = saved_path(device, folder)
     return read_red(path) if path.exists() else None

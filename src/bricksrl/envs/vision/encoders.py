@@ -14,15 +14,13 @@ _NETWORKS = {"vip": ("VIPTransform", "resnet50"), "r3m": ("R3MTransform", "resne
 
 
 def encode_images(env: EnvBase, encoder: Literal["vip", "r3m"], *, weights_dir: Path | None = None) -> Any:
-    """Replace an environment's ``image`` by a vector ``embedding`` of 1024 (VIP) or 512 (R3M) numbers.
+    """Replace an environment's ``image`` by a vector ``embedding`` of 1024 (VIP) or 512 (R3M) numbers. Raises EncoderError if
+    torchvision is not installed, the weights cannot be downloaded, or the environment has no image.
 
     The weights are downloaded once and cached.
 
     Args:
         weights_dir: cache folder; by default that of ``torch.hub``.
-
-    Raises:
-        EncoderError: torchvision is not installed, the weights cannot be downloaded, or the environment has no image.
     """
     from torchrl import envs
 

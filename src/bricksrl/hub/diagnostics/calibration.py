@@ -38,11 +38,8 @@ class Calibration:
 
 
 def calibrated(robot: Robot, calibration: Calibration) -> Robot:
-    """The robot's description with its calibration applied.
-
-    Raises:
-        DescriptionError: the calibration names motors that the robot does not have.
-    """
+    """The robot's description with its calibration applied. Raises DescriptionError if the calibration names motors that the
+    robot does not have."""
     unknown = sorted((set(calibration.zeros_deg) | calibration.reversed) - {motor.name for motor in robot.motors})
     if unknown:
         raise DescriptionError(f"robot '{robot.name}' has no motor '{unknown[0]}'; calibrate it again")
@@ -55,11 +52,8 @@ def _calibrated(motor: Motor, calibration: Calibration) -> Motor:
 
 
 def zero_between(stops_deg: tuple[int, int], motor: Motor) -> int:
-    """Zero of a joint from the measured angles of its two stops: its range is centred between them.
-
-    Raises:
-        CalibrationError: the motor has no range, or the stops are too close for it.
-    """
+    """Zero of a joint from the measured angles of its two stops: its range is centred between them. Raises CalibrationError if
+    the motor has no range, or the stops are too close for it."""
     if motor.range_deg is None:
         raise CalibrationError(f"motor '{motor.name}' has no range, so no stops; calibrate it by hand")
     width, needed = stops_deg[1] - stops_deg[0], motor.range_deg[1] - motor.range_deg[0]
@@ -83,11 +77,7 @@ def calibration_folder() -> Path:
 
 
 def load_calibration(hub_id: str, robot: Robot, folder: Path | None = None) -> Calibration:
-    """Saved calibration of the robot on this hub; an empty one if there is none.
-
-    Raises:
-        CalibrationError: the file is invalid.
-    """
+    """Saved calibration of the robot on this hub; an empty one if there is none. Raises CalibrationError if it is invalid."""
     path = _path(hub_id, robot, folder)
     try:
         data = json.loads(path.read_bytes())
@@ -109,11 +99,7 @@ def calibration_of(hub_id: Callable[[], str], folder: Path | None = None) -> Cal
 
 
 def save_calibration(hub_id: str, robot: Robot, calibration: Calibration, folder: Path | None = None) -> Path:
-    """Write a calibration atomically; returns its path.
-
-    Raises:
-        CalibrationError: the file cannot be written.
-    """
+    """Write a calibration atomically; returns its path. Raises CalibrationError if the file cannot be written."""
     path = _path(hub_id, robot, folder)
     data = {"hub": hub_id, "zeros_deg": calibration.zeros_deg, "reversed": sorted(calibration.reversed)}
     try:
@@ -127,11 +113,7 @@ def save_calibration(hub_id: str, robot: Robot, calibration: Calibration, folder
 
 
 def forget_calibration(hub_id: str, robot: Robot, folder: Path | None = None) -> None:
-    """Delete the saved calibration; without effect if there is none.
-
-    Raises:
-        CalibrationError: the file cannot be deleted.
-    """
+    """Delete the saved calibration; without effect if there is none. Raises CalibrationError if the file cannot be deleted."""
     path = _path(hub_id, robot, folder)
     try:
         path.unlink(missing_ok=True)

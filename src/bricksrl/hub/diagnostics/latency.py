@@ -53,11 +53,7 @@ class Latency:
 
 
 def measure(link: HubLink, interface: Interface, exchanges: int = 100) -> Latency:
-    """Time ``exchanges`` sensor readings over an open link; nothing moves.
-
-    Raises:
-        HubError: the link failed.
-    """
+    """Time ``exchanges`` sensor readings over an open link; nothing moves. Raises HubError if the link failed."""
     link.read()
     return latency([link.read().round_trip_s for _ in range(exchanges)], interface)
 

@@ -41,7 +41,8 @@ def check_robot(
     is_right: Callable[[str], bool] | None = None,
     calibrate: Callable[[Robot], Robot] | None = None,
 ) -> Iterator[Finding]:
-    """Check everything that a task needs of a robot. Opens the transport, and closes it at the end.
+    """Check everything that a task needs of a robot. Opens the transport, and closes it at the end. Raises HubError if the hub
+    cannot be reached.
 
     Args:
         transport: transport to the hub.
@@ -49,9 +50,6 @@ def check_robot(
         may_move: asked before the first test move.
         is_right: asked after each test move, e.g. "left turned by 30 degrees"; ``None`` if nobody watches.
         calibrate: as for :class:`HubLink`.
-
-    Raises:
-        HubError: the hub cannot be reached.
     """
     try:
         transport.open()

@@ -65,21 +65,13 @@ def survey_program(robot: Robot) -> HubProgram:
 
 
 def survey(transport: Transport, robot: Robot) -> Survey:
-    """Survey a hub over an open transport. Nothing moves; a running program is stopped.
-
-    Raises:
-        HubError: the hub cannot be reached, or does not answer.
-        HubProgramError: the program raised.
-    """
+    """Survey a hub over an open transport. Nothing moves; a running program is stopped. Raises HubError if the hub cannot be
+    reached, or does not answer, HubProgramError if the program raised."""
     return parse_survey(run(transport, survey_program(robot), _SURVEY_S))
 
 
 def parse_survey(lines: list[str]) -> Survey:
-    """Survey from the lines that the program printed.
-
-    Raises:
-        HubError: the lines are incomplete.
-    """
+    """Survey from the lines that the program printed. Raises HubError if the lines are incomplete."""
     words: dict[str, list[list[str]]] = {}
     for line in lines:
         word, *rest = line.split(" ")

@@ -33,17 +33,7 @@ from bricksrl.hub.link.receiver import Listener
 from bricksrl.hub.link.states import Cause, LinkState, after, cause_of
 from bricksrl.hub.link.statistics import LinkMeter, LinkStatistics
 from bricksrl.hub.program.generate import WATCHDOG_MS, generate
-from bricksrl.hub.protocol import (
-    ControlFrame,
-    DataFrame,
-    Down,
-    Frame,
-    Up,
-    WireFormat,
-    control_frame,
-    data_frame,
-    next_seq,
-)
+from bricksrl.hub.protocol import ControlFrame, DataFrame, Down, Frame, Up, WireFormat, control_frame, data_frame, next_seq
 from bricksrl.hub.transport import Pipe, Transport
 from bricksrl.robots import Robot
 
@@ -173,12 +163,10 @@ class HubLink:
             self.state = after(self.state, Cause.RESTED)
 
     def emergency_stop(self) -> None:
-        """Stop motors and program at once, from any thread; a call that waits for an answer raises ``StoppedError``.
+        """Stop motors and program at once, from any thread; a call that waits for an answer raises ``StoppedError``. Raises
+        HubError if the hub could not be reached; its watchdog then stops the motors.
 
         All later calls raise ``StoppedError`` until ``release``.
-
-        Raises:
-            HubError: the hub could not be reached; its watchdog then stops the motors.
         """
         self._halted.set()
         self._transport.stop()
@@ -194,11 +182,8 @@ class HubLink:
         return self._transport.now_s()
 
     def stop(self) -> None:
-        """Stop the motors and the program. ``open`` starts it again.
-
-        Raises:
-            HubError: the transport failed; the hub's watchdog then stops the motors.
-        """
+        """Stop the motors and the program. ``open`` starts it again. Raises HubError if the transport failed; the hub's watchdog
+        then stops the motors."""
         if self.state is LinkState.DISCONNECTED:
             return
         self.state = after(self.state, Cause.STOPPED)

@@ -141,11 +141,7 @@ def cause_of(error: BricksError) -> Cause:
 
 
 def after(state: LinkState, cause: Cause) -> LinkState:
-    """Next state.
-
-    Raises:
-        ValueError: the cause cannot occur in this state, which is a bug of ours.
-    """
+    """Next state. Raises ValueError if the cause cannot occur in this state, which is a bug of ours."""
     transition = TABLE[cause]
     if state not in transition.before:
         raise ValueError(f"'{cause.value}' cannot come while the link is {state.value}")

@@ -12,8 +12,9 @@ from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,9 +24,8 @@ from bricksrl.hub.interface import Interface
 from bricksrl.hub.link.lockstep import HubLink
 from bricksrl.hub.link.reading import Reading
 from bricksrl.hub.link.states import Cause, after
-from bricksrl.hub.program.generate import WATCHDOG_MS
 from bricksrl.hub.protocol import ControlFrame, DataFrame, Down, Frame, control_frame, data_frame, next_seq
-from bricksrl.hub.transport import Pipe, Transport
+from bricksrl.hub.transport import Transport
 from bricksrl.robots import Robot
 
 PERIOD_MS = 10
@@ -37,34 +37,15 @@ _WAITS_PER_STEP = 100_000
 
 
 class StreamingLink(HubLink):
-    """A :class:`HubLink` whose hub sends observations by itself.
+    """A :class:`HubLink`, with the same arguments, whose hub sends observations by itself. Raises DescriptionError if a step of
+    this interface has no fixed time."""
 
-    Args:
-        transport, robot, interface, timeout_s, watchdog_s, pipe, calibrate: see :class:`HubLink`.
-        period_ms: period of the observations.
-
-    Raises:
-        DescriptionError: a step of this interface has no fixed time.
-    """
-
-    def __init__(
-        self,
-        transport: Transport,
-        robot: Robot,
-        interface: Interface,
-        *,
-        timeout_s: float = 5.0,
-        watchdog_s: float = WATCHDOG_MS / 1000,
-        pipe: Pipe = Pipe.STDIN,
-        calibrate: Callable[[Robot], Robot] | None = None,
-        period_ms: int = PERIOD_MS,
-    ) -> None:
-        super().__init__(transport, robot, interface, timeout_s=timeout_s, watchdog_s=watchdog_s, pipe=pipe, calibrate=calibrate)
+    def __init__(self, transport: Transport, robot: Robot, interface: Interface, **options: Any) -> None:
+        super().__init__(transport, robot, interface, **options)
         step_ms = interface.settle.fixed_ms
         if step_ms is None:
             raise DescriptionError("a step that ends when its moves have ended cannot be streamed; omit streaming")
         self._step_s = step_ms / 1000
-        self._period_ms = period_ms
         self._due_s = -math.inf
 
     def act(self, values: Sequence[float] | NDArray[np.floating]) -> Reading:
@@ -96,7 +77,7 @@ class StreamingLink(HubLink):
 
     def _ask(self) -> None:
         """Ask the hub to send observations."""
-        self._transport.write(control_frame(Down.STREAM, struct.pack("<H", self._period_ms)))
+        self._transport.write(control_frame(Down.STREAM, struct.pack("<H", PERIOD_MS)))
 
     def _is_answer(self, frame: Frame) -> bool:
         """Like lock-step, but observations under an earlier command are normal and not counted as stale."""

@@ -37,11 +37,7 @@ class TeamLink(HubLink):
             self._transport.write(self._frame)
 
     def receive(self) -> Reading:
-        """Wait for the answer to the last sent commands.
-
-        Raises:
-            HubError, HubTimeoutError, HubProgramError, StoppedError: as `HubLink.act`.
-        """
+        """Wait for the answer to the last sent commands. Raises the same errors as `HubLink.act`."""
         known_s, resends = self._known_move_s, self._meter.resends
         with self._explained():
             left_s = None if known_s is None else max(0.0, self._sent_s + known_s - self.now_s())

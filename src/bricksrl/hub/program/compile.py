@@ -19,11 +19,8 @@ MAIN_MODULE = "__main__"
 
 
 def compile_mpy(source: str, name: str = MAIN_FILE) -> bytes:
-    """Compile a program to ``.mpy`` version 6. ``name`` is the file name that tracebacks show.
-
-    Raises:
-        ProgramError: the source is not MicroPython, or the compiler could not be run.
-    """
+    """Compile a program to ``.mpy`` version 6. ``name`` is the file name that tracebacks show. Raises ProgramError if the source
+    is not MicroPython, or the compiler could not be run."""
     try:
         process, mpy = mpy_cross_compile(name, source, extra_args=[_SMALL_INT_BITS])
     except OSError as error:
@@ -38,20 +35,15 @@ def compile_mpy(source: str, name: str = MAIN_FILE) -> bytes:
 
 
 def compile_program(program: HubProgram) -> dict[str, bytes]:
-    """Compile a program and the modules beside it to ``.mpy``, by their names on the hub.
-
-    Raises:
-        ProgramError: one of them is not MicroPython, or the compiler could not be run.
-    """
+    """Compile a program and the modules beside it to ``.mpy``, by their names on the hub. Raises ProgramError if one of them is
+    not MicroPython, or the compiler could not be run."""
     beside = {module.name: compile_mpy(module.source, module.file) for module in program.beside}
     return {MAIN_MODULE: compile_mpy(program.source, program.name), **beside}
 
 
 def program_blob(modules: Mapping[str, bytes], hub: HubKind) -> bytes:
-    """Content of a hub's program area: ``<I length> name "\\0" mpy`` for each module, the program itself first.
-
-    Raises:
-        ProgramError: the content is larger than the program area.
+    """Content of a hub's program area: ``<I length> name "\\0" mpy`` for each module, the program itself first. Raises
+    ProgramError if the content is larger than the program area.
     """
     blob = b"".join(struct.pack("<I", len(mpy)) + name.encode() + b"\0" + mpy for name, mpy in modules.items())
     room = hub.model.program_bytes

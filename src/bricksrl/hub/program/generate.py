@@ -90,7 +90,7 @@ def _header(robot: Robot, interface: Interface) -> str:
         f'Program of the robot "{robot.name}" for the {robot.hub.value} hub, written by BricksRL from the robot\'s description.',
         "Do not edit: it is written anew whenever the description changes.",
         "Commands, in the order of the action:",
-        *(f"  {command.name}: {command.text}" for command in interface.commands),
+        *(f"  {command.name}: {command.description.format(command)}" for command in interface.commands),
         "Channels, in the order of the observation:",
         *(f"  {channel.name}, {channel.low:g} to {channel.high:g} {channel.unit}" for channel in interface.channels),
         _settle_text(interface),
@@ -191,11 +191,7 @@ def _motor_lines(motor: Motor, is_joint: bool) -> list[str]:
     lines = [f"{variable} = Motor({', '.join(arguments)})"]
     if motor.zero_deg:
         lines.append(f"{variable}.reset_angle({_from_zero(motor, f'{variable}.angle()')})")
-    limits = {
-        "speed": motor.speed_limit_deg_s,
-        "acceleration": motor.acceleration_deg_s2,
-        "torque": motor.torque_limit_mnm,
-    }
+    limits = {"speed": motor.speed_limit_deg_s, "acceleration": motor.acceleration_deg_s2, "torque": motor.torque_limit_mnm}
     given = ", ".join(f"{name}={value}" for name, value in limits.items() if value is not None)
     if given:
         lines.append(f"{variable}.control.limits({given})")

@@ -94,11 +94,8 @@ def lint(source: str, hub: HubKind) -> tuple[Finding, ...]:
 
 
 def require_clean(source: str, hub: HubKind) -> None:
-    """Require that a program has no findings.
-
-    Raises:
-        ProgramError: there are findings; the message has the first and their number.
-    """
+    """Require that a program has no findings. Raises ProgramError if there are findings; the message has the first and their
+    number."""
     findings = lint(source, hub)
     if findings:
         more = f" ({len(findings)} findings in all)" if len(findings) > 1 else ""

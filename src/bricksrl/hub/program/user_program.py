@@ -13,11 +13,7 @@ from bricksrl.hub.transport import HubModule, HubProgram
 
 
 def read_program(path: Path) -> str:
-    """Source of a program.
-
-    Raises:
-        ProgramError: the file cannot be read.
-    """
+    """Source of a program. Raises ProgramError if the file cannot be read."""
     try:
         return path.read_text(encoding="utf-8")
     except OSError as error:
@@ -27,21 +23,14 @@ def read_program(path: Path) -> str:
 
 
 def check_time_limit(time_limit_s: float | None) -> None:
-    """Check a time limit in seconds; ``None`` for no limit.
-
-    Raises:
-        ProgramError: the limit is not a positive finite number.
-    """
+    """Check a time limit in seconds; ``None`` for no limit. Raises ProgramError if the limit is not a positive finite number."""
     if time_limit_s is not None and not 0 < time_limit_s < math.inf:
         raise ProgramError(f"the time limit is {time_limit_s} s; give a number above zero, or none")
 
 
 def module_beside(path: Path, name: str) -> HubModule | None:
-    """The module ``name`` (such as ``parts.arm``) beside a program; ``None`` if there is none.
-
-    Raises:
-        ProgramError: the file cannot be read.
-    """
+    """The module ``name`` (such as ``parts.arm``) beside a program; ``None`` if there is none. Raises ProgramError if the file
+    cannot be read."""
     place = "/".join(name.split("."))
     for file in (f"{place}.py", f"{place}/__init__.py"):
         if (path.parent / file).is_file():
@@ -50,11 +39,7 @@ def module_beside(path: Path, name: str) -> HubModule | None:
 
 
 def own_program(path: Path) -> HubProgram:
-    """A program for a hub, with all modules beside it that it may import.
-
-    Raises:
-        ProgramError: a file cannot be read.
-    """
+    """A program for a hub, with all modules beside it that it may import. Raises ProgramError if a file cannot be read."""
     main = read_program(path)
     beside: dict[str, HubModule] = {}
     to_look_at = [main]

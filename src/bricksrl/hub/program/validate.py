@@ -14,12 +14,8 @@ _MAX_SETTLE_MS = 60_000
 
 
 def validate(robot: Robot, interface: Interface) -> None:
-    """Check that the robot has every device that the interface names and that all ranges fit the wire.
-
-    Raises:
-        ProgramError: this kind of hub is not supported.
-        DescriptionError: robot and interface do not match.
-    """
+    """Check that the robot has every device that the interface names and that all ranges fit the wire. Raises ProgramError if
+    this kind of hub is not supported, DescriptionError if robot and interface do not match."""
     model = robot.hub.model
     if model.stdin_bytes == 0:
         raise ProgramError(

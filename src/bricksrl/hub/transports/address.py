@@ -35,11 +35,7 @@ class HubAddress:
         return self.medium == VIRTUAL
 
     def transport(self) -> ProfileTransport:
-        """An unopened transport to the hub.
-
-        Raises:
-            UnknownNameError: the hub is virtual, and needs a robot.
-        """
+        """An unopened transport to the hub. Raises UnknownNameError if the hub is virtual, and needs a robot."""
         if self.medium == "usb":
             from bricksrl.hub.transports.usb import UsbTransport
 
@@ -54,11 +50,7 @@ class HubAddress:
 
 
 def parse_hub(text: str) -> HubAddress:
-    """Parse the address of a hub.
-
-    Raises:
-        UnknownNameError: there is no such kind of hub.
-    """
+    """Parse the address of a hub. Raises UnknownNameError if there is no such kind of hub."""
     medium, colon, which = text.partition(":")
     if medium == VIRTUAL and not colon:
         return HubAddress(VIRTUAL)

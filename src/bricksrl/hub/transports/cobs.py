@@ -37,11 +37,7 @@ def encode(message: bytes) -> bytes:
 
 
 def decode(frame: bytes) -> bytes:
-    """Decode a frame, given without its end, into a message.
-
-    Raises:
-        HubProtocolError: the frame is invalid.
-    """
+    """Decode a frame, given without its end, into a message. Raises HubProtocolError if the frame is invalid."""
     data = bytes(byte ^ _XOR for byte in frame.removeprefix(bytes((_HIGH_PRIORITY,))))
     out = bytearray()
     at = 0
@@ -68,11 +64,7 @@ def _parse_code(code: int) -> tuple[int | None, int]:
 
 
 class Framer:
-    """Splitter of a stream into frames. Overlong input is dropped up to the next end.
-
-    Attributes:
-        damaged: number of invalid frames.
-    """
+    """Splitter of a stream into frames. Overlong input is dropped up to the next end. ``damaged``: number of invalid frames."""
 
     def __init__(self, longest_bytes: int = 2048) -> None:
         self.damaged = 0

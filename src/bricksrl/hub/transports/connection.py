@@ -116,11 +116,7 @@ class HubConnection:
         return f"{self.identity.address} slot {self.status.slot}"
 
     async def connect(self) -> None:
-        """Connect, identify the hub, and subscribe to its reports.
-
-        Raises:
-            HubError: the subclass and the message give the reason.
-        """
+        """Connect, identify the hub, and subscribe to its reports. Raises a subclass of HubError with the reason."""
         self._loss = None
         try:
             async with asyncio.timeout(self._connect_timeout_s):

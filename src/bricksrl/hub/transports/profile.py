@@ -31,13 +31,7 @@ LEGO_COMPANY_ID = 0x0397
 STATUS_PERIOD_S = 0.5
 """Period of a hub's status reports; changes are reported at once."""
 
-_PRODUCT_IDS = {
-    0x40: HubKind.MOVE,
-    0x41: HubKind.CITY,
-    0x80: HubKind.TECHNIC,
-    0x81: HubKind.PRIME,
-    0x83: HubKind.ESSENTIAL,
-}
+_PRODUCT_IDS = {0x40: HubKind.MOVE, 0x41: HubKind.CITY, 0x80: HubKind.TECHNIC, 0x81: HubKind.PRIME, 0x83: HubKind.ESSENTIAL}
 _STATUS_REPORT = struct.Struct("<I")
 _CAPABILITIES = struct.Struct("<HIIB")
 _DATA_HEAD = struct.Struct("<BI")
@@ -158,11 +152,7 @@ class AppData:
 
 
 def parse_event(data: bytes) -> StatusReport | Stdout | AppData | None:
-    """Event in a notification; ``None`` for an unknown event.
-
-    Raises:
-        HubProtocolError: the notification is truncated.
-    """
+    """Event in a notification; ``None`` for an unknown event. Raises HubProtocolError if the notification is truncated."""
     if not data:
         raise HubProtocolError("a notification of the hub is empty; update its firmware on code.pybricks.com")
     kind, payload = data[0], data[1:]
@@ -179,11 +169,7 @@ def parse_event(data: bytes) -> StatusReport | Stdout | AppData | None:
 
 
 def parse_capabilities(data: bytes) -> Capabilities:
-    """Parse the value of the capabilities characteristic.
-
-    Raises:
-        HubProtocolError: the value is too short.
-    """
+    """Parse the value of the capabilities characteristic. Raises HubProtocolError if the value is too short."""
     if len(data) < _CAPABILITIES.size - 1:
         raise HubProtocolError(f"the hub's capabilities have {len(data)} bytes; update its firmware on code.pybricks.com")
     max_write, features, max_program, slots = _CAPABILITIES.unpack_from(data + b"\0")
@@ -191,11 +177,8 @@ def parse_capabilities(data: bytes) -> Capabilities:
 
 
 def parse_version(data: bytes) -> tuple[int, int]:
-    """Major and minor version from the profile version characteristic, e.g. ``b"1.5.0"``.
-
-    Raises:
-        HubProtocolError: the value is no version.
-    """
+    """Major and minor version from the profile version characteristic, e.g. ``b"1.5.0"``. Raises HubProtocolError if the value is
+    no version."""
     found = re.match(rb"(\d+)\.(\d+)", data)
     if found is None:
         raise HubProtocolError(f"the hub's profile version is {data!r}; update its firmware on code.pybricks.com")
@@ -203,11 +186,7 @@ def parse_version(data: bytes) -> tuple[int, int]:
 
 
 def parse_hub_kind(pnp_id: bytes) -> HubKind:
-    """Kind of hub from its plug-and-play id.
-
-    Raises:
-        HubProtocolError: the id is not that of a known hub.
-    """
+    """Kind of hub from its plug-and-play id. Raises HubProtocolError if the id is not that of a known hub."""
     try:
         _, vendor, product, _ = struct.unpack("<BHHH", pnp_id)
     except struct.error:

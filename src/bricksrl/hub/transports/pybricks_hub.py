@@ -129,11 +129,8 @@ class ProfileTransport(ABC):
         return self._require_connection().output.read(timeout_s)
 
     def stop(self) -> None:
-        """Stop the program, and with it the motors. If the link is lost, the hub does so by itself.
-
-        Raises:
-            HubError: the hub does not answer, or does not stop.
-        """
+        """Stop the program, and with it the motors. If the link is lost, the hub does so by itself. Raises HubError if the hub
+        does not answer, or does not stop."""
         connection = self._connection
         if connection is None or not connection.is_connected:
             return

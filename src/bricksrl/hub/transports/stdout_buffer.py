@@ -51,11 +51,8 @@ class Output:
             raise self._end(self._reason)
 
     def read(self, timeout_s: float) -> bytes:
-        """All unread output, as soon as there is some; ``b""`` if none came in time.
-
-        Raises:
-            HubError: the program or the link has ended; see above.
-        """
+        """All unread output, as soon as there is some; ``b""`` if none came in time. Raises HubError if the program or the link
+        has ended; see above."""
         with self._changed:
             self._changed.wait_for(lambda: self._data or self._end is not None, timeout_s)
             if self._data or self._end is None:

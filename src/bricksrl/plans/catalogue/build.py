@@ -41,10 +41,10 @@ def places_of(text: str) -> list[Triple]:
     return [(x, y, z) for x, y, z in numbers]
 
 
-def tubes(where: Iterable[Site], wall: float = WALL_RADIUS) -> tuple[Solid, ...]:
+def tubes(where: Iterable[Site]) -> tuple[Solid, ...]:
     """A tube around each hole, a round bar for each pin and axle."""
     return tuple(
-        cylinder(site.centre, site.axis, site.length, PIN_RADIUS if site.fit.is_male else wall)
+        cylinder(site.centre, site.axis, site.length, PIN_RADIUS if site.fit.is_male else WALL_RADIUS)
         for site in where
         if site.fit not in _WITHOUT_SOLIDS
     )
@@ -70,8 +70,6 @@ def part(
     more: tuple[Solid, ...] = (),
     source: MassSource = MassSource.VOLUME,
     aliases: tuple[str, ...] = (),
-    bricklink: str = "",
-    rebrickable: str = "",
     turning: tuple[Solid, ...] = (),
     gears: tuple[Gear, ...] = (),
     device: Device | None = None,
@@ -79,7 +77,7 @@ def part(
     wheel_mm: float = 0.0,
     is_loose: bool = False,
 ) -> Part:
-    """A part; by default its solids are tubes around its sites, and its numbers in shops are the LDraw number."""
+    """A part; by default its solids are tubes around its sites."""
     return Part(
         number,
         name,
@@ -88,8 +86,6 @@ def part(
         (*(tubes(site for site in where if not site.turns) if solids is None else solids), *more),
         mass_g,
         source,
-        bricklink or number,
-        rebrickable or number,
         aliases,
         turning,
         gears,

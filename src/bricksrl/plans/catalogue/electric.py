@@ -150,16 +150,7 @@ def _motor(
 ) -> Part:
     device = Device(DeviceKind.MOTOR, kind, (0.0, 0.0, rear), _SPIKE_CABLE_MM, shaft=shaft)
     return part(
-        number,
-        name,
-        "motors",
-        mass_g,
-        where,
-        solids=solids,
-        turning=turning,
-        device=device,
-        aliases=aliases,
-        source=_ESTIMATE,
+        number, name, "motors", mass_g, where, solids=solids, turning=turning, device=device, aliases=aliases, source=_ESTIMATE
     )
 
 

@@ -105,8 +105,7 @@ class Mechanism:
     """The mechanism of a robot.
 
     Attributes:
-        ratios: [hinges, motors], turns of a hinge's child about its axis per turn of a motor's shaft about its outward
-            direction,
+        ratios: [hinges, motors], turns of a hinge's child about its axis per turn of a motor's shaft about its outward direction,
             in the plan's position; motors in the order of ``ports``.
         ports: of the motors.
         gears: meshing gears.
@@ -134,11 +133,7 @@ class Mechanism:
 
 
 def mechanism(plan: Plan, bodies: Bodies) -> Mechanism:
-    """The mechanism of a plan from its rigid bodies.
-
-    Raises:
-        PlanError: there are too many bodies to be one robot.
-    """
+    """The mechanism of a plan from its rigid bodies. Raises PlanError if there are too many bodies to be one robot."""
     if len(bodies.members) > MAX_BODIES:
         raise PlanError(f"{plan.path} has {len(bodies.members)} bodies; run `bricksrl plan check` on it and connect them")
     motions = bodies.motions()

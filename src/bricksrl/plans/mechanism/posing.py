@@ -47,11 +47,7 @@ def turning(axis: Floats, point: Floats, angle: float) -> Motion:
 
 
 class Poser:
-    """Poses of the bodies of an articulation.
-
-    Attributes:
-        free: indices of the swings outside of loops.
-    """
+    """Poses of the bodies of an articulation. ``free``: indices of the swings outside of loops."""
 
     def __init__(self, made: Articulation) -> None:
         self._made = made

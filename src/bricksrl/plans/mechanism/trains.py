@@ -51,11 +51,8 @@ class Train:
 
 
 def trains(made: Mechanism, path: str) -> tuple[Train, ...]:
-    """The train of each motor, in the order of the mechanism's ports.
-
-    Raises:
-        PlanError: two motors drive the same thing, or a gear drives a rack.
-    """
+    """The train of each motor, in the order of the mechanism's ports. Raises PlanError if two motors drive the same thing, or a
+    gear drives a rack."""
     beside: dict[int, list[tuple[int, int, int]]] = defaultdict(list)
     for pair in made.gears:
         if GearForm.RACK in pair.forms:

@@ -65,11 +65,7 @@ class FleetLoop(RunLoop):
     _ended_s: float = 0.0
 
     def reset(self) -> TensorDictBase | None:
-        """Start the robots and wait for the first one; the others follow.
-
-        Raises:
-            HubError: no robot can be reached.
-        """
+        """Start the robots and wait for the first one; the others follow. Raises HubError if no robot can be reached."""
         self._start()
         with self.signals.at_once():
             while not any(member.state is RobotState.ACTING for member in self.env.members):

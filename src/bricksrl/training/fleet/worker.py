@@ -29,11 +29,7 @@ class _FleetEnded(BaseException):
 
 
 class Worker:
-    """One robot: messages in, frames out.
-
-    Attributes:
-        send: sends a message to the fleet; set after construction.
-    """
+    """One robot: messages in, frames out. ``send``: sends a message to the fleet; set after construction."""
 
     send: Callable[..., None]
 
@@ -132,11 +128,7 @@ class Worker:
         self._take("placed")
 
     def _take(self, wanted: str | None = None) -> tuple[str, Any]:
-        """The next message, of a given kind.
-
-        Raises:
-            _FleetEnded: the fleet ended.
-        """
+        """The next message, of a given kind. Raises _FleetEnded if the fleet ended."""
         while True:
             message = self._inbox.get()
             if message[0] == END[0]:

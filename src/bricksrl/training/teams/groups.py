@@ -56,11 +56,8 @@ class TeamSettings:
 
 
 class GroupLearner:
-    """A learning group.
-
-    Attributes:
-        policy: ``(group, "observation")`` to ``(group, "action")``; explores under ``ExplorationType.RANDOM``.
-    """
+    """A learning group. ``policy``: ``(group, "observation")`` to ``(group, "action")``; explores under
+    ``ExplorationType.RANDOM``."""
 
     policy: TensorDictModule
 
@@ -242,11 +239,8 @@ def by_copy(scripts: Sequence[Script]) -> Script:
 
 
 def make_group(env: EnvBase, group: str, agent: TeamAgent, settings: TeamSettings) -> GroupLearner:
-    """The learner of a group. Initialized from torch's global generator.
-
-    Raises:
-        DescriptionError: there is no such group or agent.
-    """
+    """The learner of a group. Initialized from torch's global generator. Raises DescriptionError if there is no such group or
+    agent."""
     if group not in env.task.groups:
         raise DescriptionError(f"{env.task.id} has no group '{group}'; it has {', '.join(env.task.groups)}")
     low, high = (torch.tensor([getattr(entry, end) for entry in env.task.entries]) for end in ("low", "high"))
@@ -260,11 +254,7 @@ def make_group(env: EnvBase, group: str, agent: TeamAgent, settings: TeamSetting
 
 def team_policy(env: EnvBase, learners: Mapping[str, GroupLearner], scripts: Mapping[str, str]) -> TensorDictSequential:
     """Policy of all robots: of learning groups, and scripts of the others: a name, "random", or several separated by commas for
-    the copies in turn.
-
-    Raises:
-        DescriptionError: a group has neither, or there is no such script.
-    """
+    the copies in turn. Raises DescriptionError if a group has neither, or there is no such script."""
     known = {"random": uniform(2), **env.task.scripts}
     parts = []
     for group in env.task.groups:

@@ -54,11 +54,7 @@ class TeamProgress:
 
 @dataclass
 class Team:
-    """Trained groups.
-
-    Attributes:
-        policy: of all robots; explores under ``ExplorationType.RANDOM``.
-    """
+    """Trained groups. ``policy``: of all robots; explores under ``ExplorationType.RANDOM``."""
 
     config: TeamConfig
     settings: TeamSettings
@@ -76,11 +72,7 @@ class Team:
 
 
 def load_team(path: Path, scripts: Mapping[str, str] | None = None) -> Team:
-    """Load a team, optionally against other scripts.
-
-    Raises:
-        CheckpointError: it is damaged or no team.
-    """
+    """Load a team, optionally against other scripts. Raises CheckpointError if it is damaged or no team."""
     from bricksrl.envs.arenas import make_arena
     from bricksrl.training.checkpoint import load_checkpoint
     from bricksrl.training.teams.groups import TeamSettings
@@ -108,11 +100,8 @@ def _fresh(env: EnvBase, config: TeamConfig, settings: TeamSettings) -> Team:
 def train_team(
     config: TeamConfig, settings: TeamSettings | None = None, on_progress: Callable[[TeamProgress], None] = lambda _: None
 ) -> Team:
-    """Train the groups of a config; reproducible.
-
-    Raises:
-        UnknownNameError, DescriptionError: there is no such arena, group, agent or script.
-    """
+    """Train the groups of a config; reproducible. Raises UnknownNameError or DescriptionError if there is no such arena, group,
+    agent or script."""
     from bricksrl.envs.arenas import make_arena
     from bricksrl.training.seeding import reproducible
     from bricksrl.training.teams.groups import TeamSettings
@@ -170,14 +159,9 @@ class TeamEpisode:
     returns: dict[str, float]
 
 
-def play_team(
-    env: EnvBase, policy: TensorDictModuleBase, episodes: int, seed: int, on_step: Callable[[], None] = lambda: None
-) -> list[TeamEpisode]:
-    """Run episodes in an arena with its hubs; episode ``k`` depends on ``seed``, ``k`` and the policy only.
-
-    Raises:
-        HubError: a link broke.
-    """
+def play_team(env: EnvBase, policy: TensorDictModuleBase, episodes: int, seed: int) -> list[TeamEpisode]:
+    """Run episodes in an arena with its hubs; episode ``k`` depends on ``seed``, ``k`` and the policy only. Raises HubError if a
+    link broke."""
     import torch
     from torchrl.envs.utils import ExplorationType, set_exploration_type
 
@@ -190,7 +174,6 @@ def play_team(
             while True:
                 frame = env.step(policy(state))
                 length += 1
-                on_step()
                 if bool(frame["next", "link_lost"]):
                     raise env.link_error
                 for group in returns:

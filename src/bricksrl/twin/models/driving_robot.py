@@ -56,11 +56,8 @@ class _Frame:
 
 
 def driving_robot(robot: Robot, scene: Scene) -> mujoco.MjSpec:
-    """Model of the robot in its scene.
-
-    Raises:
-        TwinError: the robot has no drive base, or its wheels are too small or too close together for its motors.
-    """
+    """Model of the robot in its scene. Raises TwinError if the robot has no drive base, or its wheels are too small or too close
+    together for its motors."""
     base = robot.drive_base
     if base is None:
         raise TwinError(f"robot '{robot.name}' has neither a MuJoCo model nor a drive base; give Robot(..., model=...)")

@@ -104,12 +104,7 @@ def medium_motor() -> Part:
     collar = cylinder(10.8, 33, bevel=0.6).along(Y_AXIS)
     holes = [discs(2.5, 32.2).along(Y_AXIS).at(x, 0, z) for x in (-16, -40) for z in (-7,)]
     ours = Part(
-        (
-            ("white", merge([front, housing])),
-            ("dark_grey", merge([cap, collar])),
-            ("light_grey", stripe),
-            ("dim", merge(holes)),
-        )
+        (("white", merge([front, housing])), ("dark_grey", merge([cap, collar])), ("light_grey", stripe), ("dim", merge(holes)))
     )
     return dressed("motor", "white", ours)
 
@@ -153,13 +148,7 @@ def ultrasonic_sensor() -> Part:
     membrane = turned([(0, 1.6), (3.5, 1.2), (7.8, 0), (7.8, -1), (0, -1)], 24).along(X_AXIS)
     membranes = [membrane.at(11.2, side * 15.5, 0) for side in (1, -1)]
     pupils = [cylinder(2.6, 1.0, bevel=0.3).along(X_AXIS).at(12.6, side * 15.5, 0) for side in (1, -1)]
-    ours = Part(
-        (
-            ("white", merge([case, *rims])),
-            ("black", merge([face, *pupils])),
-            ("dim", merge(membranes)),
-        )
-    )
+    ours = Part((("white", merge([case, *rims])), ("black", merge([face, *pupils])), ("dim", merge(membranes))))
     return dressed("ultrasonic", "white", ours)
 
 

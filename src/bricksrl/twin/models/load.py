@@ -17,12 +17,8 @@ from bricksrl.twin.scene import Scene
 
 
 def load_model(robot: Robot, scene: Scene) -> mujoco.MjSpec:
-    """Model of the robot in its scene.
-
-    Raises:
-        TwinError: the description has neither a model nor a drive base, or the model cannot be loaded or does not match the
-            robot.
-    """
+    """Model of the robot in its scene. Raises TwinError if the description has neither a model nor a drive base, or the model
+    cannot be loaded or does not match the robot."""
     place = robot.model or robot.plan
     if place is None:
         spec = driving_robot(robot, scene)

@@ -85,11 +85,8 @@ def box(length: float, width: float, height: float, radius: float = 0.6, arc: in
 
 
 def turned(profile: Sequence[tuple[float, float]], segments: int = 32) -> Shape:
-    """Solid of revolution about z.
-
-    Args:
-        profile: (radius, z) from the top of the axis outwards and down to its bottom; all edges are sharp.
-    """
+    """Solid of revolution about z. ``profile``: (radius, z) from the top of the axis outwards and down to its bottom; all edges
+    are sharp."""
     parts, angles = [], np.linspace(0.0, 2 * math.pi, segments, endpoint=False)
     for (radius_0, z_0), (radius_1, z_1) in itertools.pairwise(profile):
         slope = np.array([z_0 - z_1, radius_1 - radius_0])

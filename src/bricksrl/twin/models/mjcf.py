@@ -79,13 +79,7 @@ def set_options(spec: mujoco.MjSpec) -> None:
 
 
 def add_motor(
-    spec: mujoco.MjSpec,
-    joint: mujoco.MjsJoint,
-    port: str,
-    kind: MotorKind,
-    *,
-    gear: float = 1.0,
-    train_friction_nm: float = 0.0,
+    spec: mujoco.MjSpec, joint: mujoco.MjsJoint, port: str, kind: MotorKind, *, gear: float = 1.0, train_friction_nm: float = 0.0
 ) -> None:
     """Add a voltage-driven motor to a joint. MuJoCo's dcmotor assumes equal motor constants, an error of 25 % here.
 

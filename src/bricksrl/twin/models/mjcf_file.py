@@ -26,11 +26,8 @@ _CHASE_DISTANCE_M = 0.5
 
 
 def from_file(path: Path, robot: Robot, scene: Scene) -> mujoco.MjSpec:
-    """Model in an MJCF file, with the robot's motors and sensors, in its scene.
-
-    Raises:
-        TwinError: the file cannot be read, is no MJCF, or lacks a joint or a site of the description.
-    """
+    """Model in an MJCF file, with the robot's motors and sensors, in its scene. Raises TwinError if the file cannot be read, is
+    no MJCF, or lacks a joint or a site of the description."""
     if not path.is_file():
         raise TwinError(f"there is no model {path} of robot '{robot.name}'; give the path of an MJCF file")
     try:

@@ -145,15 +145,7 @@ def _add_hull(spec: mujoco.MjSpec, planned: PlannedRobot, number: int, body: muj
     kept = hull[np.unique(np.round(hull / 0.002), axis=0, return_index=True)[1]]
     name = f"hull_{number}"
     spec.add_mesh(name=name, uservert=kept.ravel().tolist(), inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL)
-    body.add_geom(
-        name=name,
-        type=mujoco.mjtGeom.mjGEOM_MESH,
-        meshname=name,
-        mass=0,
-        group=SHAPE_GROUP,
-        contype=1,
-        conaffinity=0,
-    )
+    body.add_geom(name=name, type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name, mass=0, group=SHAPE_GROUP, contype=1, conaffinity=0)
 
 
 def _rolling(planned: PlannedRobot) -> list[Wheel]:

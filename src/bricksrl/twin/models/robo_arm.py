@@ -67,11 +67,8 @@ _JOINTS = {
 
 
 def build(robot: Robot, scene: Scene) -> mujoco.MjSpec:
-    """Model of the robot in its scene.
-
-    Raises:
-        TwinError: the description is not that of a RoboArm, or the scene has a wall or turns the robot.
-    """
+    """Model of the robot in its scene. Raises TwinError if the description is not that of a RoboArm, or the scene has a wall or
+    turns the robot."""
     if {motor.name for motor in robot.motors} != set(_JOINTS):
         raise TwinError(f"robot '{robot.name}' is not a RoboArm: it needs the motors {', '.join(_JOINTS)}")
     if scene.wall_distance_mm is not None or scene.heading_deg != (0.0, 0.0):
@@ -100,13 +97,7 @@ def build(robot: Robot, scene: Scene) -> mujoco.MjSpec:
 
 
 def _add_joint(
-    spec: mujoco.MjSpec,
-    parent: mujoco.MjsBody,
-    motor: Motor,
-    name: str,
-    position: Triple,
-    axis: Triple,
-    tilt_deg: float = 0.0,
+    spec: mujoco.MjSpec, parent: mujoco.MjsBody, motor: Motor, name: str, position: Triple, axis: Triple, tilt_deg: float = 0.0
 ) -> mujoco.MjsBody:
     """Add a body on a driven joint, with backlash, tilted forward by an angle at the start."""
     joint, half = _JOINTS[motor.name], math.radians(tilt_deg) / 2

@@ -14,12 +14,7 @@ _PREFIX = "rod_"
 
 
 def add_rod(
-    spec: mujoco.MjSpec,
-    name: str,
-    near: tuple[mujoco.MjsBody, Triple],
-    far: tuple[mujoco.MjsBody, Triple],
-    *,
-    mass_kg: float,
+    spec: mujoco.MjSpec, name: str, near: tuple[mujoco.MjsBody, Triple], far: tuple[mujoco.MjsBody, Triple], *, mass_kg: float
 ) -> mujoco.MjsBody:
     """Join two bodies, each given with its pin's position, by a rod of the pins' distance in the initial configuration.
 

@@ -21,11 +21,8 @@ _FRICTION = 0.4
 
 
 def add_objects(spec: mujoco.MjSpec, scene: Scene) -> None:
-    """Add the scene's objects to a model, after the robot.
-
-    Raises:
-        TwinError: the scene has solid objects, and the model has a list of contact pairs without them.
-    """
+    """Add the scene's objects to a model, after the robot. Raises TwinError if the scene has solid objects, and the model has a
+    list of contact pairs without them."""
     solids = [one for one in scene.objects if isinstance(one, (Wall, Block, Ramp))]
     if solids and len(spec.pairs):
         raise TwinError("this robot touches nothing but the floor and the scene's wall; omit walls, blocks and ramps")

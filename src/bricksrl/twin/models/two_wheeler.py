@@ -35,11 +35,7 @@ _TYRE_HALF_WIDTH = 0.007
 
 
 def build(robot: Robot, scene: Scene) -> mujoco.MjSpec:
-    """Model of the robot in its scene.
-
-    Raises:
-        TwinError: the description is not that of a 2Wheeler.
-    """
+    """Model of the robot in its scene. Raises TwinError if the description is not that of a 2Wheeler."""
     base = robot.drive_base
     sensors = [sensor for sensor in robot.sensors if isinstance(sensor, UltrasonicSensor)]
     if base is None or len(sensors) != 1:

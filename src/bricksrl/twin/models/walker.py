@@ -59,11 +59,7 @@ _CORNERS = {
 
 
 def build(robot: Robot, scene: Scene) -> mujoco.MjSpec:
-    """Model of the robot in its scene.
-
-    Raises:
-        TwinError: the description is not that of a Walker.
-    """
+    """Model of the robot in its scene. Raises TwinError if the description is not that of a Walker."""
     sensors = [sensor for sensor in robot.sensors if isinstance(sensor, UltrasonicSensor)]
     if {motor.name for motor in robot.motors} != set(_CORNERS) or len(sensors) != 1:
         raise TwinError(f"robot '{robot.name}' is not a Walker: it needs the motors {', '.join(_CORNERS)}, one ultrasonic sensor")

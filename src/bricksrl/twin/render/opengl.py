@@ -158,11 +158,7 @@ class VideoWriter:
         self._size: tuple[int, ...] = ()
 
     def add(self, frame: Image) -> None:
-        """Add an image, uint8 [height, width, 3].
-
-        Raises:
-            TwinError: its size differs from the first one's.
-        """
+        """Add an image, uint8 [height, width, 3]. Raises TwinError if its size differs from the first one's."""
         if self._file is None:
             self._open(frame)
         if frame.shape != self._size or frame.dtype != np.uint8:
@@ -216,7 +212,7 @@ class VideoWriter:
 
 
 def write_video(path: str | Path, frames: Iterable[Image], fps: float) -> Path:
-    """Write images as an mp4; see :class:`VideoWriter`.
+    """Write images as an mp4; see :class:`VideoWriter`. Raises TwinError if there are no frames, or they differ in size.
 
     Args:
         path: path of the file; its folder is created.
@@ -225,9 +221,6 @@ def write_video(path: str | Path, frames: Iterable[Image], fps: float) -> Path:
 
     Returns:
         The path.
-
-    Raises:
-        TwinError: there are no frames, or they differ in size.
     """
     with VideoWriter(path, fps) as video:
         for frame in frames:

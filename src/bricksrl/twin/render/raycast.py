@@ -22,7 +22,7 @@ Image = NDArray[np.uint8]
 
 
 class RayCaster:
-    """Ray caster of a body, as seen by one of its cameras.
+    """Ray caster of a body, as seen by one of its cameras. Raises TwinError if there is no such camera, or a size is invalid.
 
     With a fixed camera, the static background is cast once; after that, only rays that moving geometry may hit.
 
@@ -31,9 +31,6 @@ class RayCaster:
         width, height: size of the image in pixels.
         camera: name of a camera.
         spot_px: side of the square of pixels per ray.
-
-    Raises:
-        TwinError: there is no such camera, or a size is invalid.
     """
 
     def __init__(self, body: MujocoBody, width: int, height: int, camera: str, spot_px: int = 5) -> None:

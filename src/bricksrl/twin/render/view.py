@@ -46,11 +46,7 @@ def is_opaque(model: mujoco.MjModel, shown: NDArray[np.uint8]) -> bool:
 
 
 class MovingParts:
-    """Part of a fixed camera's image that moving geometry may cover.
-
-    Args:
-        shown: flags of the geometry groups that are drawn.
-    """
+    """Part of a fixed camera's image that moving geometry may cover. ``shown``: flags of the geometry groups that are drawn."""
 
     def __init__(self, model: mujoco.MjModel, camera: int, width: int, height: int, shown: NDArray[np.uint8]) -> None:
         self._camera, self._width, self._height = camera, width, height

@@ -61,11 +61,7 @@ HIDDEN_NAMES = frozenset(["__class__", "__init__"]).union(_FIRST_ARGUMENT, *_HID
 
 
 def visible_attribute(value: Any, name: str) -> Any:
-    """``value.name`` for a name that a hub's type may lack.
-
-    Raises:
-        AttributeError: as on the hub.
-    """
+    """``value.name`` for a name that a hub's type may lack. Raises AttributeError as on the hub."""
     if isinstance(value, type):
         owner, message = value, f"type object '{value.__name__}' has no attribute '{name}'"
     else:
@@ -88,11 +84,7 @@ _FIRMWARE = "bricksrl."
 
 
 def store_attribute(value: Any, owner: Any, name: str) -> None:
-    """``owner.name = value``; fails for functions, modules, types and firmware objects.
-
-    Raises:
-        AttributeError: as on the hub.
-    """
+    """``owner.name = value``; fails for functions, modules, types and firmware objects. Raises AttributeError as on the hub."""
     kind = type(owner)
     is_closed = (
         kind is FunctionType
@@ -127,11 +119,7 @@ _KINDS_WITHOUT_KEYWORDS = frozenset([bool, complex, enumerate, HubSet, list, map
 
 
 def with_keywords(function: Any) -> Any:
-    """A callable that accepts keyword arguments, which few builtins do.
-
-    Raises:
-        TypeError: it accepts none.
-    """
+    """A callable that accepts keyword arguments, which few builtins do. Raises TypeError if it accepts none."""
     if isinstance(function, FunctionType):
         code = function.__code__
         takes_some = (

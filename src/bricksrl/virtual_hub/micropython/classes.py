@@ -12,11 +12,7 @@ _UNUSED = ("__setattr__", "__delattr__", "__getattribute__", "__del__", "__get__
 
 
 def build_class(body: Any, class_name: str, *bases: Any, **keywords: Any) -> Any:
-    """Implementation of the ``class`` statement.
-
-    Raises:
-        NotImplementedError: there are several bases.
-    """
+    """Implementation of the ``class`` statement. Raises NotImplementedError if there are several bases."""
     if len(bases) > 1:
         raise NotImplementedError("multiple inheritance not supported")
     made = builtins.__build_class__(body, class_name, *bases, **keywords)

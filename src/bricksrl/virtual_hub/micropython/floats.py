@@ -42,11 +42,8 @@ def read_digits(digits: int, exponent: int) -> float:
 
 
 def read_float(text: str) -> float:
-    """Parse a float as a hub does: digits that fit into 32 bits, then :func:`scaled`.
-
-    Raises:
-        ValueError: the text is not a number.
-    """
+    """Parse a float as a hub does: digits that fit into 32 bits, then :func:`scaled`. Raises ValueError if the text is not a
+    number."""
     value = float(text)
     unsigned = text.strip().lstrip("+-").replace("_", "")
     match = _DECIMAL.fullmatch(unsigned)

@@ -20,11 +20,7 @@ _SPEC = re.compile(
 
 
 def to_number(value: Any, kind: str) -> Any:
-    """A number; of an object, the result of ``__int__`` or ``__float__``.
-
-    Raises:
-        TypeError: it is not a number.
-    """
+    """A number; of an object, the result of ``__int__`` or ``__float__``. Raises TypeError if it is not a number."""
     if isinstance(value, int | float):
         return value
     convert = getattr(type(value), f"__{kind}__", None)

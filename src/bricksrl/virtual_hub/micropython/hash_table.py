@@ -25,11 +25,7 @@ _FREE, _DELETED = _Mark(), _Mark()
 
 
 def hash_of(value: Any) -> int | None:
-    """``hash(value)`` on a hub; ``None`` if it is the address.
-
-    Raises:
-        TypeError: the value is unhashable.
-    """
+    """``hash(value)`` on a hub; ``None`` if it is the address. Raises TypeError if the value is unhashable."""
     kind = type(value)
     if getattr(kind, "hash_is_address", False):
         return None
@@ -72,11 +68,7 @@ def _float_hash(value: float) -> int:
 
 
 class HashTable:
-    """Keys in slots. The owner knows which keys exist, and adds none twice.
-
-    Args:
-        size: initial number of slots.
-    """
+    """Keys in slots. The owner knows which keys exist, and adds none twice. ``size``: initial number of slots."""
 
     __slots__ = ("_added", "_hashes", "slots")
 
@@ -116,11 +108,7 @@ class HashTable:
         self.slots[place] = _FREE if after is _FREE else _DELETED
 
     def first(self) -> Any:
-        """The first key.
-
-        Raises:
-            StopIteration: there is none.
-        """
+        """The first key. Raises StopIteration if there is none."""
         return next(iter(self))
 
     def drop_first(self) -> Any:

@@ -25,12 +25,7 @@ _NO_KEY = object()
 
 
 def read_json(source: str) -> Any:
-    """Parse JSON.
-
-    Raises:
-        ValueError: as on the hub.
-        OverflowError: a number needs more than 31 bits.
-    """
+    """Parse JSON. Raises ValueError as on the hub, OverflowError if a number needs more than 31 bits."""
     parents: list[Any] = []
     top: Any = None
     key: Any = _NO_KEY

@@ -62,18 +62,7 @@ def math_module() -> ModuleType:
 
     names: dict[str, Any] = {
         name: rounded(getattr(math, name))
-        for name in [
-            "sin",
-            "asin",
-            "cos",
-            "acos",
-            "tan",
-            "atan",
-            "exp",
-            "sqrt",
-            "fabs",
-            *_OF_TWO,
-        ]
+        for name in ["sin", "asin", "cos", "acos", "tan", "atan", "exp", "sqrt", "fabs", *_OF_TWO]
     }
     names.update({name: getattr(math, name) for name in ("isfinite", "isinf", "isnan")})
     names["degrees"] = lambda x, /: to_single(_as_float(x) * _DEGREES)

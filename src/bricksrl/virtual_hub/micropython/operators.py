@@ -25,11 +25,7 @@ _LARGEST = 3.4028234663852886e38
 
 
 def small(value: int) -> int:
-    """The integer, if a hub can hold it.
-
-    Raises:
-        OverflowError: it needs more than 31 bits.
-    """
+    """The integer, if a hub can hold it. Raises OverflowError if it needs more than 31 bits."""
     if SMALL_MIN <= value <= SMALL_MAX:
         return value
     raise OverflowError("small int overflow")

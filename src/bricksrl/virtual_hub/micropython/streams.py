@@ -7,11 +7,7 @@ from typing import Any
 
 
 def as_bytes(value: Any) -> bytes:
-    """Bytes of a buffer or text.
-
-    Raises:
-        TypeError: it is not a buffer.
-    """
+    """Bytes of a buffer or text. Raises TypeError if it is not a buffer."""
     if isinstance(value, str):
         return value.encode()
     if not isinstance(value, bytes | bytearray | memoryview):

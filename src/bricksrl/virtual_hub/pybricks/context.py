@@ -59,11 +59,7 @@ def refusals() -> Iterator[None]:
 
 
 def get_int(value: Any) -> int:
-    """An integer; floats are truncated, as mostly in the firmware.
-
-    Raises:
-        TypeError: it is not a number.
-    """
+    """An integer; floats are truncated, as mostly in the firmware. Raises TypeError if it is not a number."""
     if type(value) is int:
         return value
     if isinstance(value, int | float):
@@ -77,33 +73,21 @@ def percentage(value: Any) -> int:
 
 
 def get_number(value: Any) -> float:
-    """A float.
-
-    Raises:
-        TypeError: it is not a number.
-    """
+    """A float. Raises TypeError if it is not a number."""
     if not isinstance(value, int | float):
         raise TypeError(f"can't convert {type(value).__name__} to float")
     return float(value)
 
 
 def get_text(value: Any) -> str:
-    """Text, or bytes as text.
-
-    Raises:
-        TypeError: it is neither.
-    """
+    """Text, or bytes as text. Raises TypeError if it is neither."""
     if not isinstance(value, str | bytes):
         raise TypeError(f"can't convert '{type(value).__name__}' object to str implicitly")
     return value if isinstance(value, str) else value.decode("latin-1")
 
 
 def get_array(value: Any) -> Sequence[Any]:
-    """A tuple or list, unchanged.
-
-    Raises:
-        TypeError: it is neither.
-    """
+    """A tuple or list, unchanged. Raises TypeError if it is neither."""
     if not isinstance(value, list | tuple):
         raise TypeError(f"object '{type(value).__name__}' isn't a tuple or list")
     return value
@@ -193,11 +177,7 @@ class RunLoop:
         on_close: Callable[[], None] | None = None,
         grain_ms: int = 0,
     ) -> Any:
-        """Wait now, or return an awaitable.
-
-        Args:
-            grain_ms: time between checks; 0 for the next control loop.
-        """
+        """Wait now, or return an awaitable. ``grain_ms``: time between checks; 0 for the next control loop."""
         if self.is_active:
             return Async(is_done, result, on_close)
         while not is_done():

@@ -148,11 +148,7 @@ def tools_module(context: Context, has_display: bool, app_data: type[Any]) -> Mo
 
 
 def _menu(context: Context, entries: tuple[Any, ...]) -> Any:
-    """The entry selected by the left, right and center buttons.
-
-    Raises:
-        TwinError: nobody can press them.
-    """
+    """The entry selected by the left, right and center buttons. Raises TwinError if nobody can press them."""
     machine, display, panel = context.machine, LightMatrix(context), context.machine.panel
     for entry in reversed(entries):
         display.show_symbol(entry)
