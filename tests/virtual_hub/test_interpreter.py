@@ -273,8 +273,8 @@ def test_what_a_hub_lacks_is_missing(name: str) -> None:
 
 def test_memoryview_is_there_only_on_hubs_that_have_it() -> None:
     with pytest.raises(NameError, match="memoryview"):
-        execute("memoryview(b'')", "main.py", Modules({}, lambda: None, has_memoryview=False), Recorder())
-    execute("memoryview(b'')", "main.py", Modules({}, lambda: None, has_memoryview=True), Recorder())
+        execute("memoryview(b'')", "main.py", Modules({}, lambda: None, bool, has_memoryview=False), Recorder())
+    execute("memoryview(b'')", "main.py", Modules({}, lambda: None, bool, has_memoryview=True), Recorder())
 
 
 def test_program_sees_the_words_in_its_own_handlers() -> None:
