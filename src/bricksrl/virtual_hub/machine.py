@@ -98,21 +98,22 @@ class Machine:
     def _advance_towards(self, end_ms: int) -> bool:
         """Advance as far as nothing but physics happens, at most to ``end_ms``; whether there was an alarm."""
         time_ms = self.time_ms
-        press_ms = self.panel.next_ms
+        event_ms = self.panel.next_ms
         if self._is_ahead:
             stop_ms = self.time_ms = time_ms + 1
             self._is_ahead = False
         else:
             next_ms = time_ms - time_ms % CONTROL_LOOP_MS + CONTROL_LOOP_MS
             stop_ms = next_ms if next_ms < end_ms else end_ms
-            if press_ms is not None and press_ms < stop_ms:
-                stop_ms = max(press_ms, time_ms + 1)
+            if event_ms is not None and event_ms < stop_ms:
+                stop_ms = max(event_ms, time_ms + 1)
             alarm_ms = self.alarm_ms
             if alarm_ms is not None and time_ms < alarm_ms < stop_ms:
                 stop_ms = alarm_ms
             self._move_on(stop_ms)
         self.time_ticks = stop_ms * 10 + _AFTER_LOOP_TICKS
-        if press_ms is not None and press_ms <= stop_ms and self.panel.stops(stop_ms) and self.runs_program:
+        if event_ms is not None and event_ms <= stop_ms and self.panel.stops(stop_ms) and self.runs_program:
+            self.time_ms, self.time_ticks, self._is_ahead = stop_ms - 1, stop_ms * 10, True
             raise SystemExit
         if self.alarm_ms is None or stop_ms < self.alarm_ms:
             return False
