@@ -37,14 +37,15 @@ class BenchMotor:
     def step(self, friction_unm: float) -> None:
         """One millisecond."""
         v, i, u = self.speed, self.current, self.voltage
-        torque = friction_unm * max(-1.0, min(1.0, v / _FRICTION_FADES_BELOW_MDEG_S))
+        # Written in the order in which the firmware computes it: the last digit of a drive base's angle tells.
+        fades = _FRICTION_FADES_BELOW_MDEG_S
+        torque = friction_unm if v > fades else -friction_unm if v < -fades else friction_unm * v / fades
         if self.stops is not None:
             beyond = self.angle - max(self.stops[0], min(self.angle, self.stops[1]))
             if beyond:
                 torque += beyond * _STOP_UNM_PER_MDEG + v * _STOP_UNM_PER_MDEG_S
-        self.angle += (
-            v * 0.0009981527613056019 + i * 0.001957577848006867 + u * 0.0002818172865566039 + torque * -9.498678309037282e-05
-        )
+        angle = self.angle + v * 0.0009981527613056019 + i * 0.001957577848006867
+        self.angle = angle + u * 0.0002818172865566039 + torque * -9.498678309037282e-05
         self.speed = v * 0.994653578576391 + i * 3.640640918794361 + u * 0.815657436669528 + torque * -0.18980175337809
         self.current = (
             v * -0.0021977502690683696 + i * 0.6348769647439378 + u * 0.335291816502189 + torque * 0.0002247101788128779

@@ -20,13 +20,16 @@ class Modules(dict[str, ModuleType]):
 
     Attributes:
         tick: called at every turn of a ``while`` loop, so that simulated time passes in one that does not wait.
+        branch: called with what a program branches on, which it returns.
         has_memoryview: whether the hub has that builtin.
         find_module: a module that came along with the program, by its name, or ``None``.
     """
 
-    def __init__(self, modules: dict[str, ModuleType], tick: Callable[[], None], has_memoryview: bool) -> None:
+    def __init__(
+        self, modules: dict[str, ModuleType], tick: Callable[[], None], branch: Callable[[Any], Any], has_memoryview: bool
+    ) -> None:
         super().__init__(modules)
-        self.tick = tick
+        self.tick, self.branch = tick, branch
         self.has_memoryview = has_memoryview
         self.find_module: Callable[[str], HubModule | None] = lambda name: None
 
@@ -46,9 +49,10 @@ def execute(source: str, filename: str, modules: dict[str, ModuleType], console:
     """
     code = compiled(source, filename)
     if isinstance(modules, Modules):
-        tick, has_memoryview = modules.tick, modules.has_memoryview
+        tick, branch, has_memoryview = modules.tick, modules.branch, modules.has_memoryview
     else:
-        tick, has_memoryview = _nothing, True
+        tick, branch = _nothing, _same
+        has_memoryview = True
     names: dict[str, Any] = {"__name__": "__main__"}
 
     def find_module(name: str) -> ModuleType:
@@ -61,7 +65,7 @@ def execute(source: str, filename: str, modules: dict[str, ModuleType], console:
             exec(compiled(beside.source, beside.file), modules[name].__dict__)
         return modules[name]
 
-    names["__builtins__"] = builtin_names(names, find_module, console, tick, has_memoryview)
+    names["__builtins__"] = builtin_names(names, find_module, console, tick, branch, has_memoryview)
     try:
         exec(code, names)
     except Exception as error:
@@ -89,3 +93,7 @@ def format_traceback(error: BaseException, filename: str) -> str:
 
 def _nothing() -> None:
     pass
+
+
+def _same(value: Any) -> Any:
+    return value

@@ -6,6 +6,7 @@ Time is a whole number of milliseconds and passes only in :meth:`Machine.advance
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 from bricksrl.virtual_hub.body import Body, FittingBody
 from bricksrl.virtual_hub.firmware.drive_base import DriveBaseControl
@@ -52,6 +53,12 @@ class Machine:
         self.servos = {motor.port: Servo(motor.kind, motor.port, body, self) for motor in body.robot.motors}
         self.drive_bases: list[DriveBaseControl] = []
         self._calls = 0
+        self._is_ahead = False
+
+    @property
+    def body_ms(self) -> int:
+        """Simulated time at which the body is: the program's, or a millisecond more."""
+        return self.time_ms + self._is_ahead
 
     def plug_in(self, port: str, device: str) -> bool:
         """Whether a body that fits itself to the program has this device on that port now."""
@@ -91,31 +98,62 @@ class Machine:
     def _advance_towards(self, end_ms: int) -> bool:
         """Advance as far as nothing but physics happens, at most to ``end_ms``; whether there was an alarm."""
         time_ms = self.time_ms
-        next_ms = time_ms - time_ms % CONTROL_LOOP_MS + CONTROL_LOOP_MS
-        stop_ms = next_ms if next_ms < end_ms else end_ms
-        press_ms = self.panel.next_ms
-        if press_ms is not None and press_ms < stop_ms:
-            stop_ms = max(press_ms, time_ms + 1)
-        alarm_ms = self.alarm_ms
-        if alarm_ms is not None and time_ms < alarm_ms < stop_ms:
-            stop_ms = alarm_ms
-        self.body.advance_to(stop_ms)
-        self.time_ms = stop_ms
-        if stop_ms == next_ms:
-            self.time_ticks = stop_ms * 10
-            for base in self.drive_bases:
-                base.update()
-            for servo in self.servos.values():
-                servo.update()
-            if self.pace is not None:
-                self.pace.keep(stop_ms)
+        event_ms = self.panel.next_ms
+        if self._is_ahead:
+            stop_ms = self.time_ms = time_ms + 1
+            self._is_ahead = False
+        else:
+            next_ms = time_ms - time_ms % CONTROL_LOOP_MS + CONTROL_LOOP_MS
+            stop_ms = next_ms if next_ms < end_ms else end_ms
+            if event_ms is not None and event_ms < stop_ms:
+                stop_ms = max(event_ms, time_ms + 1)
+            alarm_ms = self.alarm_ms
+            if alarm_ms is not None and time_ms < alarm_ms < stop_ms:
+                stop_ms = alarm_ms
+            self._move_on(stop_ms)
         self.time_ticks = stop_ms * 10 + _AFTER_LOOP_TICKS
-        if press_ms is not None and press_ms <= stop_ms and self.panel.stops(stop_ms) and self.runs_program:
+        if event_ms is not None and event_ms <= stop_ms and self.panel.stops(stop_ms) and self.runs_program:
+            self.time_ms, self.time_ticks, self._is_ahead = stop_ms - 1, stop_ms * 10, True
             raise SystemExit
         if self.alarm_ms is None or stop_ms < self.alarm_ms:
             return False
         self.on_alarm()
         return True
+
+    def _move_on(self, time_ms: int) -> None:
+        """Physics until a time, and the control loop, if it is its time."""
+        self.body.advance_to(time_ms)
+        self.time_ms = time_ms
+        if time_ms % CONTROL_LOOP_MS == 0:
+            self.time_ticks = time_ms * 10
+            for base in self.drive_bases:
+                base.update()
+            for servo in self.servos.values():
+                servo.update()
+            if self.pace is not None:
+                self.pace.keep(time_ms)
+
+    def settle(self) -> None:
+        """Let the rest of the hub catch up with the program, which it has not done yet.
+
+        A program goes on at the beginning of a millisecond, and the rest of the hub does what is due in it only when the program
+        branches for the first time, as it does at each turn of a loop.
+        """
+        time_ms, time_ticks = self.time_ms, self.time_ticks
+        self._move_on(time_ms + 1)
+        self.time_ms, self.time_ticks, self._is_ahead = time_ms, time_ticks, True
+
+    def branch(self, value: Any) -> Any:
+        """What the program branches on, as it is."""
+        if not self._is_ahead:
+            self.settle()
+        return value
+
+    def turn_loop(self) -> None:
+        """One turn of a loop that may not wait."""
+        if not self._is_ahead:
+            self.settle()
+        self.charge_call()
 
     def advance_to_control(self) -> None:
         """Let time pass until the control loop has run once: the grain at which moves end."""

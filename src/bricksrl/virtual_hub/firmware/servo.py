@@ -8,6 +8,7 @@ from typing import Protocol
 
 from bricksrl.robots import Direction, MotorKind
 from bricksrl.virtual_hub.body import Body
+from bricksrl.virtual_hub.firmware.angle import TURN_MDEG, Angle, difference, from_unit, split, to_unit, whole
 from bricksrl.virtual_hub.firmware.clock import Clock
 from bricksrl.virtual_hub.firmware.control import Controller, ControlType, OnCompletion, State
 from bricksrl.virtual_hub.firmware.logger import Logger
@@ -15,7 +16,6 @@ from bricksrl.virtual_hub.firmware.motor_model import MOTOR_TYPES
 from bricksrl.virtual_hub.firmware.observer import Observer
 from bricksrl.virtual_hub.firmware.settings import ControlSettings, servo_settings
 
-_TURN_MDEG = 360_000
 _NONE = ControlType.NONE
 _VOLTAGE = 2
 
@@ -50,7 +50,7 @@ class Servo:
         self.body = body
         self.clock = clock
         self._sign = 1
-        self._zero_mdeg = 0
+        self._set_zero((0, 0))
         self._voltage_mv: int | None = None
         self._max_voltage_mv = self.type.max_voltage_mv
         self.control = Controller(servo_settings(self.type, 1000, 0))
@@ -90,7 +90,7 @@ class Servo:
         """
         self.is_open = False
         if reset_angle:
-            self._zero_mdeg = self._shaft_mdeg() - self._absolute_mdeg()
+            self._set_zero(difference(split(self._shaft_mdeg()), (0, self._absolute_mdeg())))
         if self.is_taken:
             raise OSError(errno.EBUSY, "the motor is in use already")
         self.set_voltage(None)
@@ -128,13 +128,18 @@ class Servo:
         """Angle of the motor's shaft in mdeg, in the direction and from the zero that the program set."""
         return (self.body.angle_mdeg(self.port) - self._zero_mdeg) * self._sign
 
+    def angle(self) -> Angle:
+        """The same as the firmware keeps it."""
+        turns, mdeg = difference(split(self._shaft_mdeg()), self._zero)
+        return turns * self._sign, mdeg * self._sign
+
     def state(self) -> State:
         observer = self.observer
         return State(self.position(), observer.measured_speed, observer.speed, observer.angle)
 
     def angle_deg(self) -> int:
         self.check_open()
-        return self.settings.position_to_unit(self.position())
+        return to_unit(self.angle(), self.settings.steps_per_unit)
 
     def speed_deg_s(self, window_ms: int = 100) -> int:
         """Average speed over the last ``window_ms``. Raises ValueError for a window beyond 300 ms."""
@@ -166,9 +171,12 @@ class Servo:
         voltage = self._voltage_mv
         self.stop(OnCompletion.COAST)
         self.control.reset()
-        new = self._absolute_mdeg() * self._sign if angle_deg is None else self.settings.position_from_unit(angle_deg)
-        self._zero_mdeg = self._shaft_mdeg() - new * self._sign
-        self.observer.reset(new)
+        if angle_deg is None:
+            turns, mdeg = 0, self._absolute_mdeg() * self._sign
+        else:
+            turns, mdeg = from_unit(angle_deg, self.settings.steps_per_unit)
+        self._set_zero(difference(split(self._shaft_mdeg()), (turns * self._sign, mdeg * self._sign)))
+        self.observer.reset(whole((turns, mdeg)))
         if was_active:
             self.stop(then)
         elif voltage is not None:
@@ -319,7 +327,10 @@ class Servo:
 
     def _absolute_mdeg(self) -> int:
         """The angle of the mark on the shaft, clockwise, -180..180 degrees."""
-        return (self._shaft_mdeg() + _TURN_MDEG // 2) % _TURN_MDEG - _TURN_MDEG // 2
+        return (self._shaft_mdeg() + TURN_MDEG // 2) % TURN_MDEG - TURN_MDEG // 2
+
+    def _set_zero(self, zero: Angle) -> None:
+        self._zero, self._zero_mdeg = zero, whole(zero)
 
     def _new_observer(self) -> Observer:
         return Observer(self.type, self.settings.stall_speed, self.settings.stall_time)

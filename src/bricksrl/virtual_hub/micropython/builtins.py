@@ -66,6 +66,7 @@ def builtin_names(
     find_module: Callable[[str], ModuleType],
     console: Console,
     tick: Callable[[], None],
+    branch: Callable[[Any], Any],
     has_memoryview: bool,
 ) -> dict[str, Any]:
     """The namespace behind a program's globals ``names``; ``find_module`` raises ImportError."""
@@ -73,7 +74,9 @@ def builtin_names(
     if has_memoryview:
         result["memoryview"] = memoryview
     result.update(operators(names))
-    result.update({"@tick": tick, "@attr": visible_attribute, "@store": store_attribute, "@keywords": with_keywords})
+    result.update(
+        {"@tick": tick, "@branch": branch, "@attr": visible_attribute, "@store": store_attribute, "@keywords": with_keywords}
+    )
     result.update({"Ellipsis": ..., "__debug__": True, "OSError": HubOSError, "super": HubSuper, "dict": HubDict, "set": HubSet})
     result["__build_class__"] = build_class
     result["__import__"] = _importer(find_module)

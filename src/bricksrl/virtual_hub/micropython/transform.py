@@ -277,10 +277,36 @@ class _Transformer(ast.NodeTransformer):
             node.body.insert(0, ast.copy_location(reword, node))
         return node
 
+    def visit_If(self, node: ast.If) -> ast.AST:
+        self.generic_visit(node)
+        node.test = _call("@branch", node.test, at=node.test)
+        return node
+
+    def visit_IfExp(self, node: ast.IfExp) -> ast.AST:
+        self.generic_visit(node)
+        node.test = _call("@branch", node.test, at=node.test)
+        return node
+
+    def visit_BoolOp(self, node: ast.BoolOp) -> ast.AST:
+        self.generic_visit(node)
+        *first, last = node.values
+        node.values = [*(_call("@branch", value, at=value) for value in first), last]
+        return node
+
     def visit_While(self, node: ast.While) -> ast.AST:
         self.generic_visit(node)
+        if not isinstance(node.test, ast.Constant):
+            node.test = _call("@branch", node.test, at=node.test)
         node.body.insert(0, ast.copy_location(ast.Expr(_call("@tick", at=node)), node))
         return node
+
+    def visit_For(self, node: ast.For) -> ast.AST | list[ast.stmt]:
+        self.generic_visit(node)
+        if not any(isinstance(part, ast.Call) for statement in node.body for part in ast.walk(statement)):
+            return node
+        branch = ast.copy_location(ast.Expr(_call("@branch", ast.Constant(None), at=node)), node)
+        node.body.insert(0, branch)
+        return [node, branch]
 
     def visit_arg(self, node: ast.arg) -> ast.AST:
         node.annotation = None  # the hub's compiler skips annotations, whatever names are in them

@@ -69,7 +69,8 @@ def modules(machine: Machine, console: Console) -> Modules:
     language = _language_modules(machine, console)
     found.update(language)
     found.update({f"u{name}": language[name] for name in _U_PREFIXED if name in language})
-    return Modules(found, machine.charge_call, has_memoryview=hub in (HubKind.PRIME, HubKind.ESSENTIAL))
+    machine.branch(None)
+    return Modules(found, machine.turn_loop, machine.branch, has_memoryview=hub in (HubKind.PRIME, HubKind.ESSENTIAL))
 
 
 def _language_modules(machine: Machine, console: Console) -> dict[str, ModuleType]:

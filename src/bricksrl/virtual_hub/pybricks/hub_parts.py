@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 from collections.abc import Iterator
 from typing import Any
@@ -28,7 +29,7 @@ class _Part:
 
 
 class ColorLight(_Part):
-    """The status light; of an animation, the panel has the first color."""
+    """The status light."""
 
     @charged
     def on(self, color: Any) -> None:
@@ -36,27 +37,37 @@ class ColorLight(_Part):
 
     @charged
     def off(self) -> None:
-        self._panel.light = None
+        self._panel.stop_animation("light")
+        self._lit(None, 0)
 
     @charged
     def blink(self, color: Any, durations: Any) -> None:
-        for _, duration in zip(range(len(durations)), durations, strict=False):
-            if get_int(duration) <= 0:
-                raise ValueError("Invalid argument")
+        durations_ms = [get_int(duration) for _, duration in zip(range(len(durations)), durations, strict=False)]
+        if any(duration <= 0 for duration in durations_ms):
+            raise ValueError("Invalid argument")
         self._show(color)
+        self._play([(None if index % 2 else color, duration) for index, duration in enumerate(durations_ms)])
 
     @charged
     def animate(self, colors: Any, interval: Any) -> None:
         wanted = [color for _, color in zip(range(len(colors)), colors, strict=False)]
         for color in wanted:
             expect_type(color, Color)
-        get_int(interval)
-        for color in wanted[:1]:
-            self._show(color)
+        interval_ms = get_int(interval)
+        self._play([(color, interval_ms) for color in wanted])
+
+    def _play(self, frames: list[tuple[Any, int]]) -> None:
+        if frames:
+            self._panel.animate("light", (self._lit(color, duration_ms) for color, duration_ms in itertools.cycle(frames)))
+
+    def _lit(self, color: Any, duration_ms: int) -> int:
+        self._panel.light = (color.h, color.s, color.v) if color is not None and color.v > 0 else None
+        return duration_ms
 
     def _show(self, color: Any) -> None:
         expect_type(color, Color)
-        self._panel.light = (color.h, color.s, color.v) if color.v > 0 else None
+        self._panel.stop_animation("light")
+        self._lit(color, 0)
 
 
 _SIDE = 5
@@ -65,7 +76,7 @@ _MOST_FRAMES = 255
 
 
 class LightMatrix(_Part):
-    """The display; of an animation, the panel has the first picture. Text takes its time."""
+    """The display. Text takes its time."""
 
     def __init__(self, context: Context) -> None:
         super().__init__(context)
@@ -77,20 +88,22 @@ class LightMatrix(_Part):
 
     @charged
     def icon(self, icon: Any) -> None:
-        self._panel.show(_pixels(icon))
+        self._show(_pixels(icon))
 
     @charged
     def animate(self, icons: Any, interval: Any) -> None:
-        get_int(interval)
+        interval_ms = get_int(interval)
         pictures = get_array(icons)
         if not 2 <= len(pictures) <= _MOST_FRAMES:
             raise ValueError("Invalid argument")
-        first, *_ = [_pixels(picture) for picture in pictures]
-        self._panel.show(first)
+        frames = itertools.cycle([_pixels(picture) for picture in pictures])
+        self._panel.animate("display", (self._panel.show(frame) or interval_ms for frame in frames))
 
     @charged
     def pixel(self, row: Any, column: Any, brightness: Any = _BRIGHTEST) -> None:
         place, value = (get_int(row), get_int(column)), percentage(brightness)
+        if self._panel.stop_animation("display"):
+            self._panel.show([0] * _SIDE**2)
         if all(0 <= x < _SIDE for x in place):
             pixels = list(self._panel.display)
             pixels[place[0] * _SIDE + place[1]] = value
@@ -98,11 +111,11 @@ class LightMatrix(_Part):
 
     @charged
     def on(self, brightness: Any = _BRIGHTEST) -> None:
-        self._panel.show([percentage(brightness)] * _SIDE**2)
+        self._show([percentage(brightness)] * _SIDE**2)
 
     @charged
     def off(self) -> None:
-        self._panel.show([0] * _SIDE**2)
+        self._show([0] * _SIDE**2)
 
     @charged
     def number(self, number: Any) -> None:
@@ -122,7 +135,11 @@ class LightMatrix(_Part):
         else:
             number = get_int(symbol)
             text = ">" if number > 99 else "<" if number < -99 else str(number)
-        self._panel.show([0] * _SIDE**2, text)
+        self._show([0] * _SIDE**2, text)
+
+    def _show(self, pixels: list[int], text: str = "") -> None:
+        self._panel.stop_animation("display")
+        self._panel.show(pixels, text)
 
     @charged
     def text(self, text: Any, on: Any = 500, off: Any = 50) -> Any:
@@ -136,7 +153,7 @@ class LightMatrix(_Part):
             self.show_symbol(char)
             yield from self._pause(on_ms)
             if off_ms > 0 or index == len(text) - 1:
-                self._panel.show([0] * _SIDE**2)
+                self._show([0] * _SIDE**2)
                 yield from self._pause(off_ms)
 
     def _pause(self, duration_ms: int) -> Iterator[bool]:
