@@ -21,7 +21,16 @@ from bricksrl.robots import Robot, UltrasonicSensor
 from bricksrl.twin.imu import FloatingBase
 from bricksrl.twin.model_physics import RobotPart, set_physics, up
 from bricksrl.twin.models.load import load_model
-from bricksrl.twin.models.mjcf import LOOKS_GROUP, OBSTACLE_GROUP, SHAPE_GROUP, add_camera, add_light, add_surroundings, new_spec
+from bricksrl.twin.models.mjcf import (
+    LOOKS,
+    OBSTACLE,
+    OBSTACLE_GROUP,
+    SHAPE_GROUP,
+    add_camera,
+    add_light,
+    add_surroundings,
+    new_spec,
+)
 from bricksrl.twin.mujoco_body import MujocoBody, Pose
 from bricksrl.twin.physics import Physics
 from bricksrl.twin.scene import OPEN_FLOOR
@@ -119,9 +128,7 @@ def _compiled(arena: Arena) -> mujoco.MjModel:
             size=[0.022, 0.004, 0.0],
             rgba=[*one.color, 1.0],
             mass=0.0,
-            contype=0,
-            conaffinity=0,
-            group=LOOKS_GROUP,
+            **LOOKS,
         )
     for group, actuator in enumerate(spec.actuators):
         actuator.group = group
@@ -144,9 +151,7 @@ def _add_walls(world: mujoco.MjsBody, half_x_m: float, half_y_m: float) -> None:
             pos=position,
             size=size,
             rgba=[0.55, 0.58, 0.62, 1.0],
-            group=OBSTACLE_GROUP,
-            contype=0,
-            conaffinity=1,
+            **OBSTACLE,
         )
 
 

@@ -18,14 +18,15 @@ from bricksrl.twin.models import lego
 from bricksrl.twin.models.meshes import X_AXIS, Y_AXIS, Z_AXIS, Part, box, cylinder, draw
 from bricksrl.twin.models.mjcf import (
     SHAPE_GROUP,
-    STIFF,
     Triple,
     add_box,
     add_camera,
     add_caster,
+    add_driven,
     add_light,
-    add_motor,
+    add_rotor,
     add_surroundings,
+    add_tyre,
     new_spec,
 )
 from bricksrl.twin.models.mounts import case_of, mount_of, mount_sensor
@@ -40,7 +41,6 @@ _BEHIND_MM = -16.0
 _GROUND_MM = 3.0
 _UNKNOWN_HUB: tuple[Triple, float] = ((64.0, 40.0, 32.0), 100.0)
 _TURNED_ALIKE = {MotorKind.TECHNIC_M_ANGULAR: MotorKind.SPIKE_MEDIUM, MotorKind.TECHNIC_L_ANGULAR: MotorKind.SPIKE_LARGE}
-# Contacts settle in 6 ms: at MuJoCo's default of 20 ms the robot sinks into the floor by half a millimetre.
 
 
 @dataclass(frozen=True)
@@ -151,34 +151,10 @@ def _gear(motor: Motor, ahead: float = 1.0) -> float:
 
 def _add_wheel(spec: mujoco.MjSpec, chassis: mujoco.MjsBody, motor: Motor, side: float, frame: _Frame) -> None:
     """Add a motor's geared output and the wheel on it with backlash; a positive turn of both drives forward."""
-    rotor = chassis.add_body(name=f"rotor_{motor.port}", pos=[0.0, side * frame.half_track / 1000, 0.0])
-    shaft = rotor.add_joint(name=f"motor_{motor.port}", type=mujoco.mjtJoint.mjJNT_HINGE, axis=[0.0, 1.0, 0.0])
-    rotor.explicitinertial, rotor.mass, rotor.inertia = True, 0.002, [1e-7, 1e-7, 1e-7]
-    add_motor(spec, shaft, motor.port, motor.kind, gear=_gear(motor))
-    wheel = rotor.add_body(name=f"wheel_{motor.port}")
-    wheel.add_joint(
-        name=f"backlash_{motor.port}",
-        type=mujoco.mjtJoint.mjJNT_HINGE,
-        axis=[0.0, 1.0, 0.0],
-        limited=True,
-        range=[-0.05, 0.05],
-        damping=5e-4,
-        solref_limit=[0.005, 1.0],
-    )
-    radius = frame.axle / 1000
-    # An ellipsoid touches in one point, which takes the solver half the time of a cylinder.
-    wheel.add_geom(
-        name=f"tyre_{motor.port}",
-        type=mujoco.mjtGeom.mjGEOM_ELLIPSOID,
-        size=[radius, _TYRE_WIDTH_MM / 2000, radius],
-        mass=_WHEEL_KG * (2 * frame.axle / _WHEEL_MM) ** 2,
-        friction=[1.0, 0.005, 0.0001],
-        priority=1,
-        solref=STIFF,
-        group=SHAPE_GROUP,
-        contype=1,
-        conaffinity=0,
-    )
+    rotor = add_rotor(spec, chassis, motor, (0.0, side * frame.half_track / 1000, 0.0), gear=_gear(motor))
+    mass_kg = _WHEEL_KG * (2 * frame.axle / _WHEEL_MM) ** 2
+    wheel = add_driven(rotor, "wheel", motor.port, (0.0, 1.0, 0.0))
+    add_tyre(wheel, motor.port, frame.axle / 1000, _TYRE_WIDTH_MM / 2000, mass_kg)
     length = frame.half_track - _motor_y(frame)
     draw(spec, rotor, [lego.axle(max(length, 16.0)).at(0, -side * length / 2, 0)])
     draw(spec, wheel, [lego.wheel(2 * frame.axle)])
@@ -186,10 +162,7 @@ def _add_wheel(spec: mujoco.MjSpec, chassis: mujoco.MjsBody, motor: Motor, side:
 
 def _add_idle_motor(spec: mujoco.MjSpec, chassis: mujoco.MjsBody, motor: Motor) -> None:
     """Add a motor that drives no wheel, without load."""
-    rotor = chassis.add_body(name=f"rotor_{motor.port}", pos=[0.0, 0.0, 0.08])
-    shaft = rotor.add_joint(name=f"motor_{motor.port}", type=mujoco.mjtJoint.mjJNT_HINGE, axis=[0.0, 1.0, 0.0])
-    rotor.explicitinertial, rotor.mass, rotor.inertia = True, 0.002, [1e-7, 1e-7, 1e-7]
-    add_motor(spec, shaft, motor.port, motor.kind, gear=_gear(motor))
+    add_rotor(spec, chassis, motor, (0.0, 0.0, 0.08), gear=_gear(motor))
 
 
 def _parts(robot: Robot, frame: _Frame) -> list[Part]:

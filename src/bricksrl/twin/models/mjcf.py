@@ -9,12 +9,13 @@ from __future__ import annotations
 import functools
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from bricksrl.robots import MotorKind
+from bricksrl.robots import Motor, MotorKind
 from bricksrl.twin.objects import Block, Field, Lamp, Line, Object, Ramp
 from bricksrl.twin.scene import Scene
 from bricksrl.virtual_hub.firmware.motor_model import MOTOR_TYPES, PRESCALE_ACCELERATION, PRESCALE_SPEED, PRESCALE_VOLTAGE
@@ -109,14 +110,55 @@ def add_box(body: mujoco.MjsBody, centre: Triple, half_size: Triple, mass_kg: fl
         pos=list(centre),
         size=list(half_size),
         mass=mass_kg,
-        group=SHAPE_GROUP,
-        contype=int(collides),
-        conaffinity=0,
+        **{**COLLIDING, "contype": int(collides)},
     )
 
 
 STIFF = [0.006, 1.0]
-"""``solref`` of a hard contact: its time constant (s) and damping ratio."""
+"""``solref`` of a hard contact: its time constant (s; 20 ms, MuJoCo's default, lets a robot sink in) and damping ratio."""
+COLLIDING: dict[str, Any] = {"group": SHAPE_GROUP, "contype": 1, "conaffinity": 0}
+"""Attributes of the robot's shapes that touch floor and obstacles."""
+OBSTACLE: dict[str, Any] = {"group": OBSTACLE_GROUP, "contype": 0, "conaffinity": 1}
+"""Attributes of fixed obstacles."""
+LOOKS: dict[str, Any] = {"group": LOOKS_GROUP, "contype": 0, "conaffinity": 0}
+"""Attributes of visual shapes."""
+
+
+def supporting(friction: float, mass_kg: float = 0.0) -> dict[str, Any]:
+    """Attributes of wheels and feet."""
+    return {"mass": mass_kg, "friction": [friction, 0.005, 0.0001], "priority": 1, "solref": STIFF, **COLLIDING}
+
+
+def add_rotor(
+    spec: mujoco.MjSpec, chassis: mujoco.MjsBody, motor: Motor, at_m: Triple, axis: Triple = (0.0, 1.0, 0.0), gear: float = 1.0
+) -> mujoco.MjsBody:
+    """Add a motor with a massless rotor body."""
+    rotor = chassis.add_body(name=f"rotor_{motor.port}", pos=list(at_m))
+    shaft = rotor.add_joint(name=f"motor_{motor.port}", type=mujoco.mjtJoint.mjJNT_HINGE, axis=list(axis))
+    rotor.explicitinertial, rotor.mass, rotor.inertia = True, 0.002, [1e-7, 1e-7, 1e-7]
+    add_motor(spec, shaft, motor.port, motor.kind, gear=gear)
+    return rotor
+
+
+def add_driven(rotor: mujoco.MjsBody, name: str, port: str, axis: Triple) -> mujoco.MjsBody:
+    """Add a body to a rotor, with backlash."""
+    body = rotor.add_body(name=f"{name}_{port}")
+    body.add_joint(
+        name=f"backlash_{port}",
+        type=mujoco.mjtJoint.mjJNT_HINGE,
+        axis=list(axis),
+        limited=True,
+        range=[-0.05, 0.05],
+        damping=5e-4,
+        solref_limit=[0.005, 1.0],
+    )
+    return body
+
+
+def add_tyre(wheel: mujoco.MjsBody, port: str, radius_m: float, half_width_m: float, mass_kg: float) -> None:
+    """Add a tyre. An ellipsoid touches in one point, which takes the solver half the time of a cylinder."""
+    shape, size = mujoco.mjtGeom.mjGEOM_ELLIPSOID, [radius_m, half_width_m, radius_m]
+    wheel.add_geom(name=f"tyre_{port}", type=shape, size=size, **supporting(1.0, mass_kg))
 
 
 def add_caster(chassis: mujoco.MjsBody, centre: Triple, radius_m: float, mass_kg: float) -> None:
@@ -130,9 +172,7 @@ def add_caster(chassis: mujoco.MjsBody, centre: Triple, radius_m: float, mass_kg
         condim=1,
         priority=1,
         solref=STIFF,
-        group=SHAPE_GROUP,
-        contype=1,
-        conaffinity=0,
+        **COLLIDING,
     )
 
 
@@ -156,9 +196,7 @@ def add_surroundings(spec: mujoco.MjSpec, scene: Scene) -> None:
             pos=[WALL_X_M + _WALL_HALF_SIZE[0], 0.0, _WALL_HALF_SIZE[2]],
             size=list(_WALL_HALF_SIZE),
             rgba=[*_BRICK, 1.0],
-            group=OBSTACLE_GROUP,
-            contype=0,
-            conaffinity=1,
+            **OBSTACLE,
         )
         # A box stretches its texture over each side; a plane in front of it repeats it.
         world.add_geom(
@@ -167,9 +205,7 @@ def add_surroundings(spec: mujoco.MjSpec, scene: Scene) -> None:
             size=[*_WALL_HALF_SIZE[1:], 0.1],
             quat=[0.5, -0.5, -0.5, 0.5],
             material="bricks",
-            group=LOOKS_GROUP,
-            contype=0,
-            conaffinity=0,
+            **LOOKS,
         )
     sight, distance_m = ((-0.62, 0.1, 0.0), 1.95) if scene.wall_distance_mm is not None else ((0.0, 0.0, 0.0), 1.1)
     if scene.objects:

@@ -12,12 +12,10 @@ from bricksrl.plans.geometry import Form, Solid
 from bricksrl.plans.mechanism.kinematics import TO_TWIN, Wheel
 from bricksrl.plans.plan import Placed
 from bricksrl.plans.planned_robot import PlannedRobot
-from bricksrl.twin.models.mjcf import SHAPE_GROUP
+from bricksrl.twin.models.mjcf import COLLIDING, supporting
 
 Floats = NDArray[np.float64]
 _M = 0.4 / 1000
-STIFF = [0.006, 1.0]
-"""Contact time constant of 6 ms: with MuJoCo's default of 20 ms a robot sinks into the floor by half a millimetre."""
 TYRE_FRICTION, PLASTIC_FRICTION = 1.0, 0.8
 """Sliding friction of rubber and of plastic on a smooth floor; estimates."""
 _FOOT_REACH_M = 0.015
@@ -84,31 +82,18 @@ def add_shapes(spec: mujoco.MjSpec, planned: PlannedRobot, bodies: dict[int, muj
             pos=(np.array([x, y, z]) - origins[wheel.link]).tolist(),
             size=[radius, 0, 0],
             condim=1,
-            **_touching(1.0),
+            **supporting(1.0),
         )
     standing = feet(planned)
     for number, foot in enumerate(standing):
         ends = [*(foot.start_m - origins[foot.body]).tolist(), *(foot.end_m - origins[foot.body]).tolist()]
         shape = mujoco.mjtGeom.mjGEOM_CAPSULE
         bodies[foot.body].add_geom(
-            name=f"foot_{number}", type=shape, fromto=ends, size=[foot.radius_m, 0, 0], **_touching(PLASTIC_FRICTION)
+            name=f"foot_{number}", type=shape, fromto=ends, size=[foot.radius_m, 0, 0], **supporting(PLASTIC_FRICTION)
         )
     for number, body in bodies.items():
         if number not in {foot.body for foot in standing} | {wheel.link for wheel in _rolling(planned)} or number == 0:
             _add_hull(spec, planned, number, body, origins[number])
-
-
-def _touching(friction: float) -> dict[str, object]:
-    """Common attributes of the shapes that support the robot."""
-    return {
-        "mass": 0,
-        "friction": [friction, 0.005, 0.0001],
-        "priority": 1,
-        "solref": STIFF,
-        "group": SHAPE_GROUP,
-        "contype": 1,
-        "conaffinity": 0,
-    }
 
 
 def _add_tyre(planned: PlannedRobot, wheel: Wheel, body: mujoco.MjsBody, origin: Floats) -> None:
@@ -125,7 +110,7 @@ def _add_tyre(planned: PlannedRobot, wheel: Wheel, body: mujoco.MjsBody, origin:
         pos=(wheel.centre_m - origin).tolist(),
         quat=quaternion.tolist(),
         size=[radius, radius, half_width],
-        **_touching(TYRE_FRICTION),
+        **supporting(TYRE_FRICTION),
     )
 
 
@@ -145,7 +130,7 @@ def _add_hull(spec: mujoco.MjSpec, planned: PlannedRobot, number: int, body: muj
     kept = hull[np.unique(np.round(hull / 0.002), axis=0, return_index=True)[1]]
     name = f"hull_{number}"
     spec.add_mesh(name=name, uservert=kept.ravel().tolist(), inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL)
-    body.add_geom(name=name, type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name, mass=0, group=SHAPE_GROUP, contype=1, conaffinity=0)
+    body.add_geom(name=name, type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name, mass=0, **COLLIDING)
 
 
 def _rolling(planned: PlannedRobot) -> list[Wheel]:

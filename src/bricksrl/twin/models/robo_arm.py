@@ -17,7 +17,7 @@ from bricksrl.robots import Motor, Robot
 from bricksrl.twin.models import lego
 from bricksrl.twin.models.meshes import X_AXIS, Y_AXIS, Z_AXIS, Part, draw
 from bricksrl.twin.models.mjcf import (
-    LOOKS_GROUP,
+    LOOKS,
     SHAPE_GROUP,
     Triple,
     add_box,
@@ -172,9 +172,7 @@ def _add_ball(high: mujoco.MjsBody) -> None:
         size=[BALL_RADIUS_M, 0, 0],
         mass=0.006,
         material="red",
-        group=LOOKS_GROUP,
-        contype=0,
-        conaffinity=0,
+        **LOOKS,
     )
 
 

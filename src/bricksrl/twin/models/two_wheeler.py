@@ -13,13 +13,14 @@ from bricksrl.twin.models import lego
 from bricksrl.twin.models.meshes import X_AXIS, Y_AXIS, Z_AXIS, Part, draw
 from bricksrl.twin.models.mjcf import (
     SHAPE_GROUP,
-    STIFF,
     add_box,
     add_camera,
     add_caster,
+    add_driven,
     add_light,
-    add_motor,
+    add_rotor,
     add_surroundings,
+    add_tyre,
     new_spec,
 )
 from bricksrl.twin.models.mounts import mount_sensor
@@ -31,7 +32,6 @@ _CASTER = (-0.056, 0.0, -0.0184)
 _CASTER_RADIUS = 0.0096
 _MOTOR_Y = 0.028
 _TYRE_HALF_WIDTH = 0.007
-# Contact time constant of 6 ms: with MuJoCo's default of 20 ms the robot sinks into the floor by half a millimetre.
 
 
 def build(robot: Robot, scene: Scene) -> mujoco.MjSpec:
@@ -75,33 +75,10 @@ def _add_wheel(spec: mujoco.MjSpec, chassis: mujoco.MjsBody, motor: Motor, y: fl
     A motor's shaft points outwards, and clockwise is seen from there: the axis of a positive turn points inwards.
     """
     side = 1.0 if y > 0 else -1.0
-    rotor = chassis.add_body(name=f"rotor_{motor.port}", pos=[0.0, y, 0.0])
-    shaft = rotor.add_joint(name=f"motor_{motor.port}", type=mujoco.mjtJoint.mjJNT_HINGE, axis=[0.0, -side, 0.0])
-    rotor.explicitinertial, rotor.mass, rotor.inertia = True, 0.002, [1e-7, 1e-7, 1e-7]
-    add_motor(spec, shaft, motor.port, motor.kind)
-    wheel = rotor.add_body(name=f"wheel_{motor.port}")
-    wheel.add_joint(
-        name=f"backlash_{motor.port}",
-        type=mujoco.mjtJoint.mjJNT_HINGE,
-        axis=[0.0, -side, 0.0],
-        limited=True,
-        range=[-0.05, 0.05],
-        damping=5e-4,
-        solref_limit=[0.005, 1.0],
-    )
-    # An ellipsoid touches in one point, which takes the solver half the time of a cylinder.
-    wheel.add_geom(
-        name=f"tyre_{motor.port}",
-        type=mujoco.mjtGeom.mjGEOM_ELLIPSOID,
-        size=[radius, _TYRE_HALF_WIDTH, radius],
-        mass=0.018,
-        friction=[1.0, 0.005, 0.0001],
-        priority=1,
-        solref=STIFF,
-        group=SHAPE_GROUP,
-        contype=1,
-        conaffinity=0,
-    )
+    axis = (0.0, -side, 0.0)
+    rotor = add_rotor(spec, chassis, motor, (0.0, y, 0.0), axis)
+    wheel = add_driven(rotor, "wheel", motor.port, axis)
+    add_tyre(wheel, motor.port, radius, _TYRE_HALF_WIDTH, 0.018)
     draw(spec, rotor, [lego.motor_output().at(0, side * (44.0 - abs(y) * 1000), 0), lego.axle(26).at(0, -side * 9, 0)])
     draw(spec, wheel, [lego.wheel(radius * 2000)])
 

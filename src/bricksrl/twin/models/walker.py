@@ -17,15 +17,17 @@ from bricksrl.robots import Motor, Robot, UltrasonicSensor
 from bricksrl.twin.models import lego
 from bricksrl.twin.models.meshes import X_AXIS, Y_AXIS, Z_AXIS, Part, draw
 from bricksrl.twin.models.mjcf import (
+    COLLIDING,
     SHAPE_GROUP,
-    STIFF,
     add_box,
     add_camera,
+    add_driven,
     add_light,
-    add_motor,
+    add_rotor,
     add_surroundings,
     new_spec,
     pair_contacts,
+    supporting,
 )
 from bricksrl.twin.models.rods import add_rod
 from bricksrl.twin.scene import Scene
@@ -101,21 +103,9 @@ def _add_leg(spec: mujoco.MjSpec, chassis: mujoco.MjsBody, motor: Motor, corner:
     The motors' shafts point to the middle of the robot, and clockwise is seen from there; an axle through each motor
     drives its crank on the outside.
     """
-    port, axis = motor.port, [0.0, float(corner.side), 0.0]
-    rotor = chassis.add_body(name=f"rotor_{port}", pos=[corner.end * _AXIS_X, corner.side * _LEG_Y, _AXIS_Z])
-    shaft = rotor.add_joint(name=f"motor_{port}", type=_HINGE, axis=axis)
-    rotor.explicitinertial, rotor.mass, rotor.inertia = True, 0.002, [1e-7, 1e-7, 1e-7]
-    add_motor(spec, shaft, port, motor.kind)
-    crank = rotor.add_body(name=f"crank_{port}")
-    crank.add_joint(
-        name=f"backlash_{port}",
-        type=_HINGE,
-        axis=axis,
-        limited=True,
-        range=[-0.05, 0.05],
-        damping=5e-4,
-        solref_limit=[0.005, 1.0],
-    )
+    port, axis = motor.port, (0.0, float(corner.side), 0.0)
+    rotor = add_rotor(spec, chassis, motor, (corner.end * _AXIS_X, corner.side * _LEG_Y, _AXIS_Z), axis)
+    crank = add_driven(rotor, "crank", port, axis)
     crank.explicitinertial, crank.mass, crank.inertia = True, 0.004, [2e-7, 2e-7, 2e-7]
     leg = crank.add_body(name=f"leg_{port}", pos=[0.0, 0.0, -_CRANK], quat=_about_y(corner.end * _leg_tilt()))
     leg.add_joint(name=f"knee_{port}", type=_HINGE, axis=axis, damping=2e-4)
@@ -125,22 +115,14 @@ def _add_leg(spec: mujoco.MjSpec, chassis: mujoco.MjsBody, motor: Motor, corner:
         fromto=[0, 0, _THIGH, 0, 0, -_SHANK],
         size=[0.004, 0, 0],
         mass=0.012,
-        group=SHAPE_GROUP,
-        contype=0,
-        conaffinity=0,
+        **{**COLLIDING, "contype": 0},
     )
     leg.add_geom(
         name=f"foot_{port}",
         type=bone,
         fromto=[0, foot_y - _FOOT_HALF_WIDTH, -_SHANK, 0, foot_y + _FOOT_HALF_WIDTH, -_SHANK],
         size=[_FOOT_RADIUS, 0, 0],
-        mass=0.010,
-        friction=[0.8, 0.005, 0.0001],
-        priority=1,
-        solref=STIFF,
-        group=SHAPE_GROUP,
-        contype=1,
-        conaffinity=0,
+        **supporting(0.8, 0.010),
     )
     at = (corner.end * (_AXIS_X + _ROCKER_AT[0]), corner.side * _LEG_Y, _AXIS_Z + _ROCKER_AT[1])
     rocker = add_rod(spec, port, (chassis, at), (leg, (0.0, 0.0, _THIGH)), mass_kg=0.004)
