@@ -15,13 +15,15 @@ class Heading:
 
     Attributes:
         frame: where front, left and top of the hub look, in the frame of the robot.
-        turn_deg: what the gyroscope counts in a whole turn, where a program said so.
+        turn_deg: what the heading counts in a whole turn, where a program said so.
+        gyro_deg: what the gyroscope counts in a whole turn about each axis of the hub, where a program said so.
     """
 
     def __init__(self, body: Body) -> None:
         self._body = body
         self.frame: tuple[_Vector, _Vector, _Vector] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
         self.turn_deg = 360.0
+        self.gyro_deg: _Vector = (360.0, 360.0, 360.0)
         self._zero_deg = body.heading_deg()
 
     def angle_deg(self) -> float:
@@ -40,7 +42,13 @@ class Heading:
 
     def rate_deg_s(self) -> float:
         """Speed at which the robot turns about its own top, clockwise."""
-        return -sum(rate * axis[2] for rate, axis in zip(self._body.angular_velocity_deg_s(), self.frame, strict=True))
+        return -sum(rate * axis[2] for rate, axis in zip(self.rates_deg_s(), self.frame, strict=True))
+
+    def rates_deg_s(self) -> _Vector:
+        """Angular velocity in the frame of the hub."""
+        x, y, z = self._body.angular_velocity_deg_s()
+        scale_x, scale_y, scale_z = self.gyro_deg
+        return x * 360.0 / scale_x, y * 360.0 / scale_y, z * 360.0 / scale_z
 
     def _uncounted_deg(self) -> float:
-        return self._body.heading_deg() * (360.0 / self.turn_deg)
+        return self._body.heading_deg() * (360.0 / self.turn_deg) * (360.0 / self.gyro_deg[2])

@@ -12,7 +12,8 @@ from bricksrl.virtual_hub.pybricks.matrix import Matrix, vector
 from bricksrl.virtual_hub.pybricks.parameters import Axis, Side
 
 _DEG_PER_RAD = 57.296
-_DEFAULTS = (2.0, 2500.0, (0.0, 0.0, 0.0), (360.0, 360.0, 360.0), (9806.65, -9806.65) * 3, 360.0)
+_GRAVITY_MM_S2 = 9806.65
+_DEFAULTS = (2.0, 2500.0, (0.0, 0.0, 0.0), (360.0, 360.0, 360.0), (_GRAVITY_MM_S2, -_GRAVITY_MM_S2) * 3, 360.0)
 _NAMES = (
     "angular_velocity_threshold",
     "acceleration_threshold",
@@ -24,7 +25,7 @@ _NAMES = (
 _BOUNDS: dict[str, tuple[tuple[float, ...], float]] = {
     "angular_velocity_scale": ((360.0,) * 3, 15.0),
     "heading_correction": ((360.0,), 15.0),
-    "acceleration_correction": ((9806.65, -9806.65) * 3, 980.665),
+    "acceleration_correction": ((_GRAVITY_MM_S2, -_GRAVITY_MM_S2) * 3, _GRAVITY_MM_S2 / 10),
 }
 """The usual values, and how far off the firmware lets others be."""
 _LENGTHS = {"angular_velocity_bias": 3, "angular_velocity_scale": 3, "acceleration_correction": 6}
@@ -75,15 +76,15 @@ class IMU:
     @charged
     def tilt(self, calibrated: Any = True) -> tuple[float, float]:
         pitch, roll = self._machine.body.tilt_deg()
-        if not self._is_straight:
-            x, y, z = self._up_vector()
+        if not (calibrated and self._is_straight):
+            x, y, z = self._in_robot(self._gravity_in_hub() if calibrated else self._machine.body.acceleration_mm_s2())
             pitch = math.atan2(-x, math.hypot(y, z)) * _DEG_PER_RAD
             roll = math.atan2(y + 0.0, z) * _DEG_PER_RAD  # without -0.0, which would turn it by 360
         return to_single(pitch), to_single(roll)
 
     @charged
     def up(self, calibrated: Any = True) -> Any:
-        x, y, z = self._gravity_in_hub()
+        x, y, z = self._gravity_in_hub() if calibrated else self._machine.body.acceleration_mm_s2()
         sizes = (abs(x), abs(y), abs(z))
         largest = sizes.index(max(sizes))
         sides = ((Side.FRONT, Side.BACK), (Side.LEFT, Side.RIGHT), (Side.TOP, Side.BOTTOM))[largest]
@@ -91,11 +92,13 @@ class IMU:
 
     @charged
     def acceleration(self, axis: Any = None, calibrated: Any = True) -> Any:
-        return self._along(self._in_robot(self._machine.body.acceleration_mm_s2()), axis)
+        force = self._machine.body.acceleration_mm_s2()
+        return self._along(self._in_robot(self._corrected(force) if calibrated else force), axis)
 
     @charged
     def angular_velocity(self, axis: Any = None, calibrated: Any = True) -> Any:
-        return self._along(self._in_robot(self._machine.body.angular_velocity_deg_s()), axis)
+        rates = self._heading.rates_deg_s() if calibrated else self._machine.body.angular_velocity_deg_s()
+        return self._along(self._in_robot(rates), axis)
 
     @charged
     def heading(self) -> float:
@@ -113,8 +116,11 @@ class IMU:
     def rotation(self, axis: Any = None, calibrated: Any = True) -> float:
         pitch, roll = self._machine.body.tilt_deg()
         _axis(axis)
-        turned = self._in_robot((roll, pitch, -self._machine.body.heading_deg()))
-        return self._along(turned, axis)  # type: ignore[no-any-return]
+        x, y, z = roll, pitch, -self._machine.body.heading_deg()
+        if calibrated:
+            scale_x, scale_y, scale_z = self._heading.gyro_deg
+            x, y, z = x * 360.0 / scale_x, y * 360.0 / scale_y, z * 360.0 / scale_z
+        return self._along(self._in_robot((x, y, z)), axis)  # type: ignore[no-any-return]
 
     @charged
     def orientation(self) -> Any:
@@ -171,15 +177,23 @@ class IMU:
                 _check_near(numbers, *_BOUNDS[name])
             self._settings[name] = numbers if name in _LENGTHS else numbers[0]
         self._heading.turn_deg = self._settings["heading_correction"]
+        if angular_velocity_scale is not None:  # what has been integrated stays
+            angle_deg = self._heading.angle_deg()
+            self._heading.gyro_deg = self._settings["angular_velocity_scale"]
+            self._heading.set_angle(angle_deg)
         return None
+
+    def _corrected(self, force: _Vector) -> _Vector:
+        """An acceleration, where a program said what the hub measures of gravity along each axis."""
+        limits = self._settings["acceleration_correction"]
+        pairs = zip(force, limits[::2], limits[1::2], strict=True)
+        x, y, z = ((value - (up + down) / 2) * _GRAVITY_MM_S2 / ((up - down) / 2) for value, up, down in pairs)
+        return x, y, z
 
     def _gravity_in_hub(self) -> _Vector:
         """What points up, in the frame of the hub."""
         pitch, roll = (math.radians(a) for a in self._machine.body.tilt_deg())
         return -math.sin(pitch), math.cos(pitch) * math.sin(roll), math.cos(pitch) * math.cos(roll)
-
-    def _up_vector(self) -> _Vector:
-        return self._in_robot(self._gravity_in_hub())
 
     def _in_robot(self, v: _Vector) -> _Vector:
         if self._is_straight:
