@@ -95,7 +95,7 @@ def test_interrupted_and_resumed_run_ends_bit_identical(config: TrainConfig, tmp
 @pytest.mark.parametrize(
     ("changes", "says"),
     [
-        ({"data": None}, "100 updates from data, but no data"),
+        ({"data": None}, "100 updates from data need data"),
         ({"updates": -1}, "updates is -1"),
         ({"updates": 2}, "2 updates cannot be spread over 3 episodes"),
     ],
