@@ -19,7 +19,7 @@ _PROGRAMS = re.findall(r"^===\n((?:> .+\n)+)((?:(?!===).*\n)+)", _FILE.read_text
 _HEAD = """from pybricks.parameters import Direction, Port, Stop
 from pybricks.pupdevices import Motor
 from pybricks.robotics import DriveBase
-from pybricks.tools import StopWatch, wait
+from pybricks.tools import StopWatch, multitask, run_task, wait
 
 s = StopWatch()
 """

@@ -129,7 +129,7 @@ class BenchBody:
         return min(max(round(number(self.sensed(port, Sense.DISTANCE))), _NEAREST_MM), _FARTHEST_MM)
 
     def tilt_deg(self) -> tuple[float, float]:
-        return 0.0, 0.0
+        return -0.0, 0.0  # as computed from an acceleration of which nothing points ahead
 
     def angular_velocity_deg_s(self) -> tuple[float, float, float]:
         return 0.0, 0.0, 0.0

@@ -154,6 +154,7 @@ class RunLoop:
             self.machine.charge_call()
         else:
             self.machine.advance(1)
+        self.machine.branch(None)
 
     def yield_once(self) -> Async:
         """An awaitable that only yields to other tasks."""
