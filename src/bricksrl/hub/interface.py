@@ -271,7 +271,7 @@ class SensorReading(Channel):
             raise DescriptionError(f"channel '{self.name}': a {sensor.class_name} has no reading '{self.method}'; {known}")
         parts = PARTS.get(self.method)
         if parts is None and self.part is not None:
-            raise DescriptionError(f"channel '{self.name}': {self.method}() is one number; leave the part '{self.part}' away")
+            raise DescriptionError(f"channel '{self.name}': {self.method}() is one number; omit the part '{self.part}'")
         if parts is not None and self.part not in parts:
             raise DescriptionError(
                 f"channel '{self.name}': {self.method}() is {len(parts)} numbers; give as part one of {', '.join(parts)}"
