@@ -224,7 +224,8 @@ def draw(spec: mujoco.MjSpec, body: mujoco.MjsBody, parts: Sequence[Part]) -> No
 def _visible(shape: Shape) -> NDArray[np.int32]:
     """Faces [m, 3] that have an area: at the poles of boxes and turned shapes every other one is a line, and costs as much."""
     a, b, c = np.moveaxis(shape.points[shape.faces], 1, 0)
-    return shape.faces[np.linalg.norm(np.cross(b - a, c - a), axis=-1) > _NO_AREA_MM2]
+    visible: NDArray[np.int32] = shape.faces[np.linalg.norm(np.cross(b - a, c - a), axis=-1) > _NO_AREA_MM2]
+    return visible
 
 
 def _grid(rows: int, columns: int) -> NDArray[np.int32]:

@@ -96,8 +96,14 @@ class LightMatrix(_Part):
         pictures = get_array(icons)
         if not 2 <= len(pictures) <= _MOST_FRAMES:
             raise ValueError("Invalid argument")
-        frames = itertools.cycle([_pixels(picture) for picture in pictures])
-        self._panel.animate("display", (self._panel.show(frame) or interval_ms for frame in frames))
+        frames = [_pixels(picture) for picture in pictures]
+
+        def shown() -> Iterator[int]:
+            for frame in itertools.cycle(frames):
+                self._panel.show(frame)
+                yield interval_ms
+
+        self._panel.animate("display", shown())
 
     @charged
     def pixel(self, row: Any, column: Any, brightness: Any = _BRIGHTEST) -> None:
