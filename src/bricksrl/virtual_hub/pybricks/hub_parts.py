@@ -96,8 +96,12 @@ class LightMatrix(_Part):
         pictures = get_array(icons)
         if not 2 <= len(pictures) <= _MOST_FRAMES:
             raise ValueError("Invalid argument")
-        frames = itertools.cycle([_pixels(picture) for picture in pictures])
-        self._panel.animate("display", (self._panel.show(frame) or interval_ms for frame in frames))
+        self._panel.animate("display", self._frames([_pixels(picture) for picture in pictures], interval_ms))
+
+    def _frames(self, pictures: list[list[int]], interval_ms: int) -> Iterator[int]:
+        for picture in itertools.cycle(pictures):
+            self._panel.show(picture)
+            yield interval_ms
 
     @charged
     def pixel(self, row: Any, column: Any, brightness: Any = _BRIGHTEST) -> None:
