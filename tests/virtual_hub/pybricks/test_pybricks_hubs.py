@@ -63,7 +63,7 @@ imu.reset_heading(90)
 print(imu.heading(), imu.settings()[0], imu.settings(heading_correction=359.5), imu.settings()[-1])
 """
     assert hub(source) == (
-        "(0.0, 0.0) Side.TOP 0.0 True True\n9810.0 0.0 (3, 1) 0.0\n"
+        "(-0.0, 0.0) Side.TOP 0.0 True True\n9810.0 0.0 (3, 1) 0.0\n"
         "Matrix([\n    [   0.000],\n    [   0.000],\n    [ 999.999],\n]) 1.0\n90.0 2.0 None 359.5"
     )
 
