@@ -20,7 +20,6 @@ from bricksrl.twin.models.mjcf import LOOKS_GROUP
 Floats = NDArray[np.float64]
 Triple = tuple[float, float, float]
 
-_NO_AREA_MM2 = 1e-9
 X_AXIS, Y_AXIS, Z_AXIS = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
 
 
@@ -207,25 +206,17 @@ def draw(spec: mujoco.MjSpec, body: mujoco.MjsBody, parts: Sequence[Part]) -> No
         if colour.startswith("#") and spec.material(colour) is None:
             spec.add_material(name=colour, rgba=[part / 255 for part in bytes.fromhex(colour[1:])], specular=0.35, shininess=0.5)
         shape, name = merge(shapes), f"{body.name}_{colour}"
-        faces = _visible(shape).ravel().tolist()
         spec.add_mesh(
             name=name,
             uservert=(shape.points / 1000).ravel().tolist(),
             usernormal=shape.normals.ravel().tolist(),
-            userface=faces,
-            userfacenormal=faces,
+            userface=shape.faces.ravel().tolist(),
+            userfacenormal=shape.faces.ravel().tolist(),
             inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL,
         )
         body.add_geom(
             type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name, material=colour, group=LOOKS_GROUP, mass=0, contype=0, conaffinity=0
         )
-
-
-def _visible(shape: Shape) -> NDArray[np.int32]:
-    """Faces [m, 3] that have an area: at the poles of boxes and turned shapes every other one is a line, and costs as much."""
-    a, b, c = np.moveaxis(shape.points[shape.faces], 1, 0)
-    visible: NDArray[np.int32] = shape.faces[np.linalg.norm(np.cross(b - a, c - a), axis=-1) > _NO_AREA_MM2]
-    return visible
 
 
 def _grid(rows: int, columns: int) -> NDArray[np.int32]:
