@@ -49,12 +49,12 @@ TECHNIC = replace(TWO_WHEELER, name="technic", hub=HubKind.TECHNIC, motors=tuple
 ))  # fmt: skip
 ANGLES = (MotorAngle("left", -3000, 3000), MotorAngle("right", -3000, 3000))
 HASHES = {
-    "RoboArm-v0": "2237a7f9 3499b74f",
-    "RoboArm_mixed-v0": "bacf3a27 d1ddeb8c",
-    "RunAway-v0": "d65d7369 7b5eaabd",
-    "Spinning-v0": "17841319 695e9ef7",
-    "Walker-v0": "f245ee76 e311b8b4",
-    "Walker-v1": "f245ee76 e311b8b4",
+    "RoboArm-v0": "ca6ecbb7 63ed253d",
+    "RoboArm_mixed-v0": "2ea6ac68 0284c82b",
+    "RunAway-v0": "b4ffb9a3 cf27e772",
+    "Spinning-v0": "ecdc5323 99e35a37",
+    "Walker-v0": "cc06176d b52673b0",
+    "Walker-v1": "cc06176d b52673b0",
 }
 
 

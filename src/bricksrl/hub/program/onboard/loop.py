@@ -24,6 +24,7 @@ def crc_table():
 
 
 CRC_TABLE = crc_table()
+LOOK_MS = 2  # between two looks at motors, whose control loop has 5 ms
 
 
 def crc8(data):
@@ -144,14 +145,13 @@ class Server:
 
     def patience_ms(self):
         """How long nothing but a frame matters."""
-        if self.moving and UNTIL_DONE:
-            return 1
+        now = self.clock.time()
         until = self.heard_ms + self.watchdog_ms - 1 + (0 if self.armed else END_MS)
         if self.streams():
             until = min(until, self.sent_ms + self.stream_ms)
         elif self.moving:
-            until = min(until, self.started_ms + SETTLE_MS)
-        return max(0, until - self.clock.time())
+            until = min(until, self.started_ms + SETTLE_MS, now + LOOK_MS if UNTIL_DONE else until)
+        return max(0, until - now)
 
     def command(self, seq, payload):
         if seq != self.seq:
