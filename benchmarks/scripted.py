@@ -92,15 +92,15 @@ def follow(state: TensorDictBase) -> Tensor:
 
 def park(state: TensorDictBase) -> Tensor:
     """Into the heading in which an arc of a circle begins that ends straight in the bay; along it; straight in the bay."""
-    ahead_mm, left_mm, turn_deg = state["observation"][:3]
+    ahead_mm, left_mm, turn_deg = state["observation"][-5:-2]
     left_to_go_mm = torch.hypot(ahead_mm, left_mm)
     off_deg = _signed_deg(-2.0 * torch.atan2(left_mm, ahead_mm).rad2deg() - turn_deg)
-    speed = 1.5 * left_to_go_mm.clamp_max(100.0) * off_deg.deg2rad().cos().clamp_min(0.0)
+    speed = left_to_go_mm.clamp_max(100.0) * off_deg.deg2rad().cos().clamp_min(0.0)
     along_deg_s = (2.0 * speed * (turn_deg.deg2rad() / 2).sin() / left_to_go_mm).rad2deg()
     rate = 2.5 * off_deg + along_deg_s
     if left_to_go_mm < 8.0:
         speed, rate = torch.zeros(()), 2.0 * turn_deg
-    action: Tensor = torch.stack([speed.copysign(ahead_mm) / 150.0, rate / 90.0]).clamp(-1.0, 1.0)
+    action: Tensor = torch.stack([speed.copysign(ahead_mm) / 100.0, rate / 60.0]).clamp(-1.0, 1.0)
     return action
 
 

@@ -38,7 +38,7 @@ the versions it was measured with. Square brackets are 95 % bootstrap intervals 
 robots are virtual; nobody here has run this on LEGO's yet.
 
 The agents were rewritten on TorchRL's parts. Measured with them: SAC, TD3 and CrossQ in the simulations, SAC on RunAway-v0,
-Spinning-v0, RoboArm-v0, LineFollow-v0 and Park-v0, the camera task, the race, many copies, updates, exact resume, memory. The
+Spinning-v0, RoboArm-v0 and Park-v0, the camera task, the race, many copies, updates, exact resume, memory. The
 other results on learning were measured with the earlier agents.
 """
 

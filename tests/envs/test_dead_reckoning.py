@@ -55,9 +55,23 @@ def test_wheel_angles_are_unwrapped() -> None:
 
 def test_agent_does_not_observe_wheel_angles() -> None:
     assert PARK.observed_channels == () and LINE_FOLLOW.observed_channels == (0, 1)
-    assert [entry.name for entry in PARK.entries] == ["target_ahead", "target_left", "target_turn", "moved", "turned"]
+    assert [entry.name for entry in PARK.entries][2:] == ["target_ahead", "target_left", "target_turn", "moved", "turned"]
     interface = dataclasses.replace(PARK.interface, channels=(MotorAngle("left"), YawRate(), MotorAngle("right")))
-    assert [entry.name for entry in dataclasses.replace(PARK, interface=interface).entries][:2] == ["yaw_rate", "target_ahead"]
+    assert [entry.name for entry in dataclasses.replace(PARK, interface=interface).entries][:4:3] == ["yaw_rate", "target_ahead"]
+
+
+def test_last_commands_are_observed() -> None:
+    assert [(entry.name, entry.low, entry.high) for entry in PARK.entries[:2]] == [
+        ("last_drive_speed", -100, 100),
+        ("last_turn_rate", -60, 60),
+    ]
+    env = bricksrl.make("Park-v0", seed=3)
+    state = env.reset()
+    assert state["observation"][:2].tolist() == [0, 0]
+    state = env.step(state.set("action", torch.tensor([0.5, -1.0])))["next"]
+    assert state["observation"][:2].tolist() == [50, -60]
+    assert env.reset()["observation"][:2].tolist() == [0, 0]
+    env.close()
 
 
 def test_real_robot_is_placed_at_start(caplog: pytest.LogCaptureFixture) -> None:
@@ -89,7 +103,7 @@ def test_parking_reward_for_distance_and_heading() -> None:
     assert not torch.cat([cost(seen(0, 0, turn)) for turn in (-180.0, 0.0, 179.0)]).isnan().any()
 
 
-STEPS = [(way_mm, turn_deg) for way_mm in (-15.0, 0.0, 15.0) for turn_deg in (-9.0, -2.0, 0.0, 2.0, 9.0)]
+STEPS = [(way_mm, turn_deg) for way_mm in (-20.0, 0.0, 20.0) for turn_deg in (-12.0, -2.0, 0.0, 2.0, 12.0)]
 """Maximum drive and turn per step."""
 
 
@@ -142,7 +156,7 @@ def test_two_wheeler_parks_by_dead_reckoning() -> None:
     env = bricksrl.make("Park-v0", seed=3)
     for _ in range(2):
         state, observations = env.reset(), []
-        assert 300 <= state["observation"][:2].norm() <= 600
+        assert 300 <= state["observation"][2:4].norm() <= 600
         while not observations or not bool(state["done"]):
             state = env.step(state.set("action", CONTROLLERS["Park-v0"](state)))["next"]
             observations.append(state["observation"])
@@ -163,7 +177,7 @@ def test_success_uses_true_position_of_twin(monkeypatch: pytest.MonkeyPatch) -> 
     state = env.step(state.set("action", torch.zeros(2)))["next"]
     seen_by_it, truth = state["observation"][None], env.judged(state["observation"][None])
     assert bool(state["terminated"]) and PARK.success(seen_by_it), "it takes itself for parked"
-    assert truth[0, :3].tolist() == [-30.0, 0.0, 0.0] and not PARK.success(truth)
+    assert truth[0, 2:5].tolist() == [-30.0, 0.0, 0.0] and not PARK.success(truth)
     env.close()
 
 
@@ -173,6 +187,12 @@ def test_lost_scout_reward_for_turning_back() -> None:
     assert [LINE_FOLLOW.reward(edge, right, seen).item() for seen in (floor, line, edge)] == [-0.25, -0.75, 0.75]
     assert [LINE_FOLLOW.reward(edge, left, seen).item() for seen in (floor, line, edge)] == [-0.75, -0.25, 0.75]
     assert LINE_FOLLOW.reward(edge, torch.tensor([1.0, 0.0]), edge).item() == 1.0
+
+
+@pytest.mark.parametrize("heading_deg", LINE_FOLLOW.scene.heading_deg)
+def test_scout_driving_straight_loses_line_to_the_left(heading_deg: float) -> None:
+    spots = [FloorPose(heading_deg=heading_deg).driven(way_mm, 0.0) for way_mm in range(60, 400, 5)]
+    assert not LINE_FOLLOW.scene.objects[0].covers(np.array([(spot.x_mm, spot.y_mm) for spot in spots])).any()
 
 
 def test_scripted_scout_follows_line() -> None:

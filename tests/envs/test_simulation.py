@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 import torch
@@ -171,6 +173,8 @@ def test_mismatches_raise() -> None:
         bricksrl.make("WalkerSim-v0", realtime=True)
     with pytest.raises(DescriptionError, match="RunAngle|motor"):
         SimulatedEnv(get_task("RunAway-v0"), QUIET)
+    with pytest.raises(DescriptionError, match="no last commands"):
+        SimulatedEnv(dataclasses.replace(SPINNING, observes_commands=True), QUIET)
     with pytest.raises(DescriptionError, match="noise"):
         Kinematics(-1.0)
     assert SimulatedEnv(SPINNING, QUIET).task is SPINNING

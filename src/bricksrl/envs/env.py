@@ -175,7 +175,8 @@ class HubEnv(EnvBase):  # type: ignore[misc]
         measured_s = self._robot().link.now_s() - reading.age_s
         self.is_closed = False
         drawn = np.array([entry.draw(self._host_rng) for entry in self.task.sampled_entries], dtype=np.float32)
-        measured = np.zeros(len(self.task.measured_entries), dtype=np.float32)
+        commands = [0.0] * len(self.task.command_entries)
+        measured = np.zeros(len(self.task.measured_entries) + len(commands), dtype=np.float32)
         tracker = self._tracker(reading)
         observation = observe(reading.values[self._observed], drawn, measured, tracker)
         self._odometer.start(self._robot().link.now_s())
@@ -186,7 +187,7 @@ class HubEnv(EnvBase):  # type: ignore[misc]
             watch = Watch(self.task.camera, self._host_rng, self._guarded(self._camera.frame))
             observation = with_numbers(observation, watch)
             out["image"] = torch.from_numpy(watch.image)
-        self._episode = EpisodeState(drawn, observation, measured_s, watch=watch, tracker=tracker)
+        self._episode = EpisodeState(drawn, observation, measured_s, commands, watch=watch, tracker=tracker)
         return TensorDict(out, batch_size=())
 
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
@@ -219,6 +220,8 @@ class HubEnv(EnvBase):  # type: ignore[misc]
         link = self._robot().link
         self._wait_while_blocked(episode)
         episode.age_s = link.now_s() - episode.measured_s
+        if task.observes_commands:
+            episode.commands = commands
         observation = self._measure(self._guarded(lambda: link.act(commands)), episode)
         reward = task.reward(episode.observation, action, observation)
         if not all(map(math.isfinite, reward.flatten().tolist())):
@@ -277,7 +280,7 @@ class HubEnv(EnvBase):  # type: ignore[misc]
         forward_mm: list[float] = []
         if self.task.walks or self.task.measured_entries:
             forward_mm = [self._odometer.forward_mm(self._robot().link.now_s(), reading.values)]
-        measured = np.array(forward_mm[: len(self.task.measured_entries)], dtype=np.float32)
+        measured = np.array([*forward_mm[: len(self.task.measured_entries)], *episode.commands], dtype=np.float32)
         if episode.tracker is not None:
             episode.tracker.follow(reading.values)
         observation = observe(reading.values[self._observed], episode.drawn, measured, episode.tracker)

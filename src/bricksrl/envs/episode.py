@@ -34,6 +34,7 @@ class EpisodeState:
 
     Attributes:
         observation: the last one, as the task's functions get it.
+        commands: the last ones, where they are observed.
         watch: the camera's view; ``None`` for a task without a camera.
         tracker: position of the target; ``None`` for a task without a target.
         judged: observations after each step, as the task's functions get them; only with a camera or a target.
@@ -45,6 +46,7 @@ class EpisodeState:
     drawn: NDArray[np.float32]
     observation: torch.Tensor
     measured_s: float
+    commands: list[float]
     step_count: int = 0
     watch: Watch | None = None
     tracker: TargetTracker | None = None
@@ -57,7 +59,7 @@ class EpisodeState:
 def observe(
     channels: NDArray[np.float32], drawn: NDArray[np.float32], measured: NDArray[np.float32], tracker: TargetTracker | None
 ) -> torch.Tensor:
-    """The observation ``[n]``: channels, sampled entries, measured entries, then the target's."""
+    """The observation ``[n]``: channels, sampled entries, measured entries (last commands among them), then the target's."""
     target = () if tracker is None else (np.array(tracker.entries(), dtype=np.float32),)
     return torch.from_numpy(np.concatenate((channels, drawn, measured, *target)))
 

@@ -65,6 +65,8 @@ class SimulatedEnv(EnvBase):  # type: ignore[misc]
         commands, channels = task.interface.commands, task.interface.channels
         if task.measured_entries:
             raise DescriptionError(f"{task.id} cannot be simulated; kinematics do not tell how far a robot gets")
+        if task.observes_commands:
+            raise DescriptionError(f"{task.id} cannot be simulated; kinematics obey at once, so there are no last commands")
         if task.camera is not None:
             raise DescriptionError(f"{task.id} cannot be simulated; kinematics have no picture for its camera")
         columns = task.interface.angle_places

@@ -47,9 +47,9 @@ def never(observation: Tensor) -> Tensor:
 class Task:
     """A reinforcement learning task on a robot. Raises DescriptionError if the parts are inconsistent.
 
-    The observation consists of the interface's channels in order, the sampled entries, the measured entries and the target's
-    entries. With a target, the wheel angles are left out. Where a camera has a goal, the task's functions get two further entries
-    that the agent does not: see ``task_entries``.
+    The observation consists of the interface's channels in order, the sampled entries, the measured entries, the last commands
+    and the target's entries. With a target, the wheel angles are left out. Where a camera has a goal, the task's functions get
+    two further entries that the agent does not: see ``task_entries``.
 
     Attributes:
         id: name and version, such as ``"RunAway-v0"``.
@@ -65,6 +65,8 @@ class Task:
         scene: surroundings of a virtual robot.
         sampled_entries, measured_entries: entries after the channels. The measured ones are computed by the host after every
             step (the distance forward in it), and 0 after a reset.
+        observes_commands: whether the last commands are observed (0 after a reset): for a robot that comes to a new speed so late
+            that much of a step is still the command before.
         target: a pose that a driving robot is to reach; success and metrics get the true pose of a virtual robot.
         walks: whether a virtual robot reports distance, speed and straightness.
         camera: a camera on the robot, which adds an image to the observation.
@@ -83,6 +85,7 @@ class Task:
     scene: Scene = OPEN_FLOOR
     sampled_entries: tuple[SampledEntry, ...] = ()
     measured_entries: tuple[Entry, ...] = ()
+    observes_commands: bool = False
     target: Target | None = None
     walks: bool = False
     camera: CameraView | None = None
@@ -116,7 +119,15 @@ class Task:
         """Entries of the observation vector."""
         channels = (self.interface.channels[place].entry for place in self.observed_channels)
         target = () if self.target is None else self.target.entries
-        return (*channels, *self.sampled_entries, *self.measured_entries, *target)
+        return (*channels, *self.sampled_entries, *self.measured_entries, *self.command_entries, *target)
+
+    @property
+    def command_entries(self) -> tuple[Entry, ...]:
+        """Entries of the last commands, where they are observed."""
+        if not self.observes_commands:
+            return ()
+        commands = self.interface.commands
+        return tuple(Entry(f"last_{c.name}", c.low, c.high, c.unit, limits=(min(c.low, 0.0), max(c.high, 0.0))) for c in commands)
 
     @property
     def is_judged_by_more(self) -> bool:

@@ -1,4 +1,4 @@
-"""The scout follows the left edge of a black line with its color sensor, around a course with curves to both sides.
+"""The scout follows the left edge of a black line with its color sensor, clockwise around a course with curves to both sides.
 
 A step is 60 ms of driving. The robot starts with its sensor over the edge, a little beside it and askew. All that it sees is how
 bright the spot below its sensor is, halfway between line and floor where it is on the edge, and how fast it turns.
@@ -65,13 +65,17 @@ _RADIUS_MM, _LOBES_MM, _LOBES = 450.0, 80.0, 3
 
 
 def course() -> tuple[tuple[float, float], ...]:
-    """Points of a closed line with curves to both sides, of radii down to 0.22 m; its left edge begins at the origin, along x."""
+    """Points of a closed line with curves to both sides, of radii down to 0.22 m; its left edge begins at the origin, along x.
+
+    It runs clockwise: a robot that drives straight on leaves it to the left, where a turn to the right finds the edge again. Run
+    the other way around, it would cross the line to a floor that looks the same and asks for the opposite turn.
+    """
     outer_mm = _RADIUS_MM + _LOBES_MM
     points = []
     for step in range(120):
         angle = math.tau * step / 120
         radius_mm = _RADIUS_MM + _LOBES_MM * math.cos(_LOBES * angle)
-        points.append((radius_mm * math.sin(angle), outer_mm - radius_mm * math.cos(angle) - LINE_MM / 2))
+        points.append((radius_mm * math.sin(angle), radius_mm * math.cos(angle) - outer_mm - LINE_MM / 2))
     return tuple(points)
 
 

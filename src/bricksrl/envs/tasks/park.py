@@ -1,27 +1,30 @@
 """The 2Wheeler parks: it drives into a bay, straightens up and stands still there.
 
-A step is 100 ms of driving. The robot starts 0.3 to 0.6 m before the bay, to one side of it and askew; from then on it knows by
+A step is 200 ms of driving. The robot starts 0.3 to 0.6 m before the bay, to one side of it and askew; from then on it knows by
 the turns of its wheels where the bay is. What counts is the middle of its axle.
 
 ## Action
 
 | Num | Action        | Min | Max | Drives from | Drives to | Unit  |
 |-----|---------------|-----|-----|-------------|-----------|-------|
-| 0   | drive_speed   | -1  | 1   | -150        | 150       | mm/s  |
-| 1   | turn_rate     | -1  | 1   | -90         | 90        | deg/s |
+| 0   | drive_speed   | -1  | 1   | -100        | 100       | mm/s  |
+| 1   | turn_rate     | -1  | 1   | -60         | 60        | deg/s |
 
 ## Observation
 
-| Num | Observation   | Min  | Max | Unit |
-|-----|---------------|------|-----|------|
-| 0   | target_ahead  | -100 | 100 | mm   |
-| 1   | target_left   | -100 | 100 | mm   |
-| 2   | target_turn   | -30  | 30  | deg  |
-| 3   | moved         | -20  | 20  | mm   |
-| 4   | turned        | -12  | 12  | deg  |
+| Num | Observation      | Min  | Max | Unit  |
+|-----|------------------|------|-----|-------|
+| 0   | last_drive_speed | -100 | 100 | mm/s  |
+| 1   | last_turn_rate   | -60  | 60  | deg/s |
+| 2   | target_ahead     | -100 | 100 | mm    |
+| 3   | target_left      | -100 | 100 | mm    |
+| 4   | target_turn      | -30  | 30  | deg   |
+| 5   | moved            | -20  | 20  | mm    |
+| 6   | turned           | -12  | 12  | deg   |
 
 The bay's middle is so far ahead and to the left of the robot, and so far it has to turn, clockwise, to stand straight in it. So
-far it drove and turned in its last step.
+far it drove and turned in its last step. The wheels come to a new speed about 80 ms late: near to half of what a step does is the
+command before, which has to be known.
 
 ## Reward
 
@@ -29,7 +32,7 @@ A robot drives ahead and back, not sideways: it has to face the bay, ahead or ba
 left to do is a cost of 1 for each 100 mm of distance d, and of 1 for each 60 degrees of these two turns, which take it about as
 long. What the two exceed the one turn from heading to heading by is counted 1 / (1 + (25 mm / d)^4) times: near the bay's middle
 there is nothing to face. So more than 25 mm from it there is always a step that lessens the cost, however askew the robot stands.
-The reward is 5 times what a step takes off it, less 0.3 for the time.
+The reward is 5 times what a step takes off it, less 0.6 for the time.
 
 ## End of an episode
 
@@ -67,22 +70,23 @@ WITHIN_MM, WITHIN_DEG = 20.0, 5.0
 REST_MM, REST_DEG = 3.0, 2.0
 """Of the last step."""
 _UNIT_MM, _UNIT_DEG, _NEAR_MM = 100.0, 60.0, 25.0
-_GAIN, _OF_TIME = 5.0, 0.3
+_GAIN, _OF_TIME = 5.0, 0.6
 _BAY = (220.0, 200.0)
+_AHEAD, _LEFT, _TURN, _MOVED, _TURNED = (slice(place - 5, place - 4 or None) for place in range(5))
 
 
 def _left_mm(observation: Tensor) -> Tensor:
-    left: Tensor = observation[..., 0:2].norm(dim=-1, keepdim=True)
+    left: Tensor = observation[..., -5:-3].norm(dim=-1, keepdim=True)
     return left
 
 
 def _left_deg(observation: Tensor) -> Tensor:
-    return observation[..., 2:3].abs()
+    return observation[..., _TURN].abs()
 
 
 def _detour_deg(observation: Tensor) -> Tensor:
     """What the robot turns in excess of its turn to the heading of the bay, if it faces the bay first, ahead or back."""
-    ahead_mm, left_mm, turn_deg = observation[..., 0:1], observation[..., 1:2], observation[..., 2:3]
+    ahead_mm, left_mm, turn_deg = observation[..., _AHEAD], observation[..., _LEFT], observation[..., _TURN]
     there_deg = -left_mm.atan2(ahead_mm).rad2deg()
     ways = [(_wrapped(first).abs() + _wrapped(turn_deg - first).abs()) for first in (there_deg, there_deg + 180.0)]
     return ways[0].minimum(ways[1]) - turn_deg.abs()
@@ -107,7 +111,7 @@ def reward(previous: Tensor, _action: Tensor, observation: Tensor) -> Tensor:
 def parked(observation: Tensor, within_mm: float = PARKED_MM, within_deg: float = PARKED_DEG) -> Tensor:
     """Whether the robot stands in the bay, at rest; bool ``[*batch, 1]``."""
     is_there = (_left_mm(observation) <= within_mm) & (_left_deg(observation) <= within_deg)
-    rests = (observation[..., 3:4].abs() <= REST_MM) & (observation[..., 4:5].abs() <= REST_DEG)
+    rests = (observation[..., _MOVED].abs() <= REST_MM) & (observation[..., _TURNED].abs() <= REST_DEG)
     return is_there & rests
 
 
@@ -127,15 +131,16 @@ PARK = Task(
     doc=__doc__,
     robot=TWO_WHEELER,
     interface=Interface(
-        commands=(DriveSpeed(-150, 150), DriveTurnRate(-90, 90)),
+        commands=(DriveSpeed(-100, 100), DriveTurnRate(-60, 60)),
         channels=(MotorAngle("left"), MotorAngle("right")),
-        settle=Wait(100),
+        settle=Wait(200),
     ),
     max_steps=100,
     reward=reward,
     success=success,
     metrics=metrics,
     terminated=parked,
+    observes_commands=True,
     target=Target(range_mm=100.0, range_deg=30.0),
     scene=Scene(
         objects=(
