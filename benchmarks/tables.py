@@ -37,9 +37,9 @@ This page is written by `python benchmarks/tables.py` from `benchmarks/results/`
 the versions it was measured with. Square brackets are 95 % bootstrap intervals over seeds (for rates: Wilson intervals). All
 robots are virtual; nobody here has run this on LEGO's yet.
 
-The agents were rewritten on TorchRL's parts. Measured with them: SAC, TD3 and CrossQ in the simulations, SAC on RunAway-v0,
-Spinning-v0, RoboArm-v0 and Park-v0, the camera task, the race, many copies, updates, exact resume, memory. The
-other results on learning were measured with the earlier agents.
+The agents were rewritten on TorchRL's parts. Measured with them: SAC, TD3, CrossQ and DroQ in the simulations, SAC on all robots,
+the camera task, the race, many copies, updates, exact resume, memory. The other results on learning were measured with the
+earlier agents.
 """
 
 STUDIES_HEAD = """# Studies
@@ -93,7 +93,7 @@ def robots(result: Result) -> str:
             if "sac_success_rate" in paper:
                 told += f" (paper: {percent(paper['sac_success_rate'])})"
             if "on_line_share" in metrics:
-                told += f"; on the line for {percent(metrics['on_line_share'])} of the time"
+                told += f"; on the line for {100 * metrics['on_line_share']:.1f} % of the time"
             if "final_error_mm" in metrics:
                 told += f"; final error {metrics['final_error_mm']:.0f} mm and {metrics['final_error_deg']:.1f} degrees"
         rows.append(
