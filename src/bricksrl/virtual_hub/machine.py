@@ -5,7 +5,8 @@ Time is a whole number of milliseconds and passes only in :meth:`Machine.advance
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import contextlib
+from collections.abc import Callable, Iterator
 from typing import Any
 
 from bricksrl.virtual_hub.body import Body, FittingBody
@@ -53,7 +54,7 @@ class Machine:
         self.servos = {motor.port: Servo(motor.kind, motor.port, body, self) for motor in body.robot.motors}
         self.drive_bases: list[DriveBaseControl] = []
         self._calls = 0
-        self._is_ahead = False
+        self._is_ahead = self._is_stopping = False
 
     @property
     def body_ms(self) -> int:
@@ -145,14 +146,22 @@ class Machine:
 
     def branch(self, value: Any) -> Any:
         """What the program branches on, as it is."""
-        if not self._is_ahead:
+        if not (self._is_ahead or self._is_stopping):
             self.settle()
         return value
 
+    @contextlib.contextmanager
+    def stopping(self) -> Iterator[None]:
+        """Inside, branches let no time pass."""
+        self._is_stopping = True
+        try:
+            yield
+        finally:
+            self._is_stopping = False
+
     def turn_loop(self) -> None:
         """One turn of a loop that may not wait."""
-        if not self._is_ahead:
-            self.settle()
+        self.branch(None)
         self.charge_call()
 
     def advance_to_control(self) -> None:

@@ -178,7 +178,8 @@ class VirtualHub:
         if self._program is not None:
             program, self._program = self._program, None
             if not program.dead:
-                program.throw(_Stopped)
+                with self.machine.stopping():  # no time may pass: other hubs of the same world do not run now
+                    program.throw(_Stopped)
             self.machine.stop_motors()
             self._come_to_rest()
 
