@@ -60,7 +60,7 @@ def test_user_agent_passes_check(tmp_path: Path) -> None:
         ({"change": "learner.policy = Far()"}, "acting", "-1..1"),
         ({"change": "learner.updates_per_step = 1e-9"}, "learning", "updates_per_step"),
         ({"change": "learner.optimizer = torch.optim.SGD(learner.parameters(), lr=0.0)"}, "learning", "changed nothing"),
-        ({"change": "learner.loss.gamma = float('nan')"}, "learning", "no number"),
+        ({"change": "learner.loss.gamma = float('nan')"}, "learning", "not a number"),
         ({"change": "learner.state_dict = lambda: {'a': object()}"}, "saving", "object"),
     ],
 )

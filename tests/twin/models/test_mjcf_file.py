@@ -98,7 +98,7 @@ def test_mismatched_model_raises(rover: Robot, change: dict[str, object], says: 
     [
         ("<mujoco", "is not an MJCF file"),
         ("<mujoco/>", "has no body"),
-        (ROVER_XML.replace('0.028">', '0.028 3 4">'), "no MJCF|compile"),
+        (ROVER_XML.replace('0.028">', '0.028 3 4">'), "not an MJCF|compile"),
     ],
 )
 def test_invalid_mjcf_raises(rover: Robot, text: str, says: str) -> None:
