@@ -38,15 +38,12 @@ def log() -> RunLog:
 
 
 def test_true_parameters_reproduce_motion(log: RunLog) -> None:
-    """Replayed commands have recorded times: the noiseless angles match to the sensor's degree.
-
-    Not exactly: a replay has no connection events, so a command may meet the control loop at another point of its millisecond.
-    """
+    """Replayed commands have recorded times: the noiseless angles match exactly."""
 
     def off_deg(physics: Physics) -> np.ndarray:
         return (replay(log, physics)[:, :2] - log.channels[:, :2] + 180.0) % 360.0 - 180.0
 
-    assert np.abs(off_deg(HIDDEN)).max() <= 1.0
+    assert not off_deg(HIDDEN).any()
     assert np.sqrt((off_deg(Physics()) ** 2).mean()) > 5.0
 
 

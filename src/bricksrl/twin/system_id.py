@@ -25,6 +25,7 @@ from bricksrl.twin.make_body import make_body
 from bricksrl.twin.motion_log import RunLog
 from bricksrl.twin.physics import PARAMETERS, Physics
 from bricksrl.twin.scene import Scene
+from bricksrl.virtual_hub.machine import CONTROL_LOOP_MS
 from bricksrl.virtual_hub.transport import VirtualHub
 
 Vector = NDArray[np.float64]
@@ -82,6 +83,7 @@ def replay(log: RunLog, physics: Physics, robot: Robot | None = None) -> Vector:
         first = link.read()
         rows.append(first.values)
         offset_ms = hub.machine.time_ms - int(log.times_ms[0])
+        offset_ms += -offset_ms % CONTROL_LOOP_MS  # commands meet the control loop at the same point of its period
         for command, start_ms in zip(log.commands, _starts_ms(log, physics), strict=True):
             wait_ms = offset_ms + start_ms - _LEAD_MS - hub.machine.time_ms
             if wait_ms > 0:
