@@ -36,6 +36,11 @@ def test_studies_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
         StudyCommand("agents", jobs=0).execute()
 
 
+def test_benchmark_study_has_no_cells_to_choose() -> None:
+    with pytest.raises(RunError, match="--only has no meaning for 'datasets'"):
+        StudyCommand("datasets", only=("bc-*",)).execute()
+
+
 def test_benchmark_study_uses_results(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     benchmarks = Path(__file__).parents[2] / "benchmarks"
     assert StudyCommand("datasets", folder=tmp_path / "study", benchmarks=benchmarks).execute() == 0

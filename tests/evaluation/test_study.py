@@ -55,6 +55,15 @@ def test_study_writes_tables_and_reuses_runs(tmp_path: Path) -> None:
     assert len((folder / "metrics.csv").read_text().splitlines()) == 3, "the run was not made again, only evaluated"
 
 
+def test_only_chosen_cells_are_run(tmp_path: Path) -> None:
+    page = run_study(TOY, tmp_path, quick=True, jobs=1, only=("random-*",))
+    assert "| random |" in page.read_text() and "Not run: sac-WalkerSim-v0." in page.read_text()
+    assert "| random |" in run_study(TOY, tmp_path, quick=True, seeds=1, jobs=1, only=("sac-*",)).read_text(), "kept"
+    assert "Not run" not in page.read_text()
+    with pytest.raises(RunError, match="no cell of 'toy' matches ppo-\\*; its cells: sac-WalkerSim-v0, random-WalkerSim-v0"):
+        run_study(TOY, tmp_path, quick=True, only=("ppo-*",))
+
+
 def test_failed_seed_is_reported_others_kept(tmp_path: Path) -> None:
     def broken(quick: bool) -> tuple[Cell, ...]:
         return (cells(quick)[1], Cell("none", "Nowhere-v0", {"env": "Nowhere-v0", "settings": SMALL}, AFTER))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -22,7 +23,7 @@ class StudyCommand:
     Examples:
       bricksrl study
       bricksrl study communication --quick
-      bricksrl study agents
+      bricksrl study agents --only "*-Spinning-v0"
       bricksrl study offline
       bricksrl study sim-to-robot --seeds 10 --on ray
     """
@@ -37,6 +38,8 @@ class StudyCommand:
     """Concurrent processes; by default the number of cores."""
     on: Annotated[str | None, option(metavar="WHERE")] = None
     """Where to run: ray, or ray:ADDRESS for a cluster whose computers share the folder."""
+    only: Annotated[tuple[str, ...], option(metavar="PATTERN")] = ()
+    """Run only the cells whose names match, e.g. "*RunAway-v0" "td3-*"; the page has all that were run."""
     folder: Annotated[Path | None, option(metavar="DIR")] = None
     """Folder of the study; by default studies/<name>, or studies/<name>-quick."""
     benchmarks: Annotated[Path, option(metavar="DIR")] = Path("benchmarks")
@@ -62,6 +65,8 @@ class StudyCommand:
                 raise RunError(f"{name} is {value}; give 1 or more")
         folder = self.folder or Path("studies") / (f"{self.name}-quick" if self.quick else self.name)
         if self.name in BENCHMARK_STUDIES:
+            if unknown := [f"--{name}" for name in ("seeds", "jobs", "on", "only") if getattr(self, name)]:
+                raise RunError(f"{unknown[0]} has no meaning for '{self.name}', whose runs are those of benchmarks; leave it out")
             self._print(take_study(BENCHMARK_STUDIES[self.name], folder, self.benchmarks, quick=self.quick))
             return 0
         study = STUDIES[self.name]
@@ -69,13 +74,14 @@ class StudyCommand:
         from bricksrl.evaluation.study import run_study
 
         took = f"{study.quick_minutes:g} minutes" if self.quick else f"{study.hours:g} hours"
-        print_line(f"{study.title}: some {took} on two cores, into {folder}")
+        print_line(f"{study.title}: {'cells of ' if self.only else ''}some {took} on two cores, into {folder}")
 
         def tell(cell: str, seed: int, error: str | None) -> None:
             print_line(f"{cell}  seed {seed}  {'done' if error is None else f'failed: {error}'}")
 
+        run = partial(run_study, study, folder, quick=self.quick, seeds=self.seeds, jobs=self.jobs)
         try:
-            page = run_study(study, folder, quick=self.quick, seeds=self.seeds, jobs=self.jobs, on=self.on, on_seed=tell)
+            page = run(on=self.on, only=self.only, on_seed=tell)
         except KeyboardInterrupt:
             print_interrupted(f"what was made is in {folder}; the same command goes on with it")
             return INTERRUPTED

@@ -1,7 +1,8 @@
 """Runner of studies: trains each cell of a table with several seeds, evaluates, and writes the results.
 
 A study's folder holds a run folder for each cell and seed, so that the same command resumes an interrupted study and repeats no
-finished run. ``study.json`` has the numbers, the processor and the versions; ``study.md`` the tables.
+finished run. ``study.json`` has the numbers, the processor and the versions; ``study.md`` the tables. Both are written after
+every seed, of all that is in the folder.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import shutil
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass
+from fnmatch import fnmatchcase
 from importlib import metadata
 from multiprocessing import get_context
 from pathlib import Path
@@ -27,6 +29,7 @@ from bricksrl.evaluation.study_page import page
 from bricksrl.evaluation.study_tables import Cell, Condition, Study
 from bricksrl.files import write_durably
 
+OUTCOME = "outcome.json"
 _PACKAGES = ("bricksrl", "torch", "torchrl", "tensordict", "mujoco", "numpy")
 OnSeed = Callable[[str, int, str | None], None]
 """Called with the name of a cell, a seed, and its error or ``None``, when the seed is done."""
@@ -71,7 +74,7 @@ def run_seed(cell: Cell, seed: int, folder: str) -> dict[str, Any] | str:
     from bricksrl.training.curve import WINDOW
 
     path = Path(folder) / f"seed-{seed}"
-    done = path / "outcome.json"
+    done = path / OUTCOME
     if done.exists():
         found: dict[str, Any] = json.loads(done.read_bytes())
         return found
@@ -134,37 +137,48 @@ def run_study(
     seeds: int | None = None,
     jobs: int | None = None,
     on: str | None = None,
+    only: Sequence[str] = (),
     on_seed: OnSeed = lambda *_: None,
 ) -> Path:
     """Run the missing parts of a study, and write ``study.json`` and ``study.md``; returns the path of the latter. Raises
-    RunError if a seed failed; the others are kept, and the same command resumes.
+    RunError if no cell was chosen, or a seed failed; the others are kept, and the same command resumes.
 
     Args:
         quick: run the quick form, a smoke test of the study.
+        only: shell patterns of names of cells; by default all cells.
         seeds: seeds per cell; by default the study's number, 2 in the quick form.
         jobs: concurrent processes; by default the number of cores.
         on: "ray", or "ray:ADDRESS", with a folder shared by all computers.
     """
     cells = study.cells(quick)
+    chosen = [cell for cell in cells if not only or any(fnmatchcase(name_of(cell), pattern) for pattern in only)]
+    if not chosen:
+        raise RunError(f"no cell of '{study.name}' matches {', '.join(only)}; its cells: {', '.join(map(name_of, cells))}")
     count = seeds or (2 if quick else study.seeds)
-    orders = [(cell, seed, str((folder / name_of(cell)).absolute())) for cell in cells for seed in range(count)]
+    orders = [(cell, seed, str((folder / name_of(cell)).absolute())) for cell in chosen for seed in range(count)]
     folder.mkdir(parents=True, exist_ok=True)
-    found: dict[str, list[dict[str, Any]]] = {name_of(cell): [] for cell in cells}
     errors = []
     for (cell, seed, _), outcome in zip(orders, _made(orders, jobs, on), strict=True):
         error = outcome if isinstance(outcome, str) else None
         on_seed(name_of(cell), seed, error)
-        if isinstance(outcome, str):
-            errors.append(f"{name_of(cell)} seed {seed}: {outcome}")
-        else:
-            found[name_of(cell)].append(outcome)
-    result = {"study": study.name, "title": study.title, "quick": quick, "metrics": study.metrics, **_machine()}
-    result["cells"] = [summary(cell, found[name_of(cell)]) for cell in cells if found[name_of(cell)]]
-    result["improvements"] = improvements(cells, found)
-    written = write_study(folder, result)
+        if error is not None:
+            errors.append(f"{name_of(cell)} seed {seed}: {error}")
+        written = write_study(folder, _result(study, cells, folder, count, quick=quick))
     if errors:
         raise RunError(f"{len(errors)} of {len(orders)} runs failed; the first: {errors[0]}")
     return written
+
+
+def _result(study: Study, cells: Sequence[Cell], folder: Path, seeds: int, *, quick: bool) -> dict[str, Any]:
+    """Numbers of a study, of the seeds that are done."""
+    done = {name_of(cell): [folder / name_of(cell) / f"seed-{seed}" / OUTCOME for seed in range(seeds)] for cell in cells}
+    found = {name: [json.loads(path.read_bytes()) for path in paths if path.exists()] for name, paths in done.items()}
+    result = {"study": study.name, "title": study.title, "quick": quick, "metrics": study.metrics, **_machine()}
+    result["cells"] = [summary(cell, found[name_of(cell)]) for cell in cells if found[name_of(cell)]]
+    result["improvements"] = improvements(cells, found)
+    missing = [name for name, outcomes in found.items() if not outcomes]
+    result["notes"] = [f"Not run: {', '.join(missing)}."] if missing else []
+    return result
 
 
 def write_study(folder: Path, result: dict[str, Any]) -> Path:
