@@ -308,6 +308,24 @@ def realtime_learning(result: Result) -> str:
     return table(["agent", "wall time over motion time", "updates per step"], rows)
 
 
+def fleet(result: Result) -> str:
+    """One robot and four with one learner, until so many episodes in a row are perfect."""
+    rows = []
+    for count, times in result["times_as_fast"].items():
+        one, four = (result[name]["in_a_row"][count] for name in ("1_robot", "4_robots"))
+        cells = [within(found["solved_s_iqm"], found["solved_s_95"]) for found in (one, four)]
+        rows.append([f"{count} in a row", *cells, f"{times:.1f}"])
+    cut = result["cut"]
+    lost = cut["frames_of_ended_episodes_missing_in_the_dataset"] + cut["frames_in_the_buffer_that_the_dataset_lacks"]
+    told = (
+        f"The link of one robot was cut for 30 s: it left after {cut['left_s_after_the_cut'][0]:g} s and was back after "
+        f"{cut['back_s_after_the_cut'][0]:g} s; the others made {cut['episodes_of_the_others_meanwhile']} episodes meanwhile; "
+        f"{lost} frames were lost, {cut['frames_linked_with_another_robots']} were linked with another robot's.\n"
+    )
+    head = ["perfect episodes", "one robot, s", "four robots, s", "times as fast"]
+    return f"{table(head, rows)}\n{told}"
+
+
 def realtime_factor(result: Result) -> str:
     """Virtual robots on one core."""
     rows = [
@@ -359,6 +377,7 @@ SECTIONS: dict[str, tuple[str, Callable[[Result], str]]] = {
     "updates": ("Cost of an update", updates),
     "cql_updates": ("Cost of a CQL update", cql_updates),
     "realtime_learning": ("Learning in parallel with a robot that takes real time", realtime_learning),
+    "fleet": ("Four robots with one learner against one, SAC on RunAway-v0 in real time", fleet),
     "realtime_factor": ("Speed of the virtual robots, hub program and environment included", realtime_factor),
     "simulation_speed": ("Speed of the batched simulations", simulation_speed),
     "link_rates": ("Rate of the link, over a simulated radio", link_rates),
