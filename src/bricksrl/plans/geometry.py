@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import enum
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,7 +15,14 @@ Triple = tuple[float, float, float]
 
 MM_PER_LDU = 0.4
 MODULE_LDU = 20.0
+_FEWEST_SIDES = 10
 AXES: dict[str, Triple] = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
+
+
+def circle_sides(radius: float, chord_error: float) -> int:
+    """Sides of the polygon that is drawn for a circle: it is nowhere farther than ``chord_error`` from it, and looks round when
+    shaded. A segment's height is r (1 - cos(pi / sides))."""
+    return max(_FEWEST_SIDES, math.ceil(math.pi / math.acos(1.0 - min(chord_error / radius, 1.0))))
 
 
 class Form(enum.Enum):

@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import enum
 import functools
+import itertools
 import math
 from dataclasses import dataclass
 
 import numpy as np
 
-from bricksrl.plans.geometry import Floats, Form, Solid, cylinder, frame_of, triple
+from bricksrl.plans.geometry import Floats, Form, Solid, circle_sides, cylinder, frame_of, triple
 from bricksrl.plans.part import Fit, Gear, GearForm, Part, Site
 
-_SIDES = 20
+DETAILED, COARSE = 0.1, 0.3
+"""Largest distance of a circle from the polygon that is drawn for it: of parts in a booklet, and of moving robots."""
+_ON_AXIS = 1e-9
+"""Radii of a profile below this lie on its axis, where triangles have no area."""
 _STUD_RADIUS = 6.0
 _TOOTH_HEIGHT = 2.2
 """Height of teeth above the pitch circle."""
@@ -38,39 +42,40 @@ class Surface:
 
 
 @functools.lru_cache(maxsize=1024)
-def surface_of(part: Part) -> Surface:
-    """The surface of a part in its own frame."""
+def surface_of(part: Part, chord_error: float = DETAILED) -> Surface:
+    """The surface of a part in its own frame. ``chord_error``: largest distance of a circle from its polygon."""
     pieces: list[tuple[Floats, Tint]] = []
     if part.family == "axles":
         pieces += [(_cross(site), Tint.MAIN) for site in part.sites]
-        pieces += [(_solid(solid), Tint.MAIN) for solid in part.solids if solid.half[0] > 7]
+        pieces += [(_solid(solid, chord_error), Tint.MAIN) for solid in part.solids if solid.half[0] > 7]
     else:
         tooth_solids = 1 if part.gears and part.gears[0].form is not GearForm.RACK else 0
         pieces += [(_teeth(gear), Tint.MAIN) for gear in part.gears[:tooth_solids]]
         tint = Tint.DARK if part.family == "tyres" or part.wheel_mm > 50 else Tint.MAIN
         solids = part.solids[tooth_solids:] if part.family == "gears" else part.solids
-        pieces += [(_solid(solid), tint if solid.form is Form.RING else Tint.MAIN) for solid in solids]
+        pieces += [(_solid(solid, chord_error), tint if solid.form is Form.RING else Tint.MAIN) for solid in solids]
         pieces += [(_cross(site), Tint.MAIN) for site in part.sites if site.fit is Fit.AXLE]
-    pieces += [(_solid(stud), Tint.MAIN) for stud in _studs(part)]
-    pieces += [(_solid(solid), Tint.TURNING) for solid in part.turning]
-    pieces += [(_hole(site), Tint.DARK) for site in part.holes]
-    pieces += [(_solid(collar), Tint.MAIN) for collar in _collars(part)]
-    pieces += _electric_marks(part)
+    pieces += [(_solid(stud, chord_error), Tint.MAIN) for stud in _studs(part)]
+    pieces += [(_solid(solid, chord_error), Tint.TURNING) for solid in part.turning]
+    pieces += [(_hole(site, chord_error), Tint.DARK) for site in part.holes]
+    pieces += [(_solid(collar, chord_error), Tint.MAIN) for collar in _collars(part)]
+    pieces += _electric_marks(part, chord_error)
     triangles = np.concatenate([piece for piece, _ in pieces])
     return Surface(triangles, np.concatenate([np.full(len(piece), int(tint)) for piece, tint in pieces]))
 
 
-def _solid(solid: Solid) -> Floats:
+def _solid(solid: Solid, chord_error: float) -> Floats:
+    sides = circle_sides(solid.half[0], chord_error)
     if solid.form is Form.BOX:
         local = _box(solid.half)
     elif solid.form is Form.CYLINDER:
-        local = _revolved([(0, -1), (1, -1), (1, 1), (0, 1)], solid.half[0], solid.half[2])
+        local = _revolved([(0, -1), (1, -1), (1, 1), (0, 1)], solid.half[0], solid.half[2], sides)
     elif solid.form is Form.RING:
         inner = solid.half[1] / solid.half[0]
-        local = _revolved([(inner, -1), (1, -1), (1, 1), (inner, 1), (inner, -1)], solid.half[0], solid.half[2], sides=36)
+        local = _revolved([(inner, -1), (1, -1), (1, 1), (inner, 1), (inner, -1)], solid.half[0], solid.half[2], sides)
     else:
         angles = [math.pi * step / 10 - math.pi / 2 for step in range(11)]
-        local = _revolved([(math.cos(angle), math.sin(angle)) for angle in angles], solid.half[0], solid.half[0])
+        local = _revolved([(math.cos(angle), math.sin(angle)) for angle in angles], solid.half[0], solid.half[0], sides)
     faces = _tube_outward(local, solid.half[0], solid.half[1]) if solid.form is Form.RING else _outward(local)
     return np.asarray(faces @ np.array(solid.axes) + np.array(solid.centre))
 
@@ -103,7 +108,7 @@ def _box(half: tuple[float, float, float]) -> Floats:
     return _outward(np.array([corners[[a, b, c]] for q in quads for a, b, c in ((q[0], q[1], q[2]), (q[0], q[2], q[3]))]))
 
 
-def _revolved(profile: list[tuple[float, float]], radius: float, half: float, sides: int = _SIDES) -> Floats:
+def _revolved(profile: list[tuple[float, float]], radius: float, half: float, sides: int) -> Floats:
     """Surface of revolution: a profile of (radius, height), each 0..1, around the third axis."""
     angles = np.arange(sides + 1) * 2 * math.pi / sides
     rings = [
@@ -111,9 +116,11 @@ def _revolved(profile: list[tuple[float, float]], radius: float, half: float, si
         for r, z in profile
     ]
     faces = []
-    for low, high in zip(rings, rings[1:], strict=False):
-        faces.append(np.stack([low[:-1], low[1:], high[1:]], axis=1))
-        faces.append(np.stack([low[:-1], high[1:], high[:-1]], axis=1))
+    for (low, (low_radius, _)), (high, (high_radius, _)) in itertools.pairwise(zip(rings, profile, strict=True)):
+        if low_radius > _ON_AXIS:
+            faces.append(np.stack([low[:-1], low[1:], high[1:]], axis=1))
+        if high_radius > _ON_AXIS:
+            faces.append(np.stack([low[:-1], high[1:], high[:-1]], axis=1))
     return np.concatenate(faces)
 
 
@@ -128,11 +135,11 @@ def _cross(site: Site) -> Floats:
     return _placed(blades, site.axis, site.centre)
 
 
-def _hole(site: Site) -> Floats:
+def _hole(site: Site, chord_error: float) -> Floats:
     """Dark shapes at both ends of a hole: discs for pins, crosses for axles."""
     half = site.length / 2 + _DISC_OFFSET
     if site.fit is Fit.HOLE:
-        discs = [_revolved([(0, z), (1, z)], 6.0, half) for z in (-1.0, 1.0)]
+        discs = [_revolved([(0, z), (1, z)], 6.0, half, circle_sides(6.0, chord_error)) for z in (-1.0, 1.0)]
         return _placed(_outward(np.concatenate(discs)), site.axis, site.centre)
     blades = np.concatenate([_box((6.0, 2.0, half)), _box((2.0, 6.0, half))])
     return _placed(blades, site.axis, site.centre)
@@ -183,7 +190,7 @@ def _teeth(gear: Gear) -> Floats:
     return _placed(np.concatenate(faces), gear.axis, gear.centre)
 
 
-def _electric_marks(part: Part) -> list[tuple[Floats, Tint]]:
+def _electric_marks(part: Part, chord_error: float) -> list[tuple[Floats, Tint]]:
     """Marks on electric parts: a hub's display, button and ports, the eyes of a sensor."""
     device = part.device
     if device is None:
@@ -196,12 +203,13 @@ def _electric_marks(part: Part) -> list[tuple[Floats, Tint]]:
         top, middle, long = low[1], (low + high) / 2, high[2] - low[2]
         button = (float(middle[0]), float(top), float(middle[2] - 0.3 * long))
         pieces.append((_box((40.0, 0.5, 40.0)) + np.array([middle[0], top, middle[2] + 0.18 * long]), Tint.FACE))
-        pieces.append((_placed(_disc(16.0), (0.0, -1.0, 0.0), button), Tint.TURNING))
+        pieces.append((_placed(_disc(16.0, chord_error), (0.0, -1.0, 0.0), button), Tint.TURNING))
     if device.looks is not None and part.sites:
         eyes = (-35.0, 35.0) if high[0] > 60 else (0.0,)
-        pieces += [(_placed(_disc(22.0), device.looks, (x, float(low[1] + high[1]) / 2, float(low[2]))), Tint.FACE) for x in eyes]
+        eye, y = _disc(22.0, chord_error), float(low[1] + high[1]) / 2
+        pieces += [(_placed(eye, device.looks, (x, y, float(low[2]))), Tint.FACE) for x in eyes]
     return pieces
 
 
-def _disc(radius: float) -> Floats:
-    return _outward(_revolved([(0, 1), (1, 1)], radius, 0.6))
+def _disc(radius: float, chord_error: float) -> Floats:
+    return _outward(_revolved([(0, 1), (1, 1)], radius, 0.6, circle_sides(radius, chord_error)))

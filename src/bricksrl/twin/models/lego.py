@@ -18,6 +18,7 @@ from bricksrl.twin.models.meshes import (
     Part,
     Shape,
     Triple,
+    block,
     box,
     cylinder,
     discs,
@@ -57,7 +58,7 @@ def add_colours(spec: mujoco.MjSpec) -> None:
 def beam(holes: int, colour: str) -> Part:
     """Technic beam along x with its holes along z, centred."""
     length = holes * MODULE
-    bar = extruded(rounded_rectangle(length - 0.2, 7.6, 3.2, arc=5), 7.4, bevel=0.5)
+    bar = extruded(rounded_rectangle(length - 0.2, 7.6, 3.2), 7.4, bevel=0.5)
     centres = [(index - (holes - 1) / 2) * MODULE for index in range(holes)]
     ours = Part(((colour, bar), ("dim", merge([discs(2.5, 7.5).at(x, 0, 0) for x in centres]))))
     return dressed(f"beam {holes}", colour, ours)
@@ -72,14 +73,14 @@ def hub() -> Part:
     unlit: list[Shape] = []
     for row, line in enumerate(_HEART):
         for column, mark in enumerate(line):
-            pixel = box(4.8, 4.8, 1.0, radius=0.4, arc=1).at(17 + (2 - row) * 6, (2 - column) * 6, 16.2)
+            pixel = block(4.8, 4.8, 1.0).at(17 + (2 - row) * 6, (2 - column) * 6, 16.2)
             (lit if mark == "#" else unlit).append(pixel)
     button = cylinder(6.6, 2.0, bevel=0.6).at(-20, 0, 16.4)
     light = ring(9.4, 6.6, 1.2).at(-20, 0, 16.1)
     steering = [box(9, 7, 1.4, radius=0.5).at(-20, side * 17, 16.1) for side in (1, -1)]
     bluetooth = cylinder(3.4, 1.2, bevel=0.4).at(36, -20, 16.2)
-    ports = [box(15, 1.2, 8.5, radius=0.5).at(x, side * 27.8, 5) for x in (26, 0, -26) for side in (1, -1)]
-    usb = box(1.2, 9, 3.6, radius=0.5).at(43.8, 0, 5)
+    ports = [box(15, 1.2, 8.5, radius=0.5, arc=1).at(x, side * 27.8, 5) for x in (26, 0, -26) for side in (1, -1)]
+    usb = box(1.2, 9, 3.6, radius=0.5, arc=1).at(43.8, 0, 5)
     holes = [discs(2.5, 55.2).along(Y_AXIS).at(x, 0, -10.5) for x in (-32, -24, -16, 16, 24, 32)]
     speaker = [discs(1.0, 88.4, 6).along(X_AXIS).at(-0.1, y, z) for y in (-8, -4, 0, 4, 8) for z in (3, 7)]
     ours = Part(
@@ -97,7 +98,7 @@ def hub() -> Part:
 
 def medium_motor() -> Part:
     """Medium motor along x, 72 long, its output towards +y, 24 from the front; origin on the output's axis."""
-    front = extruded(rounded_rectangle(24, 24, 11.0, arc=6), 31, bevel=1.0).along(Y_AXIS)
+    front = extruded(rounded_rectangle(24, 24, 11.0), 31, bevel=1.0).along(Y_AXIS)
     housing = box(52, 31, 23.6, radius=2.2).at(-26, 0, 0)
     cap = box(16, 32, 24.4, radius=2.2).at(-53, 0, 0)
     stripe = box(26, 32, 6, radius=0.8).at(-28, 0, 3)
@@ -125,8 +126,8 @@ def wheel(diameter: float) -> Part:
     """A wheel with a black tyre on a light six-spoked rim, axis along y, centred."""
     outer, inner = diameter / 2, diameter / 2 - 7.5
     half = [(inner, 6.2), (outer - 3.4, 7.0), (outer - 1.0, 5.6), (outer - 0.3, 3.0)]
-    tyre = turned([*half, *((radius, -y) for radius, y in reversed(half)), half[0]], 48)
-    treads = [box(1.9, 2.2, 11.6, radius=0.4, arc=1).at(outer - 0.95, 0, 0).turned(Z_AXIS, 15 * step) for step in range(24)]
+    tyre = turned([*half, *((radius, -y) for radius, y in reversed(half)), half[0]])
+    treads = [block(1.9, 2.2, 11.6).at(outer - 0.95, 0, 0).turned(Z_AXIS, 15 * step) for step in range(24)]
     rim = [ring(inner, inner - 3.2, 12.6), cylinder(6.4, 13, bevel=0.8)]
     spokes = [box(inner - 5, 4.2, 9.4, radius=0.8).at((inner + 3) / 2, 0, 0).turned(Z_AXIS, 60 * step) for step in range(6)]
     shade = cylinder(inner - 1, 3)
@@ -143,9 +144,9 @@ def wheel(diameter: float) -> Part:
 def ultrasonic_sensor() -> Part:
     """Ultrasonic sensor facing +x, 24 x 56 x 24, centred."""
     case = box(20, 56, 23.6, radius=2.0).at(-2, 0, 0)
-    face = extruded(rounded_rectangle(22.5, 55, 10.5, arc=6), 4, bevel=0.8).along(X_AXIS).at(9.6, 0, 0)
+    face = extruded(rounded_rectangle(22.5, 55, 10.5), 4, bevel=0.8).along(X_AXIS).at(9.6, 0, 0)
     rims = [ring(10.2, 7.8, 3.4).along(X_AXIS).at(11.2, side * 15.5, 0) for side in (1, -1)]
-    membrane = turned([(0, 1.6), (3.5, 1.2), (7.8, 0), (7.8, -1), (0, -1)], 24).along(X_AXIS)
+    membrane = turned([(0, 1.6), (3.5, 1.2), (7.8, 0), (7.8, -1), (0, -1)]).along(X_AXIS)
     membranes = [membrane.at(11.2, side * 15.5, 0) for side in (1, -1)]
     pupils = [cylinder(2.6, 1.0, bevel=0.3).along(X_AXIS).at(12.6, side * 15.5, 0) for side in (1, -1)]
     ours = Part((("white", merge([case, *rims])), ("black", merge([face, *pupils])), ("dim", merge(membranes))))
@@ -155,8 +156,8 @@ def ultrasonic_sensor() -> Part:
 def ball_caster(radius: float) -> Part:
     """Steel ball in its socket; origin at the centre of the ball."""
     angles = [math.radians(step) for step in range(0, 181, 20)]
-    ball = turned([(radius * math.sin(angle), radius * math.cos(angle)) for angle in angles], 16)
-    socket = turned([(0, 16), (10, 16), (radius + 3.4, 11), (radius + 3.4, 1), (radius + 2, -1.5), (radius, -1.5), (0, 4)], 24)
+    ball = turned([(radius * math.sin(angle), radius * math.cos(angle)) for angle in angles])
+    socket = turned([(0, 16), (10, 16), (radius + 3.4, 11), (radius + 3.4, 1), (radius + 2, -1.5), (radius, -1.5), (0, 4)])
     return Part((("light_grey", ball), ("dark_grey", socket)))
 
 
@@ -167,14 +168,14 @@ def cable(points: Sequence[Triple]) -> Part:
 
 def pin(colour: str) -> Part:
     """Visible head of a pin, along z, centred."""
-    return Part(((colour, turned([(0, 1), (2.3, 1), (2.6, 0.6), (2.6, -1), (0, -1)], 12)),))
+    return Part(((colour, turned([(0, 1), (2.3, 1), (2.6, 0.6), (2.6, -1), (0, -1)])),))
 
 
 def gear(teeth: int, colour: str, width: float = 7.4) -> Part:
     """Spur gear along y, centred, with a pitch radius of 0.5 mm per tooth."""
     pitch = teeth / 2
     body = ring(pitch - 0.9, pitch - 3.6, width) if teeth > 20 else cylinder(pitch - 0.9, width, bevel=0.4)
-    cog = box(2.2, 1.5, width - 0.4, radius=0.4, arc=1).at(pitch - 0.4, 0, 0)
+    cog = block(2.2, 1.5, width - 0.4).at(pitch - 0.4, 0, 0)
     cogs = [cog.turned(Z_AXIS, 360 / teeth * i) for i in range(teeth)]
     boss = cylinder(5.0, width + 0.4, bevel=0.6)
     web = [cylinder(pitch - 3, 3.2)] if teeth > 20 else []
@@ -185,5 +186,5 @@ def gear(teeth: int, colour: str, width: float = 7.4) -> Part:
 
 def turntable() -> Part:
     """Lower half of a large turntable, 60 teeth, axis along z, 12 high, centred."""
-    teeth = [box(2.4, 1.7, 7.4, radius=0.4, arc=1).at(29.6, 0, 0).turned(Z_AXIS, 6 * i) for i in range(60)]
+    teeth = [block(2.4, 1.7, 7.4).at(29.6, 0, 0).turned(Z_AXIS, 6 * i) for i in range(60)]
     return Part((("dark_grey", merge([cylinder(29, 7.8, bevel=0.5), *teeth])), ("black", cylinder(25, 12, bevel=0.8))))

@@ -15,10 +15,14 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from bricksrl.plans.geometry import circle_sides
 from bricksrl.twin.models.mjcf import LOOKS_GROUP
 
 Floats = NDArray[np.float64]
 Triple = tuple[float, float, float]
+
+_CHORD_ERROR_MM = 0.12
+"""Less than a pixel of the cameras, which are half a metre away."""
 
 X_AXIS, Y_AXIS, Z_AXIS = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
 
@@ -84,9 +88,19 @@ def box(length: float, width: float, height: float, radius: float = 0.6, arc: in
     return Shape(points.reshape(-1, 3), normals.reshape(-1, 3), np.concatenate([_grid(rows, columns), *caps]))
 
 
-def turned(profile: Sequence[tuple[float, float]], segments: int = 32) -> Shape:
+def block(length: float, width: float, height: float) -> Shape:
+    """Box along x, y, z with sharp edges, centred: for small parts, at a tenth of the faces of a rounded one."""
+    corners = np.array([[x, y, z] for z in (-1.0, 1.0) for x, y in ((-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0))])
+    sides = np.array([[0, 3, 2, 1], [4, 5, 6, 7], [0, 1, 5, 4], [1, 2, 6, 5], [2, 3, 7, 6], [3, 0, 4, 7]])
+    normals = corners[sides].mean(axis=1)
+    faces = np.concatenate([_fan(np.arange(4) + 4 * side) for side in range(6)])
+    return Shape(corners[sides].reshape(-1, 3) * np.array([length, width, height]) / 2, np.repeat(normals, 4, axis=0), faces)
+
+
+def turned(profile: Sequence[tuple[float, float]]) -> Shape:
     """Solid of revolution about z. ``profile``: (radius, z) from the top of the axis outwards and down to its bottom; all edges
     are sharp."""
+    segments = circle_sides(max(radius for radius, _ in profile), _CHORD_ERROR_MM)
     parts, angles = [], np.linspace(0.0, 2 * math.pi, segments, endpoint=False)
     for (radius_0, z_0), (radius_1, z_1) in itertools.pairwise(profile):
         slope = np.array([z_0 - z_1, radius_1 - radius_0])
@@ -96,15 +110,17 @@ def turned(profile: Sequence[tuple[float, float]], segments: int = 32) -> Shape:
         for row, (radius, z) in enumerate(((radius_0, z_0), (radius_1, z_1))):
             points[row, :, :2], points[row, :, 2] = radius * rim, z
         normals[..., :2], normals[..., 2] = across * rim, up
-        parts.append(Shape(points.reshape(-1, 3), normals.reshape(-1, 3), _grid(2, segments)))
+        left, right = np.split(_grid(2, segments), 2)
+        faces = [left] * (radius_1 > 0) + [right] * (radius_0 > 0)  # on the axis, triangles have no area
+        parts.append(Shape(points.reshape(-1, 3), normals.reshape(-1, 3), np.concatenate(faces)))
     return merge(parts)
 
 
-def cylinder(radius: float, length: float, bevel: float = 0.0, segments: int = 24) -> Shape:
+def cylinder(radius: float, length: float, bevel: float = 0.0) -> Shape:
     """Disc or rod along z, centred."""
     half = length / 2
     edge = [(radius - bevel, half), (radius, half - bevel), (radius, bevel - half), (radius - bevel, -half)]
-    return turned([(0.0, half), *(edge if bevel else [edge[0], edge[2]]), (0.0, -half)], segments)
+    return turned([(0.0, half), *(edge if bevel else [edge[0], edge[2]]), (0.0, -half)])
 
 
 def discs(radius: float, distance: float, segments: int = 10) -> Shape:
@@ -117,11 +133,11 @@ def discs(radius: float, distance: float, segments: int = 10) -> Shape:
     return merge(ends)
 
 
-def ring(outer: float, inner: float, length: float, segments: int = 32) -> Shape:
+def ring(outer: float, inner: float, length: float) -> Shape:
     """Flat ring along z, centred."""
     half, bevel = length / 2, min(0.6, length / 4)
-    profile = [(inner, -half), (inner, half), (outer - bevel, half), (outer, half - bevel), (outer, bevel - half), (inner, -half)]
-    return turned(profile, segments)
+    edge = [(outer - bevel, half), (outer, half - bevel), (outer, bevel - half), (outer - bevel, -half)]
+    return turned([(inner, -half), (inner, half), *edge, (inner, -half)])
 
 
 def extruded(outline: Floats, height: float, bevel: float = 0.4) -> Shape:
@@ -143,8 +159,9 @@ def extruded(outline: Floats, height: float, bevel: float = 0.4) -> Shape:
     return merge(shapes)
 
 
-def rounded_rectangle(length: float, width: float, radius: float, arc: int = 4) -> Floats:
+def rounded_rectangle(length: float, width: float, radius: float) -> Floats:
     """Outline [n, 2] of a rectangle along x, y with round corners, counter-clockwise."""
+    arc = -(-circle_sides(radius, _CHORD_ERROR_MM) // 4)
     angles = np.concatenate([np.linspace(0.0, math.pi / 2, arc + 1) + quadrant * math.pi / 2 for quadrant in range(4)])
     signs = np.repeat([(1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0), (1.0, -1.0)], arc + 1, axis=0)
     corners = signs * np.array([length / 2 - radius, width / 2 - radius])

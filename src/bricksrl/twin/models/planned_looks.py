@@ -16,7 +16,7 @@ from bricksrl.plans.mechanism.kinematics import TO_TWIN
 from bricksrl.plans.part import DeviceKind, Part
 from bricksrl.plans.plan import Placed, Plan
 from bricksrl.plans.planned_robot import PlannedRobot
-from bricksrl.plans.shapes import Tint, surface_of
+from bricksrl.plans.shapes import COARSE, Tint, surface_of
 from bricksrl.twin import ldraw
 from bricksrl.twin.models import meshes
 from bricksrl.twin.models.looks import shape_of
@@ -73,7 +73,7 @@ def _shapes(placed: Placed, *, only_turning: bool) -> list[tuple[str, Shape]]:
 @functools.lru_cache(maxsize=512)
 def _of_catalogue(part: Part) -> dict[Tint, Shape]:
     """Our shapes of a part."""
-    surface = surface_of(part)
+    surface = surface_of(part, COARSE)
     found = {tint: shape_of(surface.triangles[surface.tints == int(tint)]) for tint in Tint}
     return {tint: shape for tint, shape in found.items() if shape is not None}
 
