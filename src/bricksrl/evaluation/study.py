@@ -177,7 +177,8 @@ def _result(study: Study, cells: Sequence[Cell], folder: Path, seeds: int, *, qu
     result["cells"] = [summary(cell, found[name_of(cell)]) for cell in cells if found[name_of(cell)]]
     result["improvements"] = improvements(cells, found)
     missing = [name for name, outcomes in found.items() if not outcomes]
-    result["notes"] = [f"Not run: {', '.join(missing)}."] if missing else []
+    told = f"Not run: {', '.join(missing)}." if missing else ""
+    result["notes"] = [note for note in (study.note, told) if note]
     return result
 
 

@@ -63,6 +63,7 @@ class Study:
         hours, quick_minutes: approximate duration on two cores.
         cells: returns the cells of the study, or of its quick form, a smoke test with few episodes.
         metrics: metrics of the evaluated episodes that its page shows.
+        note: how to read its table.
     """
 
     name: str
@@ -72,8 +73,13 @@ class Study:
     seeds: int
     cells: Callable[[bool], tuple[Cell, ...]]
     metrics: tuple[str, ...] = ()
+    note: str = ""
 
 
+_STOPPED = (
+    "Training stops as soon as five consecutive episodes reach, on average, the return of the paper's best agent. Some do so by "
+    "luck: the policy is then worse than that return when it is evaluated, as some of the camera task are."
+)
 ON_THE_ROBOT = ("RunAway-v0", "Spinning-v0", "Walker-v0", "RoboArm-v0", "RoboArm_mixed-v0")
 IN_SIMULATION = {"WalkerSim-v0": "Walker-v0", "RoboArmSim-v0": "RoboArm-v0"}
 PAPERS_AGENTS = ("td3", "sac", "droq", "random")
@@ -197,7 +203,7 @@ STUDIES = {
         Study("sim-to-robot", "From simulation to robots with other physics", 12.0, 4.0, 5, _sim_to_robot, _WALK),
         Study("communication", "Steps a second and the link's interval, streaming or not", 3.0, 4.0, 5, _communication, _WALK),
         Study("strategies", "Strategies on RunAway-v0", 0.5, 2.0, 5, _strategies, _STRATEGY),
-        Study("robot-time", "Robot minutes to a working policy", 1.0, 2.0, 5, _robot_time, ("episode_steps",)),
+        Study("robot-time", "Robot minutes to a working policy", 0.5, 2.0, 5, _robot_time, ("episode_steps",), _STOPPED),
     )
 }
 """Studies by name."""
