@@ -153,7 +153,7 @@ def _add_wheel(spec: mujoco.MjSpec, chassis: mujoco.MjsBody, motor: Motor, side:
     """Add a motor's geared output and the wheel on it with backlash; a positive turn of both drives forward."""
     rotor = add_rotor(spec, chassis, motor, (0.0, side * frame.half_track / 1000, 0.0), gear=_gear(motor))
     mass_kg = _WHEEL_KG * (2 * frame.axle / _WHEEL_MM) ** 2
-    wheel = add_driven(rotor, "wheel", motor.port, (0.0, 1.0, 0.0))
+    wheel = add_driven(rotor, f"wheel_{motor.port}", motor.port, (0.0, 1.0, 0.0))
     add_tyre(wheel, motor.port, frame.axle / 1000, _TYRE_WIDTH_MM / 2000, mass_kg)
     length = frame.half_track - _motor_y(frame)
     draw(spec, rotor, [lego.axle(max(length, 16.0)).at(0, -side * length / 2, 0)])
