@@ -13,7 +13,7 @@ import mujoco
 
 from bricksrl.errors import TwinError
 from bricksrl.plans.part import DeviceKind
-from bricksrl.robots import DriveBase, HubKind, Motor, MotorKind, Robot, UltrasonicSensor
+from bricksrl.robots import DriveBase, HubKind, Motor, MotorKind, Robot
 from bricksrl.twin.models import lego
 from bricksrl.twin.models.meshes import X_AXIS, Y_AXIS, Z_AXIS, Part, box, cylinder, draw
 from bricksrl.twin.models.mjcf import (
@@ -61,8 +61,6 @@ def driving_robot(robot: Robot, scene: Scene) -> mujoco.MjSpec:
     base = robot.drive_base
     if base is None:
         raise TwinError(f"robot '{robot.name}' has neither a MuJoCo model nor a drive base; give Robot(..., model=...)")
-    if scene.wall_distance_mm is not None and not any(isinstance(one, UltrasonicSensor) for one in robot.sensors):
-        raise TwinError(f"robot '{robot.name}' has no ultrasonic sensor to place it before a wall with; omit the wall")
     frame = _measure(robot, base)
     spec, axle_m = new_spec(robot.name), frame.axle / 1000
     add_surroundings(spec, scene)

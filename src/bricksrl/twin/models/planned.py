@@ -17,7 +17,7 @@ from bricksrl.errors import TwinError
 from bricksrl.plans.mechanism.articulation import Articulation, Turn
 from bricksrl.plans.mechanism.end_stops import free_deg
 from bricksrl.plans.planned_robot import PlannedRobot, planned_robot
-from bricksrl.robots import Motor, PoweredUpSensor, Robot, UltrasonicSensor
+from bricksrl.robots import Motor, PoweredUpSensor, Robot
 from bricksrl.robots.planned import check_description
 from bricksrl.twin.models.mjcf import (
     SHAPE_GROUP,
@@ -77,8 +77,6 @@ def _check(robot: Robot, planned: PlannedRobot, scene: Scene) -> None:
         raise TwinError(f"the twin of {path} holds no ball; omit the ball")
     if planned.articulation.is_fixed and (scene.wall_distance_mm is not None or scene.heading_deg != (0.0, 0.0)):
         raise TwinError(f"robot '{robot.name}' stands still and sees no wall; omit wall_distance_mm and heading_deg")
-    if scene.wall_distance_mm is not None and not any(isinstance(one, UltrasonicSensor) for one in robot.sensors):
-        raise TwinError(f"robot '{robot.name}' has no ultrasonic sensor to place it before a wall with; omit the wall")
     for sensor in robot.sensors:
         if isinstance(sensor, PoweredUpSensor):
             raise TwinError(f"nothing in {path} can say what '{sensor.name}' senses; only ultrasonic sensors have a twin")
