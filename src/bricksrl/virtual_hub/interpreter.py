@@ -26,7 +26,11 @@ class Modules(dict[str, ModuleType]):
     """
 
     def __init__(
-        self, modules: dict[str, ModuleType], tick: Callable[[], None], branch: Callable[[Any], Any], has_memoryview: bool
+        self,
+        modules: dict[str, ModuleType],
+        tick: Callable[[], None] = lambda: None,
+        branch: Callable[[Any], Any] = lambda value: value,
+        has_memoryview: bool = True,
     ) -> None:
         super().__init__(modules)
         self.tick, self.branch = tick, branch
@@ -48,24 +52,20 @@ def execute(source: str, filename: str, modules: dict[str, ModuleType], console:
         OverflowError: a constant needs more than 31 bits.
     """
     code = compiled(source, filename)
-    if isinstance(modules, Modules):
-        tick, branch, has_memoryview = modules.tick, modules.branch, modules.has_memoryview
-    else:
-        tick, branch = _no_tick, _identity
-        has_memoryview = True
+    known = modules if isinstance(modules, Modules) else Modules(modules)
     names: dict[str, Any] = {"__name__": "__main__"}
 
     def find_module(name: str) -> ModuleType:
-        if name not in modules:
-            beside = modules.find_module(name) if isinstance(modules, Modules) else None
+        if name not in known:
+            beside = known.find_module(name)
             if beside is None:
                 raise ImportError(f"no module named '{name}'")
-            modules[name] = ModuleType(name)
-            modules[name].__dict__.update(__builtins__=names["__builtins__"])
-            exec(compiled(beside.source, beside.file), modules[name].__dict__)
-        return modules[name]
+            known[name] = ModuleType(name)
+            known[name].__dict__.update(__builtins__=names["__builtins__"])
+            exec(compiled(beside.source, beside.file), known[name].__dict__)
+        return known[name]
 
-    names["__builtins__"] = builtin_names(names, find_module, console, tick, branch, has_memoryview)
+    names["__builtins__"] = builtin_names(names, find_module, console, known.tick, known.branch, known.has_memoryview)
     try:
         exec(code, names)
     except Exception as error:
@@ -89,11 +89,3 @@ def format_traceback(error: BaseException, filename: str) -> str:
     if lines:
         lines.insert(0, "Traceback (most recent call last):")
     return "\n".join([*lines, last]) + "\n"
-
-
-def _no_tick() -> None:
-    pass
-
-
-def _identity(value: Any) -> Any:
-    return value

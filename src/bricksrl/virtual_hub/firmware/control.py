@@ -127,20 +127,9 @@ class Controller:
         self, time: int, state: State, target: int, speed: int, then: OnCompletion, allow_shift: bool = True
     ) -> None:
         """Run to a position; speed 0 is the default speed. Raises ValueError for a move that is too long."""
-        s = self.settings
         active = self.is_active
         start = self.reference(time, state) if active else Reference(time, state.position, state.speed, 0)
-        command = Command(
-            start.time,
-            start.position,
-            start.speed,
-            speed or s.default_speed,
-            s.max_speed,
-            s.acceleration,
-            s.deceleration,
-            then is OnCompletion.CONTINUE,
-            end=target,
-        )
+        command = self._command(start, speed or self.settings.default_speed, then, end=target)
         new = trajectories.to_angle(command)
         if self.type is _POSITION and allow_shift and new.a0 == start.acceleration:
             # Start where the current phase began, so that commands in a tight loop do not accumulate rounding errors.
@@ -167,24 +156,13 @@ class Controller:
 
     def start_timed(self, time: int, state: State, duration: int, speed: int, then: OnCompletion) -> None:
         """Run at a speed (control units) for a duration in ticks."""
-        s = self.settings
         if then.is_smart:
             then = then.passive
         active = self.is_active
         start = (
             self.trajectory.reference(self._trajectory_time(time)) if active else Reference(time, state.position, state.speed, 0)
         )
-        command = Command(
-            time,
-            start.position,
-            start.speed,
-            speed,
-            s.max_speed,
-            s.acceleration,
-            s.deceleration,
-            then is OnCompletion.CONTINUE,
-            duration=duration,
-        )
+        command = self._command(start._replace(time=time), speed, then, duration=duration)
         new = trajectories.for_time(command)
         if self.type is _TIMED and new.a0 == start.acceleration:
             new = trajectories.for_time(_from_vertex(command, self.trajectory.last_vertex(time)))
@@ -202,6 +180,11 @@ class Controller:
         self.on_completion, self._acts_when_done = then, False
         self._until_stalled = True
         self.torque_limit = torque_limit
+
+    def _command(self, start: Reference, speed: int, then: OnCompletion, **goal: int) -> Command:
+        s = self.settings
+        limits = s.max_speed, s.acceleration, s.deceleration
+        return Command(start.time, start.position, start.speed, speed, *limits, then is OnCompletion.CONTINUE, **goal)
 
     # ---- the loop
 
@@ -348,15 +331,5 @@ class Controller:
 
 
 def _from_vertex(command: Command, vertex: Reference) -> Command:
-    return Command(
-        vertex.time,
-        vertex.position,
-        vertex.speed,
-        command.target_speed,
-        command.max_speed,
-        command.acceleration,
-        command.deceleration,
-        command.keep_running,
-        end=command.end,
-        duration=command.duration + command.time - vertex.time if command.duration else 0,
-    )
+    duration = command.duration + command.time - vertex.time if command.duration else 0
+    return command._replace(time=vertex.time, position=vertex.position, speed=vertex.speed, duration=duration)

@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from math import trunc
 
+from bricksrl.virtual_hub.firmware.angle import split, to_unit
 from bricksrl.virtual_hub.firmware.motor_model import MAX_TORQUE_UNM, MotorType
 from bricksrl.virtual_hub.firmware.trajectory import validate_acceleration, validate_speed
 
-_MDEG_PER_TURN = 360_000
 _INT32_MAX = 2**31 - 1
 
 
@@ -52,10 +52,7 @@ class ControlSettings:
 
     def position_to_unit(self, position: int) -> int:
         """A position in the program's units: whole turns truncated, the rest rounded, as in the firmware."""
-        turns = trunc(position / _MDEG_PER_TURN)
-        rest = position - turns * _MDEG_PER_TURN
-        half = self.steps_per_unit // 2 if rest >= 0 else -(self.steps_per_unit // 2)
-        return trunc(turns * _MDEG_PER_TURN / self.steps_per_unit) + trunc((rest + half) / self.steps_per_unit)
+        return to_unit(split(position), self.steps_per_unit)
 
     def from_unit(self, value: int) -> int:
         return max(-_INT32_MAX, min(_INT32_MAX, value * self.steps_per_unit))

@@ -273,15 +273,12 @@ class _Transformer(ast.NodeTransformer):
             node.body.insert(0, ast.copy_location(reword, node))
         return node
 
-    def visit_If(self, node: ast.If) -> ast.AST:
+    def visit_If(self, node: ast.If | ast.IfExp) -> ast.AST:
         self.generic_visit(node)
         node.test = _call("@branch", node.test, at=node.test)
         return node
 
-    def visit_IfExp(self, node: ast.IfExp) -> ast.AST:
-        self.generic_visit(node)
-        node.test = _call("@branch", node.test, at=node.test)
-        return node
+    visit_IfExp = visit_If
 
     def visit_BoolOp(self, node: ast.BoolOp) -> ast.AST:
         self.generic_visit(node)
