@@ -1,4 +1,4 @@
-"""Findings of checks: of a hub program, a robot, an environment, this computer."""
+"""Findings of checks: of a hub program, a building plan, a robot, an environment, this computer."""
 
 from __future__ import annotations
 
@@ -17,11 +17,18 @@ class Outcome(enum.Enum):
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing that was looked at; ``detail`` says what was found and, where it is not well, what to do."""
+    """One thing that was checked.
+
+    Attributes:
+        name: a word or two, such as ``battery`` or ``collision``.
+        detail: what was found, and what to do if it is not well.
+        line: of a plan's file; 0 for the whole.
+    """
 
     name: str
     outcome: Outcome
     detail: str
+    line: int = 0
 
     def __str__(self) -> str:
         return f"{self.name}: {self.detail}"

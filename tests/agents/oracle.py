@@ -11,16 +11,17 @@ import torch
 from tensordict import TensorDict
 from torch import Tensor, nn
 from torchrl.data import Bounded, TensorSpec
-from torchrl.modules import ProbabilisticActor, ValueOperator
+from torchrl.modules import ProbabilisticActor
+from torchrl.objectives import SoftUpdate
 
 from bricksrl.agents.actor_critic import ActorCriticLoss, Critics
 from bricksrl.agents.networks import deterministic_policy, gaussian_policy, mlp
 from bricksrl.agents.operators import critic_operator
 
-SIZE, ACTION = 5, 3
+SIZE, ACTION, N = 5, 3, 64
 GAMMA = 0.9
-OF_GAUSSIAN = ("module", "0", "module", "body")
-OF_DETERMINISTIC = ("module", "body")
+_GAUSSIAN = ("module", "0", "module", "body")
+_DETERMINISTIC = ("module", "body")
 """Our actor's parameter names in TorchRL."""
 
 
@@ -36,7 +37,7 @@ def critics(count: int = 2, hidden: tuple[int, ...] = (16, 12), **kind: Any) -> 
     return Critics([mlp(SIZE + ACTION, 1, hidden, **kind) for _ in range(count)])
 
 
-def batch(n: int = 64, *, steps: bool = False) -> TensorDict:
+def batch(n: int = N, *, steps: bool = False) -> TensorDict:
     """Random transitions with terminations and truncations."""
     terminated, truncated = torch.rand(2, n, 1) < 0.3
     after = {"observation": torch.randn(n, SIZE), "reward": torch.randn(n, 1), "terminated": terminated}
@@ -62,33 +63,42 @@ def their_deterministic(body: nn.Module) -> Any:
     return deterministic_policy(nn.Identity(), copy.deepcopy(body), action_spec(), noise=0.0)[0]
 
 
-def their_critic(ours: Critics) -> ValueOperator:
-    return critic_operator(nn.Identity(), copy.deepcopy(ours[0]).train())
+def their_loss(kind: Any, loss: Any, policy: Any, tau: float = 0.5, **options: Any) -> tuple[Any, Any]:
+    """TorchRL's loss with copies of our networks, and the update of its targets if there are any."""
+    critic = critic_operator(nn.Identity(), copy.deepcopy(loss.critics[0]).train())
+    oracle = kind(policy, critic, loss_function="l2", action_spec=action_spec(), **options)
+    oracle.make_value_estimator(gamma=GAMMA)
+    _copy_critics(loss.critics, oracle.qvalue_network_params)
+    if not hasattr(loss, "target_critics"):
+        return oracle, None
+    targets = SoftUpdate(oracle, tau=tau)
+    _copy_critics(loss.target_critics, oracle.target_qvalue_network_params)
+    if hasattr(loss, "target_actor"):
+        names, values = zip(*loss.target_actor.named_parameters(), strict=True)
+        for value, theirs in zip(values, _theirs(oracle.target_actor_network_params, _DETERMINISTIC, names), strict=True):
+            theirs.data.copy_(value.data)
+    return oracle, targets
 
 
 def _theirs(params: Any, prefix: tuple[str, ...], names: Iterable[str]) -> list[Tensor]:
     return [params.get((*prefix, *name.split("."))) for name in names]
 
 
-def copy_body(body: nn.Module, params: Any, prefix: tuple[str, ...]) -> None:
-    """Write an actor's parameters into TorchRL's."""
-    names, values = zip(*body.named_parameters(), strict=True)
-    for value, theirs in zip(values, _theirs(params, prefix, names), strict=True):
-        theirs.data.copy_(value.data)
-
-
-def copy_critics(ours: Critics, params: Any) -> None:
+def _copy_critics(ours: Critics, params: Any) -> None:
     """Write parameters and running statistics of our critics into TorchRL's stacked ones."""
     for number, body in enumerate(ours):
         names, values = zip(*body.named_parameters(), *body.named_buffers(), strict=True)
-        for value, theirs in zip(values, _theirs(params, OF_DETERMINISTIC, names), strict=True):
+        for value, theirs in zip(values, _theirs(params, _DETERMINISTIC, names), strict=True):
             theirs.data[number].copy_(value.data)
 
 
-def assert_same_actor_gradients(body: nn.Module, loss: Tensor, params: Any, prefix: tuple[str, ...], theirs: Tensor) -> None:
-    names, values = zip(*body.named_parameters(), strict=True)
-    one = torch.autograd.grad(loss, values, retain_graph=True)
-    other = torch.autograd.grad(theirs, _theirs(params, prefix, names), retain_graph=True)
+def assert_same_gradients(ours: Any, oracle: Any, critic: tuple[Tensor, Tensor], actor: tuple[Tensor, Tensor]) -> None:
+    """Equal gradients of two pairs of values (our loss, TorchRL's) for the critics and for the actor."""
+    assert_same_critic_gradients(ours.critics, critic[0], oracle.qvalue_network_params, critic[1])
+    names, values = zip(*ours.actor.named_parameters(), strict=True)
+    prefix = _DETERMINISTIC if hasattr(ours, "target_actor") else _GAUSSIAN
+    one = torch.autograd.grad(actor[0], values, retain_graph=True)
+    other = torch.autograd.grad(actor[1], _theirs(oracle.actor_network_params, prefix, names), retain_graph=True)
     assert_close(one, other)
 
 
@@ -96,7 +106,7 @@ def assert_same_critic_gradients(ours: Critics, loss: Tensor, params: Any, their
     names = [name for name, _ in ours[0].named_parameters()]
     stacks = list(zip(*(tuple(body.parameters()) for body in ours), strict=True))
     one = torch.autograd.grad(loss, [value for stack in stacks for value in stack], retain_graph=True)
-    other = torch.autograd.grad(theirs, _theirs(params, OF_DETERMINISTIC, names), retain_graph=True)
+    other = torch.autograd.grad(theirs, _theirs(params, _DETERMINISTIC, names), retain_graph=True)
     k = len(ours)
     assert_close([torch.stack(one[i * k : (i + 1) * k]) for i in range(len(names))], other)
 
@@ -104,6 +114,13 @@ def assert_same_critic_gradients(ours: Critics, loss: Tensor, params: Any, their
 def assert_close(ours: Iterable[Tensor], theirs: Iterable[Tensor]) -> None:
     for one, other in zip(ours, theirs, strict=True):
         torch.testing.assert_close(one.detach(), other.detach().view(one.shape), rtol=1e-6, atol=1e-8)
+
+
+def assert_same_parameters(one: Any, other: Any, *networks: str) -> None:
+    """Equal networks of two losses of TorchRL's."""
+    for name in networks:
+        ends = [getattr(loss, name).flatten_keys() for loss in (one, other)]
+        assert_close(*([end[key] for key in sorted(ends[0].keys())] for end in ends))
 
 
 class Draws:
@@ -123,3 +140,8 @@ class Draws:
         order = self._order(names)
         patched.setattr(torch.distributions.normal, "_standard_normal", lambda *_, **__: next(order))
         patched.setattr(torch, "normal", lambda loc, scale: loc + scale * next(order))
+
+
+def draws() -> Draws:
+    """Draws for the next step's action and this one's."""
+    return Draws(after=torch.randn(N, ACTION), now=torch.randn(N, ACTION))

@@ -6,30 +6,12 @@ from typing import Any
 
 import pytest
 import torch
-from oracle import (
-    ACTION,
-    GAMMA,
-    OF_GAUSSIAN,
-    action_spec,
-    actor,
-    assert_close,
-    assert_same_actor_gradients,
-    assert_same_critic_gradients,
-    batch,
-    copy_critics,
-    critics,
-    moved,
-    their_critic,
-    their_gaussian,
-)
+from oracle import ACTION, GAMMA, N, actor, assert_close, assert_same_gradients, batch, critics, moved, their_gaussian, their_loss
 from torch import Tensor, nn
 from torchrl.objectives import CQLLoss as TorchRLCQLLoss
-from torchrl.objectives import SoftUpdate
 
 from bricksrl.agents.actor_critic import Batch
 from bricksrl.agents.offline.cql import CQLLoss, CQLSettings, draw_places
-
-N = 64
 
 
 def make(**changes: Any) -> CQLLoss:
@@ -58,22 +40,9 @@ class Noise:
 
 
 def oracle_of(loss: CQLLoss) -> TorchRLCQLLoss:
-    oracle = TorchRLCQLLoss(
-        their_gaussian(loss.actor, 0.1),
-        their_critic(loss.critics),
-        loss_function="l2",
-        alpha_init=0.3,
-        action_spec=action_spec(),
-        deterministic_backup=False,
-        num_random=1,
-        min_q_weight=loss.settings.min_q_weight,
-        with_lagrange=True,
-        lagrange_thresh=5.0,
-    )
-    oracle.make_value_estimator(gamma=GAMMA)
-    SoftUpdate(oracle, tau=0.4)
-    copy_critics(loss.critics, oracle.qvalue_network_params)
-    copy_critics(loss.target_critics, oracle.target_qvalue_network_params)
+    options = {"deterministic_backup": False, "num_random": 1, "with_lagrange": True, "lagrange_thresh": 5.0, "alpha_init": 0.3}
+    weight = loss.settings.min_q_weight
+    oracle, _ = their_loss(TorchRLCQLLoss, loss, their_gaussian(loss.actor, 0.1), min_q_weight=weight, **options)
     oracle.log_alpha_prime.data.copy_(loss.log_factor.data)
     return oracle
 
@@ -101,9 +70,7 @@ def test_losses_and_gradients_equal_torchrl(monkeypatch: pytest.MonkeyPatch, imi
     assert_close([ours["loss_qvalue"], ours["loss_actor"]], [of_critic, of_policy])
     total = of_critic + oracle.log_alpha_prime.exp().detach() * of_pressure
     mine = ours["loss_qvalue"] + ours["loss_cql"]
-    assert_same_critic_gradients(loss.critics, mine, oracle.qvalue_network_params, total)
-    params = oracle.actor_network_params
-    assert_same_actor_gradients(loss.actor, ours["loss_actor"], params, OF_GAUSSIAN, of_policy)
+    assert_same_gradients(loss, oracle, (mine, total), (ours["loss_actor"], of_policy))
     if pressing:
         assert_close([ours["loss_lagrange"]], [of_factor])
         one = torch.autograd.grad(ours["loss_lagrange"], loss.log_factor)

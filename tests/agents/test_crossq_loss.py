@@ -4,22 +4,7 @@ from __future__ import annotations
 
 import pytest
 import torch
-from oracle import (
-    ACTION,
-    GAMMA,
-    OF_GAUSSIAN,
-    Draws,
-    action_spec,
-    actor,
-    assert_close,
-    assert_same_actor_gradients,
-    assert_same_critic_gradients,
-    batch,
-    copy_critics,
-    critics,
-    their_critic,
-    their_gaussian,
-)
+from oracle import ACTION, GAMMA, N, actor, assert_close, assert_same_gradients, batch, critics, draws, their_gaussian, their_loss
 from torch import nn
 from torchrl.objectives import CrossQLoss as TorchRLCrossQLoss
 
@@ -27,7 +12,6 @@ from bricksrl.agents.actor_critic import Critics
 from bricksrl.agents.crossq import CrossQLoss, CrossQSettings, batch_normalised
 
 pytestmark = pytest.mark.usefixtures("double")
-N = 64
 
 
 def make() -> CrossQLoss:
@@ -41,18 +25,8 @@ def make() -> CrossQLoss:
 
 @pytest.mark.parametrize("steps", [False, True])
 def test_losses_and_gradients_equal_torchrl(steps: bool, monkeypatch: pytest.MonkeyPatch) -> None:
-    loss, data = make(), batch(N, steps=steps)
-    noise = Draws(after=torch.randn(N, ACTION), now=torch.randn(N, ACTION))
-    oracle = TorchRLCrossQLoss(
-        their_gaussian(loss.actor, 0.1),
-        their_critic(loss.critics),
-        num_qvalue_nets=2,
-        loss_function="l2",
-        action_spec=action_spec(),
-        alpha_init=0.3,
-    )
-    oracle.make_value_estimator(gamma=GAMMA)
-    copy_critics(loss.critics, oracle.qvalue_network_params)
+    loss, data, noise = make(), batch(N, steps=steps), draws()
+    oracle, _ = their_loss(TorchRLCrossQLoss, loss, their_gaussian(loss.actor, 0.1), num_qvalue_nets=2, alpha_init=0.3)
     before = [value.clone() for value in (*loss.critics.buffers(), *loss.actor.buffers())]
 
     noise.for_ours(monkeypatch, "after", "now")
@@ -67,9 +41,7 @@ def test_losses_and_gradients_equal_torchrl(steps: bool, monkeypatch: pytest.Mon
 
     names = ("loss_qvalue", "loss_actor", "loss_alpha", "entropy")
     assert_close([ours[name] for name in names], [of_values, of_actor, of_alpha, -found["log_prob"].mean()])
-    assert_same_critic_gradients(loss.critics, ours["loss_qvalue"], oracle.qvalue_network_params, of_values)
-    params = oracle.actor_network_params
-    assert_same_actor_gradients(loss.actor, ours["loss_actor"], params, OF_GAUSSIAN, of_actor)
+    assert_same_gradients(loss, oracle, (ours["loss_qvalue"], of_values), (ours["loss_actor"], of_actor))
     after = [*loss.critics.buffers(), *loss.actor.buffers()]
     assert not any(torch.equal(one, other) for one, other in zip(before, after, strict=True))
     for number, body in enumerate(loss.critics):

@@ -9,20 +9,19 @@ import torch
 from oracle import (
     ACTION,
     GAMMA,
-    OF_GAUSSIAN,
     Draws,
-    action_spec,
+    N,
     actor,
     assert_close,
-    assert_same_actor_gradients,
     assert_same_critic_gradients,
+    assert_same_gradients,
+    assert_same_parameters,
     batch,
-    copy_body,
-    copy_critics,
     critics,
+    draws,
     moved,
-    their_critic,
     their_gaussian,
+    their_loss,
 )
 from tensordict import TensorDict
 from torch import Tensor, nn
@@ -36,7 +35,6 @@ from bricksrl.agents.offline.cql import log_prob
 from bricksrl.agents.sac import SACLoss, SACSettings, location_and_scale, rsample
 
 pytestmark = pytest.mark.usefixtures("double")
-N = 64
 
 
 def make(**changes: Any) -> SACLoss:
@@ -47,25 +45,8 @@ def make(**changes: Any) -> SACLoss:
 
 
 def oracle_of(loss: SACLoss, tau: float = 0.5) -> tuple[TorchRLSACLoss, SoftUpdate]:
-    oracle = TorchRLSACLoss(
-        their_gaussian(loss.actor, loss.settings.min_scale),
-        their_critic(loss.critics),
-        num_qvalue_nets=len(loss.critics),
-        loss_function="l2",
-        alpha_init=0.3,
-        action_spec=action_spec(),
-        deactivate_vmap=True,
-    )
-    oracle.make_value_estimator(gamma=GAMMA)
-    targets = SoftUpdate(oracle, tau=tau)
-    copy_critics(loss.critics, oracle.qvalue_network_params)
-    copy_critics(loss.target_critics, oracle.target_qvalue_network_params)
-    copy_body(loss.actor, oracle.actor_network_params, OF_GAUSSIAN)
-    return oracle, targets
-
-
-def draws() -> Draws:
-    return Draws(after=torch.randn(N, ACTION), now=torch.randn(N, ACTION))
+    policy, count = their_gaussian(loss.actor, loss.settings.min_scale), len(loss.critics)
+    return their_loss(TorchRLSACLoss, loss, policy, tau, num_qvalue_nets=count, alpha_init=0.3, deactivate_vmap=True)
 
 
 @pytest.mark.parametrize(
@@ -91,9 +72,8 @@ def test_losses_and_gradients_equal_torchrl(options: dict[str, Any], steps: bool
     names = ("loss_qvalue", "loss_actor", "loss_alpha", "alpha", "entropy")
     assert set(ours.keys()) == set(names) == set(loss.out_keys)
     assert_close([ours[name] for name in names], [theirs[name] for name in names])
-    assert_same_critic_gradients(loss.critics, ours["loss_qvalue"], oracle.qvalue_network_params, theirs["loss_qvalue"])
-    params = oracle.actor_network_params
-    assert_same_actor_gradients(loss.actor, ours["loss_actor"], params, OF_GAUSSIAN, theirs["loss_actor"])
+    of_critics, of_actor = ((ours[name], theirs[name]) for name in ("loss_qvalue", "loss_actor"))
+    assert_same_gradients(loss, oracle, of_critics, of_actor)
     one, other = (
         torch.autograd.grad(ours["loss_alpha"], loss.log_alpha),
         torch.autograd.grad(theirs["loss_alpha"], oracle.log_alpha),
@@ -125,21 +105,8 @@ def test_droq_equals_torchrls_with_dropout(monkeypatch: pytest.MonkeyPatch) -> N
 def test_redq_equals_torchrls(monkeypatch: pytest.MonkeyPatch) -> None:
     """In TorchRL the temperature also learns from the next step's actions."""
     loss, data, noise = make(count=5, num_min_qs=2, actor_q="mean"), batch(N), draws()
-    oracle = REDQLoss(
-        their_gaussian(loss.actor, loss.settings.min_scale),
-        their_critic(loss.critics),
-        num_qvalue_nets=5,
-        sub_sample_len=2,
-        loss_function="l2",
-        alpha_init=0.3,
-        min_alpha=1e-4,
-        action_spec=action_spec(),
-        deactivate_vmap=True,
-    )
-    oracle.make_value_estimator(gamma=GAMMA)
-    SoftUpdate(oracle, tau=0.5)
-    copy_critics(loss.critics, oracle.qvalue_network_params)
-    copy_critics(loss.target_critics, oracle.target_qvalue_network_params)
+    options = {"num_qvalue_nets": 5, "sub_sample_len": 2, "alpha_init": 0.3, "min_alpha": 1e-4, "deactivate_vmap": True}
+    oracle, _ = their_loss(REDQLoss, loss, their_gaussian(loss.actor, loss.settings.min_scale), **options)
     monkeypatch.setattr(torch, "randperm", lambda k: torch.tensor([3, 1, 0, 4, 2]))
     noise.for_ours(monkeypatch, "after", "now")
     ours = loss(data)
@@ -148,9 +115,7 @@ def test_redq_equals_torchrls(monkeypatch: pytest.MonkeyPatch) -> None:
     theirs = oracle(data)
     total = 5 * theirs["loss_qvalue"]  # the mean over the critics there, their sum here
     assert_close([ours["loss_actor"], ours["loss_qvalue"]], [theirs["loss_actor"], total])
-    assert_same_critic_gradients(loss.critics, ours["loss_qvalue"], oracle.qvalue_network_params, total)
-    params = oracle.actor_network_params
-    assert_same_actor_gradients(loss.actor, ours["loss_actor"], params, OF_GAUSSIAN, theirs["loss_actor"])
+    assert_same_gradients(loss, oracle, (ours["loss_qvalue"], total), (ours["loss_actor"], theirs["loss_actor"]))
 
 
 def test_target_critics_are_redrawn_each_update() -> None:
@@ -191,10 +156,8 @@ def test_whole_updates_equal_torchrl(delay: int, monkeypatch: pytest.MonkeyPatch
         total.backward()
         optimizer.step()
         targets.step()
-    mine, theirs = oracle_of(loss)[0], oracle
-    for name in ("actor_network_params", "qvalue_network_params", "target_qvalue_network_params"):
-        ends = [getattr(one, name).flatten_keys() for one in (mine, theirs)]
-        assert_close(*([one[key] for key in sorted(ends[0].keys())] for one in ends))
+    names = ("actor_network_params", "qvalue_network_params", "target_qvalue_network_params")
+    assert_same_parameters(oracle_of(loss)[0], oracle, *names)
     assert_close([loss.log_alpha], [oracle.log_alpha])
 
 

@@ -7,19 +7,16 @@ import torch
 from oracle import (
     ACTION,
     GAMMA,
-    OF_DETERMINISTIC,
-    action_spec,
+    N,
     actor,
     assert_close,
-    assert_same_actor_gradients,
-    assert_same_critic_gradients,
+    assert_same_gradients,
+    assert_same_parameters,
     batch,
-    copy_body,
-    copy_critics,
     critics,
     moved,
-    their_critic,
     their_deterministic,
+    their_loss,
 )
 from torch import nn
 from torchrl.objectives import SoftUpdate
@@ -30,7 +27,6 @@ from bricksrl.agents.learner import Learner
 from bricksrl.agents.td3 import TD3Loss, TD3Settings
 
 pytestmark = pytest.mark.usefixtures("double")
-N = 64
 
 
 def make() -> TD3Loss:
@@ -40,22 +36,8 @@ def make() -> TD3Loss:
 
 
 def oracle_of(loss: TD3Loss, tau: float = 0.5) -> tuple[TorchRLTD3Loss, SoftUpdate]:
-    oracle = TorchRLTD3Loss(
-        their_deterministic(loss.actor),
-        their_critic(loss.critics),
-        action_spec=action_spec(),
-        policy_noise=0.5,
-        noise_clip=0.4,
-        loss_function="l2",
-        deactivate_vmap=True,
-    )
-    oracle.make_value_estimator(gamma=GAMMA)
-    targets = SoftUpdate(oracle, tau=tau)
-    copy_critics(loss.critics, oracle.qvalue_network_params)
-    copy_critics(loss.target_critics, oracle.target_qvalue_network_params)
-    copy_body(loss.actor, oracle.actor_network_params, OF_DETERMINISTIC)
-    copy_body(loss.target_actor, oracle.target_actor_network_params, OF_DETERMINISTIC)
-    return oracle, targets
+    options = {"policy_noise": 0.5, "noise_clip": 0.4, "deactivate_vmap": True}
+    return their_loss(TorchRLTD3Loss, loss, their_deterministic(loss.actor), tau, **options)
 
 
 @pytest.mark.parametrize("steps", [False, True])
@@ -69,9 +51,7 @@ def test_losses_and_gradients_equal_torchrl(steps: bool, monkeypatch: pytest.Mon
     their_actor, _ = oracle.actor_loss(data)
     assert set(ours.keys()) == set(loss.out_keys)
     assert_close([ours["loss_qvalue"], ours["loss_actor"]], [their_critics, their_actor])
-    assert_same_critic_gradients(loss.critics, ours["loss_qvalue"], oracle.qvalue_network_params, their_critics)
-    params = oracle.actor_network_params
-    assert_same_actor_gradients(loss.actor, ours["loss_actor"], params, OF_DETERMINISTIC, their_actor)
+    assert_same_gradients(loss, oracle, (ours["loss_qvalue"], their_critics), (ours["loss_actor"], their_actor))
 
 
 def test_whole_updates_equal_torchrl(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -99,11 +79,8 @@ def test_whole_updates_equal_torchrl(monkeypatch: pytest.MonkeyPatch) -> None:
             optimizer.step()
         if number % 2 == 0:
             targets.step()
-    mine, _ = oracle_of(loss)
-    for name in ("actor_network_params", "qvalue_network_params"):
-        for prefix in ("", "target_"):
-            ends = [getattr(one, prefix + name).flatten_keys() for one in (mine, oracle)]
-            assert_close(*([one[key] for key in sorted(ends[0].keys())] for one in ends))
+    names = ("actor_network_params", "qvalue_network_params")
+    assert_same_parameters(oracle_of(loss)[0], oracle, *names, *(f"target_{name}" for name in names))
 
 
 def test_target_noise_is_clipped(monkeypatch: pytest.MonkeyPatch) -> None:

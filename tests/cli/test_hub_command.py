@@ -148,7 +148,7 @@ def test_run_takes_a_robot_from_a_file(bricksrl, tmp_path):
 @pytest.mark.parametrize(
     ("options", "says"),
     [
-        (("--press", "left"), "'left' is no press"),
+        (("--press", "left"), "'left' is not a button press"),
         (("--press", "up@1s"), "no button 'up'"),
         (("--reading", "B"), "'B' is not a reading"),
         (("--end-stop", "C=10..20"), "starts at 0"),

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import pytest
 from plan_lines import findings_of, plan_of
 
-from bricksrl.plans.finding import Finding
+from bricksrl.finding import Finding
 
 
 @pytest.fixture

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from bricksrl.finding import Finding
 from bricksrl.plans import ldraw_file
 from bricksrl.plans.check import check
-from bricksrl.plans.finding import Finding
 from bricksrl.plans.plan import Plan, make_plan
 from bricksrl.robots.planned import check_named
 

@@ -51,8 +51,8 @@ def test_two_beams_on_two_pins_pass(findings):
     ],
 )
 def test_each_mistake_has_its_line(findings, lines, kind, number, says):
-    found = [one for one in findings(*lines) if one.kind == kind and one.line == number]
-    assert any(says in one.text for one in found), findings(*lines)
+    found = [one for one in findings(*lines) if one.name == kind and one.line == number]
+    assert any(says in one.detail for one in found), findings(*lines)
 
 
 def test_free_beam_is_allowed(findings):
@@ -77,12 +77,12 @@ def _gears(distance: float, shift: float = 0.0) -> list[str]:
 
 
 def test_gears_at_correct_distance_mesh(findings):
-    assert [one for one in findings(*_gears(60)) if one.kind == "gears"] == []
+    assert [one for one in findings(*_gears(60)) if one.name == "gears"] == []
 
 
 def test_misplaced_gears_are_found(findings):
-    far = [one.text for one in findings(*_gears(66)) if one.kind == "gears"]
-    beside = [one.text for one in findings(*_gears(60, 10)) if one.kind == "gears"]
+    far = [one.detail for one in findings(*_gears(66)) if one.name == "gears"]
+    beside = [one.detail for one in findings(*_gears(60, 10)) if one.name == "gears"]
     assert len(far) == len(beside) == 1
     assert "are 2.4 mm too far apart" in far[0]
     assert "meet over only" in beside[0]
@@ -94,20 +94,20 @@ def test_enclosed_part_is_found(findings):
     inner = line("32316", 0, 0, 0)
     lid, floor = line("39369", 0, -20, 0), line("39369", 0, 20, 0)
     pins = [pin(x, y, z) for y in (-10, 10) for x, z in ((60, 100), (-60, 100), (60, -100))]
-    text = [one.text for one in findings(frame, floor, *pins[3:], "0 STEP", lid, *pins[:3], "0 STEP", inner)]
+    text = [one.detail for one in findings(frame, floor, *pins[3:], "0 STEP", lid, *pins[:3], "0 STEP", inner)]
     assert any("has no free path to its place" in one for one in text)
 
 
 def test_unconnected_part_is_found(findings):
     found = findings(BEAM, "0 STEP", FRAME, "0 STEP", *HELD[2:])
-    assert [(one.kind, one.line) for one in found] == [("step", 3)]
+    assert [(one.name, one.line) for one in found] == [("step", 3)]
 
 
 @pytest.mark.parametrize("number", ["67718", "2780", "3648b"])
 def test_a_thousand_parts_in_one_place_are_found_in_seconds(findings, number):
     started = time.process_time()
     found = findings(*[line(number, 0, 0, 0)] * 1000)
-    assert {"collision"} <= {one.kind for one in found}
+    assert {"collision"} <= {one.name for one in found}
     assert len(found) < 2500
     assert time.process_time() - started < 30
 

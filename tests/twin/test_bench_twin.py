@@ -67,7 +67,7 @@ def test_scene_error_is_not_a_program_error() -> None:
     scene = dataclasses.replace(SCENE, readings={"light": lambda angles: 1 / 0})
     link = HubLink(VirtualHub(make_body(ROBOT, scene=scene)), ROBOT, INTERFACE)
     with (
-        pytest.raises(TwinError, match=r"the scene says about port B .* ZeroDivisionError: .*test_bench_twin.py, line \d+"),
+        pytest.raises(TwinError, match=r"the scene.s reading for port B .* ZeroDivisionError: .*test_bench_twin.py, line \d+"),
         link,
     ):
         link.read()
@@ -82,7 +82,7 @@ def test_readings_are_sensor_methods() -> None:
 @pytest.mark.parametrize(
     ("scene", "says"),
     [
-        (Scene(), "nothing says what 'light'"),
+        (Scene(), "sensor 'light' of robot"),
         (Scene(readings={"nose": lambda angles: 1}), "no sensor 'nose'"),
         (Scene(wall_distance_mm=(200.0, 300.0)), "without wall"),
     ],

@@ -39,7 +39,7 @@ class CheckPlan:
         findings = check(plan) + check_named(plan)
         for finding in findings:
             where = f"line {finding.line}" if finding.line else "the plan"
-            print_line(f"{where:10}{finding.kind:14}{finding.text}")
+            print_line(f"{where:10}{finding.name:14}{finding.detail}")
         kinds = len({placed.part for placed in plan.parts})
         about = f"{len(plan.parts)} parts of {kinds} kinds, {len(plan.steps)} steps, {plan.mass_g:.0f} g"
         print_line(f"{about}: {len(findings)} findings" if findings else f"{about}: all is well")

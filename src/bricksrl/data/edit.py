@@ -21,8 +21,8 @@ from bricksrl.data.episode import EpisodeRow
 from bricksrl.data.episode_index import Index, read_description, read_index, read_rows, rows_table, sentence, write_index
 from bricksrl.data.images import decode, encode
 from bricksrl.data.layout import FileIndex, Layout, numbers
-from bricksrl.data.parquet import from_table, statistics, tasks_table, to_parquet, to_table
-from bricksrl.data.reader import check_digest, read_file
+from bricksrl.data.parquet import from_table, read_verified, statistics, tasks_table, to_parquet, to_table
+from bricksrl.data.reader import read_file
 from bricksrl.data.schema import Description
 from bricksrl.errors import DataError
 from bricksrl.files import whole_folder, write_durably
@@ -127,7 +127,7 @@ def read_episodes(index: Index, rows: Iterable[EpisodeRow]) -> Iterator[Whole]:
             same_file = [other for other in index.rows if other.video_file == row.video_file]
             if row.video_file not in videos:
                 path = index.layout.video(key, row.video_file)
-                check_digest(path, row.video_sha256)
+                read_verified(path, row.video_sha256)
                 videos = {row.video_file: decode(path, sum(other.length for other in same_file), side)}
             at = row.start - same_file[0].start
             images = videos[row.video_file][at : at + row.length]

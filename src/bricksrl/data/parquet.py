@@ -32,15 +32,21 @@ def to_parquet(table: pa.Table) -> bytes:
     return sink.getvalue()
 
 
-def read_parquet(path: Path, *, digest: str | None = None) -> pa.Table:
-    """Read a table that `to_parquet` wrote, of this SHA-256 ``digest`` if given. Nothing in the file is executed. Raises
-    DataError if the file is missing or damaged."""
+def read_verified(path: Path, digest: str | None) -> bytes:
+    """Content of a file, of this SHA-256 ``digest`` unless ``None``. Raises DataError if it cannot be read or differs."""
     try:
         data = path.read_bytes()
     except OSError as error:
         raise DataError(f"cannot read {path} ({error.strerror}); restore it, or run `bricksrl data repair`") from None
     if digest is not None and hashlib.sha256(data).hexdigest() != digest:
         raise DataError(f"{path} is damaged: its content is not what was written; restore it from a copy")
+    return data
+
+
+def read_parquet(path: Path, *, digest: str | None = None) -> pa.Table:
+    """Read a table that `to_parquet` wrote, of this SHA-256 ``digest`` if given. Nothing in the file is executed. Raises
+    DataError if the file is missing or damaged."""
+    data = read_verified(path, digest)
     try:
         file = pq.ParquetFile(pa.BufferReader(data), page_checksum_verification=True)
         if file.metadata.num_rows > len(data):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -16,7 +15,7 @@ from numpy.typing import NDArray
 from bricksrl.data.episode import EpisodeRow
 from bricksrl.data.episode_index import Index, read_index
 from bricksrl.data.layout import ACTION, NEXT, OBSERVATION, FileIndex
-from bricksrl.data.parquet import from_table, read_parquet
+from bricksrl.data.parquet import from_table, read_parquet, read_verified
 from bricksrl.data.schema import Description
 from bricksrl.errors import DataError
 
@@ -184,7 +183,7 @@ def read_images(index: Index) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
     for file, part in itertools.groupby(index.rows, key=lambda row: row.video_file):
         rows = list(part)
         path = index.layout.video(key, file or FileIndex())
-        check_digest(path, rows[0].video_sha256)
+        read_verified(path, rows[0].video_sha256)
         images = decode(path, sum(row.length for row in rows), side)
         at = 0
         for row in rows:
@@ -196,13 +195,3 @@ def read_images(index: Index) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
             after.append(np.concatenate([episode[1:], final.reshape(1, side, side, 3)]))
             at += row.length
     return np.concatenate(before), np.concatenate(after)
-
-
-def check_digest(path: Path, digest: str | None) -> None:
-    """Raise DataError unless the file has the SHA-256 digest, or merely exists if ``digest`` is ``None``."""
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise DataError(f"cannot read {path} ({error.strerror}); restore it from a copy") from None
-    if digest is not None and hashlib.sha256(data).hexdigest() != digest:
-        raise DataError(f"{path} is damaged: its content is not what was written; restore it from a copy")

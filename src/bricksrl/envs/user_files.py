@@ -64,7 +64,7 @@ def load_builder(reference: str) -> Callable[..., Task]:
     place, name = _parts(reference)
     module = _load(place, reference)
     if not name:
-        name = _only_task(module, reference)
+        name = _only(Task, module, reference)
     try:
         found = getattr(module, name)
     except AttributeError:
@@ -98,13 +98,7 @@ def load_robot(reference: str) -> tuple[Robot, Scene | None]:
     if not colon or name.endswith(".py"):
         place, name = reference, ""
     module = _load(place, reference)
-    if not name:
-        robots = {id(value): key for key, value in vars(module).items() if isinstance(value, Robot)}
-        if len(robots) != 1:
-            found = ", ".join(robots.values()) or "none"
-            raise UnknownNameError(f"{reference} has {len(robots)} robots ({found}); name one: {reference}:ROBOT")
-        name = next(iter(robots.values()))
-    found_object = getattr(module, name, None)
+    found_object = getattr(module, name or _only(Robot, module, reference), None)
     if isinstance(found_object, Task):
         return found_object.robot, found_object.scene
     if not isinstance(found_object, Robot):
@@ -169,10 +163,11 @@ def _importable(folder: str) -> Iterator[None]:
         sys.path.remove(folder)
 
 
-def _only_task(module: ModuleType, reference: str) -> str:
-    # A task does not record the module that defines it, so imported tasks count too; aliases of one object count once.
-    tasks = {id(value): name for name, value in vars(module).items() if isinstance(value, Task)}
-    if len(tasks) != 1:
-        found = ", ".join(tasks.values()) or "none"
-        raise UnknownNameError(f"{reference} has {len(tasks)} tasks ({found}); name one: {reference}:TASK")
-    return next(iter(tasks.values()))
+def _only(kind: type[Task | Robot], module: ModuleType, reference: str) -> str:
+    """Name of the only task or robot in a module. Raises UnknownNameError for none or several."""
+    # An object does not record the module that defines it, so imported ones count too; aliases of one object count once.
+    names = {id(value): name for name, value in vars(module).items() if isinstance(value, kind)}
+    if len(names) != 1:
+        found, noun = ", ".join(names.values()) or "none", kind.__name__
+        raise UnknownNameError(f"{reference} has {len(names)} {noun.lower()}s ({found}); name one: {reference}:{noun.upper()}")
+    return next(iter(names.values()))

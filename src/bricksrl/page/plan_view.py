@@ -106,24 +106,15 @@ class PlanView:
             angle = self._shafts.get(port, 0.0) if port is not None else self._swings.get(swing or 0, 0.0)
             sliders.append({"name": label, "low": -_MOST_DEG, "high": _MOST_DEG, "value": round(math.degrees(angle))})
         where = step.assembly[-1].rpartition(":")[0] if step.assembly else ""
-        facts = {"step": f"{self._step} of {len(self._plan.steps)}", "parts": len(self._shown())}
+        facts = {"step": f"{self._step} of {len(self._plan.steps)}", "parts": len(self._plan.present_parts(step))}
         self.board.tell(sliders=sliders, facts=facts | ({"builds": where} if where else {}), message=self._trouble or step.note)
-
-    def _shown(self) -> set[int]:
-        """Parts of the assembly after the selected step."""
-        step = self._plan.steps[self._step - 1]
-        shown: set[int] = set()
-        for earlier in self._plan.steps[: self._step]:
-            if earlier.assembly == step.assembly:
-                shown |= set(earlier.new) | {part for group in earlier.joined for part in group}
-        return shown
 
     def _poses(self) -> Floats:
         """Poses of the parts [parts, 7]."""
         moved: dict[int, Motion] = {}
         if self._robot is not None and self._poser is not None:
             moved = self._poser.of_parts(self._shafts, self._poser.motions(self._shafts, self._swings))
-        shown, positions, turns = self._shown(), [], []
+        shown, positions, turns = self._plan.present_parts(self._plan.steps[self._step - 1]), [], []
         for placed in self._plan.parts:
             motion = moved.get(placed.index, STILL)
             turns.append(_quaternion(motion.turn @ TO_TWIN @ placed.rotation))

@@ -83,11 +83,6 @@ class PageServer:
         self._readers = 0
         self.url = ""
 
-    @property
-    def viewers(self) -> int:
-        """Number of connected browsers."""
-        return self._readers
-
     def __enter__(self) -> Self:
         try:
             import websockets.asyncio.server  # noqa: F401

@@ -63,10 +63,6 @@ class Bodies:
         """Index of the body with a part or a motor's case."""
         return next(number for number, members in enumerate(self.members) if part in members)
 
-    def rotor_body(self, motor: int) -> int:
-        """Index of the body with a motor's rotor."""
-        return next(number for number, rotors in enumerate(self.rotors) if motor in rotors)
-
     def motions(self, *, locked: Iterable[int] = ()) -> Floats:
         """Possible motions [6 x bodies, n], orthonormal; the first body is at rest, the motors in ``locked`` are braked."""
         rows = [_constraint_rows(np.eye(6), 0, None, len(self.members))]

@@ -140,7 +140,7 @@ def _step_page(plan: Plan, step: Step, number: int, times: int) -> Page:
     new = [plan.parts[index] for index in step.new]
     joined = [plan.parts[index] for group in step.joined for index in group]
     bright = {placed.index for placed in (*new, *joined)}
-    there = [plan.parts[index] for index in sorted(_present_parts(plan, step))]
+    there = [plan.parts[index] for index in sorted(plan.present_parts(step))]
     view, picture = _best_view(there, bright, set(step.new))
     where = f" · {_title(step.assembly[-1])}" if step.assembly else ""
     where += f", {times} times" if times > 1 else ""
@@ -159,15 +159,6 @@ def _step_page(plan: Plan, step: Step, number: int, times: int) -> Page:
 def _title(assembly: str) -> str:
     """Title of a sub-assembly."""
     return assembly.rpartition(":")[0].removesuffix(".ldr").replace("_", " ")
-
-
-def _present_parts(plan: Plan, step: Step) -> set[int]:
-    """Parts that are present in the current sub-assembly after a step."""
-    there: set[int] = set()
-    for earlier in plan.steps[: step.index + 1]:
-        if earlier.assembly == step.assembly:
-            there |= set(earlier.new) | {part for group in earlier.joined for part in group}
-    return there
 
 
 def _best_view(there: list[Placed], bright: set[int], new: set[int]) -> tuple[View, Pixels]:

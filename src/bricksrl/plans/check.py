@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bricksrl.finding import Finding, Outcome
 from bricksrl.plans.bodies import MAX_BODIES, RATE_LENGTH, Bodies, find_bodies
 from bricksrl.plans.building import Trouble, step_troubles
 from bricksrl.plans.connections import Connection, Mesh, connections, meshes
 from bricksrl.plans.contact import Occupancy
-from bricksrl.plans.finding import Finding
 from bricksrl.plans.geometry import MM_PER_LDU, Floats
 from bricksrl.plans.plan import Placed, Plan
 from bricksrl.plans.wiring import wiring
@@ -52,7 +52,7 @@ def check(plan: Plan) -> list[Finding]:
         findings += _check_motions(plan, structure)
         findings += _check_steps(plan, structure, room, colliding)
         findings += wiring(plan)
-    return sorted(findings, key=lambda finding: (finding.line, finding.kind, finding.text))
+    return sorted(findings, key=lambda finding: (finding.line, finding.name, finding.detail))
 
 
 def _check_count(plan: Plan) -> list[Finding]:
@@ -60,11 +60,11 @@ def _check_count(plan: Plan) -> list[Finding]:
     findings = []
     for unknown in plan.unknown:
         text = f"part {unknown.number} ({_times(len(unknown.lines))}) is not in the catalogue; use another, or add it there"
-        findings.append(Finding("unknown part", unknown.lines[0], text))
+        findings.append(Finding("unknown part", Outcome.ERROR, text, unknown.lines[0]))
     count = len(plan.parts) + sum(len(unknown.lines) for unknown in plan.unknown)
     if plan.count not in (None, count):
         text = f"the plan says PARTS {plan.count}, but places {count}; put back what is missing, or correct the number"
-        findings.append(Finding("count", 0, text))
+        findings.append(Finding("count", Outcome.ERROR, text))
     return findings
 
 
@@ -78,26 +78,25 @@ def _check_connections(plan: Plan, structure: Structure) -> list[Finding]:
     for link in structure.connections:
         male, female = plan.parts[link.male], plan.parts[link.female]
         where = f"{male.name} and {female.name} of line {female.line}"
-        both = (male.index, female.index)
         if not link.fits:
-            findings.append(Finding("misfit", male.line, f"{where}: a pin does not go into an axle hole; use an axle", both))
+            text = f"{where}: a pin does not go into an axle hole; use an axle"
+            findings.append(Finding("misfit", Outcome.ERROR, text, male.line))
         elif link.is_crossed:
-            findings.append(
-                Finding("misfit", male.line, f"{where}: the axle is misaligned with its hole; turn one of them", both)
-            )
+            text = f"{where}: the axle is misaligned with its hole; turn one of them"
+            findings.append(Finding("misfit", Outcome.ERROR, text, male.line))
         elif not link.is_seated:
             text = f"{where}: only {link.depth * MM_PER_LDU:.1f} mm are inside; push it in, or use a longer part"
-            findings.append(Finding("half-held", male.line, text, both))
+            findings.append(Finding("half-held", Outcome.ERROR, text, male.line))
     together = {part for members in structure.bodies.members for part in members}
     for placed in plan.parts:
         if placed.index not in together and not placed.part.is_loose:
             text = f"{placed.name} is not connected to the main body; add a pin or an axle, or remove it"
-            findings.append(Finding("loose", placed.line, text, (placed.index,)))
+            findings.append(Finding("loose", Outcome.ERROR, text, placed.line))
     useful = Counter(link.male for link in structure.connections if link.fits)
     for placed in plan.parts:
         if placed.part.family == "pins" and useful[placed.index] == 1:
             text = f"{placed.name} goes into one part only; add a second part, or remove it"
-            findings.append(Finding("half-held", placed.line, text, (placed.index,)))
+            findings.append(Finding("half-held", Outcome.ERROR, text, placed.line))
     return findings
 
 
@@ -106,7 +105,7 @@ def _check_collisions(plan: Plan, pairs: list[tuple[int, int]]) -> list[Finding]
     for first, second in pairs:
         one, two = plan.parts[first], plan.parts[second]
         text = f"{two.name} is inside {one.name} of line {one.line}; move one of the two"
-        findings.append(Finding("collision", two.line, text, (first, second)))
+        findings.append(Finding("collision", Outcome.ERROR, text, two.line))
     return findings
 
 
@@ -122,7 +121,7 @@ def _check_gears(plan: Plan, structure: Structure) -> list[Finding]:
         else:
             how = f"are {abs(mesh.error) * MM_PER_LDU:.1f} mm too {'far apart' if mesh.error > 0 else 'close'}; move one"
         text = f"the teeth of {two.name} and {one.name} of line {one.line} {how}"
-        findings.append(Finding("gears", two.line, text, (one.index, two.index)))
+        findings.append(Finding("gears", Outcome.ERROR, text, two.line))
     return findings
 
 
@@ -131,7 +130,7 @@ def _check_motions(plan: Plan, structure: Structure) -> list[Finding]:
     bodies = structure.bodies
     if len(bodies.members) > MAX_BODIES:
         text = f"{len(bodies.members)} parts or groups of parts can move, too many to check; connect them"
-        return [Finding("half-held", 0, text)]
+        return [Finding("half-held", Outcome.ERROR, text)]
     motors = [joint.motor for joint in bodies.joints if joint.motor is not None]
     motions = bodies.motions(locked=motors)
     findings = []
@@ -143,7 +142,7 @@ def _check_motions(plan: Plan, structure: Structure) -> list[Finding]:
             names = _names([plan.parts[part] for part in members])
             first = min((plan.parts[part].line for part in members), default=0)
             text = f"{names} can swing or slide; connect it at a second place, or write 0 !BRICKSRL FREE before it"
-            findings.append(Finding("half-held", first, text, members))
+            findings.append(Finding("half-held", Outcome.ERROR, text, first))
     return findings + _check_motors(plan, bodies, motors)
 
 
@@ -163,20 +162,15 @@ def _check_motors(plan: Plan, bodies: Bodies, motors: list[int]) -> list[Finding
     motions = bodies.motions()
     rates = np.array([bodies.rates(motor, motions) for motor in motors]).reshape(len(motors), -1)
     still = [motor for motor, row in zip(motors, rates, strict=True) if not len(row) or np.abs(row).max() < _MOVES]
-    findings = [
-        Finding(
-            "locked",
-            plan.parts[motor].line,
-            f"{plan.parts[motor].name} cannot turn: its load is fixed to its mount; remove a pin or a gear",
-            (motor,),
-        )
-        for motor in still
-    ]
+    findings = []
+    for motor in still:
+        text = f"{plan.parts[motor].name} cannot turn: its load is fixed to its mount; remove a pin or a gear"
+        findings.append(Finding("locked", Outcome.ERROR, text, plan.parts[motor].line))
     rank = int(np.linalg.matrix_rank(rates, tol=_MOVES)) if rates.size else 0
     if rank < len(motors) - len(still):
         names = ", ".join(f"line {plan.parts[motor].line}" for motor in motors if motor not in still)
         text = f"motors block one another ({names}): they drive the same part; remove one"
-        findings.append(Finding("locked", plan.parts[motors[0]].line, text, tuple(motors)))
+        findings.append(Finding("locked", Outcome.ERROR, text, plan.parts[motors[0]].line))
     return findings
 
 
@@ -196,5 +190,5 @@ def _check_steps(plan: Plan, structure: Structure, room: Occupancy, pairs: list[
         placed = [plan.parts[part] for part in parts]
         remedy = _REMEDIES[trouble.kind]
         text = f"step {trouble.step.index + 1}: {_names(placed)} {trouble.kind.value}; {remedy}"
-        findings.append(Finding("step", placed[0].line, text, parts))
+        findings.append(Finding("step", Outcome.ERROR, text, placed[0].line))
     return findings

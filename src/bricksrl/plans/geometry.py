@@ -14,7 +14,6 @@ Bools = NDArray[np.bool_]
 Triple = tuple[float, float, float]
 
 MM_PER_LDU = 0.4
-MODULE_LDU = 20.0
 _FEWEST_SIDES = 10
 AXES: dict[str, Triple] = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 

@@ -110,6 +110,11 @@ class Plan:
         """The hubs, motors or sensors."""
         return [placed for placed in self.parts if placed.part.device is not None and placed.part.device.kind is kind]
 
+    def present_parts(self, step: Step) -> set[int]:
+        """Indices of the parts that are in the current sub-assembly after a step."""
+        earlier = [one for one in self.steps[: step.index + 1] if one.assembly == step.assembly]
+        return {part for one in earlier for group in (one.new, *one.joined) for part in group}
+
     @property
     def mass_g(self) -> float:
         """Total mass of the known parts, grams."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from bricksrl.plans.finding import Finding
+from bricksrl.finding import Finding, Outcome
 from bricksrl.plans.geometry import MM_PER_LDU
 from bricksrl.plans.part import DeviceKind
 from bricksrl.plans.plan import Placed, Plan
@@ -21,22 +21,22 @@ def wiring(plan: Plan) -> list[Finding]:
     if len(hubs) != 1:
         if wired or len(hubs) > 1:
             how = "has no hub; add one" if not hubs else f"has {len(hubs)} hubs; leave one"
-            findings.append(Finding("wiring", hubs[-1].line if hubs else 0, f"the plan {how}"))
+            findings.append(Finding("wiring", Outcome.ERROR, f"the plan {how}", hubs[-1].line if hubs else 0))
         return findings
     places = dict(hubs[0].part.device.ports) if hubs[0].part.device else {}
     used: dict[str, Placed] = {}
     for placed in wired:
         if placed.port is None:
             text = f"{placed.name} has no port; write 0 !BRICKSRL PORT and its letter before it"
-            findings.append(Finding("wiring", placed.line, text, (placed.index,)))
+            findings.append(Finding("wiring", Outcome.ERROR, text, placed.line))
         elif placed.port not in places:
             text = f"{placed.name} is on port {placed.port}, but the hub has {', '.join(sorted(places))}; choose one of these"
-            findings.append(Finding("wiring", placed.line, text, (placed.index,)))
+            findings.append(Finding("wiring", Outcome.ERROR, text, placed.line))
         elif placed.port in used:
             text = (
                 f"{placed.name} is on port {placed.port}, and so is the one of line {used[placed.port].line}; give each its own"
             )
-            findings.append(Finding("wiring", placed.line, text, (placed.index,)))
+            findings.append(Finding("wiring", Outcome.ERROR, text, placed.line))
         else:
             used[placed.port] = placed
             findings += _cable(hubs[0], places[placed.port], placed)
@@ -54,4 +54,4 @@ def _cable(hub: Placed, place: tuple[float, float, float], placed: Placed) -> li
     text = (
         f"the cable of {placed.name} has {device.cable_mm:.0f} mm, but port {placed.port} needs {needed:.0f}; use a nearer port"
     )
-    return [Finding("wiring", placed.line, text, (placed.index,))]
+    return [Finding("wiring", Outcome.ERROR, text, placed.line)]

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bricksrl.errors import DescriptionError, PlanError, UnknownNameError
-from bricksrl.plans.finding import Finding
+from bricksrl.finding import Finding, Outcome
 from bricksrl.plans.part import DeviceKind
 from bricksrl.plans.plan import Placed, Plan
 from bricksrl.plans.planned_robot import PlannedRobot, planned, planned_robot
@@ -45,7 +45,7 @@ def completed(robot: Robot) -> tuple[tuple[Motor, ...], tuple[Sensor, ...], Driv
     found = disagreements(robot.name, robot.hub.value, (*motors, *sensors), base, made)
     if found:
         where = f", line {found[0].line}" if found[0].line else ""
-        raise DescriptionError(f"{robot.plan}{where}: {found[0].text}")
+        raise DescriptionError(f"{robot.plan}{where}: {found[0].detail}")
     return motors, sensors, base
 
 
@@ -104,18 +104,18 @@ def disagreements(
     for one in made.plan.devices(DeviceKind.HUB):
         if one.part.device is not None and one.part.device.name != hub:
             text = f"{one.name} is not a {hub} hub, which the robot {name} has; make both agree"
-            findings.append(Finding("wiring", one.line, text, (one.index,)))
+            findings.append(Finding("wiring", Outcome.ERROR, text, one.line))
     for device in devices:
         there = placed.get(device.port)
         if there is None:
             text = f"the robot {name} has '{device.name}' on port {device.port}, the plan nothing; add it with 0 !BRICKSRL PORT"
-            findings.append(Finding("wiring", 0, text))
+            findings.append(Finding("wiring", Outcome.ERROR, text))
         else:
             findings += _compared(name, device, there, made)
     for port, there in placed.items():
         if port not in {device.port for device in devices}:
             text = f"port {port} has {there.name} '{there.device or ''}', but for the robot {name} nothing; make both agree"
-            findings.append(Finding("wiring", there.line, text, (there.index,)))
+            findings.append(Finding("wiring", Outcome.ERROR, text, there.line))
     if base is not None:
         ports = {device.name: device.port for device in devices}
         findings += _rolled(name, base, ports, placed, made)
@@ -128,17 +128,17 @@ def _compared(name: str, device: Motor | Sensor, there: Placed, made: PlannedRob
     on = f"port {device.port} has {there.name} '{there.device or ''}'"
     if there.part.device is None or there.part.device.name != kind:
         text = f"{on}, but for the robot {name} '{device.name}', a {kind}; make both agree"
-        return [Finding("wiring", there.line, text, (there.index,))]
+        return [Finding("wiring", Outcome.ERROR, text, there.line)]
     if there.device is not None and there.device != device.name:
         text = f"{on}, but for the robot {name} '{device.name}'; make both agree"
-        return [Finding("wiring", there.line, text, (there.index,))]
+        return [Finding("wiring", Outcome.ERROR, text, there.line)]
     train = next((train for train in made.trains if train.port == device.port), None)
     if isinstance(device, Motor) and device.gears and train is not None and device.gears[0] != device.gears[-1]:
         ratio = device.gears[0] / device.gears[-1]
         if abs(ratio - abs(train.ratio)) > _RATIO * ratio:
             teeth = " to ".join(map(str, train.gears)) or "no gears"
             text = f"motor '{device.name}' has gears {device.gears} for the robot {name}, but {teeth} in the plan; correct one"
-            return [Finding("gears", there.line, text, (there.index,))]
+            return [Finding("gears", Outcome.ERROR, text, there.line)]
     return []
 
 
@@ -155,12 +155,12 @@ def _rolled(
         if wheel is None or abs(wheel.diameter_mm - base.wheel_diameter_mm) > _WHEEL_MM:
             turns = "none" if wheel is None else f"one of {wheel.diameter_mm:g} mm"
             text = f"motor '{side}' should turn a wheel of {base.wheel_diameter_mm:g} mm, as {name} says, but turns {turns}"
-            return [Finding("wheels", there.line, f"{text}; use the wheel that is meant", (there.index,))]
+            return [Finding("wheels", Outcome.ERROR, f"{text}; use the wheel that is meant", there.line)]
         sides.append(wheel)
     track_mm = abs(float(sides[0].centre_m[1] - sides[1].centre_m[1])) * 1000
     if abs(track_mm - base.axle_track_mm) > _TRACK_MM:
         text = f"the wheels are {track_mm:.1f} mm apart, but {name} says {base.axle_track_mm:g}; make both agree"
-        return [Finding("wheels", placed[ports[base.left]].line, text)]
+        return [Finding("wheels", Outcome.ERROR, text, placed[ports[base.left]].line)]
     return []
 
 
@@ -176,7 +176,7 @@ def check_named(plan: Plan) -> list[Finding]:
     try:
         robot, made = robots.get(plan.robot), planned(plan)
     except UnknownNameError as error:
-        return [Finding("wiring", 0, str(error))]
+        return [Finding("wiring", Outcome.ERROR, str(error))]
     except PlanError:
         return []
     return disagreements(robot.name, robot.hub.value, (*robot.motors, *robot.sensors), robot.drive_base, made)
@@ -188,4 +188,4 @@ def check_description(robot: Robot, path: Path) -> None:
     found = disagreements(robot.name, robot.hub.value, (*robot.motors, *robot.sensors), robot.drive_base, planned_robot(path))
     if found:
         where = f", line {found[0].line}" if found[0].line else ""
-        raise DescriptionError(f"{path}{where}: {found[0].text}")
+        raise DescriptionError(f"{path}{where}: {found[0].detail}")

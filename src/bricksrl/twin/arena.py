@@ -17,7 +17,7 @@ import mujoco
 import numpy as np
 
 from bricksrl.errors import TwinError
-from bricksrl.robots import Robot, UltrasonicSensor
+from bricksrl.robots import Robot
 from bricksrl.twin.imu import FloatingBase
 from bricksrl.twin.model_physics import RobotPart, set_physics, up
 from bricksrl.twin.models.load import load_model
@@ -282,31 +282,20 @@ class ArenaBody(MujocoBody):
         self._noise = np.random.default_rng(seed)
         self.battery_mv = round(physics.battery_v * 1000)
         self._encoder_step_mdeg = round(physics.encoder_resolution_deg * 1000)
-        self._prefix = f"{one.name}/"
-        self._bind_part()
+        self._bind_part(f"{one.name}/")
         self._heading_deg = self._heading_at_start_deg = 0.0
         for port in self._terminals:
             self.set_voltage(port, None)
 
-    def _bind_part(self) -> None:
+    def _bind_part(self, prefix: str) -> None:
         model, data = self.model, self.data
-        ports = [motor.port for motor in self.robot.motors]
-        joints = {port: model.joint(f"{self._prefix}motor_{port}") for port in ports}
-        actuators = {port: int(model.actuator(f"{self._prefix}motor_{port}").id) for port in ports}
-        self._gears = {port: float(model.actuator_gear[index, 0]) for port, index in actuators.items()}
-        self._shaft = {port: (int(joints[port].qposadr[0]), gear * math.degrees(1000.0)) for port, gear in self._gears.items()}
-        self._terminals = {port: (index, 1 << int(model.actuator_group[index])) for port, index in actuators.items()}
-        chassis = model.body(f"{self._prefix}chassis")
-        self._chassis = int(chassis.id)
-        self.part = RobotPart([(actuators[motor.port], motor.kind) for motor in self.robot.motors], self._chassis)
+        self._bind_motors(prefix)
+        chassis = model.body(f"{prefix}chassis")
+        self.part = RobotPart([(self._terminals[motor.port][0], motor.kind) for motor in self.robot.motors], int(chassis.id))
         root = int(chassis.jntadr[0])
         self.base_address, self._base_dof = int(model.jnt_qposadr[root]), int(model.jnt_dofadr[root])
-        self._base = _PartBase(model, data, self.base_address, self._base_dof, f"{self._prefix}imu")
-        ports = [sensor.port for sensor in self.robot.sensors if isinstance(sensor, UltrasonicSensor)]
-        angles = (-12.0, -6.0, 0.0, 6.0, 12.0)
-        rays = np.array([(math.cos(math.radians(angle)), math.sin(math.radians(angle)), 0.0) for angle in angles])
-        sites = {port: self._site(f"{self._prefix}ultrasonic_{port}") for port in ports}
-        self._sonar = {port: (place, rays @ frame.T) for port, (place, frame) in sites.items()}
+        self._base = _PartBase(model, data, self.base_address, self._base_dof, f"{prefix}imu")
+        self._bind_sonars(prefix, int(chassis.id))
         self._seen_groups = np.zeros(6, np.uint8)
         self._seen_groups[[OBSTACLE_GROUP, SHAPE_GROUP]] = 1  # other robots too
         self._qpos, self._qvel, self._ctrl = data.qpos, data.qvel, data.ctrl
@@ -337,31 +326,11 @@ class ArenaBody(MujocoBody):
         """Advance the world to this time, and all other robots with it."""
         self._arena.want(self._number, time_ms)
 
-    def _look_at_heading(self) -> None:
-        self._steps_unseen = 0
-        super()._look_at_heading()
-
     def set_voltage(self, port: str, voltage_mv: int | None) -> None:
         """As for a robot alone; the set of open circuits is shared by the world."""
         self._open_circuits = self._arena.open_circuits
         super().set_voltage(port, voltage_mv)
         self._arena.open_circuits = self._open_circuits
-
-    def distance_mm(self, port: str) -> int:
-        """Nearest obstacle or robot that one of five rays in a cone of 24 degrees meets, with noise; 40..2000."""
-        place, rays = self._sonar[port]
-        eyes = self._in_world(place) + self._base.position()
-        nearest_mm = math.inf
-        hit = np.zeros(1, np.int32)
-        for ray in rays:
-            sight = self._in_world(ray)
-            metres = mujoco.mj_ray(self.model, self.data, eyes, sight, self._seen_groups, True, self._chassis, hit, None)
-            if metres >= 0.0:
-                nearest_mm = min(nearest_mm, metres * 1000.0)
-        if nearest_mm >= 2000:
-            return 2000
-        deviation_mm = self.physics.distance_noise_mm + self.physics.distance_noise_ratio * nearest_mm
-        return min(max(round(nearest_mm + deviation_mm * self._noise.standard_normal()), 40), 2000)
 
     def pose_looks(self) -> None:
         """Update the drawn geometry to the joint positions."""

@@ -111,22 +111,14 @@ class MujocoBody:
     def _bind(self) -> None:
         """Look up all names and arrays once."""
         model, data = self.model, self.data
-        joints = {port: model.joint(f"motor_{port}") for port in self._kinds}
-        actuators = {port: int(model.actuator(f"motor_{port}").id) for port in self._kinds}
-        self._gears = {port: float(model.actuator_gear[index, 0]) for port, index in actuators.items()}
-        self._shaft = {port: (int(joints[port].qposadr[0]), gear * math.degrees(1000.0)) for port, gear in self._gears.items()}
-        self._terminals = {port: (index, 1 << int(model.actuator_group[index])) for port, index in actuators.items()}
+        self._bind_motors()
         self._open_circuits = 0
         self._backlash = backlash_joints(model)
         self._feet = [geom for geom in range(model.ngeom) if model.geom(geom).name.startswith("foot_")]
         self._moves = bool(model.jnt_type[0] == mujoco.mjtJoint.mjJNT_FREE)
         self._base = FloatingBase(model, data) if self._moves else FixedBase(model, data)
         self._rods, self._spinners = Rods(model), Spinners(model)
-        rays = np.array([(math.cos(math.radians(angle)), math.sin(math.radians(angle)), 0.0) for angle in _CONE_DEG])
-        sonars = {
-            one.port: self._site(f"ultrasonic_{one.port}") for one in self.robot.sensors if isinstance(one, UltrasonicSensor)
-        }
-        self._sonar = {port: (place, rays @ frame.T) for port, (place, frame) in sonars.items()}
+        self._bind_sonars()
         others = [one for one in self.robot.sensors if isinstance(one, PoweredUpSensor) and senses(one)]
         self._kinds_of_sensors = {one.port: one.kind for one in others}
         self._eyes = {one.port: self._site(f"sensor_{one.port}") for one in others}
@@ -136,6 +128,23 @@ class MujocoBody:
         self._seen_groups = np.zeros(6, np.uint8)
         self._seen_groups[OBSTACLE_GROUP] = 1
         self._qpos, self._qvel, self._ctrl = data.qpos, data.qvel, data.ctrl
+
+    def _bind_motors(self, prefix: str = "") -> None:
+        """Look up the motors; ``prefix`` begins the names of this robot."""
+        model, ports = self.model, [motor.port for motor in self.robot.motors]
+        joints = {port: model.joint(f"{prefix}motor_{port}") for port in ports}
+        actuators = {port: int(model.actuator(f"{prefix}motor_{port}").id) for port in ports}
+        self._gears = {port: float(model.actuator_gear[index, 0]) for port, index in actuators.items()}
+        self._shaft = {port: (int(joints[port].qposadr[0]), gear * math.degrees(1000.0)) for port, gear in self._gears.items()}
+        self._terminals = {port: (index, 1 << int(model.actuator_group[index])) for port, index in actuators.items()}
+
+    def _bind_sonars(self, prefix: str = "", unseen_body: int = -1) -> None:
+        """Look up the ultrasonic sensors, which do not detect ``unseen_body``."""
+        rays = np.array([(math.cos(math.radians(angle)), math.sin(math.radians(angle)), 0.0) for angle in _CONE_DEG])
+        ports = [one.port for one in self.robot.sensors if isinstance(one, UltrasonicSensor)]
+        sites = {port: self._site(f"{prefix}ultrasonic_{port}") for port in ports}
+        self._sonar = {port: (place, rays @ frame.T) for port, (place, frame) in sites.items()}
+        self._unseen_body = unseen_body
 
     def _site(self, name: str) -> tuple[Vector, NDArray[np.float64]]:
         """Position of a site on the chassis [3], and its axes as columns [3, 3]. Raises TwinError if there is no such site."""
@@ -304,12 +313,13 @@ class MujocoBody:
     # ---------------------------------------------------------------- sensors
 
     def distance_mm(self, port: str) -> int:
-        """Nearest obstacle that one of five rays in a cone of 24 degrees meets, with noise; 40..2000."""
+        """Nearest obstacle, or other robot, that one of five rays in a cone of 24 degrees meets, with noise; 40..2000."""
         place, rays = self._sonar[port]
         eyes = self._in_world(place) + self._base.position()
         nearest_mm = math.inf
         for ray in rays:
-            metres = mujoco.mj_ray(self.model, self.data, eyes, self._in_world(ray), self._seen_groups, True, -1, None)
+            sight = self._in_world(ray)
+            metres = mujoco.mj_ray(self.model, self.data, eyes, sight, self._seen_groups, True, self._unseen_body, None)
             if metres >= 0.0:
                 nearest_mm = min(nearest_mm, metres * 1000.0)
         if nearest_mm >= _FARTHEST_MM:

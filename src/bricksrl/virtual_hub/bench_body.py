@@ -1,8 +1,7 @@
-"""Bench body: motors without load, as the firmware's own motor simulation moves them.
+"""Bench body: motors without load, with the motor model of the firmware's test build.
 
-The model is that of the firmware's test build (``motor_driver_virtual_simulation.c``, v4): a medium angular motor in
-steps of 1 ms with the states angle, speed and current. It uses the same figures for every kind of motor, and so does
-this; it also brakes when it coasts.
+The model (``motor_driver_virtual_simulation.c``, v4) is a medium angular motor in steps of 1 ms with the states angle, speed and
+current, used for every kind of motor. It brakes also when it should coast.
 """
 
 from __future__ import annotations
@@ -20,13 +19,13 @@ if TYPE_CHECKING:
 
 _FRICTION_UNM = 21413.268
 _FRICTION_FADES_BELOW_MDEG_S = 2000.0
-_STOP_UNM_PER_MDEG, _STOP_UNM_PER_MDEG_S = 500.0, 5.0  # how hard and how dampened an end stop is
+_STOP_UNM_PER_MDEG, _STOP_UNM_PER_MDEG_S = 500.0, 5.0  # stiffness and damping of an end stop
 _MAX_DUTY = 1000  # steps of the PWM (``PBDRV_MOTOR_DRIVER_MAX_DUTY``)
 _NEAREST_MM, _FARTHEST_MM = 40, 2000
 
 
 class BenchMotor:
-    """Angle in mdeg, speed in mdeg/s, current in 0.1 mA, voltage in mV; ``stops`` the angles beyond which something blocks."""
+    """Motor: angle in mdeg, speed in mdeg/s, current in 0.1 mA, voltage in mV, end ``stops`` in mdeg."""
 
     __slots__ = ("angle", "current", "speed", "stops", "voltage")
 
@@ -37,7 +36,7 @@ class BenchMotor:
     def step(self, friction_unm: float) -> None:
         """One millisecond."""
         v, i, u = self.speed, self.current, self.voltage
-        # Written in the order in which the firmware computes it: the last digit of a drive base's angle tells.
+        # In the firmware's order of operations, which decides the last digit of a drive base's angle.
         fades = _FRICTION_FADES_BELOW_MDEG_S
         torque = friction_unm if v > fades else -friction_unm if v < -fades else friction_unm * v / fades
         if self.stops is not None:
@@ -57,22 +56,22 @@ class BenchBody:
 
     Args:
         robot: hub, motors and sensors.
-        readings: what the sensors sense, as functions of the angles of the motors (deg at the output, by the motor's name).
-            The name of a sensor, such as ``"light"``, stands for the first thing that it senses, ``"light.ambient"`` for
-            another one. An ultrasonic sensor without a reading sees nothing.
-        end_stops: lowest and highest angle (deg at the output) at which something blocks a motor, by the motor's name.
+        readings: readings of the sensors, by name, as functions of the angles of the motors (deg at the output, by name). The
+            name of a sensor, such as ``"light"``, is that of its first quantity, ``"light.ambient"`` of another one. An
+            ultrasonic sensor without a reading sees nothing.
+        end_stops: lowest and highest angle (deg at the output) at which a motor is blocked, by name.
 
     Attributes:
-        battery_mv: voltage of the battery; that of the firmware's own motor simulation, unless somebody sets it.
+        battery_mv: voltage of the battery; at first that of the firmware's motor simulation.
         motor_friction_scale: factor on the dry friction inside the motors.
         link_interval_ms: connection interval of the hub's link.
 
     Raises:
-        TwinError: nothing is said about one of the sensors, or something about one that is not there.
+        TwinError: a sensor has no reading, or a reading or end stop no device.
     """
 
     turns_with_its_wheels = False
-    """The hub lies still, whatever its motors do."""
+    """Whether the hub turns when its motors do."""
 
     def __init__(
         self,
@@ -91,7 +90,7 @@ class BenchBody:
         self._time_ms = 0
 
     def reset(self, rng: np.random.Generator) -> None:
-        """Nothing to put back."""
+        """Does nothing."""
 
     def advance_to(self, time_ms: int) -> None:
         friction_unm = _FRICTION_UNM * self.motor_friction_scale
@@ -109,7 +108,7 @@ class BenchBody:
         self._motors[port].voltage = int(duty * self.battery_mv / _MAX_DUTY)
 
     def sensed(self, port: str, sense: Sense) -> Sensed:
-        """Stimulus of a sensor at the present angles."""
+        """Stimulus of a sensor at the present angles. Raises SceneError if its reading raises."""
         reading = self._readings.get((port, sense))
         if reading is None:
             return UNSAID[sense]
@@ -119,7 +118,7 @@ class BenchBody:
             line = error.__traceback__.tb_next.tb_lineno if error.__traceback__ and error.__traceback__.tb_next else 0
             file = reading.__code__.co_filename if hasattr(reading, "__code__") else "its file"
             raise SceneError(
-                f"what the scene says about port {port} of '{self.robot.name}' raised {type(error).__name__}: {error} "
+                f"the scene's reading for port {port} of '{self.robot.name}' raised {type(error).__name__}: {error} "
                 f"({file.rpartition('/')[2]}, line {line}); correct it"
             ) from error
 
@@ -129,7 +128,7 @@ class BenchBody:
         return min(max(round(number(self.sensed(port, Sense.DISTANCE))), _NEAREST_MM), _FARTHEST_MM)
 
     def tilt_deg(self) -> tuple[float, float]:
-        return -0.0, 0.0  # as computed from an acceleration of which nothing points ahead
+        return -0.0, 0.0  # as computed from a vertical acceleration
 
     def angular_velocity_deg_s(self) -> tuple[float, float, float]:
         return 0.0, 0.0, 0.0
@@ -142,19 +141,17 @@ class BenchBody:
 
 
 def _mdeg_per_deg(motor: Motor) -> float:
-    """Millidegrees of the shaft, clockwise, for one degree of the output, as a program counts it."""
+    """Millidegrees of the shaft, clockwise, for one degree of the output in the program's direction."""
     ratio = motor.gears[-1] / motor.gears[0] if motor.gears else 1.0
     return 1000.0 * ratio * motor.direction.value
 
 
 def _end_stops_mdeg(robot: Robot, end_stops: Mapping[str, tuple[float, float]]) -> dict[str, tuple[float, float]]:
-    """Port to the angles of the shaft, clockwise, at which something blocks."""
+    """End stops by port, as clockwise angles of the shaft in mdeg."""
     motors = {motor.name: motor for motor in robot.motors}
-    strangers = sorted(set(end_stops) - set(motors))
-    if strangers:
-        raise TwinError(
-            f"robot '{robot.name}' has no motor '{strangers[0]}' for an end stop; it has {', '.join(motors) or 'none'}"
-        )
+    unknown = sorted(set(end_stops) - set(motors))
+    if unknown:
+        raise TwinError(f"robot '{robot.name}' has no motor '{unknown[0]}' for an end stop; it has {', '.join(motors) or 'none'}")
     stops = {}
     for name, angles_deg in end_stops.items():
         scale = _mdeg_per_deg(motors[name])
@@ -168,13 +165,13 @@ def _by_sense(robot: Robot, readings: Mapping[str, Reading]) -> dict[tuple[str, 
     for sensor in robot.sensors:
         for index, sense in enumerate(senses(sensor)):
             places[f"{sensor.name}.{sense}" if index else sensor.name] = (sensor.port, sense)
-    strangers = sorted(set(readings) - set(places))
-    if strangers:
-        raise TwinError(f"robot '{robot.name}' has no sensor '{strangers[0]}'; it senses {', '.join(places) or 'nothing'}")
+    unknown = sorted(set(readings) - set(places))
+    if unknown:
+        raise TwinError(f"robot '{robot.name}' has no sensor '{unknown[0]}'; it senses {', '.join(places) or 'nothing'}")
     for sensor in robot.sensors:
         if isinstance(sensor, PoweredUpSensor) and senses(sensor) and sensor.name not in readings:
             raise TwinError(
-                f"nothing says what '{sensor.name}' of robot '{robot.name}' reads; "
+                f"sensor '{sensor.name}' of robot '{robot.name}' has no reading; "
                 f"give readings={{'{sensor.name}': a function of the motors' angles}}, for a task in its Scene"
             )
     return {places[name]: reading for name, reading in readings.items()}

@@ -1,4 +1,4 @@
-"""Interpreter of hub programs on CPython, with the behaviour of MicroPython on a hub."""
+"""Interpreter of hub programs on CPython, with the behaviour of a hub's MicroPython."""
 
 from __future__ import annotations
 
@@ -19,14 +19,18 @@ class Modules(dict[str, ModuleType]):
     """Modules that a program can import, by name.
 
     Attributes:
-        tick: called at every turn of a ``while`` loop, so that simulated time passes in one that does not wait.
-        branch: called with what a program branches on, which it returns.
-        has_memoryview: whether the hub has that builtin.
-        find_module: a module that came along with the program, by its name, or ``None``.
+        tick: called at each iteration of a ``while`` loop, so that simulated time passes in one that does not wait.
+        branch: called with the value on which a program branches, and returns it.
+        has_memoryview: whether the hub has this builtin.
+        find_module: returns a module of the program by its name, or ``None``.
     """
 
     def __init__(
-        self, modules: dict[str, ModuleType], tick: Callable[[], None], branch: Callable[[Any], Any], has_memoryview: bool
+        self,
+        modules: dict[str, ModuleType],
+        tick: Callable[[], None] = lambda: None,
+        branch: Callable[[Any], Any] = lambda value: value,
+        has_memoryview: bool = True,
     ) -> None:
         super().__init__(modules)
         self.tick, self.branch = tick, branch
@@ -35,37 +39,33 @@ class Modules(dict[str, ModuleType]):
 
 
 def execute(source: str, filename: str, modules: dict[str, ModuleType], console: Console) -> None:
-    """Run a program as ``__main__`` to its end; what it raises comes out, in the hub's words.
+    """Run a program as ``__main__`` to its end; its exceptions propagate, with the hub's messages.
 
     Args:
         source: the program.
         filename: its name in tracebacks, e.g. ``main.py``.
-        modules: what it can import; those of ``virtual_hub.pybricks.modules``.
+        modules: the modules that it can import, such as those of ``virtual_hub.pybricks.modules``.
         console: its standard input and output.
 
     Raises:
         SyntaxError: the hub's compiler refuses the program.
-        OverflowError: it holds a number that needs more than 31 bits.
+        OverflowError: a constant needs more than 31 bits.
     """
     code = compiled(source, filename)
-    if isinstance(modules, Modules):
-        tick, branch, has_memoryview = modules.tick, modules.branch, modules.has_memoryview
-    else:
-        tick, branch = _nothing, _same
-        has_memoryview = True
+    known = modules if isinstance(modules, Modules) else Modules(modules)
     names: dict[str, Any] = {"__name__": "__main__"}
 
     def find_module(name: str) -> ModuleType:
-        if name not in modules:
-            beside = modules.find_module(name) if isinstance(modules, Modules) else None
+        if name not in known:
+            beside = known.find_module(name)
             if beside is None:
                 raise ImportError(f"no module named '{name}'")
-            modules[name] = ModuleType(name)
-            modules[name].__dict__.update(__builtins__=names["__builtins__"])
-            exec(compiled(beside.source, beside.file), modules[name].__dict__)
-        return modules[name]
+            known[name] = ModuleType(name)
+            known[name].__dict__.update(__builtins__=names["__builtins__"])
+            exec(compiled(beside.source, beside.file), known[name].__dict__)
+        return known[name]
 
-    names["__builtins__"] = builtin_names(names, find_module, console, tick, branch, has_memoryview)
+    names["__builtins__"] = builtin_names(names, find_module, console, known.tick, known.branch, known.has_memoryview)
     try:
         exec(code, names)
     except Exception as error:
@@ -74,7 +74,7 @@ def execute(source: str, filename: str, modules: dict[str, ModuleType], console:
 
 
 def format_traceback(error: BaseException, filename: str) -> str:
-    """The error as a hub prints it: the lines of the program only, ending with a newline."""
+    """The traceback as a hub prints it, with only the program's lines, ending with a newline."""
     lines = []
     for frame, line in traceback.walk_tb(error.__traceback__):
         if "@n" in frame.f_builtins:
@@ -89,11 +89,3 @@ def format_traceback(error: BaseException, filename: str) -> str:
     if lines:
         lines.insert(0, "Traceback (most recent call last):")
     return "\n".join([*lines, last]) + "\n"
-
-
-def _nothing() -> None:
-    pass
-
-
-def _same(value: Any) -> Any:
-    return value

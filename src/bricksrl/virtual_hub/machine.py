@@ -1,6 +1,6 @@
-"""Machine behind a virtual hub: one clock, the 5 ms control loop of the firmware, and the body that it moves.
+"""Machine behind a virtual hub: clock, the firmware's 5 ms control loop, and the body.
 
-Time is a whole number of milliseconds and passes only in :meth:`Machine.advance`.
+Time is a whole number of milliseconds and passes only in methods of :class:`Machine`.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from bricksrl.virtual_hub.pace import Pace
 from bricksrl.virtual_hub.panel import Panel
 
 CONTROL_LOOP_MS = 5
-# A program that polls without waiting would stand still in simulated time for ever. On a hub each call costs
-# some 10 us; here calls are free until there are many of them without a wait.
+# On a hub each call takes some 10 us. Here calls are free until there are many of them without a wait: otherwise no simulated
+# time would ever pass in a program that only polls.
 _FREE_CALLS = 200
 _CALLS_PER_MS = 100
 _AFTER_LOOP_TICKS = 10
@@ -28,14 +28,13 @@ class Machine:
     """Clock, servos and drive bases of one virtual hub.
 
     Attributes:
-        runs_program: whether a stop button has something to stop.
-        pace: what holds simulated time to that on the wall, at each control loop; ``None`` for as fast as it goes.
-        panel: its buttons, light, display and loudspeaker.
-        heading: what the gyroscope says about where the robot looks.
+        runs_program: whether a program runs that the stop button can stop.
+        pace: keeps simulated time to real time at each control loop; ``None`` for as fast as possible.
+        panel: buttons, light, display and loudspeaker.
+        heading: heading of the robot by the gyroscope.
         time_ms: simulated time since the hub was switched on.
-        time_ticks: the same in the firmware's control ticks of 0.1 ms, as the motor control sees it. After the control loop the
-            firmware sleeps until its next event, 1 ms at most, and only then goes on with the program: what a program starts
-            is that much younger than the loop of the same millisecond.
+        time_ticks: the same for the motor control, in ticks of 0.1 ms. After the control loop the firmware sleeps until its next
+            event, at most 1 ms, before it resumes the program: commands are that much later than the loop of the same ms.
         alarm_ms: simulated time at which ``on_alarm`` is called from within :meth:`advance`; ``None`` for never.
     """
 
@@ -58,11 +57,11 @@ class Machine:
 
     @property
     def body_ms(self) -> int:
-        """Simulated time at which the body is: the program's, or a millisecond more."""
+        """Simulated time of the body: the program's, or 1 ms ahead of it."""
         return self.time_ms + self._is_ahead
 
     def plug_in(self, port: str, device: str) -> bool:
-        """Whether a body that fits itself to the program has this device on that port now."""
+        """Plug a device into a :class:`FittingBody`; returns whether it is on the port now."""
         if not (isinstance(self.body, FittingBody) and self.body.plug_in(port, device)):
             return False
         if port in self.body.motors and port not in self.servos:
@@ -70,12 +69,7 @@ class Machine:
         return True
 
     def new_drive_base(self, left: Servo, right: Servo, wheel_diameter_um: int, axle_track_um: int) -> DriveBaseControl:
-        """Two servos as a vehicle, which the control loop then moves.
-
-        Raises:
-            ValueError: the geometry is impossible, or both motors are the same, or their gears differ.
-            OSError: EBUSY, a motor belongs to another drive base; ENODEV, it is closed.
-        """
+        """A drive base in the control loop. Raises ValueError and OSError as :class:`DriveBaseControl`."""
         base = DriveBaseControl(left, right, wheel_diameter_um, axle_track_um, self.heading)
         self.drive_bases.append(base)
         return base
@@ -88,7 +82,7 @@ class Machine:
             self._advance_towards(end_ms)
 
     def doze(self, duration_ms: int) -> int:
-        """Let time pass, but not beyond the next alarm, which may have brought input; returns how long it was."""
+        """Let time pass, but not beyond the next alarm, which may bring input; returns the ms that passed."""
         self._calls = 0
         start_ms = self.time_ms
         end_ms = start_ms + duration_ms
@@ -97,7 +91,7 @@ class Machine:
         return self.time_ms - start_ms
 
     def _advance_towards(self, end_ms: int) -> bool:
-        """Advance as far as nothing but physics happens, at most to ``end_ms``; whether there was an alarm."""
+        """Advance to the next control loop, panel event or alarm, at most to ``end_ms``; returns whether it was an alarm."""
         time_ms = self.time_ms
         event_ms = self.panel.next_ms
         if self._is_ahead:
@@ -111,7 +105,7 @@ class Machine:
             alarm_ms = self.alarm_ms
             if alarm_ms is not None and time_ms < alarm_ms < stop_ms:
                 stop_ms = alarm_ms
-            self._move_on(stop_ms)
+            self._run_to(stop_ms)
         self.time_ticks = stop_ms * 10 + _AFTER_LOOP_TICKS
         if event_ms is not None and event_ms <= stop_ms and self.panel.stops(stop_ms) and self.runs_program:
             self.time_ms, self.time_ticks, self._is_ahead = stop_ms - 1, stop_ms * 10, True
@@ -121,8 +115,8 @@ class Machine:
         self.on_alarm()
         return True
 
-    def _move_on(self, time_ms: int) -> None:
-        """Physics until a time, and the control loop, if it is its time."""
+    def _run_to(self, time_ms: int) -> None:
+        """Advance the body to a time, and run the control loop if due."""
         self.body.advance_to(time_ms)
         self.time_ms = time_ms
         if time_ms % CONTROL_LOOP_MS == 0:
@@ -135,24 +129,24 @@ class Machine:
                 self.pace.keep(time_ms)
 
     def settle(self) -> None:
-        """Let the rest of the hub catch up with the program, which it has not done yet.
+        """Let the rest of the hub catch up with the program.
 
-        A program goes on at the beginning of a millisecond, and the rest of the hub does what is due in it only when the program
-        branches for the first time, as it does at each turn of a loop.
+        A program resumes at the beginning of a millisecond, the rest of the hub only at the program's first branch in it, such as
+        the next iteration of a loop.
         """
         time_ms, time_ticks = self.time_ms, self.time_ticks
-        self._move_on(time_ms + 1)
+        self._run_to(time_ms + 1)
         self.time_ms, self.time_ticks, self._is_ahead = time_ms, time_ticks, True
 
     def branch(self, value: Any) -> Any:
-        """What the program branches on, as it is."""
+        """``value``, on which the program branches; the rest of the hub catches up first."""
         if not (self._is_ahead or self._is_stopping):
             self.settle()
         return value
 
     @contextlib.contextmanager
     def stopping(self) -> Iterator[None]:
-        """Inside, branches let no time pass."""
+        """Context in which branches let no time pass."""
         self._is_stopping = True
         try:
             yield
@@ -160,23 +154,23 @@ class Machine:
             self._is_stopping = False
 
     def turn_loop(self) -> None:
-        """One turn of a loop that may not wait."""
+        """One iteration of a loop that may not wait."""
         self.branch(None)
         self.charge_call()
 
     def advance_to_control(self) -> None:
-        """Let time pass until the control loop has run once: the grain at which moves end."""
+        """Let time pass until the next control loop, at which moves end."""
         self.advance(CONTROL_LOOP_MS - self.time_ms % CONTROL_LOOP_MS)
 
     def charge_call(self) -> None:
-        """Count a call that takes no simulated time, so that a polling loop comes to an end."""
+        """Count a call that takes no simulated time; time passes after many of them."""
         self._calls = calls = self._calls + 1
         if calls > _FREE_CALLS and calls % _CALLS_PER_MS == 0:
             self.advance(1)
             self._calls = calls
 
     def stop_motors(self) -> None:
-        """End of a program, as the firmware does it: all motors coast, all objects are forgotten, the display is dark."""
+        """End a program as the firmware does: motors coast and are closed, drive bases are released, the display is cleared."""
         self.runs_program = False
         self.panel.start_program()
         for base in self.drive_bases:

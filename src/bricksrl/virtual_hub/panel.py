@@ -1,4 +1,4 @@
-"""The outside of a hub: its buttons, its light, its display and its loudspeaker, and those of a remote control.
+"""Panel of a hub: buttons, also those of a remote control, light, display and loudspeaker.
 
 Buttons are pressed by a script (``Press``, at a simulated time), or from Python and by keys while the program runs.
 """
@@ -15,12 +15,12 @@ from bricksrl.robots import HubKind
 
 DEFAULT_PRESS_S = 0.2
 POLL_MS = 50
-"""How often a hub looks at its stop button (``pbio/sys/core.c``, v4)."""
+"""Poll interval of a hub's stop button (``pbio/sys/core.c``, v4)."""
 STOP_BUTTON = "center"
 _SHADES = ".-+#"
 _REMOTE = "remote."
 _REMOTE_BUTTONS = ("left_plus", "left", "left_minus", "right_plus", "right", "right_minus", "center")
-_LOW, _HIGH = 0.0, 100_000.0
+_MIN_S, _MAX_S = 0.0, 100_000.0
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class Press:
         start_s, duration_s: simulated seconds.
 
     Raises:
-        TwinError: at construction, when the times are none.
+        TwinError: at construction, a time is out of range.
     """
 
     button: str
@@ -40,41 +40,37 @@ class Press:
     duration_s: float = DEFAULT_PRESS_S
 
     def __post_init__(self) -> None:
-        if not (_LOW <= self.start_s <= _HIGH and 0.0 < self.duration_s <= _HIGH):
+        if not (_MIN_S <= self.start_s <= _MAX_S and 0.0 < self.duration_s <= _MAX_S):
             raise TwinError(
-                f"the press of '{self.button}' has no time; give one such as {self.button}@2.5s or {self.button}@2.5s+1s"
+                f"the time of the press of '{self.button}' is out of range; give {self.button}@2.5s or {self.button}@2.5s+1s"
             )
 
 
 def parse_press(text: str) -> Press:
-    """``left@2.5s``, or ``left@2.5s+1s`` for one that lasts a second.
-
-    Raises:
-        TwinError: it is something else.
-    """
+    """The press for ``left@2.5s``, or ``left@2.5s+1s`` with a duration of 1 s. Raises TwinError for any other text."""
     match = re.fullmatch(r"([a-z_.]+)@([\d.]+)s?(?:\+([\d.]+)s?)?", text.strip().lower())
     try:
         start_s, duration_s = float(match[2]), float(match[3] or DEFAULT_PRESS_S)  # type: ignore[index]
     except (TypeError, ValueError):
-        raise TwinError(f"'{text}' is no press of a button; give one such as left@2.5s, or center@4s+0.5s") from None
+        raise TwinError(f"'{text}' is not a button press; give one such as left@2.5s, or center@4s+0.5s") from None
     return Press(match[1], start_s, duration_s)  # type: ignore[index]
 
 
 class Panel:
-    """What a person can press, see and hear.
+    """Buttons, light, display and loudspeaker of a hub.
 
     Attributes:
-        buttons: those that the hub has.
-        stop_buttons: pressed together they stop the program; none of them does where it is empty.
-        has_remote: whether a remote control is near that a program can connect to.
-        light: color of the status light as (hue, saturation, value); ``None`` while it is off.
-        display: brightness of the 25 pixels of the display in %, row by row from the top, as the program gave them.
+        buttons: names of the hub's buttons.
+        stop_buttons: buttons that stop the program when pressed together; none if empty.
+        has_remote: whether a remote control is there for a program to connect to.
+        light: color of the status light as (hue, saturation, value); ``None`` if off.
+        display: brightness of the 25 pixels of the display in %, row by row from the top.
         text: the character or number that the display shows instead.
-        sound_hz: what the loudspeaker plays; 0 for nothing.
-        clock_ms: simulated time; the machine that the panel belongs to sets it.
-        is_watched: whether somebody sits before it who may press a button at any time.
-        on_change: called with the panel when something else can be seen or heard.
-        next_ms: simulated time of the next thing that happens here by itself; ``None`` for nothing.
+        sound_hz: frequency of the loudspeaker; 0 if silent.
+        clock_ms: simulated time, set by the panel's machine.
+        is_watched: whether a person may press a button at any time.
+        on_change: called with the panel after a change of light, display or sound.
+        next_ms: simulated time of the next poll or animation; ``None`` for none.
 
     Raises:
         TwinError: the hub has no such button.
@@ -123,22 +119,22 @@ class Panel:
 
     @property
     def now_s(self) -> float:
-        """Simulated time, as far as the panel knows it."""
+        """Simulated time."""
         return self.clock_ms() / 1000
 
     def describe(self) -> str:
-        """One line of what can be seen and heard; the display as five rows of five, from ``.`` to ``#``."""
+        """Light, display and sound in one line; the display as five rows of five, from ``.`` to ``#``."""
         light = "off" if self._light is None else f"hue {self._light[0]}, {self._light[1]} %, {self._light[2]} %"
         rows = (self.display[i : i + 5] for i in range(0, 25, 5))
         display = self.text or "/".join("".join(_SHADES[min(3, value * 3 // 100 + (value > 0))] for value in row) for row in rows)
         return f"light {light}; display {display if any(self.display) or self.text else 'off'}; sound {self._sound_hz or 'off'}"
 
     def tap(self, button: str) -> None:
-        """Press a button now, for a moment."""
+        """Press a button now, for :data:`DEFAULT_PRESS_S`."""
         self.press(Press(button, self.clock_ms() / 1000 + 0.001))
 
     def press(self, press: Press) -> None:
-        """Let a button be pressed at a simulated time."""
+        """Schedule a press."""
         self._check(press.button)
         self.has_remote = self.has_remote or press.button.startswith(_REMOTE)
         start_ms = round(press.start_s * 1000)
@@ -161,21 +157,21 @@ class Panel:
         return not (self.is_watched or self._held or any(end_ms > now_ms for _, end_ms, _ in self._presses))
 
     def pressed(self, time_ms: int) -> frozenset[str]:
-        """The hub's own buttons that are down at a simulated time."""
+        """Buttons of the hub that are down at a simulated time."""
         return frozenset(name for name in self._down(time_ms) if not name.startswith(_REMOTE))
 
     def pressed_on_remote(self, time_ms: int) -> frozenset[str]:
-        """The buttons of the remote control that are down."""
+        """Buttons of the remote control that are down at a simulated time."""
         return frozenset(name.removeprefix(_REMOTE) for name in self._down(time_ms) if name.startswith(_REMOTE))
 
     def stops(self, time_ms: int) -> bool:
-        """Do what is due, and say whether the stop button was pressed since the last look at it."""
+        """Process animations and the poll that are due; returns whether the stop button was pressed since the last poll."""
         self._now_ms = time_ms
         for part, (due_ms, frames) in tuple(self._animations.items()):
             if due_ms <= time_ms:
                 self._animations[part] = time_ms + max(1, next(frames)), frames
         self._schedule(time_ms + 1)
-        # The look belongs to the millisecond that the program has not begun yet.
+        # The poll belongs to the millisecond before, in which the program has not resumed yet.
         if time_ms % POLL_MS or not self.stop_buttons or not self.stop_buttons <= self.pressed(time_ms - 1):
             return False
         was_pressed = self._stop_pressed_ms == time_ms - POLL_MS
@@ -183,27 +179,27 @@ class Panel:
         return not was_pressed
 
     def animate(self, part: str, frames: Iterator[int]) -> None:
-        """Let the light or the display (``part``) change by itself, in place of what it did before.
+        """Animate the light or the display (``part``), in place of its last animation.
 
         Args:
-            frames: shows the next picture and says for how many milliseconds, for ever.
+            frames: endless; each step shows the next picture and gives its duration in ms.
         """
         self._animations[part] = self.clock_ms() + 1 + max(1, next(frames)), frames
         self._schedule(self.clock_ms() + 1)
 
     def stop_animation(self, part: str) -> bool:
-        """Keep the picture of this moment; whether there was an animation."""
+        """Keep the current picture; returns whether there was an animation."""
         return self._animations.pop(part, None) is not None
 
     def start_program(self) -> None:
-        """What a hub does before a program: the stop button stops, the display is dark."""
+        """Reset as before each program: default stop button, no light, sound or display."""
         self.stop_buttons = frozenset({STOP_BUTTON})
         self._animations.clear()
         self.light, self.sound_hz = None, 0
         self.show([0] * 25)
 
     def show(self, pixels: list[int], text: str = "") -> None:
-        """Put something else on the display."""
+        """Show pixels (brightness in %, 25 values) or a text."""
         if (pixels, text) != (self.display, self.text):
             self.display, self.text = pixels, text
             self._changed()
@@ -216,7 +212,7 @@ class Panel:
         return self._held | {name for start_ms, end_ms, name in self._presses if start_ms <= time_ms < end_ms}
 
     def _schedule(self, from_ms: int) -> None:
-        """Find out when the stop button is to be looked at again, or an animation goes on."""
+        """Compute :attr:`next_ms`: the next poll of a pressed button or step of an animation."""
         polls = [(max(start_ms + 1, from_ms), end_ms) for start_ms, end_ms, _ in self._presses if end_ms >= from_ms]
         polls += [(from_ms, from_ms + POLL_MS)] * bool(self._held)
         due = [poll_ms for begin_ms, end_ms in polls if (poll_ms := -(-begin_ms // POLL_MS) * POLL_MS) <= end_ms]

@@ -11,7 +11,7 @@ import pytest
 from bricksrl.data.schema import describe_task
 from bricksrl.envs import get_task
 from bricksrl.errors import TwinError
-from bricksrl.robots import Direction, HubKind, Motor, PoweredUpSensor, Robot, SensorKind, UltrasonicSensor
+from bricksrl.robots import TWO_WHEELER, Direction, HubKind, Motor, PoweredUpSensor, Robot, SensorKind, UltrasonicSensor
 from bricksrl.twin.make_body import make_body
 from bricksrl.twin.mujoco_body import MujocoBody
 from bricksrl.twin.scene import Scene
@@ -109,8 +109,10 @@ def test_invalid_mjcf_raises(rover: Robot, text: str, says: str) -> None:
 
 
 def test_wall_needs_ultrasonic_sensor(rover: Robot) -> None:
-    with pytest.raises(TwinError, match="no ultrasonic sensor"):
-        make_body(replace(rover, sensors=()), scene=Scene(wall_distance_mm=(600.0, 600.0)))
+    built = replace(TWO_WHEELER, model="bricksrl.twin.models.driving_robot:driving_robot")
+    for robot in (rover, built):
+        with pytest.raises(TwinError, match="no ultrasonic sensor"):
+            make_body(replace(robot, sensors=()), scene=Scene(wall_distance_mm=(600.0, 600.0)))
 
 
 def test_dataset_description_omits_model() -> None:

@@ -14,7 +14,7 @@ from bricksrl.robots import ROBO_ARM, TWO_WHEELER
 from bricksrl.twin.mujoco_body import MujocoBody
 from bricksrl.twin.physics import Physics
 from bricksrl.twin.render import opengl
-from bricksrl.twin.render.opengl import Image, Renderer, write_video
+from bricksrl.twin.render.opengl import Image, Renderer, VideoWriter
 from bricksrl.twin.scene import Scene
 
 SCENE = Scene(wall_distance_mm=(250.0, 250.0))
@@ -173,7 +173,10 @@ def test_physics_need_no_opengl() -> None:
 def test_video_has_frames(body: MujocoBody, tmp_path: Path) -> None:
     frame = picture(body, 96, 64)
     frames = [np.roll(frame, 3 * shift, axis=1) for shift in range(12)]
-    path = write_video(tmp_path / "deep" / "run.mp4", iter(frames), fps=20)
+    path = tmp_path / "deep" / "run.mp4"
+    with VideoWriter(path, 20) as video:
+        for one in frames:
+            video.add(one)
     count, seconds = imageio_ffmpeg.count_frames_and_secs(str(path))
     assert count == 12
     assert seconds == pytest.approx(0.6, abs=0.05)
@@ -184,11 +187,18 @@ def test_video_has_frames(body: MujocoBody, tmp_path: Path) -> None:
     assert np.abs(decoded.astype(int) - frame).mean() < 12
 
 
-def test_mixed_or_missing_frames_raise(tmp_path: Path) -> None:
-    with pytest.raises(TwinError, match="no frames"):
-        write_video(tmp_path / "none.mp4", [], fps=20)
-    with pytest.raises(TwinError, match="one size"):
-        write_video(tmp_path / "two.mp4", [np.zeros((16, 16, 3), np.uint8), np.zeros((32, 16, 3), np.uint8)], fps=20)
+def test_mixed_frames_raise_and_leave_no_file(tmp_path: Path) -> None:
+    video = VideoWriter(tmp_path / "two.mp4", 20)
+    video.add(np.zeros((16, 16, 3), np.uint8))
+    with pytest.raises(TwinError, match="one size"), video:
+        video.add(np.zeros((32, 16, 3), np.uint8))
+    assert not list(tmp_path.iterdir())
+
+
+def test_video_without_frames_is_no_file(tmp_path: Path) -> None:
+    with VideoWriter(tmp_path / "none.mp4", 20):
+        pass
+    assert not list(tmp_path.iterdir())
 
 
 def test_dropped_renderer_does_not_affect_next() -> None:

@@ -6,11 +6,11 @@ Each runs once and prints lines of words; it begins with a HELLO frame with its 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator
 from dataclasses import dataclass
 from importlib import resources
 
 from bricksrl.errors import HubError, HubProgramError, HubTimeoutError
+from bricksrl.hub.program.generate import sorted_imports
 from bricksrl.hub.program.traceback import describe_traceback
 from bricksrl.hub.protocol import Up, control_frame, hello_payload
 from bricksrl.hub.transport import HubProgram, Transport
@@ -178,13 +178,10 @@ def _program(purpose: str, imports: list[str], constants: list[str], robot: Robo
     model = robot.hub.model
     own = f"from pybricks.hubs import {model.class_name}"
     text = resources.files("bricksrl.hub.program.onboard").joinpath(f"{part}.py").read_text(encoding="utf-8")
-    head = [f"# {purpose}", "# Written by BricksRL from the robot's description.", *_sorted([own, *imports]), "", *constants, ""]
+    title = [f"# {purpose}", "# Written by BricksRL from the robot's description."]
+    head = [*title, *sorted_imports([own, *imports]), "", *constants, ""]
     body = [f"hub = {model.class_name}()", "print()", text.split(_HUB_PART, 1)[1].strip(), ""]
     program_hash = hashlib.sha256("\n".join([*head, *body]).encode()).digest()[:4]
     number = int.from_bytes(program_hash, "little")
     hello = f"stdout.buffer.write({control_frame(Up.HELLO, hello_payload(number))!r})"
     return HubProgram("\n".join([*head, hello, "", *body]), number)
-
-
-def _sorted(lines: list[str]) -> Iterator[str]:
-    yield from sorted(lines, key=lambda line: (line.split()[1], line))

@@ -142,11 +142,15 @@ class HubLink:
             HubProgramError: the program raised.
             StoppedError: an emergency stop came before or meanwhile.
         """
+        return self._exchange(self._next_frame(values), self._longest_move_s, self._known_move_s)
+
+    def _next_frame(self, values: Sequence[float] | NDArray[np.floating]) -> bytes:
+        """Frame of the next commands. Raises the errors of `act` for which nothing is sent."""
         payload = self.wire.encode_actions(values)
         self._require_open()
         self._seq = next_seq(self._seq)
         self.state = after(self.state, Cause.ACTED)
-        return self._exchange(data_frame(self._seq, payload), self._longest_move_s, self._known_move_s)
+        return data_frame(self._seq, payload)
 
     def rest(self) -> None:
         """Stop the motors; the program keeps running, in READY. For a pause, in which ``read`` keeps the program alive.

@@ -23,8 +23,7 @@ from bricksrl.errors import DescriptionError, HubTimeoutError
 from bricksrl.hub.interface import Interface
 from bricksrl.hub.link.lockstep import HubLink
 from bricksrl.hub.link.reading import Reading
-from bricksrl.hub.link.states import Cause, after
-from bricksrl.hub.protocol import ControlFrame, DataFrame, Down, Frame, control_frame, data_frame, next_seq
+from bricksrl.hub.protocol import ControlFrame, DataFrame, Down, Frame, control_frame
 from bricksrl.hub.transport import Transport
 from bricksrl.robots import Robot
 
@@ -56,17 +55,14 @@ class StreamingLink(HubLink):
         Raises:
             EncodingError, HubError, HubTimeoutError, HubProgramError: as in lock-step.
         """
-        payload = self.wire.encode_actions(values)
-        self._require_open()
-        self._seq = next_seq(self._seq)
-        self.state = after(self.state, Cause.ACTED)
+        frame = self._next_frame(values)
         started_s = self.now_s()
         on_time_s = self._due_s + self._step_s
         self._due_s = on_time_s if on_time_s > started_s else started_s + self._step_s
         with self._explained():
             self._adapt_watchdog()
             resends = self._meter.resends
-            reading = self._stream(data_frame(self._seq, payload), started_s)
+            reading = self._stream(frame, started_s)
         # Waiting for a lost frame is no delay of the link.
         self._meter.record(reading.round_trip_s, 0.0 if self._meter.resends == resends else None, reading.age_s)
         return reading

@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 from bricksrl.errors import HubTimeoutError
 from bricksrl.hub.link.lockstep import HubLink
 from bricksrl.hub.link.reading import Reading
-from bricksrl.hub.link.states import Cause, after
-from bricksrl.hub.protocol import data_frame, next_seq
 
 
 class TeamLink(HubLink):
@@ -27,13 +25,10 @@ class TeamLink(HubLink):
             EncodingError: the wrong number of values, or one that is not a number; nothing was sent.
             HubError: the link is not open, or failed.
         """
-        payload = self.wire.encode_actions(values)
-        self._require_open()
-        self._seq = next_seq(self._seq)
-        self.state = after(self.state, Cause.ACTED)
+        self._frame = self._next_frame(values)
         with self._explained():
             self._adapt_watchdog()
-            self._frame, self._sent_s = data_frame(self._seq, payload), self.now_s()
+            self._sent_s = self.now_s()
             self._transport.write(self._frame)
 
     def receive(self) -> Reading:

@@ -63,7 +63,8 @@ def generate(robot: Robot, interface: Interface, pipe: Pipe = Pipe.STDIN) -> Hub
     if _joints(robot, interface):
         parts.insert(1, _onboard("joint")[1])
     imports = _robot_imports(robot, interface) + way_imports + loop_imports
-    text = "\n\n".join([_header(robot, interface) + "\n" + _sorted_imports(imports), *parts])
+    head = "\n".join([_header(robot, interface), *sorted_imports(imports), ""])
+    text = "\n\n".join([head, *parts])
     program_hash = hashlib.sha256(text.encode()).digest()[:4]
     source = text.replace(_hash_line(bytes(4)), _hash_line(program_hash), 1)
     return HubProgram(source, int.from_bytes(program_hash, "little"), pipe)
@@ -77,8 +78,9 @@ def _onboard(name: str) -> tuple[list[str], str]:
     return imports, "\n".join(line for line in lines if line not in imports).strip() + "\n"
 
 
-def _sorted_imports(lines: list[str]) -> str:
-    return "\n".join(sorted(lines, key=lambda line: (line.split()[1], line))) + "\n"
+def sorted_imports(lines: list[str]) -> list[str]:
+    """Import lines in the order of their modules."""
+    return sorted(lines, key=lambda line: (line.split()[1], line))
 
 
 def _hash_line(program_hash: bytes) -> str:

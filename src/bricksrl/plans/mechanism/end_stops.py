@@ -12,6 +12,7 @@ from bricksrl.plans.contact import Occupancy
 from bricksrl.plans.geometry import Floats
 from bricksrl.plans.mechanism.articulation import Articulation, Drive
 from bricksrl.plans.mechanism.kinematics import TO_TWIN
+from bricksrl.plans.mechanism.posing import turning
 from bricksrl.plans.plan import Placed
 from bricksrl.plans.planned_robot import PlannedRobot
 
@@ -73,7 +74,7 @@ class _Sweep:
         return free
 
     def _is_clear(self, angle_deg: float) -> bool:
-        turn = _rotation(self._axis, math.radians(angle_deg))
+        turn = turning(self._axis, np.zeros(3), math.radians(angle_deg)).turn
         parts = [self._turned(placed, turn) if placed.index in self._moved else placed for placed in self._parts]
         return Occupancy(parts).is_free(self._moved, self._others, np.zeros(3))
 
@@ -101,10 +102,3 @@ def _carried(made: Articulation, body: int) -> set[int]:
         if turn.parent in carried:
             carried.add(turn.child)
     return carried
-
-
-def _rotation(axis: Floats, angle: float) -> Floats:
-    """Rotation matrix [3, 3] about a unit axis (Rodrigues)."""
-    x, y, z = axis
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return np.asarray(np.eye(3) + math.sin(angle) * cross + (1.0 - math.cos(angle)) * cross @ cross)

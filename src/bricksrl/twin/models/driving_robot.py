@@ -13,7 +13,7 @@ import mujoco
 
 from bricksrl.errors import TwinError
 from bricksrl.plans.part import DeviceKind
-from bricksrl.robots import DriveBase, HubKind, Motor, MotorKind, Robot, UltrasonicSensor
+from bricksrl.robots import DriveBase, HubKind, Motor, MotorKind, Robot
 from bricksrl.twin.models import lego
 from bricksrl.twin.models.meshes import X_AXIS, Y_AXIS, Z_AXIS, Part, box, cylinder, draw
 from bricksrl.twin.models.mjcf import (
@@ -61,8 +61,6 @@ def driving_robot(robot: Robot, scene: Scene) -> mujoco.MjSpec:
     base = robot.drive_base
     if base is None:
         raise TwinError(f"robot '{robot.name}' has neither a MuJoCo model nor a drive base; give Robot(..., model=...)")
-    if scene.wall_distance_mm is not None and not any(isinstance(one, UltrasonicSensor) for one in robot.sensors):
-        raise TwinError(f"robot '{robot.name}' has no ultrasonic sensor to place it before a wall with; omit the wall")
     frame = _measure(robot, base)
     spec, axle_m = new_spec(robot.name), frame.axle / 1000
     add_surroundings(spec, scene)
@@ -153,7 +151,7 @@ def _add_wheel(spec: mujoco.MjSpec, chassis: mujoco.MjsBody, motor: Motor, side:
     """Add a motor's geared output and the wheel on it with backlash; a positive turn of both drives forward."""
     rotor = add_rotor(spec, chassis, motor, (0.0, side * frame.half_track / 1000, 0.0), gear=_gear(motor))
     mass_kg = _WHEEL_KG * (2 * frame.axle / _WHEEL_MM) ** 2
-    wheel = add_driven(rotor, "wheel", motor.port, (0.0, 1.0, 0.0))
+    wheel = add_driven(rotor, f"wheel_{motor.port}", motor.port, (0.0, 1.0, 0.0))
     add_tyre(wheel, motor.port, frame.axle / 1000, _TYRE_WIDTH_MM / 2000, mass_kg)
     length = frame.half_track - _motor_y(frame)
     draw(spec, rotor, [lego.axle(max(length, 16.0)).at(0, -side * length / 2, 0)])

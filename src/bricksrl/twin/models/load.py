@@ -8,7 +8,7 @@ from pathlib import Path
 import mujoco
 
 from bricksrl.errors import TwinError
-from bricksrl.robots import Robot
+from bricksrl.robots import Robot, UltrasonicSensor
 from bricksrl.twin.models.driving_robot import driving_robot
 from bricksrl.twin.models.mjcf_file import from_file
 from bricksrl.twin.models.planned import from_plan
@@ -28,6 +28,8 @@ def load_model(robot: Robot, scene: Scene) -> mujoco.MjSpec:
         spec = from_file(Path(place), robot, scene)
     else:
         spec = _built(robot, place, scene)
+    if scene.wall_distance_mm is not None and not any(isinstance(one, UltrasonicSensor) for one in robot.sensors):
+        raise TwinError(f"robot '{robot.name}' has no ultrasonic sensor to place it before a wall with; omit the wall")
     add_objects(spec, scene)
     return spec
 

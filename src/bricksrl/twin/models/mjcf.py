@@ -130,27 +130,33 @@ def supporting(friction: float, mass_kg: float = 0.0) -> dict[str, Any]:
 
 
 def add_rotor(
-    spec: mujoco.MjSpec, chassis: mujoco.MjsBody, motor: Motor, at_m: Triple, axis: Triple = (0.0, 1.0, 0.0), gear: float = 1.0
+    spec: mujoco.MjSpec,
+    parent: mujoco.MjsBody,
+    motor: Motor,
+    at_m: Triple,
+    axis: Triple = (0.0, 1.0, 0.0),
+    gear: float = 1.0,
+    train_friction_nm: float = 0.0,
 ) -> mujoco.MjsBody:
-    """Add a motor with a massless rotor body."""
-    rotor = chassis.add_body(name=f"rotor_{motor.port}", pos=list(at_m))
+    """Add a motor with an almost massless rotor body, which has the joint ``motor_PORT``; see :func:`add_motor`."""
+    rotor = parent.add_body(name=f"rotor_{motor.port}", pos=list(at_m))
     shaft = rotor.add_joint(name=f"motor_{motor.port}", type=mujoco.mjtJoint.mjJNT_HINGE, axis=list(axis))
     rotor.explicitinertial, rotor.mass, rotor.inertia = True, 0.002, [1e-7, 1e-7, 1e-7]
-    add_motor(spec, shaft, motor.port, motor.kind, gear=gear)
+    add_motor(spec, shaft, motor.port, motor.kind, gear=gear, train_friction_nm=train_friction_nm)
     return rotor
 
 
-def add_driven(rotor: mujoco.MjsBody, name: str, port: str, axis: Triple) -> mujoco.MjsBody:
-    """Add a body to a rotor, with backlash."""
-    body = rotor.add_body(name=f"{name}_{port}")
+def add_driven(rotor: mujoco.MjsBody, name: str, port: str, axis: Triple, *, is_heavy: bool = False) -> mujoco.MjsBody:
+    """Add a body to a rotor, with backlash; that of a heavy body is softer and more damped."""
+    body = rotor.add_body(name=name)
     body.add_joint(
         name=f"backlash_{port}",
         type=mujoco.mjtJoint.mjJNT_HINGE,
         axis=list(axis),
         limited=True,
         range=[-0.05, 0.05],
-        damping=5e-4,
-        solref_limit=[0.005, 1.0],
+        damping=4e-3 if is_heavy else 5e-4,
+        solref_limit=[0.010 if is_heavy else 0.005, 1.0],
     )
     return body
 

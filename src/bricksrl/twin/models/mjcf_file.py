@@ -41,8 +41,6 @@ def from_file(path: Path, robot: Robot, scene: Scene) -> mujoco.MjSpec:
     for geom in spec.geoms:
         if geom.group == OBSTACLE_GROUP:
             geom.group = LOOKS_GROUP  # ultrasound detects this group only, and must not detect the robot itself
-    if scene.wall_distance_mm is not None and not any(isinstance(one, UltrasonicSensor) for one in robot.sensors):
-        raise TwinError(f"robot '{robot.name}' has no ultrasonic sensor to place it before a wall with; omit the wall")
     for motor in robot.motors:
         joint = _named(spec.joints, motor.name, "hinge", path, robot)
         joint.name = f"motor_{motor.port}"

@@ -17,9 +17,18 @@ from bricksrl.errors import TwinError
 from bricksrl.plans.mechanism.articulation import Articulation, Turn
 from bricksrl.plans.mechanism.end_stops import free_deg
 from bricksrl.plans.planned_robot import PlannedRobot, planned_robot
-from bricksrl.robots import Motor, PoweredUpSensor, Robot, UltrasonicSensor
+from bricksrl.robots import Motor, PoweredUpSensor, Robot
 from bricksrl.robots.planned import check_description
-from bricksrl.twin.models.mjcf import SHAPE_GROUP, add_camera, add_light, add_motor, add_surroundings, new_spec, pair_contacts
+from bricksrl.twin.models.mjcf import (
+    SHAPE_GROUP,
+    add_camera,
+    add_driven,
+    add_light,
+    add_rotor,
+    add_surroundings,
+    new_spec,
+    pair_contacts,
+)
 from bricksrl.twin.models.planned_looks import draw_parts, draw_spinners
 from bricksrl.twin.models.planned_shapes import add_shapes, lowest_m
 from bricksrl.twin.models.rods import add_rod
@@ -68,8 +77,6 @@ def _check(robot: Robot, planned: PlannedRobot, scene: Scene) -> None:
         raise TwinError(f"the twin of {path} holds no ball; omit the ball")
     if planned.articulation.is_fixed and (scene.wall_distance_mm is not None or scene.heading_deg != (0.0, 0.0)):
         raise TwinError(f"robot '{robot.name}' stands still and sees no wall; omit wall_distance_mm and heading_deg")
-    if scene.wall_distance_mm is not None and not any(isinstance(one, UltrasonicSensor) for one in robot.sensors):
-        raise TwinError(f"robot '{robot.name}' has no ultrasonic sensor to place it before a wall with; omit the wall")
     for sensor in robot.sensors:
         if isinstance(sensor, PoweredUpSensor):
             raise TwinError(f"nothing in {path} can say what '{sensor.name}' senses; only ultrasonic sensors have a twin")
@@ -154,27 +161,17 @@ class _Build:
         drive = next(one for one in self.made.drives if one.port == port)
         motor, start = self.motors[port], self._start_deg(self.motors[port])
         turned = math.radians(start - self._plan_deg(port)) / drive.gear
-        geared = self.bodies[turn.parent].add_body(
-            name=f"rotor_{port}", pos=self._local(turn.parent, turn.point_m), quat=_turned(turn.axis, turned)
-        )
-        geared.explicitinertial, geared.mass, geared.inertia = True, _ROTOR_KG, [_ROTOR_KG_M2] * 3
-        is_heavy = self.carried[turn.child] > _HEAVY_KG
-        shaft = geared.add_joint(name=f"motor_{port}", type=_HINGE, axis=turn.axis.tolist(), damping=1e-3 if is_heavy else 0.0)
-        shaft.ref = math.radians(start) / drive.gear
         friction = _TRAIN_FRICTION_NM * abs(drive.gear) if drive.teeth else 0.0
-        add_motor(self.spec, shaft, port, motor.kind, gear=drive.gear, train_friction_nm=friction)
+        x, y, z = turn.axis.tolist()
+        at_m = self._local(turn.parent, turn.point_m)
+        rotor = add_rotor(self.spec, self.bodies[turn.parent], motor, at_m, (x, y, z), drive.gear, friction)
+        rotor.quat, rotor.mass, rotor.inertia = _turned(turn.axis, turned), _ROTOR_KG, [_ROTOR_KG_M2] * 3
+        is_heavy = self.carried[turn.child] > _HEAVY_KG
+        shaft = rotor.joints[0]
+        shaft.damping[0], shaft.ref = 1e-3 if is_heavy else 0.0, math.radians(start) / drive.gear
         shaft.armature += drive.armature
         self._limit(shaft, motor, drive.gear)
-        body = geared.add_body(name=f"driven_{port}")
-        body.add_joint(
-            name=f"backlash_{port}",
-            type=_HINGE,
-            axis=turn.axis.tolist(),
-            limited=True,
-            range=[-0.05, 0.05],
-            damping=4e-3 if is_heavy else 5e-4,
-            solref_limit=[0.010 if is_heavy else 0.005, 1.0],
-        )
+        body = add_driven(rotor, f"driven_{port}", port, (x, y, z), is_heavy=is_heavy)
         self._take(turn, body)
 
     def _add_turn(self, turn: Turn) -> None:

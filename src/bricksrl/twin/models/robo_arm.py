@@ -22,8 +22,9 @@ from bricksrl.twin.models.mjcf import (
     Triple,
     add_box,
     add_camera,
+    add_driven,
     add_light,
-    add_motor,
+    add_rotor,
     add_surroundings,
     new_spec,
 )
@@ -38,7 +39,6 @@ _FINGER_Y = 0.028
 _LEAN_DEG, _ELBOW_DEG = 18.0, 100.0
 """Forward tilt of the lower arm at the start, and of the forearm relative to it."""
 _HUB = (-0.075, 0.0, 0.054)
-_PLAY_DAMPING = 4e-3
 
 
 @dataclass(frozen=True)
@@ -101,26 +101,14 @@ def _add_joint(
 ) -> mujoco.MjsBody:
     """Add a body on a driven joint, with backlash, tilted forward by an angle at the start."""
     joint, half = _JOINTS[motor.name], math.radians(tilt_deg) / 2
-    turn = [math.cos(half), 0.0, math.sin(half), 0.0]
-    geared = parent.add_body(name=f"rotor_{motor.port}", pos=list(position), quat=turn)
-    geared.explicitinertial, geared.mass, geared.inertia = True, 0.002, [1e-7, 1e-7, 1e-7]
-    hinge = geared.add_joint(name=f"motor_{motor.port}", type=mujoco.mjtJoint.mjJNT_HINGE, axis=list(axis), damping=1e-3)
-    hinge.ref = math.radians(joint.start_deg / joint.gear)
+    rotor = add_rotor(spec, parent, motor, position, axis, joint.gear, joint.friction_nm)
+    rotor.quat = [math.cos(half), 0.0, math.sin(half), 0.0]
+    hinge = rotor.joints[0]
+    hinge.damping[0], hinge.ref = 1e-3, math.radians(joint.start_deg / joint.gear)
     if joint.stops_deg is not None:
         hinge.limited = True
         hinge.range = sorted(math.radians(angle / joint.gear) for angle in joint.stops_deg)
-    add_motor(spec, hinge, motor.port, motor.kind, gear=joint.gear, train_friction_nm=joint.friction_nm)
-    body = geared.add_body(name=name)
-    body.add_joint(
-        name=f"backlash_{motor.port}",
-        type=mujoco.mjtJoint.mjJNT_HINGE,
-        axis=list(axis),
-        limited=True,
-        range=[-0.05, 0.05],
-        damping=_PLAY_DAMPING,
-        solref_limit=[0.010, 1.0],
-    )
-    return body
+    return add_driven(rotor, name, motor.port, axis, is_heavy=True)
 
 
 def _add_turret(spec: mujoco.MjSpec, turret: mujoco.MjsBody) -> None:

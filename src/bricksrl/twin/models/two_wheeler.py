@@ -77,7 +77,7 @@ def _add_wheel(spec: mujoco.MjSpec, chassis: mujoco.MjsBody, motor: Motor, y: fl
     side = 1.0 if y > 0 else -1.0
     axis = (0.0, -side, 0.0)
     rotor = add_rotor(spec, chassis, motor, (0.0, y, 0.0), axis)
-    wheel = add_driven(rotor, "wheel", motor.port, axis)
+    wheel = add_driven(rotor, f"wheel_{motor.port}", motor.port, axis)
     add_tyre(wheel, motor.port, radius, _TYRE_HALF_WIDTH, 0.018)
     draw(spec, rotor, [lego.motor_output().at(0, side * (44.0 - abs(y) * 1000), 0), lego.axle(26).at(0, -side * 9, 0)])
     draw(spec, wheel, [lego.wheel(radius * 2000)])

@@ -105,7 +105,7 @@ def _add_leg(spec: mujoco.MjSpec, chassis: mujoco.MjsBody, motor: Motor, corner:
     """
     port, axis = motor.port, (0.0, float(corner.side), 0.0)
     rotor = add_rotor(spec, chassis, motor, (corner.end * _AXIS_X, corner.side * _LEG_Y, _AXIS_Z), axis)
-    crank = add_driven(rotor, "crank", port, axis)
+    crank = add_driven(rotor, f"crank_{port}", port, axis)
     crank.explicitinertial, crank.mass, crank.inertia = True, 0.004, [2e-7, 2e-7, 2e-7]
     leg = crank.add_body(name=f"leg_{port}", pos=[0.0, 0.0, -_CRANK], quat=_about_y(corner.end * _leg_tilt()))
     leg.add_joint(name=f"knee_{port}", type=_HINGE, axis=axis, damping=2e-4)

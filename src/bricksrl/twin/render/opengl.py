@@ -8,7 +8,7 @@ import os
 import sys
 import tempfile
 import weakref
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -165,11 +165,6 @@ class VideoWriter:
             raise TwinError(f"a frame is {frame.dtype} {frame.shape}, the first was uint8 {self._size}; give frames of one size")
         self._file.send(np.ascontiguousarray(frame))
 
-    @property
-    def is_empty(self) -> bool:
-        """True if no image was added, and there is no file."""
-        return not self._size
-
     def _open(self, frame: Image) -> None:
         import imageio_ffmpeg
 
@@ -209,25 +204,6 @@ class VideoWriter:
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
         self.close(whole=kind is None)
-
-
-def write_video(path: str | Path, frames: Iterable[Image], fps: float) -> Path:
-    """Write images as an mp4; see :class:`VideoWriter`. Raises TwinError if there are no frames, or they differ in size.
-
-    Args:
-        path: path of the file; its folder is created.
-        frames: uint8 [height, width, 3], all of one size.
-        fps: images per second.
-
-    Returns:
-        The path.
-    """
-    with VideoWriter(path, fps) as video:
-        for frame in frames:
-            video.add(frame)
-    if video.is_empty:
-        raise TwinError(f"there are no frames to write to {path}; render at least one")
-    return video.path
 
 
 def _named_camera(model: mujoco.MjModel, name: str) -> mujoco.MjvCamera:

@@ -1,6 +1,6 @@
-"""Angles as the firmware keeps them: whole turns of a motor, and millidegrees beside them.
+"""Angles as the firmware stores them: whole turns of a motor plus millidegrees (``pbio/angle.c``, v4).
 
-The two need not have the same sign, and what is rounded or halved is rounded or halved apart (``pbio/angle.c``, v4).
+The two parts may differ in sign; they are rounded and halved separately.
 """
 
 from __future__ import annotations
@@ -22,34 +22,34 @@ def single(value: float) -> float:
 
 
 def split(mdeg: int) -> Angle:
-    """An angle as a motor reports it."""
+    """Turns and rest of an angle in mdeg."""
     turns = trunc(mdeg / TURN_MDEG)
     return turns, mdeg - turns * TURN_MDEG
 
 
 def whole(angle: Angle) -> int:
-    """All of it in mdeg."""
+    """The angle in mdeg."""
     return angle[0] * TURN_MDEG + angle[1]
 
 
 def difference(a: Angle, b: Angle) -> Angle:
-    return _carried(a[0] - b[0], a[1] - b[1])
+    return _normalized(a[0] - b[0], a[1] - b[1])
 
 
 def mean(a: Angle, b: Angle) -> Angle:
-    turns, mdeg = _carried(a[0] + b[0], a[1] + b[1])
+    turns, mdeg = _normalized(a[0] + b[0], a[1] + b[1])
     half = trunc(turns / 2)
     return half, trunc(mdeg / 2) + (turns - 2 * half) * TURN_MDEG // 2
 
 
 def from_unit(value: int, steps_per_unit: int) -> Angle:
-    """An angle in the program's units."""
+    """The angle from the program's units (deg or mm)."""
     turns = trunc(value / (TURN_MDEG // steps_per_unit)) if steps_per_unit <= TURN_MDEG else 0
     return turns, value * steps_per_unit - turns * TURN_MDEG
 
 
 def to_unit(angle: Angle, steps_per_unit: int) -> int:
-    """The angle in the program's units: its turns cut off, the rest rounded."""
+    """The angle in the program's units: turns truncated, the rest rounded."""
     turns, mdeg = angle
     half = trunc(steps_per_unit / 2) if mdeg >= 0 else -trunc(steps_per_unit / 2)
     return trunc(turns * TURN_MDEG / steps_per_unit) + trunc((mdeg + half) / steps_per_unit)
@@ -61,7 +61,7 @@ def to_unit_float(angle: Angle, steps_per_unit: int) -> float:
     return single(turns + single(angle[1] / steps_per_unit))
 
 
-def _carried(turns: int, mdeg: int) -> Angle:
+def _normalized(turns: int, mdeg: int) -> Angle:
     while mdeg > TURN_MDEG:
         turns, mdeg = turns + 1, mdeg - TURN_MDEG
     while mdeg < -TURN_MDEG:

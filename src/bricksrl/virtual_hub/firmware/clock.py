@@ -1,4 +1,4 @@
-"""Clock of the motor control: the simulated time, in the two units that the firmware counts it in."""
+"""Clock of the motor control."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import Protocol
 
 
 class Clock(Protocol):
-    """Source of the time that controllers, observers and logs see."""
+    """Simulated time in ms and in ticks of 0.1 ms, for controllers, observers and logs."""
 
     time_ms: int
     time_ticks: int

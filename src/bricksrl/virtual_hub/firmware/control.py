@@ -1,4 +1,4 @@
-"""The position and speed controller: PID along a trajectory, with anti-windup, stall and completion."""
+"""Position and speed controller: PID along a trajectory, with anti-windup, stall detection and completion."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class OnCompletion(enum.Enum):
 
     @property
     def passive(self) -> OnCompletion:
-        """The passive way to stop, without its smartness."""
+        """Coast or brake, without the smart variant."""
         return OnCompletion.COAST if self in (OnCompletion.COAST, OnCompletion.COAST_SMART) else OnCompletion.BRAKE
 
 
@@ -48,7 +48,7 @@ class ControlType(enum.Enum):
 
 @dataclass(slots=True)
 class State:
-    """Measured position (mdeg) and speed (mdeg/s), and those of the observer, as a controller sees them."""
+    """Measured position (mdeg) and speed (mdeg/s), and the observer's estimates."""
 
     position: int
     speed: int
@@ -57,11 +57,11 @@ class State:
 
 
 Action = tuple[int, int, int, OnCompletion | None, bool]
-"""What a controller wants: torque (uNm), the reference's speed and acceleration, a passive way to be stopped or ``None``, and
-whether it is at its limit and had to pause."""
+"""Output of a controller: torque (uNm), speed and acceleration of the reference, passive stop or ``None``, and whether it is
+saturated."""
 
 ACTUATIONS = {OnCompletion.COAST: 0, OnCompletion.BRAKE: 1, None: 3}
-"""Of a log, as the firmware numbers them; 2 is a voltage, 3 a torque."""
+"""Codes of a log, as in the firmware; 2 is a voltage, 3 a torque."""
 _POSITION, _TIMED = ControlType.POSITION, ControlType.TIMED
 
 
@@ -73,8 +73,8 @@ class Controller:
     """Follows one command at a time; times are control ticks, quantities control units.
 
     Attributes:
-        torque_limit: the most (uNm) that the command under way may ask for; a single motor keeps to it with its feedforward.
-        is_done: whether its command is carried out, or there is none.
+        torque_limit: limit of the current command (uNm); that of a single motor includes the feedforward.
+        is_done: whether the command is complete, or there is none.
     """
 
     def __init__(self, settings: ControlSettings) -> None:
@@ -88,7 +88,7 @@ class Controller:
         self._stalled = False
         self.is_done = True
         self._is_fast = False
-        self._goes_on = False  # when complete, as before
+        self._acts_when_done = False
         self._position = PositionIntegrator(settings, 0)
         self._speed = SpeedIntegrator(settings)
         self.log = Logger()
@@ -103,7 +103,7 @@ class Controller:
         return self.is_active and self._stalled
 
     def stop(self) -> None:
-        """Become passive; what was to happen on completion is remembered for smart stops."""
+        """Become passive; ``on_completion`` is kept for smart stops."""
         self.type = ControlType.NONE
         self.is_done, self._stalled = True, False
         self.pid_average = 0
@@ -113,7 +113,7 @@ class Controller:
         self.on_completion = OnCompletion.COAST
 
     def reference(self, time: int, state: State) -> Reference:
-        """The reference now, without the shifts that load has caused."""
+        """Reference at a time, without the shifts caused by load."""
         ref = self.trajectory.reference(self._trajectory_time(time))
         if self.type is _TIMED:
             error = ref.position - state.position
@@ -126,32 +126,21 @@ class Controller:
     def start_position(
         self, time: int, state: State, target: int, speed: int, then: OnCompletion, allow_shift: bool = True
     ) -> None:
-        """Run to a position; speed 0 stands for the default one. Raises ValueError for a move that is too long."""
-        s = self.settings
+        """Run to a position; speed 0 is the default speed. Raises ValueError for a move that is too long."""
         active = self.is_active
         start = self.reference(time, state) if active else Reference(time, state.position, state.speed, 0)
-        command = Command(
-            start.time,
-            start.position,
-            start.speed,
-            speed or s.default_speed,
-            s.max_speed,
-            s.acceleration,
-            s.deceleration,
-            then is OnCompletion.CONTINUE,
-            end=target,
-        )
+        command = self._command(start, speed or self.settings.default_speed, then, end=target)
         new = trajectories.to_angle(command)
         if self.type is _POSITION and allow_shift and new.a0 == start.acceleration:
-            # Start where the phase began that is under way, so that commands in a tight loop do not add up rounding errors.
-            # The firmware compares deg/s2 with mdeg/s2, so this happens only where neither accelerates.
+            # Start where the current phase began, so that commands in a tight loop do not accumulate rounding errors.
+            # The firmware compares deg/s2 with mdeg/s2, so this applies only if neither accelerates.
             new = trajectories.to_angle(_from_vertex(command, self.trajectory.last_vertex(start.time)))
         self._follow(_POSITION, new, time, then)
 
     def start_relative(
         self, time: int, state: State, distance: int, speed: int, then: OnCompletion, allow_shift: bool = True
     ) -> None:
-        """Run by a distance (control units), from the reference while active, else from the measured position."""
+        """Run by a distance (control units), from the reference if active, else from the measured position."""
         if self.is_active:
             origin = self.reference(time, state).position
         else:
@@ -162,29 +151,18 @@ class Controller:
         self.start_position(time, state, origin + distance, speed, then, allow_shift)
 
     def start_hold(self, time: int, position: int) -> None:
-        """Go to a position at once and stay there."""
+        """Hold a position, without a ramp to it."""
         self._follow(_POSITION, Trajectory(self._trajectory_time(time), position), time, OnCompletion.HOLD)
 
     def start_timed(self, time: int, state: State, duration: int, speed: int, then: OnCompletion) -> None:
         """Run at a speed (control units) for a duration in ticks."""
-        s = self.settings
         if then.is_smart:
             then = then.passive
         active = self.is_active
         start = (
             self.trajectory.reference(self._trajectory_time(time)) if active else Reference(time, state.position, state.speed, 0)
         )
-        command = Command(
-            time,
-            start.position,
-            start.speed,
-            speed,
-            s.max_speed,
-            s.acceleration,
-            s.deceleration,
-            then is OnCompletion.CONTINUE,
-            duration=duration,
-        )
+        command = self._command(start._replace(time=time), speed, then, duration=duration)
         new = trajectories.for_time(command)
         if self.type is _TIMED and new.a0 == start.acceleration:
             new = trajectories.for_time(_from_vertex(command, self.trajectory.last_vertex(time)))
@@ -194,24 +172,29 @@ class Controller:
         self.start_timed(time, state, _FOREVER, speed, OnCompletion.CONTINUE)
 
     def start_until_stalled(self, time: int, state: State, speed: int, torque_limit: int, then: OnCompletion) -> None:
-        """Run until something blocks; the torque is limited for this run only.
+        """Run until stalled, with a torque limit (uNm) for this run only.
 
-        It begins as a run for ever, so what was integrated goes on from one that is under way; not so from another of its kind.
+        It starts as an endless run, whose integral it continues, but not that of another run until stalled.
         """
         self.start_forever(time, state, speed)
-        self.on_completion, self._goes_on = then, False
+        self.on_completion, self._acts_when_done = then, False
         self._until_stalled = True
         self.torque_limit = torque_limit
+
+    def _command(self, start: Reference, speed: int, then: OnCompletion, **goal: int) -> Command:
+        s = self.settings
+        limits = s.max_speed, s.acceleration, s.deceleration
+        return Command(start.time, start.position, start.speed, speed, *limits, then is OnCompletion.CONTINUE, **goal)
 
     # ---- the loop
 
     def update(self, time: int, position: int, speed: int, speed_estimate: int, paused_by_other: bool = False) -> Action:
-        """One loop. This and what it calls are the hottest lines of a virtual robot, so they are written out.
+        """One control step. Inlined, because most of a virtual robot's computing time is spent here.
 
         Args:
             position, speed: measured, mdeg and mdeg/s.
             speed_estimate: the observer's.
-            paused_by_other: the other controller of a drive base waits.
+            paused_by_other: whether the drive base pauses both its controllers.
         """
         s, limit = self.settings, self.torque_limit
         end_time, end_position, end_speed, _ = self.trajectory.end
@@ -247,12 +230,12 @@ class Controller:
         self.is_done = reference_time >= end_time and self._has_arrived(end_position - position, end_speed, speed)
         if self.type is _TIMED and not self.is_done:
             self.is_done = self._stalled if self._until_stalled else self.trajectory.t3 >= _FOREVER
-        if not self.is_done or self._goes_on:
+        if not self.is_done or self._acts_when_done:
             return action
         return self._end(time, position, reference_time - end_time, action)
 
     def log_row(self, time_ms: int, state: State, torque: int, passive: OnCompletion | None) -> None:
-        """Note down the update that was just made, with what came of it."""
+        """Log the last :meth:`update` and its outcome."""
         s = self.settings
         reference_time, reference, reference_speed, proportional, integral, derivative, at_limit = self._terms
         actuation = ACTUATIONS[passive] | self._stalled << 2 | self.is_done << 3 | at_limit << 4
@@ -273,9 +256,9 @@ class Controller:
         )
 
     def _end(self, time: int, position: int, since: int, action: Action) -> Action:
-        """What becomes of an action where the move is complete for ``since`` ticks."""
+        """Action of a move that has been complete for ``since`` ticks."""
         s, then = self.settings, self.on_completion
-        if then.is_active:  # TIMED and HOLD
+        if then.is_active:  # a timed move that ends in HOLD
             self.start_hold(time, s.position_from_unit(s.position_to_unit(position)))
         elif not then.is_smart or since >= s.smart_hold_time:
             self.stop()
@@ -289,7 +272,7 @@ class Controller:
         self.trajectory = trajectory
         self._is_fast = abs(trajectory.wu) * 100 >= self.settings.kp_low_speed
         self.on_completion = then
-        self._goes_on = then.is_active and (new is _POSITION or then is OnCompletion.CONTINUE)
+        self._acts_when_done = then.is_active and (new is _POSITION or then is OnCompletion.CONTINUE)
         self.torque_limit = self.settings.max_torque
         self.is_done = False
         if self.type is new and not self._until_stalled:
@@ -302,7 +285,7 @@ class Controller:
         self.type, self._until_stalled = new, False
 
     def _soft_kp(self, error: int, target_error: int) -> int:
-        """The position gain of a slow move: softer for small errors, firm near the target."""
+        """Position gain of a slow move: reduced for small errors, full near the target."""
         s = self.settings
         target_error, near = abs(target_error), s.saturation_error
         if target_error < near:
@@ -312,12 +295,12 @@ class Controller:
         far = near * 100 // s.kp_low_pct
         if target_error > far:
             return max(piecewise, low)
-        # The firmware's 32 bits do not hold this product, and what is left of it is what counts.
+        # This product overflows 32 bits in the firmware, which goes on with the wrapped value.
         product = wrapped(s.kp * (100 - s.kp_low_pct) * (far - target_error))
         return max(piecewise, low + trunc(trunc(product / (far - near)) / 100))
 
     def _is_winding_up(self, proportional: int, speed: int, reference_speed: int, acceleration: int) -> bool:
-        """True if the position error alone asks for more than the motor has, and reversing would not help."""
+        """Whether the proportional part alone exceeds the torque limit, and the reference will not reduce it."""
         s = self.settings
         margin = trunc(abs(speed) / LOOPS_PER_S) * 2
         if abs(proportional) < self.torque_limit + gain_times(margin, s.kp):
@@ -338,7 +321,7 @@ class Controller:
             self._speed.resume(error)
 
     def _has_arrived(self, remaining: int, end_speed: int, speed: int) -> bool:
-        """True if the end is reached, once its time has come."""
+        """Whether the end is reached, given that its time is over."""
         if self.type is _TIMED:
             return not self._until_stalled
         if end_speed != 0:
@@ -348,15 +331,5 @@ class Controller:
 
 
 def _from_vertex(command: Command, vertex: Reference) -> Command:
-    return Command(
-        vertex.time,
-        vertex.position,
-        vertex.speed,
-        command.target_speed,
-        command.max_speed,
-        command.acceleration,
-        command.deceleration,
-        command.keep_running,
-        end=command.end,
-        duration=command.duration + command.time - vertex.time if command.duration else 0,
-    )
+    duration = command.duration + command.time - vertex.time if command.duration else 0
+    return command._replace(time=vertex.time, position=vertex.position, speed=vertex.speed, duration=duration)

@@ -1,4 +1,4 @@
-"""Two servos as a vehicle: one controller for the distance, one for the heading."""
+"""Drive base of two servos: one controller for the distance, one for the heading."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from bricksrl.virtual_hub.firmware.settings import drive_base_settings
 from bricksrl.virtual_hub.firmware.trajectory import validate_acceleration, validate_speed
 
 _TURN_MDEG_OVER_PI = 114_592
-_LEAST_RADIUS_MM = 10
+_MIN_RADIUS_MM = 10
 _INT32_MAX = 2**31 - 1
 _NONE = ControlType.NONE
 
 _Values = tuple[int, int, int, int]
-"""The fields of a ``State``, in the loop, where an object of its own would cost as much as what is computed with it."""
+"""Fields of a ``State``, as a tuple: creating an object in the control loop costs as much as the computation."""
 
 
 class DriveBaseControl:
@@ -27,10 +27,10 @@ class DriveBaseControl:
 
     Attributes:
         left, right: the motors.
-        distance, heading: what controls the mean of both, and what the left one is ahead of it.
+        distance, heading: controllers of the mean of both motors, and of the left motor's lead over it.
 
     Raises:
-        ValueError: the geometry is impossible, or both motors are the same, or their gears differ.
+        ValueError: the geometry is out of range, both motors are the same, or their gears differ.
         OSError: EBUSY, a motor belongs to another drive base; ENODEV, it is closed.
     """
 
@@ -42,7 +42,7 @@ class DriveBaseControl:
             raise OSError(errno.EBUSY, "a motor belongs to another drive base")
         self.left, self.right = left, right
         self._clock, self._gyro = left.clock, heading
-        # From here on both motors belong to it, even where it is refused for its geometry.
+        # As in the firmware, both motors now belong to it, even if its geometry is refused below.
         left.parent = right.parent = self
         along, around = drive_base_settings(left.settings, right.settings)
         self.distance, self.heading = Controller(along), Controller(around)
@@ -61,12 +61,12 @@ class DriveBaseControl:
 
     @property
     def is_open(self) -> bool:
-        """Whether its control loop runs: both motors are open, and still belong to it."""
+        """Whether its control loop runs: both motors are open and belong to it."""
         left, right = self.left, self.right
         return left.parent is self and right.parent is self and left.is_open and right.is_open
 
     def release(self) -> None:
-        """Let both motors go."""
+        """Release both motors."""
         self.left.parent = self.right.parent = None
 
     # ---- commands
@@ -75,7 +75,7 @@ class DriveBaseControl:
         self._drive_relative(distance_mm, 0, then)
 
     def curve(self, radius_mm: int, angle_deg: int, then: OnCompletion) -> None:
-        """Turn by an angle along an arc; radius 0 turns in place, a negative one drives backwards."""
+        """Turn by an angle along an arc; radius 0 turns in place, a negative radius drives backwards."""
         length_mm = trunc(10 * abs(angle_deg) * radius_mm / 573)
         self._drive_relative(length_mm, -angle_deg if radius_mm < 0 else angle_deg, then)
 
@@ -84,7 +84,7 @@ class DriveBaseControl:
         self._turn(lambda time, state: self._turn_by(time, state, angle_deg, then), then)
 
     def turn_to(self, angle_deg: int, then: OnCompletion) -> None:
-        """Turn in place until the heading is this angle, give or take whole turns: by 180 degrees at most."""
+        """Turn in place to a heading modulo 360 degrees, the shorter way."""
         self._turn(lambda time, state: self._turn_up_to(time, state, angle_deg, then), then)
 
     def _turn_by(self, time: int, state: State, angle_deg: int, then: OnCompletion) -> None:
@@ -99,55 +99,52 @@ class DriveBaseControl:
         self.heading.start_position(time, state, settings.position_from_unit(target), 0, then)
 
     def _turn(self, start: Callable[[int, State], None], then: OnCompletion) -> None:
-        """Hold the distance while the heading turns; it takes as long as that, even if the way to a stop is longer."""
+        """Turn in place and hold the distance as long, even if coming to a stop takes longer."""
         distance, heading, time = *self._begin(), self._clock.time_ticks
         self.distance.start_relative(time, distance, 0, 0, then, allow_shift=False)
         start(time, heading)
         self.distance.trajectory.stretch(self.heading.trajectory)
 
     def arc_distance(self, radius_mm: int, distance_mm: int, then: OnCompletion) -> None:
-        """Drive a distance along an arc, to the right for a positive radius. Raises ValueError for one under 10 mm."""
+        """Drive a distance along an arc, to the right for a positive radius. Raises ValueError for a radius under 10 mm."""
         _check_radius(radius_mm)
         angle_deg = abs(distance_mm) * 573 // abs(radius_mm) // 10
         self._drive_relative(distance_mm, angle_deg if (radius_mm < 0) == (distance_mm < 0) else -angle_deg, then)
 
     def arc_angle(self, radius_mm: int, angle_deg: int, then: OnCompletion) -> None:
-        """Turn by an angle along an arc, to the right for a positive radius; a negative angle drives backwards.
-
-        Raises:
-            ValueError: the radius is under 10 mm.
-        """
+        """Turn by an angle along an arc, to the right for a positive radius; a negative angle drives backwards. Raises
+        ValueError for a radius under 10 mm."""
         _check_radius(radius_mm)
         length_mm = trunc(10 * angle_deg * abs(radius_mm) / 573)
         self._drive_relative(length_mm, -angle_deg if radius_mm < 0 else angle_deg, then)
 
     def drive(self, speed_mm_s: int, turn_rate_deg_s: int) -> None:
-        """Drive on until another command."""
+        """Drive until the next command."""
         distance, heading, time = *self._begin(), self._clock.time_ticks
         self.distance.start_forever(time, distance, self.distance.settings.from_unit(speed_mm_s))
         self.heading.start_forever(time, heading, self.heading.settings.from_unit(turn_rate_deg_s))
 
     def stop(self, then: OnCompletion) -> None:
-        """Raises OSError, ENODEV, where a motor is closed."""
+        """Stop both motors. Raises OSError (ENODEV) if one is closed."""
         self._check_open()
         if then is OnCompletion.HOLD:
             self.straight(0, then)
             return
         self._stop_control()
-        # As the servos' own stop, but without asking their parent, which is this.
+        # Not Servo.stop, which would call back stop_from_servo.
         for servo in (self.left, self.right):
             servo.control.stop()
             servo.set_voltage(None if then.passive is OnCompletion.COAST else 0)
 
     def stop_from_servo(self) -> None:
-        """A motor got another command: stop controlling, let both coast."""
+        """Stop controlling and let both motors coast, because one got another command."""
         if self.distance.is_active and self.heading.is_active:
             self._stop_control()
             self.left.set_voltage(None)
             self.right.set_voltage(None)
 
     def reset(self, distance_mm: int, angle_deg: int) -> None:
-        """Count distance and heading from these values on, the gyroscope's too where it is in use; a running move stops."""
+        """Set distance and heading, also the gyroscope's if in use; a running move stops."""
         self.stop(OnCompletion.COAST)
         distance, heading = self._angles_of_wheels()
         new_distance = from_unit(distance_mm, self.distance.settings.steps_per_unit)
@@ -157,24 +154,24 @@ class DriveBaseControl:
             self._gyro.set_angle(float(angle_deg))
 
     def use_gyro(self, use: bool) -> None:
-        """Take the heading from the hub's gyroscope, or from the wheels, each with its own zero; a running move stops."""
+        """Take the heading from the hub's gyroscope or from the wheels; each has its own zero. A change stops a running move."""
         if use is not self._uses_gyro:
             self.stop(OnCompletion.COAST)
             self._uses_gyro = use
 
     @property
     def needs_gyro(self) -> bool:
-        """Whether it drives or holds by the gyroscope, so that nobody may set its heading."""
+        """Whether a move or hold uses the gyroscope, whose heading must not be set then."""
         return self._uses_gyro and self.is_open and (self.distance.is_active or self.heading.is_active)
 
     @property
     def turns_by_gyro(self) -> bool:
-        """Whether the move under way is over only when the gyroscope has turned."""
+        """Whether the current move ends only after the gyroscope has turned."""
         way = self.heading.trajectory.end.position - self._state()[1].position
         return self._uses_gyro and self.heading.is_active and abs(way) > self.heading.settings.position_tolerance
 
     def set_settings(self, speed: int, acceleration: tuple[int, int], turn_rate: int, turn_acceleration: tuple[int, int]) -> None:
-        """Defaults for moves; accelerations as (up, down). Raises ValueError, and changes nothing, when refused."""
+        """Set the defaults of moves; accelerations as (up, down). Raises ValueError, without a change, for one out of range."""
         pairs = ((self.distance.settings, speed, acceleration), (self.heading.settings, turn_rate, turn_acceleration))
         for settings, rate, (up, down) in pairs:
             validate_speed(settings.steps_per_unit, rate)
@@ -213,7 +210,7 @@ class DriveBaseControl:
     # ---- the loop
 
     def update(self) -> None:
-        """One control loop, before those of the servos."""
+        """One control step, before those of the servos."""
         distance, heading = self.distance, self.heading
         if distance.type is _NONE or heading.type is _NONE or not self.is_open:
             return
@@ -227,7 +224,7 @@ class DriveBaseControl:
             distance.log_row(self._clock.time_ms, State(*way), torque, end_of_distance)
         if heading.log.is_active:
             heading.log_row(self._clock.time_ms, State(*turned), turn_torque, end_of_heading)
-        # Both wait while one of them is at its limit, so that they arrive together.
+        # Both pause while one is saturated, so that they arrive together.
         self._paused = distance_at_limit or heading_at_limit
         for end in (end_of_distance, end_of_heading):
             if end is not None:
@@ -242,7 +239,7 @@ class DriveBaseControl:
         return State(*distance), State(*heading)
 
     def _measured(self) -> tuple[_Values, _Values]:
-        """Distance and heading. Only position and speed of the heading are the gyroscope's: the estimates stay the motors'."""
+        """Distance and heading. The gyroscope gives only position and speed of the heading; the estimates are the motors'."""
         distance, heading = self._measured_by_wheels()
         if self._uses_gyro:
             gyro, steps = self._gyro, self.heading.settings.steps_per_unit
@@ -250,7 +247,7 @@ class DriveBaseControl:
         return distance, heading
 
     def _angles(self) -> tuple[Angle, Angle]:
-        """Distance and heading as the firmware keeps them."""
+        """Distance and heading as the firmware stores them."""
         distance, heading = self._angles_of_wheels()
         if self._uses_gyro:
             heading = self._gyro.angle(self.heading.settings.steps_per_unit)
@@ -259,7 +256,7 @@ class DriveBaseControl:
         return difference(distance, self._distance_zero), heading
 
     def _angles_of_wheels(self) -> tuple[Angle, Angle]:
-        """Mean of both motors, and what the left one is ahead of it, from where the motors count."""
+        """Mean of both motors and the left one's lead over it, from the zeros of the motors."""
         right = self.right.angle()
         distance = mean(self.left.angle(), right)
         return distance, difference(distance, right)
@@ -269,7 +266,7 @@ class DriveBaseControl:
         self._distance_zero_mdeg, self._heading_zero_mdeg = whole(distance), whole(heading)
 
     def _measured_by_wheels(self) -> tuple[_Values, _Values]:
-        """Mean of both motors, and what the left one is ahead of it."""
+        """Distance and heading by the motors."""
         right_position, left, right = self.right.position(), self.left.observer, self.right.observer
         position, is_odd = divmod(self.left.position() + right_position, 2)
         if is_odd:
@@ -287,7 +284,7 @@ class DriveBaseControl:
             raise OSError(errno.ENODEV, "a motor of the drive base is closed")
 
     def _begin(self) -> tuple[State, State]:
-        """Both motors are the drive base's now. Raises OSError, ENODEV, where one is closed."""
+        """Take over both motors and return their state. Raises OSError (ENODEV) if one is closed."""
         self._check_open()
         self.left.control.stop()
         self.right.control.stop()
@@ -313,5 +310,5 @@ class DriveBaseControl:
 
 
 def _check_radius(radius_mm: int) -> None:
-    if abs(radius_mm) < _LEAST_RADIUS_MM:
+    if abs(radius_mm) < _MIN_RADIUS_MM:
         raise ValueError("the radius of an arc is too small")

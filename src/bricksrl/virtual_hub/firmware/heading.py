@@ -1,4 +1,4 @@
-"""The heading of a robot by its gyroscope (``pbio/imu.c``, v4): one for ``hub.imu`` and for all drive bases."""
+"""Heading of a robot by its gyroscope (``pbio/imu.c``, v4), shared by ``hub.imu`` and all drive bases."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ class Heading:
     """Degrees, clockwise positive seen from above, not wrapped.
 
     Attributes:
-        frame: where front, left and top of the hub look, in the frame of the robot.
-        turn_deg: what the heading counts in a whole turn, where a program said so.
-        gyro_deg: what the gyroscope counts in a whole turn about each axis of the hub, where a program said so.
+        frame: directions of the hub's front, left and top in the frame of the robot.
+        turn_deg: reading of the heading for a whole turn, by which a program corrects it.
+        gyro_deg: reading of the gyroscope for a whole turn about each axis of the hub, by which a program corrects it.
     """
 
     def __init__(self, body: Body) -> None:
@@ -27,21 +27,21 @@ class Heading:
         self._zero_deg = body.heading_deg()
 
     def angle_deg(self) -> float:
-        return self._uncounted_deg() - self._zero_deg
+        return self._total_deg() - self._zero_deg
 
     def angle(self, steps_per_deg: int) -> Angle:
-        """In units of control, computed in single precision as the firmware does."""
+        """Heading in control units, in single precision as in the firmware."""
         angle_deg, turn_deg = single(self.angle_deg()), single(TURN_MDEG / steps_per_deg)
         turns = trunc(single(angle_deg / turn_deg))
         rest = single(angle_deg - single(turns * turn_deg))
         return turns, trunc(single(rest * steps_per_deg))
 
     def set_angle(self, angle_deg: float) -> None:
-        """Count from this angle on."""
-        self._zero_deg = self._uncounted_deg() - angle_deg
+        """Set the present heading."""
+        self._zero_deg = self._total_deg() - angle_deg
 
     def rate_deg_s(self) -> float:
-        """Speed at which the robot turns about its own top, clockwise."""
+        """Angular velocity about the robot's vertical axis, clockwise."""
         return -sum(rate * axis[2] for rate, axis in zip(self.rates_deg_s(), self.frame, strict=True))
 
     def rates_deg_s(self) -> _Vector:
@@ -50,5 +50,5 @@ class Heading:
         scale_x, scale_y, scale_z = self.gyro_deg
         return x * 360.0 / scale_x, y * 360.0 / scale_y, z * 360.0 / scale_z
 
-    def _uncounted_deg(self) -> float:
+    def _total_deg(self) -> float:
         return self._body.heading_deg() * (360.0 / self.turn_deg) * (360.0 / self.gyro_deg[2])

@@ -1,4 +1,4 @@
-"""Integrators of a controller: position and speed errors, each with its anti-windup and its notion of a stall."""
+"""Integrators of position and speed errors, each with anti-windup and stall detection."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ LOOPS_PER_S = 200
 
 
 class PositionIntegrator:
-    """Integral of the position error; pausing it also stops the clock of the trajectory."""
+    """Integral of the position error; a pause also stops the trajectory's clock."""
 
     def __init__(self, settings: ControlSettings, time: int) -> None:
         self._settings = settings
@@ -33,7 +33,7 @@ class PositionIntegrator:
             self._paused_total += time - self.pause_began
 
     def update(self, error: int, target_error: int) -> int:
-        """Add one loop's error where that helps, and return the integral (mdeg s)."""
+        """Add the error of one control step, unless it winds up, and return the integral (mdeg s)."""
         s, integral = self._settings, self.integral
         change = trunc(error / LOOPS_PER_S)
         shrinks = abs(integral + change) < abs(integral)
@@ -58,7 +58,7 @@ class PositionIntegrator:
 
 
 class SpeedIntegrator:
-    """Integral of the speed error, which is a difference of positions."""
+    """Integral of the speed error: a difference of positions."""
 
     def __init__(self, settings: ControlSettings) -> None:
         self._settings = settings

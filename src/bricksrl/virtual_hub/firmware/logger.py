@@ -1,15 +1,10 @@
-"""Log of the control loop, when a program asks for it (``pbio/logger.c``, v4)."""
+"""Log of the control loop (``pbio/logger.c``, v4)."""
 
 from __future__ import annotations
 
 
 class Logger:
-    """Rows of whole numbers, the first of each the milliseconds since the start.
-
-    Attributes:
-        is_active: whether rows are wanted.
-        rows: those that were noted down.
-    """
+    """Recorded ``rows`` of integers, each beginning with the ms since the start."""
 
     __slots__ = ("_capacity", "_down_sample", "_skipped", "_start_ms", "is_active", "rows")
 
@@ -18,17 +13,17 @@ class Logger:
         self.rows: list[tuple[int, ...]] = []
 
     def start(self, time_ms: int, capacity: int, down_sample: int) -> None:
-        """Begin anew: one row out of ``down_sample``, until there are ``capacity`` of them."""
+        """Start anew: record one of ``down_sample`` rows, up to ``capacity`` of them."""
         self.rows = []
         self._start_ms, self._capacity, self._down_sample, self._skipped = time_ms, capacity, down_sample, 0
         self.is_active = True
 
     def stop(self) -> None:
-        """Note down nothing more."""
+        """Stop recording."""
         self.is_active = False
 
     def add(self, time_ms: int, *values: int) -> None:
-        """A row of the control loop."""
+        """Record a row of the control loop."""
         self._skipped += 1
         if self._skipped < self._down_sample:
             return

@@ -1,7 +1,7 @@
-"""The firmware's model of each motor: a discrete linear system with friction, one row for each 5 ms tick.
+"""Motor models of the firmware: discrete linear systems with friction, in steps of 5 ms.
 
-Figures: Pybricks' measured motor curves, as the firmware stores them (``servo_settings.c``, v4). Each entry is a
-denominator: ``PRESCALE[column] * value / entry`` is the contribution of a column to the next state.
+Figures: motor curves measured by Pybricks, as stored in the firmware (``servo_settings.c``, v4). Each entry is a denominator:
+``PRESCALE[column] * value / entry`` is the contribution of a column to the next state.
 """
 
 from __future__ import annotations
@@ -43,13 +43,13 @@ class MotorModel:
         return trunc(PRESCALE_VOLTAGE * _clamp(voltage_mv, MAX_VOLTAGE_MV) / self.torque_by_voltage)
 
     def drive_mv(self, torque_unm: int, speed: int, acceleration: int, limit_unm: int = MAX_TORQUE_UNM) -> int:
-        """Voltage for a torque on top of what a reference needs, both together within a limit of at most MAX_TORQUE_UNM."""
+        """Voltage for a torque plus the feedforward of a reference; their sum is limited, to at most MAX_TORQUE_UNM."""
         torque = torque_unm + self.feedforward_unm(speed, acceleration)
         torque = limit_unm if torque > limit_unm else -limit_unm if torque < -limit_unm else torque
         return trunc(PRESCALE_TORQUE * torque / self.voltage_by_torque)
 
     def feedforward_unm(self, speed: int, acceleration: int) -> int:
-        """Torque that a reference needs: half the friction, back-EMF, inertia."""
+        """Torque to follow a reference: half the friction, back-EMF, inertia."""
         forward = 0
         if speed:
             half_friction = self.friction_unm // 2
@@ -66,12 +66,12 @@ class MotorModel:
 
 @dataclass(frozen=True, slots=True)
 class MotorType:
-    """Properties of a kind of motor, as the firmware has them.
+    """Properties of a kind of motor in the firmware.
 
     Attributes:
-        precision_deg: position tolerance, from which the gains follow.
+        precision_deg: position tolerance, which determines the gains.
         observer_gain: feedback of the observer for small errors, mV/deg.
-        low_kp_speed_deg_s: commands slower than this use a softer position gain.
+        low_kp_speed_deg_s: slower commands use a reduced position gain.
     """
 
     model: MotorModel

@@ -1,4 +1,4 @@
-"""The state observer: a motor model that runs beside the motor and is pulled towards its measured angle."""
+"""State observer: a motor model that tracks the measured angle."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from bricksrl.virtual_hub.firmware.motor_model import (
     MotorType,
 )
 
-_WINDOW_START = -21  # the first of 20 ticks of 5 ms: 100 ms
-_HISTORY = 60  # ticks that a program may ask Motor.speed(window) for: 300 ms
+_WINDOW_START = -21  # 20 ticks of 5 ms ago: 100 ms
+_HISTORY = 60  # ticks of the longest window of Motor.speed: 300 ms
 _GAIN_THRESHOLD_MDEG = 20_000
 _HIGH_GAIN_FACTOR = 7
 _FRICTION_CUTOFF = 500
@@ -28,10 +28,9 @@ _STALL_RATIO_PCT = 75
 class ObserverSettings(NamedTuple):
     """Settings that a program may tune, in the firmware's order (``pbio_observer_settings_t``).
 
-    A motor stalls while it turns slower than ``stall_speed`` (mdeg/s) and the feedback is more than ``stall_ratio_pct`` of a
-    voltage that is more than ``negligible_mv``; after ``stall_time`` (ticks of 0.1 ms) it counts as stalled. The feedback has
-    ``gain_low`` (mV/deg) up to ``gain_threshold`` (mdeg), and ``gain_high`` beyond. Below ``friction_cutoff`` (mdeg/s) the
-    modelled friction fades.
+    A motor stalls while it is slower than ``stall_speed`` (mdeg/s) and the feedback exceeds ``stall_ratio_pct`` of a voltage
+    above ``negligible_mv``; after ``stall_time`` (ticks of 0.1 ms) it counts as stalled. The feedback has ``gain_low`` (mV/deg)
+    up to ``gain_threshold`` (mdeg) and ``gain_high`` beyond. Friction decreases to 0 below ``friction_cutoff`` (mdeg/s).
     """
 
     stall_speed: int
@@ -45,12 +44,11 @@ class ObserverSettings(NamedTuple):
 
 
 class Observer:
-    """Estimates speed (and angle) of one motor; also tells stalling while no controller runs.
+    """Estimates angle and speed of a motor; detects stalls while no controller runs.
 
     Attributes:
-        angle, speed: the model's state, mdeg and mdeg/s.
-        measured_speed: difference of the measured angle over 100 ms, mdeg/s.
-        settings: what :meth:`tune` changes.
+        angle, speed: state of the model, mdeg and mdeg/s.
+        measured_speed: mean of the measured speed over 100 ms, mdeg/s.
     """
 
     def __init__(self, motor: MotorType, stall_speed: int, stall_time: int) -> None:
@@ -66,7 +64,7 @@ class Observer:
         self.reset(0)
 
     def reset(self, angle: int) -> None:
-        """Start over at a measured angle, at rest."""
+        """Restart at rest at a measured angle (mdeg)."""
         self.angle, self.speed, self._current = angle, 0, 0
         self.measured_speed = 0
         self._stalled_since: int | None = None
@@ -74,14 +72,14 @@ class Observer:
         self._history.extend([angle] * (_HISTORY + 1))
 
     def tune(self, settings: ObserverSettings) -> None:
-        """Observe with these settings from now on."""
+        """Use these settings from now on."""
         self.settings = settings
         self._stall_speed, self._stall_time, self._negligible_mv, self._stall_ratio_pct, *gains, cutoff = settings
         self._gain, self._high_gain, self._threshold = gains
         self._friction_cutoff = max(cutoff, 1)
 
     def feedback_mv(self, angle: int) -> int:
-        """Voltage that pulls the model towards a measured angle; opposes unmodelled load."""
+        """Voltage that pulls the model towards a measured angle: the effect of unmodelled load."""
         error = angle - self.angle
         threshold = self._threshold
         if -threshold <= error <= threshold:
@@ -91,7 +89,7 @@ class Observer:
         return voltage if error > 0 else -voltage
 
     def update(self, time: int, angle: int, voltage_mv: int) -> None:
-        """One 5 ms step with the voltage that is applied and the angle that is measured."""
+        """One 5 ms step with the measured angle and the applied voltage."""
         history = self._history
         history.append(angle)
         self.measured_speed = (angle - history[_WINDOW_START]) * 10
@@ -120,17 +118,13 @@ class Observer:
         self._current = MAX_CURRENT if current > MAX_CURRENT else -MAX_CURRENT if current < -MAX_CURRENT else current
 
     def _friction(self, torque_unm: int) -> tuple[int, int, int]:
-        """What a torque against the motion does to angle, speed and current."""
+        """Changes of angle, speed and current by a torque against the motion."""
         torque = PRESCALE_TORQUE * torque_unm
         angle, speed, current = self._friction_columns
         return trunc(torque / angle), trunc(torque / speed), trunc(torque / current)
 
     def window_speed(self, window_ms: int) -> int:
-        """Average measured speed over a window, mdeg/s.
-
-        Raises:
-            ValueError: the window is shorter than a tick or longer than 300 ms.
-        """
+        """Mean measured speed over a window, mdeg/s. Raises ValueError for one shorter than a tick or longer than 300 ms."""
         ticks = (window_ms + 2) // 5
         if not 1 <= ticks <= _HISTORY:
             raise ValueError("the window is out of range")
@@ -143,14 +137,14 @@ class Observer:
 
     @property
     def is_pushed_back(self) -> bool:
-        """True if the motor stalls now; after the stall time it counts as stalled."""
+        """Whether the motor stalls now; after the stall time it counts as stalled."""
         return self._stalled_since is not None
 
     def is_stalled(self, time: int) -> bool:
         return self._stalled_since is not None and time - self._stalled_since > self._stall_time
 
     def _check_stall(self, time: int, voltage: int, feedback: int) -> None:
-        """For a motor that does not turn as its voltage wants and a feedback against it; magnitudes."""
+        """Detect a stall of a slow motor by the magnitudes of its voltage and the opposing feedback."""
         if feedback * 100 > voltage * self._stall_ratio_pct and voltage > self._negligible_mv:
             if self._stalled_since is None:
                 self._stalled_since = time

@@ -1,4 +1,4 @@
-"""A motor under the firmware's control: encoder, observer, controller and voltage."""
+"""Servo: a motor with encoder, observer, controller and voltage."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _VOLTAGE = 2
 
 
 class Parent(Protocol):
-    """Something that drives motors together and must let go when one of them gets another command."""
+    """Controller of several motors, which releases them when one gets another command."""
 
     def stop_from_servo(self) -> None: ...
 
@@ -29,14 +29,14 @@ class Parent(Protocol):
 class Servo:
     """One motor port. Angles and speeds are whole degrees at the gear train's output.
 
-    Until :meth:`setup`, the motor only coasts. Commands that a real hub refuses raise ``ValueError`` (bad value) or
-    ``OSError`` with ``errno`` (EBUSY; ENODEV while it is not in use).
+    Until :meth:`setup` the motor only coasts. Refused commands raise ValueError for a bad value, OSError with EBUSY, or with
+    ENODEV if it is not in use.
 
     Attributes:
         is_open: whether its control loop runs.
-        is_plain: whether it has no rotation sensor.
-        is_taken: whether it must be closed before it can be taken into use. Who tries it before ends the control loop all the
-            same, and leaves the motor with its voltage.
+        is_plain: whether it lacks a rotation sensor.
+        is_taken: whether it must be closed before the next :meth:`setup`. A setup that is refused for this still ends the
+            control loop, and the motor keeps its voltage.
     """
 
     def __init__(self, kind: MotorKind, port: str, body: Body, clock: Clock) -> None:
@@ -63,7 +63,7 @@ class Servo:
 
     @property
     def is_clockwise(self) -> bool:
-        """Whether it counts up when the shaft turns clockwise."""
+        """Whether the angle increases when the shaft turns clockwise."""
         return self._sign > 0
 
     @property
@@ -72,7 +72,7 @@ class Servo:
 
     @property
     def max_voltage_mv(self) -> int:
-        """The voltage that no command exceeds."""
+        """Limit of the voltage."""
         return self._max_voltage_mv
 
     @max_voltage_mv.setter
@@ -82,12 +82,8 @@ class Servo:
         self._max_voltage_mv = value
 
     def setup(self, direction: Direction, gear_ratio_milli: int, reset_angle: bool, profile_deg: int) -> None:
-        """Take the motor into use; ``gear_ratio_milli`` is 1000 times the motor's turns for one of the output.
-
-        Raises:
-            OSError: EBUSY, it is in use already.
-            ValueError: the gear ratio or the profile is out of range.
-        """
+        """Take the motor into use; ``gear_ratio_milli`` is 1000 times the motor's turns for one of the output. Raises OSError
+        (EBUSY) if it is in use, ValueError if the gear ratio or the profile is out of range."""
         self.is_open = False
         if reset_angle:
             self._set_zero(difference(split(self._shaft_mdeg()), (0, self._absolute_mdeg())))
@@ -104,32 +100,32 @@ class Servo:
         self.is_open = True
 
     def setup_plain(self, direction: Direction) -> None:
-        """Take it into use as a motor without rotation sensor, which has a voltage and nothing else."""
+        """Take it into use as a motor without rotation sensor: voltage only."""
         self.is_plain = True
         self.set_voltage(None)
         self._sign = direction.value
         self._max_voltage_mv = self.type.max_voltage_mv
 
     def close(self) -> None:
-        """Coast, and be free to be set up anew."""
+        """Coast, and allow a new setup."""
         self.set_voltage(None)
-        self._stop_from_below()
+        self._end_control()
         self.parent = None
         self.is_open = self.is_taken = False
 
     def check_open(self) -> None:
-        """Raises OSError, ENODEV, while its control loop does not run."""
+        """Raise OSError (ENODEV) unless its control loop runs."""
         if not self.is_open:
             raise OSError(errno.ENODEV, "the motor is not in use")
 
     # ---- state
 
     def position(self) -> int:
-        """Angle of the motor's shaft in mdeg, in the direction and from the zero that the program set."""
+        """Angle of the motor's shaft in mdeg, in the program's direction and from its zero."""
         return (self.body.angle_mdeg(self.port) - self._zero_mdeg) * self._sign
 
     def angle(self) -> Angle:
-        """The same as the firmware keeps it."""
+        """:meth:`position` as the firmware stores it."""
         turns, mdeg = difference(split(self._shaft_mdeg()), self._zero)
         return turns * self._sign, mdeg * self._sign
 
@@ -142,11 +138,11 @@ class Servo:
         return to_unit(self.angle(), self.settings.steps_per_unit)
 
     def speed_deg_s(self, window_ms: int = 100) -> int:
-        """Average speed over the last ``window_ms``. Raises ValueError for a window beyond 300 ms."""
+        """Mean speed over the last ``window_ms``. Raises ValueError for a window over 300 ms."""
         return self.settings.to_unit(self.observer.window_speed(window_ms))
 
     def load_mnm(self) -> int:
-        """Torque that something outside seems to exert."""
+        """Estimated torque of the load."""
         self.check_open()
         if self._voltage_mv is None:
             return 0
@@ -166,7 +162,7 @@ class Servo:
     # ---- commands
 
     def reset_angle(self, angle_deg: int | None) -> None:
-        """Count from this angle on; ``None`` takes the absolute angle of the shaft. A running move stops."""
+        """Set the angle, with ``None`` to the absolute angle of the shaft. A running move stops."""
         was_active, then = self.control.is_active, self.control.on_completion
         voltage = self._voltage_mv
         self.stop(OnCompletion.COAST)
@@ -183,16 +179,16 @@ class Servo:
             self.set_voltage(voltage)
 
     def dc(self, duty_pct: int) -> None:
-        """Apply a share of the battery's voltage, -100..100."""
-        self._stop_from_below()
+        """Apply a percentage of the battery voltage, -100..100."""
+        self._end_control()
         self.set_voltage(trunc(max(-100, min(100, duty_pct)) * self.body.battery_mv / 100))
 
     def coast(self) -> None:
-        self._stop_from_below()
+        self._end_control()
         self.set_voltage(None)
 
     def brake(self) -> None:
-        self._stop_from_below()
+        self._end_control()
         self.set_voltage(0)
 
     def hold(self) -> None:
@@ -225,19 +221,15 @@ class Servo:
         self.run_until_stalled_with(speed, then, limit)
 
     def run_until_stalled_with(self, speed: int, then: OnCompletion, limit: int) -> None:
-        """Like :meth:`run_until_stalled`, with the limit as a torque in uNm.
-
-        Raises:
-            ValueError: it is to go on when it has stalled.
-        """
+        """:meth:`run_until_stalled` with the limit as a torque in uNm. Raises ValueError for ``CONTINUE``."""
         if then is OnCompletion.CONTINUE:
-            raise ValueError("a motor that has stalled cannot go on")
+            raise ValueError("a stalled motor cannot continue")
         self._take_over()
         speed = self.settings.from_unit(speed)
         self.control.start_until_stalled(self.clock.time_ticks, self.state(), speed, limit, then)
 
     def run_angle(self, speed: int, angle: int, then: OnCompletion) -> None:
-        """A negative speed turns the angle's sign round; speed 0 is a move of no length."""
+        """Run by an angle; a negative speed reverses it, at speed 0 the motor stays."""
         self._take_over()
         s = self.settings
         if speed == 0:
@@ -246,7 +238,7 @@ class Servo:
         self.control.start_relative(self.clock.time_ticks, self.state(), distance, s.from_unit(speed), then)
 
     def run_target(self, speed: int, target: int, then: OnCompletion) -> None:
-        """Only the magnitude of the speed counts; speed 0 is a move of no length."""
+        """Run to an angle at the magnitude of the speed; at speed 0 the motor stays."""
         if speed == 0:
             self.run_angle(0, 0, then)
             return
@@ -262,7 +254,7 @@ class Servo:
     # ---- the loop
 
     def update(self) -> None:
-        """One control loop: controller, voltage, observer."""
+        """One control step: controller, voltage, observer."""
         if not self.is_open:
             return
         time, position = self.clock.time_ms * 10, (self.body.angle_mdeg(self.port) - self._zero_mdeg) * self._sign
@@ -281,11 +273,11 @@ class Servo:
         observer.update(time, position, self._voltage_mv or 0)
 
     def actuate(self, torque_unm: int, speed: int, acceleration: int) -> None:
-        """Exert a torque on top of what a reference (mdeg/s, mdeg/s2) needs without load."""
+        """Exert a torque plus the feedforward of a reference (mdeg/s, mdeg/s2)."""
         self.set_voltage(self._drive_mv(torque_unm, speed, acceleration))
 
     def set_voltage(self, voltage_mv: int | None) -> None:
-        """Electrically only; controllers are not asked."""
+        """Set the voltage, or coast for ``None``, without a change of the controllers."""
         if voltage_mv is None:
             self._voltage_mv = None
             self.body.set_voltage(self.port, None)
@@ -315,8 +307,8 @@ class Servo:
         if self.parent is not None:
             self.parent.stop_from_servo()
 
-    def _stop_from_below(self) -> None:
-        """A command to the motor electrically ends its control, or that of whoever drives it."""
+    def _end_control(self) -> None:
+        """End the control by its controller or by its drive base."""
         if self.control.is_active:
             self.control.reset()
         elif self.parent is not None:
@@ -326,7 +318,7 @@ class Servo:
         return self.body.angle_mdeg(self.port)
 
     def _absolute_mdeg(self) -> int:
-        """The angle of the mark on the shaft, clockwise, -180..180 degrees."""
+        """Absolute angle of the shaft, clockwise, -180..180 degrees."""
         return (self._shaft_mdeg() + TURN_MDEG // 2) % TURN_MDEG - TURN_MDEG // 2
 
     def _set_zero(self, zero: Angle) -> None:

@@ -1,14 +1,14 @@
-"""Settings of a controller, in control units inside and in the program's units (deg or mm) outside."""
+"""Settings of a controller, stored in control units, read and set in the program's units (deg or mm)."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 from math import trunc
 
+from bricksrl.virtual_hub.firmware.angle import split, to_unit
 from bricksrl.virtual_hub.firmware.motor_model import MAX_TORQUE_UNM, MotorType
 from bricksrl.virtual_hub.firmware.trajectory import validate_acceleration, validate_speed
 
-_MDEG_PER_TURN = 360_000
 _INT32_MAX = 2**31 - 1
 
 
@@ -17,8 +17,8 @@ class ControlSettings:
     """Limits, gains and tolerances; ``steps_per_unit`` control steps (mdeg) make one unit of the program.
 
     Attributes:
-        saturation_error: position error at which the proportional part alone asks for all torque.
-        max_integral: integral at which its part alone does.
+        saturation_error: position error at which the proportional part alone saturates.
+        max_integral: integral at which the integral part alone saturates.
     """
 
     steps_per_unit: int
@@ -51,17 +51,14 @@ class ControlSettings:
         return trunc(value / self.steps_per_unit)
 
     def position_to_unit(self, position: int) -> int:
-        """A position in the program's units: whole turns truncated, the rest rounded, as the firmware does."""
-        turns = trunc(position / _MDEG_PER_TURN)
-        rest = position - turns * _MDEG_PER_TURN
-        half = self.steps_per_unit // 2 if rest >= 0 else -(self.steps_per_unit // 2)
-        return trunc(turns * _MDEG_PER_TURN / self.steps_per_unit) + trunc((rest + half) / self.steps_per_unit)
+        """A position in the program's units: whole turns truncated, the rest rounded, as in the firmware."""
+        return to_unit(split(position), self.steps_per_unit)
 
     def from_unit(self, value: int) -> int:
         return max(-_INT32_MAX, min(_INT32_MAX, value * self.steps_per_unit))
 
     def position_from_unit(self, value: int) -> int:
-        """A position in control units, without any rounding."""
+        """A position in control units, not limited to 32 bits."""
         return value * self.steps_per_unit
 
     def limits(self) -> tuple[int, int, int, int]:
@@ -70,7 +67,8 @@ class ControlSettings:
         return to_unit(self.max_speed), to_unit(self.acceleration), to_unit(self.deceleration), self.max_torque // 1000
 
     def set_limits(self, speed: int, acceleration: int, deceleration: int, torque_mnm: int) -> None:
-        """Raises ValueError for values that the firmware refuses; a refused torque leaves the others set."""
+        """Set what :meth:`limits` returns. Raises ValueError for a value out of range; if only the torque is, the others are
+        set."""
         validate_speed(self.steps_per_unit, speed)
         validate_acceleration(self.steps_per_unit, acceleration)
         validate_acceleration(self.steps_per_unit, deceleration)
@@ -86,7 +84,7 @@ class ControlSettings:
         return self.kp, self.ki, self.kd, self.to_unit(self.integral_deadzone), self.to_unit(self.integral_rate)
 
     def set_pid(self, kp: int, ki: int, kd: int, integral_deadzone: int, integral_rate: int) -> None:
-        """Raises ValueError for negative gains."""
+        """Set what :meth:`pid` returns. Raises ValueError for a value out of range."""
         if min(kp, ki, kd) < 0:
             raise ValueError("a gain is negative")
         validate_speed(self.steps_per_unit, integral_rate)
@@ -96,21 +94,21 @@ class ControlSettings:
         self._derive()
 
     def target_tolerances(self) -> tuple[int, int]:
-        """Speed and position within which a move counts as done."""
+        """Speed and position within which a move is complete."""
         return self.to_unit(self.speed_tolerance), self.to_unit(self.position_tolerance)
 
     def set_target_tolerances(self, speed: int, position: int) -> None:
-        """Raises ValueError for values that the firmware refuses."""
+        """Set what :meth:`target_tolerances` returns. Raises ValueError for a value out of range."""
         validate_speed(self.steps_per_unit, speed)
         self._validate_position(position)
         self.speed_tolerance, self.position_tolerance = self.from_unit(speed), self.from_unit(position)
 
     def stall_tolerances(self) -> tuple[int, int]:
-        """Speed below which, and time (ms) after which, the motor counts as stalled."""
+        """Maximum speed and minimum time (ms) of a stall."""
         return self.to_unit(self.stall_speed), self.stall_time // 10
 
     def set_stall_tolerances(self, speed: int, time_ms: int) -> None:
-        """Raises ValueError for values that the firmware refuses."""
+        """Set what :meth:`stall_tolerances` returns. Raises ValueError for a speed out of range."""
         validate_speed(self.steps_per_unit, speed)
         self.stall_speed, self.stall_time = self.from_unit(speed), time_ms * 10
 
@@ -124,26 +122,22 @@ class ControlSettings:
 
 
 def gain_times(value: int, gain: int) -> int:
-    """mdeg (or mdeg/s, mdeg s) times uNm per degree: uNm."""
+    """Torque (uNm) of a value (mdeg, mdeg/s or mdeg s) and a gain (uNm per degree)."""
     return trunc(gain * value / 1000)
 
 
 def wrapped(value: int) -> int:
-    """Remainder of a value in 32 bits with sign."""
+    """The value wrapped to a signed 32-bit integer."""
     return (value + 2**31) % 2**32 - 2**31
 
 
 def by_gain(torque: int, gain: int) -> int:
-    """uNm by uNm per degree: mdeg; 0 for a gain of 0."""
+    """Value (mdeg) for which a gain (uNm per degree) gives a torque (uNm); 0 for a gain of 0."""
     return trunc(torque * 1000 / gain) if gain > 0 else 0
 
 
 def servo_settings(motor: MotorType, gear_ratio_milli: int, profile_deg: int) -> ControlSettings:
-    """The firmware's settings of a single motor.
-
-    Raises:
-        ValueError: the gear ratio is not positive, or the profile is under 5 degrees.
-    """
+    """The firmware's settings of a single motor. Raises ValueError for a gear ratio under 1/1000 or a profile under 5 degrees."""
     precision_deg = profile_deg or motor.precision_deg
     if gear_ratio_milli < 1 or precision_deg < 5:
         raise ValueError("the gear ratio or the profile is out of range")
@@ -173,7 +167,7 @@ def servo_settings(motor: MotorType, gear_ratio_milli: int, profile_deg: int) ->
 
 
 def drive_base_settings(left: ControlSettings, right: ControlSettings) -> tuple[ControlSettings, ControlSettings]:
-    """Settings of the distance and the heading controller, from the weaker motor; scales are still to be set."""
+    """Settings of the distance and the heading controller, by the weaker motor; the caller sets ``steps_per_unit``."""
     kp = min(left.kp, right.kp) * min(left.kp_low_pct, right.kp_low_pct) // 100
     max_torque, max_speed = min(left.max_torque, right.max_torque), min(left.max_speed, right.max_speed)
 
@@ -200,5 +194,5 @@ def drive_base_settings(left: ControlSettings, right: ControlSettings) -> tuple[
             smart_hold_time=max(left.smart_hold_time, right.smart_hold_time),
         )
 
-    # 40 % of the top speed ahead, 33 % in a turn; a saturated heading wins over a saturated distance.
+    # Default speed: 40 % of the maximum ahead, 33 % in turns. Twice the torque, so that a saturated heading wins.
     return settings(max_speed * 10 // 25, max_torque), settings(max_speed // 3, max_torque * 2)

@@ -1,7 +1,6 @@
 """Reference trajectories: speed up, cruise, slow down, each with constant acceleration.
 
-Inside this module speeds are in ddeg/s and accelerations in deg/s2, as in the firmware, whose rounding follows
-from them.
+Speeds inside this module are in ddeg/s and accelerations in deg/s2, for the same rounding as in the firmware.
 """
 
 from __future__ import annotations
@@ -27,7 +26,7 @@ class InfeasibleMoveError(ArithmeticError):
 class Command(NamedTuple):
     """Start and goal of a trajectory; control units.
 
-    ``end`` is the target position of an angle command, ``duration`` the ticks of a timed one.
+    ``end`` is the target position of an angle command, ``duration`` (ticks) that of a timed one.
     """
 
     time: int
@@ -52,9 +51,9 @@ class Reference(NamedTuple):
 
 
 class Trajectory:
-    """Three phases after a start: until t1 with a0, until t2 at speed w1, until t3 with a2, then at speed w3.
+    """Three phases: until t1 with a0, until t2 at speed w1, until t3 with a2, then at speed w3.
 
-    ``wu`` is the speed that was asked for, whether reached or not.
+    ``wu`` is the requested speed, whether reached or not.
     """
 
     __slots__ = ("a0", "a2", "end", "position", "t1", "t2", "t3", "th1", "th2", "th3", "time", "w0", "w1", "w3", "wu")
@@ -69,7 +68,7 @@ class Trajectory:
         self.end = self._endpoint()
 
     def last_vertex(self, time: int) -> Reference:
-        """Start of the phase that is under way at a time."""
+        """Start of the phase at a time."""
         t = time - self.time
         if t < self.t1 or t == self.t1 == 0:
             return self._point(0, 0, self.w0, 0)
@@ -84,7 +83,7 @@ class Trajectory:
         return Reference(time, *self.at(time))
 
     def at(self, time: int) -> tuple[int, int, int]:
-        """Position, speed and acceleration at a time; what every control loop asks."""
+        """Position, speed and acceleration at a time, without the cost of a :class:`Reference`."""
         t = time - self.time
         if t < self.t1 or t == self.t1 == 0:
             a = self.a0
@@ -138,12 +137,8 @@ class Trajectory:
 
 
 def to_angle(command: Command) -> Trajectory:
-    """The trajectory that ends at ``command.end``; only the magnitude of the target speed counts.
-
-    Raises:
-        ValueError: the way is too long or would take too long.
-        InfeasibleMoveError: rounding leaves no trajectory.
-    """
+    """The trajectory that ends at ``command.end``; the sign of the target speed is ignored. Raises ValueError if the way or its
+    duration is too long, InfeasibleMoveError if rounding leaves no trajectory."""
     distance = command.end - command.position
     if (abs(distance) - 1) // _TURN_MDEG >= _TURNS_MAX:
         raise ValueError("the angle is too large for one move")
@@ -165,12 +160,8 @@ def to_angle(command: Command) -> Trajectory:
 
 
 def for_time(command: Command) -> Trajectory:
-    """The trajectory that lasts ``command.duration``.
-
-    Raises:
-        ValueError: the duration is too long.
-        InfeasibleMoveError: rounding leaves no trajectory, as with accelerations that are almost but not quite equal.
-    """
+    """The trajectory that lasts ``command.duration``. Raises ValueError if that is too long, InfeasibleMoveError if rounding
+    leaves no trajectory, as with almost equal accelerations."""
     if command.duration == 0:
         return Trajectory(command.time, command.position)
     backward = command.target_speed < 0
@@ -255,7 +246,7 @@ def _forward_angle(command: Command) -> Trajectory:
     strongest = max(accel, decel)
     if tr.w0 > 0 and _ramp_angle(tr.w0, tr.w3, strongest) > tr.th3:
         tr.w0 = _start_speed(tr.w3, strongest, tr.th3)
-    # A start in the wrong direction adds to the way that is left for slowing down.
+    # A start in the wrong direction lengthens the way.
     way = tr.th3 - (0 if tr.w0 > 0 else _ramp_angle(0, tr.w0, accel))
     if _ramp_angle(target, tr.w3, decel) > way:
         target = _start_speed(tr.w3, decel, way)
@@ -265,7 +256,7 @@ def _forward_angle(command: Command) -> Trajectory:
         raise ValueError("the move would take too long")
     tr.a0 = accel if tr.w0 < target else -accel
     tr.a2 = -decel
-    # Angle at which the first ramp, drawn on, would have speed zero.
+    # Angle at which the first ramp, extrapolated, has speed zero.
     origin = _ramp_angle(0, tr.w0, tr.a0)
     tr.th1 = origin + _ramp_angle(target, 0, tr.a0)
     tr.th2 = tr.th3 + _ramp_angle(target, tr.w3, tr.a2)
@@ -282,7 +273,7 @@ def _forward_angle(command: Command) -> Trajectory:
 
 
 def _join_ramps(tr: Trajectory, origin: int, accel: int, keep_running: bool) -> None:
-    """The way is too short for the target speed: let the ramps meet without a cruise between them."""
+    """Let the ramps meet without a cruise, for a way that is too short for the target speed."""
     if keep_running and tr.a0 > 0:
         tr.w1 = tr.w3 = _start_speed(0, tr.a0, tr.th3 - origin)
         tr.th1 = tr.th2 = tr.th3

@@ -32,28 +32,10 @@ _HIDDEN = {
     for kind, names in _PRESENT.items()
 }
 _HIDDEN_SPECIAL = frozenset(
-    [
-        "__name__",
-        "__qualname__",
-        "__dict__",
-        "__doc__",
-        "__module__",
-        "__bases__",
-        "__mro__",
-        "__subclasses__",
-        "__code__",
-        "__defaults__",
-        "__globals__",
-        "__annotations__",
-        "__wrapped__",
-        "__closure__",
-        "__kwdefaults__",
-        "__file__",
-        "with_traceback",
-        "__traceback__",
-        "__cause__",
-        "__context__",
-    ]
+    """
+    __name__ __qualname__ __dict__ __doc__ __module__ __bases__ __mro__ __subclasses__ __code__ __defaults__ __globals__
+    __annotations__ __wrapped__ __closure__ __kwdefaults__ __file__ with_traceback __traceback__ __cause__ __context__
+    """.split()  # noqa: SIM905  a list would take a line for each
 )
 _FIRST_ARGUMENT = frozenset(["errno", "value"])
 """Attributes of all exceptions on a hub, not only ``OSError`` and ``StopIteration``."""

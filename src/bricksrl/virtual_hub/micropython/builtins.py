@@ -1,4 +1,4 @@
-"""The builtin functions of a hub."""
+"""Builtin functions of a hub."""
 
 from __future__ import annotations
 
@@ -20,44 +20,14 @@ from bricksrl.virtual_hub.micropython.hash_table import hash_of
 from bricksrl.virtual_hub.micropython.operators import SMALL_MAX, int_from_float, operators, to_float, to_int, to_str
 from bricksrl.virtual_hub.micropython.text import representation, text
 
-_AS_THEY_ARE = [
-    "all",
-    "any",
-    "bin",
-    "bool",
-    "bytearray",
-    "bytes",
-    "callable",
-    "chr",
-    "classmethod",
-    "complex",
-    "enumerate",
-    "float",
-    "hex",
-    "int",
-    "iter",
-    "len",
-    "list",
-    "max",
-    "min",
-    "object",
-    "oct",
-    "ord",
-    "range",
-    "reversed",
-    "setattr",
-    "slice",
-    "sorted",
-    "staticmethod",
-    "str",
-    "tuple",
-    "type",
-    "zip",
-]
+_UNCHANGED = """
+    all any bin bool bytearray bytes callable chr classmethod complex enumerate float hex int iter len list max min object
+    oct ord range reversed setattr slice sorted staticmethod str tuple type zip
+""".split()  # noqa: SIM905  a list would take a line for each
 
 
 def cooked(data: bytes) -> bytes:
-    """Bytes that go over the wire when a program writes text."""
+    """Text as sent over the wire, with CR LF line ends."""
     return data.replace(b"\n", b"\r\n")
 
 
@@ -69,8 +39,8 @@ def builtin_names(
     branch: Callable[[Any], Any],
     has_memoryview: bool,
 ) -> dict[str, Any]:
-    """The namespace behind a program's globals ``names``; ``find_module`` raises ImportError."""
-    result: dict[str, Any] = {name: getattr(builtins, name) for name in (*_AS_THEY_ARE, *EXCEPTIONS)}
+    """Builtin names for a program with the globals ``names``; ``find_module`` raises ImportError."""
+    result: dict[str, Any] = {name: getattr(builtins, name) for name in (*_UNCHANGED, *EXCEPTIONS)}
     if has_memoryview:
         result["memoryview"] = memoryview
     result.update(operators(names))
@@ -150,7 +120,7 @@ def _stream_functions(console: Console) -> dict[str, Any]:
             file.write(line)
 
     def input_(prompt: object = "") -> str:
-        """Echoes what comes in, as the hub's line editor does."""
+        """Echoes the input, as the hub's line editor does."""
         console.write(cooked(text(prompt).encode()))
         line = bytearray()
         while (byte := console.read(1)) not in (b"\r", b"\n"):
@@ -204,14 +174,14 @@ def _attribute_functions() -> dict[str, Any]:
 
 
 def _without_int(kinds: Any) -> Any:
-    """On a hub ``True`` is no integer."""
+    """``kinds`` without ``int``: on a hub ``True`` is not an integer."""
     if isinstance(kinds, tuple):
         return tuple(kind for kind in kinds if kind is not int)
     return () if kinds is int else kinds
 
 
 def _namespace(frame: FrameType) -> Any:
-    """The names of the module or class around a frame: a hub does not know the local ones of a function by name."""
+    """Names of the module or class around a frame; on a hub the locals of a function have no names."""
     return frame.f_globals if frame.f_code.co_flags & inspect.CO_OPTIMIZED else frame.f_locals
 
 

@@ -9,34 +9,12 @@ from collections.abc import Callable, Mapping
 from types import FunctionType
 from typing import Any
 
-EXCEPTIONS = [
-    "ArithmeticError",
-    "AssertionError",
-    "AttributeError",
-    "BaseException",
-    "EOFError",
-    "Exception",
-    "GeneratorExit",
-    "ImportError",
-    "IndentationError",
-    "IndexError",
-    "KeyError",
-    "KeyboardInterrupt",
-    "LookupError",
-    "MemoryError",
-    "NameError",
-    "NotImplementedError",
-    "OverflowError",
-    "RuntimeError",
-    "StopAsyncIteration",
-    "StopIteration",
-    "SyntaxError",
-    "SystemExit",
-    "TypeError",
-    "UnicodeError",
-    "ValueError",
-    "ZeroDivisionError",
-]
+EXCEPTIONS = """
+    ArithmeticError AssertionError AttributeError BaseException EOFError Exception GeneratorExit ImportError
+    IndentationError IndexError KeyError KeyboardInterrupt LookupError MemoryError NameError NotImplementedError
+    OverflowError RuntimeError StopAsyncIteration StopIteration SyntaxError SystemExit TypeError UnicodeError ValueError
+    ZeroDivisionError
+""".split()  # noqa: SIM905  a list would take a line for each
 """Exceptions common to hub and CPython; ``OSError`` is replaced."""
 
 ERROR_NAMES = {

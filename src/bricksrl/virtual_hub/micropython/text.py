@@ -101,7 +101,7 @@ def _exception_text(error: BaseException) -> str:
     return text(args[0]) if len(args) == 1 else representation(args)
 
 
-def _quoted(codes: Iterable[int], quote: str, is_text: bool) -> str:
+def _quoted(codes: Iterable[int], quote: str) -> str:
     out = []
     for code in codes:
         if code == ord(quote):
@@ -118,11 +118,11 @@ def _quoted(codes: Iterable[int], quote: str, is_text: bool) -> str:
 
 
 def _str(value: Any) -> str:
-    return _quoted(map(ord, value), '"' if "'" in value and '"' not in value else "'", True)
+    return _quoted(map(ord, value), '"' if "'" in value and '"' not in value else "'")
 
 
 def _bytes(value: Any) -> str:
-    return "b" + _quoted(value, '"' if b"'" in value and b'"' not in value else "'", False)
+    return "b" + _quoted(value, '"' if b"'" in value and b'"' not in value else "'")
 
 
 def _joined(values: Iterable[object]) -> str:

@@ -1,7 +1,7 @@
-"""Rewrites a hub program so that CPython computes, formats and refuses what a hub does.
+"""Transformation of a hub program, so that CPython computes, formats and refuses as a hub.
 
-Line numbers stay. Helpers are called by names with an ``@``, which no program can write; ``operators.py`` and
-``attributes.py`` hold them.
+Line numbers stay. The names of the helpers, in ``operators.py`` and ``attributes.py``, contain an ``@``, which no program can
+write.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ _SIGNS: dict[type[ast.unaryop], Callable[[int], int]] = {
     ast.UAdd: operator.pos,
     ast.Invert: operator.invert,
 }
-_MOST_BITS = 4096
-"""Of a power or a shift that is worked out: more would only take time, and no outcome of that size fits."""
+_MAX_BITS = 4096
+"""Limit of a folded power or shift: larger ones take time, and no result of that size fits."""
 _WRAPPED = (ast.Add, ast.Sub, ast.Mult, ast.LShift)
 _ARITHMETIC = {ast.Div: "@div", ast.FloorDiv: "@floordiv", ast.Mod: "@mod", ast.Pow: "@pow"}
 _CALLED = {**_ARITHMETIC, ast.BitAnd: "@and", ast.BitOr: "@or", ast.BitXor: "@xor"}
@@ -54,11 +54,7 @@ _EMITTERS = ("native", "viper", "bytecode")
 
 
 def transform(tree: ast.Module | ast.Expression) -> ast.Module | ast.Expression:
-    """The rewritten program.
-
-    Raises:
-        OverflowError: a constant needs more than 31 bits.
-    """
+    """The transformed program. Raises OverflowError if a constant needs more than 31 bits."""
     return ast.fix_missing_locations(_Transformer().visit(tree))  # type: ignore[no-any-return]
 
 
@@ -67,7 +63,7 @@ def _call(name: str, *args: ast.expr, at: ast.AST) -> ast.Call:
 
 
 def _folded(node: ast.expr) -> int | None:
-    """What the hub's compiler works out by itself; only the outcome has to fit 31 bits, it computes on a PC."""
+    """Constant folded by the hub's compiler, or ``None``; it runs on a PC, so only the result has to fit 31 bits."""
     if isinstance(node, ast.Constant):
         return node.value if type(node.value) is int else None
     if isinstance(node, ast.UnaryOp) and type(node.op) in _SIGNS:
@@ -80,7 +76,7 @@ def _folded(node: ast.expr) -> int | None:
         return None
     if (kind in (ast.FloorDiv, ast.Mod) and right == 0) or (kind in (ast.Pow, ast.LShift, ast.RShift) and right < 0):
         return None
-    if (kind is ast.Pow and left.bit_length() * right > _MOST_BITS) or (kind is ast.LShift and right > _MOST_BITS):
+    if (kind is ast.Pow and left.bit_length() * right > _MAX_BITS) or (kind is ast.LShift and right > _MAX_BITS):
         return None
     return int(_FOLDED[kind](left, right))
 
@@ -113,7 +109,7 @@ class _Transformer(ast.NodeTransformer):
         return node
 
     def visit_Expr(self, node: ast.Expr) -> ast.AST:
-        """A number that stands alone is left out by the hub's compiler, however long it is."""
+        """The hub's compiler drops a number that stands alone, even a large one."""
         if isinstance(node.value, ast.BinOp) and _folded(node.value) is not None:
             return ast.copy_location(ast.Pass(), node)
         self.generic_visit(node)
@@ -147,7 +143,7 @@ class _Transformer(ast.NodeTransformer):
 
     @staticmethod
     def _stored(node: ast.Assign) -> ast.stmt:
-        """``owner.name = value``, where the owner may be something that takes no attributes."""
+        """``owner.name = value`` with an owner that may not take attributes."""
         if len(node.targets) > 1 or not isinstance(node.targets[0], ast.Attribute):
             return node
         target = node.targets[0]
@@ -227,7 +223,7 @@ class _Transformer(ast.NodeTransformer):
 
     @staticmethod
     def _named(args: ast.arguments, at: ast.AST) -> list[ast.stmt]:
-        """Keyword arguments arrive in a dict of the hub's."""
+        """Conversion of ``**kwargs`` to a hub's dict."""
         if args.kwarg is None:
             return []
         name = args.kwarg.arg
@@ -242,7 +238,7 @@ class _Transformer(ast.NodeTransformer):
         return node
 
     def visit_Import(self, node: ast.Import) -> ast.AST | list[ast.stmt]:
-        """``import a.b`` finds ``a.b`` itself on a hub, so ``as`` looks for another ``b`` in it."""
+        """On a hub ``import a.b`` returns ``a.b``, and ``as`` looks for another ``b`` in it."""
         statements: list[ast.stmt] = []
         for alias in node.names:
             if alias.asname is None or "." not in alias.name:
@@ -267,7 +263,7 @@ class _Transformer(ast.NodeTransformer):
         return _call("@f", node.value, ast.Constant(node.conversion), spec, at=node)
 
     def visit_ExceptHandler(self, node: ast.ExceptHandler) -> ast.AST:
-        """A program cannot catch what stops it from outside."""
+        """A program must not catch the exceptions that stop it from outside."""
         self.generic_visit(node)
         catches_all = node.type is None or (isinstance(node.type, ast.Name) and node.type.id == "BaseException")
         if catches_all:
@@ -277,15 +273,12 @@ class _Transformer(ast.NodeTransformer):
             node.body.insert(0, ast.copy_location(reword, node))
         return node
 
-    def visit_If(self, node: ast.If) -> ast.AST:
+    def visit_If(self, node: ast.If | ast.IfExp) -> ast.AST:
         self.generic_visit(node)
         node.test = _call("@branch", node.test, at=node.test)
         return node
 
-    def visit_IfExp(self, node: ast.IfExp) -> ast.AST:
-        self.generic_visit(node)
-        node.test = _call("@branch", node.test, at=node.test)
-        return node
+    visit_IfExp = visit_If
 
     def visit_BoolOp(self, node: ast.BoolOp) -> ast.AST:
         self.generic_visit(node)
@@ -320,7 +313,7 @@ class _Transformer(ast.NodeTransformer):
         return assign
 
     def visit_ClassDef(self, node: ast.ClassDef) -> ast.AST:
-        """``__slots__`` are for CPython; a hub gives every object a dictionary."""
+        """A hub ignores ``__slots__``: every object has a dictionary."""
         self.generic_visit(node)
         for statement in node.body:
             for target in statement.targets if isinstance(statement, ast.Assign) else ():
@@ -336,7 +329,7 @@ class _Transformer(ast.NodeTransformer):
         return node
 
     def visit_AsyncFunctionDef(self, node: ast.AsyncFunctionDef) -> ast.AST:
-        """A coroutine of a hub is a generator, and ``await`` its ``yield from``."""
+        """On a hub a coroutine is a generator, and ``await`` is ``yield from``."""
         self._strip_emitters(node)
         self.generic_visit(node)
         never = ast.If(ast.Constant(False), [ast.Expr(ast.Yield(None))], [])
@@ -357,7 +350,7 @@ class _Transformer(ast.NodeTransformer):
 
     @staticmethod
     def _strip_emitters(node: ast.FunctionDef | ast.AsyncFunctionDef) -> None:
-        """``@micropython.native`` and its like are for the compiler; they are no names."""
+        """Remove ``@micropython.native`` and the like, which are directives to the compiler."""
         node.decorator_list = [
             d
             for d in node.decorator_list

@@ -1,4 +1,4 @@
-"""``pybricks.robotics.Car``: one motor steers between two end stops, others drive."""
+"""``pybricks.robotics.Car``: one motor steers, others drive."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from bricksrl.virtual_hub.pybricks.pupdevices import Motor
 
 _STEERING_SPEED_DEG_S = 300
 _POLL_MS = 10
-_LONGEST_SEARCH_MS = 10_000
+_SEARCH_TIMEOUT_MS = 10_000
 _PLAY_DEG = 10
 _COAST_BELOW_PCT = 10
-_MOST_DRIVE_MOTORS = 5
+_MAX_DRIVE_MOTORS = 5
 
 
 class Car:
-    """Finds the ends of its steering when it is made, and the middle between them."""
+    """Finds the end stops of its steering at construction; the middle between them is straight ahead."""
 
     _machine: Machine
     _loop: RunLoop
@@ -27,8 +27,8 @@ class Car:
     def __init__(self, steer_motor: Any, drive_motors: Any, torque_limit: Any = 100) -> None:
         self._steer = _servo(steer_motor)
         motors = drive_motors if isinstance(drive_motors, list | tuple) else [drive_motors]
-        if not 1 <= len(motors) <= _MOST_DRIVE_MOTORS:
-            raise ValueError(f"drive_motors must be a list of 1 to {_MOST_DRIVE_MOTORS} motors")
+        if not 1 <= len(motors) <= _MAX_DRIVE_MOTORS:
+            raise ValueError(f"drive_motors must be a list of 1 to {_MAX_DRIVE_MOTORS} motors")
         self._drive = [_servo(motor) for motor in motors]
         if self._steer in self._drive:
             raise ValueError("drive_motors and steer_motor must be different")
@@ -67,7 +67,7 @@ class Car:
         servo, start_ms = self._steer, self._machine.time_ms
         servo.run_until_stalled_with(speed, OnCompletion.COAST, torque_unm)
         while not servo.is_done():
-            if self._machine.time_ms - start_ms > _LONGEST_SEARCH_MS:
+            if self._machine.time_ms - start_ms > _SEARCH_TIMEOUT_MS:
                 raise RuntimeError("The steering mechanism has no end stop. Did you build a car yet?")
             self._machine.advance(_POLL_MS)
         return servo.angle_deg()

@@ -29,7 +29,7 @@ class _Part:
 
 
 class ColorLight(_Part):
-    """The status light."""
+    """Status light."""
 
     @charged
     def on(self, color: Any) -> None:
@@ -38,7 +38,7 @@ class ColorLight(_Part):
     @charged
     def off(self) -> None:
         self._panel.stop_animation("light")
-        self._lit(None, 0)
+        self._set_light(None, 0)
 
     @charged
     def blink(self, color: Any, durations: Any) -> None:
@@ -58,25 +58,25 @@ class ColorLight(_Part):
 
     def _play(self, frames: list[tuple[Any, int]]) -> None:
         if frames:
-            self._panel.animate("light", (self._lit(color, duration_ms) for color, duration_ms in itertools.cycle(frames)))
+            self._panel.animate("light", (self._set_light(color, duration_ms) for color, duration_ms in itertools.cycle(frames)))
 
-    def _lit(self, color: Any, duration_ms: int) -> int:
+    def _set_light(self, color: Any, duration_ms: int) -> int:
         self._panel.light = (color.h, color.s, color.v) if color is not None and color.v > 0 else None
         return duration_ms
 
     def _show(self, color: Any) -> None:
         expect_type(color, Color)
         self._panel.stop_animation("light")
-        self._lit(color, 0)
+        self._set_light(color, 0)
 
 
-_SIDE = 5
-_BRIGHTEST = 100
-_MOST_FRAMES = 255
+_SIZE = 5
+_MAX_BRIGHTNESS = 100
+_MAX_FRAMES = 255
 
 
 class LightMatrix(_Part):
-    """The display. Text takes its time."""
+    """Display of 5 by 5 pixels."""
 
     def __init__(self, context: Context) -> None:
         super().__init__(context)
@@ -94,7 +94,7 @@ class LightMatrix(_Part):
     def animate(self, icons: Any, interval: Any) -> None:
         interval_ms = get_int(interval)
         pictures = get_array(icons)
-        if not 2 <= len(pictures) <= _MOST_FRAMES:
+        if not 2 <= len(pictures) <= _MAX_FRAMES:
             raise ValueError("Invalid argument")
         frames = [_pixels(picture) for picture in pictures]
 
@@ -106,22 +106,22 @@ class LightMatrix(_Part):
         self._panel.animate("display", shown())
 
     @charged
-    def pixel(self, row: Any, column: Any, brightness: Any = _BRIGHTEST) -> None:
+    def pixel(self, row: Any, column: Any, brightness: Any = _MAX_BRIGHTNESS) -> None:
         place, value = (get_int(row), get_int(column)), percentage(brightness)
         if self._panel.stop_animation("display"):
-            self._panel.show([0] * _SIDE**2)
-        if all(0 <= x < _SIDE for x in place):
+            self._panel.show([0] * _SIZE**2)
+        if all(0 <= x < _SIZE for x in place):
             pixels = list(self._panel.display)
-            pixels[place[0] * _SIDE + place[1]] = value
+            pixels[place[0] * _SIZE + place[1]] = value
             self._panel.show(pixels, self._panel.text)
 
     @charged
-    def on(self, brightness: Any = _BRIGHTEST) -> None:
-        self._show([percentage(brightness)] * _SIDE**2)
+    def on(self, brightness: Any = _MAX_BRIGHTNESS) -> None:
+        self._show([percentage(brightness)] * _SIZE**2)
 
     @charged
     def off(self) -> None:
-        self._show([0] * _SIDE**2)
+        self._show([0] * _SIZE**2)
 
     @charged
     def number(self, number: Any) -> None:
@@ -133,7 +133,7 @@ class LightMatrix(_Part):
         self.show_symbol(char)
 
     def show_symbol(self, symbol: Any) -> None:
-        """A character, or else a number, of which those beyond two digits show as < and >."""
+        """Show a character or a number; numbers of more than two digits are shown as < or >."""
         if isinstance(symbol, str):
             if len(symbol) != 1 or not _is_printable(symbol):
                 raise ValueError("Invalid argument")
@@ -141,7 +141,7 @@ class LightMatrix(_Part):
         else:
             number = get_int(symbol)
             text = ">" if number > 99 else "<" if number < -99 else str(number)
-        self._show([0] * _SIDE**2, text)
+        self._show([0] * _SIZE**2, text)
 
     def _show(self, pixels: list[int], text: str = "") -> None:
         self._panel.stop_animation("display")
@@ -154,12 +154,12 @@ class LightMatrix(_Part):
         return self._latest.finish(lambda: next(steps, True), grain_ms=1)
 
     def _text(self, text: str, on_ms: int, off_ms: int) -> Iterator[bool]:
-        """False as long as a character is shown, or the pause after it lasts."""
+        """Show each character and the pause after it; yields False until all is shown."""
         for index, char in enumerate(text):
             self.show_symbol(char)
             yield from self._pause(on_ms)
             if off_ms > 0 or index == len(text) - 1:
-                self._show([0] * _SIDE**2)
+                self._show([0] * _SIZE**2)
                 yield from self._pause(off_ms)
 
     def _pause(self, duration_ms: int) -> Iterator[bool]:
@@ -179,11 +179,11 @@ def _pixels(icon: Any) -> list[int]:
         ValueError: it has not five rows of five.
     """
     if isinstance(icon, Matrix):
-        if icon.shape != (_SIDE, _SIDE):
+        if icon.shape != (_SIZE, _SIZE):
             raise ValueError("Invalid argument")
-        return [int(max(0.0, min(float(_BRIGHTEST), value))) for value in icon]
+        return [int(max(0.0, min(float(_MAX_BRIGHTNESS), value))) for value in icon]
     rows = [get_array(row) for row in get_array(icon)]
-    if len(rows) != _SIDE or any(len(row) != _SIDE for row in rows):
+    if len(rows) != _SIZE or any(len(row) != _SIZE for row in rows):
         raise ValueError("Invalid argument")
     return [percentage(value) for row in rows for value in row]
 
@@ -195,7 +195,7 @@ _LOWEST_OCTAVE_CHZ = (1635, 1732, 1835, 1945, 2060, 2183, 2312, 2450, 2596, 2750
 
 
 class Speaker(_Part):
-    """The loudspeaker. Sounds take their time; a new one ends the one that is awaited."""
+    """Loudspeaker; a new sound ends the awaited one."""
 
     def __init__(self, context: Context) -> None:
         super().__init__(context)
@@ -223,31 +223,28 @@ class Speaker(_Part):
         return self._play(self._notes(waiting, 4 * 60 * 1000 // get_int(tempo)))
 
     def _play(self, sounds: Iterator[bool]) -> Any:
-        return self._latest.finish(lambda: next(sounds, True), None, self._be_silent, grain_ms=1)
+        return self._latest.finish(lambda: next(sounds, True), None, self._silence, grain_ms=1)
 
-    def _be_silent(self) -> None:
+    def _silence(self) -> None:
         self._panel.sound_hz = 0
 
     def _notes(self, notes: Iterator[Any], bar_ms: int) -> Iterator[bool]:
         for note in notes:
-            yield from self._sound(*_parsed(note, bar_ms))
+            yield from self._sound(*_parse_note(note, bar_ms))
 
     def _sound(self, frequency_hz: int, sound_ms: int, total_ms: int) -> Iterator[bool]:
-        """False as long as a note lasts, the silence at its end too."""
+        """Play a note with the silence at its end; yields False until it is over."""
         start_ms, self._panel.sound_hz = self._machine.time_ms, frequency_hz
         while self._machine.time_ms < start_ms + sound_ms:
             yield False
-        self._be_silent()
+        self._silence()
         while self._machine.time_ms < start_ms + total_ms:
             yield False
 
 
-def _parsed(note: Any, bar_ms: int) -> tuple[int, int, int]:
-    """Frequency, duration of the sound and of the whole note.
-
-    Raises:
-        ValueError: it is no note, in the firmware's words.
-    """
+def _parse_note(note: Any, bar_ms: int) -> tuple[int, int, int]:
+    """Frequency (Hz), duration of the sound and of the whole note (ms). Raises ValueError, with the firmware's message, for an
+    invalid note."""
     match = _NOTE.match(get_text(note))
     if match is None:
         raise ValueError("Missing note name A-G or R")
@@ -268,7 +265,7 @@ def _parsed(note: Any, bar_ms: int) -> tuple[int, int, int]:
 
 
 class Keypad(_Part):
-    """The buttons of the hub."""
+    """Buttons of the hub."""
 
     @charged
     def pressed(self) -> set[Any]:
@@ -298,7 +295,7 @@ class Battery(_Part):
 
 
 class Charger(_Part):
-    """No charger is connected."""
+    """Charger, never connected."""
 
     @charged
     def connected(self) -> int:

@@ -27,7 +27,7 @@ _BOUNDS: dict[str, tuple[tuple[float, ...], float]] = {
     "heading_correction": ((360.0,), 15.0),
     "acceleration_correction": ((_GRAVITY_MM_S2, -_GRAVITY_MM_S2) * 3, _GRAVITY_MM_S2 / 10),
 }
-"""The usual values, and how far off the firmware lets others be."""
+"""Nominal values, and the largest deviation that the firmware accepts."""
 _LENGTHS = {"angular_velocity_bias": 3, "angular_velocity_scale": 3, "acceleration_correction": 6}
 _Vector = tuple[float, float, float]
 
@@ -46,7 +46,7 @@ def _dot(a: _Vector, b: _Vector) -> float:
 
 
 class IMU:
-    """Gyroscope and accelerometer, in the frame of the robot that ``top_side`` and ``front_side`` define."""
+    """Gyroscope and accelerometer, in the robot's frame as defined by ``top_side`` and ``front_side``."""
 
     def __init__(self, context: Context) -> None:
         self._machine = context.machine
@@ -55,11 +55,8 @@ class IMU:
         self.orient(Axis.Z, Axis.X)
 
     def orient(self, top_side: Any, front_side: Any) -> None:
-        """Say in which directions of the robot the hub's top and front look; the heading is 0 from now on.
-
-        Raises:
-            ValueError: they are not at right angles.
-        """
+        """Set the directions of the hub's top and front in the robot's frame, and the heading to 0. Raises ValueError if they are
+        not at right angles."""
         front, top = _axis(front_side), _axis(top_side)
         if abs(_dot(front, top)) > 1e-3 or not _dot(front, front) or not _dot(top, top):
             raise ValueError("Invalid argument")
@@ -71,15 +68,15 @@ class IMU:
         )
         self._frame = self._heading.frame = front, left, top
         self._heading.set_angle(0.0)
-        self._is_straight = front == (1.0, 0.0, 0.0) and top == (0.0, 0.0, 1.0)
+        self._is_aligned = front == (1.0, 0.0, 0.0) and top == (0.0, 0.0, 1.0)
 
     @charged
     def tilt(self, calibrated: Any = True) -> tuple[float, float]:
         pitch, roll = self._machine.body.tilt_deg()
-        if not (calibrated and self._is_straight):
+        if not (calibrated and self._is_aligned):
             x, y, z = self._in_robot(self._gravity_in_hub() if calibrated else self._machine.body.acceleration_mm_s2())
             pitch = math.atan2(-x, math.hypot(y, z)) * _DEG_PER_RAD
-            roll = math.atan2(y + 0.0, z) * _DEG_PER_RAD  # without -0.0, which would turn it by 360
+            roll = math.atan2(y + 0.0, z) * _DEG_PER_RAD  # -0.0 would change it by 360
         return to_single(pitch), to_single(roll)
 
     @charged
@@ -165,7 +162,7 @@ class IMU:
             "acceleration_correction": acceleration_correction,
         }
         if all(value is None for value in given.values()):
-            return tuple(map(_single, self._settings.values()))
+            return tuple(map(_to_singles, self._settings.values()))
         for name, value in given.items():
             if value is None:
                 continue
@@ -174,29 +171,29 @@ class IMU:
                 raise ValueError(f"{what} must be a {_LENGTHS[name]}-element tuple.")
             numbers = tuple(map(get_number, value if name in _LENGTHS else (value,)))
             if name in _BOUNDS:
-                _check_near(numbers, *_BOUNDS[name])
+                _check_deviation(numbers, *_BOUNDS[name])
             self._settings[name] = numbers if name in _LENGTHS else numbers[0]
         self._heading.turn_deg = self._settings["heading_correction"]
-        if angular_velocity_scale is not None:  # what has been integrated stays
+        if angular_velocity_scale is not None:  # the heading stays
             angle_deg = self._heading.angle_deg()
             self._heading.gyro_deg = self._settings["angular_velocity_scale"]
             self._heading.set_angle(angle_deg)
         return None
 
     def _corrected(self, force: _Vector) -> _Vector:
-        """An acceleration, where a program said what the hub measures of gravity along each axis."""
+        """An acceleration, corrected by the readings for gravity along each axis that a program has set."""
         limits = self._settings["acceleration_correction"]
         pairs = zip(force, limits[::2], limits[1::2], strict=True)
         x, y, z = ((value - (up + down) / 2) * _GRAVITY_MM_S2 / ((up - down) / 2) for value, up, down in pairs)
         return x, y, z
 
     def _gravity_in_hub(self) -> _Vector:
-        """What points up, in the frame of the hub."""
+        """Unit vector upwards in the hub's frame."""
         pitch, roll = (math.radians(a) for a in self._machine.body.tilt_deg())
         return -math.sin(pitch), math.cos(pitch) * math.sin(roll), math.cos(pitch) * math.cos(roll)
 
     def _in_robot(self, v: _Vector) -> _Vector:
-        if self._is_straight:
+        if self._is_aligned:
             return v
         front, left, top = self._frame
         x, y, z = (v[0] * front[i] + v[1] * left[i] + v[2] * top[i] for i in range(3))
@@ -213,10 +210,10 @@ class IMU:
         return to_single(_dot(value, wanted) / length)
 
 
-def _check_near(values: tuple[float, ...], usual: tuple[float, ...], most: float) -> None:
+def _check_deviation(values: tuple[float, ...], usual: tuple[float, ...], most: float) -> None:
     if any(abs(value - other) > most for value, other in zip(values, usual, strict=True)):
         raise ValueError("Invalid argument")
 
 
-def _single(value: Any) -> Any:
+def _to_singles(value: Any) -> Any:
     return tuple(map(to_single, value)) if isinstance(value, tuple) else to_single(value)

@@ -7,22 +7,11 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 from bricksrl.virtual_hub.micropython.floats import to_single
+from bricksrl.virtual_hub.pybricks.context import get_array, get_number
 
 
 def _invalid() -> ValueError:
     return ValueError("Invalid argument")
-
-
-def _array(value: Any) -> Sequence[Any]:
-    if not isinstance(value, list | tuple):
-        raise TypeError(f"object '{type(value).__name__}' isn't a tuple or list")
-    return value
-
-
-def _number(value: Any) -> float:
-    if not isinstance(value, int | float):
-        raise TypeError(f"can't convert {type(value).__name__} to float")
-    return to_single(value)
 
 
 class Matrix:
@@ -34,7 +23,7 @@ class Matrix:
     def __new__(cls, rows: Any) -> Any:
         if isinstance(rows, Matrix):
             return rows
-        values = [[_number(x) for x in _array(row)] for row in _array(rows)]
+        values = [[to_single(get_number(x)) for x in get_array(row)] for row in get_array(rows)]
         if not values or not values[0] or any(len(row) != len(values[0]) for row in values):
             raise _invalid()
         return _made(values)
@@ -60,7 +49,7 @@ class Matrix:
         place = -1
         if isinstance(index, int):
             place = index + len(flat) if index < 0 else index
-        elif len(_array(index)) == 2:
+        elif len(get_array(index)) == 2:
             row, column = (i + n if i < 0 else i for i, n in zip(index, (rows, columns), strict=True))
             if 0 <= row < rows and 0 <= column < columns:
                 place = row * columns + column
@@ -89,10 +78,10 @@ class Matrix:
         return _made([[_dot(row, column) for column in columns] for row in self._rows])
 
     def __rmul__(self, other: Any) -> Any:
-        return self._scaled(_number(other))
+        return self._scaled(to_single(get_number(other)))
 
     def __truediv__(self, other: Any) -> Any:
-        divisor = _number(other)
+        divisor = to_single(get_number(other))
         return self._scaled(to_single(1 / divisor) if divisor else math.inf)
 
     def __neg__(self) -> Any:

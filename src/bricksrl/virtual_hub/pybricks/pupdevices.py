@@ -1,4 +1,4 @@
-"""``pybricks.pupdevices``: the motors; sensors and lights are in ``pupsensors.py``."""
+"""Motors of ``pybricks.pupdevices``; sensors and lights are in ``pupsensors.py``."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ COMPLETIONS = {
 
 
 def completion(then: Any) -> OnCompletion:
-    """Behaviour for a ``Stop``. Raises TypeError for anything else."""
+    """Behaviour at the end of a move for a ``Stop``. Raises TypeError for anything else."""
     expect_type(then, Stop)
     return COMPLETIONS[then]
 
@@ -60,8 +60,8 @@ def _gear_ratio_milli(gears: Any) -> int:
     return 1000 * last // first
 
 
-class _AnyMotor:
-    """What motors with and without rotation sensor can do."""
+class _BaseMotor:
+    """Common methods of motors with and without rotation sensor."""
 
     _context: Context
     _machine: Machine
@@ -105,8 +105,8 @@ class _AnyMotor:
         self._servo.close()
 
 
-class DCMotor(_AnyMotor):
-    """A motor without rotation sensor: only a bench that fits itself to the program has some."""
+class DCMotor(_BaseMotor):
+    """Motor without rotation sensor; only a ``FittingBody`` has some."""
 
     def __init__(self, port: Any, positive_direction: Any = Direction.CLOCKWISE) -> None:
         super().__init__(port, positive_direction)
@@ -117,8 +117,8 @@ class DCMotor(_AnyMotor):
             self._servo.setup_plain(self._direction)
 
 
-class Motor(_AnyMotor):
-    """A motor with rotation sensor, under the firmware's control."""
+class Motor(_BaseMotor):
+    """Motor with rotation sensor, under the firmware's control."""
 
     def __init__(
         self,
@@ -183,7 +183,7 @@ class Motor(_AnyMotor):
         self._machine.charge_call()
         return self._servo.is_done()
 
-    # ---- commands that are over at once
+    # ---- commands that do not wait
 
     @charged
     def hold(self) -> None:

@@ -30,12 +30,12 @@ from bricksrl.virtual_hub.pybricks.context import (
 from bricksrl.virtual_hub.pybricks.parameters import Stop
 from bricksrl.virtual_hub.pybricks.pupdevices import Motor, completion
 
-_FARTHEST_MM = 2**15 - 1
+_MAX_DISTANCE_MM = 2**15 - 1
 _DEG_PER_RAD = 57.29578
 
 
 class DriveBase:
-    """Two motors as a vehicle: mm, degrees, clockwise positive."""
+    """Drive base of two motors: mm, degrees, clockwise positive."""
 
     _context: Context
     _machine: Machine
@@ -80,13 +80,11 @@ class DriveBase:
 
     @charged
     def move_by(self, dx: Any, dy: Any, then: Any = Stop.HOLD) -> Any:
-        """Turn towards a place, x ahead of the heading zero and y to its left, the shorter way round; then drive there.
-
-        Direction and distance are cut to whole degrees and millimetres.
-        """
+        """Turn the shorter way and drive to a point, x ahead of heading 0 and y to its left. Direction and distance are truncated
+        to whole degrees and mm."""
         x, y = get_int(dx), get_int(dy)
         direction = int(to_single(math.atan2(y, x) * _DEG_PER_RAD))
-        if max(abs(x), abs(y)) > _FARTHEST_MM:
+        if max(abs(x), abs(y)) > _MAX_DISTANCE_MM:
             raise ValueError("Invalid argument")
         with refusals():
             self._base.turn_to(-direction, OnCompletion.HOLD)
@@ -196,11 +194,8 @@ class DriveBase:
             self._base.stop(then)
 
     def _finish(self, *others: Callable[[], None]) -> Any:
-        """Wait for the move that was started, and for others that each start when the one before is over.
-
-        Raises:
-            TwinError: it is a turn by the gyroscope, and the hub never turns.
-        """
+        """Wait for the started move, then start and wait for the ``others`` one by one. Raises TwinError for a turn by the
+        gyroscope of a hub that never turns."""
         if self._base.turns_by_gyro and not getattr(self._machine.body, "turns_with_its_wheels", True):
             raise TwinError(
                 "a turn by the gyroscope never ends on the bench, where the hub lies still; "
