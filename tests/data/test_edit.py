@@ -1,6 +1,8 @@
 from __future__ import annotations
 
 import shutil
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -104,3 +106,14 @@ def test_check_names_damage(tmp_path: Path) -> None:
     assert ".part-abc was left by a recording" in wrong and "file-003.parquet was left by a recording" in wrong
     assert "stats.json is missing" in wrong
     assert "episode 2: " in wrong and "is damaged" in wrong
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="threads are counted in /proc")
+def test_check_leaves_no_thread_that_could_abort_the_exit(tmp_path: Path) -> None:
+    root = record(tmp_path / "d")
+    code = (
+        "import os, sys; from pathlib import Path; from bricksrl.data.integrity import check\n"
+        "threads = lambda: len(os.listdir('/proc/self/task'))\n"
+        "before = threads(); check(Path(sys.argv[1])); sys.exit(threads() - before)"
+    )
+    assert subprocess.run([sys.executable, "-c", code, root]).returncode == 0

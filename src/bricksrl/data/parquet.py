@@ -51,7 +51,7 @@ def read_parquet(path: Path, *, digest: str | None = None) -> pa.Table:
         file = pq.ParquetFile(pa.BufferReader(data), page_checksum_verification=True)
         if file.metadata.num_rows > len(data):
             raise DataError(f"{path} claims more rows than it can hold; it is damaged or not ours")
-        table = file.read()
+        table = file.read(use_threads=False)  # a thread of Arrow that lets go of `data` while Python exits aborts the program
         table.validate(full=True)
     except (pa.ArrowException, OSError, ValueError, TypeError, OverflowError, MemoryError, RecursionError):
         raise DataError(f"{path} is not a valid Parquet file; restore it from a copy") from None
@@ -98,7 +98,8 @@ def _is_list_of(kind: pa.DataType, item: pa.DataType) -> bool:
 def has_task(path: Path, sentence: str) -> bool:
     """True if the file is a ``meta/tasks.parquet`` with this task only."""
     try:
-        return bool(read_parquet(path).to_pylist() == pq.read_table(io.BytesIO(tasks_table(sentence))).to_pylist())
+        expected = pq.ParquetFile(pa.BufferReader(tasks_table(sentence))).read(use_threads=False)
+        return bool(read_parquet(path).to_pylist() == expected.to_pylist())
     except DataError:
         return False
 
