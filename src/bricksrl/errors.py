@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import difflib
+from collections.abc import Iterable
+
 
 class BricksError(Exception):
     """Root of all errors that BricksRL raises on purpose."""
@@ -85,3 +88,10 @@ class LearnerError(BricksError):
 
 class PageError(BricksError):
     """The live page cannot be served, or cannot show something."""
+
+
+def hint(name: str, known: Iterable[str]) -> str:
+    """``" (did you mean 'x'?)"``, with the known name that is most like ``name`` in any case, or ``""``."""
+    by_lower = {one.lower(): one for one in known}
+    close = difflib.get_close_matches(name.lower(), by_lower, n=1)
+    return f" (did you mean '{by_lower[close[0]]}'?)" if close else ""

@@ -67,6 +67,10 @@ def test_missing_docstrings_print_one_line():
         ("data split a", "--out DIR and --rest DIR are missing"),
         ("train RunAway-v0 --seed", "--seed needs a value"),
         ("train RunAway-v0 --jsn", "there is no option or argument --jsn"),
+        ("train RunAway-v0 --agnet sac", "there is no option or argument --agnet, sac (did you mean --agent?)"),
+        ("trian", "there is no option or argument trian (did you mean 'train'?)"),
+        ("hub scna", "there is no option or argument scna (did you mean 'scan'?)"),
+        ("camera", "a command is missing; choose calibrate"),
     ],
 )
 def test_wrong_arguments_have_plain_messages(fails, arguments, says):

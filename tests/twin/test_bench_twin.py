@@ -58,7 +58,7 @@ def test_program_uses_sensor_class_and_method() -> None:
 def test_unknown_sensor_method_lists_known() -> None:
     interface = dataclasses.replace(INTERFACE, channels=(SensorReading("light", "reflexion", 0, 1),))
     with pytest.raises(
-        DescriptionError, match="no reading 'reflexion'; did you mean 'reflection'. It has reflection, ambient, hsv"
+        DescriptionError, match="no reading 'reflexion' .did you mean 'reflection'..; it has reflection, ambient, hsv"
     ):
         generate(ROBOT, interface)
 

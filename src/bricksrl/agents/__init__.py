@@ -8,7 +8,7 @@ from dataclasses import dataclass, is_dataclass
 from typing import TYPE_CHECKING, Any
 
 from bricksrl.envs.user_files import is_reference, load_object
-from bricksrl.errors import BricksError, DescriptionError, UnknownNameError
+from bricksrl.errors import BricksError, DescriptionError, UnknownNameError, hint
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -61,7 +61,8 @@ def algorithm(agent: str) -> Algorithm:
         module = importlib.import_module(f"bricksrl.agents.{_MODULES[agent]}")
         build = module.build
     else:
-        raise UnknownNameError(f"there is no agent '{agent}'; choose one of {', '.join(AGENTS)}, or give a file: my_agent.py")
+        known = f"{hint(agent, AGENTS)}; choose one of {', '.join(AGENTS)}, or give a file: my_agent.py"
+        raise UnknownNameError(f"there is no agent '{agent}'{known}")
     wanted = "write build(env, settings: Settings, device) with a frozen dataclass Settings"
     try:
         kind = inspect.signature(build).parameters["settings"].annotation

@@ -4,14 +4,26 @@ from __future__ import annotations
 
 import re
 
+from bricksrl.errors import hint
+
 _WANTED = {"INT": "a whole number", "FLOAT": "a number", "INT INT": "two whole numbers"}
 
 
 def one_line(box: str, command: str = "bricksrl") -> str:
     """One line from the parser's boxed message: its first paragraph, and the command with the help."""
     lines = [line.strip("│╭╮╰╯─ ") for line in box.splitlines()[1:]]
-    message = "\n".join(lines).partition("\n\n")[0]
-    return f"{plain(' '.join(message.split()).removesuffix('.'))}; see `{command} --help`"
+    message, *more = [" ".join(part.split()) for part in "\n".join(lines).split("\n\n")] or [""]
+    return f"{plain(message.removesuffix('.'))}{_meant(message, more)}; see `{command} --help`"
+
+
+def _meant(message: str, more: list[str]) -> str:
+    """``" (did you mean --agent?)"``: an option that the parser found, or one of the commands that it names."""
+    for part in more:
+        if found := re.match(r"Perhaps you meant: (--\S+)", part):
+            return f" (did you mean {found[1]}?)"
+        if found := re.match(r"Available subcommands: (.*)", part):
+            return hint(message.rsplit(": ", maxsplit=1)[-1].split(", ", maxsplit=1)[0], found[1].split(", "))
+    return ""
 
 
 def plain(message: str) -> str:
@@ -24,6 +36,7 @@ def plain(message: str) -> str:
         (r"Error parsing (\S+): could not convert string to float: (.*)", r"\1 is \2; give a number"),
         (r"Missing value for argument '(\S+)'\. Expected 1 values?", r"\1 needs a value"),
         (r"Missing value for argument '(\S+)'\. Expected (\d+) values", r"\1 needs \2 values"),
+        (r"Expected one of \{(.*)\}", r"a command is missing; choose \1"),
         (r"Unrecognized options: (.*)", r"there is no option or argument \1"),
     ):
         found = re.fullmatch(pattern, message)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import functools
 import inspect
 import logging
@@ -23,7 +22,7 @@ from bricksrl.envs.tasks.run_away import RUN_AWAY
 from bricksrl.envs.tasks.spinning import SPINNING
 from bricksrl.envs.tasks.walker import walker
 from bricksrl.envs.tasks.walker_forward import WALKER_FORWARD
-from bricksrl.errors import DescriptionError, UnknownNameError, UnknownOptionError
+from bricksrl.errors import DescriptionError, UnknownNameError, UnknownOptionError, hint
 from bricksrl.hub.transport import Transport
 from bricksrl.hub.transports.address import parse_hub
 from bricksrl.robots import Robot
@@ -229,11 +228,9 @@ def _offer(env_id: str) -> _Offer:
     try:
         return _offers[env_id]
     except KeyError:
-        known = ", ".join(sorted(_offers))
-        by_lower = {name.lower(): name for name in _offers}
-        close = difflib.get_close_matches(env_id.lower(), by_lower, n=1)
-        hint = f"did you mean '{by_lower[close[0]]}'? There are" if close else "there are"
-        raise UnknownNameError(f"there is no environment '{env_id}'; {hint} {known}") from None
+        known = sorted(_offers)
+        message = f"there is no environment '{env_id}'{hint(env_id, known)}; choose one of {', '.join(known)}"
+        raise UnknownNameError(message) from None
 
 
 def _with_own_id(build: Callable[..., Task]) -> Callable[..., Task]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import difflib
 import json
 import types
 import typing
@@ -11,7 +10,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, Literal, TypeVar
 
-from bricksrl.errors import DescriptionError
+from bricksrl.errors import DescriptionError, hint
 
 S = TypeVar("S")
 
@@ -51,9 +50,7 @@ def _kinds(settings: Any, names: Iterable[str]) -> dict[str, Any]:
     kinds = {field.name: hints[field.name] for field in dataclasses.fields(settings)}
     for name in names:
         if name not in kinds:
-            close = difflib.get_close_matches(name, kinds, n=1)
-            hint = f"did you mean '{close[0]}'? There are" if close else "there are"
-            raise DescriptionError(f"there is no setting '{name}'; {hint} {', '.join(kinds)}")
+            raise DescriptionError(f"there is no setting '{name}'{hint(name, kinds)}; choose one of {', '.join(kinds)}")
     return kinds
 
 

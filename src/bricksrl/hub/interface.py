@@ -6,11 +6,10 @@ the units of their names; the wire carries int16 fixed-point numbers.
 
 from __future__ import annotations
 
-import difflib
 from dataclasses import dataclass
 from typing import ClassVar
 
-from bricksrl.errors import DescriptionError
+from bricksrl.errors import DescriptionError, hint
 from bricksrl.hub.commands import (
     Curve,
     DriveSpeed,
@@ -265,10 +264,8 @@ class SensorReading(Channel):
             raise DescriptionError(f"channel '{self.name}': '{self.sensor}' is an UltrasonicSensor; use Distance")
         readings = sensor.kind.readings
         if self.method not in readings:
-            close = difflib.get_close_matches(self.method, readings, n=1)
-            hint = f"did you mean '{close[0]}'? It has" if close else "it has"
-            known = f"{hint} {', '.join(readings) or 'none'}"
-            raise DescriptionError(f"channel '{self.name}': a {sensor.class_name} has no reading '{self.method}'; {known}")
+            known = f"{hint(self.method, readings)}; it has {', '.join(readings) or 'none'}"
+            raise DescriptionError(f"channel '{self.name}': a {sensor.class_name} has no reading '{self.method}'{known}")
         parts = PARTS.get(self.method)
         if parts is None and self.part is not None:
             raise DescriptionError(f"channel '{self.name}': {self.method}() is one number; omit the part '{self.part}'")
