@@ -30,6 +30,14 @@ def test_gymnasium_checker_passes(env_id: str) -> None:
     env.close()
 
 
+def test_simulation_offers_no_pictures() -> None:
+    env = gymnasium.make("bricksrl/WalkerSim-v1").unwrapped
+    check_env(env)
+    env.close()
+    with pytest.raises(RenderingUnavailableError, match="WalkerSim-v1 simulates no body that could be drawn; omit render_mode"):
+        gymnasium.make("bricksrl/WalkerSim-v1", render_mode="rgb_array")
+
+
 @IDS
 def test_torchrl_wraps_gymnasium_env(env_id: str) -> None:
     """TorchRL first tries a rare option."""

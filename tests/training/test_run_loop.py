@@ -269,7 +269,7 @@ def test_resume_of_other_run_raises(config: TrainConfig, tmp_path: Path) -> None
     checkpoint = tmp_path / "run" / "checkpoint.bin"
     state = load_checkpoint(checkpoint)
     save_checkpoint(checkpoint, {**state, "identity": {**state["identity"], "seed": 77}})
-    with pytest.raises(CheckpointError, match="another config or environment"):
+    with pytest.raises(CheckpointError, match="belongs to another config"):
         resume(tmp_path / "run", env=Cart())
     checkpoint.write_bytes(b"PK\x03\x04")
     with pytest.raises(CheckpointError, match="not a checkpoint of this version"):

@@ -43,6 +43,10 @@ def means(metrics: Iterable[dict[str, Tensor]]) -> dict[str, Tensor]:
     return {name: torch.stack(found).mean() for name, found in values.items()}
 
 
+def nothing() -> None:
+    """Do nothing: how a policy without a state is reset. Unlike a lambda, it can be pickled."""
+
+
 @dataclass
 class Learner:
     """An algorithm that acts and learns.
@@ -86,7 +90,7 @@ class Learner:
     clip_norm: float | None = None
     imitates: bool = False
     chunk: int = 0
-    reset_policy: Callable[[], None] = lambda: None
+    reset_policy: Callable[[], None] = nothing
     gradients: Callable[[TensorDictBase, bool], TensorDictBase] | None = None
     updates: int = field(default=0, init=False)
     dataset: ReplayBuffer | None = field(default=None, init=False)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from tensordict import TensorDict, TensorDictBase
 
 from bricksrl.envs.options import EnvOptions
-from bricksrl.envs.registry import make
+from bricksrl.envs.registry import is_simulation, make
 from bricksrl.envs.rollout import link_lost
 from bricksrl.errors import RenderingUnavailableError
 
@@ -41,6 +41,10 @@ class GymnasiumEnv(gymnasium.Env[Observation, Array]):
 
     def __init__(self, env_id: str, render_mode: str | None = None, options: EnvOptions | None = None, **named: Any) -> None:
         self.env: HubEnv | SimulatedEnv = make(env_id, options, **named)
+        if is_simulation(env_id):
+            self.metadata = {**self.metadata, "render_modes": []}
+            if render_mode is not None:
+                raise RenderingUnavailableError(f"{env_id} simulates no body that could be drawn; omit render_mode")
         self.render_mode = render_mode
         self._observations: list[torch.Tensor] = []
         self._renderer: Renderer | None = None

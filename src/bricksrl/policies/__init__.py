@@ -35,7 +35,7 @@ def load_policy(path: Path | str, env: EnvBase | None = None, *, which: Which = 
     place = env if made is None else made
     try:
         learner = load_shared(path, place) if is_policy(path) else load_learner(path, place, which=which).learner
-        return Policy(learner.policy, learner.reset_policy)
+        return Policy(learner.policy, learner.reset_policy, place.observation_spec["observation"].shape[-1])
     finally:
         if made is not None:
             made.close(raise_if_closed=False)

@@ -11,6 +11,8 @@ from tensordict.nn import TensorDictModuleBase
 from torch import Tensor
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 
+from bricksrl.errors import DescriptionError
+
 if TYPE_CHECKING:
     from collections.abc import Callable
 
@@ -21,10 +23,12 @@ class Policy(TensorDictModuleBase):  # type: ignore[misc]
     Args:
         module: module that reads "observation", and "image" if the policy uses it, and writes "action".
         reset: resets the state of the policy; called by `reset`.
+        size: n, the number of values of an observation.
     """
 
-    def __init__(self, module: TensorDictModuleBase, reset: Callable[[], None]) -> None:
+    def __init__(self, module: TensorDictModuleBase, reset: Callable[[], None], size: int) -> None:
         super().__init__()
+        self.size = size
         self.in_keys, self.out_keys = list(module.in_keys), ["action"]
         self.module, self._reset = module.eval(), reset
 
@@ -36,8 +40,10 @@ class Policy(TensorDictModuleBase):  # type: ignore[misc]
 
     def act(self, observation: Any, image: Any = None) -> Any:
         """Action ``[*batch, m]``, in -1..1, for an observation ``[*batch, n]``: an array for an array, a tensor for a tensor.
-        ``image``: uint8 ``[*batch, side, side, 3]``, for a policy that uses images."""
+        ``image``: uint8 ``[*batch, side, side, 3]``, for a policy that uses images. Raises DescriptionError for another n."""
         given = torch.as_tensor(observation, dtype=torch.float32)
+        if given.shape[-1:] != (self.size,):
+            raise DescriptionError(f"the policy takes observations of {self.size} numbers; give [*batch, {self.size}]")
         seen = {"observation": given} if image is None else {"observation": given, "image": torch.as_tensor(image)}
         action: Tensor = self(TensorDict(seen, given.shape[:-1]))["action"]
         return action if isinstance(observation, Tensor) else np.asarray(action)

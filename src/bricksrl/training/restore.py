@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 from bricksrl.agents import make_learner
 from bricksrl.errors import BricksError, CheckpointError, DescriptionError, RunError
@@ -90,16 +90,21 @@ def load_state(folder: RunFolder, config: TrainConfig, env: EnvBase, *, which: W
     """A verified checkpoint of a run. Raises CheckpointError if it is damaged, missing, or of another run or environment."""
     from bricksrl.training.checkpoint import load_checkpoint
 
+    if which not in get_args(Which):
+        raise RunError(f"there is no checkpoint '{which}'; choose {' or '.join(get_args(Which))}")
     if which == "best" and not folder.best_path.exists():
         raise CheckpointError(f"the run in {folder.path} has no best checkpoint; train with evaluations, or take the last one")
     path = folder.checkpoint_path if which == "last" else folder.best_path
     state, identity = load_checkpoint(path), identity_of(config, env)
+    saved = _with_later_settings(state.get("identity"), config)
     try:
-        is_same = bool(_with_later_settings(state.get("identity"), config) == identity)
-    except RuntimeError:  # tensors in place of numbers
-        is_same = False
-    if not is_same:
-        raise CheckpointError(f"{path} belongs to another config or environment; use the original ones")
+        differs = {key for key, value in identity.items() if value != saved[key]} if isinstance(saved, dict) else set(identity)
+    except (KeyError, RuntimeError):  # tensors in place of numbers
+        differs = set(identity)
+    if differs and differs <= {"layout", "action_size"}:
+        raise CheckpointError(f"{folder.path} learned in {config.env}; choose an environment with its observations and actions")
+    if differs:
+        raise CheckpointError(f"{path} belongs to another config; restore the run's own config.json")
     try:
         _check_state(state)
     except (AttributeError, BricksError, LookupError, OverflowError, RuntimeError, TypeError, ValueError):

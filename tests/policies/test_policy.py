@@ -1,0 +1,40 @@
+"""Trained policies in Python."""
+
+from __future__ import annotations
+
+import pickle
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bricksrl.agents import preset
+from bricksrl.errors import DescriptionError, RunError
+from bricksrl.policies import load_policy
+from bricksrl.policies.policy import Policy
+from bricksrl.training import TrainConfig, train
+
+
+@pytest.fixture(scope="module")
+def run_dir(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    small = replace(preset("default", "sac"), hidden=(16,))
+    folder = tmp_path_factory.mktemp("runs") / "arm"
+    return train(TrainConfig("RoboArmSim-v0", episodes=1, settings=small, run_dir=folder, record=False)).run_dir
+
+
+def test_policy_can_be_pickled(run_dir: Path) -> None:
+    policy, observation = load_policy(run_dir), np.linspace(0.0, 90.0, 8)
+    copied: Policy = pickle.loads(pickle.dumps(policy))  # noqa: S301
+    np.testing.assert_array_equal(copied.act(observation), policy.act(observation))
+
+
+@pytest.mark.parametrize("shape", [(), (7,), (8, 1)])
+def test_observation_of_another_size_raises(run_dir: Path, shape: tuple[int, ...]) -> None:
+    with pytest.raises(DescriptionError, match=r"takes observations of 8 numbers; give \[\*batch, 8\]"):
+        load_policy(run_dir).act(np.zeros(shape))
+
+
+def test_unknown_checkpoint_raises(run_dir: Path) -> None:
+    with pytest.raises(RunError, match="no checkpoint 'newest'; choose last or best"):
+        load_policy(run_dir, which="newest")  # type: ignore[arg-type]
