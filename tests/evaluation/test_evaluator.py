@@ -11,6 +11,7 @@ from tensordict import TensorDictBase
 from toys import Cart
 
 from bricksrl.agents.sac import SACSettings
+from bricksrl.cli.evaluate import describe
 from bricksrl.envs.task import Entry
 from bricksrl.errors import CheckpointError, RunError
 from bricksrl.evaluation import evaluate
@@ -51,6 +52,7 @@ def test_evaluation_result_is_consistent_and_saved(run_dir: Path) -> None:
     assert result.trained_episodes == 20
     assert result.return_mean == pytest.approx(sum(result.returns) / 6)
     assert result.return_std == pytest.approx(math.sqrt(sum((r - result.return_mean) ** 2 for r in result.returns) / 6))
+    assert result.return_interval is not None
     assert result.return_interval.low <= result.return_mean <= result.return_interval.high
     assert result.return_mean > 5.0
     assert result.success_rate is None
@@ -93,7 +95,7 @@ def test_mismatched_environment_raises(run_dir: Path) -> None:
             super().__init__()
             self.observation_spec["observation"].space.high.mul_(2.0)
 
-    with pytest.raises(CheckpointError, match="another config or environment"):
+    with pytest.raises(CheckpointError, match="learned in Cart; choose an environment with its observations and actions"):
         evaluate(run_dir, Wider())
 
 
@@ -121,3 +123,9 @@ def test_paused_episode_is_not_counted(run_dir: Path) -> None:
     paused = evaluate(run_dir, env, episodes=3, save=False, on_env=seen.append)
     assert env.resets == 4 and seen == [env]
     assert paused.returns == evaluate(run_dir, Cart(), episodes=3, save=False).returns, "it was made again, from the same start"
+
+
+def test_few_episodes_have_no_interval(run_dir: Path) -> None:
+    result = evaluate(run_dir, Cart(), episodes=4, save=False)
+    assert result.return_interval is None
+    assert "interval of the mean" not in "\n".join(describe(result))

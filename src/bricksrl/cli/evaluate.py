@@ -104,14 +104,16 @@ class Evaluate:
 
 def describe(result: EvaluationResult) -> Iterator[str]:
     """Text lines of an evaluation, with its 95 % intervals."""
-    from bricksrl.evaluation.report import labelled
+    from bricksrl.evaluation.report import counted, labelled
 
-    low, high = result.return_interval.low, result.return_interval.high
-    yield f"{result.env}, {result.episodes} episodes of {result.agent} after {result.trained_episodes} episodes of training:"
-    yield f"return   {result.return_mean:.4g} ± {result.return_std:.4g}  (95 % interval of the mean: {low:.4g} to {high:.4g})"
+    played, trained = counted(result.episodes, "episode"), counted(result.trained_episodes, "episode")
+    yield f"{result.env}, {played} of {result.agent} after {trained} of training:"
+    within = result.return_interval
+    mean = f"  (95 % interval of the mean: {within.low:.4g} to {within.high:.4g})" if within is not None else ""
+    yield f"return   {result.return_mean:.4g} ± {result.return_std:.4g}{mean}"
     if result.success_rate is not None and result.success_interval is not None:
         low, high = result.success_interval.low, result.success_interval.high
         count = round(result.success_rate * result.episodes)
-        yield f"success  {count} of {result.episodes} episodes  (95 % interval of the rate: {low:.0%} to {high:.0%})"
+        yield f"success  {count} of {played}  (95 % interval of the rate: {low:.0%} to {high:.0%})"
     for name, value in result.metrics.items():
         yield "  ".join(labelled(name, value))

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bricksrl.errors import RunError
-from bricksrl.evaluation.statistics import Interval, interquartile_mean, mean, stratified_bootstrap_interval, wilson_interval
+from bricksrl.evaluation.statistics import Interval, interquartile_mean, mean, seeds_interval, wilson_interval
 from bricksrl.files import write_durably
 from bricksrl.seed import check_seed
 from bricksrl.training.restore import Which, load_learner, one_robot
@@ -41,7 +41,7 @@ class EvaluationResult:
         trained_episodes: episodes that the agent was trained for.
         return_mean, return_std: mean and population standard deviation of the returns; the latter is 0 for one episode.
         return_iqm: interquartile mean of the returns.
-        return_interval: 95 % bootstrap interval of their mean.
+        return_interval: 95 % bootstrap interval of their mean; ``None`` for fewer than five episodes.
         action_size: mean absolute value of the actions, in 0..1.
         success_rate, success_interval: rate of success and its 95 % Wilson interval; ``None`` where the environment defines no
             success.
@@ -58,7 +58,7 @@ class EvaluationResult:
     return_mean: float
     return_std: float
     return_iqm: float
-    return_interval: Interval
+    return_interval: Interval | None
     returns: tuple[float, ...]
     lengths: tuple[int, ...]
     action_size: float
@@ -174,7 +174,7 @@ def _summarise(
         return_mean=float(returns.mean()),
         return_std=float(returns.std()),
         return_iqm=float(interquartile_mean(returns)),
-        return_interval=stratified_bootstrap_interval([returns.tolist()], mean),
+        return_interval=seeds_interval(returns.tolist(), mean),
         returns=tuple(returns.tolist()),
         lengths=tuple(one.length for one in judged),
         action_size=sum(one.action_size for one in judged) / len(judged),

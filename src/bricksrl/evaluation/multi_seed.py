@@ -25,7 +25,7 @@ from bricksrl.errors import RunError
 from bricksrl.evaluation.cluster import parse_on, train_on_cluster
 from bricksrl.evaluation.comparison import compare, draw
 from bricksrl.evaluation.statistics import Interval, interquartile_mean, seeds_interval
-from bricksrl.files import write_durably
+from bricksrl.files import quoted, write_durably
 from bricksrl.seed import check_seed
 from bricksrl.training.run_folder import RunFolder
 
@@ -208,4 +208,4 @@ def _evaluated(folder: RunFolder) -> float:
     try:
         return float(json.loads(folder.evaluation_path.read_bytes())["return_mean"])
     except (OSError, ValueError, KeyError, TypeError, RecursionError):
-        raise RunError(f"{folder.path} has no evaluation; run `bricksrl evaluate {folder.path}` first") from None
+        raise RunError(f"{folder.path} has no evaluation; run `bricksrl evaluate {quoted(folder.path)}` first") from None

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bricksrl.envs.reference_returns import REFERENCES, reference_lines
-from bricksrl.files import write_durably
+from bricksrl.files import quoted, write_durably
 from bricksrl.training.callbacks import Episode
 from bricksrl.training.curve import draw_learning_curve
 
@@ -66,10 +66,10 @@ def write_report(
 
 
 def _lead(episodes: Sequence[Episode], result: EvaluationResult, films: Films | None) -> str:
-    last = episodes[-1]
+    last, learned, played = episodes[-1], counted(episodes[-1].episode, "episode"), counted(result.episodes, "episode")
     text = (
-        f"The agent <b>{html.escape(result.agent)}</b> learned for {last.episode} episodes ({last.steps} steps of the robot) in "
-        f"{last.seconds:.0f} s. Then it did its best in {result.episodes} episodes: a mean return of "
+        f"The agent <b>{html.escape(result.agent)}</b> learned for {learned} ({last.steps} steps of the robot) in "
+        f"{last.seconds:.0f} s. Then it did its best in {played}: a mean return of "
         f"<b>{result.return_mean:.4g}</b>"
     )
     reference = REFERENCES.get(result.env)
@@ -111,10 +111,11 @@ _UNITS = {"_m_s": "m/s", "_deg_s": "deg/s", "_mm": "mm", "_m": "m", "_deg": "deg
 
 
 def _rows(result: EvaluationResult) -> Iterable[tuple[str, str]]:
-    interval = result.return_interval
-    yield "return", f"{result.return_mean:.4g} ± {result.return_std:.3g}, mean in {interval.low:.4g} to {interval.high:.4g}"
+    within = result.return_interval
+    mean = f", mean in {within.low:.4g} to {within.high:.4g}" if within is not None else ""
+    yield "return", f"{result.return_mean:.4g} ± {result.return_std:.3g}{mean}"
     if result.success_rate is not None:
-        yield "success", f"{result.success_rate:.0%} of {result.episodes} episodes"
+        yield "success", f"{result.success_rate:.0%} of {counted(result.episodes, 'episode')}"
     for name, value in result.metrics.items():
         yield labelled(name, value)
 
@@ -125,18 +126,23 @@ def labelled(name: str, value: float) -> tuple[str, str]:
     return name.removesuffix(ending).replace("_", " "), f"{value:.4g} {unit}".rstrip()
 
 
+def counted(number: int, noun: str) -> str:
+    """``"1 episode"`` or ``"2 episodes"``."""
+    return f"{number} {noun}{'' if number == 1 else 's'}"
+
+
 def _table(rows: Iterable[tuple[str, str]]) -> str:
     return "<table>" + "".join(f"<tr><th>{html.escape(n)}</th><td>{html.escape(v)}</td></tr>" for n, v in rows) + "</table>"
 
 
 def _commands(run_dir: Path, result: EvaluationResult) -> str:
-    run, more = html.escape(str(run_dir)), 2 * result.trained_episodes
+    run, more = html.escape(quoted(run_dir), quote=False), 2 * result.trained_episodes
     commands = {
         "watch it, and compare it with how it began": f"bricksrl play {run} --page",
         "let it learn for longer": f"bricksrl resume {run} --episodes {more} --page",
         "count more episodes": f"bricksrl evaluate {run} --episodes 20",
         "on a LEGO robot": f"bricksrl evaluate {run} --hub ble",
-        "use the policy in a program of your own": f"bricksrl export {run}",
+        "use the policy in a program of your own": f"bricksrl export {run} --out policy.pt2",
     }
     rows = "".join(f"<tr><th>{what}</th><td><code>{command}</code></td></tr>" for what, command in commands.items())
     return f"<table>{rows}</table>"

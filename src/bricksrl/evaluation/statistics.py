@@ -66,9 +66,9 @@ FEWEST_SEEDS = 5
 """Fewest runs for a meaningful interval."""
 
 
-def seeds_interval(scores: Sequence[float]) -> Interval | None:
-    """95 % bootstrap interval of the interquartile mean of one score per seed; ``None`` for fewer than `FEWEST_SEEDS`."""
-    return None if len(scores) < FEWEST_SEEDS else stratified_bootstrap_interval([scores])
+def seeds_interval(scores: Sequence[float], statistic: Statistic = interquartile_mean) -> Interval | None:
+    """95 % bootstrap interval of a statistic of one score per seed or episode; ``None`` for fewer than `FEWEST_SEEDS`."""
+    return None if len(scores) < FEWEST_SEEDS else stratified_bootstrap_interval([scores], statistic)
 
 
 def probability_of_improvement(scores: Sequence[float], others: Sequence[float]) -> tuple[float, Interval | None]:
