@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import contextlib
 import os
+import shlex
 import shutil
+import subprocess
 import sys
 import tempfile
 import time
@@ -17,6 +19,11 @@ TEMPORARY_PREFIX = ".part-"
 """How the names of files begin that are not whole yet."""
 LOCK = ".lock"
 """Held by who writes."""
+
+
+def quoted(path: Path | str) -> str:
+    """A path as one word of a command line."""
+    return subprocess.list2cmdline([str(path)]) if os.name == "nt" else shlex.quote(str(path))
 
 
 def write_durably(path: Path, data: bytes) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import importlib
 import io
 import os
@@ -113,7 +114,8 @@ def run(arguments: Sequence[str]) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     except OSError as error:
-        print_error(f"{error.filename or 'this computer'}: {error.strerror or error}")
+        place = error.filename or ("the disk is full" if error.errno == errno.ENOSPC else "this computer")
+        print_error(f"{place}: {error.strerror or error}")
         return 2
     except MemoryError:
         print_error("this computer has not enough memory for that; ask for less")

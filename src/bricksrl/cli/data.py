@@ -11,6 +11,7 @@ from tyro.conf import Positional
 from bricksrl.cli.options import Flag, option
 from bricksrl.cli.terminal import load_learning, print_line
 from bricksrl.errors import DataError
+from bricksrl.files import quoted
 
 
 @dataclass(frozen=True)
@@ -119,7 +120,7 @@ class Repair:
         for line in left:
             print_line(line)
         if left:
-            print_line(f"what is left of it goes to a new dataset with `bricksrl data repair {self.dataset} --out DIR`")
+            print_line(f"what is left of it goes to a new dataset with `bricksrl data repair {quoted(self.dataset)} --out DIR`")
         return 1 if left else 0
 
 

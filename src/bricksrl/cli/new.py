@@ -13,7 +13,7 @@ from tyro.conf import Positional
 from bricksrl.cli.options import option
 from bricksrl.cli.terminal import print_line
 from bricksrl.errors import DescriptionError
-from bricksrl.files import write_durably
+from bricksrl.files import quoted, write_durably
 
 
 def write_template(kind: str, path: Path) -> None:
@@ -44,7 +44,7 @@ class NewTask:
 
     def execute(self) -> int:
         """Write the file and print the next commands."""
-        return _write("task", self.file, f"bricksrl train {self.file} --episodes 30")
+        return _write("task", self.file, f"bricksrl train {quoted(self.file)} --episodes 30")
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ class NewRobot:
 
     def execute(self) -> int:
         """Write the file and print the next commands."""
-        return _write("robot", self.file, f"bricksrl train {self.file} --episodes 30")
+        return _write("robot", self.file, f"bricksrl train {quoted(self.file)} --episodes 30")
 
 
 @dataclass(frozen=True)
@@ -76,12 +76,12 @@ class NewAgent:
 
     def execute(self) -> int:
         """Write the file and print the next commands."""
-        return _write("agent", self.file, f"bricksrl train WalkerSim-v0 --agent {self.file} --episodes 20")
+        return _write("agent", self.file, f"bricksrl train WalkerSim-v0 --agent {quoted(self.file)} --episodes 20")
 
 
 def _write(kind: str, path: Path, train: str) -> int:
     write_template(kind, path)
     print_line(f"{kind:8}{path}")
-    print_line(f"check   bricksrl check {path}")
+    print_line(f"check   bricksrl check {quoted(path)}")
     print_line(f"train   {train}")
     return 0

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bricksrl.cli.terminal import place_robot, print_line, print_note
+from bricksrl.files import quoted
 from bricksrl.training.callbacks import Callback, Episode, Phase, Progress, RobotState, RunResult
 
 if TYPE_CHECKING:
@@ -91,7 +92,7 @@ class LineProgress(Callback):
         """Text on what is saved if the run ends now."""
         if self.run_dir is None or not self.episodes_done:
             return "no episode was finished, so nothing was saved"
-        return f"{self.episodes_done} episodes are saved in {self.run_dir}; `bricksrl resume {self.run_dir}` goes on"
+        return f"{self.episodes_done} episodes are saved in {self.run_dir}; `bricksrl resume {quoted(self.run_dir)}` goes on"
 
     def close(self) -> None:
         """Restore the terminal; may be called repeatedly."""

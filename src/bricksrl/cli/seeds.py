@@ -9,6 +9,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
 from bricksrl.cli.terminal import INTERRUPTED, print_interrupted, print_line
+from bricksrl.files import quoted
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -91,7 +92,7 @@ def train_seeds(config: TrainConfig, count: int, on: str | None = None) -> int:
     except KeyboardInterrupt:
         kept = config.run_dir is not None and config.run_dir.exists()
         print_interrupted(
-            f"what was trained is in {config.run_dir}; `bricksrl resume {config.run_dir}/seed-...` goes on with a seed"
+            f"what was trained is in {config.run_dir}; `bricksrl resume {quoted(config.run_dir)}/seed-...` goes on with a seed"
             if kept
             else "no seed had begun, so nothing was saved"
         )

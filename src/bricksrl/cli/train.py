@@ -16,6 +16,7 @@ from bricksrl.cli.page import LivePageGroup, PageAddress, run_on_page
 from bricksrl.cli.robot_flags import RobotFlags, RobotGroup
 from bricksrl.cli.terminal import INTERRUPTED, load_learning, print_interrupted, print_line
 from bricksrl.errors import DescriptionError, StoppedError
+from bricksrl.files import quoted
 
 if TYPE_CHECKING:
     import numpy as np
@@ -282,10 +283,11 @@ def _show(result: RunResult, hand: Hand, page: LivePage | None) -> None:
     from bricksrl.cli.page import show_file
     from bricksrl.cli.video import report
     from bricksrl.evaluation import evaluate
+    from bricksrl.evaluation.report import counted
     from bricksrl.training import RunFolder
 
     last = result.episodes[-1]
-    print_line(f"trained {last.episode} episodes, {last.steps} steps, in {last.seconds:.0f} s")
+    print_line(f"trained {counted(last.episode, 'episode')}, {last.steps} steps, in {last.seconds:.0f} s")
     if result.caught_up:
         print_line(
             f"learning made {result.updates_per_step:.3g} updates a step while the robot was at work, {result.caught_up} after it"
@@ -303,10 +305,10 @@ def _show(result: RunResult, hand: Hand, page: LivePage | None) -> None:
         print_line(line)
     judged.save()
     if page is not None:
-        page.finish(f"Done. `bricksrl play {result.run_dir} --page` shows what it has learned.")
+        page.finish(f"Done. `bricksrl play {quoted(result.run_dir)} --page` shows what it has learned.")
     summary, video = report(result, judged)
     print_line(f"learning curve  {RunFolder(result.run_dir).curve_path}")
     print_line(f"video           {video}")
     print_line(f"report          {summary}")
-    print_line(f"more episodes   bricksrl evaluate {result.run_dir} --episodes 20")
+    print_line(f"more episodes   bricksrl evaluate {quoted(result.run_dir)} --episodes 20")
     show_file(summary)

@@ -10,6 +10,7 @@ from tyro.conf import Positional
 
 from bricksrl.cli.options import option
 from bricksrl.cli.terminal import INTERRUPTED, load_learning, print_interrupted, print_line
+from bricksrl.files import quoted
 
 
 @dataclass(frozen=True)
@@ -66,5 +67,6 @@ class Tune:
             print_interrupted(f"the study is in {folder}; the same command goes on with it")
             return INTERRUPTED
         print_line(f"best of {best.trials} finished trials: return {best.value:.4g}")
-        print_line(f"train with it   bricksrl train {self.env} --agent {self.agent} --settings {folder / BEST}")
+        words = " ".join(map(quoted, ["bricksrl", "train", self.env, "--agent", self.agent, "--settings", folder / BEST]))
+        print_line(f"train with it   {words}")
         return 0

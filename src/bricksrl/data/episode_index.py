@@ -20,7 +20,7 @@ from bricksrl.data.layout import CODEBASE_VERSION, DATA_PATH, FileIndex, Layout,
 from bricksrl.data.parquet import Statistics, join_statistics, read_parquet
 from bricksrl.data.schema import Description
 from bricksrl.errors import DataError
-from bricksrl.files import write_durably
+from bricksrl.files import quoted, write_durably
 
 
 @dataclass(frozen=True)
@@ -79,14 +79,14 @@ def read_episode_count(layout: Layout, description: Description) -> int:
     except OSError as error:
         raise DataError(f"cannot read {layout.info} ({error.strerror}); restore it from a copy") from None
     except (ValueError, RecursionError):
-        raise DataError(f"{layout.info} is not JSON; restore it, or run `bricksrl data repair {layout.root}`") from None
+        raise DataError(f"{layout.info} is not JSON; restore it, or run `bricksrl data repair {quoted(layout.root)}`") from None
     if not isinstance(found, dict) or found.get("codebase_version") != CODEBASE_VERSION:
         raise DataError(f"{layout.info} is of no dataset in LeRobot's format {CODEBASE_VERSION}; choose another")
     if found.get("features") != features(description) or found.get("data_path") != DATA_PATH:
         raise DataError(f"{layout.info} and {layout.description.name} disagree about the columns; restore both from one copy")
     episodes = found.get("total_episodes")
     if type(episodes) is not int or episodes < 0:
-        raise DataError(f"{layout.info} does not say how many episodes there are; run `bricksrl data repair {layout.root}`")
+        raise DataError(f"{layout.info} does not count its episodes; run `bricksrl data repair {quoted(layout.root)}`")
     return episodes
 
 
@@ -119,7 +119,7 @@ def check_order(rows: Sequence[EpisodeRow], episodes: int, layout: Layout) -> No
     if len(rows) != episodes:
         raise DataError(
             f"{layout.info} counts {episodes} episodes and meta/episodes holds {len(rows)}; "
-            f"restore it from a copy, or run `bricksrl data repair {layout.root}`"
+            f"restore it from a copy, or run `bricksrl data repair {quoted(layout.root)}`"
         )
 
 

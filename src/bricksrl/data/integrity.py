@@ -14,7 +14,7 @@ from bricksrl.data.episode_index import Index, left_over, read_all_rows, read_in
 from bricksrl.data.layout import NEXT, OBSERVATION, FileIndex, info
 from bricksrl.data.parquet import has_task, join_statistics
 from bricksrl.errors import DataError
-from bricksrl.files import LOCK, TEMPORARY_PREFIX
+from bricksrl.files import LOCK, TEMPORARY_PREFIX, quoted
 
 _CARD = "README.md"
 
@@ -46,7 +46,7 @@ def _steps(index: Index) -> Iterator[str]:
 
 def _joint(index: Index) -> Iterator[str]:
     """Faults of the files on all episodes (info, statistics, tasks), compared with the rows of the episodes."""
-    layout, remedy = index.layout, f"run `bricksrl data repair {index.layout.root}`"
+    layout, remedy = index.layout, f"run `bricksrl data repair {quoted(index.layout.root)}`"
     expected = info(index.description, len(index.rows), index.steps)
     found = json.loads(layout.info.read_bytes())  # readable: `read_index` has parsed it
     for key in sorted(key for key in expected if key not in found or found[key] != expected[key]):
@@ -87,16 +87,16 @@ def _files(index: Index) -> Iterator[str]:
         known.add(layout.episodes(at))
         at = at.next()
     for missing in sorted(path for path in (layout.stats, layout.tasks) if not path.exists()):
-        yield f"{missing} is missing; run `bricksrl data repair {layout.root}`"
+        yield f"{missing} is missing; run `bricksrl data repair {quoted(layout.root)}`"
     beyond = len(read_all_rows(layout, index.description)[0]) - len(index.rows)
     unfinished = left_over(layout, index.description, index.last_file)
     if beyond:
-        yield f"{beyond} recorded episodes are not in the index; run `bricksrl data repair {layout.root}`"
+        yield f"{beyond} recorded episodes are not in the index; run `bricksrl data repair {quoted(layout.root)}`"
     for path in sorted(layout.root.rglob("*")):
         inside = path.relative_to(layout.root)
         if path.is_dir() or path in known or any(part.startswith(".") and part != path.name for part in inside.parts):
             continue
         if path.name.startswith(TEMPORARY_PREFIX) or path in unfinished:
-            yield f"{inside} was left by a recording that was killed; run `bricksrl data repair {layout.root}`"
+            yield f"{inside} was left by a recording that was killed; run `bricksrl data repair {quoted(layout.root)}`"
         elif not (beyond and inside.parts[0] in ("data", "videos")):
             yield f"{inside} is not a file of a dataset; it was not opened"

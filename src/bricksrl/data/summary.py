@@ -142,6 +142,7 @@ def _density(axes: Axes, title: str, step: NDArray[Any], values: NDArray[Any]) -
     axes.hist2d(step, values, bins=(min(steps, 100), 40), range=((0, steps), (low, high)), cmap=colours, cmin=1)
     axes.set_title(title, fontsize=10, color=INK, loc="left")
     axes.set_xlabel("step", fontsize=8, color=MUTED)
+    axes.xaxis.get_major_locator().set_params(integer=True)
     _tidy(axes)
 
 

@@ -14,7 +14,7 @@ from typing import Any
 
 from bricksrl.envs.user_files import is_reference
 from bricksrl.errors import RunError
-from bricksrl.files import write_durably
+from bricksrl.files import quoted, write_durably
 from bricksrl.hub.diagnostics.calibration import calibration_folder
 
 
@@ -45,7 +45,7 @@ def require_trusted(path: Path, data: bytes, config: Any) -> None:
     if code and not _digest_path(data).exists():
         raise RunError(
             f"{path} would run code ({', '.join(code)}) and was made elsewhere or changed; "
-            f"read that code, then allow it with `bricksrl trust {path.parent}`"
+            f"read that code, then allow it with `bricksrl trust {quoted(path.parent)}`"
         )
 
 

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from bricksrl.files import quoted
 from bricksrl.page.live import LivePage
 from bricksrl.training.callbacks import Callback, Episode, Phase, Progress, RunResult
 
@@ -70,7 +71,7 @@ class PageCallback(Callback):
 
     def on_end(self, result: RunResult) -> None:
         if result.interrupted:
-            self._page.finish(f"interrupted; `bricksrl resume {result.run_dir}` goes on")
+            self._page.finish(f"interrupted; `bricksrl resume {quoted(result.run_dir)}` goes on")
         else:
             self._page.finish("")
 

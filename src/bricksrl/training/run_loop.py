@@ -18,6 +18,7 @@ from bricksrl.agents.learner import means
 from bricksrl.envs.reference_returns import reference_lines
 from bricksrl.envs.rollout import Driver, Rollout, play, play_episodes, seed_episode
 from bricksrl.errors import BricksError, DescriptionError, HubError
+from bricksrl.files import quoted
 from bricksrl.training.async_learner import AsyncLearner
 from bricksrl.training.callbacks import Callback, CallbackList, Episode, Phase, Progress, RunResult
 from bricksrl.training.config import TrainConfig
@@ -144,7 +145,7 @@ class RunLoop:
         if not math.isfinite(episode.return_):
             raise DescriptionError(
                 f"the return of episode {number} is {episode.return_}: a reward of {self.config.env} was not a number; "
-                f"correct it, `bricksrl check {self.config.env}` tries it"
+                f"correct it, `bricksrl check {quoted(self.config.env)}` tries it"
             )
         episode = self._with_totals(episode, started_s)
         if self.config.eval_every and number % self.config.eval_every == 0 and not episode.link_lost:
