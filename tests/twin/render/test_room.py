@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from bricksrl.errors import RenderingUnavailableError
-from bricksrl.robots import ROBO_ARM, WALKER
+from bricksrl.robots import ROBO_ARM, TWO_WHEELER, WALKER
 from bricksrl.twin.make_body import make_body
 from bricksrl.twin.render.captions import captioned
 from bricksrl.twin.render.opengl import Image, Renderer
 from bricksrl.twin.render.room import Room
+from bricksrl.twin.scene import Scene
 
 SIZE = (320, 180)
 
@@ -51,3 +52,10 @@ def test_ghost_is_at_goal() -> None:
     green = (ghost[..., 1].astype(int) - ghost[..., 0] > 40) & (plain[..., 1].astype(int) - plain[..., 0] < 20)
     assert green.sum() > 100
     assert (ghost[-20:] == plain[-20:]).all(), "the floor before it is as it was"
+
+
+def test_no_wall_ahead_hides_the_robot() -> None:
+    body = make_body(TWO_WHEELER, scene=Scene(wall_distance_mm=(150.0, 150.0)))
+    camera = Room(body).camera
+    back = camera.distance * np.cos(np.radians(camera.elevation)) * np.cos(np.radians(camera.azimuth))
+    assert camera.lookat[0] - back < 0.15

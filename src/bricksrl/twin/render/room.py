@@ -40,9 +40,8 @@ class Room:
         self.camera = mujoco.MjvCamera()
         self.camera.type = mujoco.mjtCamera.mjCAMERA_FREE
         self._moves = body.model.jnt_type[0] == mujoco.mjtJoint.mjJNT_FREE
-        has_wall = body.scene.wall_distance_mm is not None
         self.camera.distance = 0.62 if self._moves else 0.72
-        self.camera.azimuth, self.camera.elevation = (118.0 if has_wall else 62.0), -21.0
+        self.camera.azimuth, self.camera.elevation = 62.0, -21.0  # from behind, so that no wall ahead hides the robot
         self._look = np.array(self._robot())
         self.camera.lookat[:] = self._look
         self._ghost = MujocoBody(body.robot, body.scene, Physics(), 0) if goal_deg else None
