@@ -74,6 +74,7 @@ WRONG_TABLES = [
         ({"reward": lambda p, a, o: o[..., 4]}, "functions", "reward has the shape"),
         ({"reward": lambda p, a, o: o[..., 4:5] / 0.0}, "functions", "not always a number"),
         ({"success": lambda o: o[..., -1, 4:5] > 0}, "functions", "success has the shape"),
+        ({"success": lambda o: True}, "functions", "success is no tensor but bool; compute it from the observations"),
         ({"success": lambda o: o[..., -1, 4]}, "functions", "success is not bool"),
         ({"metrics": lambda o: {"end": o[..., -1, :]}}, "functions", "end has the shape"),
         ({"robot": Robot("two-wheeler", HubKind.MOVE)}, "hub program", "not supported"),

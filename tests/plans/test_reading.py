@@ -76,6 +76,11 @@ def test_unreadable_file_raises(lines, says):
     assert "\n" not in str(error.value)
 
 
+@pytest.mark.parametrize("before", ["0 a comment", "0 FILE empty.ldr"])
+def test_plan_is_the_first_model_that_places_something(before: str) -> None:
+    assert len(plan_of(before, "0 FILE main.ldr", "1 4 0 0 0 1 0 0 0 1 0 0 0 1 32316.dat").parts) == 1
+
+
 def test_recursive_models_are_bounded():
     text = ["0 FILE m0.ldr", *["1 4 0 0 0 1 0 0 0 1 0 0 0 1 m1.ldr"] * 10]
     for level in range(1, 12):

@@ -199,6 +199,8 @@ def _functions(task: Task) -> str:
         **{name: (value, (2,)) for name, value in task.metrics(torch.stack((after, after))).items()},
     }
     for name, (value, shape) in shapes.items():
+        if not isinstance(value, torch.Tensor):
+            raise Broken(f"{name} is no tensor but {type(value).__name__}; compute it from the observations")
         if tuple(value.shape) != shape:
             raise Broken(f"{name} has the shape {list(value.shape)} for observations of {steps} steps; give {list(shape)}")
     if not bool(torch.isfinite(shapes["reward"][0]).all()):

@@ -11,6 +11,7 @@ import zipfile
 import zlib
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from itertools import dropwhile
 from pathlib import Path
 
 import numpy as np
@@ -81,7 +82,7 @@ class Document:
     """A whole file.
 
     Attributes:
-        models: by name in lower case; the first is the main model.
+        models: by name in lower case; the first, which is not empty, is the main model.
         robot: name of the robot, from our comment.
         count: declared number of parts.
     """
@@ -148,9 +149,10 @@ def parse(text: str, path: str) -> Document:
     parser = _Parser(path)
     for number, line in enumerate(lines, 1):
         parser.take(number, line.split())
-    if not any(model.references for model in parser.models.values()):
+    models = dict(dropwhile(lambda item: not item[1].references, parser.models.items()))
+    if not models:
         raise PlanError(f"{path} places no part; give an LDraw file with lines that begin with 1")
-    return Document(path, parser.models, parser.robot, parser.count)
+    return Document(path, models, parser.robot, parser.count)
 
 
 class _Parser:
