@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import io
 import os
 import re
@@ -163,6 +164,14 @@ def test_recording_shows_streaming_and_app_data(tmp_path, pipes):
     assert 0.001 < age_s < 0.016 and 0.001 < streamed_age_s < 0.026, "a connection interval, and 10 ms between observations"
     assert over_app_data == (age_s, period_s)
     assert pipes == [Pipe.STDIN, Pipe.STDIN, Pipe.APP_DATA]
+
+
+def test_recording_names_its_film(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr("bricksrl.cli.record.filmed_env", lambda *_: contextlib.nullcontext())
+    out, video = tmp_path / "my data", tmp_path / "film.mp4"
+    assert main(["record", "RunAway-v0", "--episodes", "1", "--out", str(out), "--video", str(video)]) == 0
+    written = capsys.readouterr().out
+    assert f"\nvideo           {video}\n" in written and f"\nlook at it      bricksrl data info '{out}'\n" in written
 
 
 def test_train_with_streaming(tmp_path, pipes, monkeypatch):

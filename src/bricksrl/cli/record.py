@@ -18,6 +18,7 @@ from bricksrl.cli.teleop import HANDS, driving, quiet
 from bricksrl.cli.terminal import INTERRUPTED, load_learning, print_interrupted, print_line, print_note
 from bricksrl.cli.video import filmed_env
 from bricksrl.errors import DataError, DescriptionError, StoppedError
+from bricksrl.files import quoted
 from bricksrl.seed import check_seed
 
 if TYPE_CHECKING:
@@ -105,7 +106,9 @@ class Record:
             print_interrupted(f"{count} whole episodes are in {self.out}")
             return INTERRUPTED
         print_line(f"dataset         {self.out}")
-        print_line(f"look at it      bricksrl data info {self.out}")
+        if self.video is not None:
+            print_line(f"video           {self.video}")
+        print_line(f"look at it      bricksrl data info {quoted(self.out)}")
         return 0
 
     @contextmanager

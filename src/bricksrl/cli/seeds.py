@@ -90,11 +90,11 @@ def train_seeds(config: TrainConfig, count: int, on: str | None = None) -> int:
         with SeedsProgress(range(config.seed, config.seed + count), config.episodes) as progress:
             summary = multi_seed.train_seeds(config, count, on=on, on_line=progress.tell)
     except KeyboardInterrupt:
-        kept = config.run_dir is not None and config.run_dir.exists()
+        folder = config.run_dir
         print_interrupted(
-            f"what was trained is in {config.run_dir}; `bricksrl resume {quoted(config.run_dir)}/seed-...` goes on with a seed"
-            if kept
-            else "no seed had begun, so nothing was saved"
+            "no seed had begun, so nothing was saved"
+            if folder is None or not folder.exists()
+            else f"what was trained is in {folder}; `bricksrl resume {quoted(folder)}/seed-...` goes on with a seed"
         )
         return INTERRUPTED
     interval = summary.return_interval

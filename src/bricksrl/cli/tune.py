@@ -67,6 +67,6 @@ class Tune:
             print_interrupted(f"the study is in {folder}; the same command goes on with it")
             return INTERRUPTED
         print_line(f"best of {best.trials} finished trials: return {best.value:.4g}")
-        words = " ".join(map(quoted, ["bricksrl", "train", self.env, "--agent", self.agent, "--settings", folder / BEST]))
+        words = " ".join(map(quoted, ["bricksrl", "train", self.env, "--agent", self.agent, "--settings", str(folder / BEST)]))
         print_line(f"train with it   {words}")
         return 0

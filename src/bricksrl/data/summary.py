@@ -133,6 +133,7 @@ def _returns(left: Axes, right: Axes, returns: NDArray[np.float64]) -> None:
 def _density(axes: Axes, title: str, step: NDArray[Any], values: NDArray[Any]) -> None:
     """Plot a 2D histogram of the values over the steps of an episode: dark is frequent."""
     from matplotlib.colors import LinearSegmentedColormap
+    from matplotlib.ticker import MaxNLocator
 
     colours = LinearSegmentedColormap.from_list("often", [LIGHT, DARK])
     steps = int(step.max()) + 1
@@ -142,7 +143,7 @@ def _density(axes: Axes, title: str, step: NDArray[Any], values: NDArray[Any]) -
     axes.hist2d(step, values, bins=(min(steps, 100), 40), range=((0, steps), (low, high)), cmap=colours, cmin=1)
     axes.set_title(title, fontsize=10, color=INK, loc="left")
     axes.set_xlabel("step", fontsize=8, color=MUTED)
-    axes.xaxis.get_major_locator().set_params(integer=True)
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     _tidy(axes)
 
 

@@ -31,14 +31,13 @@ def load_policy(path: Path | str, env: EnvBase | None = None, *, which: Which = 
     from bricksrl.training.run import make_env
 
     path = Path(path)
-    made = make_env(one_robot(config_of(path))) if env is None else None
-    place = env if made is None else made
+    place = make_env(one_robot(config_of(path))) if env is None else env
     try:
         learner = load_shared(path, place) if is_policy(path) else load_learner(path, place, which=which).learner
         return Policy(learner.policy, learner.reset_policy, place.observation_spec["observation"].shape[-1])
     finally:
-        if made is not None:
-            made.close(raise_if_closed=False)
+        if env is None:
+            place.close(raise_if_closed=False)
 
 
 def config_of(path: Path) -> TrainConfig:
