@@ -29,6 +29,8 @@ STEPS = {"WalkerSim-v0": 1000, "RoboArmSim-v0": 400}
 EVALUATED_EPISODES = 40
 FOR_GOALS = ("goals", "hindsight", "new_goals")
 """Settings without effect in a task without goals."""
+FOR_IMAGES = ("encoder",)
+"""Settings without effect in a task without images, as all of these are."""
 
 
 def variants(env: str, agent: str) -> dict[str, Settings]:
@@ -36,7 +38,8 @@ def variants(env: str, agent: str) -> dict[str, Settings]:
     default, paper = preset("default", agent), preset("paper", agent)
     found: dict[str, Settings] = {"default": default}
     for name, theirs in asdict(paper).items():
-        if theirs != getattr(default, name) and not (env == "WalkerSim-v0" and name in FOR_GOALS):
+        without_effect = FOR_IMAGES + FOR_GOALS * (env == "WalkerSim-v0")
+        if theirs != getattr(default, name) and name not in without_effect:
             found[name] = replace(default, **{name: theirs})
     return {**found, "paper": paper}
 

@@ -37,9 +37,8 @@ This page is written by `python benchmarks/tables.py` from `benchmarks/results/`
 the versions it was measured with. Square brackets are 95 % bootstrap intervals over seeds (for rates: Wilson intervals). All
 robots are virtual; nobody here has run this on LEGO's yet.
 
-The agents were rewritten on TorchRL's parts. Measured with them: SAC, TD3, CrossQ and DroQ in the simulations, SAC on all robots,
-the camera task, the race, many copies, updates, exact resume, memory. The other results on learning were measured with the
-earlier agents.
+The agents were rewritten on TorchRL's parts. Measured with the earlier ones: learning from datasets (offline, datasets, warm
+start), REDQ in the simulations, and five seeds at once.
 """
 
 STUDIES_HEAD = """# Studies
