@@ -13,7 +13,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from bricksrl.errors import DataError
+from bricksrl.errors import BricksError, DataError
 
 TEMPORARY_PREFIX = ".part-"
 """How the names of files begin that are not whole yet."""
@@ -24,6 +24,12 @@ LOCK = ".lock"
 def quoted(path: Path | str) -> str:
     """A path as one word of a command line."""
     return subprocess.list2cmdline([str(path)]) if os.name == "nt" else shlex.quote(str(path))
+
+
+def refuse_existing(path: Path, error: type[BricksError]) -> None:
+    """Raise ``error`` if there is a file or folder at ``path``, which is to be written."""
+    if path.exists():
+        raise error(f"{path} exists already; choose another name")
 
 
 def write_durably(path: Path, data: bytes) -> None:

@@ -54,7 +54,7 @@ def test_shared_policy_can_be_exported(trained: Path, tmp_path: Path) -> None:
 
 def test_existing_file_is_not_overwritten(trained: Path, tmp_path: Path) -> None:
     (tmp_path / "arm.pt2").write_text("mine")
-    with pytest.raises(RunError, match="exists already; choose a new file"):
+    with pytest.raises(RunError, match="exists already; choose another name"):
         export_model(trained, tmp_path / "arm.pt2")
     assert (tmp_path / "arm.pt2").read_text() == "mine"
 

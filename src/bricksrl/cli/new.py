@@ -13,7 +13,7 @@ from tyro.conf import Positional
 from bricksrl.cli.options import option
 from bricksrl.cli.terminal import print_line
 from bricksrl.errors import DescriptionError
-from bricksrl.files import quoted, write_durably
+from bricksrl.files import quoted, refuse_existing, write_durably
 
 
 def write_template(kind: str, path: Path) -> None:
@@ -23,8 +23,7 @@ def write_template(kind: str, path: Path) -> None:
         raise DescriptionError(
             f"'{path.name}' is not a name of a Python file; give letters, digits and underscores, as in my_{kind}.py"
         )
-    if path.exists():
-        raise DescriptionError(f"{path} exists already; choose another name")
+    refuse_existing(path, DescriptionError)
     text = resources.files("bricksrl.cli.templates").joinpath(f"{kind}.py").read_text(encoding="utf-8")
     words = re.findall(r"[a-zA-Z0-9]+", path.stem)
     text = text.replace("my_file.py", str(path)).replace("MyTask-v0", f"{''.join(word.title() for word in words) or 'My'}-v0")

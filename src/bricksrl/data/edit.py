@@ -25,7 +25,7 @@ from bricksrl.data.parquet import from_table, read_verified, statistics, tasks_t
 from bricksrl.data.reader import read_file
 from bricksrl.data.schema import Description
 from bricksrl.errors import DataError
-from bricksrl.files import whole_folder, write_durably
+from bricksrl.files import refuse_existing, whole_folder, write_durably
 from bricksrl.seed import check_seed
 
 STEPS_PER_FILE = 20_000
@@ -66,7 +66,7 @@ def split(source: Path, first: Path, second: Path, share: float, seed: int) -> t
     chosen = set(np.random.default_rng(seed).permutation(len(index.rows))[:count].tolist())
     parts = [[row for row in index.rows if (row.episode in chosen) is taken] for taken in (True, False)]
     for target in (first, second):
-        _refuse_existing(target)
+        refuse_existing(target, DataError)
     if first.resolve() == second.resolve():
         raise DataError(f"both parts are to go to {first}; give each a separate folder")
     written = [
@@ -80,7 +80,7 @@ def salvage(source: Path, out: Path) -> tuple[Index, list[str]]:
     """Write the intact episodes of a damaged dataset to a new one; returns its index and messages on what was lost. Raises
     DataError if the description is damaged, no episode is intact, or ``out`` exists."""
     layout = Layout(source)
-    _refuse_existing(out)
+    refuse_existing(out, DataError)
     description = read_description(layout)
     lost: list[str] = []
     rows: list[EpisodeRow] = []
@@ -136,7 +136,7 @@ def read_episodes(index: Index, rows: Iterable[EpisodeRow]) -> Iterator[Whole]:
 
 def write_dataset(out: Path, description: Description, episodes: Iterable[Whole]) -> Index:
     """Write a dataset atomically. Raises DataError if ``out`` exists, or there are no episodes."""
-    _refuse_existing(out)
+    refuse_existing(out, DataError)
     with whole_folder(out) as folder:
         rows: list[EpisodeRow] = []
         layout = Layout(folder)
@@ -151,11 +151,6 @@ def write_dataset(out: Path, description: Description, episodes: Iterable[Whole]
         write_durably(layout.episodes(FileIndex()), to_parquet(rows_table(rows, description, FileIndex())))
         write_index(layout, description, rows)
     return Index(Layout(out), description, tuple(rows), FileIndex())
-
-
-def _refuse_existing(out: Path) -> None:
-    if out.exists():
-        raise DataError(f"{out} exists already; choose a new folder")
 
 
 def _groups(episodes: Iterable[Whole]) -> Iterator[list[Whole]]:

@@ -18,7 +18,7 @@ import pyarrow as pa
 from bricksrl.data.parquet import to_parquet
 from bricksrl.data.reader import load
 from bricksrl.errors import DataError
-from bricksrl.files import write_durably
+from bricksrl.files import refuse_existing, write_durably
 
 if TYPE_CHECKING:
     from bricksrl.data.reader import Episodes
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 def export_numpy(path: Path, out: Path) -> None:
     """Write an ``.npz`` file of arrays over all steps, as in `Episodes`, and ``description``, a JSON text. Raises DataError if
     the dataset cannot be read, or ``out`` exists."""
-    _refuse_existing(out)
+    refuse_existing(out, DataError)
     episodes = load(path)
     arrays: dict[str, Any] = _arrays(episodes)
     arrays["description"] = np.array(episodes.description.to_json().decode())
@@ -39,7 +39,7 @@ def export_numpy(path: Path, out: Path) -> None:
 def export_parquet(path: Path, out: Path) -> None:
     """Write a Parquet file with a row per step and a column per number, named after its channel; without images. Raises DataError
     as in `export_numpy`."""
-    _refuse_existing(out)
+    refuse_existing(out, DataError)
     episodes = load(path, images=False)
     columns: dict[str, Any] = {}
     names = [channel.name for channel in episodes.description.observation]
@@ -66,7 +66,7 @@ def export_minari(path: Path, out: Path) -> None:
         from minari.data_collector import EpisodeBuffer
     except ImportError as error:
         raise DataError("no Minari is here to write its format; install it: pip install 'bricksrl[data]'") from error
-    _refuse_existing(out)
+    refuse_existing(out, DataError)
     episodes = load(path)
     name = f"{out.parent.name}/{out.name}"
     buffers = [EpisodeBuffer(**_minari_episode(episodes, k)) for k in range(len(episodes.rows))]
@@ -142,8 +142,3 @@ def _arrays(episodes: Episodes) -> dict[str, Any]:
     found = {name: getattr(episodes, name).numpy() for name in (*names, "age_s", "hub_time_s")}
     shown = {name: getattr(episodes, name) for name in ("image", "next_image")}
     return {**found, **{name: image.numpy() for name, image in shown.items() if image is not None}}
-
-
-def _refuse_existing(out: Path) -> None:
-    if out.exists():
-        raise DataError(f"{out} exists already; choose another name")

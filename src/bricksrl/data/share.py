@@ -19,7 +19,7 @@ from bricksrl.data.layout import CODEBASE_VERSION
 from bricksrl.data.reader import dataset_folder
 from bricksrl.data.summary import summarise
 from bricksrl.errors import DataError
-from bricksrl.files import LOCK, TEMPORARY_PREFIX, whole_folder
+from bricksrl.files import LOCK, TEMPORARY_PREFIX, refuse_existing, whole_folder
 
 if TYPE_CHECKING:
     from huggingface_hub import HfApi
@@ -68,8 +68,7 @@ def pull_dataset(repo: str, out: Path, *, revision: str | None = None) -> Path:
 @contextmanager
 def fetched(repo: str, kind: str, out: Path, patterns: list[str], revision: str | None) -> Iterator[Path]:
     """Download a repository into a temporary folder, which is renamed to ``out`` on success and removed on an error."""
-    if out.exists():
-        raise DataError(f"{out} exists already; choose a new folder")
+    refuse_existing(out, DataError)
     with whole_folder(out) as folder:
         with reaching(repo) as api:
             api.snapshot_download(

@@ -211,7 +211,7 @@ class Distance(Channel):
     noise: ClassVar[str] = "distance_noise_mm"
     noise_share: ClassVar[str] = "distance_noise_ratio"
     roughness: ClassVar[float] = 3.0
-    FARTHEST_MM: ClassVar[float] = 2000.0
+    FARTHEST_MM: ClassVar[float] = float(UltrasonicSensor.FARTHEST_MM)
 
     @property
     def device(self) -> str:

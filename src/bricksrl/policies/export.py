@@ -16,7 +16,7 @@ from torch import Tensor, nn
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 
 from bricksrl.errors import RunError
-from bricksrl.files import write_durably
+from bricksrl.files import refuse_existing, write_durably
 from bricksrl.policies import config_of, load_policy
 from bricksrl.training.restore import Which, one_robot
 
@@ -55,8 +55,7 @@ def export_model(path: Path | str, out: Path, format_: Format = "torch-export", 
         RunError: ``out`` exists or cannot be written, packages are missing, or the policy is no function of its observation.
         CheckpointError: the policy is damaged.
     """
-    if out.exists():
-        raise RunError(f"{out} exists already; choose a new file")
+    refuse_existing(out, RunError)
     missing = [name for name in _ONNX if format_ == "onnx" and importlib.util.find_spec(name) is None]
     if missing:
         raise RunError(f"{' and '.join(missing)} is not installed; run `pip install 'bricksrl[onnx]'`, or export as torch-export")

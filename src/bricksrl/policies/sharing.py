@@ -12,7 +12,7 @@ from bricksrl.data.cards import policy_card
 from bricksrl.data.share import CARD, fetched, reaching
 from bricksrl.envs.trust import remember, require_trusted
 from bricksrl.errors import CheckpointError, RunError
-from bricksrl.files import whole_folder, write_durably
+from bricksrl.files import refuse_existing, whole_folder, write_durably
 from bricksrl.training.config import TrainConfig
 from bricksrl.training.run_folder import RunFolder
 
@@ -38,8 +38,7 @@ def export_policy(run_dir: Path, out: Path, *, licence: str = "mit") -> Path:
     from bricksrl.training.restore import load_learner, one_robot
     from bricksrl.training.run import make_env
 
-    if out.exists():
-        raise RunError(f"{out} exists already; choose a new folder")
+    refuse_existing(out, RunError)
     folder = RunFolder(run_dir)
     config = folder.read_config()
     env = make_env(one_robot(config))

@@ -163,6 +163,8 @@ class UltrasonicSensor:
     port: str = ""
     mount: Mount | None = None
     class_name: ClassVar[str] = "UltrasonicSensor"
+    NEAREST_MM: ClassVar[int] = 40
+    FARTHEST_MM: ClassVar[int] = 2000
 
     def __post_init__(self) -> None:
         _check_name(self.name)

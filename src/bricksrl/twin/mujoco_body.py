@@ -28,7 +28,7 @@ from bricksrl.twin.senses import WorldSenses, percent
 from bricksrl.twin.stance import standing_pose
 from bricksrl.virtual_hub.stimuli import Sense, Sensed, senses
 
-_NEAREST_MM, _FARTHEST_MM = 40, 2000
+_NEAREST_MM, _FARTHEST_MM = UltrasonicSensor.NEAREST_MM, UltrasonicSensor.FARTHEST_MM
 _CONE_DEG = (-12.0, -6.0, 0.0, 6.0, 12.0)
 _SEES_NO_FARTHER_MM = {SensorKind.COLOR_DISTANCE: 100.0, SensorKind.INFRARED: 150.0}
 """Distance that an infrared sensor reports as 100 %; estimates."""

@@ -17,9 +17,8 @@ from scipy.stats import qmc
 
 from bricksrl import robots
 from bricksrl.errors import TwinError
-from bricksrl.hub.interface import Distance
 from bricksrl.hub.link.lockstep import HubLink
-from bricksrl.robots import Robot
+from bricksrl.robots import Robot, UltrasonicSensor
 from bricksrl.seed import check_seed
 from bricksrl.twin.make_body import make_body
 from bricksrl.twin.motion_log import RunLog
@@ -223,7 +222,8 @@ def _scene(log: RunLog) -> Scene | None:
     """Scene with a wall at the distance that the robot measured at the start, if any."""
     place = log.interface.distance_place
     distance_mm = 0.0 if place is None else float(log.channels[0, place])
-    return Scene(wall_distance_mm=(distance_mm, distance_mm)) if 40 < distance_mm < Distance.FARTHEST_MM else None
+    is_wall = UltrasonicSensor.NEAREST_MM < distance_mm < UltrasonicSensor.FARTHEST_MM
+    return Scene(wall_distance_mm=(distance_mm, distance_mm)) if is_wall else None
 
 
 def _starts_ms(log: RunLog, physics: Physics) -> NDArray[np.int64]:

@@ -11,7 +11,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from bricksrl.errors import SceneError, TwinError
-from bricksrl.robots import Motor, PoweredUpSensor, Robot
+from bricksrl.robots import Motor, PoweredUpSensor, Robot, UltrasonicSensor
 from bricksrl.virtual_hub.stimuli import UNSAID, Reading, Sense, Sensed, number, senses
 
 if TYPE_CHECKING:
@@ -21,7 +21,7 @@ _FRICTION_UNM = 21413.268
 _FRICTION_FADES_BELOW_MDEG_S = 2000.0
 _STOP_UNM_PER_MDEG, _STOP_UNM_PER_MDEG_S = 500.0, 5.0  # stiffness and damping of an end stop
 _MAX_DUTY = 1000  # steps of the PWM (``PBDRV_MOTOR_DRIVER_MAX_DUTY``)
-_NEAREST_MM, _FARTHEST_MM = 40, 2000
+_NEAREST_MM, _FARTHEST_MM = UltrasonicSensor.NEAREST_MM, UltrasonicSensor.FARTHEST_MM
 
 
 class BenchMotor:

@@ -11,9 +11,9 @@ from bricksrl.virtual_hub.bench_body import BenchBody, BenchMotor
 from bricksrl.virtual_hub.given_readings import GivenReading, for_port
 from bricksrl.virtual_hub.stimuli import Sense, Sensed, senses
 
-_ULTRASONIC = "UltrasonicSensor"
+_ULTRASONIC = UltrasonicSensor.class_name
 _MOTORS = ("Motor", "DCMotor")
-_FARTHEST_MM, _FARTHEST_PCT = 2000.0, 100.0
+_FARTHEST_MM, _FARTHEST_PCT = float(UltrasonicSensor.FARTHEST_MM), 100.0
 _DEFAULTS: Mapping[Sense, Sensed] = {
     Sense.SURFACE: (0.0, 0.0, 0.0),
     Sense.AMBIENT: 0.0,
