@@ -55,7 +55,7 @@ class TwinError(BricksError):
 
 
 class SceneError(TwinError):
-    """What a user's scene says could not be computed: no fault of the program on the hub that asked for it."""
+    """A function of a user's scene raised; not an error of the program on the hub that called it."""
 
 
 class RenderingUnavailableError(TwinError):

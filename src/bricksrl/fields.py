@@ -1,4 +1,4 @@
-"""Fields of dataclasses, checked against their annotations: what comes from a file or a command line may be anything."""
+"""Fields of dataclasses, checked against their annotations, as values from files and command lines may be of any type."""
 
 from __future__ import annotations
 

@@ -16,9 +16,9 @@ from pathlib import Path
 from bricksrl.errors import BricksError, DataError
 
 TEMPORARY_PREFIX = ".part-"
-"""How the names of files begin that are not whole yet."""
+"""Prefix of the names of incomplete files and folders."""
 LOCK = ".lock"
-"""Held by who writes."""
+"""Name of the lock of a folder's writer."""
 
 
 def quoted(path: Path | str) -> str:

@@ -21,11 +21,11 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 INK, MUTED, GRID = "#1f2430", "#6b7280", "#e5e7eb"
-"""Of text, of axes and of lines behind the data."""
+"""Colours of text, axes and grid."""
 LIGHT, STRONG, DARK, GREY = "#9fb8dc", "#0b5cad", "#08306b", "#c9ccd3"
-"""Of single values and intervals, of means, of what is frequent, of what does not count."""
+"""Colours of single values and intervals, means, frequent values, and values that do not count."""
 PALETTE = ("#0b5cad", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#4b5563", "#8c564b")
-"""Of several agents; told apart with most kinds of colour blindness (after Okabe and Ito)."""
+"""Colours of several agents, distinguishable with most kinds of colour blindness (after Okabe and Ito)."""
 _LABEL_GAP = 0.06
 
 

@@ -1,4 +1,4 @@
-"""Range of valid seeds: what every random generator that is at work here takes."""
+"""Range of seeds that all random generators accept."""
 
 from __future__ import annotations
 

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from bricksrl.virtual_hub.transport import VirtualHub
 
 BLOCKED_TIMEOUT_S = 120.0
-"""How long a blocked robot waits for the obstacle to be removed."""
+"""Time that a blocked robot waits for the obstacle to be removed."""
 PAUSE_PERIOD_S = 0.2
 """Period of the reads during a pause, which keep the hub program's watchdog from ending it."""
 

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 QUICK_S = 0.03
 """Longest time to draw an image without shadows for shadows to be tried."""
 _LAST_S = 0.8
-"""How long the last image of an episode is held."""
+"""Duration of the last image of an episode."""
 _HOLDS = (1, 2, 3, 4)
 _MOST_S, _SPEED = 12.0, 2.0
 """Longer episodes are shown twice as fast."""

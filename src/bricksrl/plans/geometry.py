@@ -50,7 +50,7 @@ class Solid:
     axes: tuple[Triple, Triple, Triple] = (AXES["x"], AXES["y"], AXES["z"])
 
     def contains(self, points: Floats, margin: float) -> Bools:
-        """Which points [n, 3] lie deeper than ``margin`` below the surface [n]."""
+        """Whether points [n, 3] are deeper than ``margin`` below the surface [n]."""
         local = (points - np.array(self.centre)) @ np.array(self.axes).T
         half = np.array(self.half) - margin
         if self.form is Form.RING:

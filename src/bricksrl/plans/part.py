@@ -11,7 +11,7 @@ import numpy as np
 from bricksrl.plans.geometry import Bools, Floats, Solid, Triple
 
 HOLE_RADIUS = 6.2
-"""Of pin and axle holes; a pin's radius is 6."""
+"""Radius of pin and axle holes; that of a pin is 6."""
 ABS_G_CM3 = 1.05
 """Density of the plastic."""
 
@@ -169,7 +169,7 @@ class Part:
         return tuple(site for site in self.sites if site.fit in (Fit.HOLE, Fit.AXLE_HOLE))
 
     def contains(self, points: Floats, margin: float) -> Bools:
-        """Which points [n, 3], in the part's frame, lie deeper than ``margin`` in the material [n]."""
+        """Whether points [n, 3], in the part's frame, are deeper than ``margin`` in the material [n]."""
         inside = np.zeros(len(points), dtype=bool)
         for solid in (*self.solids, *self.turning):
             inside |= solid.contains(points, margin)
@@ -178,7 +178,7 @@ class Part:
         return inside
 
     def _in_hole(self, points: Floats, margin: float) -> Bools:
-        """Which points [n, 3] lie in a hole, or less than ``margin`` from one [n]."""
+        """Whether points [n, 3] are in a hole, or less than ``margin`` from one [n]."""
         inside = np.zeros(len(points), dtype=bool)
         for site in self.holes:
             away = points - np.array(site.centre)

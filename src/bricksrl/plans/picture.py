@@ -186,7 +186,7 @@ def _ranges(low: Ints, high: Ints) -> tuple[Ints, Ints]:
 
 
 def _spans(corners: Floats, y: Floats) -> tuple[Floats, Floats]:
-    """Where rows at heights ``y`` [n] enter and leave triangles [n, 3, 2]."""
+    """Ends, left and right, of triangles [n, 3, 2] in the rows at heights ``y`` [n]."""
     left, right = np.full(len(y), np.inf), np.full(len(y), -np.inf)
     for k in range(3):
         (ax, ay), (bx, by) = corners[:, k].T, corners[:, (k + 1) % 3].T

@@ -82,7 +82,7 @@ class AsyncLearner:
 
     @property
     def pace(self) -> Pace:
-        """As last reported."""
+        """Pace as last reported."""
         return Pace(self._asked, self._done)
 
     def wait_until_ready(self) -> None:

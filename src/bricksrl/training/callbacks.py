@@ -45,7 +45,7 @@ class Episode:
     """A training episode; with many copies, a round of all with means over the ended episodes."""
 
     episode: int
-    """From 1."""
+    """Number of the episode, from 1."""
     phase: Phase
     steps: int
     """Total robot steps of the run at its end."""

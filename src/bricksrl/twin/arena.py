@@ -327,7 +327,7 @@ class ArenaBody(MujocoBody):
         self._arena.want(self._number, time_ms)
 
     def set_voltage(self, port: str, voltage_mv: int | None) -> None:
-        """As for a robot alone; the set of open circuits is shared by the world."""
+        """Apply a voltage; the set of open circuits is shared by the world."""
         self._open_circuits = self._arena.open_circuits
         super().set_voltage(port, voltage_mv)
         self._arena.open_circuits = self._open_circuits

@@ -52,7 +52,7 @@ if TYPE_CHECKING:
     from torch import Tensor
 
 START_M, GOAL_M = 0.12, 0.52
-"""Of the beam's middle, along x."""
+"""Position of the beam's middle along x, at the start and at the goal."""
 MOST_TURN = math.radians(45.0)
 STEP_MS = 250
 _TRAVEL_DEG = 120.0
@@ -70,7 +70,7 @@ ENTRIES = (
 
 
 def observe(state: ArenaState) -> Tensor:
-    """What each of the two sees, ``[*batch, 2, 12]``."""
+    """Observations of both robots, ``[*batch, 2, 12]``."""
     import torch
 
     poses = state.poses
@@ -90,17 +90,17 @@ def observe(state: ArenaState) -> Tensor:
 
 
 def arrived(state: ArenaState) -> Tensor:
-    """True if the beam is where it is to be; bool ``[*batch, 1]``."""
+    """True if the beam is at the goal; bool ``[*batch, 1]``."""
     return state.poses[..., _BEAM, :1] >= GOAL_M
 
 
 def terminated(state: ArenaState) -> Tensor:
-    """Arrived, or turned too far; bool ``[*batch, 1]``."""
+    """True if the beam has arrived or turned too far; bool ``[*batch, 1]``."""
     return arrived(state) | (state.poses[..., _BEAM, 2:].abs() > MOST_TURN)
 
 
 def reward(before: ArenaState, after: ArenaState) -> Tensor:
-    """The same for both, ``[*batch, 2, 1]``."""
+    """Rewards, equal for both, ``[*batch, 2, 1]``."""
     import torch
 
     forward_m = after.poses[..., _BEAM, :1] - before.poses[..., _BEAM, :1]
@@ -110,7 +110,7 @@ def reward(before: ArenaState, after: ArenaState) -> Tensor:
 
 
 def push(observation: Tensor) -> Tensor:
-    """The script of both: along x, the slower the farther one's own half of the beam is ahead; ``[*batch, 12]`` to
+    """Script of both: drive along x, more slowly if the robot's half of the beam is ahead; ``[*batch, 12]`` to
     ``[*batch, 2]``."""
     import torch
 

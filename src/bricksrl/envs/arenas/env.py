@@ -1,4 +1,4 @@
-"""Environment of several virtual robots in one world: all hubs are commanded, and then all are read."""
+"""Environment of several virtual robots in one world: a step commands all hubs, then reads all."""
 
 from __future__ import annotations
 
@@ -26,14 +26,13 @@ if TYPE_CHECKING:
 class ArenaEnv(EnvBase):  # type: ignore[misc]
     """Several robots of a task, as a TorchRL environment with groups; see `bricksrl.envs.arenas.specs.set_specs`.
 
-    A link that breaks ends the episode for all: the step is truncated and marked ``link_lost``, all links are closed, so that all
-    motors stop, and the next reset opens them again, for as long as ``reconnect`` says.
+    A broken link ends the episode for all: the step is truncated and marked ``link_lost``, all links are closed, so that all
+    motors stop, and the next reset tries to open them again as set by ``reconnect``.
 
     Args:
-        task: what is to be learned.
-        seed: of everything random; ``None`` for another one every time.
-        physics: of all robots.
-        realtime: let them take as long as real ones.
+        seed: seed of all random numbers; ``None`` for a different one each time.
+        physics: physics of all robots.
+        realtime: run in real time.
     """
 
     def __init__(
@@ -64,7 +63,7 @@ class ArenaEnv(EnvBase):  # type: ignore[misc]
 
     @property
     def world(self) -> ArenaWorld:
-        """The robots' world; a new seed brings a new one."""
+        """World of the robots; `set_seed` replaces it."""
         if self._world is None:
             task = self.task
             self._world = ArenaWorld(task.arena, self._physics, self._world_seed)
@@ -77,7 +76,7 @@ class ArenaEnv(EnvBase):  # type: ignore[misc]
         return self._world
 
     def hub(self, robot: str) -> VirtualHub:
-        """The hub of a robot, by its name."""
+        """Hub of a robot, by its name."""
         assert self.world is not None  # noqa: S101  making it makes the hubs
         return self._hubs[self.task.robots.index(robot)]
 
@@ -101,7 +100,7 @@ class ArenaEnv(EnvBase):  # type: ignore[misc]
         for link in self._links:
             link.open()
         now_ms = max(hub.machine.time_ms for hub in self._hubs)
-        for hub in self._hubs:  # the hand that puts them back takes its time
+        for hub in self._hubs:  # placing the robots by hand takes time
             hub.run_on_until(now_ms + HAND_MS)
         world.place(self._place_rng)
         self._angles = torch.tensor(np.stack([self._wheels(link.read()) for link in self._links]))
@@ -138,7 +137,7 @@ class ArenaEnv(EnvBase):  # type: ignore[misc]
         return self._out(torch.zeros(1, dtype=torch.bool), task.reward(before, self._state), terminated, truncated)
 
     def _lost(self, error: HubError) -> TensorDictBase:
-        """The outcome of a step in which a link broke: nothing new, and the end of the episode for all."""
+        """Outcome of a step in which a link broke: the last observation, truncated for all."""
         self.link_error = error
         self.reconnect.failed(error)
         no, yes = torch.zeros(1, dtype=torch.bool), torch.ones(1, dtype=torch.bool)
@@ -153,7 +152,7 @@ class ArenaEnv(EnvBase):  # type: ignore[misc]
         terminated: torch.Tensor | None = None,
         truncated: torch.Tensor | None = None,
     ) -> TensorDictBase:
-        assert self._state is not None  # noqa: S101  whoever calls has seen to it
+        assert self._state is not None  # noqa: S101  callers have checked it
         of_robots = {"observation": self.task.observe(self._state)}
         out: dict[str, Any] = {"link_lost": lost}
         if reward is not None and terminated is not None and truncated is not None:
@@ -172,7 +171,7 @@ class ArenaEnv(EnvBase):  # type: ignore[misc]
 
     @property
     def has_succeeded(self) -> bool:
-        """The task's word on the episode, as far as it went."""
+        """Success of the current episode by the task."""
         return self._state is not None and bool(self.task.success(self._state))
 
     def _close_links(self) -> None:

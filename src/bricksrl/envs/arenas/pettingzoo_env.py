@@ -30,7 +30,7 @@ class ArenaParallelEnv(ParallelEnv):  # type: ignore[misc]
 
     Args:
         env: a name of `bricksrl.envs.arenas.ARENAS`, or a task of your own.
-        named: what `make_arena` takes.
+        named: keyword arguments of `make_arena`.
     """
 
     def __init__(self, env: str | ArenaTask, **named: Any) -> None:
@@ -40,23 +40,23 @@ class ArenaParallelEnv(ParallelEnv):  # type: ignore[misc]
         self.possible_agents = list(task.robots)
         self.agents: list[str] = []
         n = (len(task.entries),)
-        # what is seen may lie beyond an entry's nominal bounds
+        # observations may exceed an entry's nominal bounds
         self.observation_spaces = {name: Box(-np.inf, np.inf, n, np.float32) for name in task.robots}
         self.action_spaces = {name: Box(-1.0, 1.0, (2,), np.float32) for name in task.robots}
         self._state: Any = None
 
     def observation_space(self, agent: str) -> Box:
-        """What a robot may observe."""
+        """Space of a robot's observation."""
         return self.observation_spaces[agent]
 
     def action_space(self, agent: str) -> Box:
-        """What a robot may do."""
+        """Space of a robot's action."""
         return self.action_spaces[agent]
 
     def reset(
         self, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, Array], dict[str, dict[str, Any]]]:
-        """Start an episode; the same seed gives the same one."""
+        """Start an episode, reproducibly with a seed."""
         if seed is not None:
             self._env.set_seed(seed)
         self._state = self._env.reset()
@@ -90,7 +90,7 @@ class ArenaParallelEnv(ParallelEnv):  # type: ignore[misc]
         return {robot: found[robot] for robot in self._env.task.robots}
 
     def render(self) -> None:
-        """Nothing is drawn here; `bricksrl.twin.render` draws an arena's world."""
+        """Does nothing; `bricksrl.twin.render` draws an arena's world."""
 
     def close(self) -> None:
         """Stop all robots."""

@@ -15,11 +15,11 @@ if TYPE_CHECKING:
     from bricksrl.twin.physics import Physics
 
 ARENAS = {"Tag-v0": "tag:TAG", "Carry-v0": "carry:CARRY"}
-"""Where each task is written."""
+"""Module and object of each task."""
 
 
 def get_arena_task(env_id: str) -> ArenaTask:
-    """The task of a name. Raises UnknownNameError if there is none."""
+    """Task of a name. Raises UnknownNameError if there is none."""
     if env_id not in ARENAS:
         raise UnknownNameError(f"there is no arena '{env_id}'; choose {', '.join(ARENAS)}")
     module, _, name = ARENAS[env_id].partition(":")
@@ -40,14 +40,13 @@ def make_arena(
 
     Args:
         env: a name of `ARENAS`, or a task of your own.
-        physics: of the virtual robots.
-        realtime: let them take as long as real ones.
-        batch_size, device: more than 0 for so many copies of a kinematic simulation, without hubs and contacts, for robots that
-            push nothing.
+        physics: physics of the virtual robots.
+        realtime: run in real time.
+        batch_size, device: number of copies of a kinematic simulation without hubs, contacts and loads; 0 for the arena itself.
 
     Raises:
         UnknownNameError: there is no such arena.
-        DescriptionError: the seed cannot be one, or there can be no simulation of it.
+        DescriptionError: the seed is invalid, or the task has no simulation.
     """
     check_seed(seed)
     task = get_arena_task(env) if isinstance(env, str) else env

@@ -1,7 +1,7 @@
 """Kinematic simulation of an arena: robots on two wheels as points with a heading, many copies in one batch.
 
-No hubs, no contacts: robots slide along walls and through one another. It is for learning quickly; what was learned is measured
-in the arena itself.
+It has no hubs and no contacts: robots slide along walls and pass through one another. It serves for fast training; policies are
+evaluated in the arena itself.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ if TYPE_CHECKING:
     from torch import Tensor
 
 LAG = (0.2, 0.6)
-"""Share of a command that is carried out in the step after it, drawn for each episode: a motor needs time to speed up."""
+"""Range of the share of a command that is carried out in the next step, as motors speed up; drawn for each episode."""
 NOISE = 0.03
-"""Standard deviation of a wheel's way, as a share of the widest command."""
+"""Standard deviation of a wheel's travel, as a share of the largest command."""
 MARGIN_M = 0.07
-"""How near to a wall the middle of a robot gets."""
+"""Least distance of a robot's middle from a wall."""
 
 
 class ArenaSimulation(EnvBase):  # type: ignore[misc]

@@ -1,4 +1,4 @@
-"""Specs of an arena, and its tensors by groups, as TorchRL's multi-agent environments have them."""
+"""Specs and grouped tensors of an arena, in TorchRL's multi-agent conventions."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def set_specs(env: EnvBase, task: ArenaTask) -> None:
-    """Give an environment the specs of a task: a group's observation, action and reward, ends for all.
+    """Set the specs of an environment: observation, action and reward of each group, common ends.
 
     ==========================  =================  =======================================
     key                         shape              meaning
@@ -33,7 +33,7 @@ def set_specs(env: EnvBase, task: ArenaTask) -> None:
     observations, actions, rewards = {}, {}, {}
     for group, names in task.groups.items():
         shape = (*batch, len(names))
-        # nominal bounds: a robot that tips or slides may be seen beyond them
+        # unbounded: a robot that tips or slides may exceed the nominal bounds
         observations[group] = Composite(observation=Unbounded((*shape, len(task.entries))), shape=shape)
         actions[group] = Composite(action=Bounded(-1.0, 1.0, (*shape, 2)), shape=shape)
         rewards[group] = Composite(reward=Unbounded((*shape, 1)), shape=shape)
@@ -46,7 +46,7 @@ def set_specs(env: EnvBase, task: ArenaTask) -> None:
 
 
 def by_groups(task: ArenaTask, batch: torch.Size, **of_robots: Tensor) -> dict[str, TensorDictBase]:
-    """Tensors ``[*batch, robots, n]`` by their groups."""
+    """Tensors ``[*batch, robots, n]``, split by group."""
     return {
         group: TensorDict(
             {name: value[..., task.places(group), :] for name, value in of_robots.items()}, (*batch, len(task.groups[group]))

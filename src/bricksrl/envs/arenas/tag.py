@@ -56,11 +56,11 @@ STEP_MS = 250
 _TRAVEL_DEG = (150.0, 112.0)
 _SPEED_DEG_S = 900
 _STEP_M = (0.073, 0.055)
-"""How far the wheels of 56 mm roll in a step."""
+"""Largest travel of the catcher and the runner in a step, with wheels of 56 mm."""
 _TURN_RAD = 0.7
-"""How far the runner turns in a step, about: in place, and while it speeds up."""
+"""Approximate angle by which the runner turns in place in a step, including acceleration."""
 _REACH_M = 0.73
-"""How far from the middle a robot gets, walls being at 0.8 m."""
+"""Largest distance of a robot from the middle along x and y; the walls are at 0.8 m."""
 _DIRECTIONS, _LOOK_STEPS = 16, 16
 _WON = 5.0
 _PER_M = 10.0
@@ -75,14 +75,14 @@ ENTRIES = (
 
 
 def distance_m(state: ArenaState) -> Tensor:
-    """Between the two robots, ``[*batch, 1]``."""
+    """Distance of the two robots, ``[*batch, 1]``."""
     apart = state.poses[..., CATCHER, :2] - state.poses[..., RUNNER, :2]
     length_m: Tensor = apart.norm(dim=-1, keepdim=True)
     return length_m
 
 
 def observe(state: ArenaState) -> Tensor:
-    """What catcher and runner see, ``[*batch, 2, 10]``."""
+    """Observations of catcher and runner, ``[*batch, 2, 10]``."""
     import torch
 
     views = [
@@ -93,13 +93,13 @@ def observe(state: ArenaState) -> Tensor:
 
 
 def caught(state: ArenaState) -> Tensor:
-    """True if the catcher has the runner; bool ``[*batch, 1]``."""
+    """True if the runner is caught; bool ``[*batch, 1]``."""
     near: Tensor = distance_m(state) <= CAUGHT_M
     return near
 
 
 def reward(before: ArenaState, after: ArenaState) -> Tensor:
-    """Of catcher and runner, ``[*batch, 2, 1]``; they add up to 0."""
+    """Rewards of catcher and runner, ``[*batch, 2, 1]``; their sum is 0."""
     import torch
 
     gain = _PER_M * (distance_m(before) - distance_m(after)) + _WON * caught(after)
@@ -107,8 +107,8 @@ def reward(before: ArenaState, after: ArenaState) -> Tensor:
 
 
 def flee(observation: Tensor) -> Tensor:
-    """The runner's script, ``[*batch, 10]`` to ``[*batch, 2]``: of 16 directions that in which a catcher that drives straight at
-    the runner needs longest, when the runner first turns there, drives on and slides along the walls."""
+    """The runner's script, ``[*batch, 10]`` to ``[*batch, 2]``. Of 16 directions it takes the one in which it is caught latest by
+    a catcher that drives straight at it, if it turns there first, drives on and slides along the walls."""
     import torch
 
     start, cos, sin = observation[..., 0:2], observation[..., 2], observation[..., 3]
@@ -133,7 +133,7 @@ def flee(observation: Tensor) -> Tensor:
 
 
 def chase(observation: Tensor) -> Tensor:
-    """The catcher's script: straight at the runner; ``[*batch, 10]`` to ``[*batch, 2]``."""
+    """The catcher's script: drive straight at the runner; ``[*batch, 10]`` to ``[*batch, 2]``."""
     return turned_towards(observation[..., 4], observation[..., 5])
 
 

@@ -1,7 +1,7 @@
-"""Task of several robots: an arena, what each commands, and pure functions of tensors. Importing this loads no torch.
+"""Task of several robots: an arena, interfaces, and pure functions of tensors. Importing this loads no torch.
 
-All functions are batched: a state has poses ``[*batch, things, 3]``, of the robots first and then of the loads, and what is
-told of each robot has the shape ``[*batch, robots, n]``.
+All functions are batched: a state has poses ``[*batch, things, 3]`` of the robots and then of the loads; values of the robots
+have the shape ``[*batch, robots, n]``.
 """
 
 from __future__ import annotations
@@ -27,8 +27,7 @@ class ArenaState:
 
     Attributes:
         poses: ``[*batch, things, 3]``: x and y in metres, and the heading in radians, counter-clockwise, 0 along x.
-        moved: ``[*batch, robots, 2]``: how far the left and the right wheel turned in the last step, as a share of the most that
-            may be commanded.
+        moved: ``[*batch, robots, 2]``: turn of the left and the right wheel in the last step, as a share of the largest command.
     """
 
     poses: Tensor
@@ -42,16 +41,15 @@ class ArenaTask:
     Attributes:
         id: name and version, such as ``"Tag-v0"``.
         doc: the description; its first line is the summary.
-        interfaces: of each of the arena's robots; each commands its left and its right wheel.
-        groups: robots that learn together, by the name of their group, as TorchRL has it; each robot is in one.
+        interfaces: interface of each of the arena's robots, with commands of the left and the right wheel.
+        groups: names of the robots that learn together, by group; each robot is in one.
         max_steps: steps after which an episode is truncated.
-        entries: of each robot's observation.
-        observe: a state to what each robot observes, ``[*batch, robots, n]``.
-        reward: the states before and after a step to what each robot gets, ``[*batch, robots, 1]``.
-        terminated: a state to ``[*batch, 1]`` bool.
-        success: the state after the last step to ``[*batch, 1]`` bool.
-        scripts: policies written by hand, by name: from an observation ``[*batch, n]`` of one robot to its action ``[*batch,
-            2]``.
+        entries: entries of each robot's observation.
+        observe: maps a state to the observations, ``[*batch, robots, n]``.
+        reward: maps the states before and after a step to the rewards, ``[*batch, robots, 1]``.
+        terminated: maps a state to ``[*batch, 1]`` bool.
+        success: maps the state after the last step to ``[*batch, 1]`` bool.
+        scripts: hand-written policies by name, from an observation ``[*batch, n]`` of one robot to its action ``[*batch, 2]``.
     """
 
     id: str
@@ -81,7 +79,7 @@ class ArenaTask:
 
     @property
     def robots(self) -> tuple[str, ...]:
-        """Names, in the arena's order."""
+        """Names of the robots, in the arena's order."""
         return tuple(one.name for one in self.arena.robots)
 
     @property
@@ -90,12 +88,12 @@ class ArenaTask:
         return self.doc.strip().partition("\n")[0]
 
     def places(self, group: str) -> list[int]:
-        """Of the robots of a group, among all robots."""
+        """Indices of a group's robots among all robots."""
         return [self.robots.index(name) for name in self.groups[group]]
 
 
 def seen_from(poses: Tensor, viewer: int, seen: int) -> Tensor:
-    """Pose of a thing as a robot sees it, ``[*batch, 4]``: metres ahead and to the left, cosine and sine of the difference of
+    """Pose of a thing in a robot's frame, ``[*batch, 4]``: metres ahead and to the left, cosine and sine of the difference of
     their headings."""
     import torch
 
@@ -115,8 +113,8 @@ def whereabouts(poses: Tensor, robot: int) -> Tensor:
 
 
 def turned_towards(ahead: Tensor, left: Tensor, speed: float = 1.0) -> Tensor:
-    """Action ``[*batch, 2]`` that turns a robot on two wheels towards a direction in its own frame, and drives the more
-    straight on the better it looks there."""
+    """Action ``[*batch, 2]`` that turns a robot on two wheels towards a direction in its frame, and drives on as far as it faces
+    it."""
     import torch
 
     angle = torch.atan2(left, ahead)

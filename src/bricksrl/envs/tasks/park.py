@@ -64,11 +64,11 @@ if TYPE_CHECKING:
     from torch import Tensor
 
 PARKED_MM, PARKED_DEG = 15.0, 4.0
-"""By the robot's own account."""
+"""Tolerances by dead reckoning, at which an episode ends."""
 WITHIN_MM, WITHIN_DEG = 20.0, 5.0
-"""By the truth, where it is known: wheels slip by about 5 mm on their way."""
+"""Tolerances by the true pose if it is known: wheels slip by about 5 mm on the way."""
 REST_MM, REST_DEG = 3.0, 2.0
-"""Of the last step."""
+"""Largest motion in the last step of a robot at rest."""
 _UNIT_MM, _UNIT_DEG, _NEAR_MM = 100.0, 60.0, 25.0
 _GAIN, _OF_TIME = 5.0, 0.6
 _BAY = (220.0, 200.0)
@@ -85,7 +85,7 @@ def _left_deg(observation: Tensor) -> Tensor:
 
 
 def _detour_deg(observation: Tensor) -> Tensor:
-    """What the robot turns in excess of its turn to the heading of the bay, if it faces the bay first, ahead or back."""
+    """Additional turn of a robot that faces the bay first, forwards or backwards, over a turn to the bay's heading."""
     ahead_mm, left_mm, turn_deg = observation[..., _AHEAD], observation[..., _LEFT], observation[..., _TURN]
     there_deg = -left_mm.atan2(ahead_mm).rad2deg()
     ways = [(_wrapped(first).abs() + _wrapped(turn_deg - first).abs()) for first in (there_deg, there_deg + 180.0)]
@@ -97,14 +97,14 @@ def _wrapped(angle_deg: Tensor) -> Tensor:
 
 
 def cost(observation: Tensor) -> Tensor:
-    """What is left to do; ``[*batch, 1]``."""
+    """Cost of the remaining way and turns; ``[*batch, 1]``."""
     left_mm = _left_mm(observation)
     far = 1.0 / (1.0 + (_NEAR_MM / left_mm) ** 4)
     return left_mm / _UNIT_MM + (_left_deg(observation) + far * _detour_deg(observation)) / _UNIT_DEG
 
 
 def reward(previous: Tensor, _action: Tensor, observation: Tensor) -> Tensor:
-    """What the step takes off the cost, less its time; ``[*batch, 1]``."""
+    """Decrease of the cost by the step, less a cost of time; ``[*batch, 1]``."""
     return _GAIN * (cost(previous) - cost(observation)) - _OF_TIME
 
 
@@ -121,7 +121,7 @@ def success(observations: Tensor) -> Tensor:
 
 
 def metrics(observations: Tensor) -> dict[str, Tensor]:
-    """What is left at the end of the episode ``[*batch, steps, n]``; ``[*batch]``."""
+    """Errors at the end of the episode ``[*batch, steps, n]``; ``[*batch]``."""
     last = observations[..., -1, :]
     return {"final_error_mm": _left_mm(last)[..., 0], "final_error_deg": _left_deg(last)[..., 0]}
 

@@ -47,7 +47,7 @@ class TeamSettings:
     passes: int = 6
     batch_size: int = 4096
     updates_per_step: float = 1.0
-    """Of independent SAC, per step of all copies."""
+    """Updates of independent SAC per step of all copies."""
 
     def __post_init__(self) -> None:
         for name in ("steps", "passes", "batch_size"):
@@ -253,8 +253,8 @@ def make_group(env: EnvBase, group: str, agent: TeamAgent, settings: TeamSetting
 
 
 def team_policy(env: EnvBase, learners: Mapping[str, GroupLearner], scripts: Mapping[str, str]) -> TensorDictSequential:
-    """Policy of all robots: of learning groups, and scripts of the others: a name, "random", or several separated by commas for
-    the copies in turn. Raises DescriptionError if a group has neither, or there is no such script."""
+    """Policy of all robots, by the groups' learners or scripts: a name, "random", or several separated by commas for the copies
+    in turn. Raises DescriptionError if a group has neither, or there is no such script."""
     known = {"random": uniform(2), **env.task.scripts}
     parts = []
     for group in env.task.groups:

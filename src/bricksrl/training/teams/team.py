@@ -24,9 +24,9 @@ class TeamConfig:
     Attributes:
         env: name of an arena.
         agents: algorithm of each learning group.
-        scripts: of each other group: a script of the task, "random", or several separated by commas for the copies in turn.
+        scripts: script of each other group: one of the task, "random", or several separated by commas for the copies in turn.
         frames: total steps of all copies.
-        copies: of the kinematic simulation; 0 trains in the arena itself, with its hubs.
+        copies: number of copies of the kinematic simulation; 0 trains in the arena itself, with its hubs.
     """
 
     env: str
@@ -54,7 +54,7 @@ class TeamProgress:
 
 @dataclass
 class Team:
-    """Trained groups. ``policy``: of all robots; explores under ``ExplorationType.RANDOM``."""
+    """Trained groups. ``policy``: policy of all robots; explores under ``ExplorationType.RANDOM``."""
 
     config: TeamConfig
     settings: TeamSettings

@@ -122,7 +122,7 @@ class HashTable:
         self.slots, self._hashes = [], []
 
     def copy(self) -> HashTable:
-        """Same keys in the same slots."""
+        """A copy with the same keys in the same slots."""
         other = HashTable()
         other.slots, other._hashes, other._added = list(self.slots), list(self._hashes), self._added
         return other

@@ -194,7 +194,7 @@ def _dict_display(*parts: Any) -> HubDict:
 
 
 def _dict_comprehension(pairs: list[tuple[Any, Any]]) -> HubDict:
-    """From values and keys."""
+    """``{key: value for ...}`` from pairs of value and key."""
     return HubDict.sized(0, ((key, value) for value, key in pairs))
 
 

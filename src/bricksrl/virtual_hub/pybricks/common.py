@@ -37,7 +37,7 @@ def magnitude(value: Any, default: int) -> int:
 
 
 def _tolerances(now: tuple[int, int], set_both: Callable[[int, int], None], first: Any, second: Any) -> tuple[int, int] | None:
-    """What is set, where neither is given; otherwise sets what is."""
+    """The present values if none is given; otherwise sets those that are."""
     if first is None and second is None:
         return now
     with refusals():

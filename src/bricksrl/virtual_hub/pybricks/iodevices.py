@@ -37,7 +37,7 @@ class PUPDevice:
 
     @charged
     def reset(self) -> None:
-        """As if just plugged in."""
+        """Reset to the state after plugging in."""
 
     def read(self, mode: Any) -> Any:
         raise os_error(errno.EOPNOTSUPP)
