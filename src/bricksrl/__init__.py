@@ -51,7 +51,7 @@ def __getattr__(name: str) -> Any:
 
 
 class _OfferToGymnasium:
-    """Registers our environments right after somebody has imported Gymnasium; so that nobody else pays for importing it."""
+    """Registers our environments right after an import of Gymnasium, which is not imported otherwise."""
 
     def __init__(self) -> None:
         self._is_looking = False
@@ -66,7 +66,7 @@ class _OfferToGymnasium:
             spec = util.find_spec(name)
         finally:
             self._is_looking = False
-        if spec is not None and spec.loader is not None:  # which is not loaded where somebody only asks whether it is there
+        if spec is not None and spec.loader is not None:  # not loaded by a test whether it is installed
             execute = spec.loader.exec_module
 
             def execute_and_offer(module: ModuleType) -> None:

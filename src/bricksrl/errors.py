@@ -47,7 +47,7 @@ class HubProgramError(HubError):
 
 
 class StoppedError(BricksError):
-    """A human stopped the robot. No fault of the link, so whoever mends links leaves it alone."""
+    """A human stopped the robot. Not a fault of the link, which is therefore not repaired."""
 
 
 class TwinError(BricksError):
@@ -75,7 +75,7 @@ class RunError(BricksError):
 
 
 class CheckpointError(RunError):
-    """A checkpoint that is corrupt or belongs to something else."""
+    """A checkpoint that is corrupt or of another kind."""
 
 
 class DataError(BricksError):

@@ -21,7 +21,7 @@ _COAST_MS = 500
 
 
 def resting_player(env: EnvBase) -> Player:
-    """Player that moves no motor, for while nobody drives."""
+    """Player that moves no motor."""
     from bricksrl.data.schema import describe_task
     from bricksrl.teleop.mapping import rest
 

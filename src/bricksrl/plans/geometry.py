@@ -24,6 +24,13 @@ def circle_sides(radius: float, chord_error: float) -> int:
     return max(_FEWEST_SIDES, math.ceil(math.pi / math.acos(1.0 - min(chord_error / radius, 1.0))))
 
 
+def rotation(axis: Triple | Floats, angle: float) -> Floats:
+    """Rotation matrix [3, 3] about a unit axis by an angle in radians (Rodrigues)."""
+    x, y, z = axis
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.asarray(np.eye(3) + math.sin(angle) * cross + (1.0 - math.cos(angle)) * cross @ cross)
+
+
 class Form(enum.Enum):
     """Kinds of solids."""
 

@@ -61,7 +61,7 @@ class Line:
         return points[:-1], points[1:]
 
     def covers(self, points_mm: Floats) -> NDArray[np.bool_]:
-        """Which of the points ``[n, 2]`` lie on it; ``[n]``."""
+        """Whether points ``[n, 2]`` are on it; ``[n]``."""
         starts, ends = self.ends_mm
         along = ends - starts
         away = points_mm[:, None] - starts
@@ -91,7 +91,7 @@ class Field:
         _check(self.color, "a field", self.size_mm, (self.at_mm, (self.heading_deg, 0.0)))
 
     def covers(self, points_mm: Floats) -> NDArray[np.bool_]:
-        """Which of the points ``[n, 2]`` lie on it; ``[n]``."""
+        """Whether points ``[n, 2]`` are on it; ``[n]``."""
         yaw = -math.radians(self.heading_deg)
         turn = np.array([[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]])
         inside = np.abs((points_mm - np.array(self.at_mm)) @ turn) / (np.array(self.size_mm) / 2)

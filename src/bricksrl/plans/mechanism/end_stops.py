@@ -9,10 +9,9 @@ from dataclasses import replace
 import numpy as np
 
 from bricksrl.plans.contact import Occupancy
-from bricksrl.plans.geometry import Floats
+from bricksrl.plans.geometry import Floats, rotation
 from bricksrl.plans.mechanism.articulation import Articulation, Drive
 from bricksrl.plans.mechanism.kinematics import TO_TWIN
-from bricksrl.plans.mechanism.posing import turning
 from bricksrl.plans.plan import Placed
 from bricksrl.plans.planned_robot import PlannedRobot
 
@@ -74,7 +73,7 @@ class _Sweep:
         return free
 
     def _is_clear(self, angle_deg: float) -> bool:
-        turn = turning(self._axis, np.zeros(3), math.radians(angle_deg)).turn
+        turn = rotation(self._axis, math.radians(angle_deg))
         parts = [self._turned(placed, turn) if placed.index in self._moved else placed for placed in self._parts]
         return Occupancy(parts).is_free(self._moved, self._others, np.zeros(3))
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bricksrl.plans.geometry import Floats
+from bricksrl.plans.geometry import Floats, rotation
 from bricksrl.plans.mechanism.articulation import Articulation, Turn
 
 _STEPS, _CLOSE_M, _SMALL = 30, 1e-7, 1e-6
@@ -39,10 +39,8 @@ STILL = Motion(np.eye(3), np.zeros(3))
 
 
 def turning(axis: Floats, point: Floats, angle: float) -> Motion:
-    """A rotation about a unit axis through a point (Rodrigues)."""
-    x, y, z = axis
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    turn = np.eye(3) + math.sin(angle) * cross + (1.0 - math.cos(angle)) * cross @ cross
+    """A rotation about a unit axis through a point; radians."""
+    turn = rotation(axis, angle)
     return Motion(turn, point - turn @ point)
 
 

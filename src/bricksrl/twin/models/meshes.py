@@ -15,7 +15,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from bricksrl.plans.geometry import circle_sides
+from bricksrl.plans.geometry import circle_sides, rotation
 from bricksrl.twin.models.mjcf import LOOKS_GROUP
 
 Floats = NDArray[np.float64]
@@ -47,7 +47,7 @@ class Shape:
 
     def turned(self, axis: Triple, angle_deg: float) -> Shape:
         """The shape, rotated about an axis through the origin."""
-        turn = rotation(axis, angle_deg)
+        turn = rotation(axis, math.radians(angle_deg))
         return Shape(self.points @ turn.T, self.normals @ turn.T, self.faces)
 
     def along(self, axis: Triple) -> Shape:
@@ -57,15 +57,6 @@ class Shape:
         if axis == Y_AXIS:
             return self.turned(X_AXIS, -90.0)
         return self
-
-
-def rotation(axis: Triple, angle_deg: float) -> Floats:
-    """Rotation matrix [3, 3] about a unit axis (Rodrigues)."""
-    x, y, z = axis
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    angle = math.radians(angle_deg)
-    turn: Floats = np.eye(3) + math.sin(angle) * cross + (1.0 - math.cos(angle)) * cross @ cross
-    return turn
 
 
 def box(length: float, width: float, height: float, radius: float = 0.6, arc: int = 2) -> Shape:

@@ -73,7 +73,7 @@ class Device:
 
 
 class LightArray:
-    """Lights around the eye of a sensor: nobody sees them, but values are checked."""
+    """Lights around the eye of a sensor, without effect; values are checked."""
 
     def __init__(self, device: Device, count: int) -> None:
         self._device = device
@@ -274,7 +274,7 @@ class TiltSensor(Device):
 
 
 class Light(Device):
-    """A lamp, which nobody sees."""
+    """Lamp, without effect."""
 
     _kind = SensorKind.LIGHT
 
@@ -287,7 +287,7 @@ class Light(Device):
 
 
 class ColorLightMatrix(Device):
-    """Three rows of three lights, which nobody sees."""
+    """Three rows of three lights, without effect."""
 
     _kind = SensorKind.COLOR_LIGHT_MATRIX
 
@@ -302,7 +302,7 @@ class ColorLightMatrix(Device):
 
 
 class PFMotor:
-    """A Power Functions motor that a color and distance sensor commands by infrared light, and that nobody sees."""
+    """Power Functions motor, commanded by a color and distance sensor with infrared light; without effect."""
 
     def __init__(self, sensor: Any, channel: Any, color: Any, positive_direction: Any = Direction.CLOCKWISE) -> None:
         expect_type(sensor, ColorDistanceSensor)
