@@ -132,7 +132,7 @@ class TargetTracker:
         self.at = self.at.driven(*self._last_step)
 
     def truth(self) -> tuple[float, ...]:
-        """As `entries`, from the true pose of a virtual robot; for a real robot the same as `entries`."""
+        """The `entries` from the true pose of a virtual robot; for a real robot they are estimates."""
         at = self.at if self._true_pose is None else floor_pose(self._true_pose())
         return (*self._target.place.seen_from(at), *self._last_step)
 

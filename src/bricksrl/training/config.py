@@ -50,7 +50,7 @@ class TrainConfig(EnvOptions):
     """Learn in another process while the robot moves; by default if the robot needs real time. Only synchronous runs are
     repeatable."""
     patience_s: float = 300.0
-    """How long to retry a lost robot; 0 gives up at once."""
+    """Time of retries to reach a lost robot; 0 gives up at once."""
     log: str = "none"
     """Experiment tracker in addition to the CSV: tensorboard, wandb or trackio."""
     settings: Any = None

@@ -28,7 +28,7 @@ class IQLSettings(TargetSettings):
     """Settings of IQL."""
 
     new_goals: Annotated[float, Share] = 0.0
-    """As for other algorithms; 0, as actions for one goal are no examples for a random other one."""
+    """Share of relabelled goals; 0, as actions for one goal are no examples for a random other one."""
     expectile: Annotated[float, Range(0.0, 1.0, above=True, below=True)] = 0.8
     """Expectile of the action values that is a state's value; 0.5 is the mean."""
     temperature: Annotated[float, NotNegative] = 3.0

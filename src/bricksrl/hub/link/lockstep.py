@@ -310,7 +310,7 @@ class HubLink:
 
     @contextlib.contextmanager
     def _explained(self) -> Iterator[None]:
-        """Like ``_fault``, but prefer the program's traceback or BYE to the transport's error."""
+        """``_fault`` that prefers the program's traceback or BYE to the error of the transport."""
         with self._fault():
             try:
                 yield

@@ -76,7 +76,7 @@ class StreamingLink(HubLink):
         self._transport.write(control_frame(Down.STREAM, struct.pack("<H", PERIOD_MS)))
 
     def _is_answer(self, frame: Frame) -> bool:
-        """Like lock-step, but observations under an earlier command are normal and not counted as stale."""
+        """Whether a frame answers; observations under an earlier command are normal here, and not counted as stale."""
         if isinstance(frame, ControlFrame):
             return super()._is_answer(frame)
         return frame.seq == self._seq

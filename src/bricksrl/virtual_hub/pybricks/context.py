@@ -224,7 +224,7 @@ class Latest:
         on_close: Callable[[], None] | None = None,
         grain_ms: int = 0,
     ) -> Any:
-        """As `RunLoop.finish`, after cancelling the previous command."""
+        """Cancel the previous command, then `RunLoop.finish`."""
         self.cancel()
         outcome = self._loop.finish(is_done, result, on_close, grain_ms)
         if isinstance(outcome, Async):
