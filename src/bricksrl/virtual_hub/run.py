@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import BinaryIO, TextIO
 
 from bricksrl.errors import TwinError
+from bricksrl.hub.program.syntax import parse
 from bricksrl.hub.program.user_program import check_time_limit, module_beside, own_program, read_program
 from bricksrl.hub.transport import HubProgram
 from bricksrl.robots import HubKind
@@ -147,7 +148,7 @@ def _hub_of(program: HubProgram) -> HubKind:
     classes = {kind.model.class_name: kind for kind in HubKind} | {"InventorHub": HubKind.PRIME}
     for source in (program.source, *(module.source for module in program.beside)):
         try:
-            tree = ast.parse(source)
+            tree = parse(source)
         except (SyntaxError, ValueError):
             continue
         for node in ast.walk(tree):

@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from bricksrl.errors import ProgramError
+from bricksrl.hub.program.syntax import parse
 from bricksrl.hub.transport import HubModule, HubProgram
 
 
@@ -57,7 +58,7 @@ def own_program(path: Path) -> HubProgram:
 def _imported(source: str) -> Iterator[str]:
     """Names of modules in all import statements; empty for invalid source, which the hub's compiler rejects later."""
     try:
-        tree = ast.parse(source)
+        tree = parse(source)
     except (SyntaxError, ValueError):
         return
     for node in ast.walk(tree):
