@@ -383,11 +383,25 @@ class B:
 print(_A, B.C)
 const(4)
 """
-    assert traceback_of(source).endswith('line 6, in <module>\nNameError: name \'const\' isn\'t defined\n')
+    assert traceback_of(source).endswith("line 6, in <module>\nNameError: name 'const' isn't defined\n")
 
 
 def test_program_can_import_itself() -> None:
     assert printed("import __main__\nx = 5\nprint(__main__.x, __name__)") == "5 __main__"
+
+
+def test_classes_have_module_and_qualname() -> None:
+    source = """
+class A:
+    x = 1
+def f():
+    class B(Exception):
+        pass
+    return B
+print([getattr(A, name) for name in dir(A)], A().__qualname__, f().__qualname__, f()().__module__)
+print(hasattr(f, "__module__"), hasattr(int, "__module__"))
+"""
+    assert printed(source) == "['__main__', 'A', 1] A B __main__\nFalse False"
 
 
 def test_input_echoes_and_returns_a_line() -> None:
