@@ -62,9 +62,9 @@ class Servo:
         return self.control.settings
 
     @property
-    def is_clockwise(self) -> bool:
-        """Whether the angle increases when the shaft turns clockwise."""
-        return self._sign > 0
+    def direction(self) -> int:
+        """1 if the angle increases when the shaft turns clockwise, else -1."""
+        return self._sign
 
     @property
     def is_coasting(self) -> bool:

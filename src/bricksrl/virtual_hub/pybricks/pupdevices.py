@@ -77,7 +77,7 @@ class _BaseMotor:
         self._direction = MotorDirection.CLOCKWISE if is_clockwise else MotorDirection.COUNTERCLOCKWISE
 
     def __repr__(self) -> str:
-        way = Direction.CLOCKWISE if self._servo.is_clockwise else Direction.COUNTERCLOCKWISE
+        way = Direction.CLOCKWISE if self._servo.direction > 0 else Direction.COUNTERCLOCKWISE
         return f"{type(self).__name__}(Port.{self._letter}, {way!r})"
 
     @charged
