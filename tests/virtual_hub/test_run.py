@@ -229,6 +229,19 @@ def test_bench_motors_with_end_stops_or_without_sensor(tmp_path: Path) -> None:
     assert fitted(tmp_path, source, end_stops={"A": (-90.0, 120.0)}) == (0, printed, "")
 
 
+def test_bench_blocks_motors_that_run_until_stalled(tmp_path: Path) -> None:
+    source = """
+from pybricks.parameters import Direction
+from pybricks.robotics import Car
+arm = Motor(Port.A, Direction.COUNTERCLOCKWISE)
+for speed in (200, -200, 200):
+    print(round(arm.run_until_stalled(speed, duty_limit=50) / 10))
+car = Car(Motor(Port.C), Motor(Port.D))
+car.steer(100)
+"""
+    assert fitted(tmp_path, source) == (0, "9\n0\n9\n", "")
+
+
 def test_operation_presses_buttons(tmp_path: Path) -> None:
     source = "from pybricks.hubs import PrimeHub\nhub = PrimeHub()\nprint(hub_menu('A', 'B'))\nwait(9000)"
     done = fitted(tmp_path, source, press="right@1s center@2s center@3s")

@@ -75,6 +75,9 @@ class FittingBody(Protocol):
     def device(self, port: str) -> str | None:
         """Class name of the device on a port."""
 
+    def block(self, port: str, direction: int) -> None:
+        """Something is in the way of a motor that runs until it stalls, clockwise (1) or counterclockwise (-1)."""
+
     def put_on_wheels(self, turns: Mapping[str, float]) -> None:
         """The hub rides on wheels that do not slip: degrees that it turns clockwise for one millidegree of each motor."""
 

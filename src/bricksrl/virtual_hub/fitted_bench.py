@@ -14,6 +14,7 @@ from bricksrl.virtual_hub.stimuli import Sense, Sensed, senses
 
 _ULTRASONIC = "UltrasonicSensor"
 _MOTORS = ("Motor", "DCMotor")
+_WAY_TO_STOP_MDEG = 90_000.0
 _FARTHEST_MM, _FARTHEST_PCT = 2000.0, 100.0
 _DEFAULTS: Mapping[Sense, Sensed] = {
     Sense.SURFACE: (0.0, 0.0, 0.0),
@@ -27,7 +28,7 @@ _DEFAULTS: Mapping[Sense, Sensed] = {
 
 class FittedBench(BenchBody):
     """A hub without devices until a program uses them; motors turn freely, sensors have given readings. With a drive base, the hub
-    turns as the wheels do. Raises TwinError if a reading is for a port that the hub does not have.
+    turns as the wheels do. A motor that runs until it stalls is blocked after 90 degrees. Raises TwinError if a reading is for a port that the hub does not have.
 
     Args:
         hub: kind of hub.
@@ -64,6 +65,14 @@ class FittedBench(BenchBody):
         for reading in for_port(self._given, port):
             reading.check(self._sense_of(reading, device), device)
         return True
+
+    def block(self, port: str, direction: int) -> None:
+        motor = self._motors[port]
+        low, high = motor.stops or (-math.inf, math.inf)
+        if direction > 0 and high == math.inf:
+            motor.stops = low, motor.angle + _WAY_TO_STOP_MDEG
+        elif direction < 0 and low == -math.inf:
+            motor.stops = motor.angle - _WAY_TO_STOP_MDEG, high
 
     @property
     def turns_with_its_wheels(self) -> bool:  # type: ignore[override]
