@@ -242,6 +242,32 @@ car.steer(100)
     assert fitted(tmp_path, source) == (0, "9\n0\n9\n", "")
 
 
+def test_xbox_controller_is_near(tmp_path: Path) -> None:
+    source = """
+from pybricks.iodevices import XboxController
+box = XboxController()
+def show():
+    print(box.joystick_left(), box.joystick_right(), box.triggers(), box.dpad(), box.state(), box.buttons.pressed())
+print(box.name(), box.profile(), box.rumble(50))
+show()
+wait(500)
+show()
+box.disconnect()
+try:
+    show()
+except OSError as e:
+    print(e.errno)
+"""
+    names = "a rb p2 up right right_trigger joystick_left_up joystick_left_right joystick_right_down"
+    code, out, err = fitted(tmp_path, source, press=" ".join(f"xbox.{name}@0.9s+1s" for name in names.split()))
+    assert (code, err) == (0, "")
+    name, at_rest, used, errno = out.splitlines()
+    assert (name, errno) == ("Xbox Wireless Controller 0 None", "19")
+    assert at_rest == "(0, 0) (0, 0) (0, 0) 0 (0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0) set()"
+    assert used.startswith("(100, 100) (0, -100) (0, 100) 2 (32768, -32767, 0, 32768, 0, 1023, 2, 129, 0, 0, 0, 2) {Button.")
+    assert sorted(used.partition("{")[2].strip("}").split(", ")) == [f"Button.{b}" for b in ("A", "P2", "RB", "RIGHT", "UP")]
+
+
 def test_operation_presses_buttons(tmp_path: Path) -> None:
     source = "from pybricks.hubs import PrimeHub\nhub = PrimeHub()\nprint(hub_menu('A', 'B'))\nwait(9000)"
     done = fitted(tmp_path, source, press="right@1s center@2s center@3s")

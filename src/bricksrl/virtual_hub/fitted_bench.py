@@ -27,8 +27,10 @@ _DEFAULTS: Mapping[Sense, Sensed] = {
 
 
 class FittedBench(BenchBody):
-    """A hub without devices until a program uses them; motors turn freely, sensors have given readings. With a drive base, the hub
-    turns as the wheels do. A motor that runs until it stalls is blocked after 90 degrees. Raises TwinError if a reading is for a port that the hub does not have.
+    """A hub without devices until a program uses them; motors turn freely, sensors have given readings.
+
+    With a drive base, the hub turns as the wheels do. A motor that runs until it stalls is blocked after 90 degrees. Raises
+    TwinError if a reading is for a port that the hub does not have.
 
     Args:
         hub: kind of hub.

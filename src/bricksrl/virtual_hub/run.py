@@ -23,7 +23,7 @@ from bricksrl.virtual_hub.machine import Machine
 from bricksrl.virtual_hub.micropython.errors import class_name
 from bricksrl.virtual_hub.micropython.system import is_of_program
 from bricksrl.virtual_hub.pace import Pace
-from bricksrl.virtual_hub.panel import Panel, Press
+from bricksrl.virtual_hub.panel import WIRELESS, Panel, Press
 from bricksrl.virtual_hub.pybricks import modules
 
 
@@ -137,7 +137,7 @@ def _machine(body: Body | None, operation: Operation, path: Path) -> Machine:
     if body is None:
         kind = _hub_of(own_program(path))
         fitted = FittedBench(kind, operation.readings, operation.end_stops)
-        return Machine(fitted, Panel(kind, operation.presses, has_remote=True))
+        return Machine(fitted, Panel(kind, operation.presses, near=WIRELESS))
     if operation.readings or operation.end_stops:
         raise TwinError("readings and end stops are for the bench; omit them, or take --robot bench")
     return Machine(body, Panel(body.robot.hub, operation.presses))
