@@ -35,13 +35,9 @@ def _absent(name: str) -> Callable[..., Any]:
 
 
 class Wireless:
-    """Base class.
+    """Base class."""
 
-    Attributes:
-        kind: name of the device among those that can be near.
-    """
-
-    kind = ""
+    _kind = ""  # name of the device among those that can be near
     _loop: RunLoop
     _machine: Machine
     _is_connected = False
@@ -61,7 +57,7 @@ class Wireless:
     def connect(self) -> Any:
         self._machine.charge_call()
         start_ms = self._machine.time_ms
-        is_near = self.kind in self._machine.panel.near
+        is_near = self._kind in self._machine.panel.near
 
         def is_done() -> bool:
             waited_ms = self._machine.time_ms - start_ms
@@ -79,12 +75,12 @@ class Wireless:
 
     name = _absent("name")
 
-    def down(self) -> frozenset[str]:
+    def _down(self) -> frozenset[str]:
         """Names of the buttons that are down. Raises OSError, ENODEV, while it is not connected."""
-        self.check_connected()
-        return self._machine.panel.pressed_on(self.kind, self._machine.time_ms)
+        self._check_connected()
+        return self._machine.panel.pressed_on(self._kind, self._machine.time_ms)
 
-    def check_connected(self) -> None:
+    def _check_connected(self) -> None:
         if not self._is_connected:
             raise os_error(errno.ENODEV)
 
@@ -106,7 +102,7 @@ class _Buttons(_Part):
 
     @charged
     def pressed(self) -> set[Any]:
-        down = self._device.down()
+        down = self._device._down()
         return buttons(name for name in self._names if name in down)
 
 
@@ -138,17 +134,17 @@ class _RemoteLight(_Part):
     @charged
     def on(self, color: Any) -> None:
         expect_type(color, Color)
-        self._device.check_connected()
+        self._device._check_connected()
 
     @charged
     def off(self) -> None:
-        self._device.check_connected()
+        self._device._check_connected()
 
 
 class Remote(Wireless):
     """The remote control, near if the panel has one."""
 
-    kind = "remote"
+    _kind = "remote"
 
     def __init__(self, name: Any = None, timeout: Any = 10000, connect: Any = True) -> None:
         self.buttons, self.light = _Buttons(self, _REMOTE_BUTTONS), _RemoteLight(self)
@@ -157,7 +153,7 @@ class Remote(Wireless):
 
     @charged
     def name(self, name: Any = None) -> Any:
-        self.check_connected()
+        self._check_connected()
         if name is None:
             return self._name
         expect_type(name, str)
@@ -186,7 +182,7 @@ class MarioHub(Wireless):
 class XboxController(Wireless):
     """The game controller, near if the panel has one."""
 
-    kind = "xbox"
+    _kind = "xbox"
 
     def __init__(self, joystick_deadzone: Any = 10, name: Any = None, timeout: Any = 10000, connect: Any = True) -> None:
         get_int(joystick_deadzone)
@@ -195,13 +191,13 @@ class XboxController(Wireless):
 
     @charged
     def name(self, name: Any = None) -> str:
-        self.check_connected()
+        self._check_connected()
         return "Xbox Wireless Controller"
 
     @charged
     def state(self) -> tuple[int, ...]:
         """What it measures, as it sends it."""
-        down = self.down()
+        down = self._down()
         sticks = (_stick(down, side, _STICK_MOST) for side in ("left", "right"))
         axes = [value for x, y in sticks for value in (x, -y)]
         raw = (value + (value == _STICK_MOST) for value in axes)  # it sends 0 to 65535 for both ends
@@ -213,31 +209,31 @@ class XboxController(Wireless):
 
     @charged
     def dpad(self) -> int:
-        return _dpad(self.down())
+        return _dpad(self._down())
 
     @charged
     def profile(self) -> int:
-        self.check_connected()
+        self._check_connected()
         return 0
 
     @charged
     def joystick_left(self) -> tuple[int, int]:
-        return _stick(self.down(), "left", 100)
+        return _stick(self._down(), "left", 100)
 
     @charged
     def joystick_right(self) -> tuple[int, int]:
-        return _stick(self.down(), "right", 100)
+        return _stick(self._down(), "right", 100)
 
     @charged
     def triggers(self) -> tuple[int, int]:
-        down = self.down()
+        down = self._down()
         return 100 * ("left_trigger" in down), 100 * ("right_trigger" in down)
 
     @charged
     def rumble(self, power: Any = 100, duration: Any = 200, count: Any = 1, delay: Any = 100) -> Any:
         for number in (duration, count, delay):
             get_int(number)
-        self.check_connected()
+        self._check_connected()
         return self._loop.done()
 
 
