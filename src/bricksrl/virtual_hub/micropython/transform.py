@@ -83,8 +83,9 @@ def _folded(node: ast.expr) -> int | None:
 
 def _constant(node: ast.expr) -> ast.expr:
     """The 5 of ``const(5)``, which is for the hub's compiler and no name."""
-    is_const = isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "const"
-    return node.args[0] if is_const and node.args else node
+    if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "const" and node.args:
+        return node.args[0]
+    return node
 
 
 class _Transformer(ast.NodeTransformer):
