@@ -214,7 +214,7 @@ def test_hub_menu_without_presses_has_traceback(tmp_path: Path) -> None:
 
 
 def test_readings_need_bench_and_valid_port(tmp_path: Path) -> None:
-    with pytest.raises(TwinError, match="a city hub has no port E"):
+    with pytest.raises(TwinError, match="the city hub has no port E"):
         fitted(tmp_path, "from pybricks.hubs import CityHub", reading="E=red")
     (tmp_path / "main.py").write_text("")
     operation = Operation(readings=[parse_reading("A=red")])

@@ -51,7 +51,7 @@ class FittedBench(BenchBody):
         self._up = (0.0, 0.0, 1.0)
         for port in (*(reading.port for reading in self._given), *self._stops):
             if port not in hub.model.ports:
-                raise TwinError(f"a {hub.value} hub has no port {port}; it has {', '.join(hub.model.ports)}")
+                raise TwinError(f"the {hub.value} hub has no port {port}; it has {', '.join(hub.model.ports)}")
 
     def plug_in(self, port: str, device: str) -> bool:
         """Plug in a device of a class of ``pybricks.pupdevices``. Returns whether the port was free or has it already. Raises

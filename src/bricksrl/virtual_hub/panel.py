@@ -228,6 +228,9 @@ class Panel:
         self.next_ms = min((*due, *(due_ms for due_ms, _ in self._animations.values())), default=None)
 
     def _check(self, button: str) -> None:
-        known = (*self.buttons, *(f"{device}.{name}" for device, names in _BUTTONS_NEAR.items() for name in names))
-        if button not in known:
-            raise TwinError(f"a {self._hub.value} hub has no button '{button}'; press one of {', '.join(known)}")
+        device = button.partition(".")[0]
+        near = [f"{device}.{name}" for name in _BUTTONS_NEAR.get(device, ())]
+        if button not in (near or self.buttons):
+            owner = f"the {device}" if near else f"the {self._hub.value} hub"
+            known = ", ".join(near or [*self.buttons, "or of a wireless device, such as remote.left_plus or xbox.a"])
+            raise TwinError(f"{owner} has no button '{button}'; press one of {known}")
