@@ -387,8 +387,13 @@ def test_other_hubs_have_one_button() -> None:
 def test_pressed_remote_is_near() -> None:
     source = """
 from pybricks.pupdevices import Remote
+from pybricks.tools import run_task
 remote = Remote()
 remote.light.on(Color.RED)
+async def lights():
+    await remote.light.on(Color.BLUE)
+    await remote.light.off()
+run_task(lights())
 wait(1000)
 print(remote.name(), remote.buttons.pressed(), hub.buttons.pressed())
 remote.disconnect()

@@ -131,14 +131,14 @@ class LWP3Device(Wireless):
 
 
 class _RemoteLight(_Part):
-    @charged
-    def on(self, color: Any) -> None:
+    def on(self, color: Any) -> Any:
         expect_type(color, Color)
-        self._device._check_connected()
+        return self.off()
 
     @charged
-    def off(self) -> None:
+    def off(self) -> Any:
         self._device._check_connected()
+        return self._device._loop.done()
 
 
 class Remote(Wireless):
