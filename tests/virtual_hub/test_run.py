@@ -213,6 +213,18 @@ def test_hub_menu_without_presses_has_traceback(tmp_path: Path) -> None:
     assert code == 1 and "line 4" in err and "--press" in err
 
 
+def test_module_in_a_folder_above_is_named(tmp_path: Path) -> None:
+    (tmp_path / "parts").mkdir()
+    (tmp_path / "parts" / "arm.py").write_text("up = 5")
+    (tmp_path / "runs").mkdir()
+    code, _, err = run(tmp_path / "runs", "import parts.arm")
+    assert code == 1
+    assert err.endswith(
+        f"no module named 'parts.arm'\nA program imports what lies beside it; move it to {tmp_path}, where parts.arm is.\n"
+    )
+    assert run(tmp_path / "runs", "import parts.leg")[2].endswith("no module named 'parts.leg'\n")
+
+
 def test_readings_need_bench_and_valid_port(tmp_path: Path) -> None:
     with pytest.raises(TwinError, match="the city hub has no port E"):
         fitted(tmp_path, "from pybricks.hubs import CityHub", reading="E=red")

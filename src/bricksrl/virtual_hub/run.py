@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -12,7 +13,7 @@ from typing import BinaryIO, TextIO
 
 from bricksrl.errors import TwinError
 from bricksrl.hub.program.syntax import parse
-from bricksrl.hub.program.user_program import check_time_limit, module_beside, own_program, read_program
+from bricksrl.hub.program.user_program import check_time_limit, folder_with_module, module_beside, own_program, read_program
 from bricksrl.hub.transport import HubProgram
 from bricksrl.robots import HubKind
 from bricksrl.virtual_hub.body import Body
@@ -170,12 +171,21 @@ def _run(source: str, path: Path, machine: Machine, console: StreamConsole, stdo
     except BaseException as error:
         if not (is_of_program(error) or isinstance(error, KeyboardInterrupt)):
             raise
-        stderr.write(format_traceback(error, path.name))
+        stderr.write(format_traceback(error, path.name) + _where_it_is(error, path))
         return 1
     finally:
         machine.stop_motors()
         stdout.flush()
     return 0
+
+
+def _where_it_is(error: BaseException, path: Path) -> str:
+    """A line that says where a module is that a program does not find."""
+    missing = re.fullmatch("no module named '(.+)'", str(error)) if isinstance(error, ImportError) else None
+    folder = folder_with_module(path, missing[1]) if missing else None
+    if missing is None or folder is None:
+        return ""
+    return f"A program imports what lies beside it; move it to {folder}, where {missing[1]} is.\n"
 
 
 def stop_program() -> None:

@@ -12,6 +12,8 @@ from bricksrl.errors import ProgramError
 from bricksrl.hub.program.syntax import parse
 from bricksrl.hub.transport import HubModule, HubProgram
 
+_MOST_FOLDERS_ABOVE = 5
+
 
 def read_program(path: Path) -> str:
     """Source of a program. Raises ProgramError if the file cannot be read."""
@@ -37,6 +39,12 @@ def module_beside(path: Path, name: str) -> HubModule | None:
         if (path.parent / file).is_file():
             return HubModule(name, file, read_program(path.parent / file))
     return None
+
+
+def folder_with_module(path: Path, name: str) -> Path | None:
+    """The nearest folder above a program's that has a module which it lacks; ``None`` if there is none."""
+    above = path.resolve().parents[1:_MOST_FOLDERS_ABOVE]
+    return next((folder for folder in above if module_beside(folder / path.name, name)), None)
 
 
 def own_program(path: Path) -> HubProgram:
