@@ -370,6 +370,40 @@ print(str(g())[:21])
     assert printed(source) == "4\n<generator object 'g'"
 
 
+def test_await_makes_any_function_a_coroutine() -> None:
+    source = "def f():\n    await g()\ndef g():\n    print('on')\n    yield 5\nprint(next(f()))"
+    assert printed(source) == "on\n5"
+
+
+def test_const_is_for_the_compiler() -> None:
+    source = """
+_A = const(2)
+class B:
+    C = const(_A + 1)
+print(_A, B.C)
+const(4)
+"""
+    assert traceback_of(source).endswith("line 6, in <module>\nNameError: name 'const' isn't defined\n")
+
+
+def test_program_can_import_itself() -> None:
+    assert printed("import __main__\nx = 5\nprint(__main__.x, __name__)") == "5 __main__"
+
+
+def test_classes_have_module_and_qualname() -> None:
+    source = """
+class A:
+    x = 1
+def f():
+    class B(Exception):
+        pass
+    return B
+print([getattr(A, name) for name in dir(A)], A().__qualname__, f().__qualname__, f()().__module__)
+print(hasattr(f, "__module__"), hasattr(int, "__module__"))
+"""
+    assert printed(source) == "['__main__', 'A', 1] A B __main__\nFalse False"
+
+
 def test_input_echoes_and_returns_a_line() -> None:
     assert printed("print(input('name? '))", b"Bo\rrest") == "name? Bo\nBo"
 

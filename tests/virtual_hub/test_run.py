@@ -213,8 +213,20 @@ def test_hub_menu_without_presses_has_traceback(tmp_path: Path) -> None:
     assert code == 1 and "line 4" in err and "--press" in err
 
 
+def test_module_in_a_folder_above_is_named(tmp_path: Path) -> None:
+    (tmp_path / "parts").mkdir()
+    (tmp_path / "parts" / "arm.py").write_text("up = 5")
+    (tmp_path / "runs").mkdir()
+    code, _, err = run(tmp_path / "runs", "import parts.arm")
+    assert code == 1
+    assert err.endswith(
+        f"no module named 'parts.arm'\nA program imports what lies beside it; move it to {tmp_path}, where parts.arm is.\n"
+    )
+    assert run(tmp_path / "runs", "import parts.leg")[2].endswith("no module named 'parts.leg'\n")
+
+
 def test_readings_need_bench_and_valid_port(tmp_path: Path) -> None:
-    with pytest.raises(TwinError, match="a city hub has no port E"):
+    with pytest.raises(TwinError, match="the city hub has no port E"):
         fitted(tmp_path, "from pybricks.hubs import CityHub", reading="E=red")
     (tmp_path / "main.py").write_text("")
     operation = Operation(readings=[parse_reading("A=red")])
@@ -227,6 +239,45 @@ def test_bench_motors_with_end_stops_or_without_sensor(tmp_path: Path) -> None:
     source += "plain.dc(50)\nprint(plain, plain.settings())\nplain.brake()\nplain.stop()\nplain.close()"
     printed = "120\nDCMotor(Port.B, Direction.CLOCKWISE) (9000,)\n"
     assert fitted(tmp_path, source, end_stops={"A": (-90.0, 120.0)}) == (0, printed, "")
+
+
+def test_bench_blocks_motors_that_run_until_stalled(tmp_path: Path) -> None:
+    source = """
+from pybricks.parameters import Direction
+from pybricks.robotics import Car
+arm = Motor(Port.A, Direction.COUNTERCLOCKWISE)
+for speed in (200, -200, 200):
+    print(round(arm.run_until_stalled(speed, duty_limit=50) / 10))
+car = Car(Motor(Port.C), Motor(Port.D))
+car.steer(100)
+"""
+    assert fitted(tmp_path, source) == (0, "9\n0\n9\n", "")
+
+
+def test_xbox_controller_is_near(tmp_path: Path) -> None:
+    source = """
+from pybricks.iodevices import XboxController
+box = XboxController()
+def show():
+    print(box.joystick_left(), box.joystick_right(), box.triggers(), box.dpad(), box.state(), box.buttons.pressed())
+print(box.name(), box.profile(), box.rumble(50))
+show()
+wait(500)
+show()
+box.disconnect()
+try:
+    show()
+except OSError as e:
+    print(e.errno)
+"""
+    names = "a rb p2 up right right_trigger joystick_left_up joystick_left_right joystick_right_down"
+    code, out, err = fitted(tmp_path, source, press=" ".join(f"xbox.{name}@0.9s+1s" for name in names.split()))
+    assert (code, err) == (0, "")
+    name, at_rest, used, errno = out.splitlines()
+    assert (name, errno) == ("Xbox Wireless Controller 0 None", "19")
+    assert at_rest == "(0, 0) (0, 0) (0, 0) 0 (0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0) set()"
+    assert used.startswith("(100, 100) (0, -100) (0, 100) 2 (32768, -32767, 0, 32768, 0, 1023, 2, 129, 0, 0, 0, 2) {Button.")
+    assert sorted(used.partition("{")[2].strip("}").split(", ")) == [f"Button.{b}" for b in ("A", "P2", "RB", "RIGHT", "UP")]
 
 
 def test_operation_presses_buttons(tmp_path: Path) -> None:

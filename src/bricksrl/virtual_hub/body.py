@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 from bricksrl.robots import MotorKind, Robot
@@ -73,3 +74,12 @@ class FittingBody(Protocol):
 
     def device(self, port: str) -> str | None:
         """Class name of the device on a port."""
+
+    def block(self, port: str, direction: int) -> None:
+        """Something is in the way of a motor that runs until it stalls, clockwise (1) or counterclockwise (-1)."""
+
+    def put_on_wheels(self, turns: Mapping[str, float]) -> None:
+        """The hub rides on wheels that do not slip: degrees that it turns clockwise for one millidegree of each motor."""
+
+    def mount(self, up: tuple[float, float, float]) -> None:
+        """On wheels, up is this direction in the hub's frame."""

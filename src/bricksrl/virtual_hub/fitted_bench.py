@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from typing import Any
 
@@ -13,6 +14,7 @@ from bricksrl.virtual_hub.stimuli import Sense, Sensed, senses
 
 _ULTRASONIC = UltrasonicSensor.class_name
 _MOTORS = ("Motor", "DCMotor")
+_WAY_TO_STOP_MDEG = 90_000.0
 _FARTHEST_MM, _FARTHEST_PCT = float(UltrasonicSensor.FARTHEST_MM), 100.0
 _DEFAULTS: Mapping[Sense, Sensed] = {
     Sense.SURFACE: (0.0, 0.0, 0.0),
@@ -25,8 +27,10 @@ _DEFAULTS: Mapping[Sense, Sensed] = {
 
 
 class FittedBench(BenchBody):
-    """A hub without devices until a program uses them; motors turn freely, sensors have given readings. Raises TwinError if a
-    reading is for a port that the hub does not have.
+    """A hub without devices until a program uses them; motors turn freely, sensors have given readings.
+
+    With a drive base, the hub turns as the wheels do. A motor that runs until it stalls is blocked after 90 degrees. Raises
+    TwinError if a reading is for a port that the hub does not have.
 
     Args:
         hub: kind of hub.
@@ -42,9 +46,12 @@ class FittedBench(BenchBody):
         self._stops = dict(end_stops or {})
         self.motors: dict[str, MotorKind] = {}
         self._devices: dict[str, str] = {}
+        self._turns: dict[str, float] = {}
+        self._start_deg = 0.0
+        self._up = (0.0, 0.0, 1.0)
         for port in (*(reading.port for reading in self._given), *self._stops):
             if port not in hub.model.ports:
-                raise TwinError(f"a {hub.value} hub has no port {port}; it has {', '.join(hub.model.ports)}")
+                raise TwinError(f"the {hub.value} hub has no port {port}; it has {', '.join(hub.model.ports)}")
 
     def plug_in(self, port: str, device: str) -> bool:
         """Plug in a device of a class of ``pybricks.pupdevices``. Returns whether the port was free or has it already. Raises
@@ -60,6 +67,46 @@ class FittedBench(BenchBody):
         for reading in for_port(self._given, port):
             reading.check(self._sense_of(reading, device), device)
         return True
+
+    def block(self, port: str, direction: int) -> None:
+        motor = self._motors[port]
+        low, high = motor.stops or (-math.inf, math.inf)
+        if direction > 0 and high == math.inf:
+            motor.stops = low, motor.angle + _WAY_TO_STOP_MDEG
+        elif direction < 0 and low == -math.inf:
+            motor.stops = motor.angle - _WAY_TO_STOP_MDEG, high
+
+    @property
+    def turns_with_its_wheels(self) -> bool:  # type: ignore[override]
+        return bool(self._turns)
+
+    def put_on_wheels(self, turns: Mapping[str, float]) -> None:
+        heading_deg, self._turns = self.heading_deg(), dict(turns)
+        self._start_deg += heading_deg - self.heading_deg()
+
+    def mount(self, up: tuple[float, float, float]) -> None:
+        self._up = up
+
+    def heading_deg(self) -> float:
+        return self._start_deg + sum(turn * self._motors[port].angle for port, turn in self._turns.items())
+
+    def angular_velocity_deg_s(self) -> tuple[float, float, float]:
+        rate = sum(turn * self._motors[port].speed for port, turn in self._turns.items())
+        x, y, z = self._up
+        return -rate * x, -rate * y, -rate * z
+
+    def acceleration_mm_s2(self) -> tuple[float, float, float]:
+        at_rest = super().acceleration_mm_s2()
+        if not self._turns:
+            return at_rest
+        x, y, z = (at_rest[2] * part for part in self._up)
+        return x, y, z
+
+    def tilt_deg(self) -> tuple[float, float]:
+        if not self._turns:
+            return super().tilt_deg()
+        x, y, z = self._up
+        return math.degrees(math.atan2(-x, math.hypot(y, z))), math.degrees(math.atan2(y, z))
 
     def device(self, port: str) -> str | None:
         """Class name of the device on a port."""

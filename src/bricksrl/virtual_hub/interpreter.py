@@ -53,9 +53,14 @@ def execute(source: str, filename: str, modules: dict[str, ModuleType], console:
     """
     code = compiled(source, filename)
     known = modules if isinstance(modules, Modules) else Modules(modules)
-    names: dict[str, Any] = {"__name__": "__main__"}
+    main = ModuleType("__main__")
+    names = main.__dict__
+    names.clear()
+    names["__name__"] = "__main__"
 
     def find_module(name: str) -> ModuleType:
+        if name == "__main__":
+            return main
         if name not in known:
             beside = known.find_module(name)
             if beside is None:

@@ -72,6 +72,9 @@ class Machine:
         """A drive base in the control loop. Raises ValueError and OSError as :class:`DriveBaseControl`."""
         base = DriveBaseControl(left, right, wheel_diameter_um, axle_track_um, self.heading)
         self.drive_bases.append(base)
+        if isinstance(self.body, FittingBody):
+            turn = wheel_diameter_um / (2 * axle_track_um * left.settings.steps_per_unit)
+            self.body.put_on_wheels({left.port: turn * left.direction, right.port: -turn * right.direction})
         return base
 
     def advance(self, duration_ms: int) -> None:

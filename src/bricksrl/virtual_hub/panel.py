@@ -1,4 +1,4 @@
-"""Panel of a hub: buttons, also those of a remote control, light, display and loudspeaker.
+"""Panel of a hub: buttons, also those of a remote control and an Xbox controller, light, display and loudspeaker.
 
 Buttons are pressed by a script (``Press``, at a simulated time), or from Python and by keys while the program runs.
 """
@@ -18,8 +18,16 @@ POLL_MS = 50
 """Poll interval of a hub's stop button (``pbio/sys/core.c``, v4)."""
 STOP_BUTTON = "center"
 _SHADES = ".-+#"
-_REMOTE = "remote."
-_REMOTE_BUTTONS = ("left_plus", "left", "left_minus", "right_plus", "right", "right_minus", "center")
+_WAYS = ("up", "down", "left", "right")
+_BUTTONS_NEAR = {
+    "remote": ("left_plus", "left", "left_minus", "right_plus", "right", "right_minus", "center"),
+    "xbox": (
+        *("a", "b", "x", "y", "lb", "rb", "view", "menu", "guide", "lj", "rj", "upload", "p1", "p2", "p3", "p4", *_WAYS),
+        *("left_trigger", "right_trigger", *(f"joystick_{side}_{way}" for side in ("left", "right") for way in _WAYS)),
+    ),
+}
+"""Buttons of wireless devices; a stick and a trigger are pressed all the way."""
+WIRELESS = frozenset(_BUTTONS_NEAR)
 _MIN_S, _MAX_S = 0.0, 100_000.0
 
 
@@ -28,7 +36,8 @@ class Press:
     """One press of a button.
 
     Attributes:
-        button: ``left``, ``right``, ``center``, ``bluetooth``; ``remote.left_plus`` and so on for a remote control.
+        button: ``left``, ``right``, ``center``, ``bluetooth``; ``remote.left_plus`` and so on for a remote control, ``xbox.a``,
+            ``xbox.joystick_left_up`` and so on for an Xbox controller.
         start_s, duration_s: simulated seconds.
 
     Raises:
@@ -48,7 +57,7 @@ class Press:
 
 def parse_press(text: str) -> Press:
     """The press for ``left@2.5s``, or ``left@2.5s+1s`` with a duration of 1 s. Raises TwinError for any other text."""
-    match = re.fullmatch(r"([a-z_.]+)@([\d.]+)s?(?:\+([\d.]+)s?)?", text.strip().lower())
+    match = re.fullmatch(r"([a-z_.]+\d?)@([\d.]+)s?(?:\+([\d.]+)s?)?", text.strip().lower())
     try:
         start_s, duration_s = float(match[2]), float(match[3] or DEFAULT_PRESS_S)  # type: ignore[index]
     except (TypeError, ValueError):
@@ -62,7 +71,7 @@ class Panel:
     Attributes:
         buttons: names of the hub's buttons.
         stop_buttons: buttons that stop the program when pressed together; none if empty.
-        has_remote: whether a remote control is there for a program to connect to.
+        near: wireless devices that a program can connect to, of ``WIRELESS``.
         light: color of the status light as (hue, saturation, value); ``None`` if off.
         display: brightness of the 25 pixels of the display in %, row by row from the top.
         text: the character or number that the display shows instead.
@@ -76,13 +85,13 @@ class Panel:
         TwinError: the hub has no such button.
     """
 
-    def __init__(self, hub: HubKind, presses: Iterable[Press] = (), has_remote: bool = False) -> None:
+    def __init__(self, hub: HubKind, presses: Iterable[Press] = (), near: Iterable[str] = ()) -> None:
         self.buttons = (STOP_BUTTON, "left", "right", "bluetooth") if hub is HubKind.PRIME else (STOP_BUTTON,)
         self._hub = hub
         self._presses: list[tuple[int, int, str]] = []
         self._held: set[str] = set()
         self.stop_buttons = frozenset({STOP_BUTTON})
-        self.has_remote = has_remote
+        self.near = set(near)
         self.on_change: Callable[[Panel], None] | None = None
         self._light: tuple[int, int, int] | None = None
         self._sound_hz = 0
@@ -136,7 +145,7 @@ class Panel:
     def press(self, press: Press) -> None:
         """Schedule a press."""
         self._check(press.button)
-        self.has_remote = self.has_remote or press.button.startswith(_REMOTE)
+        self.near |= {press.button.partition(".")[0]} & WIRELESS
         start_ms = round(press.start_s * 1000)
         self._presses.append((start_ms, start_ms + max(1, math.ceil(press.duration_s * 1000)), press.button))
         self._schedule(self.clock_ms())
@@ -158,11 +167,11 @@ class Panel:
 
     def pressed(self, time_ms: int) -> frozenset[str]:
         """Buttons of the hub that are down at a simulated time."""
-        return frozenset(name for name in self._down(time_ms) if not name.startswith(_REMOTE))
+        return frozenset(name for name in self._down(time_ms) if "." not in name)
 
-    def pressed_on_remote(self, time_ms: int) -> frozenset[str]:
-        """Buttons of the remote control that are down at a simulated time."""
-        return frozenset(name.removeprefix(_REMOTE) for name in self._down(time_ms) if name.startswith(_REMOTE))
+    def pressed_on(self, device: str, time_ms: int) -> frozenset[str]:
+        """Buttons of a wireless device that are down at a simulated time."""
+        return frozenset(name.partition(".")[2] for name in self._down(time_ms) if name.startswith(f"{device}."))
 
     def stops(self, time_ms: int) -> bool:
         """Process animations and the poll that are due; returns whether the stop button was pressed since the last poll."""
@@ -219,6 +228,9 @@ class Panel:
         self.next_ms = min((*due, *(due_ms for due_ms, _ in self._animations.values())), default=None)
 
     def _check(self, button: str) -> None:
-        known = (*self.buttons, *(_REMOTE + name for name in _REMOTE_BUTTONS))
-        if button not in known:
-            raise TwinError(f"a {self._hub.value} hub has no button '{button}'; press one of {', '.join(known)}")
+        device = button.partition(".")[0]
+        near = [f"{device}.{name}" for name in _BUTTONS_NEAR.get(device, ())]
+        if button not in (near or self.buttons):
+            owner = f"the {device}" if near else f"the {self._hub.value} hub"
+            known = ", ".join(near or [*self.buttons, "or of a wireless device, such as remote.left_plus or xbox.a"])
+            raise TwinError(f"{owner} has no button '{button}'; press one of {known}")

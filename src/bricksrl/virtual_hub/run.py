@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -11,7 +12,8 @@ from pathlib import Path
 from typing import BinaryIO, TextIO
 
 from bricksrl.errors import TwinError
-from bricksrl.hub.program.user_program import check_time_limit, module_beside, own_program, read_program
+from bricksrl.hub.program.syntax import parse
+from bricksrl.hub.program.user_program import check_time_limit, folder_with_module, module_beside, own_program, read_program
 from bricksrl.hub.transport import HubProgram
 from bricksrl.robots import HubKind
 from bricksrl.virtual_hub.body import Body
@@ -22,7 +24,7 @@ from bricksrl.virtual_hub.machine import Machine
 from bricksrl.virtual_hub.micropython.errors import class_name
 from bricksrl.virtual_hub.micropython.system import is_of_program
 from bricksrl.virtual_hub.pace import Pace
-from bricksrl.virtual_hub.panel import Panel, Press
+from bricksrl.virtual_hub.panel import WIRELESS, Panel, Press
 from bricksrl.virtual_hub.pybricks import modules
 
 
@@ -136,7 +138,7 @@ def _machine(body: Body | None, operation: Operation, path: Path) -> Machine:
     if body is None:
         kind = _hub_of(own_program(path))
         fitted = FittedBench(kind, operation.readings, operation.end_stops)
-        return Machine(fitted, Panel(kind, operation.presses, has_remote=True))
+        return Machine(fitted, Panel(kind, operation.presses, near=WIRELESS))
     if operation.readings or operation.end_stops:
         raise TwinError("readings and end stops are for the bench; omit them, or take --robot bench")
     return Machine(body, Panel(body.robot.hub, operation.presses))
@@ -147,7 +149,7 @@ def _hub_of(program: HubProgram) -> HubKind:
     classes = {kind.model.class_name: kind for kind in HubKind} | {"InventorHub": HubKind.PRIME}
     for source in (program.source, *(module.source for module in program.beside)):
         try:
-            tree = ast.parse(source)
+            tree = parse(source)
         except (SyntaxError, ValueError):
             continue
         for node in ast.walk(tree):
@@ -169,12 +171,21 @@ def _run(source: str, path: Path, machine: Machine, console: StreamConsole, stdo
     except BaseException as error:
         if not (is_of_program(error) or isinstance(error, KeyboardInterrupt)):
             raise
-        stderr.write(format_traceback(error, path.name))
+        stderr.write(format_traceback(error, path.name) + _where_it_is(error, path))
         return 1
     finally:
         machine.stop_motors()
         stdout.flush()
     return 0
+
+
+def _where_it_is(error: BaseException, path: Path) -> str:
+    """A line that says where a module is that a program does not find."""
+    missing = re.fullmatch("no module named '(.+)'", str(error)) if isinstance(error, ImportError) else None
+    folder = folder_with_module(path, missing[1]) if missing else None
+    if missing is None or folder is None:
+        return ""
+    return f"A program imports what lies beside it; move it to {folder}, where {missing[1]} is.\n"
 
 
 def stop_program() -> None:

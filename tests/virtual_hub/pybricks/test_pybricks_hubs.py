@@ -378,15 +378,22 @@ def test_other_hubs_have_one_button() -> None:
     robot = Robot("train", HubKind.CITY)
     source = "hub.system.set_stop_button(None)\n" + POLL + "print(hub.button.pressed())"
     assert pressing(source, "center@1s", robot=robot) == "{Button.CENTER}\n{Button.CENTER}"
-    with pytest.raises(TwinError, match="no button 'left'"):
+    with pytest.raises(TwinError, match="no button 'left'; press one of center, or of a wireless device, such as remote"):
         pressing("", "left@1s", robot=robot)
+    with pytest.raises(TwinError, match=r"the xbox has no button 'xbox.z'; press one of xbox.a, xbox.b"):
+        pressing("", "xbox.z@1s", robot=robot)
 
 
 def test_pressed_remote_is_near() -> None:
     source = """
 from pybricks.pupdevices import Remote
+from pybricks.tools import run_task
 remote = Remote()
 remote.light.on(Color.RED)
+async def lights():
+    await remote.light.on(Color.BLUE)
+    await remote.light.off()
+run_task(lights())
 wait(1000)
 print(remote.name(), remote.buttons.pressed(), hub.buttons.pressed())
 remote.disconnect()

@@ -194,7 +194,7 @@ def test_direction_gears_and_text() -> None:
     source = (
         HEAD
         + """
-a = Motor(Port.A, Direction.COUNTERCLOCKWISE)
+a = Motor(Port.A, Direction.COUNTERCLOCKWISE, gears=[])
 b = Motor(Port.B, gears=[12, 36])
 c = Motor(Port.C, gears=[[12, 24], [10, 30]], reset_angle=False, profile=10)
 print(a, b)

@@ -10,6 +10,7 @@ from hub_programs import Console, output
 from bricksrl.errors import TwinError
 from bricksrl.robots import BENCH, HubKind, Motor, Robot
 from bricksrl.virtual_hub.bench_body import BenchBody
+from bricksrl.virtual_hub.fitted_bench import FittedBench
 from bricksrl.virtual_hub.interpreter import execute
 from bricksrl.virtual_hub.machine import Machine
 from bricksrl.virtual_hub.pybricks import modules
@@ -340,6 +341,32 @@ print(base.distance(), base.done(), base.settings()[0])
 """
     )
     assert output(source) == "19\n19\n19\n19\n19\n0 True 195"
+
+
+@pytest.mark.parametrize("mount", ["", "top_side=-Axis.X, front_side=Axis.Z", "top_side=Axis.Y, front_side=-Axis.X"])
+def test_fitted_bench_turns_with_its_wheels(mount: str) -> None:
+    source = f"""
+from pybricks.hubs import PrimeHub
+from pybricks.parameters import Axis, Port, Direction
+from pybricks.pupdevices import Motor
+from pybricks.robotics import DriveBase
+from pybricks.tools import wait
+hub = PrimeHub({mount})
+left, right = Motor(Port.C, Direction.COUNTERCLOCKWISE, gears=[12, 20]), Motor(Port.F, gears=[12, 20])
+base = DriveBase(left, right, 60, 120)
+base.use_gyro(True)
+base.turn(90)
+wait(500)
+print(round(base.angle()), round(hub.imu.heading()), round(hub.imu.rotation(Axis.Z)))
+base.use_gyro(False)
+print(round(base.angle()))
+base.stop()
+left.run(360)
+right.run(-360)
+wait(500)
+print(*(round(rate, -1) + 0 for rate in hub.imu.angular_velocity()), *(round(angle) for angle in hub.imu.tilt()))
+"""
+    assert output(source, body=FittedBench(HubKind.PRIME)) == "90 90 -90\n90\n0.0 0.0 -180.0 0 0"
 
 
 def test_gyro_turn_on_bench_raises() -> None:

@@ -9,7 +9,10 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from bricksrl.errors import ProgramError
+from bricksrl.hub.program.syntax import parse
 from bricksrl.hub.transport import HubModule, HubProgram
+
+_MOST_FOLDERS_ABOVE = 5
 
 
 def read_program(path: Path) -> str:
@@ -38,6 +41,12 @@ def module_beside(path: Path, name: str) -> HubModule | None:
     return None
 
 
+def folder_with_module(path: Path, name: str) -> Path | None:
+    """The nearest folder above a program's that has a module which it lacks; ``None`` if there is none."""
+    above = path.resolve().parents[1:_MOST_FOLDERS_ABOVE]
+    return next((folder for folder in above if module_beside(folder / path.name, name)), None)
+
+
 def own_program(path: Path) -> HubProgram:
     """A program for a hub, with all modules beside it that it may import. Raises ProgramError if a file cannot be read."""
     main = read_program(path)
@@ -57,7 +66,7 @@ def own_program(path: Path) -> HubProgram:
 def _imported(source: str) -> Iterator[str]:
     """Names of modules in all import statements; empty for invalid source, which the hub's compiler rejects later."""
     try:
-        tree = ast.parse(source)
+        tree = parse(source)
     except (SyntaxError, ValueError):
         return
     for node in ast.walk(tree):

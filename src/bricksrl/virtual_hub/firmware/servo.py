@@ -7,7 +7,7 @@ from math import trunc
 from typing import Protocol
 
 from bricksrl.robots import Direction, MotorKind
-from bricksrl.virtual_hub.body import Body
+from bricksrl.virtual_hub.body import Body, FittingBody
 from bricksrl.virtual_hub.firmware.angle import TURN_MDEG, Angle, difference, from_unit, split, to_unit, whole
 from bricksrl.virtual_hub.firmware.clock import Clock
 from bricksrl.virtual_hub.firmware.control import Controller, ControlType, OnCompletion, State
@@ -62,9 +62,9 @@ class Servo:
         return self.control.settings
 
     @property
-    def is_clockwise(self) -> bool:
-        """Whether the angle increases when the shaft turns clockwise."""
-        return self._sign > 0
+    def direction(self) -> int:
+        """1 if the angle increases when the shaft turns clockwise, else -1."""
+        return self._sign
 
     @property
     def is_coasting(self) -> bool:
@@ -226,6 +226,8 @@ class Servo:
             raise ValueError("a stalled motor cannot continue")
         self._take_over()
         speed = self.settings.from_unit(speed)
+        if isinstance(self.body, FittingBody):
+            self.body.block(self.port, self._sign if speed > 0 else -self._sign)
         self.control.start_until_stalled(self.clock.time_ticks, self.state(), speed, limit, then)
 
     def run_angle(self, speed: int, angle: int, then: OnCompletion) -> None:

@@ -39,6 +39,9 @@ _HIDDEN_SPECIAL = frozenset(
 )
 _FIRST_ARGUMENT = frozenset(["errno", "value"])
 """Attributes of all exceptions on a hub, not only ``OSError`` and ``StopIteration``."""
+_OF_CLASSES = ("__module__", "__qualname__")
+"""Attributes of a program's classes, the second without the places where they are."""
+_FIRMWARE = "bricksrl."
 HIDDEN_NAMES = frozenset(["__class__", "__init__"]).union(_FIRST_ARGUMENT, *_HIDDEN.values(), _HIDDEN_SPECIAL)
 
 
@@ -50,6 +53,8 @@ def visible_attribute(value: Any, name: str) -> Any:
         owner, message = type(value), f"'{type(value).__name__}' object has no attribute '{name}'"
     if name in _HIDDEN.get(owner, ()) or name == "__class__":
         raise AttributeError(message)
+    if name in _OF_CLASSES and owner.__module__ != "builtins" and not owner.__module__.startswith(_FIRMWARE):
+        return owner.__module__ if name == "__module__" else owner.__name__
     hides_special = isinstance(value, type | FunctionType | BaseException) or (
         isinstance(value, ModuleType) and name != "__name__"
     )
@@ -60,9 +65,6 @@ def visible_attribute(value: Any, name: str) -> Any:
     if name in _FIRST_ARGUMENT and isinstance(value, BaseException) and not hasattr(value, name):
         return value.args[0] if value.args else None
     return getattr(value, name)
-
-
-_FIRMWARE = "bricksrl."
 
 
 def store_attribute(value: Any, owner: Any, name: str) -> None:

@@ -7,10 +7,10 @@ import functools
 import re
 import warnings
 from types import CodeType
-from typing import Any
 
 import mpy_cross_v6
 
+from bricksrl.hub.program.syntax import parse
 from bricksrl.virtual_hub.micropython.operators import SMALL_MAX
 from bricksrl.virtual_hub.micropython.transform import transform
 
@@ -20,7 +20,7 @@ def compiled(source: str, filename: str, mode: str = "exec") -> CodeType:
     """Code of a program, or of an expression (``mode="eval"``). Raises SyntaxError if the hub's compiler refuses it,
     OverflowError if a constant needs more than 31 bits."""
     _check_with_hub_compiler(source, filename)
-    tree: Any = ast.parse(source, filename, mode)
+    tree = parse(source, filename, mode)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", SyntaxWarning)
         warnings.simplefilter("ignore", DeprecationWarning)

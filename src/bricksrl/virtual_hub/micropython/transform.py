@@ -81,6 +81,13 @@ def _folded(node: ast.expr) -> int | None:
     return int(_FOLDED[kind](left, right))
 
 
+def _constant(node: ast.expr) -> ast.expr:
+    """The 5 of ``const(5)``, which is for the hub's compiler and no name."""
+    if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "const" and node.args:
+        return node.args[0]
+    return node
+
+
 class _Transformer(ast.NodeTransformer):
     def visit_Constant(self, node: ast.Constant) -> ast.expr:
         if type(node.value) is float:
@@ -188,8 +195,10 @@ class _Transformer(ast.NodeTransformer):
         return node
 
     def visit_Assign(self, node: ast.Assign) -> ast.AST:
-        self.generic_visit(node)
         target = node.targets[0]
+        if len(node.targets) == 1 and isinstance(target, ast.Name):
+            node.value = _constant(node.value)
+        self.generic_visit(node)
         if len(node.targets) == 1 and isinstance(target, ast.Subscript) and isinstance(target.slice, ast.Slice):
             bounds = [bound or ast.Constant(None) for bound in (target.slice.lower, target.slice.upper, target.slice.step)]
             return ast.copy_location(ast.Expr(_call("@setslice", node.value, target.value, *bounds, at=node)), node)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from bricksrl.virtual_hub.body import FittingBody
 from bricksrl.virtual_hub.micropython.errors import HubOSError
 from bricksrl.virtual_hub.micropython.floats import to_single
 from bricksrl.virtual_hub.pybricks.context import Context, charged, get_array, get_number
@@ -67,11 +68,16 @@ class IMU:
             top[0] * front[1] - top[1] * front[0],
         )
         self._frame = self._heading.frame = front, left, top
+        if isinstance(self._machine.body, FittingBody):
+            self._machine.body.mount((front[2], left[2], top[2]))
         self._heading.set_angle(0.0)
         self._is_aligned = front == (1.0, 0.0, 0.0) and top == (0.0, 0.0, 1.0)
 
     @charged
     def tilt(self, calibrated: Any = True) -> tuple[float, float]:
+        return self._tilt(calibrated)
+
+    def _tilt(self, calibrated: Any) -> tuple[float, float]:
         pitch, roll = self._machine.body.tilt_deg()
         if not (calibrated and self._is_aligned):
             x, y, z = self._in_robot(self._gravity_in_hub() if calibrated else self._machine.body.acceleration_mm_s2())
@@ -111,13 +117,14 @@ class IMU:
 
     @charged
     def rotation(self, axis: Any = None, calibrated: Any = True) -> float:
-        pitch, roll = self._machine.body.tilt_deg()
+        pitch, roll = self._tilt(calibrated=True)
         _axis(axis)
-        x, y, z = roll, pitch, -self._machine.body.heading_deg()
+        turned = roll, pitch, -self._machine.body.heading_deg()
         if calibrated:
-            scale_x, scale_y, scale_z = self._heading.gyro_deg
-            x, y, z = x * 360.0 / scale_x, y * 360.0 / scale_y, z * 360.0 / scale_z
-        return self._along(self._in_robot((x, y, z)), axis)  # type: ignore[no-any-return]
+            about = zip(self._frame, self._heading.gyro_deg, strict=True)  # the axes of the hub
+            x, y, z = (_dot(turned, side) * 360.0 / scale for side, scale in about)
+            turned = self._in_robot((x, y, z))
+        return self._along(turned, axis)  # type: ignore[no-any-return]
 
     @charged
     def orientation(self) -> Any:

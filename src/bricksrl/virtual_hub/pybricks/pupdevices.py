@@ -46,10 +46,8 @@ def completion(then: Any) -> OnCompletion:
 
 def _gear_ratio_milli(gears: Any) -> int:
     """1000 times the motor's turns for one of the output, from ``(12, 36)`` or ``((12, 20), (20, 40))``."""
-    if gears is None:
-        return 1000
-    trains = get_array(gears)
-    if isinstance(trains[0], int) and isinstance(trains[-1], int):
+    trains = () if gears is None else get_array(gears)
+    if trains and isinstance(trains[0], int) and isinstance(trains[-1], int):
         trains = (trains,)
     first = last = 1
     for train in map(get_array, trains):
@@ -77,7 +75,7 @@ class _BaseMotor:
         self._direction = MotorDirection.CLOCKWISE if is_clockwise else MotorDirection.COUNTERCLOCKWISE
 
     def __repr__(self) -> str:
-        way = Direction.CLOCKWISE if self._servo.is_clockwise else Direction.COUNTERCLOCKWISE
+        way = Direction.CLOCKWISE if self._servo.direction > 0 else Direction.COUNTERCLOCKWISE
         return f"{type(self).__name__}(Port.{self._letter}, {way!r})"
 
     @charged

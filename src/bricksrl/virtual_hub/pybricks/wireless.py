@@ -1,4 +1,4 @@
-"""Bluetooth devices. Only a remote control can be near: searches for others take their time and fail.
+"""Bluetooth devices. Only a remote control and an Xbox controller can be near: searches for others take their time and fail.
 
 Names and errors: ``pybricks`` 4.0 on PyPI, and the firmware's ``pb_type_pupdevices_remote.c``.
 """
@@ -14,8 +14,12 @@ from bricksrl.virtual_hub.pybricks.context import Context, RunLoop, bound, charg
 from bricksrl.virtual_hub.pybricks.parameters import Color, buttons
 
 _LONGEST_NAME = 14
-_SEARCH_MS = 500  # until a switched-on remote control is found
+_SEARCH_MS = 500  # until a switched-on device is found
 _REMOTE_BUTTONS = ("left_plus", "left_minus", "right_plus", "right_minus", "left", "right", "center")
+_XBOX_BUTTONS = ("a", "b", "", "x", "y", "", "lb", "rb", "", "", "view", "menu", "guide", "lj", "rj")
+"""By their bit."""
+_XBOX_EXTRAS = ("upload", "p1", "p2", "p3", "p4")
+_STICK_MOST, _TRIGGER_MOST = 2**15 - 1, 1023
 _LONGEST_MESSAGE_BYTES = 20
 
 
@@ -33,8 +37,10 @@ def _absent(name: str) -> Callable[..., Any]:
 class Wireless:
     """Base class."""
 
+    _kind = ""  # name of the device among those that can be near
     _loop: RunLoop
     _machine: Machine
+    _is_connected = False
 
     def __init__(self, name: Any = None, timeout: Any = 10000, connect: Any = True) -> None:
         self._loop.assert_blocking()
@@ -51,30 +57,53 @@ class Wireless:
     def connect(self) -> Any:
         self._machine.charge_call()
         start_ms = self._machine.time_ms
+        is_near = self._kind in self._machine.panel.near
 
         def is_done() -> bool:
-            if self._timeout_ms is not None and self._machine.time_ms - start_ms >= self._timeout_ms:
+            waited_ms = self._machine.time_ms - start_ms
+            self._is_connected = is_near and waited_ms >= _SEARCH_MS
+            if not is_near and self._timeout_ms is not None and waited_ms >= self._timeout_ms:
                 raise os_error(errno.ETIMEDOUT)
-            return False
+            return self._is_connected
 
         return self._loop.finish(is_done, grain_ms=1)
 
     @charged
     def disconnect(self) -> Any:
+        self._is_connected = False
         return self._loop.done()
 
     name = _absent("name")
 
+    def _down(self) -> frozenset[str]:
+        """Names of the buttons that are down. Raises OSError, ENODEV, while it is not connected."""
+        self._check_connected()
+        return self._machine.panel.pressed_on(self._kind, self._machine.time_ms)
+
+    def _check_connected(self) -> None:
+        if not self._is_connected:
+            raise os_error(errno.ENODEV)
+
 
 class _Part:
-    """A part of an unconnected device."""
+    """A part of a device."""
 
-    def __init__(self, machine: Machine) -> None:
-        self._machine = machine
+    def __init__(self, device: Wireless) -> None:
+        self._device = device
+        self._machine = device._machine  # for what a call costs
 
 
 class _Buttons(_Part):
-    pressed = _absent("pressed")
+    """Its buttons in the firmware's order, pressed by the panel."""
+
+    def __init__(self, device: Wireless, names: tuple[str, ...]) -> None:
+        super().__init__(device)
+        self._names = names
+
+    @charged
+    def pressed(self) -> set[Any]:
+        down = self._device._down()
+        return buttons(name for name in self._names if name in down)
 
 
 class LWP3Device(Wireless):
@@ -101,75 +130,35 @@ class LWP3Device(Wireless):
     read = _absent("read")
 
 
-class _RemoteButtons(_Part):
-    """The buttons of the remote control, pressed by the panel."""
-
-    is_connected = False
-
-    @charged
-    def pressed(self) -> set[Any]:
-        if not self.is_connected:
-            raise os_error(errno.ENODEV)
-        down = self._machine.panel.pressed_on_remote(self._machine.time_ms)
-        return buttons(name for name in _REMOTE_BUTTONS if name in down)
-
-
 class _RemoteLight(_Part):
-    is_connected = False
-
-    @charged
-    def on(self, color: Any) -> None:
+    def on(self, color: Any) -> Any:
         expect_type(color, Color)
-        self._check()
+        return self.off()
 
     @charged
-    def off(self) -> None:
-        self._check()
-
-    def _check(self) -> None:
-        if not self.is_connected:
-            raise os_error(errno.ENODEV)
+    def off(self) -> Any:
+        self._device._check_connected()
+        return self._device._loop.done()
 
 
 class Remote(Wireless):
     """The remote control, near if the panel has one."""
 
+    _kind = "remote"
+
     def __init__(self, name: Any = None, timeout: Any = 10000, connect: Any = True) -> None:
-        self.buttons, self.light = _RemoteButtons(self._machine), _RemoteLight(self._machine)
+        self.buttons, self.light = _Buttons(self, _REMOTE_BUTTONS), _RemoteLight(self)
         self._name = "Handset" if name is None else name
         super().__init__(name, timeout, connect)
 
-    def connect(self) -> Any:
-        if not self._machine.panel.has_remote:
-            return super().connect()
-        self._machine.charge_call()
-        found_ms = self._machine.time_ms + _SEARCH_MS
-
-        def is_done() -> bool:
-            if self._machine.time_ms < found_ms:
-                return False
-            self._set_connected(True)
-            return True
-
-        return self._loop.finish(is_done, grain_ms=1)
-
-    @charged
-    def disconnect(self) -> Any:
-        self._set_connected(False)
-        return self._loop.done()
-
     @charged
     def name(self, name: Any = None) -> Any:
-        if not self.buttons.is_connected:
-            raise os_error(errno.ENODEV)
+        self._check_connected()
         if name is None:
             return self._name
         expect_type(name, str)
         self._name = name
         return self._loop.done()
-
-    def _set_connected(self, is_connected: bool) -> None:
-        self.buttons.is_connected = self.light.is_connected = is_connected
 
 
 class TechnicMoveHub(Wireless):
@@ -191,13 +180,73 @@ class MarioHub(Wireless):
 
 
 class XboxController(Wireless):
+    """The game controller, near if the panel has one."""
+
+    _kind = "xbox"
+
     def __init__(self, joystick_deadzone: Any = 10, name: Any = None, timeout: Any = 10000, connect: Any = True) -> None:
         get_int(joystick_deadzone)
-        self.buttons = _Buttons(self._machine)
+        self.buttons = _Buttons(self, (*filter(None, _XBOX_BUTTONS), *_XBOX_EXTRAS, "up", "right", "down", "left"))
         super().__init__(name, timeout, connect)
 
-    state, triggers, dpad, profile, rumble = map(_absent, ("state", "triggers", "dpad", "profile", "rumble"))
-    joystick_left, joystick_right = _absent("joystick_left"), _absent("joystick_right")
+    @charged
+    def name(self, name: Any = None) -> str:
+        self._check_connected()
+        return "Xbox Wireless Controller"
+
+    @charged
+    def state(self) -> tuple[int, ...]:
+        """What it measures, as it sends it."""
+        down = self._down()
+        sticks = (_stick(down, side, _STICK_MOST) for side in ("left", "right"))
+        axes = [value for x, y in sticks for value in (x, -y)]
+        raw = (value + (value == _STICK_MOST) for value in axes)  # it sends 0 to 65535 for both ends
+        triggers = (_TRIGGER_MOST * (f"{side}_trigger" in down) for side in ("left", "right"))
+        bits = sum(1 << bit for bit, name in enumerate(_XBOX_BUTTONS) if name in down)
+        upload, *paddles = (name in down for name in _XBOX_EXTRAS)
+        extras = int(upload), 0, 0, sum(is_down << bit for bit, is_down in enumerate(paddles))
+        return *raw, *triggers, _dpad(down), bits, *extras
+
+    @charged
+    def dpad(self) -> int:
+        return _dpad(self._down())
+
+    @charged
+    def profile(self) -> int:
+        self._check_connected()
+        return 0
+
+    @charged
+    def joystick_left(self) -> tuple[int, int]:
+        return _stick(self._down(), "left", 100)
+
+    @charged
+    def joystick_right(self) -> tuple[int, int]:
+        return _stick(self._down(), "right", 100)
+
+    @charged
+    def triggers(self) -> tuple[int, int]:
+        down = self._down()
+        return 100 * ("left_trigger" in down), 100 * ("right_trigger" in down)
+
+    @charged
+    def rumble(self, power: Any = 100, duration: Any = 200, count: Any = 1, delay: Any = 100) -> Any:
+        for number in (duration, count, delay):
+            get_int(number)
+        self._check_connected()
+        return self._loop.done()
+
+
+def _stick(down: frozenset[str], side: str, most: int) -> tuple[int, int]:
+    """Where a stick of the Xbox controller is: to the right, and up."""
+    left, right, back, ahead = (f"joystick_{side}_{way}" in down for way in ("left", "right", "down", "up"))
+    return most * (right - left), most * (ahead - back)
+
+
+def _dpad(down: frozenset[str]) -> int:
+    """0 for nothing, 1 for up, and on clockwise."""
+    across, along = ("right" in down) - ("left" in down), ("up" in down) - ("down" in down)
+    return {(0, 1): 1, (1, 1): 2, (1, 0): 3, (1, -1): 4, (0, -1): 5, (-1, -1): 6, (-1, 0): 7, (-1, 1): 8}.get((across, along), 0)
 
 
 def wireless(kinds: tuple[type[Wireless], ...], context: Context) -> dict[str, Any]:

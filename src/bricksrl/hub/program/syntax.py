@@ -1,0 +1,63 @@
+"""Syntax of hub programs: the hub's compiler accepts some that CPython refuses."""
+
+from __future__ import annotations
+
+import ast
+import io
+import re
+import tokenize
+from typing import Any
+
+_TEXT = r'"""(?:\\.|[^\\])*?"""|' + r"'''(?:\\.|[^\\])*?'''|" + r'"(?:\\.|[^"\\\n])*"|' + r"'(?:\\.|[^'\\\n])*'|#[^\n]*"
+_PLACES = re.compile(
+    rf"(?P<text>{_TEXT})|^(?P<imports>[ \t]*from[ \t][^\n#\"'(;]*),(?=[ \t\r]*(?:#|$))|^(?P<indent>[ \t]+)|(?<![\w.])0+(?=[1-9])",
+    re.MULTILINE | re.DOTALL,
+)
+_TAB = 8
+
+
+def parse(source: str, filename: str = "<unknown>", mode: str = "exec") -> Any:
+    """Syntax tree of a program, or of an expression (``mode="eval"``); its line numbers are those of the source.
+
+    Accepts what the hub's compiler does: tabs among spaces, ``from a import b,``, numbers such as ``007``, and a generator
+    expression among other arguments.
+
+    Raises:
+        SyntaxError: CPython cannot read it.
+        ValueError: it contains null bytes.
+    """
+    try:
+        return ast.parse(source, filename, mode)
+    except SyntaxError as error:
+        try:
+            return ast.parse(_with_parentheses(_PLACES.sub(_strict, source)), filename, mode)
+        except (SyntaxError, tokenize.TokenError):
+            raise error from None
+
+
+def _strict(match: re.Match[str]) -> str:
+    """The place of a program as CPython accepts it."""
+    return match["text"] or (match["imports"] or match["indent"] or "").expandtabs(_TAB)
+
+
+def _with_parentheses(source: str) -> str:
+    """The program with parentheses around each generator expression that is one of several arguments."""
+    lines = source.splitlines(keepends=True)
+    starts = [sum(map(len, lines[:number])) for number in range(len(lines) + 1)]
+    places: list[tuple[int, str]] = []
+    brackets: list[list[list[tokenize.TokenInfo]]] = []
+    for token in tokenize.generate_tokens(io.StringIO(source).readline):
+        closed = brackets.pop() if token.string in ")]}" and brackets and token.type == tokenize.OP else []
+        if brackets and token.type == tokenize.OP and token.string == ",":
+            brackets[-1].append([])
+        elif brackets:
+            brackets[-1][-1].append(token)
+        if token.type == tokenize.OP and token.string in "([{":
+            brackets.append([[]])
+        for argument in closed if token.string == ")" and len(closed) > 1 else []:
+            if any(part.string == "for" for part in argument):
+                (first_line, first), (last_line, last) = argument[0].start, argument[-1].end
+                places += (starts[first_line - 1] + first, "("), (starts[last_line - 1] + last, ")")
+    for place, bracket in sorted(places, reverse=True):
+        source = source[:place] + bracket + source[place:]
+    return source
