@@ -1,11 +1,12 @@
-"""LeRobot's own commands on the virtual Walker: `lerobot-record` records episodes of it, `lerobot-replay` plays one again.
+"""LeRobot's own commands on virtual robots: record and replay on the Walker; record, train ACT, and drive by it, on the RoboArm.
 
     python benchmarks/lerobot_commands.py --lerobot PYTHON
 
 PYTHON is that of an environment with LeRobot, this package and its plugin (`plugins/lerobot_robot_bricksrl/README.md` says how to
 make one). The commands run as they are, in processes of their own; a note of what the robot was sent and what it then measured is
 taken on their way out. Counted are the frames that LeRobot's dataset holds, the actions of the replay that are those of the
-recording, and how far the replayed robot was from the recorded one.
+recording, and how far the replayed robot was from the recorded one. ACT needs images, so its robot is `RoboArm_mixed-v0`, whose
+camera looks at the arm; its transformer is tiny and its steps few, which shows that the commands run, not that it learns the task.
 """
 
 from __future__ import annotations
@@ -22,6 +23,15 @@ import pyarrow.parquet as pq
 from machine import command, write
 
 FPS, EPISODES, EPISODE_S = 4, 2, 5
+WALKER = ("--robot.type=bricksrl_walker", "--robot.id=w", "--robot.seed=1")
+ARM = ("--robot.type=bricksrl", "--robot.env=RoboArm_mixed-v0", "--robot.id=a", "--robot.seed=1")
+STEPS, CHUNK = 20, 4
+ACT = (
+    *("--policy.type=act", "--policy.device=cpu", "--policy.push_to_hub=false", "--policy.pretrained_backbone_weights=null"),
+    *(f"--policy.chunk_size={CHUNK}", f"--policy.n_action_steps={CHUNK}", "--policy.dim_model=32", "--policy.n_heads=2"),
+    *("--policy.dim_feedforward=64", "--policy.n_encoder_layers=1", "--policy.n_vae_encoder_layers=1", "--policy.latent_dim=4"),
+    *(f"--steps={STEPS}", "--batch_size=8", "--num_workers=0", "--seed=1"),
+)
 LAUNCH = """
 import atexit, json, runpy, sys
 reader, notes, module = sys.argv[1:4]
@@ -30,7 +40,8 @@ from lerobot_robot_bricksrl.robot import BricksRobot
 send, sent = BricksRobot.send_action, []
 def noted(robot, action):
     done = send(robot, action)
-    sent.append({"action": list(done.values()), "observation": list(robot.get_observation().values())})
+    seen = [value for value in robot.get_observation().values() if isinstance(value, float)]
+    sent.append({"action": list(done.values()), "observation": seen})
     return done
 BricksRobot.send_action = noted
 def write():
@@ -40,19 +51,21 @@ atexit.register(write)
 sys.argv = [module, *sys.argv[4:]]
 runpy.run_module(module, run_name="__main__", alter_sys=True)
 """
+READER = Path(__file__).with_name("lerobot_reader.py")
 VERSIONS = "import json; from importlib.metadata import version; print(json.dumps({n: version(n) for n in (%s)}))"
 PACKAGES = '"lerobot", "torch", "torchvision", "numpy"'
+Noted = list[dict[str, list[float]]]
 
 
-def run(python: str, folder: Path, name: str, *arguments: str) -> tuple[float, list[dict[str, list[float]]]]:
+def run(python: str, folder: Path, name: str, *arguments: str) -> tuple[float, Noted]:
     """One of LeRobot's commands; seconds on the wall, and what the robot was sent and measured then.
 
     Raises:
         RuntimeError: it failed.
     """
-    reader, notes = Path(__file__).with_name("lerobot_reader.py"), folder / f"{name}.json"
-    told = {**os.environ, "HF_HUB_OFFLINE": "1"}
-    line = [python, "-I", "-c", LAUNCH, str(reader), str(notes), f"lerobot.scripts.lerobot_{name}", *arguments]
+    notes = folder / f"{name}.json"
+    told = {**os.environ, "HF_HUB_OFFLINE": "1", "HF_LEROBOT_HOME": str(folder)}
+    line = [python, "-I", "-c", LAUNCH, str(READER), str(notes), f"lerobot.scripts.lerobot_{name}", *arguments]
     started_s = time.perf_counter()
     done = subprocess.run(line, check=False, capture_output=True, text=True, env=told)  # noqa: S603  the user's Python
     if done.returncode:
@@ -60,50 +73,99 @@ def run(python: str, folder: Path, name: str, *arguments: str) -> tuple[float, l
     return round(time.perf_counter() - started_s, 1), json.loads(notes.read_text())
 
 
-def measure(python: str, folder: Path) -> dict[str, Any]:
-    """Record and replay."""
-    root = folder / "walker"
-    robot = ["--robot.type=bricksrl_walker", "--robot.id=w", "--robot.seed=1", f"--robot.calibration_dir={folder}"]
-    data = ["--dataset.repo_id=me/walker", f"--dataset.root={root}", "--play_sounds=false"]
-    hand = ["--teleop.type=bricksrl_random", "--teleop.id=h", f"--teleop.calibration_dir={folder}"]
-    how = ["--dataset.single_task=walk", f"--dataset.fps={FPS}", f"--dataset.num_episodes={EPISODES}"]
+def record(python: str, root: Path, *arguments: str, episodes: int = EPISODES) -> tuple[dict[str, Any], Noted, list[Any]]:
+    """Episodes recorded into the folder ``root``; counts, what the robot was sent, and the frames of the dataset."""
+    how = ["--dataset.single_task=move", f"--dataset.fps={FPS}", f"--dataset.num_episodes={episodes}", "--dataset.vcodec=h264"]
     how += [f"--dataset.episode_time_s={EPISODE_S}", "--dataset.reset_time_s=0", "--dataset.push_to_hub=false"]
-    record_s, recorded = run(python, folder, "record", *robot, *data, *hand, *how, "--dataset.video=false")
+    wall_s, sent = run(python, root.parent, "record", *data(root), "--play_sounds=false", *how, *arguments)
     held = pq.read_table(root / "data", columns=["action", "observation.state", "episode_index"]).to_pylist()
+    counts = {"wall_s": wall_s, "frames_asked": episodes * EPISODE_S * FPS, "frames_in_the_dataset": len(held)}
+    return {**counts, "actions_sent": len(sent)}, sent, held
+
+
+def data(root: Path) -> list[str]:
+    """The dataset in the folder ``root``, as LeRobot's commands are told of it."""
+    return [f"--dataset.repo_id=me/{root.name}", f"--dataset.root={root}"]
+
+
+def hand(env: str) -> list[str]:
+    """Random commands for an environment."""
+    return ["--teleop.type=bricksrl_random", "--teleop.id=h", f"--teleop.env={env}"]
+
+
+def alike(sent: Noted, held: list[Any]) -> int:
+    """How many of the actions that were sent are those of the dataset."""
+    pairs = zip(sent, held, strict=False)
+    return sum(max(abs(a - b) for a, b in zip(one["action"], row["action"], strict=True)) < 1e-4 for one, row in pairs)
+
+
+def replay(python: str, folder: Path) -> dict[str, Any]:
+    """Record the Walker and replay it."""
+    root = folder / "walker"
+    recorded, _, held = record(python, root, *WALKER, *hand("Walker-v0"))
     first = [row for row in held if row["episode_index"] == 0]
-    replay_s, replayed = run(python, folder, "replay", *robot, *data, "--dataset.episode=0")
+    wall_s, replayed = run(python, folder, "replay", *WALKER, *data(root), "--play_sounds=false", "--dataset.episode=0")
     pairs = [(one["observation"], row["observation.state"]) for one, row in zip(replayed, first[1:], strict=False)]
     apart = [abs(a - b) for ours, theirs in pairs for a, b in zip(ours, theirs, strict=True)]
     return {
-        "record": {
-            "wall_s": record_s,
-            "frames_asked": EPISODES * EPISODE_S * FPS,
-            "frames_in_the_dataset": len(held),
-            "actions_sent": len(recorded),
-        },
+        "record": recorded,
         "replay": {
-            "wall_s": replay_s,
+            "wall_s": wall_s,
             "frames_of_the_episode": len(first),
             "actions_sent": len(replayed),
-            "actions_as_recorded": sum(
-                max(abs(a - b) for a, b in zip(one["action"], row["action"], strict=True)) < 1e-4
-                for one, row in zip(replayed, first, strict=False)
-            ),
+            "actions_as_recorded": alike(replayed, first),
             "observations_compared": len(pairs),
             "largest_difference": max(apart, default=None),
         },
     }
 
 
+def policy(python: str, folder: Path) -> dict[str, Any]:
+    """Record the RoboArm with its camera, train ACT on that, and record an episode that ACT drives."""
+    root, driven, out = folder / "arm", folder / "eval_arm", folder / "act"
+    recorded, _, taught = record(python, root, *ARM, *hand("RoboArm_mixed-v0"))
+    train_s, _ = run(python, folder, "train", *data(root), *ACT, f"--output_dir={out}")
+    trained = out / "checkpoints" / "last" / "pretrained_model"
+    drove, sent, held = record(python, driven, *ARM, f"--policy.path={trained}", episodes=1)
+    ranges = [(min(values), max(values)) for values in zip(*(row["action"] for row in taught), strict=True)]
+    inside = [all(low <= a <= high for a, (low, high) in zip(one["action"], ranges, strict=True)) for one in sent]
+    return {
+        "record": recorded,
+        "train": {"wall_s": train_s, "steps": STEPS, "bytes_of_the_policy": (trained / "model.safetensors").stat().st_size},
+        "record_by_policy": {
+            **drove,
+            "actions_as_the_policy_chose": alike(sent, held),
+            "actions_in_the_range_of_the_recording": sum(inside),
+            "different_actions": len({tuple(one["action"]) for one in sent}),
+            "episodes_that_lerobot_reads": read(python, driven),
+        },
+    }
+
+
+def read(python: str, root: Path) -> int:
+    """Episodes of which LeRobot's own reader gives every frame.
+
+    Raises:
+        RuntimeError: it gives none.
+    """
+    line = [python, "-I", str(READER)]
+    done = subprocess.run(line, input=f"{root}\n", check=True, capture_output=True, text=True)  # noqa: S603
+    answer = json.loads(done.stdout.splitlines()[-1])
+    if "error" in answer:
+        raise RuntimeError(f"LeRobot's reader: {answer['error']}")
+    return len(answer["episodes"])
+
+
 def main() -> None:
-    """Record, replay and write the results."""
+    """Run them and write the results."""
     parser = command(__doc__)
     parser.add_argument("--lerobot", metavar="PYTHON", required=True, help="the Python of an environment that has LeRobot")
     python = parser.parse_args().lerobot
     answer = subprocess.run([python, "-I", "-c", VERSIONS % PACKAGES], check=True, capture_output=True, text=True)  # noqa: S603
     with tempfile.TemporaryDirectory() as folder:
-        measured = measure(python, Path(folder))
-    result = {"robot": "bricksrl_walker, virtual", "fps": FPS, **measured, "with": json.loads(answer.stdout)}
+        walker, arm = replay(python, Path(folder)), policy(python, Path(folder))
+    measured = {"bricksrl_walker": walker, "RoboArm_mixed-v0": arm}
+    result = {"robots": "virtual", "fps": FPS, **measured, "with": json.loads(answer.stdout)}
     print(json.dumps(result, indent=2), write("lerobot_commands", result))
 
 

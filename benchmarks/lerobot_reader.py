@@ -35,7 +35,7 @@ def digest(values: Any) -> str:
 
 
 def read(root: str) -> dict[str, Any]:
-    """Every frame of every episode: digests of states, actions and rewards, and of images as bytes."""
+    """Every frame of every episode: digests of states, actions and rewards, where there are any, and of images as bytes."""
     from lerobot.datasets.lerobot_dataset import LeRobotDataset
 
     dataset = LeRobotDataset("local/dataset", root=root)
@@ -45,10 +45,7 @@ def read(root: str) -> dict[str, Any]:
         episodes.setdefault(int(frame["episode_index"]), []).append(frame)
     found = []
     for frames in episodes.values():
-        of = {
-            name: digest(torch.stack([frame[name] for frame in frames]))
-            for name in ("observation.state", "action", "next.reward")
-        }
+        of = {name: digest(torch.stack([frame[name] for frame in frames])) for name in NUMBERS if name in frames[0]}
         for camera in dataset.meta.camera_keys:
             images = torch.stack([frame[camera] for frame in frames])
             of["image"] = digest((images * 255).round().byte().permute(0, 2, 3, 1))

@@ -37,6 +37,15 @@ def test_every_description_connects_observes_and_acts(kind: str, tmp_path: Path)
     assert not robot.is_connected
 
 
+def test_the_camera_of_an_environment_is_one_of_the_robot(tmp_path: Path) -> None:
+    robot = make_robot_from_config(plugin.BricksRobotConfig(env="RoboArm_mixed-v0", id="r", seed=1, calibration_dir=tmp_path))
+    robot.connect()
+    image = robot.get_observation()["image"]
+    assert robot.observation_features["image"] == image.shape == (64, 64, 3)
+    assert image.dtype == "uint8" and len(robot.cameras) == 1
+    robot.disconnect()
+
+
 def test_what_is_not_connected_says_so(walker: plugin.BricksRobot) -> None:
     with pytest.raises(DeviceNotConnectedError):
         walker.get_observation()
