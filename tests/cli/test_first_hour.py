@@ -173,7 +173,7 @@ def test_unsaved_evaluation_is_still_shown(short: Path, tmp_path: Path, capfd) -
     (run_dir / "evaluation.json").mkdir()
     assert main(["evaluate", str(run_dir), "--episodes", "1"]) == 2
     told = capfd.readouterr()
-    assert "return " in told.out and "of 1 episodes" in told.out
+    assert "return " in told.out and "of 1 episode " in told.out
     assert "the evaluation is not saved" in told.err and told.err.count("\n") == 1
 
 

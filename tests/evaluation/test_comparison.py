@@ -81,7 +81,7 @@ def test_seed_folder_expands_without_duplicates(tmp_path: Path) -> None:
     config = TrainConfig("Walker-v0")
     for seed in range(2):
         write_run(tmp_path / f"all/seed-{seed}", replace(config, seed=seed), [1.0, 2.0])
-    assert compare([tmp_path / "all"]).groups[0].seeds == (0, 1)
+    assert compare([str(tmp_path / "all")]).groups[0].seeds == (0, 1)
     with pytest.raises(RunError, match="named twice"):
         compare([tmp_path / "all", tmp_path / "all/seed-1"])
     copy = write_run(tmp_path / "copy", config, [1.0])

@@ -126,6 +126,6 @@ def test_paused_episode_is_not_counted(run_dir: Path) -> None:
 
 
 def test_few_episodes_have_no_interval(run_dir: Path) -> None:
-    result = evaluate(run_dir, Cart(), episodes=4, save=False)
+    result = evaluate(str(run_dir), Cart(), episodes=4, save=False)
     assert result.return_interval is None
     assert "interval of the mean" not in "\n".join(describe(result))

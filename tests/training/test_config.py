@@ -25,6 +25,7 @@ def test_config_json_round_trip(seed: int, hidden: list[int], rate: float, realt
 def test_folder_is_not_part_of_the_dictionary() -> None:
     config = TrainConfig(env="RunAway-v0", settings=preset("paper"), run_dir=Path("here"))
     assert "run_dir" not in config.to_dict()
+    assert replace(config, run_dir="here") == config, "a string too"
     assert TrainConfig.from_dict(config.to_dict(), run_dir=Path("there")) == replace(config, run_dir=Path("there"))
 
 

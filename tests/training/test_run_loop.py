@@ -270,7 +270,7 @@ def test_resume_of_other_run_raises(config: TrainConfig, tmp_path: Path) -> None
     state = load_checkpoint(checkpoint)
     save_checkpoint(checkpoint, {**state, "identity": {**state["identity"], "seed": 77}})
     with pytest.raises(CheckpointError, match="belongs to another config"):
-        resume(tmp_path / "run", env=Cart())
+        resume(str(tmp_path / "run"), env=Cart())
     checkpoint.write_bytes(b"PK\x03\x04")
     with pytest.raises(CheckpointError, match="not a checkpoint of this version"):
         resume(tmp_path / "run", env=Cart())

@@ -24,17 +24,17 @@ class Reference:
 
 
 REFERENCES = {
-    "RunAway-v0": Reference(0.36, 17.96, 8.72),
-    "Spinning-v0": Reference(74.76, 8529.06, 7407.2),
-    "Walker-v0": Reference(-197.27, -15.42, -52.04),
-    "Walker-v1": Reference(16.72, 93.47),
+    "RunAway-v0": Reference(0.42, 17.96, 8.72),
+    "Spinning-v0": Reference(77.61, 8527.12, 7407.2),
+    "Walker-v0": Reference(-197.15, -15.29, -52.04),
+    "Walker-v1": Reference(16.77, 93.57),
     "WalkerSim-v0": Reference(-198.51, -4.95),
     "WalkerSim-v1": Reference(-197.18, 5.53),
-    "LineFollow-v0": Reference(-42.4, 49.81),
-    "Park-v0": Reference(-63.5, 8.94),
-    "RoboArm-v0": Reference(-179.2, -1.28, -27.77),
+    "LineFollow-v0": Reference(-42.9, 49.65),
+    "Park-v0": Reference(-62.93, 9.16),
+    "RoboArm-v0": Reference(-159.16, -1.28, -27.77),
     "RoboArmSim-v0": Reference(-162.96, -0.55),
-    "RoboArm_mixed-v0": Reference(-44.29, -1.28),
+    "RoboArm_mixed-v0": Reference(-48.88, -1.28),
 }
 
 

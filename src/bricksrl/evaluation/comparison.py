@@ -88,7 +88,7 @@ class Comparison:
         return json.dumps({"scored_by": self.scored_by, "groups": groups, "improvements": improvements}, indent=2)
 
 
-def compare(paths: Sequence[Path]) -> Comparison:
+def compare(paths: Sequence[Path | str]) -> Comparison:
     """Compare runs; a folder of several seeds stands for all its runs. Raises RunError if a folder holds no run or one without
     episodes, a run is named twice, or two runs of a group share a seed.
 
@@ -148,10 +148,10 @@ def _evaluation(folder: RunFolder, episodes: Sequence[Episode]) -> float | None:
         return None
 
 
-def _run_folders(paths: Sequence[Path]) -> Iterator[Path]:
+def _run_folders(paths: Sequence[Path | str]) -> Iterator[Path]:
     """Folders of the runs, with a folder of several seeds replaced by those of its runs."""
     seen: set[Path] = set()
-    for path in paths:
+    for path in map(Path, paths):
         seeds = sorted(one.parent for one in path.glob("seed-*/config.json"))
         for run in seeds if seeds and not RunFolder(path).config_path.exists() else [path]:
             if run.resolve() in seen:

@@ -73,7 +73,7 @@ class EvaluationResult:
     def save(self) -> None:
         """Write the result to the run's ``evaluation.json``, replacing an earlier one. Raises RunError if the file cannot be
         written."""
-        path = RunFolder(Path(self.run_dir)).evaluation_path
+        path = RunFolder(self.run_dir).evaluation_path
         try:
             write_durably(path, (self.to_json() + "\n").encode())
         except OSError as error:
@@ -81,7 +81,7 @@ class EvaluationResult:
 
 
 def evaluate(
-    run_dir: Path,
+    run_dir: Path | str,
     env: EnvBase | str | None = None,
     *,
     episodes: int = 5,
@@ -157,7 +157,7 @@ def _elsewhere(config: TrainConfig, env: str, **named: Any) -> TrainConfig:
 
 
 def _summarise(
-    judged: list[Judged], env: EnvBase, config: TrainConfig, trained_episodes: int, seed: int, run_dir: Path
+    judged: list[Judged], env: EnvBase, config: TrainConfig, trained_episodes: int, seed: int, run_dir: Path | str
 ) -> EvaluationResult:
     task = getattr(env, "task", None)
     returns = np.array([one.return_ for one in judged])

@@ -69,6 +69,8 @@ class TrainConfig(EnvOptions):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        if self.run_dir is not None:  # a string too
+            object.__setattr__(self, "run_dir", Path(self.run_dir))
         for name, least in _LEAST.items():
             if not least <= getattr(self, name) <= LARGEST:
                 raise RunError(f"{name} is {getattr(self, name)}; give {least} or more, and up to {LARGEST:,}")

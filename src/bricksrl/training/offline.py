@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bricksrl.errors import CheckpointError, DataError, RunError
@@ -72,7 +71,7 @@ def warm_start(config: TrainConfig, learner: Learner, env: EnvBase) -> None:
 
     if config.start is None:
         return
-    folder = RunFolder(Path(config.start))
+    folder = RunFolder(config.start)
     before = folder.read_config()
     if before.agent == config.agent:
         if before.settings != config.settings:

@@ -33,7 +33,7 @@ class Trained:
 def load_learner(run_dir: Path | str, env: EnvBase, *, which: Which = "last") -> Trained:
     """The learner of a run, on the CPU, for ``env``. Raises RunError if there is no run in the folder, CheckpointError if it is
     damaged, or the observation or action of ``env`` differs."""
-    folder = RunFolder(Path(run_dir))
+    folder = RunFolder(run_dir)
     config = folder.read_config()
     learner = make_learner_for(config, env, device="cpu")
     state = load_state(folder, config, env, which=which)

@@ -59,7 +59,7 @@ def train(
 
 
 def resume(
-    run_dir: Path,
+    run_dir: Path | str,
     callback: Callback | None = None,
     *,
     episodes: int | None = None,

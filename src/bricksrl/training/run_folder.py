@@ -26,8 +26,8 @@ _TAIL = ("seconds", "updates_per_step", "link_lost", "evaluation", "robot")
 class RunFolder:
     """Paths and files of one run; ``best_path`` is the checkpoint of the best evaluation."""
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
+    def __init__(self, path: Path | str) -> None:
+        self.path = path = Path(path)
         self.config_path, self.metrics_path = path / "config.json", path / "metrics.csv"
         self.checkpoint_path, self.best_path = path / "checkpoint.bin", path / "best.bin"
         self.curve_path, self.evaluation_path = path / "learning_curve.png", path / "evaluation.json"
