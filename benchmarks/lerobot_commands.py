@@ -6,7 +6,8 @@ PYTHON is that of an environment with LeRobot, this package and its plugin (`plu
 make one). The commands run as they are, in processes of their own; a note of what the robot was sent and what it then measured is
 taken on their way out. Counted are the frames that LeRobot's dataset holds, the actions of the replay that are those of the
 recording, and how far the replayed robot was from the recorded one. ACT needs images, so its robot is `RoboArm_mixed-v0`, whose
-camera looks at the arm; its transformer is tiny and its steps few, which shows that the commands run, not that it learns the task.
+camera looks at the arm; its transformer is tiny and its steps few, which shows that the commands run, not that it learns
+the task.
 """
 
 from __future__ import annotations
