@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import os
 import re
 import signal
@@ -14,7 +15,9 @@ from contextlib import contextmanager
 
 import pytest
 from prompt_toolkit.input import create_pipe_input
+from torchrl.envs import ParallelEnv
 
+import bricksrl
 from bricksrl.cli.emergency_stop import LEGEND, STOP_SIGNALS, Hand
 from bricksrl.cli.key_listener import KeyListener
 from bricksrl.errors import HubError
@@ -208,3 +211,9 @@ def test_keys_in_a_terminal(tmp_path) -> None:
     os.close(master)
     os.close(slave)
     assert after == before, "the terminal is as it was"
+
+
+def test_copies_in_processes_that_have_not_started_can_be_taken() -> None:
+    env = ParallelEnv(2, functools.partial(bricksrl.make, "RunAway-v0"))
+    with Hand(threading.Event(), lambda line: None, keys=False) as hand:
+        hand.take(env)

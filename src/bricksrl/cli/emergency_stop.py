@@ -54,7 +54,8 @@ class Hand:
 
     def take(self, env: EnvBase) -> None:
         """Set the environment to stop and pause; for one that cannot pause, a simulation, stop is the same as Ctrl-C."""
-        self._env = env if hasattr(env, "pause") else None
+        copies = bool(getattr(env, "batch_size", ()))  # which cannot be asked for attributes before they run
+        self._env = env if not copies and hasattr(env, "pause") else None
         if self._stop.is_set():
             self._wishes.put("stop")
 
