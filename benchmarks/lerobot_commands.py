@@ -1,13 +1,12 @@
-"""LeRobot's own commands on virtual robots: record and replay on the Walker; record, train ACT, and drive by it, on the RoboArm.
+"""LeRobot's own commands on virtual robots: record and replay the Walker; record the RoboArm, train policies, drive it by them.
 
     python benchmarks/lerobot_commands.py --lerobot PYTHON
 
 PYTHON is that of an environment with LeRobot, this package and its plugin (`plugins/lerobot_robot_bricksrl/README.md` says how to
 make one). The commands run as they are, in processes of their own; a note of what the robot was sent and what it then measured is
 taken on their way out. Counted are the frames that LeRobot's dataset holds, the actions of the replay that are those of the
-recording, and how far the replayed robot was from the recorded one. ACT needs images, so its robot is `RoboArm_mixed-v0`, whose
-camera looks at the arm; its transformer is tiny and its steps few, which shows that the commands run, not that it learns
-the task.
+recording, and how far the replayed robot was from the recorded one. LeRobot's ACT and diffusion policy need images, so they drive
+the arm of `RoboArm_mixed-v0`, which has a camera. Networks are tiny and steps few: the commands run, no task is learnt.
 """
 
 from __future__ import annotations
@@ -26,13 +25,19 @@ from machine import command, write
 FPS, EPISODES, EPISODE_S = 4, 2, 5
 WALKER = ("--robot.type=bricksrl_walker", "--robot.id=w", "--robot.seed=1")
 ARM = ("--robot.type=bricksrl", "--robot.env=RoboArm_mixed-v0", "--robot.id=a", "--robot.seed=1")
-STEPS, CHUNK = 20, 4
-ACT = (
-    *("--policy.type=act", "--policy.device=cpu", "--policy.push_to_hub=false", "--policy.pretrained_backbone_weights=null"),
-    *(f"--policy.chunk_size={CHUNK}", f"--policy.n_action_steps={CHUNK}", "--policy.dim_model=32", "--policy.n_heads=2"),
-    *("--policy.dim_feedforward=64", "--policy.n_encoder_layers=1", "--policy.n_vae_encoder_layers=1", "--policy.latent_dim=4"),
-    *(f"--steps={STEPS}", "--batch_size=8", "--num_workers=0", "--seed=1"),
-)
+STEPS, CLOSE = 20, 1e-4
+TRAIN = (f"--steps={STEPS}", "--batch_size=8", "--num_workers=0", "--seed=1", "--policy.device=cpu", "--policy.push_to_hub=false")
+POLICIES = {
+    "act": (
+        *("--policy.pretrained_backbone_weights=null", "--policy.chunk_size=4", "--policy.n_action_steps=4"),
+        *("--policy.n_heads=2", "--policy.dim_model=32", "--policy.dim_feedforward=64", "--policy.n_encoder_layers=1"),
+        *("--policy.n_vae_encoder_layers=1", "--policy.latent_dim=4"),
+    ),
+    "diffusion": (
+        *("--policy.horizon=8", "--policy.n_action_steps=4", "--policy.drop_n_last_frames=3", "--policy.down_dims=[16,32]"),
+        *("--policy.diffusion_step_embed_dim=16", "--policy.num_train_timesteps=10", "--policy.spatial_softmax_num_keypoints=8"),
+    ),
+}
 LAUNCH = """
 import atexit, json, runpy, sys
 reader, notes, module = sys.argv[1:4]
@@ -97,7 +102,7 @@ def hand(env: str) -> list[str]:
 def alike(sent: Noted, held: list[Any]) -> int:
     """How many of the actions that were sent are those of the dataset."""
     pairs = zip(sent, held, strict=False)
-    return sum(max(abs(a - b) for a, b in zip(one["action"], row["action"], strict=True)) < 1e-4 for one, row in pairs)
+    return sum(max(abs(a - b) for a, b in zip(one["action"], row["action"], strict=True)) < CLOSE for one, row in pairs)
 
 
 def replay(python: str, folder: Path) -> dict[str, Any]:
@@ -121,26 +126,28 @@ def replay(python: str, folder: Path) -> dict[str, Any]:
     }
 
 
-def policy(python: str, folder: Path) -> dict[str, Any]:
-    """Record the RoboArm with its camera, train ACT on that, and record an episode that ACT drives."""
-    root, driven, out = folder / "arm", folder / "eval_arm", folder / "act"
+def policies(python: str, folder: Path) -> dict[str, Any]:
+    """Record the RoboArm with its camera, train each policy on that, and record an episode that the policy drives."""
+    root = folder / "arm"
     recorded, _, taught = record(python, root, *ARM, *hand("RoboArm_mixed-v0"))
-    train_s, _ = run(python, folder, "train", *data(root), *ACT, f"--output_dir={out}")
-    trained = out / "checkpoints" / "last" / "pretrained_model"
-    drove, sent, held = record(python, driven, *ARM, f"--policy.path={trained}", episodes=1)
-    ranges = [(min(values), max(values)) for values in zip(*(row["action"] for row in taught), strict=True)]
-    inside = [all(low <= a <= high for a, (low, high) in zip(one["action"], ranges, strict=True)) for one in sent]
-    return {
-        "record": recorded,
-        "train": {"wall_s": train_s, "steps": STEPS, "bytes_of_the_policy": (trained / "model.safetensors").stat().st_size},
-        "record_by_policy": {
+    ranges = [(min(values) - CLOSE, max(values) + CLOSE) for values in zip(*(row["action"] for row in taught), strict=True)]
+    found = {"record": recorded}
+    for name, networks in POLICIES.items():
+        out, driven = folder / name, folder / f"eval_{name}"
+        kind = f"--policy.type={name}"
+        train_s, _ = run(python, folder, "train", *data(root), *TRAIN, kind, *networks, f"--output_dir={out}")
+        trained = f"--policy.path={out / 'checkpoints' / 'last' / 'pretrained_model'}"
+        drove, sent, held = record(python, driven, *ARM, trained, episodes=1)
+        inside = [all(low < a < high for a, (low, high) in zip(one["action"], ranges, strict=True)) for one in sent]
+        found[f"train_{name}"] = {"wall_s": train_s, "steps": STEPS}
+        found[f"record_by_{name}"] = {
             **drove,
             "actions_as_the_policy_chose": alike(sent, held),
             "actions_in_the_range_of_the_recording": sum(inside),
             "different_actions": len({tuple(one["action"]) for one in sent}),
             "episodes_that_lerobot_reads": read(python, driven),
-        },
-    }
+        }
+    return found
 
 
 def read(python: str, root: Path) -> int:
@@ -164,7 +171,7 @@ def main() -> None:
     python = parser.parse_args().lerobot
     answer = subprocess.run([python, "-I", "-c", VERSIONS % PACKAGES], check=True, capture_output=True, text=True)  # noqa: S603
     with tempfile.TemporaryDirectory() as folder:
-        walker, arm = replay(python, Path(folder)), policy(python, Path(folder))
+        walker, arm = replay(python, Path(folder)), policies(python, Path(folder))
     measured = {"bricksrl_walker": walker, "RoboArm_mixed-v0": arm}
     result = {"robots": "virtual", "fps": FPS, **measured, "with": json.loads(answer.stdout)}
     print(json.dumps(result, indent=2), write("lerobot_commands", result))
