@@ -319,3 +319,10 @@ sys.exit(bricksrl.cli.main())
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False)
     assert (done.returncode, done.stdout, done.stderr) == (130, "", "interrupted: nothing was saved\n")
+
+
+@pytest.mark.parametrize("option", ["--robots=2", "--asynchronous"])
+def test_processes_of_a_run_leave_no_warning(bricksrl, option: str) -> None:
+    run = bricksrl("train", "RunAway-v0", option, "--episodes", "2", "--run", f"quiet{option}")
+    assert run.returncode == 0, run.stderr
+    assert "leaked" not in run.stderr

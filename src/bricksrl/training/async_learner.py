@@ -8,7 +8,6 @@ as its death does not stop the robot's process. It ends with the robot's process
 from __future__ import annotations
 
 import contextlib
-import gc
 import threading
 from collections.abc import Callable
 from pathlib import Path
@@ -184,7 +183,6 @@ def main() -> None:
     except Exception as error:  # noqa: BLE001  reported to the user by the robot's side
         with contextlib.suppress(BrokenPipeError):
             channel.send("failed", f"failed ({type(error).__name__}: {' '.join(str(error).split())})")
-    gc.collect()  # frees the semaphores of replay buffers
     leave()
 
 

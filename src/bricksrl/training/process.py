@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import contextlib
 import io
 import os
@@ -110,5 +111,6 @@ def parent_channel(deliver: Deliver) -> Channel:
 
 def leave() -> NoReturn:
     """In a `ChildProcess`: exit without waiting for the receiving thread."""
+    atexit._run_exitfuncs()  # replay buffers hold semaphores; unless they are given back, a warning is printed
     sys.stderr.flush()
     os._exit(0)
