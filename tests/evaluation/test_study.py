@@ -55,6 +55,12 @@ def test_study_writes_tables_and_reuses_runs(tmp_path: Path) -> None:
     assert len((folder / "metrics.csv").read_text().splitlines()) == 3, "the run was not made again, only evaluated"
 
 
+def test_each_seed_is_evaluated_on_episodes_of_its_own(tmp_path: Path) -> None:
+    run_study(TOY, tmp_path, quick=True, jobs=1, only=("random-*",))
+    one, other = json.loads((tmp_path / "study.json").read_text())["cells"][0]["conditions"]["same"]["returns"]
+    assert one != other
+
+
 def test_only_chosen_cells_are_run(tmp_path: Path) -> None:
     page = run_study(TOY, tmp_path, quick=True, jobs=1, only=("random-*",))
     assert "| random |" in page.read_text() and "Not run: sac-WalkerSim-v0." in page.read_text()

@@ -30,6 +30,8 @@ from bricksrl.evaluation.study_tables import Cell, Condition, Study
 from bricksrl.files import write_durably
 
 OUTCOME = "outcome.json"
+_FIRST_EVALUATION = 1000
+"""Seed of the evaluation of seed 0. Each seed has episodes of its own, so that intervals over seeds cover their chance too."""
 _PACKAGES = ("bricksrl", "torch", "torchrl", "tensordict", "mujoco", "numpy")
 OnSeed = Callable[[str, int, str | None], None]
 """Called with the name of a cell, a seed, and its error or ``None``, when the seed is done."""
@@ -107,7 +109,7 @@ def _judge(run: Path, seed: int, number: int, one: Condition) -> Judgement:
         config = RunFolder(run).read_config()
         base = {"agent": config.agent, "settings": config.settings, "start": str(run), "seed": seed, "run_dir": judged}
         train(TrainConfig(one.env or config.env, episodes=one.learn_episodes, asynchronous=False, **{**base, **one.named}))
-    found = evaluate(judged, one.env, episodes=one.episodes, save=False, **one.named)
+    found = evaluate(judged, one.env, episodes=one.episodes, seed=_FIRST_EVALUATION + seed, save=False, **one.named)
     successes = None if found.success_rate is None else round(found.success_rate * found.episodes)
     metrics = {**found.metrics, "action_size": found.action_size, "episode_steps": float(np.mean(found.lengths))}
     return Judgement(one.name, found.returns, successes, metrics)
