@@ -19,6 +19,7 @@ from bricksrl.hub.program.syntax import parse
         ("wait(0500)\nx = 007 + 0.05 + 10\n", "wait(500)\nx = 7 + 0.05 + 10\n"),
         ("x = max(abs(a) for a in b, default=0)\n", "x = max((abs(a) for a in b), default=0)\n"),
         ("f(1, (2, [3]), a for a in\n  b)\n", "f(1, (2, [3]), (a for a in\n  b))\n"),
+        ("s = '\x1c'\nx = max(abs(a) for a in b, default=0)\n", "s = '\x1c'\nx = max((abs(a) for a in b), default=0)\n"),
         (
             'from a import b,\nx = """\n\tfrom here to there,\n007"""\ny = "007"  # 007\n',
             'from a import b\nx = """\n\tfrom here to there,\n007"""\ny = "007"\n',

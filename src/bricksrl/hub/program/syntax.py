@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import io
+import itertools
 import re
 import tokenize
 from typing import Any
@@ -42,8 +43,7 @@ def _strict(match: re.Match[str]) -> str:
 
 def _with_parentheses(source: str) -> str:
     """The program with parentheses around each generator expression that is one of several arguments."""
-    lines = source.splitlines(keepends=True)
-    starts = [sum(map(len, lines[:number])) for number in range(len(lines) + 1)]
+    starts = [0, *itertools.accumulate(map(len, io.StringIO(source)))]
     places: list[tuple[int, str]] = []
     brackets: list[list[list[tokenize.TokenInfo]]] = []
     for token in tokenize.generate_tokens(io.StringIO(source).readline):
