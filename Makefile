@@ -46,7 +46,7 @@ format: $(INSTALLED)
 
 booklets: $(INSTALLED)
 	mkdir -p docs/plans
-	for robot in two_wheeler walker robo_arm; do $(BIN)/bricksrl plan steps plans/$$robot.ldr --out docs/plans/$$robot.pdf || exit 1; done
+	for robot in two-wheeler walker robo-arm; do $(BIN)/bricksrl plan steps $$robot --out docs/plans/$${robot%%-*}_$${robot##*-}.pdf || exit 1; done
 
 clean:
 	rm -rf .venv build dist src/bricksrl.egg-info .mypy_cache .pytest_cache .ruff_cache .hypothesis .import_linter_cache

@@ -8,13 +8,20 @@ from pathlib import Path
 
 import pytest
 
-PLAN = str(Path(__file__).parents[2] / "plans" / "two_wheeler.ldr")
+from bricksrl.robots import plans
+
+PLAN = str(Path(plans.__path__[0]) / "two_wheeler.ldr")
 
 
 def test_correct_plan_passes(bricksrl):
     done = bricksrl("plan", "check", PLAN)
     assert (done.returncode, done.stderr) == (0, "")
     assert done.stdout == "36 parts of 11 kinds, 12 steps, 428 g: all is well\n"
+
+
+def test_robots_have_plans(bricksrl):
+    assert bricksrl("plan", "check", "two-wheeler").stdout == bricksrl("plan", "check", PLAN).stdout
+    assert "name an LDraw file" in bricksrl("plan", "check", "two-wheels").stderr
 
 
 def test_mistake_has_line_and_exit_code(bricksrl, tmp_path):

@@ -81,7 +81,7 @@ def test_twin_scene(robot, surroundings) -> None:
     body = make_body(robot, scene=surroundings)
     twin = twin_scene(body)
     names = [one.name for one in twin.scene.bodies]
-    assert ("world" in names) == (surroundings.wall_distance_mm is not None or robot is ROBO_ARM)
+    assert ("world" in names) == (surroundings.wall_distance_mm is not None)
     assert all(one.shapes for one in twin.scene.bodies)
     walls = [shape for one in twin.scene.bodies for shape in one.shapes if shape.pattern == "bricks"]
     assert len(walls) == (surroundings.wall_distance_mm is not None)

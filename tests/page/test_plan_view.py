@@ -15,8 +15,9 @@ from bricksrl.page.plan_view import PlanView
 from bricksrl.page.server import PageOptions, PageServer
 from bricksrl.plans import ldraw_file
 from bricksrl.plans.plan import make_plan, read_plan
+from bricksrl.robots import plans
 
-PLANS = Path(__file__).parents[2] / "plans"
+PLANS = Path(plans.__path__[0])
 
 
 def view(name: str) -> PlanView:

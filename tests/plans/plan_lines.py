@@ -8,9 +8,10 @@ from bricksrl.finding import Finding
 from bricksrl.plans import ldraw_file
 from bricksrl.plans.check import check
 from bricksrl.plans.plan import Plan, make_plan
+from bricksrl.robots import plans
 from bricksrl.robots.planned import check_named
 
-PLANS = Path(__file__).parents[2] / "plans"
+PLANS = Path(plans.__path__[0])
 ROBOTS = sorted(path.stem for path in PLANS.glob("*.ldr"))
 BEAM = "1 4 0 0 0 1 0 0 0 1 0 0 0 1 32316.dat"
 

@@ -1,10 +1,9 @@
-"""Mechanisms of our plans against descriptions and manual twins."""
+"""Mechanisms of our plans against descriptions."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
-import mujoco
 import numpy as np
 import pytest
 from plan_lines import BEAM, PLANS, plan_of
@@ -13,8 +12,6 @@ from bricksrl import robots
 from bricksrl.plans.check import structure_of
 from bricksrl.plans.mechanism.kinematics import Mechanism, mechanism
 from bricksrl.plans.plan import read_plan
-from bricksrl.twin.models import two_wheeler, walker
-from bricksrl.twin.scene import Scene
 
 
 def mechanism_of(name: str) -> Mechanism:
@@ -47,46 +44,25 @@ def test_single_part_has_mass_and_inertia_of_bar():
     assert np.linalg.eigvalsh(link.inertia).min() > 0
 
 
-def test_two_wheeler_plan_matches_description_and_twin():
+def test_two_wheeler_plan_matches_description():
     made, robot = mechanism_of("two_wheeler"), robots.TWO_WHEELER
-    spec = two_wheeler.build(robot, Scene())
-    model = spec.compile()
     assert len(made.links) == 3
     assert made.ports == ("A", "E")
     assert np.allclose(made.ratios, np.eye(2))
     for wheel in made.wheels[1:]:
         assert wheel.diameter_mm == robot.drive_base.wheel_diameter_mm
         assert abs(wheel.centre_m[1]) * 2000 == pytest.approx(robot.drive_base.axle_track_mm)
-    at = {one.name: one.point_m for one in made.mounted}
-    assert np.allclose(at["prime"], model.site("imu").pos, atol=1e-3)
-    assert np.allclose(at["eyes"], model.site("ultrasonic_C").pos, atol=2e-3)
-    caster = made.wheels[0].centre_m - np.array([0, 0, 0.0184])
-    assert np.allclose(caster, model.geom("caster").pos, atol=1e-3)
-    twin_kg = float(model.body_subtreemass[model.body("chassis").id])
-    assert made.mass_kg == pytest.approx(twin_kg, rel=0.12)
-    centre = made.links[0].centre_m - model.body("chassis").ipos
-    assert np.abs(centre).max() < 0.006
 
 
-def test_walker_plan_legs_match_twin():
+def test_walker_plan_has_four_four_bar_legs():
     made = mechanism_of("walker")
-    model = walker.build(robots.WALKER, Scene()).compile()
     assert len(made.links) == 13
     assert sum(hinge.closes_loop for hinge in made.hinges) == 4
     assert sorted(made.ports) == ["A", "B", "C", "D"]
     places = np.round([hinge.point_m * 1000 for hinge in made.hinges], 1)
-    for port, end in (("C", 1), ("A", -1)):
-        crank = model.body(f"rotor_{port}").pos * 1000
-        assert np.allclose(crank[[0, 2]], [end * 64, -20])
+    for end in (1, -1):  # crank's axis and pin, and the rocker's pin on the chassis, from the hub's middle at -16 mm
         for x, z in ((end * 64, -20), (end * 64, -28), (end * 32, 20)):
-            assert np.any(np.all(np.isclose(places[:, [0, 2]], [x, z], atol=0.1), axis=1)), (port, x, z)
-    data = mujoco.MjData(model)
-    mujoco.mj_forward(model, data)
-    top = next(hinge.point_m for hinge in made.hinges if hinge.closes_loop and hinge.point_m[0] > 0 > hinge.point_m[1])
-    leg = data.body("leg_C")
-    above = data.body("chassis").xpos + np.append(top[:1], [0, top[2]])
-    end_of_thigh = leg.xpos + leg.xmat.reshape(3, 3) @ [0, 0, 0.040]
-    assert np.allclose((above - end_of_thigh)[[0, 2]], 0, atol=1e-3)
+            assert np.sum(np.all(np.isclose(places[:, [0, 2]], [x, z], atol=0.1), axis=1)) >= 2, (end, x, z)
 
 
 @pytest.mark.parametrize("name", ["two_wheeler", "walker", "robo_arm"])

@@ -185,3 +185,11 @@ def test_embedded_part_files_may_repeat():
 def test_segmented_hose_is_one_unknown_part(segments):
     plan = plan_of("0 FILE a.ldr", BEAM, BEAM.replace("32316.dat", "hose.ldr"), "0 FILE hose.ldr", *segments)
     assert [(one.number, len(one.lines)) for one in plan.unknown] == [("hose.ldr", 1)]
+
+
+def test_ball_has_place_in_frame_of_next_part() -> None:
+    plan = plan_of("0 !BRICKSRL BALL 0 60 -1.5", BEAM)
+    assert plan.parts[0].ball == (0.0, 60.0, -1.5)
+    for wrong in ("0 !BRICKSRL BALL 0 60", "0 !BRICKSRL BALL 0 60 nan", "0 !BRICKSRL BALL a b c"):
+        with pytest.raises(PlanError, match="BALL X Y Z"):
+            plan_of(wrong, BEAM)

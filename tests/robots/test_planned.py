@@ -18,10 +18,11 @@ from bricksrl.robots import (
     MotorKind,
     Robot,
     UltrasonicSensor,
+    plans,
 )
 from bricksrl.robots.planned import check_description
 
-PLANS = Path(__file__).parents[2] / "plans"
+PLANS = Path(plans.__path__[0])
 TWO_WHEELER_PLAN = str(PLANS / "two_wheeler.ldr")
 
 

@@ -13,7 +13,6 @@ import pytest
 from bricksrl.errors import DescriptionError, TwinError
 from bricksrl.robots import (
     TWO_WHEELER,
-    WALKER,
     Chassis,
     Direction,
     DriveBase,
@@ -165,8 +164,6 @@ def test_invalid_bodies() -> None:
         make_body(replace(ROVER, drive_base=DriveBase("left", "right", 62.4, 30)))
     with pytest.raises(TwinError, match="no ultrasonic sensor"):
         make_body(ROVER, scene=Scene(wall_distance_mm=(200, 300)))
-    with pytest.raises(TwinError, match="touches nothing but the floor"):
-        make_body(WALKER, scene=Scene(objects=(Block((500, 0)),)))
     bench = replace(ROVER, drive_base=None, sensors=())
     with pytest.raises(TwinError, match="lies on the bench"):
         make_body(bench, scene=Scene(objects=(Block((500, 0)),)))

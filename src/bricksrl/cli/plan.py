@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from tyro.conf import Positional
 
@@ -13,6 +13,20 @@ from bricksrl.cli.options import option
 from bricksrl.cli.page import LivePageGroup, PageAddress, announce
 from bricksrl.cli.terminal import INTERRUPTED, print_line
 from bricksrl.errors import PlanError
+
+if TYPE_CHECKING:
+    from bricksrl.plans.plan import Plan
+
+
+def _read(place: Path) -> Plan:
+    """The plan in a file, or that of a robot of this package."""
+    from bricksrl import robots
+    from bricksrl.plans.plan import read_plan
+    from bricksrl.robots.planned import plan_file
+
+    robot = robots.ROBOTS.get(place.name) if not place.exists() else None
+    own = plan_file(robot.model) if robot is not None and robot.model is not None else None
+    return read_plan(own or place)
 
 
 @dataclass(frozen=True)
@@ -22,20 +36,19 @@ class CheckPlan:
     One line per finding, with the line of the file and advice; exit code 1 if there are any.
 
     Examples:
-      bricksrl plan check plans/two_wheeler.ldr
+      bricksrl plan check two-wheeler
       bricksrl plan check my_robot.mpd
     """
 
     plan: Annotated[Positional[Path], option(metavar="FILE")]
-    """An LDraw file (.ldr, .mpd), or Studio's .io."""
+    """An LDraw file (.ldr, .mpd), Studio's .io, or a robot: two-wheeler, walker, robo-arm."""
 
     def execute(self) -> int:
         """Check and print."""
         from bricksrl.plans.check import check
-        from bricksrl.plans.plan import read_plan
         from bricksrl.robots.planned import check_named
 
-        plan = read_plan(self.plan)
+        plan = _read(self.plan)
         findings = check(plan) + check_named(plan)
         for finding in findings:
             where = f"line {finding.line}" if finding.line else "the plan"
@@ -53,14 +66,14 @@ class PlanParts:
     Without a plan, list the catalogue.
 
     Examples:
-      bricksrl plan parts plans/two_wheeler.ldr
-      bricksrl plan parts plans/two_wheeler.ldr --out parts.csv
-      bricksrl plan parts plans/two_wheeler.ldr --format bricklink --out wanted.xml
+      bricksrl plan parts two-wheeler
+      bricksrl plan parts two-wheeler --out parts.csv
+      bricksrl plan parts two-wheeler --format bricklink --out wanted.xml
       bricksrl plan parts
     """
 
     plan: Annotated[Positional[Path | None], option(metavar="FILE")] = None
-    """An LDraw file (.ldr, .mpd), or Studio's .io."""
+    """An LDraw file (.ldr, .mpd), Studio's .io, or a robot: two-wheeler, walker, robo-arm."""
     out: Annotated[Path | None, option(metavar="FILE")] = None
     """File to write."""
     format: Literal["csv", "rebrickable", "bricklink"] = "csv"
@@ -71,7 +84,6 @@ class PlanParts:
         from bricksrl.files import write_durably
         from bricksrl.plans import catalogue
         from bricksrl.plans.parts_list import as_text, parts_list
-        from bricksrl.plans.plan import read_plan
         from bricksrl.plans.sets import purchases
 
         if self.plan is None:
@@ -80,7 +92,7 @@ class PlanParts:
             for part in catalogue.parts():
                 print_line(f"{part.number:10}{part.family:12}{part.mass_g:8.2f} g  {part.name}")
             return 0
-        plan = read_plan(self.plan)
+        plan = _read(self.plan)
         entries = parts_list(plan)
         if self.out is not None:
             write_durably(self.out, as_text(entries, self.format).encode())
@@ -103,21 +115,20 @@ class PlanSteps:
     """Draw the booklet of a building plan: cover, parts list, a page for each step, cables.
 
     Examples:
-      bricksrl plan steps plans/two_wheeler.ldr --out two_wheeler.pdf
+      bricksrl plan steps two-wheeler --out two_wheeler.pdf
       bricksrl plan steps my_robot.mpd --out my_robot.html
     """
 
     plan: Annotated[Positional[Path], option(metavar="FILE")]
-    """An LDraw file (.ldr, .mpd), or Studio's .io."""
+    """An LDraw file (.ldr, .mpd), Studio's .io, or a robot: two-wheeler, walker, robo-arm."""
     out: Annotated[Path, option(metavar="FILE")]
     """The .pdf or .html to write."""
 
     def execute(self) -> int:
         """Draw and write."""
         from bricksrl.plans.booklet import write_booklet
-        from bricksrl.plans.plan import read_plan
 
-        plan = read_plan(self.plan)
+        plan = _read(self.plan)
         print_line(f"{write_booklet(plan, self.out)} pages: {self.out}")
         return 0
 
@@ -127,21 +138,20 @@ class ShowPlan:
     """Show a building plan in the browser: step by step, turned and zoomed, with sliders for its joints. Ctrl-C ends it.
 
     Examples:
-      bricksrl plan show plans/walker.ldr
+      bricksrl plan show walker
       bricksrl plan show my_robot.mpd --page-host 0.0.0.0
     """
 
     plan: Annotated[Positional[Path], option(metavar="FILE")]
-    """An LDraw file (.ldr, .mpd), or Studio's .io."""
+    """An LDraw file (.ldr, .mpd), Studio's .io, or a robot: two-wheeler, walker, robo-arm."""
     live_page: LivePageGroup = PageAddress()
 
     def execute(self) -> int:
         """Serve the page until Ctrl-C."""
         from bricksrl.page.plan_view import PlanView
         from bricksrl.page.server import PageServer
-        from bricksrl.plans.plan import read_plan
 
-        view = PlanView(read_plan(self.plan))
+        view = PlanView(_read(self.plan))
         try:
             with PageServer(view.board, view.press, lambda: None, self.live_page.page_options()) as server:
                 announce(server.url)

@@ -82,5 +82,5 @@ class Occupancy:
 
 
 def _bounds(placed: Placed) -> tuple[Floats, Floats]:
-    corners = placed.to_plan(np.concatenate([solid.corners() for solid in (*placed.part.solids, *placed.part.turning)]))
+    corners = placed.to_plan(placed.part.corners)
     return corners.min(axis=0), corners.max(axis=0)

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from bricksrl.errors import PlanError
-from bricksrl.plans.geometry import Floats
+from bricksrl.plans.geometry import Floats, Triple
 
 MAX_BYTES, MAX_LINES = 8_000_000, 100_000
 MARK = "!BRICKSRL"
@@ -28,6 +28,8 @@ _DAMAGE = (zipfile.BadZipFile, zipfile.LargeZipFile, zlib.error, ValueError, Loo
 _OF_THE_LIBRARY = ("Part", "Subpart", "Shortcut", "Primitive", "8_Primitive", "48_Primitive")
 _STRETCH = 0.02
 _MOST_DEG = 36_000.0
+_FARTHEST = 1e6
+"""LDU."""
 
 
 @dataclass(frozen=True)
@@ -42,6 +44,7 @@ class Reference:
         angle_deg: from our comment: reading of the motor's rotation sensor in the plan.
         is_free: from our comment: may turn freely.
         is_fixed: from our comment: fixed to the table.
+        ball: from our comment: middle of a held ball [3] in this part's frame, LDU.
         is_stretched: whether it is scaled.
     """
 
@@ -56,6 +59,7 @@ class Reference:
     angle_deg: float = 0.0
     is_free: bool = False
     is_fixed: bool = False
+    ball: Triple | None = None
     is_stretched: bool = False
 
 
@@ -230,15 +234,17 @@ class _Parser:
             self.robot = rest[0]
         elif what == "PARTS" and len(rest) == 1 and rest[0].isdecimal() and len(rest[0]) < 6:
             self.count = int(rest[0])
-        elif (what == "PORT" and 0 < len(rest) < 4 and len(rest[0]) == 1 and _angle_of(rest) is not None) or (
-            what in ("FREE", "FIXED") and not rest
+        elif (
+            (what == "PORT" and 0 < len(rest) < 4 and len(rest[0]) == 1 and _angle_of(rest) is not None)
+            or (what in ("FREE", "FIXED") and not rest)
+            or (what == "BALL" and _place_of(rest) is not None)
         ):
             self._next[what] = rest
         else:
             raise self._error(
                 number,
                 f"'{' '.join(words)}' is not understood",
-                "write ROBOT NAME, PARTS COUNT, PORT LETTER [DEVICE [DEGREES]], FREE or FIXED",
+                "write ROBOT NAME, PARTS COUNT, PORT LETTER [DEVICE [DEGREES]], FREE, FIXED or BALL X Y Z",
             )
 
     def _reference(self, number: int, words: list[str]) -> None:
@@ -249,7 +255,7 @@ class _Parser:
             numbers = []
             colour = 0
         name = " ".join(words[14:])
-        if len(numbers) < 12 or not name or not all(math.isfinite(value) and abs(value) < 1e6 for value in numbers):
+        if len(numbers) < 12 or not name or not all(math.isfinite(value) and abs(value) < _FARTHEST for value in numbers):
             raise self._error(number, "cannot place a part", "write 1, a colour, 12 numbers and a file")
         matrix = np.array(numbers[3:]).reshape(3, 3)
         model = self._current(number)
@@ -266,6 +272,7 @@ class _Parser:
             _angle_of(port) or 0.0,
             "FREE" in self._next,
             "FIXED" in self._next,
+            _place_of(self._next.get("BALL", ())),
             bool(np.abs(matrix @ matrix.T - np.eye(3)).max() > _STRETCH),
         )
         model.references.append(reference)
@@ -282,6 +289,15 @@ def _angle_of(port: tuple[str, ...]) -> float | None:
     except ValueError:
         return None
     return angle_deg if abs(angle_deg) <= _MOST_DEG else None
+
+
+def _place_of(words: tuple[str, ...]) -> Triple | None:
+    """The position of a BALL comment, ``None`` if invalid."""
+    try:
+        x, y, z = map(float, words)
+    except ValueError:
+        return None
+    return (x, y, z) if all(math.isfinite(value) and abs(value) < _FARTHEST for value in (x, y, z)) else None
 
 
 def key_of(name: str) -> str:

@@ -183,9 +183,14 @@ class Part:
         for site in self.holes:
             away = points - np.array(site.centre)
             along = away @ np.array(site.axis)
-            aside = np.linalg.norm(away - along[:, None] * np.array(site.axis), axis=1)
-            inside |= (aside < HOLE_RADIUS + margin) & (np.abs(along) < site.length / 2 + 0.5)
+            squared = np.einsum("ij,ij->i", away, away) - along * along  # of the distance from the axis
+            inside |= (squared < (HOLE_RADIUS + margin) ** 2) & (np.abs(along) < site.length / 2 + 0.5)
         return inside
+
+    @functools.cached_property
+    def corners(self) -> Floats:
+        """Corners [n, 3] of the bounding boxes of all solids."""
+        return np.concatenate([solid.corners() for solid in (*self.solids, *self.turning)])
 
     @functools.cached_property
     def samples(self) -> Floats:
@@ -198,5 +203,4 @@ class Part:
     @functools.cached_property
     def bounds(self) -> tuple[Floats, Floats]:
         """Lowest and highest coordinates [3]."""
-        corners = np.concatenate([solid.corners() for solid in (*self.solids, *self.turning)])
-        return corners.min(axis=0), corners.max(axis=0)
+        return self.corners.min(axis=0), self.corners.max(axis=0)

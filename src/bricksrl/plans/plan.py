@@ -9,7 +9,7 @@ import numpy as np
 
 from bricksrl.errors import PlanError
 from bricksrl.plans import catalogue, ldraw_file
-from bricksrl.plans.geometry import Floats
+from bricksrl.plans.geometry import Floats, Triple
 from bricksrl.plans.ldraw_file import Document, Model, Reference
 from bricksrl.plans.part import DeviceKind, Part
 
@@ -32,6 +32,7 @@ class Placed:
         angle_deg: of a motor: reading of its rotation sensor in this position.
         is_free: meant to turn freely.
         is_fixed: fixed to the table, with its body.
+        ball: middle of the ball that it holds in a scene with a ball [3], in the part's frame.
     """
 
     index: int
@@ -47,6 +48,7 @@ class Placed:
     angle_deg: float = 0.0
     is_free: bool = False
     is_fixed: bool = False
+    ball: Triple | None = None
 
     def to_plan(self, points: Floats) -> Floats:
         """Points [n, 3] from the part's frame to the plan's."""
@@ -211,6 +213,7 @@ class _Builder:
             reference.angle_deg,
             reference.is_free,
             reference.is_fixed,
+            reference.ball,
         )
         self.parts.append(placed)
         return placed

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,6 +20,15 @@ if TYPE_CHECKING:
 
 _WHEEL_MM, _TRACK_MM = 0.5, 2.0
 _RATIO = 0.01
+
+
+def plan_file(model: str) -> Path | None:
+    """Path of the building plan that a robot's model is, ``FILE`` or ``package:FILE``; ``None`` for other models."""
+    package, _, file = model.rpartition(":")
+    if not file.lower().endswith((".ldr", ".mpd", ".io")):
+        return None
+    # One letter is the drive of a path of Windows.
+    return Path(str(resources.files(package))) / file if len(package) > 1 else Path(model)
 
 
 def completed(robot: Robot) -> tuple[tuple[Motor, ...], tuple[Sensor, ...], DriveBase | None]:
@@ -183,9 +193,12 @@ def check_named(plan: Plan) -> list[Finding]:
 
 
 def check_description(robot: Robot, path: Path) -> None:
-    """Check that a plan agrees with a description. Raises DescriptionError if the plan contradicts the description, PlanError if
-    the plan cannot be read."""
-    found = disagreements(robot.name, robot.hub.value, (*robot.motors, *robot.sensors), robot.drive_base, planned_robot(path))
+    """Check that a plan agrees with a description, which may have more sensors. Raises DescriptionError if the plan contradicts
+    the description, PlanError if the plan cannot be read."""
+    made = planned_robot(path)
+    placed = {one.port for one in made.plan.devices(DeviceKind.SENSOR)}
+    sensors = [sensor for sensor in robot.sensors if sensor.port in placed]
+    found = disagreements(robot.name, robot.hub.value, (*robot.motors, *sensors), robot.drive_base, made)
     if found:
         where = f", line {found[0].line}" if found[0].line else ""
         raise DescriptionError(f"{path}{where}: {found[0].detail}")

@@ -14,5 +14,5 @@ ROBO_ARM = Robot(
         Motor("grab", "E", range_deg=(-148, -45)),
     ),
     needs_imu=False,
-    model="bricksrl.twin.models.robo_arm:build",
+    model="bricksrl.robots.plans:robo_arm.ldr",
 )

@@ -11,5 +11,5 @@ TWO_WHEELER = Robot(
     sensors=(UltrasonicSensor("eyes", "C"),),
     drive_base=DriveBase("left", "right", wheel_diameter_mm=56, axle_track_mm=130),
     needs_imu=True,
-    model="bricksrl.twin.models.two_wheeler:build",
+    model="bricksrl.robots.plans:two_wheeler.ldr",
 )

@@ -15,5 +15,5 @@ WALKER = Robot(
     ),
     sensors=(UltrasonicSensor("eyes", "E"),),
     needs_imu=True,
-    model="bricksrl.twin.models.walker:build",
+    model="bricksrl.robots.plans:walker.ldr",
 )

@@ -111,7 +111,7 @@ def _compiled(arena: Arena) -> mujoco.MjModel:
     if arena.half_size_m is not None:
         _add_walls(world, *arena.half_size_m)
     for number, one in enumerate(arena.robots):
-        child = load_model(one.robot, OPEN_FLOOR)
+        child = load_model(one.robot, OPEN_FLOOR, alone=False)
         chassis = child.body("chassis")
         if chassis is None or not chassis.joints or chassis.joints[0].type != mujoco.mjtJoint.mjJNT_FREE:
             raise TwinError(f"robot '{one.robot.name}' stands on a fixed base; an arena is for robots that move about")

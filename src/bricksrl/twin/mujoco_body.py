@@ -84,8 +84,6 @@ class MujocoBody:
     """
 
     def __init__(self, robot: Robot, scene: Scene, physics: Physics | RandomPhysics, seed: int) -> None:
-        if scene.ball and all(motor.name != "grab" for motor in robot.motors):
-            raise TwinError(f"robot '{robot.name}' has no gripper that could hold a ball; omit the ball")
         self.robot = robot
         self._kinds: dict[str, MotorKind] = {motor.port: motor.kind for motor in robot.motors}
         self.scene = scene

@@ -85,7 +85,6 @@ def test_mjcf_gears_and_direction_follow_description(rover: Robot) -> None:
         ({"model": "bricksrl.robots:ROBOTS"}, "gives dict; let it be a function"),
         ({"model": "bricksrl.robots:nothing"}, "cannot be loaded"),
         ({"model": "not a module"}, "cannot be loaded"),
-        ({"model": "bricksrl.twin.models.two_wheeler:build"}, "is not a 2Wheeler"),
     ],
 )
 def test_mismatched_model_raises(rover: Robot, change: dict[str, object], says: str) -> None:

@@ -7,9 +7,9 @@ import mujoco
 import numpy as np
 import pytest
 
-from bricksrl.errors import TwinError
+from bricksrl.errors import DescriptionError
 from bricksrl.robots import BENCH, TWO_WHEELER, DriveBase
-from bricksrl.twin.models import two_wheeler
+from bricksrl.twin.models.load import load_model
 from bricksrl.twin.models.mjcf import LOOKS_GROUP
 from bricksrl.twin.scene import OPEN_FLOOR, Scene
 
@@ -18,22 +18,23 @@ WALL = Scene(wall_distance_mm=(250.0, 250.0))
 
 @cache
 def model() -> mujoco.MjModel:
-    return two_wheeler.build(TWO_WHEELER, WALL).compile()
+    return load_model(TWO_WHEELER, WALL).compile()
 
 
 def test_masses_and_dimensions_match_robot() -> None:
-    assert model().body_mass.sum() == pytest.approx(0.47, abs=0.001)
-    left, right = model().body("rotor_E").pos, model().body("rotor_A").pos
-    assert left[1] - right[1] == pytest.approx(0.130)
+    assert model().body_mass.sum() == pytest.approx(0.428, abs=0.001)
+    data = mujoco.MjData(model())
+    mujoco.mj_forward(model(), data)
+    left, right = data.geom("tyre_E").xpos, data.geom("tyre_A").xpos
+    assert left - right == pytest.approx([0, 0.130, 0], abs=1e-6)
     for port in "EA":
         assert model().geom(f"tyre_{port}").size[0] == pytest.approx(0.028)
 
 
-def test_dimensions_follow_description() -> None:
+def test_dimensions_of_another_robot_raise() -> None:
     wide = dataclasses.replace(TWO_WHEELER, drive_base=DriveBase("left", "right", wheel_diameter_mm=62, axle_track_mm=150))
-    built = two_wheeler.build(wide, OPEN_FLOOR).compile()
-    assert built.body("rotor_E").pos[1] == pytest.approx(0.075)
-    assert built.geom("tyre_E").size[0] == pytest.approx(0.031)
+    with pytest.raises(DescriptionError, match="wheel of 62 mm"):
+        load_model(wide, OPEN_FLOOR)
 
 
 def test_robot_rests_on_caster() -> None:
@@ -65,7 +66,7 @@ def test_visuals_have_no_mass_or_contacts() -> None:
 def test_mesh_normals_point_outwards() -> None:
     # Faces wound the other way round would be culled: the part would look hollow.
     built = model()
-    for index in range(built.nmesh):
+    for index in set(built.geom_dataid[built.geom_group == LOOKS_GROUP]) - {-1}:
         first, count = built.mesh_vertadr[index], built.mesh_vertnum[index]
         points = built.mesh_vert[first : first + count]
         faces = built.mesh_face[built.mesh_faceadr[index] :][: built.mesh_facenum[index]]
@@ -81,9 +82,9 @@ def test_mesh_normals_point_outwards() -> None:
 def test_wall_only_in_scene_with_wall() -> None:
     assert model().geom("wall").pos[0] > 0
     with pytest.raises(KeyError):
-        two_wheeler.build(TWO_WHEELER, OPEN_FLOOR).compile().geom("wall")
+        load_model(TWO_WHEELER, OPEN_FLOOR).compile().geom("wall")
 
 
 def test_other_robot_raises() -> None:
-    with pytest.raises(TwinError, match="bench"):
-        two_wheeler.build(BENCH, OPEN_FLOOR)
+    with pytest.raises(DescriptionError, match="for the robot bench"):
+        load_model(dataclasses.replace(BENCH, model=TWO_WHEELER.model), OPEN_FLOOR)

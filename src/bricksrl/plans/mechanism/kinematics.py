@@ -21,6 +21,7 @@ TO_TWIN = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 _METRES = MM_PER_LDU / 1000
 _SPACING = 2.5
 """LDU: minimum spacing of the points that carry a part's mass."""
+_MOST_POINTS = 30_000
 _SHAFT_KG, _SHAFT_RADIUS_M = 0.002, 0.01
 """Estimates for a motor's shaft with nothing on it."""
 
@@ -259,7 +260,8 @@ def _mass_of(placed: Placed) -> tuple[float, Floats, Floats]:
 def _unit_inertia(part: Part) -> tuple[Floats, Floats]:
     """Centre [3] in LDU and inertia [3, 3] in m² per kg of a part, in its own frame, from a grid of points."""
     low, high = part.bounds
-    counts = np.clip(np.ceil((high - low) / _SPACING), 4, 48).astype(int)
+    spacing = max(_SPACING, (float(np.prod(high - low)) / _MOST_POINTS) ** (1 / 3))
+    counts = np.clip(np.ceil((high - low) / spacing), 4, 48).astype(int)
     cell = (high - low) / counts
     lines = [start + size * (np.arange(count) + 0.5) for start, size, count in zip(low, cell, counts, strict=True)]
     points = np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, 3)

@@ -96,24 +96,21 @@ def hub() -> Part:
     return dressed("hub", "white", ours)
 
 
-def medium_motor() -> Part:
-    """Medium motor along x, 72 long, its output towards +y, 24 from the front; origin on the output's axis."""
-    front = extruded(rounded_rectangle(24, 24, 11.0), 31, bevel=1.0).along(Y_AXIS)
-    housing = box(52, 31, 23.6, radius=2.2).at(-26, 0, 0)
-    cap = box(16, 32, 24.4, radius=2.2).at(-53, 0, 0)
-    stripe = box(26, 32, 6, radius=0.8).at(-28, 0, 3)
-    collar = cylinder(10.8, 33, bevel=0.6).along(Y_AXIS)
-    holes = [discs(2.5, 32.2).along(Y_AXIS).at(x, 0, z) for x in (-16, -40) for z in (-7,)]
-    ours = Part(
-        (("white", merge([front, housing])), ("dark_grey", merge([cap, collar])), ("light_grey", stripe), ("dim", merge(holes)))
-    )
+def medium_motor(width: float = 31.0) -> Part:
+    """Medium motor along x, 72 long, its outputs towards +y and -y, 24 from the front; origin on the outputs' axis."""
+    case = medium_motor_case(width)
+    return Part((*case.shapes, ("dark_grey", cylinder(10.8, width + 2, bevel=0.6).along(Y_AXIS))))
+
+
+def medium_motor_case(width: float = 23.8) -> Part:
+    """Medium motor without its outputs."""
+    front = extruded(rounded_rectangle(24, 24, 11.0), width, bevel=1.0).along(Y_AXIS)
+    housing = box(52, width, 23.6, radius=2.2).at(-26, 0, 0)
+    cap = box(16, width + 1, 24.4, radius=2.2).at(-53, 0, 0)
+    stripe = box(26, width + 1, 6, radius=0.8).at(-28, 0, 3)
+    holes = [discs(2.5, width + 1.2).along(Y_AXIS).at(x, 0, -7) for x in (-16, -40)]
+    ours = Part((("white", merge([front, housing])), ("dark_grey", cap), ("light_grey", stripe), ("dim", merge(holes))))
     return dressed("motor", "white", ours)
-
-
-def motor_output() -> Part:
-    """Output disc of a motor, with four holes, along y, centred."""
-    holes = [discs(2.4, 3.2).along(Y_AXIS).at(x, 0, z) for x, z in ((8, 0), (0, 8), (-8, 0), (0, -8))]
-    return Part((("turquoise", cylinder(11.4, 3, bevel=0.6).along(Y_AXIS)), ("dim", merge(holes))))
 
 
 def axle(length: float) -> Part:
@@ -164,27 +161,3 @@ def ball_caster(radius: float) -> Part:
 def cable(points: Sequence[Triple]) -> Part:
     """Black cable of round section along a Bezier curve."""
     return Part((("black", tube(points, 1.7)),))
-
-
-def pin(colour: str) -> Part:
-    """Visible head of a pin, along z, centred."""
-    return Part(((colour, turned([(0, 1), (2.3, 1), (2.6, 0.6), (2.6, -1), (0, -1)])),))
-
-
-def gear(teeth: int, colour: str, width: float = 7.4) -> Part:
-    """Spur gear along y, centred, with a pitch radius of 0.5 mm per tooth."""
-    pitch = teeth / 2
-    body = ring(pitch - 0.9, pitch - 3.6, width) if teeth > 20 else cylinder(pitch - 0.9, width, bevel=0.4)
-    cog = block(2.2, 1.5, width - 0.4).at(pitch - 0.4, 0, 0)
-    cogs = [cog.turned(Z_AXIS, 360 / teeth * i) for i in range(teeth)]
-    boss = cylinder(5.0, width + 0.4, bevel=0.6)
-    web = [cylinder(pitch - 3, 3.2)] if teeth > 20 else []
-    holes = [discs(2.4, 3.6).at(pitch * 0.58, 0, 0).turned(Z_AXIS, 90 * i) for i in range(4)] if teeth > 30 else []
-    marks = merge([*holes, discs(2.2, width + 0.6)])
-    return Part(((colour, merge([body, boss, *web, *cogs]).along(Y_AXIS)), ("dim", marks.along(Y_AXIS))))
-
-
-def turntable() -> Part:
-    """Lower half of a large turntable, 60 teeth, axis along z, 12 high, centred."""
-    teeth = [block(2.4, 1.7, 7.4).at(29.6, 0, 0).turned(Z_AXIS, 6 * i) for i in range(60)]
-    return Part((("dark_grey", merge([cylinder(29, 7.8, bevel=0.5), *teeth])), ("black", cylinder(25, 12, bevel=0.8))))

@@ -9,28 +9,43 @@ import mujoco
 
 from bricksrl.errors import TwinError
 from bricksrl.robots import Robot, UltrasonicSensor
+from bricksrl.robots.planned import plan_file
 from bricksrl.twin.models.driving_robot import driving_robot
+from bricksrl.twin.models.mjcf import pair_contacts
 from bricksrl.twin.models.mjcf_file import from_file
 from bricksrl.twin.models.planned import from_plan
 from bricksrl.twin.models.scenery import add_objects
+from bricksrl.twin.objects import Block
 from bricksrl.twin.scene import Scene
 
 
-def load_model(robot: Robot, scene: Scene) -> mujoco.MjSpec:
+def load_model(robot: Robot, scene: Scene, *, alone: bool = True) -> mujoco.MjSpec:
     """Model of the robot in its scene. Raises TwinError if the description has neither a model nor a drive base, or the model
-    cannot be loaded or does not match the robot."""
+    cannot be loaded or does not match the robot.
+
+    ``alone``: whether the robot can touch nothing but this scene's obstacles.
+    """
     place = robot.model or robot.plan
-    if place is None:
+    plan = None if place is None else plan_file(place)
+    is_ours = plan is not None or place is None
+    if plan is not None:
+        spec = from_plan(plan, robot, scene)
+    elif place is None:
         spec = driving_robot(robot, scene)
-    elif Path(place).suffix.lower() in (".ldr", ".mpd", ".io"):
-        spec = from_plan(Path(place), robot, scene)
     elif place.endswith(".xml"):
         spec = from_file(Path(place), robot, scene)
     else:
         spec = _built(robot, place, scene)
     if scene.wall_distance_mm is not None and not any(isinstance(one, UltrasonicSensor) for one in robot.sensors):
         raise TwinError(f"robot '{robot.name}' has no ultrasonic sensor to place it before a wall with; omit the wall")
+    if scene.ball and spec.geom("ball") is None:
+        raise TwinError(
+            f"robot '{robot.name}' has no gripper that could hold a ball; omit the ball, or mark what holds it in its plan "
+            "(0 !BRICKSRL BALL X Y Z)"
+        )
     add_objects(spec, scene)
+    if is_ours and alone and not any(isinstance(one, Block) and one.mass_g is not None for one in scene.objects):
+        pair_contacts(spec)
     return spec
 
 

@@ -166,9 +166,11 @@ def tube(points: Sequence[Triple], radius: float, steps: int = 14, segments: int
     path = sum(math.comb(order, i) * t**i * (1 - t) ** (order - i) * np.array(point) for i, point in enumerate(points))
     direction = np.gradient(np.asarray(path), axis=0)
     direction /= np.linalg.norm(direction, axis=-1, keepdims=True)
-    reference = np.where(np.abs(direction[:, 2:]) < 0.9, [Z_AXIS], [X_AXIS])
-    first = np.cross(direction, reference)
-    first /= np.linalg.norm(first, axis=-1, keepdims=True)
+    first = np.empty_like(direction)
+    across = np.cross(direction[0], Z_AXIS if abs(direction[0, 2]) < 0.9 else X_AXIS)
+    for step, ahead in enumerate(direction):  # the section must not turn about the path
+        across = across - (across @ ahead) * ahead
+        first[step] = across = across / np.linalg.norm(across)
     second = np.cross(direction, first)
     angles = np.linspace(0.0, 2 * math.pi, segments, endpoint=False)
     normals = np.cos(angles)[None, :, None] * first[:, None] + np.sin(angles)[None, :, None] * second[:, None]

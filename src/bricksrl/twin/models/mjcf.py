@@ -24,6 +24,9 @@ TIMESTEP_S = 0.0025
 OBSTACLE_GROUP, FLOOR_GROUP, LOOKS_GROUP, SHAPE_GROUP = 0, 1, 2, 3
 WALL_X_M = 0.35
 """Position of the wall's face."""
+WEBCAM_HEIGHT_M = 0.68
+"""Height of the webcam over the table."""
+BALL_RADIUS_M, _BALL_KG = 0.024, 0.006
 _WALL_HALF_SIZE = (0.012, 1.5, 0.096)
 _BRICK = (0.78, 0.16, 0.12)
 Triple = tuple[float, float, float]
@@ -266,6 +269,18 @@ def add_camera(body: mujoco.MjsBody, name: str, sight: Triple, direction: Triple
     mode = mujoco.mjtCamLight.mjCAMLIGHT_TRACK if moving else mujoco.mjtCamLight.mjCAMLIGHT_FIXED
     position = np.array(sight) + distance_m * backward
     body.add_camera(name=name, pos=position.tolist(), quat=quaternion.tolist(), fovy=40, mode=mode)
+
+
+def add_webcam(world: mujoco.MjsBody) -> None:
+    """Add the camera of the RoboArm's camera task, which looks down. Its image has the robot's front at the bottom and its left
+    on the right."""
+    world.add_camera(name="webcam", pos=[0.0, 0.0, WEBCAM_HEIGHT_M], xyaxes=[0, 1, 0, -1, 0, 0], fovy=45)
+
+
+def add_ball(body: mujoco.MjsBody, at_m: Triple) -> None:
+    """Add the red ball that a gripper holds."""
+    shape, size = mujoco.mjtGeom.mjGEOM_SPHERE, [BALL_RADIUS_M, 0, 0]
+    body.add_geom(name="ball", type=shape, pos=list(at_m), size=size, mass=_BALL_KG, material="red", **LOOKS)
 
 
 def add_light(body: mujoco.MjsBody) -> None:

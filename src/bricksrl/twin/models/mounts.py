@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -50,26 +51,35 @@ def mount_sensor(spec: mujoco.MjSpec, chassis: mujoco.MjsBody, sensor: Sensor, a
     eye = np.array([ahead, left, up - axle_m * 1000.0])
     gaze = np.array(LOOKS[mount.looks])
     size, mass_g = case_of(DeviceKind.SENSOR, sensor.class_name) or ((24.0, 24.0, 24.0), 12.0)
-    is_ours = isinstance(sensor, PoweredUpSensor)
-    name = f"{'sensor' if is_ours else 'ultrasonic'}_{sensor.port}"
     depth = min(size)
     middle = eye - gaze * depth / 2
     turn = _quaternion(gaze)
+    add_eye(spec, chassis, sensor, eye / 1000, turn)
     if isinstance(sensor, PoweredUpSensor) and sensor.kind is SensorKind.FORCE:
         middle = eye - gaze * (max(size) / 2 + _BUTTON_MM)
         _add_box(chassis, eye - gaze * _BUTTON_MM / 2, (_BUTTON_MM, 16.0, 16.0), turn, 0.002, collides=True)
-        chassis.add_site(
-            name=name, type=mujoco.mjtGeom.mjGEOM_BOX, pos=(eye / 1000).tolist(), size=[0.012] * 3, quat=turn, group=5
-        )
-        add_touch(spec, sensor)
         _add_box(chassis, middle, size, turn, mass_g / 1000 - 0.002, collides=False)
         return _aimed(_force_sensor(size), gaze).at(*eye.tolist())
-    chassis.add_site(name=name, pos=(eye / 1000).tolist(), quat=turn, group=SHAPE_GROUP)
-    if not is_ours:
+    if not isinstance(sensor, PoweredUpSensor):
         _add_box(chassis, middle, (size[2], size[0], size[1]), turn, mass_g / 1000, collides=True)
         return _aimed(lego.ultrasonic_sensor().at(-13.0, 0, 0), gaze).at(*eye.tolist())
     _add_box(chassis, middle, (depth, size[0], size[1]), turn, mass_g / 1000, collides=False)
     return _aimed(_small_sensor(size), gaze).at(*eye.tolist())
+
+
+def add_eye(
+    spec: mujoco.MjSpec, chassis: mujoco.MjsBody, sensor: Sensor, at_m: np.ndarray[tuple[int, ...], Any], turn: list[float]
+) -> None:
+    """Add a sensor's site, whose x axis is the viewing direction; that of a force sensor measures the contacts near it."""
+    place = {"pos": at_m.tolist(), "quat": turn}
+    if not isinstance(sensor, PoweredUpSensor):
+        chassis.add_site(name=f"ultrasonic_{sensor.port}", group=SHAPE_GROUP, **place)
+    elif sensor.kind is SensorKind.FORCE:
+        box = mujoco.mjtGeom.mjGEOM_BOX
+        chassis.add_site(name=f"sensor_{sensor.port}", type=box, size=[0.012] * 3, group=5, **place)
+        add_touch(spec, sensor)
+    else:
+        chassis.add_site(name=f"sensor_{sensor.port}", group=SHAPE_GROUP, **place)
 
 
 def add_touch(spec: mujoco.MjSpec, sensor: Sensor) -> None:

@@ -1,7 +1,8 @@
 """Models from building plans: bodies, joints, gears, rods, wheels, feet, sensors and looks, derived from the parts' positions.
 
 All bodies have the plan's axes (x forward, y left, z up) in the plan's configuration. The origin of the first body, where the
-robot's pose is measured, is below the middle of the hub, or on the axle of the driven wheels if there are any.
+robot's pose is measured, is below the middle of the hub, or on the axle of the driven wheels if there are any; that of a robot
+that stands on the table is the plan's.
 """
 
 from __future__ import annotations
@@ -14,22 +15,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bricksrl.errors import TwinError
+from bricksrl.plans.geometry import MM_PER_LDU
 from bricksrl.plans.mechanism.articulation import Articulation, Turn
 from bricksrl.plans.mechanism.end_stops import free_deg
+from bricksrl.plans.mechanism.kinematics import TO_TWIN
 from bricksrl.plans.planned_robot import PlannedRobot, planned_robot
-from bricksrl.robots import Motor, PoweredUpSensor, Robot
+from bricksrl.robots import Motor, Robot
 from bricksrl.robots.planned import check_description
+from bricksrl.twin.models import lego, meshes
 from bricksrl.twin.models.mjcf import (
     SHAPE_GROUP,
+    add_ball,
     add_camera,
     add_driven,
     add_light,
     add_rotor,
     add_surroundings,
+    add_webcam,
     new_spec,
-    pair_contacts,
 )
-from bricksrl.twin.models.planned_looks import draw_parts, draw_spinners
+from bricksrl.twin.models.mounts import add_eye, mount_sensor
+from bricksrl.twin.models.planned_looks import cables_of, draw_spinners, looks_of
 from bricksrl.twin.models.planned_shapes import add_shapes, lowest_m
 from bricksrl.twin.models.rods import add_rod
 from bricksrl.twin.scene import Scene
@@ -57,41 +63,32 @@ def from_plan(path: Path, robot: Robot, scene: Scene) -> mujoco.MjSpec:
     """
     check_description(robot, path)
     planned = planned_robot(path)
-    _check(robot, planned, scene)
+    if planned.articulation.is_fixed and (scene.wall_distance_mm is not None or scene.heading_deg != (0.0, 0.0)):
+        raise TwinError(f"robot '{robot.name}' stands still and sees no wall; omit wall_distance_mm and heading_deg")
     spec = new_spec(robot.name)
     add_surroundings(spec, scene)
-    _Build(spec, robot, planned).all()
+    _Build(spec, robot, planned, holds_ball=scene.ball).all()
     # All constraints share one body: searching for independent islands would take a tenth of the time in vain.
     spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_ISLAND
     if planned.articulation.rods or planned.articulation.loops:
         # Legs interact through the chassis only: the matrices are sparse.
         spec.option.jacobian = mujoco.mjtJacobian.mjJAC_SPARSE
-    pair_contacts(spec)
     return spec
-
-
-def _check(robot: Robot, planned: PlannedRobot, scene: Scene) -> None:
-    """Raise TwinError for unsupported combinations of robot, plan and scene."""
-    path = planned.plan.path
-    if scene.ball:
-        raise TwinError(f"the twin of {path} holds no ball; omit the ball")
-    if planned.articulation.is_fixed and (scene.wall_distance_mm is not None or scene.heading_deg != (0.0, 0.0)):
-        raise TwinError(f"robot '{robot.name}' stands still and sees no wall; omit wall_distance_mm and heading_deg")
-    for sensor in robot.sensors:
-        if isinstance(sensor, PoweredUpSensor):
-            raise TwinError(f"nothing in {path} can say what '{sensor.name}' senses; only ultrasonic sensors have a twin")
 
 
 class _Build:
     """Builder of a model."""
 
-    def __init__(self, spec: mujoco.MjSpec, robot: Robot, planned: PlannedRobot) -> None:
-        self.spec, self.robot, self.planned = spec, robot, planned
+    def __init__(self, spec: mujoco.MjSpec, robot: Robot, planned: PlannedRobot, *, holds_ball: bool) -> None:
+        self.spec, self.robot, self.planned, self.holds_ball = spec, robot, planned, holds_ball
         self.made: Articulation = planned.articulation
         self.motors = {motor.port: motor for motor in robot.motors}
         self.bodies: dict[int, mujoco.MjsBody] = {}
         self.origins: dict[int, Floats] = {0: self._origin()}
         self.carried = self._carried()
+        self.ports = self._ports()
+        self.added: list[meshes.Part] = []
+        """Drawn parts of the first body that are not in the plan."""
 
     def all(self) -> None:
         """Build everything except the surroundings."""
@@ -107,16 +104,22 @@ class _Build:
         for number, rod in enumerate(self.made.rods):
             near = (self.bodies[rod.near], self._local(rod.near, rod.near_m))
             far = (self.bodies[rod.far], self._local(rod.far, rod.far_m))
-            drawn = add_rod(self.spec, str(number), near, far, mass_kg=0.0)  # its mass is included in the bodies'
+            name = self.ports.get(rod.far) or self.ports.get(rod.near) or str(number)
+            drawn = add_rod(self.spec, name, near, far, mass_kg=0.0)  # its mass is included in the bodies'
             axes = _axes_along(rod.far_m - rod.near_m)
-            draw_parts(self.spec, drawn, self.planned.plan, rod.parts, rod.near_m, axes=axes)
+            meshes.draw(self.spec, drawn, [looks_of(self.planned.plan, rod.parts, rod.near_m, axes=axes)])
         self._close_loops()
-        add_shapes(self.spec, self.planned, self.bodies, self.origins)
-        self._add_sites()
+        add_shapes(self.spec, self.planned, self.bodies, self.origins, self.ports)
+        lego.add_colours(self.spec)
+        self._add_sensors()
+        if self.holds_ball:
+            self._add_ball()
         self._draw()
 
     def _origin(self) -> Floats:
         """Origin of the first body, in the plan's frame."""
+        if self.made.is_fixed:
+            return np.zeros(3)
         hub = next((one for one in self.made.mounted if one.port is None), None)
         place = np.zeros(3) if hub is None else np.array([hub.point_m[0], hub.point_m[1], 0.0])
         rolling = self.planned.rolling
@@ -133,6 +136,15 @@ class _Build:
         for turn in sorted(turns, key=lambda one: -one.child):
             mass[turn.parent] += mass[turn.child]
         return mass
+
+    def _ports(self) -> dict[int, str]:
+        """Port of the motor that moves each body."""
+        made, ports = self.made, {drive.turn.child: drive.port for drive in self.made.drives}
+        ports |= {one.turn.child: one.port for one in made.geared}
+        for turn in sorted(made.swings, key=lambda one: one.child):
+            if turn.parent in ports:
+                ports[turn.child] = ports[turn.parent]
+        return ports
 
     def _local(self, body: int, place: Floats) -> tuple[float, float, float]:
         """A position in a body's frame."""
@@ -224,19 +236,35 @@ class _Build:
             equal.data[:3] = self._local(loop.parent, loop.point_m)
             equal.solref = [2 * self.spec.option.timestep, 1.0]
 
-    def _add_sites(self) -> None:
-        """Add sites of hub and sensors."""
-        for one in self.made.mounted:
-            name = "imu" if one.port is None else f"ultrasonic_{one.port}"
-            if one.port is not None and one.port not in {sensor.port for sensor in self.robot.sensors}:
+    def _add_sensors(self) -> None:
+        """Add the sites of hub and sensors; sensors that are not in the plan are mounted on the first body."""
+        mounted = {one.port: one for one in self.made.mounted}
+        hub = mounted.get(None)
+        if hub is not None:
+            self._check_hub(hub.link, hub.looks)
+            self.bodies[hub.link].add_site(name="imu", pos=self._local(hub.link, hub.point_m), group=SHAPE_GROUP)
+        base = self.bodies[0]
+        for sensor in self.robot.sensors:
+            place = mounted.get(sensor.port)
+            if place is None and sensor.mount is None and self.robot.drive_base is None:
+                raise TwinError(
+                    f"there is no place for '{sensor.name}' in {self.planned.plan.path}; add it there or give a mount"
+                )
+            if place is None:
+                self.added.append(mount_sensor(self.spec, base, sensor, float(base.pos[2])))
                 continue
-            if one.port is None:
-                self._check_hub(one.link, one.looks)
-            elif one.link != 0:
-                raise TwinError(f"{self.planned.plan.path}: '{one.name}' moves against the chassis; put it on the chassis")
-            site = self.bodies[one.link].add_site(name=name, pos=self._local(one.link, one.point_m), group=SHAPE_GROUP)
-            if one.port is not None:
-                site.quat = _facing(one.looks)
+            if place.link != 0:
+                raise TwinError(f"{self.planned.plan.path}: '{place.name}' moves against the chassis; put it on the chassis")
+            add_eye(self.spec, base, sensor, np.array(self._local(0, place.point_m)), _facing(place.looks))
+
+    def _add_ball(self) -> None:
+        """Add the ball at the place that the plan names."""
+        holder = next((placed for placed in self.planned.plan.parts if placed.ball is not None), None)
+        if holder is None or holder.ball is None:
+            return
+        number = next(number for number, body in enumerate(self.made.bodies) if holder.index in body.parts)
+        place = TO_TWIN @ holder.to_plan(np.array([holder.ball]))[0] * MM_PER_LDU / 1000
+        add_ball(self.bodies[number], self._local(number, place))
 
     def _check_hub(self, link: int, looks: Floats) -> None:
         """Raise TwinError for a hub orientation in which the real IMU and the twin's differ."""
@@ -256,7 +284,9 @@ class _Build:
             parts = tuple(part for part in self.made.bodies[number].parts if part not in taken)
             ports = [drive.port for drive in self.made.drives if drive.turn.child == number and not drive.teeth]
             shafts = tuple(motor.index for motor in map(self.planned.device, ports) if motor is not None)
-            draw_parts(self.spec, body, plan, parts, self.origins[number], shafts=shafts)
+            cables = cables_of(plan, parts, self.origins[number])
+            added = self.added if number == 0 else []
+            meshes.draw(self.spec, body, [looks_of(plan, parts, self.origins[number], shafts=shafts), *cables, *added])
         draw_spinners(self.spec, self.planned, self.bodies, self.origins)
         corners = np.concatenate([np.stack(placed.part.bounds) @ placed.rotation.T + placed.position for placed in plan.parts])
         size_m = float(np.linalg.norm(np.ptp(corners, axis=0))) * 0.4 / 1000
@@ -265,8 +295,10 @@ class _Build:
         at = self.spec.worldbody if self.made.is_fixed else base
         sight = (middle[0], middle[1], 0.4 * size_m) if self.made.is_fixed else middle
         add_light(at)
-        add_camera(at, "chase", sight, (-0.62, -0.62, 0.55), 2.2 * size_m)
-        add_camera(at, "portrait", sight, (0.75, -0.55, 0.42), 1.7 * size_m)
+        add_camera(at, "chase", sight, (-0.62, -0.62, 0.55), 1.75 * size_m)
+        add_camera(at, "portrait", sight, (0.75, -0.55, 0.42), 1.55 * size_m)
+        if self.made.is_fixed:
+            add_webcam(at)
 
 
 def _range_of_shaft(motor: Motor) -> tuple[float, float] | None:

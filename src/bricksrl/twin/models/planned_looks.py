@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import mujoco
@@ -18,27 +18,32 @@ from bricksrl.plans.plan import Placed, Plan
 from bricksrl.plans.planned_robot import PlannedRobot
 from bricksrl.plans.shapes import COARSE, Tint, surface_of
 from bricksrl.twin import ldraw
-from bricksrl.twin.models import meshes
+from bricksrl.twin.models import lego, meshes
 from bricksrl.twin.models.looks import shape_of
 from bricksrl.twin.models.meshes import Shape
 
 Floats = NDArray[np.float64]
 _MM = 0.4
+_CLEARANCE = 0.5
+"""LDU: 0.1 mm on each side of a part."""
+_BEND = 80.0
+"""LDU: how far a cable's curve is pulled away from its ends."""
 _TINTS = {Tint.DARK: "#292b30ff", Tint.TURNING: "#737880ff", Tint.FACE: "#1a1c21ff"}
 _PREFIX = "spin_"
+_SPOKED_MM = 40.0
+"""Diameter from which a wheel is drawn with spokes."""
+_DETAILED: dict[str, tuple[Callable[[], meshes.Part], tuple[int, int, int]]] = {
+    "prime": (lego.hub, (3, -1, -2)),
+    "spike-medium": (lego.medium_motor_case, (-3, -2, -1)),
+    "UltrasonicSensor": (lego.ultrasonic_sensor, (-3, 1, -2)),
+}
+"""Our drawings of electric parts, and the signed axes of the catalogue's part that are our x, y and z (1 is its x)."""
 
 
-def draw_parts(
-    spec: mujoco.MjSpec,
-    body: mujoco.MjsBody,
-    plan: Plan,
-    parts: Iterable[int],
-    origin_m: Floats,
-    *,
-    axes: Floats | None = None,
-    shafts: Iterable[int] = (),
-) -> None:
-    """Draw parts of a plan on a body, without mass or contact.
+def looks_of(
+    plan: Plan, parts: Iterable[int], origin_m: Floats, *, axes: Floats | None = None, shafts: Iterable[int] = ()
+) -> meshes.Part:
+    """Looks of parts of a plan in the frame of their body, mm.
 
     Args:
         parts: indices of the parts.
@@ -55,17 +60,18 @@ def draw_parts(
         for colour, shape in _shapes(placed, only_turning=is_shaft):
             points = (shape.points @ turn.T + frame @ placed.position) * _MM - shift
             drawn.append((colour, Shape(points, shape.normals @ turn.T, shape.faces)))
-    if drawn:
-        meshes.draw(spec, body, [meshes.Part(tuple(drawn))])
+    return meshes.Part(tuple(drawn))
 
 
 def _shapes(placed: Placed, *, only_turning: bool) -> list[tuple[str, Shape]]:
     """Coloured shapes of a part in its frame, in LDraw units."""
     main = "#" + "".join(f"{round(255 * value):02x}" for value in colour_of(placed.colour).rgb) + "ff"
-    if not only_turning and (root := ldraw.folder()) is not None and (theirs := _of_library(placed.part.number, root)):
+    if not only_turning and (root := ldraw.folder()) is not None and (theirs := _of_library(placed.part, root)):
         return [(colour or main, shape) for colour, shape in theirs]
     device = placed.part.device
     is_motor = device is not None and device.kind is DeviceKind.MOTOR
+    if not only_turning and (own := _detailed(placed.part)):
+        return own
     ours = _of_catalogue(placed.part).items()
     return [(_TINTS.get(tint, main), one) for tint, one in ours if not is_motor or only_turning is (tint is Tint.TURNING)]
 
@@ -74,21 +80,69 @@ def _shapes(placed: Placed, *, only_turning: bool) -> list[tuple[str, Shape]]:
 def _of_catalogue(part: Part) -> dict[Tint, Shape]:
     """Our shapes of a part."""
     surface = surface_of(part, COARSE)
-    found = {tint: shape_of(surface.triangles[surface.tints == int(tint)]) for tint in Tint}
+    triangles = surface.triangles * _less_clearance(*part.bounds)
+    found = {tint: shape_of(triangles[surface.tints == int(tint)]) for tint in Tint}
     return {tint: shape for tint, shape in found.items() if shape is not None}
 
 
+def _less_clearance(low: Floats, high: Floats) -> Floats:
+    """Factors [3] that make a part's drawing smaller by the clearance between parts, so that no two surfaces coincide."""
+    return 1.0 - _CLEARANCE / np.maximum(high - low, 10.0)
+
+
+@functools.lru_cache(maxsize=64)
+def _detailed(part: Part) -> list[tuple[str, Shape]]:
+    """Our detailed shapes of a hub, motor, sensor or wheel, without a motor's output; empty if there are none."""
+    device = part.device.name if part.device is not None else ""
+    if device in _DETAILED:
+        drawn, axes = _DETAILED[device]
+        made = drawn()
+    elif part.wheel_mm > _SPOKED_MM:
+        made, axes = lego.wheel(part.wheel_mm), (-1, -3, -2)
+    else:
+        return []
+    turn = np.zeros((3, 3))  # from our axes to the part's
+    for row, axis in enumerate(axes):
+        turn[abs(axis) - 1, row] = np.sign(axis)
+    points = np.concatenate([shape.points for _, shape in made.shapes]) @ turn.T / _MM
+    low, high = part.bounds
+    case = part.solids[0].corners()
+    low, high = (case.min(axis=0), case.max(axis=0)) if device else (low, high)
+    shift = (low + high - points.min(axis=0) - points.max(axis=0)) / 2
+    return [(colour, Shape(one.points @ turn.T / _MM + shift, one.normals @ turn.T, one.faces)) for colour, one in made.shapes]
+
+
 @functools.lru_cache(maxsize=256)
-def _of_library(number: str, root: Path) -> list[tuple[str, Shape]]:
+def _of_library(part: Part, root: Path) -> list[tuple[str, Shape]]:
     """Shapes of a part in an LDraw library by colour, "" for its main colour; empty if it has none."""
     library = ldraw.library(root)
-    try:
-        triangles = library.part(f"{number}.dat")
-    except TwinError:
+    for number in (part.number, *part.aliases):
+        try:
+            triangles = library.part(f"{number}.dat")
+            break
+        except TwinError:
+            continue
+    else:
         return []
     hexed = {code: "#" + "".join(f"{round(255 * value):02x}" for value in library.rgba(code)) for code in triangles}
     shapes = {code: shape_of(faces) for code, faces in triangles.items()}
     return [("" if code == ldraw.MAIN_COLOUR else hexed[code], shape) for code, shape in shapes.items() if shape is not None]
+
+
+def cables_of(plan: Plan, parts: Iterable[int], origin_m: Floats) -> list[meshes.Part]:
+    """Cables between the hub and the motors and sensors on the same body, in that body's frame, mm."""
+    placed = [plan.parts[part] for part in parts]
+    hub = next((one for one in placed if one.part.device is not None and one.part.device.kind is DeviceKind.HUB), None)
+    sockets = dict(hub.part.device.ports) if hub is not None and hub.part.device is not None else {}
+    cables = []
+    for one in placed:
+        if hub is None or one is hub or one.part.device is None or one.port not in sockets:
+            continue
+        socket, plug = np.array(sockets[one.port]), np.array(one.part.device.plug)
+        outward, back = np.sign(socket) * [_BEND, 0.0, 0.0], np.sign(plug) * [0.0, 0.0, _BEND]
+        line = np.concatenate([hub.to_plan(np.stack([socket, socket + outward])), one.to_plan(np.stack([plug + back, plug]))])
+        cables.append(lego.cable([(x, y, z) for x, y, z in (line @ TO_TWIN.T * _MM - origin_m * 1000).tolist()]))
+    return cables
 
 
 def draw_spinners(
@@ -100,7 +154,7 @@ def draw_spinners(
             continue
         name = f"{_PREFIX}{one.port}_{number}"
         body = bodies[one.body].add_body(name=name, pos=(one.point_m - origins[one.body]).tolist())
-        draw_parts(spec, body, planned.plan, one.parts, one.point_m)
+        meshes.draw(spec, body, [looks_of(planned.plan, one.parts, one.point_m)])
         spec.add_numeric(name=name, size=4, data=[one.ratio, *(-one.axis).tolist()])
 
 

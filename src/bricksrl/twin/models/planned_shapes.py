@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from bricksrl.plans.geometry import Form, Solid
+from bricksrl.plans.geometry import Form
 from bricksrl.plans.mechanism.kinematics import TO_TWIN, Wheel
 from bricksrl.plans.plan import Placed
 from bricksrl.plans.planned_robot import PlannedRobot
@@ -67,12 +68,22 @@ def feet(planned: PlannedRobot) -> tuple[Foot, ...]:
     return tuple(foot for foot in found if foot.start_m[2] - foot.radius_m < low + _FOOT_REACH_M)
 
 
-def add_shapes(spec: mujoco.MjSpec, planned: PlannedRobot, bodies: dict[int, mujoco.MjsBody], origins: dict[int, Floats]) -> None:
-    """Add all collision shapes. Fixed robots have none: nothing collides within the ranges of their joints."""
+def add_shapes(
+    spec: mujoco.MjSpec,
+    planned: PlannedRobot,
+    bodies: dict[int, mujoco.MjsBody],
+    origins: dict[int, Floats],
+    ports: dict[int, str],
+) -> None:
+    """Add all collision shapes; tyres and feet are named after the port of their motor.
+
+    Fixed robots have none: nothing collides within the ranges of their joints.
+    """
     if planned.articulation.is_fixed:
         return
     for wheel in _rolling(planned):
-        _add_tyre(planned, wheel, bodies[wheel.link], origins[wheel.link])
+        name = _free_name(spec, f"tyre_{ports.get(wheel.link, wheel.part)}")
+        _add_tyre(planned, wheel, name, bodies[wheel.link], origins[wheel.link])
     for number, wheel in enumerate(_casters(planned)):
         x, y, z, radius = _ball(planned, wheel)
         # No friction, as the ball rolls. (Dry friction of a sliding ball would make the contact chatter.)
@@ -88,15 +99,20 @@ def add_shapes(spec: mujoco.MjSpec, planned: PlannedRobot, bodies: dict[int, muj
     for number, foot in enumerate(standing):
         ends = [*(foot.start_m - origins[foot.body]).tolist(), *(foot.end_m - origins[foot.body]).tolist()]
         shape = mujoco.mjtGeom.mjGEOM_CAPSULE
-        bodies[foot.body].add_geom(
-            name=f"foot_{number}", type=shape, fromto=ends, size=[foot.radius_m, 0, 0], **supporting(PLASTIC_FRICTION)
-        )
+        name = _free_name(spec, f"foot_{ports.get(foot.body, number)}")
+        bodies[foot.body].add_geom(name=name, type=shape, fromto=ends, size=[foot.radius_m, 0, 0], **supporting(PLASTIC_FRICTION))
     for number, body in bodies.items():
         if number not in {foot.body for foot in standing} | {wheel.link for wheel in _rolling(planned)} or number == 0:
             _add_hull(spec, planned, number, body, origins[number])
 
 
-def _add_tyre(planned: PlannedRobot, wheel: Wheel, body: mujoco.MjsBody, origin: Floats) -> None:
+def _free_name(spec: mujoco.MjSpec, name: str) -> str:
+    """The name, or with a number if it is taken."""
+    numbered = itertools.chain([name], (f"{name}_{number}" for number in itertools.count(2)))
+    return next(one for one in numbered if spec.geom(one) is None)
+
+
+def _add_tyre(planned: PlannedRobot, wheel: Wheel, name: str, body: mujoco.MjsBody, origin: Floats) -> None:
     """Add a tyre as an ellipsoid: it touches in one point, which takes the solver half the time of a cylinder."""
     placed = planned.plan.parts[wheel.part]
     low, high = placed.part.bounds
@@ -105,7 +121,7 @@ def _add_tyre(planned: PlannedRobot, wheel: Wheel, body: mujoco.MjsBody, origin:
     quaternion = np.empty(4)
     mujoco.mju_quatZ2Vec(quaternion, axis)
     body.add_geom(
-        name=f"tyre_{wheel.part}",
+        name=name,
         type=mujoco.mjtGeom.mjGEOM_ELLIPSOID,
         pos=(wheel.centre_m - origin).tolist(),
         quat=quaternion.tolist(),
@@ -115,9 +131,7 @@ def _add_tyre(planned: PlannedRobot, wheel: Wheel, body: mujoco.MjsBody, origin:
 
 
 def _add_hull(spec: mujoco.MjSpec, planned: PlannedRobot, number: int, body: mujoco.MjsBody, origin: Floats) -> None:
-    """Add the convex hull of a body's parts, except wheels and casters."""
-    from scipy.spatial import ConvexHull
-
+    """Add the convex hull of a body's parts, except wheels and casters. MuJoCo makes it from the points."""
     rolls = {wheel.part for wheel in planned.articulation.wheels}
     parts = [part for part in planned.articulation.bodies[number].parts if part not in rolls]
     if not parts:
@@ -125,9 +139,8 @@ def _add_hull(spec: mujoco.MjSpec, planned: PlannedRobot, number: int, body: muj
     points = np.concatenate([_corners(planned.plan.parts[part]) for part in parts]) - origin
     if np.ptp(points, axis=0).min() < 0.001:
         return
-    hull = points[ConvexHull(points).vertices]
-    # Merge corners closer than 2 mm, which make no difference in a collision.
-    kept = hull[np.unique(np.round(hull / 0.002), axis=0, return_index=True)[1]]
+    # Corners closer than 2 mm make no difference in a collision.
+    kept = points[np.unique(np.round(points / 0.002), axis=0, return_index=True)[1]]
     name = f"hull_{number}"
     spec.add_mesh(name=name, uservert=kept.ravel().tolist(), inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL)
     body.add_geom(name=name, type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name, mass=0, **COLLIDING)
@@ -174,8 +187,7 @@ def _rounds(placed: Placed) -> list[tuple[Floats, Floats, float, float]]:
 
 def _corners(placed: Placed) -> Floats:
     """Corner points [n, 3] of a part's solids."""
-    solids: tuple[Solid, ...] = (*placed.part.solids, *placed.part.turning)
-    return _placed(placed, np.concatenate([solid.corners() for solid in solids]))
+    return _placed(placed, placed.part.corners)
 
 
 def _placed(placed: Placed, points: Floats) -> Floats:

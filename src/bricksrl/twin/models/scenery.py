@@ -7,7 +7,6 @@ import math
 import mujoco
 import numpy as np
 
-from bricksrl.errors import TwinError
 from bricksrl.twin.models.meshes import Part, Shape, discs, draw, merge
 from bricksrl.twin.models.mjcf import OBSTACLE_GROUP
 from bricksrl.twin.objects import COLORS, Block, Field, Line, Mark, Point, Ramp, Wall
@@ -21,11 +20,8 @@ _FRICTION = 0.4
 
 
 def add_objects(spec: mujoco.MjSpec, scene: Scene) -> None:
-    """Add the scene's objects to a model, after the robot. Raises TwinError if the scene has solid objects, and the model has a
-    list of contact pairs without them."""
+    """Add the scene's objects to a model, after the robot."""
     solids = [one for one in scene.objects if isinstance(one, (Wall, Block, Ramp))]
-    if solids and len(spec.pairs):
-        raise TwinError("this robot touches nothing but the floor and the scene's wall; omit walls, blocks and ramps")
     world = spec.worldbody
     marks = [one for one in scene.objects if isinstance(one, (Line, Field))]
     if marks:

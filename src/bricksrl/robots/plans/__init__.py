@@ -1,0 +1,1 @@
+"""Building plans of the robots of this package, as LDraw files."""
