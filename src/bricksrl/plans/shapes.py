@@ -6,6 +6,7 @@ import enum
 import functools
 import itertools
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +18,8 @@ DETAILED, COARSE = 0.1, 0.3
 """Largest distance of a circle from the polygon that is drawn for it: of parts in a booklet, and of moving robots."""
 _ON_AXIS = 1e-9
 """Radii of a profile below this lie on its axis, where triangles have no area."""
+_WITHIN, _BESIDE = 0.9, 0.05
+"""Places where a triangle's surroundings are looked at: towards its corners from its middle, and away from it, LDU."""
 _STUD_RADIUS = 6.0
 _TOOTH_HEIGHT = 2.2
 """Height of teeth above the pitch circle."""
@@ -53,7 +56,8 @@ def surface_of(part: Part, chord_error: float = DETAILED) -> Surface:
         pieces += [(_teeth(gear), Tint.MAIN) for gear in part.gears[:tooth_solids]]
         tint = Tint.DARK if part.family == "tyres" or part.wheel_mm > 50 else Tint.MAIN
         solids = part.solids[tooth_solids:] if part.family == "gears" else part.solids
-        pieces += [(_solid(solid, chord_error), tint if solid.form is Form.RING else Tint.MAIN) for solid in solids]
+        seen = _without_hidden(solids, [_solid(solid, chord_error) for solid in solids])
+        pieces += [(faces, tint if solid.form is Form.RING else Tint.MAIN) for solid, faces in zip(solids, seen, strict=True)]
         pieces += [(_cross(site), Tint.MAIN) for site in part.sites if site.fit is Fit.AXLE]
     pieces += [(_solid(stud, chord_error), Tint.MAIN) for stud in _studs(part)]
     pieces += [(_solid(solid, chord_error), Tint.TURNING) for solid in part.turning]
@@ -78,6 +82,29 @@ def _solid(solid: Solid, chord_error: float) -> Floats:
         local = _revolved([(math.cos(angle), math.sin(angle)) for angle in angles], solid.half[0], solid.half[0], sides)
     faces = _tube_outward(local, solid.half[0], solid.half[1]) if solid.form is Form.RING else _outward(local)
     return np.asarray(faces @ np.array(solid.axes) + np.array(solid.centre))
+
+
+def _without_hidden(solids: Sequence[Solid], surfaces: list[Floats]) -> list[Floats]:
+    """Triangles of each solid's surface [n, 3, 3] without those that others hide.
+
+    A triangle is hidden if there is material on its outer side, or if it lies on the surface of an earlier solid.
+    """
+    seen = []
+    for number, triangles in enumerate(surfaces):
+        centres = triangles.mean(axis=1, keepdims=True)
+        normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+        normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+        points = np.concatenate([centres, centres + _WITHIN * (triangles - centres)], axis=1)
+        outer, inner = ((points + way * _BESIDE * normals[:, None]).reshape(-1, 3) for way in (1.0, -1.0))
+        covered, doubled = np.zeros(len(outer), dtype=bool), np.zeros(len(outer), dtype=bool)
+        for other, solid in enumerate(solids):
+            if other != number:
+                covered |= solid.contains(outer, 0.0)
+            if other < number:
+                doubled |= solid.contains(inner, 0.0)
+        hidden = covered.reshape(-1, 4).all(axis=1) | doubled.reshape(-1, 4).all(axis=1)
+        seen.append(triangles[~hidden])
+    return seen
 
 
 def _outward(triangles: Floats) -> Floats:
@@ -124,6 +151,13 @@ def _revolved(profile: list[tuple[float, float]], radius: float, half: float, si
     return np.concatenate(faces)
 
 
+def _polygon(radius: float, height: float, sides: int) -> Floats:
+    """Disc across the third axis."""
+    angles = np.arange(sides) * 2 * math.pi / sides
+    rim = np.column_stack([radius * np.cos(angles), radius * np.sin(angles), np.full(sides, height)])
+    return np.stack([np.broadcast_to(rim[0], (sides - 2, 3)), rim[1:-1], rim[2:]], axis=1)
+
+
 def _placed(local: Floats, site_axis: tuple[float, float, float], centre: tuple[float, float, float]) -> Floats:
     return np.asarray(local @ np.array(frame_of(site_axis)) + np.array(centre))
 
@@ -139,7 +173,7 @@ def _hole(site: Site, chord_error: float) -> Floats:
     """Dark shapes at both ends of a hole: discs for pins, crosses for axles."""
     half = site.length / 2 + _DISC_OFFSET
     if site.fit is Fit.HOLE:
-        discs = [_revolved([(0, z), (1, z)], 6.0, half, circle_sides(6.0, chord_error)) for z in (-1.0, 1.0)]
+        discs = [_polygon(6.0, z * half, circle_sides(6.0, chord_error)) for z in (-1.0, 1.0)]
         return _placed(_outward(np.concatenate(discs)), site.axis, site.centre)
     blades = np.concatenate([_box((6.0, 2.0, half)), _box((2.0, 6.0, half))])
     return _placed(blades, site.axis, site.centre)
