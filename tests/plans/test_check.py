@@ -133,3 +133,8 @@ def test_missing_part_is_mostly_found(robot):
     mutants = [mutant(text, seed) for seed in range(0, 80, 8)]
     found = sum(bool(findings_of(make_plan(ldraw_file.parse(one.text, "mutant.ldr")))) for one in mutants)
     assert found >= 5
+
+
+def test_only_ball_of_arm_is_red() -> None:
+    # The camera task finds the ball by its colour.
+    assert all(placed.colour != 4 for placed in read_plan(PLANS / "robo_arm.ldr").parts)
