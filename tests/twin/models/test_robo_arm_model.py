@@ -164,7 +164,7 @@ class TestJoints:
         arm.machine.advance(2000)
         for name, (low, high) in {m.name: m.range_deg for m in ROBO_ARM.motors if m.range_deg}.items():
             assert high + 5 < highest[name] < high + 20
-            assert low - 26 < arm.angles()[name] < low - 5
+            assert low - 20 < arm.angles()[name] < low - 5
 
     def test_turntable_is_unlimited_with_ratio_3(self) -> None:
         arm = Arm()

@@ -17,8 +17,8 @@ def swing() -> mujoco.MjModel:
     bob = frame.add_body(name="bob", pos=[0.15, 0.0, 0.1])
     bob.add_joint(type=mujoco.mjtJoint.mjJNT_HINGE, axis=[0, 1, 0])
     for body in (sledge, bob):
-        body.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[0.01, 0, 0], mass=0.1)
-    rod = add_rod(spec, "arm", (sledge, (0.0, 0.0, 0.0)), (bob, (0.0, 0.0, -0.1)), mass_kg=0.02)
+        body.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[0.01, 0, 0], mass=0.11)
+    rod = add_rod(spec, "arm", (sledge, (0.0, 0.0, 0.0)), (bob, (0.0, 0.0, -0.1)))
     rod.add_geom(type=mujoco.mjtGeom.mjGEOM_CAPSULE, fromto=[0, 0, 0, 0, 0, 0.25], size=[0.003, 0, 0], mass=0)
     return spec.compile()
 

@@ -105,7 +105,7 @@ class _Build:
             near = (self.bodies[rod.near], self._local(rod.near, rod.near_m))
             far = (self.bodies[rod.far], self._local(rod.far, rod.far_m))
             name = self.ports.get(rod.far) or self.ports.get(rod.near) or str(number)
-            drawn = add_rod(self.spec, name, near, far, mass_kg=0.0)  # its mass is included in the bodies'
+            drawn = add_rod(self.spec, name, near, far)
             axes = _axes_along(rod.far_m - rod.near_m)
             meshes.draw(self.spec, drawn, [looks_of(self.planned.plan, rod.parts, rod.near_m, axes=axes)])
         self._close_loops()
@@ -211,8 +211,9 @@ class _Build:
         ends = _range_of_shaft(motor)
         if ends is not None:
             shaft.limited = True
-            stops = free_deg(self.planned, motor.port, ends[0] - _BEYOND_DEG, ends[1] + _BEYOND_DEG)
-            shaft.range = sorted(math.radians(angle) / gear for angle in stops)
+            lowest, highest = ends[0] - _BEYOND_DEG, ends[1] + _BEYOND_DEG
+            low, high = free_deg(self.planned, motor.port, lowest, highest)  # wider if the plan's position is outside
+            shaft.range = sorted(math.radians(angle) / gear for angle in (max(low, lowest), min(high, highest)))
 
     def _couple(self) -> None:
         """Couple bodies that are geared to a motor's joint."""

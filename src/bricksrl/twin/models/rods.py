@@ -14,11 +14,11 @@ _PREFIX = "rod_"
 
 
 def add_rod(
-    spec: mujoco.MjSpec, name: str, near: tuple[mujoco.MjsBody, Triple], far: tuple[mujoco.MjsBody, Triple], *, mass_kg: float
+    spec: mujoco.MjSpec, name: str, near: tuple[mujoco.MjsBody, Triple], far: tuple[mujoco.MjsBody, Triple]
 ) -> mujoco.MjsBody:
     """Join two bodies, each given with its pin's position, by a rod of the pins' distance in the initial configuration.
 
-    Each pin carries half of its mass.
+    It has no mass: the bodies carry half of it each.
 
     Returns:
         The body to draw the rod on: its origin is the near pin, its z axis points to the far one.
@@ -26,8 +26,6 @@ def add_rod(
     name = _PREFIX + name
     length = spec.add_tendon(name=name, group=SHAPE_GROUP)
     for end, (body, pin) in {"near": near, "far": far}.items():
-        shape = {"size": [0.004, 0.0, 0.0], "group": SHAPE_GROUP, "contype": 0, "conaffinity": 0}
-        body.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, pos=list(pin), mass=mass_kg / 2, **shape)
         length.wrap_site(body.add_site(name=f"{name}_{end}", pos=list(pin), group=SHAPE_GROUP).name)
     kept = spec.add_equality(name=name, type=mujoco.mjtEq.mjEQ_TENDON, objtype=mujoco.mjtObj.mjOBJ_TENDON)
     kept.name1, kept.data[:5] = name, 0.0
