@@ -24,17 +24,17 @@ class Reference:
 
 
 REFERENCES = {
-    "RunAway-v0": Reference(0.42, 17.96, 8.72),
-    "Spinning-v0": Reference(77.61, 8527.12, 7407.2),
-    "Walker-v0": Reference(-197.15, -15.29, -52.04),
-    "Walker-v1": Reference(16.77, 93.57),
+    "RunAway-v0": Reference(0.46, 17.96, 8.72),
+    "Spinning-v0": Reference(75.12, 8519.5, 7407.2),
+    "Walker-v0": Reference(-197.09, -12.89, -52.04),
+    "Walker-v1": Reference(15.62, 93.22),
     "WalkerSim-v0": Reference(-198.51, -4.95),
     "WalkerSim-v1": Reference(-197.18, 5.53),
-    "LineFollow-v0": Reference(-42.9, 49.65),
-    "Park-v0": Reference(-62.93, 9.16),
-    "RoboArm-v0": Reference(-159.16, -1.28, -27.77),
+    "LineFollow-v0": Reference(-42.91, 50.93),
+    "Park-v0": Reference(-62.93, 9.13),
+    "RoboArm-v0": Reference(-152.87, -1.47, -27.77),
     "RoboArmSim-v0": Reference(-162.96, -0.55),
-    "RoboArm_mixed-v0": Reference(-48.88, -1.28),
+    "RoboArm_mixed-v0": Reference(-57.36, -1.36),
 }
 
 
