@@ -46,7 +46,7 @@ format: $(INSTALLED)
 
 booklets: $(INSTALLED)
 	mkdir -p docs/plans
-	for robot in two-wheeler walker robo-arm; do $(BIN)/bricksrl plan steps $$robot --out docs/plans/$${robot%%-*}_$${robot##*-}.pdf || exit 1; done
+	for robot in two-wheeler walker robo-arm; do $(BIN)/bricksrl plan steps $$robot --out docs/plans/$$(echo $$robot | tr - _).pdf || exit 1; done
 
 clean:
 	rm -rf .venv build dist src/bricksrl.egg-info .mypy_cache .pytest_cache .ruff_cache .hypothesis .import_linter_cache
