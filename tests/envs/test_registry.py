@@ -50,3 +50,8 @@ def test_user_tasks_cannot_replace_built_in() -> None:
     bricksrl.register(dataclasses.replace(mine, max_steps=7))
     assert get_task("Mine-v0").max_steps == 7
     assert gymnasium.spec("bricksrl/Mine-v0").max_episode_steps == 7
+
+
+def test_arenas_are_made_elsewhere() -> None:
+    with pytest.raises(UnknownNameError, match="has several robots; make it with bricksrl.envs.arenas.make_arena"):
+        bricksrl.make("Tag-v0")

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from bricksrl.envs import user_files
+from bricksrl.envs.arenas.registry import ARENAS
 from bricksrl.envs.kinematics import Kinematics
 from bricksrl.envs.options import EnvOptions
 from bricksrl.envs.task import Task
@@ -228,6 +229,9 @@ def _offer(env_id: str) -> _Offer:
     try:
         return _offers[env_id]
     except KeyError:
+        if env_id in ARENAS:
+            message = f"{env_id} has several robots; make it with bricksrl.envs.arenas.make_arena, and see docs/arena.md"
+            raise UnknownNameError(message) from None
         known = sorted(_offers)
         message = f"there is no environment '{env_id}'{hint(env_id, known)}; choose one of {', '.join(known)}"
         raise UnknownNameError(message) from None
