@@ -15,9 +15,10 @@ from bricksrl.robots import ROBO_ARM, TWO_WHEELER, WALKER, HubKind, Motor, Robot
 from bricksrl.twin.make_body import make_body
 from bricksrl.twin.models.planned_looks import Spinners
 from bricksrl.twin.mujoco_body import MujocoBody
-from bricksrl.twin.objects import Block, Ramp
+from bricksrl.twin.objects import Block, Field, Ramp
 from bricksrl.twin.physics import Physics
 from bricksrl.twin.scene import OPEN_FLOOR, Scene
+from bricksrl.virtual_hub.stimuli import Sense
 
 ROOT = Path(__file__).parents[3]
 PLANS = Path(plans.__path__[0])
@@ -153,3 +154,17 @@ def test_walker_is_stopped_by_block_and_climbs_ramp() -> None:
     model = body(WALKER, Scene(objects=(Block((300, 0)), Ramp((200, 200))))).model
     assert {model.geom(geom).name for geom in model.pair_geom1} == {"floor", "object_0", "object_1"}
     assert body(WALKER, Scene(objects=(Block((300, 0), mass_g=50.0),))).model.npair == 0
+
+
+def test_colour_sensor_of_plan_sees_floor(tmp_path: Path) -> None:
+    text = (PLANS / "two_wheeler.ldr").read_text(encoding="utf-8").replace("PARTS 36", "PARTS 37")
+    sensor = "0 !BRICKSRL PORT B light\n1 15 0 40 120 1 0 0 0 0 -1 0 1 0 26912.dat\n"
+    path = tmp_path / "seer.ldr"
+    path.write_text(text.replace("0 !BRICKSRL PORT A right", sensor + "0 !BRICKSRL PORT A right"), encoding="utf-8")
+    light = PoweredUpSensor("light", "B", SensorKind.COLOR_DISTANCE)
+    robot = replace(TWO_WHEELER, sensors=(*TWO_WHEELER.sensors, light), model=str(path))
+    hue, saturation, _ = body(robot, Scene(objects=(Field((60, 0), (60, 60), "red"),))).sensed("B", Sense.SURFACE)  # type: ignore[misc]
+    assert min(hue, 360 - hue) < 10
+    assert saturation > 60
+    hue, saturation, _ = body(robot).sensed("B", Sense.SURFACE)  # type: ignore[misc]
+    assert saturation < 10

@@ -296,7 +296,7 @@ class _Build:
         at = self.spec.worldbody if self.made.is_fixed else base
         sight = (middle[0], middle[1], 0.4 * size_m) if self.made.is_fixed else middle
         add_light(at)
-        add_camera(at, "chase", sight, (-0.62, -0.62, 0.55), 1.5 * size_m)
+        add_camera(at, "chase", sight, (-0.62, -0.62, 0.55), 1.6 * size_m)
         add_camera(at, "portrait", sight, (0.75, -0.55, 0.42), 1.55 * size_m)
         if self.made.is_fixed:
             add_webcam(at)
