@@ -11,7 +11,7 @@ import mujoco
 import pytest
 
 from bricksrl.errors import DescriptionError, TwinError
-from bricksrl.robots import ROBO_ARM, TWO_WHEELER, WALKER, HubKind, Motor, Robot, plans
+from bricksrl.robots import ROBO_ARM, TWO_WHEELER, WALKER, HubKind, Motor, PoweredUpSensor, Robot, SensorKind, plans
 from bricksrl.twin.make_body import make_body
 from bricksrl.twin.models.planned_looks import Spinners
 from bricksrl.twin.mujoco_body import MujocoBody
