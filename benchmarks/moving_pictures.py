@@ -41,10 +41,17 @@ def frames(video: Path) -> Iterator[Image.Image]:
     reader.close()
 
 
+def _palette(picture: Image.Image, colours: int) -> Image.Image:
+    """A picture in the best colours for another, in which a rare colour counts for more than its area."""
+    found, counts = np.unique(np.asarray(picture).reshape(-1, 3) >> 2, axis=0, return_counts=True)
+    pixels = np.repeat(found << 2, np.ceil(counts**0.5).astype(int), axis=0)
+    return Image.fromarray(pixels[None].astype(np.uint8)).quantize(colours, dither=Image.Dither.NONE, kmeans=2)
+
+
 def gif(pictures: list[Image.Image], width: int, colours: int) -> bytes:
     """A GIF that repeats for ever, all of its pictures in the same colours: what does not move costs nothing."""
     small = [one.resize((width, round(width * one.height / one.width)), Image.Resampling.LANCZOS) for one in pictures]
-    palette = small[len(small) // 2].quantize(colours, dither=Image.Dither.NONE)
+    palette = _palette(small[len(small) // 2], colours)
     flat = [one.quantize(palette=palette, dither=Image.Dither.NONE) for one in small]
     data = io.BytesIO()
     flat[0].save(data, "GIF", save_all=True, append_images=flat[1:], duration=round(1000 / FPS), loop=0, optimize=True)
