@@ -130,3 +130,14 @@ def test_small_hubs_have_no_standard_input() -> None:
     for hub in HubKind:
         assert hub.model.has_float == (hub.model.stdin_bytes >= 20)
         assert len(set(hub.model.ports)) == len(hub.model.ports)
+
+
+@pytest.mark.parametrize("sides", [("up",), ("up", "down"), ("up", "north"), ("up", "ahead", "left")])
+def test_hub_sides_are_at_right_angles(sides: tuple[str, ...]) -> None:
+    with pytest.raises(DescriptionError, match="give two of ahead, back"):
+        Robot("mine", HubKind.PRIME, needs_imu=True, hub_sides=sides)
+
+
+def test_hub_sides_need_imu() -> None:
+    with pytest.raises(DescriptionError, match="only the IMU depends on hub_sides"):
+        Robot("mine", HubKind.PRIME, hub_sides=("ahead", "down"))

@@ -8,18 +8,32 @@ from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from bricksrl.errors import DescriptionError, PlanError, UnknownNameError
 from bricksrl.finding import Finding, Outcome
+from bricksrl.plans.mechanism.kinematics import TO_TWIN
 from bricksrl.plans.part import DeviceKind
 from bricksrl.plans.plan import Placed, Plan
 from bricksrl.plans.planned_robot import PlannedRobot, planned, planned_robot
-from bricksrl.robots.spec import Direction, DriveBase, Motor, MotorKind, PoweredUpSensor, Sensor, SensorKind, UltrasonicSensor
+from bricksrl.robots.spec import (
+    LOOKS,
+    Direction,
+    DriveBase,
+    Motor,
+    MotorKind,
+    PoweredUpSensor,
+    Sensor,
+    SensorKind,
+    UltrasonicSensor,
+)
 
 if TYPE_CHECKING:
     from bricksrl.robots.spec import Robot
 
 _WHEEL_MM, _TRACK_MM = 0.5, 2.0
 _RATIO = 0.01
+_ALONG = 0.999
 
 
 def plan_file(model: str) -> Path | None:
@@ -31,9 +45,9 @@ def plan_file(model: str) -> Path | None:
     return Path(str(resources.files(package))) / file if len(package) > 1 else Path(model)
 
 
-def completed(robot: Robot) -> tuple[tuple[Motor, ...], tuple[Sensor, ...], DriveBase | None]:
-    """Motors, sensors and drive base of a description, completed from its plan. Raises DescriptionError if the plan contradicts
-    the description, PlanError if the plan cannot be read."""
+def completed(robot: Robot) -> tuple[tuple[Motor, ...], tuple[Sensor, ...], DriveBase | None, tuple[str, ...]]:
+    """Motors, sensors, drive base and hub sides of a description, completed from its plan. Raises DescriptionError if the plan
+    contradicts the description, PlanError if the plan cannot be read."""
     made = planned_robot(Path(robot.plan or ""))
     _refuse_strangers(robot, made)
     motors = _motors(robot, made)
@@ -53,10 +67,36 @@ def completed(robot: Robot) -> tuple[tuple[Motor, ...], tuple[Sensor, ...], Driv
             axle_track_mm=base.axle_track_mm or round(abs(float(left.centre_m[1] - right.centre_m[1])) * 1000, 3),
         )
     found = disagreements(robot.name, robot.hub.value, (*motors, *sensors), base, made)
+    sides = robot.hub_sides
+    if robot.needs_imu:
+        sides = sides or hub_sides(made)
+        found += _turned_hub(robot.name, sides, made)
     if found:
         where = f", line {found[0].line}" if found[0].line else ""
         raise DescriptionError(f"{robot.plan}{where}: {found[0].detail}")
-    return motors, sensors, base
+    return motors, sensors, base, sides
+
+
+def hub_sides(made: PlannedRobot) -> tuple[str, ...]:
+    """Where the top and the front of the plan's hub look; empty if it has none, or one at an angle."""
+    for hub in made.plan.devices(DeviceKind.HUB):
+        axes = (TO_TWIN @ hub.rotation @ np.array(side) for side in ((0.0, -1.0, 0.0), (0.0, 0.0, 1.0)))
+        return tuple(name for axis in axes for name, way in LOOKS.items() if float(axis @ np.array(way)) > _ALONG)
+    return ()
+
+
+def _turned_hub(name: str, sides: tuple[str, ...], made: PlannedRobot) -> list[Finding]:
+    """Findings on the orientation of a hub whose IMU is read."""
+    hub = next(iter(made.plan.devices(DeviceKind.HUB)), None)
+    there = hub_sides(made)
+    if hub is None or there == sides:
+        return []
+    if len(there) < 2:
+        text = "the hub is at an angle, so its IMU cannot be read; turn it, or say needs_imu=False"
+    else:
+        text = f"the hub's top looks {there[0]} and its front {there[1]}, but for the robot {name} {sides[0]} and {sides[1]}"
+        text += f"; turn it, or say hub_sides={there}"
+    return [Finding("wiring", Outcome.ERROR, text, hub.line)]
 
 
 def _refuse_strangers(robot: Robot, made: PlannedRobot) -> None:
@@ -189,7 +229,8 @@ def check_named(plan: Plan) -> list[Finding]:
         return [Finding("wiring", Outcome.ERROR, str(error))]
     except PlanError:
         return []
-    return disagreements(robot.name, robot.hub.value, (*robot.motors, *robot.sensors), robot.drive_base, made)
+    found = disagreements(robot.name, robot.hub.value, (*robot.motors, *robot.sensors), robot.drive_base, made)
+    return found + (_turned_hub(robot.name, robot.hub_sides, made) if robot.needs_imu else [])
 
 
 def check_description(robot: Robot, path: Path) -> None:
@@ -199,6 +240,7 @@ def check_description(robot: Robot, path: Path) -> None:
     placed = {one.port for one in made.plan.devices(DeviceKind.SENSOR)}
     sensors = [sensor for sensor in robot.sensors if sensor.port in placed]
     found = disagreements(robot.name, robot.hub.value, (*robot.motors, *sensors), robot.drive_base, made)
+    found += _turned_hub(robot.name, robot.hub_sides, made) if robot.needs_imu else []
     if found:
         where = f", line {found[0].line}" if found[0].line else ""
         raise DescriptionError(f"{path}{where}: {found[0].detail}")

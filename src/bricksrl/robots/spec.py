@@ -132,7 +132,8 @@ LOOKS: dict[str, tuple[float, float, float]] = {
     "up": (0.0, 0.0, 1.0),
     "down": (0.0, 0.0, -1.0),
 }
-"""Viewing directions of a sensor, in the axes of its robot: x forward, y left, z up."""
+"""Directions in the axes of a robot: x forward, y left, z up."""
+HUB_FLAT = ("up", "ahead")
 
 
 @dataclass(frozen=True)
@@ -269,6 +270,8 @@ class Robot:
     """Description of a robot: one hub with its devices. Raises DescriptionError if the description is invalid.
 
     Attributes:
+        hub_sides: where the hub's top and its front, with the USB port, look: names of :data:`LOOKS`. By default as in the plan,
+            or ``("up", "ahead")``. The IMU's values are along the robot's axes, however the hub is mounted.
         model: MuJoCo model of a virtual robot: ``"package.module:function"``, which is called with the robot and its scene and
             returns an ``MjSpec``, or the path of an MJCF file (see ``bricksrl.twin.models.mjcf_file``) or of a building plan.
             Without a model, a robot with a drive base gets a generated body, and any other one is a bench.
@@ -283,6 +286,7 @@ class Robot:
     sensors: tuple[Sensor, ...] = ()
     drive_base: DriveBase | None = None
     needs_imu: bool = False
+    hub_sides: tuple[str, ...] = ()
     model: str | None = None
     plan: str | None = None
     chassis: Chassis = Chassis()
@@ -292,8 +296,11 @@ class Robot:
         if self.plan is not None:
             from bricksrl.robots.planned import completed
 
-            for field, value in zip(("motors", "sensors", "drive_base"), completed(self), strict=True):
+            for field, value in zip(("motors", "sensors", "drive_base", "hub_sides"), completed(self), strict=True):
                 object.__setattr__(self, field, value)
+        if not self.hub_sides:
+            object.__setattr__(self, "hub_sides", HUB_FLAT)
+        self._check_hub_sides()
         devices: tuple[Motor | Sensor, ...] = (*self.motors, *self.sensors)
         for kind, keys in (("port", [d.port for d in devices]), ("name", [d.name for d in devices])):
             for key, count in Counter(keys).items():
@@ -320,6 +327,16 @@ class Robot:
             left, right = self.motor(self.drive_base.left), self.motor(self.drive_base.right)
             if left.gears != right.gears:
                 raise DescriptionError(f"robot '{self.name}': both motors of a drive base need the same gears")
+
+    def _check_hub_sides(self) -> None:
+        known = [LOOKS[side] for side in self.hub_sides if side in LOOKS]
+        if len(self.hub_sides) != 2 or len(known) != 2 or sum(a * b for a, b in zip(*known, strict=True)):
+            raise DescriptionError(
+                f"robot '{self.name}': the hub's top and front cannot look {self.hub_sides}; "
+                f'give two of {", ".join(LOOKS)} at right angles, such as ("up", "ahead")'
+            )
+        if self.hub_sides != HUB_FLAT and not self.needs_imu:
+            raise DescriptionError(f"robot '{self.name}': only the IMU depends on hub_sides; omit them, or say needs_imu=True")
 
     def motor(self, name: str) -> Motor:
         """The motor of that name. Raises DescriptionError if the robot has no such motor."""

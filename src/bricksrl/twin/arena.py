@@ -18,7 +18,7 @@ import numpy as np
 
 from bricksrl.errors import TwinError
 from bricksrl.robots import Robot
-from bricksrl.twin.imu import FloatingBase
+from bricksrl.twin.imu import FloatingBase, mounted
 from bricksrl.twin.model_physics import RobotPart, set_physics, up
 from bricksrl.twin.models.load import load_model
 from bricksrl.twin.models.mjcf import (
@@ -343,7 +343,7 @@ class _PartBase(FloatingBase):
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, position: int, dof: int, imu: str) -> None:
         self._gravity = model.opt.gravity
-        self._hub = model.site(imu).pos.copy()
+        self._hub, self._to_hub = mounted(model, imu)
         self._position = data.qpos[position : position + 3]
         self._orientation = data.qpos[position + 3 : position + 7]
         self._spin = data.qvel[dof + 3 : dof + 6]

@@ -8,15 +8,22 @@ import numpy as np
 Vector = np.ndarray[tuple[int], np.dtype[np.float64]]
 
 
+def mounted(model: mujoco.MjModel, site: str) -> tuple[Vector, Vector]:
+    """Place [3] of a hub on its chassis, and the quaternion [4] from the chassis' axes to the hub's."""
+    to_hub = np.empty(4)
+    mujoco.mju_negQuat(to_hub, model.site(site).quat)
+    return model.site(site).pos.copy(), to_hub
+
+
 class FloatingBase:
-    """Floating base, a freely moving chassis: the first body of the model, with the hub's axes.
+    """Floating base, a freely moving chassis: the first body of the model, with the hub at the site "imu".
 
     All values come from the joint coordinates, which are up to date after each step.
     """
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
         self._gravity = model.opt.gravity
-        self._hub = model.site("imu").pos.copy()
+        self._hub, self._to_hub = mounted(model, "imu")
         self._position: Vector = data.qpos[0:3]
         self._orientation: Vector = data.qpos[3:7]
         self._spin: Vector = data.qvel[3:6]
@@ -27,12 +34,19 @@ class FloatingBase:
         return self._position
 
     def orientation(self) -> Vector:
-        """Quaternion [4] from the hub's axes to the world's."""
+        """Quaternion [4] from the chassis' axes to the world's."""
         return self._orientation
+
+    def up(self, vertical: Vector) -> Vector:
+        """A direction [3] of the world in the hub's axes."""
+        from_world, turned = np.empty(4), np.empty(3)
+        mujoco.mju_negQuat(from_world, self._orientation)
+        mujoco.mju_rotVecQuat(turned, vertical, from_world)
+        return self._in_hub(turned)
 
     def angular_velocity(self) -> Vector:
         """Angular velocity in the hub's axes [3], rad/s."""
-        return self._spin
+        return self._in_hub(self._spin)
 
     def specific_force(self) -> Vector:
         """Specific force at the hub, as an accelerometer measures it [3], in the hub's axes, m/s2; at rest +9.81 upwards."""
@@ -41,7 +55,13 @@ class FloatingBase:
         mujoco.mju_negQuat(to_hub, self._orientation)
         mujoco.mju_rotVecQuat(force, self._qacc[0:3] - self._gravity, to_hub)
         force += np.cross(angular, self._hub) + np.cross(spin, np.cross(spin, self._hub))
-        return force
+        return self._in_hub(force)
+
+    def _in_hub(self, vector: Vector) -> Vector:
+        """A vector of the chassis' axes, in the hub's."""
+        turned = np.empty(3)
+        mujoco.mju_rotVecQuat(turned, vector, self._to_hub)
+        return turned
 
 
 class FixedBase:
@@ -53,16 +73,21 @@ class FixedBase:
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
         self._model, self._data = model, data
         self._site = int(model.site("imu").id)
+        self._body = int(model.site_bodyid[self._site])
 
     def position(self) -> Vector:
         """Origin of the base [3] in the world, m."""
         return np.zeros(3)
 
     def orientation(self) -> Vector:
-        """Quaternion [4] from the hub's axes to the world's."""
-        quaternion = np.empty(4)
-        mujoco.mju_mat2Quat(quaternion, self._data.site_xmat[self._site])
-        return quaternion
+        """Quaternion [4] from the axes of the part that carries the hub to the world's."""
+        orientation: Vector = self._data.xquat[self._body].copy()
+        return orientation
+
+    def up(self, vertical: Vector) -> Vector:
+        """A direction [3] of the world in the hub's axes."""
+        up: Vector = self._data.site_xmat[self._site].reshape(3, 3).T @ vertical
+        return up
 
     def angular_velocity(self) -> Vector:
         """Angular velocity in the hub's axes [3], rad/s."""

@@ -167,7 +167,7 @@ class MujocoBody:
     def _apply(self, physics: Physics) -> None:
         model = self.model
         self.physics = physics
-        self._up: list[float] = up(physics).tolist()
+        self._up = up(physics)
         self.battery_mv = round(physics.battery_v * 1000)
         self._encoder_step_mdeg = round(physics.encoder_resolution_deg * 1000)
         motors = [(self._terminals[port][0], kind) for port, kind in self._kinds.items()]
@@ -350,11 +350,7 @@ class MujocoBody:
 
         As in the firmware, this is the fused orientation, which accelerations do not disturb.
         """
-        w, x, y, z = self._base.orientation().tolist()
-        ahead, _, above = self._up
-        up_x = ahead * (1.0 - 2.0 * (y * y + z * z)) + above * 2.0 * (x * z - w * y)
-        up_y = ahead * 2.0 * (x * y - w * z) + above * 2.0 * (y * z + w * x)
-        up_z = ahead * 2.0 * (x * z + w * y) + above * (1.0 - 2.0 * (x * x + y * y))
+        up_x, up_y, up_z = self._base.up(self._up).tolist()
         pitch_deg = math.degrees(math.atan2(-up_x, math.hypot(up_y, up_z)))
         roll_deg = math.degrees(math.atan2(up_y, up_z))
         noise_pitch, noise_roll = (self.physics.tilt_noise_deg * self._noise.standard_normal(2)).tolist()

@@ -10,14 +10,18 @@ from pathlib import Path
 import mujoco
 import pytest
 
+from bricksrl.envs import get_task
 from bricksrl.errors import DescriptionError, TwinError
-from bricksrl.robots import ROBO_ARM, TWO_WHEELER, WALKER, HubKind, Motor, PoweredUpSensor, Robot, SensorKind, plans
+from bricksrl.hub.interface import Pitch, Roll
+from bricksrl.hub.link.lockstep import HubLink
+from bricksrl.robots import ROBO_ARM, TWO_WHEELER, WALKER, DriveBase, HubKind, Motor, PoweredUpSensor, Robot, SensorKind, plans
 from bricksrl.twin.make_body import make_body
 from bricksrl.twin.models.planned_looks import Spinners
 from bricksrl.twin.mujoco_body import MujocoBody
 from bricksrl.twin.objects import Block, Field, Ramp
 from bricksrl.twin.physics import Physics
 from bricksrl.twin.scene import OPEN_FLOOR, Scene
+from bricksrl.virtual_hub import VirtualHub
 from bricksrl.virtual_hub.stimuli import Sense
 
 ROOT = Path(__file__).parents[3]
@@ -141,12 +145,38 @@ def test_plan_of_other_robot_raises() -> None:
         make_body(replace(TWO_WHEELER, model=str(PLANS / "walker.ldr")))
 
 
-def test_tilted_hub_has_no_imu(tmp_path: Path) -> None:
+def test_hub_must_look_as_described(tmp_path: Path) -> None:
     text = (PLANS / "robo_arm.ldr").read_text(encoding="utf-8").replace("0 !BRICKSRL FIXED\n", "")
     path = tmp_path / "arm.ldr"
     path.write_text(text, encoding="utf-8")
-    with pytest.raises(TwinError, match="does not lie flat"):
+    with pytest.raises(DescriptionError, match="top looks up and its front back"):
         make_body(replace(ROBO_ARM, needs_imu=True, model=str(path)))
+    free = make_body(replace(ROBO_ARM, needs_imu=True, hub_sides=("up", "back"), model=str(path)))
+    free.advance_to(2000)
+    assert all(map(math.isfinite, free.tilt_deg()))  # it stands on no feet, and may fall
+
+
+def test_hub_that_looks_backwards(tmp_path: Path) -> None:
+    text = (PLANS / "two_wheeler.ldr").read_text(encoding="utf-8")
+    hub = "1 15 0 -50 -40 1 0 0 0 1 0 0 0 1 67718.dat"
+    assert hub in text
+    path = tmp_path / "backwards.ldr"
+    path.write_text(text.replace(hub, "1 15 0 -50 -40 -1 0 0 0 1 0 0 0 -1 67718.dat"), encoding="utf-8")
+    drive_base = DriveBase("left", "right")
+    robot = Robot("rover", HubKind.PRIME, drive_base=drive_base, needs_imu=True, plan=str(path))
+    assert robot.hub_sides == ("up", "back")
+    sloping = replace(QUIET, slope_deg=5.0, gyro_noise_deg_s=0, acceleration_noise_mm_s2=0)
+    turned, plain = (MujocoBody(one, OPEN_FLOOR, sloping, 0) for one in (robot, TWO_WHEELER))
+    assert plain.tilt_deg() == pytest.approx((-5, 0), abs=0.3)
+    assert turned.tilt_deg() == pytest.approx((5, 0), abs=0.3)  # in the frame of the hub
+    assert turned.acceleration_mm_s2()[2] > 9000
+    with pytest.raises(DescriptionError, match=r"hub_sides=\('up', 'back'\)"):
+        make_body(replace(TWO_WHEELER, model=str(path)))
+    # What the program on the hub reads is along the robot's axes.
+    interface = replace(get_task("Spinning-v0").interface, channels=(Pitch(), Roll()))
+    for one, body_of_it in ((robot, turned), (TWO_WHEELER, plain)):
+        with HubLink(VirtualHub(body_of_it), one, interface) as link:
+            assert link.read().values == pytest.approx((-5, 0), abs=0.3)
 
 
 def test_walker_is_stopped_by_block_and_climbs_ramp() -> None:

@@ -28,6 +28,7 @@ from bricksrl.hub.protocol import (
 )
 from bricksrl.hub.transport import HubProgram, Pipe
 from bricksrl.robots import Direction, Motor, Robot, Sensor
+from bricksrl.robots.spec import HUB_FLAT
 
 WATCHDOG_MS = 400
 """Default silence after which the hub stops its motors; a WATCHDOG frame changes it."""
@@ -117,6 +118,8 @@ def _robot_imports(robot: Robot, interface: Interface) -> list[str]:
         names.add(("pybricks.parameters", "Port"))
     if any(motor.direction is Direction.COUNTERCLOCKWISE for motor in motors):
         names.add(("pybricks.parameters", "Direction"))
+    if robot.hub_sides != HUB_FLAT:
+        names.add(("pybricks.parameters", "Axis"))
     modules = sorted({module for module, _ in names})
     return [f"from {module} import {', '.join(sorted(name for of, name in names if of == module))}" for module in modules]
 
@@ -169,9 +172,20 @@ def _joints(robot: Robot, interface: Interface) -> set[str]:
     return {motor.name for motor in robot.motors if motor.name in commanded and motor.range_deg is not None}
 
 
+_AXES = {"ahead": "Axis.X", "back": "-Axis.X", "left": "Axis.Y", "right": "-Axis.Y", "up": "Axis.Z", "down": "-Axis.Z"}
+
+
+def _hub_sides(robot: Robot) -> str:
+    """Arguments of a hub that does not lie flat and forwards."""
+    if robot.hub_sides == HUB_FLAT:
+        return ""
+    top, front = (_AXES[side] for side in robot.hub_sides)
+    return f"top_side={top}, front_side={front}"
+
+
 def _devices(robot: Robot, interface: Interface) -> str:
     joints = _joints(robot, interface)
-    lines = [f"hub = {robot.hub.model.class_name}()"]
+    lines = [f"hub = {robot.hub.model.class_name}({_hub_sides(robot)})"]
     for motor in _motors(robot, interface):
         lines += _motor_lines(motor, motor.name in joints)
     setups = dict.fromkeys(command.setup(robot) for command in interface.commands)

@@ -50,7 +50,6 @@ _HEAVY_KG = 0.030
 """Mass above which a body has more damping in its backlash."""
 _BEYOND_DEG = 15.0
 """Angle beyond a motor's range, at its shaft, up to which end stops are searched for."""
-_SAME_DIRECTION = 0.02
 
 
 def from_plan(path: Path, robot: Robot, scene: Scene) -> mujoco.MjSpec:
@@ -242,8 +241,12 @@ class _Build:
         mounted = {one.port: one for one in self.made.mounted}
         hub = mounted.get(None)
         if hub is not None:
-            self._check_hub(hub.link, hub.looks)
-            self.bodies[hub.link].add_site(name="imu", pos=self._local(hub.link, hub.point_m), group=SHAPE_GROUP)
+            if self.robot.needs_imu and hub.link != 0 and not self.made.is_fixed:
+                raise TwinError(
+                    f"{self.planned.plan.path}: the hub moves against the chassis; fix it there, or say needs_imu=False"
+                )
+            site = self.bodies[hub.link].add_site(name="imu", pos=self._local(hub.link, hub.point_m), group=SHAPE_GROUP)
+            site.quat = _quaternion(TO_TWIN @ self.planned.plan.parts[hub.part].rotation @ TO_TWIN.T)
         base = self.bodies[0]
         for sensor in self.robot.sensors:
             place = mounted.get(sensor.port)
@@ -266,17 +269,6 @@ class _Build:
         number = next(number for number, body in enumerate(self.made.bodies) if holder.index in body.parts)
         place = TO_TWIN @ holder.to_plan(np.array([holder.ball]))[0] * MM_PER_LDU / 1000
         add_ball(self.bodies[number], self._local(number, place))
-
-    def _check_hub(self, link: int, looks: Floats) -> None:
-        """Raise TwinError for a hub orientation in which the real IMU and the twin's differ."""
-        placed = self.planned.plan.parts[next(one.part for one in self.made.mounted if one.port is None)]
-        up = -placed.rotation[1, 1]
-        is_flat = abs(up + 1.0) < _SAME_DIRECTION and abs(looks[0] - 1.0) < _SAME_DIRECTION and (link == 0 or self.made.is_fixed)
-        if self.robot.needs_imu and not is_flat:
-            raise TwinError(
-                f"{self.planned.plan.path}: the hub does not lie flat on the chassis with its USB port forwards; "
-                "turn the hub, or say needs_imu=False"
-            )
 
     def _draw(self) -> None:
         plan, taken = self.planned.plan, {part for one in self.made.followers for part in one.parts}
@@ -314,6 +306,13 @@ def _range_of_shaft(motor: Motor) -> tuple[float, float] | None:
 def _turned(axis: Floats, angle: float) -> list[float]:
     """Quaternion of a rotation about an axis."""
     return [math.cos(angle / 2), *(math.sin(angle / 2) * axis).tolist()]
+
+
+def _quaternion(rotation: Floats) -> list[float]:
+    """Quaternion of a rotation matrix [3, 3]."""
+    quaternion = np.empty(4)
+    mujoco.mju_mat2Quat(quaternion, rotation.ravel())
+    return [float(value) for value in quaternion]
 
 
 def _facing(looks: Floats) -> list[float]:

@@ -65,7 +65,8 @@ def feet(planned: PlannedRobot) -> tuple[Foot, ...]:
         along = np.array([float((end - centre) @ axis) for end in ends])
         found.append(Foot(number, centre + axis * along.min(), centre + axis * along.max(), radius))
     low = min((foot.start_m[2] - foot.radius_m for foot in found), default=0.0)
-    return tuple(foot for foot in found if foot.start_m[2] - foot.radius_m < low + _FOOT_REACH_M)
+    standing = tuple(foot for foot in found if foot.start_m[2] - foot.radius_m < low + _FOOT_REACH_M)
+    return standing if len(standing) > 1 else ()  # nothing stands on one
 
 
 def add_shapes(
