@@ -67,14 +67,14 @@ def completed(robot: Robot) -> tuple[tuple[Motor, ...], tuple[Sensor, ...], Driv
             axle_track_mm=base.axle_track_mm or round(abs(float(left.centre_m[1] - right.centre_m[1])) * 1000, 3),
         )
     found = disagreements(robot.name, robot.hub.value, (*motors, *sensors), base, made)
-    sides = robot.hub_sides
+    mounted = robot.hub_sides
     if robot.needs_imu:
-        sides = sides or hub_sides(made)
-        found += _turned_hub(robot.name, sides, made)
+        mounted = mounted or hub_sides(made)
+        found += _turned_hub(robot.name, mounted, made)
     if found:
         where = f", line {found[0].line}" if found[0].line else ""
         raise DescriptionError(f"{robot.plan}{where}: {found[0].detail}")
-    return motors, sensors, base, sides
+    return motors, sensors, base, mounted
 
 
 def hub_sides(made: PlannedRobot) -> tuple[str, ...]:

@@ -275,7 +275,7 @@ class ArenaBody(MujocoBody):
 
     def __init__(self, world: ArenaWorld, one: Contestant, physics: Physics, seed: np.random.SeedSequence) -> None:
         self.robot, self.scene, self.physics = one.robot, OPEN_FLOOR, physics
-        self._up = up(physics).tolist()
+        self._up = up(physics)
         self._arena = world
         self.model, self.data = world.model, world.data
         self._number = world.arena.robots.index(one)
