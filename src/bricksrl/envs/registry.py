@@ -96,6 +96,8 @@ def make(
 ) -> EnvBase:
     """Make an environment: ``make("RoboArm-v0", hub="ble", sparse=True)``.
 
+    Pickling it, unless it is a real robot's, makes a fresh one with the same options and seed; without a seed, with another one.
+
     Args:
         env_id: one of :func:`list_envs`, or the location of a user's task: ``"my_task.py:TASK"``, ``"module:TASK"``.
         options: connection, physics and task options.
@@ -123,11 +125,15 @@ def make(
             raise DescriptionError(f"{env_id} is simulated without a robot; omit hub, realtime, physics and the like")
         from bricksrl.envs.simulation import SimulatedEnv
 
-        return SimulatedEnv(task, kinematics or offer.kinematics, batch_size=batch_size, device=device, seed=seed)
+        simulation = SimulatedEnv(task, kinematics or offer.kinematics, batch_size=batch_size, device=device, seed=seed)
+        simulation.remake = functools.partial(make, env_id, options, batch_size=batch_size, device=device, kinematics=kinematics)
+        return simulation
     if batch_size or device != "cpu" or kinematics is not None:
         raise DescriptionError(f"{env_id} is one robot; omit batch_size, device and kinematics")
     if address.is_virtual:
-        return _on_twin(task, options, seed)
+        env = _on_twin(task, options, seed)
+        env.remake = functools.partial(make, env_id, options)
+        return env
     if options.realtime or options.physics_or_draw is not None:
         raise DescriptionError("a real robot has its own time and physics; omit realtime and physics")
     if "calibration" not in options.options:

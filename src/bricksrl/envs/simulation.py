@@ -20,13 +20,14 @@ from torchrl.envs import EnvBase
 
 from bricksrl.envs.kinematics import Kinematics
 from bricksrl.envs.motor_profile import turn_on
+from bricksrl.envs.options import PicklableEnv
 from bricksrl.envs.specs import NominalBounded
 from bricksrl.envs.task import Task
 from bricksrl.errors import DescriptionError
 from bricksrl.hub.interface import RunAngle
 
 
-class SimulatedEnv(EnvBase):  # type: ignore[misc]
+class SimulatedEnv(PicklableEnv, EnvBase):  # type: ignore[misc]
     """``batch_size`` independent copies of a task; keys and specs are those of :class:`~bricksrl.envs.env.HubEnv`. Raises
     DescriptionError if the task has commands or motors that kinematics cannot move, or the batch size is invalid.
 
@@ -54,7 +55,7 @@ class SimulatedEnv(EnvBase):  # type: ignore[misc]
         self._rng = torch.Generator(self.device)
         self._plan(task)
         self._make_specs()
-        self.set_seed(seed if seed is not None else int(torch.seed() % 2**31))
+        self._set_seed(seed)
         self._copies = shape.numel()
         self._state = torch.zeros(len(task.entries), self._copies, device=self.device)
         self._steps = torch.zeros(self._copies, 1, dtype=torch.int32, device=self.device)
@@ -110,7 +111,11 @@ class SimulatedEnv(EnvBase):  # type: ignore[misc]
         self.done_spec = Composite(done=flag, terminated=flag.clone(), truncated=flag.clone(), shape=shape)
 
     def _set_seed(self, seed: int | None) -> None:
-        self._rng.manual_seed(int(seed or 0))  # it takes no NumPy integers
+        self._seed = seed
+        if seed is None:
+            self._rng.seed()
+        else:
+            self._rng.manual_seed(int(seed))  # it takes no NumPy integers
 
     def maybe_reset(self, tensordict: TensorDictBase) -> TensorDictBase:
         """Reset the copies that are done, and only those: resetting all would dominate the time of a step."""
