@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, fields, replace
 from typing import Any, Self
 
 from bricksrl.errors import BricksError, DescriptionError
+from bricksrl.fields import check_fields
 from bricksrl.hub.transport import Pipe
 from bricksrl.twin.physics import Physics, RandomPhysics
 
@@ -36,6 +37,7 @@ class EnvOptions:
     """Options of the task, such as ``{"sparse": True}``; plain values."""
 
     def __post_init__(self) -> None:
+        check_fields(type(self), vars(self))
         if self.randomize and self.physics is not None:
             raise DescriptionError("the physics is given and is to be random too; choose one of the two")
 

@@ -24,6 +24,7 @@ from bricksrl.envs.tasks.spinning import SPINNING
 from bricksrl.envs.tasks.walker import walker
 from bricksrl.envs.tasks.walker_forward import WALKER_FORWARD
 from bricksrl.errors import DescriptionError, UnknownNameError, UnknownOptionError, hint
+from bricksrl.fields import check_value
 from bricksrl.hub.transport import Transport
 from bricksrl.hub.transports.address import parse_hub
 from bricksrl.robots import Robot
@@ -111,10 +112,12 @@ def make(
 
     Raises:
         UnknownNameError: there is no such environment or no such kind of hub.
+        RunError: there is no such device.
         DescriptionError: the environment has no such option, its steps have no fixed time and cannot be streamed, or the seed
             is invalid.
     """
     check_seed(seed)
+    check_value("options", options, EnvOptions | None)
     options = (options or EnvOptions()).env_options.changed(**named)
     address = parse_hub(options.hub)
     offer = _offer(env_id)
@@ -230,6 +233,7 @@ def _build(env_id: str, offer: _Offer, options: dict[str, Any]) -> Task:
 
 
 def _offer(env_id: str) -> _Offer:
+    check_value("env_id", env_id, str)
     if user_files.is_reference(env_id):
         return _Offer(_with_own_id(user_files.load_builder(env_id)))
     try:

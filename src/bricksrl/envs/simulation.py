@@ -23,19 +23,20 @@ from bricksrl.envs.motor_profile import turn_on
 from bricksrl.envs.options import PicklableEnv
 from bricksrl.envs.specs import NominalBounded
 from bricksrl.envs.task import Task
-from bricksrl.errors import DescriptionError
+from bricksrl.errors import DescriptionError, RunError
 from bricksrl.hub.interface import RunAngle
 
 
 class SimulatedEnv(PicklableEnv, EnvBase):  # type: ignore[misc]
     """``batch_size`` independent copies of a task; keys and specs are those of :class:`~bricksrl.envs.env.HubEnv`. Raises
-    DescriptionError if the task has commands or motors that kinematics cannot move, or the batch size is invalid.
+    DescriptionError if the task has commands or motors that kinematics cannot move, or the batch size is invalid; RunError
+    if there is no such device.
 
     Args:
         task: a task whose commands all turn motors, and whose motor channels are all commanded.
         kinematics: motion and noise.
         batch_size: number of copies, as an integer or as in TorchRL (``[8]``); 0 or ``[]`` for one without a batch dimension.
-        device: device of the tensors.
+        device: device of the tensors, as for `resolve_device`.
         seed: seed of starts, goals and noise.
     """
 
@@ -49,7 +50,7 @@ class SimulatedEnv(PicklableEnv, EnvBase):  # type: ignore[misc]
         seed: int | None = None,
     ) -> None:
         shape = _shape(batch_size)
-        super().__init__(batch_size=shape, device=torch.device(device))
+        super().__init__(batch_size=shape, device=resolve_device(device))
         self.task = task
         self._kinematics = kinematics
         self._rng = torch.Generator(self.device)
@@ -181,6 +182,16 @@ class SimulatedEnv(PicklableEnv, EnvBase):  # type: ignore[misc]
 
     def _out(self, batch: Tensor) -> Tensor:
         return batch if self.batch_size else batch[0]
+
+
+def resolve_device(name: str | torch.device) -> torch.device:
+    """A device by name; "auto" is the best one here. Raises RunError if there is no such device."""
+    if name == "auto":
+        name = "cuda" if torch.cuda.is_available() else "mps" if torch.backends.mps.is_available() else "cpu"
+    try:
+        return torch.empty(0, device=torch.device(name)).device
+    except (RuntimeError, AssertionError, NotImplementedError, TypeError):
+        raise RunError(f"there is no device '{name}' here; choose cpu, cuda, mps or auto") from None
 
 
 def _shape(batch_size: int | Sequence[int]) -> torch.Size:
