@@ -10,7 +10,7 @@ from typing import Any
 from bricksrl.agents import algorithm, preset
 from bricksrl.agents.settings import LARGEST
 from bricksrl.envs.options import EnvOptions
-from bricksrl.errors import BricksError, DescriptionError, RunError
+from bricksrl.errors import BricksError, DescriptionError, RunError, counted
 from bricksrl.fields import check_fields
 from bricksrl.seed import check_seed
 from bricksrl.twin.physics import Physics
@@ -83,9 +83,10 @@ class TrainConfig(EnvOptions):
         if self.asynchronous and self.num_envs > 1:
             raise RunError("copies cannot be trained asynchronously; train synchronously, or omit num_envs")
         if self.updates and self.data is None:
-            raise RunError(f"{self.updates} updates from data need data; give the folder of a dataset")
+            raise RunError(f"{counted(self.updates, 'update')} from data need data; give the folder of a dataset")
         if self.updates and self.updates < self.episodes:
-            raise RunError(f"{self.updates} updates cannot be spread over {self.episodes} episodes; give fewer episodes")
+            episodes = counted(self.episodes, "episode")
+            raise RunError(f"{counted(self.updates, 'update')} cannot be spread over {episodes}; give fewer episodes")
         if len(self.hubs) > 1:
             self._check_fleet()
         if self.settings is None:  # stored, so that later versions use the same

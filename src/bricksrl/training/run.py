@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from bricksrl.errors import DescriptionError, RunError
+from bricksrl.errors import DescriptionError, RunError, counted
 from bricksrl.fields import check_value
 from bricksrl.training.callbacks import Callback, CallbackList, RunResult
 from bricksrl.training.config import TrainConfig
@@ -84,7 +84,9 @@ def resume(
     folder = RunFolder(run_dir)
     config = folder.read_config()
     if episodes is not None and episodes < config.episodes:
-        raise RunError(f"the run in {run_dir} already has {config.episodes} episodes; give that number or more, not {episodes}")
+        raise RunError(
+            f"the run in {run_dir} already has {counted(config.episodes, 'episode')}; give that number or more, not {episodes}"
+        )
     if config.updates and episodes not in (None, config.episodes):
         raise RunError(f"the run in {run_dir} learned from data; train on the robot from there with start='{run_dir}'")
     return _run(replace(config, episodes=episodes or config.episodes), folder, callback, env, place, stop, driver)
