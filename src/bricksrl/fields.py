@@ -48,7 +48,8 @@ def _is(value: Any, hint: Any) -> bool:
         return True
     if kind in (int, float) and isinstance(value, bool):
         return False
-    if not isinstance(value, int | float if kind is float else kind):
+    is_kind = isinstance(value, int | float if kind is float else kind)
+    if not is_kind:
         return False
     if kind is not tuple or not parts:
         return True

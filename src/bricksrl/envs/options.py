@@ -71,14 +71,14 @@ class PicklableEnv:
         remake: makes it, given a seed; ``None`` if there cannot be two of it, as of a robot.
     """
 
-    task: Any
     remake: Callable[..., object] | None = None
     _seed: int | None = None
 
     def __reduce__(self) -> tuple[Callable[[], object], tuple[()]]:
         if self.remake is None:
+            env_id = vars(self)["task"].id
             raise BricksError(
-                f"{self.task.id} cannot be pickled with its link to a robot; pass a function that makes it, such as "
-                f"functools.partial(bricksrl.make, '{self.task.id}', hub='ble')"
+                f"{env_id} cannot be pickled with its link to a robot; pass a function that makes it, such as "
+                f"functools.partial(bricksrl.make, '{env_id}', hub='ble')"
             )
         return functools.partial(self.remake, seed=self._seed), ()
