@@ -228,7 +228,7 @@ def test_ctrl_c_saves_and_resume_continues(start, fails, tmp_path):
     child.send_signal(signal.SIGINT)
     _, stderr = child.communicate(timeout=60)
     assert child.returncode == 130
-    found = re.fullmatch(rf"interrupted: saved (\d+) episodes in {run_dir}; `bricksrl resume {run_dir}` goes on\n", stderr)
+    found = re.fullmatch(rf"interrupted: saved (\d+) episodes? in {run_dir}; `bricksrl resume {run_dir}` goes on\n", stderr)
     assert found, stderr
     saved = RunFolder(run_dir).read_episodes()
     assert len(saved) == int(found[1]) >= 3
