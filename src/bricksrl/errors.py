@@ -95,3 +95,8 @@ def hint(name: str, known: Iterable[str]) -> str:
     by_lower = {one.lower(): one for one in known}
     close = difflib.get_close_matches(name.lower(), by_lower, n=1)
     return f" (did you mean '{by_lower[close[0]]}'?)" if close else ""
+
+
+def counted(number: int, noun: str) -> str:
+    """``"1 episode"`` or ``"2 episodes"``."""
+    return f"{number} {noun}{'' if number == 1 else 's'}"

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import enum
 import subprocess
 import sys
+from collections.abc import Callable
 from dataclasses import FrozenInstanceError, dataclass, fields, replace
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
+import numpy as np
 import pytest
 from small import ENV, SIGHT
 from toys import Cart
@@ -145,6 +149,36 @@ def test_user_settings_are_checked_by_annotations() -> None:
     with pytest.raises(FrozenInstanceError):
         Own().rate = 0.5  # type: ignore[misc]
     check_value("anything", "goes", str)
+
+
+class Shade(enum.Enum):
+    DARK = "dark"
+    LIGHT = "light"
+
+
+@pytest.mark.parametrize(
+    ("value", "hint", "message"),
+    [
+        ("dark", Shade, "x is 'dark'; give Shade.DARK or Shade.LIGHT"),
+        ("dark", Shade | None, "x is 'dark'; give Shade.DARK or Shade.LIGHT"),
+        (3, Path | None, "x is 3; give Path(...)"),
+        (b"3", int | str, "x is b'3'; give a whole number or a text"),
+        (list(range(99)), str, "x is of type list; give a text"),
+        (True, float, "x is True; give a number"),
+    ],
+)
+def test_message_names_wanted_types(value: object, hint: Any, message: str) -> None:
+    with pytest.raises(DescriptionError) as caught:
+        check_value("x", value, hint)
+    assert str(caught.value) == message
+
+
+@pytest.mark.parametrize(
+    ("value", "hint"),
+    [(Shade.DARK, Shade), (None, Shade | None), (np.float64(3), float), (3, float | None), (len, Callable), ([], Any)],
+)
+def test_values_of_wanted_types_pass(value: object, hint: Any) -> None:
+    check_value("x", value, hint)
 
 
 @pytest.mark.parametrize("agent", AGENTS)

@@ -50,6 +50,15 @@ def test_python_runs_the_package_as_the_command():
     assert (done.returncode, done.stdout) == (0, f"bricksrl {package.__version__}\n")
 
 
+@pytest.mark.parametrize("command", ["--version", "--help"])
+@pytest.mark.parametrize("output", ["| true", ">&-"])
+def test_unread_output_ends_quietly(command, output):
+    """A reader that has left, such as ``head``, and standard streams that are closed."""
+    line = f"{shlex.quote(sys.executable)} -m bricksrl {command} {output}"
+    done = subprocess.run(["sh", "-c", line], capture_output=True, text=True, timeout=60, check=False)
+    assert (done.stdout, done.stderr) == ("", "")
+
+
 def test_missing_docstrings_print_one_line():
     command = [sys.executable, "-OO", "-m", "bricksrl", "settings", "sac"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)

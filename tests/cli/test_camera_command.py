@@ -66,7 +66,7 @@ def test_webcam_calibration_uses_last_frames(
     assert taken == [1] * 4
     assert read_red(tmp_path / "camera-1.json").hue_deg[1] < 0
     said = capsys.readouterr().out
-    assert "ball     at 220, 120, 1600 px" in said
+    assert "ball     at 220, 120 (an area of 1600 px)" in said
     assert "2 things" in said
 
 

@@ -22,7 +22,7 @@ def test_record_on_page(tmp_path, capfd):
 def test_play_on_page(capfd):
     assert main(["play", "RunAway-v0", "--episodes", "1", "--page"]) == 0
     told = capfd.readouterr()
-    assert told.out.startswith("1 episodes, mean return") and "live page: http://127.0.0.1:" in told.err
+    assert told.out.startswith("1 episode, mean return") and "live page: http://127.0.0.1:" in told.err
 
 
 def test_program_on_page(tmp_path, capfd):

@@ -24,6 +24,12 @@ def test_robots_have_plans(bricksrl):
     assert "name an LDraw file" in bricksrl("plan", "check", "two-wheels").stderr
 
 
+def test_plan_of_one_part(bricksrl, tmp_path):
+    path = tmp_path / "one.ldr"
+    path.write_text("0 STEP\n1 0 0 0 0 1 0 0 0 1 0 0 0 1 32316.dat\n", encoding="utf-8")
+    assert bricksrl("plan", "check", str(path)).stdout.splitlines()[-1].startswith("1 part of 1 kind, 1 step, ")
+
+
 def test_mistake_has_line_and_exit_code(bricksrl, tmp_path):
     path = tmp_path / "my.ldr"
     path.write_text(Path(PLAN).read_text(encoding="utf-8").replace("!BRICKSRL PORT E", "!BRICKSRL PORT A"), encoding="utf-8")

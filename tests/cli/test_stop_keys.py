@@ -169,7 +169,7 @@ def test_signal_ends_training_and_saves(start, tmp_path) -> None:
     child.send_signal(signal.SIGUSR1)
     _, err = child.communicate(timeout=60)
     assert child.returncode == 130
-    assert re.fullmatch(r"stopped by hand\ninterrupted: \d+ episodes are saved in [^\n]+\n", err), err
+    assert re.fullmatch(r"stopped by hand\ninterrupted: saved \d+ episodes? in [^\n]+\n", err), err
 
 
 @pytest.mark.skipif(os.name != "posix", reason="a terminal of POSIX")

@@ -96,6 +96,15 @@ def test_drawing() -> None:
     env.close()
 
 
+def test_first_version_of_spec_gives_no_warning() -> None:
+    """As our documentation says; by its id, Gymnasium calls it out of date."""
+    with pytest.warns(DeprecationWarning, match="out of date"):
+        gymnasium.make("bricksrl/Walker-v0").close()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        gymnasium.make(gymnasium.spec("bricksrl/Walker-v0")).close()
+
+
 def test_gymnasium_make_by_both_names() -> None:
     """After ``import bricksrl``, and by naming the module in the id."""
     program = "import gymnasium; gymnasium.make('bricksrl:bricksrl/RunAway-v0').reset(); print('fine')"

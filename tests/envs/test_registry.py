@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+from pathlib import Path
+from typing import Any
 
 import gymnasium
 import pytest
@@ -10,7 +12,7 @@ import pytest
 import bricksrl
 from bricksrl.envs import get_task
 from bricksrl.envs.tasks.run_away import RUN_AWAY
-from bricksrl.errors import DescriptionError, UnknownNameError
+from bricksrl.errors import DescriptionError, RunError, UnknownNameError
 
 
 def test_list_describes_each_environment() -> None:
@@ -31,6 +33,28 @@ def test_unknown_environment_lists_known_ones(name: str, meant: str | None) -> N
     assert "RunAway-v0, " in message
     assert "\n" not in message
     assert (f"did you mean '{meant}'?" in message) is (meant is not None)
+
+
+@pytest.mark.parametrize("name", [None, 3, b"Walker-v0", Path("my_task.py"), ["Walker-v0"], RUN_AWAY])
+def test_id_of_another_type_raises(name: Any) -> None:
+    for wrong in (bricksrl.make, get_task):
+        with pytest.raises(DescriptionError, match="env_id is .*; give a text") as caught:
+            wrong(name)
+        assert len(str(caught.value)) < 60
+
+
+@pytest.mark.parametrize(
+    "option",
+    [{"hub": None}, {"hub": 3}, {"realtime": "yes"}, {"physics": {"a": 1}}, {"options": {"hub": "usb"}}, {"options": 3}],
+)
+def test_options_of_another_type_raise(option: Any) -> None:
+    with pytest.raises(DescriptionError, match=f"{next(iter(option))} is .*; give"):
+        bricksrl.make("RunAway-v0", **option)
+
+
+def test_unknown_device_raises() -> None:
+    with pytest.raises(RunError, match="there is no device 'gpu' here; choose cpu, cuda, mps or auto"):
+        bricksrl.make("WalkerSim-v0", device="gpu")
 
 
 def test_unknown_hubs_raise() -> None:

@@ -208,3 +208,11 @@ def test_auto_reset_is_that_of_torchrl(monkeypatch: pytest.MonkeyPatch) -> None:
     assert set(runs[0].keys()) == set(runs[1].keys())
     for key in ("observation", "terminated", "truncated", "done"):
         assert torch.equal(runs[0][key], runs[1][key]), key
+
+
+def test_making_without_seed_keeps_generator_of_torch() -> None:
+    torch.manual_seed(1)
+    expected = torch.rand(1)
+    torch.manual_seed(1)
+    bricksrl.make("WalkerSim-v0")
+    assert torch.rand(1) == expected

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from bricksrl.evaluation.report import counted, labelled
+from bricksrl.evaluation.report import labelled
 
 
 @pytest.mark.parametrize(
@@ -19,7 +19,3 @@ from bricksrl.evaluation.report import counted, labelled
 )
 def test_metrics_are_shown_with_their_units(name: str, value: float, shown: tuple[str, str]) -> None:
     assert labelled(name, value) == shown
-
-
-def test_numbers_agree_with_their_noun() -> None:
-    assert (counted(1, "episode"), counted(2, "episode")) == ("1 episode", "2 episodes")

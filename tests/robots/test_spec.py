@@ -141,3 +141,45 @@ def test_hub_sides_are_at_right_angles(sides: tuple[str, ...]) -> None:
 def test_hub_sides_need_imu() -> None:
     with pytest.raises(DescriptionError, match="only the IMU depends on hub_sides"):
         Robot("mine", HubKind.PRIME, hub_sides=("ahead", "down"))
+
+
+@pytest.mark.parametrize(
+    ("parts", "message"),
+    [
+        ({"hub": "prime"}, "hub is 'prime'; give HubKind.PRIME, HubKind.ESSENTIAL, "),
+        ({"hub": None}, "hub is None; give HubKind.PRIME"),
+        ({"motors": Motor("a", "A")}, r"motors is of type Motor; give several values, each Motor\(...\)"),
+        ({"motors": ("A",)}, r"motors is \('A',\); give several values, each Motor\(...\)"),
+        ({"sensors": None}, r"sensors is None; give several values, each UltrasonicSensor\(...\) or PoweredUpSensor\(...\)"),
+        ({"drive_base": "left right"}, r"drive_base is 'left right'; give DriveBase\(...\)"),
+        ({"needs_imu": "no"}, "needs_imu is 'no'; give True or False"),
+    ],
+)
+def test_parts_of_another_type_raise(parts: dict[str, object], message: str) -> None:
+    with pytest.raises(DescriptionError, match=message) as caught:
+        Robot(**{"name": "r", "hub": HubKind.PRIME, **parts})  # type: ignore[arg-type]
+    assert "\n" not in str(caught.value)
+
+
+def test_list_of_devices_becomes_tuple() -> None:
+    assert hash(Robot("r", HubKind.PRIME, motors=[Motor("m", "A")])) == hash(Robot("r", HubKind.PRIME, (Motor("m", "A"),)))  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"kind": "spike-medium"},
+        {"direction": "clockwise"},
+        {"gears": 3},
+        {"gears": ("a", "b")},
+        {"range_deg": 3},
+        {"range_deg": (1,)},
+        {"range_deg": ("a", "b")},
+        {"speed_limit_deg_s": "fast"},
+        {"zero_deg": "up"},
+    ],
+)
+def test_motor_of_another_type_raises(change: dict[str, object]) -> None:
+    with pytest.raises(DescriptionError, match=f"^{next(iter(change))} is .*; give ") as caught:
+        Motor("m", "A", **change)  # type: ignore[arg-type]
+    assert "\n" not in str(caught.value)

@@ -3,11 +3,13 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+import bricksrl
 from bricksrl.agents import AGENTS, preset
 from bricksrl.agents.sac import SACSettings
 from bricksrl.errors import DescriptionError, RunError
@@ -67,6 +69,44 @@ def test_damaged_config_raises(damage: dict[str, object]) -> None:
 def test_config_without_environment_raises() -> None:
     with pytest.raises(RunError, match="env"):
         TrainConfig.from_dict({})
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"episodes": "3"},
+        {"episodes": 3.5},
+        {"episodes": True},
+        {"eval_every": None},
+        {"patience_s": "1"},
+        {"env": None},
+        {"agent": 3},
+        {"device": None},
+        {"compile": "yes"},
+        {"hub": 3},
+        {"options": [1]},
+        {"data": 3},
+        {"run_dir": 3},
+        {"settings": {"gamma": 0.9}},
+        {"settings": "default"},
+    ],
+)
+def test_values_of_another_type_raise(change: dict[str, Any]) -> None:
+    (name,) = change
+    with pytest.raises(DescriptionError, match=f"{name} is .*; give ") as caught:
+        TrainConfig(**{"env": "RunAway-v0", **change})
+    assert "\n" not in str(caught.value)
+
+
+def test_folders_may_be_paths() -> None:
+    config = TrainConfig(env="RunAway-v0", data=Path("datasets/walk"), start=Path("runs/walk"))  # type: ignore[arg-type]
+    assert (config.data, config.start) == ("datasets/walk", "runs/walk")
+
+
+@pytest.mark.parametrize("config", ["RunAway-v0", None])
+def test_training_without_config_raises(config: Any) -> None:
+    with pytest.raises(DescriptionError, match=r"config is .*; give TrainConfig\(...\)"):
+        bricksrl.train(config)
 
 
 @pytest.mark.parametrize("change", [{"episodes": 0}, {"seed": -1}, {"seed": LARGEST_SEED + 1}])

@@ -25,8 +25,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     columns = os.environ.get("COLUMNS", "")
     if columns.isdecimal() and int(columns) < _NARROWEST:
         del os.environ["COLUMNS"]  # tables this narrow are unreadable
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:  # closed by the caller
+            setattr(sys, name, os.fdopen(os.open(os.devnull, os.O_WRONLY), "w"))
     for stream in (sys.stdout, sys.stderr):
-        if stream is not None and hasattr(stream, "reconfigure"):
+        if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="replace")  # for terminals that lack a character
     try:
         from bricksrl.cli.app import run

@@ -102,10 +102,10 @@ class Command(Protocol):
 
 def run(arguments: Sequence[str]) -> int:
     """Parse the arguments and run the command; a `BricksError` becomes one line on standard error."""
-    if list(arguments) == ["--version"]:
-        print_line(f"bricksrl {bricksrl.__version__}")
-        return 0
     try:
+        if list(arguments) == ["--version"]:
+            print_line(f"bricksrl {bricksrl.__version__}")
+            return 0
         return parse(arguments or ["--help"]).execute()
     except BricksError as error:
         print_error(str(error))

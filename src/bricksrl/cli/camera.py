@@ -88,7 +88,7 @@ class CalibrateCamera:
     @staticmethod
     def _print(found: FoundRed, things: int) -> None:
         window, (x, y) = found.window, found.middle
-        print_line(f"ball     at {x}, {y}, {int(found.mask.sum())} px")
+        print_line(f"ball     at {x}, {y} (an area of {int(found.mask.sum())} px)")
         print_line(f"hue      {window.hue_deg[0]:g} to {window.hue_deg[1]:g} degrees")
         print_line(f"from     saturation {window.saturation:.2f}, value {window.value:.2f}")
         if things > 1:

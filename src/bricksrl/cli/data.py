@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from tyro.conf import Positional
 
 from bricksrl.cli.options import Flag, option
 from bricksrl.cli.terminal import load_learning, print_line
-from bricksrl.errors import DataError
+from bricksrl.errors import DataError, counted
 from bricksrl.files import quoted
+
+if TYPE_CHECKING:
+    from bricksrl.data.episode_index import Index
 
 
 @dataclass(frozen=True)
@@ -46,7 +49,7 @@ class Info:
             spread = f"from {summary.return_min:.4g} to {summary.return_max:.4g}"
             print_line(f"  return        {summary.return_mean:.4g} ± {summary.return_std:.4g}  ({spread})")
             print_line(f"  policy        {', '.join(f'{name} ({count})' for name, count in summary.policies.items())}")
-            print_line(f"  by hand       {summary.interventions} steps")
+            print_line(f"  by hand       {counted(summary.interventions, 'step')}")
             print_line(
                 f"  observation   {', '.join(summary.observation)}{f', images of {summary.camera}' if summary.camera else ''}"
             )
@@ -107,14 +110,15 @@ class Repair:
             index, lost = salvage(root, self.out)
             for line in lost:
                 print_line(f"lost: {line}")
-            print_line(f"{len(index.rows)} episodes are in {self.out}")
+            print_line(f"{counted(len(index.rows), 'episode')}: {self.out}")
             return 0
         if not Layout(root).description.exists():
             raise DataError(f"there is no dataset of ours in {root}; choose another folder")
         with only_writer(root):
             done = recover(root, anew=True)
         print_line(
-            f"{len(done.index.rows)} episodes; {done.adopted} new in the index, {done.unfinished} unfinished files removed"
+            f"{counted(len(done.index.rows), 'episode')}; {done.adopted} new in the index, "
+            f"{counted(done.unfinished, 'unfinished file')} removed"
         )
         left = check(root)
         for line in left:
@@ -143,7 +147,7 @@ class Merge:
         from bricksrl.data.reader import dataset_folder
 
         index = merge([dataset_folder(path) for path in _not_empty(self.datasets)], self.out)
-        print_line(f"{len(index.rows)} episodes, {index.steps} steps: {self.out}")
+        print_line(f"{_size(index)}: {self.out}")
         return 0
 
 
@@ -173,7 +177,7 @@ class Split:
 
         parts = split(dataset_folder(self.dataset), self.out, self.rest, self.share, self.seed)
         for index, path in zip(parts, (self.out, self.rest), strict=True):
-            print_line(f"{len(index.rows)} episodes, {index.steps} steps: {path}")
+            print_line(f"{_size(index)}: {path}")
         return 0
 
 
@@ -221,7 +225,7 @@ class Import:
 
         for found in import_paper(self.source, self.out, env=self.env):
             index = found.index
-            print_line(f"{found.source}: {index.description.env}, {len(index.rows)} episodes, {index.steps} steps: {found.out}")
+            print_line(f"{found.source}: {index.description.env}, {_size(index)}: {found.out}")
         return 0
 
 
@@ -310,6 +314,10 @@ class Pull:
         pull = pull_policy if self.policy else pull_dataset
         print_line(str(pull(self.repo, self.out, revision=self.revision)))
         return 0
+
+
+def _size(index: Index) -> str:
+    return f"{counted(len(index.rows), 'episode')}, {counted(index.steps, 'step')}"
 
 
 def _not_empty(paths: tuple[Path, ...]) -> tuple[Path, ...]:

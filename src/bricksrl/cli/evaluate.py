@@ -13,7 +13,7 @@ from tyro.conf import Positional
 from bricksrl.cli.options import Flag, option
 from bricksrl.cli.terminal import INTERRUPTED, load_learning, print_interrupted, print_line, print_note
 from bricksrl.cli.video import check_film
-from bricksrl.errors import StoppedError, TwinError
+from bricksrl.errors import StoppedError, TwinError, counted
 
 if TYPE_CHECKING:
     from bricksrl.evaluation import EvaluationResult
@@ -104,7 +104,7 @@ class Evaluate:
 
 def describe(result: EvaluationResult) -> Iterator[str]:
     """Text lines of an evaluation, with its 95 % intervals."""
-    from bricksrl.evaluation.report import counted, labelled
+    from bricksrl.evaluation.report import labelled
 
     played, trained = counted(result.episodes, "episode"), counted(result.trained_episodes, "episode")
     yield f"{result.env}, {played} of {result.agent} after {trained} of training:"

@@ -17,7 +17,7 @@ from tyro.conf import Positional, UseAppendAction
 from bricksrl.cli.options import Flag, PageFlag, option
 from bricksrl.cli.page import LivePageGroup, PageAddress, announce
 from bricksrl.cli.terminal import INTERRUPTED, print_interrupted, print_line
-from bricksrl.errors import DescriptionError, UnknownNameError
+from bricksrl.errors import DescriptionError, UnknownNameError, counted
 
 if TYPE_CHECKING:
     from bricksrl.robots import Robot
@@ -56,7 +56,7 @@ class Program:
         if self.out.suffix != ".py":
             raise DescriptionError(f"'{self.out}' is not a name of a program; end it in .py")
         write_durably(self.out, f"{source}\n".encode())
-        print_line(f"{len(source.splitlines())} lines: {self.out}")
+        print_line(f"{counted(len(source.splitlines()), 'line')}: {self.out}")
         return 0
 
 

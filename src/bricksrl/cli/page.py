@@ -17,7 +17,7 @@ from tyro.conf import OmitArgPrefixes, Positional
 from bricksrl.cli.options import PageFlag, option
 from bricksrl.cli.robot_flags import RobotFlags, RobotGroup
 from bricksrl.cli.terminal import INTERRUPTED, load_learning, place_robot, print_line, print_note
-from bricksrl.errors import DescriptionError, StoppedError
+from bricksrl.errors import DescriptionError, StoppedError, counted
 
 if TYPE_CHECKING:
     from torchrl.envs import EnvBase
@@ -182,7 +182,7 @@ def _on_page(
             returns = play_on_page(env, page, players, episodes=episodes, stop=stop)
     except (KeyboardInterrupt, StoppedError):
         return INTERRUPTED
-    print_line(f"{len(returns)} episodes, mean return {sum(returns) / len(returns):.4g}")
+    print_line(f"{counted(len(returns), 'episode')}, mean return {sum(returns) / len(returns):.4g}")
     return 0
 
 
@@ -200,7 +200,7 @@ def _in_terminal(env: EnvBase, player: Player, episodes: int | None) -> int:
                 for frame in play(env, player.act, reset_policy=player.reset):
                     episode.add(frame)
                 number += 1
-                print_line(f"episode {number}  return {episode.return_:.4g}  {len(episode.rewards)} steps")
+                print_line(f"episode {number}  return {episode.return_:.4g}  {counted(len(episode.rewards), 'step')}")
     except (KeyboardInterrupt, StoppedError):
         return INTERRUPTED
     return 0

@@ -12,7 +12,7 @@ from tyro.conf import Positional
 from bricksrl.cli.options import option
 from bricksrl.cli.page import LivePageGroup, PageAddress, announce
 from bricksrl.cli.terminal import INTERRUPTED, print_line
-from bricksrl.errors import PlanError
+from bricksrl.errors import PlanError, counted
 
 if TYPE_CHECKING:
     from bricksrl.plans.plan import Plan
@@ -54,8 +54,9 @@ class CheckPlan:
             where = f"line {finding.line}" if finding.line else "the plan"
             print_line(f"{where:10}{finding.name:14}{finding.detail}")
         kinds = len({placed.part for placed in plan.parts})
-        about = f"{len(plan.parts)} parts of {kinds} kinds, {len(plan.steps)} steps, {plan.mass_g:.0f} g"
-        print_line(f"{about}: {len(findings)} findings" if findings else f"{about}: all is well")
+        parts, steps = counted(len(plan.parts), "part"), counted(len(plan.steps), "step")
+        about = f"{parts} of {counted(kinds, 'kind')}, {steps}, {plan.mass_g:.0f} g"
+        print_line(f"{about}: {counted(len(findings), 'finding')}" if findings else f"{about}: all is well")
         return 1 if findings else 0
 
 
@@ -101,7 +102,7 @@ class PlanParts:
                 print_line(f"{one.count:4} x  {one.part.number:10}{one.colour.name:20}{one.mass_g:8.2f} g  {one.part.name}")
         for unknown in plan.unknown:
             print_line(f"{len(unknown.lines):4} x  {unknown.number:10}not in the catalogue")
-        print_line(f"{len(plan.parts)} parts, {plan.mass_g:.0f} g{f': {self.out}' if self.out else ''}")
+        print_line(f"{counted(len(plan.parts), 'part')}, {plan.mass_g:.0f} g{f': {self.out}' if self.out else ''}")
         bought = purchases(plan)
         for line in bought:
             print_line(f"Set {line}")
@@ -129,7 +130,7 @@ class PlanSteps:
         from bricksrl.plans.booklet import write_booklet
 
         plan = _read(self.plan)
-        print_line(f"{write_booklet(plan, self.out)} pages: {self.out}")
+        print_line(f"{counted(write_booklet(plan, self.out), 'page')}: {self.out}")
         return 0
 
 

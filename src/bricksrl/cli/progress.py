@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bricksrl.cli.terminal import place_robot, print_line, print_note
+from bricksrl.errors import counted
 from bricksrl.files import quoted
 from bricksrl.training.callbacks import Callback, Episode, Phase, Progress, RobotState, RunResult
 
@@ -64,7 +65,7 @@ class LineProgress(Callback):
         return f"  {episode.updates_per_step:.3g} updates/step"
 
     def on_link_lost(self, episode: int, length: int, error: BricksError) -> None:
-        after = f"the link broke in episode {episode} after {length} steps" if length else "the robot is out of reach"
+        after = f"the link broke in episode {episode} after {counted(length, 'step')}" if length else "the robot is out of reach"
         print_line(f"{after} ({error}); trying to reach it again")
 
     def on_robot(self, robot: str, state: RobotState, reason: str) -> None:
@@ -74,7 +75,7 @@ class LineProgress(Callback):
             print_note(f"{robot} has left: {reason}")
 
     def on_catching_up(self, updates: int) -> None:
-        print_line(f"the robot is done; {updates} updates are left to learn, Ctrl-C leaves them out")
+        print_line(f"the robot is done; {counted(updates, 'update')} left to learn, Ctrl-C leaves out the rest")
 
     def place(self, rng: np.random.Generator) -> None:
         """Ask for the robot to be placed, as :func:`place_robot`."""
@@ -92,7 +93,9 @@ class LineProgress(Callback):
         """Text on what is saved if the run ends now."""
         if self.run_dir is None or not self.episodes_done:
             return "no episode was finished, so nothing was saved"
-        return f"{self.episodes_done} episodes are saved in {self.run_dir}; `bricksrl resume {quoted(self.run_dir)}` goes on"
+        return (
+            f"saved {counted(self.episodes_done, 'episode')} in {self.run_dir}; `bricksrl resume {quoted(self.run_dir)}` goes on"
+        )
 
     def close(self) -> None:
         """Restore the terminal; may be called repeatedly."""

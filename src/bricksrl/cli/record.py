@@ -17,7 +17,7 @@ from bricksrl.cli.robot_flags import RobotFlags, RobotGroup
 from bricksrl.cli.teleop import HANDS, driving, quiet
 from bricksrl.cli.terminal import INTERRUPTED, load_learning, print_interrupted, print_line, print_note
 from bricksrl.cli.video import filmed_env
-from bricksrl.errors import DataError, DescriptionError, StoppedError
+from bricksrl.errors import DataError, DescriptionError, StoppedError, counted
 from bricksrl.files import quoted
 from bricksrl.seed import check_seed
 
@@ -85,8 +85,10 @@ class Record:
         def tell(episode: Collected) -> None:
             nonlocal count
             count += 1
-            by_hand = f"  {episode.interventions} steps by hand" if episode.interventions else ""
-            print_line(f"episode {count}/{self.episodes}  return {episode.return_:.4g}  {episode.length} steps{by_hand}")
+            by_hand = f"  {counted(episode.interventions, 'step')} by hand" if episode.interventions else ""
+            print_line(
+                f"episode {count}/{self.episodes}  return {episode.return_:.4g}  {counted(episode.length, 'step')}{by_hand}"
+            )
 
         hands = self.policy if self.policy in HANDS else self.take_over
         options = self.robot.env_options()
@@ -103,7 +105,7 @@ class Record:
                 hand.take(env)
                 self._collect(env, recorder, human, tell, page)
         except (KeyboardInterrupt, StoppedError):
-            print_interrupted(f"{count} whole episodes are in {self.out}")
+            print_interrupted(f"saved {counted(count, 'whole episode')} in {self.out}")
             return INTERRUPTED
         print_line(f"dataset         {self.out}")
         if self.video is not None:

@@ -9,6 +9,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
 from bricksrl.cli.terminal import INTERRUPTED, print_interrupted, print_line
+from bricksrl.errors import counted
 from bricksrl.files import quoted
 
 if TYPE_CHECKING:
@@ -103,7 +104,7 @@ def train_seeds(config: TrainConfig, count: int, on: str | None = None) -> int:
         if interval is None
         else f"95 % interval: {interval.low:.4g} to {interval.high:.4g}"
     )
-    print_line(f"return   {summary.return_iqm:.4g}  (interquartile mean of {count} seeds; {spread})")
+    print_line(f"return   {summary.return_iqm:.4g}  (interquartile mean of {counted(count, 'seed')}; {spread})")
     print_line(f"summary          {config.run_dir}/summary.json")
     print_line(f"learning curves  {config.run_dir}/learning_curves.png")
     return 0

@@ -15,7 +15,7 @@ from bricksrl.cli.options import Flag, PageFlag, option
 from bricksrl.cli.page import LivePageGroup, PageAddress, run_on_page
 from bricksrl.cli.robot_flags import RobotFlags, RobotGroup
 from bricksrl.cli.terminal import INTERRUPTED, load_learning, print_interrupted, print_line
-from bricksrl.errors import DescriptionError, StoppedError
+from bricksrl.errors import DescriptionError, StoppedError, counted
 from bricksrl.files import quoted
 
 if TYPE_CHECKING:
@@ -283,11 +283,10 @@ def _show(result: RunResult, hand: Hand, page: LivePage | None) -> None:
     from bricksrl.cli.page import show_file
     from bricksrl.cli.video import report
     from bricksrl.evaluation import evaluate
-    from bricksrl.evaluation.report import counted
     from bricksrl.training import RunFolder
 
     last = result.episodes[-1]
-    print_line(f"trained {counted(last.episode, 'episode')}, {last.steps} steps, in {last.seconds:.0f} s")
+    print_line(f"trained {counted(last.episode, 'episode')}, {counted(last.steps, 'step')}, in {last.seconds:.0f} s")
     if result.caught_up:
         print_line(
             f"learning made {result.updates_per_step:.3g} updates a step while the robot was at work, {result.caught_up} after it"

@@ -11,7 +11,7 @@ from tyro.conf import Positional
 
 from bricksrl.cli.options import Flag, option
 from bricksrl.cli.terminal import print_line, yes
-from bricksrl.errors import TwinError
+from bricksrl.errors import TwinError, counted
 from bricksrl.seed import check_seed
 
 # Listed here, because importing the fit takes a second.
@@ -71,7 +71,7 @@ class Record:
             log = record(link, robot, interface, commands)
         write_log(self.out, log)
         seconds = (log.times_ms[-1] - log.times_ms[0]) / 1000
-        print_line(f"{len(log.commands)} commands in {seconds:.1f} s of {robot.name}: {self.out}")
+        print_line(f"{counted(len(log.commands), 'command')} in {seconds:.1f} s of {robot.name}: {self.out}")
         return 0
 
     def _link(self, robot: Robot, interface: Interface) -> HubLink:

@@ -6,6 +6,7 @@ import json
 from typing import Any
 
 from bricksrl.data.summary import Summary
+from bricksrl.errors import counted
 
 
 def dataset_card(summary: Summary, licence: str) -> str:
@@ -61,7 +62,7 @@ def policy_card(env: str, agent: str, episodes: int, evaluation: dict[str, Any] 
     found = "It has not been evaluated yet."
     if evaluation is not None:
         mean, std, count = evaluation["return_mean"], evaluation["return_std"], evaluation["episodes"]
-        found = f"Return {mean:.4g} ± {std:.4g} in {count} episodes of evaluation."
+        found = f"Return {mean:.4g} ± {std:.4g} in {counted(count, 'episode')} of evaluation."
     return f"""---
 license: {licence}
 library_name: bricksrl
@@ -74,7 +75,7 @@ tags:
 
 # {agent} for {env}
 
-Trained with BricksRL on {json.dumps(env)} for {episodes} episodes. {found}
+Trained with BricksRL on {json.dumps(env)} for {counted(episodes, "episode")}. {found}
 
 `policy.safetensors` holds the tensors that the policy acts with, `policy.json` what they belong to.
 

@@ -24,7 +24,7 @@ from bricksrl.data.layout import FileIndex, Layout, numbers
 from bricksrl.data.parquet import from_table, read_verified, statistics, tasks_table, to_parquet, to_table
 from bricksrl.data.reader import read_file
 from bricksrl.data.schema import Description
-from bricksrl.errors import DataError
+from bricksrl.errors import DataError, counted
 from bricksrl.files import refuse_existing, whole_folder, write_durably
 from bricksrl.seed import check_seed
 
@@ -62,7 +62,9 @@ def split(source: Path, first: Path, second: Path, share: float, seed: int) -> t
     index = read_index(source)
     count = round(share * len(index.rows))
     if not 0 < count < len(index.rows):
-        raise DataError(f"a share of {share:g} of {len(index.rows)} episodes leaves one of the two empty; choose another")
+        raise DataError(
+            f"a share of {share:g} of {counted(len(index.rows), 'episode')} leaves one of the two empty; choose another"
+        )
     chosen = set(np.random.default_rng(seed).permutation(len(index.rows))[:count].tolist())
     parts = [[row for row in index.rows if (row.episode in chosen) is taken] for taken in (True, False)]
     for target in (first, second):

@@ -19,7 +19,7 @@ from bricksrl.data.episode import About, EpisodeRow
 from bricksrl.data.layout import CODEBASE_VERSION, DATA_PATH, FileIndex, Layout, features, info
 from bricksrl.data.parquet import Statistics, join_statistics, read_parquet
 from bricksrl.data.schema import Description
-from bricksrl.errors import DataError
+from bricksrl.errors import DataError, counted
 from bricksrl.files import quoted, write_durably
 
 
@@ -118,7 +118,7 @@ def check_order(rows: Sequence[EpisodeRow], episodes: int, layout: Layout) -> No
         start += row.length
     if len(rows) != episodes:
         raise DataError(
-            f"{layout.info} counts {episodes} episodes and meta/episodes holds {len(rows)}; "
+            f"{layout.info} counts {counted(episodes, 'episode')} and meta/episodes holds {len(rows)}; "
             f"restore it from a copy, or run `bricksrl data repair {quoted(layout.root)}`"
         )
 

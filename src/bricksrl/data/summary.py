@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from bricksrl.data.episode_index import Index, read_index
 from bricksrl.data.layout import ACTION, OBSERVATION
 from bricksrl.data.reader import dataset_folder, read_columns
+from bricksrl.errors import counted
 from bricksrl.plotting import DARK, INK, LIGHT, MUTED, STRONG, check_picture, new_figure, save
 
 if TYPE_CHECKING:
@@ -103,7 +104,7 @@ def plot(path: Path, out: Path) -> None:
         _density(panel, title, columns["frame_index"], values)
     for unused in axes[2 + len(panels) :]:
         unused.set_visible(False)
-    title = f"{index.description.env} · {len(index.rows)} episodes · {index.steps} steps"
+    title = f"{index.description.env} · {counted(len(index.rows), 'episode')} · {counted(index.steps, 'step')}"
     figure.suptitle(title, x=0.01, ha="left", color=INK, fontsize=13, fontweight="bold")
     save(figure, out, 100)
 

@@ -16,6 +16,7 @@ from torchrl.envs import EnvBase
 from bricksrl.envs.connection import Connection, Reconnect
 from bricksrl.envs.dead_reckoning import TargetTracker, start_pose
 from bricksrl.envs.episode import EpisodeState, Timing, observe, with_numbers, with_truth
+from bricksrl.envs.options import PicklableEnv
 from bricksrl.envs.specs import NominalBounded
 from bricksrl.envs.stop_flag import StopFlag
 from bricksrl.envs.task import Task, never
@@ -38,7 +39,7 @@ _log = logging.getLogger(__name__)
 _T = TypeVar("_T")
 
 
-class HubEnv(EnvBase):  # type: ignore[misc]
+class HubEnv(PicklableEnv, EnvBase):  # type: ignore[misc]
     """A task on a robot, as a TorchRL environment without batch dimensions.
 
     ===============  =======  =======  =====================================================
@@ -150,6 +151,7 @@ class HubEnv(EnvBase):  # type: ignore[misc]
         self.done_spec = Composite(done=flag, terminated=flag.clone(), truncated=flag.clone())
 
     def _set_seed(self, seed: int | None) -> None:
+        self._seed = seed
         host, place, twin = np.random.SeedSequence(seed).spawn(3)
         self._host_rng, self._place_rng = np.random.default_rng(host), np.random.default_rng(place)
         self._twin_seed = int(twin.generate_state(1)[0])

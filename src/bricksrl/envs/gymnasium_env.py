@@ -1,4 +1,8 @@
-"""Gymnasium interface: ``gymnasium.make("bricksrl/RunAway-v0")`` after ``import bricksrl``."""
+"""Gymnasium interface: ``gymnasium.make("bricksrl/RunAway-v0")`` after ``import bricksrl``.
+
+Gymnasium calls each id that has a later version out of date. Here a later version is another task: ``Walker-v0`` is the paper's.
+``gymnasium.make(gymnasium.spec("bricksrl/Walker-v0"))`` does not warn.
+"""
 
 from __future__ import annotations
 
@@ -97,6 +101,10 @@ class GymnasiumEnv(gymnasium.Env[Observation, Array]):
         """Stop the robot and close the link. May be called twice."""
         self._close_renderer()
         self.env.close()
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Pickled without an episode, as ``env`` is."""
+        return {**self.__dict__, "_observations": [], "_renderer": None}
 
     def _close_renderer(self) -> None:
         if self._renderer is not None:

@@ -1,11 +1,14 @@
-"""Options of an environment: connection to the robot, physics, and variant of the task."""
+"""Options of an environment: connection to the robot, physics, and variant of the task; pickling as these options."""
 
 from __future__ import annotations
 
+import functools
+from collections.abc import Callable
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, Self
 
-from bricksrl.errors import DescriptionError
+from bricksrl.errors import BricksError, DescriptionError
+from bricksrl.fields import check_fields
 from bricksrl.hub.transport import Pipe
 from bricksrl.twin.physics import Physics, RandomPhysics
 
@@ -34,6 +37,7 @@ class EnvOptions:
     """Options of the task, such as ``{"sparse": True}``; plain values."""
 
     def __post_init__(self) -> None:
+        check_fields(type(self), vars(self))
         if self.randomize and self.physics is not None:
             raise DescriptionError("the physics is given and is to be random too; choose one of the two")
 
@@ -58,3 +62,23 @@ class EnvOptions:
     def physics_or_draw(self) -> Physics | RandomPhysics | None:
         """The fixed physics, or a sampler of one for each episode."""
         return RandomPhysics() if self.randomize else self.physics
+
+
+class PicklableEnv:
+    """An environment that is pickled and copied as the call that makes it: a fresh one with the same options and seed.
+
+    Attributes:
+        remake: makes it, given a seed; ``None`` if there cannot be two of it, as of a robot.
+    """
+
+    remake: Callable[..., object] | None = None
+    _seed: int | None = None
+
+    def __reduce__(self) -> tuple[Callable[[], object], tuple[()]]:
+        if self.remake is None:
+            env_id = vars(self)["task"].id
+            raise BricksError(
+                f"{env_id} cannot be pickled with its link to a robot; pass a function that makes it, such as "
+                f"functools.partial(bricksrl.make, '{env_id}', hub='ble')"
+            )
+        return functools.partial(self.remake, seed=self._seed), ()

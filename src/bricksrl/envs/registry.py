@@ -24,6 +24,7 @@ from bricksrl.envs.tasks.spinning import SPINNING
 from bricksrl.envs.tasks.walker import walker
 from bricksrl.envs.tasks.walker_forward import WALKER_FORWARD
 from bricksrl.errors import DescriptionError, UnknownNameError, UnknownOptionError, hint
+from bricksrl.fields import check_value
 from bricksrl.hub.transport import Transport
 from bricksrl.hub.transports.address import parse_hub
 from bricksrl.robots import Robot
@@ -96,6 +97,8 @@ def make(
 ) -> EnvBase:
     """Make an environment: ``make("RoboArm-v0", hub="ble", sparse=True)``.
 
+    Pickling it, unless it is a real robot's, makes a fresh one with the same options and seed; without a seed, with another one.
+
     Args:
         env_id: one of :func:`list_envs`, or the location of a user's task: ``"my_task.py:TASK"``, ``"module:TASK"``.
         options: connection, physics and task options.
@@ -109,10 +112,12 @@ def make(
 
     Raises:
         UnknownNameError: there is no such environment or no such kind of hub.
+        RunError: there is no such device.
         DescriptionError: the environment has no such option, its steps have no fixed time and cannot be streamed, or the seed
             is invalid.
     """
     check_seed(seed)
+    check_value("options", options, EnvOptions | None)
     options = (options or EnvOptions()).env_options.changed(**named)
     address = parse_hub(options.hub)
     offer = _offer(env_id)
@@ -123,11 +128,15 @@ def make(
             raise DescriptionError(f"{env_id} is simulated without a robot; omit hub, realtime, physics and the like")
         from bricksrl.envs.simulation import SimulatedEnv
 
-        return SimulatedEnv(task, kinematics or offer.kinematics, batch_size=batch_size, device=device, seed=seed)
+        simulation = SimulatedEnv(task, kinematics or offer.kinematics, batch_size=batch_size, device=device, seed=seed)
+        simulation.remake = functools.partial(make, env_id, options, batch_size=batch_size, device=device, kinematics=kinematics)
+        return simulation
     if batch_size or device != "cpu" or kinematics is not None:
         raise DescriptionError(f"{env_id} is one robot; omit batch_size, device and kinematics")
     if address.is_virtual:
-        return _on_twin(task, options, seed)
+        env = _on_twin(task, options, seed)
+        env.remake = functools.partial(make, env_id, options)
+        return env
     if options.realtime or options.physics_or_draw is not None:
         raise DescriptionError("a real robot has its own time and physics; omit realtime and physics")
     if "calibration" not in options.options:
@@ -224,6 +233,7 @@ def _build(env_id: str, offer: _Offer, options: dict[str, Any]) -> Task:
 
 
 def _offer(env_id: str) -> _Offer:
+    check_value("env_id", env_id, str)
     if user_files.is_reference(env_id):
         return _Offer(_with_own_id(user_files.load_builder(env_id)))
     try:

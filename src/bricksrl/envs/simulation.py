@@ -20,21 +20,23 @@ from torchrl.envs import EnvBase
 
 from bricksrl.envs.kinematics import Kinematics
 from bricksrl.envs.motor_profile import turn_on
+from bricksrl.envs.options import PicklableEnv
 from bricksrl.envs.specs import NominalBounded
 from bricksrl.envs.task import Task
-from bricksrl.errors import DescriptionError
+from bricksrl.errors import DescriptionError, RunError
 from bricksrl.hub.interface import RunAngle
 
 
-class SimulatedEnv(EnvBase):  # type: ignore[misc]
+class SimulatedEnv(PicklableEnv, EnvBase):  # type: ignore[misc]
     """``batch_size`` independent copies of a task; keys and specs are those of :class:`~bricksrl.envs.env.HubEnv`. Raises
-    DescriptionError if the task has commands or motors that kinematics cannot move, or the batch size is invalid.
+    DescriptionError if the task has commands or motors that kinematics cannot move, or the batch size is invalid; RunError
+    if there is no such device.
 
     Args:
         task: a task whose commands all turn motors, and whose motor channels are all commanded.
         kinematics: motion and noise.
         batch_size: number of copies, as an integer or as in TorchRL (``[8]``); 0 or ``[]`` for one without a batch dimension.
-        device: device of the tensors.
+        device: device of the tensors, as for `resolve_device`.
         seed: seed of starts, goals and noise.
     """
 
@@ -48,13 +50,13 @@ class SimulatedEnv(EnvBase):  # type: ignore[misc]
         seed: int | None = None,
     ) -> None:
         shape = _shape(batch_size)
-        super().__init__(batch_size=shape, device=torch.device(device))
+        super().__init__(batch_size=shape, device=resolve_device(device))
         self.task = task
         self._kinematics = kinematics
         self._rng = torch.Generator(self.device)
         self._plan(task)
         self._make_specs()
-        self.set_seed(seed if seed is not None else int(torch.seed() % 2**31))
+        self._set_seed(seed)
         self._copies = shape.numel()
         self._state = torch.zeros(len(task.entries), self._copies, device=self.device)
         self._steps = torch.zeros(self._copies, 1, dtype=torch.int32, device=self.device)
@@ -110,7 +112,11 @@ class SimulatedEnv(EnvBase):  # type: ignore[misc]
         self.done_spec = Composite(done=flag, terminated=flag.clone(), truncated=flag.clone(), shape=shape)
 
     def _set_seed(self, seed: int | None) -> None:
-        self._rng.manual_seed(int(seed or 0))  # it takes no NumPy integers
+        self._seed = seed
+        if seed is None:
+            self._rng.seed()
+        else:
+            self._rng.manual_seed(int(seed))  # it takes no NumPy integers
 
     def maybe_reset(self, tensordict: TensorDictBase) -> TensorDictBase:
         """Reset the copies that are done, and only those: resetting all would dominate the time of a step."""
@@ -176,6 +182,16 @@ class SimulatedEnv(EnvBase):  # type: ignore[misc]
 
     def _out(self, batch: Tensor) -> Tensor:
         return batch if self.batch_size else batch[0]
+
+
+def resolve_device(name: str | torch.device) -> torch.device:
+    """A device by name; "auto" is the best one here. Raises RunError if there is no such device."""
+    if name == "auto":
+        name = "cuda" if torch.cuda.is_available() else "mps" if torch.backends.mps.is_available() else "cpu"
+    try:
+        return torch.empty(0, device=torch.device(name)).device
+    except (RuntimeError, AssertionError, NotImplementedError, TypeError):
+        raise RunError(f"there is no device '{name}' here; choose cpu, cuda, mps or auto") from None
 
 
 def _shape(batch_size: int | Sequence[int]) -> torch.Size:

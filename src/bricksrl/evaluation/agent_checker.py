@@ -16,7 +16,7 @@ from bricksrl.agents import AGENTS, Algorithm, algorithm, is_reference, make_lea
 from bricksrl.envs import make
 from bricksrl.envs.env_checker import Broken, Skip, run_checks
 from bricksrl.envs.user_files import load_object
-from bricksrl.errors import BricksError
+from bricksrl.errors import BricksError, counted
 from bricksrl.evaluation.settings_text import with_changes
 from bricksrl.finding import Finding
 from bricksrl.training.config import settings_from
@@ -82,7 +82,7 @@ class _Checked:
         texts = [f"{name}={','.join(map(str, value)) if isinstance(value, tuple) else value}" for name, value in values.items()]
         if with_changes(settings, texts) != settings:
             raise Broken("settings that are given as --set NAME=VALUE are others; use numbers, texts and tuples")
-        return f"{len(values)} settings, which can be written down and read"
+        return f"{counted(len(values), 'setting')}, which can be written down and read"
 
     def build(self) -> str:
         self.learner = make_learner(self.algorithm.name, make(ENV, seed=_SEED))
@@ -100,18 +100,18 @@ class _Checked:
                 raise Broken(f"an action has the shape {list(action.shape)}; give {list(env.action_spec.shape)}")
             if not bool((action.abs() <= 1.0 + 1e-6).all()):
                 raise Broken(f"an action is {action.tolist()}; give numbers in -1..1")
-        return f"actions of {action.numel()} numbers in -1..1, exploring and not"
+        return f"actions of {counted(action.numel(), 'number')} in -1..1, exploring and not"
 
     def memory(self) -> str:
         learner = self._learner()
         if learner.imitates:
-            return f"{self._study(learner)} transitions of a dataset"
+            return f"{counted(self._study(learner), 'transition')} of a dataset"
         if learner.memory is None:
             raise Skip("it remembers nothing")
         learner.remember(_frames(learner, make(ENV, seed=_SEED)))
         if not len(learner.memory):
             raise Broken("the memory is empty after transitions were remembered")
-        return f"{len(learner.memory)} rows of {_STEPS} steps or more"
+        return f"{counted(len(learner.memory), 'row')} of {_STEPS} steps or more"
 
     def learning(self) -> str:
         learner = self._learner()
@@ -123,10 +123,12 @@ class _Checked:
             raise Broken("nothing was learned; fill the memory, and give updates_per_step")
         wrong = [name for name, value in losses.items() if not bool(torch.isfinite(value))]
         if wrong:
-            raise Broken(f"{', '.join(wrong)} is not a number after {learner.updates} updates")
+            raise Broken(f"{', '.join(wrong)} is not a number after {counted(learner.updates, 'update')}")
         if all(torch.equal(one, other) for one, other in zip(before, learner.parameters(), strict=True)):
-            raise Broken(f"{learner.updates} updates changed nothing; let the optimizer have the loss's parameters")
-        return f"{learner.updates} updates: {', '.join(f'{name} {float(value):.3g}' for name, value in losses.items())}"
+            raise Broken(f"{counted(learner.updates, 'update')} changed nothing; let the optimizer have the loss's parameters")
+        return (
+            f"{counted(learner.updates, 'update')}: {', '.join(f'{name} {float(value):.3g}' for name, value in losses.items())}"
+        )
 
     def saving(self) -> str:
         learner, env = self._learner(), make(ENV, seed=_SEED)
@@ -154,7 +156,7 @@ class _Checked:
         losses = learner.learn(_STEPS)
         if not losses or not all(bool(torch.isfinite(value)) for value in losses.values()):
             raise Broken(f"what it learns from {_COPIES} copies is {losses or 'nothing'}")
-        return f"{learner.updates} updates from {_COPIES} copies side by side"
+        return f"{counted(learner.updates, 'update')} from {_COPIES} copies side by side"
 
     def _learner(self) -> Learner:
         if self.learner is None:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bricksrl.envs.reference_returns import REFERENCES, reference_lines
+from bricksrl.errors import counted
 from bricksrl.files import quoted, write_durably
 from bricksrl.training.callbacks import Episode
 from bricksrl.training.curve import draw_learning_curve
@@ -68,7 +69,7 @@ def write_report(
 def _lead(episodes: Sequence[Episode], result: EvaluationResult, films: Films | None) -> str:
     last, learned, played = episodes[-1], counted(episodes[-1].episode, "episode"), counted(result.episodes, "episode")
     text = (
-        f"The agent <b>{html.escape(result.agent)}</b> learned for {learned} ({last.steps} steps of the robot) in "
+        f"The agent <b>{html.escape(result.agent)}</b> learned for {learned} ({counted(last.steps, 'step')} of the robot) in "
         f"{last.seconds:.0f} s. Then it did its best in {played}: a mean return of "
         f"<b>{result.return_mean:.4g}</b>"
     )
@@ -124,11 +125,6 @@ def labelled(name: str, value: float) -> tuple[str, str]:
     """Label and value of a metric, with its unit: "forward speed" and "0.05246 m/s" for ``forward_speed_m_s``."""
     ending, unit = next(((ending, unit) for ending, unit in _UNITS.items() if name.endswith(ending)), ("", ""))
     return name.removesuffix(ending).replace("_", " "), f"{value:.4g} {unit}".rstrip()
-
-
-def counted(number: int, noun: str) -> str:
-    """``"1 episode"`` or ``"2 episodes"``."""
-    return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
 def _table(rows: Iterable[tuple[str, str]]) -> str:

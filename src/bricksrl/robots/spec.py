@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import ClassVar, TypeVar
 
 from bricksrl.errors import DescriptionError
+from bricksrl.fields import check_fields
 
 
 @dataclass(frozen=True)
@@ -112,6 +113,7 @@ class Motor:
     def __post_init__(self) -> None:
         _check_name(self.name)
         _check_port(self.name, self.port)
+        check_fields(Motor, vars(self))
         if len(self.gears) == 1 or any(teeth < 1 for teeth in self.gears):
             raise DescriptionError(
                 f"motor '{self.name}': gears {self.gears} are not a train; give the teeth from motor to output, e.g. (20, 60)"
@@ -215,6 +217,7 @@ class PoweredUpSensor:
     def __post_init__(self) -> None:
         _check_name(self.name)
         _check_port(self.name, self.port)
+        check_fields(PoweredUpSensor, vars(self))
 
 
 Sensor = UltrasonicSensor | PoweredUpSensor
@@ -231,6 +234,7 @@ class DriveBase:
     axle_track_mm: float = 0.0
 
     def __post_init__(self) -> None:
+        check_fields(DriveBase, vars(self))
         if self.left == self.right:
             raise DescriptionError(f"drive base: left and right are both '{self.left}'; name two motors")
         if self.wheel_diameter_mm < 0 or self.axle_track_mm < 0:
@@ -292,7 +296,11 @@ class Robot:
     chassis: Chassis = Chassis()
 
     def __post_init__(self) -> None:
-        _check_name(self.name.replace("-", "_"))
+        _check_name(str(self.name).replace("-", "_"))
+        for field in ("motors", "sensors"):  # a list is as good, but has no hash
+            value = getattr(self, field)
+            object.__setattr__(self, field, tuple(value) if isinstance(value, list) else value)
+        check_fields(Robot, vars(self))
         if self.plan is not None:
             from bricksrl.robots.planned import completed
 

@@ -10,7 +10,7 @@ from typing import Any
 from bricksrl.agents import algorithm, preset
 from bricksrl.agents.settings import LARGEST
 from bricksrl.envs.options import EnvOptions
-from bricksrl.errors import BricksError, RunError
+from bricksrl.errors import BricksError, DescriptionError, RunError, counted
 from bricksrl.fields import check_fields
 from bricksrl.seed import check_seed
 from bricksrl.twin.physics import Physics
@@ -68,9 +68,10 @@ class TrainConfig(EnvOptions):
     """New folder of the run; by default the first free one of ``runs/<env>-<agent>-seed-<seed>`` and the same with -2, -3, ..."""
 
     def __post_init__(self) -> None:
+        for name, kind in (("run_dir", Path), ("data", str), ("start", str)):  # a string is as good as a path
+            if isinstance(getattr(self, name), Path | str):
+                object.__setattr__(self, name, kind(getattr(self, name)))
         super().__post_init__()
-        if self.run_dir is not None:  # a string too
-            object.__setattr__(self, "run_dir", Path(self.run_dir))
         for name, least in _LEAST.items():
             if not least <= getattr(self, name) <= LARGEST:
                 raise RunError(f"{name} is {getattr(self, name)}; give {least} or more, and up to {LARGEST:,}")
@@ -82,13 +83,16 @@ class TrainConfig(EnvOptions):
         if self.asynchronous and self.num_envs > 1:
             raise RunError("copies cannot be trained asynchronously; train synchronously, or omit num_envs")
         if self.updates and self.data is None:
-            raise RunError(f"{self.updates} updates from data need data; give the folder of a dataset")
+            raise RunError(f"{counted(self.updates, 'update')} from data need data; give the folder of a dataset")
         if self.updates and self.updates < self.episodes:
-            raise RunError(f"{self.updates} updates cannot be spread over {self.episodes} episodes; give fewer episodes")
+            episodes = counted(self.episodes, "episode")
+            raise RunError(f"{counted(self.updates, 'update')} cannot be spread over {episodes}; give fewer episodes")
         if len(self.hubs) > 1:
             self._check_fleet()
         if self.settings is None:  # stored, so that later versions use the same
             object.__setattr__(self, "settings", settings_for(self.env, "default", self.agent))
+        if not dataclasses.is_dataclass(self.settings):
+            raise DescriptionError(f"settings is {self.settings!r}; give those of the agent, such as preset('paper', 'sac')")
 
     @property
     def hubs(self) -> tuple[str, ...]:
@@ -121,7 +125,6 @@ class TrainConfig(EnvOptions):
             raise RunError("'settings' in the config is not a table; restore the file")
         physics = data.get("physics")
         try:
-            check_fields(cls, data)
             settings = None if given is None else settings_from(data.get("agent", cls.agent), given)
             data = {**data, "settings": settings, "physics": None if physics is None else Physics.from_dict(physics)}
             return cls(**data, run_dir=run_dir)

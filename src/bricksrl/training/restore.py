@@ -47,22 +47,11 @@ def one_robot(config: TrainConfig) -> TrainConfig:
     return replace(config, num_envs=1, robots=1, hub=config.hubs[0], device="cpu")
 
 
-def resolve_device(name: str) -> str:
-    """A device by name; "auto" is the best one here. Raises RunError if there is no such device."""
-    import torch
-
-    if name == "auto":
-        return "cuda" if torch.cuda.is_available() else "mps" if torch.backends.mps.is_available() else "cpu"
-    try:
-        torch.empty(0, device=name)
-    except (RuntimeError, AssertionError, NotImplementedError):
-        raise RunError(f"there is no device '{name}' here; choose cpu, cuda, mps or auto") from None
-    return name
-
-
 def make_learner_for(config: TrainConfig, env: EnvBase, device: str | None = None) -> Learner:
     """A new learner from a config, for ``env``. Raises RunError without enough memory, device or compiler."""
-    device = resolve_device(config.device) if device is None else device
+    from bricksrl.envs.simulation import resolve_device
+
+    device = str(resolve_device(config.device)) if device is None else device
     try:
         learner = make_learner(config.agent, env, config.settings, device)
     except RuntimeError as error:

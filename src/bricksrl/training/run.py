@@ -9,11 +9,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from bricksrl.errors import DescriptionError, RunError
+from bricksrl.errors import DescriptionError, RunError, counted
+from bricksrl.fields import check_value
 from bricksrl.training.callbacks import Callback, CallbackList, RunResult
 from bricksrl.training.config import TrainConfig
 from bricksrl.training.offline import attach_dataset, warm_start
-from bricksrl.training.restore import identity_of, load_state, make_learner_for, resolve_device
+from bricksrl.training.restore import identity_of, load_state, make_learner_for
 from bricksrl.training.run_folder import RunFolder
 from bricksrl.training.signals import StopSignals
 
@@ -53,6 +54,7 @@ def train(
         LearnerError: the process of an asynchronous learner failed; earlier progress is saved.
         KeyboardInterrupt: Ctrl-C before the robot was connected; nothing was created.
     """
+    check_value("config", config, TrainConfig)
     if config.run_dir is not None and config.run_dir.exists():
         raise RunError(f"{config.run_dir} exists already; resume that run or choose another folder")
     return _run(config, None, callback, env, place, stop, driver)
@@ -82,7 +84,9 @@ def resume(
     folder = RunFolder(run_dir)
     config = folder.read_config()
     if episodes is not None and episodes < config.episodes:
-        raise RunError(f"the run in {run_dir} already has {config.episodes} episodes; give that number or more, not {episodes}")
+        raise RunError(
+            f"the run in {run_dir} already has {counted(config.episodes, 'episode')}; give that number or more, not {episodes}"
+        )
     if config.updates and episodes not in (None, config.episodes):
         raise RunError(f"the run in {run_dir} learned from data; train on the robot from there with start='{run_dir}'")
     return _run(replace(config, episodes=episodes or config.episodes), folder, callback, env, place, stop, driver)
@@ -189,6 +193,6 @@ def make_env(config: TrainConfig, place: Placement | None = None) -> EnvBase:
     from bricksrl.training.collection import make_copies
 
     try:
-        return make_copies(config.env, config, config.num_envs, seed=config.seed, device=resolve_device(config.device))
+        return make_copies(config.env, config, config.num_envs, seed=config.seed, device=config.device)
     except DescriptionError as error:
         raise RunError(f"cannot make {config.num_envs} copies of {config.env}: {error}") from None

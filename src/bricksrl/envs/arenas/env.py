@@ -13,6 +13,7 @@ from torchrl.envs import EnvBase
 from bricksrl.envs.arenas.specs import by_groups, joined_actions, set_specs
 from bricksrl.envs.arenas.task import ArenaState, ArenaTask
 from bricksrl.envs.connection import Reconnect
+from bricksrl.envs.options import PicklableEnv
 from bricksrl.errors import BricksError, HubError, StoppedError
 from bricksrl.hub.link.together import TeamLink
 from bricksrl.twin.arena import ArenaWorld
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
     from bricksrl.twin.physics import Physics
 
 
-class ArenaEnv(EnvBase):  # type: ignore[misc]
+class ArenaEnv(PicklableEnv, EnvBase):  # type: ignore[misc]
     """Several robots of a task, as a TorchRL environment with groups; see `bricksrl.envs.arenas.specs.set_specs`.
 
     A broken link ends the episode for all: the step is truncated and marked ``link_lost``, all links are closed, so that all
@@ -55,6 +56,7 @@ class ArenaEnv(EnvBase):  # type: ignore[misc]
         self.is_closed = False
 
     def _set_seed(self, seed: int | None) -> None:
+        self._seed = seed
         place, world = np.random.SeedSequence(seed).spawn(2)
         self._place_rng = np.random.default_rng(place)
         self._world_seed = int(world.generate_state(1)[0])

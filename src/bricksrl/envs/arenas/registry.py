@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import importlib
 from typing import TYPE_CHECKING
 
@@ -11,6 +12,8 @@ from bricksrl.seed import check_seed
 if TYPE_CHECKING:
     from torchrl.envs import EnvBase
 
+    from bricksrl.envs.arenas.env import ArenaEnv
+    from bricksrl.envs.arenas.simulation import ArenaSimulation
     from bricksrl.envs.arenas.task import ArenaTask
     from bricksrl.twin.physics import Physics
 
@@ -55,7 +58,10 @@ def make_arena(
             raise DescriptionError(f"{task.id} has no kinematic simulation of what is pushed, of time or of physics; omit it")
         from bricksrl.envs.arenas.simulation import ArenaSimulation
 
-        return ArenaSimulation(task, batch_size, seed=seed, device=device)
-    from bricksrl.envs.arenas.env import ArenaEnv
+        made: ArenaSimulation | ArenaEnv = ArenaSimulation(task, batch_size, seed=seed, device=device)
+    else:
+        from bricksrl.envs.arenas.env import ArenaEnv
 
-    return ArenaEnv(task, seed=seed, physics=physics, realtime=realtime)
+        made = ArenaEnv(task, seed=seed, physics=physics, realtime=realtime)
+    made.remake = functools.partial(make_arena, env, physics=physics, realtime=realtime, batch_size=batch_size, device=device)
+    return made

@@ -14,6 +14,7 @@ from torchrl.envs import EnvBase
 
 from bricksrl.envs.arenas.specs import by_groups, joined_actions, set_specs
 from bricksrl.envs.arenas.task import ArenaState, ArenaTask
+from bricksrl.envs.options import PicklableEnv
 from bricksrl.errors import DescriptionError
 
 if TYPE_CHECKING:
@@ -27,7 +28,7 @@ MARGIN_M = 0.07
 """Least distance of a robot's middle from a wall."""
 
 
-class ArenaSimulation(EnvBase):  # type: ignore[misc]
+class ArenaSimulation(PicklableEnv, EnvBase):  # type: ignore[misc]
     """Copies ``[copies]`` of a task without loads."""
 
     def __init__(self, task: ArenaTask, copies: int, *, seed: int | None = None, device: torch.device | str = "cpu") -> None:
@@ -58,6 +59,7 @@ class ArenaSimulation(EnvBase):  # type: ignore[misc]
         self._step_count = torch.zeros(copies, 1, dtype=torch.int64, device=device)
 
     def _set_seed(self, seed: int | None) -> None:
+        self._seed = seed
         if seed is None:
             self._rng.seed()
         else:
