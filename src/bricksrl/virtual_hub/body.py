@@ -81,5 +81,9 @@ class FittingBody(Protocol):
     def put_on_wheels(self, turns: Mapping[str, float]) -> None:
         """The hub rides on wheels that do not slip: degrees that it turns clockwise for one millidegree of each motor."""
 
+    def find_wheels(self, directions: Mapping[str, int]) -> None:
+        """The program reads the gyroscope without a drive base: positive directions of its motors, clockwise 1 or
+        counterclockwise -1, by port in order of creation."""
+
     def mount(self, up: tuple[float, float, float]) -> None:
         """On wheels, up is this direction in the hub's frame."""

@@ -6,6 +6,7 @@ import math
 from typing import Any
 
 from bricksrl.virtual_hub.body import FittingBody
+from bricksrl.virtual_hub.firmware.heading import Heading
 from bricksrl.virtual_hub.micropython.errors import HubOSError
 from bricksrl.virtual_hub.micropython.floats import to_single
 from bricksrl.virtual_hub.pybricks.context import Context, charged, get_array, get_number
@@ -51,7 +52,8 @@ class IMU:
 
     def __init__(self, context: Context) -> None:
         self._machine = context.machine
-        self._heading = self._machine.heading
+        body = self._machine.body
+        self._bench = body if isinstance(body, FittingBody) else None
         self._settings: dict[str, Any] = dict(zip(_NAMES, _DEFAULTS, strict=True))
         self.orient(Axis.Z, Axis.X)
 
@@ -68,10 +70,17 @@ class IMU:
             top[0] * front[1] - top[1] * front[0],
         )
         self._frame = self._heading.frame = front, left, top
-        if isinstance(self._machine.body, FittingBody):
-            self._machine.body.mount((front[2], left[2], top[2]))
+        if self._bench is not None:
+            self._bench.mount((front[2], left[2], top[2]))
         self._heading.set_angle(0.0)
         self._is_aligned = front == (1.0, 0.0, 0.0) and top == (0.0, 0.0, 1.0)
+
+    @property
+    def _heading(self) -> Heading:
+        """Heading, once the bench has found its wheels."""
+        if self._bench is not None:
+            self._bench.find_wheels({port: servo.direction for port, servo in self._machine.servos.items()})
+        return self._machine.heading
 
     @charged
     def tilt(self, calibrated: Any = True) -> tuple[float, float]:
