@@ -38,13 +38,22 @@ def test_turn_by_gyroscope_ends(tmp_path: Path, start: str) -> None:
 
 
 def test_turn_to_the_left_by_summed_turn_rate_ends(tmp_path: Path) -> None:
-    source = PAIR + "left.run(-300)\nright.run(300)\nangle = 0\nwhile angle < 90:\n    angle += hub.imu.angular_velocity(Axis.Z) / 100\n"
-    printed, _ = run(tmp_path, source + "    wait(10)\nprint(-100 < hub.imu.heading() < -80, round(hub.imu.rotation(Axis.Z), -1))")
+    source = """
+left.run(-300)
+right.run(300)
+angle = 0
+while angle < 90:
+    angle += hub.imu.angular_velocity(Axis.Z) / 100
+    wait(10)
+print(-100 < hub.imu.heading() < -80, round(hub.imu.rotation(Axis.Z), -1))
+"""
+    printed, _ = run(tmp_path, PAIR + source)
     assert printed == ["True 90.0"]
 
 
 def test_heading_counts_what_the_wheels_turned_before_it_was_read(tmp_path: Path) -> None:
-    printed, _ = run(tmp_path, PAIR + "left.run_angle(500, 180, wait=False)\nright.run_angle(500, -180)\nprint(round(hub.imu.heading(), -1))")
+    source = "left.run_angle(500, 180, wait=False)\nright.run_angle(500, -180)\nprint(round(hub.imu.heading(), -1))"
+    printed, _ = run(tmp_path, PAIR + source)
     assert printed == ["90.0"]
 
 

@@ -2,10 +2,36 @@
 
 from __future__ import annotations
 
+import math
+
 import mujoco
 import numpy as np
 
 Vector = np.ndarray[tuple[int], np.dtype[np.float64]]
+
+
+class Turns:
+    """Turns of a hub, summed up from its orientations, which must be seen before it has turned by half a turn.
+
+    Attributes:
+        heading_deg: about the vertical, clockwise positive seen from above, 0 along x, not wrapped.
+        rotation_rad: angular velocity in the hub's axes [3], summed up.
+    """
+
+    def __init__(self) -> None:
+        self.heading_deg = 0.0
+        self.rotation_rad: Vector = np.zeros(3)
+        self._last: Vector = np.array([1.0, 0.0, 0.0, 0.0])
+
+    def see(self, orientation: Vector) -> None:
+        """Add the turn to an orientation, a quaternion [4]."""
+        w, x, y, z = orientation.tolist()
+        clockwise_deg = math.degrees(math.atan2(-2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)))
+        self.heading_deg += (clockwise_deg - self.heading_deg + 180.0) % 360.0 - 180.0
+        turn_rad: Vector = np.empty(3)
+        mujoco.mju_subQuat(turn_rad, orientation, self._last)
+        self.rotation_rad += turn_rad
+        self._last[:] = orientation
 
 
 class FloatingBase:

@@ -51,7 +51,10 @@ class Body(Protocol):
         """Accelerometer in the hub's frame; at rest (0, 0, +9810)."""
 
     def heading_deg(self) -> float:
-        """Integrated rotation about z, clockwise positive, not wrapped."""
+        """Rotation about the vertical since the start, clockwise positive, not wrapped."""
+
+    def rotation_deg(self) -> tuple[float, float, float]:
+        """Angular velocity in the hub's frame, summed up since the start."""
 
 
 @runtime_checkable
@@ -86,4 +89,4 @@ class FittingBody(Protocol):
         counterclockwise -1, by port in order of creation."""
 
     def mount(self, up: tuple[float, float, float]) -> None:
-        """On wheels, up is this direction in the hub's frame."""
+        """In a robot with motors, up is this direction in the hub's frame."""

@@ -30,10 +30,9 @@ _DEFAULTS: Mapping[Sense, Sensed] = {
 class FittedBench(BenchBody):
     """A hub without devices until a program uses them; motors turn freely, sensors have given readings.
 
-    With a drive base, the hub turns as the wheels do. Without one, the first two motors are wheels if they are of the same kind
-    and their positive directions are opposite: of 278 public programs with a drive base, its motors are the first two in 267.
-    A motor that runs until it stalls is blocked after 90 degrees. Raises TwinError if a reading is for a port that the hub does
-    not have.
+    With motors, the hub is mounted as the program says; alone, it lies flat. With a drive base, it turns as the wheels do.
+    Without one, the first two motors are wheels if they are of one kind and their positive directions are opposite. A motor that
+    runs until it stalls is blocked after 90 degrees. Raises TwinError if a reading is for a port that the hub does not have.
 
     Args:
         hub: kind of hub.
@@ -106,31 +105,33 @@ class FittedBench(BenchBody):
             )
         else:
             self._tell(
-                "The hub lies still on the bench, whatever the motors do: the first two do not look like wheels, whose positive "
-                "directions are opposite. A drive base turns there, and so does a robot, such as --robot two-wheeler."
+                "The hub lies still on the bench: its first two motors are not taken for wheels, as they are not of one kind "
+                "with opposite positive directions. It turns with a drive base; or take a robot, such as --robot two-wheeler."
             )
         self._tell = None
 
     def mount(self, up: tuple[float, float, float]) -> None:
-        self._up = up
+        x, y, z = up
+        self._up = x + 0.0, y + 0.0, z + 0.0  # -0.0 would change the roll of a hub on end by 180 degrees
 
     def heading_deg(self) -> float:
         return self._start_deg + sum(turn * self._motors[port].angle for port, turn in self._turns.items())
 
     def angular_velocity_deg_s(self) -> tuple[float, float, float]:
-        rate = sum(turn * self._motors[port].speed for port, turn in self._turns.items())
-        x, y, z = self._up
-        return -rate * x, -rate * y, -rate * z
+        return self._about_vertical(sum(turn * self._motors[port].speed for port, turn in self._turns.items()))
+
+    def rotation_deg(self) -> tuple[float, float, float]:
+        return self._about_vertical(self.heading_deg())
 
     def acceleration_mm_s2(self) -> tuple[float, float, float]:
         at_rest = super().acceleration_mm_s2()
-        if not self._turns:
+        if not self.motors:
             return at_rest
         x, y, z = (at_rest[2] * part for part in self._up)
         return x, y, z
 
     def tilt_deg(self) -> tuple[float, float]:
-        if not self._turns:
+        if not self.motors:
             return super().tilt_deg()
         x, y, z = self._up
         return math.degrees(math.atan2(-x, math.hypot(y, z))), math.degrees(math.atan2(y, z))
@@ -150,6 +151,10 @@ class FittedBench(BenchBody):
     def distance_mm(self, port: str) -> int:
         sensed: Any = self.sensed(port, Sense.DISTANCE)
         return min(max(round(float(sensed)), 40), 2000)
+
+    def _about_vertical(self, clockwise: float) -> tuple[float, float, float]:
+        x, y, z = self._up
+        return -clockwise * x, -clockwise * y, -clockwise * z
 
     @staticmethod
     def _sense_of(reading: GivenReading, device: str) -> Sense:

@@ -43,6 +43,18 @@ def _axis(value: Any) -> _Vector:
     return values[0], values[1], values[2]
 
 
+def _project(value: _Vector, axis: Any) -> float:
+    wanted = _axis(axis)
+    length = math.sqrt(_dot(wanted, wanted))
+    if not length:
+        raise ValueError("Invalid argument")
+    return to_single(_dot(value, wanted) / length)
+
+
+def _along(value: _Vector, axis: Any) -> Any:
+    return vector(*value) if axis is None else _project(value, axis)
+
+
 def _dot(a: _Vector, b: _Vector) -> float:
     return sum(x * y for x, y in zip(a, b, strict=True))
 
@@ -105,12 +117,12 @@ class IMU:
     @charged
     def acceleration(self, axis: Any = None, calibrated: Any = True) -> Any:
         force = self._machine.body.acceleration_mm_s2()
-        return self._along(self._in_robot(self._corrected(force) if calibrated else force), axis)
+        return _along(self._in_robot(self._corrected(force) if calibrated else force), axis)
 
     @charged
     def angular_velocity(self, axis: Any = None, calibrated: Any = True) -> Any:
-        rates = self._heading.rates_deg_s() if calibrated else self._machine.body.angular_velocity_deg_s()
-        return self._along(self._in_robot(rates), axis)
+        rates = self._heading.rates_deg_s(calibrated=bool(calibrated))
+        return _along(self._in_robot(rates), axis)
 
     @charged
     def heading(self) -> float:
@@ -126,19 +138,12 @@ class IMU:
 
     @charged
     def rotation(self, axis: Any = None, calibrated: Any = True) -> float:
-        pitch, roll = self._tilt(calibrated=True)
-        _axis(axis)
-        turned = roll, pitch, -self._machine.body.heading_deg()
-        if calibrated:
-            about = zip(self._frame, self._heading.gyro_deg, strict=True)  # the axes of the hub
-            x, y, z = (_dot(turned, side) * 360.0 / scale for side, scale in about)
-            turned = self._in_robot((x, y, z))
-        return self._along(turned, axis)  # type: ignore[no-any-return]
+        return _project(self._in_robot(self._heading.rotation_deg(calibrated=bool(calibrated))), axis)
 
     @charged
     def orientation(self) -> Any:
         pitch, roll = (math.radians(a) for a in self._machine.body.tilt_deg())
-        yaw = -math.radians(self._machine.body.heading_deg())
+        yaw = -math.radians(self._heading.yaw_deg())
         cp, sp, cr, sr, cy, sy = (f(a) for a in (pitch, roll, yaw) for f in (math.cos, math.sin))
         return Matrix(
             [
@@ -190,10 +195,8 @@ class IMU:
                 _check_deviation(numbers, *_BOUNDS[name])
             self._settings[name] = numbers if name in _LENGTHS else numbers[0]
         self._heading.turn_deg = self._settings["heading_correction"]
-        if angular_velocity_scale is not None:  # the heading stays
-            angle_deg = self._heading.angle_deg()
-            self._heading.gyro_deg = self._settings["angular_velocity_scale"]
-            self._heading.set_angle(angle_deg)
+        if angular_velocity_scale is not None:
+            self._heading.calibrate(self._settings["angular_velocity_scale"])
         return None
 
     def _corrected(self, force: _Vector) -> _Vector:
@@ -214,16 +217,6 @@ class IMU:
         front, left, top = self._frame
         x, y, z = (v[0] * front[i] + v[1] * left[i] + v[2] * top[i] for i in range(3))
         return x, y, z
-
-    @staticmethod
-    def _along(value: _Vector, axis: Any) -> Any:
-        if axis is None:
-            return vector(*value)
-        wanted = _axis(axis)
-        length = math.sqrt(_dot(wanted, wanted))
-        if not length:
-            raise ValueError("Invalid argument")
-        return to_single(_dot(value, wanted) / length)
 
 
 def _check_deviation(values: tuple[float, ...], usual: tuple[float, ...], most: float) -> None:
