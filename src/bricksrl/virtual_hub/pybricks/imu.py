@@ -34,6 +34,14 @@ _LENGTHS = {"angular_velocity_bias": 3, "angular_velocity_scale": 3, "accelerati
 _Vector = tuple[float, float, float]
 
 
+def side_up(upwards: _Vector) -> Any:
+    """The ``Side`` of the hub through which a vector in its frame passes."""
+    sizes = [abs(part) for part in upwards]
+    largest = sizes.index(max(sizes))
+    sides = ((Side.FRONT, Side.BACK), (Side.LEFT, Side.RIGHT), (Side.TOP, Side.BOTTOM))[largest]
+    return sides[0 if upwards[largest] >= 0 else 1]
+
+
 def _axis(value: Any) -> _Vector:
     if not isinstance(value, Matrix):
         raise TypeError("Axis must be Matrix.")
@@ -108,11 +116,7 @@ class IMU:
 
     @charged
     def up(self, calibrated: Any = True) -> Any:
-        x, y, z = self._gravity_in_hub() if calibrated else self._machine.body.acceleration_mm_s2()
-        sizes = (abs(x), abs(y), abs(z))
-        largest = sizes.index(max(sizes))
-        sides = ((Side.FRONT, Side.BACK), (Side.LEFT, Side.RIGHT), (Side.TOP, Side.BOTTOM))[largest]
-        return sides[0 if (x, y, z)[largest] >= 0 else 1]
+        return side_up(self._gravity_in_hub() if calibrated else self._machine.body.acceleration_mm_s2())
 
     @charged
     def acceleration(self, axis: Any = None, calibrated: Any = True) -> Any:

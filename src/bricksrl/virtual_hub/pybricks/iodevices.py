@@ -7,7 +7,7 @@ from types import ModuleType
 from typing import Any
 
 from bricksrl.hub.diagnostics.devices import MOTOR_IDS, device_id
-from bricksrl.robots import PoweredUpSensor, SensorKind, UltrasonicSensor
+from bricksrl.robots import HubKind, PoweredUpSensor, SensorKind, UltrasonicSensor
 from bricksrl.virtual_hub.body import FittingBody
 from bricksrl.virtual_hub.machine import Machine
 from bricksrl.virtual_hub.micropython.containers import HubDict
@@ -73,7 +73,8 @@ class UARTDevice:
 
 
 def iodevices_module(context: Context, parameters: Parameters) -> ModuleType:
-    names: dict[str, Any] = wireless((LWP3Device, XboxController), context)
+    has_xbox = context.machine.robot.hub is not HubKind.CITY
+    names: dict[str, Any] = wireless((LWP3Device, XboxController) if has_xbox else (LWP3Device,), context)
     for kind in (PUPDevice, UARTDevice):
         own: Any = bound(kind, context)
         own._parameters = parameters
