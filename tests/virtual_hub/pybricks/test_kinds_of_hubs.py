@@ -112,3 +112,14 @@ def test_accelerometer_of_a_leaning_move_hub() -> None:
     # Counts of 1/64 g, rounded down: 26, -17, -53; angles from the firmware's table of arc tangents.
     source = "imu = MoveHub().imu\nprint(imu.tilt(), imu.acceleration(), imu.up())"
     assert output(HEAD + source, body=Leaning(MOVE)) == "(-25, -163) (4108, -2686, -8374) Side.BOTTOM"
+
+
+@pytest.mark.parametrize(("kind", "found"), [(HubKind.PRIME, 5), (HubKind.TECHNIC, 4), (HubKind.MOVE, 1)])
+def test_builtins(kind: HubKind, found: int) -> None:
+    source = "n = 0\nfor get in (lambda: len, lambda: set, lambda: float, lambda: enumerate, lambda: memoryview):\n"
+    source += "    try:\n        n += bool(get())\n    except NameError:\n        pass\nprint(n)"
+    assert output(source, robot=Robot("hub", kind)) == str(found)
+
+
+def test_buttons_of_move_hub_are_a_tuple() -> None:
+    assert output(HEAD + "print(MoveHub().button.pressed())", robot=MOVE) == "()"

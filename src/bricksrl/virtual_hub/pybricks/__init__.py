@@ -38,6 +38,12 @@ _MACHINES = {
     HubKind.CITY: "Powered Up City Hub with STM32F030RC",
     HubKind.MOVE: "BOOST Move Hub with STM32F070RB",
 }
+_LACKS = {
+    HubKind.TECHNIC: ("memoryview",),
+    HubKind.CITY: ("memoryview",),
+    HubKind.MOVE: ("bytearray", "complex", "enumerate", "float", "input", "memoryview", "reversed", "set"),
+}
+"""Builtin names that the configuration of the firmware leaves out."""
 _U_PREFIXED = ("sys", "select", "struct", "math", "random", "json", "io", "errno")
 
 
@@ -72,7 +78,7 @@ def modules(machine: Machine, console: Console) -> Modules:
     found.update(language)
     found.update({f"u{name}": language[name] for name in _U_PREFIXED if name in language})
     machine.branch(None)
-    return Modules(found, machine.turn_loop, machine.branch, has_memoryview=hub in (HubKind.PRIME, HubKind.ESSENTIAL))
+    return Modules(found, machine.turn_loop, machine.branch, lacks=_LACKS.get(hub, ()))
 
 
 def _language_modules(machine: Machine, console: Console) -> dict[str, ModuleType]:

@@ -66,9 +66,10 @@ class _Buttons:
         return "Button"
 
 
-def buttons(names: Iterable[str]) -> HubSet:
-    """A set of ``Button`` from lower-case names."""
-    return HubSet(getattr(Button, name.upper()) for name in names)
+def buttons(names: Iterable[str], hub: HubModel) -> HubSet | tuple[Any, ...]:
+    """A set of ``Button`` from lower-case names; a tuple on a Move hub, which has no sets."""
+    members = [getattr(Button, name.upper()) for name in names]
+    return HubSet(members) if hub.has_float else tuple(members)
 
 
 class Color:
