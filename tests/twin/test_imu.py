@@ -27,9 +27,11 @@ def test_gyroscope_of_a_walking_robot_adds_up_to_its_rotation() -> None:
     body = MujocoBody(WALKER, OPEN_FLOOR, Physics(), seed=0)
     for motor, voltage_mv in zip(WALKER.motors, (4000, -3000, 2500, -5000), strict=True):
         body.set_voltage(motor.port, voltage_mv)
-    total, before = np.zeros(3), np.array(body.rotation_deg())
+    total, way, before = np.zeros(3), np.zeros(3), np.array(body.rotation_deg())
     for step in range(1, 801):
         body.advance_to(step * 5 // 2 + 1)
-        total += np.degrees(body._base.angular_velocity()) * 0.0025
-    assert abs(total).max() > 5.0
-    assert np.array(body.rotation_deg()) - before == pytest.approx(total, abs=1.0)
+        turned = np.degrees(body._base.angular_velocity()) * 0.0025
+        total += turned
+        way += abs(turned)
+    assert way.min() > 5.0  # about every axis, to and fro
+    assert np.array(body.rotation_deg()) - before == pytest.approx(total, abs=0.2)
