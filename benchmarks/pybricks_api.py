@@ -4,7 +4,7 @@
     python benchmarks/pybricks_api.py STUBS
 
 The package ``pybricks`` on PyPI is the documentation in the form of Python files without code; they are read, not run. What only
-EV3 and NXT bricks have is left out (``LEFT_OUT``), and so are ports and icons that a hub does not have.
+EV3 and NXT bricks have is left out (``LEFT_OUT``), and so is what a kind of hub does not have (``ONLY_ON``).
 """
 
 from __future__ import annotations
@@ -27,9 +27,16 @@ MODULES = ("hubs", "pupdevices", "robotics", "tools", "parameters", "iodevices")
 HUBS = (HubKind.PRIME, HubKind.ESSENTIAL, HubKind.TECHNIC, HubKind.CITY)
 LEFT_OUT = {
     *("tools.DataLog", "iodevices.AnalogSensor", "iodevices.I2CDevice", "iodevices.LUMPDevice", "iodevices.DCMotor"),
+    "iodevices.XboxController.name()",  # the firmware accepts an argument
     "pupdevices.ColorLightMatrix.on(color)",  # its own text says ``colors``, and so does the firmware
 }
-DISPLAY = ("parameters.Icon", "tools.hub_menu")
+LARGE = frozenset({HubKind.PRIME, HubKind.ESSENTIAL})
+ONLY_ON = {
+    **dict.fromkeys(("parameters.Icon", "tools.hub_menu"), frozenset({HubKind.PRIME})),
+    **dict.fromkeys(("pupdevices.TechnicMoveHub", "pupdevices.MarioHub", "pupdevices.DuploTrain"), LARGE),
+    **dict.fromkeys(("iodevices.XboxController", "robotics.DriveBase.use_gyro"), LARGE | {HubKind.TECHNIC}),
+}
+"""Names that only some kinds of hubs have, by the configuration of their firmware."""
 
 
 @dataclass
@@ -112,8 +119,7 @@ def compared(stubs: Stubs, kind: HubKind) -> tuple[int, list[str]]:
         ours = found[f"pybricks.{module}"]
         for name in (*stubs.functions(module), *stubs.classes(module)):
             path = f"{module}.{name}"
-            has_none = path in DISPLAY and kind is not HubKind.PRIME
-            if path in LEFT_OUT or has_none or (module == "hubs" and name != kind.model.class_name):
+            if path in LEFT_OUT or kind not in ONLY_ON.get(path, HubKind) or (module == "hubs" and name != kind.model.class_name):
                 continue
             wanted = stubs.documented(module, name)
             count += 1 + len(wanted.methods) + len(wanted.values)
@@ -122,7 +128,7 @@ def compared(stubs: Stubs, kind: HubKind) -> tuple[int, list[str]]:
                 missing.append(path)
                 continue
             one = own() if module == "hubs" else own
-            missing += [lack for lack in lacks(path, wanted, one) if lack not in LEFT_OUT and not _is_port_of_others(lack, kind)]
+            missing += [lack for lack in lacks(path, wanted, one) if lack not in LEFT_OUT and not _is_of_others(lack, kind)]
             for part, part_class in wanted.parts.items() if module == "hubs" else ():
                 details = stubs.documented("_common", part_class)
                 count += 1 + len(details.methods)
@@ -130,8 +136,9 @@ def compared(stubs: Stubs, kind: HubKind) -> tuple[int, list[str]]:
     return count, missing
 
 
-def _is_port_of_others(path: str, kind: HubKind) -> bool:
-    return path.startswith("parameters.Port.") and path[-1] not in kind.model.ports
+def _is_of_others(path: str, kind: HubKind) -> bool:
+    is_port = path.startswith("parameters.Port.")
+    return path[-1] not in kind.model.ports if is_port else kind not in ONLY_ON.get(path, HubKind)
 
 
 def main() -> None:

@@ -127,6 +127,7 @@ class TestMotors:
         robot = body()
         drive(robot, -5000, -5000, for_ms=6000)
         assert robot.heading_deg() > 720
+        assert robot.rotation_deg() == pytest.approx((0.0, 0.0, -robot.heading_deg()), abs=10.0)
 
     def test_coasting_runs_on_and_braking_stops(self) -> None:
         ways = []

@@ -51,7 +51,8 @@ class Program:
     def text(self) -> str:
         word = self.section.split(" ", maxsplit=1)[0]
         hub = word if word in _HUBS else "PrimeHub"
-        head = "".join(f"from pybricks.{name} import *\n" for name in _MODULES) + f"from pybricks.hubs import {hub}\n"
+        found = [name for name in _MODULES if hub != "MoveHub" or name != "iodevices"]
+        head = "".join(f"from pybricks.{name} import *\n" for name in found) + f"from pybricks.hubs import {hub}\n"
         head += "" if word in _HUBS else "hub = PrimeHub()\n"
         return head + (_DRIVE if word == "drive" else "") + self.source + "\n"
 

@@ -273,8 +273,8 @@ def test_missing_builtins(name: str) -> None:
 
 def test_memoryview_depends_on_hub() -> None:
     with pytest.raises(NameError, match="memoryview"):
-        execute("memoryview(b'')", "main.py", Modules({}, lambda: None, bool, has_memoryview=False), Recorder())
-    execute("memoryview(b'')", "main.py", Modules({}, lambda: None, bool, has_memoryview=True), Recorder())
+        execute("memoryview(b'')", "main.py", Modules({}, lambda: None, bool, lacks=("memoryview",)), Recorder())
+    execute("memoryview(b'')", "main.py", Modules({}, lambda: None, bool), Recorder())
 
 
 def test_handlers_see_hub_messages() -> None:

@@ -18,7 +18,7 @@ import numpy as np
 
 from bricksrl.errors import TwinError
 from bricksrl.robots import Robot
-from bricksrl.twin.imu import FloatingBase, mounted
+from bricksrl.twin.imu import FloatingBase, Turns, mounted
 from bricksrl.twin.model_physics import RobotPart, set_physics, up
 from bricksrl.twin.models.load import load_model
 from bricksrl.twin.models.mjcf import (
@@ -283,7 +283,7 @@ class ArenaBody(MujocoBody):
         self.battery_mv = round(physics.battery_v * 1000)
         self._encoder_step_mdeg = round(physics.encoder_resolution_deg * 1000)
         self._bind_part(f"{one.name}/")
-        self._heading_deg = self._heading_at_start_deg = 0.0
+        self._turns, self._heading_at_start_deg = Turns(), 0.0
         for port in self._terminals:
             self.set_voltage(port, None)
 
@@ -313,8 +313,8 @@ class ArenaBody(MujocoBody):
         self._qpos[self.base_address : self.base_address + 7] = (start.x_m, start.y_m, self._standing[0], *quaternion)
 
     def look(self) -> None:
-        """Update the unwrapped heading."""
-        self._look_at_heading()
+        """Look at the turns since the last look."""
+        self._look_at_turns()
 
     # ---- called by the hub, where it differs from a robot alone
 

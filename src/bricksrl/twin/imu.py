@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import mujoco
 import numpy as np
 
@@ -13,6 +15,30 @@ def mounted(model: mujoco.MjModel, site: str) -> tuple[Vector, Vector]:
     to_hub = np.empty(4)
     mujoco.mju_negQuat(to_hub, model.site(site).quat)
     return model.site(site).pos.copy(), to_hub
+
+
+class Turns:
+    """Turns of a hub, summed up from its orientations, which must be seen before it has turned by half a turn.
+
+    Attributes:
+        heading_deg: about the vertical, clockwise positive seen from above, 0 along x, not wrapped.
+        rotation_rad: angular velocity in the axes of the part that carries the hub [3], summed up.
+    """
+
+    def __init__(self) -> None:
+        self.heading_deg = 0.0
+        self.rotation_rad: Vector = np.zeros(3)
+        self._last: Vector = np.array([1.0, 0.0, 0.0, 0.0])
+
+    def see(self, orientation: Vector) -> None:
+        """Add the turn to an orientation, a quaternion [4]."""
+        w, x, y, z = orientation.tolist()
+        clockwise_deg = math.degrees(math.atan2(-2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)))
+        self.heading_deg += (clockwise_deg - self.heading_deg + 180.0) % 360.0 - 180.0
+        turn_rad: Vector = np.empty(3)
+        mujoco.mju_subQuat(turn_rad, orientation, self._last)
+        self.rotation_rad += turn_rad
+        self._last[:] = orientation
 
 
 class FloatingBase:
@@ -42,11 +68,11 @@ class FloatingBase:
         from_world, turned = np.empty(4), np.empty(3)
         mujoco.mju_negQuat(from_world, self._orientation)
         mujoco.mju_rotVecQuat(turned, vertical, from_world)
-        return self._in_hub(turned)
+        return self.in_hub(turned)
 
     def angular_velocity(self) -> Vector:
         """Angular velocity in the hub's axes [3], rad/s."""
-        return self._in_hub(self._spin)
+        return self.in_hub(self._spin)
 
     def specific_force(self) -> Vector:
         """Specific force at the hub, as an accelerometer measures it [3], in the hub's axes, m/s2; at rest +9.81 upwards."""
@@ -55,9 +81,9 @@ class FloatingBase:
         mujoco.mju_negQuat(to_hub, self._orientation)
         mujoco.mju_rotVecQuat(force, self._qacc[0:3] - self._gravity, to_hub)
         force += np.cross(angular, self._hub) + np.cross(spin, np.cross(spin, self._hub))
-        return self._in_hub(force)
+        return self.in_hub(force)
 
-    def _in_hub(self, vector: Vector) -> Vector:
+    def in_hub(self, vector: Vector) -> Vector:
         """A vector of the chassis' axes, in the hub's."""
         turned = np.empty(3)
         mujoco.mju_rotVecQuat(turned, vector, self._to_hub)
@@ -74,6 +100,7 @@ class FixedBase:
         self._model, self._data = model, data
         self._site = int(model.site("imu").id)
         self._body = int(model.site_bodyid[self._site])
+        self._to_hub = mounted(model, "imu")[1]
 
     def position(self) -> Vector:
         """Origin of the base [3] in the world, m."""
@@ -83,6 +110,12 @@ class FixedBase:
         """Quaternion [4] from the axes of the part that carries the hub to the world's."""
         orientation: Vector = self._data.xquat[self._body].copy()
         return orientation
+
+    def in_hub(self, vector: Vector) -> Vector:
+        """A vector [3] of the axes of the part that carries the hub, in the hub's."""
+        turned = np.empty(3)
+        mujoco.mju_rotVecQuat(turned, vector, self._to_hub)
+        return turned
 
     def up(self, vertical: Vector) -> Vector:
         """A direction [3] of the world in the hub's axes."""

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from bricksrl.errors import TwinError
 from bricksrl.robots import MotorKind, PoweredUpSensor, Robot, SensorKind, UltrasonicSensor
 from bricksrl.twin import ldraw
-from bricksrl.twin.imu import FixedBase, FloatingBase, Vector
+from bricksrl.twin.imu import FixedBase, FloatingBase, Turns, Vector
 from bricksrl.twin.model_physics import RobotPart, backlash_joints, set_physics, up
 from bricksrl.twin.models.load import load_model
 from bricksrl.twin.models.mjcf import OBSTACLE_GROUP
@@ -34,7 +34,7 @@ _SEES_NO_FARTHER_MM = {SensorKind.COLOR_DISTANCE: 100.0, SensorKind.INFRARED: 15
 """Distance that an infrared sensor reports as 100 %; estimates."""
 _SETTLING_STEPS = 400
 _FAR_M = 100.0
-# Steps between two updates of the unwrapped heading: few enough that no robot turns by half a turn.
+# Steps between two looks at the turns: few enough that no robot turns by half a turn.
 _STEPS_PER_LOOK = 20
 # A smaller torque of gravity is rounding, as on a vertical joint.
 _LEAST_PULL_NM = 1e-3
@@ -96,10 +96,11 @@ class MujocoBody:
         noise_seed, start_seed = np.random.SeedSequence(seed).spawn(2)
         self._noise = np.random.default_rng(noise_seed)
         self._steps = self._steps_unseen = 0
-        self._heading_deg = self._heading_at_start_deg = 0.0
+        self._turns, self._heading_at_start_deg = Turns(), 0.0
         self._settle()
         self.reset(np.random.default_rng(start_seed))
-        self._heading_at_start_deg = self._heading_deg
+        self._heading_at_start_deg = self._turns.heading_deg
+        self._turns.rotation_rad[:] = 0.0
 
     @property
     def link_interval_ms(self) -> float:
@@ -206,7 +207,7 @@ class MujocoBody:
             self._take_up_play()
         self.data.qacc_warmstart[:] = 0.0
         mujoco.mj_forward(self.model, self.data)
-        self._look_at_heading()
+        self._look_at_turns()
 
     def _put_back(self, rng: np.random.Generator) -> None:
         """Put pushable blocks back to their start positions."""
@@ -257,9 +258,9 @@ class MujocoBody:
 
     def pose(self) -> Pose:
         """True pose of the robot: for metrics, not for agents."""
-        self._look_at_heading()
+        self._look_at_turns()
         x_m, y_m, _ = self._base.position().tolist()
-        return Pose(x_m, y_m, self._heading_deg)
+        return Pose(x_m, y_m, self._turns.heading_deg)
 
     def pose_looks(self) -> None:
         """Update the drawn geometry to the joint positions, for renderers; physics steps do not."""
@@ -280,13 +281,11 @@ class MujocoBody:
             self._steps += steps
             self._steps_unseen += steps
             if self._steps_unseen >= _STEPS_PER_LOOK:
-                self._look_at_heading()
+                self._look_at_turns()
 
-    def _look_at_heading(self) -> None:
-        w, x, y, z = self._base.orientation().tolist()
-        clockwise_deg = math.degrees(math.atan2(-2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)))
+    def _look_at_turns(self) -> None:
         self._steps_unseen = 0
-        self._heading_deg += (clockwise_deg - self._heading_deg + 180.0) % 360.0 - 180.0
+        self._turns.see(self._base.orientation())
 
     # ---------------------------------------------------------------- motors
 
@@ -370,8 +369,14 @@ class MujocoBody:
 
     def heading_deg(self) -> float:
         """Rotation about the vertical since the start, clockwise positive, not wrapped."""
-        self._look_at_heading()
-        return self._heading_deg - self._heading_at_start_deg
+        self._look_at_turns()
+        return self._turns.heading_deg - self._heading_at_start_deg
+
+    def rotation_deg(self) -> tuple[float, float, float]:
+        """Angular velocity in the frame of the hub, summed up since the start, without noise."""
+        self._look_at_turns()
+        x, y, z = np.degrees(self._base.in_hub(self._turns.rotation_rad)).tolist()
+        return x, y, z
 
     def _in_world(self, vector: Vector) -> Vector:
         """A vector of the chassis' frame, rotated to world axes."""

@@ -139,6 +139,9 @@ class BenchBody:
     def heading_deg(self) -> float:
         return 0.0
 
+    def rotation_deg(self) -> tuple[float, float, float]:
+        return 0.0, 0.0, -self.heading_deg()
+
 
 def _mdeg_per_deg(motor: Motor) -> float:
     """Millidegrees of the shaft, clockwise, for one degree of the output in the program's direction."""

@@ -51,7 +51,10 @@ class Body(Protocol):
         """Accelerometer in the hub's frame; at rest (0, 0, +9810)."""
 
     def heading_deg(self) -> float:
-        """Integrated rotation about z, clockwise positive, not wrapped."""
+        """Rotation about the vertical since the start, clockwise positive, not wrapped."""
+
+    def rotation_deg(self) -> tuple[float, float, float]:
+        """Angular velocity in the hub's frame, summed up since the start."""
 
 
 @runtime_checkable
@@ -81,5 +84,9 @@ class FittingBody(Protocol):
     def put_on_wheels(self, turns: Mapping[str, float]) -> None:
         """The hub rides on wheels that do not slip: degrees that it turns clockwise for one millidegree of each motor."""
 
+    def find_wheels(self, directions: Mapping[str, int]) -> None:
+        """The program reads the gyroscope without a drive base: positive directions of its motors, clockwise 1 or
+        counterclockwise -1, by port in order of creation."""
+
     def mount(self, up: tuple[float, float, float]) -> None:
-        """On wheels, up is this direction in the hub's frame."""
+        """In a robot with motors, up is this direction in the hub's frame."""

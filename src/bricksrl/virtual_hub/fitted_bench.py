@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 from bricksrl.errors import TwinError
@@ -15,6 +15,7 @@ from bricksrl.virtual_hub.stimuli import Sense, Sensed, senses
 _ULTRASONIC = UltrasonicSensor.class_name
 _MOTORS = ("Motor", "DCMotor")
 _WAY_TO_STOP_MDEG = 90_000.0
+_TURN_PER_WHEEL = 0.25  # wheels of 56 mm, 112 mm apart
 _FARTHEST_MM, _FARTHEST_PCT = float(UltrasonicSensor.FARTHEST_MM), 100.0
 _DEFAULTS: Mapping[Sense, Sensed] = {
     Sense.SURFACE: (0.0, 0.0, 0.0),
@@ -29,17 +30,23 @@ _DEFAULTS: Mapping[Sense, Sensed] = {
 class FittedBench(BenchBody):
     """A hub without devices until a program uses them; motors turn freely, sensors have given readings.
 
-    With a drive base, the hub turns as the wheels do. A motor that runs until it stalls is blocked after 90 degrees. Raises
-    TwinError if a reading is for a port that the hub does not have.
+    With motors, the hub is mounted as the program says; alone, it lies flat. With a drive base, it turns as the wheels do.
+    Without one, the first two motors are wheels if they are of one kind and their positive directions are opposite. A motor that
+    runs until it stalls is blocked after 90 degrees. Raises TwinError if a reading is for a port that the hub does not have.
 
     Args:
         hub: kind of hub.
         readings: of sensors; without one a sensor sees nothing near, dark, untouched and level.
         end_stops: lowest and highest angle of the motor on a port, deg of the shaft.
+        tell: called with a line about what the bench assumes.
     """
 
     def __init__(
-        self, hub: HubKind, readings: Iterable[GivenReading] = (), end_stops: Mapping[str, tuple[float, float]] | None = None
+        self,
+        hub: HubKind,
+        readings: Iterable[GivenReading] = (),
+        end_stops: Mapping[str, tuple[float, float]] | None = None,
+        tell: Callable[[str], object] = lambda line: None,
     ) -> None:
         super().__init__(Robot("bench", hub, needs_imu=hub.model.has_imu))
         self._given = list(readings)
@@ -48,6 +55,7 @@ class FittedBench(BenchBody):
         self._devices: dict[str, str] = {}
         self._turns: dict[str, float] = {}
         self._start_deg = 0.0
+        self._tell: Callable[[str], object] | None = tell
         self._up = (0.0, 0.0, 1.0)
         for port in (*(reading.port for reading in self._given), *self._stops):
             if port not in hub.model.ports:
@@ -84,26 +92,46 @@ class FittedBench(BenchBody):
         heading_deg, self._turns = self.heading_deg(), dict(turns)
         self._start_deg += heading_deg - self.heading_deg()
 
+    def find_wheels(self, directions: Mapping[str, int]) -> None:
+        pair = list(directions)[:2]
+        if self._tell is None or self._turns or len(pair) < 2 or not any(self._motors[port].angle for port in pair):
+            return
+        first, second = pair
+        if directions[first] != directions[second] and self._devices[first] == self._devices[second]:
+            self._turns = dict.fromkeys(pair, -_TURN_PER_WHEEL / 1000.0)
+            self._tell(
+                f"The bench takes the motors on ports {first} and {second} for wheels, as they come first and their positive "
+                "directions are opposite: the hub turns with them."
+            )
+        else:
+            self._tell(
+                "The hub lies still on the bench: its first two motors are not taken for wheels, as they are not of one kind "
+                "with opposite positive directions. It turns with a drive base; or take a robot, such as --robot two-wheeler."
+            )
+        self._tell = None
+
     def mount(self, up: tuple[float, float, float]) -> None:
-        self._up = up
+        x, y, z = up
+        self._up = x + 0.0, y + 0.0, z + 0.0  # -0.0 would change the roll of a hub on end by 180 degrees
 
     def heading_deg(self) -> float:
         return self._start_deg + sum(turn * self._motors[port].angle for port, turn in self._turns.items())
 
     def angular_velocity_deg_s(self) -> tuple[float, float, float]:
-        rate = sum(turn * self._motors[port].speed for port, turn in self._turns.items())
-        x, y, z = self._up
-        return -rate * x, -rate * y, -rate * z
+        return self._about_vertical(sum(turn * self._motors[port].speed for port, turn in self._turns.items()))
+
+    def rotation_deg(self) -> tuple[float, float, float]:
+        return self._about_vertical(self.heading_deg())
 
     def acceleration_mm_s2(self) -> tuple[float, float, float]:
         at_rest = super().acceleration_mm_s2()
-        if not self._turns:
+        if not self.motors:
             return at_rest
         x, y, z = (at_rest[2] * part for part in self._up)
         return x, y, z
 
     def tilt_deg(self) -> tuple[float, float]:
-        if not self._turns:
+        if not self.motors:
             return super().tilt_deg()
         x, y, z = self._up
         return math.degrees(math.atan2(-x, math.hypot(y, z))), math.degrees(math.atan2(y, z))
@@ -123,6 +151,10 @@ class FittedBench(BenchBody):
     def distance_mm(self, port: str) -> int:
         sensed: Any = self.sensed(port, Sense.DISTANCE)
         return min(max(round(float(sensed)), 40), 2000)
+
+    def _about_vertical(self, clockwise: float) -> tuple[float, float, float]:
+        x, y, z = self._up
+        return -clockwise * x, -clockwise * y, -clockwise * z
 
     @staticmethod
     def _sense_of(reading: GivenReading, device: str) -> Sense:

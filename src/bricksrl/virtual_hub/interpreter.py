@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from types import ModuleType
 from typing import Any
 
@@ -21,7 +21,7 @@ class Modules(dict[str, ModuleType]):
     Attributes:
         tick: called at each iteration of a ``while`` loop, so that simulated time passes in one that does not wait.
         branch: called with the value on which a program branches, and returns it.
-        has_memoryview: whether the hub has this builtin.
+        lacks: builtin names that the hub does not have.
         find_module: returns a module of the program by its name, or ``None``.
     """
 
@@ -30,11 +30,11 @@ class Modules(dict[str, ModuleType]):
         modules: dict[str, ModuleType],
         tick: Callable[[], None] = lambda: None,
         branch: Callable[[Any], Any] = lambda value: value,
-        has_memoryview: bool = True,
+        lacks: Collection[str] = (),
     ) -> None:
         super().__init__(modules)
         self.tick, self.branch = tick, branch
-        self.has_memoryview = has_memoryview
+        self.lacks = lacks
         self.find_module: Callable[[str], HubModule | None] = lambda name: None
 
 
@@ -70,7 +70,7 @@ def execute(source: str, filename: str, modules: dict[str, ModuleType], console:
             exec(compiled(beside.source, beside.file), known[name].__dict__)
         return known[name]
 
-    names["__builtins__"] = builtin_names(names, find_module, console, known.tick, known.branch, known.has_memoryview)
+    names["__builtins__"] = builtin_names(names, find_module, console, known.tick, known.branch, known.lacks)
     try:
         exec(code, names)
     except Exception as error:

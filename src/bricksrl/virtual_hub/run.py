@@ -120,7 +120,7 @@ def run_file(
     stderr = stderr or sys.stderr
     source = read_program(path)
     check_time_limit(time_limit_s)
-    machine = _machine(body, operation, path)
+    machine = _machine(body, operation, path, lambda line: stderr.write(f"{line}\n"))
     if time_limit_s is not None:
         machine.alarm_ms = round(time_limit_s * 1000)
         machine.on_alarm = stop_program
@@ -134,10 +134,10 @@ def run_file(
     return _run(source, path, machine, console, stdout, stderr)
 
 
-def _machine(body: Body | None, operation: Operation, path: Path) -> Machine:
+def _machine(body: Body | None, operation: Operation, path: Path, tell: Callable[[str], object]) -> Machine:
     if body is None:
         kind = _hub_of(own_program(path))
-        fitted = FittedBench(kind, operation.readings, operation.end_stops)
+        fitted = FittedBench(kind, operation.readings, operation.end_stops, tell)
         return Machine(fitted, Panel(kind, operation.presses, near=WIRELESS))
     if operation.readings or operation.end_stops:
         raise TwinError("readings and end stops are for the bench; omit them, or take --robot bench")

@@ -55,3 +55,25 @@ def test_acceleration_is_corrected_unless_the_raw_one_is_asked_for(tmp_path: Pat
     x, z, raw_x, pitch, raw_pitch = numbers(tmp_path, source)
     assert (x, z, raw_x) == pytest.approx((900 * 9806.65 / 9800, 9806.65, 1000))
     assert (pitch, raw_pitch) == pytest.approx((0.0, -5.886), abs=0.001)
+
+
+def test_rotation_counts_on_from_where_it_was_and_is_uncalibrated_by_the_present_factor(tmp_path: Path) -> None:
+    source = "wait(1000)\nbefore = imu.rotation(Axis.Z)\nimu.settings(angular_velocity_scale=(360, 360, 350))\n"
+    source += "print(imu.rotation(Axis.Z) - before)\nprint(imu.rotation(Axis.Z, calibrated=False) / before)\nwait(1000)\n"
+    counted_on, ratio, later = numbers(tmp_path, source + "print(imu.rotation(Axis.Z) - before)")
+    assert (counted_on, ratio) == pytest.approx((0.0, 350 / 360), abs=0.001)
+    assert later == pytest.approx(RATE_DEG_S * 360 / 350, abs=0.2)
+
+
+def test_a_hub_on_its_side_is_calibrated_by_its_vertical_axis(tmp_path: Path) -> None:
+    program, out = tmp_path / "main.py", io.BytesIO()
+    program.write_text(
+        "from pybricks.hubs import PrimeHub\nfrom pybricks.parameters import Axis, Direction, Port\n"
+        "from pybricks.pupdevices import Motor\nimu = PrimeHub(top_side=Axis.Y, front_side=Axis.X).imu\n"
+        "imu.settings(angular_velocity_scale=(355, 370, 350))\n"
+        "left, right = Motor(Port.A, Direction.COUNTERCLOCKWISE), Motor(Port.B)\nleft.run_angle(500, 720)\n"
+        "print(imu.heading() * 370 / 360, imu.rotation(-Axis.Z) * 370 / 360, imu.rotation(-Axis.Z, calibrated=False))\n",
+        encoding="utf-8",
+    )
+    assert run_file(program, stdout=out, stderr=io.StringIO()) == 0
+    assert [float(word) for word in out.getvalue().split()] == pytest.approx([180.0] * 3, abs=1)

@@ -6,7 +6,7 @@ import builtins
 import inspect
 import math
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
 from types import FrameType, ModuleType
 from typing import Any
 
@@ -21,8 +21,8 @@ from bricksrl.virtual_hub.micropython.operators import SMALL_MAX, int_from_float
 from bricksrl.virtual_hub.micropython.text import representation, text
 
 _UNCHANGED = """
-    all any bin bool bytearray bytes callable chr classmethod complex enumerate float hex int iter len list max min object
-    oct ord range reversed setattr slice sorted staticmethod str tuple type zip
+    all any bin bool bytearray bytes callable chr classmethod complex enumerate float hex int iter len list max memoryview min
+    object oct ord range reversed setattr slice sorted staticmethod str tuple type zip
 """.split()  # noqa: SIM905  a list would take a line for each
 
 
@@ -37,12 +37,10 @@ def builtin_names(
     console: Console,
     tick: Callable[[], None],
     branch: Callable[[Any], Any],
-    has_memoryview: bool,
+    lacks: Collection[str],
 ) -> dict[str, Any]:
-    """Builtin names for a program with the globals ``names``; ``find_module`` raises ImportError."""
+    """Builtin names for a program with the globals ``names`` without what a hub ``lacks``. ``find_module`` raises ImportError."""
     result: dict[str, Any] = {name: getattr(builtins, name) for name in (*_UNCHANGED, *EXCEPTIONS)}
-    if has_memoryview:
-        result["memoryview"] = memoryview
     result.update(operators(names))
     result.update(
         {"@tick": tick, "@branch": branch, "@attr": visible_attribute, "@store": store_attribute, "@keywords": with_keywords}
@@ -55,7 +53,7 @@ def builtin_names(
     result.update(_identity_functions())
     result.update(_attribute_functions())
     result.update(_program_functions())
-    return result
+    return {name: value for name, value in result.items() if name not in lacks}
 
 
 def _importer(find_module: Callable[[str], ModuleType]) -> Callable[..., ModuleType]:

@@ -38,6 +38,12 @@ _MACHINES = {
     HubKind.CITY: "Powered Up City Hub with STM32F030RC",
     HubKind.MOVE: "BOOST Move Hub with STM32F070RB",
 }
+_LACKS = {
+    HubKind.TECHNIC: ("memoryview",),
+    HubKind.CITY: ("memoryview",),
+    HubKind.MOVE: ("bytearray", "complex", "enumerate", "float", "input", "memoryview", "reversed", "set"),
+}
+"""Builtin names that the configuration of the firmware leaves out."""
 _U_PREFIXED = ("sys", "select", "struct", "math", "random", "json", "io", "errno")
 
 
@@ -58,10 +64,12 @@ def modules(machine: Machine, console: Console) -> Modules:
         "parameters": parameters.module(),
         "pupdevices": pupdevices_module(context, parameters),
         "iodevices": iodevices_module(context, parameters),
-        "robotics": robotics_module(context, hub.model.has_imu),
+        "robotics": robotics_module(context),
         "tools": tools_module(context, has_display, messaging.AppData),
         "messaging": messaging,
     }
+    if hub is HubKind.MOVE:
+        del pybricks["iodevices"]
     found = {f"pybricks.{name}": part for name, part in pybricks.items()}
     found["pybricks"] = module("pybricks", {"version": (f"{hub.value}hub", FIRMWARE_VERSION, FIRMWARE_BUILD)})
     if hub.model.has_float:
@@ -70,17 +78,18 @@ def modules(machine: Machine, console: Console) -> Modules:
     found.update(language)
     found.update({f"u{name}": language[name] for name in _U_PREFIXED if name in language})
     machine.branch(None)
-    return Modules(found, machine.turn_loop, machine.branch, has_memoryview=hub in (HubKind.PRIME, HubKind.ESSENTIAL))
+    return Modules(found, machine.turn_loop, machine.branch, lacks=_LACKS.get(hub, ()))
 
 
 def _language_modules(machine: Machine, console: Console) -> dict[str, ModuleType]:
     hub = machine.robot.hub
+    if hub is HubKind.MOVE:
+        return {"errno": errno_module()}
     keyboard = Keyboard()
     heap_bytes = _HEAP_BYTES.get(hub, 16 * 1024)
-    found = {"errno": errno_module(), "micropython": micropython_module(keyboard, console, heap_bytes)}
-    if hub is HubKind.MOVE:
-        return found
-    return found | {
+    return {
+        "errno": errno_module(),
+        "micropython": micropython_module(keyboard, console, heap_bytes),
         "math": math_module(),
         "random": random_module(machine.time_ms * 1000),
         "struct": struct_module(),

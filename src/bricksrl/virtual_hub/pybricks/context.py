@@ -251,6 +251,22 @@ def bound(kind: _Class, context: Context) -> _Class:
     return own  # type: ignore[return-value]
 
 
+class _Absent:
+    """An attribute that a kind of hub lacks."""
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+
+    def __get__(self, instance: Any, kind: type) -> Any:
+        raise AttributeError(f"'{kind.__name__}' object has no attribute '{self._name}'")
+
+
+def without(kind: type, *names: str) -> None:
+    """Hide inherited attributes of a class."""
+    for name in names:
+        setattr(kind, name, _Absent(name))
+
+
 def charged(method: Callable[..., Any]) -> Callable[..., Any]:
     """A method that takes no simulated time, counted to end busy loops."""
 

@@ -268,9 +268,10 @@ class Keypad(_Part):
     """Buttons of the hub."""
 
     @charged
-    def pressed(self) -> set[Any]:
+    def pressed(self) -> Any:
         down = self._panel.pressed(self._machine.time_ms)
-        return buttons(name for name in ("left", "right", "center", "bluetooth") if name in down)
+        names = [name for name in ("left", "right", "center", "bluetooth") if name in down]
+        return buttons(names, self._machine.robot.hub.model)
 
 
 ColorLight.__name__ = Keypad.__name__ = ""  # as in the firmware

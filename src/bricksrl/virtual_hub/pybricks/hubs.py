@@ -7,6 +7,7 @@ from typing import Any
 
 from bricksrl.robots import HubKind
 from bricksrl.virtual_hub.micropython.numbers import module
+from bricksrl.virtual_hub.pybricks.accelerometer import Accelerometer
 from bricksrl.virtual_hub.pybricks.context import Context
 from bricksrl.virtual_hub.pybricks.hub_parts import Battery, Charger, ColorLight, Keypad, LightMatrix, Speaker, System
 from bricksrl.virtual_hub.pybricks.imu import IMU
@@ -25,7 +26,7 @@ _PARTS: dict[HubKind, dict[str, Any]] = {
     HubKind.ESSENTIAL: {**_COMMON, "charger": Charger, "imu": IMU},
     HubKind.TECHNIC: {**_COMMON, "imu": IMU},
     HubKind.CITY: _COMMON,
-    HubKind.MOVE: {**_COMMON, "imu": IMU},
+    HubKind.MOVE: {**_COMMON, "imu": Accelerometer},
 }
 
 
@@ -51,11 +52,17 @@ class _OrientedHub(_Hub):
         self._parts["imu"].orient(top_side, front_side)
 
 
+class _MoveHub(_Hub):
+    def __init__(self, top_side: Any = 3, front_side: Any = 1, broadcast_channel: Any = None, observe_channels: Any = ()) -> None:
+        super().__init__(broadcast_channel, observe_channels)
+        self._parts["imu"].orient(top_side, front_side)
+
+
 def hubs_module(context: Context, kind: HubKind) -> ModuleType:
     parts = {name: part(context) for name, part in _PARTS[kind].items()}
     if kind is not HubKind.PRIME:
         parts["button"] = parts["buttons"]  # older name
-    base = _OrientedHub if "imu" in parts else _Hub
+    base = _MoveHub if kind is HubKind.MOVE else _OrientedHub if "imu" in parts else _Hub
     hub = type(kind.model.class_name, (base,), {"_parts": parts, "_context": context})
     names = {kind.model.class_name: hub, "ThisHub": hub}
     if kind is HubKind.PRIME:

@@ -6,6 +6,7 @@ import math
 from typing import Any
 
 from bricksrl.virtual_hub.body import FittingBody
+from bricksrl.virtual_hub.firmware.heading import Heading
 from bricksrl.virtual_hub.micropython.errors import HubOSError
 from bricksrl.virtual_hub.micropython.floats import to_single
 from bricksrl.virtual_hub.pybricks.context import Context, charged, get_array, get_number
@@ -33,6 +34,14 @@ _LENGTHS = {"angular_velocity_bias": 3, "angular_velocity_scale": 3, "accelerati
 _Vector = tuple[float, float, float]
 
 
+def side_up(upwards: _Vector) -> Any:
+    """The ``Side`` of the hub through which a vector in its frame passes."""
+    sizes = [abs(part) for part in upwards]
+    largest = sizes.index(max(sizes))
+    sides = ((Side.FRONT, Side.BACK), (Side.LEFT, Side.RIGHT), (Side.TOP, Side.BOTTOM))[largest]
+    return sides[0 if upwards[largest] >= 0 else 1]
+
+
 def _axis(value: Any) -> _Vector:
     if not isinstance(value, Matrix):
         raise TypeError("Axis must be Matrix.")
@@ -40,6 +49,18 @@ def _axis(value: Any) -> _Vector:
     if len(values) != 3:
         raise ValueError("Axis must be 1x3 or 3x1 matrix.")
     return values[0], values[1], values[2]
+
+
+def _project(value: _Vector, axis: Any) -> float:
+    wanted = _axis(axis)
+    length = math.sqrt(_dot(wanted, wanted))
+    if not length:
+        raise ValueError("Invalid argument")
+    return to_single(_dot(value, wanted) / length)
+
+
+def _along(value: _Vector, axis: Any) -> Any:
+    return vector(*value) if axis is None else _project(value, axis)
 
 
 def _dot(a: _Vector, b: _Vector) -> float:
@@ -51,7 +72,8 @@ class IMU:
 
     def __init__(self, context: Context) -> None:
         self._machine = context.machine
-        self._heading = self._machine.heading
+        body = self._machine.body
+        self._bench = body if isinstance(body, FittingBody) else None
         self._settings: dict[str, Any] = dict(zip(_NAMES, _DEFAULTS, strict=True))
         self.orient(Axis.Z, Axis.X)
 
@@ -68,10 +90,17 @@ class IMU:
             top[0] * front[1] - top[1] * front[0],
         )
         self._frame = self._heading.frame = front, left, top
-        if isinstance(self._machine.body, FittingBody):
-            self._machine.body.mount((front[2], left[2], top[2]))
+        if self._bench is not None:
+            self._bench.mount((front[2], left[2], top[2]))
         self._heading.set_angle(0.0)
         self._is_aligned = front == (1.0, 0.0, 0.0) and top == (0.0, 0.0, 1.0)
+
+    @property
+    def _heading(self) -> Heading:
+        """Heading, once the bench has found its wheels."""
+        if self._bench is not None:
+            self._bench.find_wheels({port: servo.direction for port, servo in self._machine.servos.items()})
+        return self._machine.heading
 
     @charged
     def tilt(self, calibrated: Any = True) -> tuple[float, float]:
@@ -87,21 +116,17 @@ class IMU:
 
     @charged
     def up(self, calibrated: Any = True) -> Any:
-        x, y, z = self._gravity_in_hub() if calibrated else self._machine.body.acceleration_mm_s2()
-        sizes = (abs(x), abs(y), abs(z))
-        largest = sizes.index(max(sizes))
-        sides = ((Side.FRONT, Side.BACK), (Side.LEFT, Side.RIGHT), (Side.TOP, Side.BOTTOM))[largest]
-        return sides[0 if (x, y, z)[largest] >= 0 else 1]
+        return side_up(self._gravity_in_hub() if calibrated else self._machine.body.acceleration_mm_s2())
 
     @charged
     def acceleration(self, axis: Any = None, calibrated: Any = True) -> Any:
         force = self._machine.body.acceleration_mm_s2()
-        return self._along(self._in_robot(self._corrected(force) if calibrated else force), axis)
+        return _along(self._in_robot(self._corrected(force) if calibrated else force), axis)
 
     @charged
     def angular_velocity(self, axis: Any = None, calibrated: Any = True) -> Any:
-        rates = self._heading.rates_deg_s() if calibrated else self._machine.body.angular_velocity_deg_s()
-        return self._along(self._in_robot(rates), axis)
+        rates = self._heading.rates_deg_s(calibrated=bool(calibrated))
+        return _along(self._in_robot(rates), axis)
 
     @charged
     def heading(self) -> float:
@@ -117,19 +142,12 @@ class IMU:
 
     @charged
     def rotation(self, axis: Any = None, calibrated: Any = True) -> float:
-        pitch, roll = self._tilt(calibrated=True)
-        _axis(axis)
-        turned = roll, pitch, -self._machine.body.heading_deg()
-        if calibrated:
-            about = zip(self._frame, self._heading.gyro_deg, strict=True)  # the axes of the hub
-            x, y, z = (_dot(turned, side) * 360.0 / scale for side, scale in about)
-            turned = self._in_robot((x, y, z))
-        return self._along(turned, axis)  # type: ignore[no-any-return]
+        return _project(self._in_robot(self._heading.rotation_deg(calibrated=bool(calibrated))), axis)
 
     @charged
     def orientation(self) -> Any:
         pitch, roll = (math.radians(a) for a in self._machine.body.tilt_deg())
-        yaw = -math.radians(self._machine.body.heading_deg())
+        yaw = -math.radians(self._heading.yaw_deg())
         cp, sp, cr, sr, cy, sy = (f(a) for a in (pitch, roll, yaw) for f in (math.cos, math.sin))
         return Matrix(
             [
@@ -181,10 +199,8 @@ class IMU:
                 _check_deviation(numbers, *_BOUNDS[name])
             self._settings[name] = numbers if name in _LENGTHS else numbers[0]
         self._heading.turn_deg = self._settings["heading_correction"]
-        if angular_velocity_scale is not None:  # the heading stays
-            angle_deg = self._heading.angle_deg()
-            self._heading.gyro_deg = self._settings["angular_velocity_scale"]
-            self._heading.set_angle(angle_deg)
+        if angular_velocity_scale is not None:
+            self._heading.calibrate(self._settings["angular_velocity_scale"])
         return None
 
     def _corrected(self, force: _Vector) -> _Vector:
@@ -205,16 +221,6 @@ class IMU:
         front, left, top = self._frame
         x, y, z = (v[0] * front[i] + v[1] * left[i] + v[2] * top[i] for i in range(3))
         return x, y, z
-
-    @staticmethod
-    def _along(value: _Vector, axis: Any) -> Any:
-        if axis is None:
-            return vector(*value)
-        wanted = _axis(axis)
-        length = math.sqrt(_dot(wanted, wanted))
-        if not length:
-            raise ValueError("Invalid argument")
-        return to_single(_dot(value, wanted) / length)
 
 
 def _check_deviation(values: tuple[float, ...], usual: tuple[float, ...], most: float) -> None:

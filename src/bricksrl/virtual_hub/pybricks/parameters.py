@@ -43,18 +43,22 @@ def _enumeration(name: str, names: str) -> type[Any]:
 Direction = _enumeration("Direction", "CLOCKWISE COUNTERCLOCKWISE")
 Stop = _enumeration("Stop", "COAST BRAKE HOLD NONE COAST_SMART BRAKE_SMART")
 Side = _enumeration("Side", "RIGHT FRONT TOP LEFT BACK BOTTOM")
-Button = _enumeration(
-    "Button",
-    "LEFT RIGHT CENTER LEFT_PLUS LEFT_MINUS RIGHT_PLUS RIGHT_MINUS UP DOWN LEFT_UP LEFT_DOWN RIGHT_UP RIGHT_DOWN BEACON "
-    "BLUETOOTH A B X Y LB RB VIEW MENU GUIDE LJ RJ UPLOAD P1 P2 P3 P4",
+_REMOTE_BUTTONS = "LEFT RIGHT CENTER LEFT_PLUS LEFT_MINUS RIGHT_PLUS RIGHT_MINUS"
+_BUTTONS = (
+    f"{_REMOTE_BUTTONS} UP DOWN LEFT_UP LEFT_DOWN RIGHT_UP RIGHT_DOWN BEACON "
+    "BLUETOOTH A B X Y LB RB VIEW MENU GUIDE LJ RJ UPLOAD P1 P2 P3 P4"
 )
+Button = _enumeration("Button", _BUTTONS)
 
 
 class _Buttons:
     """``Button``: not a class but an object with buttons as attributes."""
 
+    def __init__(self, names: Iterable[str]) -> None:
+        self._names = frozenset(names)
+
     def __getattr__(self, name: str) -> Any:
-        if name.startswith("_") or not hasattr(Button, name):
+        if name not in self._names:
             raise AttributeError(f"'Button' object has no attribute '{name}'")
         return getattr(Button, name)
 
@@ -62,9 +66,10 @@ class _Buttons:
         return "Button"
 
 
-def buttons(names: Iterable[str]) -> HubSet:
-    """A set of ``Button`` from lower-case names."""
-    return HubSet(getattr(Button, name.upper()) for name in names)
+def buttons(names: Iterable[str], hub: HubModel) -> HubSet | tuple[Any, ...]:
+    """A set of ``Button`` from lower-case names; a tuple on a Move hub, which has no sets."""
+    members = [getattr(Button, name.upper()) for name in names]
+    return HubSet(members) if hub.has_float else tuple(members)
 
 
 class Color:
@@ -193,12 +198,21 @@ class Axis:
         raise TypeError("can't create 'Axis' instances")
 
 
+class _NumberedAxis:
+    """``Axis`` of a hub without floating-point numbers."""
+
+    X, Y, Z = 1, 2, 3
+
+
+_NumberedAxis.__name__ = _NumberedAxis.__qualname__ = "Axis"
+
+
 class Parameters:
     """Enumerations of a kind of hub, with its ports only."""
 
     def __init__(self, hub: HubModel, has_display: bool) -> None:
         self.Port = _enumeration("Port", " ".join(hub.ports))
-        self._has_display = has_display
+        self._has_display, self._has_float = has_display, hub.has_float
 
     def port_letter(self, port: Any) -> str:
         """Letter of a ``Port``; raises TypeError for other values."""
@@ -206,7 +220,8 @@ class Parameters:
         return str(port._name)
 
     def module(self) -> ModuleType:
-        names: dict[str, Any] = {"Axis": Axis, "Button": _Buttons(), "Color": _Palette(), "Direction": Direction}
+        axis, button = (Axis, _BUTTONS) if self._has_float else (_NumberedAxis, _REMOTE_BUTTONS)
+        names: dict[str, Any] = {"Axis": axis, "Button": _Buttons(button.split()), "Color": _Palette(), "Direction": Direction}
         names.update({"Port": self.Port, "Side": Side, "Stop": Stop})
         if self._has_display:
             names["Icon"] = Icon()

@@ -7,6 +7,7 @@ from types import ModuleType
 from typing import Any
 
 from bricksrl.robots import Direction as MotorDirection
+from bricksrl.robots import HubKind
 from bricksrl.virtual_hub.firmware.control import OnCompletion
 from bricksrl.virtual_hub.firmware.servo import Servo
 from bricksrl.virtual_hub.machine import Machine
@@ -23,6 +24,7 @@ from bricksrl.virtual_hub.pybricks.context import (
     get_int,
     os_error,
     refusals,
+    without,
 )
 from bricksrl.virtual_hub.pybricks.parameters import Direction, Parameters, Stop
 from bricksrl.virtual_hub.pybricks.pupsensors import DEVICES, PFMotor
@@ -150,8 +152,6 @@ class Motor(_BaseMotor):
 
     @property
     def model(self) -> MotorModel:
-        if not self._machine.robot.hub.model.has_float:
-            raise AttributeError(f"'{type(self).__name__}' object has no attribute 'model'")
         return self._model
 
     # ---- reading
@@ -244,9 +244,13 @@ class Motor(_BaseMotor):
 
 
 def pupdevices_module(context: Context, parameters: Parameters) -> ModuleType:
-    names: dict[str, Any] = {"PFMotor": PFMotor, **wireless((Remote, TechnicMoveHub, DuploTrain, MarioHub), context)}
+    hub = context.machine.robot.hub
+    others = (TechnicMoveHub, DuploTrain, MarioHub) if hub in (HubKind.PRIME, HubKind.ESSENTIAL) else ()
+    names: dict[str, Any] = {"PFMotor": PFMotor, **wireless((Remote, *others), context)}
     for kind in (Motor, DCMotor, *DEVICES):
         own: Any = bound(kind, context)
         own._parameters = parameters
         names[kind.__name__] = own
+    if not hub.model.has_float:
+        without(names["Motor"], "control", "log", "model")
     return module("pybricks.pupdevices", names)

@@ -26,6 +26,7 @@ from bricksrl.virtual_hub.pybricks.context import (
     get_scaled,
     os_error,
     refusals,
+    without,
 )
 from bricksrl.virtual_hub.pybricks.parameters import Stop
 from bricksrl.virtual_hub.pybricks.pupdevices import Motor, completion
@@ -40,7 +41,6 @@ class DriveBase:
     _context: Context
     _machine: Machine
     _loop: RunLoop
-    _has_imu: bool
 
     def __init__(self, left_motor: Any, right_motor: Any, wheel_diameter: Any, axle_track: Any) -> None:
         for motor in (left_motor, right_motor):
@@ -136,7 +136,7 @@ class DriveBase:
 
     @charged
     def angle(self) -> float:
-        return to_single(self._base.angle_deg())
+        return to_single(self._base.angle_deg()) if self._machine.robot.hub.model.has_float else self._base.state()[2]
 
     @charged
     def state(self) -> tuple[int, int, int, int]:
@@ -161,8 +161,6 @@ class DriveBase:
 
     @charged
     def use_gyro(self, use_gyro: Any) -> None:
-        if not self._has_imu:
-            raise AttributeError("'DriveBase' object has no attribute 'use_gyro'")
         with refusals():
             self._base.use_gyro(bool(use_gyro))
 
@@ -219,7 +217,11 @@ class DriveBase:
         return self._base.is_done()
 
 
-def robotics_module(context: Context, has_imu: bool) -> ModuleType:
-    own: Any = bound(DriveBase, context)
-    own._has_imu = has_imu
+def robotics_module(context: Context) -> ModuleType:
+    model = context.machine.robot.hub.model
+    own = bound(DriveBase, context)
+    if not model.has_imu:
+        without(own, "use_gyro")
+    if not model.has_float:
+        without(own, "distance_control", "heading_control", "move_by")
     return module("pybricks.robotics", {"DriveBase": own, "Car": bound(Car, context)})

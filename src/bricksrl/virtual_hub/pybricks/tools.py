@@ -140,11 +140,14 @@ def tools_module(context: Context, has_display: bool, app_data: type[Any]) -> Mo
         return _menu(context, entries)
 
     names: dict[str, Any] = {"wait": wait, "run_task": run_task, "read_input_byte": read_input_byte, "AppData": app_data}
-    names.update({"StopWatch": bound(StopWatch, context), "multitask": Task, "Matrix": Matrix, "vector": vector, "cross": cross})
-    names["Axis"] = Axis
+    names.update({"StopWatch": bound(StopWatch, context), "multitask": Task}, **_geometry(machine.robot.hub.model.has_float))
     if has_display:
         names["hub_menu"] = hub_menu
     return module("pybricks.tools", names)
+
+
+def _geometry(has_float: bool) -> dict[str, Any]:
+    return {"Matrix": Matrix, "vector": vector, "cross": cross, "Axis": Axis} if has_float else {}
 
 
 def _menu(context: Context, entries: tuple[Any, ...]) -> Any:

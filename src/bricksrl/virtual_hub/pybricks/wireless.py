@@ -101,9 +101,9 @@ class _Buttons(_Part):
         self._names = names
 
     @charged
-    def pressed(self) -> set[Any]:
+    def pressed(self) -> Any:
         down = self._device._down()
-        return buttons(name for name in self._names if name in down)
+        return buttons([name for name in self._names if name in down], self._machine.robot.hub.model)
 
 
 class LWP3Device(Wireless):
