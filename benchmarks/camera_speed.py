@@ -7,6 +7,7 @@ Random actions, several runs; the median counts. Needs a minute. MUJOCO_GL choos
 
 from __future__ import annotations
 
+import itertools
 import os
 import statistics
 import time
@@ -14,6 +15,7 @@ from collections.abc import Callable
 from typing import Any
 from unittest import mock
 
+import numpy as np
 import torch
 from machine import command, write
 from tensordict import TensorDict
@@ -22,7 +24,8 @@ import bricksrl
 from bricksrl.agents import make_learner, preset
 from bricksrl.envs.env import HubEnv
 from bricksrl.envs.tasks.robo_arm_mixed import GOAL
-from bricksrl.envs.vision.camera import CameraView, TwinCamera, find_red, shrink
+from bricksrl.envs.vision.camera import CameraView, TwinCamera
+from bricksrl.envs.vision.watch import Watch
 from bricksrl.errors import RenderingUnavailableError
 
 ENV = "RoboArm_mixed-v0"
@@ -61,21 +64,22 @@ def moving(env: HubEnv) -> Callable[[], None]:
 
 
 def speed() -> dict[str, Any]:
-    """Steps a second, and what a frame costs."""
+    """Steps a second, and what it costs to draw a frame and to see the ball and the goal in it."""
     env = bricksrl.make(ENV, seed=0)
     assert isinstance(env, HubEnv)
     steps_per_second(env)  # the first run warms up
     runs = [steps_per_second(env) for _ in range(RUNS)]
     assert env.twin is not None
-    camera, move = TwinCamera(env.twin.body, CameraView()), moving(env)
-    frame = camera.frame()
+    view, move = CameraView(goal=GOAL), moving(env)
+    camera = TwinCamera(env.twin.body, view)
+    watch = Watch(view, np.random.default_rng(0), camera.frame())
+    frames = itertools.cycle([(move(), camera.frame())[1] for _ in range(REPEATS)])
     found = {
         "steps_per_s": round(statistics.median(run[0] for run in runs), 1),
         "steps_per_cpu_s": round(statistics.median(run[1] for run in runs), 1),
         "runs": [round(run[0], 1) for run in runs],
         "draw_cpu_ms": cpu_ms(lambda: (move(), camera.frame())),
-        "find_red_cpu_ms": cpu_ms(lambda: find_red(frame, GOAL.red)),
-        "goal_and_image_cpu_ms": cpu_ms(lambda: shrink(frame, 64, (GOAL.places[0], GOAL.radius_px))),
+        "see_cpu_ms": cpu_ms(lambda: watch.see(next(frames))),
     }
     camera.close()
     env.close()

@@ -13,8 +13,9 @@ import torch
 
 from bricksrl import training
 from bricksrl.cli import main
-from bricksrl.envs.vision.camera import Frame, RedWindow, VideoCamera
+from bricksrl.envs.vision.camera import VideoCamera
 from bricksrl.envs.vision.color_calibration import read_red
+from bricksrl.envs.vision.frames import Frame, RedWindow
 from bricksrl.errors import CameraError, RunError
 from bricksrl.training import TrainConfig
 from bricksrl.training.run import make_env

@@ -48,8 +48,8 @@ class CalibrateCamera:
     def execute(self) -> int:
         """Take frames, calibrate, print and write."""
         from bricksrl.envs.registry import get_task
-        from bricksrl.envs.vision.camera import find_red
         from bricksrl.envs.vision.color_calibration import FoundRed, calibrate_red, picture, saved_path, spanning, write_red
+        from bricksrl.envs.vision.frames import find_red
         from bricksrl.plotting import save_image
 
         if self.frames < 1:

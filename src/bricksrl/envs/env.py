@@ -20,7 +20,8 @@ from bricksrl.envs.options import PicklableEnv
 from bricksrl.envs.specs import NominalBounded
 from bricksrl.envs.stop_flag import StopFlag
 from bricksrl.envs.task import Task, never
-from bricksrl.envs.vision.camera import Camera, Watch
+from bricksrl.envs.vision.camera import Camera
+from bricksrl.envs.vision.watch import Watch
 from bricksrl.errors import BricksError, CameraError, DescriptionError, HubError, HubProgramError, StoppedError
 
 if TYPE_CHECKING:

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from bricksrl.envs.dead_reckoning import TargetTracker
-    from bricksrl.envs.vision.camera import Watch
+    from bricksrl.envs.vision.watch import Watch
 
 
 @dataclass(frozen=True)

@@ -28,17 +28,12 @@ from bricksrl.envs.tasks.spinning import SPINNING
 from bricksrl.envs.vision.camera import (
     Camera,
     CameraView,
-    Frame,
-    RedWindow,
     TwinCamera,
     VideoCamera,
     VisualGoal,
-    Watch,
-    distances_px,
-    draw_disc,
-    find_red,
-    shrink,
 )
+from bricksrl.envs.vision.frames import Frame, RedWindow, changed_part, distances_px, draw_disc, find_red, shrink
+from bricksrl.envs.vision.watch import Watch
 from bricksrl.errors import BricksError, CameraError, DescriptionError, RenderingUnavailableError
 from bricksrl.hub.link.lockstep import HubLink
 from bricksrl.robots import ROBO_ARM, Robot
@@ -113,7 +108,7 @@ def test_distances() -> None:
 def test_image_pixels_are_area_means() -> None:
     frame = np.random.default_rng(0).integers(0, 256, (60, 80, 3), dtype=np.uint8)
     means = frame.reshape(20, 3, 20, 4, 3).mean((1, 3))
-    assert np.abs(shrink(frame, 20).astype(float) - means).max() <= 0.51
+    assert np.array_equal(shrink(frame, 20), np.rint(means))  # of integers, exact: ties are rounded to even
     assert np.array_equal(shrink(frame[:, :60], 60), frame[:, :60])
 
 
@@ -160,6 +155,39 @@ def test_camera_watch_measures_goal_distance() -> None:
     assert watch.numbers().tolist() == [20, 10]
     watch.see(frame_with())
     assert watch.numbers().tolist() == [20, 100]
+
+
+PARTS = st.lists(st.tuples(st.integers(-5, 79), st.integers(-5, 59), st.integers(1, 30), st.integers(1, 30)), max_size=3)
+
+
+@given(st.integers(1, 60), PARTS, PARTS, st.integers(0, 2**32))
+def test_camera_watch_equals_work_on_whole_frames(side: int, before: Any, after: Any, seed: int) -> None:
+    """Only what differs from the first frame is searched and shrunk again."""
+    rng = np.random.default_rng(seed)
+    first = rng.integers(0, 150, (60, 80, 3), dtype=np.uint8)
+    frame = first.copy()
+    for canvas, parts in ((first, before), (frame, before), (frame, after)):
+        for x, y, width, height in parts:
+            canvas[box(max(x, 0), max(y, 0), width, height)] = RED if width % 2 else rng.integers(0, 256, 3)
+    watch = Watch(dataclasses.replace(VIEW, image_px=side), rng, first)
+    disc = (GOAL.places[0], GOAL.radius_px)
+    assert np.array_equal(watch.image, shrink(first, side, disc))
+    for seen in (frame, first, frame):
+        watch.see(seen)
+        assert np.array_equal(watch.image, shrink(seen, side, disc))
+        found_px = distances_px(find_red(seen, GOAL.red), disc[0])
+        assert watch.nearest_px == found_px.min(initial=100)
+        assert watch.mean_px == (found_px.mean() if len(found_px) else watch.mean_px)
+
+
+@given(PARTS, st.integers(1, 80))
+def test_changed_part_holds_all_that_differs(parts: Any, width: int) -> None:
+    before, after = (frame_with(*(box(max(x, 0), max(y, 0), w, h) for x, y, w, h in some))[:, :width] for some in ([], parts))
+    rows, columns = changed_part(after, before)
+    differs = (after != before).any(-1)
+    assert differs.sum() == differs[rows, columns].sum()
+    for span, found in ((rows, np.flatnonzero(differs.any(1))), (columns, np.flatnonzero(differs.any(0)))):
+        assert len(found) == 0 or (found[0] - 3 < span.start <= found[0] and found[-1] < span.stop <= found[-1] + 4)
 
 
 def test_goal_is_drawn_after_search() -> None:

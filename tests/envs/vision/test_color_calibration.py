@@ -12,8 +12,9 @@ from hypothesis import strategies as st
 
 import bricksrl
 from bricksrl.envs import get_task
-from bricksrl.envs.vision.camera import Frame, RedWindow, VideoCamera, find_red
+from bricksrl.envs.vision.camera import VideoCamera
 from bricksrl.envs.vision.color_calibration import calibrate_red, picture, read_red, saved_path, saved_red, spanning, write_red
+from bricksrl.envs.vision.frames import Frame, RedWindow, find_red
 from bricksrl.errors import CameraError
 
 ID = "RoboArm_mixed-v0"

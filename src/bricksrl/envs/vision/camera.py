@@ -1,20 +1,18 @@
-"""Camera as a sensor: its description in a task, detection of red objects in its frames, and sources of frames.
+"""Camera as a sensor: its description in a task, and sources of frames.
 
-A frame is uint8 ``[height, width, 3]`` in RGB and is never drawn into. The agent does not get the frame but a small image of it
-with the goal drawn in. Positions are ``(x, y)`` in px of the frame, from its upper left corner.
+The agent does not get the frame but a small image of it with the goal drawn in.
 """
 
 from __future__ import annotations
 
-import functools
 import logging
 import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bricksrl.envs.vision.frames import Frame, Place, RedWindow
 from bricksrl.errors import CameraError, DescriptionError, RenderingUnavailableError
 
 if TYPE_CHECKING:
@@ -23,38 +21,7 @@ if TYPE_CHECKING:
     from bricksrl.twin.render.raycast import RayCaster
     from bricksrl.virtual_hub.body import Body
 
-Frame = NDArray[np.uint8]
-Place = tuple[int, int]
-
 _log = logging.getLogger(__name__)
-
-_GREEN = (0, 255, 0)
-_HUE_AROUND_RED_DEG = 60.0  # hues within this distance of 0 have red as the strongest channel
-
-
-@dataclass(frozen=True)
-class RedWindow:
-    """HSV window of colours that count as red, and the minimum area of an object. Raises DescriptionError if a limit is out of
-    range.
-
-    Attributes:
-        hue_deg: lowest and highest hue; red is 0, hues below it are negative.
-        saturation: lowest saturation, 0..1.
-        value: lowest brightness, 0..1.
-        area_px: an object is a connected region of more pixels than this.
-    """
-
-    hue_deg: tuple[float, float] = (-60.0, 24.0)
-    saturation: float = 0.6
-    value: float = 0.34
-    area_px: int = 10
-
-    def __post_init__(self) -> None:
-        low, high = self.hue_deg
-        if not -_HUE_AROUND_RED_DEG <= low <= high <= _HUE_AROUND_RED_DEG:
-            raise DescriptionError(f"hues of {self.hue_deg} degrees are not those around red; give (low, high) within -60 to 60")
-        if not (0.0 < self.saturation <= 1.0 and 0.0 < self.value <= 1.0 and self.area_px >= 0):
-            raise DescriptionError("a window of red needs saturation and value in 0..1, above 0, and an area_px of 0 or more")
 
 
 @dataclass(frozen=True)
@@ -123,132 +90,11 @@ class Camera(Protocol):
     """Source of frames."""
 
     def frame(self) -> Frame:
-        """Present frame; opens the camera if it is closed. Raises CameraError if a real camera cannot be read, or OpenCV is not
-        installed, RenderingUnavailableError if a virtual robot cannot be drawn."""
+        """Present frame, as a new array; opens the camera if it is closed. Raises CameraError if a real camera cannot be read, or
+        OpenCV is not installed, RenderingUnavailableError if a virtual robot cannot be drawn."""
 
     def close(self) -> None:
         """Release the camera; closing twice does nothing."""
-
-
-# ---------------------------------------------------------------- detection in a frame
-
-
-def find_red(frame: Frame, window: RedWindow) -> NDArray[np.float64]:
-    """Centres of the bounding boxes of the red objects in a frame ``[height, width, 3]``: ``[objects, 2]``."""
-    from scipy import ndimage
-
-    # Hue is computed only for the few pixels that are mostly red. For this, each value of the flat array is compared with the two
-    # that follow it: memory is passed through in order, and every third result belongs to a red channel.
-    flat = np.ascontiguousarray(frame).reshape(-1)
-    strong = flat[:-2] > flat[1:-1]
-    strong &= flat[:-2] > flat[2:]
-    strong &= flat[:-2] >= math.ceil(255 * window.value)
-    rows, columns = np.divmod(np.flatnonzero(strong[::3]), frame.shape[1])
-    strongest, second, third = frame[rows, columns].astype(np.float32).T
-    chroma = strongest - np.minimum(second, third)
-    hue_deg = 60.0 * (second - third) / chroma
-    low_deg, high_deg = window.hue_deg
-    found = (chroma >= window.saturation * strongest) & (hue_deg >= low_deg) & (hue_deg <= high_deg)
-    rows, columns = rows[found], columns[found]
-    if not len(rows):
-        return np.empty((0, 2))
-    top, left = int(rows.min()), int(columns.min())
-    mask = np.zeros((int(rows.max()) - top + 1, int(columns.max()) - left + 1), bool)
-    mask[rows - top, columns - left] = True
-    labels, _ = ndimage.label(mask, np.ones((3, 3)))
-    areas = np.bincount(labels[mask])
-    boxes = [box for label, box in enumerate(ndimage.find_objects(labels), 1) if areas[label] > window.area_px]
-    middles = [[left + (x.start + x.stop - 1) / 2, top + (y.start + y.stop - 1) / 2] for y, x in boxes]
-    return np.array(middles).reshape(-1, 2)
-
-
-def distances_px(centres: NDArray[np.float64], goal: Place) -> NDArray[np.float64]:
-    """Distances from each of the centres ``[objects, 2]`` to the goal; ``[objects]``."""
-    return np.hypot(centres[:, 0] - goal[0], centres[:, 1] - goal[1])
-
-
-def shrink(frame: Frame, side_px: int, disc: tuple[Place, int] | None = None) -> Frame:
-    """Area-averaged image ``[side, side, 3]`` of the frame, in which small objects stay visible. ``disc``: centre and radius, in
-    px of the frame, of a green disc to draw into the image; the frame is not changed."""
-    canvas = frame.astype(np.float32)
-    if disc is not None:
-        draw_disc(canvas, *disc)
-    flat = _squash(canvas, side_px)  # [side, width, 3]
-    image = _squash(np.ascontiguousarray(flat.swapaxes(0, 1)), side_px).swapaxes(0, 1)
-    shrunk: Frame = np.rint(image).astype(np.uint8)
-    return shrunk
-
-
-def _squash(canvas: NDArray[np.float32], few: int) -> NDArray[np.float32]:
-    """Area-average rows ``[many, ...]`` to ``[few, ...]``."""
-    many, *rest = canvas.shape
-    blocks = math.gcd(few, many)  # no new row spans two blocks
-    squashed = _cover(few // blocks, many // blocks) @ canvas.reshape(blocks, many // blocks, -1)
-    return squashed.reshape(few, *rest)
-
-
-@functools.lru_cache(maxsize=16)
-def _cover(few: int, many: int) -> NDArray[np.float32]:
-    """Weights of area averaging from ``many`` pixels in a row to ``few``; ``[few, many]``."""
-    edges = np.arange(few + 1)[:, None] * (many / few)
-    reached = np.clip(edges - np.arange(many), 0.0, 1.0)  # share of each pixel that lies before each edge
-    share: NDArray[np.float32] = (np.diff(reached, axis=0) * (few / many)).astype(np.float32)
-    return share
-
-
-def draw_disc(canvas: NDArray[Any], centre: Place, radius_px: int) -> None:
-    """Draw a green disc into ``[height, width, 3]``; it is clipped at the edges."""
-    x, y = centre
-    left, top = max(x - radius_px, 0), max(y - radius_px, 0)
-    part = canvas[top : max(y + radius_px + 1, 0), left : max(x + radius_px + 1, 0)]
-    rows, columns = np.ogrid[top : top + part.shape[0], left : left + part.shape[1]]
-    part[(rows - y) ** 2 + (columns - x) ** 2 <= radius_px**2] = _GREEN
-
-
-# ---------------------------------------------------------------- state of an episode
-
-
-class Watch:
-    """Goal, image and distances of a camera over one episode.
-
-    Args:
-        view: the task's camera.
-        rng: generator that the goal is drawn from.
-        frame: frame at the start.
-
-    Attributes:
-        goal: position of the goal, constant for the episode; ``None`` for a camera without one.
-        image: the agent's image, uint8 ``[side, side, 3]``.
-        mean_px: mean distance of the red objects from the goal; unchanged where none is seen, 0 at the start.
-        nearest_px: distance of the nearest red object; the diagonal of the frame where none is seen.
-    """
-
-    def __init__(self, view: CameraView, rng: np.random.Generator, frame: Frame) -> None:
-        self._view = view
-        self.goal = None if view.goal is None else view.goal.draw(rng)
-        self.mean_px, self.nearest_px = 0.0, view.farthest_px
-        self.image = self._image(frame)
-
-    def see(self, frame: Frame) -> None:
-        """Update image and distances from the frame after a step."""
-        self.image = self._image(frame)
-        if self._view.goal is None or self.goal is None:
-            return
-        found_px = distances_px(find_red(frame, self._view.goal.red), self.goal)
-        self.nearest_px = self._view.farthest_px
-        if len(found_px):
-            self.mean_px, self.nearest_px = float(found_px.mean()), float(found_px.min())
-
-    def numbers(self) -> NDArray[np.float32]:
-        """Mean and smallest distance in px ``[2]``; empty ``[0]`` for a camera without a goal."""
-        return np.array([] if self.goal is None else [self.mean_px, self.nearest_px], np.float32)
-
-    def _image(self, frame: Frame) -> Frame:
-        goal, place = self._view.goal, self.goal
-        return shrink(frame, self._view.image_px, None if goal is None or place is None else (place, goal.radius_px))
-
-
-# ---------------------------------------------------------------- sources of frames
 
 
 class TwinCamera:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bricksrl.envs.vision.camera import Frame, Place, RedWindow
+from bricksrl.envs.vision.frames import Frame, Place, RedWindow
 from bricksrl.errors import BricksError, CameraError
 from bricksrl.hub.diagnostics.calibration import calibration_folder
 

@@ -29,6 +29,8 @@ _LIBRARIES = {"egl": ("libEGL.so.1",), "osmesa": ("libOSMesa.so.8", "libOSMesa.s
 _SWITCHED_OFF = ("disable", "disabled", "off", "false", "0")
 """Values of MUJOCO_GL that disable MuJoCo's rendering."""
 _MAX_GEOMS = 1000
+_PIXEL = np.dtype("V3")
+"""Pixels are copied whole, several times as fast as by colour."""
 
 Decorate = Callable[[mujoco.MjvScene], None]
 """Adds decorations to a scene before each rendering."""
@@ -85,7 +87,6 @@ class Renderer:
         if not shadows and not is_free and decorate is None and stands_still(model, self._camera.fixedcamid):
             self._moving = MovingParts(model, self._camera.fixedcamid, width, height, self._option.geomgroup)
             self._puts_over = not smooth and is_opaque(model, self._option.geomgroup)
-        # OpenGL clears its whole buffer for every image, so the buffer has exactly this size.
         model.vis.global_.offwidth, model.vis.global_.offheight = width, height
         model.vis.quality.offsamples = 4 if smooth else 0
         self._gl, self._context = _open_context(model, width, height)
@@ -113,9 +114,8 @@ class Renderer:
         if box.width and box.height:
             part = slice(box.top, box.bottom), slice(box.left, box.right)
             pixels, depth = self._draw(box, mujoco.mjtCatBit.mjCAT_DYNAMIC if self._puts_over else mujoco.mjtCatBit.mjCAT_ALL)
-            nearer = depth < still_depth[part] if self._puts_over else np.True_
-            for color in range(3):  # eight times as fast as one copy with a broadcast mask
-                np.copyto(image[part][..., color], pixels[..., color], where=nearer)
+            nearer = (depth < still_depth[part])[..., None] if self._puts_over else np.True_
+            np.copyto(image.view(_PIXEL)[part], pixels.view(_PIXEL), where=nearer)
         return image
 
     def _draw(self, box: Box, what: int) -> tuple[Image, NDArray[np.float32]]:
@@ -127,6 +127,8 @@ class Renderer:
         aim(self._scene, box, self._whole.width, self._whole.height)
         viewport, pixels = mujoco.MjrRect(0, 0, box.width, box.height), np.empty((box.height, box.width, 3), np.uint8)
         depth = np.empty((box.height, box.width), np.float32)
+        # A buffer of exactly this size is cleared at once, a part of a larger one pixel by pixel.
+        mujoco.mjr_resizeOffscreen(box.width, box.height, self._context)
         mujoco.mjr_render(viewport, self._scene, self._context)
         mujoco.mjr_readPixels(pixels, depth, viewport, self._context)
         return pixels[::-1], depth[::-1]

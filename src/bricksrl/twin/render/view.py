@@ -55,38 +55,35 @@ class MovingParts:
         middle, half = model.geom_aabb[self._geoms, None, :3], model.geom_aabb[self._geoms, None, 3:]
         signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
         self._corners = middle + half * signs  # [geoms, 8, 3], in the frame of each geometry
-        self._focal_px = height / 2 / math.tan(math.radians(float(model.cam_fovy[camera])) / 2)
+        focal_px = height / 2 / math.tan(math.radians(float(model.cam_fovy[camera])) / 2)
+        self._focal_px, self._middle_px = np.array((focal_px, -focal_px)), np.array((width, height)) / 2
+        self._whole = 0, 0, width, height
 
     def box(self, data: mujoco.MjData) -> Box:
         """Bounding box of all moving geometry, with a margin of 1 px; empty if there is none."""
         if not len(self._geoms):
             return Box(0, 0, 0, 0)
-        left, top, right, bottom = self._bounds(data)
-        return Box(int(left.min()), int(top.min()), int(right.max()), int(bottom.max()))
+        bounds = self._bounds(data)
+        return Box(*bounds[:, :2].min(0).tolist(), *bounds[:, 2:].max(0).tolist())
 
     def mask(self, data: mujoco.MjData, spot_px: int) -> NDArray[np.bool_]:
         """Mask ``[rows, columns]`` of the squares of ``spot_px`` that moving geometry may cover."""
         mask = np.zeros((-(-self._height // spot_px), -(-self._width // spot_px)), bool)
         bounds = self._bounds(data)
-        bounds[2:] += spot_px - 1
-        for left, top, right, bottom in (bounds // spot_px).T:
+        bounds[:, 2:] += spot_px - 1
+        for left, top, right, bottom in bounds // spot_px:
             mask[top:bottom, left:right] = True
         return mask
 
     def _bounds(self, data: mujoco.MjData) -> NDArray[np.int64]:
-        """Left, top, right and bottom of each geometry's bounding box, with a margin of 1 px; ``[4, geometries]``."""
+        """Left, top, right and bottom of each geometry's bounding box, with a margin of 1 px; ``[geometries, 4]``."""
         turned = self._corners @ data.geom_xmat[self._geoms].reshape(-1, 3, 3).transpose(0, 2, 1)
         corners = turned + data.geom_xpos[self._geoms, None] - data.cam_xpos[self._camera]
-        right, up, back = np.moveaxis(corners @ data.cam_xmat[self._camera].reshape(3, 3), -1, 0)
-        depth = np.maximum(-back, _NEAR_M)
-        columns = self._width / 2 + self._focal_px * right / depth
-        rows = self._height / 2 - self._focal_px * up / depth
-        upper_left = [np.floor(part.min(1)) - 1 for part in (columns, rows)]
-        bounds = np.array([*upper_left, *(np.ceil(part.max(1)) + 1 for part in (columns, rows))])
-        beside = back.max(1) > -_NEAR_M  # or behind the camera: it may cover anything
-        bounds[:2, beside], bounds[2:, beside] = 0, [[self._width], [self._height]]
-        limits = np.array([[self._width], [self._height]] * 2)
-        within: NDArray[np.int64] = np.clip(bounds, 0, limits).astype(np.int64)
+        seen = corners @ data.cam_xmat[self._camera].reshape(3, 3)  # right, up, back
+        pixels = self._middle_px + self._focal_px * seen[..., :2] / np.maximum(-seen[..., 2:], _NEAR_M)
+        bounds = np.concatenate((np.floor(pixels.min(1)) - 1, np.ceil(pixels.max(1)) + 1), 1)
+        bounds[seen[..., 2].max(1) > -_NEAR_M] = self._whole  # beside or behind the camera: it may cover anything
+        within: NDArray[np.int64] = np.minimum(np.maximum(bounds, 0), self._whole[2:] * 2).astype(np.int64)
         return within
 
 

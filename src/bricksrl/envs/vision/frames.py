@@ -1,0 +1,173 @@
+"""Operations on frames: detection of red objects, area-averaged images, and the part in which two frames differ.
+
+A frame is uint8 ``[height, width, 3]`` in RGB and is never drawn into. Positions are ``(x, y)`` in px of the frame, from its
+upper left corner.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bricksrl.errors import DescriptionError
+
+Frame = NDArray[np.uint8]
+Place = tuple[int, int]
+Disc = tuple[Place, int]
+"""Centre and radius in px."""
+Part = tuple[slice, slice]
+"""Rows and columns."""
+
+_GREEN = (0, 255, 0)
+_HUE_AROUND_RED_DEG = 60.0  # hues within this distance of 0 have red as the strongest channel
+
+
+@dataclass(frozen=True)
+class RedWindow:
+    """HSV window of colours that count as red, and the minimum area of an object. Raises DescriptionError if a limit is out of
+    range.
+
+    Attributes:
+        hue_deg: lowest and highest hue; red is 0, hues below it are negative.
+        saturation: lowest saturation, 0..1.
+        value: lowest brightness, 0..1.
+        area_px: an object is a connected region of more pixels than this.
+    """
+
+    hue_deg: tuple[float, float] = (-60.0, 24.0)
+    saturation: float = 0.6
+    value: float = 0.34
+    area_px: int = 10
+
+    def __post_init__(self) -> None:
+        low, high = self.hue_deg
+        if not -_HUE_AROUND_RED_DEG <= low <= high <= _HUE_AROUND_RED_DEG:
+            raise DescriptionError(f"hues of {self.hue_deg} degrees are not those around red; give (low, high) within -60 to 60")
+        if not (0.0 < self.saturation <= 1.0 and 0.0 < self.value <= 1.0 and self.area_px >= 0):
+            raise DescriptionError("a window of red needs saturation and value in 0..1, above 0, and an area_px of 0 or more")
+
+
+def find_red(frame: Frame, window: RedWindow) -> NDArray[np.float64]:
+    """Centres of the bounding boxes of the red objects in a frame ``[height, width, 3]``: ``[objects, 2]``."""
+    from scipy import ndimage
+
+    rows, columns = _red_pixels(frame, window)
+    if not len(rows):
+        return np.empty((0, 2))
+    top, left = int(rows.min()), int(columns.min())
+    mask = np.zeros((int(rows.max()) - top + 1, int(columns.max()) - left + 1), bool)
+    mask[rows - top, columns - left] = True
+    labels, _ = ndimage.label(mask, np.ones((3, 3)))
+    areas = np.bincount(labels[mask])
+    boxes = [box for label, box in enumerate(ndimage.find_objects(labels), 1) if areas[label] > window.area_px]
+    middles = [[left + (x.start + x.stop - 1) / 2, top + (y.start + y.stop - 1) / 2] for y, x in boxes]
+    return np.array(middles).reshape(-1, 2)
+
+
+def _red_pixels(frame: Frame, window: RedWindow) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Rows and columns of the pixels whose colour is in the window."""
+    # Hue is computed only for the few pixels that are mostly red. For this, each value of the flat array is compared with the two
+    # that follow it: memory is passed through in order, and every third result belongs to a red channel.
+    flat = np.ascontiguousarray(frame).reshape(-1)
+    strong = flat[:-2] > flat[1:-1]
+    strong &= flat[:-2] > flat[2:]
+    strong &= flat[:-2] >= math.ceil(255 * window.value)
+    pixels = np.flatnonzero(strong[::3])
+    strongest, second, third = flat.reshape(-1, 3)[pixels].astype(np.float32).T
+    chroma = strongest - np.minimum(second, third)
+    hue_deg = 60.0 * (second - third) / chroma
+    low_deg, high_deg = window.hue_deg
+    found = (chroma >= window.saturation * strongest) & (hue_deg >= low_deg) & (hue_deg <= high_deg)
+    return np.divmod(pixels[found], frame.shape[1])
+
+
+def distances_px(centres: NDArray[np.float64], goal: Place) -> NDArray[np.float64]:
+    """Distances from each of the centres ``[objects, 2]`` to the goal; ``[objects]``."""
+    return np.hypot(centres[:, 0] - goal[0], centres[:, 1] - goal[1])
+
+
+def shrink(frame: Frame, side_px: int, disc: Disc | None = None) -> Frame:
+    """Area-averaged image ``[side, side, 3]`` of the frame, in which small objects stay visible; ties are rounded to even.
+    ``disc``: a green disc to draw into the image; the frame is not changed."""
+    image = np.empty((side_px, side_px, 3), np.uint8)
+    shrink_part(image, frame, (slice(0, frame.shape[0]), slice(0, frame.shape[1])), disc)
+    return image
+
+
+def shrink_part(image: Frame, frame: Frame, part: Part, disc: Disc | None = None) -> None:
+    """Redo the pixels of a shrunk image that show a part of the frame; the others stay as they are."""
+    (rows, new_rows), (columns, new_columns) = map(_whole_blocks, part, image.shape, frame.shape)
+    canvas = frame[rows, columns].astype(np.float32)
+    if disc is not None:
+        (x, y), radius_px = disc
+        draw_disc(canvas, (x - columns.start, y - rows.start), radius_px)
+    # Sums of whole numbers are exact: the image does not depend on what is computed with it.
+    flat = _squash(canvas, new_rows.stop - new_rows.start)
+    sums = _squash(flat.swapaxes(0, 1).astype(float, order="C"), new_columns.stop - new_columns.start).swapaxes(0, 1)
+    weights = math.prod(many // math.gcd(few, many) for few, many in zip(image.shape[:2], frame.shape[:2], strict=True))
+    image[new_rows, new_columns] = np.rint(sums / weights)
+
+
+def _whole_blocks(span: slice, few: int, many: int) -> tuple[slice, slice]:
+    """The smallest range around a span of ``many`` pixels that becomes whole pixels, and those among ``few``."""
+    blocks = math.gcd(few, many)
+    first, last = span.start * blocks // many, -(-span.stop * blocks // many)
+    old, new = many // blocks, few // blocks
+    return slice(first * old, last * old), slice(first * new, last * new)
+
+
+def _squash(canvas: NDArray[Any], few: int) -> NDArray[Any]:
+    """Rows ``[many, ...]`` to ``[few, ...]``: sums, each of ``many / gcd`` weights of a row."""
+    many, *rest = canvas.shape
+    blocks = math.gcd(few, many)  # no new row spans two blocks
+    squashed: NDArray[Any] = _cover(few // blocks, many // blocks) @ canvas.reshape(blocks, many // blocks, -1)
+    return squashed.reshape(few, *rest)
+
+
+@functools.lru_cache(maxsize=16)
+def _cover(few: int, many: int) -> NDArray[np.float32]:
+    """Share of ``many`` rows in each of ``few`` equal parts of them, in units of ``1 / few`` rows; ``[few, many]``."""
+    edges = np.arange(few + 1)[:, None] * many
+    reached = np.clip(edges - np.arange(many) * few, 0, few)  # what of each row lies before each edge
+    share: NDArray[np.float32] = np.diff(reached, axis=0).astype(np.float32)
+    return share
+
+
+def draw_disc(canvas: NDArray[Any], centre: Place, radius_px: int) -> None:
+    """Draw a green disc into ``[height, width, 3]``; it is clipped at the edges."""
+    x, y = centre
+    left, top = max(x - radius_px, 0), max(y - radius_px, 0)
+    part = canvas[top : max(y + radius_px + 1, 0), left : max(x + radius_px + 1, 0)]
+    if part.size:
+        down, right = np.arange(part.shape[0]) + (top - y), np.arange(part.shape[1]) + (left - x)
+        part[down[:, None] ** 2 + right**2 <= radius_px**2] = _GREEN
+
+
+def changed_part(frame: Frame, before: Frame) -> Part:
+    """Part that contains every pixel in which two frames differ, a few px wider than needed at most; 1 px or more."""
+    height, width = frame.shape[:2]
+    word = math.gcd(8, width * 3)  # bytes that are compared at once
+    words, words_before = (np.ascontiguousarray(one).reshape(height, -1).view(f"u{word}") for one in (frame, before))
+    differs = words != words_before
+    rows, columns = (np.flatnonzero(differs.any(axis)).tolist() or [0] for axis in (1, 0))
+    left, right = columns[0] * word // 3, -(-(columns[-1] + 1) * word // 3)
+    return slice(rows[0], rows[-1] + 1), slice(left, right)
+
+
+def red_part(frame: Frame, window: RedWindow) -> Part | None:
+    """The smallest part that contains every pixel whose colour is in the window; ``None`` if there is none."""
+    rows, columns = _red_pixels(frame, window)
+    if not len(rows):
+        return None
+    return slice(int(rows.min()), int(rows.max()) + 1), slice(int(columns.min()), int(columns.max()) + 1)
+
+
+def hull(one: Part, other: Part) -> Part:
+    """The smallest part that contains both."""
+    rows, columns = (slice(min(a.start, b.start), max(a.stop, b.stop)) for a, b in zip(one, other, strict=True))
+    return rows, columns
