@@ -5,6 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -113,3 +114,8 @@ def test_training_without_config_raises(config: Any) -> None:
 def test_invalid_numbers_raise(change: dict[str, int]) -> None:
     with pytest.raises((DescriptionError, RunError), match=next(iter(change))):
         TrainConfig(env="RunAway-v0", **change)  # type: ignore[arg-type]
+
+
+def test_numpy_numbers_become_plain() -> None:
+    config = TrainConfig("RunAway-v0", seed=np.int64(3), episodes=np.int32(5))  # type: ignore[arg-type]
+    assert (type(config.seed), config.seed, config.episodes) == (int, 3, 5)

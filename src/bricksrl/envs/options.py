@@ -7,6 +7,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, Self
 
+import numpy as np
+
 from bricksrl.errors import BricksError, DescriptionError
 from bricksrl.fields import check_fields
 from bricksrl.hub.transport import Pipe
@@ -37,6 +39,9 @@ class EnvOptions:
     """Options of the task, such as ``{"sparse": True}``; plain values."""
 
     def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if isinstance(value, np.generic):  # a NumPy number, such as a seed from an array
+                object.__setattr__(self, name, value.item())
         check_fields(type(self), vars(self))
         if self.randomize and self.physics is not None:
             raise DescriptionError("the physics is given and is to be random too; choose one of the two")
