@@ -39,6 +39,9 @@ robots are virtual; nobody here has run this on LEGO's yet.
 
 The agents were rewritten on TorchRL's parts. Measured with the earlier ones: learning from datasets (offline, datasets, warm
 start), REDQ in the simulations, and five seeds at once.
+
+The virtual robots are made from their building plans since November 2026. Measured on the earlier twins, which were written by
+hand and a little heavier: learning from datasets, the camera task, the fleet and the arena.
 """
 
 STUDIES_HEAD = """# Studies
@@ -46,7 +49,8 @@ STUDIES_HEAD = """# Studies
 A study is a table of trainings with several seeds. `bricksrl study` lists the studies, and `bricksrl study NAME` runs one. With
 `--quick` it takes a few minutes, to check that everything works. This page is written by `python benchmarks/tables.py` from the
 studies that were run at full length (`benchmarks/results/study_*.json`) and from the results of the benchmarks. A study
-without a table here has not been run.
+without a table here has not been run. These were run on the earlier twins of the robots, which were written by hand and a
+little heavier; [plans.md](plans.md) compares them with those of today.
 """
 
 
