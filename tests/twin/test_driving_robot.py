@@ -317,3 +317,20 @@ def test_robots_without_scene_are_unchanged() -> None:
     assert isinstance(plain, MujocoBody) and isinstance(floor, MujocoBody)
     assert plain.model.nq == floor.model.nq and floor.model.ngeom == plain.model.ngeom + 1
     mujoco.mj_step(floor.model, floor.data)
+
+
+def test_upright_hub_reads_as_mounted() -> None:
+    # The hub stands at the back of the robot, its front upwards, its top backwards: the gravity is along its front.
+    upright = replace(ROVER, needs_imu=True, hub_sides=("back", "up"))
+    quiet = Physics(acceleration_noise_mm_s2=0, gyro_noise_deg_s=0, tilt_noise_deg=0)
+    body, flat = (make_body(one, physics=quiet) for one in (upright, replace(ROVER, needs_imu=True)))
+    assert body.acceleration_mm_s2() == pytest.approx((9810, 0, 0), abs=30)
+    assert flat.acceleration_mm_s2() == pytest.approx((0, 0, 9810), abs=30)
+    for one in (body, flat):
+        one.set_voltage("A", 3000)
+        one.set_voltage("B", 3000)
+        one.advance_to(400)
+    turning = flat.angular_velocity_deg_s()[2]
+    assert abs(turning) > 20
+    assert body.angular_velocity_deg_s() == pytest.approx((turning, 0, 0), abs=3)
+    assert body.rotation_deg()[0] == pytest.approx(flat.rotation_deg()[2], abs=1)

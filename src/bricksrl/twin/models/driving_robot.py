@@ -17,7 +17,6 @@ from bricksrl.robots import DriveBase, HubKind, Motor, MotorKind, Robot
 from bricksrl.twin.models import lego
 from bricksrl.twin.models.meshes import X_AXIS, Y_AXIS, Z_AXIS, Part, box, cylinder, draw
 from bricksrl.twin.models.mjcf import (
-    SHAPE_GROUP,
     Triple,
     add_box,
     add_camera,
@@ -29,7 +28,7 @@ from bricksrl.twin.models.mjcf import (
     add_tyre,
     new_spec,
 )
-from bricksrl.twin.models.mounts import case_of, mount_of, mount_sensor
+from bricksrl.twin.models.mounts import add_hub_site, case_of, mount_of, mount_sensor
 from bricksrl.twin.scene import Scene
 
 _CASTER_RADIUS_MM = 9.6
@@ -67,7 +66,8 @@ def driving_robot(robot: Robot, scene: Scene) -> mujoco.MjSpec:
     chassis = spec.worldbody.add_body(name="chassis", pos=[0.0, 0.0, axle_m])
     chassis.add_freejoint(name="root")
     _add_masses(chassis, robot, frame)
-    chassis.add_site(name="imu", pos=[side / 1000 for side in frame.hub], group=SHAPE_GROUP)
+    x, y, z = frame.hub
+    add_hub_site(chassis, robot.hub_sides, (x / 1000, y / 1000, z / 1000))
     wheels = (robot.motor(base.left), robot.motor(base.right))
     for motor, side in zip(wheels, (1.0, -1.0), strict=True):
         _add_wheel(spec, chassis, motor, side, frame)

@@ -5,7 +5,7 @@ Elements are matched with the robot's description by name:
 - a hinge for each motor, positive in the direction in which the motor counts up, after its gears,
 - a site for each sensor on the first body, which looks along the site's x axis; a force sensor measures contact forces on that
   body within the site,
-- a site ``imu`` at the hub; by default the origin of the first body.
+- a site ``imu`` at the hub, with its axes: front, left, top; by default at the origin of the first body, as ``hub_sides`` says.
 
 The first body has a free joint if the robot is mobile. Feet of a legged robot are geoms whose names begin with ``foot_``.
 """
@@ -19,7 +19,7 @@ import mujoco
 from bricksrl.errors import TwinError
 from bricksrl.robots import Motor, Robot, SensorKind, UltrasonicSensor
 from bricksrl.twin.models.mjcf import LOOKS_GROUP, OBSTACLE_GROUP, add_camera, add_light, add_motor, add_surroundings, set_options
-from bricksrl.twin.models.mounts import add_touch
+from bricksrl.twin.models.mounts import add_hub_site, add_touch
 from bricksrl.twin.scene import Scene
 
 _CHASE_DISTANCE_M = 0.5
@@ -58,7 +58,7 @@ def from_file(path: Path, robot: Robot, scene: Scene) -> mujoco.MjSpec:
         if sensor.kind is SensorKind.FORCE:
             add_touch(spec, sensor)
     if all(site.name != "imu" for site in spec.sites):
-        base.add_site(name="imu")
+        add_hub_site(base, robot.hub_sides)
     add_surroundings(spec, scene)
     add_light(base)
     add_camera(base, "chase", (0.0, 0.0, 0.0), (-0.62, -0.62, 0.55), _CHASE_DISTANCE_M)

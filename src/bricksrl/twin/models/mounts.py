@@ -37,6 +37,14 @@ def case_of(kind: DeviceKind, name: str) -> tuple[Triple, float] | None:
     return None
 
 
+def add_hub_site(body: mujoco.MjsBody, sides: tuple[str, ...], at_m: Triple = (0.0, 0.0, 0.0)) -> None:
+    """Add the site of a hub, whose top and front look to these sides of the robot."""
+    top, front = (np.array(LOOKS[side]) for side in sides)
+    quaternion = np.empty(4)
+    mujoco.mju_mat2Quat(quaternion, np.column_stack([front, np.cross(top, front), top]).ravel())
+    body.add_site(name="imu", pos=list(at_m), quat=quaternion.tolist(), group=SHAPE_GROUP)
+
+
 def mount_of(sensor: Sensor) -> Mount:
     """Mount of a sensor; by default in front, a color sensor facing the floor."""
     if sensor.mount is not None:
