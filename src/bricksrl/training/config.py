@@ -77,7 +77,6 @@ class TrainConfig(EnvOptions):
                 raise RunError(f"{name} is {getattr(self, name)}; give {least} or more, and up to {LARGEST:,}")
         if self.num_envs > 1 and (self.hub != "virtual" or self.realtime or self.updates):
             raise RunError("copies need a simulation or virtual robots in simulated time; omit num_envs")
-        check_seed(self.seed)
         if self.asynchronous is None:
             object.__setattr__(self, "asynchronous", self.realtime or self.hub != "virtual")
         if self.asynchronous and self.num_envs > 1:
