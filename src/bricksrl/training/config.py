@@ -68,6 +68,7 @@ class TrainConfig(EnvOptions):
     """New folder of the run; by default the first free one of ``runs/<env>-<agent>-seed-<seed>`` and the same with -2, -3, ..."""
 
     def __post_init__(self) -> None:
+        check_seed(self.seed)
         for name, kind in (("run_dir", Path), ("data", str), ("start", str)):  # a string is as good as a path
             if isinstance(getattr(self, name), Path | str):
                 object.__setattr__(self, name, kind(getattr(self, name)))
