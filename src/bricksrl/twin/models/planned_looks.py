@@ -54,13 +54,45 @@ def looks_of(
     frame = (np.eye(3) if axes is None else axes) @ TO_TWIN
     shift = (np.eye(3) if axes is None else axes) @ origin_m * 1000
     drawn: list[tuple[str, Shape]] = []
-    for index, is_shaft in [*((part, False) for part in parts), *((motor, True) for motor in shafts)]:
-        placed = plan.parts[index]
+    placed_parts = [plan.parts[part] for part in parts]
+    motors = [plan.parts[motor] for motor in shafts]
+    bounds = {one.index: _bounds(one) for one in placed_parts}
+    for placed, is_shaft in [*((part, False) for part in placed_parts), *((motor, True) for motor in motors)]:
         turn = frame @ placed.rotation
+        is_ours = not is_shaft and ldraw.folder() is None  # the shapes of a library are not those of our solids
+        near = [one for one in placed_parts if is_ours and _touch(bounds[one.index], bounds[placed.index])]
         for colour, shape in _shapes(placed, only_turning=is_shaft):
-            points = (shape.points @ turn.T + frame @ placed.position) * _MM - shift
-            drawn.append((colour, Shape(points, shape.normals @ turn.T, shape.faces)))
+            seen = _uncovered(placed, shape, [one for one in near if one is not placed])
+            points = (seen.points @ turn.T + frame @ placed.position) * _MM - shift
+            if len(seen.faces):
+                drawn.append((colour, Shape(points, seen.normals @ turn.T, seen.faces)))
     return meshes.Part(tuple(drawn))
+
+
+def _bounds(placed: Placed) -> tuple[Floats, Floats]:
+    corners = placed.to_plan(placed.part.corners)
+    return corners.min(axis=0), corners.max(axis=0)
+
+
+def _touch(one: tuple[Floats, Floats], other: tuple[Floats, Floats]) -> bool:
+    return bool((one[0] <= other[1]).all() and (other[0] <= one[1]).all())
+
+
+def _uncovered(placed: Placed, shape: Shape, others: list[Placed]) -> Shape:
+    """A shape of a part without the triangles that other parts hide, which have material just outside."""
+    corners = placed.to_plan(shape.points)[shape.faces]
+    outwards = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    outwards /= np.maximum(np.linalg.norm(outwards, axis=1, keepdims=True), 1e-12)
+    middle = corners.mean(axis=1, keepdims=True)
+    samples = np.concatenate([middle, middle + 0.9 * (corners - middle)], axis=1) + _CLEARANCE * outwards[:, None]
+    covered = np.zeros(samples.shape[:2], dtype=bool)
+    for other in others:
+        points = other.to_part(samples.reshape(-1, 3))
+        for solid in other.part.solids:
+            covered |= solid.contains(points, 0.0).reshape(covered.shape)
+    kept = shape.faces[~covered.all(axis=1)]
+    used, faces = np.unique(kept, return_inverse=True)
+    return Shape(shape.points[used], shape.normals[used], faces.reshape(kept.shape).astype(np.int32))
 
 
 def _shapes(placed: Placed, *, only_turning: bool) -> list[tuple[str, Shape]]:
