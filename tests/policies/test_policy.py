@@ -5,15 +5,18 @@ from __future__ import annotations
 import pickle
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
+import bricksrl
 from bricksrl.agents import preset
+from bricksrl.envs import register
 from bricksrl.errors import DescriptionError, RunError
 from bricksrl.policies import load_policy
 from bricksrl.policies.policy import Policy
-from bricksrl.training import TrainConfig, train
+from bricksrl.training import TrainConfig, resume, train
 
 
 @pytest.fixture(scope="module")
@@ -38,3 +41,18 @@ def test_observation_of_another_size_raises(run_dir: Path, shape: tuple[int, ...
 def test_unknown_checkpoint_raises(run_dir: Path) -> None:
     with pytest.raises(RunError, match="no checkpoint 'newest'; choose last or best"):
         load_policy(run_dir, which="newest")  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    "use",
+    [
+        lambda: bricksrl.evaluate(None),  # type: ignore[arg-type]
+        lambda: load_policy(None),  # type: ignore[arg-type]
+        lambda: resume(3),  # type: ignore[arg-type]
+        lambda: register("x"),  # type: ignore[arg-type]
+    ],
+)
+def test_values_of_another_type_raise(use: Any) -> None:
+    with pytest.raises(DescriptionError, match=r"^(run|path|task) is .*; give ") as caught:
+        use()
+    assert "\n" not in str(caught.value)

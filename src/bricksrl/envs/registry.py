@@ -272,6 +272,7 @@ def register(task: Task) -> None:
 
     Registering the same id again replaces the earlier task.
     """
+    check_value("task", task, Task)
     if task.id in _OWN:
         raise DescriptionError(f"{task.id} comes with BricksRL; give your task another name or version")
     _offers[task.id] = _Offer(lambda: task)

@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from bricksrl.fields import check_value
+
 if TYPE_CHECKING:
     from torchrl.envs import EnvBase
 
@@ -30,6 +32,7 @@ def load_policy(path: Path | str, env: EnvBase | None = None, *, which: Which = 
     from bricksrl.training.restore import load_learner, one_robot
     from bricksrl.training.run import make_env
 
+    check_value("path", path, Path | str)
     path = Path(path)
     place = make_env(one_robot(config_of(path))) if env is None else env
     try:

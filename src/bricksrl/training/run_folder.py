@@ -15,6 +15,7 @@ from typing import Any
 
 from bricksrl.envs.trust import code_in, remember, require_trusted
 from bricksrl.errors import RunError
+from bricksrl.fields import check_value
 from bricksrl.files import TEMPORARY_PREFIX, whole_folder, write_durably
 from bricksrl.training.callbacks import Episode, Phase
 from bricksrl.training.config import TrainConfig
@@ -24,9 +25,11 @@ _TAIL = ("seconds", "updates_per_step", "link_lost", "evaluation", "robot")
 
 
 class RunFolder:
-    """Paths and files of one run; ``best_path`` is the checkpoint of the best evaluation."""
+    """Paths and files of one run; ``best_path`` is the checkpoint of the best evaluation. Raises DescriptionError if the
+    path is none."""
 
     def __init__(self, path: Path | str) -> None:
+        check_value("run", path, Path | str)
         self.path = path = Path(path)
         self.config_path, self.metrics_path = path / "config.json", path / "metrics.csv"
         self.checkpoint_path, self.best_path = path / "checkpoint.bin", path / "best.bin"
