@@ -64,9 +64,9 @@ def test_survey_turns_joints_to_stops_and_back() -> None:
     hub = VirtualHub(make_body(ROBO_ARM))
     found = find_stops(hub, ROBO_ARM)
     assert found == {
-        "low": pytest.approx((0, 80), abs=2),
+        "low": pytest.approx((-5, 85), abs=2),
         "high": pytest.approx((-165, 25), abs=2),
-        "grab": pytest.approx((-158, -35), abs=2),
+        "grab": pytest.approx((-163, -30), abs=2),
     }
     angles = survey(hub, ROBO_ARM).angles_deg
     assert angles["low"] == pytest.approx(40, abs=8) and angles["grab"] == pytest.approx(-96, abs=8)
