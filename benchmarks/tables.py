@@ -41,7 +41,7 @@ The agents were rewritten on TorchRL's parts. Measured with the earlier ones: le
 start), REDQ in the simulations, and five seeds at once.
 
 The virtual robots are made from their building plans since November 2026. Measured on the earlier twins, which were written by
-hand and a little heavier: learning from datasets, the camera task, the fleet and the arena.
+hand and a little heavier: learning from datasets, the fleet and the arena.
 """
 
 STUDIES_HEAD = """# Studies
