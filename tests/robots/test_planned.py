@@ -20,7 +20,7 @@ from bricksrl.robots import (
     UltrasonicSensor,
     plans,
 )
-from bricksrl.robots.planned import check_description
+from bricksrl.robots.planned import check_description, plan_file
 
 PLANS = Path(plans.__path__[0])
 TWO_WHEELER_PLAN = str(PLANS / "two_wheeler.ldr")
@@ -100,3 +100,9 @@ def test_unsupported_motor_raises(tmp_path):
     plan.write_text("0 !BRICKSRL PORT A arm\n1 4 0 0 0 1 0 0 0 1 0 0 0 1 99455.dat\n")
     with pytest.raises(DescriptionError, match=r"line 2: no hub of ours runs EV3 medium motor \(99455\); take"):
         Robot("mine", HubKind.PRIME, plan=str(plan))
+
+
+def test_model_in_unknown_package_raises() -> None:
+    with pytest.raises(DescriptionError, match="no package 'no.such.package' with the plan car.ldr"):
+        plan_file("no.such.package:car.ldr")
+    assert plan_file("C:/car.ldr") == Path("C:/car.ldr") and plan_file("car.xml") is None

@@ -29,9 +29,8 @@ class Occupancy:
         self._parts = parts
         self._samples: dict[int, Floats] = {}
         self.queries = 0
-        bounds = [_bounds(placed) for placed in parts]
-        self.low: Floats = np.array([low for low, _ in bounds]).reshape(-1, 3)
-        self.high: Floats = np.array([high for _, high in bounds]).reshape(-1, 3)
+        self.low: Floats = np.array([placed.bounds[0] for placed in parts]).reshape(-1, 3)
+        self.high: Floats = np.array([placed.bounds[1] for placed in parts]).reshape(-1, 3)
 
     def collisions(self) -> list[tuple[int, int]]:
         """Pairs of colliding parts, the lower index first; at most 200."""
@@ -79,8 +78,3 @@ class Occupancy:
             placed = self._parts[index]
             self._samples[index] = placed.to_plan(placed.part.samples)
         return self._samples[index]
-
-
-def _bounds(placed: Placed) -> tuple[Floats, Floats]:
-    corners = placed.to_plan(placed.part.corners)
-    return corners.min(axis=0), corners.max(axis=0)

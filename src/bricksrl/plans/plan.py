@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -57,6 +58,12 @@ class Placed:
     def to_part(self, points: Floats) -> Floats:
         """Points [n, 3] from the plan's frame to the part's."""
         return np.asarray((points - self.position) @ self.rotation)
+
+    @functools.cached_property
+    def bounds(self) -> tuple[Floats, Floats]:
+        """Lowest and highest coordinates [3] in the plan's frame."""
+        corners = self.to_plan(self.part.corners)
+        return corners.min(axis=0), corners.max(axis=0)
 
     @property
     def name(self) -> str:

@@ -19,7 +19,7 @@ DETAILED, COARSE = 0.1, 0.3
 _ON_AXIS = 1e-9
 """Radii of a profile below this lie on its axis, where triangles have no area."""
 _WITHIN, _BESIDE = 0.9, 0.05
-"""Places where a triangle's surroundings are looked at: towards its corners from its middle, and away from it, LDU."""
+"""Where a triangle's surroundings are looked at: share of the way from its middle to its corners, and distance from it, LDU."""
 _STUD_RADIUS = 6.0
 _TOOTH_HEIGHT = 2.2
 """Height of teeth above the pitch circle."""
@@ -91,11 +91,7 @@ def _without_hidden(solids: Sequence[Solid], surfaces: list[Floats]) -> list[Flo
     """
     seen = []
     for number, triangles in enumerate(surfaces):
-        centres = triangles.mean(axis=1, keepdims=True)
-        normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
-        normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
-        points = np.concatenate([centres, centres + _WITHIN * (triangles - centres)], axis=1)
-        outer, inner = ((points + way * _BESIDE * normals[:, None]).reshape(-1, 3) for way in (1.0, -1.0))
+        outer, inner = (beside(triangles, distance).reshape(-1, 3) for distance in (_BESIDE, -_BESIDE))
         covered, doubled = np.zeros(len(outer), dtype=bool), np.zeros(len(outer), dtype=bool)
         for other, solid in enumerate(solids):
             if other != number:
@@ -105,6 +101,14 @@ def _without_hidden(solids: Sequence[Solid], surfaces: list[Floats]) -> list[Flo
         hidden = covered.reshape(-1, 4).all(axis=1) | doubled.reshape(-1, 4).all(axis=1)
         seen.append(triangles[~hidden])
     return seen
+
+
+def beside(triangles: Floats, distance: float) -> Floats:
+    """Points [n, 4, 3] at a distance from triangles [n, 3, 3], on their outer side: over the middle, and near the corners."""
+    centres = triangles.mean(axis=1, keepdims=True)
+    normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+    return np.concatenate([centres, centres + _WITHIN * (triangles - centres)], axis=1) + distance * normals[:, None]
 
 
 def _outward(triangles: Floats) -> Floats:

@@ -37,12 +37,17 @@ _ALONG = 0.999
 
 
 def plan_file(model: str) -> Path | None:
-    """Path of the building plan that a robot's model is, ``FILE`` or ``package:FILE``; ``None`` for other models."""
+    """Path of the building plan that a robot's model is, ``FILE`` or ``package:FILE``; ``None`` for other models. Raises
+    DescriptionError if there is no such package."""
     package, _, file = model.rpartition(":")
     if not file.lower().endswith((".ldr", ".mpd", ".io")):
         return None
-    # One letter is the drive of a path of Windows.
-    return Path(str(resources.files(package))) / file if len(package) > 1 else Path(model)
+    if len(package) < 2:  # one letter is the drive of a path of Windows
+        return Path(model)
+    try:
+        return Path(str(resources.files(package))) / file
+    except (ImportError, TypeError, ValueError) as error:
+        raise DescriptionError(f"there is no package '{package}' with the plan {file} ({error}); name the file") from None
 
 
 def completed(robot: Robot) -> tuple[tuple[Motor, ...], tuple[Sensor, ...], DriveBase | None, tuple[str, ...]]:

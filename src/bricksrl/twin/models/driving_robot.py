@@ -28,7 +28,7 @@ from bricksrl.twin.models.mjcf import (
     add_tyre,
     new_spec,
 )
-from bricksrl.twin.models.mounts import add_hub_site, case_of, mount_of, mount_sensor
+from bricksrl.twin.models.mounts import add_hub_site, case_of, hub_axes, mount_of, mount_sensor
 from bricksrl.twin.scene import Scene
 
 _CASTER_RADIUS_MM = 9.6
@@ -67,7 +67,7 @@ def driving_robot(robot: Robot, scene: Scene) -> mujoco.MjSpec:
     chassis.add_freejoint(name="root")
     _add_masses(chassis, robot, frame)
     x, y, z = frame.hub
-    add_hub_site(chassis, robot.hub_sides, (x / 1000, y / 1000, z / 1000))
+    add_hub_site(chassis, hub_axes(robot.hub_sides), (x / 1000, y / 1000, z / 1000))
     wheels = (robot.motor(base.left), robot.motor(base.right))
     for motor, side in zip(wheels, (1.0, -1.0), strict=True):
         _add_wheel(spec, chassis, motor, side, frame)

@@ -19,7 +19,7 @@ import mujoco
 from bricksrl.errors import TwinError
 from bricksrl.robots import Motor, Robot, SensorKind, UltrasonicSensor
 from bricksrl.twin.models.mjcf import LOOKS_GROUP, OBSTACLE_GROUP, add_camera, add_light, add_motor, add_surroundings, set_options
-from bricksrl.twin.models.mounts import add_hub_site, add_touch
+from bricksrl.twin.models.mounts import add_hub_site, add_touch, hub_axes
 from bricksrl.twin.scene import Scene
 
 _CHASE_DISTANCE_M = 0.5
@@ -58,7 +58,7 @@ def from_file(path: Path, robot: Robot, scene: Scene) -> mujoco.MjSpec:
         if sensor.kind is SensorKind.FORCE:
             add_touch(spec, sensor)
     if all(site.name != "imu" for site in spec.sites):
-        add_hub_site(base, robot.hub_sides)
+        add_hub_site(base, hub_axes(robot.hub_sides))
     add_surroundings(spec, scene)
     add_light(base)
     add_camera(base, "chase", (0.0, 0.0, 0.0), (-0.62, -0.62, 0.55), _CHASE_DISTANCE_M)

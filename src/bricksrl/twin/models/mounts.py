@@ -37,11 +37,16 @@ def case_of(kind: DeviceKind, name: str) -> tuple[Triple, float] | None:
     return None
 
 
-def add_hub_site(body: mujoco.MjsBody, sides: tuple[str, ...], at_m: Triple = (0.0, 0.0, 0.0)) -> None:
-    """Add the site of a hub, whose top and front look to these sides of the robot."""
+def hub_axes(sides: tuple[str, ...]) -> np.ndarray[tuple[int, ...], Any]:
+    """Rotation matrix [3, 3] from the axes of a hub, whose top and front look to these sides of the robot, to the robot's."""
     top, front = (np.array(LOOKS[side]) for side in sides)
+    return np.column_stack([front, np.cross(top, front), top])
+
+
+def add_hub_site(body: mujoco.MjsBody, axes: np.ndarray[tuple[int, ...], Any], at_m: Triple = (0.0, 0.0, 0.0)) -> None:
+    """Add the site of a hub. ``axes``: rotation matrix [3, 3] from the hub's axes to the body's."""
     quaternion = np.empty(4)
-    mujoco.mju_mat2Quat(quaternion, np.column_stack([front, np.cross(top, front), top]).ravel())
+    mujoco.mju_mat2Quat(quaternion, axes.ravel())
     body.add_site(name="imu", pos=list(at_m), quat=quaternion.tolist(), group=SHAPE_GROUP)
 
 

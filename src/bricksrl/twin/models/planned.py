@@ -24,7 +24,6 @@ from bricksrl.robots import Motor, Robot
 from bricksrl.robots.planned import check_description
 from bricksrl.twin.models import lego, meshes
 from bricksrl.twin.models.mjcf import (
-    SHAPE_GROUP,
     add_ball,
     add_camera,
     add_driven,
@@ -34,7 +33,7 @@ from bricksrl.twin.models.mjcf import (
     add_webcam,
     new_spec,
 )
-from bricksrl.twin.models.mounts import add_eye, mount_sensor
+from bricksrl.twin.models.mounts import add_eye, add_hub_site, mount_sensor
 from bricksrl.twin.models.planned_looks import cables_of, draw_spinners, looks_of
 from bricksrl.twin.models.planned_shapes import add_shapes, lowest_m
 from bricksrl.twin.models.rods import add_rod
@@ -245,8 +244,8 @@ class _Build:
                 raise TwinError(
                     f"{self.planned.plan.path}: the hub moves against the chassis; fix it there, or say needs_imu=False"
                 )
-            site = self.bodies[hub.link].add_site(name="imu", pos=self._local(hub.link, hub.point_m), group=SHAPE_GROUP)
-            site.quat = _quaternion(TO_TWIN @ self.planned.plan.parts[hub.part].rotation @ TO_TWIN.T)
+            axes = TO_TWIN @ self.planned.plan.parts[hub.part].rotation @ TO_TWIN.T
+            add_hub_site(self.bodies[hub.link], axes, self._local(hub.link, hub.point_m))
         base = self.bodies[0]
         for sensor in self.robot.sensors:
             place = mounted.get(sensor.port)
@@ -306,13 +305,6 @@ def _range_of_shaft(motor: Motor) -> tuple[float, float] | None:
 def _turned(axis: Floats, angle: float) -> list[float]:
     """Quaternion of a rotation about an axis."""
     return [math.cos(angle / 2), *(math.sin(angle / 2) * axis).tolist()]
-
-
-def _quaternion(rotation: Floats) -> list[float]:
-    """Quaternion of a rotation matrix [3, 3]."""
-    quaternion = np.empty(4)
-    mujoco.mju_mat2Quat(quaternion, rotation.ravel())
-    return [float(value) for value in quaternion]
 
 
 def _facing(looks: Floats) -> list[float]:

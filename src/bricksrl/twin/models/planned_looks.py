@@ -16,7 +16,7 @@ from bricksrl.plans.mechanism.kinematics import TO_TWIN
 from bricksrl.plans.part import DeviceKind, Part
 from bricksrl.plans.plan import Placed, Plan
 from bricksrl.plans.planned_robot import PlannedRobot
-from bricksrl.plans.shapes import COARSE, Tint, surface_of
+from bricksrl.plans.shapes import COARSE, Tint, beside, surface_of
 from bricksrl.twin import ldraw
 from bricksrl.twin.models import lego, meshes
 from bricksrl.twin.models.looks import shape_of
@@ -56,11 +56,10 @@ def looks_of(
     drawn: list[tuple[str, Shape]] = []
     placed_parts = [plan.parts[part] for part in parts]
     motors = [plan.parts[motor] for motor in shafts]
-    bounds = {one.index: _bounds(one) for one in placed_parts}
     for placed, is_shaft in [*((part, False) for part in placed_parts), *((motor, True) for motor in motors)]:
         turn = frame @ placed.rotation
         is_ours = not is_shaft and ldraw.folder() is None  # the shapes of a library are not those of our solids
-        near = [one for one in placed_parts if is_ours and _touch(bounds[one.index], bounds[placed.index])]
+        near = [one for one in placed_parts if is_ours and _touch(one.bounds, placed.bounds)]
         for colour, shape in _shapes(placed, only_turning=is_shaft):
             seen = _uncovered(placed, shape, [one for one in near if one is not placed])
             points = (seen.points @ turn.T + frame @ placed.position) * _MM - shift
@@ -69,22 +68,13 @@ def looks_of(
     return meshes.Part(tuple(drawn))
 
 
-def _bounds(placed: Placed) -> tuple[Floats, Floats]:
-    corners = placed.to_plan(placed.part.corners)
-    return corners.min(axis=0), corners.max(axis=0)
-
-
 def _touch(one: tuple[Floats, Floats], other: tuple[Floats, Floats]) -> bool:
     return bool((one[0] <= other[1]).all() and (other[0] <= one[1]).all())
 
 
 def _uncovered(placed: Placed, shape: Shape, others: list[Placed]) -> Shape:
     """A shape of a part without the triangles that other parts hide, which have material just outside."""
-    corners = placed.to_plan(shape.points)[shape.faces]
-    outwards = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    outwards /= np.maximum(np.linalg.norm(outwards, axis=1, keepdims=True), 1e-12)
-    middle = corners.mean(axis=1, keepdims=True)
-    samples = np.concatenate([middle, middle + 0.9 * (corners - middle)], axis=1) + _CLEARANCE * outwards[:, None]
+    samples = beside(placed.to_plan(shape.points)[shape.faces], _CLEARANCE)
     covered = np.zeros(samples.shape[:2], dtype=bool)
     for other in others:
         points = other.to_part(samples.reshape(-1, 3))
