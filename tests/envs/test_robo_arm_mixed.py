@@ -214,7 +214,7 @@ def test_sac_learns_to_bring_the_ball_to_the_disc(tmp_path: Path) -> None:
     train(TrainConfig(ID, episodes=80, run_dir=tmp_path / "run"))
     success = evaluate(tmp_path / "run", episodes=50).success_rate
     assert success is not None
-    assert success >= 0.55
+    assert success >= 0.65
 
 
 def test_raycast_image_without_opengl() -> None:

@@ -49,6 +49,22 @@ class Arm:
         mujoco.mj_kinematics(self.body.model, self.body.data)
         return np.array(self.body.data.body(name).xpos)
 
+    def place_of_ball(self) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+        mujoco.mj_kinematics(self.body.model, self.body.data)
+        return np.array(self.body.data.geom("ball").xpos)
+
+    def ball_to_m(self, name: str) -> float:
+        """Distance of the ball's centre from what is drawn of a body."""
+        model, data, ball = self.body.model, self.body.data, self.place_of_ball()
+        distances = []
+        for geom in np.flatnonzero(model.geom_bodyid == model.body(name).id):
+            if (mesh := model.geom_dataid[geom]) >= 0:
+                start = model.mesh_vertadr[mesh]
+                points = model.mesh_vert[start : start + model.mesh_vertnum[mesh]]
+                apart = points @ data.geom_xmat[geom].reshape(3, 3).T + data.geom_xpos[geom] - ball
+                distances.append(np.linalg.norm(apart, axis=1).min())
+        return float(min(distances))
+
     def fingertips_apart_mm(self) -> float:
         mujoco.mj_kinematics(self.body.model, self.body.data)
         tips = []
@@ -80,13 +96,13 @@ class TestModel:
             load_model(ROBO_ARM, OPEN_FLOOR).compile().geom("ball")
 
     def test_no_self_contact_at_range_ends(self) -> None:
-        # Nothing is made to collide, so the ranges must keep the ball and the fingers off the floor and off the base.
+        # Nothing is made to collide, so the ranges must keep the ball off the floor and off all but the gripper.
         arm = Arm(scene=WITH_BALL)
         for low, high in itertools.product((10, 70), (-150, 10)):
             arm.go(low=low, high=high, grab=-96)
-            ball = arm.body.data.geom("ball").xpos
-            assert ball[2] > 0.024 + 0.01
-            assert math.hypot(ball[0], ball[1]) > 0.024 + 0.025
+            assert arm.place_of_ball()[2] > 0.024 + 0.01
+            for name in ("base", "driven_B", "driven_D", "spin_D_0", "spin_B_1", "spin_A_2"):
+                assert arm.ball_to_m(name) > 0.024 + 0.01, name
             assert arm.body.data.ncon == 0
 
 
@@ -205,7 +221,9 @@ class TestJoints:
             data = arm.body.data
             moved = data.joint("motor_E").qpos[0] - arm.body.model.joint("motor_E").qpos0[0]
             worst = max(worst, abs(data.joint("turn_4").qpos[0] + moved))
-        assert abs(moved) > 0.3
+        turned_deg = arm.angles()["grab"] - START["grab"]
+        assert turned_deg == pytest.approx(-44, abs=6)
+        assert math.degrees(moved) == pytest.approx(-0.5 * turned_deg, abs=1.0)  # gears halve it
         assert math.degrees(worst) < 1.0
 
 

@@ -101,11 +101,9 @@ class TestModel:
         assert not (model().geom_contype.any() or model().geom_conaffinity.any())
         below, above = model().pair_geom1, model().pair_geom2
         assert {model().geom(index).name for index in below} == {"floor"}
+        legs = {model().body(model().geom(f"foot_{port}").bodyid[0]).name for port in "ABCD"}
         bodies = {model().body(body).name for body in model().geom_bodyid[above]}
-        assert "chassis" in bodies
-        assert all(
-            model().body(body).mass < 0.03 for body in set(model().geom_bodyid[above]) if model().body(body).name != "chassis"
-        )
+        assert bodies == {"chassis", *legs, *(f"driven_{port}" for port in "ABCD")}
         assert {f"foot_{port}" for port in "ABCD"} <= {model().geom(index).name for index in above}
 
     def test_contacts_follow_shapes(self) -> None:
@@ -209,13 +207,13 @@ class TestLegs:
         assert worst < 1.5
 
     def test_command_is_reached_within_tolerance(self) -> None:
-        robot = Walking()
-        for servo, angle in zip(robot.servos, (-100, -37, 80, -250), strict=True):
-            servo.run_angle(600, angle, OnCompletion.HOLD)
-        robot.machine.advance(1000)
-        assert all(servo.is_done() for servo in robot.servos)
-        # The firmware calls a target reached within 11 degrees of it.
-        assert robot.angles() == pytest.approx([-100, -37, 80, -250], abs=11)
+        # The firmware calls a target reached within 11 degrees of it, and under load leaves up to 8 of them.
+        for robot, tolerance_deg in ((self.hanging(), 2), (Walking(), 11)):
+            for servo, angle in zip(robot.servos, (-100, -37, 80, -250), strict=True):
+                servo.run_angle(600, angle, OnCompletion.HOLD)
+            robot.machine.advance(1000)
+            assert all(servo.is_done() for servo in robot.servos)
+            assert robot.angles() == pytest.approx([-100, -37, 80, -250], abs=tolerance_deg)
 
 
 class TestGaits:
@@ -236,7 +234,7 @@ class TestGaits:
         assert abs(speed_m_s(PRONK)) < 0.015
 
     def test_pace_is_slower_than_trot(self) -> None:
-        assert 0.004 < speed_m_s(PACE) < 0.06
+        assert 0.05 < speed_m_s(PACE) / speed_m_s(TROT) < 0.25
 
     def test_reversed_trot_goes_backward(self) -> None:
         assert speed_m_s(TROT, angle=100) < -0.04
@@ -321,12 +319,12 @@ class TestPhysics:
             robot.put_down()
             before = robot.angles()
             for servo in robot.servos:
-                servo.dc(-50)
+                servo.dc(-35)
             robot.machine.advance(2000)
             return [start - end for start, end in zip(before, robot.angles(), strict=True)]
 
         for heavy, light in zip(turned(3.0), turned(1.0), strict=True):
-            assert 0 < heavy < 0.85 * light
+            assert 0 < heavy < 0.6 * light
 
     def test_low_battery_slows_legs(self) -> None:
         def turned(battery_v: float) -> int:

@@ -38,7 +38,7 @@ def test_raycast_matches_opengl_without_lights(arm: MujocoBody) -> None:
         arm.advance_to(time_ms)
         drawn, cast = renderer.render(), caster.render()
         assert cast.shape == drawn.shape
-        assert red(cast) == pytest.approx(red(drawn), abs=3)
+        assert red(cast) == pytest.approx(red(drawn), abs=2)
         assert np.median(np.abs(cast.astype(int) - drawn)) < 10
     renderer.close()
 
