@@ -49,12 +49,12 @@ TECHNIC = replace(TWO_WHEELER, name="technic", hub=HubKind.TECHNIC, motors=tuple
 ))  # fmt: skip
 ANGLES = (MotorAngle("left", -3000, 3000), MotorAngle("right", -3000, 3000))
 HASHES = {
-    "RoboArm-v0": "ca6ecbb7 63ed253d",
-    "RoboArm_mixed-v0": "2ea6ac68 0284c82b",
-    "RunAway-v0": "b4ffb9a3 cf27e772",
-    "Spinning-v0": "ecdc5323 99e35a37",
-    "Walker-v0": "cc06176d b52673b0",
-    "Walker-v1": "cc06176d b52673b0",
+    "RoboArm-v0": "7c6c912e faebb327",
+    "RoboArm_mixed-v0": "bc4646b1 17821a37",
+    "RunAway-v0": "61ceb58e 2d4875fd",
+    "Spinning-v0": "2610b962 f7e55c72",
+    "Walker-v0": "0697608c 502fe755",
+    "Walker-v1": "0697608c 502fe755",
 }
 
 

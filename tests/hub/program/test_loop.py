@@ -278,7 +278,7 @@ def test_drive_base_answers_after_move() -> None:
     session.hub.distance_mm = 1234
     session.send(session.command(1, 60))
     assert session.run_ms(295) == []
-    (answer,) = session.run_ms(10)
+    (answer,) = session.run_ms(12)
     assert session.hub.moves == [("straight", 60)]
     assert session.values(answer)[-1] == 1234
     assert not any(motor.stops for motor in session.hub.motors.values())

@@ -24,7 +24,7 @@ def crc_table():
 
 
 CRC_TABLE = crc_table()
-LOOK_MS = 2  # between two looks at motors, whose control loop has 5 ms
+LOOK_MS = 5  # between two looks at motors, whose moves end in a control loop of 5 ms
 
 
 def crc8(data):
