@@ -58,7 +58,6 @@ def run(env_id: str, agent: str, episodes: int, seed: int, folder: str) -> dict[
         "success_rate": found.success_rate,
         "metrics": {name: round(value, 4) for name, value in found.metrics.items()},
         "steps": last.steps,
-        "training_s": round(last.seconds, 1),
         "training_cpu_s": round(cpu_s, 1),
         "returns": [round(value, 2) for value in found.returns],
     }
@@ -74,7 +73,7 @@ def summary(runs: list[dict[str, Any]]) -> dict[str, Any]:
         "return_mean": round(statistics.fmean(means), 3),
         "return_std": round(statistics.pstdev(means), 3),
         "return_interval": [round(interval.low, 3), round(interval.high, 3)],
-        "training_s_median": statistics.median(one["training_s"] for one in runs),
+        "training_cpu_s_median": statistics.median(one["training_cpu_s"] for one in runs),
     }
     if runs[0]["success_rate"] is not None:
         trials = EVALUATED_EPISODES * len(runs)

@@ -107,10 +107,10 @@ def robots(result: Result) -> str:
                 within(summary["return_mean"], summary["return_interval"], len(found["seeds"])),
                 "" if theirs is None else f"{theirs[0]:.4g} ± {theirs[1]:.3g}",
                 told,
-                f"{summary['training_s_median']:.0f} s",
+                f"{summary['training_cpu_s_median']:.0f} s",
             ]
         )
-    head = ["environment", "seeds", "episodes", "return", "SAC in the paper", "success and metrics", "training time"]
+    head = ["environment", "seeds", "episodes", "return", "SAC in the paper", "success and metrics", "CPU time of training"]
     return table(head, rows)
 
 
