@@ -13,6 +13,7 @@ from torchrl.objectives.common import LossModule
 
 from bricksrl.agents.learner import Learner
 from bricksrl.agents.replay import TransitionReplayBuffer, make_replay_buffer
+from bricksrl.agents.td3 import TD3Loss
 
 
 class Counting(LossModule):  # type: ignore[misc]
@@ -286,3 +287,34 @@ def test_values_bootstrap_at_truncation_not_termination(agent: str, terminated: 
 def test_learning_leaves_no_gradients() -> None:
     learner = learned("sac")
     assert all(parameter.grad is None for parameter in learner.loss.parameters())  # type: ignore[union-attr]
+
+
+def first_values(*, terminated: bool = False, **changes: object) -> Tensor:
+    """Values of TD3's critics and target critics after transitions of reward -2 and a first, tiny update."""
+    learner, frames = make("td3", learning_rate=1e-12, gamma=0.9, **changes), steps(40)
+    frames["next", "reward"] = torch.full_like(frames["next", "reward"], -2.0)
+    frames["next", "terminated"] = torch.full_like(frames["next", "terminated"], terminated)
+    learner.remember(frames)
+    learner.make_updates(1)
+    loss = learner.loss
+    assert isinstance(loss, TD3Loss)
+    batch = loss.encode(frames)
+    return torch.cat([critics(batch.features, batch.action).detach() for critics in (loss.critics, loss.target_critics)])
+
+
+def test_critics_start_at_mean_value() -> None:
+    assert first_values().mean(-1).tolist() == pytest.approx([-2.0 / (1.0 - 0.9)] * 4, abs=1.0)
+    assert first_values(terminated=True).mean(-1).tolist() == pytest.approx([-2.0] * 4, abs=1.0)
+    assert first_values(start_value=False).mean(-1).tolist() == pytest.approx([0.0] * 4, abs=1.0)
+
+
+def test_critics_start_only_once() -> None:
+    learner = learned("td3", learning_rate=1e-12)
+    assert isinstance(learner.loss, TD3Loss)
+    bias, frames = learner.loss.critics[0][-1].bias, steps(40)
+    before = bias.item()
+    assert before < -1.0
+    frames["next", "reward"] += 100.0
+    learner.remember(frames)
+    learner.make_updates(1)
+    assert bias.item() == pytest.approx(before, abs=1e-6)

@@ -68,6 +68,7 @@ class Learner:
         clip_norm: limit of the gradient's norm.
         imitates: learns from a dataset only.
         chunk: length of predicted action chunks; 0 for single actions.
+        begin: called with the stored transitions before the first update.
         reset_policy: called when the next observation does not follow from the last action.
         gradients: replaces autograd; see `bricksrl.agents.compiled`.
         dataset: provides half of each batch, all of it while the memory is empty (RLPD, Ball et al., 2023).
@@ -90,6 +91,7 @@ class Learner:
     clip_norm: float | None = None
     imitates: bool = False
     chunk: int = 0
+    begin: Callable[[TensorDictBase], None] | None = None
     reset_policy: Callable[[], None] = nothing
     gradients: Callable[[TensorDictBase, bool], TensorDictBase] | None = None
     updates: int = field(default=0, init=False)
@@ -161,8 +163,11 @@ class Learner:
 
     def make_updates(self, count: int) -> dict[str, Tensor]:
         """Make ``count`` updates. Returns mean metrics, empty without data."""
-        if self.loss is None or not self._sources():
+        sources = self._sources()
+        if self.loss is None or not sources:
             return {}
+        if self.begin is not None and not self.updates:
+            self.begin(sources[0][:])
         metrics = means(map(self.update, self.batches(count)))
         if self._copy is not None:
             self._copy.load_state_dict(self.policy.state_dict())

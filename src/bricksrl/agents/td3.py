@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Annotated
 
 import torch
+from tensordict import TensorDictBase
 from torch import Tensor, nn
 from torchrl.envs import EnvBase
 
@@ -18,8 +19,8 @@ from bricksrl.agents.settings import NotNegative, Positive, Range, TargetSetting
 
 
 @dataclass(frozen=True)
-class TD3Settings(TargetSettings):
-    """Settings of TD3; targets move with the actor."""
+class DeterministicSettings(TargetSettings):
+    """Settings of TD3 and TD3+BC; targets move with the actor."""
 
     learning_rate: Annotated[float, Positive] = 5e-4
     updates_per_step: Annotated[float, Positive] = 4.0
@@ -32,6 +33,15 @@ class TD3Settings(TargetSettings):
     """Standard deviation of the noise on the target actor's actions."""
     target_noise_clip: Annotated[float, Positive] = 0.5
     """Limit of the target noise."""
+
+
+@dataclass(frozen=True)
+class TD3Settings(DeterministicSettings):
+    """Settings of TD3."""
+
+    tau: Annotated[float, Range(0.0, 1.0, above=True)] = 0.01
+    start_value: bool = True
+    """Start the critics at the mean value of the first transitions instead of at 0."""
 
 
 class TD3Loss(ActorCriticLoss):
@@ -55,6 +65,20 @@ class TD3Loss(ActorCriticLoss):
         target: Tensor = batch.reward + batch.discount * next_value
         return target
 
+    @torch.no_grad()
+    def start_at_mean_value(self, transitions: TensorDictBase) -> None:
+        """Set the critics' last biases so that they begin at the mean value of transitions, not at 0, far from most values.
+
+        It is the constant that satisfies their Bellman equation, ``mean(reward) / (1 - gamma * mean(not terminated))``: LSTD
+        (Bradtke and Barto, 1996) with a constant as its only feature.
+        """
+        after = transitions["next"]
+        remaining = 1.0 - self.gamma * (~after["terminated"]).float().mean()
+        value = after["reward"].mean() / remaining.clamp_min(1e-6)
+        for critic in (*self.critics, *self.target_critics):
+            for last in [layer for layer in critic.modules() if isinstance(layer, nn.Linear) and layer.bias is not None][-1:]:
+                last.bias.fill_(value)
+
     def actor_loss(self, batch: Batch) -> dict[str, Tensor]:
         """The negated value of the actor's actions by the first critic."""
         action = self.actor_outputs(batch.features).tanh()
@@ -70,4 +94,5 @@ def build(env: EnvBase, settings: TD3Settings, device: torch.device | str = "cpu
     _, policy = deterministic_policy(encoder, body, action_spec(env), noise=settings.exploration_noise)
     loss = TD3Loss(encoder, body, critics, settings).to(device)
     target = PolyakUpdate((loss.critics, loss.target_critics), (loss.actor, loss.target_actor), tau=settings.tau)
-    return off_policy_learner(env, settings, policy.to(device), loss, target, target_delay=settings.actor_delay)
+    begin = loss.start_at_mean_value if settings.start_value else None
+    return off_policy_learner(env, settings, policy.to(device), loss, target, target_delay=settings.actor_delay, begin=begin)

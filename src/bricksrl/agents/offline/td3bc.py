@@ -14,11 +14,11 @@ from bricksrl.agents.learner import Learner, off_policy_learner
 from bricksrl.agents.networks import action_size, action_spec, deterministic_policy, make_body
 from bricksrl.agents.operators import critic_operator
 from bricksrl.agents.settings import Positive
-from bricksrl.agents.td3 import TD3Settings
+from bricksrl.agents.td3 import DeterministicSettings
 
 
 @dataclass(frozen=True)
-class TD3BCSettings(TD3Settings):
+class TD3BCSettings(DeterministicSettings):
     """Settings of TD3+BC."""
 
     value_weight: Annotated[float, Positive] = 2.5
