@@ -21,7 +21,8 @@ def test_correct_plan_passes(bricksrl):
 
 def test_robots_have_plans(bricksrl):
     assert bricksrl("plan", "check", "two-wheeler").stdout == bricksrl("plan", "check", PLAN).stdout
-    assert "name an LDraw file" in bricksrl("plan", "check", "two-wheels").stderr
+    assert "there is no robot 'two-wheels'; choose one of" in bricksrl("plan", "check", "two-wheels").stderr
+    assert "bench has no building plan; name an LDraw file" in bricksrl("plan", "check", "bench").stderr
 
 
 def test_plan_of_one_part(bricksrl, tmp_path):

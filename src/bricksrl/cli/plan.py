@@ -24,9 +24,13 @@ def _read(place: Path) -> Plan:
     from bricksrl.plans.plan import read_plan
     from bricksrl.robots.planned import plan_file
 
-    robot = robots.ROBOTS.get(place.name) if not place.exists() else None
-    own = plan_file(robot.model) if robot is not None and robot.model is not None else None
-    return read_plan(own or place)
+    if place.exists() or place.suffix:
+        return read_plan(place)
+    robot = robots.get(str(place))
+    own = plan_file(robot.model or "")
+    if own is None:
+        raise PlanError(f"{robot.name} has no building plan; name an LDraw file (.ldr, .mpd or .io)")
+    return read_plan(own)
 
 
 @dataclass(frozen=True)
