@@ -5,8 +5,8 @@
 
 Each agent learns from each dataset with the paper's settings and number of updates, and is evaluated on ``EVALUATED`` episodes of
 the twin. Finished runs are kept in ``--work`` and not made again, so that the command can be stopped and goes on, or called for
-a part at a time: the table has all of them. One thread a process; the most expensive runs come first. Means over the seeds of the
-mean returns, with 95 % bootstrap intervals over seeds.
+a part at a time: the table has all of them, and keeps the other cells that the file has. One thread a process; the most
+expensive runs come first. Means over the seeds of the mean returns, with 95 % bootstrap intervals over seeds.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from machine import command, write
+from machine import RESULTS, command, write
 
 from bricksrl.agents import preset
 from bricksrl.evaluation import evaluate
@@ -177,11 +177,12 @@ def main() -> None:
     ]
     with multiprocessing.get_context("spawn").Pool(chosen.processes) as pool:
         pool.starmap(keep, [(chosen.work, job) for job in jobs], chunksize=1)
-    cells: dict[str, dict[str, dict[str, Any]]] = {}
+    name = "offline" if chosen.preset == "paper" else f"offline_{chosen.preset}"
+    path = RESULTS / f"{name}.json"
+    cells: dict[str, dict[str, dict[str, Any]]] = json.loads(path.read_text())["datasets"] if path.exists() else {}
     for (env, kind, agent), runs in itertools.groupby(finished(chosen.work, chosen.preset, chosen.share), key=cell_of):
         cells.setdefault(f"{env} {kind}", {})[agent] = summary(list(runs))
     print(table(cells))
-    name = "offline" if chosen.preset == "paper" else f"offline_{chosen.preset}"
     setup = {"preset": chosen.preset, "share": chosen.share, "evaluated_episodes": EVALUATED}
     print(write(name, {**setup, "datasets": cells}))
 
