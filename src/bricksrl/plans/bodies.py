@@ -269,9 +269,12 @@ def _join_loose(parts: Sequence[Placed], groups: _Groups) -> None:
         others = [one for one in parts if one.index != placed.index and not one.part.is_loose]
         if placed.part.family == "tyres":
             others = [one for one in others if one.part.family == "wheels"]
+        is_chain = placed.part.family == "chains"
+        if is_chain:  # it keeps its place, while its gears turn
+            others = [one for one in others if one.part.family in ("beams", "hubs", "motors")]
         if placed.part.is_loose and others:
             nearest = min(others, key=lambda one: float(np.linalg.norm(one.position - placed.position)))
-            if np.linalg.norm(nearest.position - placed.position) < _MAX_LOOSE_DISTANCE:
+            if is_chain or np.linalg.norm(nearest.position - placed.position) < _MAX_LOOSE_DISTANCE:
                 groups.join(placed.index, nearest.index)
 
 
