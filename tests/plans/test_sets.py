@@ -14,7 +14,7 @@ from bricksrl.plans.sets import SINGLY, needs, purchases, sets
 HUB = "1 15 0 0 0 1 0 0 0 1 0 0 0 1 67718.dat"
 LARGE = "1 15 0 0 900 1 0 0 0 1 0 0 0 1 54675.dat"
 RACK = "1 15 0 0 1800 1 0 0 0 1 0 0 0 1 87761.dat"
-UNKNOWN = "1 15 0 0 2700 1 0 0 0 1 0 0 0 1 3711.dat"
+UNKNOWN = "1 15 0 0 2700 1 0 0 0 1 0 0 0 1 99999.dat"
 EXAMPLE = PLANS.parents[3] / "examples" / "13_front_steered.ldr"
 PATHS = [PLANS / f"{name}.ldr" for name in ("two_wheeler", "walker", "robo_arm")] + [EXAMPLE]
 
@@ -69,7 +69,7 @@ def test_second_set_must_add_a_part():
 
 def test_unknown_part_is_named_and_not_bought():
     lines = [str(one) for one in purchases(plan_of(HUB, UNKNOWN, UNKNOWN))]
-    assert lines[0] == "45678 SPIKE Prime: 1 of 3 parts; 2 not compared (not in the catalogue: 3711)"
+    assert lines[0] == "45678 SPIKE Prime: 1 of 3 parts; 2 not compared (not in the catalogue: 99999)"
 
 
 def test_devices_are_named_first_and_many_kinds_are_shortened():
