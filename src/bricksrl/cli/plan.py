@@ -107,11 +107,8 @@ class PlanParts:
         for unknown in plan.unknown:
             print_line(f"{len(unknown.lines):4} x  {unknown.number:10}not in the catalogue")
         print_line(f"{counted(len(plan.parts), 'part')}, {plan.mass_g:.0f} g{f': {self.out}' if self.out else ''}")
-        bought = purchases(plan)
-        for line in bought:
-            print_line(f"Set {line}")
-        if bought:
-            print_line("What else a set contains is not known here; compare the list with the set's own.")
+        for purchase in purchases(plan):
+            print_line(f"Set {purchase}")
         return 0
 
 

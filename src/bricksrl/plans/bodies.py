@@ -7,7 +7,7 @@ the rates; the motions are the null space.
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -30,7 +30,7 @@ _STOP_LOW, _STOP_HIGH = -2.0, 9.0
 
 @dataclass(frozen=True)
 class Joint:
-    """A hinge between two bodies, which may also slide along its axis.
+    """A hinge between two bodies, which may also slide along its axis, or a ball joint.
 
     Attributes:
         bodies: indices of the bodies.
@@ -42,6 +42,7 @@ class Joint:
     axis: Floats
     slides: bool
     motor: int | None
+    is_ball: bool = False
 
 
 @dataclass(frozen=True)
@@ -68,8 +69,11 @@ class Bodies:
         rows = [_constraint_rows(np.eye(6), 0, None, len(self.members))]
         braked = set(locked)
         for joint in self.joints:
-            block = _joint_rows(joint.point, joint.axis, slides=joint.slides, turns=joint.motor not in braked)
+            turns = joint.motor not in braked
+            block = _joint_rows(joint.point, joint.axis, slides=joint.slides, turns=turns, is_ball=joint.is_ball)
             rows.append(_constraint_rows(block, joint.bodies[0], joint.bodies[1], len(self.members)))
+        for body, axis in self._idle_spins():
+            rows.append(_constraint_rows(np.concatenate([np.zeros(3), axis])[None, :], body, None, len(self.members)))
         for first, second, mesh in self.meshes:
             row = np.zeros((1, 6 * len(self.members)))
             scaled = np.concatenate([mesh.motion[:, :3], mesh.motion[:, 3:] / RATE_LENGTH], axis=1)
@@ -77,6 +81,14 @@ class Bodies:
             row[0, 6 * second : 6 * second + 6] += scaled[1]
             rows.append(row)
         return _null_space(np.concatenate(rows))
+
+    def _idle_spins(self) -> Iterator[tuple[int, Floats]]:
+        """Bodies between two ball joints, and the axis about which they spin to no effect."""
+        for body in range(1, len(self.members)):
+            own = [joint for joint in self.joints if body in joint.bodies]
+            if len(own) == 2 and all(joint.is_ball for joint in own) and not any(body in mesh[:2] for mesh in self.meshes):
+                along = own[1].point - own[0].point
+                yield body, along / np.linalg.norm(along)
 
     def rates(self, motor: int, motions: Floats) -> Floats:
         """Angular rate of a motor's shaft relative to its case in each motion [n]."""
@@ -92,14 +104,15 @@ def _null_space(rows: Floats) -> Floats:
     return np.asarray(directions[:, sizes < _RANK_TOLERANCE**2])
 
 
-def _joint_rows(point: Floats, axis: Floats, *, slides: bool, turns: bool = True) -> Floats:
+def _joint_rows(point: Floats, axis: Floats, *, slides: bool, turns: bool = True, is_ball: bool = False) -> Floats:
     """Constraints [3..6, 6] on the difference of two bodies' rates."""
     helper = np.eye(3)[int(np.argmin(np.abs(axis)))]
     first = np.cross(axis, helper)
     first /= np.linalg.norm(first)
     across = [first, np.cross(axis, first)]
     rows = [np.concatenate([way, np.cross(point, way) / RATE_LENGTH]) for way in (across if slides else [*across, axis])]
-    rows += [np.concatenate([np.zeros(3), way]) for way in (across if turns else [*across, axis])]
+    if not is_ball:
+        rows += [np.concatenate([np.zeros(3), way]) for way in (across if turns else [*across, axis])]
     return np.array(rows)
 
 
@@ -184,7 +197,10 @@ def _bodies(parts: Sequence[Placed], links: Sequence[_Link], meshes: Sequence[Me
         if first in number_of and second in number_of:
             loose = frozenset((first, second)) in slides
             pair = (number_of[first], number_of[second])
-            joints += [Joint(pair, *_line_of(bundle), bundle[0].is_axle and loose, None) for bundle in bundles]
+            joints += [
+                Joint(pair, *_line_of(bundle), bundle[0].is_axle and loose, None, bundle[0].connection.is_ball)
+                for bundle in bundles
+            ]
     geared = [
         (number_of[groups.find(mesh.first)], number_of[groups.find(mesh.second)], mesh)
         for mesh in meshes
@@ -222,6 +238,8 @@ def _line_of(bundle: Sequence[_Link]) -> tuple[Floats, Floats]:
 
 
 def _is_coaxial(one: Connection, other: Connection) -> bool:
+    if one.is_ball or other.is_ball:
+        return False
     aside = np.linalg.norm(np.cross(other.point - one.point, one.axis))
     return bool(aside < _AXIS_TOLERANCE and np.linalg.norm(np.cross(one.axis, other.axis)) < 0.05)
 
@@ -240,7 +258,7 @@ def _join_fasteners(parts: Sequence[Placed], links: Sequence[_Link], groups: _Gr
     for link in links:
         sites = parts[link.connection.male].part.sites
         is_alone = len({(site.centre[1], site.centre[2]) for site in sites}) == 1
-        if is_alone and all(site.fit.is_male for site in sites) and link.male not in fixed:
+        if is_alone and all(site.fit.is_male for site in sites) and link.male not in fixed and not link.connection.is_ball:
             groups.join(link.male, link.female)
             fixed.add(link.male)
 
@@ -251,9 +269,12 @@ def _join_loose(parts: Sequence[Placed], groups: _Groups) -> None:
         others = [one for one in parts if one.index != placed.index and not one.part.is_loose]
         if placed.part.family == "tyres":
             others = [one for one in others if one.part.family == "wheels"]
+        is_chain = placed.part.family == "chains"
+        if is_chain:  # it keeps its place, while its gears turn
+            others = [one for one in others if one.part.family in ("beams", "hubs", "motors")]
         if placed.part.is_loose and others:
             nearest = min(others, key=lambda one: float(np.linalg.norm(one.position - placed.position)))
-            if np.linalg.norm(nearest.position - placed.position) < _MAX_LOOSE_DISTANCE:
+            if is_chain or np.linalg.norm(nearest.position - placed.position) < _MAX_LOOSE_DISTANCE:
                 groups.join(placed.index, nearest.index)
 
 
@@ -264,7 +285,10 @@ def _merge_rigid(links: Sequence[_Link], groups: _Groups) -> bool:
         if len(kept) < 2:
             continue
         middle, firsts = kept[0][0].connection.point, [bundle[0] for bundle in kept]
-        blocks = [_joint_rows(one.connection.point - middle, one.connection.axis, slides=one.is_axle) for one in firsts]
+        blocks = [
+            _joint_rows(one.point - middle, one.axis, slides=one.male_site.fit is Fit.AXLE, is_ball=one.is_ball)
+            for one in (link.connection for link in firsts)
+        ]
         if not _null_space(np.concatenate(blocks)).size:
             groups.join(*pair)
             merged = True

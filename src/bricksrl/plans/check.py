@@ -10,6 +10,7 @@ import numpy as np
 from bricksrl.finding import Finding, Outcome
 from bricksrl.plans.bodies import MAX_BODIES, RATE_LENGTH, Bodies, find_bodies
 from bricksrl.plans.building import Trouble, step_troubles
+from bricksrl.plans.chains import chain_meshes
 from bricksrl.plans.connections import Connection, Mesh, connections, meshes
 from bricksrl.plans.contact import Occupancy
 from bricksrl.plans.geometry import MM_PER_LDU, Floats
@@ -27,7 +28,7 @@ _REMEDIES = {
 
 @dataclass(frozen=True)
 class Structure:
-    """Connections, gear meshes and bodies of a plan."""
+    """Connections, meshing and chained gears, and bodies of a plan."""
 
     connections: tuple[Connection, ...]
     meshes: tuple[Mesh, ...]
@@ -36,7 +37,7 @@ class Structure:
 
 def structure_of(plan: Plan) -> Structure:
     """Compute the structure of a plan."""
-    found, geared = connections(plan.parts), meshes(plan.parts)
+    found, geared = connections(plan.parts), [*meshes(plan.parts), *chain_meshes(plan.parts)]
     return Structure(tuple(found), tuple(geared), find_bodies(plan.parts, found, geared))
 
 

@@ -1,4 +1,4 @@
-"""Connections between parts: pins and axles in holes, studs, turntables, gear meshes. LDraw units, plan frame."""
+"""Connections between parts: pins and axles in holes, studs, turntables, ball joints, gear meshes. LDraw units, plan frame."""
 
 from __future__ import annotations
 
@@ -25,11 +25,14 @@ _CROSS_DEG = 6.0
 _WORM_PITCH_RADIUS = 10.0
 _WORM_LEAD = 7.854
 """One tooth, pi mm, per turn."""
+_JOINTS = (Fit.TURNTABLE, Fit.BALL, Fit.SOCKET)
+_Placed = tuple[int, Site, Floats, Floats]
+"""A site: index of its part, centre, direction."""
 
 
 @dataclass(frozen=True)
 class Connection:
-    """A pin or an axle in a hole, or the two halves of a turntable.
+    """A pin or an axle in a hole, the two halves of a turntable, or a ball in its socket.
 
     Attributes:
         male, female: indices of the parts.
@@ -55,6 +58,11 @@ class Connection:
     def fits(self) -> bool:
         """Whether it is possible; a pin does not fit into an axle hole."""
         return not (self.male_site.fit in (Fit.PIN, Fit.FRICTION_PIN) and self.female_site.fit is Fit.AXLE_HOLE)
+
+    @property
+    def is_ball(self) -> bool:
+        """Whether it is a ball joint."""
+        return self.male_site.fit is Fit.BALL
 
     @property
     def is_rigid(self) -> bool:
@@ -90,22 +98,22 @@ class Mesh:
 
 
 def connections(parts: Sequence[Placed]) -> list[Connection]:
-    """All pins and axles in holes, studs and turntables."""
-    males: list[tuple[int, Site, Floats, Floats]] = []
-    females: list[tuple[int, Site, Floats, Floats]] = []
+    """All pins and axles in holes, studs, turntables and ball joints."""
+    males: list[_Placed] = []
+    females: list[_Placed] = []
+    joints: list[_Placed] = []
     for placed in parts:
         for site in placed.part.sites:
             entry = (placed.index, site, placed.to_plan(np.array([site.centre]))[0], placed.rotation @ np.array(site.axis))
-            (males if site.fit.is_male else females).append(entry)
+            (joints if site.fit in _JOINTS else males if site.fit.is_male else females).append(entry)
+    found = _coinciding(joints)
     if not females:
-        return []
+        return found
     females.sort(key=lambda entry: float(entry[2][0]))
     owners = np.array([entry[0] for entry in females])
     centres, axes = np.array([entry[2] for entry in females]), np.array([entry[3] for entry in females])
     lengths = np.array([entry[1].length for entry in females])
-    is_joint = np.array([entry[1].fit is Fit.TURNTABLE for entry in females])
     is_for_stud = np.array([entry[1].fit is Fit.STUD_HOLE for entry in females])
-    found = []
     for owner, site, centre, axis in males:
         reach = (site.length + float(lengths.max())) / 2 + _MAX_OFFSET
         start, end = np.searchsorted(centres[:, 0], [centre[0] - reach, centre[0] + reach])
@@ -116,7 +124,7 @@ def connections(parts: Sequence[Placed]) -> list[Connection]:
         tilt = np.linalg.norm(np.cross(axes[some], axis), axis=1)
         low = np.maximum(-site.length / 2, along - lengths[some] / 2)
         high = np.minimum(site.length / 2, along + lengths[some] / 2)
-        good = (aside < _MAX_OFFSET) & (tilt < _MAX_TILT) & (high - low > _MIN_DEPTH) & (owners[some] != owner) & ~is_joint[some]
+        good = (aside < _MAX_OFFSET) & (tilt < _MAX_TILT) & (high - low > _MIN_DEPTH) & (owners[some] != owner)
         good &= is_for_stud[some] == (site.fit is Fit.STUD)
         for which in np.flatnonzero(good):
             depth = float(high[which] - low[which])
@@ -125,7 +133,7 @@ def connections(parts: Sequence[Placed]) -> list[Connection]:
             crossed = _is_crossed(parts[owner], site, parts[other], hole)
             point = centre + axis * float(low[which] + high[which]) / 2
             found.append(Connection(owner, other, site, hole, point, axis, depth, is_seated, crossed))
-    return found + _turntables(females)
+    return found
 
 
 def _is_crossed(axle: Placed, site: Site, holder: Placed, hole: Site) -> bool:
@@ -142,13 +150,16 @@ def _arm(site: Site) -> Floats:
     return np.array(site.arm or (AXES["x"] if abs(site.axis[0]) < 0.5 else AXES["y"]))
 
 
-def _turntables(females: list[tuple[int, Site, Floats, Floats]]) -> list[Connection]:
-    joints = [entry for entry in females if entry[1].fit is Fit.TURNTABLE]
+def _coinciding(joints: list[_Placed]) -> list[Connection]:
+    """Halves of a turntable, and balls in sockets."""
     found = []
-    for number, (owner, site, centre, axis) in enumerate(joints):
-        for other, hole, place, direction in joints[number + 1 :]:
-            near = np.linalg.norm(place - centre) < _MAX_OFFSET and np.linalg.norm(np.cross(axis, direction)) < _MAX_TILT
-            if near and owner != other:
+    for owner, site, centre, axis in joints:
+        for other, hole, place, direction in joints:
+            if owner == other or np.linalg.norm(place - centre) > _MAX_OFFSET:
+                continue
+            is_aligned = owner < other and np.linalg.norm(np.cross(axis, direction)) < _MAX_TILT
+            pair = (site.fit, hole.fit)
+            if pair == (Fit.BALL, Fit.SOCKET) or (pair == (Fit.TURNTABLE, Fit.TURNTABLE) and is_aligned):
                 found.append(Connection(owner, other, site, hole, centre, axis, site.length, True, False))
     return found
 

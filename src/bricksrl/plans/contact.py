@@ -60,6 +60,8 @@ class Occupancy:
         return np.asarray(((low < self.high) & (self.low < high)).all(axis=1))
 
     def _collide(self, index: int, other: int, shift: Floats) -> bool:
+        if "chains" in (self._parts[index].part.family, self._parts[other].part.family):
+            return False  # their links give way, and lie between teeth
         return self._inside(index, other, shift) or self._inside(other, index, -shift)
 
     def _inside(self, index: int, other: int, shift: Floats) -> bool:

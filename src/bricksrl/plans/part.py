@@ -29,11 +29,14 @@ class Fit(enum.Enum):
     STUD_HOLE = "stud hole"
     PEG = "peg"
     """On a differential: round, fits into the axle hole of a gear that turns on it."""
+    BALL = "ball"
+    """A towball; the axis is that of its pin."""
+    SOCKET = "ball socket"
 
     @property
     def is_male(self) -> bool:
         """Whether it goes into another part."""
-        return self in (Fit.PIN, Fit.FRICTION_PIN, Fit.AXLE, Fit.STUD, Fit.PEG)
+        return self in (Fit.PIN, Fit.FRICTION_PIN, Fit.AXLE, Fit.STUD, Fit.PEG, Fit.BALL)
 
 
 @dataclass(frozen=True)

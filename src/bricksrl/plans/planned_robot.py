@@ -8,6 +8,7 @@ from pathlib import Path
 
 from bricksrl.errors import PlanError
 from bricksrl.plans.bodies import Bodies, find_bodies
+from bricksrl.plans.chains import chain_meshes
 from bricksrl.plans.connections import connections, meshes
 from bricksrl.plans.geometry import Floats
 from bricksrl.plans.mechanism.articulation import Articulation, articulation
@@ -87,7 +88,7 @@ def planned(plan: Plan) -> PlannedRobot:
         if placed.port in ports:
             raise PlanError(f"{plan.path}, line {placed.line}: port {placed.port} is used twice; give each device its own")
         ports.add(placed.port)
-    bodies = find_bodies(plan.parts, connections(plan.parts), meshes(plan.parts))
+    bodies = find_bodies(plan.parts, connections(plan.parts), [*meshes(plan.parts), *chain_meshes(plan.parts)])
     made = mechanism(plan, bodies)
     driven = trains(made, plan.path)
     return PlannedRobot(plan, bodies, made, driven, articulation(made, driven))

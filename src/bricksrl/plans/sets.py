@@ -1,56 +1,28 @@
-"""LEGO sets with the hub, motors and sensors of a plan, and what they lack.
-
-Other parts of the sets are not listed. The devices of 45678 and 45681 are from sales pages; those of the other sets, some
-retired, are from memory: check them before buying.
-"""
+"""LEGO sets with the hub of a plan: how many of its parts they have, and what is to be added."""
 
 from __future__ import annotations
 
+import csv
+import functools
+import importlib.resources
 from collections import Counter
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 
+from bricksrl.plans import catalogue
+from bricksrl.plans.part import Part
 from bricksrl.plans.plan import Plan
 
-
-@dataclass(frozen=True)
-class LegoSet:
-    """A set: number, and count of each hub, motor and sensor, by name in ``bricksrl.robots``."""
-
-    number: str
-    name: str
-    devices: dict[str, int] = field(hash=False)
-
-
-SETS = (
-    LegoSet(
-        "45678",
-        "SPIKE Prime",
-        {"prime": 1, "spike-medium": 2, "spike-large": 1, "UltrasonicSensor": 1, "ColorSensor": 1, "ForceSensor": 1},
-    ),
-    LegoSet("51515", "MINDSTORMS Robot Inventor", {"prime": 1, "spike-medium": 4, "UltrasonicSensor": 1, "ColorSensor": 1}),
-    LegoSet("45681", "SPIKE Prime expansion", {"spike-large": 1, "ColorSensor": 1}),
-    LegoSet("45345", "SPIKE Essential", {"essential": 1, "spike-small": 2, "ColorSensor": 1, "ColorLightMatrix": 1}),
-    LegoSet("17101", "BOOST", {"move": 1, "interactive": 1, "ColorDistanceSensor": 1}),
-    LegoSet(
-        "31313",
-        "MINDSTORMS EV3",
-        {"ev3": 1, "ev3-large": 2, "ev3-medium": 1, "Ev3TouchSensor": 1, "Ev3ColorSensor": 1, "Ev3InfraredSensor": 1},
-    ),
-    LegoSet(
-        "45544",
-        "MINDSTORMS Education EV3",
-        {
-            "ev3": 1,
-            "ev3-large": 2,
-            "ev3-medium": 1,
-            "Ev3TouchSensor": 2,
-            "Ev3ColorSensor": 1,
-            "Ev3GyroSensor": 1,
-            "Ev3UltrasonicSensor": 1,
-        },
-    ),
-)
+NAMES = {
+    "45678": "SPIKE Prime",
+    "51515": "MINDSTORMS Robot Inventor",
+    "45681": "SPIKE Prime expansion",
+    "17101": "BOOST",
+    "31313": "MINDSTORMS EV3",
+    "45544": "MINDSTORMS Education EV3",
+    "45560": "MINDSTORMS Education EV3 expansion",
+}
+_ELECTRONICS_ONLY = {"51515", "17101"}
+"""Sets of which the inventory has only hub, motors and sensors."""
 SINGLY = {
     "prime": "45601",
     "spike-large": "45602",
@@ -75,32 +47,110 @@ SINGLY = {
     "Ev3InfraredSensor": "45509",
 }
 """Numbers of devices sold separately."""
-_HUBS = {"prime", "essential", "technic", "city", "move", "ev3"}
+_ALIKE = {"3704": "32062", "62821": "62821b"}
+"""Parts that another one can replace: an axle by a notched one, a differential by its other mould."""
+_MADE_OF = {"56145c01": ("56145", "44309"), "86652c01": ("86652", "32019")}
+"""Rims and tyres that the catalogue also has as one part."""
+_LISTED_KINDS = 8
 
 
-def purchases(plan: Plan) -> list[str]:
-    """A line for each set with the plan's hub and what it lacks, the most complete first; empty without such a set."""
-    names = {placed.part.device.name: placed.part.name for placed in plan.parts if placed.part.device is not None}
-    needed = Counter(placed.part.device.name for placed in plan.parts if placed.part.device is not None)
-    lines = sorted(_combined(needed), key=lambda found: (found[1].total(), len(found[0])))
-    return [_line(sets, lacking, names) for sets, lacking in lines]
+@dataclass(frozen=True)
+class LegoSet:
+    """A LEGO set.
+
+    Attributes:
+        parts: count of each part, as in ``needs``.
+        is_listed: whether all of its parts in the catalogue are counted, not only hub, motors and sensors.
+    """
+
+    number: str
+    name: str
+    parts: Counter[str] = field(hash=False)
+    is_listed: bool
 
 
-def _combined(needed: Counter[str]) -> Iterator[tuple[tuple[LegoSet, ...], Counter[str]]]:
-    """Sets with a hub of the plan, alone or with a set without a hub that adds missing devices."""
-    for base in SETS:
-        if not _HUBS & set(needed) & set(base.devices):
-            continue
-        lacking = needed - Counter(base.devices)
-        yield (base,), lacking
-        for extra in SETS:
-            if not _HUBS & set(extra.devices) and lacking & Counter(extra.devices):
-                yield (base, extra), lacking - Counter(extra.devices)
+@dataclass(frozen=True)
+class Purchase:
+    """Sets, and what a plan needs in addition.
+
+    Attributes:
+        present: number of the plan's parts in the sets.
+        missing: parts to be added.
+        uncompared: parts that the catalogue, or the inventory of a set, does not have.
+    """
+
+    sets: tuple[LegoSet, ...]
+    present: int
+    missing: Counter[str]
+    uncompared: Counter[str]
+
+    def __str__(self) -> str:
+        """One line; names the devices and the most frequent parts, counts the others."""
+        have = " and ".join(f"{one.number} {one.name}" for one in self.sets)
+        needed = self.present + self.missing.total() + self.uncompared.total()
+        text = f"{have}: {self.present} of {needed} parts"
+        text += f"; {self.uncompared.total()} not compared" if self.uncompared else ""
+        unknown = sorted(kind for kind in self.uncompared if kind not in _devices() and catalogue.find(kind) is None)
+        text += f" (not in the catalogue: {', '.join(unknown)})" if unknown else ""
+        return text + (f"; add {_listing(self.missing)}" if self.missing else "")
 
 
-def _line(sets: tuple[LegoSet, ...], lacking: Counter[str], names: dict[str, str]) -> str:
-    have = " and ".join(f"{one.number} {one.name}" for one in sets)
-    if not lacking:
-        return f"{have}: all of its hub, motors and sensors"
-    add = ", ".join(f"{count} x {names[name]} ({SINGLY.get(name, 'not sold singly')})" for name, count in sorted(lacking.items()))
-    return f"{have}: add {add}"
+@functools.cache
+def sets() -> tuple[LegoSet, ...]:
+    """The sets of ``inventories.csv``, which also names the sources."""
+    text = (importlib.resources.files("bricksrl.plans") / "inventories.csv").read_text(encoding="utf-8")
+    rows = list(csv.DictReader(line for line in text.splitlines() if not line.startswith("#")))
+    counts = {number: Counter({_key(catalogue.get(row["part"])): int(row[number]) for row in rows}) for number in NAMES}
+    return tuple(LegoSet(number, NAMES[number], +count, number not in _ELECTRONICS_ONLY) for number, count in counts.items())
+
+
+def needs(plan: Plan) -> Counter[str]:
+    """Count of the plan's parts: devices by their name in ``bricksrl.robots``, others by number, with equal parts as one."""
+    parts = [one for placed in plan.parts for one in _MADE_OF.get(placed.part.number, (placed.part.number,))]
+    return Counter(_key(catalogue.get(number)) for number in parts)
+
+
+def purchases(plan: Plan) -> list[Purchase]:
+    """Sets with the plan's hub, alone or with a set without hub that adds parts; the most complete first."""
+    needed, unknown = needs(plan), Counter({one.number: len(one.lines) for one in plan.unknown})
+    hubs = {name for name, part in _devices().items() if part.family == "hubs"}
+    extras = [one for one in sets() if not hubs & set(one.parts)]
+    found = []
+    for base in (one for one in sets() if hubs & set(one.parts) & set(needed)):
+        alone = _purchase((base,), needed, unknown)
+        pairs = [_purchase((base, extra), needed, unknown) for extra in extras if base.is_listed]
+        found += [alone, *(pair for pair in pairs if pair.present > alone.present)]
+    return sorted(found, key=lambda one: (-one.present, len(one.sets)))
+
+
+def _purchase(chosen: tuple[LegoSet, ...], needed: Counter[str], unknown: Counter[str]) -> Purchase:
+    have = sum((one.parts for one in chosen), Counter[str]())
+    missing = needed - have
+    present = needed.total() - missing.total()
+    if all(one.is_listed for one in chosen):
+        return Purchase(chosen, present, missing, unknown)
+    uncompared = Counter({part: count for part, count in missing.items() if part not in _devices()})
+    return Purchase(chosen, present, missing - uncompared, uncompared + unknown)
+
+
+def _key(part: Part) -> str:
+    return part.device.name if part.device is not None else _ALIKE.get(part.number, part.number)
+
+
+@functools.cache
+def _devices() -> dict[str, Part]:
+    return {part.device.name: part for part in catalogue.parts() if part.device is not None}
+
+
+def _listing(parts: Counter[str]) -> str:
+    """Counts, names and numbers."""
+    kinds = sorted(parts, key=lambda part: (part not in _devices(), -parts[part], part))
+    text = ", ".join(f"{parts[kind]} x {_named(kind)}" for kind in kinds[:_LISTED_KINDS])
+    others = kinds[_LISTED_KINDS:]
+    return f"{text} and {sum(parts[kind] for kind in others)} more of other kinds" if others else text
+
+
+def _named(kind: str) -> str:
+    if kind in _devices():
+        return f"{_devices()[kind].name} ({SINGLY.get(kind, 'not sold singly')})"
+    return f"{catalogue.get(kind).name} ({kind})"

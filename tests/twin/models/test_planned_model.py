@@ -119,6 +119,55 @@ def test_steered_car_drives_circle() -> None:
     assert 30 < one.angle_mdeg("A") / 1000 < 56  # against the friction of both tyres, and not beyond its end stop
 
 
+def test_ball_jointed_links_steer_both_front_wheels() -> None:
+    plan = str(ROOT / "tests" / "plans" / "link_steered.ldr")
+    one = body(Robot("links", HubKind.PRIME, motors=(Motor("steering", range_deg=(-30, 30)),), needs_imu=True, plan=plan))
+    links_m = one.data.ten_length.copy()
+    one.set_voltage("B", 5000)
+    one.advance_to(800)
+    straight = one.pose()
+    assert straight.x_m > 0.15
+    assert abs(straight.y_m) < 0.001
+    one.set_voltage("A", 4000)
+    one.advance_to(2500)
+    axes = [one.model.joint(number) for number in range(one.model.njnt) if abs(one.model.jnt_axis[number][2]) > 0.9]
+    knuckles = [float(one.data.qpos[axis.qposadr[0]]) for axis in axes if axis.name.startswith("turn_")]
+    assert len(knuckles) == 2
+    steered = float(one.data.joint("motor_A").qpos[0] + one.data.joint("backlash_A").qpos[0])
+    assert [abs(angle) for angle in knuckles] == pytest.approx([abs(steered)] * 2, abs=0.01)
+    assert one.data.ten_length == pytest.approx(links_m, abs=0.0005)
+    assert one.pose().heading_deg < -20  # to the left
+
+
+def test_link_on_a_ball_swings_down(tmp_path: Path) -> None:
+    plan = tmp_path / "hanging.ldr"
+    lines = [
+        "0 !BRICKSRL FIXED",
+        "1 15 0 -50 0 1 0 0 0 1 0 0 0 1 67718.dat",
+        "1 0 -70 -100 -80 1 0 0 0 0 -1 0 1 0 2780.dat",
+        "1 0 -70 -60 -80 1 0 0 0 0 -1 0 1 0 2780.dat",
+        "1 72 -80 -20 -80 0 1 0 0 0 1 1 0 0 32525.dat",
+        "1 0 -90 40 -80 1 0 0 0 1 0 0 0 1 6628.dat",
+        "0 !BRICKSRL FREE",
+        "1 71 -100 40 -80 0 1 0 -1 0 0 0 0 1 32005.dat",
+    ]
+    plan.write_text("\n".join(lines))
+    one = body(Robot("hanging", HubKind.PRIME, plan=str(plan)))
+    (joint,) = [number for number in range(one.model.njnt) if one.model.jnt_type[number] == mujoco.mjtJoint.mjJNT_BALL]
+    link = int(one.model.jnt_bodyid[joint])
+    ball = one.data.xpos[link].copy()
+    assert one.data.xipos[link] - ball == pytest.approx([0.02, 0, 0], abs=1e-4)
+    one.advance_to(8000)
+    assert one.data.xipos[link] - ball == pytest.approx([0, 0, -0.02], abs=1e-3)
+    one.data.qvel[one.model.jnt_dofadr[joint] : one.model.jnt_dofadr[joint] + 3] = (
+        0.0,
+        0.0,
+        9.0,
+    )  # sideways: about x, as it hangs
+    one.advance_to(8020)
+    assert abs(one.data.xipos[link] - ball)[1] > 0.0003
+
+
 def test_planned_masses_equal_parts() -> None:
     for robot in (TWO_WHEELER, WALKER, car()):
         model = body(robot).model

@@ -16,16 +16,19 @@ _FITS = {
     "stud": Fit.STUD,
     "under": Fit.STUD_HOLE,
     "peg": Fit.PEG,
+    "ball": Fit.BALL,
+    "socket": Fit.SOCKET,
 }
-_WITHOUT_SOLIDS = (Fit.TURNTABLE, Fit.STUD, Fit.STUD_HOLE)
-"""Sites without solids: collisions ignore studs and the hollows for them."""
+_WITHOUT_SOLIDS = (Fit.TURNTABLE, Fit.STUD, Fit.STUD_HOLE, Fit.BALL, Fit.SOCKET)
+"""Sites without solids: collisions ignore studs, sockets and the hollows for them; a towball's head is added to its part."""
 WALL_RADIUS, PIN_RADIUS = 9.0, 6.0
 
 
 def sites(notation: str, *, turns: bool = False) -> tuple[Site, ...]:
     """Sites from text such as ``"o y20: 0,0,-20 0,0,20"``: fit, axis with length, centres; groups are separated by ``|``.
 
-    Fits: ``o`` pin hole, ``+`` axle hole, ``pin``, ``friction``, ``axle``, ``stud``, ``under`` (takes a stud), ``peg``.
+    Fits: ``o`` pin hole, ``+`` axle hole, ``pin``, ``friction``, ``axle``, ``stud``, ``under`` (takes a stud), ``peg``, ``ball``,
+    ``socket``.
     """
     found = []
     for line in notation.split("|"):

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 
-from bricksrl.plans.catalogue.build import part, sites
-from bricksrl.plans.geometry import AXES, Solid, ball, box, cylinder
+from bricksrl.plans.catalogue.build import PIN_RADIUS, part, sites
+from bricksrl.plans.geometry import AXES, Solid, ball, box, cylinder, ring
 from bricksrl.plans.part import Fit, MassSource, Part, Site
 
 _AXLES = {
@@ -30,7 +30,7 @@ _X = AXES["x"]
 
 def fasteners() -> list[Part]:
     """All pins, axles, bushes and connectors."""
-    return [*_pins(), *_axles(), *_bushes(), *_blocks(), *_pin_connectors(), *_angles()]
+    return [*_pins(), *_axles(), *_bushes(), *_blocks(), *_pin_connectors(), *_angles(), *_steering_links()]
 
 
 def axle_mass_g(length: float) -> float:
@@ -62,11 +62,12 @@ def _pins() -> list[Part]:
             ("32136",),
         ),
     ]
-    head = (ball((-10.0, 0.0, 0.0), 8.0),)
+    on_pin, on_axle = (ball((-10.0, 0.0, 0.0), 8.0),), (ball((-12.0, 0.0, 0.0), 8.0),)
+    pin_sites, axle_sites = sites("friction x20: 10,0,0 | ball x16: -10,0,0"), sites("axle x20: 10,0,0 | ball x16: -12,0,0")
     return [
         *(part(number, name, "pins", mass, sites(where), aliases=aliases) for number, name, mass, where, aliases in rows),
-        part("6628", "Pin with a towball", "pins", 0.259, sites("friction x20: 10,0,0"), more=head, aliases=("66906", "50")),
-        part("2736", "Axle with a towball", "axles", 0.243, sites("axle x20: 10,0,0"), more=head, length=1),
+        part("6628", "Pin with a towball", "pins", 0.259, pin_sites, more=on_pin, aliases=("66906", "50")),
+        part("2736", "Axle with a towball", "axles", 0.243, axle_sites, more=on_axle, length=1),
     ]
 
 
@@ -199,6 +200,26 @@ def _pin_connectors() -> list[Part]:
         ),
     ]
     return [part(number, name, "connectors", mass, sites(where), aliases=aliases) for number, name, mass, where, aliases in rows]
+
+
+def _steering_links() -> list[Part]:
+    """Bars between two sockets for towballs."""
+    rows = [("32005", 6, 100.0, 0.612, ("32005a", "32005b", "2739", "2739a", "2739b")), ("32293", 9, 160.0, 1.090, ())]
+    return [
+        part(
+            number,
+            f"Steering link {length}",
+            "connectors",
+            mass,
+            sites(f"socket y12: 0,0,0 0,0,{apart:g}"),
+            more=(
+                cylinder((0.0, 0.0, apart / 2), "z", apart - 20.0, PIN_RADIUS),
+                *(ring((0.0, 0.0, z), "y", 12.0, 10.0, 8.0) for z in (0.0, apart)),
+            ),
+            aliases=aliases,
+        )
+        for number, length, apart, mass, aliases in rows
+    ]
 
 
 def _angles() -> list[Part]:

@@ -14,7 +14,7 @@ _TOOTH_DEPTH = 0.5
 
 def moving() -> list[Part]:
     """All moving parts."""
-    return [*_gears(), *_worms_and_racks(), *_differentials(), *_turntables(), *_wheels(), *_casters()]
+    return [*_gears(), *_worms_and_racks(), *_differentials(), *_turntables(), *_wheels(), *_casters(), *_chains()]
 
 
 def _disc(teeth: int, width: float, centre: Triple = _CENTRE) -> Solid:
@@ -280,6 +280,17 @@ def _tyre(number: str, name: str, wheel_mm: float, width: float, mass_g: float) 
     """A tyre; its connection to the rim is not modelled."""
     body = (ring(_CENTRE, _Z, width, 1.25 * wheel_mm, 0.8 * wheel_mm),)
     return part(number, name, "tyres", mass_g, (), solids=body, wheel_mm=wheel_mm, is_loose=True)
+
+
+def _chains() -> list[Part]:
+    """Links of chains over spur gears, from the eye to the pin along z."""
+    plates = tuple(box((x, 0.0, 8.0), (2.0, 9.0, 18.0)) for x in (-8.0, 8.0))
+    link = (*plates, *(cylinder((0.0, 0.0, z), AXES["x"], 14.0, 2.0) for z in (8.0, 16.0)))
+    tread = (*link, box((0.0, -6.0, 8.0), (52.0, 4.0, 14.0)))
+    return [
+        part("3711", "Chain link", "chains", 0.079, (), solids=link, aliases=("3711a",), is_loose=True),
+        part("3873", "Chain link with a tread", "chains", 0.190, (), solids=tread, is_loose=True),
+    ]
 
 
 def _casters() -> list[Part]:

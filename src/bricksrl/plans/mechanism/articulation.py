@@ -22,12 +22,13 @@ _ROD_KG = 0.010
 
 @dataclass(frozen=True, eq=False)
 class Turn:
-    """A hinge: bodies ``parent`` and ``child`` (indices), a point [3], an axis [3]."""
+    """A hinge: bodies ``parent`` and ``child`` (indices), a point [3], an axis [3]; or a ball joint."""
 
     parent: int
     child: int
     point_m: Floats
     axis: Floats
+    is_ball: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +70,7 @@ class Follower:
 
 @dataclass(frozen=True, eq=False)
 class Rod:
-    """A light link between two pins: bodies, points [3] in a plane across the pins, parts.
+    """A light link between two pins or balls: bodies, points [3] (of pins in a plane across them), parts.
 
     Half of its mass is added to each body.
     """
@@ -187,14 +188,15 @@ class _Simplifier:
                     break
 
     def find_rods(self) -> None:
-        """Turn the lightest two-pin links of closed loops into rods."""
+        """Turn the lightest links of closed loops between two pins, or two balls, into rods."""
         for link in sorted(range(len(self.made.links)), key=lambda one: self.made.links[one].mass_kg):
             numbers = self._hinges_of(link)
             if len(numbers) != 2 or link in self.kept or self.coupled & set(numbers) or self.find(link) != link:
                 continue
             first, second = (self.left[number] for number in numbers)
             parallel = np.linalg.norm(np.cross(first.axis, second.axis)) < 0.02 and not is_coaxial(first, second)
-            if parallel and self.made.links[link].mass_kg < _ROD_KG and self._is_in_loop(link, numbers):
+            suited = (first.is_ball and second.is_ball) or (parallel and not first.is_ball and not second.is_ball)
+            if suited and self.made.links[link].mass_kg < _ROD_KG and self._is_in_loop(link, numbers):
                 self.rods.append((link, first, second))
                 for number in numbers:
                     del self.left[number]
@@ -261,8 +263,8 @@ class _Simplifier:
         """A hinge as a turn; the child is the later body, and the axis is reversed if that was the parent."""
         parent, child = body_of[hinge.parent], body_of[hinge.child]
         if parent < child:
-            return Turn(parent, child, hinge.point_m, hinge.axis)
-        return Turn(child, parent, hinge.point_m, -hinge.axis)
+            return Turn(parent, child, hinge.point_m, hinge.axis, hinge.is_ball)
+        return Turn(child, parent, hinge.point_m, -hinge.axis, hinge.is_ball)
 
     def _drives(self, turns: dict[int, Turn]) -> tuple[Drive, ...]:
         """The motors; seen from outside, a clockwise turn is against the shaft's direction."""
@@ -286,9 +288,9 @@ class _Simplifier:
 
 
 def _rod(link: Link, first: Hinge, second: Hinge, own: int, body_of: dict[int, int]) -> Rod:
-    """A link as a rod; both pins are moved to the plane of the first one."""
+    """A link as a rod; two pins are moved to the plane of the first one."""
     near, far = (hinge.parent if hinge.child == own else hinge.child for hinge in (first, second))
-    shift = float((second.point_m - first.point_m) @ first.axis)
+    shift = 0.0 if first.is_ball else float((second.point_m - first.point_m) @ first.axis)
     return Rod(body_of[near], first.point_m, body_of[far], second.point_m - shift * first.axis, link.parts)
 
 

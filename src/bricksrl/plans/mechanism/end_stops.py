@@ -48,10 +48,10 @@ class _Sweep:
         self._moved = {part for body in _carried(made, drive.turn.child) for part in made.bodies[body].parts}
         self._others = np.ones(len(self._parts), dtype=bool)
         self._others[list(self._moved)] = False
-        # Geared parts move away, so they are not tested.
-        coupled = [one.turn.child for one in made.geared if one.port == drive.port]
-        for body in coupled:
-            self._others[list(made.bodies[body].parts)] = False
+        # Geared parts and rods move away, so they are not tested.
+        coupled = [made.bodies[one.turn.child].parts for one in made.geared if one.port == drive.port]
+        for parts in (*coupled, *(rod.parts for rod in made.rods)):
+            self._others[list(parts)] = False
         self._is_clear_at_start = self._is_clear(0.0)
 
     def reach(self, way: float) -> float:

@@ -45,7 +45,7 @@ class Link:
 
 @dataclass(frozen=True, eq=False)
 class Hinge:
-    """A hinge between two links.
+    """A hinge, or a ball joint, between two links.
 
     Attributes:
         parent, child: indices of the links; the parent is nearer to the fixed or the first link.
@@ -65,6 +65,7 @@ class Hinge:
     closes_loop: bool
     slides: bool
     turns_child: bool = True
+    is_ball: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,12 +186,15 @@ def _hinges(plan: Plan, bodies: Bodies) -> list[tuple[Joint, Hinge]]:
         # If a motor is held by its shaft, its case turns; reversing the axis keeps the direction.
         sign = -1.0 if port is not None and parent != first else 1.0
         place, axis = _place(joint.point), sign * TO_TWIN @ joint.axis
-        found.append((joint, Hinge(parent, child, place, axis, port, not open_ends, joint.slides, parent == first)))
+        hinge = Hinge(parent, child, place, axis, port, not open_ends, joint.slides, parent == first, joint.is_ball)
+        found.append((joint, hinge))
         reached |= {first, second}
     return found
 
 
 def _is_coaxial(one: Joint, other: Joint) -> bool:
+    if one.is_ball or other.is_ball:
+        return False
     aside = np.cross(other.point - one.point, one.axis)
     return bool(np.linalg.norm(aside) < 2.0 and np.linalg.norm(np.cross(one.axis, other.axis)) < 0.05)
 

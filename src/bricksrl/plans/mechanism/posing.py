@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -45,13 +45,14 @@ def turning(axis: Floats, point: Floats, angle: float) -> Motion:
 
 
 class Poser:
-    """Poses of the bodies of an articulation. ``free``: indices of the swings outside of loops."""
+    """Poses of the bodies of an articulation. ``free``: indices of the swings outside of loops; a ball joint is three swings."""
 
     def __init__(self, made: Articulation) -> None:
         self._made = made
-        self._angles = np.zeros(len(made.swings))
+        self._swings = [turn for swing in made.swings for turn in _turns_of(swing)]
+        self._angles = np.zeros(len(self._swings))
         self._held = self._find_constrained()
-        self.free = tuple(number for number in range(len(made.swings)) if number not in self._held)
+        self.free = tuple(number for number in range(len(self._swings)) if number not in self._held)
 
     def motions(self, shafts: Mapping[str, float], swings: Mapping[int, float] | None = None) -> tuple[Motion, ...]:
         """The motion of each body.
@@ -83,13 +84,13 @@ class Poser:
 
     def _forward(self, shafts: Mapping[str, float], angles: Floats) -> tuple[Motion, ...]:
         made = self._made
-        turns: list[tuple[Turn, float]] = list(zip(made.swings, (float(angle) for angle in angles), strict=True))
+        turns: list[tuple[Turn, float]] = list(zip(self._swings, (float(angle) for angle in angles), strict=True))
         drives = {drive.port: shafts.get(drive.port, 0.0) / drive.gear for drive in made.drives}
         turns += [(drive.turn, drives[drive.port]) for drive in made.drives]
         turns += [(one.turn, one.ratio * drives[one.port]) for one in made.geared]
         motions = {0: STILL}
         for turn, angle in sorted(turns, key=lambda one: one[0].child):
-            motions[turn.child] = motions[turn.parent].after(turning(turn.axis, turn.point_m, angle))
+            motions[turn.child] = motions.get(turn.child, motions[turn.parent]).after(turning(turn.axis, turn.point_m, angle))
         return tuple(motions[number] for number in range(len(made.bodies)))
 
     def _residuals(self, shafts: Mapping[str, float], angles: Floats) -> Floats:
@@ -133,6 +134,11 @@ class Poser:
             self._angles[held] -= np.clip(change, -0.3, 0.3)
         if np.abs(self._residuals(shafts, self._angles)).max() > 1e-3:
             self._angles = start
+
+
+def _turns_of(swing: Turn) -> list[Turn]:
+    """A hinge, or the three hinges of a ball joint, which moves by less than the quarter turn at which two of them align."""
+    return [replace(swing, axis=axis) for axis in np.eye(3)] if swing.is_ball else [swing]
 
 
 def _rod_motion(old_near: Floats, old_far: Floats, near: Floats, far: Floats) -> Motion:

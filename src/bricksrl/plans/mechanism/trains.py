@@ -89,7 +89,7 @@ def _train(made: Mechanism, beside: dict[int, list[tuple[int, int, int]]], index
     hinges: dict[int, tuple[int, ...]] = {index: ()}
     for link, teeth in reached.items():
         for number, hinge in enumerate(made.hinges):
-            is_free = hinge.port is None and not hinge.closes_loop and abs(ratios[number]) > _TURNS
+            is_free = hinge.port is None and not (hinge.closes_loop or hinge.is_ball) and abs(ratios[number]) > _TURNS
             # A meshing link turns about the axis of its gear; its other hinges belong to a linkage.
             if teeth and is_free and link in (hinge.parent, hinge.child) and _is_ratio(ratios[number], teeth):
                 hinges.setdefault(number, teeth)
@@ -127,6 +127,8 @@ def is_balanced(made: Mechanism, hinge: Hinge, link: int, most_kg_m: float) -> b
 
 
 def is_coaxial(one: Hinge, other: Hinge) -> bool:
-    """Whether two hinges share an axis."""
+    """Whether two hinges share an axis; a ball joint has none."""
+    if one.is_ball or other.is_ball:
+        return False
     aside = np.linalg.norm(np.cross(other.point_m - one.point_m, one.axis))
     return bool(aside < _COAXIAL_M and np.linalg.norm(np.cross(one.axis, other.axis)) < 0.02)

@@ -40,7 +40,7 @@ from bricksrl.twin.models.rods import add_rod
 from bricksrl.twin.scene import Scene
 
 Floats = NDArray[np.float64]
-_HINGE = mujoco.mjtJoint.mjJNT_HINGE
+_HINGE, _BALL = mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_BALL
 _ROTOR_KG, _ROTOR_KG_M2 = 1e-4, 1e-8
 """Mass and inertia of the body between a motor's joint and its backlash; the rotor's inertia is the joint's armature."""
 _TRAIN_FRICTION_NM = 0.033
@@ -185,9 +185,10 @@ class _Build:
         self._take(turn, body)
 
     def _add_turn(self, turn: Turn) -> None:
-        """Add a body that turns freely on a pin or an axle, or that is driven by a motor missing in the description."""
+        """Add a body that turns freely on a pin, an axle or a ball, or that is driven by a motor missing in the description."""
         body = self.bodies[turn.parent].add_body(name=f"part_{turn.child}", pos=self._local(turn.parent, turn.point_m))
-        body.add_joint(name=f"turn_{turn.child}", type=_HINGE, axis=turn.axis.tolist(), damping=2e-4, armature=1e-6)
+        kind = _BALL if turn.is_ball else _HINGE
+        body.add_joint(name=f"turn_{turn.child}", type=kind, axis=turn.axis.tolist(), damping=2e-4, armature=1e-6)
         self._take(turn, body)
 
     def _take(self, turn: Turn, body: mujoco.MjsBody) -> None:
