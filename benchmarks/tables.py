@@ -37,11 +37,11 @@ This page is written by `python benchmarks/tables.py` from `benchmarks/results/`
 the versions it was measured with. Square brackets are 95 % bootstrap intervals over seeds (for rates: Wilson intervals). All
 robots are virtual; nobody here has run this on LEGO's yet.
 
-The agents were rewritten on TorchRL's parts. Measured with the earlier ones: learning from datasets (offline, datasets, warm
-start), REDQ in the simulations, and five seeds at once.
+The agents were rewritten on TorchRL's parts. Measured with the earlier ones: learning from datasets (offline, warm start),
+REDQ in the simulations, and five seeds at once.
 
 The virtual robots are made from their building plans since November 2026. Measured on the earlier twins, which were written by
-hand and a little heavier: learning from datasets, the fleet and the arena.
+hand and a little heavier: learning from datasets (offline, warm start), the fleet and the arena.
 """
 
 STUDIES_HEAD = """# Studies
