@@ -175,3 +175,14 @@ def test_chunk_length_follows_settings() -> None:
     assert (make("act").chunk, make("diffusion").chunk, make("sac").chunk) == (8, 4, 0)
     assert settings("act").executed == 1
     assert make("act", env=ENV).imitates
+
+
+def test_reset_reaches_the_policy_that_acts_on_another_device() -> None:
+    learner = make("act", chunk=4, executed=4)
+    learner.act_on("meta")
+    predictions: list[int] = []
+    learner.acting.network.register_forward_hook(lambda *_: predictions.append(1))
+    for _ in range(2):
+        learner.reset_policy()
+        learner.exploit(TensorDict({"observation": torch.zeros(8, device="meta")}, []))
+    assert len(predictions) == 2

@@ -43,16 +43,13 @@ def means(metrics: Iterable[dict[str, Tensor]]) -> dict[str, Tensor]:
     return {name: torch.stack(found).mean() for name, found in values.items()}
 
 
-def nothing() -> None:
-    """Do nothing: how a policy without a state is reset. Unlike a lambda, it can be pickled."""
-
-
 @dataclass
 class Learner:
     """An algorithm that acts and learns.
 
     Attributes:
-        policy: reads the observation, writes "action" in -1..1; explores under ``ExplorationType.RANDOM``.
+        policy: reads the observation, writes "action" in -1..1; explores under ``ExplorationType.RANDOM``. If it has a state, its
+            method ``reset`` discards it.
         loss: any `LossModule`; ``None`` if nothing is learned.
         optimizer: of the loss's parameters.
         memory: any replay buffer; its sampler defines a batch.
@@ -69,7 +66,6 @@ class Learner:
         imitates: learns from a dataset only.
         chunk: length of predicted action chunks; 0 for single actions.
         begin: called with the stored transitions before the first update.
-        reset_policy: called when the next observation does not follow from the last action.
         gradients: replaces autograd; see `bricksrl.agents.compiled`.
         dataset: provides half of each batch, all of it while the memory is empty (RLPD, Ball et al., 2023).
         weights: newest weights of a policy trained elsewhere, for the next action; may be set from any thread.
@@ -92,7 +88,6 @@ class Learner:
     imitates: bool = False
     chunk: int = 0
     begin: Callable[[TensorDictBase], None] | None = None
-    reset_policy: Callable[[], None] = nothing
     gradients: Callable[[TensorDictBase, bool], TensorDictBase] | None = None
     updates: int = field(default=0, init=False)
     dataset: ReplayBuffer | None = field(default=None, init=False)
@@ -120,6 +115,11 @@ class Learner:
     def acting(self) -> TensorDictModuleBase:
         """The acting policy."""
         return self.policy if self._copy is None else self._copy
+
+    def reset_policy(self) -> None:
+        """Discard the acting policy's state, if any: the next observation does not follow from its last action."""
+        if hasattr(self.acting, "reset"):
+            self.acting.reset()
 
     def explore(self, tensordict: TensorDictBase) -> TensorDictBase:
         """Write an exploratory "action"; the argument's name marks a policy for TorchRL."""

@@ -8,7 +8,7 @@ from tensordict.nn import NormalParamExtractor, TensorDictModule, TensorDictSequ
 from torch import Tensor, nn
 from torchrl.data import Composite, TensorSpec
 from torchrl.envs import EnvBase
-from torchrl.modules import AdditiveGaussianModule, ProbabilisticActor, TanhNormal
+from torchrl.modules import MLP, AdditiveGaussianModule, ProbabilisticActor, TanhNormal
 
 from bricksrl.agents.encoder import encoder_keys
 from bricksrl.agents.settings import Settings
@@ -18,17 +18,16 @@ from bricksrl.errors import DescriptionError
 def mlp(in_size: int, out_size: int, hidden: tuple[int, ...], *, layer_norm: bool = False, dropout: float = 0.0) -> nn.Sequential:
     """A multilayer perceptron ``[*batch, in_size]`` to ``[*batch, out_size]`` with ReLU. ``layer_norm, dropout``: after each
     hidden layer, before its ReLU, as in DroQ (Hiraoka et al., 2022)."""
-    layers: list[nn.Module] = []
-    size = in_size
-    for units in hidden:
-        layers.append(nn.Linear(size, units))
-        if dropout > 0:
-            layers.append(nn.Dropout(dropout))
-        if layer_norm:
-            layers.append(nn.LayerNorm(units))
-        layers.append(nn.ReLU(inplace=True))
-        size = units
-    return nn.Sequential(*layers, nn.Linear(size, out_size))
+    return MLP(
+        in_size,
+        out_size,
+        num_cells=hidden,
+        activation_class=nn.ReLU,
+        activation_kwargs={"inplace": True},
+        norm_class=nn.LayerNorm if layer_norm else None,
+        norm_kwargs=[{"normalized_shape": units} for units in hidden],
+        dropout=dropout or None,
+    )
 
 
 def make_body(settings: Settings, in_size: int, out_size: int, **kind: Any) -> nn.Module:

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import copy
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import torch
-from tensordict import TensorDictBase
 from torch import Tensor, nn
-from torchrl.data import Unbounded
-from torchrl.envs.transforms import ObservationTransform
+from torchrl.envs.transforms import UnaryTransform
 from torchrl.modules import ValueOperator
 
 from bricksrl.agents.encoder import ObservationEncoder, encoder_keys
@@ -46,21 +44,8 @@ def acting_copy(policy: M) -> M:
     return copy.deepcopy(policy, shared).eval()
 
 
-class EncodeObservation(ObservationTransform):  # type: ignore[misc]
+class EncodeObservation(UnaryTransform):  # type: ignore[misc]
     """An encoder as a transform: adds "features" ``[*batch, size]`` to an environment or a replay buffer."""
 
     def __init__(self, encoder: ObservationEncoder, out_key: str = "features") -> None:
-        super().__init__(in_keys=["observation"], out_keys=[out_key])
-        self.encoder = encoder
-
-    def _apply_transform(self, observation: Tensor) -> Tensor:
-        return self.encoder.forward(observation)
-
-    def _reset(self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase) -> TensorDictBase:
-        return self._call(tensordict_reset)
-
-    def transform_observation_spec(self, observation_spec: Any) -> Any:
-        """The spec with unbounded features."""
-        shape = (*observation_spec.shape, self.encoder.size)
-        observation_spec[self.out_keys[0]] = Unbounded(shape, device=observation_spec.device)
-        return observation_spec
+        super().__init__(in_keys=["observation"], out_keys=[out_key], fn=encoder)

@@ -37,7 +37,7 @@ def load_policy(path: Path | str, env: EnvBase | None = None, *, which: Which = 
     place = make_env(one_robot(config_of(path))) if env is None else env
     try:
         learner = load_shared(path, place) if is_policy(path) else load_learner(path, place, which=which).learner
-        return Policy(learner.policy, learner.reset_policy, place.observation_spec["observation"].shape[-1])
+        return Policy(learner.policy, place.observation_spec["observation"].shape[-1])
     finally:
         if env is None:
             place.close(raise_if_closed=False)

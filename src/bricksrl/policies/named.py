@@ -57,5 +57,5 @@ def _first(run_dir: Path, env: EnvBase) -> Player:
     config = RunFolder(run_dir).read_config()
     with reproducible(derive_seed(config.seed, "agent")):
         learner = make_learner_for(config, env, device="cpu")
-    policy = Policy(learner.policy, learner.reset_policy, env.observation_spec["observation"].shape[-1])
+    policy = Policy(learner.policy, env.observation_spec["observation"].shape[-1])
     return Player(policy, policy.reset)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import torch
@@ -13,24 +13,20 @@ from torchrl.envs.utils import ExplorationType, set_exploration_type
 
 from bricksrl.errors import DescriptionError
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
 
 class Policy(TensorDictModuleBase):  # type: ignore[misc]
     """Deterministic policy of a trained agent: ``env.rollout(100, policy)``, or `act` on an observation.
 
     Args:
-        module: module that reads "observation", and "image" if the policy uses it, and writes "action".
-        reset: resets the state of the policy; called by `reset`.
+        module: reads "observation", and "image" if the policy uses it, and writes "action"; may have a method ``reset``.
         size: n, the number of values of an observation.
     """
 
-    def __init__(self, module: TensorDictModuleBase, reset: Callable[[], None], size: int) -> None:
+    def __init__(self, module: TensorDictModuleBase, size: int) -> None:
         super().__init__()
         self.size = size
         self.in_keys, self.out_keys = list(module.in_keys), ["action"]
-        self.module, self._reset = module.eval(), reset
+        self.module = module.eval()
 
     @torch.no_grad()
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
@@ -50,4 +46,5 @@ class Policy(TensorDictModuleBase):  # type: ignore[misc]
 
     def reset(self) -> None:
         """Reset the policy's state at the start of an episode, such as a chunk of planned actions."""
-        self._reset()
+        if hasattr(self.module, "reset"):
+            self.module.reset()

@@ -100,10 +100,9 @@ class ChunkPolicy(TensorDictModuleBase):  # type: ignore[misc]
 
 def chunk_learner(policy: ChunkPolicy, loss: LossModule, settings: ChunkSettings, **numbers: Any) -> Learner:
     """The learner of a chunk policy: imitates a dataset, acts without dropout."""
-    acting = acting_copy(policy)
     optimizer = adam(loss.parameters(), settings, settings.weight_decay)
-    numbers |= {"updates_per_step": settings.updates_per_step, "chunk": settings.chunk, "reset_policy": acting.reset}
-    return Learner(acting, loss, optimizer, imitates=True, **numbers)
+    numbers |= {"updates_per_step": settings.updates_per_step, "chunk": settings.chunk}
+    return Learner(acting_copy(policy), loss, optimizer, imitates=True, **numbers)
 
 
 def recorded_memory(
