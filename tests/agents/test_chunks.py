@@ -16,7 +16,7 @@ from torchrl.data import Bounded, Composite, Unbounded
 from torchrl.envs import EnvBase
 
 from bricksrl.agents import make_learner, preset
-from bricksrl.agents.imitation.chunks import ActionChunkBuffer
+from bricksrl.agents.imitation.chunks import ChunkPolicy, ChunkSettings
 from bricksrl.agents.learner import Learner
 
 RHYTHM = torch.tensor([1.0, 1.0, -1.0, -1.0, 1.0, -1.0])
@@ -149,26 +149,37 @@ def test_actions_are_within_bounds() -> None:
     assert performed(learner, 1.0).abs().max() == 1.0
 
 
+class Told(torch.nn.Module):
+    """A network that predicts what it is told."""
+
+    chunk: torch.Tensor
+
+    def forward(self, features: torch.Tensor) -> torch.Tensor:
+        return self.chunk
+
+
 @given(
     executed=st.integers(1, 5),
     chunk=st.integers(5, 8),
     ensemble=st.one_of(st.none(), st.floats(0.0, 3.0)),
     steps=st.integers(1, 20),
 )
-def test_chunk_buffer_equals_list_reference(executed: int, chunk: int, ensemble: float | None, steps: int) -> None:
-    buffer, made = ActionChunkBuffer(executed, ensemble), []
+def test_chunk_policy_equals_list_reference(executed: int, chunk: int, ensemble: float | None, steps: int) -> None:
+    network = Told()
+    policy = ChunkPolicy(torch.nn.Identity(), network, ChunkSettings(chunk=chunk, executed=executed, ensemble=ensemble))
+    seen, made = TensorDict({"observation": torch.zeros(1)}), []
     for step in range(steps):
-        made_here = torch.randn(chunk, 2)
+        network.chunk = made_here = torch.rand(chunk, 2) * 2.0 - 1.0
         if step % executed == 0:
             made.append((step, made_here))
         due = [(start, one[step - start]) for start, one in made if step - start < chunk]
         due = due[-1:] if ensemble is None else due
         weights = torch.tensor([(-(ensemble or 0.0) * place) for place in range(len(due))]).exp()
         expected = sum(weight * action for weight, (_, action) in zip(weights / weights.sum(), due, strict=True))
-        torch.testing.assert_close(buffer.next(lambda made_here=made_here: made_here), expected)
-    buffer.clear()
-    again = torch.randn(chunk, 2)
-    assert torch.equal(buffer.next(lambda: again), again[0])
+        torch.testing.assert_close(policy(seen)["action"], expected)
+    policy.reset()
+    network.chunk = torch.rand(chunk, 2)
+    assert torch.equal(policy(seen)["action"], network.chunk[0])
 
 
 def test_chunk_length_follows_settings() -> None:

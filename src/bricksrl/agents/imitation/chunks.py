@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any
 
@@ -42,40 +42,10 @@ class ChunkSettings(Settings):
             raise DescriptionError(f"executed is {self.executed}; a chunk has only {self.chunk} actions")
 
 
-class ActionChunkBuffer:
-    """Current action chunks ``[*batch, k, m]``; a new one every ``executed`` steps.
-
-    Args:
-        executed: from 1 to ``k``.
-        ensemble: overlapping chunks are averaged with weights exp(-ensemble * i), i from the oldest (temporal ensemble of Zhao et
-            al., 2023); ``None`` uses the newest.
-    """
-
-    def __init__(self, executed: int, ensemble: float | None) -> None:
-        self._executed, self._ensemble = executed, ensemble
-        self._step = 0
-        self._chunks: list[tuple[int, Tensor]] = []
-
-    def clear(self) -> None:
-        """Discard all predictions."""
-        self._step = 0
-        self._chunks.clear()
-
-    def next(self, predict: Callable[[], Tensor]) -> Tensor:
-        """The action ``[*batch, m]`` of this step; ``predict`` returns a new chunk when one is due."""
-        if self._step % self._executed == 0:
-            self._chunks.append((self._step, predict()))
-        if self._ensemble is None:
-            del self._chunks[:-1]
-        self._chunks = [(start, chunk) for start, chunk in self._chunks if start + chunk.shape[-2] > self._step]
-        due = torch.stack([chunk[..., self._step - start, :] for start, chunk in self._chunks], -1)
-        self._step += 1
-        weights = torch.softmax(-(self._ensemble or 0.0) * torch.arange(due.shape[-1], dtype=due.dtype, device=due.device), 0)
-        return due @ weights
-
-
 class ChunkPolicy(TensorDictModuleBase):  # type: ignore[misc]
     """A policy with action chunks; needs a `reset` at the start of an episode and after an intervention.
+
+    Overlapping chunks are averaged with weights exp(-ensemble * i), i from the oldest (temporal ensemble of Zhao et al., 2023).
 
     Args:
         encoder: observations to features.
@@ -86,16 +56,25 @@ class ChunkPolicy(TensorDictModuleBase):  # type: ignore[misc]
         super().__init__()
         self.in_keys, self.out_keys = encoder_keys(encoder), ["action"]
         self.encoder, self.network = encoder, network
-        self._chunks = ActionChunkBuffer(settings.executed, settings.ensemble)
+        self._executed, self._ensemble = settings.executed, settings.ensemble
+        self.reset()
 
     def reset(self) -> None:
         """Discard predictions: the next observation does not follow from the last action."""
-        self._chunks.clear()
+        self._step = 0
+        self._chunks: list[tuple[int, Tensor]] = []
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
-        inputs = [tensordict[key] for key in self.in_keys]
-        action = self._chunks.next(lambda: self.network(self.encoder(*inputs)))
-        return tensordict.set("action", action.clamp(-1.0, 1.0))
+        if self._step % self._executed == 0:
+            chunk = self.network(self.encoder(*(tensordict[key] for key in self.in_keys)))
+            self._chunks.append((self._step, chunk))
+        if self._ensemble is None:
+            del self._chunks[:-1]
+        self._chunks = [(start, chunk) for start, chunk in self._chunks if start + chunk.shape[-2] > self._step]
+        due = torch.stack([chunk[..., self._step - start, :] for start, chunk in self._chunks], -1)
+        self._step += 1
+        weights = torch.softmax(-(self._ensemble or 0.0) * torch.arange(due.shape[-1], dtype=due.dtype, device=due.device), 0)
+        return tensordict.set("action", (due @ weights).clamp(-1.0, 1.0))
 
 
 def chunk_learner(policy: ChunkPolicy, loss: LossModule, settings: ChunkSettings, **numbers: Any) -> Learner:

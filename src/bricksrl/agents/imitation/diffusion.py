@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from dataclasses import dataclass
 from typing import Annotated
 
 import torch
 from tensordict import TensorDict, TensorDictBase
-from torch import Tensor, nn
+from torch import nn
 from torchrl.envs import EnvBase
 from torchrl.modules import DiffusionActor
 from torchrl.objectives import DiffusionBCLoss
@@ -44,19 +45,6 @@ class EncodedChunks(DiffusionBCLoss):  # type: ignore[misc]
         return super().forward(TensorDict({"observation": features, "action": chunk}, tensordict.batch_size))
 
 
-class DenoisedChunk(nn.Module):
-    """Features ``[*batch, f]`` to a chunk of ``k`` actions ``[*batch, k, m]``, denoised from noise."""
-
-    def __init__(self, actor: DiffusionActor, chunk: int) -> None:
-        super().__init__()
-        self.actor, self._chunk = actor, chunk
-
-    def forward(self, features: Tensor) -> Tensor:
-        action: Tensor = self.actor(TensorDict({"observation": features}, features.shape[:-1]))["action"]
-        chunk: Tensor = action.unflatten(-1, (self._chunk, -1))
-        return chunk
-
-
 def build(env: EnvBase, settings: DiffusionSettings, device: torch.device | str = "cpu") -> Learner:
     """The diffusion policy for an environment. Initialized from torch's global generator."""
     encoder, m = make_encoder(env, settings), action_size(env)
@@ -69,4 +57,5 @@ def build(env: EnvBase, settings: DiffusionSettings, device: torch.device | str 
         beta_end=min(0.999, 2.0 / settings.denoising_steps),
     ).to(device)
     loss = EncodedChunks(actor, encoder).to(device)
-    return chunk_learner(ChunkPolicy(encoder, DenoisedChunk(actor, settings.chunk), settings).to(device), loss, settings)
+    denoised_chunk = nn.Sequential(OrderedDict(actor=actor, chunk=nn.Unflatten(-1, (settings.chunk, m))))
+    return chunk_learner(ChunkPolicy(encoder, denoised_chunk, settings).to(device), loss, settings)
