@@ -17,20 +17,14 @@ if TYPE_CHECKING:
 
     from bricksrl.agents.learner import Learner
 
+AGENTS = ("sac", "droq", "redq", "td3", "crossq", "tqc", "ppo", "bc", "act", "diffusion", "iql", "cql", "td3bc", "random")
+"""Algorithms by name; DroQ and REDQ are settings of SAC."""
 _MODULES = {
-    "sac": "sac",
-    "droq": "sac",
-    "redq": "sac",
-    "td3": "td3",
-    "crossq": "crossq",
-    "tqc": "tqc",
-    "ppo": "ppo",
+    **dict.fromkeys(("droq", "redq"), "sac"),
     **{name: f"imitation.{name}" for name in ("bc", "act", "diffusion")},
     **{name: f"offline.{name}" for name in ("iql", "cql", "td3bc")},
-    "random": "random",
 }
-AGENTS = tuple(_MODULES)
-"""Algorithms by name; DroQ and REDQ are settings of SAC."""
+"""Modules of algorithms with other names."""
 PRESETS = ("default", "paper")
 """Presets by name."""
 
@@ -58,7 +52,7 @@ def algorithm(agent: str) -> Algorithm:
         build = load_object(agent, "build")
         module = inspect.getmodule(build)
     elif agent in AGENTS:
-        module = importlib.import_module(f"bricksrl.agents.{_MODULES[agent]}")
+        module = importlib.import_module(f"bricksrl.agents.{_MODULES.get(agent, agent)}")
         build = module.build
     else:
         known = f"{hint(agent, AGENTS)}; choose one of {', '.join(AGENTS)}, or give a file: my_agent.py"

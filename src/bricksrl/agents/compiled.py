@@ -6,6 +6,7 @@ CUDA the graph is a CUDA graph. Noise comes from the graph's generator: runs are
 
 from __future__ import annotations
 
+import traceback
 from typing import Any
 
 import torch
@@ -69,7 +70,8 @@ class CompiledGradients:
             with torch.no_grad():  # otherwise the graph also keeps tensors for second derivatives
                 gradients, losses = self._graph(learned, rows, whole)
         except Exception as error:
-            if _lacks_compiler(error):
+            causes = "".join(traceback.format_exception(error))
+            if "InvalidCxxCompiler" in causes or "No working C++ compiler" in causes:
                 wanted = "install one (such as g++ or clang), or omit --compile"
                 raise RunError(f"there is no C++ compiler; {wanted}") from None
             raise
@@ -88,11 +90,3 @@ def compile_updates(learner: Learner) -> None:
     if loss.anchor is not None:
         raise RunError("an anchored policy cannot be compiled; omit --compile")
     learner.gradients = CompiledGradients(loss, learner.device)
-
-
-def _lacks_compiler(error: BaseException | None) -> bool:
-    while error is not None:
-        if "InvalidCxxCompiler" in f"{type(error).__name__} {error}" or "No working C++ compiler" in str(error):
-            return True
-        error = error.__cause__ or error.__context__
-    return False

@@ -71,23 +71,15 @@ def with_outcome(frames: TensorDictBase, lost: Tensor | None) -> TensorDictBase:
     return frames.reshape(-1) if lost is None else frames[~lost]
 
 
-def make_replay_buffer(
-    env: EnvBase, settings: OffPolicySettings, device: torch.device | str, **changes: Any
-) -> TransitionReplayBuffer:
+def make_replay_buffer(env: EnvBase, settings: OffPolicySettings, device: torch.device | str) -> TransitionReplayBuffer:
     """The replay buffer of the settings for an environment."""
     layout = ObservationLayout.of(env)
     keys = ("observation", "image") if layout.image_px else ("observation",)
-    kind: dict[str, Any] = {
-        "capacity": settings.buffer_size,
-        "memory_mapped": settings.memory_mapped,
-        "device": device,
-        **changes,
-    }
-    kind |= {"batch_size": settings.batch_size, "keys": keys}
+    size = (settings.buffer_size, settings.batch_size, keys, settings.memory_mapped, device)
     has_goals = bool(layout.goals) and settings.hindsight + settings.new_goals > 0
     if not has_goals and settings.n_step == 1 and not settings.shift_px:
-        return TransitionReplayBuffer(**kind)
+        return TransitionReplayBuffer(*size)
     from bricksrl.agents.episodic_replay import EpisodicReplayBuffer, GoalRelabelling
 
     goals = GoalRelabelling(env.task, layout, settings.hindsight, settings.new_goals) if has_goals else None
-    return EpisodicReplayBuffer(gamma=settings.gamma, n_step=settings.n_step, goals=goals, shift_px=settings.shift_px, **kind)
+    return EpisodicReplayBuffer(*size, gamma=settings.gamma, n_step=settings.n_step, goals=goals, shift_px=settings.shift_px)

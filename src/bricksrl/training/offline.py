@@ -50,8 +50,8 @@ def attach_dataset(config: TrainConfig, learner: Learner, env: EnvBase) -> None:
     frames["next", "done"][:-1] |= (data.episode[1:] != data.episode[:-1])[:, None]
     frames["next", "done"][-1] = True
     if isinstance(learner.memory, TransitionReplayBuffer):
-        size = max(2, len(frames))
-        learner.dataset = make_replay_buffer(env, config.settings, learner.device, capacity=size, memory_mapped=False)
+        settings = dataclasses.replace(config.settings, buffer_size=max(2, len(frames)), memory_mapped=False)
+        learner.dataset = make_replay_buffer(env, settings, learner.device)
         learner.dataset.extend(frames)
     else:
         size, keys = getattr(config.settings, "batch_size", 256), learner.policy.in_keys

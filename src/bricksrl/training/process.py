@@ -8,14 +8,12 @@ import io
 import os
 import pickle
 import signal
-import struct
 import subprocess
 import sys
 import threading
 from collections.abc import Callable
 from typing import Any, BinaryIO, NoReturn, cast
 
-_LENGTH = struct.Struct("<Q")
 Message = tuple[str, Any]
 """A kind, and anything that can be pickled."""
 END: Message = ("end", None)
@@ -39,23 +37,15 @@ class Channel:
         """Send a message. Raises OSError if the other side is gone."""
         data = io.BytesIO()
         _Pickler(data, pickle.HIGHEST_PROTOCOL).dump((kind, content))
-        self._outgoing.write(_LENGTH.pack(data.tell()))
         self._outgoing.write(data.getbuffer())
         self._outgoing.flush()
 
     def _read(self) -> None:
         try:
             while True:
-                (length,) = _LENGTH.unpack(self._exactly(_LENGTH.size))
-                self._deliver(pickle.loads(self._exactly(length)))  # noqa: S301  from a process of ours
-        except (OSError, EOFError, ValueError):  # gone, or closed on this side
+                self._deliver(pickle.load(self._incoming))  # noqa: S301  from a process of ours
+        except (OSError, EOFError, ValueError, pickle.UnpicklingError):  # gone, also amid a message, or closed on this side
             self._deliver(None)
-
-    def _exactly(self, length: int) -> bytes:
-        data = self._incoming.read(length)
-        if len(data) < length:
-            raise EOFError
-        return data
 
 
 class _Pickler(pickle.Pickler):

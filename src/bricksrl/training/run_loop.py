@@ -13,6 +13,7 @@ import torch
 from tensordict import TensorDictBase
 from torch import Tensor
 from torchrl.envs import EnvBase
+from torchrl.modules import RandomPolicy
 
 from bricksrl.agents.learner import means
 from bricksrl.envs.reference_returns import reference_lines
@@ -182,7 +183,8 @@ class RunLoop:
     def _robot(self, number: int, phase: Phase, start: TensorDictBase | None, metrics: list[dict[str, Tensor]]) -> Episode | None:
         """One episode of one robot; ``None`` if the link broke in the first step."""
         rollout = Rollout()
-        policy = {Phase.PREFILL: self._random, Phase.TRAIN: self.actor.explore, Phase.OFFLINE: self.actor.exploit}[phase]
+        random = RandomPolicy(self.env.full_action_spec)
+        policy = {Phase.PREFILL: random, Phase.TRAIN: self.actor.explore, Phase.OFFLINE: self.actor.exploit}[phase]
         for frame in play(self.env, policy, start, driver=self.driver, reset_policy=self.actor.reset_policy):
             rollout.add(frame)
             self._length = len(rollout.rewards)
@@ -205,8 +207,6 @@ class RunLoop:
 
     def _copies(self, number: int, phase: Phase, metrics: list[dict[str, Tensor]]) -> Episode:
         """A round: as many steps of all copies as an episode has at most."""
-        from torchrl.modules import RandomPolicy
-
         from bricksrl.training.collection import collect_round
 
         steps = 0
@@ -229,9 +229,6 @@ class RunLoop:
         count = max(1.0, float(ended))
         length, return_ = round(float(lengths) / count), float(returns) / count
         return Episode(number, phase, steps * self.env.batch_size.numel(), length, return_, None, numbers(metrics))
-
-    def _random(self, state: TensorDictBase) -> TensorDictBase:
-        return state.set("action", 2.0 * torch.rand(self.env.action_spec.shape, device=self.env.device) - 1.0)
 
     def _evaluated(self, episode: Episode) -> Episode:
         """The episode with the mean return of an evaluation, unless its link broke. Saves the best checkpoint."""

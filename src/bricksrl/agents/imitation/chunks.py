@@ -57,12 +57,13 @@ class ChunkPolicy(TensorDictModuleBase):  # type: ignore[misc]
         self.in_keys, self.out_keys = encoder_keys(encoder), ["action"]
         self.encoder, self.network = encoder, network
         self._executed, self._ensemble = settings.executed, settings.ensemble
-        self.reset()
+        self._step = 0
+        self._chunks: list[tuple[int, Tensor]] = []
 
     def reset(self) -> None:
         """Discard predictions: the next observation does not follow from the last action."""
         self._step = 0
-        self._chunks: list[tuple[int, Tensor]] = []
+        self._chunks.clear()
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         if self._step % self._executed == 0:

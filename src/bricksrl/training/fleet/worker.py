@@ -18,7 +18,6 @@ from bricksrl.training.process import END, Message, leave, parent_channel
 
 if TYPE_CHECKING:
     import numpy as np
-    from tensordict import TensorDictBase
     from torchrl.envs import EnvBase
 
     from bricksrl.agents.learner import Learner
@@ -95,6 +94,8 @@ class Worker:
 
     def _episode(self, env: Any, actor: Learner, begin: dict[str, Any], order: dict[str, Any]) -> None:
         """One episode; ends early if the link breaks."""
+        from torchrl.modules import RandomPolicy
+
         from bricksrl.data.transitions import about, step_of
         from bricksrl.envs.rollout import Rollout, link_lost, play
 
@@ -103,7 +104,7 @@ class Worker:
         state = env.reset()
         description = about(env, order["policy"], seed=order["seed"], hub=begin["config"]["hub"])
         self.send("begun", description)
-        policy = self._random if is_random else actor.explore
+        policy = RandomPolicy(env.full_action_spec) if is_random else actor.explore
         for frame in play(env, policy, state, reset_policy=actor.reset_policy):
             rollout.add(frame)
             lost = link_lost(frame)
@@ -116,12 +117,6 @@ class Worker:
                 raise _FleetEnded
         success = None if rollout.is_lost else rollout.success(env)
         self.send("ended", (success, rollout.is_lost))
-
-    def _random(self, state: TensorDictBase) -> TensorDictBase:
-        import torch
-
-        size = self._env.action_spec.shape
-        return state.set("action", 2.0 * torch.rand(size) - 1.0)
 
     def _place(self, _rng: np.random.Generator) -> None:
         self.send("place")
