@@ -5,7 +5,6 @@ The encoder is the first module of each network; `bricksrl.agents.operators.Enco
 
 from __future__ import annotations
 
-import itertools
 import math
 from typing import TYPE_CHECKING, Any
 
@@ -38,13 +37,11 @@ class ObservationEncoder(nn.Module):
         scale = torch.where(bounded, 2.0 / (high - low), 1.0)
         offset = torch.where(bounded, -(high + low) / (high - low), 0.0)
         pairs = layout.goals if goals == "difference" else ()
-        own = [i for i in angle_index if i not in {goal for goal, _ in layout.goals}]
-        phases = list(itertools.combinations(own, 2)) if angles == "phases" else []
-        turn = torch.zeros(len(layout.low), len(angle_index) + len(phases))  # one column per angle and per difference
-        for column, i in enumerate(angle_index):
-            turn[i, column] = math.pi / 180.0
-        for column, (i, j) in enumerate(phases, len(angle_index)):
-            turn[i, column], turn[j, column] = math.pi / 180.0, -math.pi / 180.0
+        goal_index = {goal for goal, _ in layout.goals}
+        own = [i for i in angle_index if i not in goal_index and angles == "phases"]
+        first, second = torch.combinations(torch.tensor(own, dtype=torch.int64)).T
+        one_rad = torch.eye(len(layout.low)) * (math.pi / 180.0)
+        turn = torch.cat((one_rad[angle_index], one_rad[first] - one_rad[second])).T.contiguous()  # one column for each
         self.turn, self.linear = _constant(turn), _constant(linear_index, torch.int64)
         self.scale, self.offset = _constant(scale[self.linear]), _constant(offset[self.linear])
         self.goal = _constant([goal for goal, _ in pairs], torch.int64)

@@ -28,7 +28,7 @@ from bricksrl.seed import derive_seed
 from bricksrl.training.config import TrainConfig
 from bricksrl.training.learner_side import InLoopLearner, Pace
 from bricksrl.training.offline import attach_dataset
-from bricksrl.training.process import END, Channel, ChildProcess, Message, leave, parent_channel
+from bricksrl.training.process import END, ChildProcess, Message, Send, leave, parent_channel
 from bricksrl.training.restore import make_learner_for
 
 _CHECK_S = 0.1
@@ -173,20 +173,20 @@ Inbox = SimpleQueue[Message | None]
 def main() -> None:
     """Entry point of the learner's process, ``python -m bricksrl.training.async_learner``."""
     inbox: Inbox = SimpleQueue()
-    channel = parent_channel(inbox.put)
+    send = parent_channel(inbox.put)
     try:
         _, begin = inbox.get() or END
         if begin is not None:
-            serve(begin, inbox, channel)
+            serve(begin, inbox, send)
     except BrokenPipeError:
         pass
     except Exception as error:  # noqa: BLE001  reported to the user by the robot's side
         with contextlib.suppress(BrokenPipeError):
-            channel.send("failed", f"failed ({type(error).__name__}: {' '.join(str(error).split())})")
+            send("failed", f"failed ({type(error).__name__}: {' '.join(str(error).split())})")
     leave()
 
 
-def serve(begin: dict[str, Any], inbox: Inbox, channel: Channel) -> None:
+def serve(begin: dict[str, Any], inbox: Inbox, send: Send) -> None:
     """Learn until the robot's side ends the run or disconnects."""
     torch.set_num_threads(1)  # the other cores are for the robot
     asked, done = begin["state"]["pace"]["asked"], begin["state"]["pace"]["done"]
@@ -199,7 +199,7 @@ def serve(begin: dict[str, Any], inbox: Inbox, channel: Channel) -> None:
     side = InLoopLearner(learner, {**begin["state"], "pace": {"asked": done}})
     del begin  # may be large
     saves = 0
-    channel.send("ready", learner.policy_state())
+    send("ready", learner.policy_state())
     while True:
         while side.pace.done >= asked or not inbox.empty():
             kind, content = inbox.get() or END
@@ -215,11 +215,11 @@ def serve(begin: dict[str, Any], inbox: Inbox, channel: Channel) -> None:
                     path, state = content
                     side.save(Path(path), {**state, "pace": {"asked": asked, "done": side.pace.done}})
                     saves += 1
-                    channel.send("saved", saves)
+                    send("saved", saves)
                 case "end":
                     return
         metrics = {name: value.cpu() for name, value in side.learn(1).items()}
-        channel.send("learned", (side.pace.done, metrics, learner.policy_state()))
+        send("learned", (side.pace.done, metrics, learner.policy_state()))
 
 
 if __name__ == "__main__":

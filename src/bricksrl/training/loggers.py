@@ -32,7 +32,13 @@ class Tracking(Callback):
         self._kind = log
 
     def on_start(self, config: TrainConfig, run_dir: Path, episodes_done: int) -> None:
-        self._log = _open(self._kind, run_dir, config.to_dict())
+        from torchrl.record.loggers import get_logger
+
+        named = {"project": PROJECT, "config": config.to_dict()}
+        mode = "online" if _logged_in_to_wandb() else "offline"  # avoids a prompt for an account
+        wandb = {**named, "mode": mode, "log_env_packages": False}
+        name = run_dir.name if self._kind != "tensorboard" else "tensorboard"
+        self._log: Any = get_logger(self._kind, str(run_dir), name, trackio_kwargs=named, wandb_kwargs=wandb)  # type: ignore[arg-type]
 
     def on_episode(self, episode: Episode, progress: Progress) -> None:
         for name, value in numbers(episode).items():
@@ -52,22 +58,6 @@ def numbers(episode: Episode) -> dict[str, float]:
     known = {name: getattr(episode, name) for name in names}
     found = {name: float(value) for name, value in known.items() if value is not None}
     return {"return": episode.return_, **found, **episode.losses}
-
-
-def _open(kind: str, run_dir: Path, config: dict[str, Any]) -> Any:
-    """TorchRL's logger of a run."""
-    from torchrl.record.loggers.tensorboard import TensorboardLogger
-    from torchrl.record.loggers.trackio import TrackioLogger
-    from torchrl.record.loggers.wandb import WandbLogger
-
-    if kind == "tensorboard":
-        return TensorboardLogger(exp_name="tensorboard", log_dir=str(run_dir))
-    named = {"exp_name": run_dir.name, "project": PROJECT, "config": config}
-    if kind == "trackio":
-        return TrackioLogger(**named)
-    # `mode` avoids a prompt for an account
-    mode = "online" if _logged_in_to_wandb() else "offline"
-    return WandbLogger(**named, save_dir=str(run_dir), mode=mode, log_env_packages=False)
 
 
 def _logged_in_to_wandb() -> bool:

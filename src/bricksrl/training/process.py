@@ -20,32 +20,31 @@ END: Message = ("end", None)
 """Asks a child to end; also stands for the parent's disappearance."""
 Deliver = Callable[[Message | None], None]
 """Receives messages in order, then ``None`` when the other side is gone; called in a separate thread."""
+Send = Callable[..., None]
+"""Sends a message: a kind, and any content. Raises OSError if the other side is gone."""
 
 
-class Channel:
-    """Sends messages, and delivers incoming ones from a separate thread.
+def open_channel(incoming: BinaryIO, outgoing: BinaryIO, deliver: Deliver) -> Send:
+    """Deliver incoming messages from a separate thread. Returns the function that sends messages.
 
     Both ends are our processes, which trust each other.
     """
 
-    def __init__(self, incoming: BinaryIO, outgoing: BinaryIO, deliver: Deliver) -> None:
-        self._incoming, self._outgoing, self._deliver = incoming, outgoing, deliver
-        self._thread = threading.Thread(target=self._read, name="channel", daemon=True)
-        self._thread.start()
-
-    def send(self, kind: str, content: Any = None) -> None:
-        """Send a message. Raises OSError if the other side is gone."""
+    def send(kind: str, content: Any = None) -> None:
         data = io.BytesIO()
         _Pickler(data, pickle.HIGHEST_PROTOCOL).dump((kind, content))
-        self._outgoing.write(data.getbuffer())
-        self._outgoing.flush()
+        outgoing.write(data.getbuffer())
+        outgoing.flush()
 
-    def _read(self) -> None:
+    def read() -> None:
         try:
             while True:
-                self._deliver(pickle.load(self._incoming))  # noqa: S301  from a process of ours
+                deliver(pickle.load(incoming))  # noqa: S301  from a process of ours
         except (OSError, EOFError, ValueError, pickle.UnpicklingError):  # gone, also amid a message, or closed on this side
-            self._deliver(None)
+            deliver(None)
+
+    threading.Thread(target=read, name="channel", daemon=True).start()
+    return send
 
 
 class _Pickler(pickle.Pickler):
@@ -71,7 +70,7 @@ class ChildProcess:
             creationflags=flags,
         )
         self.pid = self._process.pid
-        self.send = Channel(cast(BinaryIO, self._process.stdout), cast(BinaryIO, self._process.stdin), deliver).send
+        self.send = open_channel(cast(BinaryIO, self._process.stdout), cast(BinaryIO, self._process.stdin), deliver)
 
     def wait(self, timeout_s: float) -> int | None:
         """The exit code (negative signal number if killed), or ``None`` after the timeout."""
@@ -82,21 +81,17 @@ class ChildProcess:
     def end(self, timeout_s: float = 0.0) -> int:
         """End the process, by force after the timeout. Returns its exit code."""
         self.wait(timeout_s)
-        self._process.kill()
-        code = self._process.wait()
-        for pipe in (self._process.stdin, self._process.stdout):
-            if pipe is not None:
-                with contextlib.suppress(OSError):
-                    pipe.close()
-        return code
+        with contextlib.suppress(OSError), self._process:  # closes the pipes
+            self._process.kill()
+        return self._process.wait()
 
 
-def parent_channel(deliver: Deliver) -> Channel:
-    """In a `ChildProcess`: the channel to the parent."""
+def parent_channel(deliver: Deliver) -> Send:
+    """In a `ChildProcess`: deliver the parent's messages. Returns the function that sends messages to it."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     incoming, outgoing = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # prints must not mix with the messages
-    return Channel(incoming, outgoing, deliver)
+    return open_channel(incoming, outgoing, deliver)
 
 
 def leave() -> NoReturn:

@@ -85,11 +85,11 @@ class RunLoop:
         self.folder = folder
         with self._recorded():
             self.callback.on_start(self.config, folder.path, len(self.episodes))
-            reached, caught_up, is_over = None, 0, self._is_good_enough()
+            reached, caught_up = None, 0
             try:
-                while len(self.episodes) < self.config.episodes and not is_over and not self.signals.requested:
+                while not self._is_over() and not self.signals.requested:
                     self._episode(start)
-                    start, is_over = None, self._is_good_enough()
+                    start = None
                 pace = self.learner.pace  # once, as learning continues meanwhile
                 reached = self._updates_per_step(pace)
                 caught_up = self._catch_up(pace)
@@ -103,8 +103,7 @@ class RunLoop:
                     title = f"{self.config.env} · {self.config.agent} · seed {self.config.seed}"
                     lines = reference_lines(self.config.env, self.config.options)
                     draw_learning_curve(folder.curve_path, self.episodes, title, lines)
-            interrupted = len(self.episodes) < self.config.episodes and not is_over
-            result = RunResult(folder.path, tuple(self.episodes), interrupted, reached, caught_up)
+            result = RunResult(folder.path, tuple(self.episodes), not self._is_over(), reached, caught_up)
             self.callback.on_end(result)
         return result
 
@@ -249,7 +248,10 @@ class RunLoop:
             self.learner.save(self.folder.best_path, run_state(self.identity, [*self.episodes, episode], mean))
         return replace(episode, evaluation=mean)
 
-    def _is_good_enough(self) -> bool:
+    def _is_over(self) -> bool:
+        """Whether all episodes are done, or the agent is good enough."""
+        if len(self.episodes) >= self.config.episodes:
+            return True
         if self.config.stop_at is None or not self.episodes:
             return False
         if self.config.eval_every:

@@ -56,10 +56,8 @@ class CQLLoss(SACLoss):
 
     def __init__(self, encoder: nn.Module, actor: nn.Module, critics: Critics, settings: CQLSettings) -> None:
         super().__init__(encoder, actor, critics, settings)
-        self.out_keys = ["loss_qvalue", "loss_cql", "loss_lagrange", "gap", *self.out_keys[1:]]
         is_learned = settings.lagrange_threshold is not None
-        if not is_learned:
-            self.out_keys.remove("loss_lagrange")
+        self.out_keys = ["loss_qvalue", "loss_cql", *["loss_lagrange"] * is_learned, "gap", *self.out_keys[1:]]
         self.log_factor = nn.Parameter(torch.zeros(()), requires_grad=is_learned)
         self._updates_made = 0
 

@@ -139,7 +139,7 @@ class Worker:
 def main() -> None:
     """Entry point of the process."""
     worker = Worker()
-    worker.send = parent_channel(worker.receive).send
+    worker.send = parent_channel(worker.receive)
     try:
         worker.run()
     finally:
