@@ -45,13 +45,7 @@ class Batch:
 
 
 class ActorCriticLoss(LossModule):  # type: ignore[misc]
-    """Loss of an actor and critics on features of a shared encoder.
-
-    Args:
-        encoder: observations to features ``[batch, f]``.
-        actor: features to the policy's outputs.
-        settings: of the algorithm.
-    """
+    """Loss of an actor (features to the policy's outputs) and critics on the features ``[batch, f]`` of a shared encoder."""
 
     def __init__(self, encoder: nn.Module, actor: nn.Module, critics: Critics, settings: OffPolicySettings) -> None:
         super().__init__()

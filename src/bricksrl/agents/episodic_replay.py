@@ -25,12 +25,8 @@ HORIZON = 4
 
 @dataclass(frozen=True)
 class GoalRelabelling:
-    """Replacement of goals in a batch.
-
-    Attributes:
-        hindsight: share of a batch with goals that were reached some steps later.
-        new_goals: share of a batch with goals drawn uniformly from their range.
-    """
+    """Replacement of goals in shares of a batch: by goals that were reached some steps later (``hindsight``), and by goals drawn
+    uniformly from their range (``new_goals``)."""
 
     task: Task
     layout: ObservationLayout

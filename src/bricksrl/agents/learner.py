@@ -18,8 +18,10 @@ from torchrl.envs import EnvBase
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 from torchrl.objectives import LossModule
 
+from bricksrl.agents.learner_state import load_loss, load_memory_state, memory_state
 from bricksrl.agents.replay import TransitionReplayBuffer, link_lost, make_replay_buffer, with_outcome
 from bricksrl.agents.settings import OffPolicySettings, Settings
+from bricksrl.errors import CheckpointError
 
 MAX_ROWS = 8192
 """Maximum number of transitions drawn at once for several updates."""
@@ -219,15 +221,32 @@ class Learner:
 
     def state_dict(self) -> dict[str, Any]:
         """Everything that learning changes: nested tensors, numbers, strings, lists."""
-        from bricksrl.agents.learner_state import state_of
-
-        return state_of(self)
+        state: dict[str, Any] = {"policy": dict(self.policy.state_dict()), "updates": self.updates, "due": self.due}
+        if self.loss is not None and self.optimizer is not None:
+            state |= {"loss": dict(self.loss.state_dict()), "optimizer": self.optimizer.state_dict()}
+        if self.memory is not None and not self.on_policy and len(self.memory):
+            state["memory"] = memory_state(self.memory)
+        return state
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Restore `state_dict`, on any device. Raises CheckpointError if the state is of another algorithm, network or buffer."""
-        from bricksrl.agents.learner_state import load_state
+        try:
+            self.policy.load_state_dict(state["policy"])
+            self.updates, self.due = int(state["updates"]), float(state["due"])
+            if self.loss is not None and self.optimizer is not None:
+                if any(name.startswith("anchor.") for name in state["loss"]):
+                    from bricksrl.agents.policy_transfer import anchor
 
-        load_state(self, state)
+                    anchor(self)
+                load_loss(self.loss, state["loss"])
+                self.optimizer.load_state_dict(state["optimizer"])
+            if self.memory is not None:
+                self.memory.empty()
+                if "memory" in state:
+                    load_memory_state(self.memory, state["memory"], self.device)
+        except (AssertionError, AttributeError, LookupError, OverflowError, RuntimeError, TypeError, ValueError) as error:
+            reason = (str(error) or type(error).__name__).splitlines()[0]
+            raise CheckpointError(f"the checkpoint does not fit this agent ({reason}); resume with the settings it had") from None
 
 
 def off_policy_learner(

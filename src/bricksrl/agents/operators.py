@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import copy
-from typing import TypeVar
 
 import torch
+from tensordict.nn import TensorDictModuleBase
 from torch import Tensor, nn
 from torchrl.envs.transforms import UnaryTransform
 from torchrl.modules import ValueOperator
 
 from bricksrl.agents.encoder import ObservationEncoder, encoder_keys
 from bricksrl.agents.networks import Actor
-
-M = TypeVar("M", bound=nn.Module)
 
 
 class Critic(nn.Module):
@@ -38,7 +36,7 @@ def critic_operator(encoder: nn.Module, body: nn.Module) -> ValueOperator:
     return ValueOperator(Critic(encoder, body), in_keys=[*encoder_keys(encoder), "action"])
 
 
-def acting_copy(policy: M) -> M:
+def acting_copy(policy: TensorDictModuleBase) -> TensorDictModuleBase:
     """A policy with shared parameters that acts without dropout while a loss trains with it."""
     shared = {id(parameter): parameter for parameter in policy.parameters()}
     return copy.deepcopy(policy, shared).eval()

@@ -16,7 +16,7 @@ from torch import Tensor, nn
 from bricksrl.agents.actor_critic import ActorCriticLoss
 from bricksrl.agents.learner import Learner
 from bricksrl.agents.networks import Actor
-from bricksrl.agents.sac import SACLoss
+from bricksrl.agents.sac import LEAST_SCALE, SCALE_SHIFT, SACLoss
 
 STEPS = 2000
 """Robot steps until the actor is free."""
@@ -34,11 +34,8 @@ class PolicyFormError(Exception):
 
 @torch.no_grad()
 def transfer_policy(learner: Learner, source: Learner) -> None:
-    """Copy the policy of ``source`` to the new ``learner`` and anchor it there. Raises PolicyFormError if their networks differ
-    in form.
-
-    Standard deviation and temperature are copied if both have them.
-    """
+    """Copy the policy of ``source``, with standard deviation and temperature if both have them, to the new ``learner``, and
+    anchor it there. Raises PolicyFormError if their networks differ in form."""
     loss = learner.loss
     if not isinstance(loss, ActorCriticLoss) or "image" in learner.policy.in_keys:
         raise PolicyFormError("transfer needs critics and a network from observations to single actions")
@@ -54,7 +51,7 @@ def transfer_policy(learner: Learner, source: Learner) -> None:
         size = len(to[-1]) // 2
         if len(of[-1]) == size:
             to[-2][size:] = 0.0
-            to[-1][size:] = math.log(math.expm1(MARGIN * loss.settings.min_scale - 0.01)) - math.log(math.expm1(0.99))
+            to[-1][size:] = math.log(math.expm1(MARGIN * loss.settings.min_scale - LEAST_SCALE)) - SCALE_SHIFT
         known = getattr(source.loss, "log_alpha", None)
         loss.log_alpha.copy_(loss.log_alpha.clamp_max(math.log(ALPHA)) if known is None else known)
     if hasattr(loss, "target_actor"):

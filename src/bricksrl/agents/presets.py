@@ -72,7 +72,6 @@ _OF_PAPER: dict[str, dict[str, Any]] = {
     },
     # Schulman et al. 2017, table of the continuous control tasks
     "ppo": {"hidden": (64, 64), "steps": 2048, "batch_size": 64, "passes": 10, "gae_lambda": 0.95, "entropy_coeff": 0.0},
-    "diffusion": {"batch_size": 256},
 }
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 
 import torch
@@ -18,19 +19,14 @@ class RandomSettings:
     """No settings."""
 
 
-class UniformActions(torch.nn.Module):
-    """Uniform actions ``[*batch, m]`` in -1..1, with or without exploration."""
-
-    def __init__(self, size: int) -> None:
-        super().__init__()
-        self.action_size = size
-
-    def forward(self, observation: Tensor) -> Tensor:
-        return 2.0 * torch.rand(*observation.shape[:-1], self.action_size, device=observation.device) - 1.0
+def uniform_actions(observation: Tensor, *, size: int) -> Tensor:
+    """Uniform actions ``[*batch, size]`` in -1..1, with or without exploration."""
+    return 2.0 * torch.rand(*observation.shape[:-1], size, device=observation.device) - 1.0
 
 
 def build(env: EnvBase, settings: RandomSettings, device: torch.device | str = "cpu") -> Learner:
     """Random actions for an environment."""
     del settings, device
-    policy = TensorDictModule(UniformActions(action_size(env)), in_keys=["observation"], out_keys=["action"])
+    act = functools.partial(uniform_actions, size=action_size(env))
+    policy = TensorDictModule(act, in_keys=["observation"], out_keys=["action"])
     return Learner(policy=policy, updates_per_step=0.0)

@@ -17,11 +17,10 @@ from bricksrl.errors import DescriptionError
 
 
 class TransitionReplayBuffer(TensorDictReplayBuffer):  # type: ignore[misc]
-    """Uniform replay of transitions.
+    """Uniform replay of ``capacity`` transitions; the oldest are overwritten first.
 
     Args:
-        capacity: transitions; the oldest are overwritten first.
-        keys: entries to keep of a transition, including those under "next".
+        keys: entries to keep of an observation.
         memory_mapped: store in a temporary file.
     """
 

@@ -107,15 +107,15 @@ class SACLoss(ActorCriticLoss):
         return rsample(out, self.settings.min_scale, torch.randn(*out.shape[:-1], size, dtype=out.dtype, device=out.device))
 
 
-_LEAST_SCALE = 0.01
-_SHIFT = math.log(math.expm1(1.0 - _LEAST_SCALE))
+LEAST_SCALE = 0.01
+SCALE_SHIFT = math.log(math.expm1(1.0 - LEAST_SCALE))
 """An output of 0 gives a scale of 1, as in tensordict's ``NormalParamExtractor``."""
 
 
 def location_and_scale(out: Tensor, min_scale: float) -> tuple[Tensor, Tensor]:
     """Location and scale ``[*batch, m]`` of the normal before the tanh, from outputs ``[*batch, 2 m]``."""
     loc, raw_scale = out.chunk(2, -1)
-    return loc, (functional.softplus(raw_scale + _SHIFT) + _LEAST_SCALE).clamp_min(min_scale)
+    return loc, (functional.softplus(raw_scale + SCALE_SHIFT) + LEAST_SCALE).clamp_min(min_scale)
 
 
 def rsample(out: Tensor, min_scale: float, noise: Tensor) -> tuple[Tensor, Tensor]:

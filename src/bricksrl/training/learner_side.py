@@ -12,28 +12,19 @@ from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
 
 from bricksrl.agents.learner import Learner
+from bricksrl.training.checkpoint import save_checkpoint
 
 
 @dataclass(frozen=True)
 class Pace:
-    """Progress of learning in robot steps.
-
-    Attributes:
-        asked: steps with requested updates.
-        done: steps with completed updates.
-    """
+    """Progress of learning: robot steps with requested updates (``asked``), and with completed ones (``done``)."""
 
     asked: int = 0
     done: int = 0
 
 
 class InLoopLearner:
-    """Learns while the robot waits: repeatable, bit for bit.
-
-    Args:
-        actor: the learner, which also acts.
-        state: of a checkpoint: pace, and frames not learned from yet.
-    """
+    """Learns while the robot waits: repeatable, bit for bit. ``state``: pace, and frames not learned from yet."""
 
     def __init__(self, actor: Learner, state: dict[str, Any]) -> None:
         self.actor, self._steps = actor, state["pace"]["asked"]
@@ -73,8 +64,6 @@ class InLoopLearner:
 
     def save(self, path: Path, state: dict[str, Any]) -> None:
         """Write a checkpoint of ``state``, the learner and pending frames."""
-        from bricksrl.training.checkpoint import save_checkpoint
-
         collected = [frames.to_dict() for frames in self._collected]
         own = {"agent": self.actor.state_dict(), "pace": asdict(self.pace), "collected": collected}
         save_checkpoint(path, {**own, **state})

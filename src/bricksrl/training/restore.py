@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, get_args
@@ -85,11 +86,7 @@ def load_state(folder: RunFolder, config: TrainConfig, env: EnvBase, *, which: W
         raise CheckpointError(f"the run in {folder.path} has no best checkpoint; train with evaluations, or take the last one")
     path = folder.checkpoint_path if which == "last" else folder.best_path
     state, identity = load_checkpoint(path), identity_of(config, env)
-    saved = _with_later_settings(state.get("identity"), config)
-    try:
-        differs = {key for key, value in identity.items() if value != saved[key]} if isinstance(saved, dict) else set(identity)
-    except (KeyError, RuntimeError):  # tensors in place of numbers
-        differs = set(identity)
+    differs = _differences(state.get("identity"), identity, config)
     if differs and differs <= {"layout", "action_size"}:
         raise CheckpointError(f"{folder.path} learned in {config.env}; choose an environment with its observations and actions")
     if differs:
@@ -101,15 +98,15 @@ def load_state(folder: RunFolder, config: TrainConfig, env: EnvBase, *, which: W
     return state
 
 
-def _with_later_settings(identity: Any, config: TrainConfig) -> Any:
-    """The identity in a checkpoint, with defaults for settings that are newer than it."""
-    if not isinstance(identity, dict) or not isinstance(identity.get("settings"), dict):
-        return identity
-    try:
+def _differences(saved: Any, identity: dict[str, Any], config: TrainConfig) -> set[str]:
+    """Names of the values that differ in a checkpoint, where settings that are newer than it have their defaults."""
+    with contextlib.suppress(DescriptionError, LookupError, TypeError):
         usual = TrainConfig(config.env, config.agent, settings=type(config.settings)()).to_dict()["settings"]
-    except (DescriptionError, TypeError):
-        return identity
-    return {**identity, "settings": {**usual, **identity["settings"]}}
+        saved = {**saved, "settings": {**usual, **saved["settings"]}}
+    try:
+        return {key for key, value in identity.items() if value != saved[key]}
+    except (LookupError, RuntimeError, TypeError):  # a part is missing, or a tensor in place of a number
+        return set(identity)
 
 
 def _check_state(state: dict[str, Any]) -> None:

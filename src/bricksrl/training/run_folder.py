@@ -25,8 +25,7 @@ _TAIL = ("seconds", "updates_per_step", "link_lost", "evaluation", "robot")
 
 
 class RunFolder:
-    """Paths and files of one run; ``best_path`` is the checkpoint of the best evaluation. Raises DescriptionError if the
-    path is none."""
+    """Paths and files of one run; ``best_path`` is of the best evaluation. Raises DescriptionError if the path is none."""
 
     def __init__(self, path: Path | str) -> None:
         check_value("run", path, Path | str)
@@ -38,11 +37,7 @@ class RunFolder:
     @classmethod
     def create(cls, config: TrainConfig, state: dict[str, Any], losses: tuple[str, ...]) -> RunFolder:
         """Create a folder with config and first checkpoint, atomically. Raises RunError if the folder exists, or cannot be
-        created.
-
-        Args:
-            losses: names of the learning metrics.
-        """
+        created. ``losses``: names of the learning metrics."""
         from bricksrl.training.checkpoint import save_checkpoint
 
         usual = Path("runs") / f"{file_name(config.env)}-{file_name(config.agent)}-seed-{config.seed}"

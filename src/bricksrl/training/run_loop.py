@@ -22,6 +22,7 @@ from bricksrl.errors import BricksError, DescriptionError, HubError
 from bricksrl.files import quoted
 from bricksrl.training.async_learner import AsyncLearner
 from bricksrl.training.callbacks import Callback, CallbackList, Episode, Phase, Progress, RunResult
+from bricksrl.training.collection import collect_round
 from bricksrl.training.config import TrainConfig
 from bricksrl.training.curve import WINDOW, draw_learning_curve
 from bricksrl.training.learner_side import InLoopLearner, Pace
@@ -49,8 +50,6 @@ class RunLoop:
     Attributes:
         state: initial state of the run.
         driver: may choose actions instead of the agent.
-        episodes: complete episodes.
-        best: mean return of the best evaluation so far.
     """
 
     config: TrainConfig
@@ -66,22 +65,14 @@ class RunLoop:
         # an earlier policy is better than uniform actions
         self.prefill_episodes = 0 if self.config.start is not None else self.actor.prefill_episodes
         self.identity: dict[str, Any] = state["identity"]  # must be equal in a checkpoint and its run
-        self.episodes = [Episode.from_dict(data) for data in state["episodes"]]
-        self.best: float | None = state["best"]
+        self.episodes = [Episode.from_dict(data) for data in state["episodes"]]  # complete ones
+        self.best: float | None = state["best"]  # mean return of the best evaluation
         self._saved_at: Pace | None = None
         self._length = 0
 
     def run(self, folder: RunFolder, start: TensorDictBase | None = None) -> RunResult:
-        """Train to the last episode or an interruption.
-
-        Args:
-            folder: for metrics and checkpoints.
-            start: reset of the first episode, if already done.
-
-        Raises:
-            HubError: the robot was out of reach for too long.
-            LearnerError: the process of an asynchronous learner failed.
-        """
+        """Train to the last episode or an interruption. Raises HubError if the robot was out of reach for too long, LearnerError
+        if the process of an asynchronous learner failed. ``start``: reset of the first episode, if already done."""
         self.folder = folder
         with self._recorded():
             self.callback.on_start(self.config, folder.path, len(self.episodes))
@@ -206,8 +197,6 @@ class RunLoop:
 
     def _copies(self, number: int, phase: Phase, metrics: list[dict[str, Tensor]]) -> Episode:
         """A round: as many steps of all copies as an episode has at most."""
-        from bricksrl.training.collection import collect_round
-
         steps = 0
         ended, lengths, returns = (torch.zeros((), device=self.env.device) for _ in range(3))
         policy = RandomPolicy(self.env.full_action_spec) if phase is Phase.PREFILL else self.actor.acting
