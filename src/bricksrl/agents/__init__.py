@@ -39,12 +39,8 @@ class Algorithm:
 
 
 def algorithm(agent: str) -> Algorithm:
-    """The algorithm with a name, or in a user's file: a function ``build(env, settings: Settings, device)``.
-
-    Raises:
-        UnknownNameError: there is no such algorithm.
-        DescriptionError: the user's code cannot be loaded, or ``settings`` has no type.
-    """
+    """The algorithm with a name, or in a user's file: a function ``build(env, settings: Settings, device)``. Raises
+    UnknownNameError if there is none, DescriptionError if the user's code cannot be loaded or ``settings`` has no type."""
     from bricksrl.twin.make_body import check_mujoco
 
     check_mujoco()  # TorchRL imports it, whatever the agent
@@ -69,11 +65,8 @@ def algorithm(agent: str) -> Algorithm:
 
 
 def preset(name: str = "default", agent: str = "sac", *, images: bool = False) -> Any:
-    """Settings of a preset for an algorithm. Raises UnknownNameError if there is no such preset or algorithm.
-
-    Args:
-        images: for a task with a camera.
-    """
+    """Settings of a preset for an algorithm; ``images``: for a task with a camera. Raises UnknownNameError if there is no such
+    preset or algorithm."""
     if name not in PRESETS:
         raise UnknownNameError(f"there is no preset '{name}'; choose one of {', '.join(PRESETS)}")
     kind = algorithm(agent).settings

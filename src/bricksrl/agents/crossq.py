@@ -31,10 +31,8 @@ class CrossQSettings(EntropySettings):
 
 
 class CrossQLoss(SACLoss):
-    """Loss of CrossQ: state and next state pass the critics in one batch, normalised together.
-
-    Networks use running statistics except where a loss trains them. Tests compare it with TorchRL's ``CrossQLoss``.
-    """
+    """Loss of CrossQ: state and next state pass the critics in one batch, normalised together. Networks use running statistics
+    except where a loss trains them. Tests compare it with TorchRL's ``CrossQLoss``."""
 
     def __init__(self, encoder: nn.Module, actor: nn.Module, critics: Critics, settings: CrossQSettings) -> None:
         super().__init__(encoder, actor, critics, settings)

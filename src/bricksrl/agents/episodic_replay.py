@@ -34,12 +34,8 @@ class GoalRelabelling:
     new_goals: float
 
     def relabel_batch(self, rows: TensorDictBase, at: Tensor, size: int, observed_later: Callable[[Tensor], Tensor]) -> None:
-        """Relabel shares of rows ``[n, batch]``; ``batch`` may be several batches of ``size``.
-
-        Args:
-            at: indices ``[batch]`` of the rows in the buffer.
-            observed_later: indices ``[*some]`` to later observations ``[*some, o]``.
-        """
+        """Relabel shares of rows ``[n, batch]`` with indices ``at`` ``[batch]``; ``batch`` may be several batches of ``size``.
+        ``observed_later``: indices ``[*some]`` to later observations ``[*some, o]``."""
         count = len(at) // size
         in_hindsight = round(size * self.hindsight)
         end = in_hindsight + round(size * self.new_goals)
@@ -94,10 +90,8 @@ class EpisodicReplayBuffer(TransitionReplayBuffer):
         self._last: dict[int, Tensor] = {}  # by robot, of each of its copies
 
     def extend(self, frames: TensorDictBase, *, robot: int = 0, **_: Any) -> Tensor:
-        """Add transitions that continue the last ones of this robot, and of each of its copies.
-
-        Robots may alternate. Nothing is linked across a lost connection.
-        """
+        """Add transitions that continue the last ones of this robot, and of each of its copies. Robots may alternate. Nothing is
+        linked across a lost connection."""
         frames = frames if frames.ndim == 2 else frames.reshape(1, -1)
         at = super().extend(frames)
         if not len(at):

@@ -85,10 +85,8 @@ class ImageEncoder(nn.Module):
 
 
 def shift_images(images: Tensor, most_px: int) -> Tensor:
-    """Images ``[batch, side, side, 3]``, each shifted randomly in both directions; edges are repeated.
-
-    The augmentation of "Image augmentation is all you need" (Kostrikov et al., 2021).
-    """
+    """Images ``[batch, side, side, 3]``, each shifted randomly in both directions; edges are repeated. The augmentation of "Image
+    augmentation is all you need" (Kostrikov et al., 2021)."""
     batch, side = images.shape[:2]
     by = torch.randint(-most_px, most_px + 1, (2, batch, 1), device=images.device)
     rows, columns = (torch.arange(side, device=images.device) + by).clamp_(0, side - 1)

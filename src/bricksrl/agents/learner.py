@@ -18,6 +18,7 @@ from torchrl.envs import EnvBase
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 from torchrl.objectives import LossModule
 
+from bricksrl.agents.episodic_replay import EpisodicReplayBuffer
 from bricksrl.agents.learner_state import load_loss, load_memory_state, memory_state
 from bricksrl.agents.replay import TransitionReplayBuffer, link_lost, make_replay_buffer, with_outcome
 from bricksrl.agents.settings import OffPolicySettings, Settings
@@ -150,7 +151,7 @@ class Learner:
 
     def end_episodes(self, robot: int | None = None) -> None:
         """End the current episode of a robot, or of all: the next frame does not follow from the last."""
-        if isinstance(self.memory, TransitionReplayBuffer):
+        if isinstance(self.memory, EpisodicReplayBuffer):
             self.memory.end_episodes(robot)
 
     def learn(self, steps: int = 1) -> dict[str, Tensor]:

@@ -15,7 +15,7 @@ from bricksrl.agents.settings import Settings
 from bricksrl.errors import DescriptionError
 
 
-def mlp(in_size: int, out_size: int, hidden: tuple[int, ...], *, layer_norm: bool = False, dropout: float = 0.0) -> nn.Sequential:
+def mlp(in_size: int, out_size: int, hidden: tuple[int, ...], *, layer_norm: bool = False, dropout: float = 0.0) -> MLP:
     """A multilayer perceptron ``[*batch, in_size]`` to ``[*batch, out_size]`` with ReLU. ``layer_norm, dropout``: after each
     hidden layer, before its ReLU, as in DroQ (Hiraoka et al., 2022)."""
     return MLP(
@@ -72,13 +72,8 @@ def action_spec(env: EnvBase) -> TensorSpec:
 def gaussian_policy(
     encoder: nn.Module, body: nn.Module, spec: TensorSpec, *, min_scale: float = 0.1, log_prob: bool = False
 ) -> ProbabilisticActor:
-    """A tanh-squashed normal policy.
-
-    Args:
-        body: features to location and raw scale, twice the action's size.
-        min_scale: minimum standard deviation before the tanh.
-        log_prob: write the action's log-probability too.
-    """
+    """A tanh-squashed normal policy. ``body``: features to location and raw scale, twice the action's size; ``min_scale``: least
+    standard deviation before the tanh; ``log_prob``: write the action's log-probability too."""
     actor = Actor(encoder, body, NormalParamExtractor(scale_lb=min_scale))
     return ProbabilisticActor(
         TensorDictModule(actor, in_keys=encoder_keys(encoder), out_keys=["loc", "scale"]),

@@ -69,29 +69,18 @@ def anchor(learner: Learner) -> None:
 
 
 class PolicyAnchor(nn.Module):
-    """A decreasing pull of an actor's mean towards the current policy of ``actor``.
-
-    Args:
-        actor: features to outputs; the first ``action_size`` are the mean before the tanh.
-        updates: of the actor, until it is free.
-    """
+    """A decreasing pull of an actor's mean towards the current policy of ``actor``, until it is free after so many ``updates``.
+    ``actor``: features to outputs; the first ``action_size`` are the mean before the tanh."""
 
     def __init__(self, actor: nn.Module, action_size: int, updates: int) -> None:
         super().__init__()
         self.policy = copy.deepcopy(actor).requires_grad_(False)
         self._size, self._updates, self._updates_made = action_size, updates, 0
 
-    @property
-    def is_over(self) -> bool:
-        """Whether the actor is free."""
-        return self._updates_made >= self._updates
-
     def forward(self, features: Tensor, out: Tensor) -> Tensor:
-        """The actor's outputs; the backward pass adds the pull to their gradient.
-
-        In equilibrium the distance to the policy is the one allowed after the updates made.
-        """
-        if not out.requires_grad or self.is_over:
+        """The actor's outputs; the backward pass adds the pull to their gradient. In equilibrium the distance to the policy is
+        the one allowed after the updates made."""
+        if not out.requires_grad or self._updates_made >= self._updates:
             return out
         self._updates_made += 1
         reach = REACH * self._updates_made / self._updates

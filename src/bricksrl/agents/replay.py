@@ -17,12 +17,8 @@ from bricksrl.errors import DescriptionError
 
 
 class TransitionReplayBuffer(TensorDictReplayBuffer):  # type: ignore[misc]
-    """Uniform replay of ``capacity`` transitions; the oldest are overwritten first.
-
-    Args:
-        keys: entries to keep of an observation.
-        memory_mapped: store in a temporary file.
-    """
+    """Uniform replay of ``capacity`` transitions with observations of ``keys``; the oldest are overwritten first.
+    ``memory_mapped``: store in a temporary file."""
 
     def __init__(
         self, capacity: int, batch_size: int, keys: Sequence[str], memory_mapped: bool = False, device: torch.device | str = "cpu"
@@ -49,9 +45,6 @@ class TransitionReplayBuffer(TensorDictReplayBuffer):  # type: ignore[misc]
             )
         places: Tensor = super().extend(rows.to(self._device)).to(self._device)
         return places
-
-    def end_episodes(self, robot: int | None = None) -> None:
-        """End the current episode of a robot, or of all."""
 
     def sample(self, batch_size: int | None = None, **_: Any) -> TensorDictBase:
         """Uniformly drawn transitions with "index"."""

@@ -39,13 +39,8 @@ _SLACK_STEPS = 4
 
 class AsyncLearner:
     """The robot's side of a learner in another process; leaving the context ends the process. Raises LearnerError if the process
-    cannot be started; in all other methods: it failed or died.
-
-    Args:
-        env: provides the specs and task for the learner.
-        actor: acts in this process, on the CPU; it does not learn.
-        state: of a checkpoint, from which the learner continues.
-    """
+    cannot be started; in all other methods: it failed or died. ``env`` provides specs and task, ``actor`` acts here, on the CPU,
+    and the learner continues from the ``state`` of a checkpoint."""
 
     def __init__(self, config: TrainConfig, env: EnvBase, actor: Learner, state: dict[str, Any]) -> None:
         actor.act_on("cpu")

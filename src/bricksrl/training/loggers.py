@@ -38,7 +38,7 @@ class Tracking(Callback):
         mode = "online" if _logged_in_to_wandb() else "offline"  # avoids a prompt for an account
         wandb = {**named, "mode": mode, "log_env_packages": False}
         name = run_dir.name if self._kind != "tensorboard" else "tensorboard"
-        self._log: Any = get_logger(self._kind, str(run_dir), name, trackio_kwargs=named, wandb_kwargs=wandb)  # type: ignore[arg-type]
+        self._log: Any = get_logger(self._kind, str(run_dir), name, trackio_kwargs=named, wandb_kwargs=wandb)
 
     def on_episode(self, episode: Episode, progress: Progress) -> None:
         for name, value in numbers(episode).items():

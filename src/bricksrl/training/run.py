@@ -70,11 +70,8 @@ def resume(
     stop: threading.Event | None = None,
     driver: Driver | None = None,
 ) -> RunResult:
-    """Continue a run after its last complete episode; synchronous runs end bit-identical to uninterrupted ones.
-
-    Args:
-        episodes: total number, if more than before.
-        env, place, driver: as in `train`.
+    """Continue a run after its last complete episode; synchronous runs end bit-identical to uninterrupted ones. ``episodes``:
+    total number, if more than before; ``env, place, driver``: as in `train`.
 
     Raises:
         RunError: there is no run in the folder.
@@ -152,7 +149,6 @@ def _run_in(
             if folder is None:
                 folder = RunFolder.create(config, state, losses)
             else:
-                folder.clean()
                 folder.write_episodes(loop.episodes, losses)
                 folder.write_config(config)
         del state  # may be large

@@ -59,11 +59,6 @@ class RunFolder:
             return cls(path)
         raise RunError(f"{config.run_dir} exists already; resume that run or choose another folder")
 
-    def clean(self) -> None:
-        """Remove incomplete files of a killed process."""
-        for remnant in self.path.glob(f"{TEMPORARY_PREFIX}*"):
-            remnant.unlink(missing_ok=True)
-
     def write_config(self, config: TrainConfig) -> None:
         """Write the config with the package versions."""
         packages = {name: metadata.version(name) for name in ("bricksrl", "torch", "torchrl", "tensordict", "mujoco")}
@@ -106,7 +101,9 @@ class RunFolder:
             raise RunError(f"{self.metrics_path} has an invalid row; restore the file or start a new run") from None
 
     def write_episodes(self, episodes: Iterable[Episode], losses: tuple[str, ...]) -> None:
-        """Replace the metrics: after a crash they may be ahead of the checkpoint."""
+        """Replace the metrics, which after a crash may be ahead of the checkpoint, and remove incomplete files."""
+        for remnant in self.path.glob(f"{TEMPORARY_PREFIX}*"):
+            remnant.unlink(missing_ok=True)
         rows = [_row(episode, losses) for episode in episodes]
         write_durably(self.metrics_path, _csv([(*_HEAD, *losses, *_TAIL), *rows]))
 

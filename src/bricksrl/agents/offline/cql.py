@@ -57,7 +57,8 @@ class CQLLoss(SACLoss):
     def __init__(self, encoder: nn.Module, actor: nn.Module, critics: Critics, settings: CQLSettings) -> None:
         super().__init__(encoder, actor, critics, settings)
         is_learned = settings.lagrange_threshold is not None
-        self.out_keys = ["loss_qvalue", "loss_cql", *["loss_lagrange"] * is_learned, "gap", *self.out_keys[1:]]
+        lagrange = ["loss_lagrange"] if is_learned else []
+        self.out_keys = ["loss_qvalue", "loss_cql", *lagrange, "gap", *self.out_keys[1:]]
         self.log_factor = nn.Parameter(torch.zeros(()), requires_grad=is_learned)
         self._updates_made = 0
 
@@ -126,10 +127,8 @@ class CQLLoss(SACLoss):
 
 
 def draw_places(weights: Tensor, count: int) -> Tensor:
-    """Indices ``[k, count, batch]`` drawn with weights ``[k, samples, batch]``, which sum to 1 over samples.
-
-    Systematic resampling: unbiased, with less variance than independent draws.
-    """
+    """Indices ``[k, count, batch]`` drawn with weights ``[k, samples, batch]``, which sum to 1 over samples. Systematic
+    resampling: unbiased, with less variance than independent draws."""
     k, samples, batch = weights.shape
     heights = weights.cumsum(1).transpose(1, 2).contiguous()
     at = (torch.arange(count, device=weights.device) + torch.rand(k, batch, 1, device=weights.device)) / count
