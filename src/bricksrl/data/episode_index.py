@@ -5,7 +5,6 @@ The rows have LeRobot's columns, and ours with the provenance of an episode.
 
 from __future__ import annotations
 
-import dataclasses
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -266,8 +265,3 @@ def _statistics(record: dict[str, Any], description: Description) -> Statistics:
         if shapes != [wanted] * 4 + [(1,)] or not found[name]["count"][0] > 0:
             raise ValueError("statistics of something else")
     return found
-
-
-def moved(row: EpisodeRow, episode: int, start: int) -> EpisodeRow:
-    """The row with another episode number and start."""
-    return dataclasses.replace(row, episode=episode, start=start)

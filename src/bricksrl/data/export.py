@@ -16,7 +16,7 @@ import numpy as np
 import pyarrow as pa
 
 from bricksrl.data.parquet import to_parquet
-from bricksrl.data.reader import load
+from bricksrl.data.reader import COLUMNS, load
 from bricksrl.errors import DataError
 from bricksrl.files import refuse_existing, write_durably
 
@@ -138,7 +138,6 @@ def _datasets_in(folder: Path) -> Iterator[None]:
 
 
 def _arrays(episodes: Episodes) -> dict[str, Any]:
-    names = ("observation", "action", "reward", "next_observation", "terminated", "truncated", "episode", "intervention")
-    found = {name: getattr(episodes, name).numpy() for name in (*names, "age_s", "hub_time_s")}
+    found = {name: getattr(episodes, name).numpy() for name in COLUMNS}
     shown = {name: getattr(episodes, name) for name in ("image", "next_image")}
     return {**found, **{name: image.numpy() for name, image in shown.items() if image is not None}}

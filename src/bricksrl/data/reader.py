@@ -23,19 +23,17 @@ if TYPE_CHECKING:
     from tensordict import TensorDict
     from torch import Tensor
 
-_COLUMNS = (
-    OBSERVATION,
-    ACTION,
-    NEXT,
-    "next.reward",
-    "next.terminated",
-    "next.truncated",
-    "intervention",
-    "age_s",
-    "hub_time_s",
-    "episode_index",
-    "index",
-)
+COLUMNS = {
+    "observation": OBSERVATION,
+    "action": ACTION,
+    "reward": "next.reward",
+    "next_observation": NEXT,
+    "terminated": "next.terminated",
+    "truncated": "next.truncated",
+    "episode": "episode_index",
+    **{name: name for name in ("intervention", "age_s", "hub_time_s")},
+}
+"""Columns of the tensors of `Episodes`, by name."""
 
 
 @dataclass(frozen=True)
@@ -106,27 +104,13 @@ def load(path: Path | str, *, images: bool = True) -> Episodes:
     import torch
 
     index = read_index(dataset_folder(Path(path)))
-    columns = read_columns(index, _COLUMNS)
-    tensors = {name: torch.from_numpy(np.ascontiguousarray(columns[name])) for name in _COLUMNS}
+    columns = read_columns(index, tuple(COLUMNS.values()))
+    tensors = {name: torch.from_numpy(np.ascontiguousarray(columns[column])) for name, column in COLUMNS.items()}
     shown: dict[str, Any] = {}
     if images and index.description.camera is not None:
         image, after = read_images(index)
         shown = {"image": torch.from_numpy(image), "next_image": torch.from_numpy(after)}
-    return Episodes(
-        description=index.description,
-        observation=tensors[OBSERVATION],
-        action=tensors[ACTION],
-        reward=tensors["next.reward"],
-        next_observation=tensors[NEXT],
-        terminated=tensors["next.terminated"],
-        truncated=tensors["next.truncated"],
-        episode=tensors["episode_index"],
-        intervention=tensors["intervention"],
-        age_s=tensors["age_s"],
-        hub_time_s=tensors["hub_time_s"],
-        rows=index.rows,
-        **shown,
-    )
+    return Episodes(description=index.description, rows=index.rows, **tensors, **shown)
 
 
 def dataset_folder(path: Path) -> Path:

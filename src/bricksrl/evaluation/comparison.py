@@ -17,6 +17,7 @@ from bricksrl.errors import RunError
 from bricksrl.evaluation.statistics import (
     FEWEST_SEEDS,
     Interval,
+    ends,
     interquartile_mean,
     probability_of_improvement,
     seeds_interval,
@@ -31,6 +32,8 @@ if TYPE_CHECKING:
     from bricksrl.training.config import TrainConfig
 
 _COLUMNS = 2
+_FREE = ("seed", "episodes", "device", "log", "record")
+"""Names in a config in which runs of a group may differ."""
 
 
 @dataclass(frozen=True)
@@ -83,8 +86,8 @@ class Comparison:
 
     def to_json(self) -> str:
         """One JSON object."""
-        groups = [{**dataclasses.asdict(group), "score": group.score, "interval": _pair(group.interval)} for group in self.groups]
-        improvements = [{**vars(one), "interval": _pair(one.interval)} for one in self.improvements]
+        groups = [{**dataclasses.asdict(group), "score": group.score, "interval": ends(group.interval)} for group in self.groups]
+        improvements = [{**vars(one), "interval": ends(one.interval)} for one in self.improvements]
         return json.dumps({"scored_by": self.scored_by, "groups": groups, "improvements": improvements}, indent=2)
 
 
@@ -134,7 +137,7 @@ class _Run:
     def kind(self) -> str:
         """Part of the config that is equal for all runs of a group, as JSON."""
         data = self.config.to_dict()
-        for name in ("env", "seed", "episodes", "device", "log", "record"):
+        for name in ("env", *_FREE):
             del data[name]
         return json.dumps(data, sort_keys=True, default=str)
 
@@ -175,19 +178,13 @@ def _label(run: _Run, all_of_env: Sequence[_Run]) -> str:
 def _flat(config: TrainConfig) -> dict[str, Any]:
     data = config.to_dict()
     settings = data.pop("settings") or {}
-    return {
-        name: value for name, value in {**data, **settings}.items() if name not in ("seed", "episodes", "device", "log", "record")
-    }
+    return {name: value for name, value in {**data, **settings}.items() if name not in _FREE}
 
 
 def _improvement(group: Group, other: Group) -> Improvement:
     first, second = (group, other) if group.score >= other.score else (other, group)
     probability, interval = probability_of_improvement(first.scores, second.scores)
     return Improvement(group.env, first.agent, second.agent, probability, interval)
-
-
-def _pair(interval: Interval | None) -> list[float] | None:
-    return None if interval is None else [interval.low, interval.high]
 
 
 def draw(path: Path, groups: Sequence[Group]) -> None:

@@ -24,6 +24,11 @@ class Interval:
     high: float
 
 
+def ends(interval: Interval | None) -> list[float] | None:
+    """Both ends of an interval, if there is one, for JSON."""
+    return None if interval is None else [interval.low, interval.high]
+
+
 def mean(scores: NDArray[np.float64]) -> NDArray[np.float64]:
     """Mean over the last axis: ``[*batch, n]`` to ``[*batch]``."""
     return np.asarray(np.mean(scores, axis=-1), dtype=np.float64)

@@ -24,7 +24,7 @@ import numpy as np
 
 from bricksrl.errors import BricksError, DataError, RunError
 from bricksrl.evaluation.cluster import connected, parse_on
-from bricksrl.evaluation.statistics import interquartile_mean, mean, probability_of_improvement, seeds_interval, wilson_interval
+from bricksrl.evaluation.statistics import ends, interquartile_mean, probability_of_improvement, seeds_interval, wilson_interval
 from bricksrl.evaluation.study_page import page
 from bricksrl.evaluation.study_tables import Cell, Condition, Study
 from bricksrl.files import write_durably
@@ -78,8 +78,7 @@ def run_seed(cell: Cell, seed: int, folder: str) -> dict[str, Any] | str:
     path = Path(folder) / f"seed-{seed}"
     done = path / OUTCOME
     if done.exists():
-        found: dict[str, Any] = json.loads(done.read_bytes())
-        return found
+        return dict(json.loads(done.read_bytes()))
     try:
         if RunFolder(path).checkpoint_path.exists():
             resume(path)
@@ -92,9 +91,9 @@ def run_seed(cell: Cell, seed: int, folder: str) -> dict[str, Any] | str:
         outcome = Outcome(seed, tuple(judged), episodes[-1].steps, episodes[-1].seconds, robot_seconds(path), reached)
     except BricksError as error:
         return str(error)
-    write_durably(done, (json.dumps(asdict(outcome), indent=2) + "\n").encode())
-    result: dict[str, Any] = json.loads(done.read_bytes())
-    return result
+    text = json.dumps(asdict(outcome), indent=2)
+    write_durably(done, (text + "\n").encode())
+    return dict(json.loads(text))
 
 
 def _judge(run: Path, seed: int, number: int, one: Condition) -> Judgement:
@@ -239,13 +238,10 @@ def _under(name: str, outcomes: Sequence[dict[str, Any]]) -> dict[str, Any]:
     if all(value is not None for value in successes):
         found |= {"successes": sum(successes), "success_rate": sum(successes) / found["episodes"]}
         if len(outcomes) >= 5:
-            rate = wilson_interval(sum(successes), found["episodes"])
-            found["success_95"] = [rate.low, rate.high]
+            found["success_95"] = ends(wilson_interval(sum(successes), found["episodes"]))
     metrics = {name for judged in by_seed for one in judged for name in one["metrics"]}
     found["metrics"] = {
-        metric: float(
-            mean(np.array([one["metrics"][metric] for judged in by_seed for one in judged if metric in one["metrics"]]))
-        )
+        metric: float(np.mean([one["metrics"][metric] for judged in by_seed for one in judged if metric in one["metrics"]]))
         for metric in sorted(metrics)
     }
     return found
@@ -253,12 +249,8 @@ def _under(name: str, outcomes: Sequence[dict[str, Any]]) -> dict[str, Any]:
 
 def over_seeds(returns: Sequence[float]) -> dict[str, Any]:
     """Mean return of each seed, their interquartile mean and its interval."""
-    interval = seeds_interval(returns)
-    return {
-        "returns": list(returns),
-        "return_iqm": float(interquartile_mean(np.array(returns))),
-        "return_95": None if interval is None else [interval.low, interval.high],
-    }
+    iqm = float(interquartile_mean(np.array(returns)))
+    return {"returns": list(returns), "return_iqm": iqm, "return_95": ends(seeds_interval(returns))}
 
 
 def improvements(cells: Sequence[Cell], found: dict[str, list[dict[str, Any]]]) -> list[dict[str, Any]]:
@@ -272,15 +264,8 @@ def improvements(cells: Sequence[Cell], found: dict[str, list[dict[str, Any]]]) 
         for row, scores in list(scored.items())[1:]:
             first, others = next(iter(scored.items()))
             probability, interval = probability_of_improvement(others, scores)
-            pairs.append(
-                {
-                    "column": column,
-                    "row": first,
-                    "over": row,
-                    "probability": probability,
-                    "probability_95": None if interval is None else [interval.low, interval.high],
-                }
-            )
+            pair = {"column": column, "row": first, "over": row}
+            pairs.append({**pair, "probability": probability, "probability_95": ends(interval)})
     return pairs
 
 
