@@ -80,16 +80,9 @@ def preset(name: str = "default", agent: str = "sac", *, images: bool = False) -
 
 
 def make_learner(agent: str, env: EnvBase, settings: Any = None, device: str = "cpu") -> Learner:
-    """A new learner for an environment. Initialized from torch's global generator.
-
-    Args:
-        settings: by default those of the preset "default".
-        device: of networks and replay buffer.
-
-    Raises:
-        UnknownNameError: there is no such algorithm.
-        DescriptionError: the settings are of another algorithm or do not suit the environment, or a user's code raised.
-    """
+    """A new learner for an environment, on a device, with the ``settings`` or those of the preset "default". Initialized from
+    torch's global generator. Raises UnknownNameError if there is no such algorithm, DescriptionError if the settings are of
+    another algorithm or do not suit the environment, or a user's code raised."""
     from bricksrl.agents.learner import Learner
 
     found = algorithm(agent)

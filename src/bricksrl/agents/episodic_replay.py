@@ -64,14 +64,9 @@ class GoalRelabelling:
 
 
 class EpisodicReplayBuffer(TransitionReplayBuffer):
-    """Uniform replay with successor links.
-
-    Args:
-        goals: relabelling of each batch, or ``None``.
-        n_step: steps whose rewards are summed with discount ``gamma``; "steps_to_next_obs" is their actual number.
-        shift_px: random shift of images.
-        size, kind: as of `TransitionReplayBuffer`.
-    """
+    """Uniform replay with successor links. The rewards of ``n_step`` steps are summed with discount ``gamma``;
+    "steps_to_next_obs" is their actual number. ``goals``: relabelling of each batch; ``shift_px``: random shift of images;
+    ``size, kind``: as of `TransitionReplayBuffer`."""
 
     def __init__(
         self,

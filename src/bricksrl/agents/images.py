@@ -18,11 +18,9 @@ def normalise_images(images: Tensor) -> Tensor:
 
 
 class Keypoints(nn.Module):
-    """Feature points: two convolutions, then a spatial softmax of each map.
-
-    After "Deep spatial autoencoders for visuomotor learning" (Finn et al., 2016). Maps are normalised to mean 0 and variance 1,
-    so the softmax is sharp even before training: random filters find a coloured spot.
-    """
+    """Feature points: two convolutions, then a spatial softmax of each map, after "Deep spatial autoencoders for visuomotor
+    learning" (Finn et al., 2016). Maps are normalised to mean 0 and variance 1, so the softmax is sharp even before training:
+    random filters find a coloured spot."""
 
     def __init__(self, image_px: int, channels: int = 16, points: int = 16) -> None:
         super().__init__()

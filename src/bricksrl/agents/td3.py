@@ -61,17 +61,14 @@ class TD3Loss(ActorCriticLoss):
         """Reward plus discounted minimum value of the next state with a noisy action."""
         action = self.target_actor(batch.next_features).tanh()
         noise = (self.target_noise * torch.randn_like(action)).clamp_(-self.target_noise_clip, self.target_noise_clip)
-        next_value = self.target_critics(batch.next_features, (action + noise).clamp_(-1.0, 1.0)).amin(0)
-        target: Tensor = batch.reward + batch.discount * next_value
-        return target
+        next_value: Tensor = self.target_critics(batch.next_features, (action + noise).clamp_(-1.0, 1.0)).amin(0)
+        return batch.reward + batch.discount * next_value
 
     @torch.no_grad()
     def start_at_mean_value(self, transitions: TensorDictBase) -> None:
-        """Set the critics' last biases so that they begin at the mean value of transitions, not at 0, far from most values.
-
-        It is the constant that satisfies their Bellman equation, ``mean(reward) / (1 - gamma * mean(not terminated))``: LSTD
-        (Bradtke and Barto, 1996) with a constant as its only feature.
-        """
+        """Set the critics' last biases so that they begin at the mean value of transitions, not at 0, far from most values. It is
+        the constant that satisfies their Bellman equation, ``mean(reward) / (1 - gamma * mean(not terminated))``: LSTD (Bradtke
+        and Barto, 1996) with a constant as its only feature."""
         after = transitions["next"]
         remaining = 1.0 - self.gamma * (~after["terminated"]).float().mean()
         value = after["reward"].mean() / remaining.clamp_min(1e-6)

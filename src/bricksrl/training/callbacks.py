@@ -139,10 +139,9 @@ class CallbackList(Callback):
     """Several callbacks as one, called in order."""
 
     def __init__(self, *callbacks: Callback) -> None:
-        for name in (name for name in vars(Callback) if name.startswith("on_")):
-            setattr(self, name, functools.partial(self._call_all, name, callbacks))
+        def call_all(name: str, *content: Any) -> None:
+            for callback in callbacks:
+                getattr(callback, name)(*content)
 
-    @staticmethod
-    def _call_all(name: str, callbacks: tuple[Callback, ...], *content: Any) -> None:
-        for callback in callbacks:
-            getattr(callback, name)(*content)
+        for name in (name for name in vars(Callback) if name.startswith("on_")):
+            setattr(self, name, functools.partial(call_all, name))

@@ -17,15 +17,13 @@ if TYPE_CHECKING:
     from bricksrl.training.config import TrainConfig
 
 
-def read_for(path: str, env: EnvBase, *, images: bool = False) -> Episodes:
-    """The dataset in a folder, or of a run, for an agent in ``env``. Raises DataError if it is missing, empty or damaged, or its
-    entries are not those of ``env``."""
+def read_for(path: str, env: EnvBase, *, images: bool) -> Episodes:
+    """The dataset in a folder, or of a run, for an agent in ``env``. Raises DataError if it cannot be used there."""
     from bricksrl.data import describe, load
 
     data = load(path, images=images)
-    wanted = describe(env)
     for name in ("observation", "action"):
-        theirs, ours = ([channel.name for channel in getattr(it, name)] for it in (data.description, wanted))
+        theirs, ours = ([entry.name for entry in getattr(it, name)] for it in (data.description, describe(env)))
         if theirs != ours:
             raise DataError(f"{path} is of {data.description.env}: its {name} is [{', '.join(theirs)}], not [{', '.join(ours)}]")
     if not len(data):

@@ -25,10 +25,8 @@ Send = Callable[..., None]
 
 
 def open_channel(incoming: BinaryIO, outgoing: BinaryIO, deliver: Deliver) -> Send:
-    """Deliver incoming messages from a separate thread. Returns the function that sends messages.
-
-    Both ends are our processes, which trust each other.
-    """
+    """Deliver incoming messages from a separate thread. Returns the function that sends messages. Both ends are our processes,
+    which trust each other."""
 
     def send(kind: str, content: Any = None) -> None:
         data = io.BytesIO()

@@ -11,10 +11,8 @@ import torch
 
 @contextlib.contextmanager
 def reproducible(seed: int) -> Iterator[None]:
-    """One thread and a seeded global generator inside; both are restored afterwards. Also silences TorchRL's log.
-
-    Sums over several threads are rounded differently for each number of cores; small networks hardly gain from threads.
-    """
+    """One thread and a seeded global generator inside; both are restored afterwards. Also silences TorchRL's log. Sums over
+    several threads are rounded differently for each number of cores; small networks hardly gain from threads."""
     threads = torch.get_num_threads()
     logger = logging.getLogger("torchrl")
     level = logger.level

@@ -11,11 +11,9 @@ from typing import Self
 
 
 class StopSignals:
-    """While entered, Ctrl-C sets ``stop``, which the run checks after each step.
-
-    Inside `at_once` the first Ctrl-C raises `KeyboardInterrupt`; elsewhere the second, except inside `held_back`. Only the main
-    thread receives Ctrl-C; other threads may set ``stop``.
-    """
+    """While entered, Ctrl-C sets ``stop``, which the run checks after each step. Inside `at_once` the first Ctrl-C raises
+    `KeyboardInterrupt`; elsewhere the second, except inside `held_back`. Only the main thread receives Ctrl-C; other threads may
+    set ``stop``."""
 
     def __init__(self, stop: threading.Event) -> None:
         self._stop = stop

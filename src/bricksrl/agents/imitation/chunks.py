@@ -43,14 +43,9 @@ class ChunkSettings(Settings):
 
 
 class ChunkPolicy(TensorDictModuleBase):  # type: ignore[misc]
-    """A policy with action chunks; needs a `reset` at the start of an episode and after an intervention.
-
-    Overlapping chunks are averaged with weights exp(-ensemble * i), i from the oldest (temporal ensemble of Zhao et al., 2023).
-
-    Args:
-        encoder: observations to features.
-        network: features ``[*batch, f]`` to a chunk ``[*batch, k, m]``.
-    """
+    """A policy with action chunks; needs a `reset` at the start of an episode and after an intervention. Overlapping chunks are
+    averaged with weights exp(-ensemble * i), i from the oldest (temporal ensemble of Zhao et al., 2023). ``network``: features
+    ``[*batch, f]`` of the ``encoder`` to a chunk ``[*batch, k, m]``."""
 
     def __init__(self, encoder: nn.Module, network: nn.Module, settings: ChunkSettings) -> None:
         super().__init__()
