@@ -51,8 +51,7 @@ class Learner:
     """An algorithm that acts and learns.
 
     Attributes:
-        policy: reads the observation, writes "action" in -1..1; explores under ``ExplorationType.RANDOM``. If it has a state, its
-            method ``reset`` discards it.
+        policy: reads the observation, writes "action" in -1..1; explores under ``ExplorationType.RANDOM``; may have ``reset``.
         loss: any `LossModule`; ``None`` if nothing is learned.
         optimizer: of the loss's parameters.
         memory: any replay buffer; its sampler defines a batch.

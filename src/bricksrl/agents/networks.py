@@ -15,10 +15,10 @@ from bricksrl.agents.settings import Settings
 from bricksrl.errors import DescriptionError
 
 
-def mlp(in_size: int, out_size: int, hidden: tuple[int, ...], *, layer_norm: bool = False, dropout: float = 0.0) -> MLP:
+def mlp(in_size: int, out_size: int, hidden: tuple[int, ...], *, layer_norm: bool = False, dropout: float = 0.0) -> nn.Sequential:
     """A multilayer perceptron ``[*batch, in_size]`` to ``[*batch, out_size]`` with ReLU. ``layer_norm, dropout``: after each
     hidden layer, before its ReLU, as in DroQ (Hiraoka et al., 2022)."""
-    return MLP(
+    network: nn.Sequential = MLP(
         in_size,
         out_size,
         num_cells=hidden,
@@ -28,6 +28,7 @@ def mlp(in_size: int, out_size: int, hidden: tuple[int, ...], *, layer_norm: boo
         norm_kwargs=[{"normalized_shape": units} for units in hidden],
         dropout=dropout or None,
     )
+    return network
 
 
 def make_body(settings: Settings, in_size: int, out_size: int, **kind: Any) -> nn.Module:
