@@ -117,6 +117,7 @@ class _Checked:
         learner = self._learner()
         if learner.loss is None:
             raise Skip("it learns nothing")
+        learner.make_updates(0)  # what it does before the first update is not learning
         before = [one.detach().clone() for one in learner.parameters()]
         losses = learner.learn(_STEPS if learner.on_policy else min(1000, max(2, round(4 / max(learner.updates_per_step, 1e-9)))))
         if not losses:
