@@ -32,6 +32,7 @@ class Machine:
         pace: keeps simulated time to real time at each control loop; ``None`` for as fast as possible.
         panel: buttons, light, display and loudspeaker.
         heading: heading of the robot by the gyroscope.
+        modes: mode of each device that has modes, by port.
         time_ms: simulated time since the hub was switched on.
         time_ticks: the same for the motor control, in ticks of 0.1 ms. After the control loop the firmware sleeps until its next
             event, at most 1 ms, before it resumes the program: commands are that much later than the loop of the same ms.
@@ -52,6 +53,7 @@ class Machine:
         self.heading = Heading(body)
         self.servos = {motor.port: Servo(motor.kind, motor.port, body, self) for motor in body.robot.motors}
         self.drive_bases: list[DriveBaseControl] = []
+        self.modes: dict[str, str] = {}
         self._calls = 0
         self._is_ahead = self._is_stopping = False
 

@@ -189,20 +189,6 @@ print(h, s, v, Color.CYAN.h, Color.CYAN[2], Color.RED * 0.5, Color.RED >> 60)
     )
 
 
-def test_pup_device_identity() -> None:
-    source = """
-from pybricks.iodevices import PUPDevice
-from pybricks.parameters import Port
-device = PUPDevice(Port.A)
-print(device.info(), device.reset())
-try:
-    device.read(0)
-except OSError as e:
-    print(e.errno)
-"""
-    assert hub(source) == "{'id': 48} None\n95"
-
-
 def test_absent_devices() -> None:
     source = """
 from pybricks.iodevices import XboxController

@@ -29,10 +29,16 @@ SENSOR_IDS = {
     SensorKind.COLOR_LIGHT_MATRIX: 64,
 }
 ULTRASONIC_ID = 62
+DC_MOTOR_ID = 1
 NOTHING = 0
 """No device, or one that does not identify itself."""
 
-_OTHERS = {1: "medium linear motor without angle", 2: "train motor", ULTRASONIC_ID: "ultrasonic sensor", NOTHING: "nothing"}
+_OTHERS = {
+    DC_MOTOR_ID: "medium linear motor without angle",
+    2: "train motor",
+    ULTRASONIC_ID: "ultrasonic sensor",
+    NOTHING: "nothing",
+}
 _NAMES = (
     {number: f"motor {kind.value}" for kind, number in MOTOR_IDS.items()}
     | {number: re.sub("(?<!^)([A-Z])", r" \1", kind.value).lower() for kind, number in SENSOR_IDS.items()}

@@ -67,6 +67,13 @@ def get_int(value: Any) -> int:
     raise TypeError(f"can't convert {type(value).__name__} to int")
 
 
+def get_exact_int(value: Any) -> int:
+    """An integer (``mp_obj_get_int``). Raises TypeError for anything else, floats included."""
+    if not isinstance(value, int):
+        raise TypeError(f"can't convert {type(value).__name__} to int")
+    return int(value)
+
+
 def percentage(value: Any) -> int:
     """An integer, clamped to 0..100."""
     return max(0, min(100, get_int(value)))

@@ -1,4 +1,4 @@
-"""``pybricks.iodevices``: plugged-in devices; no wireless devices. UART: ``pb_type_uart_device.c`` and the hub's driver, v4."""
+"""``pybricks.iodevices``: plugged-in devices. UART: ``pb_type_uart_device.c`` and the hub's driver, v4."""
 
 from __future__ import annotations
 
@@ -8,48 +8,92 @@ from collections.abc import Callable
 from types import ModuleType
 from typing import Any
 
-from bricksrl.hub.diagnostics.devices import MOTOR_IDS, device_id
+from bricksrl.hub.diagnostics.devices import DC_MOTOR_ID, MOTOR_IDS, NOTHING, device_id
 from bricksrl.robots import HubKind, PoweredUpSensor, SensorKind, UltrasonicSensor
 from bricksrl.virtual_hub.body import FittingBody
 from bricksrl.virtual_hub.console import Console
 from bricksrl.virtual_hub.machine import Machine
 from bricksrl.virtual_hub.micropython.containers import HubDict
 from bricksrl.virtual_hub.micropython.numbers import module
-from bricksrl.virtual_hub.pybricks.context import Context, Latest, RunLoop, bound, charged, get_int, get_text, os_error
+from bricksrl.virtual_hub.pybricks.context import (
+    Context,
+    Latest,
+    RunLoop,
+    bound,
+    charged,
+    get_array,
+    get_exact_int,
+    get_int,
+    get_text,
+    os_error,
+)
+from bricksrl.virtual_hub.pybricks.device_modes import MODES, STALE_MS, first_mode, tells_angle
 from bricksrl.virtual_hub.pybricks.parameters import Parameters
+from bricksrl.virtual_hub.pybricks.pupsensors import SEND_MS, WRITE_MS, Device
 from bricksrl.virtual_hub.pybricks.wireless import LWP3Device, XboxController, wireless
 
 _BITS_PER_BYTE = 10  # with start and stop bit
 _WARNING = b"Custom electronics may damage your LEGO hub. Proceed at your own risk.\r\nPress Y to proceed. Press N to cancel.\r\n"
 
 
-class PUPDevice:
-    """Any device on a port, with its identity; modes are not simulated."""
+class PUPDevice(Device):
+    """Any device on a port, in its own modes (``pb_type_iodevices_pupdevice.c``, v4)."""
 
-    _loop: RunLoop
-    _machine: Machine
-    _parameters: Parameters
-
-    def __init__(self, port: Any) -> None:
-        self._loop.assert_blocking()
-        found = _device_id(self._machine, self._parameters.port_letter(port))
-        if found is None:
-            raise os_error(errno.ENODEV)
-        self._id = found
+    def _is_there(self) -> bool:
+        found = _device_id(self._machine, self._letter)
+        self._id = found or NOTHING
+        self._modes = MODES.get(self._id, ())
+        self._mode = self._machine.modes.get(self._letter) or (first_mode(self._id) if self._modes else "")
+        self._switch_ms = STALE_MS.get(self._id, 0)
+        return found is not None
 
     @charged
     def info(self) -> dict[str, Any]:
-        return HubDict(id=self._id)
+        modes = tuple((mode.name, mode.count, int(mode.data_type)) for mode in self._modes)
+        return HubDict(id=self._id, modes=modes) if modes else HubDict(id=self._id)
 
     @charged
     def reset(self) -> None:
         """Reset to the state after plugging in."""
+        self._expect_modes()
+        self._machine.modes[self._letter] = first_mode(self._id)
 
     def read(self, mode: Any) -> Any:
-        raise os_error(errno.EOPNOTSUPP)
+        self._expect_modes()
+        number = get_exact_int(mode) & 0xFF
+        if number >= len(self._modes):
+            raise ValueError("Invalid argument")
+        chosen = self._modes[number]
+        self._release_motor(chosen.name)
+        return self._measure(chosen.name, lambda: chosen.values(self._plug))
 
     def write(self, mode: Any, data: Any) -> Any:
-        raise os_error(errno.EOPNOTSUPP)
+        """Command without a visible effect; values are checked."""
+        self._expect_modes()
+        number = get_exact_int(mode) & 0xFF
+        if number >= len(self._modes):
+            raise ValueError("Invalid mode")
+        chosen = self._modes[number]
+        if not chosen.is_writable:
+            raise ValueError("Mode not writable")
+        if len(get_array(data)) != chosen.count:
+            raise ValueError(f"Expected {chosen.count} values")
+        limit = 1 << chosen.data_type.bits - 1
+        if not all(-limit <= get_exact_int(value) < limit for value in data):
+            raise ValueError(f"Value out of range for int{chosen.data_type.bits}")
+        self._release_motor(chosen.name)
+        return self._write(chosen.name, SEND_MS if chosen.name == "IR Tx" else WRITE_MS)
+
+    def _expect_modes(self) -> None:
+        """Raise OSError (EPERM) for a passive device."""
+        if not self._modes:
+            raise os_error(errno.EPERM)
+
+    def _release_motor(self, mode: str) -> None:
+        """The firmware gives up a motor that no longer tells its angle."""
+        servo = self._machine.servos.get(self._letter)
+        if servo is not None and not tells_angle(servo.kind, mode):
+            servo.close()
 
 
 def _device_id(machine: Machine, port: str) -> int | None:
@@ -57,9 +101,11 @@ def _device_id(machine: Machine, port: str) -> int | None:
     described = next((device_id(device) for device in devices if device.port == port), None)
     if described is not None or not isinstance(machine.body, FittingBody):
         return described
+    plugged = machine.body.device(port)
+    if plugged == "DCMotor":
+        return DC_MOTOR_ID
     if port in machine.body.motors:
         return MOTOR_IDS[machine.body.motors[port]]
-    plugged = machine.body.device(port)
     if plugged is None:
         return None
     is_ultrasonic = plugged == UltrasonicSensor.__name__

@@ -26,6 +26,7 @@ from bricksrl.virtual_hub.pybricks.context import (
     refusals,
     without,
 )
+from bricksrl.virtual_hub.pybricks.device_modes import tells_angle
 from bricksrl.virtual_hub.pybricks.parameters import Direction, Parameters, Stop
 from bricksrl.virtual_hub.pybricks.pupsensors import DEVICES, PFMotor
 from bricksrl.virtual_hub.pybricks.wireless import DuploTrain, MarioHub, Remote, TechnicMoveHub, wireless
@@ -131,7 +132,7 @@ class Motor(_BaseMotor):
         super().__init__(port, positive_direction)
         self._machine.plug_in(self._letter, "Motor")
         servo = self._machine.servos.get(self._letter)
-        if servo is None or servo.is_plain:
+        if servo is None or servo.is_plain or not tells_angle(servo.kind, self._machine.modes.get(self._letter)):
             raise os_error(errno.ENODEV)
         ratio = _gear_ratio_milli(gears)
         with refusals():

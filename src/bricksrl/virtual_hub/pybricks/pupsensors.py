@@ -13,16 +13,14 @@ from bricksrl.virtual_hub.machine import Machine
 from bricksrl.virtual_hub.micropython.floats import to_single
 from bricksrl.virtual_hub.pybricks.colors import nearest
 from bricksrl.virtual_hub.pybricks.context import RunLoop, expect_type, get_array, get_int, get_number, os_error
+from bricksrl.virtual_hub.pybricks.device_modes import MOST_FORCE_MN, Plug
 from bricksrl.virtual_hub.pybricks.parameters import NAMED_COLORS, Color, Direction, Parameters
-from bricksrl.virtual_hub.stimuli import Sense, Sensed, brightness_pct, color, number, pitch_and_roll, reflection_pct
+from bricksrl.virtual_hub.stimuli import Sense, reflection_pct
 
-_MOST_FORCE_MN = 10_000
 _TRAVEL_UM = 6670
 _TOUCHED_UM = 100
-_MOST_TILT_DEG = 45
-_INFRARED_MOST_RAW = 500
-_SEND_MS = 250
-_WRITE_MS = 11  # above the 10 ms of lego_device_data_set_delay
+SEND_MS = 250
+WRITE_MS = 11  # above the 10 ms of lego_device_data_set_delay
 
 
 class Device:
@@ -44,6 +42,8 @@ class Device:
         self._letter = self._parameters.port_letter(port)
         if not self._is_there():
             raise os_error(errno.ENODEV)
+        self._machine.modes[self._letter] = self._mode
+        self._plug = Plug(self._machine, self._letter)
 
     def _is_there(self) -> bool:
         if self._machine.plug_in(self._letter, self._kind.value):
@@ -51,24 +51,19 @@ class Device:
         described = (s for s in self._machine.robot.sensors if isinstance(s, PoweredUpSensor) and s.port == self._letter)
         return isinstance(self._machine.body, SensingBody) and any(sensor.kind is self._kind for sensor in described)
 
-    def _sensed(self, sense: Sense) -> Sensed:
-        body: Any = self._machine.body  # a SensingBody, or nothing would be there
-        sensed: Sensed = body.sensed(self._letter, sense)
-        return sensed
-
     def _measure(self, mode: str, get: Callable[[], Any]) -> Any:
         self._machine.charge_call()
-        if mode == self._mode or not self._switch_ms:
-            self._mode = mode
+        before = self._machine.modes[self._letter]
+        self._machine.modes[self._letter] = mode
+        if mode == before or not self._switch_ms:
             return self._loop.value(get)
-        self._mode = mode
         ready_ms = self._machine.time_ms + self._switch_ms
         return self._loop.finish(lambda: self._machine.time_ms >= ready_ms, get, grain_ms=self._switch_ms)
 
-    def _write(self, mode: str, duration_ms: int = _WRITE_MS) -> Any:
+    def _write(self, mode: str, duration_ms: int = WRITE_MS) -> Any:
         """Command without a visible effect; waits until it is done."""
         self._machine.charge_call()
-        self._mode = mode
+        self._machine.modes[self._letter] = mode
         return self._loop.wait_until(self._machine.time_ms + duration_ms)
 
 
@@ -102,10 +97,10 @@ class ColorLight:
 
     def on(self, color: Any) -> Any:
         expect_type(color, Color)
-        return self._device._write("LIGHT")
+        return self._device._write("COL O")
 
     def off(self) -> Any:
-        return self._device._write("LIGHT")
+        return self._device._write("COL O")
 
 
 class UltrasonicSensor(Device):
@@ -133,7 +128,7 @@ class UltrasonicSensor(Device):
 
 
 class _SeesColors(Device):
-    _mode = "RGB_I"
+    _mode = "RGB I"
     _switch_ms = 30
 
     def __init__(self, port: Any) -> None:
@@ -150,16 +145,16 @@ class _SeesColors(Device):
         return None
 
     def reflection(self) -> Any:
-        return self._measure("RGB_I", lambda: reflection_pct(color(self._sensed(Sense.SURFACE))))
+        return self._measure("RGB I", lambda: reflection_pct(self._plug.color()))
 
     def _hsv(self, mode: str, sense: Sense) -> Any:
-        return self._measure(mode, lambda: Color(*color(self._sensed(sense))))
+        return self._measure(mode, lambda: Color(*self._plug.color(sense)))
 
     def _color(self, mode: str, sense: Sense) -> Any:
         return self._measure(mode, lambda: self._nearest(sense))
 
     def _nearest(self, sense: Sense) -> Any:
-        index = nearest(color(self._sensed(sense)), [(each.h, each.s, each.v) for each in self._detectable])
+        index = nearest(self._plug.color(sense), [(each.h, each.s, each.v) for each in self._detectable])
         return None if index is None else self._detectable[index]
 
 
@@ -173,13 +168,13 @@ class ColorSensor(_SeesColors):
         self.lights = LightArray(self, 3)
 
     def hsv(self, surface: Any = True) -> Any:
-        return self._hsv("RGB_I", Sense.SURFACE) if surface else self._hsv("SHSV", Sense.AMBIENT)
+        return self._hsv("RGB I", Sense.SURFACE) if surface else self._hsv("SHSV", Sense.AMBIENT)
 
     def color(self, surface: Any = True) -> Any:
-        return self._color("RGB_I", Sense.SURFACE) if surface else self._color("SHSV", Sense.AMBIENT)
+        return self._color("RGB I", Sense.SURFACE) if surface else self._color("SHSV", Sense.AMBIENT)
 
     def ambient(self) -> Any:
-        return self._measure("SHSV", lambda: to_single(brightness_pct(self._sensed(Sense.AMBIENT))))
+        return self._measure("SHSV", lambda: to_single(self._plug.ambient_pct()))
 
 
 class ColorDistanceSensor(_SeesColors):
@@ -192,20 +187,17 @@ class ColorDistanceSensor(_SeesColors):
         self.light = ColorLight(self)
 
     def hsv(self) -> Any:
-        return self._hsv("RGB_I", Sense.SURFACE)
+        return self._hsv("RGB I", Sense.SURFACE)
 
     def color(self) -> Any:
-        return self._color("RGB_I", Sense.SURFACE)
+        return self._color("RGB I", Sense.SURFACE)
 
     def ambient(self) -> Any:
-        return self._measure("AMBI", lambda: round(brightness_pct(self._sensed(Sense.AMBIENT))))
+        return self._measure("AMBI", lambda: round(self._plug.ambient_pct()))
 
     def distance(self) -> Any:
         """In steps of ten."""
-        return self._measure("PROX", lambda: self._tenths() * 10)
-
-    def _tenths(self) -> int:
-        return min(max(round(number(self._sensed(Sense.DISTANCE)) / 10), 0), 10)
+        return self._measure("PROX", lambda: self._plug.proximity() * 10)
 
 
 class ForceSensor(Device):
@@ -214,49 +206,39 @@ class ForceSensor(Device):
     _kind = SensorKind.FORCE
 
     def force(self) -> Any:
-        return self._measure("FRAW", lambda: to_single(self._force_mn() / 1000))
+        return self._measure("FRAW", lambda: to_single(self._plug.force_mn() / 1000))
 
     def distance(self) -> Any:
         return self._measure("FRAW", lambda: to_single(self._moved_um() / 1000))
 
     def pressed(self, force: Any = 3) -> Any:
         least_mn = int(get_number(force) * 1000)
-        return self._measure("FRAW", lambda: self._force_mn() >= least_mn)
+        return self._measure("FRAW", lambda: self._plug.force_mn() >= least_mn)
 
     def touched(self) -> Any:
         return self._measure("FRAW", lambda: self._moved_um() > _TOUCHED_UM)
 
-    def _force_mn(self) -> int:
-        return min(max(round(number(self._sensed(Sense.FORCE)) * 1000), 0), _MOST_FORCE_MN)
-
     def _moved_um(self) -> int:
-        return self._force_mn() * _TRAVEL_UM // _MOST_FORCE_MN
+        return self._plug.force_mn() * _TRAVEL_UM // MOST_FORCE_MN
 
 
 class InfraredSensor(Device):
-    """WeDo 2.0 motion sensor: more reflected light means nearer (``pb_type_pupdevices_infraredsensor.c``)."""
+    """WeDo 2.0 motion sensor."""
 
     _kind = SensorKind.INFRARED
 
     def __init__(self, port: Any) -> None:
         super().__init__(port)
-        self._first_count = self._passed()
+        self._first_count = self._plug.passed()
 
     def count(self) -> Any:
-        return self._measure("COUNT", lambda: self._passed() - self._first_count)
+        return self._measure("LPF2-COUNT", lambda: self._plug.passed() - self._first_count)
 
     def reflection(self) -> Any:
-        return self._measure("CAL", lambda: to_single(self._raw() / 5))
+        return self._measure("LPF2-CAL", lambda: to_single(self._plug.infrared_raw() / 5))
 
     def distance(self) -> Any:
-        return self._measure("CAL", lambda: 1100 // (10 + self._raw()))
-
-    def _raw(self) -> int:
-        distance_pct = min(max(number(self._sensed(Sense.DISTANCE)), 1.0), 100.0)
-        return min(round(1100 / distance_pct) - 10, _INFRARED_MOST_RAW)
-
-    def _passed(self) -> int:
-        return int(number(self._sensed(Sense.COUNT)))
+        return self._measure("LPF2-CAL", lambda: 1100 // (10 + self._plug.infrared_raw()))
 
 
 class TiltSensor(Device):
@@ -265,12 +247,7 @@ class TiltSensor(Device):
     _kind = SensorKind.TILT
 
     def tilt(self) -> Any:
-        return self._measure("ANGLE", self._tilt)
-
-    def _tilt(self) -> tuple[int, int]:
-        angles = pitch_and_roll(self._sensed(Sense.TILT))
-        pitch, roll = (min(max(round(angle), -_MOST_TILT_DEG), _MOST_TILT_DEG) for angle in angles)
-        return pitch, roll
+        return self._measure("LPF2-ANGLE", self._plug.tilt_deg)
 
 
 class Light(Device):
@@ -295,10 +272,10 @@ class ColorLightMatrix(Device):
         pixels = iter((colors,) * 9 if isinstance(colors, Color) else colors)
         for _ in range(9):
             expect_type(next(pixels, None), Color)
-        return self._write("PIX_O")
+        return self._write("PIX O")
 
     def off(self) -> Any:
-        return self._write("PIX_O")
+        return self._write("PIX O")
 
 
 class PFMotor:
@@ -325,7 +302,7 @@ class PFMotor:
         return self._send()
 
     def _send(self) -> Any:
-        return self._sensor._write("IR_TX", _SEND_MS)
+        return self._sensor._write("IR Tx", SEND_MS)
 
 
 DEVICES: tuple[type[Device], ...] = (
