@@ -234,6 +234,11 @@ print(str(A())[:13])
         ("pow(2, 3, 4)", "NotImplementedError: 3-arg pow() not supported"),
         ("round(1234, -2)", "NotImplementedError: "),
         ("'{:z}'.format(1.5)", "ValueError: invalid format specifier"),
+        ("bytes([256])", "ValueError: bytes value out of range"),
+        ("bytearray(1.5)", "TypeError: 'float' object isn't iterable"),
+        ("bytearray(2)[0] = 1.5", "TypeError: can't convert float to int"),
+        ("bytearray().append('x')", "TypeError: can't convert str to int"),
+        ("bytearray(x=1)", "TypeError: function doesn't take keyword arguments"),
         ("b = bytearray(3)\nb[1:2] = b'x'", "TypeError: 'bytearray' object doesn't support item assignment"),
         ("(1).__class__", "AttributeError: 'int' object has no attribute '__class__'"),
         ("getattr('a', 'encode')", "AttributeError: 'str' object has no attribute 'encode'"),
@@ -444,4 +449,26 @@ def test_lone_number_is_omitted() -> None:
 def test_syntax_error_has_text_only() -> None:
     assert output("try:\n    exec('x = (')\nexcept SyntaxError as e:\n    print(e.args, repr(e))") == (
         "('invalid syntax',) SyntaxError('invalid syntax',)"
+    )
+
+
+def test_bytearray_keeps_the_last_eight_bits() -> None:
+    """Of a stored, appended, added or first number (``mp_binary_set_val_array``), also in a copy or a part."""
+    source = """
+b = bytearray([256, -1, 515])
+b[0] = 300
+b[-1] -= 4
+b.append(1023)
+b.extend((257, -2))
+b += bytearray([511])
+b += "z"
+part = b[1:3]
+part[0] = 256
+both = b[:1] + b"x"
+both[1] += 256
+print(b, part, both, type(b), bytearray(3), bytearray("ab", "utf-8"), b[1:3] == b"\\xff\\xff")
+"""
+    assert printed(source) == (
+        "bytearray(b',\\xff\\xff\\xff\\x01\\xfe\\xffz') bytearray(b'\\x00\\xff') bytearray(b',x') <class 'bytearray'> "
+        "bytearray(b'\\x00\\x00\\x00') bytearray(b'ab') True"
     )

@@ -6,6 +6,7 @@ import inspect
 from types import BuiltinFunctionType, FunctionType, ModuleType
 from typing import Any
 
+from bricksrl.virtual_hub.micropython.byte_array import HubBytearray
 from bricksrl.virtual_hub.micropython.classes import has_initializer
 from bricksrl.virtual_hub.micropython.containers import HubDict, HubSet
 
@@ -16,7 +17,7 @@ _SEQUENCE_TEXT = (
 _PRESENT: dict[type, str] = {
     str: _SEQUENCE_TEXT,
     bytes: _SEQUENCE_TEXT,
-    bytearray: _SEQUENCE_TEXT + " append extend",
+    HubBytearray: _SEQUENCE_TEXT + " append extend",
     int: "to_bytes from_bytes",
     bool: "to_bytes from_bytes",
     float: "",
@@ -99,7 +100,9 @@ def directory(value: Any) -> list[str]:
 
 
 _WITH_KEYWORDS = frozenset(["sort", "update", "sorted", "max", "min"])
-_KINDS_WITHOUT_KEYWORDS = frozenset([bool, complex, enumerate, HubSet, list, map, range, reversed, slice, tuple, type, zip])
+_KINDS_WITHOUT_KEYWORDS = frozenset(
+    [bool, HubBytearray, complex, enumerate, HubSet, list, map, range, reversed, slice, tuple, type, zip]
+)
 
 
 def with_keywords(function: Any) -> Any:

@@ -12,6 +12,7 @@ from typing import Any
 
 from bricksrl.virtual_hub.console import Console
 from bricksrl.virtual_hub.micropython.attributes import HIDDEN_NAMES, directory, store_attribute, visible_attribute, with_keywords
+from bricksrl.virtual_hub.micropython.byte_array import HubBytearray
 from bricksrl.virtual_hub.micropython.classes import HubSuper, build_class
 from bricksrl.virtual_hub.micropython.compiler import compiled
 from bricksrl.virtual_hub.micropython.containers import HubDict, HubSet
@@ -21,7 +22,7 @@ from bricksrl.virtual_hub.micropython.operators import SMALL_MAX, int_from_float
 from bricksrl.virtual_hub.micropython.text import representation, text
 
 _UNCHANGED = """
-    all any bin bool bytearray bytes callable chr classmethod complex enumerate float hex int iter len list max memoryview min
+    all any bin bool bytes callable chr classmethod complex enumerate float hex int iter len list max memoryview min
     object oct ord range reversed setattr slice sorted staticmethod str tuple type zip
 """.split()  # noqa: SIM905  a list would take a line for each
 
@@ -46,6 +47,7 @@ def builtin_names(
         {"@tick": tick, "@branch": branch, "@attr": visible_attribute, "@store": store_attribute, "@keywords": with_keywords}
     )
     result.update({"Ellipsis": ..., "__debug__": True, "OSError": HubOSError, "super": HubSuper, "dict": HubDict, "set": HubSet})
+    result["bytearray"] = HubBytearray
     result["__build_class__"] = build_class
     result["__import__"] = _importer(find_module)
     result.update(_number_functions(result["@n"], result["@pow"]))

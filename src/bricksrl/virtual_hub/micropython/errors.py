@@ -61,7 +61,6 @@ _RULES: tuple[_Rule, ...] = (
     (TypeError, r"'\w+' is an invalid keyword argument for sort\(\)", lambda m: "extra keyword arguments given"),
     (TypeError, r".*takes no keyword arguments|.*positional-only arguments passed as keyword.*",
      lambda m: "function doesn't take keyword arguments"),
-    (TypeError, r"'\w+' is an invalid keyword argument for bytearray\(\)", lambda m: "function doesn't take keyword arguments"),
     (TypeError, r".*argument after \* must be an iterable, not (.*)|argument of type '(.*)' is not iterable",
      lambda m: f"'{m[1] or m[2]}' object isn't iterable"),
     (TypeError, r"\w+\(\) argument \d+ must be str, not (\w+)|ord\(\) expected string of length 1, but (\w+) found",

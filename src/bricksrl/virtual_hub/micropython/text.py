@@ -15,6 +15,7 @@ from types import (
 )
 from typing import Any
 
+from bricksrl.virtual_hub.micropython.byte_array import HubBytearray
 from bricksrl.virtual_hub.micropython.containers import DictView, HubDict, HubSet, Mapped
 from bricksrl.virtual_hub.micropython.errors import ERROR_NAMES, class_name
 from bricksrl.virtual_hub.micropython.float_text import float_text, shortest_text
@@ -155,7 +156,7 @@ def _method(value: Any) -> str:
 _REPRESENTATIONS: dict[type, Callable[[Any], str]] = {
     str: _str,
     bytes: _bytes,
-    bytearray: lambda v: f"bytearray({_bytes(v)})",
+    HubBytearray: lambda v: f"bytearray({_bytes(v)})",
     int: int.__repr__,
     bool: bool.__repr__,
     float: float_text,

@@ -13,6 +13,7 @@ from bricksrl.robots import HubKind, PoweredUpSensor, SensorKind, UltrasonicSens
 from bricksrl.virtual_hub.body import FittingBody
 from bricksrl.virtual_hub.console import Console
 from bricksrl.virtual_hub.machine import Machine
+from bricksrl.virtual_hub.micropython.byte_array import HubBytearray
 from bricksrl.virtual_hub.micropython.containers import HubDict
 from bricksrl.virtual_hub.micropython.numbers import module
 from bricksrl.virtual_hub.pybricks.context import (
@@ -153,7 +154,7 @@ class UARTDevice:
     @charged
     def write(self, data: Any) -> Any:
         content = data.encode() if isinstance(data, str) else data
-        if type(content) not in (bytes, bytearray):
+        if type(content) not in (bytes, HubBytearray):
             raise ValueError("Invalid argument")
         takes_ms = len(content) * _BITS_PER_BYTE * 1000 / self._bits_per_s
         return self._writes.finish(self._transfer("write", takes_ms), grain_ms=1)

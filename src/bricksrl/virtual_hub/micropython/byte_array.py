@@ -1,0 +1,49 @@
+"""``bytearray``, which keeps the last eight bits of numbers (``py/objarray.c`` and ``py/binary.c`` of MicroPython 1.26)."""
+
+from __future__ import annotations
+
+import operator
+from typing import Any
+
+
+def _low_bytes(values: Any) -> Any:
+    """Numbers as bytes; a size and a buffer, unchanged."""
+    if isinstance(values, int | str | bytes | bytearray | memoryview):
+        return values
+    return bytes(operator.index(value) & 0xFF for value in values)
+
+
+def _buffer(value: Any) -> Any:
+    return value.encode() if isinstance(value, str) else value
+
+
+class HubBytearray(bytearray):
+    """A bytearray of any integers, modulo 256. Text is added as UTF-8."""
+
+    __slots__ = ()
+
+    def __init__(self, source: Any = b"", *encoding: Any) -> None:
+        super().__init__(_low_bytes(source), *encoding)
+
+    def __setitem__(self, index: Any, value: Any) -> None:
+        super().__setitem__(index, value if isinstance(index, slice) else operator.index(value) & 0xFF)
+
+    def __getitem__(self, index: Any) -> Any:
+        found = super().__getitem__(index)
+        return HubBytearray(found) if isinstance(index, slice) else found
+
+    def __add__(self, other: Any) -> HubBytearray:
+        return HubBytearray(super().__add__(_buffer(other)))
+
+    def __iadd__(self, other: Any) -> HubBytearray:
+        self.extend(other)
+        return self
+
+    def append(self, value: Any, /) -> None:
+        super().append(operator.index(value) & 0xFF)
+
+    def extend(self, values: Any, /) -> None:
+        super().extend(_low_bytes(_buffer(values)))
+
+
+HubBytearray.__name__ = HubBytearray.__qualname__ = "bytearray"
