@@ -472,3 +472,20 @@ print(b, part, both, type(b), bytearray(3), bytearray("ab", "utf-8"), b[1:3] == 
         "bytearray(b',\\xff\\xff\\xff\\x01\\xfe\\xffz') bytearray(b'\\x00\\xff') bytearray(b',x') <class 'bytearray'> "
         "bytearray(b'\\x00\\x00\\x00') bytearray(b'ab') True"
     )
+
+
+@pytest.mark.parametrize("loop", ["[i for i in (1,)]", "{i: i for i in (1,)}", "{i for i in (1,)}", "any(i for i in (0,))",
+                                  "[i for i in (1,) if i > 1]", "1 if m else 2"])  # fmt: skip
+def test_a_comprehension_branches(loop: str) -> None:
+    """``compile_scope_comp_iter`` jumps after each element and at each condition: the hub's clockwork goes on."""
+    source = """
+from pybricks.parameters import Port
+from pybricks.pupdevices import Motor
+from pybricks.tools import wait
+m = Motor(Port.A)
+m.run(1000)
+wait(504)
+{}
+print(m.angle())
+"""
+    assert (output(source.format("()")), output(source.format(loop))) == ("251", "252")

@@ -213,14 +213,25 @@ class _Transformer(ast.NodeTransformer):
         self.generic_visit(node)
         return _call("@set", *node.elts, at=node)
 
-    def visit_DictComp(self, node: ast.DictComp) -> ast.expr:
+    def visit_ListComp(self, node: ast.ListComp | ast.GeneratorExp) -> ast.expr:
+        """A loop: it branches after each element, and at each condition."""
         self.generic_visit(node)
+        node.elt = _call("@branch", node.elt, at=node.elt)
+        return node
+
+    visit_GeneratorExp = visit_ListComp
+
+    def visit_DictComp(self, node: ast.DictComp) -> ast.expr:
         pairs = ast.ListComp(ast.Tuple([node.value, node.key], ast.Load()), node.generators)
-        return _call("@dictof", ast.copy_location(pairs, node), at=node)
+        return _call("@dictof", self.visit_ListComp(ast.copy_location(pairs, node)), at=node)
 
     def visit_SetComp(self, node: ast.SetComp) -> ast.expr:
+        return _call("@setof", self.visit_ListComp(ast.copy_location(ast.ListComp(node.elt, node.generators), node)), at=node)
+
+    def visit_comprehension(self, node: ast.comprehension) -> ast.comprehension:
         self.generic_visit(node)
-        return _call("@setof", ast.copy_location(ast.ListComp(node.elt, node.generators), node), at=node)
+        node.ifs = [_call("@branch", test, at=test) for test in node.ifs]
+        return node
 
     def visit_Lambda(self, node: ast.Lambda) -> ast.expr:
         self.generic_visit(node)
