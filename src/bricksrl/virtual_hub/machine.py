@@ -24,6 +24,10 @@ _CALLS_PER_MS = 100
 _AFTER_LOOP_TICKS = 10
 
 
+class SwitchedOff(BaseException):
+    """The hub was switched off: ends a program past its exception handlers."""
+
+
 class Machine:
     """Clock, servos and drive bases of one virtual hub.
 
@@ -114,7 +118,7 @@ class Machine:
         self.time_ticks = stop_ms * 10 + _AFTER_LOOP_TICKS
         if event_ms is not None and event_ms <= stop_ms and self.panel.stops(stop_ms) and self.runs_program:
             self.time_ms, self.time_ticks, self._is_ahead = stop_ms - 1, stop_ms * 10, True
-            raise SystemExit
+            raise SwitchedOff if self.panel.is_off else SystemExit
         if self.alarm_ms is None or stop_ms < self.alarm_ms:
             return False
         self.on_alarm()

@@ -17,6 +17,7 @@ DEFAULT_PRESS_S = 0.2
 POLL_MS = 50
 """Poll interval of a hub's stop button (``pbio/sys/core.c``, v4)."""
 STOP_BUTTON = "center"
+_SWITCH_OFF_MS = 2000
 _SHADES = ".-+#"
 _WAYS = ("up", "down", "left", "right")
 _BUTTONS_NEAR = {
@@ -79,6 +80,7 @@ class Panel:
         clock_ms: simulated time, set by the panel's machine.
         is_watched: whether a person may press a button at any time.
         on_change: called with the panel after a change of light, display or sound.
+        is_off: whether the center button was held so long that the hub is switched off.
         next_ms: simulated time of the next poll or animation; ``None`` for none.
 
     Raises:
@@ -97,11 +99,12 @@ class Panel:
         self._sound_hz = 0
         self.display = [0] * 25
         self.text = ""
-        self.is_watched = False
+        self.is_watched = self.is_off = False
         self.clock_ms: Callable[[], int] = lambda: self._now_ms
         self.next_ms: int | None = None
         self._now_ms = 0
         self._stop_pressed_ms = -POLL_MS
+        self._center_polls = (-POLL_MS, -POLL_MS)  # first and last of those that found the center button down without a break
         self._animations: dict[str, tuple[int, Iterator[int]]] = {}
         for press in presses:
             self.press(press)
@@ -174,14 +177,25 @@ class Panel:
         return frozenset(name.partition(".")[2] for name in self._down(time_ms) if name.startswith(f"{device}."))
 
     def stops(self, time_ms: int) -> bool:
-        """Process animations and the poll that are due; returns whether the stop button was pressed since the last poll."""
+        """Process animations and the poll that are due; returns whether a program ends, as the stop button was pressed since the
+        last poll, or the hub is switched off."""
         self._now_ms = time_ms
         for part, (due_ms, frames) in tuple(self._animations.items()):
             if due_ms <= time_ms:
                 self._animations[part] = time_ms + max(1, next(frames)), frames
         self._schedule(time_ms + 1)
         # The poll belongs to the millisecond before, in which the program has not resumed yet.
-        if time_ms % POLL_MS or not self.stop_buttons or not self.stop_buttons <= self.pressed(time_ms - 1):
+        if time_ms % POLL_MS:
+            return False
+        down = self.pressed(time_ms - 1)
+        if STOP_BUTTON in down:
+            first_ms, last_ms = self._center_polls
+            first_ms = first_ms if last_ms == time_ms - POLL_MS else time_ms
+            self._center_polls = first_ms, time_ms
+            self.is_off = time_ms - first_ms >= _SWITCH_OFF_MS
+            if self.is_off:
+                return True
+        if not self.stop_buttons or not self.stop_buttons <= down:
             return False
         was_pressed = self._stop_pressed_ms == time_ms - POLL_MS
         self._stop_pressed_ms = time_ms

@@ -20,7 +20,7 @@ from bricksrl.virtual_hub.body import Body
 from bricksrl.virtual_hub.fitted_bench import FittedBench
 from bricksrl.virtual_hub.given_readings import GivenReading
 from bricksrl.virtual_hub.interpreter import execute, format_traceback
-from bricksrl.virtual_hub.machine import Machine
+from bricksrl.virtual_hub.machine import Machine, SwitchedOff
 from bricksrl.virtual_hub.micropython.errors import class_name
 from bricksrl.virtual_hub.micropython.system import is_of_program
 from bricksrl.virtual_hub.pace import Pace
@@ -108,7 +108,7 @@ def run_file(
         operation: buttons, readings and pace.
 
     Returns:
-        Exit code: 1 if the program raises, else 0, also for ``SystemExit`` and the time limit.
+        Exit code: 1 if the program raises, else 0, also for ``SystemExit``, switching off and the time limit.
 
     Raises:
         ProgramError: the file cannot be read, or the time limit is invalid.
@@ -168,6 +168,8 @@ def _run(source: str, path: Path, machine: Machine, console: StreamConsole, stdo
     except (SystemExit, _TimeIsUp) as end:
         name = class_name(type(end)) if isinstance(end, SystemExit) else SystemExit.__name__
         stderr.write(f"The program was stopped ({name}).\n")
+    except SwitchedOff:
+        stderr.write("The hub was switched off.\n")
     except BaseException as error:
         if not (is_of_program(error) or isinstance(error, KeyboardInterrupt)):
             raise

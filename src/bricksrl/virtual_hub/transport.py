@@ -21,7 +21,7 @@ from bricksrl.hub.protocol import app_data_slot
 from bricksrl.hub.transport import HubProgram, Pipe
 from bricksrl.virtual_hub import interpreter
 from bricksrl.virtual_hub.body import Body
-from bricksrl.virtual_hub.machine import Machine
+from bricksrl.virtual_hub.machine import Machine, SwitchedOff
 from bricksrl.virtual_hub.micropython.system import is_of_program
 from bricksrl.virtual_hub.pace import PIECE_MS, Pace
 from bricksrl.virtual_hub.pybricks import modules
@@ -260,7 +260,7 @@ class VirtualHub:
         importable.find_module = {module.name: module for module in program.beside}.get
         try:
             interpreter.execute(program.source, program.name, importable, self._wire)
-        except (SystemExit, _Stopped):
+        except (SystemExit, SwitchedOff, _Stopped):
             pass
         except BaseException as error:
             if not is_of_program(error):

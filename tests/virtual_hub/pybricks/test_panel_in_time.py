@@ -69,6 +69,30 @@ def test_a_hub_looks_at_its_stop_button_every_50_ms(source: str, presses: list[s
     assert run(tmp_path, source, *presses)[0] == printed
 
 
+@pytest.mark.parametrize(
+    ("setting", "presses", "printed"),
+    [
+        ("Button.CENTER", ["center@0.222s+2.1s"], "249\nThe hub was switched off."),
+        ("None", ["center@0.222s+2.1s"], "The hub was switched off."),
+        ("None", ["center@0.222s+2s"], "3000"),
+        ("None", ["center@0.222s+0.1s", "center@2.3s+0.1s"], "3000"),
+        ("None", ["left@0.2s+3s"], "3000"),
+    ],
+)
+def test_center_button_switches_off_after_two_seconds(setting: str, presses: list[str], printed: str, tmp_path: Path) -> None:
+    """``pbsys_program_stop_poll``; nothing in a program can prevent it."""
+    source = f"""
+hub.system.set_stop_button({setting})
+while s.time() < 3000:
+    try:
+        wait(3000 - s.time())
+    except:
+        print(s.time())
+"""
+    source += "print(s.time())\n"
+    assert run(tmp_path, source, *presses)[0] == printed
+
+
 def test_a_light_blinks_and_changes_its_color_by_itself(tmp_path: Path) -> None:
     _, seen = run(tmp_path, "hub.light.blink(Color.BLUE, [30, 40, 50])\nwait(300)\nhub.light.on(Color.GREEN)\nwait(100)")
     assert seen.lights[:7] == [(0, 240), (31, None), (71, 240), (151, None), (191, 240), (271, None), (300, 120)]

@@ -9,7 +9,7 @@ from bricksrl.errors import TwinError
 from bricksrl.robots import BENCH, HubKind, Robot
 from bricksrl.virtual_hub.bench_body import BenchBody
 from bricksrl.virtual_hub.interpreter import execute
-from bricksrl.virtual_hub.machine import Machine
+from bricksrl.virtual_hub.machine import Machine, SwitchedOff
 from bricksrl.virtual_hub.panel import Panel, parse_press
 from bricksrl.virtual_hub.pybricks import modules
 
@@ -170,8 +170,9 @@ hub.system.set_stop_button(None)
 
 
 def test_shutdown_ends_the_program() -> None:
-    with pytest.raises(SystemExit):
-        hub("hub.system.shutdown()")
+    """``mp_sched_vm_abort`` passes all exception handlers."""
+    with pytest.raises(SwitchedOff):
+        hub("try:\n    hub.system.shutdown()\nexcept BaseException:\n    pass")
 
 
 def test_constants_print_as_on_a_hub() -> None:

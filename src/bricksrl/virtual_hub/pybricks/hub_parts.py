@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from bricksrl.robots import HubKind
-from bricksrl.virtual_hub.machine import Machine
+from bricksrl.virtual_hub.machine import Machine, SwitchedOff
 from bricksrl.virtual_hub.micropython.containers import HubDict
 from bricksrl.virtual_hub.micropython.numbers import expect_whole
 from bricksrl.virtual_hub.micropython.streams import as_bytes
@@ -348,7 +348,7 @@ class System(_Part):
         return HubDict.sized(len(found), found.items())
 
     def shutdown(self) -> None:
-        raise SystemExit
+        raise SwitchedOff
 
     @charged
     def storage(self, offset: Any, read: Any = None, write: Any = None) -> bytes | None:
