@@ -169,6 +169,29 @@ stdout.write('cooked\\n')
     assert output(source, {100: b"\x03a", 150: b"b"}) == "[] [] 20\n1 True 1 100\nb'\\x03ab' 150 []\nraw\ncooked"
 
 
+def test_select_waits_for_input_in_simulated_time() -> None:
+    source = """
+from usys import stdin, stdout
+from uselect import select
+from pybricks.tools import StopWatch
+watch = StopWatch()
+print(select([stdin], [], [], 0.02), watch.time())
+print(select([stdin], (), []) == ([stdin], [], []), watch.time())
+for wrong in (5, [5]):
+    try:
+        select(wrong, [], [])
+    except Exception as e:
+        print(e)
+"""
+    wrong = "object 'int' isn't a tuple or list\nstream operation not supported"
+    assert output(source, {100: b"a"}) == f"([], [], []) 20\nTrue 100\n{wrong}"
+
+
+def test_module_of_the_builtins() -> None:
+    source = "import builtins\nprint(builtins, builtins.len([1]), builtins.print is print, hasattr(builtins, 'filter'))"
+    assert output(source) == "<module 'builtins'> 1 True False"
+
+
 def test_raw_output_is_unchanged() -> None:
     machine = Machine(BenchBody(robots.BENCH))
     console = Console(machine, {})

@@ -18,6 +18,7 @@ from bricksrl.virtual_hub.micropython.compiler import compiled
 from bricksrl.virtual_hub.micropython.containers import HubDict, HubSet
 from bricksrl.virtual_hub.micropython.errors import EXCEPTIONS, HubOSError
 from bricksrl.virtual_hub.micropython.hash_table import hash_of
+from bricksrl.virtual_hub.micropython.numbers import module
 from bricksrl.virtual_hub.micropython.operators import SMALL_MAX, int_from_float, operators, to_float, to_int, to_str
 from bricksrl.virtual_hub.micropython.text import representation, text
 
@@ -49,13 +50,15 @@ def builtin_names(
     result.update({"Ellipsis": ..., "__debug__": True, "OSError": HubOSError, "super": HubSuper, "dict": HubDict, "set": HubSet})
     result["bytearray"] = HubBytearray
     result["__build_class__"] = build_class
-    result["__import__"] = _importer(find_module)
     result.update(_number_functions(result["@n"], result["@pow"]))
     result.update(_stream_functions(console))
     result.update(_identity_functions())
     result.update(_attribute_functions())
     result.update(_program_functions())
-    return {name: value for name, value in result.items() if name not in lacks}
+    present = {name: value for name, value in result.items() if name not in lacks}
+    own = module("builtins", {name: value for name, value in present.items() if "@" not in name})
+    present["__import__"] = own.__dict__["__import__"] = _importer(lambda name: own if name == "builtins" else find_module(name))
+    return present
 
 
 def _importer(find_module: Callable[[str], ModuleType]) -> Callable[..., ModuleType]:

@@ -15,6 +15,7 @@ from bricksrl.virtual_hub.console import Console
 from bricksrl.virtual_hub.micropython.builtins import cooked
 from bricksrl.virtual_hub.micropython.containers import HubDict
 from bricksrl.virtual_hub.micropython.errors import ERROR_NAMES, HubOSError, class_name
+from bricksrl.virtual_hub.micropython.floats import to_single
 from bricksrl.virtual_hub.micropython.json_text import read_json
 from bricksrl.virtual_hub.micropython.numbers import module
 from bricksrl.virtual_hub.micropython.streams import BytesIO, StringIO, as_bytes
@@ -138,9 +139,7 @@ class Poll:
         self._streams: dict[int, tuple[FileIO, int]] = {}
 
     def register(self, stream: Any, eventmask: int = _POLLIN | _POLLOUT) -> None:
-        if not isinstance(stream, FileIO):
-            raise HubOSError("stream operation not supported")
-        self._streams[id(stream)] = (stream, eventmask)
+        self._streams[id(stream)] = (_pollable(stream), eventmask)
 
     def unregister(self, stream: Any) -> None:
         self._streams.pop(id(stream), None)
@@ -177,6 +176,12 @@ class Poll:
 Poll.__name__ = Poll.__qualname__ = "poll"
 
 
+def _pollable(stream: Any) -> FileIO:
+    if not isinstance(stream, FileIO):
+        raise HubOSError("stream operation not supported")
+    return stream
+
+
 def sys_module(console: Console, keyboard: Keyboard, tick: Callable[[], None], version: str, machine: str) -> ModuleType:
     stdout = TextIOWrapper(1, console, keyboard, tick)
 
@@ -207,7 +212,22 @@ def sys_module(console: Console, keyboard: Keyboard, tick: Callable[[], None], v
 
 def select_module(doze: Callable[[int], int], tick: Callable[[], None]) -> ModuleType:
     flags = {"POLLIN": _POLLIN, "POLLOUT": _POLLOUT, "POLLERR": _POLLERR, "POLLHUP": _POLLHUP}
-    return module("select", {"poll": lambda: Poll(doze, tick), **flags})
+
+    def select(readers: Any, writers: Any, others: Any, timeout: float | None = None, /) -> tuple[list[FileIO], ...]:
+        """Streams that can be read, be written, or failed; ``timeout`` in seconds."""
+        poll, masks = Poll(doze, tick), (_POLLIN, _POLLOUT, _POLLERR | _POLLHUP)
+        wanted: dict[FileIO, int] = {}
+        for streams, mask in zip((readers, writers, others), masks, strict=True):
+            if not isinstance(streams, list | tuple):
+                raise TypeError(f"object '{type(streams).__name__}' isn't a tuple or list")
+            for stream in map(_pollable, streams):
+                wanted[stream] = wanted.get(stream, 0) | mask
+        for stream, mask in wanted.items():
+            poll.register(stream, mask)
+        ready = poll.poll(-1 if timeout is None or timeout < 0 else int(to_single(timeout * 1000)))
+        return tuple([stream for stream, events in ready if events & mask] for mask in masks)
+
+    return module("select", {"poll": lambda: Poll(doze, tick), "select": select, **flags})
 
 
 def micropython_module(keyboard: Keyboard, console: Console, heap_bytes: int) -> ModuleType:
