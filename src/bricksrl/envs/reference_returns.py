@@ -24,7 +24,7 @@ class Reference:
 
 
 REFERENCES = {
-    "RunAway-v0": Reference(0.46, 17.96, 8.72),
+    "RunAway-v0": Reference(0.44, 17.96, 8.72),
     "Spinning-v0": Reference(75.12, 8519.5, 7407.2),
     "Walker-v0": Reference(-197.09, -12.89, -52.04),
     "Walker-v1": Reference(15.62, 93.22),
