@@ -49,8 +49,8 @@ STUDIES_HEAD = """# Studies
 A study is a table of trainings with several seeds. `bricksrl study` lists the studies, and `bricksrl study NAME` runs one. With
 `--quick` it takes a few minutes, to check that everything works. This page is written by `python benchmarks/tables.py` from the
 studies that were run at full length (`benchmarks/results/study_*.json`) and from the results of the benchmarks. A study
-without a table here has not been run. `agents` and `strategies` were run on the earlier twins of the robots, which were
-written by hand and a little heavier; [plans.md](plans.md) compares them with those of today.
+without a table here has not been run. `agents` was run on the earlier twins of the robots, which were written by hand and a
+little heavier; [plans.md](plans.md) compares them with those of today.
 """
 
 

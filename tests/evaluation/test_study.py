@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -53,6 +54,14 @@ def test_study_writes_tables_and_reuses_runs(tmp_path: Path) -> None:
     assert json.loads((tmp_path / "toy" / "study.json").read_text())["cells"] == result["cells"]
     assert untouched.stat().st_mtime_ns == before
     assert len((folder / "metrics.csv").read_text().splitlines()) == 3, "the run was not made again, only evaluated"
+
+
+def test_folder_of_another_study_raises(tmp_path: Path) -> None:
+    run_study(TOY, tmp_path, quick=True, seeds=1, jobs=1, only=("random-*",))
+    with pytest.raises(RunError, match=r"has the study 'toy' in quick form; choose another folder$"):
+        run_study(TOY, tmp_path, seeds=1, jobs=1, only=("random-*",))
+    with pytest.raises(RunError, match="has the study 'toy'"):
+        run_study(replace(TOY, name="other"), tmp_path, quick=True, seeds=1, jobs=1, only=("random-*",))
 
 
 def test_each_seed_is_evaluated_on_episodes_of_its_own(tmp_path: Path) -> None:

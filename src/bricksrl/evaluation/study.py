@@ -142,7 +142,8 @@ def run_study(
     on_seed: OnSeed = lambda *_: None,
 ) -> Path:
     """Run the missing parts of a study, and write ``study.json`` and ``study.md``; returns the path of the latter. Raises
-    RunError if no cell was chosen, or a seed failed; the others are kept, and the same command resumes.
+    RunError if no cell was chosen, the folder is of another study, or a seed failed; the others are kept, and the same command
+    resumes.
 
     Args:
         quick: run the quick form, a smoke test of the study.
@@ -155,6 +156,7 @@ def run_study(
     chosen = [cell for cell in cells if not only or any(fnmatchcase(name_of(cell), pattern) for pattern in only)]
     if not chosen:
         raise RunError(f"no cell of '{study.name}' matches {', '.join(only)}; its cells: {', '.join(map(name_of, cells))}")
+    _check_folder(folder, study, quick=quick)
     count = seeds or (2 if quick else study.seeds)
     orders = [(cell, seed, str((folder / name_of(cell)).absolute())) for cell in chosen for seed in range(count)]
     folder.mkdir(parents=True, exist_ok=True)
@@ -168,6 +170,17 @@ def run_study(
     if errors:
         raise RunError(f"{len(errors)} of {len(orders)} runs failed; the first: {errors[0]}")
     return written
+
+
+def _check_folder(folder: Path, study: Study, *, quick: bool) -> None:
+    try:
+        found = json.loads((folder / "study.json").read_bytes())
+        theirs = (str(found["study"]), bool(found["quick"]))
+    except (OSError, ValueError, LookupError, TypeError):
+        return  # nothing is there that its runs could be mistaken for
+    if theirs != (study.name, quick):
+        form = ["in full", "in quick form"][theirs[1]]
+        raise RunError(f"{folder} has the study '{theirs[0]}' {form}; choose another folder")
 
 
 def _result(study: Study, cells: Sequence[Cell], folder: Path, seeds: int, *, quick: bool) -> dict[str, Any]:
