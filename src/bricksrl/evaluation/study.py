@@ -173,13 +173,14 @@ def run_study(
 
 
 def _check_folder(folder: Path, study: Study, *, quick: bool) -> None:
+    """Raise RunError if the folder is of another study, or of its other form."""
     try:
         found = json.loads((folder / "study.json").read_bytes())
         theirs = (str(found["study"]), bool(found["quick"]))
     except (OSError, ValueError, LookupError, TypeError):
         return  # nothing is there that its runs could be mistaken for
     if theirs != (study.name, quick):
-        form = ["in full", "in quick form"][theirs[1]]
+        form = "in quick form" if theirs[1] else "in full"
         raise RunError(f"{folder} has the study '{theirs[0]}' {form}; choose another folder")
 
 
