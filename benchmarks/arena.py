@@ -5,18 +5,19 @@
 Each catcher learns Tag-v0 in the kinematic simulation, half of whose copies have the scripted runner and half the random one (who
 has learned with one of them alone does not catch the other), and is then evaluated in the arena itself: two
 virtual hubs in one MuJoCo world, some episodes a seed against each runner, whose starts differ from those of the training. The
-script of the catcher and a random one are measured beside it.
+script of the catcher and a random one are measured beside it. The result keeps the agents that are not measured again.
 """
 
 from __future__ import annotations
 
+import json
 import tempfile
 import time
 from pathlib import Path
 from typing import Any
 
 import torch
-from machine import command, write
+from machine import RESULTS, command, write
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 
 from bricksrl.envs.arenas import make_arena
@@ -25,8 +26,8 @@ from bricksrl.training.teams.groups import TeamSettings, team_policy
 from bricksrl.training.teams.team import TeamConfig, TeamEpisode, load_team, play_team, train_team
 
 ENV, FRAMES, COPIES = "Tag-v0", 300_000, 256
-SETTINGS = {"ippo": TeamSettings(), "sac": TeamSettings(updates_per_step=8.0)}
-FRAMES_OF = {"ippo": FRAMES, "sac": 100_000}
+SETTINGS = {"ippo": TeamSettings(), "mappo": TeamSettings(), "sac": TeamSettings(updates_per_step=8.0)}
+FRAMES_OF = {"ippo": FRAMES, "mappo": FRAMES, "sac": 100_000}
 RUNNERS = ("flee", "random")
 EVALUATION_SEED = 7000
 FRAME_MS = 50
@@ -112,13 +113,15 @@ def film(team: Path, path: Path, episodes: int) -> int:
 def main() -> None:
     """Measure all and write the results."""
     parser = command(__doc__)
-    parser.add_argument("--agents", nargs="+", default=["ippo"])
+    parser.add_argument("--agents", nargs="+", choices=list(SETTINGS), default=list(SETTINGS))
     parser.add_argument("--seeds", type=int, default=5)
     parser.add_argument("--episodes", type=int, default=20)
     parser.add_argument("--film", type=Path)
     chosen = parser.parse_args()
     torch.set_num_threads(1)
-    result: dict[str, Any] = {"environment": ENV, "frames": FRAMES_OF, "copies": COPIES, "agents": {}}
+    before = RESULTS / "arena.json"
+    agents = json.loads(before.read_text())["agents"] if before.exists() else {}
+    result: dict[str, Any] = {"environment": ENV, "frames": FRAMES_OF, "copies": COPIES, "agents": agents}
     with tempfile.TemporaryDirectory() as folder:
         for agent in chosen.agents:
             runs = []

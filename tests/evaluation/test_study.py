@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
+import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -77,6 +80,21 @@ def test_only_chosen_cells_are_run(tmp_path: Path) -> None:
     assert "Not run" not in page.read_text()
     with pytest.raises(RunError, match="no cell of 'toy' matches ppo-\\*; its cells: sac-WalkerSim-v0, random-WalkerSim-v0"):
         run_study(TOY, tmp_path, quick=True, only=("ppo-*",))
+
+
+def test_workers_end_with_a_study_that_is_killed(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "bricksrl", "study", "strategies", "--only", "sac-*", "--jobs", "2", "--folder", str(tmp_path)]
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL) as process:
+        try:
+            while len(metrics := list(tmp_path.rglob("metrics.csv"))) < 2:
+                assert process.poll() is None
+                time.sleep(0.1)
+        finally:
+            process.kill()
+    time.sleep(2.0)
+    before = [path.read_bytes() for path in metrics]
+    time.sleep(4.0)  # several episodes
+    assert [path.read_bytes() for path in metrics] == before
 
 
 def test_failed_seed_is_reported_others_kept(tmp_path: Path) -> None:

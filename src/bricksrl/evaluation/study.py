@@ -11,12 +11,13 @@ import json
 import os
 import platform
 import shutil
+import threading
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass
 from fnmatch import fnmatchcase
 from importlib import metadata
-from multiprocessing import get_context
+from multiprocessing import get_context, parent_process
 from pathlib import Path
 from typing import Any
 
@@ -217,14 +218,23 @@ def _made(orders: Sequence[tuple[Cell, int, str]], jobs: int | None, on: str | N
     if workers == 1:
         yield from (run_seed(*order) for order in orders)
         return
-    with ProcessPoolExecutor(workers, mp_context=get_context("spawn"), initializer=_on_one_thread) as pool:
+    with ProcessPoolExecutor(workers, mp_context=get_context("spawn"), initializer=_begin_worker) as pool:
         yield from pool.map(run_seed, *zip(*orders, strict=True))
 
 
-def _on_one_thread() -> None:
+def _begin_worker() -> None:
+    """Compute on one thread, and end as soon as the study's process does, however it ends."""
     import torch
 
     torch.set_num_threads(1)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    parent = parent_process()
+    assert parent is not None  # noqa: S101  called in a worker
+    parent.join()
+    os._exit(1)
 
 
 def summary(cell: Cell, outcomes: Sequence[dict[str, Any]]) -> dict[str, Any]:
