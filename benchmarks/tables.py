@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import json
 import re
+import statistics
 import sys
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -41,7 +42,7 @@ The agents were rewritten on TorchRL's parts. Measured with the earlier ones: le
 REDQ in the simulations, and five seeds at once.
 
 The virtual robots are made from their building plans since November 2026. Measured on the earlier twins, which were written by
-hand and a little heavier: learning from datasets (offline, warm start), the fleet and the arena.
+hand and a little heavier: learning from datasets (offline, warm start), and the fleet.
 """
 
 STUDIES_HEAD = """# Studies
@@ -329,6 +330,25 @@ def fleet(result: Result) -> str:
     return f"{table(head, rows)}\n{told}"
 
 
+def arena(result: Result) -> str:
+    """Catchers of Tag against both runners."""
+    scripts = {
+        name: {f"against_{runner}": result["scripts"][f"{key}_against_{runner}"] for runner in ("flee", "random")}
+        for name, key in (("the script", "chase"), ("random", "random"))
+    }
+    rows = []
+    for catcher, one in {**result["agents"], **scripts}.items():
+        cells = []
+        for found in (one["against_flee"], one["against_random"]):
+            ends = f" [{', '.join(f'{100 * end:.0f}' for end in found['rate_95'])}]" if "rate_95" in found else ""
+            cells.append(f"{percent(found['rate'])}{ends}, {found['steps_mean']:g} steps")
+        cpu_s = f"{statistics.median(one['training_cpu_s']):.0f} s" if "training_cpu_s" in one else ""
+        rows.append([catcher, str(one.get("seeds", "")), cpu_s, *cells])
+    head = ["catcher", "seeds", "CPU time of training", "wins against the script", "wins against a random runner"]
+    told = "The catcher is alone in its group: MAPPO, whose critic sees the whole group, is the same as IPPO here.\n"
+    return f"{table(head, rows)}\n{told}"
+
+
 def realtime_factor(result: Result) -> str:
     """Virtual robots on one core."""
     rows = [
@@ -381,6 +401,7 @@ SECTIONS: dict[str, tuple[str, Callable[[Result], str]]] = {
     "cql_updates": ("Cost of a CQL update", cql_updates),
     "realtime_learning": ("Learning in parallel with a robot that takes real time", realtime_learning),
     "fleet": ("Four robots with one learner against one, SAC on RunAway-v0 in real time", fleet),
+    "arena": ("Tag: catchers trained in the simulation, in the arena", arena),
     "realtime_factor": ("Speed of the virtual robots, hub program and environment included", realtime_factor),
     "simulation_speed": ("Speed of the batched simulations", simulation_speed),
     "link_rates": ("Rate of the link, over a simulated radio", link_rates),
