@@ -18,9 +18,9 @@ from typing import Any
 
 import torch
 from machine import RESULTS, command, write
-from torchrl.envs.utils import ExplorationType, set_exploration_type
 
 from bricksrl.envs.arenas import make_arena
+from bricksrl.evaluation.arena_film import film_arena
 from bricksrl.evaluation.statistics import FEWEST_SEEDS, wilson_interval
 from bricksrl.training.teams.groups import TeamSettings, team_policy
 from bricksrl.training.teams.team import TeamConfig, TeamEpisode, load_team, play_team, train_team
@@ -30,7 +30,6 @@ SETTINGS = {"ippo": TeamSettings(), "mappo": TeamSettings(), "sac": TeamSettings
 FRAMES_OF = {"ippo": FRAMES, "mappo": FRAMES, "sac": 100_000}
 RUNNERS = ("flee", "random")
 EVALUATION_SEED = 7000
-FRAME_MS = 50
 
 
 def rate(played: list[TeamEpisode], *, seeds: int) -> dict[str, Any]:
@@ -81,35 +80,6 @@ def scripts(episodes: int) -> dict[str, Any]:
     return found
 
 
-def film(team: Path, path: Path, episodes: int) -> int:
-    """Film episodes against the scripted runner; returns the number of frames."""
-    from bricksrl.twin.render.opengl import Renderer, VideoWriter
-
-    env, policy, frames = make_arena(ENV), load_team(team).policy, 0
-    with VideoWriter(path, 1000 / FRAME_MS) as video:
-        for number in range(episodes):
-            env.set_seed(EVALUATION_SEED + number)
-            with Renderer(env.world.bodies[0], 480, 360, "arena", shadows=True) as renderer:
-                due_ms = 0
-
-                def take(time_ms: int, renderer: Renderer = renderer) -> None:
-                    nonlocal due_ms, frames
-                    if time_ms >= due_ms:
-                        due_ms, frames = time_ms + FRAME_MS, frames + 1
-                        video.add(renderer.render())
-
-                state = env.reset()
-                env.world.on_time = take
-                with torch.no_grad(), set_exploration_type(ExplorationType.DETERMINISTIC):
-                    while True:
-                        frame = env.step(policy(state))
-                        if bool(frame["next", "done"]):
-                            break
-                        state = env.step_mdp(frame)
-    env.close()
-    return frames
-
-
 def main() -> None:
     """Measure all and write the results."""
     parser = command(__doc__)
@@ -131,7 +101,9 @@ def main() -> None:
                 result["agents"][agent] = summary(runs)
                 write("arena", result)
                 if chosen.film is not None and agent == chosen.agents[0] and seed == 0:
-                    print(film(path, chosen.film, 3), "frames", flush=True)
+                    env = make_arena(ENV)
+                    print(film_arena(env, load_team(path).policy, chosen.film, 3, EVALUATION_SEED), "images", flush=True)
+                    env.close()
     print(write("arena", {**result, "scripts": scripts(chosen.episodes)}))
 
 

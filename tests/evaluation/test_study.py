@@ -83,8 +83,8 @@ def test_only_chosen_cells_are_run(tmp_path: Path) -> None:
 
 
 def test_workers_end_with_a_study_that_is_killed(tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "bricksrl", "study", "strategies", "--only", "sac-*", "--jobs", "2", "--folder", str(tmp_path)]
-    with subprocess.Popen(command, stdout=subprocess.DEVNULL) as process:
+    study = ["study", "strategies", "--only", "sac-*", "--jobs", "2", "--folder", str(tmp_path)]
+    with subprocess.Popen([sys.executable, "-m", "bricksrl", *study], stdout=subprocess.DEVNULL) as process:
         try:
             while len(metrics := list(tmp_path.rglob("metrics.csv"))) < 2:
                 assert process.poll() is None

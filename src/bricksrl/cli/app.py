@@ -37,6 +37,7 @@ _COMMANDS = {
     "list": "envs:List",
     "train": "train:Train",
     "train-offline": "offline:TrainOffline",
+    "team": "team:TrainTeam",
     "resume": "train:Resume",
     "tune": "tune:Tune",
     "study": "study:StudyCommand",

@@ -12,7 +12,7 @@ from bricksrl.cli.terminal import print_line
 
 @dataclass(frozen=True)
 class List:
-    """List the environments, agents, presets and robots.
+    """List the environments, arenas (several robots in one world), agents, presets and robots.
 
     The JSON object also names the entries of each observation and action.
 
@@ -36,6 +36,7 @@ class List:
 
 def _collect() -> dict[str, Any]:
     from bricksrl import agents, envs, robots
+    from bricksrl.envs.arenas import ARENAS
 
     summaries = envs.list_envs()
     tasks = [envs.get_task(env_id) for env_id in summaries]
@@ -51,6 +52,7 @@ def _collect() -> dict[str, Any]:
             }
             for task in tasks
         ],
+        "arenas": list(ARENAS),
         "agents": list(agents.AGENTS),
         "presets": list(agents.PRESETS),
         "robots": sorted(robots.ROBOTS),
@@ -67,5 +69,5 @@ def _print_table(names: dict[str, Any]) -> None:
     console = Console()
     console.print(table)
     console.print()
-    for kind in ("agents", "presets", "robots"):
+    for kind in ("arenas", "agents", "presets", "robots"):
         console.print(f"{kind + ':':9}{', '.join(names[kind])}", highlight=False)

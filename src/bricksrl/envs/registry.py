@@ -240,7 +240,7 @@ def _offer(env_id: str) -> _Offer:
         return _offers[env_id]
     except KeyError:
         if env_id in ARENAS:
-            message = f"{env_id} has several robots; make it with bricksrl.envs.arenas.make_arena, and see docs/arena.md"
+            message = f"{env_id} has several robots; train it with `bricksrl team {env_id}`, make it with envs.arenas.make_arena"
             raise UnknownNameError(message) from None
         known = sorted(_offers)
         message = f"there is no environment '{env_id}'{hint(env_id, known)}; choose one of {', '.join(known)}"

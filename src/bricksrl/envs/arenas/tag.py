@@ -164,4 +164,5 @@ TAG = ArenaTask(
     terminated=caught,
     success=caught,
     scripts={"flee": flee, "chase": chase},
+    opponents={"catcher": "chase", "runner": "flee,random"},
 )

@@ -42,7 +42,7 @@ class ArenaTask:
         id: name and version, such as ``"Tag-v0"``.
         doc: the description; its first line is the summary.
         interfaces: interface of each of the arena's robots, with commands of the left and the right wheel.
-        groups: names of the robots that learn together, by group; each robot is in one.
+        groups: names of the robots that learn together, by group; each robot is in one. By default the first group learns.
         max_steps: steps after which an episode is truncated.
         entries: entries of each robot's observation.
         observe: maps a state to the observations, ``[*batch, robots, n]``.
@@ -50,6 +50,7 @@ class ArenaTask:
         terminated: maps a state to ``[*batch, 1]`` bool.
         success: maps the state after the last step to ``[*batch, 1]`` bool.
         scripts: hand-written policies by name, from an observation ``[*batch, n]`` of one robot to its action ``[*batch, 2]``.
+        opponents: script of each group while it does not learn, or several separated by commas for the copies in turn.
     """
 
     id: str
@@ -64,6 +65,7 @@ class ArenaTask:
     terminated: Callable[[ArenaState], Tensor]
     success: Callable[[ArenaState], Tensor]
     scripts: Mapping[str, Callable[[Tensor], Tensor]] = field(default_factory=dict)
+    opponents: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if re.fullmatch(r"\w+-v\d+", self.id) is None:

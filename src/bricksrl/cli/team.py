@@ -1,0 +1,137 @@
+"""``bricksrl team``: train robots that share one world."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from tyro.conf import Positional, UseAppendAction
+
+from bricksrl.cli.options import option
+from bricksrl.cli.terminal import INTERRUPTED, load_learning, print_interrupted, print_line
+from bricksrl.errors import RenderingUnavailableError, RunError, UnknownNameError, counted
+
+if TYPE_CHECKING:
+    from bricksrl.training.teams.team import Team, TeamConfig, TeamProgress
+
+TEAM_FILE, FILM_FILE = "team.bin", "film.mp4"
+_SIMULATED_FRAMES, _ARENA_FRAMES = 300_000, 10_000
+_EVALUATION_SEED = 7000
+_FILMED_EPISODES = 3
+_LINES = 20
+"""Maximum number of lines on the progress of a training."""
+
+
+@dataclass(frozen=True)
+class TrainTeam:
+    """Train robots that share one world, let them play, and film them.
+
+    They learn in a kinematic simulation of their arena or, with --copies 0 and where there is no simulation, in the arena itself:
+    virtual hubs in one physics world, where they also play afterwards. The folder gets team.bin and, with OpenGL, a film.
+
+    Examples:
+      bricksrl team Tag-v0
+      bricksrl team Tag-v0 --agent sac --learn runner
+      bricksrl team --play runs/tag
+      bricksrl team Carry-v0
+    """
+
+    env: Annotated[Positional[str | None], option(metavar="ARENA")] = None
+    """Arena; `bricksrl list` shows them."""
+    agent: Annotated[Literal["mappo", "ippo", "sac"], option(metavar="NAME")] = "ippo"
+    """Algorithm: mappo, with a critic of the whole group, ippo, with a critic of each robot, or sac."""
+    learn: Annotated[UseAppendAction[tuple[str, ...]], option(metavar="GROUP")] = ()
+    """Group of robots that learns; the others follow their scripts. May be repeated. Default: the arena's first group."""
+    frames: Annotated[int | None, option(metavar="N")] = None
+    """Steps of all copies together; by default 300,000 in the simulation, 10,000 in the arena itself."""
+    copies: Annotated[int | None, option(metavar="N")] = None
+    """Copies of the simulation; 0 for the arena itself. Default: 256 where there is a simulation."""
+    seed: Annotated[int, option(metavar="N")] = 0
+    """Seed of all random numbers: the same seed gives the same team."""
+    episodes: Annotated[int, option(metavar="N")] = 20
+    """Episodes to play after the training."""
+    run: Annotated[Path | None, option(metavar="DIR")] = None
+    """Folder to write to, which must not exist; by default runs/<arena>-<agent>-<seed>-<time>."""
+    play: Annotated[Path | None, option(metavar="DIR")] = None
+    """Play with the team of this folder instead of training one."""
+
+    def execute(self) -> int:
+        """Train or load a team, let it play, and print how often it succeeded."""
+        from bricksrl.envs.arenas import ARENAS
+        from bricksrl.training.teams.team import load_team
+
+        if self.episodes < 1:
+            raise RunError(f"episodes is {self.episodes}; give 1 or more")
+        load_learning()
+        if self.play is not None:
+            return self._play(load_team(self.play / TEAM_FILE), None)
+        if self.env is None:
+            raise RunError(f"name an arena to train in ({', '.join(ARENAS)}), or a folder to --play")
+        config = self.config(self.env)
+        time = datetime.now().astimezone().strftime("%Y%m%d-%H%M%S")
+        folder = self.run or Path("runs") / f"{self.env}-{self.agent}-{self.seed}-{time}"
+        if folder.exists():
+            raise RunError(f"{folder} exists already; choose another folder with --run")
+        try:
+            team = self._train(config, folder)
+        except KeyboardInterrupt:
+            print_interrupted("nothing was kept")
+            return INTERRUPTED
+        return self._play(team, folder)
+
+    def _train(self, config: TeamConfig, folder: Path) -> Team:
+        from bricksrl.training.teams.team import train_team
+
+        print_line(f"{self.agent} on {config.env}, seed {self.seed}: {', '.join(config.agents)} learns; {folder}")
+
+        shown = 0
+
+        def show(progress: TeamProgress) -> None:
+            nonlocal shown
+            if progress.episodes and progress.frames * _LINES >= (shown + 1) * config.frames:
+                shown = progress.frames * _LINES // config.frames
+                returns = "  ".join(f"{group} {value:.4g}" for group, value in progress.returns.items())
+                line = f"step {progress.frames}/{config.frames}  {counted(progress.episodes, 'episode')}  return {returns}"
+                print_line(f"{line}  success {100 * progress.success:.0f} %")
+
+        team = train_team(config, on_progress=show)
+        folder.mkdir(parents=True)
+        team.save(folder / TEAM_FILE)
+        return team
+
+    def config(self, env: str) -> TeamConfig:
+        """Configuration of the training. Raises UnknownNameError for an unknown arena or group."""
+        from bricksrl.envs.arenas import get_arena_task
+        from bricksrl.training.teams.team import TeamConfig
+
+        task = get_arena_task(env)
+        for group in self.learn:
+            if group not in task.groups:
+                raise UnknownNameError(f"{env} has no group '{group}'; choose {', '.join(task.groups)}")
+        learning = self.learn or tuple(task.groups)[:1]
+        scripts = {group: task.opponents.get(group, "random") for group in task.groups if group not in learning}
+        copies = self.copies if self.copies is not None else 0 if task.arena.loads else 256
+        frames = self.frames or (_SIMULATED_FRAMES if copies else _ARENA_FRAMES)
+        return TeamConfig(env, dict.fromkeys(learning, self.agent), scripts, frames, copies, self.seed)
+
+    def _play(self, team: Team, folder: Path | None) -> int:
+        from bricksrl.envs.arenas import make_arena
+        from bricksrl.evaluation.arena_film import film_arena
+        from bricksrl.training.teams.team import play_team
+
+        env = make_arena(team.config.env)
+        played = play_team(env, team.policy, self.episodes, _EVALUATION_SEED + self.seed)
+        succeeded = sum(episode.success for episode in played)
+        steps = sum(episode.length for episode in played) / len(played)
+        print_line(f"success         {succeeded} of {counted(len(played), 'episode')} in the arena, {steps:.1f} steps on average")
+        if folder is not None:
+            print_line(f"team            {folder / TEAM_FILE}")
+            try:
+                film_arena(env, team.policy, folder / FILM_FILE, _FILMED_EPISODES, _EVALUATION_SEED)
+                print_line(f"film            {folder / FILM_FILE}")
+            except RenderingUnavailableError as error:
+                print_line(f"film            none: {error}")
+        env.close()
+        return 0

@@ -1,0 +1,48 @@
+"""`bricksrl team`: robots that share one world."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from bricksrl.cli.app import run
+from bricksrl.cli.team import TrainTeam
+from bricksrl.errors import RunError, UnknownNameError
+
+
+def test_team_is_trained_played_and_played_again(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    command = ["team", "Tag-v0", "--copies", "8", "--frames", "2048", "--episodes", "1", "--run", str(tmp_path / "tag")]
+    assert run(command) == 0
+    shown = capsys.readouterr().out
+    assert "ippo on Tag-v0, seed 0: catcher learns" in shown and "step 2048/2048" in shown
+    assert f"team            {tmp_path / 'tag' / 'team.bin'}" in shown
+    assert (tmp_path / "tag" / "film.mp4").exists() or "film            none:" in shown
+    success = next(line for line in shown.splitlines() if line.startswith("success"))
+    assert run(["team", "--play", str(tmp_path / "tag"), "--episodes", "1"]) == 0
+    assert capsys.readouterr().out.splitlines() == [success]
+    assert run(command) == 2 and "exists already" in capsys.readouterr().err
+
+
+def test_options_make_the_configuration() -> None:
+    config = TrainTeam(agent="sac", learn=("runner",), seed=3).config("Tag-v0")
+    assert (config.agents, config.scripts) == ({"runner": "sac"}, {"catcher": "chase"})
+    assert (config.copies, config.frames, config.seed) == (256, 300_000, 3)
+    both = TrainTeam(learn=("catcher", "runner"), copies=0, frames=7).config("Tag-v0")
+    assert (both.agents, both.scripts, both.copies, both.frames) == ({"catcher": "ippo", "runner": "ippo"}, {}, 0, 7)
+    carry = TrainTeam().config("Carry-v0")
+    assert (carry.agents, carry.copies, carry.frames) == ({"agents": "ippo"}, 0, 10_000), "the beam has no simulation"
+
+
+def test_invalid_teams_are_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(UnknownNameError, match="Tag-v0 has no group 'seeker'; choose catcher, runner"):
+        TrainTeam(learn=("seeker",)).config("Tag-v0")
+    with pytest.raises(UnknownNameError, match="there is no arena 'Walker-v0'"):
+        TrainTeam().config("Walker-v0")
+    with pytest.raises(RunError, match="episodes is 0"):
+        TrainTeam(episodes=0).execute()
+    assert run(["team"]) == 2 and "name an arena to train in (Tag-v0, Carry-v0)" in capsys.readouterr().err
+    assert run(["team", "--play", str(tmp_path)]) == 2 and "team.bin" in capsys.readouterr().err
+    assert run(["team", "Tag-v0", "--copies", "-1"]) == 2 and "0 copies or more" in capsys.readouterr().err
+    assert run(["list", "--json"]) == 0 and json.loads(capsys.readouterr().out)["arenas"] == ["Tag-v0", "Carry-v0"]
