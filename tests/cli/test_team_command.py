@@ -16,7 +16,7 @@ def test_team_is_trained_played_and_played_again(tmp_path: Path, capsys: pytest.
     command = ["team", "Tag-v0", "--copies", "8", "--frames", "2048", "--episodes", "1", "--run", str(tmp_path / "tag")]
     assert run(command) == 0
     shown = capsys.readouterr().out
-    assert "ippo on Tag-v0, seed 0: catcher learns" in shown and "step 2048/2048" in shown
+    assert "Tag-v0, seed 0: catcher by ippo; " in shown and "step 2048/2048" in shown
     assert f"team            {tmp_path / 'tag' / 'team.bin'}" in shown
     assert (tmp_path / "tag" / "film.mp4").exists() or "film            none:" in shown
     success = next(line for line in shown.splitlines() if line.startswith("success"))
@@ -30,9 +30,9 @@ def test_options_make_the_configuration() -> None:
     assert (config.agents, config.scripts) == ({"runner": "sac"}, {"catcher": "chase"})
     assert (config.copies, config.frames, config.seed) == (256, 300_000, 3)
     both = TrainTeam(learn=("catcher", "runner"), copies=0, frames=7).config("Tag-v0")
-    assert (both.agents, both.scripts, both.copies, both.frames) == ({"catcher": "ippo", "runner": "ippo"}, {}, 0, 7)
+    assert (both.agents, both.scripts, both.copies, both.frames) == ({"catcher": "sac", "runner": "sac"}, {}, 0, 7)
     carry = TrainTeam().config("Carry-v0")
-    assert (carry.agents, carry.copies, carry.frames) == ({"agents": "ippo"}, 0, 10_000), "the beam has no simulation"
+    assert (carry.agents, carry.copies, carry.frames) == ({"agents": "sac"}, 0, 10_000), "the beam has no simulation"
 
 
 def test_invalid_teams_are_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 TEAM_FILE, FILM_FILE = "team.bin", "film.mp4"
 _SIMULATED_FRAMES, _ARENA_FRAMES = 300_000, 10_000
 _EVALUATION_SEED = 7000
-_FILMED_EPISODES = 3
+_FILMED_EPISODES = 2
 _LINES = 20
 """Maximum number of lines on the progress of a training."""
 
@@ -40,8 +40,9 @@ class TrainTeam:
 
     env: Annotated[Positional[str | None], option(metavar="ARENA")] = None
     """Arena; `bricksrl list` shows them."""
-    agent: Annotated[Literal["mappo", "ippo", "sac"], option(metavar="NAME")] = "ippo"
-    """Algorithm: mappo, with a critic of the whole group, ippo, with a critic of each robot, or sac."""
+    agent: Annotated[Literal["mappo", "ippo", "sac"] | None, option(metavar="NAME")] = None
+    """Algorithm: mappo, with a critic of the whole group, ippo, with a critic of each robot, or sac. Default: ippo in the
+    simulation; in the arena itself sac, which needs fewer steps."""
     learn: Annotated[UseAppendAction[tuple[str, ...]], option(metavar="GROUP")] = ()
     """Group of robots that learns; the others follow their scripts. May be repeated. Default: the arena's first group."""
     frames: Annotated[int | None, option(metavar="N")] = None
@@ -71,7 +72,7 @@ class TrainTeam:
             raise RunError(f"name an arena to train in ({', '.join(ARENAS)}), or a folder to --play")
         config = self.config(self.env)
         time = datetime.now().astimezone().strftime("%Y%m%d-%H%M%S")
-        folder = self.run or Path("runs") / f"{self.env}-{self.agent}-{self.seed}-{time}"
+        folder = self.run or Path("runs") / f"{self.env}-{next(iter(config.agents.values()))}-{self.seed}-{time}"
         if folder.exists():
             raise RunError(f"{folder} exists already; choose another folder with --run")
         try:
@@ -84,7 +85,8 @@ class TrainTeam:
     def _train(self, config: TeamConfig, folder: Path) -> Team:
         from bricksrl.training.teams.team import train_team
 
-        print_line(f"{self.agent} on {config.env}, seed {self.seed}: {', '.join(config.agents)} learns; {folder}")
+        learning = ", ".join(f"{group} by {agent}" for group, agent in config.agents.items())
+        print_line(f"{config.env}, seed {config.seed}: {learning}; {folder}")
 
         shown = 0
 
@@ -114,7 +116,8 @@ class TrainTeam:
         scripts = {group: task.opponents.get(group, "random") for group in task.groups if group not in learning}
         copies = self.copies if self.copies is not None else 0 if task.arena.loads else 256
         frames = self.frames or (_SIMULATED_FRAMES if copies else _ARENA_FRAMES)
-        return TeamConfig(env, dict.fromkeys(learning, self.agent), scripts, frames, copies, self.seed)
+        agent = self.agent or ("ippo" if copies else "sac")
+        return TeamConfig(env, dict.fromkeys(learning, agent), scripts, frames, copies, self.seed)
 
     def _play(self, team: Team, folder: Path | None) -> int:
         from bricksrl.envs.arenas import make_arena
