@@ -159,7 +159,7 @@ def _menu(context: Context, entries: tuple[Any, ...]) -> Any:
 
     def pressed(want: bool) -> frozenset[str]:
         while bool(down := panel.pressed(machine.time_ms)) is not want:
-            if want and panel.is_deserted:
+            if want and panel.is_unattended:
                 raise TwinError(
                     'hub_menu waits for a button, and nobody presses one; choose with --press "right@1s" --press "center@2s"'
                 )
