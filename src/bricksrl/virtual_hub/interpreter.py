@@ -12,7 +12,7 @@ from bricksrl.virtual_hub.console import Console
 from bricksrl.virtual_hub.micropython.builtins import builtin_names
 from bricksrl.virtual_hub.micropython.compiler import compiled
 from bricksrl.virtual_hub.micropython.errors import class_name, reword
-from bricksrl.virtual_hub.micropython.text import uncaught
+from bricksrl.virtual_hub.micropython.text import uncaught_text
 
 
 class Modules(dict[str, ModuleType]):
@@ -91,7 +91,7 @@ def format_traceback(error: BaseException, filename: str) -> str:
             lines.append(f'  File "{error.filename or filename}", line {error.lineno}{block}')
         last = f"{class_name(type(error))}: {error.msg}"
     else:
-        last = uncaught(error)
+        last = uncaught_text(error)
     if lines:
         lines.insert(0, "Traceback (most recent call last):")
     return "\n".join([*lines, last]) + "\n"

@@ -70,15 +70,15 @@ def modules(machine: Machine, console: Console) -> Modules:
     }
     if hub is HubKind.MOVE:
         del pybricks["iodevices"]
-    found = {f"pybricks.{name}": part for name, part in pybricks.items()}
-    found["pybricks"] = module("pybricks", {"version": (f"{hub.value}hub", FIRMWARE_VERSION, FIRMWARE_BUILD)})
+    result = {f"pybricks.{name}": part for name, part in pybricks.items()}
+    result["pybricks"] = module("pybricks", {"version": (f"{hub.value}hub", FIRMWARE_VERSION, FIRMWARE_BUILD)})
     if hub.model.has_float:
-        found["pybricks.geometry"] = pybricks["tools"]
+        result["pybricks.geometry"] = pybricks["tools"]
     language = _language_modules(machine, console)
-    found.update(language)
-    found.update({f"u{name}": language[name] for name in _U_PREFIXED if name in language})
+    result.update(language)
+    result.update({f"u{name}": language[name] for name in _U_PREFIXED if name in language})
     machine.branch(None)
-    return Modules(found, machine.turn_loop, machine.branch, missing_builtins=_MISSING_BUILTINS.get(hub, ()))
+    return Modules(result, machine.turn_loop, machine.branch, missing_builtins=_MISSING_BUILTINS.get(hub, ()))
 
 
 def _language_modules(machine: Machine, console: Console) -> dict[str, ModuleType]:
