@@ -15,7 +15,7 @@ from bricksrl.entry import Entry
 from bricksrl.errors import DataError
 from bricksrl.teleop.gamepad import GamepadDriver, LinuxPad, PygamePad
 from bricksrl.teleop.keyboard import KeyboardDriver
-from bricksrl.teleop.mapping import Paced, reach, rest
+from bricksrl.teleop.mapping import Paced, push_action, rest_action
 
 pytestmark = pytest.mark.realtime
 
@@ -24,11 +24,12 @@ NOTHING = torch.zeros(3)
 
 
 def test_released_controls_do_not_move() -> None:
-    at_rest = rest([LEG, ARM, Entry("unknown"), Entry("far", 10.0, 20.0, "deg")])
+    at_rest = rest_action([LEG, ARM, Entry("unknown"), Entry("far", 10.0, 20.0, "deg")])
     assert at_rest.tolist() == [1.0, 0.0, 0.0, -1.0]  # 0 degrees, and the nearest to it
-    assert reach(torch.zeros(4), at_rest).tolist() == at_rest.tolist()
-    assert reach(torch.ones(4), at_rest).tolist() == [1.0] * 4 and reach(-torch.ones(4), at_rest).tolist() == [-1.0] * 4
-    assert reach(torch.tensor([-0.5, 0.5, 9.0, 0.0]), at_rest).tolist() == [0.0, 0.5, 1.0, -1.0]
+    assert push_action(torch.zeros(4), at_rest).tolist() == at_rest.tolist()
+    assert push_action(torch.ones(4), at_rest).tolist() == [1.0] * 4
+    assert push_action(-torch.ones(4), at_rest).tolist() == [-1.0] * 4
+    assert push_action(torch.tensor([-0.5, 0.5, 9.0, 0.0]), at_rest).tolist() == [0.0, 0.5, 1.0, -1.0]
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals are of POSIX")

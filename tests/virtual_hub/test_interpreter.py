@@ -278,7 +278,7 @@ def test_missing_builtins(name: str) -> None:
 
 def test_memoryview_depends_on_hub() -> None:
     with pytest.raises(NameError, match="memoryview"):
-        execute("memoryview(b'')", "main.py", Modules({}, lambda: None, bool, lacks=("memoryview",)), Recorder())
+        execute("memoryview(b'')", "main.py", Modules({}, lambda: None, bool, missing_builtins=("memoryview",)), Recorder())
     execute("memoryview(b'')", "main.py", Modules({}, lambda: None, bool), Recorder())
 
 

@@ -27,9 +27,9 @@ def test_wait_continues_after_alarm() -> None:
 
 def test_doze_ends_at_alarm() -> None:
     machine, rung = machine_with_alarm(7)
-    assert machine.doze(12) == 7
+    assert machine.advance_to_alarm(12) == 7
     assert (machine.time_ms, rung) == (7, [7])
-    assert machine.doze(12) == 12
+    assert machine.advance_to_alarm(12) == 12
     assert (machine.time_ms, rung) == (19, [7])
 
 
@@ -42,7 +42,7 @@ def test_doze_runs_control_loop() -> None:
         servo.run(500)
         for _ in range(40):
             if dozes:
-                machine.doze(6)
+                machine.advance_to_alarm(6)
             else:
                 for _ in range(6):
                     machine.advance(1)

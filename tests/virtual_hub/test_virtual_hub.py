@@ -188,13 +188,13 @@ def test_realtime_robot_does_not_wait_for_host() -> None:
 def test_realtime_advances_in_steps_and_stops_soon(monkeypatch: pytest.MonkeyPatch) -> None:
     virtual = hub("from pybricks.tools import wait\nwait(100000)", realtime=True)
     seen = []
-    wait_for_wall = virtual._wait_for_wall
+    wait_for_real_time = virtual._wait_for_real_time
 
     def look() -> None:
         seen.append(virtual.machine.time_ms)
-        wait_for_wall()
+        wait_for_real_time()
 
-    monkeypatch.setattr(virtual, "_wait_for_wall", look)
+    monkeypatch.setattr(virtual, "_wait_for_real_time", look)
     assert virtual.read(0.3) == b""
     assert max(b - a for a, b in itertools.pairwise(seen)) <= 15
     stopper = threading.Timer(0.1, virtual.stop)

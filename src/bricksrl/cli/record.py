@@ -137,7 +137,7 @@ class Record:
         self, env: EnvBase, recorder: Recorder, human: Driver | None, tell: Callable[[Collected], None], page: LivePage | None
     ) -> None:
         from bricksrl.data.collect import collect, random_policy
-        from bricksrl.teleop.mapping import Paced, rest
+        from bricksrl.teleop.mapping import Paced, rest_action
 
         on_frame: Callable[[TensorDictBase], None] = _unseen
         driver, on_episode = human, tell
@@ -151,7 +151,7 @@ class Record:
         if self.policy == "random":
             policy = random_policy(env, self.seed)
         elif self.policy in HANDS:
-            still = rest(recorder.description.action)
+            still = rest_action(recorder.description.action)
             policy = lambda state: state.set("action", still)  # noqa: E731  the robot rests while the human does not drive
         else:
             learner = _learner(Path(self.policy), env)

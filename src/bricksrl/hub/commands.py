@@ -16,21 +16,20 @@ from bricksrl.errors import DescriptionError
 from bricksrl.hub.kinds import WIRE_MAX, Command, Imports
 from bricksrl.robots import DriveBase, HubKind, Robot
 
-_LEAST_DEG = 10.0
-"""Maximum turn that a test of an endless move requires."""
-_LOWEST_HZ = 64
-"""Lowest tone that a hub plays."""
+_MAX_TEST_TURN_DEG = 10.0
+"""Largest turn that the test of an endless move requires."""
+_LOWEST_TONE_HZ = 64
 
 
-def _at_least(turn_deg: float) -> float:
-    return max(-_LEAST_DEG, min(_LEAST_DEG, turn_deg))
+def _test_turn_deg(turn_deg: float) -> float:
+    return max(-_MAX_TEST_TURN_DEG, min(_MAX_TEST_TURN_DEG, turn_deg))
 
 
 # ---------------------------------------------------------------- one motor
 
 
 @dataclass(frozen=True)
-class _OfMotor(Command):
+class _MotorCommand(Command):
     """Command of one motor."""
 
     motor: str
@@ -53,7 +52,7 @@ class _OfMotor(Command):
 
 
 @dataclass(frozen=True)
-class RunAngle(_OfMotor):
+class RunAngle(_MotorCommand):
     """Turn one motor by an angle, without waiting: ``Motor.run_angle(speed, angle, wait=False)``."""
 
     speed_deg_s: int
@@ -76,7 +75,7 @@ class RunAngle(_OfMotor):
 
 
 @dataclass(frozen=True)
-class _Endless(_OfMotor):
+class _Endless(_MotorCommand):
     """Command that turns a motor until the next command; not for motors with a range."""
 
     ends: ClassVar[bool] = False
@@ -88,7 +87,7 @@ class _Endless(_OfMotor):
             )
 
     def turns_deg(self, robot: Robot, amount: float) -> tuple[float, ...]:
-        return (_at_least(amount),)
+        return (_test_turn_deg(amount),)
 
 
 @dataclass(frozen=True)
@@ -117,7 +116,7 @@ class RunDuty(_Endless):
 
 
 @dataclass(frozen=True)
-class TrackTarget(_OfMotor):
+class TrackTarget(_MotorCommand):
     """Move one motor to an angle as fast as possible, without a profile, and hold it: ``Motor.track_target(angle)``."""
 
     unit: ClassVar[str] = "deg"
@@ -126,11 +125,11 @@ class TrackTarget(_OfMotor):
     code: ClassVar[str] = "{0.mover}.track_target({1})"
 
     def check(self, robot: Robot) -> None:
-        reach = robot.motor(self.motor).range_deg
-        if reach is not None and not reach[0] <= self.low < self.high <= reach[1]:
+        range_deg = robot.motor(self.motor).range_deg
+        if range_deg is not None and not range_deg[0] <= self.low < self.high <= range_deg[1]:
             raise DescriptionError(
                 f"command '{self.name}' ranges from {self.low:g} to {self.high:g} deg, beyond the motor's range of "
-                f"{reach[0]} to {reach[1]}; stay within"
+                f"{range_deg[0]} to {range_deg[1]}; stay within"
             )
 
     def turns_deg(self, robot: Robot, amount: float) -> tuple[float, ...]:
@@ -141,7 +140,7 @@ class TrackTarget(_OfMotor):
 
 
 @dataclass(frozen=True)
-class _OfDriveBase(Command):
+class _DriveBaseCommand(Command):
     """Command of both motors of the drive base."""
 
     low: float
@@ -165,7 +164,7 @@ class _OfDriveBase(Command):
 
 
 @dataclass(frozen=True)
-class DriveStraight(_OfDriveBase):
+class DriveStraight(_DriveBaseCommand):
     """Drive the drive base by a distance, without waiting: ``DriveBase.straight(distance, wait=False)``."""
 
     unit: ClassVar[str] = "mm"
@@ -179,7 +178,7 @@ class DriveStraight(_OfDriveBase):
 
 
 @dataclass(frozen=True)
-class Turn(_OfDriveBase):
+class Turn(_DriveBaseCommand):
     """Turn the drive base on the spot, clockwise positive, without waiting: ``DriveBase.turn(angle, wait=False)``."""
 
     unit: ClassVar[str] = "deg"
@@ -194,7 +193,7 @@ class Turn(_OfDriveBase):
 
 
 @dataclass(frozen=True)
-class Curve(_OfDriveBase):
+class Curve(_DriveBaseCommand):
     """Drive along a circle by an angle, to the right for a positive one, without waiting: ``DriveBase.curve(..., wait=False)``.
     ``radius_mm``: radius of the path of the robot's centre; negative to drive backwards."""
 
@@ -213,12 +212,12 @@ class Curve(_OfDriveBase):
 
     def turns_deg(self, robot: Robot, amount: float) -> tuple[float, ...]:
         base = drive_base(robot, self.name)
-        way, turn = abs(amount) * self.radius_mm, math.copysign(amount, amount * self.radius_mm) * base.axle_track_mm / 2
-        return 2 * (way + turn) / base.wheel_diameter_mm, 2 * (way - turn) / base.wheel_diameter_mm
+        path, turn = abs(amount) * self.radius_mm, math.copysign(amount, amount * self.radius_mm) * base.axle_track_mm / 2
+        return 2 * (path + turn) / base.wheel_diameter_mm, 2 * (path - turn) / base.wheel_diameter_mm
 
 
 @dataclass(frozen=True)
-class _Drive(_OfDriveBase):
+class _Drive(_DriveBaseCommand):
     """One of the two arguments of ``DriveBase.drive(speed, turn_rate)``; the other is 0 unless it is a command too."""
 
     ends: ClassVar[bool] = False
@@ -228,7 +227,7 @@ class _Drive(_OfDriveBase):
         return self.start_all(robot, {self.name: amount})
 
     def start_all(self, robot: Robot, amounts: Mapping[str, str]) -> str:
-        speed, turn_rate = (amounts.get(kind.name, "0") for kind in (DriveSpeed, DriveTurnRate))
+        speed, turn_rate = (amounts.get(command.name, "0") for command in (DriveSpeed, DriveTurnRate))
         return f"{self.mover}.drive({speed}, {turn_rate})"
 
 
@@ -241,7 +240,7 @@ class DriveSpeed(_Drive):
     description: ClassVar[str] = "drive at {0.low:g} to {0.high:g} mm/s"
 
     def turns_deg(self, robot: Robot, amount: float) -> tuple[float, ...]:
-        turn_deg = _at_least(drive_base(robot, self.name).turn_deg(amount))
+        turn_deg = _test_turn_deg(drive_base(robot, self.name).turn_deg(amount))
         return turn_deg, turn_deg
 
 
@@ -255,20 +254,20 @@ class DriveTurnRate(_Drive):
 
     def turns_deg(self, robot: Robot, amount: float) -> tuple[float, ...]:
         base = drive_base(robot, self.name)
-        wheel_deg = _at_least(amount * base.axle_track_mm / base.wheel_diameter_mm)
+        wheel_deg = _test_turn_deg(amount * base.axle_track_mm / base.wheel_diameter_mm)
         return wheel_deg, -wheel_deg
 
 
-def drive_base(robot: Robot, wanted_for: str) -> DriveBase:
+def drive_base(robot: Robot, needed_by: str) -> DriveBase:
     """The robot's drive base. Raises DescriptionError if the robot has no drive base."""
     if robot.drive_base is None:
-        raise DescriptionError(f"robot '{robot.name}' has no drive base for '{wanted_for}'; describe one or command its motors")
+        raise DescriptionError(f"robot '{robot.name}' has no drive base for '{needed_by}'; describe one or command its motors")
     return robot.drive_base
 
 
-def drive_base_setup(robot: Robot, wanted_for: str) -> tuple[str, ...]:
+def drive_base_setup(robot: Robot, needed_by: str) -> tuple[str, ...]:
     """Statement of a hub program that makes the object ``drive_base``."""
-    base = drive_base(robot, wanted_for)
+    base = drive_base(robot, needed_by)
     size = f"wheel_diameter={base.wheel_diameter_mm!r}, axle_track={base.axle_track_mm!r}"
     return (f"drive_base = DriveBase(motor_{base.left}, motor_{base.right}, {size})",)
 
@@ -277,7 +276,7 @@ def drive_base_setup(robot: Robot, wanted_for: str) -> tuple[str, ...]:
 
 
 @dataclass(frozen=True)
-class _OfHub(Command):
+class _HubCommand(Command):
     """Command of the hub itself, without a motor."""
 
     mover: ClassVar[None] = None
@@ -290,7 +289,7 @@ class _OfHub(Command):
 
 
 @dataclass(frozen=True)
-class HubLight(_OfHub):
+class HubLight(_HubCommand):
     """Hue of the hub's light: ``hub.light.on(Color(hue, 100, 100))``; 0 is red, 120 green, 240 blue."""
 
     low: float = 0.0
@@ -307,7 +306,7 @@ class HubLight(_OfHub):
 
 
 @dataclass(frozen=True)
-class HubSound(_OfHub):
+class HubSound(_HubCommand):
     """Short tone of the hub's loudspeaker: ``hub.speaker.beep(frequency, duration)``; silent below 64 Hz. ``duration_ms``:
     duration of the tone, for which the hub waits."""
 
@@ -332,4 +331,4 @@ class HubSound(_OfHub):
 
     def setup(self, robot: Robot) -> tuple[str, ...]:
         play = f"hub.speaker.beep(frequency_hz, {self.duration_ms})"
-        return ("def play_tone(frequency_hz):", f"    if frequency_hz >= {_LOWEST_HZ}:", f"        {play}", "")
+        return ("def play_tone(frequency_hz):", f"    if frequency_hz >= {_LOWEST_TONE_HZ}:", f"        {play}", "")

@@ -90,7 +90,7 @@ class MotorAngle(Channel):
         return f"motor_{self.motor}.angle()" + (" % 360" if self.wraps else "")
 
 
-class _OfImu(Channel):
+class _ImuChannel(Channel):
     """Channel of the hub's IMU."""
 
     def check(self, robot: Robot) -> None:
@@ -102,7 +102,7 @@ class _OfImu(Channel):
 
 
 @dataclass(frozen=True)
-class _Tilt(_OfImu):
+class _Tilt(_ImuChannel):
     low: float = -90.0
     high: float = 90.0
     scale: ClassVar[int] = 100
@@ -131,7 +131,7 @@ class Roll(_Tilt):
 
 
 @dataclass(frozen=True)
-class YawRate(_OfImu):
+class YawRate(_ImuChannel):
     """``hub.imu.angular_velocity(Axis.Z)``; the range is nominal: faster turns are reported as they are."""
 
     low: float = -100.0
@@ -146,7 +146,7 @@ class YawRate(_OfImu):
 
 
 @dataclass(frozen=True)
-class Heading(_OfImu):
+class Heading(_ImuChannel):
     """``hub.imu.heading()``, clockwise positive, not wrapped; the range is nominal."""
 
     low: float = -180.0
@@ -158,7 +158,7 @@ class Heading(_OfImu):
 
 
 @dataclass(frozen=True)
-class _OfDriveBase(Channel):
+class _DriveBaseChannel(Channel):
     """Odometry of the drive base since the program started; the range is nominal."""
 
     low: float
@@ -178,7 +178,7 @@ class _OfDriveBase(Channel):
 
 
 @dataclass(frozen=True)
-class DriveDistance(_OfDriveBase):
+class DriveDistance(_DriveBaseChannel):
     """``DriveBase.distance()``, forward positive."""
 
     scale: ClassVar[int] = 1
@@ -189,7 +189,7 @@ class DriveDistance(_OfDriveBase):
 
 
 @dataclass(frozen=True)
-class DriveAngle(_OfDriveBase):
+class DriveAngle(_DriveBaseChannel):
     """``DriveBase.angle()``, clockwise positive."""
 
     unit: ClassVar[str] = "deg"
@@ -334,9 +334,9 @@ class Interface:
     @property
     def angle_places(self) -> dict[str, int]:
         """Index of each motor's angle among the channels, by motor name."""
-        return {channel.motor: place for place, channel in enumerate(self.channels) if isinstance(channel, MotorAngle)}
+        return {channel.motor: index for index, channel in enumerate(self.channels) if isinstance(channel, MotorAngle)}
 
     @property
     def distance_place(self) -> int | None:
         """Index of the first distance among the channels; ``None`` if there is none."""
-        return next((place for place, channel in enumerate(self.channels) if isinstance(channel, Distance)), None)
+        return next((index for index, channel in enumerate(self.channels) if isinstance(channel, Distance)), None)

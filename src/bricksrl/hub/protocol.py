@@ -267,8 +267,8 @@ class FrameDecoder:
         start = 0
         while start < len(buffer):
             if buffer[start] != MAGIC:
-                found = buffer.find(MAGIC, start)
-                end = len(buffer) if found < 0 else found
+                position = buffer.find(MAGIC, start)
+                end = len(buffer) if position < 0 else position
                 self._skip(buffer[start:end])
                 start = end
                 continue

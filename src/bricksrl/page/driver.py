@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from bricksrl.entry import Entry
-from bricksrl.teleop.mapping import reach, rest
+from bricksrl.teleop.mapping import push_action, rest_action
 
 FORGOTTEN_S = 1.5
 """Time without a message of the page, which repeats the pushes, after which the robot rests: the tab is gone."""
@@ -28,7 +28,7 @@ class PageDriver:
     def __init__(self, commands: Sequence[Entry], *, in_charge: bool = False) -> None:
         self.commands = tuple(commands)
         self.in_charge = in_charge
-        self._rest = rest(self.commands)
+        self._rest = rest_action(self.commands)
         self._pushes = torch.zeros(len(self.commands))
         self._pushed_s = 0.0
 
@@ -54,11 +54,11 @@ class PageDriver:
 
     def __call__(self, observation: Tensor) -> Tensor | None:
         """Action ``[m]``; ``None`` while the policy is in charge."""
-        return reach(torch.tensor(self.pushes), self._rest) if self.in_charge else None
+        return push_action(torch.tensor(self.pushes), self._rest) if self.in_charge else None
 
     def actions(self) -> list[float]:
         """Command values of the pushes, in the units of the commands."""
-        values = reach(torch.tensor(self.pushes), self._rest).tolist()
+        values = push_action(torch.tensor(self.pushes), self._rest).tolist()
         return [
             (c.high + c.low) / 2 + (c.high - c.low) / 2 * value if math.isfinite(c.high - c.low) else value
             for c, value in zip(self.commands, values, strict=True)

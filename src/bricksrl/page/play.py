@@ -23,9 +23,9 @@ _COAST_MS = 500
 def resting_player(env: EnvBase) -> Player:
     """Player that moves no motor."""
     from bricksrl.data.schema import describe_task
-    from bricksrl.teleop.mapping import rest
+    from bricksrl.teleop.mapping import rest_action
 
-    still = rest(describe_task(env.task).action)
+    still = rest_action(describe_task(env.task).action)
     return Player(lambda state: state.set("action", still))
 
 

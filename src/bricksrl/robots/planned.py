@@ -31,9 +31,9 @@ from bricksrl.robots.spec import (
 if TYPE_CHECKING:
     from bricksrl.robots.spec import Robot
 
-_WHEEL_MM, _TRACK_MM = 0.5, 2.0
-_RATIO = 0.01
-_ALONG = 0.999
+_WHEEL_TOLERANCE_MM, _TRACK_TOLERANCE_MM = 0.5, 2.0
+_RATIO_TOLERANCE = 0.01
+_ALIGNED_COSINE = 0.999
 
 
 def plan_file(model: str) -> Path | None:
@@ -53,16 +53,15 @@ def plan_file(model: str) -> Path | None:
 def completed(robot: Robot) -> tuple[tuple[Motor, ...], tuple[Sensor, ...], DriveBase | None, tuple[str, ...]]:
     """Motors, sensors, drive base and hub sides of a description, completed from its plan. Raises DescriptionError if the plan
     contradicts the description, PlanError if the plan cannot be read."""
-    made = planned_robot(Path(robot.plan or ""))
-    _refuse_strangers(robot, made)
-    motors = _motors(robot, made)
-    sensors = _sensors(robot, made)
+    design = planned_robot(Path(robot.plan or ""))
+    _require_known_devices(robot, design)
+    motors = _motors(robot, design)
+    sensors = _sensors(robot, design)
     base = robot.drive_base
     if base is not None and not (base.wheel_diameter_mm and base.axle_track_mm):
         ports = {motor.name: motor.port for motor in motors}
-        wheels = {wheel.port: wheel for wheel in made.rolling}
-        sides = [wheels.get(ports.get(name, "")) for name in (base.left, base.right)]
-        left, right = sides
+        wheels = {wheel.port: wheel for wheel in design.rolling}
+        left, right = (wheels.get(ports.get(name, "")) for name in (base.left, base.right))
         if left is None or right is None:
             missing = base.left if left is None else base.right
             raise DescriptionError(f"robot '{robot.name}': '{missing}' turns no wheel in {robot.plan}; correct the drive base")
@@ -71,151 +70,151 @@ def completed(robot: Robot) -> tuple[tuple[Motor, ...], tuple[Sensor, ...], Driv
             wheel_diameter_mm=base.wheel_diameter_mm or left.diameter_mm,
             axle_track_mm=base.axle_track_mm or round(abs(float(left.centre_m[1] - right.centre_m[1])) * 1000, 3),
         )
-    found = disagreements(robot.name, robot.hub.value, (*motors, *sensors), base, made)
-    mounted = robot.hub_sides
+    findings = disagreements(robot.name, robot.hub.value, (*motors, *sensors), base, design)
+    sides = robot.hub_sides
     if robot.needs_imu:
-        mounted = mounted or hub_sides(made)
-        found += _turned_hub(robot.name, mounted, made)
-    if found:
-        where = f", line {found[0].line}" if found[0].line else ""
-        raise DescriptionError(f"{robot.plan}{where}: {found[0].detail}")
-    return motors, sensors, base, mounted
+        sides = sides or hub_sides(design)
+        findings += _check_hub_sides(robot.name, sides, design)
+    _raise_first(findings, robot.plan)
+    return motors, sensors, base, sides
 
 
-def hub_sides(made: PlannedRobot) -> tuple[str, ...]:
+def hub_sides(design: PlannedRobot) -> tuple[str, ...]:
     """Where the top and the front of the plan's hub look; empty if it has none, or one at an angle."""
-    for hub in made.plan.devices(DeviceKind.HUB):
+    for hub in design.plan.devices(DeviceKind.HUB):
         axes = (TO_TWIN @ hub.rotation @ np.array(side) for side in ((0.0, -1.0, 0.0), (0.0, 0.0, 1.0)))
-        return tuple(name for axis in axes for name, way in LOOKS.items() if float(axis @ np.array(way)) > _ALONG)
+        return tuple(name for axis in axes for name, look in LOOKS.items() if float(axis @ np.array(look)) > _ALIGNED_COSINE)
     return ()
 
 
-def _turned_hub(name: str, sides: tuple[str, ...], made: PlannedRobot) -> list[Finding]:
+def _check_hub_sides(name: str, sides: tuple[str, ...], design: PlannedRobot) -> list[Finding]:
     """Findings on the orientation of a hub whose IMU is read."""
-    hub = next(iter(made.plan.devices(DeviceKind.HUB)), None)
-    there = hub_sides(made)
-    if hub is None or there == sides:
+    hub = next(iter(design.plan.devices(DeviceKind.HUB)), None)
+    plan_sides = hub_sides(design)
+    if hub is None or plan_sides == sides:
         return []
-    if len(there) < 2:
+    if len(plan_sides) < 2:
         text = "the hub is at an angle, so its IMU cannot be read; turn it, or say needs_imu=False"
     else:
-        text = f"the hub's top looks {there[0]} and its front {there[1]}, but for the robot {name} {sides[0]} and {sides[1]}"
-        text += f"; turn it, or say hub_sides={there}"
+        top, front = plan_sides
+        text = f"the hub's top looks {top} and its front {front}, but for the robot {name} {sides[0]} and {sides[1]}"
+        text += f"; turn it, or say hub_sides={plan_sides}"
     return [Finding("wiring", Outcome.ERROR, text, hub.line)]
 
 
-def _refuse_strangers(robot: Robot, made: PlannedRobot) -> None:
+def _require_known_devices(robot: Robot, design: PlannedRobot) -> None:
     """Refuse motors and sensors that no hub of ours runs, as those of EV3."""
     kinds = {kind.value for kind in (*MotorKind, *SensorKind)} | {UltrasonicSensor.class_name}
-    for one in made.plan.devices(DeviceKind.MOTOR) + made.plan.devices(DeviceKind.SENSOR):
-        if one.part.device is not None and one.part.device.name not in kinds:
-            where = f"{robot.plan}, line {one.line}"
-            raise DescriptionError(f"{where}: no hub of ours runs {one.name}; take a motor or sensor of Powered Up or SPIKE")
+    for part in design.plan.devices(DeviceKind.MOTOR) + design.plan.devices(DeviceKind.SENSOR):
+        if part.part.device is not None and part.part.device.name not in kinds:
+            where = f"{robot.plan}, line {part.line}"
+            raise DescriptionError(f"{where}: no hub of ours runs {part.name}; take a motor or sensor of Powered Up or SPIKE")
 
 
-def _motors(robot: Robot, made: PlannedRobot) -> tuple[Motor, ...]:
+def _motors(robot: Robot, design: PlannedRobot) -> tuple[Motor, ...]:
     """Motors of the description, then those that only the plan has."""
-    placed = made.plan.devices(DeviceKind.MOTOR)
-    motors = [replace(motor, port=motor.port or _port_of(motor.name, placed, robot)) for motor in robot.motors]
-    forward = {wheel.port: wheel.is_clockwise_forward for wheel in made.rolling}
-    for one in placed:
-        if one.port is not None and one.port not in {motor.port for motor in motors} and one.part.device is not None:
+    parts = design.plan.devices(DeviceKind.MOTOR)
+    motors = [replace(motor, port=motor.port or _port_of(motor.name, parts, robot)) for motor in robot.motors]
+    forward = {wheel.port: wheel.is_clockwise_forward for wheel in design.rolling}
+    for part in parts:
+        if part.port is not None and part.port not in {motor.port for motor in motors} and part.part.device is not None:
             # Motors that only the plan has count up when the robot rolls forward.
-            direction = Direction.CLOCKWISE if forward.get(one.port, True) else Direction.COUNTERCLOCKWISE
-            name = one.device or f"motor_{one.port.lower()}"
-            motors.append(Motor(name, one.port, MotorKind(one.part.device.name), direction))
-    geared = {train.port: train.gears for train in made.trains}
-    return tuple(replace(motor, gears=motor.gears or geared.get(motor.port, ())) for motor in motors)
+            direction = Direction.CLOCKWISE if forward.get(part.port, True) else Direction.COUNTERCLOCKWISE
+            name = part.device or f"motor_{part.port.lower()}"
+            motors.append(Motor(name, part.port, MotorKind(part.part.device.name), direction))
+    gears = {train.port: train.gears for train in design.trains}
+    return tuple(replace(motor, gears=motor.gears or gears.get(motor.port, ())) for motor in motors)
 
 
-def _sensors(robot: Robot, made: PlannedRobot) -> tuple[Sensor, ...]:
-    placed = made.plan.devices(DeviceKind.SENSOR)
-    sensors: list[Sensor] = [replace(one, port=one.port or _port_of(one.name, placed, robot)) for one in robot.sensors]
-    for one in placed:
-        if one.port is not None and one.port not in {sensor.port for sensor in sensors} and one.part.device is not None:
-            name, kind = one.device or f"sensor_{one.port.lower()}", one.part.device.name
+def _sensors(robot: Robot, design: PlannedRobot) -> tuple[Sensor, ...]:
+    parts = design.plan.devices(DeviceKind.SENSOR)
+    sensors: list[Sensor] = [replace(sensor, port=sensor.port or _port_of(sensor.name, parts, robot)) for sensor in robot.sensors]
+    for part in parts:
+        port = part.port
+        if port is not None and port not in {sensor.port for sensor in sensors} and part.part.device is not None:
+            name, kind = part.device or f"sensor_{port.lower()}", part.part.device.name
             is_sonar = kind == UltrasonicSensor.class_name
-            sensors.append(UltrasonicSensor(name, one.port) if is_sonar else PoweredUpSensor(name, one.port, SensorKind(kind)))
+            sensors.append(UltrasonicSensor(name, port) if is_sonar else PoweredUpSensor(name, port, SensorKind(kind)))
     return tuple(sensors)
 
 
-def _port_of(name: str, placed: Sequence[Placed], robot: Robot) -> str:
+def _port_of(name: str, parts: Sequence[Placed], robot: Robot) -> str:
     """Port of a named device in the plan."""
-    for one in placed:
-        if one.device == name and one.port is not None:
-            return one.port
-    known = ", ".join(one.device for one in placed if one.device) or "none"
+    for part in parts:
+        if part.device == name and part.port is not None:
+            return part.port
+    known = ", ".join(part.device for part in parts if part.device) or "none"
     raise DescriptionError(
         f"robot '{robot.name}': '{name}' has no port, and {robot.plan} no device of that name (it has: {known}); say its port"
     )
 
 
 def disagreements(
-    name: str, hub: str, devices: Sequence[Motor | Sensor], base: DriveBase | None, made: PlannedRobot
+    name: str, hub: str, devices: Sequence[Motor | Sensor], base: DriveBase | None, design: PlannedRobot
 ) -> list[Finding]:
     """Findings on contradictions between a description and a plan."""
-    placed = {one.port: one for kind in (DeviceKind.MOTOR, DeviceKind.SENSOR) for one in made.plan.devices(kind)}
+    parts = {part.port: part for kind in (DeviceKind.MOTOR, DeviceKind.SENSOR) for part in design.plan.devices(kind)}
     findings = []
-    for one in made.plan.devices(DeviceKind.HUB):
-        if one.part.device is not None and one.part.device.name != hub:
-            text = f"{one.name} is not a {hub} hub, which the robot {name} has; make both agree"
-            findings.append(Finding("wiring", Outcome.ERROR, text, one.line))
+    for hub_part in design.plan.devices(DeviceKind.HUB):
+        if hub_part.part.device is not None and hub_part.part.device.name != hub:
+            text = f"{hub_part.name} is not a {hub} hub, which the robot {name} has; make both agree"
+            findings.append(Finding("wiring", Outcome.ERROR, text, hub_part.line))
     for device in devices:
-        there = placed.get(device.port)
-        if there is None:
+        part = parts.get(device.port)
+        if part is None:
             text = f"the robot {name} has '{device.name}' on port {device.port}, the plan nothing; add it with 0 !BRICKSRL PORT"
             findings.append(Finding("wiring", Outcome.ERROR, text))
         else:
-            findings += _compared(name, device, there, made)
-    for port, there in placed.items():
+            findings += _check_device(name, device, part, design)
+    for port, part in parts.items():
         if port not in {device.port for device in devices}:
-            text = f"port {port} has {there.name} '{there.device or ''}', but for the robot {name} nothing; make both agree"
-            findings.append(Finding("wiring", Outcome.ERROR, text, there.line))
+            text = f"port {port} has {part.name} '{part.device or ''}', but for the robot {name} nothing; make both agree"
+            findings.append(Finding("wiring", Outcome.ERROR, text, part.line))
     if base is not None:
         ports = {device.name: device.port for device in devices}
-        findings += _rolled(name, base, ports, placed, made)
+        findings += _check_wheels(name, base, ports, parts, design)
     return findings
 
 
-def _compared(name: str, device: Motor | Sensor, there: Placed, made: PlannedRobot) -> list[Finding]:
+def _check_device(name: str, device: Motor | Sensor, part: Placed, design: PlannedRobot) -> list[Finding]:
     """Findings on name, kind and gears of a motor or sensor."""
     kind = device.kind.value if isinstance(device, Motor) else device.class_name
-    on = f"port {device.port} has {there.name} '{there.device or ''}'"
-    if there.part.device is None or there.part.device.name != kind:
-        text = f"{on}, but for the robot {name} '{device.name}', a {kind}; make both agree"
-        return [Finding("wiring", Outcome.ERROR, text, there.line)]
-    if there.device is not None and there.device != device.name:
-        text = f"{on}, but for the robot {name} '{device.name}'; make both agree"
-        return [Finding("wiring", Outcome.ERROR, text, there.line)]
-    train = next((train for train in made.trains if train.port == device.port), None)
+    label = f"port {device.port} has {part.name} '{part.device or ''}'"
+    if part.part.device is None or part.part.device.name != kind:
+        text = f"{label}, but for the robot {name} '{device.name}', a {kind}; make both agree"
+        return [Finding("wiring", Outcome.ERROR, text, part.line)]
+    if part.device is not None and part.device != device.name:
+        text = f"{label}, but for the robot {name} '{device.name}'; make both agree"
+        return [Finding("wiring", Outcome.ERROR, text, part.line)]
+    train = next((train for train in design.trains if train.port == device.port), None)
     if isinstance(device, Motor) and device.gears and train is not None and device.gears[0] != device.gears[-1]:
         ratio = device.gears[0] / device.gears[-1]
-        if abs(ratio - abs(train.ratio)) > _RATIO * ratio:
+        if abs(ratio - abs(train.ratio)) > _RATIO_TOLERANCE * ratio:
             teeth = " to ".join(map(str, train.gears)) or "no gears"
             text = f"motor '{device.name}' has gears {device.gears} for the robot {name}, but {teeth} in the plan; correct one"
-            return [Finding("gears", Outcome.ERROR, text, there.line)]
+            return [Finding("gears", Outcome.ERROR, text, part.line)]
     return []
 
 
-def _rolled(
-    name: str, base: DriveBase, ports: dict[str, str], placed: dict[str | None, Placed], made: PlannedRobot
+def _check_wheels(
+    name: str, base: DriveBase, ports: dict[str, str], parts: dict[str | None, Placed], design: PlannedRobot
 ) -> list[Finding]:
     """Findings on a drive base: wheel diameter and axle track."""
-    wheels = {wheel.port: wheel for wheel in made.rolling}
+    wheels = {wheel.port: wheel for wheel in design.rolling}
     sides = []
     for side in (base.left, base.right):
-        wheel, there = wheels.get(ports.get(side, "")), placed.get(ports.get(side))
-        if there is None:
+        wheel, part = wheels.get(ports.get(side, "")), parts.get(ports.get(side))
+        if part is None:
             return []
-        if wheel is None or abs(wheel.diameter_mm - base.wheel_diameter_mm) > _WHEEL_MM:
+        if wheel is None or abs(wheel.diameter_mm - base.wheel_diameter_mm) > _WHEEL_TOLERANCE_MM:
             turns = "none" if wheel is None else f"one of {wheel.diameter_mm:g} mm"
             text = f"motor '{side}' should turn a wheel of {base.wheel_diameter_mm:g} mm, as {name} says, but turns {turns}"
-            return [Finding("wheels", Outcome.ERROR, f"{text}; use the wheel that is meant", there.line)]
+            return [Finding("wheels", Outcome.ERROR, f"{text}; use the wheel that is meant", part.line)]
         sides.append(wheel)
     track_mm = abs(float(sides[0].centre_m[1] - sides[1].centre_m[1])) * 1000
-    if abs(track_mm - base.axle_track_mm) > _TRACK_MM:
+    if abs(track_mm - base.axle_track_mm) > _TRACK_TOLERANCE_MM:
         text = f"the wheels are {track_mm:.1f} mm apart, but {name} says {base.axle_track_mm:g}; make both agree"
-        return [Finding("wheels", Outcome.ERROR, text, placed[ports[base.left]].line)]
+        return [Finding("wheels", Outcome.ERROR, text, parts[ports[base.left]].line)]
     return []
 
 
@@ -229,23 +228,28 @@ def check_named(plan: Plan) -> list[Finding]:
     if plan.robot is None:
         return []
     try:
-        robot, made = robots.get(plan.robot), planned(plan)
+        robot, design = robots.get(plan.robot), planned(plan)
     except UnknownNameError as error:
         return [Finding("wiring", Outcome.ERROR, str(error))]
     except PlanError:
         return []
-    found = disagreements(robot.name, robot.hub.value, (*robot.motors, *robot.sensors), robot.drive_base, made)
-    return found + (_turned_hub(robot.name, robot.hub_sides, made) if robot.needs_imu else [])
+    findings = disagreements(robot.name, robot.hub.value, (*robot.motors, *robot.sensors), robot.drive_base, design)
+    return findings + (_check_hub_sides(robot.name, robot.hub_sides, design) if robot.needs_imu else [])
 
 
 def check_description(robot: Robot, path: Path) -> None:
     """Check that a plan agrees with a description, which may have more sensors. Raises DescriptionError if the plan contradicts
     the description, PlanError if the plan cannot be read."""
-    made = planned_robot(path)
-    placed = {one.port for one in made.plan.devices(DeviceKind.SENSOR)}
-    sensors = [sensor for sensor in robot.sensors if sensor.port in placed]
-    found = disagreements(robot.name, robot.hub.value, (*robot.motors, *sensors), robot.drive_base, made)
-    found += _turned_hub(robot.name, robot.hub_sides, made) if robot.needs_imu else []
-    if found:
-        where = f", line {found[0].line}" if found[0].line else ""
-        raise DescriptionError(f"{path}{where}: {found[0].detail}")
+    design = planned_robot(path)
+    ports = {part.port for part in design.plan.devices(DeviceKind.SENSOR)}
+    sensors = [sensor for sensor in robot.sensors if sensor.port in ports]
+    findings = disagreements(robot.name, robot.hub.value, (*robot.motors, *sensors), robot.drive_base, design)
+    findings += _check_hub_sides(robot.name, robot.hub_sides, design) if robot.needs_imu else []
+    _raise_first(findings, path)
+
+
+def _raise_first(findings: list[Finding], plan: Path | str | None) -> None:
+    """Raise DescriptionError for the first finding, if there is one."""
+    if findings:
+        where = f", line {findings[0].line}" if findings[0].line else ""
+        raise DescriptionError(f"{plan}{where}: {findings[0].detail}")

@@ -15,7 +15,7 @@ from torch import Tensor
 
 from bricksrl.entry import Entry
 from bricksrl.errors import DataError
-from bricksrl.teleop.mapping import reach, rest
+from bricksrl.teleop.mapping import push_action, rest_action
 
 DEAD_ZONE = 0.1
 """Released sticks do not return to exactly 0."""
@@ -49,7 +49,7 @@ class GamepadDriver:
 
     def __init__(self, commands: Sequence[Entry], *, in_charge: bool = True, pad: Pad | None = None) -> None:
         self.in_charge = in_charge
-        self._rest = rest(commands)
+        self._rest = rest_action(commands)
         self._pad = find_pad() if pad is None else pad
 
     def __call__(self, observation: Tensor) -> Tensor | None:
@@ -61,7 +61,7 @@ class GamepadDriver:
         pushes = torch.zeros_like(self._rest)
         axes = torch.tensor(list(self._pad.axes())[: len(pushes)])
         pushes[: len(axes)] = torch.where(axes.abs() < DEAD_ZONE, 0.0, axes)
-        return reach(pushes, self._rest)
+        return push_action(pushes, self._rest)
 
     def __enter__(self) -> Self:
         return self

@@ -14,7 +14,7 @@ from torch import Tensor
 
 from bricksrl.entry import Entry
 from bricksrl.errors import DataError
-from bricksrl.teleop.mapping import KEY_PAIRS, reach, rest
+from bricksrl.teleop.mapping import KEY_PAIRS, push_action, rest_action
 
 if TYPE_CHECKING:
     from prompt_toolkit.input import Input
@@ -37,12 +37,12 @@ class KeyboardDriver:
         if len(commands) > len(KEY_PAIRS):
             raise DataError(f"{len(commands)} commands are too many for the keyboard, which drives {len(KEY_PAIRS)}; use the API")
         self.in_charge = in_charge
-        self._rest = rest(commands)
+        self._rest = rest_action(commands)
         self._keys: dict[str, tuple[int, float]] = {}
-        for place, (up, down) in enumerate(KEY_PAIRS[: len(commands)]):
-            self._keys |= {up: (place, 1.0), down: (place, -1.0)}
+        for index, (up, down) in enumerate(KEY_PAIRS[: len(commands)]):
+            self._keys |= {up: (index, 1.0), down: (index, -1.0)}
         self._source = source if source is not None else _terminal()
-        self._held = contextlib.ExitStack()
+        self._raw_mode = contextlib.ExitStack()
 
     def __call__(self, observation: Tensor) -> Tensor | None:
         """Action ``[m]`` of the keys since the last call; ``None`` while the policy is in charge."""
@@ -54,9 +54,9 @@ class KeyboardDriver:
             if key == " ":
                 self.in_charge = not self.in_charge
             if key.lower() in self._keys:
-                place, push = self._keys[key.lower()]
-                pushes[place] = push
-        return reach(pushes, self._rest) if self.in_charge else None
+                index, push = self._keys[key.lower()]
+                pushes[index] = push
+        return push_action(pushes, self._rest) if self.in_charge else None
 
     @contextlib.contextmanager
     def quiet(self) -> Iterator[None]:
@@ -65,11 +65,11 @@ class KeyboardDriver:
             yield
 
     def __enter__(self) -> Self:
-        self._held.enter_context(self._source.raw_mode())
+        self._raw_mode.enter_context(self._source.raw_mode())
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        self._held.close()
+        self._raw_mode.close()
         self._source.close()
 
 

@@ -19,7 +19,7 @@ KEY_PAIRS = (("q", "a"), ("w", "s"), ("e", "d"), ("r", "f"), ("t", "g"), ("y", "
 """Keys of each command in order: the key that raises it, and the key below that lowers it."""
 
 
-def rest(commands: Sequence[Entry]) -> Tensor:
+def rest_action(commands: Sequence[Entry]) -> Tensor:
     """Action ``[m]`` that moves nothing, or as little as possible; 0 for a command of unknown range."""
     values = []
     for command in commands:
@@ -31,7 +31,7 @@ def rest(commands: Sequence[Entry]) -> Tensor:
     return torch.tensor(values)
 
 
-def reach(pushes: Tensor, at_rest: Tensor) -> Tensor:
+def push_action(pushes: Tensor, at_rest: Tensor) -> Tensor:
     """Action for pushes ``[m]`` from -1 (fully down) over 0 (released) to 1 (fully up)."""
     pushes = pushes.clamp(-1.0, 1.0)
     return at_rest + pushes.clamp(min=0.0) * (1.0 - at_rest) + pushes.clamp(max=0.0) * (1.0 + at_rest)

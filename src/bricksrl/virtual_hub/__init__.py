@@ -17,10 +17,10 @@ if TYPE_CHECKING:
 
 __all__ = ["BenchBody", "Body", "VirtualHub", "run_file"]
 
-_HOME = {"BenchBody": "bench_body", "Body": "body", "VirtualHub": "transport", "run_file": "run"}
+_MODULES = {"BenchBody": "bench_body", "Body": "body", "VirtualHub": "transport", "run_file": "run"}
 
 
 def __getattr__(name: str) -> Any:
-    if name not in _HOME:
+    if name not in _MODULES:
         raise AttributeError(f"module 'bricksrl.virtual_hub' has no attribute '{name}'")
-    return getattr(importlib.import_module(f"bricksrl.virtual_hub.{_HOME[name]}"), name)
+    return getattr(importlib.import_module(f"bricksrl.virtual_hub.{_MODULES[name]}"), name)

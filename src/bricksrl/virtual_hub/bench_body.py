@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING
 
 from bricksrl.errors import SceneError, TwinError
 from bricksrl.robots import Motor, PoweredUpSensor, Robot, UltrasonicSensor
-from bricksrl.virtual_hub.stimuli import UNSAID, Reading, Sense, Sensed, number, senses
+from bricksrl.virtual_hub.stimuli import DEFAULT_STIMULI, Reading, Sense, Sensed, number, senses
 
 if TYPE_CHECKING:
     import numpy as np
 
 _FRICTION_UNM = 21413.268
-_FRICTION_FADES_BELOW_MDEG_S = 2000.0
+_FRICTION_LINEAR_BELOW_MDEG_S = 2000.0
 _STOP_UNM_PER_MDEG, _STOP_UNM_PER_MDEG_S = 500.0, 5.0  # stiffness and damping of an end stop
 _MAX_DUTY = 1000  # steps of the PWM (``PBDRV_MOTOR_DRIVER_MAX_DUTY``)
 _NEAREST_MM, _FARTHEST_MM = UltrasonicSensor.NEAREST_MM, UltrasonicSensor.FARTHEST_MM
@@ -37,12 +37,12 @@ class BenchMotor:
         """One millisecond."""
         v, i, u = self.speed, self.current, self.voltage
         # In the firmware's order of operations, which decides the last digit of a drive base's angle.
-        fades = _FRICTION_FADES_BELOW_MDEG_S
-        torque = friction_unm if v > fades else -friction_unm if v < -fades else friction_unm * v / fades
+        linear_below = _FRICTION_LINEAR_BELOW_MDEG_S
+        torque = friction_unm if v > linear_below else -friction_unm if v < -linear_below else friction_unm * v / linear_below
         if self.stops is not None:
-            beyond = self.angle - max(self.stops[0], min(self.angle, self.stops[1]))
-            if beyond:
-                torque += beyond * _STOP_UNM_PER_MDEG + v * _STOP_UNM_PER_MDEG_S
+            excess = self.angle - max(self.stops[0], min(self.angle, self.stops[1]))
+            if excess:
+                torque += excess * _STOP_UNM_PER_MDEG + v * _STOP_UNM_PER_MDEG_S
         angle = self.angle + v * 0.0009981527613056019 + i * 0.001957577848006867
         self.angle = angle + u * 0.0002818172865566039 + torque * -9.498678309037282e-05
         self.speed = v * 0.994653578576391 + i * 3.640640918794361 + u * 0.815657436669528 + torque * -0.18980175337809
@@ -83,7 +83,7 @@ class BenchBody:
         self.battery_mv = 7200
         self.motor_friction_scale = 1.0
         self.link_interval_ms = 15.0
-        self._readings = _by_sense(robot, readings)
+        self._readings = _readings_by_sense(robot, readings)
         self._outputs = [(motor.name, motor.port, _mdeg_per_deg(motor)) for motor in robot.motors]
         stops = _end_stops_mdeg(robot, end_stops)
         self._motors = {motor.port: BenchMotor(stops.get(motor.port)) for motor in robot.motors}
@@ -111,7 +111,7 @@ class BenchBody:
         """Stimulus of a sensor at the present angles. Raises SceneError if its reading raises."""
         reading = self._readings.get((port, sense))
         if reading is None:
-            return UNSAID[sense]
+            return DEFAULT_STIMULI[sense]
         try:
             return reading({name: self.angle_mdeg(p) / scale for name, p, scale in self._outputs})
         except Exception as error:
@@ -163,18 +163,18 @@ def _end_stops_mdeg(robot: Robot, end_stops: Mapping[str, tuple[float, float]]) 
     return stops
 
 
-def _by_sense(robot: Robot, readings: Mapping[str, Reading]) -> dict[tuple[str, Sense], Reading]:
-    places = {}
+def _readings_by_sense(robot: Robot, readings: Mapping[str, Reading]) -> dict[tuple[str, Sense], Reading]:
+    inputs = {}
     for sensor in robot.sensors:
         for index, sense in enumerate(senses(sensor)):
-            places[f"{sensor.name}.{sense}" if index else sensor.name] = (sensor.port, sense)
-    unknown = sorted(set(readings) - set(places))
+            inputs[f"{sensor.name}.{sense}" if index else sensor.name] = (sensor.port, sense)
+    unknown = sorted(set(readings) - set(inputs))
     if unknown:
-        raise TwinError(f"robot '{robot.name}' has no sensor '{unknown[0]}'; it senses {', '.join(places) or 'nothing'}")
+        raise TwinError(f"robot '{robot.name}' has no sensor '{unknown[0]}'; it senses {', '.join(inputs) or 'nothing'}")
     for sensor in robot.sensors:
         if isinstance(sensor, PoweredUpSensor) and senses(sensor) and sensor.name not in readings:
             raise TwinError(
                 f"sensor '{sensor.name}' of robot '{robot.name}' has no reading; "
                 f"give readings={{'{sensor.name}': a function of the motors' angles}}, for a task in its Scene"
             )
-    return {places[name]: reading for name, reading in readings.items()}
+    return {inputs[name]: reading for name, reading in readings.items()}

@@ -14,8 +14,8 @@ from bricksrl.virtual_hub.stimuli import Sense, Sensed, senses
 
 _ULTRASONIC = UltrasonicSensor.class_name
 _MOTORS = ("Motor", "DCMotor")
-_WAY_TO_STOP_MDEG = 90_000.0
-_TURN_PER_WHEEL = 0.25  # wheels of 56 mm, 112 mm apart
+_STALL_TRAVEL_MDEG = 90_000.0
+_HEADING_PER_WHEEL = 0.25  # wheels of 56 mm, 112 mm apart
 _FARTHEST_MM, _FARTHEST_PCT = float(UltrasonicSensor.FARTHEST_MM), 100.0
 _DEFAULTS: Mapping[Sense, Sensed] = {
     Sense.SURFACE: (0.0, 0.0, 0.0),
@@ -38,7 +38,7 @@ class FittedBench(BenchBody):
         hub: kind of hub.
         readings: of sensors; without one a sensor sees nothing near, dark, untouched and level.
         end_stops: lowest and highest angle of the motor on a port, deg of the shaft.
-        tell: called with a line about what the bench assumes.
+        report: called with a line about what the bench assumes.
     """
 
     def __init__(
@@ -46,18 +46,18 @@ class FittedBench(BenchBody):
         hub: HubKind,
         readings: Iterable[GivenReading] = (),
         end_stops: Mapping[str, tuple[float, float]] | None = None,
-        tell: Callable[[str], object] = lambda line: None,
+        report: Callable[[str], object] = lambda line: None,
     ) -> None:
         super().__init__(Robot("bench", hub, needs_imu=hub.model.has_imu))
-        self._given = list(readings)
+        self._given_readings = list(readings)
         self._stops = dict(end_stops or {})
         self.motors: dict[str, MotorKind] = {}
         self._devices: dict[str, str] = {}
         self._turns: dict[str, float] = {}
-        self._start_deg = 0.0
-        self._tell: Callable[[str], object] | None = tell
+        self._heading_offset_deg = 0.0
+        self._report: Callable[[str], object] | None = report
         self._up = (0.0, 0.0, 1.0)
-        for port in (*(reading.port for reading in self._given), *self._stops):
+        for port in (*(reading.port for reading in self._given_readings), *self._stops):
             if port not in hub.model.ports:
                 raise TwinError(f"the {hub.value} hub has no port {port}; it has {', '.join(hub.model.ports)}")
 
@@ -72,7 +72,7 @@ class FittedBench(BenchBody):
             low, high = self._stops.get(port, (None, None))
             self._motors[port] = BenchMotor(None if low is None or high is None else (low * 1000.0, high * 1000.0))
             return True
-        for reading in for_port(self._given, port):
+        for reading in for_port(self._given_readings, port):
             reading.check(self._sense_of(reading, device), device)
         return True
 
@@ -80,9 +80,9 @@ class FittedBench(BenchBody):
         motor = self._motors[port]
         low, high = motor.stops or (-math.inf, math.inf)
         if direction > 0 and high == math.inf:
-            motor.stops = low, motor.angle + _WAY_TO_STOP_MDEG
+            motor.stops = low, motor.angle + _STALL_TRAVEL_MDEG
         elif direction < 0 and low == -math.inf:
-            motor.stops = motor.angle - _WAY_TO_STOP_MDEG, high
+            motor.stops = motor.angle - _STALL_TRAVEL_MDEG, high
 
     @property
     def turns_with_its_wheels(self) -> bool:  # type: ignore[override]
@@ -90,32 +90,32 @@ class FittedBench(BenchBody):
 
     def put_on_wheels(self, turns: Mapping[str, float]) -> None:
         heading_deg, self._turns = self.heading_deg(), dict(turns)
-        self._start_deg += heading_deg - self.heading_deg()
+        self._heading_offset_deg += heading_deg - self.heading_deg()
 
     def find_wheels(self, directions: Mapping[str, int]) -> None:
         pair = list(directions)[:2]
-        if self._tell is None or self._turns or len(pair) < 2 or not any(self._motors[port].angle for port in pair):
+        if self._report is None or self._turns or len(pair) < 2 or not any(self._motors[port].angle for port in pair):
             return
         first, second = pair
         if directions[first] != directions[second] and self._devices[first] == self._devices[second]:
-            self._turns = dict.fromkeys(pair, -_TURN_PER_WHEEL / 1000.0)
-            self._tell(
+            self._turns = dict.fromkeys(pair, -_HEADING_PER_WHEEL / 1000.0)
+            self._report(
                 f"The bench takes the motors on ports {first} and {second} for wheels, as they come first and their positive "
                 "directions are opposite: the hub turns with them."
             )
         else:
-            self._tell(
+            self._report(
                 "The hub lies still on the bench: its first two motors are not taken for wheels, as they are not of one kind "
                 "with opposite positive directions. It turns with a drive base; or take a robot, such as --robot two-wheeler."
             )
-        self._tell = None
+        self._report = None
 
     def mount(self, up: tuple[float, float, float]) -> None:
         x, y, z = up
         self._up = x + 0.0, y + 0.0, z + 0.0  # -0.0 would change the roll of a hub on end by 180 degrees
 
     def heading_deg(self) -> float:
-        return self._start_deg + sum(turn * self._motors[port].angle for port, turn in self._turns.items())
+        return self._heading_offset_deg + sum(turn * self._motors[port].angle for port, turn in self._turns.items())
 
     def angular_velocity_deg_s(self) -> tuple[float, float, float]:
         return self._about_vertical(sum(turn * self._motors[port].speed for port, turn in self._turns.items()))
@@ -127,7 +127,7 @@ class FittedBench(BenchBody):
         at_rest = super().acceleration_mm_s2()
         if not self.motors:
             return at_rest
-        x, y, z = (at_rest[2] * part for part in self._up)
+        x, y, z = (at_rest[2] * component for component in self._up)
         return x, y, z
 
     def tilt_deg(self) -> tuple[float, float]:
@@ -143,7 +143,7 @@ class FittedBench(BenchBody):
     def sensed(self, port: str, sense: Sense) -> Sensed:
         """The given reading at the current time."""
         device = self._devices[port]
-        for reading in for_port(self._given, port):
+        for reading in for_port(self._given_readings, port):
             if self._sense_of(reading, device) is sense:
                 return reading.at(self._time_ms / 1000)
         return _FARTHEST_MM if device == _ULTRASONIC else _DEFAULTS[sense]
@@ -160,10 +160,10 @@ class FittedBench(BenchBody):
     def _sense_of(reading: GivenReading, device: str) -> Sense:
         """Sense of a reading. Raises TwinError if the device has no such sense."""
         sensor = UltrasonicSensor("it", "A") if device == _ULTRASONIC else PoweredUpSensor("it", "A", SensorKind(device))
-        known = senses(sensor)
-        if reading.sense is None and known:
-            return known[0]
-        if reading.sense not in known:
-            may_be = " or ".join(known) or "nothing"
-            raise TwinError(f"the {device} on port {reading.port} senses {may_be}, not {reading.sense}; give such a reading")
+        available = senses(sensor)
+        if reading.sense is None and available:
+            return available[0]
+        if reading.sense not in available:
+            names = " or ".join(available) or "nothing"
+            raise TwinError(f"the {device} on port {reading.port} senses {names}, not {reading.sense}; give such a reading")
         return reading.sense

@@ -17,10 +17,10 @@ _COLORS: Mapping[str, tuple[float, float, float]] = {
     "orange": (30, 100, 100), "brown": (30, 100, 50), "yellow": (60, 100, 100), "green": (120, 100, 100),
     "cyan": (180, 100, 100), "blue": (240, 100, 100), "violet": (270, 100, 100), "magenta": (300, 100, 100),
 }  # fmt: skip
-_WORDS: Mapping[str, float] = {"pressed": 10.0, "released": 0.0}
+_BUTTON_FORCES_N: Mapping[str, float] = {"pressed": 10.0, "released": 0.0}
 _UNIT_SENSES = {"mm": (Sense.DISTANCE,), "n": (Sense.FORCE,), "deg": (Sense.TILT,)}
 _EXAMPLES = "B=red, B=120,80,50 (hue, saturation, value), B=40%, B=200mm, B=3N, B=pressed, B=10,-5deg (pitch, roll), B=@file"
-_FORMS = {
+_VALUE_COUNTS = {
     Sense.SURFACE: (1, 3),
     Sense.AMBIENT: (1, 3),
     Sense.DISTANCE: (1,),
@@ -53,7 +53,7 @@ class GivenReading:
     def check(self, sense: Sense, device: str) -> None:
         """Raise TwinError unless the values suit the sense."""
         for value in self.values:
-            if (len(value) if isinstance(value, tuple) else 1) not in _FORMS[sense]:
+            if (len(value) if isinstance(value, tuple) else 1) not in _VALUE_COUNTS[sense]:
                 raise TwinError(
                     f"--reading {self.port}: {value} is not a {sense} for the {device} there; give one such as {_EXAMPLES}"
                 )
@@ -70,8 +70,8 @@ def parse_reading(text: str) -> GivenReading:
         raise TwinError(f"'{text}': nothing senses '{name}'; choose from {', '.join(Sense)}")
     sense = Sense(name) if name else None
     if not value.startswith("@"):
-        found, unit_sense = _value(value, text)
-        return GivenReading(port, sense or unit_sense, (0.0,), (found,))
+        stimulus, unit_sense = _value(value, text)
+        return GivenReading(port, sense or unit_sense, (0.0,), (stimulus,))
     times, values = _from_file(Path(value[1:]))
     return GivenReading(port, sense, times, values)
 
@@ -80,8 +80,8 @@ def _value(value: str, text: str) -> tuple[Sensed, Sense | None]:
     word = value.lower()
     if word in _COLORS:
         return _COLORS[word], Sense.SURFACE
-    if word in _WORDS:
-        return _WORDS[word], Sense.FORCE
+    if word in _BUTTON_FORCES_N:
+        return _BUTTON_FORCES_N[word], Sense.FORCE
     match = re.fullmatch(r"([-+.\d,\s]+?)\s*(mm|%|n|deg)?", word)
     try:
         numbers = tuple(float(part) for part in match[1].split(","))  # type: ignore[index]

@@ -12,7 +12,7 @@ from bricksrl.virtual_hub.console import Console
 from bricksrl.virtual_hub.micropython.builtins import builtin_names
 from bricksrl.virtual_hub.micropython.compiler import compiled
 from bricksrl.virtual_hub.micropython.errors import class_name, reword
-from bricksrl.virtual_hub.micropython.text import uncaught
+from bricksrl.virtual_hub.micropython.text import uncaught_text
 
 
 class Modules(dict[str, ModuleType]):
@@ -21,7 +21,7 @@ class Modules(dict[str, ModuleType]):
     Attributes:
         tick: called at each iteration of a ``while`` loop, so that simulated time passes in one that does not wait.
         branch: called with the value on which a program branches, and returns it.
-        lacks: builtin names that the hub does not have.
+        missing_builtins: builtin names that the hub does not have.
         find_module: returns a module of the program by its name, or ``None``.
     """
 
@@ -30,11 +30,11 @@ class Modules(dict[str, ModuleType]):
         modules: dict[str, ModuleType],
         tick: Callable[[], None] = lambda: None,
         branch: Callable[[Any], Any] = lambda value: value,
-        lacks: Collection[str] = (),
+        missing_builtins: Collection[str] = (),
     ) -> None:
         super().__init__(modules)
         self.tick, self.branch = tick, branch
-        self.lacks = lacks
+        self.missing_builtins = missing_builtins
         self.find_module: Callable[[str], HubModule | None] = lambda name: None
 
 
@@ -52,29 +52,30 @@ def execute(source: str, filename: str, modules: dict[str, ModuleType], console:
         OverflowError: a constant needs more than 31 bits.
     """
     code = compiled(source, filename)
-    known = modules if isinstance(modules, Modules) else Modules(modules)
+    importable = modules if isinstance(modules, Modules) else Modules(modules)
     main = ModuleType("__main__")
-    names = main.__dict__
-    names.clear()
-    names["__name__"] = "__main__"
+    namespace = main.__dict__
+    namespace.clear()
+    namespace["__name__"] = "__main__"
 
     def find_module(name: str) -> ModuleType:
         if name == "__main__":
             return main
-        if name not in known:
-            beside = known.find_module(name)
-            if beside is None:
+        if name not in importable:
+            own_module = importable.find_module(name)
+            if own_module is None:
                 raise ImportError(f"no module named '{name}'")
-            known[name] = ModuleType(name)
-            known[name].__dict__.update(__builtins__=names["__builtins__"])
-            exec(compiled(beside.source, beside.file), known[name].__dict__)
-        return known[name]
+            importable[name] = ModuleType(name)
+            importable[name].__dict__.update(__builtins__=namespace["__builtins__"])
+            exec(compiled(own_module.source, own_module.file), importable[name].__dict__)
+        return importable[name]
 
-    names["__builtins__"] = builtin_names(names, find_module, console, known.tick, known.branch, known.lacks)
+    hooks = importable.tick, importable.branch
+    namespace["__builtins__"] = builtin_names(namespace, find_module, console, *hooks, importable.missing_builtins)
     try:
-        exec(code, names)
+        exec(code, namespace)
     except Exception as error:
-        reword(error, names)
+        reword(error, namespace)
         raise
 
 
@@ -90,7 +91,7 @@ def format_traceback(error: BaseException, filename: str) -> str:
             lines.append(f'  File "{error.filename or filename}", line {error.lineno}{block}')
         last = f"{class_name(type(error))}: {error.msg}"
     else:
-        last = uncaught(error)
+        last = uncaught_text(error)
     if lines:
         lines.insert(0, "Traceback (most recent call last):")
     return "\n".join([*lines, last]) + "\n"

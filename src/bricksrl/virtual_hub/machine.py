@@ -90,7 +90,7 @@ class Machine:
         while self.time_ms < end_ms:
             self._advance_towards(end_ms)
 
-    def doze(self, duration_ms: int) -> int:
+    def advance_to_alarm(self, duration_ms: int) -> int:
         """Let time pass, but not beyond the next alarm, which may bring input; returns the ms that passed."""
         self._calls = 0
         start_ms = self.time_ms
@@ -116,7 +116,7 @@ class Machine:
                 stop_ms = alarm_ms
             self._run_to(stop_ms)
         self.time_ticks = stop_ms * 10 + _AFTER_LOOP_TICKS
-        if event_ms is not None and event_ms <= stop_ms and self.panel.stops(stop_ms) and self.runs_program:
+        if event_ms is not None and event_ms <= stop_ms and self.panel.poll(stop_ms) and self.runs_program:
             self.time_ms, self.time_ticks, self._is_ahead = stop_ms - 1, stop_ms * 10, True
             raise SwitchedOff if self.panel.is_off else SystemExit
         if self.alarm_ms is None or stop_ms < self.alarm_ms:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 
-PIECE_MS = 15
+MAX_STEP_MS = 15
 """Maximum step of simulated time, for smooth pictures and a quick stop."""
 
 

@@ -19,16 +19,16 @@ POLL_MS = 50
 STOP_BUTTON = "center"
 _SWITCH_OFF_MS = 2000
 _SHADES = ".-+#"
-_WAYS = ("up", "down", "left", "right")
-_BUTTONS_NEAR = {
+_DIRECTIONS = ("up", "down", "left", "right")
+_WIRELESS_BUTTONS = {
     "remote": ("left_plus", "left", "left_minus", "right_plus", "right", "right_minus", "center"),
     "xbox": (
-        *("a", "b", "x", "y", "lb", "rb", "view", "menu", "guide", "lj", "rj", "upload", "p1", "p2", "p3", "p4", *_WAYS),
-        *("left_trigger", "right_trigger", *(f"joystick_{side}_{way}" for side in ("left", "right") for way in _WAYS)),
+        *("a", "b", "x", "y", "lb", "rb", "view", "menu", "guide", "lj", "rj", "upload", "p1", "p2", "p3", "p4", *_DIRECTIONS),
+        *("left_trigger", "right_trigger", *(f"joystick_{side}_{end}" for side in ("left", "right") for end in _DIRECTIONS)),
     ),
 }
 """Buttons of wireless devices; a stick and a trigger are pressed all the way."""
-WIRELESS = frozenset(_BUTTONS_NEAR)
+WIRELESS = frozenset(_WIRELESS_BUTTONS)
 _MIN_S, _MAX_S = 0.0, 100_000.0
 
 
@@ -163,7 +163,7 @@ class Panel:
         self._held.discard(button)
 
     @property
-    def is_deserted(self) -> bool:
+    def is_unattended(self) -> bool:
         """Whether no button will ever be pressed again."""
         now_ms = self.clock_ms()
         return not (self.is_watched or self._held or any(end_ms > now_ms for _, end_ms, _ in self._presses))
@@ -176,7 +176,7 @@ class Panel:
         """Buttons of a wireless device that are down at a simulated time."""
         return frozenset(name.partition(".")[2] for name in self._down(time_ms) if name.startswith(f"{device}."))
 
-    def stops(self, time_ms: int) -> bool:
+    def poll(self, time_ms: int) -> bool:
         """Process animations and the poll that are due; returns whether a program ends, as the stop button was pressed since the
         last poll, or the hub is switched off."""
         self._now_ms = time_ms
@@ -243,8 +243,8 @@ class Panel:
 
     def _check(self, button: str) -> None:
         device = button.partition(".")[0]
-        near = [f"{device}.{name}" for name in _BUTTONS_NEAR.get(device, ())]
-        if button not in (near or self.buttons):
-            owner = f"the {device}" if near else f"the {self._hub.value} hub"
-            known = ", ".join(near or [*self.buttons, "or of a wireless device, such as remote.left_plus or xbox.a"])
+        names = [f"{device}.{name}" for name in _WIRELESS_BUTTONS.get(device, ())]
+        if button not in (names or self.buttons):
+            owner = f"the {device}" if names else f"the {self._hub.value} hub"
+            known = ", ".join(names or [*self.buttons, "or of a wireless device, such as remote.left_plus or xbox.a"])
             raise TwinError(f"{owner} has no button '{button}'; press one of {known}")

@@ -22,13 +22,13 @@ from bricksrl.virtual_hub.given_readings import GivenReading
 from bricksrl.virtual_hub.interpreter import execute, format_traceback
 from bricksrl.virtual_hub.machine import Machine, SwitchedOff
 from bricksrl.virtual_hub.micropython.errors import class_name
-from bricksrl.virtual_hub.micropython.system import is_of_program
+from bricksrl.virtual_hub.micropython.system import is_program_error
 from bricksrl.virtual_hub.pace import Pace
 from bricksrl.virtual_hub.panel import WIRELESS, Panel, Press
 from bricksrl.virtual_hub.pybricks import modules
 
 
-class _TimeIsUp(BaseException):
+class _ProgramStopped(BaseException):
     """Ends a program past its exception handlers; on a hub the button raises SystemExit."""
 
 
@@ -134,17 +134,17 @@ def run_file(
     return _run(source, path, machine, console, stdout, stderr)
 
 
-def _machine(body: Body | None, operation: Operation, path: Path, tell: Callable[[str], object]) -> Machine:
+def _machine(body: Body | None, operation: Operation, path: Path, report: Callable[[str], object]) -> Machine:
     if body is None:
-        kind = _hub_of(own_program(path))
-        fitted = FittedBench(kind, operation.readings, operation.end_stops, tell)
-        return Machine(fitted, Panel(kind, operation.presses, near=WIRELESS))
+        kind = _imported_hub(own_program(path))
+        bench = FittedBench(kind, operation.readings, operation.end_stops, report)
+        return Machine(bench, Panel(kind, operation.presses, near=WIRELESS))
     if operation.readings or operation.end_stops:
         raise TwinError("readings and end stops are for the bench; omit them, or take --robot bench")
     return Machine(body, Panel(body.robot.hub, operation.presses))
 
 
-def _hub_of(program: HubProgram) -> HubKind:
+def _imported_hub(program: HubProgram) -> HubKind:
     """The kind of hub that a program imports; Prime by default."""
     classes = {kind.model.class_name: kind for kind in HubKind} | {"InventorHub": HubKind.PRIME}
     for source in (program.source, *(module.source for module in program.beside)):
@@ -165,15 +165,15 @@ def _run(source: str, path: Path, machine: Machine, console: StreamConsole, stdo
         importable = modules(machine, console)
         importable.find_module = lambda name: module_beside(path, name)
         execute(source, path.name, importable, console)
-    except (SystemExit, _TimeIsUp) as end:
+    except (SystemExit, _ProgramStopped) as end:
         name = class_name(type(end)) if isinstance(end, SystemExit) else SystemExit.__name__
         stderr.write(f"The program was stopped ({name}).\n")
     except SwitchedOff:
         stderr.write("The hub was switched off.\n")
     except BaseException as error:
-        if not (is_of_program(error) or isinstance(error, KeyboardInterrupt)):
+        if not (is_program_error(error) or isinstance(error, KeyboardInterrupt)):
             raise
-        stderr.write(format_traceback(error, path.name) + _where_it_is(error, path))
+        stderr.write(format_traceback(error, path.name) + _module_hint(error, path))
         return 1
     finally:
         machine.stop_motors()
@@ -181,7 +181,7 @@ def _run(source: str, path: Path, machine: Machine, console: StreamConsole, stdo
     return 0
 
 
-def _where_it_is(error: BaseException, path: Path) -> str:
+def _module_hint(error: BaseException, path: Path) -> str:
     """A line that says where a module is that a program does not find."""
     missing = re.fullmatch("no module named '(.+)'", str(error)) if isinstance(error, ImportError) else None
     folder = folder_with_module(path, missing[1]) if missing else None
@@ -192,4 +192,4 @@ def _where_it_is(error: BaseException, path: Path) -> str:
 
 def stop_program() -> None:
     """Stop the program of this thread, as the button does; only from within the machine's time."""
-    raise _TimeIsUp
+    raise _ProgramStopped

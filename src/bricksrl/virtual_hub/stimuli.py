@@ -44,7 +44,7 @@ _SENSES = {
     SensorKind.LIGHT: (),
     SensorKind.COLOR_LIGHT_MATRIX: (),
 }
-UNSAID: Mapping[Sense, float] = {Sense.AMBIENT: 0.0, Sense.DISTANCE: 100.0, Sense.COUNT: 0.0}
+DEFAULT_STIMULI: Mapping[Sense, float] = {Sense.AMBIENT: 0.0, Sense.DISTANCE: 100.0, Sense.COUNT: 0.0}
 """Defaults of secondary senses: dark, nothing near, nothing passed."""
 
 

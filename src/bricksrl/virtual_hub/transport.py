@@ -22,8 +22,8 @@ from bricksrl.hub.transport import HubProgram, Pipe
 from bricksrl.virtual_hub import interpreter
 from bricksrl.virtual_hub.body import Body
 from bricksrl.virtual_hub.machine import Machine, SwitchedOff
-from bricksrl.virtual_hub.micropython.system import is_of_program
-from bricksrl.virtual_hub.pace import PIECE_MS, Pace
+from bricksrl.virtual_hub.micropython.system import is_program_error
+from bricksrl.virtual_hub.pace import MAX_STEP_MS, Pace
 from bricksrl.virtual_hub.pybricks import modules
 
 if TYPE_CHECKING:
@@ -45,7 +45,7 @@ class _Wire:
 
     def __init__(self, hub: VirtualHub, stdin_bytes: int) -> None:
         self._hub = hub
-        self._room = stdin_bytes
+        self._capacity = stdin_bytes
         self._stdin = bytearray()
         self.inbox = bytearray()
         self.outbox: deque[tuple[float, bytes]] = deque()
@@ -77,7 +77,7 @@ class _Wire:
 
     def deliver(self, data: bytes) -> None:
         """Put the host's bytes into the ring buffer; like the firmware, refuses writes that do not fit."""
-        if len(self._stdin) + len(data) > self._room:
+        if len(self._stdin) + len(data) > self._capacity:
             raise HubError("the hub's input buffer is full; wait for the program's answer before writing")
         self._stdin += data
 
@@ -97,12 +97,12 @@ class VirtualHub:
         self.robot = body.robot
         self.body = body
         self.machine = Machine(body)
-        self.machine.on_alarm = self._to_host
+        self.machine.on_alarm = self._switch_to_host
         self._wire = _Wire(self, self.robot.hub.model.stdin_bytes)
         self._program: greenlet | None = None
         self._host: greenlet | None = None
         self._thread = threading.get_ident()
-        self._is_to_stop = False
+        self._stop_requested = False
         self._error: str | None = None
         self._pipe = Pipe.STDIN
         self._counts = itertools.cycle(range(1, 256))
@@ -122,7 +122,7 @@ class VirtualHub:
         """Start a program; a running one is stopped first."""
         self.stop()
         self._pipe = program.pipe
-        self._is_to_stop = False  # an earlier stop request was for the previous program
+        self._stop_requested = False  # an earlier stop request was for the previous program
         self._error = None
         self._wire = _Wire(self, self.robot.hub.model.stdin_bytes)
         self._keep_pace()  # otherwise a new program sees the elapsed real time as silence
@@ -138,7 +138,7 @@ class VirtualHub:
         self._check_reach()
         self._keep_pace()
         arrival_ms = math.ceil(self.next_event_ms())
-        self._run_until(self._piece(arrival_ms))
+        self._run_until(self._next_stop_ms(arrival_ms))
         self.run_on_until(arrival_ms)
         self._check()
         if self._pipe is Pipe.APP_DATA:
@@ -158,8 +158,8 @@ class VirtualHub:
                 self._check()
             if self.machine.time_ms >= deadline_ms:
                 return b""
-            self._run_until(self._piece(min(deadline_ms, math.ceil(outbox[0][0])) if outbox else deadline_ms))
-            self._wait_for_wall()
+            self._run_until(self._next_stop_ms(min(deadline_ms, math.ceil(outbox[0][0])) if outbox else deadline_ms))
+            self._wait_for_real_time()
         data = bytearray()
         while outbox and outbox[0][0] <= self.machine.time_ms:
             data += outbox.popleft()[1]
@@ -172,9 +172,9 @@ class VirtualHub:
         A program runs in the thread that started it; other threads only request the stop.
         """
         if threading.get_ident() != self._thread:
-            self._is_to_stop = self._program is not None
+            self._stop_requested = self._program is not None
             return
-        self._is_to_stop = False
+        self._stop_requested = False
         if self._program is not None:
             program, self._program = self._program, None
             if not program.dead:
@@ -210,9 +210,9 @@ class VirtualHub:
         if alarm_ms is not None:
             self.machine.alarm_ms = min(alarm_ms, math.ceil(time_ms))
 
-    def _run_until(self, time_ms: int, to_start: HubProgram | None = None) -> None:
+    def _run_until(self, time_ms: int, new_program: HubProgram | None = None) -> None:
         """Run the program until a simulated time, its next output, or its end."""
-        if self._is_to_stop:
+        if self._stop_requested:
             self.stop()
         program = self._program
         if program is None or program.dead:
@@ -222,18 +222,18 @@ class VirtualHub:
         self._host = getcurrent()
         program.parent = self._host
         self.machine.alarm_ms = max(time_ms, self.machine.time_ms + 1)
-        program.switch(*(() if to_start is None else (to_start,)))
+        program.switch(*(() if new_program is None else (new_program,)))
         self.machine.alarm_ms = None
 
     def run_on_until(self, time_ms: int) -> None:
         """Run the program until a simulated time, whatever it writes."""
         while self.machine.time_ms < time_ms:
-            self._run_until(self._piece(time_ms))
-            self._wait_for_wall()
+            self._run_until(self._next_stop_ms(time_ms))
+            self._wait_for_real_time()
 
-    def _piece(self, time_ms: int) -> int:
+    def _next_stop_ms(self, time_ms: int) -> int:
         """Next stop on the way to a simulated time."""
-        return time_ms if self._pace is None else min(time_ms, self.machine.time_ms + PIECE_MS)
+        return time_ms if self._pace is None else min(time_ms, self.machine.time_ms + MAX_STEP_MS)
 
     def _come_to_rest(self) -> None:
         """In real time: show how the motors run down after a stop."""
@@ -246,10 +246,10 @@ class VirtualHub:
             if before and max((abs(a - b) for a, b in zip(angles, before, strict=True)), default=0) <= _AT_REST_MDEG:
                 return
             before = angles
-            self.machine.advance(PIECE_MS)
-            self._wait_for_wall()
+            self.machine.advance(MAX_STEP_MS)
+            self._wait_for_real_time()
 
-    def _to_host(self) -> None:
+    def _switch_to_host(self) -> None:
         self.machine.alarm_ms = None
         if self._host is not None and getcurrent() is self._program:
             self._host.switch()
@@ -263,7 +263,7 @@ class VirtualHub:
         except (SystemExit, SwitchedOff, _Stopped):
             pass
         except BaseException as error:
-            if not is_of_program(error):
+            if not is_program_error(error):
                 raise
             self._error = describe_traceback(interpreter.format_traceback(error, program.name), program.source, program.name)
         self.machine.stop_motors()
@@ -285,8 +285,8 @@ class VirtualHub:
         wall_ms = self._pace.wall_ms()
         if self.machine.time_ms < wall_ms - 1:
             self.run_on_until(int(wall_ms))
-        self._wait_for_wall()
+        self._wait_for_real_time()
 
-    def _wait_for_wall(self) -> None:
+    def _wait_for_real_time(self) -> None:
         if self._pace is not None:
             self._pace.keep(self.machine.time_ms)

@@ -12,7 +12,7 @@ from stand_in import RUN_AWAY, SPINNING, WALKER_INTERFACE, StandInHub
 from bricksrl.errors import HubError
 from bricksrl.hub.errors import SilentHubError
 from bricksrl.hub.interface import Interface
-from bricksrl.hub.link.keepalive import signs_of_life_s
+from bricksrl.hub.link.keepalive import keepalive_times_s
 from bricksrl.hub.link.lockstep import HubLink
 from bricksrl.hub.link.states import LinkState
 from bricksrl.hub.program.generate import WATCHDOG_MS
@@ -25,7 +25,7 @@ WATCHDOG_S = WATCHDOG_MS / 1000
 
 @given(st.none() | st.floats(0.0, 10.0), st.floats(0.05, 2.0))
 def test_keepalive_interval_is_bounded(move_s: float | None, watchdog_s: float) -> None:
-    times_s = list(itertools.takewhile(lambda time_s: time_s < 12.0, signs_of_life_s(move_s, watchdog_s)))
+    times_s = list(itertools.takewhile(lambda time_s: time_s < 12.0, keepalive_times_s(move_s, watchdog_s)))
     pauses_s = [after - before for before, after in itertools.pairwise([0.0, *times_s])]
     assert max(pauses_s) <= 0.7501 * watchdog_s, "a quarter is left for the way"
     if move_s is not None:

@@ -9,7 +9,7 @@ from bricksrl import robots
 from bricksrl.robots import HubKind, Motor, MotorKind, Robot, UltrasonicSensor
 from bricksrl.virtual_hub.bench_body import BenchBody
 from bricksrl.virtual_hub.firmware.trajectory import InfeasibleMoveError
-from bricksrl.virtual_hub.pybricks.context import refusals
+from bricksrl.virtual_hub.pybricks.context import firmware_errors
 
 HEAD = """
 from pybricks.pupdevices import *
@@ -239,7 +239,7 @@ def test_refusals(call: str, error: str) -> None:
 
 
 def test_move_without_trajectory_raises() -> None:
-    with pytest.raises(RuntimeError, match="^Unknown error$"), refusals():
+    with pytest.raises(RuntimeError, match="^Unknown error$"), firmware_errors():
         raise InfeasibleMoveError
 
 

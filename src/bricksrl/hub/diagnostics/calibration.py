@@ -17,7 +17,7 @@ from pathlib import Path
 from bricksrl.errors import BricksError, DescriptionError
 from bricksrl.robots import Direction, Motor, Robot
 
-_OTHER_WAY = {Direction.CLOCKWISE: Direction.COUNTERCLOCKWISE, Direction.COUNTERCLOCKWISE: Direction.CLOCKWISE}
+_OPPOSITE = {Direction.CLOCKWISE: Direction.COUNTERCLOCKWISE, Direction.COUNTERCLOCKWISE: Direction.CLOCKWISE}
 
 
 class CalibrationError(BricksError):
@@ -47,7 +47,7 @@ def calibrated(robot: Robot, calibration: Calibration) -> Robot:
 
 
 def _calibrated(motor: Motor, calibration: Calibration) -> Motor:
-    direction = _OTHER_WAY[motor.direction] if motor.name in calibration.reversed else motor.direction
+    direction = _OPPOSITE[motor.direction] if motor.name in calibration.reversed else motor.direction
     return replace(motor, direction=direction, zero_deg=calibration.zeros_deg.get(motor.name, motor.zero_deg))
 
 
@@ -56,10 +56,10 @@ def zero_between(stops_deg: tuple[int, int], motor: Motor) -> int:
     the motor has no range, or the stops are too close for it."""
     if motor.range_deg is None:
         raise CalibrationError(f"motor '{motor.name}' has no range, so no stops; calibrate it by hand")
-    width, needed = stops_deg[1] - stops_deg[0], motor.range_deg[1] - motor.range_deg[0]
-    if width < needed:
+    width, required = stops_deg[1] - stops_deg[0], motor.range_deg[1] - motor.range_deg[0]
+    if width < required:
         raise CalibrationError(
-            f"motor '{motor.name}' is blocked after {width} degrees and has to turn by {needed}; clear its way and try again"
+            f"motor '{motor.name}' is blocked after {width} degrees and has to turn by {required}; clear its way and try again"
         )
     return round((sum(stops_deg) - sum(motor.range_deg)) / 2)
 

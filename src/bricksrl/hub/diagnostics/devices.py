@@ -33,7 +33,7 @@ DC_MOTOR_ID = 1
 NOTHING = 0
 """No device, or one that does not identify itself."""
 
-_OTHERS = {
+_OTHER_NAMES = {
     DC_MOTOR_ID: "medium linear motor without angle",
     2: "train motor",
     ULTRASONIC_ID: "ultrasonic sensor",
@@ -42,7 +42,7 @@ _OTHERS = {
 _NAMES = (
     {number: f"motor {kind.value}" for kind, number in MOTOR_IDS.items()}
     | {number: re.sub("(?<!^)([A-Z])", r" \1", kind.value).lower() for kind, number in SENSOR_IDS.items()}
-    | _OTHERS
+    | _OTHER_NAMES
 )
 
 
@@ -58,6 +58,6 @@ def device_name(number: int) -> str:
     return _NAMES.get(number, f"device {number}")
 
 
-def turns_alike(expected: int, found: int) -> bool:
-    """True if both are motors with an encoder, so that a program for one also drives the other."""
-    return {expected, found} <= set(MOTOR_IDS.values())
+def have_encoders(*device_ids: int) -> bool:
+    """True if all are motors with an encoder, so that a program for one also drives the others."""
+    return set(device_ids) <= set(MOTOR_IDS.values())

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from bricksrl.errors import HubError
 from bricksrl.finding import Finding, Outcome
-from bricksrl.hub.diagnostics.devices import NOTHING, device_id, device_name, turns_alike
+from bricksrl.hub.diagnostics.devices import NOTHING, device_id, device_name, have_encoders
 from bricksrl.hub.diagnostics.latency import Latency, advice, measure
 from bricksrl.hub.diagnostics.survey import Survey, survey
 from bricksrl.hub.interface import Interface
@@ -53,22 +53,22 @@ def check_robot(
     """
     try:
         transport.open()
-        described = robot if calibrate is None else calibrate(robot)
+        calibrated = robot if calibrate is None else calibrate(robot)
         yield from check_hub(getattr(transport, "identity", None), robot)
-        found = survey(transport, described)
-        plugged = list(check_ports(robot, found))
-        yield from plugged
-        yield check_battery(robot.hub, found.battery_mv)
-        yield from check_imu(robot, found)
-        if any(finding.outcome is Outcome.ERROR for finding in plugged):
+        result = survey(transport, calibrated)
+        port_findings = list(check_ports(robot, result))
+        yield from port_findings
+        yield check_battery(robot.hub, result.battery_mv)
+        yield from check_imu(robot, result)
+        if any(finding.outcome is Outcome.ERROR for finding in port_findings):
             yield Finding("program", Outcome.SKIPPED, "the environment's program does not start before all is plugged in")
             return
-        yield from _with_program(transport, robot, interface, may_move, is_right, calibrate)
+        yield from _check_with_program(transport, robot, interface, may_move, is_right, calibrate)
     finally:
         transport.close()
 
 
-def _with_program(
+def _check_with_program(
     transport: Transport,
     robot: Robot,
     interface: Interface,
@@ -110,32 +110,33 @@ def check_hub(identity: object, robot: Robot) -> Iterator[Finding]:
         yield Finding("firmware", Outcome.OK, f"Pybricks {firmware}, profile {version}")
 
 
-def check_ports(robot: Robot, found: Survey) -> Iterator[Finding]:
+def check_ports(robot: Robot, result: Survey) -> Iterator[Finding]:
     """Port check: expected against connected device."""
     expected = {device.port: device for device in (*robot.motors, *robot.sensors)}
     for port in robot.hub.model.ports:
-        number, device = found.ports.get(port, NOTHING), expected.get(port)
-        there, name = device_name(number), f"port {port}"
+        found_id, device = result.ports.get(port, NOTHING), expected.get(port)
+        found_name, name = device_name(found_id), f"port {port}"
         if device is None:
-            detail = "nothing is expected" + ("" if number == NOTHING else f", {there} is there, which does no harm")
+            detail = "nothing is expected" + ("" if found_id == NOTHING else f", {found_name} is there, which does no harm")
             yield Finding(name, Outcome.OK, detail)
             continue
-        wanted = device_id(device)
-        what = f"'{device.name}', {device_name(wanted)}"
-        if number == wanted:
-            yield Finding(name, Outcome.OK, what)
-        elif turns_alike(wanted, number):
-            detail = f"{what} is expected, {there} is there; it works, but the virtual robot has the other one's strength"
+        expected_id = device_id(device)
+        label = f"'{device.name}', {device_name(expected_id)}"
+        if found_id == expected_id:
+            yield Finding(name, Outcome.OK, label)
+        elif have_encoders(expected_id, found_id):
+            detail = f"{label} is expected, {found_name} is there; it works, but the virtual robot has the other one's strength"
             yield Finding(name, Outcome.WARNING, detail)
         else:
-            yield Finding(name, Outcome.ERROR, f"{what} is expected, {there} is there; {_where(robot, wanted, port, found)}")
+            detail = f"{label} is expected, {found_name} is there; {_plug_advice(robot, expected_id, port, result)}"
+            yield Finding(name, Outcome.ERROR, detail)
 
 
-def _where(robot: Robot, wanted: int, port: str, found: Survey) -> str:
+def _plug_advice(robot: Robot, missing_id: int, port: str, result: Survey) -> str:
     """Advice on the missing device: the port where it might be, or to plug it in."""
-    taken = {device.port for device in (*robot.motors, *robot.sensors) if device_id(device) == wanted}
-    elsewhere = [other for other, number in found.ports.items() if number == wanted and other not in taken]
-    return f"move it from port {elsewhere[0]} to {port}" if elsewhere else f"plug it into port {port} until it clicks"
+    taken = {device.port for device in (*robot.motors, *robot.sensors) if device_id(device) == missing_id}
+    others = [other for other, found_id in result.ports.items() if found_id == missing_id and other not in taken]
+    return f"move it from port {others[0]} to {port}" if others else f"plug it into port {port} until it clicks"
 
 
 def check_battery(hub: HubKind, battery_mv: int) -> Finding:
@@ -150,51 +151,51 @@ def check_battery(hub: HubKind, battery_mv: int) -> Finding:
     return Finding("battery", Outcome.OK, volts)
 
 
-def check_imu(robot: Robot, found: Survey) -> Iterator[Finding]:
+def check_imu(robot: Robot, result: Survey) -> Iterator[Finding]:
     """IMU check, for robots that need it: gyroscope and accelerometer are ready."""
     if not robot.needs_imu:
         return
-    lies = f"pitch {found.pitch_deg}, roll {found.roll_deg} deg"
-    if found.imu_ready is None:
+    tilt = f"pitch {result.pitch_deg}, roll {result.roll_deg} deg"
+    if result.imu_ready is None:
         yield Finding(
             "imu", Outcome.ERROR, "the hub did not say anything about its IMU; update its firmware on code.pybricks.com"
         )
-    elif not found.imu_ready:
-        yield Finding("imu", Outcome.WARNING, f"{lies}, not ready; leave the robot still for some seconds and check again")
+    elif not result.imu_ready:
+        yield Finding("imu", Outcome.WARNING, f"{tilt}, not ready; leave the robot still for some seconds and check again")
     else:
-        yield Finding("imu", Outcome.OK, f"ready, {lies}" + ("" if found.imu_still else ", moving"))
+        yield Finding("imu", Outcome.OK, f"ready, {tilt}" + ("" if result.imu_still else ", moving"))
 
 
 def check_angles(robot: Robot, interface: Interface, values: NDArray[np.float32]) -> Iterator[Finding]:
     """Angle check: joints are within their ranges in the reading ``values [n_channels]``."""
-    for name, place in interface.angle_places.items():
+    for name, index in interface.angle_places.items():
         range_deg = robot.motor(name).range_deg
         if range_deg is None:
             continue
         low, high = range_deg
-        angle = f"{values[place]:.0f} deg, range {low} to {high}"
-        if low - _RANGE_MARGIN_DEG <= values[place] <= high + _RANGE_MARGIN_DEG:
+        angle = f"{values[index]:.0f} deg, range {low} to {high}"
+        if low - _RANGE_MARGIN_DEG <= values[index] <= high + _RANGE_MARGIN_DEG:
             yield Finding(f"angle {name}", Outcome.OK, angle)
         else:
             detail = f"{angle}; put the joint within its range, or find its zero with `bricksrl hub calibrate`"
             yield Finding(f"angle {name}", Outcome.ERROR, detail)
 
 
-def check_latency(found: Latency) -> Finding:
+def check_latency(latency: Latency) -> Finding:
     """Latency check: the connection interval is short."""
-    share = "" if found.link_share is None else f", {found.link_share:.0%} of a step"
-    detail = f"{found.p50_ms:.0f} ms, p99 {found.p99_ms:.0f} ms, connection interval {found.interval_ms:g} ms{share}"
-    if found.is_slow:
+    share = "" if latency.link_share is None else f", {latency.link_share:.0%} of a step"
+    detail = f"{latency.p50_ms:.0f} ms, p99 {latency.p99_ms:.0f} ms, connection interval {latency.interval_ms:g} ms{share}"
+    if latency.is_slow:
         return Finding("round trip", Outcome.WARNING, f"{detail}; {advice()}")
     return Finding("round trip", Outcome.OK, detail)
 
 
 def small_move(command: Command, range_deg: tuple[int, int] | None, angle_deg: float | None) -> float:
     """A small value of a command; for a joint with a known angle, towards the middle of its range."""
-    towards = 1.0
+    sign = 1.0
     if range_deg is not None and angle_deg is not None and angle_deg > sum(range_deg) / 2:
-        towards = -1.0
-    values = [min(max(sign * TEST_MOVE, command.low), command.high) for sign in (towards, -towards)]
+        sign = -1.0
+    values = [min(max(move, command.low), command.high) for move in (sign * TEST_MOVE, -sign * TEST_MOVE)]
     return values[0] if abs(values[0]) >= abs(values[1]) else values[1]
 
 
@@ -206,8 +207,8 @@ def _check_move(link: HubLink, robot: Robot, interface: Interface, index: int, i
     if not motors:
         link.act([command.high if i == index else 0.0 for i in range(len(interface.commands))])
         return Finding(command.name, Outcome.OK, f"{command.high:g} {command.unit}, look or listen")
-    angles = [_angle(interface, before, motor) for motor in motors]
-    value = small_move(command, motors[0].range_deg, angles[0])
+    angles_before = [_angle(interface, before, motor) for motor in motors]
+    value = small_move(command, motors[0].range_deg, angles_before[0])
     name = f"motor {command.name}" if len(motors) == 1 else command.name
     link.act([value if i == index else 0.0 for i in range(len(interface.commands))])
     after = before
@@ -216,26 +217,26 @@ def _check_move(link: HubLink, robot: Robot, interface: Interface, index: int, i
     if not command.ends:
         link.act([0.0] * len(interface.commands))
     turns_deg = command.turns_deg(robot, value)
-    for motor, angle, turn_deg in zip(motors, angles, turns_deg, strict=True):
-        now = _angle(interface, after, motor)
-        if angle is None or now is None:
+    for motor, angle_before, turn_deg in zip(motors, angles_before, turns_deg, strict=True):
+        angle_after = _angle(interface, after, motor)
+        if angle_before is None or angle_after is None:
             continue
-        turned = (now - angle + 180.0) % 360.0 - 180.0
+        turned = (angle_after - angle_before + 180.0) % 360.0 - 180.0
         if command.ends:  # angles may be wrapped: add the whole turns that bring it nearest to the command
             turned += 360.0 * round((turn_deg - turned) / 360.0)
         if turned * np.sign(turn_deg) < _LEAST_SHARE * abs(turn_deg):
             what = f"'{motor.name}' (port {motor.port}) turned by {turned:.0f} deg after {value:g} {command.unit}"
             return Finding(name, Outcome.ERROR, f"{what}; it is blocked, or its cable is loose")
-    did = f"moved by {value:g} {command.unit}"
-    if is_right is not None and not is_right(f"{name} {did}"):
+    motion = f"moved by {value:g} {command.unit}"
+    if is_right is not None and not is_right(f"{name} {motion}"):
         ports = " and ".join(motor.port for motor in motors)
         names = " ".join(motor.name for motor in motors)
         remedy = f"swap the cables (port {ports}), or `bricksrl hub calibrate --reverse {names}`"
-        return Finding(name, Outcome.ERROR, f"{did}, and you say that it was another motor or the wrong way; {remedy}")
-    return Finding(name, Outcome.OK, did + ("" if is_right is not None else ", nobody watched"))
+        return Finding(name, Outcome.ERROR, f"{motion}, and you say that it was another motor or the wrong way; {remedy}")
+    return Finding(name, Outcome.OK, motion + ("" if is_right is not None else ", nobody watched"))
 
 
 def _angle(interface: Interface, values: NDArray[np.float32], motor: Motor) -> float | None:
     """Angle of a motor, if it is observed."""
-    place = interface.angle_places.get(motor.name)
-    return None if place is None else float(values[place])
+    index = interface.angle_places.get(motor.name)
+    return None if index is None else float(values[index])

@@ -72,18 +72,18 @@ def survey(transport: Transport, robot: Robot) -> Survey:
 
 def parse_survey(lines: list[str]) -> Survey:
     """Survey from the lines that the program printed. Raises HubError if the lines are incomplete."""
-    words: dict[str, list[list[str]]] = {}
+    records: dict[str, list[list[str]]] = {}
     for line in lines:
-        word, *rest = line.split(" ")
-        words.setdefault(word, []).append(rest)
+        key, *values = line.split(" ")
+        records.setdefault(key, []).append(values)
     try:
-        imu = [int(number) for number in words["imu"][0]] if "imu" in words else []
+        imu = [int(number) for number in records["imu"][0]] if "imu" in records else []
         return Survey(
-            ports={port: int(number) for port, number in words["port"]},
-            angles_deg={motor: int(angle) for motor, angle in words.get("angle", [])},
-            battery_mv=int(words["battery"][0][0]),
-            firmware=words["firmware"][0][0],
-            name=" ".join(words["name"][0]),
+            ports={port: int(number) for port, number in records["port"]},
+            angles_deg={motor: int(angle) for motor, angle in records.get("angle", [])},
+            battery_mv=int(records["battery"][0][0]),
+            firmware=records["firmware"][0][0],
+            name=" ".join(records["name"][0]),
             imu_ready=bool(imu[0]) if imu else None,
             imu_still=bool(imu[1]) if imu else None,
             pitch_deg=imu[2] if imu else 0,
@@ -120,14 +120,14 @@ def find_stops(transport: Transport, robot: Robot) -> dict[str, tuple[int, int] 
     if not joints:
         return {}
     timeout_s = 5.0 + 3 * len(joints) * STALL_LIMIT_MS / 1000
-    found: dict[str, tuple[int, int] | None] = {}
+    stops_deg: dict[str, tuple[int, int] | None] = {}
     for line in run(transport, stops_program(robot), timeout_s):
         match line.split(" "):
             case ["stops", name, low, high]:
-                found[name] = (int(low), int(high))
+                stops_deg[name] = (int(low), int(high))
             case ["free", name]:
-                found[name] = None
-    return found
+                stops_deg[name] = None
+    return stops_deg
 
 
 def run(transport: Transport, program: HubProgram, timeout_s: float) -> list[str]:
@@ -174,12 +174,12 @@ def _motors(motors: tuple[Motor, ...]) -> str:
     return f"MOTORS = (\n{''.join(rows)})"
 
 
-def _program(purpose: str, imports: list[str], constants: list[str], robot: Robot, part: str) -> HubProgram:
+def _program(purpose: str, imports: list[str], constants: list[str], robot: Robot, script: str) -> HubProgram:
     model = robot.hub.model
-    own = f"from pybricks.hubs import {model.class_name}"
-    text = resources.files("bricksrl.hub.program.onboard").joinpath(f"{part}.py").read_text(encoding="utf-8")
-    title = [f"# {purpose}", "# Written by BricksRL from the robot's description."]
-    head = [*title, *sorted_imports([own, *imports]), "", *constants, ""]
+    hub_import = f"from pybricks.hubs import {model.class_name}"
+    text = resources.files("bricksrl.hub.program.onboard").joinpath(f"{script}.py").read_text(encoding="utf-8")
+    comments = [f"# {purpose}", "# Written by BricksRL from the robot's description."]
+    head = [*comments, *sorted_imports([hub_import, *imports]), "", *constants, ""]
     body = [f"hub = {model.class_name}()", "print()", text.split(_HUB_PART, 1)[1].strip(), ""]
     program_hash = hashlib.sha256("\n".join([*head, *body]).encode()).digest()[:4]
     number = int.from_bytes(program_hash, "little")

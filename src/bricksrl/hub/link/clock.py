@@ -19,8 +19,8 @@ class HubClock:
 
     def __init__(self) -> None:
         self._time_ms: int | None = None
-        self._at_least_s: deque[float] = deque(maxlen=_RECENT)
-        self._at_most_s: deque[float] = deque(maxlen=_RECENT)
+        self._lower_bounds_s: deque[float] = deque(maxlen=_RECENT)
+        self._upper_bounds_s: deque[float] = deque(maxlen=_RECENT)
 
     def unwrap(self, time_ms: int) -> int:
         """Unwrap the hub's 16-bit clock; answers are never a whole wrap (65.5 s) apart unless the program ended."""
@@ -32,13 +32,13 @@ class HubClock:
 
     def compare(self, time_ms: int, not_before_s: float, arrived_s: float) -> None:
         """Add the bounds of one exchange: ``time_ms`` is the hub's unwrapped clock, the others are this computer's."""
-        self._at_least_s.append(not_before_s - time_ms / 1000)
-        self._at_most_s.append(arrived_s - time_ms / 1000)
+        self._lower_bounds_s.append(not_before_s - time_ms / 1000)
+        self._upper_bounds_s.append(arrived_s - time_ms / 1000)
 
     def age_s(self, time_ms: int, now_s: float) -> float:
         """Age of a time on the hub's clock; 0 before the first exchange."""
-        if not self._at_most_s:
+        if not self._upper_bounds_s:
             return 0.0
-        at_most_s = min(self._at_most_s)
-        difference_s = (min(max(self._at_least_s), at_most_s) + at_most_s) / 2
-        return max(0.0, now_s - difference_s - time_ms / 1000)
+        upper_bound_s = min(self._upper_bounds_s)
+        offset_s = (min(max(self._lower_bounds_s), upper_bound_s) + upper_bound_s) / 2
+        return max(0.0, now_s - offset_s - time_ms / 1000)

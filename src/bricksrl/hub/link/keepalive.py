@@ -13,7 +13,7 @@ from collections.abc import Iterator
 _PER_WATCHDOG = 2
 
 
-def signs_of_life_s(move_s: float | None, watchdog_s: float) -> Iterator[float]:
+def keepalive_times_s(move_s: float | None, watchdog_s: float) -> Iterator[float]:
     """Times of the keepalives, counted from the command; an infinite iterator.
 
     Args:

@@ -23,12 +23,12 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from bricksrl.errors import HubError, HubProgramError, HubTimeoutError, StoppedError
+from bricksrl.errors import HubError, HubProgramError, StoppedError
 from bricksrl.hub.errors import SilentHubError
 from bricksrl.hub.interface import Interface
 from bricksrl.hub.link.clock import HubClock
-from bricksrl.hub.link.keepalive import signs_of_life_s
-from bricksrl.hub.link.reading import Reading, check_hello, good_bye, is_hello
+from bricksrl.hub.link.keepalive import keepalive_times_s
+from bricksrl.hub.link.reading import Reading, bye_error, check_hello, is_hello
 from bricksrl.hub.link.receiver import Listener
 from bricksrl.hub.link.states import Cause, LinkState, after, cause_of
 from bricksrl.hub.link.statistics import LinkMeter, LinkStatistics
@@ -161,7 +161,7 @@ class HubLink:
         """
         self._require_open()
         with self._fault():
-            self._say_hello()
+            self._request_hello()
             self._seq = 0
             self._begin()
             self.state = after(self.state, Cause.RESTED)
@@ -266,21 +266,21 @@ class HubLink:
 
     def _expect_hello(self) -> None:
         """Wait for the HELLO that the program sends at its start, and request it if it does not come."""
-        hello = self._hear_hello() or self._say_hello()
+        hello = self._receive_hello() or self._request_hello()
         check_hello(hello, self.program.hash)
 
-    def _hear_hello(self) -> ControlFrame | None:
+    def _receive_hello(self) -> ControlFrame | None:
         frame = self._listener.wait_for(is_hello, self._timeout_s / _SENDS_PER_TIMEOUT)
         return frame if isinstance(frame, ControlFrame) else None
 
-    def _say_hello(self) -> ControlFrame:
+    def _request_hello(self) -> ControlFrame:
         """Request a HELLO, on which the hub stops its motors, until it comes."""
         for _ in range(_SENDS_PER_TIMEOUT - 1):
             self._transport.write(control_frame(Down.HELLO))
-            hello = self._hear_hello()
+            hello = self._receive_hello()
             if hello is not None:
                 return hello
-        raise HubTimeoutError(self._listener.silence("the program did not say hello", self._timeout_s))
+        raise self._listener.timeout_error("the program did not say hello", self._timeout_s)
 
     def _read(self) -> Reading:
         self._require_open()
@@ -289,12 +289,12 @@ class HubLink:
 
     def _exchange(self, frame: bytes, longest_move_s: float, known_move_s: float | None) -> Reading:
         """Send until the answer comes; the same frame may go out several times."""
-        with self._explained():
+        with self._fault_with_cause():
             self._adapt_watchdog()
             started_s, resends = self.now_s(), self._meter.resends
             answer = self._send_and_wait(frame, longest_move_s, known_move_s)
             if answer is None:
-                raise HubTimeoutError(self._listener.silence("the hub did not answer", longest_move_s + self._timeout_s))
+                raise self._listener.timeout_error("the hub did not answer", longest_move_s + self._timeout_s)
             reading = self._reading(answer, started_s, known_move_s or 0.0)
         # Waiting for a lost frame is no delay of the link: if counted, it would raise the watchdog's time ever further.
         self._meter.record(reading.round_trip_s, known_move_s if self._meter.resends == resends else None, reading.age_s)
@@ -309,7 +309,7 @@ class HubLink:
         return Reading(values, time_ms, arrived_s - started_s, self._clock.age_s(time_ms, arrived_s))
 
     @contextlib.contextmanager
-    def _explained(self) -> Iterator[None]:
+    def _fault_with_cause(self) -> Iterator[None]:
         """``_fault`` that prefers the program's traceback or BYE to the error of the transport."""
         with self._fault():
             try:
@@ -317,7 +317,7 @@ class HubLink:
             except (SilentHubError, HubProgramError):
                 raise
             except HubError:
-                self._listener.look_for_last_words()
+                self._listener.raise_program_error()
                 raise
 
     def _send_and_wait(self, frame: bytes, longest_move_s: float, known_move_s: float | None) -> DataFrame | None:
@@ -336,11 +336,11 @@ class HubLink:
     def _await_answer(self, window_s: float, move_s: float | None) -> DataFrame | None:
         """The answer, if it comes in time. Meanwhile, send keepalives to the hub."""
         started_s = self.now_s()
-        for sign_s in signs_of_life_s(move_s, self._watchdog_ms / 1000):
-            answer = self._listener.wait_for(self._is_answer, started_s + min(sign_s, window_s) - self.now_s())
+        for keepalive_s in keepalive_times_s(move_s, self._watchdog_ms / 1000):
+            answer = self._listener.wait_for(self._is_answer, started_s + min(keepalive_s, window_s) - self.now_s())
             if isinstance(answer, DataFrame):
                 return answer
-            if sign_s >= window_s:
+            if keepalive_s >= window_s:
                 break
             self._set_watchdog(self._watchdog_ms)
         return None
@@ -348,7 +348,7 @@ class HubLink:
     def _is_answer(self, frame: Frame) -> bool:
         if isinstance(frame, ControlFrame):
             if frame.kind == Up.BYE:
-                raise good_bye(frame)
+                raise bye_error(frame)
             return False
         self._meter.stale_answers += frame.seq != self._seq
         return frame.seq == self._seq

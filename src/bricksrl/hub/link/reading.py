@@ -29,7 +29,7 @@ class Reading:
     age_s: float = 0.0
 
 
-def good_bye(bye: ControlFrame) -> SilentHubError:
+def bye_error(bye: ControlFrame) -> SilentHubError:
     """Error for a BYE frame."""
     is_silence = bye.payload[0] == ByeReason.SILENCE
     why = "it had not heard from this computer for too long" if is_silence else "it was told to"

@@ -6,8 +6,8 @@ import contextlib
 from collections import deque
 from collections.abc import Callable
 
-from bricksrl.errors import HubError, HubProgramError
-from bricksrl.hub.link.reading import good_bye
+from bricksrl.errors import HubError, HubProgramError, HubTimeoutError
+from bricksrl.hub.link.reading import bye_error
 from bricksrl.hub.link.statistics import LinkMeter
 from bricksrl.hub.program.traceback import describe_traceback
 from bricksrl.hub.protocol import UP_PAYLOAD_BYTES, ControlFrame, Frame, FrameDecoder, Up, WireFormat
@@ -61,7 +61,7 @@ class Listener:
                     self._decoder.feed(rest)
             raise HubProgramError(describe_traceback(self._decoder.text, self._source))
 
-    def look_for_last_words(self) -> None:
+    def raise_program_error(self) -> None:
         """After a failure, raise the error of a traceback or a BYE frame, which says more than the transport's."""
         try:
             self._feed(self._transport.read(0.0))
@@ -71,10 +71,10 @@ class Listener:
             return
         for frame in self._frames:
             if isinstance(frame, ControlFrame) and frame.kind == Up.BYE:
-                raise good_bye(frame)
+                raise bye_error(frame)
 
-    def silence(self, what: str, waited_s: float) -> str:
-        """Error message for a timeout."""
+    def timeout_error(self, what: str, waited_s: float) -> HubTimeoutError:
+        """Error for a timeout, with the last line that the program printed."""
         printed = self._decoder.text.strip().splitlines()
         last_line = f" (it printed: {printed[-1]})" if printed else ""
-        return f"{what} within {waited_s:g} s{last_line}; check that it is on and near, then call open()"
+        return HubTimeoutError(f"{what} within {waited_s:g} s{last_line}; check that it is on and near, then call open()")

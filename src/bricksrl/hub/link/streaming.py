@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bricksrl.errors import DescriptionError, HubTimeoutError
+from bricksrl.errors import DescriptionError
 from bricksrl.hub.interface import Interface
 from bricksrl.hub.link.lockstep import HubLink
 from bricksrl.hub.link.reading import Reading
@@ -59,7 +59,7 @@ class StreamingLink(HubLink):
         started_s = self.now_s()
         on_time_s = self._due_s + self._step_s
         self._due_s = on_time_s if on_time_s > started_s else started_s + self._step_s
-        with self._explained():
+        with self._fault_with_cause():
             self._adapt_watchdog()
             resends = self._meter.resends
             reading = self._stream(frame, started_s)
@@ -69,9 +69,9 @@ class StreamingLink(HubLink):
 
     def _begin(self) -> None:
         self._due_s = -math.inf
-        self._ask()
+        self._request_stream()
 
-    def _ask(self) -> None:
+    def _request_stream(self) -> None:
         """Ask the hub to send observations."""
         self._transport.write(control_frame(Down.STREAM, struct.pack("<H", PERIOD_MS)))
 
@@ -96,12 +96,12 @@ class StreamingLink(HubLink):
             if now_s >= next_send_s:
                 if newest is None and next_send_s > started_s:  # the command was lost, or the request for observations
                     self._meter.resends += 1
-                    self._ask()
+                    self._request_stream()
                 self._transport.write(frame)
                 next_send_s = now_s + alive_s
             wake_s = min(next_send_s, give_up_s if newest is None else self._due_s)
-            found = self._listener.wait_for(self._is_answer, wake_s - self.now_s())
-            if isinstance(found, DataFrame):
-                reading = self._reading(found, started_s, 0.0)
+            answer = self._listener.wait_for(self._is_answer, wake_s - self.now_s())
+            if isinstance(answer, DataFrame):
+                reading = self._reading(answer, started_s, 0.0)
                 newest = reading if newest is None else replace(reading, round_trip_s=newest.round_trip_s)
-        raise HubTimeoutError(self._listener.silence("the hub sent no observation", give_up_s - started_s))
+        raise self._listener.timeout_error("the hub sent no observation", give_up_s - started_s)

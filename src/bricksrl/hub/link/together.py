@@ -7,7 +7,6 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from bricksrl.errors import HubTimeoutError
 from bricksrl.hub.link.lockstep import HubLink
 from bricksrl.hub.link.reading import Reading
 
@@ -26,7 +25,7 @@ class TeamLink(HubLink):
             HubError: the link is not open, or failed.
         """
         self._frame = self._next_frame(values)
-        with self._explained():
+        with self._fault_with_cause():
             self._adapt_watchdog()
             self._sent_s = self.now_s()
             self._transport.write(self._frame)
@@ -34,12 +33,12 @@ class TeamLink(HubLink):
     def receive(self) -> Reading:
         """Wait for the answer to the last sent commands. Raises the same errors as `HubLink.act`."""
         known_s, resends = self._known_move_s, self._meter.resends
-        with self._explained():
+        with self._fault_with_cause():
             left_s = None if known_s is None else max(0.0, self._sent_s + known_s - self.now_s())
             window_s = self._longest_move_s + self._timeout_s / 2
             answer = self._await_answer(window_s, left_s) or self._send_and_wait(self._frame, self._longest_move_s, known_s)
             if answer is None:
-                raise HubTimeoutError(self._listener.silence("the hub did not answer", self._longest_move_s + self._timeout_s))
+                raise self._listener.timeout_error("the hub did not answer", self._longest_move_s + self._timeout_s)
             reading = self._reading(answer, self._sent_s, known_s or 0.0)
         self._meter.record(reading.round_trip_s, known_s if self._meter.resends == resends else None, reading.age_s)
         return reading

@@ -13,8 +13,6 @@ from bricksrl.hub.transport import MAIN_FILE, HubProgram
 from bricksrl.robots import HubKind
 
 _SMALL_INT_BITS = "-msmall-int-bits=31"
-
-
 MAIN_MODULE = "__main__"
 
 
@@ -46,7 +44,7 @@ def program_blob(modules: Mapping[str, bytes], hub: HubKind) -> bytes:
     ProgramError if the content is larger than the program area.
     """
     blob = b"".join(struct.pack("<I", len(mpy)) + name.encode() + b"\0" + mpy for name, mpy in modules.items())
-    room = hub.model.program_bytes
-    if len(blob) > room:
-        raise ProgramError(f"the program has {len(blob)} bytes, the {hub.value} hub takes {room}; make it shorter")
+    max_bytes = hub.model.program_bytes
+    if len(blob) > max_bytes:
+        raise ProgramError(f"the program has {len(blob)} bytes, the {hub.value} hub takes {max_bytes}; make it shorter")
     return blob

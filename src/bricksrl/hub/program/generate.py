@@ -37,8 +37,7 @@ END_MS = 10_000
 
 _HUB_PART = "# --- the hub's part ---\n"
 
-
-_ONBOARD = {Pipe.STDIN: "stdio", Pipe.APP_DATA: "app_data"}
+_INPUT_FILES = {Pipe.STDIN: "stdio", Pipe.APP_DATA: "app_data"}
 
 
 def generate(robot: Robot, interface: Interface, pipe: Pipe = Pipe.STDIN) -> HubProgram:
@@ -52,10 +51,10 @@ def generate(robot: Robot, interface: Interface, pipe: Pipe = Pipe.STDIN) -> Hub
     """
     validate(robot, interface)
     loop_imports, loop = _onboard("loop")
-    way_imports, way = _onboard(_ONBOARD[pipe])
+    input_imports, input_part = _onboard(_INPUT_FILES[pipe])
     parts = [
         _constants(interface, pipe),
-        way,  # first, since the host may write as soon as the program runs
+        input_part,  # first, since the host may write as soon as the program runs
         _devices(robot, interface),
         _start_moves(robot, interface),
         _read_channels(interface),
@@ -63,7 +62,7 @@ def generate(robot: Robot, interface: Interface, pipe: Pipe = Pipe.STDIN) -> Hub
     ]
     if _joints(robot, interface):
         parts.insert(1, _onboard("joint")[1])
-    imports = _robot_imports(robot, interface) + way_imports + loop_imports
+    imports = _robot_imports(robot, interface) + input_imports + loop_imports
     head = "\n".join([_header(robot, interface), *sorted_imports(imports), ""])
     text = "\n\n".join([head, *parts])
     program_hash = hashlib.sha256(text.encode()).digest()[:4]
@@ -113,7 +112,7 @@ def _robot_imports(robot: Robot, interface: Interface) -> list[str]:
     names = {("pybricks.hubs", robot.hub.model.class_name)}
     names |= {("pybricks.pupdevices", "Motor") for _ in motors}
     names |= {("pybricks.pupdevices", sensor.class_name) for sensor in sensors}
-    names |= {one for number in (*interface.commands, *interface.channels) for one in number.imports}
+    names |= {pair for number in (*interface.commands, *interface.channels) for pair in number.imports}
     if motors or sensors:
         names.add(("pybricks.parameters", "Port"))
     if any(motor.direction is Direction.COUNTERCLOCKWISE for motor in motors):
@@ -121,7 +120,7 @@ def _robot_imports(robot: Robot, interface: Interface) -> list[str]:
     if robot.hub_sides != HUB_FLAT:
         names.add(("pybricks.parameters", "Axis"))
     modules = sorted({module for module, _ in names})
-    return [f"from {module} import {', '.join(sorted(name for of, name in names if of == module))}" for module in modules]
+    return [f"from {module} import {', '.join(sorted(name for origin, name in names if origin == module))}" for module in modules]
 
 
 def _constants(interface: Interface, pipe: Pipe) -> str:
@@ -208,21 +207,21 @@ def _motor_lines(motor: Motor, is_joint: bool) -> list[str]:
     if motor.zero_deg:
         lines.append(f"{variable}.reset_angle({_from_zero(motor, f'{variable}.angle()')})")
     limits = {"speed": motor.speed_limit_deg_s, "acceleration": motor.acceleration_deg_s2, "torque": motor.torque_limit_mnm}
-    given = ", ".join(f"{name}={value}" for name, value in limits.items() if value is not None)
-    if given:
-        lines.append(f"{variable}.control.limits({given})")
+    limit_arguments = ", ".join(f"{name}={value}" for name, value in limits.items() if value is not None)
+    if limit_arguments:
+        lines.append(f"{variable}.control.limits({limit_arguments})")
     if is_joint and motor.range_deg is not None:
         lines.append(f"{variable} = Joint({variable}, {motor.range_deg[0]}, {motor.range_deg[1]})")
     return lines
 
 
-def _from_zero(motor: Motor, shown: str) -> str:
+def _from_zero(motor: Motor, angle: str) -> str:
     """Expression of the angle relative to the calibrated zero, shifted by whole turns to be near the range."""
     if not motor.turn_deg.is_integer():
-        return f"{shown} - {motor.zero_deg}"
+        return f"{angle} - {motor.zero_deg}"
     turn, middle = int(motor.turn_deg), sum(motor.range_deg or (0, 0)) // 2
     lowest = middle - turn // 2
-    return f"({shown} - {motor.zero_deg + lowest}) % {turn} + {lowest}"
+    return f"({angle} - {motor.zero_deg + lowest}) % {turn} + {lowest}"
 
 
 def _start_moves(robot: Robot, interface: Interface) -> str:
@@ -235,9 +234,9 @@ def _start_moves(robot: Robot, interface: Interface) -> str:
         low, high = round(command.low * command.scale), round(command.high * command.scale)
         amount = f"whole(actions[{index}], {low}, {high}, {command.scale})"
         calls.setdefault(command.call or command.name, []).append((command, amount))
-    for together in calls.values():
-        amounts = {command.name: amount for command, amount in together}
-        lines.append("    " + together[0][0].start_all(robot, amounts))
+    for group in calls.values():
+        amounts = {command.name: amount for command, amount in group}
+        lines.append("    " + group[0][0].start_all(robot, amounts))
     return "\n".join(lines) + "\n"
 
 

@@ -88,9 +88,8 @@ def lint(source: str, hub: HubKind) -> tuple[Finding, ...]:
         line = error.lineno if isinstance(error, SyntaxError) else None
         return (_finding(line or 1, f"this is not Python ({error}); correct the program"),)
     checker = _Checker(tree, hub)
-    return tuple(
-        _finding(line, message) for line, message in sorted({one for node in ast.walk(tree) for one in checker.check(node)})
-    )
+    messages = {pair for node in ast.walk(tree) for pair in checker.check(node)}
+    return tuple(_finding(line, message) for line, message in sorted(messages))
 
 
 def require_clean(source: str, hub: HubKind) -> None:
@@ -172,11 +171,11 @@ class _Checker:
             yield "a hub has no relative imports; put all into one file"
             return
         yield from self._module(module)
-        own = {self._hub.model.class_name, "ThisHub"} | ({"InventorHub"} if self._hub is HubKind.PRIME else set())
+        valid = {self._hub.model.class_name, "ThisHub"} | ({"InventorHub"} if self._hub is HubKind.PRIME else set())
         for name in names:
             if (module, name) in _MISSING_MODULE_NAMES:
                 yield f"there is no {module}.{name} on a hub; {_exit_remedy(name)}"
-            if module == "pybricks.hubs" and name in _HUB_CLASSES - own:
+            if module == "pybricks.hubs" and name in _HUB_CLASSES - valid:
                 yield f"{name} is not this hub; the {self._hub.value} hub has {self._hub.model.class_name}"
 
     def _name(self, name: str) -> Iterator[str]:

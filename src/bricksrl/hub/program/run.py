@@ -15,10 +15,10 @@ from bricksrl.hub.transport import HubProgram, Transport
 
 _READ_S = 0.25
 _READ_BESIDE_INPUT_S = 0.02
-_HEAD = "Traceback (most recent call last):"
-_PLACE = "  File "
+_TRACEBACK_HEAD = "Traceback (most recent call last):"
+_LOCATION = "  File "
 _STOPPED = re.compile(r"The program was stopped \(\w+\)\.")
-_LAST_WORDS = (_HEAD.encode(), b"The program was stopped (SystemExit).")
+_CLOSING_LINES = (_TRACEBACK_HEAD.encode(), b"The program was stopped (SystemExit).")
 
 
 def run_program(
@@ -50,30 +50,30 @@ def run_program(
     check_time_limit(time_limit_s)
     transcript = Transcript(stdout, stderr)
     transport.start(program)
-    typed = _Typed(stdin) if stdin is not None else None
+    reader = _InputReader(stdin) if stdin is not None else None
     deadline_s = None if time_limit_s is None else transport.now_s() + time_limit_s
     try:
         while True:
             if deadline_s is not None and transport.now_s() >= deadline_s:
                 deadline_s = None
                 transport.stop()
-            elif typed is not None and (data := typed.next()):
+            elif reader is not None and (data := reader.next()):
                 try:
                     transport.write(data)
                 except HubBusyError:
-                    typed.put_back(data)  # the program is not reading at present
-            transcript.take(transport.read(_READ_S if typed is None else _READ_BESIDE_INPUT_S))
+                    reader.put_back(data)  # the program is not reading at present
+            transcript.take(transport.read(_READ_S if reader is None else _READ_BESIDE_INPUT_S))
     except ProgramStoppedError:
         return transcript.end()
 
 
-class _Typed:
+class _InputReader:
     """Non-blocking standard input, read in a separate thread."""
 
     def __init__(self, stream: BinaryIO) -> None:
         self._stream = stream
         self._pieces: queue.SimpleQueue[bytes] = queue.SimpleQueue()
-        self._again = b""
+        self._returned = b""
         threading.Thread(target=self._read, name="standard input", daemon=True).start()
 
     def _read(self) -> None:
@@ -84,14 +84,14 @@ class _Typed:
 
     def next(self) -> bytes:
         """Next bytes; ``b""`` while there are none."""
-        data, self._again = self._again, b""
+        data, self._returned = self._returned, b""
         try:
             return data or self._pieces.get_nowait()
         except queue.Empty:
             return b""
 
     def put_back(self, data: bytes) -> None:
-        self._again = data
+        self._returned = data
 
 
 class Transcript:
@@ -104,45 +104,45 @@ class Transcript:
         self._stdout = stdout
         self._stderr = stderr
         self._line = b""
-        self._held: list[str] = []
+        self._pending: list[str] = []
 
     def take(self, data: bytes) -> None:
         """Take further output of the hub."""
         *lines, self._line = (self._line + data).replace(b"\r\n", b"\n").split(b"\n")
         for line in lines:
             self._take_line(line)
-        shown = self._line.removesuffix(b"\r")  # the "\n" of a line end may follow
-        if not self._held and not any(words.startswith(shown) for words in _LAST_WORDS):
-            self._print(shown)
-            self._line = self._line[len(shown) :]
+        partial = self._line.removesuffix(b"\r")  # the "\n" of a line end may follow
+        if not self._pending and not any(line.startswith(partial) for line in _CLOSING_LINES):
+            self._print(partial)
+            self._line = self._line[len(partial) :]
 
     def end(self) -> int:
         """Flush at the end of the output; returns the exit code."""
         if self._line:
-            self._let_go()
+            self._print_pending()
             self._print(self._line)
-        for line in self._held:
+        for line in self._pending:
             self._stderr.write(f"{line}\n")
-        return int(_HEAD in self._held)
+        return int(_TRACEBACK_HEAD in self._pending)
 
     def _take_line(self, line: bytes) -> None:
         text = line.decode("utf-8", "replace")
-        if self._held and not self._goes_on(text):
-            self._let_go()
-        if self._held or text == _HEAD or _STOPPED.fullmatch(text):
-            self._held.append(text)
+        if self._pending and not self._continues_traceback(text):
+            self._print_pending()
+        if self._pending or text == _TRACEBACK_HEAD or _STOPPED.fullmatch(text):
+            self._pending.append(text)
         else:
             self._print(line + b"\n")
 
-    def _goes_on(self, text: str) -> bool:
-        """True if a line continues the held traceback: locations, then the error."""
-        if self._held[0] != _HEAD:
+    def _continues_traceback(self, text: str) -> bool:
+        """True if a line continues the pending traceback: locations, then the error."""
+        if self._pending[0] != _TRACEBACK_HEAD:
             return False
-        return text.startswith(_PLACE) if len(self._held) == 1 else self._held[-1].startswith(_PLACE)
+        return text.startswith(_LOCATION) if len(self._pending) == 1 else self._pending[-1].startswith(_LOCATION)
 
-    def _let_go(self) -> None:
-        self._print("".join(f"{line}\n" for line in self._held).encode())
-        self._held = []
+    def _print_pending(self) -> None:
+        self._print("".join(f"{line}\n" for line in self._pending).encode())
+        self._pending = []
 
     def _print(self, data: bytes) -> None:
         self._stdout.write(data)

@@ -10,7 +10,7 @@ import tokenize
 from typing import Any
 
 _TEXT = r'"""(?:\\.|[^\\])*?"""|' + r"'''(?:\\.|[^\\])*?'''|" + r'"(?:\\.|[^"\\\n])*"|' + r"'(?:\\.|[^'\\\n])*'|#[^\n]*"
-_PLACES = re.compile(
+_HUB_ONLY = re.compile(
     rf"(?P<text>{_TEXT})|^(?P<imports>[ \t]*from[ \t][^\n#\"'(;]*),(?=[ \t\r]*(?:#|$))|^(?P<indent>[ \t]+)|(?<![\w.])0+(?=[1-9])",
     re.MULTILINE | re.DOTALL,
 )
@@ -31,33 +31,33 @@ def parse(source: str, filename: str = "<unknown>", mode: str = "exec") -> Any:
         return ast.parse(source, filename, mode)
     except SyntaxError as error:
         try:
-            return ast.parse(_with_parentheses(_PLACES.sub(_strict, source)), filename, mode)
+            return ast.parse(_with_parentheses(_HUB_ONLY.sub(_as_cpython, source)), filename, mode)
         except (SyntaxError, tokenize.TokenError):
             raise error from None
 
 
-def _strict(match: re.Match[str]) -> str:
-    """The place of a program as CPython accepts it."""
+def _as_cpython(match: re.Match[str]) -> str:
+    """Matched syntax as CPython accepts it."""
     return match["text"] or (match["imports"] or match["indent"] or "").expandtabs(_TAB)
 
 
 def _with_parentheses(source: str) -> str:
     """The program with parentheses around each generator expression that is one of several arguments."""
     starts = [0, *itertools.accumulate(map(len, io.StringIO(source)))]
-    places: list[tuple[int, str]] = []
+    insertions: list[tuple[int, str]] = []
     brackets: list[list[list[tokenize.TokenInfo]]] = []
     for token in tokenize.generate_tokens(io.StringIO(source).readline):
-        closed = brackets.pop() if token.string in ")]}" and brackets and token.type == tokenize.OP else []
+        arguments = brackets.pop() if token.string in ")]}" and brackets and token.type == tokenize.OP else []
         if brackets and token.type == tokenize.OP and token.string == ",":
             brackets[-1].append([])
         elif brackets:
             brackets[-1][-1].append(token)
         if token.type == tokenize.OP and token.string in "([{":
             brackets.append([[]])
-        for argument in closed if token.string == ")" and len(closed) > 1 else []:
+        for argument in arguments if token.string == ")" and len(arguments) > 1 else []:
             if any(part.string == "for" for part in argument):
                 (first_line, first), (last_line, last) = argument[0].start, argument[-1].end
-                places += (starts[first_line - 1] + first, "("), (starts[last_line - 1] + last, ")")
-    for place, bracket in sorted(places, reverse=True):
-        source = source[:place] + bracket + source[place:]
+                insertions += (starts[first_line - 1] + first, "("), (starts[last_line - 1] + last, ")")
+    for offset, bracket in sorted(insertions, reverse=True):
+        source = source[:offset] + bracket + source[offset:]
     return source

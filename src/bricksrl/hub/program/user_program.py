@@ -12,7 +12,7 @@ from bricksrl.errors import ProgramError
 from bricksrl.hub.program.syntax import parse
 from bricksrl.hub.transport import HubModule, HubProgram
 
-_MOST_FOLDERS_ABOVE = 5
+_MAX_FOLDERS_ABOVE = 5
 
 
 def read_program(path: Path) -> str:
@@ -34,8 +34,8 @@ def check_time_limit(time_limit_s: float | None) -> None:
 def module_beside(path: Path, name: str) -> HubModule | None:
     """The module ``name`` (such as ``parts.arm``) beside a program; ``None`` if there is none. Raises ProgramError if the file
     cannot be read."""
-    place = "/".join(name.split("."))
-    for file in (f"{place}.py", f"{place}/__init__.py"):
+    stem = "/".join(name.split("."))
+    for file in (f"{stem}.py", f"{stem}/__init__.py"):
         if (path.parent / file).is_file():
             return HubModule(name, file, read_program(path.parent / file))
     return None
@@ -43,7 +43,7 @@ def module_beside(path: Path, name: str) -> HubModule | None:
 
 def folder_with_module(path: Path, name: str) -> Path | None:
     """The nearest folder above a program's that has a module which it lacks; ``None`` if there is none."""
-    above = path.resolve().parents[1:_MOST_FOLDERS_ABOVE]
+    above = path.resolve().parents[1:_MAX_FOLDERS_ABOVE]
     return next((folder for folder in above if module_beside(folder / path.name, name)), None)
 
 
@@ -51,15 +51,15 @@ def own_program(path: Path) -> HubProgram:
     """A program for a hub, with all modules beside it that it may import. Raises ProgramError if a file cannot be read."""
     main = read_program(path)
     beside: dict[str, HubModule] = {}
-    to_look_at = [main]
-    while to_look_at:
-        for name in _imported(to_look_at.pop()):
+    sources = [main]
+    while sources:
+        for name in _imported(sources.pop()):
             module = None if name in beside else module_beside(path, name)
             if module is not None:
                 beside[name] = module
-                to_look_at.append(module.source)
-    together = "\0".join([main, *(f"{module.name}\0{module.source}" for module in beside.values())])
-    number = int.from_bytes(hashlib.sha256(together.encode()).digest()[:4], "little")
+                sources.append(module.source)
+    text = "\0".join([main, *(f"{module.name}\0{module.source}" for module in beside.values())])
+    number = int.from_bytes(hashlib.sha256(text.encode()).digest()[:4], "little")
     return HubProgram(main, number, name=path.name, beside=tuple(beside.values()), says_hello=False)
 
 

@@ -45,7 +45,7 @@ class BleTransport(ProfileTransport):
         self._backend = backend
 
     async def _find(self, timeout_s: float) -> Port:
-        name, address = (self._name, self._address) if self._same is None else (None, self._same.address)
+        name, address = (self._name, self._address) if self._first_hub is None else (None, self._first_hub.address)
         device = await find(name, address, timeout_s, self._backend)
         return BlePort(device, self._backend.client if self._backend else None, timeout_s)
 
@@ -76,11 +76,11 @@ class BlePort:
             return bytes(await self._opened().read_gatt_char(characteristic))
 
     async def subscribe(self) -> None:
-        def notified(_: BleakGATTCharacteristic, data: bytearray) -> None:
+        def on_notification(_: BleakGATTCharacteristic, data: bytearray) -> None:
             self._on_event(bytes(data))
 
         with self._errors():
-            await self._opened().start_notify(profile.COMMAND_EVENT_UUID, notified)
+            await self._opened().start_notify(profile.COMMAND_EVENT_UUID, on_notification)
 
     async def write(self, command: bytes, what: str) -> None:
         with bleak_errors(what, HubDisconnectedError):

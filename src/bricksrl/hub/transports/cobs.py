@@ -13,7 +13,7 @@ from bricksrl.errors import HubProtocolError
 END = 0x02
 _HIGH_PRIORITY = 0x01
 _XOR = 0x03
-_LARGEST_CUT = 2
+_LARGEST_DELIMITER = 2
 _CODE_OFFSET = 2
 _BLOCK_BYTES = 84
 _FULL = 0xFF
@@ -24,7 +24,7 @@ def encode(message: bytes) -> bytes:
     out = bytearray((_FULL,))
     code_at = 0
     for byte in message:
-        if byte <= _LARGEST_CUT:
+        if byte <= _LARGEST_DELIMITER:
             out[code_at] = byte * _BLOCK_BYTES + len(out) - code_at + _CODE_OFFSET
         else:
             out.append(byte)
@@ -40,16 +40,16 @@ def decode(frame: bytes) -> bytes:
     """Decode a frame, given without its end, into a message. Raises HubProtocolError if the frame is invalid."""
     data = bytes(byte ^ _XOR for byte in frame.removeprefix(bytes((_HIGH_PRIORITY,))))
     out = bytearray()
-    at = 0
-    while at < len(data):
-        cut, size = _parse_code(data[at])
-        block = data[at + 1 : at + size]
+    position = 0
+    while position < len(data):
+        delimiter, size = _parse_code(data[position])
+        block = data[position + 1 : position + size]
         if len(block) != size - 1:
             raise HubProtocolError("a frame over USB is cut short; plug the hub in again")
         out += block
-        at += size
-        if cut is not None and at < len(data):
-            out.append(cut)
+        position += size
+        if delimiter is not None and position < len(data):
+            out.append(delimiter)
     return bytes(out)
 
 
@@ -59,8 +59,8 @@ def _parse_code(code: int) -> tuple[int | None, int]:
         return None, _BLOCK_BYTES + 1
     if code <= _CODE_OFFSET:
         raise HubProtocolError("a frame over USB has a code that cannot be; plug the hub in again")
-    cut, size = divmod(code - _CODE_OFFSET - 1, _BLOCK_BYTES)
-    return cut, size + 1
+    delimiter, size = divmod(code - _CODE_OFFSET - 1, _BLOCK_BYTES)
+    return delimiter, size + 1
 
 
 class Framer:

@@ -22,7 +22,7 @@ _log = logging.getLogger(__name__)
 
 _OLDEST_PROFILE = (1, 3)
 _FIRST_STATUS_S = 3 * profile.STATUS_PERIOD_S
-_LAST_WORDS_S = 0.3
+_OUTPUT_GRACE_S = 0.3
 """Time for the rest of a program's output, which may arrive after the report of its end."""
 _BUSY_PAUSE_S = 0.01
 _LONGEST_BUSY_PAUSE_S = 0.16
@@ -96,10 +96,10 @@ class HubConnection:
         self._loss: str | None = "not connected yet"
         self._reports = 0
         self._is_running_expected = False
-        self._last_words: asyncio.TimerHandle | None = None
+        self._end_timer: asyncio.TimerHandle | None = None
         self._changed = asyncio.Event()
         self._write_lock = asyncio.Lock()
-        self._write_bound: asyncio.Timeout | None = None
+        self._write_timeout: asyncio.Timeout | None = None
 
     @property
     def is_connected(self) -> bool:
@@ -111,7 +111,7 @@ class HubConnection:
         return self.is_connected and Status.USER_PROGRAM_RUNNING in self.status.flags
 
     @property
-    def place(self) -> str:
+    def program_location(self) -> str:
         """Location of the program that the hub would start: its address and the selected slot."""
         return f"{self.identity.address} slot {self.status.slot}"
 
@@ -191,8 +191,8 @@ class HubConnection:
             HubError: see ``command``.
         """
         slot = self.status.slot if self.identity.capabilities.slots else None
-        if self._last_words is not None:
-            await asyncio.sleep(_LAST_WORDS_S)
+        if self._end_timer is not None:
+            await asyncio.sleep(_OUTPUT_GRACE_S)
         self.output.begin()
         await self.command(profile.start_program(slot), "write the command that starts the program")
         self._is_running_expected = True
@@ -237,13 +237,13 @@ class HubConnection:
 
     async def _write(self, data: bytes, what: str) -> None:
         try:
-            async with asyncio.timeout(self._answer_timeout_s) as bound, self._write_lock:
+            async with asyncio.timeout(self._answer_timeout_s) as timeout, self._write_lock:
                 self._check_connected()
-                self._write_bound = bound
+                self._write_timeout = timeout
                 try:
                     await self._port.write(data, what)
                 finally:
-                    self._write_bound = None
+                    self._write_timeout = None
         except TimeoutError:
             self._check_connected()
             self._lose("it did not acknowledge a command")
@@ -251,16 +251,16 @@ class HubConnection:
                 f"could not {what}: the hub did not acknowledge it within {self._answer_timeout_s:g} s; open the link again"
             ) from None
 
-    async def _wait_for(self, is_so: Callable[[], bool], timeout_s: float) -> bool:
-        """Wait until ``is_so()``, or until the link is lost or the time is up."""
+    async def _wait_for(self, condition: Callable[[], bool], timeout_s: float) -> bool:
+        """Wait until ``condition()``, or until the link is lost or the time is up."""
         try:
             async with asyncio.timeout(timeout_s):
-                while not is_so() and self.is_connected:
+                while not condition() and self.is_connected:
                     self._changed.clear()
                     await self._changed.wait()
         except TimeoutError:
             pass
-        return is_so()
+        return condition()
 
     def _check_connected(self) -> None:
         if self._loss is not None:
@@ -282,32 +282,31 @@ class HubConnection:
         before = self.status.flags if self._reports else Status(0)
         self._reports += 1
         self.status = report
-        new = report.flags & ~before
-        gone = before & ~report.flags
-        if new & (Status.BATTERY_LOW | Status.BATTERY_EMPTY):
+        set_flags, cleared_flags = report.flags & ~before, before & ~report.flags
+        if set_flags & (Status.BATTERY_LOW | Status.BATTERY_EMPTY):
             _log.warning("the hub's battery is low; charge it soon")
-        if new & (Status.BATTERY_HOT | Status.BATTERY_TOO_HOT):
+        if set_flags & (Status.BATTERY_HOT | Status.BATTERY_TOO_HOT):
             _log.warning("the hub's battery is hot; let it rest")
-        if new & (Status.SHUTDOWN | Status.SHUTDOWN_REQUESTED):
+        if set_flags & (Status.SHUTDOWN | Status.SHUTDOWN_REQUESTED):
             self._lose("the hub is switching off")
-        elif gone & Status.USER_PROGRAM_RUNNING and self._is_running_expected:
+        elif cleared_flags & Status.USER_PROGRAM_RUNNING and self._is_running_expected:
             self._end_program()
 
     def _end_program(self) -> None:
         self._is_running_expected = False
-        self._last_words = asyncio.get_running_loop().call_later(_LAST_WORDS_S, self._end_output)
+        self._end_timer = asyncio.get_running_loop().call_later(_OUTPUT_GRACE_S, self._end_output)
 
     def _end_output(self) -> None:
-        self._last_words = None
+        self._end_timer = None
         self.output.end(ProgramStoppedError, "the program on the hub has ended; start it again")
 
     def _lose(self, reason: str) -> None:
         if self._loss is not None:
             return
         self._loss = reason
-        if self._last_words is not None:
-            self._last_words.cancel()
+        if self._end_timer is not None:
+            self._end_timer.cancel()
         self.output.end(HubDisconnectedError, f"the link to the hub is lost ({reason}); open it again")
-        if self._write_bound is not None and not self._write_bound.expired():
-            self._write_bound.reschedule(0)  # wake up the pending write
+        if self._write_timeout is not None and not self._write_timeout.expired():
+            self._write_timeout.reschedule(0)  # wake up the pending write
         self._changed.set()

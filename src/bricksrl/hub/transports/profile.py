@@ -179,10 +179,10 @@ def parse_capabilities(data: bytes) -> Capabilities:
 def parse_version(data: bytes) -> tuple[int, int]:
     """Major and minor version from the profile version characteristic, e.g. ``b"1.5.0"``. Raises HubProtocolError if the value is
     no version."""
-    found = re.match(rb"(\d+)\.(\d+)", data)
-    if found is None:
+    match = re.match(rb"(\d+)\.(\d+)", data)
+    if match is None:
         raise HubProtocolError(f"the hub's profile version is {data!r}; update its firmware on code.pybricks.com")
-    return int(found[1]), int(found[2])
+    return int(match[1]), int(match[2])
 
 
 def parse_hub_kind(pnp_id: bytes) -> HubKind:

@@ -18,26 +18,26 @@ class ProgramRecord:
 
     def get(self, address: str) -> int | None:
         """Hash of the program on a hub, if known."""
-        found = self._load().get(address)
-        return found if isinstance(found, int) else None
+        program_hash = self._load().get(address)
+        return program_hash if isinstance(program_hash, int) else None
 
     def set(self, address: str, program_hash: int | None) -> None:
-        known = self._load()
-        known[address] = program_hash
+        hashes = self._load()
+        hashes[address] = program_hash
         try:
             self._path.parent.mkdir(parents=True, exist_ok=True)
             draft = self._path.with_name(f"{self._path.name}.{os.getpid()}")
-            draft.write_text(json.dumps(known), encoding="utf-8")
+            draft.write_text(json.dumps(hashes), encoding="utf-8")
             draft.replace(self._path)
         except OSError as error:
             _log.debug("cannot note which program is on the hub: %s", error)
 
     def _load(self) -> dict[str, object]:
         try:
-            known = json.loads(self._path.read_text(encoding="utf-8"))
+            hashes = json.loads(self._path.read_text(encoding="utf-8"))
         except (OSError, ValueError, RecursionError):
             return {}
-        return known if isinstance(known, dict) else {}
+        return hashes if isinstance(hashes, dict) else {}
 
 
 def _cache_folder() -> Path:

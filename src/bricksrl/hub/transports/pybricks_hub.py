@@ -52,7 +52,7 @@ class ProfileTransport(ABC):
         self._record = ProgramRecord(record)
         self._loop: EventLoopThread | None = None
         self._connection: HubConnection | None = None
-        self._same: HubIdentity | None = None
+        self._first_hub: HubIdentity | None = None
         """Hub of the first connection; after a loss, only this one is reconnected."""
         self._pipe = Pipe.STDIN
         self._counts = itertools.cycle(range(1, 256))
@@ -185,23 +185,23 @@ class ProfileTransport(ABC):
         connect_timeout_s = min(timeout_s, _LONGEST_CONNECT_S)
         connection = HubConnection(port, answer_timeout_s=self._answer_timeout_s, connect_timeout_s=connect_timeout_s)
         await connection.connect()
-        self._same = identity = connection.identity
+        self._first_hub = identity = connection.identity
         _log.info("connected to the %s hub '%s', firmware %s", identity.kind.value, identity.name, identity.firmware)
         return connection
 
     async def _start(self, program: HubProgram, modules: dict[str, bytes]) -> None:
         connection = await self._connected()
-        kind, place = connection.identity.kind, connection.place
+        kind, location = connection.identity.kind, connection.program_location
         if kind is HubKind.MOVE and program.says_hello:
             raise HubProtocolError("a Move Hub cannot run our programs; use another hub")
         blob = program_blob(modules, kind)
         if connection.is_running:
             await connection.stop_program()
-        if program.says_hello and self._record.get(place) == program.hash and await _start_present(connection, program):
+        if program.says_hello and self._record.get(location) == program.hash and await _start_present(connection, program):
             return
-        self._record.set(place, None)
+        self._record.set(location, None)
         await connection.download(blob)
-        self._record.set(place, program.hash if program.says_hello else None)
+        self._record.set(location, program.hash if program.says_hello else None)
         await connection.start_program()
 
     async def _close(self, connection: HubConnection) -> None:

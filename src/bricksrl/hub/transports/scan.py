@@ -74,8 +74,8 @@ async def _scan(timeout_s: float, backend: BleBackend | None) -> list[FoundHub]:
     with bleak_errors("look for hubs", BluetoothUnavailableError):
         async with BleakScanner(service_uuids=[SERVICE_UUID], backend=backend.scanner if backend else None) as scanner:
             await asyncio.sleep(timeout_s)
-        found = [_found(*pair) for pair in scanner.discovered_devices_and_advertisement_data.values()]
-    return sorted(found, key=lambda hub: -hub.rssi_dbm)
+        hubs = [_found_hub(*pair) for pair in scanner.discovered_devices_and_advertisement_data.values()]
+    return sorted(hubs, key=lambda hub: -hub.rssi_dbm)
 
 
 async def find(name: str | None, address: str | None, timeout_s: float, backend: BleBackend | None) -> BLEDevice:
@@ -91,14 +91,14 @@ async def find(name: str | None, address: str | None, timeout_s: float, backend:
     seen: _Seen = {}
     for device in await _still_connected(backend):
         seen[device.address] = (device, FoundHub(device.name or "", device.address, 0))
-    if not _wanted(seen, name, address):
-        await _listen(seen, lambda: bool(_wanted(seen, name, address)), timeout_s, backend)
+    if not _matches(seen, name, address):
+        await _listen(seen, lambda: bool(_matches(seen, name, address)), timeout_s, backend)
     if name is None and address is None and len(seen) == 1:  # check that there are no others
         await _listen(seen, lambda: len(seen) > 1, _OTHERS_S, backend)
-    found = _wanted(seen, name, address)
-    if len(found) != 1:
+    matches = _matches(seen, name, address)
+    if len(matches) != 1:
         raise _not_found(name or address, [hub for _, hub in seen.values()], timeout_s)
-    device, hub = found[0]
+    device, hub = matches[0]
     _log.info("found the hub '%s' (%s)", hub.name, hub.address)
     return device
 
@@ -113,7 +113,7 @@ async def _listen(seen: _Seen, is_enough: Callable[[], bool], timeout_s: float, 
             with contextlib.suppress(TimeoutError):
                 async with asyncio.timeout(timeout_s):
                     async for device, advertisement in scanner.advertisement_data():
-                        seen[device.address] = (device, _found(device, advertisement))
+                        seen[device.address] = (device, _found_hub(device, advertisement))
                         if is_enough():
                             break
 
@@ -130,7 +130,7 @@ async def _still_connected(backend: BleBackend | None) -> list[BLEDevice]:
         return []
 
 
-def _wanted(seen: _Seen, name: str | None, address: str | None) -> list[tuple[BLEDevice, FoundHub]]:
+def _matches(seen: _Seen, name: str | None, address: str | None) -> list[tuple[BLEDevice, FoundHub]]:
     return [
         (device, hub)
         for device, hub in seen.values()
@@ -138,7 +138,7 @@ def _wanted(seen: _Seen, name: str | None, address: str | None) -> list[tuple[BL
     ]
 
 
-def _found(device: BLEDevice, advertisement: AdvertisementData) -> FoundHub:
+def _found_hub(device: BLEDevice, advertisement: AdvertisementData) -> FoundHub:
     pnp_id = (advertisement.service_data or {}).get(PNP_ID_UUID)
     kind = None
     if pnp_id is not None:
@@ -147,10 +147,10 @@ def _found(device: BLEDevice, advertisement: AdvertisementData) -> FoundHub:
     return FoundHub(advertisement.local_name or device.name or "", device.address, advertisement.rssi, kind)
 
 
-def _not_found(wanted: str | None, others: list[FoundHub], timeout_s: float) -> HubError:
+def _not_found(requested: str | None, others: list[FoundHub], timeout_s: float) -> HubError:
     names = ", ".join(f"'{hub.name}' ({hub.address})" for hub in others)
-    if wanted is None and others:
+    if requested is None and others:
         return AmbiguousHubError(f"several hubs are in reach: {names}; say which one by its name or address")
-    what = "no hub" if wanted is None else f"no hub '{wanted}'"
+    what = "no hub" if requested is None else f"no hub '{requested}'"
     seen = f"; others are: {names}" if names else ""
     return HubNotFoundError(f"{what} with Pybricks was found within {timeout_s:g} s{seen}; {_REMEDY}")

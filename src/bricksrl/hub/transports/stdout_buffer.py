@@ -19,7 +19,7 @@ class Output:
         self._data = bytearray()
         self._end: type[HubError] | None = HubError
         self._reason = "no program runs on the hub; start one"
-        self._is_end_told = True
+        self._is_end_reported = True
 
     def begin(self) -> None:
         """Start with a new program: discard earlier output."""
@@ -36,7 +36,7 @@ class Output:
     def end(self, kind: type[HubError], reason: str) -> None:
         """End the output. The last reason counts: the link may be lost after the program's end."""
         with self._changed:
-            self._is_end_told = self._is_end_told and self._end is not None
+            self._is_end_reported = self._is_end_reported and self._end is not None
             self._end, self._reason = kind, reason
             self._changed.notify_all()
 
@@ -59,7 +59,7 @@ class Output:
                 data = bytes(self._data)
                 self._data.clear()
                 return data
-            if self._is_end_told:
+            if self._is_end_reported:
                 raise self._end(self._reason)
-            self._is_end_told = True
+            self._is_end_reported = True
             return b""

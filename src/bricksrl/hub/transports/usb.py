@@ -76,8 +76,8 @@ def list_usb_hubs() -> list[UsbHub]:
     """Hubs on this computer's USB ports, by their USB ids."""
     from serial.tools.list_ports import comports
 
-    found = [port for port in comports() if port.vid == _LEGO_VENDOR and port.pid in _PRODUCTS]
-    return [UsbHub(port.device, port.serial_number or port.device, port.pid) for port in found]
+    ports = [port for port in comports() if port.vid == _LEGO_VENDOR and port.pid in _PRODUCTS]
+    return [UsbHub(port.device, port.serial_number or port.device, port.pid) for port in ports]
 
 
 class UsbTransport(ProfileTransport):
@@ -108,10 +108,10 @@ class UsbTransport(ProfileTransport):
     async def _find(self, timeout_s: float) -> Port:
         hubs = await asyncio.to_thread(self._find_hubs)
         if self._serial_port is not None:
-            same = [hub for hub in hubs if hub.device == self._serial_port]
-            hubs = same or [UsbHub(self._serial_port, self._serial_port)]
-        elif self._same is not None:
-            hubs = [hub for hub in hubs if hub.address == self._same.address]
+            matches = [hub for hub in hubs if hub.device == self._serial_port]
+            hubs = matches or [UsbHub(self._serial_port, self._serial_port)]
+        elif self._first_hub is not None:
+            hubs = [hub for hub in hubs if hub.address == self._first_hub.address]
         if not hubs:
             raise HubNotFoundError("no hub with Pybricks 4.1 is on USB; plug it in and switch it on, or name its serial port")
         if len(hubs) > 1:
@@ -138,7 +138,7 @@ class UsbPort:
         self._on_event, self._on_loss = on_event, on_loss
         with _serial_errors(f"open the serial port {self._hub.device}"):
             self._serial = await asyncio.to_thread(self._open_serial, self._hub.device)
-        self._reader = threading.Thread(target=self._read_for_ever, args=(self._serial,), name="bricksrl-usb", daemon=True)
+        self._reader = threading.Thread(target=self._read_loop, args=(self._serial,), name="bricksrl-usb", daemon=True)
         self._reader.start()
         await self._send(b"")  # ends a partial frame that another program left
         self.name = (await self.read(profile.DEVICE_NAME_UUID)).decode("utf-8", "replace") or self._hub.device
@@ -184,7 +184,7 @@ class UsbPort:
         with _serial_errors("write to the hub"):
             await asyncio.to_thread(serial.write, frame)
 
-    def _read_for_ever(self, serial: SerialPort) -> None:
+    def _read_loop(self, serial: SerialPort) -> None:
         """Body of the reading thread."""
         reason = "its cable was pulled, or it was switched off"
         while not self._is_closing.is_set():

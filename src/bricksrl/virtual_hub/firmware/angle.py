@@ -27,7 +27,7 @@ def split(mdeg: int) -> Angle:
     return turns, mdeg - turns * TURN_MDEG
 
 
-def whole(angle: Angle) -> int:
+def to_mdeg(angle: Angle) -> int:
     """The angle in mdeg."""
     return angle[0] * TURN_MDEG + angle[1]
 

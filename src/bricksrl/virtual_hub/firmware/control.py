@@ -9,7 +9,7 @@ from math import trunc
 from bricksrl.virtual_hub.firmware import trajectory as trajectories
 from bricksrl.virtual_hub.firmware.integrators import LOOPS_PER_S, PositionIntegrator, SpeedIntegrator
 from bricksrl.virtual_hub.firmware.logger import Logger
-from bricksrl.virtual_hub.firmware.settings import ControlSettings, gain_times, wrapped
+from bricksrl.virtual_hub.firmware.settings import ControlSettings, multiply_by_gain, wrapped
 from bricksrl.virtual_hub.firmware.trajectory import FOREVER_MS, Command, Reference, Trajectory
 
 _FOREVER = FOREVER_MS * 10
@@ -303,7 +303,7 @@ class Controller:
         """Whether the proportional part alone exceeds the torque limit, and the reference will not reduce it."""
         s = self.settings
         margin = trunc(abs(speed) / LOOPS_PER_S) * 2
-        if abs(proportional) < self.torque_limit + gain_times(margin, s.kp):
+        if abs(proportional) < self.torque_limit + multiply_by_gain(margin, s.kp):
             return False
         moving = 0 if abs(speed) < s.stall_speed else speed
         sign = _sign(proportional)

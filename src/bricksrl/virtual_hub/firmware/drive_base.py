@@ -6,7 +6,7 @@ import errno
 from collections.abc import Callable
 from math import trunc
 
-from bricksrl.virtual_hub.firmware.angle import Angle, difference, from_unit, mean, to_unit, to_unit_float, whole
+from bricksrl.virtual_hub.firmware.angle import Angle, difference, from_unit, mean, to_mdeg, to_unit, to_unit_float
 from bricksrl.virtual_hub.firmware.control import Controller, ControlType, OnCompletion, State
 from bricksrl.virtual_hub.firmware.heading import Heading
 from bricksrl.virtual_hub.firmware.servo import Servo
@@ -44,8 +44,8 @@ class DriveBaseControl:
         self._clock, self._gyro = left.clock, heading
         # As in the firmware, both motors now belong to it, even if its geometry is refused below.
         left.parent = right.parent = self
-        along, around = drive_base_settings(left.settings, right.settings)
-        self.distance, self.heading = Controller(along), Controller(around)
+        distance_settings, heading_settings = drive_base_settings(left.settings, right.settings)
+        self.distance, self.heading = Controller(distance_settings), Controller(heading_settings)
         self._paused = False
         self._uses_gyro = False
         self._set_zero((0, 0), (0, 0))
@@ -53,9 +53,9 @@ class DriveBaseControl:
         too_large = steps > _INT32_MAX // _TURN_MDEG_OVER_PI or steps > _INT32_MAX // max(axle_track_um, 1)
         if wheel_diameter_um < 1000 or axle_track_um < 1000 or too_large:
             raise ValueError("the wheel diameter or the axle track is out of range")
-        around.steps_per_unit = steps * axle_track_um // wheel_diameter_um
-        along.steps_per_unit = steps * _TURN_MDEG_OVER_PI // wheel_diameter_um
-        if not (around.steps_per_unit and along.steps_per_unit):
+        heading_settings.steps_per_unit = steps * axle_track_um // wheel_diameter_um
+        distance_settings.steps_per_unit = steps * _TURN_MDEG_OVER_PI // wheel_diameter_um
+        if not (heading_settings.steps_per_unit and distance_settings.steps_per_unit):
             raise ValueError("the wheel diameter is out of range")
         self.reset(0, 0)
 
@@ -88,14 +88,14 @@ class DriveBaseControl:
         self._turn(lambda time, state: self._turn_up_to(time, state, angle_deg, then), then)
 
     def _turn_by(self, time: int, state: State, angle_deg: int, then: OnCompletion) -> None:
-        way = self.heading.settings.position_from_unit(angle_deg)
-        self.heading.start_relative(time, state, way, 0, then, allow_shift=False)
+        distance = self.heading.settings.position_from_unit(angle_deg)
+        self.heading.start_relative(time, state, distance, 0, then, allow_shift=False)
 
     def _turn_up_to(self, time: int, state: State, angle_deg: int, then: OnCompletion) -> None:
         settings = self.heading.settings
-        to_go = angle_deg - to_unit(self._angles()[1], settings.steps_per_unit)
-        turns = -(-(to_go - 180) // 360) if to_go > 180 else -(-(-180 - to_go) // 360) if to_go < -180 else 0
-        target = angle_deg - 360 * turns if to_go > 0 else angle_deg + 360 * turns
+        remaining = angle_deg - to_unit(self._angles()[1], settings.steps_per_unit)
+        turns = -(-(remaining - 180) // 360) if remaining > 180 else -(-(-180 - remaining) // 360) if remaining < -180 else 0
+        target = angle_deg - 360 * turns if remaining > 0 else angle_deg + 360 * turns
         self.heading.start_position(time, state, settings.position_from_unit(target), 0, then)
 
     def _turn(self, start: Callable[[int, State], None], then: OnCompletion) -> None:
@@ -146,7 +146,7 @@ class DriveBaseControl:
     def reset(self, distance_mm: int, angle_deg: int) -> None:
         """Set distance and heading, also the gyroscope's if in use; a running move stops."""
         self.stop(OnCompletion.COAST)
-        distance, heading = self._angles_of_wheels()
+        distance, heading = self._wheel_angles()
         new_distance = from_unit(distance_mm, self.distance.settings.steps_per_unit)
         new_heading = from_unit(angle_deg, self.heading.settings.steps_per_unit)
         self._set_zero(difference(distance, new_distance), difference(heading, new_heading))
@@ -167,8 +167,8 @@ class DriveBaseControl:
     @property
     def turns_by_gyro(self) -> bool:
         """Whether the current move ends only after the gyroscope has turned."""
-        way = self.heading.trajectory.end.position - self._state()[1].position
-        return self._uses_gyro and self.heading.is_active and abs(way) > self.heading.settings.position_tolerance
+        remaining = self.heading.trajectory.end.position - self._state()[1].position
+        return self._uses_gyro and self.heading.is_active and abs(remaining) > self.heading.settings.position_tolerance
 
     def set_settings(self, speed: int, acceleration: tuple[int, int], turn_rate: int, turn_acceleration: tuple[int, int]) -> None:
         """Set the defaults of moves; accelerations as (up, down). Raises ValueError, without a change, for one out of range."""
@@ -195,12 +195,12 @@ class DriveBaseControl:
     def state(self) -> tuple[int, int, int, int]:
         """Distance (mm), speed (mm/s), heading (deg), turn rate (deg/s)."""
         distance, heading = self._state()
-        way, turned = self._angles()
+        distance_angle, heading_angle = self._angles()
         sd, sh = self.distance.settings, self.heading.settings
         return (
-            to_unit(way, sd.steps_per_unit),
+            to_unit(distance_angle, sd.steps_per_unit),
             sd.to_unit(distance.speed),
-            to_unit(turned, sh.steps_per_unit),
+            to_unit(heading_angle, sh.steps_per_unit),
             sh.to_unit(heading.speed),
         )
 
@@ -215,15 +215,15 @@ class DriveBaseControl:
         if distance.type is _NONE or heading.type is _NONE or not self.is_open:
             return
         time = self._clock.time_ms * 10
-        way, turned = self._measured()
-        action = distance.update(time, *way[:3], self._paused)
+        distance_state, heading_state = self._measured()
+        action = distance.update(time, *distance_state[:3], self._paused)
         torque, speed, acceleration, end_of_distance, distance_at_limit = action
-        action = heading.update(time, *turned[:3], self._paused)
+        action = heading.update(time, *heading_state[:3], self._paused)
         turn_torque, turn_speed, turn_acceleration, end_of_heading, heading_at_limit = action
         if distance.log.is_active:
-            distance.log_row(self._clock.time_ms, State(*way), torque, end_of_distance)
+            distance.log_row(self._clock.time_ms, State(*distance_state), torque, end_of_distance)
         if heading.log.is_active:
-            heading.log_row(self._clock.time_ms, State(*turned), turn_torque, end_of_heading)
+            heading.log_row(self._clock.time_ms, State(*heading_state), turn_torque, end_of_heading)
         # Both pause while one is saturated, so that they arrive together.
         self._paused = distance_at_limit or heading_at_limit
         for end in (end_of_distance, end_of_heading):
@@ -240,22 +240,22 @@ class DriveBaseControl:
 
     def _measured(self) -> tuple[_Values, _Values]:
         """Distance and heading. The gyroscope gives only position and speed of the heading; the estimates are the motors'."""
-        distance, heading = self._measured_by_wheels()
+        distance, heading = self._measured_by_motors()
         if self._uses_gyro:
             gyro, steps = self._gyro, self.heading.settings.steps_per_unit
-            heading = whole(gyro.angle(steps)), trunc(gyro.rate_deg_s() * steps), *heading[2:]
+            heading = to_mdeg(gyro.angle(steps)), trunc(gyro.rate_deg_s() * steps), *heading[2:]
         return distance, heading
 
     def _angles(self) -> tuple[Angle, Angle]:
         """Distance and heading as the firmware stores them."""
-        distance, heading = self._angles_of_wheels()
+        distance, heading = self._wheel_angles()
         if self._uses_gyro:
             heading = self._gyro.angle(self.heading.settings.steps_per_unit)
         else:
             heading = difference(heading, self._heading_zero)
         return difference(distance, self._distance_zero), heading
 
-    def _angles_of_wheels(self) -> tuple[Angle, Angle]:
+    def _wheel_angles(self) -> tuple[Angle, Angle]:
         """Mean of both motors and the left one's lead over it, from the zeros of the motors."""
         right = self.right.angle()
         distance = mean(self.left.angle(), right)
@@ -263,21 +263,21 @@ class DriveBaseControl:
 
     def _set_zero(self, distance: Angle, heading: Angle) -> None:
         self._distance_zero, self._heading_zero = distance, heading
-        self._distance_zero_mdeg, self._heading_zero_mdeg = whole(distance), whole(heading)
+        self._distance_zero_mdeg, self._heading_zero_mdeg = to_mdeg(distance), to_mdeg(heading)
 
-    def _measured_by_wheels(self) -> tuple[_Values, _Values]:
+    def _measured_by_motors(self) -> tuple[_Values, _Values]:
         """Distance and heading by the motors."""
         right_position, left, right = self.right.position(), self.left.observer, self.right.observer
         position, is_odd = divmod(self.left.position() + right_position, 2)
         if is_odd:
-            position = whole(mean(self.left.angle(), self.right.angle()))
+            position = to_mdeg(mean(self.left.angle(), self.right.angle()))
         speed = trunc((left.measured_speed + right.measured_speed) / 2)
         estimate = trunc((left.speed + right.speed) / 2)
         angle = trunc((left.angle + right.angle) / 2)
         distance_zero, heading_zero = self._distance_zero_mdeg, self._heading_zero_mdeg
-        turned, turned_estimate = position - right_position - heading_zero, angle - right.angle - heading_zero
+        lead, lead_estimate = position - right_position - heading_zero, angle - right.angle - heading_zero
         distance = position - distance_zero, speed, estimate, angle - distance_zero
-        return distance, (turned, speed - right.measured_speed, estimate - right.speed, turned_estimate)
+        return distance, (lead, speed - right.measured_speed, estimate - right.speed, lead_estimate)
 
     def _check_open(self) -> None:
         if not self.is_open:
@@ -291,12 +291,9 @@ class DriveBaseControl:
         return self._state()
 
     def _drive_relative(self, distance_mm: int, angle_deg: int, then: OnCompletion) -> None:
-        way, turn = self.distance.settings.position_from_unit(distance_mm), self.heading.settings.position_from_unit(angle_deg)
-        self._move_relative(way, turn, then)
-
-    def _move_relative(self, way: int, turn: int, then: OnCompletion) -> None:
+        length, turn = self.distance.settings.position_from_unit(distance_mm), self.heading.settings.position_from_unit(angle_deg)
         distance, heading, time = *self._begin(), self._clock.time_ticks
-        self.distance.start_relative(time, distance, way, 0, then, allow_shift=False)
+        self.distance.start_relative(time, distance, length, 0, then, allow_shift=False)
         self.heading.start_relative(time, heading, turn, 0, then, allow_shift=False)
         leader, follower = self.heading.trajectory, self.distance.trajectory
         if follower.t3 > leader.t3:

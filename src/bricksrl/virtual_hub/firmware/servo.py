@@ -8,7 +8,7 @@ from typing import Protocol
 
 from bricksrl.robots import Direction, MotorKind
 from bricksrl.virtual_hub.body import Body, FittingBody
-from bricksrl.virtual_hub.firmware.angle import TURN_MDEG, Angle, difference, from_unit, split, to_unit, whole
+from bricksrl.virtual_hub.firmware.angle import TURN_MDEG, Angle, difference, from_unit, split, to_mdeg, to_unit
 from bricksrl.virtual_hub.firmware.clock import Clock
 from bricksrl.virtual_hub.firmware.control import Controller, ControlType, OnCompletion, State
 from bricksrl.virtual_hub.firmware.logger import Logger
@@ -172,7 +172,7 @@ class Servo:
         else:
             turns, mdeg = from_unit(angle_deg, self.settings.steps_per_unit)
         self._set_zero(difference(split(self._shaft_mdeg()), (turns * self._sign, mdeg * self._sign)))
-        self.observer.reset(whole((turns, mdeg)))
+        self.observer.reset(to_mdeg((turns, mdeg)))
         if was_active:
             self.stop(then)
         elif voltage is not None:
@@ -324,7 +324,7 @@ class Servo:
         return (self._shaft_mdeg() + TURN_MDEG // 2) % TURN_MDEG - TURN_MDEG // 2
 
     def _set_zero(self, zero: Angle) -> None:
-        self._zero, self._zero_mdeg = zero, whole(zero)
+        self._zero, self._zero_mdeg = zero, to_mdeg(zero)
 
     def _new_observer(self) -> Observer:
         return Observer(self.type, self.settings.stall_speed, self.settings.stall_time)

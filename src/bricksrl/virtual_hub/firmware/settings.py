@@ -113,15 +113,15 @@ class ControlSettings:
         self.stall_speed, self.stall_time = self.from_unit(speed), time_ms * 10
 
     def _derive(self) -> None:
-        self.saturation_error = by_gain(self.max_torque, self.kp)
-        self.max_integral = by_gain(self.max_torque, self.ki)
+        self.saturation_error = divide_by_gain(self.max_torque, self.kp)
+        self.max_integral = divide_by_gain(self.max_torque, self.ki)
 
     def _validate_position(self, value: int) -> None:
         if not 0 <= value <= self.to_unit(_INT32_MAX):
             raise ValueError("the angle is out of range")
 
 
-def gain_times(value: int, gain: int) -> int:
+def multiply_by_gain(value: int, gain: int) -> int:
     """Torque (uNm) of a value (mdeg, mdeg/s or mdeg s) and a gain (uNm per degree)."""
     return trunc(gain * value / 1000)
 
@@ -131,7 +131,7 @@ def wrapped(value: int) -> int:
     return (value + 2**31) % 2**32 - 2**31
 
 
-def by_gain(torque: int, gain: int) -> int:
+def divide_by_gain(torque: int, gain: int) -> int:
     """Value (mdeg) for which a gain (uNm per degree) gives a torque (uNm); 0 for a gain of 0."""
     return trunc(torque * 1000 / gain) if gain > 0 else 0
 
@@ -188,7 +188,7 @@ def drive_base_settings(left: ControlSettings, right: ControlSettings) -> tuple[
             integral_deadzone=max(left.integral_deadzone, right.integral_deadzone),
             integral_rate=min(left.integral_rate, right.integral_rate),
             speed_tolerance=min(left.speed_tolerance, right.speed_tolerance),
-            position_tolerance=by_gain(max_torque, kp),
+            position_tolerance=divide_by_gain(max_torque, kp),
             stall_speed=min(left.stall_speed, right.stall_speed),
             stall_time=min(left.stall_time, right.stall_time),
             smart_hold_time=max(left.smart_hold_time, right.smart_hold_time),

@@ -111,8 +111,8 @@ class Trajectory:
             self.end = self._endpoint()
             return
         braking = self.t3 - self.t2
-        way = 2 * self.th3 - _angle(self.w0, self.t1) - _angle(self.w3, braking)
-        self.w1 = _mean_speed(way, self.t3 + self.t2 - self.t1)
+        angle = 2 * self.th3 - _angle(self.w0, self.t1) - _angle(self.w3, braking)
+        self.w1 = _mean_speed(angle, self.t3 + self.t2 - self.t1)
         self.a0 = trunc((self.w1 - self.w0) * 1000 / self.t1) if self.t1 else 0
         self.a2 = trunc((self.w3 - self.w1) * 1000 / braking) if braking else 0
         self.w3 = 0 if braking else self.w1
@@ -137,7 +137,7 @@ class Trajectory:
 
 
 def to_angle(command: Command) -> Trajectory:
-    """The trajectory that ends at ``command.end``; the sign of the target speed is ignored. Raises ValueError if the way or its
+    """The trajectory that ends at ``command.end``; the sign of the target speed is ignored. Raises ValueError if the angle or its
     duration is too long, InfeasibleMoveError if rounding leaves no trajectory."""
     distance = command.end - command.position
     if (abs(distance) - 1) // _TURN_MDEG >= _TURNS_MAX:
@@ -246,13 +246,13 @@ def _forward_angle(command: Command) -> Trajectory:
     strongest = max(accel, decel)
     if tr.w0 > 0 and _ramp_angle(tr.w0, tr.w3, strongest) > tr.th3:
         tr.w0 = _start_speed(tr.w3, strongest, tr.th3)
-    # A start in the wrong direction lengthens the way.
-    way = tr.th3 - (0 if tr.w0 > 0 else _ramp_angle(0, tr.w0, accel))
-    if _ramp_angle(target, tr.w3, decel) > way:
-        target = _start_speed(tr.w3, decel, way)
+    # A start in the wrong direction adds to the angle.
+    angle = tr.th3 - (0 if tr.w0 > 0 else _ramp_angle(0, tr.w0, accel))
+    if _ramp_angle(target, tr.w3, decel) > angle:
+        target = _start_speed(tr.w3, decel, angle)
     if target == 0:
         return Trajectory(command.time, command.position)
-    if trunc(way * 100 / target) + (_ramp_time(-tr.w0, accel) if tr.w0 < 0 else 0) > _TIME_MAX:
+    if trunc(angle * 100 / target) + (_ramp_time(-tr.w0, accel) if tr.w0 < 0 else 0) > _TIME_MAX:
         raise ValueError("the move would take too long")
     tr.a0 = accel if tr.w0 < target else -accel
     tr.a2 = -decel
@@ -273,7 +273,7 @@ def _forward_angle(command: Command) -> Trajectory:
 
 
 def _join_ramps(tr: Trajectory, origin: int, accel: int, keep_running: bool) -> None:
-    """Let the ramps meet without a cruise, for a way that is too short for the target speed."""
+    """Let the ramps meet without a cruise, for an angle that is too small for the target speed."""
     if keep_running and tr.a0 > 0:
         tr.w1 = tr.w3 = _start_speed(0, tr.a0, tr.th3 - origin)
         tr.th1 = tr.th2 = tr.th3

@@ -40,7 +40,7 @@ _HIDDEN_SPECIAL = frozenset(
 )
 _FIRST_ARGUMENT = frozenset(["errno", "value"])
 """Attributes of all exceptions on a hub, not only ``OSError`` and ``StopIteration``."""
-_OF_CLASSES = ("__module__", "__qualname__")
+_CLASS_ATTRIBUTES = ("__module__", "__qualname__")
 """Attributes of a program's classes, the second without the places where they are."""
 _FIRMWARE = "bricksrl."
 HIDDEN_NAMES = frozenset(["__class__", "__init__"]).union(_FIRST_ARGUMENT, *_HIDDEN.values(), _HIDDEN_SPECIAL)
@@ -54,7 +54,7 @@ def visible_attribute(value: Any, name: str) -> Any:
         owner, message = type(value), f"'{type(value).__name__}' object has no attribute '{name}'"
     if name in _HIDDEN.get(owner, ()) or name == "__class__":
         raise AttributeError(message)
-    if name in _OF_CLASSES and owner.__module__ != "builtins" and not owner.__module__.startswith(_FIRMWARE):
+    if name in _CLASS_ATTRIBUTES and owner.__module__ != "builtins" and not owner.__module__.startswith(_FIRMWARE):
         return owner.__module__ if name == "__module__" else owner.__name__
     hides_special = isinstance(value, type | FunctionType | BaseException) or (
         isinstance(value, ModuleType) and name != "__name__"
@@ -86,13 +86,13 @@ def store_attribute(value: Any, owner: Any, name: str) -> None:
 def directory(value: Any) -> list[str]:
     """``dir(value)``."""
     kind = value if isinstance(value, type) else type(value)
-    if any("__dir__" in own.__dict__ for own in kind.__mro__[:-1]) and kind is not value:
+    if any("__dir__" in base.__dict__ for base in kind.__mro__[:-1]) and kind is not value:
         return list(value.__dir__())
     names = {name for name in dir(value) if not name.startswith("_") and name not in _HIDDEN.get(kind, ())}
-    for own in kind.__mro__:
-        if own.__module__ != "builtins" and not own.__module__.startswith(_FIRMWARE):
-            names |= own.__dict__.keys() - {"__dict__", "__weakref__", "__doc__", "__slotnames__"} | {"__qualname__"}
-            names |= getattr(value, "__dict__", {}).keys() if own is kind and value is not kind else set()
+    for base in kind.__mro__:
+        if base.__module__ != "builtins" and not base.__module__.startswith(_FIRMWARE):
+            names |= base.__dict__.keys() - {"__dict__", "__weakref__", "__doc__", "__slotnames__"} | {"__qualname__"}
+            names |= getattr(value, "__dict__", {}).keys() if base is kind and value is not kind else set()
             names -= {"__init__"} - ({"__init__"} if has_initializer(kind) else set())
     if isinstance(value, ModuleType):
         names.add("__name__")
@@ -109,10 +109,10 @@ def with_keywords(function: Any) -> Any:
     """A callable that accepts keyword arguments, which few builtins do. Raises TypeError if it accepts none."""
     if isinstance(function, FunctionType):
         code = function.__code__
-        takes_some = (
+        accepts_keywords = (
             code.co_argcount > code.co_posonlyargcount or code.co_kwonlyargcount or code.co_flags & inspect.CO_VARKEYWORDS
         )
-        refuses = function.__module__.startswith(_FIRMWARE) and not takes_some
+        refuses = function.__module__.startswith(_FIRMWARE) and not accepts_keywords
     elif isinstance(function, type):
         refuses = function in _KINDS_WITHOUT_KEYWORDS
     else:

@@ -39,9 +39,9 @@ def builtin_names(
     console: Console,
     tick: Callable[[], None],
     branch: Callable[[Any], Any],
-    lacks: Collection[str],
+    missing_builtins: Collection[str],
 ) -> dict[str, Any]:
-    """Builtin names for a program with the globals ``names`` without what a hub ``lacks``. ``find_module`` raises ImportError."""
+    """Builtin names for a program with the globals ``names`` without ``missing_builtins``. ``find_module`` raises ImportError."""
     result: dict[str, Any] = {name: getattr(builtins, name) for name in (*_UNCHANGED, *EXCEPTIONS)}
     result.update(operators(names))
     result.update(
@@ -55,9 +55,11 @@ def builtin_names(
     result.update(_identity_functions())
     result.update(_attribute_functions())
     result.update(_program_functions())
-    present = {name: value for name, value in result.items() if name not in lacks}
-    own = module("builtins", {name: value for name, value in present.items() if "@" not in name})
-    present["__import__"] = own.__dict__["__import__"] = _importer(lambda name: own if name == "builtins" else find_module(name))
+    present = {name: value for name, value in result.items() if name not in missing_builtins}
+    builtins_module = module("builtins", {name: value for name, value in present.items() if "@" not in name})
+    present["__import__"] = builtins_module.__dict__["__import__"] = _importer(
+        lambda name: builtins_module if name == "builtins" else find_module(name)
+    )
     return present
 
 
@@ -143,8 +145,8 @@ def _identity_functions() -> dict[str, Any]:
         return id(value) & SMALL_MAX
 
     def hash_(value: Any, /) -> int:
-        found = hash_of(value)
-        return id(value) >> 4 & SMALL_MAX if found is None else found
+        value_hash = hash_of(value)
+        return id(value) >> 4 & SMALL_MAX if value_hash is None else value_hash
 
     return {"repr": representation, "id": id_, "hash": hash_}
 

@@ -29,8 +29,8 @@ class HubBytearray(bytearray):
         super().__setitem__(index, value if isinstance(index, slice) else operator.index(value) & 0xFF)
 
     def __getitem__(self, index: Any) -> Any:
-        found = super().__getitem__(index)
-        return HubBytearray(found) if isinstance(index, slice) else found
+        item = super().__getitem__(index)
+        return HubBytearray(item) if isinstance(index, slice) else item
 
     def __add__(self, other: Any) -> HubBytearray:
         return HubBytearray(super().__add__(_buffer(other)))

@@ -15,22 +15,22 @@ def build_class(body: Any, class_name: str, *bases: Any, **keywords: Any) -> Any
     """Implementation of the ``class`` statement. Raises NotImplementedError if there are several bases."""
     if len(bases) > 1:
         raise NotImplementedError("multiple inheritance not supported")
-    made = builtins.__build_class__(body, class_name, *bases, **keywords)
+    cls = builtins.__build_class__(body, class_name, *bases, **keywords)
     for method in _UNUSED:
-        if method in made.__dict__:
-            delattr(made, method)
-    for name, value in list(made.__dict__.items()):
+        if method in cls.__dict__:
+            delattr(cls, method)
+    for name, value in list(cls.__dict__.items()):
         if isinstance(value, FunctionType) and value.__module__.startswith("bricksrl."):
-            setattr(made, name, staticmethod(value))  # builtins do not become methods
+            setattr(cls, name, staticmethod(value))  # builtins do not become methods
     for method, mirrored in _MIRRORED.items():
-        if getattr(made, mirrored) is not getattr(object, mirrored) and getattr(made, method) is getattr(object, method):
-            setattr(made, method, _refusal(method))
-    if made.__init__ is object.__init__ and made.__new__ is object.__new__:
-        made.__init__ = _take_anything
-    return made
+        if getattr(cls, mirrored) is not getattr(object, mirrored) and getattr(cls, method) is getattr(object, method):
+            setattr(cls, method, _refusal(method))
+    if cls.__init__ is object.__init__ and cls.__new__ is object.__new__:
+        cls.__init__ = _ignore_arguments
+    return cls
 
 
-def _take_anything(self: Any, *args: Any, **kwargs: Any) -> None:
+def _ignore_arguments(self: Any, *args: Any, **kwargs: Any) -> None:
     """A class without ``__init__`` ignores all arguments on a hub."""
 
 
@@ -51,17 +51,17 @@ def _refusal(method: str) -> Callable[[Any, Any], Any]:
 def has_initializer(kind: type) -> bool:
     """Whether ``kind.__init__`` can be named: only that of a program's class can."""
     initializer = kind.__init__  # type: ignore[misc]
-    return initializer is not _take_anything and hasattr(initializer, "__code__")
+    return initializer is not _ignore_arguments and hasattr(initializer, "__code__")
 
 
 class HubSuper(super):
     """``super()`` over the program's and native classes; ``object`` has no methods."""
 
     def __getattribute__(self, name: str) -> Any:
-        instance, below = super().__getattribute__("__self__"), super().__getattribute__("__thisclass__")
+        instance, owner = super().__getattribute__("__self__"), super().__getattribute__("__thisclass__")
         ancestors = (instance if isinstance(instance, type) else type(instance)).__mro__
-        for kind in ancestors[ancestors.index(below) + 1 : -1]:
-            if name in kind.__dict__ and kind.__dict__[name] is not _take_anything:
+        for kind in ancestors[ancestors.index(owner) + 1 : -1]:
+            if name in kind.__dict__ and kind.__dict__[name] is not _ignore_arguments:
                 return super().__getattribute__(name)
         raise AttributeError(f"'super' object has no attribute '{name}'")
 

@@ -28,23 +28,23 @@ def compiled(source: str, filename: str, mode: str = "exec") -> CodeType:
     classes = {node.name.lstrip("_") for node in ast.walk(tree) if isinstance(node, ast.ClassDef)} - {""}
     if not classes or "__" not in source:
         return code
-    written = frozenset(re.findall(r"\w+", source))
-    return _unmangled(code, re.compile(f"_(?:{'|'.join(sorted(classes))})(__\\w+)"), written)
+    words = frozenset(re.findall(r"\w+", source))
+    return _unmangled(code, re.compile(f"_(?:{'|'.join(sorted(classes))})(__\\w+)"), words)
 
 
-def _unmangled(code: CodeType, mangled: re.Pattern[str], written: frozenset[str]) -> CodeType:
+def _unmangled(code: CodeType, mangled: re.Pattern[str], words: frozenset[str]) -> CodeType:
     """Undo name mangling, which a hub does not have."""
 
-    def plain(names: tuple[str, ...]) -> tuple[str, ...]:
-        matches = [None if name in written else mangled.fullmatch(name) for name in names]
+    def demangled(names: tuple[str, ...]) -> tuple[str, ...]:
+        matches = [None if name in words else mangled.fullmatch(name) for name in names]
         return tuple(match[1] if match else name for name, match in zip(names, matches, strict=True))
 
     return code.replace(
-        co_names=plain(code.co_names),
-        co_varnames=plain(code.co_varnames),
-        co_cellvars=plain(code.co_cellvars),
-        co_freevars=plain(code.co_freevars),
-        co_consts=tuple(_unmangled(c, mangled, written) if isinstance(c, CodeType) else c for c in code.co_consts),
+        co_names=demangled(code.co_names),
+        co_varnames=demangled(code.co_varnames),
+        co_cellvars=demangled(code.co_cellvars),
+        co_freevars=demangled(code.co_freevars),
+        co_consts=tuple(_unmangled(c, mangled, words) if isinstance(c, CodeType) else c for c in code.co_consts),
     )
 
 
@@ -57,8 +57,8 @@ def _check_with_hub_compiler(source: str, filename: str) -> None:
     report = process.stderr.decode()
     kind, _, message = report.strip().splitlines()[-1].partition(": ")
     error = (IndentationError if kind == "IndentationError" else SyntaxError)(message or kind)
-    if place := re.search(r'File ".*", line (\d+)(?:, in (\S+))?', report):
-        error.filename, error.lineno, error.text = filename, int(place[1]), place[2]
+    if location := re.search(r'File ".*", line (\d+)(?:, in (\S+))?', report):
+        error.filename, error.lineno, error.text = filename, int(location[1]), location[2]
     raise error
 
 
@@ -73,29 +73,29 @@ def _has_long_integer(mpy: bytes) -> bool:
     Format: version 6 of ``.mpy``, ``py/persistentcode.c``. Integers are decimal; small ones outside of tuples are in the code. A
     hub reads the digits before the sign, so its smallest integer is too long.
     """
-    place = _HEADER_BYTES
+    position = _HEADER_BYTES
 
     def number() -> int:
-        nonlocal place
+        nonlocal position
         value, more = 0, True
         while more:
-            value, more = value << 7 | mpy[place] & 0x7F, bool(mpy[place] & 0x80)
-            place += 1
+            value, more = value << 7 | mpy[position] & 0x7F, bool(mpy[position] & 0x80)
+            position += 1
         return value
 
     names, constants = number(), number()
     for _ in range(names):
         length = number()
-        place += 0 if length & 1 else (length >> 1) + 1
+        position += 0 if length & 1 else (length >> 1) + 1
     while constants:
         constants -= 1
-        kind = mpy[place]
-        place += 1
+        kind = mpy[position]
+        position += 1
         if kind == _TUPLE:
             constants += number()
         elif kind > _WITHOUT_DATA:
             length = number()
-            if kind == _INTEGER and abs(int(mpy[place : place + length])) > SMALL_MAX:
+            if kind == _INTEGER and abs(int(mpy[position : position + length])) > SMALL_MAX:
                 return True
-            place += length + (kind in _TEXT)
+            position += length + (kind in _TEXT)
     return False

@@ -17,9 +17,9 @@ class HubDict(dict[Any, Any]):
     _table: HashTable
 
     def __new__(cls, *args: Any, **kwargs: Any) -> Any:
-        made = super().__new__(cls)
-        made._table = HashTable()
-        return made
+        result = super().__new__(cls)
+        result._table = HashTable()
+        return result
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         self.update(*args, **kwargs)
@@ -27,19 +27,19 @@ class HubDict(dict[Any, Any]):
     @classmethod
     def sized(cls, size: int, pairs: Iterable[tuple[Any, Any]]) -> HubDict:
         """With an initial number of slots."""
-        made = cls()
-        made._table = HashTable(size)
+        result = cls()
+        result._table = HashTable(size)
         for key, value in pairs:
-            made[key] = value
-        return made
+            result[key] = value
+        return result
 
     @classmethod
     def in_order(cls, values: Mapping[Any, Any]) -> HubDict:
         """An ordered dict, as made by the firmware."""
-        made = cls()
-        dict.update(made, values)
-        made._table = HashTable.in_order(values)
-        return made
+        result = cls()
+        dict.update(result, values)
+        result._table = HashTable.in_order(values)
+        return result
 
     def __setitem__(self, key: Any, value: Any, /) -> None:
         if key not in self:
@@ -70,10 +70,10 @@ class HubDict(dict[Any, Any]):
         self._table.clear()
 
     def copy(self) -> HubDict:
-        made = HubDict()
-        dict.update(made, [(key, dict.__getitem__(self, key)) for key in self._table])
-        made._table = self._table.copy()
-        return made
+        result = HubDict()
+        dict.update(result, [(key, dict.__getitem__(self, key)) for key in self._table])
+        result._table = self._table.copy()
+        return result
 
     @classmethod
     def fromkeys(cls, keys: Iterable[Any], value: Any = None, /) -> HubDict:
@@ -157,9 +157,9 @@ class HubSet(set[Any]):
     _table: HashTable
 
     def __new__(cls, *args: Any) -> Any:
-        made = super().__new__(cls)
-        made._table = HashTable()
-        return made
+        result = super().__new__(cls)
+        result._table = HashTable()
+        return result
 
     def __init__(self, *values: Iterable[Any]) -> None:
         if len(values) > 1:
@@ -169,10 +169,10 @@ class HubSet(set[Any]):
     @classmethod
     def sized(cls, values: Iterable[Any], size: int) -> HubSet:
         """With an initial number of slots."""
-        made = cls()
-        made._table = HashTable(size)
-        made.update(values)
-        return made
+        result = cls()
+        result._table = HashTable(size)
+        result.update(values)
+        return result
 
     def __iter__(self) -> Iterator[Any]:
         return iter(self._table)
@@ -204,10 +204,10 @@ class HubSet(set[Any]):
         self._table.clear()
 
     def copy(self) -> HubSet:
-        made = HubSet()
-        set.update(made, list(self._table))
-        made._table = self._table.copy()
-        return made
+        result = HubSet()
+        set.update(result, list(self._table))
+        result._table = self._table.copy()
+        return result
 
     def update(self, *others: Iterable[Any]) -> None:
         for other in others:
@@ -235,19 +235,19 @@ class HubSet(set[Any]):
         self._table = common._table
 
     def union(self, other: Iterable[Any], /) -> HubSet:  # type: ignore[override]  # one, on a hub
-        made = self.copy()
-        made.update(other)
-        return made
+        result = self.copy()
+        result.update(other)
+        return result
 
     def difference(self, *others: Iterable[Any]) -> HubSet:
-        made = self.copy()
-        made.difference_update(*(made if other is self else other for other in others))
-        return made
+        result = self.copy()
+        result.difference_update(*(result if other is self else other for other in others))
+        return result
 
     def symmetric_difference(self, other: Iterable[Any], /) -> HubSet:
-        made = self.copy()
-        made.symmetric_difference_update(other)
-        return made
+        result = self.copy()
+        result.symmetric_difference_update(other)
+        return result
 
     def intersection(self, other: Iterable[Any], /) -> HubSet:  # type: ignore[override]  # one, on a hub
         return self.copy() if other is self else HubSet(value for value in other if value in self)

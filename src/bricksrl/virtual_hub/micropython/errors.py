@@ -49,7 +49,7 @@ def _types(operator: str, left: str, right: str) -> str:
     return f"unsupported types for {_OPERATORS.get(operator, operator)}: '{left}', '{right}'"
 
 
-def _counted(name: str, arguments: str) -> int:
+def _argument_count(name: str, arguments: str) -> int:
     """Number of arguments, including ``self`` for methods."""
     return int(arguments) + (not hasattr(builtins, name))
 
@@ -102,9 +102,9 @@ _RULES: tuple[_Rule, ...] = (
     (TypeError, r"\w+(?: expected|\(\) takes) at least (\d+) arguments?(?:, got | \()(\d+)(?: given\))?",
      lambda m: f"function missing {int(m[1]) - int(m[2])} required positional arguments"),
     (TypeError, r"(?!function )(\w+)(?: expected|\(\) takes) at most (\d+) arguments?(?:, got | \()(\d+)(?: given\))?",
-     lambda m: f"function expected at most {_counted(m[1], m[2])} arguments, got {_counted(m[1], m[3])}"),
+     lambda m: f"function expected at most {_argument_count(m[1], m[2])} arguments, got {_argument_count(m[1], m[3])}"),
     (TypeError, r"(\w+) expected (\d+) arguments?, got (\d+)",
-     lambda m: f"function takes {_counted(m[1], m[2])} positional arguments but {_counted(m[1], m[3])} were given"),
+     lambda m: f"function takes {_argument_count(m[1], m[2])} positional arguments but {_argument_count(m[1], m[3])} were given"),
     (TypeError, r"Hub(?:Dict|Set)\.\w+\(\) takes from \d+ to (\d+) positional arguments but (\d+) were given",
      lambda m: f"function expected at most {m[1]} arguments, got {m[2]}"),
     (TypeError, r"Hub(?:Dict|Set)\.\w+\(\) takes (\d+) positional arguments? but (\d+) were given",
@@ -137,10 +137,10 @@ def reword(error: BaseException, names: Mapping[str, object]) -> BaseException:
     message = error.args[0]
     for kind, pattern, text in _RULES:
         if isinstance(error, kind) and (match := re.fullmatch(pattern, message, re.DOTALL)):
-            worded = text(match)
-            error.args = (worded,) if worded else ()
+            reworded = text(match)
+            error.args = (reworded,) if reworded else ()
             if isinstance(error, ImportError):
-                error.msg = worded
+                error.msg = reworded
             return error
     if isinstance(error, TypeError) and "()" in message:
         error.args = (_call_message(message, names, error),)
@@ -184,9 +184,9 @@ def _call_message(message: str, names: Mapping[str, object], error: BaseExceptio
         return f"{function.__name__}() takes {total} positional arguments but {given[1]} were given"
     if missing := re.match(r"missing (\d+) required positional arguments?: '(\w+)'", problem):
         count = required - int(missing[1])
-        place = function.__code__.co_varnames.index(missing[2])
-        if place < count or function.__kwdefaults__:  # with keywords, the firmware looks for each argument separately
-            return f"function missing required positional argument #{place}"
+        index = function.__code__.co_varnames.index(missing[2])
+        if index < count or function.__kwdefaults__:  # with keywords, the firmware looks for each argument separately
+            return f"function missing required positional argument #{index}"
         return f"{function.__name__}() takes {required} positional arguments but {count} were given"
     return message
 
@@ -196,23 +196,23 @@ def _first_missing(error: BaseException) -> str | None:
     trace = error.__traceback__
     while trace is not None and trace.tb_next is not None:
         trace = trace.tb_next
-    found: Mapping[str, Any] = trace.tb_frame.f_locals if trace is not None else {}
-    if not {"method", "args", "kwargs"} <= found.keys():
+    frame_locals: Mapping[str, Any] = trace.tb_frame.f_locals if trace is not None else {}
+    if not {"method", "args", "kwargs"} <= frame_locals.keys():
         return None
-    method, args, named = found["method"], found["args"], found["kwargs"]
+    method, args, kwargs = (frame_locals[name] for name in ("method", "args", "kwargs"))
     code = method.__code__
     required = code.co_varnames[1 : code.co_argcount - len(method.__defaults__ or ())]
-    return next((name for name in required[len(args) :] if name not in named), None)
+    return next((name for name in required[len(args) :] if name not in kwargs), None)
 
 
-def _builtin_call_message(problem: str, of_module: bool) -> str | None:
-    """``of_module``: a module's function, which has named arguments in the firmware."""
+def _builtin_call_message(problem: str, is_module_function: bool) -> str | None:
+    """``is_module_function``: a module's function has named arguments in the firmware."""
     if missing := re.match(r"missing \d+ required positional arguments?: '(\w+)'", problem):
         return f"'{missing[1]}' argument required"
     if "unexpected keyword" in problem or "takes no keyword" in problem:
         return "extra keyword arguments given"
     if given := re.fullmatch(r"takes (\d+) positional arguments? but (\d+) (?:was|were) given", problem):
-        if int(given[1]) == 1 and not of_module:
+        if int(given[1]) == 1 and not is_module_function:
             return f"function takes 1 positional arguments but {given[2]} were given"
         return "extra positional arguments given"
     if re.match(r"takes from \d+ to \d+ positional arguments but \d+ were given", problem):
@@ -223,14 +223,14 @@ def _builtin_call_message(problem: str, of_module: bool) -> str | None:
 def _find(qualified_name: str, names: Mapping[str, object]) -> FunctionType | None:
     """The program's function with a qualified name."""
     parts = qualified_name.rsplit(".<locals>.", maxsplit=1)[-1].split(".")
-    found = names.get(parts[0])
+    value = names.get(parts[0])
     for part in parts[1:]:
-        found = getattr(found, part, None)
-    if isinstance(found, type):
-        found = found.__dict__.get("__init__")
-    found = getattr(found, "__func__", found)
-    is_own = isinstance(found, FunctionType) and found.__globals__ is names
-    return found if is_own else None  # type: ignore[return-value]
+        value = getattr(value, part, None)
+    if isinstance(value, type):
+        value = value.__dict__.get("__init__")
+    value = getattr(value, "__func__", value)
+    is_own = isinstance(value, FunctionType) and value.__globals__ is names
+    return value if is_own else None  # type: ignore[return-value]
 
 
 def _find_among(qualified_name: str, names: Mapping[str, object], values: list[object]) -> FunctionType | None:

@@ -11,16 +11,16 @@ from dataclasses import dataclass, replace
 
 from bricksrl.virtual_hub.micropython.floats import read_digits, scaled, to_single
 
-_MOST_DIGITS, _SAFE_DIGITS = 9, 6
-_ROOM = 33
+_MAX_DIGITS, _SAFE_DIGITS = 9, 6
+_BUFFER_CHARS = 33
 _REPR_EXPONENT = 16
 _ALL_BEHIND = 255  # no decimal point among the digits
 
 
 def float_text(x: float) -> str:
     """``str`` and ``repr`` of a float."""
-    written = shortest_text(x)
-    return written if any(mark in written for mark in ".en") else written + ".0"
+    text = shortest_text(x)
+    return text if any(mark in text for mark in ".en") else text + ".0"
 
 
 def shortest_text(x: float) -> str:
@@ -38,8 +38,8 @@ def format_float(x: float, code: str, precision: int | None, sign: str = "") -> 
     """
     if math.copysign(1, x) < 0 and not math.isnan(x):
         x, sign = -x, "-"
-    written = f"{x:g}" if not math.isfinite(x) else _unsigned(x, code.lower(), precision, _ROOM - len(sign))
-    return sign + (written.upper() if code.isupper() else written)
+    text = f"{x:g}" if not math.isfinite(x) else _unsigned(x, code.lower(), precision, _BUFFER_CHARS - len(sign))
+    return sign + (text.upper() if code.isupper() else text)
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ class _Layout:
         lead: prefix of the digits.
         zeros: number of trailing zeros.
         exponent: of the first digit.
-        most_exponent: largest exponent for which ``g`` writes zeros.
+        max_exponent: largest exponent for which ``g`` writes zeros.
     """
 
     kind: str
@@ -62,7 +62,7 @@ class _Layout:
     lead: str
     zeros: int
     exponent: int
-    most_exponent: int
+    max_exponent: int
 
     def write(self, mantissa: int) -> str:
         exponent, digits, point, lead, zeros = self.exponent, self.digits, self.point, self.lead, self.zeros
@@ -71,7 +71,7 @@ class _Layout:
                 digits, point = digits + 1, point + 1
             else:
                 mantissa, exponent = mantissa // 10, exponent + 1
-        if self.kind == "g" and 0 < exponent < self.most_exponent:
+        if self.kind == "g" and 0 < exponent < self.max_exponent:
             point, exponent = point + exponent, 0
             if point >= digits:
                 zeros = point - (digits - 1)
@@ -102,28 +102,28 @@ class _Layout:
         return read_digits(mantissa, -shift)
 
 
-def _unsigned(x: float, kind: str, precision: int | None, room: int) -> str:
+def _unsigned(x: float, kind: str, precision: int | None, width: int) -> str:
     exponent = _exponent(x)
-    wanted = _MOST_DIGITS if precision is None else precision
-    most_exponent = _REPR_EXPONENT if precision is None else min(wanted, room - 3)
-    if kind == "f" and exponent > 0 and exponent + wanted + 2 > room:
-        kind, wanted = "g", wanted + 1
+    count = _MAX_DIGITS if precision is None else precision
+    max_exponent = _REPR_EXPONENT if precision is None else min(count, width - 3)
+    if kind == "f" and exponent > 0 and exponent + count + 2 > width:
+        kind, count = "g", count + 1
     lead_zeros = 0
     if kind == "f":
-        wanted = min(wanted, room - 3)
+        count = min(count, width - 3)
         if exponent >= 0:
-            wanted += exponent + 1
-        elif wanted > 2 and exponent < -2:
-            lead_zeros = min(-exponent, wanted) - 2
-            wanted -= lead_zeros
+            count += exponent + 1
+        elif count > 2 and exponent < -2:
+            lead_zeros = min(-exponent, count) - 2
+            count -= lead_zeros
         else:
-            wanted += 1
-    elif kind == "e" or wanted == 0:
-        wanted += 1
-    most = min(wanted, _MOST_DIGITS)
-    zeros = min(wanted - most, room - most - (3 if kind == "f" else 7))
-    for digits in range(min(_SAFE_DIGITS, most), most + 1):
-        layout = _Layout(kind, digits, 0, "", zeros + most - digits, exponent, most_exponent)
+            count += 1
+    elif kind == "e" or count == 0:
+        count += 1
+    max_digits = min(count, _MAX_DIGITS)
+    zeros = min(count - max_digits, width - max_digits - (3 if kind == "f" else 7))
+    for digits in range(min(_SAFE_DIGITS, max_digits), max_digits + 1):
+        layout = _Layout(kind, digits, 0, "", zeros + max_digits - digits, exponent, max_exponent)
         shift = digits - 1 - exponent
         if x == 0:
             shift = 0
@@ -164,7 +164,7 @@ def _search(x: float, layout: _Layout, shift: int) -> tuple[int, bool]:
     difference = to_single(layout.value(mantissa, shift) - x)
     best, best_difference = mantissa, difference
     step = 8**extra if extra > 0 else 1
-    for _ in range(3 + 3 * (_MOST_DIGITS - _SAFE_DIGITS)):
+    for _ in range(3 + 3 * (_MAX_DIGITS - _SAFE_DIGITS)):
         if difference == 0:
             return mantissa, True
         mantissa += step if difference < 0 else -step

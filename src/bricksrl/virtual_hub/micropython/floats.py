@@ -49,12 +49,12 @@ def read_float(text: str) -> float:
     match = _DECIMAL.fullmatch(unsigned)
     if match is None:  # inf, nan
         return value
-    whole, fraction = match[1], match[2] or ""
+    integer, fraction = match[1], match[2] or ""
     exponent = int(match[3] or 0) - len(fraction)
     digits = 0
-    for index, digit in enumerate(whole + fraction):
+    for index, digit in enumerate(integer + fraction):
         if digits >= _FULL_MANTISSA:
-            exponent += len(whole + fraction) - index
+            exponent += len(integer + fraction) - index
             break
         digits = 10 * digits + int(digit)
     return math.copysign(read_digits(digits, exponent), value)

@@ -61,16 +61,16 @@ def _format_float(value: float, spec: str) -> str:
         value, code = to_single(value * 100), "f"
     precision = _DEFAULT_PRECISION if match["precision"] is None else int(match["precision"])
     sign = match["sign"] if match["sign"] in ("+", " ") else ""
-    written = format_float(value, "g" if code == "n" else code, precision, sign or "") + "%" * is_percent
+    formatted = format_float(value, "g" if code == "n" else code, precision, sign or "") + "%" * is_percent
     align = match["align"] or ("=" if match["zero"] else ">")
-    return _padded(written, match["fill"] or match["zero"] or " ", align, int(match["width"] or 0))
+    return _padded(formatted, match["fill"] or match["zero"] or " ", align, int(match["width"] or 0))
 
 
-def _padded(written: str, fill: str, align: str, width: int) -> str:
+def _padded(formatted: str, fill: str, align: str, width: int) -> str:
     if align == "=":
-        sign = written[:1] if written[:1] in ("+", "-", " ") else ""
-        return sign + written[len(sign) :].rjust(width - len(sign), fill)
-    return format(written, f"{fill}{align}{width}")
+        sign = formatted[:1] if formatted[:1] in ("+", "-", " ") else ""
+        return sign + formatted[len(sign) :].rjust(width - len(sign), fill)
+    return format(formatted, f"{fill}{align}{width}")
 
 
 class _Formatter(string.Formatter):
@@ -110,7 +110,7 @@ def percent(template: Any, values: object) -> Any:
         template = template.decode("latin-1")
     queue = list(values) if isinstance(values, tuple) else [values]
 
-    def take() -> Any:
+    def next_value() -> Any:
         if not queue:
             raise TypeError("format string needs more arguments")
         return queue.pop(0)
@@ -121,15 +121,15 @@ def percent(template: Any, values: object) -> Any:
             return "%"
         if code is None:
             raise ValueError("incomplete format")
-        width, precision = (str(take()) if match[name] == "*" else match[name] for name in ("width", "precision"))
+        width, precision = (str(next_value()) if match[name] == "*" else match[name] for name in ("width", "precision"))
         if match["key"] is not None:
             queue.clear()
             if not isinstance(values, dict):
                 raise TypeError("format needs a dict")
             value = values[match["key"]]
         else:
-            value = take()
-        return _percent_one(value, match, width or "", precision, is_bytes)
+            value = next_value()
+        return _format_argument(value, match, width or "", precision, is_bytes)
 
     result = _PERCENT.sub(replace, template)
     if queue and not isinstance(values, dict):
@@ -137,7 +137,7 @@ def percent(template: Any, values: object) -> Any:
     return result.encode("latin-1") if is_bytes else result
 
 
-def _percent_one(value: Any, match: re.Match[str], width: str, precision: str | None, is_bytes: bool) -> str:
+def _format_argument(value: Any, match: re.Match[str], width: str, precision: str | None, is_bytes: bool) -> str:
     code, flags = match["code"], match["flags"]
     spec = f"%{flags}{width}" + (f".{precision}" if precision is not None else "")
     if code in "sr":
@@ -155,7 +155,7 @@ def _percent_one(value: Any, match: re.Match[str], width: str, precision: str | 
     if code in "eEfFgG":
         sign = next((mark for mark in "+ " if mark in flags), "")
         digits = _DEFAULT_PRECISION if precision is None else int(precision)
-        written = format_float(to_single(to_number(value, "float")), code, digits, sign)
+        formatted = format_float(to_single(to_number(value, "float")), code, digits, sign)
         align = "<" if "-" in flags else "=" if "0" in flags else ">"
-        return _padded(written, "0" if align == "=" else " ", align, int(width or 0))
+        return _padded(formatted, "0" if align == "=" else " ", align, int(width or 0))
     raise ValueError(f"unsupported format character '{code}' (0x{ord(code):x}) at index {match.end() - 1}")

@@ -79,33 +79,33 @@ class HashTable:
 
     def add(self, key: Any) -> None:
         """Add a new key; grows the table if it is full."""
-        found = hash_of(key)
-        self._put(key, self._added if found is None else found & 0xFFFF_FFFF)
+        key_hash = hash_of(key)
+        self._put(key, self._added if key_hash is None else key_hash & 0xFFFF_FFFF)
         self._added += 1
 
     def _put(self, key: Any, hash_: int) -> None:
         slots, size = self.slots, len(self.slots)
         for step in range(size):
-            place = (hash_ + step) % size
-            if isinstance(slots[place], _Mark):
-                slots[place], self._hashes[place] = key, hash_
+            index = (hash_ + step) % size
+            if isinstance(slots[index], _Mark):
+                slots[index], self._hashes[index] = key, hash_
                 return
         self._grow()
         self._put(key, hash_)
 
     def _grow(self) -> None:
-        more = len(self.slots) + 1
-        kept = [pair for pair in zip(self.slots, self._hashes, strict=True) if not isinstance(pair[0], _Mark)]
-        size = next((size for size in _SIZES if size >= more), more + more // 2 | 1)
+        required = len(self.slots) + 1
+        entries = [pair for pair in zip(self.slots, self._hashes, strict=True) if not isinstance(pair[0], _Mark)]
+        size = next((size for size in _SIZES if size >= required), required + required // 2 | 1)
         self.slots, self._hashes = [_FREE] * size, [0] * size
-        for key, hash_ in kept:
+        for key, hash_ in entries:
             self._put(key, hash_)
 
     def remove(self, key: Any) -> None:
         """Remove an existing key."""
-        place = next(place for place, other in enumerate(self.slots) if other is key or other == key)
-        after = self.slots[(place + 1) % len(self.slots)]
-        self.slots[place] = _FREE if after is _FREE else _DELETED
+        index = next(index for index, other in enumerate(self.slots) if other is key or other == key)
+        after = self.slots[(index + 1) % len(self.slots)]
+        self.slots[index] = _FREE if after is _FREE else _DELETED
 
     def first(self) -> Any:
         """The first key. Raises StopIteration if there is none."""
@@ -114,7 +114,7 @@ class HashTable:
     def drop_first(self) -> Any:
         """Remove the first key as ``popitem`` does: its slot counts as used until the table grows."""
         key = self.first()
-        self.slots[next(place for place, other in enumerate(self.slots) if other is key)] = _DELETED
+        self.slots[next(index for index, other in enumerate(self.slots) if other is key)] = _DELETED
         return key
 
     def clear(self) -> None:

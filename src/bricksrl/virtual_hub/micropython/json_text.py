@@ -29,23 +29,23 @@ def read_json(source: str) -> Any:
     parents: list[Any] = []
     top: Any = None
     key: Any = _NO_KEY
-    place = 0
+    position = 0
     while True:
-        token = _TOKEN.match(source, place)
+        token = _TOKEN.match(source, position)
         if token is None:
-            raise _refusal()
-        place = token.end()
+            raise _syntax_error()
+        position = token.end()
         if token["close"]:
             if top is None:
-                raise _refusal()
+                raise _syntax_error()
             if not parents:
-                return _finished(top, source, place)
+                return _finished(top, source, position)
             top = parents.pop()
             continue
         value, opens = _value(token), token["open"] is not None
         if top is None:
             if not opens:
-                return _finished(value, source, place)
+                return _finished(value, source, position)
             top = value
             continue
         if isinstance(top, list):
@@ -53,7 +53,7 @@ def read_json(source: str) -> Any:
         elif key is not _NO_KEY:
             top[key], key = value, _NO_KEY
         elif opens:
-            raise _refusal()
+            raise _syntax_error()
         else:
             key = value
         if opens:
@@ -79,14 +79,14 @@ def _unescaped(escape: re.Match[str]) -> str:
     try:
         return chr(int(text[1:], 16))
     except ValueError:
-        raise _refusal() from None
+        raise _syntax_error() from None
 
 
-def _finished(value: Any, source: str, place: int) -> Any:
-    if source[place:].strip(_SPACES):
-        raise _refusal()
+def _finished(value: Any, source: str, position: int) -> Any:
+    if source[position:].strip(_SPACES):
+        raise _syntax_error()
     return value
 
 
-def _refusal() -> ValueError:
+def _syntax_error() -> ValueError:
     return ValueError("syntax error in JSON")

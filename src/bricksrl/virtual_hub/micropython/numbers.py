@@ -31,12 +31,12 @@ def _as_float(value: Any) -> float:
 
 _PI = to_single(math.pi)
 _RADIANS, _DEGREES = to_single(_PI / 180), to_single(180 / _PI)  # as computed by the hub's compiler
-_OF_TWO = ("atan2", "pow", "fmod", "copysign")
+_BINARY_FUNCTIONS = ("atan2", "pow", "fmod", "copysign")
 
 
 def math_module() -> ModuleType:
     def rounded(function: Callable[..., float]) -> Callable[..., float]:
-        count = 2 if function.__name__ in _OF_TWO else 1
+        count = 2 if function.__name__ in _BINARY_FUNCTIONS else 1
 
         def call(*args: Any) -> float:
             if len(args) != count:
@@ -62,7 +62,7 @@ def math_module() -> ModuleType:
 
     names: dict[str, Any] = {
         name: rounded(getattr(math, name))
-        for name in ["sin", "asin", "cos", "acos", "tan", "atan", "exp", "sqrt", "fabs", *_OF_TWO]
+        for name in ["sin", "asin", "cos", "acos", "tan", "atan", "exp", "sqrt", "fabs", *_BINARY_FUNCTIONS]
     }
     names.update({name: getattr(math, name) for name in ("isfinite", "isinf", "isnan")})
     names["degrees"] = lambda x, /: to_single(_as_float(x) * _DEGREES)
@@ -71,11 +71,11 @@ def math_module() -> ModuleType:
     names["frexp"] = lambda x: math.frexp(_as_float(x))
     names["modf"] = lambda x: tuple(map(to_single, math.modf(_as_float(x))))
     for name in ("ceil", "floor", "trunc"):
-        names[name] = _to_whole(getattr(math, name))
+        names[name] = _to_integer(getattr(math, name))
     return module("math", {**names, "log": log, "e": to_single(math.e), "pi": _PI})
 
 
-def _to_whole(function: Callable[[float], int]) -> Callable[[Any], int]:
+def _to_integer(function: Callable[[float], int]) -> Callable[[Any], int]:
     def call(x: Any) -> int:
         x = _as_float(x)
         return int_from_float(float(function(x)) if math.isfinite(x) else x)
@@ -112,7 +112,7 @@ class _Yasmarang:
         return (self.next() & 0x7FFFFF) / 0x800000
 
 
-def expect_whole(*values: Any) -> None:
+def expect_int(*values: Any) -> None:
     """Raise TypeError unless all are integers."""
     for value in values:
         if not isinstance(value, int):
@@ -124,13 +124,13 @@ def random_module(clock_us: int) -> ModuleType:
     source = _Yasmarang(clock_us)
 
     def getrandbits(k: int, /) -> int:
-        expect_whole(k)
+        expect_int(k)
         if not 0 <= k <= 32:
             raise ValueError("bits must be 32 or less")
         return small(source.next() & (_MASK >> (32 - k))) if k else 0
 
     def randrange(start: int, stop: int | None = None, step: int = 1, /) -> int:
-        expect_whole(start, step, 0 if stop is None else stop)
+        expect_int(start, step, 0 if stop is None else stop)
         low, high = (0, start) if stop is None else (start, stop)
         count = (high - low + step - (1 if step > 0 else -1)) // step if step else 0
         if count <= 0:
@@ -138,7 +138,7 @@ def random_module(clock_us: int) -> ModuleType:
         return low + step * source.below(count)
 
     def randint(a: int, b: int, /) -> int:
-        expect_whole(a, b)
+        expect_int(a, b)
         if a > b:
             raise ValueError
         return a + source.below(b - a + 1)
@@ -153,7 +153,7 @@ def random_module(clock_us: int) -> ModuleType:
         return to_single(low + to_single(to_single(high - low) * source.fraction()))
 
     def seed(a: int | None = None, /) -> None:
-        expect_whole(0 if a is None else a)
+        expect_int(0 if a is None else a)
         source.seed(clock_us if a is None else a)
 
     names = {"getrandbits": getrandbits, "randrange": randrange, "randint": randint, "choice": choice, "uniform": uniform}
@@ -207,17 +207,16 @@ class _Layout:
 def struct_module() -> ModuleType:
     layouts: dict[str, _Layout] = {}
 
-    def layout(text: str) -> _Layout:
-        found = layouts.get(text)
-        if found is None:
-            found = layouts[text] = _Layout(text)
-        return found
+    def cached_layout(text: str) -> _Layout:
+        if text not in layouts:
+            layouts[text] = _Layout(text)
+        return layouts[text]
 
     def pack(fmt: str, /, *values: Any) -> bytes:
-        chosen = layout(fmt)
-        if len(values) != len(chosen.codes):
-            values = (values + (0,) * len(chosen.codes))[: len(chosen.codes)]
-        return chosen.pack(values)
+        layout = cached_layout(fmt)
+        if len(values) != len(layout.codes):
+            values = (values + (0,) * len(layout.codes))[: len(layout.codes)]
+        return layout.pack(values)
 
     def pack_into(fmt: str, buffer: bytearray, offset: int, /, *values: Any) -> None:
         if not isinstance(buffer, bytearray | memoryview):
@@ -229,9 +228,9 @@ def struct_module() -> ModuleType:
         buffer[start : start + len(data)] = data
 
     def unpack_from(fmt: str, data: bytes, offset: int = 0, /) -> tuple[Any, ...]:
-        chosen = layout(fmt)
+        layout = cached_layout(fmt)
         try:
-            return chosen.checked(chosen.struct.unpack_from(data, offset))
+            return layout.checked(layout.struct.unpack_from(data, offset))
         except struct.error:
             raise ValueError("buffer too small") from None
         except TypeError:
@@ -241,7 +240,7 @@ def struct_module() -> ModuleType:
         return unpack_from(fmt, data)
 
     def calcsize(fmt: str, /) -> int:
-        return layout(fmt).struct.size
+        return cached_layout(fmt).struct.size
 
     names = {"pack": pack, "pack_into": pack_into, "unpack": unpack, "unpack_from": unpack_from, "calcsize": calcsize}
     return module("struct", names)

@@ -19,9 +19,9 @@ from bricksrl.virtual_hub.micropython.text import representation, text
 
 SMALL_MAX = 2**30 - 1
 SMALL_MIN = -(2**30)
-_EXACT = 2**24
+_EXACT_INT_MAX = 2**24
 _BASES = {"0b": 2, "0o": 8, "0x": 16}
-_LARGEST = 3.4028234663852886e38
+_FLOAT_MAX = 3.4028234663852886e38
 
 
 def small(value: int) -> int:
@@ -42,7 +42,7 @@ def normalizer() -> Callable[[Any], Any]:
                 return value
             raise OverflowError("small int overflow")
         if kind is float:
-            if -_LARGEST <= value <= _LARGEST:
+            if -_FLOAT_MAX <= value <= _FLOAT_MAX:
                 cell[0] = value
                 return cell[0]
             return to_single(value)
@@ -55,7 +55,7 @@ def normalizer() -> Callable[[Any], Any]:
 
 def _single_int(value: Any) -> Any:
     """Integers become floats in operations with floats; large ones lose digits."""
-    return to_single(value) if type(value) is int and not -_EXACT <= value <= _EXACT else value
+    return to_single(value) if type(value) is int and not -_EXACT_INT_MAX <= value <= _EXACT_INT_MAX else value
 
 
 def int_from_float(value: float) -> int:
@@ -90,11 +90,11 @@ def to_int(kind: type, *args: Any, **kwargs: Any) -> Any:
         base = args[1] if len(args) > 1 else 10
         if base != 0 and not 2 <= base <= 36:
             raise ValueError("int() arg 2 must be >= 2 and <= 36") from None
-        unread = re.sub(r"^\s*[-+]?", "", args[0])
+        digits = re.sub(r"^\s*[-+]?", "", args[0])
         if base == 0:
-            base = _BASES.get(unread[:2].lower(), 10)
-            unread = unread if base == 10 else unread[2:]
-        raise ValueError(f"invalid syntax for integer with base {base}: {representation(unread)}") from None
+            base = _BASES.get(digits[:2].lower(), 10)
+            digits = digits if base == 10 else digits[2:]
+        raise ValueError(f"invalid syntax for integer with base {base}: {representation(digits)}") from None
     except TypeError:
         raise TypeError(f"can't convert {type(args[0]).__name__} to int") from None
     if abs(value) > SMALL_MAX:  # digits are read before the sign

@@ -35,7 +35,7 @@ class ProgramInterrupt(KeyboardInterrupt):
 ProgramInterrupt.__name__ = "KeyboardInterrupt"
 
 
-def is_of_program(error: BaseException) -> bool:
+def is_program_error(error: BaseException) -> bool:
     """Whether the program raised it, not an external stop or a failing scene."""
     if isinstance(error, SceneError):
         return False
@@ -132,10 +132,10 @@ class TextIOWrapper(FileIO):
 
 
 class Poll:
-    """``select.poll()``; ``doze`` advances simulated time until possible input, and returns its duration."""
+    """``select.poll()``; ``advance`` lets simulated time pass until possible input, and returns the ms that passed."""
 
-    def __init__(self, doze: Callable[[int], int], tick: Callable[[], None]) -> None:
-        self._doze, self._tick = doze, tick
+    def __init__(self, advance: Callable[[int], int], tick: Callable[[], None]) -> None:
+        self._advance, self._tick = advance, tick
         self._streams: dict[int, tuple[FileIO, int]] = {}
 
     def register(self, stream: Any, eventmask: int = _POLLIN | _POLLOUT) -> None:
@@ -153,9 +153,9 @@ class Poll:
         self._tick()
         while not (ready := self._ready()) and timeout:
             if timeout < 0:
-                self._doze(_FOREVER_MS)
+                self._advance(_FOREVER_MS)
             else:
-                timeout -= self._doze(timeout)
+                timeout -= self._advance(timeout)
         if flags & 1:
             for stream, _ in ready:
                 self.modify(stream, 0)
@@ -210,24 +210,24 @@ def sys_module(console: Console, keyboard: Keyboard, tick: Callable[[], None], v
     )
 
 
-def select_module(doze: Callable[[int], int], tick: Callable[[], None]) -> ModuleType:
+def select_module(advance: Callable[[int], int], tick: Callable[[], None]) -> ModuleType:
     flags = {"POLLIN": _POLLIN, "POLLOUT": _POLLOUT, "POLLERR": _POLLERR, "POLLHUP": _POLLHUP}
 
     def select(readers: Any, writers: Any, others: Any, timeout: float | None = None, /) -> tuple[list[FileIO], ...]:
         """Streams that can be read, be written, or failed; ``timeout`` in seconds."""
-        poll, masks = Poll(doze, tick), (_POLLIN, _POLLOUT, _POLLERR | _POLLHUP)
-        wanted: dict[FileIO, int] = {}
+        poll, masks = Poll(advance, tick), (_POLLIN, _POLLOUT, _POLLERR | _POLLHUP)
+        masks_by_stream: dict[FileIO, int] = {}
         for streams, mask in zip((readers, writers, others), masks, strict=True):
             if not isinstance(streams, list | tuple):
                 raise TypeError(f"object '{type(streams).__name__}' isn't a tuple or list")
             for stream in map(_pollable, streams):
-                wanted[stream] = wanted.get(stream, 0) | mask
-        for stream, mask in wanted.items():
+                masks_by_stream[stream] = masks_by_stream.get(stream, 0) | mask
+        for stream, mask in masks_by_stream.items():
             poll.register(stream, mask)
         ready = poll.poll(-1 if timeout is None or timeout < 0 else int(to_single(timeout * 1000)))
         return tuple([stream for stream, events in ready if events & mask] for mask in masks)
 
-    return module("select", {"poll": lambda: Poll(doze, tick), "select": select, **flags})
+    return module("select", {"poll": lambda: Poll(advance, tick), "select": select, **flags})
 
 
 def micropython_module(keyboard: Keyboard, console: Console, heap_bytes: int) -> ModuleType:

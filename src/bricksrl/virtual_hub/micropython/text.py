@@ -86,7 +86,7 @@ def _address(value: object) -> str:
     return f"{0x20000000 + id(value) % 0x50000:x}"
 
 
-def uncaught(error: BaseException) -> str:
+def uncaught_text(error: BaseException) -> str:
     """Last line of a traceback: by the class's ``__repr__``, not its ``__str__``."""
     if type(error).__repr__ is not BaseException.__repr__:
         return repr(error)

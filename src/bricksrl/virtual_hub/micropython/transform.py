@@ -134,30 +134,29 @@ class _Transformer(ast.NodeTransformer):
                 return [node, ast.copy_location(check, node)]
             value = _call(helper, ast.Name(target.id, ast.Load()), node.value, at=node)
             return ast.copy_location(ast.Assign([target], value), node)
-        owner = self._keep("@owner", target.value, node)
-        statements: list[ast.stmt] = [owner]
-        place: ast.expr = ast.Name("@owner", ast.Load())
+        statements: list[ast.stmt] = [self._assign_temporary("@owner", target.value, node)]
+        owner: ast.expr = ast.Name("@owner", ast.Load())
         if isinstance(target, ast.Attribute):
-            read: ast.expr = ast.Attribute(place, target.attr, ast.Load())
-            write: ast.expr = ast.Attribute(place, target.attr, ast.Store())
+            read: ast.expr = ast.Attribute(owner, target.attr, ast.Load())
+            write: ast.expr = ast.Attribute(owner, target.attr, ast.Store())
         else:
-            statements.append(self._keep("@index", target.slice, node))
+            statements.append(self._assign_temporary("@index", target.slice, node))
             index = ast.Name("@index", ast.Load())
-            read, write = ast.Subscript(place, index, ast.Load()), ast.Subscript(place, index, ast.Store())
+            read, write = ast.Subscript(owner, index, ast.Load()), ast.Subscript(owner, index, ast.Store())
         assign = ast.copy_location(ast.Assign([write], _call(helper, read, node.value, at=node)), node)
-        statements.append(self._stored(assign))
+        statements.append(self._store_statement(assign))
         return statements
 
     @staticmethod
-    def _stored(node: ast.Assign) -> ast.stmt:
-        """``owner.name = value`` with an owner that may not take attributes."""
+    def _store_statement(node: ast.Assign) -> ast.stmt:
+        """``owner.name = value``; the owner may not accept attributes."""
         if len(node.targets) > 1 or not isinstance(node.targets[0], ast.Attribute):
             return node
         target = node.targets[0]
         return ast.copy_location(ast.Expr(_call("@store", node.value, target.value, ast.Constant(target.attr), at=node)), node)
 
     @staticmethod
-    def _keep(name: str, value: ast.expr, at: ast.AST) -> ast.stmt:
+    def _assign_temporary(name: str, value: ast.expr, at: ast.AST) -> ast.stmt:
         if isinstance(value, ast.Slice):
             bounds = [bound or ast.Constant(None) for bound in (value.lower, value.upper, value.step)]
             value = _call("slice", *bounds, at=at)
@@ -202,7 +201,7 @@ class _Transformer(ast.NodeTransformer):
         if len(node.targets) == 1 and isinstance(target, ast.Subscript) and isinstance(target.slice, ast.Slice):
             bounds = [bound or ast.Constant(None) for bound in (target.slice.lower, target.slice.upper, target.slice.step)]
             return ast.copy_location(ast.Expr(_call("@setslice", node.value, target.value, *bounds, at=node)), node)
-        return self._stored(node)
+        return self._store_statement(node)
 
     def visit_Dict(self, node: ast.Dict) -> ast.expr:
         self.generic_visit(node)
@@ -242,7 +241,7 @@ class _Transformer(ast.NodeTransformer):
         return node
 
     @staticmethod
-    def _named(args: ast.arguments, at: ast.AST) -> list[ast.stmt]:
+    def _convert_kwargs(args: ast.arguments, at: ast.AST) -> list[ast.stmt]:
         """Conversion of ``**kwargs`` to a hub's dict."""
         if args.kwarg is None:
             return []
@@ -264,10 +263,10 @@ class _Transformer(ast.NodeTransformer):
             if alias.asname is None or "." not in alias.name:
                 statements.append(ast.copy_location(ast.Import([alias]), node))
                 continue
-            found: ast.expr = _call("__import__", ast.Constant(alias.name), at=node)
+            value: ast.expr = _call("__import__", ast.Constant(alias.name), at=node)
             for part in alias.name.split(".")[1:]:
-                found = ast.copy_location(ast.Attribute(found, part, ast.Load()), node)
-            statements.append(ast.copy_location(ast.Assign([ast.Name(alias.asname, ast.Store())], found), node))
+                value = ast.copy_location(ast.Attribute(value, part, ast.Load()), node)
+            statements.append(ast.copy_location(ast.Assign([ast.Name(alias.asname, ast.Store())], value), node))
         return statements
 
     def visit_JoinedStr(self, node: ast.JoinedStr) -> ast.expr:
@@ -345,7 +344,7 @@ class _Transformer(ast.NodeTransformer):
         self._strip_emitters(node)
         node.returns = None
         self.generic_visit(node)
-        node.body = [*self._named(node.args, node), *node.body]
+        node.body = [*self._convert_kwargs(node.args, node), *node.body]
         return node
 
     def visit_AsyncFunctionDef(self, node: ast.AsyncFunctionDef) -> ast.AST:
@@ -353,8 +352,8 @@ class _Transformer(ast.NodeTransformer):
         self._strip_emitters(node)
         self.generic_visit(node)
         never = ast.If(ast.Constant(False), [ast.Expr(ast.Yield(None))], [])
-        function = ast.FunctionDef(node.name, node.args, [never, *self._named(node.args, node), *node.body], node.decorator_list)
-        return ast.copy_location(function, node)
+        body = [never, *self._convert_kwargs(node.args, node), *node.body]
+        return ast.copy_location(ast.FunctionDef(node.name, node.args, body, node.decorator_list), node)
 
     def visit_AsyncFor(self, node: ast.AsyncFor) -> list[ast.stmt]:
         self.generic_visit(node)

@@ -56,9 +56,9 @@ def _filled(
 ) -> list[ast.stmt]:
     tree = ast.parse(template)
     for node in ast.walk(tree):
-        for place in ("lineno", "col_offset", "end_lineno", "end_col_offset"):
-            if hasattr(node, place):
-                delattr(node, place)
+        for attribute in ("lineno", "col_offset", "end_lineno", "end_col_offset"):
+            if hasattr(node, attribute):
+                delattr(node, attribute)
     _Filler(parts, blocks, f"{at.lineno}.{at.col_offset}").visit(tree)
     for node in ast.walk(tree):
         if isinstance(node, ast.expr | ast.stmt | ast.excepthandler) and not hasattr(node, "lineno"):
@@ -69,13 +69,13 @@ def _filled(
 class _Filler(ast.NodeTransformer):
     """Fills a template; other capital names become names that programs cannot write."""
 
-    def __init__(self, parts: dict[str, ast.expr], blocks: dict[str, list[ast.stmt]], place: str) -> None:
+    def __init__(self, parts: dict[str, ast.expr], blocks: dict[str, list[ast.stmt]], location: str) -> None:
         self._parts = parts
         self._blocks = blocks
-        self._place = place
+        self._location = location
 
     def _name(self, name: str) -> str:
-        return _HELPERS.get(name) or (f"@{name}{self._place}" if name.isupper() else name)
+        return _HELPERS.get(name) or (f"@{name}{self._location}" if name.isupper() else name)
 
     def visit_Name(self, node: ast.Name) -> ast.expr:
         return self._parts[node.id] if node.id in self._parts else ast.Name(self._name(node.id), node.ctx)

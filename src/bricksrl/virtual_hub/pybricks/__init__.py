@@ -38,7 +38,7 @@ _MACHINES = {
     HubKind.CITY: "Powered Up City Hub with STM32F030RC",
     HubKind.MOVE: "BOOST Move Hub with STM32F070RB",
 }
-_LACKS = {
+_MISSING_BUILTINS = {
     HubKind.TECHNIC: ("memoryview",),
     HubKind.CITY: ("memoryview",),
     HubKind.MOVE: ("bytearray", "complex", "enumerate", "float", "input", "memoryview", "reversed", "set"),
@@ -70,15 +70,15 @@ def modules(machine: Machine, console: Console) -> Modules:
     }
     if hub is HubKind.MOVE:
         del pybricks["iodevices"]
-    found = {f"pybricks.{name}": part for name, part in pybricks.items()}
-    found["pybricks"] = module("pybricks", {"version": (f"{hub.value}hub", FIRMWARE_VERSION, FIRMWARE_BUILD)})
+    result = {f"pybricks.{name}": part for name, part in pybricks.items()}
+    result["pybricks"] = module("pybricks", {"version": (f"{hub.value}hub", FIRMWARE_VERSION, FIRMWARE_BUILD)})
     if hub.model.has_float:
-        found["pybricks.geometry"] = pybricks["tools"]
+        result["pybricks.geometry"] = pybricks["tools"]
     language = _language_modules(machine, console)
-    found.update(language)
-    found.update({f"u{name}": language[name] for name in _U_PREFIXED if name in language})
+    result.update(language)
+    result.update({f"u{name}": language[name] for name in _U_PREFIXED if name in language})
     machine.branch(None)
-    return Modules(found, machine.turn_loop, machine.branch, lacks=_LACKS.get(hub, ()))
+    return Modules(result, machine.turn_loop, machine.branch, missing_builtins=_MISSING_BUILTINS.get(hub, ()))
 
 
 def _language_modules(machine: Machine, console: Console) -> dict[str, ModuleType]:
@@ -96,6 +96,6 @@ def _language_modules(machine: Machine, console: Console) -> dict[str, ModuleTyp
         "json": json_module(),
         "io": io_module(),
         "gc": gc_module(heap_bytes),
-        "select": select_module(machine.doze, machine.charge_call),
+        "select": select_module(machine.advance_to_alarm, machine.charge_call),
         "sys": sys_module(console, keyboard, machine.charge_call, FIRMWARE_VERSION, _MACHINES[hub]),
     }

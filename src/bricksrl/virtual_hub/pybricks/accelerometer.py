@@ -54,20 +54,20 @@ class Accelerometer:
 
     @charged
     def acceleration(self) -> tuple[int, ...]:
-        return tuple(count * _MM_S2_PER_COUNT for count in self._in_robot())
+        return tuple(count * _MM_S2_PER_COUNT for count in self._in_robot_frame())
 
     @charged
     def tilt(self) -> tuple[int, int]:
-        x, y, z = self._in_robot()
+        x, y, z = self._in_robot_frame()
         return _atan2_deg(-x, math.isqrt(z * z + y * y)), _atan2_deg(y, z)
 
     def _counts(self) -> list[int]:
         force = self._machine.body.acceleration_mm_s2()
         return [max(-128, min(127, math.floor(part * _COUNTS_PER_G / _G_MM_S2))) for part in force]
 
-    def _in_robot(self) -> list[int]:
-        turned = {abs(axis): count if axis > 0 else -count for axis, count in zip(self._axes, self._counts(), strict=True)}
-        return [turned[axis] for axis in (1, 2, 3)]
+    def _in_robot_frame(self) -> list[int]:
+        values = {abs(axis): count if axis > 0 else -count for axis, count in zip(self._axes, self._counts(), strict=True)}
+        return [values[axis] for axis in (1, 2, 3)]
 
 
 def _atan2_deg(y: int, x: int) -> int:

@@ -7,13 +7,13 @@ from typing import Any
 from bricksrl.virtual_hub.firmware.control import OnCompletion
 from bricksrl.virtual_hub.firmware.servo import Servo
 from bricksrl.virtual_hub.machine import Machine
-from bricksrl.virtual_hub.pybricks.context import RunLoop, charged, expect_type, get_int, refusals
+from bricksrl.virtual_hub.pybricks.context import RunLoop, charged, expect_type, firmware_errors, get_int
 from bricksrl.virtual_hub.pybricks.pupdevices import Motor
 
 _STEERING_SPEED_DEG_S = 300
 _POLL_MS = 10
 _SEARCH_TIMEOUT_MS = 10_000
-_PLAY_DEG = 10
+_BACKLASH_DEG = 10
 _COAST_BELOW_PCT = 10
 _MAX_DRIVE_MOTORS = 5
 
@@ -43,23 +43,23 @@ class Car:
 
     @charged
     def steer(self, percentage: Any) -> None:
-        self._steer.track_target(int((self._max_angle - _PLAY_DEG) * _percentage(percentage) / 100))
+        self._steer.track_target(int((self._max_angle - _BACKLASH_DEG) * _percentage(percentage) / 100))
 
     @charged
     def drive_power(self, power: Any) -> None:
-        share = _percentage(power)
-        sign = (share > 0) - (share < 0)
+        power_pct = _percentage(power)
+        sign = (power_pct > 0) - (power_pct < 0)
         for servo in self._drive:
-            if abs(share) < _COAST_BELOW_PCT:
+            if abs(power_pct) < _COAST_BELOW_PCT:
                 servo.coast()
             else:
-                servo.dc(int(share * 8 / 10) + 20 * sign)
+                servo.dc(int(power_pct * 8 / 10) + 20 * sign)
 
     @charged
     def drive_speed(self, speed: Any) -> None:
         value = get_int(speed)
         for servo in self._drive:
-            with refusals():
+            with firmware_errors():
                 servo.run(value)
 
     def _end_stop(self, speed: int, torque_unm: int) -> int:

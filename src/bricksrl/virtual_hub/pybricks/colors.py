@@ -7,9 +7,9 @@ from math import trunc
 
 from bricksrl.virtual_hub.stimuli import Hsv
 
-_LEAST_SATURATION_PCT = 40  # up to this saturation a color is a gray,
-_LEAST_VALUE_PCT = 1  # and up to this value
-_WRONG_KIND = 1000  # above every distance between hues or values
+_MAX_GRAY_SATURATION_PCT = 40  # up to this saturation a color is a gray,
+_MAX_GRAY_VALUE_PCT = 1  # and up to this value
+_OTHER_KIND_DISTANCE = 1000  # above every distance between hues or values
 
 
 def nearest(measured: Hsv, candidates: Sequence[Hsv]) -> int | None:
@@ -34,15 +34,15 @@ def _is_full(color: Hsv) -> bool:
 def _ideal_distance(measured: Hsv, candidate: Hsv) -> int:
     """Degrees of hue or percent of value; larger if only one is a gray."""
     hue, saturation, value = measured
-    looks_gray = saturation <= _LEAST_SATURATION_PCT or value <= _LEAST_VALUE_PCT
+    looks_gray = saturation <= _MAX_GRAY_SATURATION_PCT or value <= _MAX_GRAY_VALUE_PCT
     if looks_gray:
-        return abs(candidate[2] - value) if _is_gray(candidate) else _WRONG_KIND + _between_hues(candidate[0], hue)
-    return _between_hues(candidate[0], hue) if _is_full(candidate) else _WRONG_KIND + abs(candidate[2] - value)
+        return abs(candidate[2] - value) if _is_gray(candidate) else _OTHER_KIND_DISTANCE + _hue_distance(candidate[0], hue)
+    return _hue_distance(candidate[0], hue) if _is_full(candidate) else _OTHER_KIND_DISTANCE + abs(candidate[2] - value)
 
 
-def _between_hues(a: int, b: int) -> int:
-    apart = abs(a - b)
-    return min(apart, 360 - apart)
+def _hue_distance(a: int, b: int) -> int:
+    difference = abs(a - b)
+    return min(difference, 360 - difference)
 
 
 def _cone_distance(a: Hsv, b: Hsv) -> int:

@@ -11,7 +11,7 @@ from bricksrl.virtual_hub.firmware.logger import Logger
 from bricksrl.virtual_hub.firmware.observer import Observer, ObserverSettings
 from bricksrl.virtual_hub.machine import CONTROL_LOOP_MS, Machine
 from bricksrl.virtual_hub.micropython.floats import to_single
-from bricksrl.virtual_hub.pybricks.context import Context, charged, get_array, get_int, refusals
+from bricksrl.virtual_hub.pybricks.context import Context, charged, firmware_errors, get_array, get_int
 
 
 def acceleration_value(up: int, down: int) -> Any:
@@ -27,8 +27,8 @@ def acceleration_pair(value: Any, up: int, down: int) -> tuple[int, int]:
         if len(value) != 2:
             raise ValueError("Invalid argument")
         return get_int(value[0]), get_int(value[1])
-    both = get_int(value)
-    return both, both
+    acceleration = get_int(value)
+    return acceleration, acceleration
 
 
 def magnitude(value: Any, default: int) -> int:
@@ -36,12 +36,12 @@ def magnitude(value: Any, default: int) -> int:
     return default if value is None else abs(get_int(value))
 
 
-def _tolerances(now: tuple[int, int], set_both: Callable[[int, int], None], first: Any, second: Any) -> tuple[int, int] | None:
-    """The present values if none is given; otherwise sets those that are."""
+def _tolerances(current: tuple[int, int], setter: Callable[[int, int], None], first: Any, second: Any) -> tuple[int, int] | None:
+    """The present values if no new one is given; otherwise set the given ones."""
     if first is None and second is None:
-        return now
-    with refusals():
-        set_both(magnitude(first, now[0]), magnitude(second, now[1]))
+        return current
+    with firmware_errors():
+        setter(magnitude(first, current[0]), magnitude(second, current[1]))
     return None
 
 
@@ -69,7 +69,7 @@ class Control:
         if speed is None and acceleration is None and torque is None:
             return now_speed, acceleration_value(up, down), now_torque
         up, down = acceleration_pair(acceleration, up, down)
-        with refusals():
+        with firmware_errors():
             settings.set_limits(magnitude(speed, now_speed), up, down, magnitude(torque, now_torque))
         return None
 
@@ -77,13 +77,13 @@ class Control:
     def pid(
         self, kp: Any = None, ki: Any = None, kd: Any = None, integral_deadzone: Any = None, integral_rate: Any = None
     ) -> tuple[int, ...] | None:
-        given = (kp, ki, kd, integral_deadzone, integral_rate)
+        arguments = (kp, ki, kd, integral_deadzone, integral_rate)
         settings = self._controller().settings
-        now = settings.pid()
-        if all(value is None for value in given):
-            return now
-        values = [magnitude(value, default) for value, default in zip(given, now, strict=True)]
-        with refusals():
+        current = settings.pid()
+        if all(value is None for value in arguments):
+            return current
+        values = [magnitude(value, default) for value, default in zip(arguments, current, strict=True)]
+        with firmware_errors():
             settings.set_pid(*values)
         return None
 
@@ -124,7 +124,7 @@ class Control:
 
 
 class Log:
-    """Notes down the state of each control loop, and prints it as a file that pybricksdev saves."""
+    """Records the state at each control loop, and prints it as a file that pybricksdev saves."""
 
     def __init__(self, logger: Callable[[], Logger], context: Context) -> None:
         self._logger = logger
@@ -133,11 +133,11 @@ class Log:
 
     @charged
     def start(self, duration: Any, down_sample: Any = 1) -> None:
-        every = max(get_int(down_sample), 1)
+        step = max(get_int(down_sample), 1)
         duration_ms = get_int(duration)
         if duration_ms < 0:
             raise MemoryError("memory allocation failed")
-        self._logger().start(self._machine.time_ticks // 10, duration_ms // CONTROL_LOOP_MS // every, every)
+        self._logger().start(self._machine.time_ticks // 10, duration_ms // CONTROL_LOOP_MS // step, step)
 
     @charged
     def stop(self) -> None:

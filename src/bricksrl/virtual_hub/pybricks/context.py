@@ -25,14 +25,14 @@ _NOT_SUPPORTED = (
     "\n\nThe requested operation is not supported on this device:\n"
     "--> Check the documentation for device compatibility.\n" + _HINTS
 )
-_NOT_NOW = (
+_INVALID_STATE = (
     "\n\nThe requested operation is not valid in the current state:\n"
     "--> Check the documentation for required conditions.\n" + _HINTS
 )
 _MESSAGES = {
     errno.ENODEV: _NOT_CONNECTED,
     errno.EOPNOTSUPP: _NOT_SUPPORTED,
-    errno.EPERM: _NOT_NOW,
+    errno.EPERM: _INVALID_STATE,
     errno.EBUSY: "Device or resource busy",
     errno.ETIMEDOUT: "Timed out",
 }
@@ -44,7 +44,7 @@ def os_error(code: int) -> HubOSError:
 
 
 @contextmanager
-def refusals() -> Iterator[None]:
+def firmware_errors() -> Iterator[None]:
     """Convert errors of the motor control to the firmware's."""
     try:
         yield
@@ -154,7 +154,7 @@ class RunLoop:
         self.is_active = False
         self.is_busy = False
 
-    def turn_over(self) -> None:
+    def advance_turn(self) -> None:
         """Advance one turn of ``run_task``; almost nothing if a task only yielded."""
         if self.is_busy:
             self.is_busy = False
@@ -165,10 +165,10 @@ class RunLoop:
 
     def yield_once(self) -> Async:
         """An awaitable that only yields to other tasks."""
-        looks = iter((False, True))
+        checks = iter((False, True))
 
         def is_done() -> bool:
-            done = next(looks)
+            done = next(checks)
             self.is_busy = self.is_busy or not done
             return done
 
@@ -183,14 +183,14 @@ class RunLoop:
         is_done: Callable[[], bool],
         result: Callable[[], Any] | None = None,
         on_close: Callable[[], None] | None = None,
-        grain_ms: int = 0,
+        poll_ms: int = 0,
     ) -> Any:
-        """Wait now, or return an awaitable. ``grain_ms``: time between checks; 0 for the next control loop."""
+        """Wait now, or return an awaitable. ``poll_ms``: time between checks; 0 for the next control loop."""
         if self.is_active:
             return Async(is_done, result, on_close)
         while not is_done():
-            if grain_ms:
-                self.machine.advance(grain_ms)
+            if poll_ms:
+                self.machine.advance(poll_ms)
             else:
                 self.machine.advance_to_control()
         return result() if result is not None else None
@@ -212,30 +212,30 @@ class RunLoop:
         return self.value(lambda: None)
 
 
-class Latest:
+class Awaited:
     """The current awaited command of a device; a new one replaces it and lets its awaiter continue."""
 
     def __init__(self, loop: RunLoop) -> None:
         self._loop = loop
-        self._awaited: Async | None = None
+        self._current: Async | None = None
 
     def cancel(self) -> None:
-        if self._awaited is not None:
-            self._awaited.cancel()
-            self._awaited = None
+        if self._current is not None:
+            self._current.cancel()
+            self._current = None
 
     def finish(
         self,
         is_done: Callable[[], bool],
         result: Callable[[], Any] | None = None,
         on_close: Callable[[], None] | None = None,
-        grain_ms: int = 0,
+        poll_ms: int = 0,
     ) -> Any:
         """Cancel the previous command, then `RunLoop.finish`."""
         self.cancel()
-        outcome = self._loop.finish(is_done, result, on_close, grain_ms)
+        outcome = self._loop.finish(is_done, result, on_close, poll_ms)
         if isinstance(outcome, Async):
-            self._awaited = outcome
+            self._current = outcome
         return outcome
 
 
@@ -251,11 +251,11 @@ class Context:
 _Class = TypeVar("_Class", bound=type)
 
 
-def bound(kind: _Class, context: Context) -> _Class:
+def bind(kind: _Class, context: Context) -> _Class:
     """A subclass for one program, whose objects know the machine."""
-    own = type(kind.__name__, (kind,), {"_context": context, "_loop": context.loop, "_machine": context.machine})
-    own.__qualname__, own.__module__ = kind.__qualname__, kind.__module__
-    return own  # type: ignore[return-value]
+    subclass = type(kind.__name__, (kind,), {"_context": context, "_loop": context.loop, "_machine": context.machine})
+    subclass.__qualname__, subclass.__module__ = kind.__qualname__, kind.__module__
+    return subclass  # type: ignore[return-value]
 
 
 class _Absent:
@@ -268,7 +268,7 @@ class _Absent:
         raise AttributeError(f"'{kind.__name__}' object has no attribute '{self._name}'")
 
 
-def without(kind: type, *names: str) -> None:
+def hide_attributes(kind: type, *names: str) -> None:
     """Hide inherited attributes of a class."""
     for name in names:
         setattr(kind, name, _Absent(name))

@@ -2,8 +2,8 @@
 
 Sources: messages of devices 37, 38, 46 and 47 in the firmware's ``test_lump.c``, and its list of modes in ``lego/device.h``
 (v4.0.1); the Raspberry Pi Build HAT's lists of 48 and 64; users' lists of 34 and 35, of 61 and 62 (of set 51515), and of 63. All
-motors with an absolute angle are taken to be alike. Raw colors are those from which the firmware computes ``hsv()``. What nothing
-here knows, such as a calibration, is zero.
+motors with an absolute angle are taken to be alike. Raw colors are those from which the firmware computes ``hsv()``. Unknown
+values, such as a calibration, are zero.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ from bricksrl.virtual_hub.machine import Machine
 from bricksrl.virtual_hub.pybricks.colors import nearest
 from bricksrl.virtual_hub.stimuli import Hsv, Sense, brightness_pct, color, number, pitch_and_roll, reflection_pct
 
-MOST_FORCE_MN = 10_000
-_MOST_TILT_DEG = 45
-_INFRARED_MOST_RAW = 500
-_DISTS_MOST_MM = 320
+MAX_FORCE_MN = 10_000
+_MAX_TILT_DEG = 45
+_INFRARED_MAX_RAW = 500
+_DISTS_MAX_MM = 320
 _NOTHING_NEAR = -1
-_ECHO_US_PER_MM, _LONGEST_ECHO_US = 2 / 0.343, 14_577
-_FORCE_RELEASED_RAW, _FORCE_MOST_RAW = 384, 701  # each sensor has its own, which CALIB tells
+_ECHO_US_PER_MM, _MAX_ECHO_US = 2 / 0.343, 14_577
+_FORCE_RELEASED_RAW, _FORCE_MAX_RAW = 384, 701  # each sensor has its own, as CALIB reports
 _BOOST_FULL_RAW, _SPIKE_FULL_RAW = 440, 1024
 _LEGO_COLORS: Mapping[int, Hsv] = {
     -1: (0, 0, 0), 0: (0, 0, 10), 3: (240, 100, 100), 4: (180, 100, 100), 5: (120, 100, 100), 7: (60, 100, 100), 9: (0, 100, 100),
@@ -53,7 +53,7 @@ class Plug:
     def __init__(self, machine: Machine, port: str) -> None:
         self.machine = machine
         self.port = port
-        self._before = (0, 0)
+        self._last_sample = (0, 0)
 
     def color(self, sense: Sense = Sense.SURFACE) -> Hsv:
         return color(self._sensed(sense))
@@ -62,7 +62,7 @@ class Plug:
         return brightness_pct(self._sensed(Sense.AMBIENT))
 
     def proximity(self) -> int:
-        """Distance in tenths of the farthest."""
+        """Distance in tenths of the largest."""
         return min(max(round(number(self._sensed(Sense.DISTANCE)) / 10), 0), 10)
 
     def distance_mm(self) -> int | None:
@@ -71,20 +71,20 @@ class Plug:
         return distance_mm if distance_mm < UltrasonicSensor.FARTHEST_MM else None
 
     def infrared_raw(self) -> int:
-        """Reflected infrared light: more means nearer (``pb_type_pupdevices_infraredsensor.c``)."""
+        """Reflected infrared light: the more, the nearer (``pb_type_pupdevices_infraredsensor.c``)."""
         distance_pct = min(max(number(self._sensed(Sense.DISTANCE)), 1.0), 100.0)
-        return min(round(1100 / distance_pct) - 10, _INFRARED_MOST_RAW)
+        return min(round(1100 / distance_pct) - 10, _INFRARED_MAX_RAW)
 
     def passed(self) -> int:
         return int(number(self._sensed(Sense.COUNT)))
 
     def force_mn(self) -> int:
-        return min(max(round(number(self._sensed(Sense.FORCE)) * 1000), 0), MOST_FORCE_MN)
+        return min(max(round(number(self._sensed(Sense.FORCE)) * 1000), 0), MAX_FORCE_MN)
 
     def tilt_deg(self) -> tuple[int, int]:
         """Pitch and roll."""
         angles = pitch_and_roll(self._sensed(Sense.TILT))
-        pitch, roll = (min(max(round(angle), -_MOST_TILT_DEG), _MOST_TILT_DEG) for angle in angles)
+        pitch, roll = (min(max(round(angle), -_MAX_TILT_DEG), _MAX_TILT_DEG) for angle in angles)
         return pitch, roll
 
     def angle_mdeg(self) -> int:
@@ -93,10 +93,10 @@ class Plug:
 
     def speed_pct(self) -> int:
         """Mean speed of a motor since the last call, in % of its kind's maximum; at first 0."""
-        (time_ms, mdeg), self._before = self._before, (self.machine.time_ms, self.angle_mdeg())
-        passed_ms = self._before[0] - time_ms
-        most_deg_s = self.machine.servos[self.port].type.max_speed_deg_s
-        speed_pct = 100 * (self._before[1] - mdeg) / (passed_ms * most_deg_s) if time_ms and passed_ms else 0
+        (time_ms, mdeg), self._last_sample = self._last_sample, (self.machine.time_ms, self.angle_mdeg())
+        elapsed_ms = self._last_sample[0] - time_ms
+        max_deg_s = self.machine.servos[self.port].type.max_speed_deg_s
+        speed_pct = 100 * (self._last_sample[1] - mdeg) / (elapsed_ms * max_deg_s) if time_ms and elapsed_ms else 0
         return max(-100, min(100, round(speed_pct)))
 
     def _sensed(self, sense: Sense) -> Any:
@@ -118,9 +118,9 @@ class DeviceMode:
     is_writable: bool = False
 
     def values(self, plug: Plug) -> tuple[int, ...]:
-        """Present values, with zeros for those that nothing tells."""
-        known = tuple(self.read(plug)) if self.read is not None else ()
-        return known + (0,) * (self.count - len(known))
+        """Present values, with zeros for unknown ones."""
+        readings = tuple(self.read(plug)) if self.read is not None else ()
+        return readings + (0,) * (self.count - len(readings))
 
 
 def _lego_color(plug: Plug) -> Iterable[int]:
@@ -150,21 +150,21 @@ def _hsv(sense: Sense) -> Read:
     return read
 
 
-def _millimetres(most_mm: float) -> Read:
+def _millimetres(max_mm: float) -> Read:
     def read(plug: Plug) -> Iterable[int]:
         distance_mm = plug.distance_mm()
-        return (_NOTHING_NEAR if distance_mm is None or distance_mm > most_mm else distance_mm,)
+        return (_NOTHING_NEAR if distance_mm is None or distance_mm > max_mm else distance_mm,)
 
     return read
 
 
 def _echo_us(plug: Plug) -> Iterable[int]:
     distance_mm = plug.distance_mm()
-    return (_LONGEST_ECHO_US if distance_mm is None else round(distance_mm * _ECHO_US_PER_MM),)
+    return (_MAX_ECHO_US if distance_mm is None else round(distance_mm * _ECHO_US_PER_MM),)
 
 
 def _force_raw(plug: Plug) -> Iterable[int]:
-    return (_FORCE_RELEASED_RAW + (_FORCE_MOST_RAW - _FORCE_RELEASED_RAW) * plug.force_mn() // MOST_FORCE_MN,)
+    return (_FORCE_RELEASED_RAW + (_FORCE_MAX_RAW - _FORCE_RELEASED_RAW) * plug.force_mn() // MAX_FORCE_MN,)
 
 
 _8, _16, _32 = DataType.INT8, DataType.INT16, DataType.INT32
@@ -223,13 +223,13 @@ _SENSORS: Mapping[SensorKind, tuple[DeviceMode, ...]] = {
         DeviceMode("CALIB", 7, _16),
     ),
     SensorKind.FORCE: (
-        DeviceMode("FORCE", 1, _8, lambda plug: (plug.force_mn() * 100 // MOST_FORCE_MN,)),
+        DeviceMode("FORCE", 1, _8, lambda plug: (plug.force_mn() * 100 // MAX_FORCE_MN,)),
         DeviceMode("TOUCH", 1, _8, lambda plug: (int(plug.force_mn() > 0),)),
         DeviceMode("TAP", 1, _8),
         DeviceMode("FPEAK", 1, _8),
         DeviceMode("FRAW", 1, _16, _force_raw),
         DeviceMode("FPRAW", 1, _16),
-        DeviceMode("CALIB", 8, _16, lambda plug: (0, 0, _FORCE_RELEASED_RAW, 0, 0, 0, _FORCE_MOST_RAW)),
+        DeviceMode("CALIB", 8, _16, lambda plug: (0, 0, _FORCE_RELEASED_RAW, 0, 0, 0, _FORCE_MAX_RAW)),
     ),
     SensorKind.COLOR_LIGHT_MATRIX: (
         DeviceMode("LEV O", 1, _8, is_writable=True),
@@ -240,7 +240,7 @@ _SENSORS: Mapping[SensorKind, tuple[DeviceMode, ...]] = {
 }
 _ULTRASONIC = (
     DeviceMode("DISTL", 1, _16, _millimetres(math.inf)),
-    DeviceMode("DISTS", 1, _16, _millimetres(_DISTS_MOST_MM)),
+    DeviceMode("DISTS", 1, _16, _millimetres(_DISTS_MAX_MM)),
     DeviceMode("SINGL", 1, _16, _millimetres(math.inf)),
     DeviceMode("LISTN", 1, _8),
     DeviceMode("TRAW", 1, _32, _echo_us),
@@ -270,6 +270,6 @@ def first_mode(device: int) -> str:
     return "RGB I" if device == SENSOR_IDS[SensorKind.COLOR_DISTANCE] else modes[0].name
 
 
-def tells_angle(kind: MotorKind, mode: str | None) -> bool:
+def reports_angle(kind: MotorKind, mode: str | None) -> bool:
     """Whether the firmware gets a motor's angle in its mode; ``None``: the mode after plugging in."""
     return mode in (None, first_mode(MOTOR_IDS[kind]))

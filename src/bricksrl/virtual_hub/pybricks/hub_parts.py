@@ -10,9 +10,9 @@ from typing import Any
 from bricksrl.robots import HubKind
 from bricksrl.virtual_hub.machine import Machine, SwitchedOff
 from bricksrl.virtual_hub.micropython.containers import HubDict
-from bricksrl.virtual_hub.micropython.numbers import expect_whole
+from bricksrl.virtual_hub.micropython.numbers import expect_int
 from bricksrl.virtual_hub.micropython.streams import as_bytes
-from bricksrl.virtual_hub.pybricks.context import Context, Latest, charged, expect_type, get_array, get_int, get_text, percentage
+from bricksrl.virtual_hub.pybricks.context import Awaited, Context, charged, expect_type, get_array, get_int, get_text, percentage
 from bricksrl.virtual_hub.pybricks.matrix import Matrix
 from bricksrl.virtual_hub.pybricks.parameters import Button, Color, Side, buttons
 
@@ -50,11 +50,11 @@ class ColorLight(_Part):
 
     @charged
     def animate(self, colors: Any, interval: Any) -> None:
-        wanted = [color for _, color in zip(range(len(colors)), colors, strict=False)]
-        for color in wanted:
+        sequence = [color for _, color in zip(range(len(colors)), colors, strict=False)]
+        for color in sequence:
             expect_type(color, Color)
         interval_ms = get_int(interval)
-        self._play([(color, interval_ms) for color in wanted])
+        self._play([(color, interval_ms) for color in sequence])
 
     def _play(self, frames: list[tuple[Any, int]]) -> None:
         if frames:
@@ -80,7 +80,7 @@ class LightMatrix(_Part):
 
     def __init__(self, context: Context) -> None:
         super().__init__(context)
-        self._latest = Latest(self._loop)
+        self._awaited = Awaited(self._loop)
 
     @charged
     def orientation(self, up: Any) -> None:
@@ -98,21 +98,21 @@ class LightMatrix(_Part):
             raise ValueError("Invalid argument")
         frames = [_pixels(picture) for picture in pictures]
 
-        def shown() -> Iterator[int]:
+        def animation() -> Iterator[int]:
             for frame in itertools.cycle(frames):
                 self._panel.show(frame)
                 yield interval_ms
 
-        self._panel.animate("display", shown())
+        self._panel.animate("display", animation())
 
     @charged
     def pixel(self, row: Any, column: Any, brightness: Any = _MAX_BRIGHTNESS) -> None:
-        place, value = (get_int(row), get_int(column)), percentage(brightness)
+        position, value = (get_int(row), get_int(column)), percentage(brightness)
         if self._panel.stop_animation("display"):
             self._panel.show([0] * _SIZE**2)
-        if all(0 <= x < _SIZE for x in place):
+        if all(0 <= x < _SIZE for x in position):
             pixels = list(self._panel.display)
-            pixels[place[0] * _SIZE + place[1]] = value
+            pixels[position[0] * _SIZE + position[1]] = value
             self._panel.show(pixels, self._panel.text)
 
     @charged
@@ -151,7 +151,7 @@ class LightMatrix(_Part):
     def text(self, text: Any, on: Any = 500, off: Any = 50) -> Any:
         on_ms, off_ms = get_int(on), get_int(off)
         steps = iter(self._text(get_text(text), on_ms, off_ms))
-        return self._latest.finish(lambda: next(steps, True), grain_ms=1)
+        return self._awaited.finish(lambda: next(steps, True), poll_ms=1)
 
     def _text(self, text: str, on_ms: int, off_ms: int) -> Iterator[bool]:
         """Show each character and the pause after it; yields False until all is shown."""
@@ -200,7 +200,7 @@ class Speaker(_Part):
     def __init__(self, context: Context) -> None:
         super().__init__(context)
         self._volume = 100
-        self._latest = Latest(self._loop)
+        self._awaited = Awaited(self._loop)
 
     @charged
     def volume(self, volume: Any = None) -> int | None:
@@ -219,11 +219,10 @@ class Speaker(_Part):
 
     @charged
     def play_notes(self, notes: Any, tempo: Any = 120) -> Any:
-        waiting = iter(notes)
-        return self._play(self._notes(waiting, 4 * 60 * 1000 // get_int(tempo)))
+        return self._play(self._notes(iter(notes), 4 * 60 * 1000 // get_int(tempo)))
 
     def _play(self, sounds: Iterator[bool]) -> Any:
-        return self._latest.finish(lambda: next(sounds, True), None, self._silence, grain_ms=1)
+        return self._awaited.finish(lambda: next(sounds, True), None, self._silence, poll_ms=1)
 
     def _silence(self) -> None:
         self._panel.sound_hz = 0
@@ -337,7 +336,7 @@ class System(_Part):
 
     @charged
     def info(self) -> dict[str, Any]:
-        found = {
+        values = {
             "name": self.name(),
             "reset_reason": 0,
             "host_connected_ble": True,
@@ -345,14 +344,14 @@ class System(_Part):
             "program_start_type": 3,
             "program_id": 0,
         }
-        return HubDict.sized(len(found), found.items())
+        return HubDict.sized(len(values), values.items())
 
     def shutdown(self) -> None:
         raise SwitchedOff
 
     @charged
     def storage(self, offset: Any, read: Any = None, write: Any = None) -> bytes | None:
-        expect_whole(offset, 0 if read is None else read)
+        expect_int(offset, 0 if read is None else read)
         start: int = offset
         if (read is None) == (write is None):
             raise TypeError("Must set either read (int) or write (bytes).")

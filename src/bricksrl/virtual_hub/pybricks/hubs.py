@@ -14,7 +14,7 @@ from bricksrl.virtual_hub.pybricks.imu import IMU
 from bricksrl.virtual_hub.pybricks.parameters import Axis
 from bricksrl.virtual_hub.pybricks.radio import Radio
 
-_MOVED = b"""Hub messaging has been moved. You should use:\r
+_MOVED_MESSAGE = b"""Hub messaging has been moved. You should use:\r
 \r
 from pybricks.messaging import BLERadio\r
 radio = BLERadio(broadcast_channel, observe_channels)\r
@@ -40,7 +40,7 @@ class _Hub:
         self.__dict__.update(self._parts)
         self.ble = None
         if broadcast_channel is not None or observe_channels != ():
-            self._context.console.write(_MOVED)
+            self._context.console.write(_MOVED_MESSAGE)
             self.ble = Radio(self._context, broadcast_channel, observe_channels)
 
 

@@ -36,8 +36,8 @@ _Vector = tuple[float, float, float]
 
 def side_up(upwards: _Vector) -> Any:
     """The ``Side`` of the hub through which a vector in its frame passes."""
-    sizes = [abs(part) for part in upwards]
-    largest = sizes.index(max(sizes))
+    magnitudes = [abs(part) for part in upwards]
+    largest = magnitudes.index(max(magnitudes))
     sides = ((Side.FRONT, Side.BACK), (Side.LEFT, Side.RIGHT), (Side.TOP, Side.BOTTOM))[largest]
     return sides[0 if upwards[largest] >= 0 else 1]
 
@@ -52,11 +52,11 @@ def _axis(value: Any) -> _Vector:
 
 
 def _project(value: _Vector, axis: Any) -> float:
-    wanted = _axis(axis)
-    length = math.sqrt(_dot(wanted, wanted))
+    direction = _axis(axis)
+    length = math.sqrt(_dot(direction, direction))
     if not length:
         raise ValueError("Invalid argument")
-    return to_single(_dot(value, wanted) / length)
+    return to_single(_dot(value, direction) / length)
 
 
 def _along(value: _Vector, axis: Any) -> Any:
@@ -109,7 +109,7 @@ class IMU:
     def _tilt(self, calibrated: Any) -> tuple[float, float]:
         pitch, roll = self._machine.body.tilt_deg()
         if not (calibrated and self._is_aligned):
-            x, y, z = self._in_robot(self._gravity_in_hub() if calibrated else self._machine.body.acceleration_mm_s2())
+            x, y, z = self._in_robot_frame(self._gravity_in_hub() if calibrated else self._machine.body.acceleration_mm_s2())
             pitch = math.atan2(-x, math.hypot(y, z)) * _DEG_PER_RAD
             roll = math.atan2(y + 0.0, z) * _DEG_PER_RAD  # -0.0 would change it by 360
         return to_single(pitch), to_single(roll)
@@ -121,12 +121,12 @@ class IMU:
     @charged
     def acceleration(self, axis: Any = None, calibrated: Any = True) -> Any:
         force = self._machine.body.acceleration_mm_s2()
-        return _along(self._in_robot(self._corrected(force) if calibrated else force), axis)
+        return _along(self._in_robot_frame(self._corrected(force) if calibrated else force), axis)
 
     @charged
     def angular_velocity(self, axis: Any = None, calibrated: Any = True) -> Any:
         rates = self._heading.rates_deg_s(calibrated=bool(calibrated))
-        return _along(self._in_robot(rates), axis)
+        return _along(self._in_robot_frame(rates), axis)
 
     @charged
     def heading(self) -> float:
@@ -142,7 +142,7 @@ class IMU:
 
     @charged
     def rotation(self, axis: Any = None, calibrated: Any = True) -> float:
-        return _project(self._in_robot(self._heading.rotation_deg(calibrated=bool(calibrated))), axis)
+        return _project(self._in_robot_frame(self._heading.rotation_deg(calibrated=bool(calibrated))), axis)
 
     @charged
     def orientation(self) -> Any:
@@ -178,7 +178,7 @@ class IMU:
         angular_velocity_scale: Any = None,
         acceleration_correction: Any = None,
     ) -> tuple[Any, ...] | None:
-        given = {
+        arguments = {
             "angular_velocity_threshold": angular_velocity_threshold,
             "acceleration_threshold": acceleration_threshold,
             "heading_correction": heading_correction,
@@ -186,14 +186,14 @@ class IMU:
             "angular_velocity_scale": angular_velocity_scale,
             "acceleration_correction": acceleration_correction,
         }
-        if all(value is None for value in given.values()):
+        if all(value is None for value in arguments.values()):
             return tuple(map(_to_singles, self._settings.values()))
-        for name, value in given.items():
+        for name, value in arguments.items():
             if value is None:
                 continue
             if name in _LENGTHS and len(get_array(value)) != _LENGTHS[name]:
-                what = name.replace("_", " ").capitalize()
-                raise ValueError(f"{what} must be a {_LENGTHS[name]}-element tuple.")
+                label = name.replace("_", " ").capitalize()
+                raise ValueError(f"{label} must be a {_LENGTHS[name]}-element tuple.")
             numbers = tuple(map(get_number, value if name in _LENGTHS else (value,)))
             if name in _BOUNDS:
                 _check_deviation(numbers, *_BOUNDS[name])
@@ -215,7 +215,7 @@ class IMU:
         pitch, roll = (math.radians(a) for a in self._machine.body.tilt_deg())
         return -math.sin(pitch), math.cos(pitch) * math.sin(roll), math.cos(pitch) * math.cos(roll)
 
-    def _in_robot(self, v: _Vector) -> _Vector:
+    def _in_robot_frame(self, v: _Vector) -> _Vector:
         if self._is_aligned:
             return v
         front, left, top = self._frame
@@ -223,8 +223,8 @@ class IMU:
         return x, y, z
 
 
-def _check_deviation(values: tuple[float, ...], usual: tuple[float, ...], most: float) -> None:
-    if any(abs(value - other) > most for value, other in zip(values, usual, strict=True)):
+def _check_deviation(values: tuple[float, ...], nominal: tuple[float, ...], max_deviation: float) -> None:
+    if any(abs(value - other) > max_deviation for value, other in zip(values, nominal, strict=True)):
         raise ValueError("Invalid argument")
 
 

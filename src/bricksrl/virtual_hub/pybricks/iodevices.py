@@ -17,10 +17,10 @@ from bricksrl.virtual_hub.micropython.byte_array import HubBytearray
 from bricksrl.virtual_hub.micropython.containers import HubDict
 from bricksrl.virtual_hub.micropython.numbers import module
 from bricksrl.virtual_hub.pybricks.context import (
+    Awaited,
     Context,
-    Latest,
     RunLoop,
-    bound,
+    bind,
     charged,
     get_array,
     get_exact_int,
@@ -28,7 +28,7 @@ from bricksrl.virtual_hub.pybricks.context import (
     get_text,
     os_error,
 )
-from bricksrl.virtual_hub.pybricks.device_modes import MODES, STALE_MS, first_mode, tells_angle
+from bricksrl.virtual_hub.pybricks.device_modes import MODES, STALE_MS, first_mode, reports_angle
 from bricksrl.virtual_hub.pybricks.parameters import Parameters
 from bricksrl.virtual_hub.pybricks.pupsensors import SEND_MS, WRITE_MS, Device
 from bricksrl.virtual_hub.pybricks.wireless import LWP3Device, XboxController, wireless
@@ -40,13 +40,13 @@ _WARNING = b"Custom electronics may damage your LEGO hub. Proceed at your own ri
 class PUPDevice(Device):
     """Any device on a port, in its own modes (``pb_type_iodevices_pupdevice.c``, v4)."""
 
-    def _is_there(self) -> bool:
-        found = _device_id(self._machine, self._letter)
-        self._id = found or NOTHING
+    def _is_plugged_in(self) -> bool:
+        device = _device_id(self._machine, self._letter)
+        self._id = device or NOTHING
         self._modes = MODES.get(self._id, ())
         self._mode = self._machine.modes.get(self._letter) or (first_mode(self._id) if self._modes else "")
         self._switch_ms = STALE_MS.get(self._id, 0)
-        return found is not None
+        return device is not None
 
     @charged
     def info(self) -> dict[str, Any]:
@@ -64,9 +64,9 @@ class PUPDevice(Device):
         number = get_exact_int(mode) & 0xFF
         if number >= len(self._modes):
             raise ValueError("Invalid argument")
-        chosen = self._modes[number]
-        self._release_motor(chosen.name)
-        return self._measure(chosen.name, lambda: chosen.values(self._plug))
+        device_mode = self._modes[number]
+        self._release_motor(device_mode.name)
+        return self._measure(device_mode.name, lambda: device_mode.values(self._plug))
 
     def write(self, mode: Any, data: Any) -> Any:
         """Command without a visible effect; values are checked."""
@@ -74,16 +74,16 @@ class PUPDevice(Device):
         number = get_exact_int(mode) & 0xFF
         if number >= len(self._modes):
             raise ValueError("Invalid mode")
-        chosen = self._modes[number]
-        if not chosen.is_writable:
+        device_mode = self._modes[number]
+        if not device_mode.is_writable:
             raise ValueError("Mode not writable")
-        if len(get_array(data)) != chosen.count:
-            raise ValueError(f"Expected {chosen.count} values")
-        limit = 1 << chosen.data_type.bits - 1
+        if len(get_array(data)) != device_mode.count:
+            raise ValueError(f"Expected {device_mode.count} values")
+        limit = 1 << device_mode.data_type.bits - 1
         if not all(-limit <= get_exact_int(value) < limit for value in data):
-            raise ValueError(f"Value out of range for int{chosen.data_type.bits}")
-        self._release_motor(chosen.name)
-        return self._write(chosen.name, SEND_MS if chosen.name == "IR Tx" else WRITE_MS)
+            raise ValueError(f"Value out of range for int{device_mode.data_type.bits}")
+        self._release_motor(device_mode.name)
+        return self._write(device_mode.name, SEND_MS if device_mode.name == "IR Tx" else WRITE_MS)
 
     def _expect_modes(self) -> None:
         """Raise OSError (EPERM) for a passive device."""
@@ -91,32 +91,32 @@ class PUPDevice(Device):
             raise os_error(errno.EPERM)
 
     def _release_motor(self, mode: str) -> None:
-        """The firmware gives up a motor that no longer tells its angle."""
+        """Close a motor that no longer reports its angle, as the firmware does."""
         servo = self._machine.servos.get(self._letter)
-        if servo is not None and not tells_angle(servo.kind, mode):
+        if servo is not None and not reports_angle(servo.kind, mode):
             servo.close()
 
 
 def _device_id(machine: Machine, port: str) -> int | None:
     devices = (*machine.robot.motors, *machine.robot.sensors)
-    described = next((device_id(device) for device in devices if device.port == port), None)
-    if described is not None or not isinstance(machine.body, FittingBody):
-        return described
-    plugged = machine.body.device(port)
-    if plugged == "DCMotor":
+    described_id = next((device_id(device) for device in devices if device.port == port), None)
+    if described_id is not None or not isinstance(machine.body, FittingBody):
+        return described_id
+    plugged_in = machine.body.device(port)
+    if plugged_in == "DCMotor":
         return DC_MOTOR_ID
     if port in machine.body.motors:
         return MOTOR_IDS[machine.body.motors[port]]
-    if plugged is None:
+    if plugged_in is None:
         return None
-    is_ultrasonic = plugged == UltrasonicSensor.__name__
-    return device_id(UltrasonicSensor("it", port) if is_ultrasonic else PoweredUpSensor("it", port, SensorKind(plugged)))
+    is_ultrasonic = plugged_in == UltrasonicSensor.__name__
+    return device_id(UltrasonicSensor("it", port) if is_ultrasonic else PoweredUpSensor("it", port, SensorKind(plugged_in)))
 
 
 class UARTDevice:
     """UART on a port, with nothing at the other end.
 
-    What is given up, such as a read that lost a race, keeps it busy until ``clear()``.
+    An abandoned transfer, such as a read that lost a race, keeps it busy until ``clear()``.
     """
 
     _context: Context
@@ -133,7 +133,7 @@ class UARTDevice:
         _ask_for_power(get_int(power_pin), self._context.console)
         self._busy: set[str] = set()
         self._awaits_pattern = False
-        self._reads, self._writes = Latest(self._loop), Latest(self._loop)
+        self._reads, self._writes = Awaited(self._loop), Awaited(self._loop)
 
     @charged
     def set_baudrate(self, baudrate: Any) -> None:
@@ -144,8 +144,8 @@ class UARTDevice:
 
     @charged
     def read(self, length: Any = 1) -> Any:
-        takes_ms = math.inf if get_int(length) > 0 else 0.0
-        return self._reads.finish(self._transfer("read", takes_ms), lambda: b"", grain_ms=1)
+        duration_ms = math.inf if get_int(length) > 0 else 0.0
+        return self._reads.finish(self._transfer("read", duration_ms), lambda: b"", poll_ms=1)
 
     @charged
     def read_all(self) -> bytes:
@@ -156,8 +156,8 @@ class UARTDevice:
         content = data.encode() if isinstance(data, str) else data
         if type(content) not in (bytes, HubBytearray):
             raise ValueError("Invalid argument")
-        takes_ms = len(content) * _BITS_PER_BYTE * 1000 / self._bits_per_s
-        return self._writes.finish(self._transfer("write", takes_ms), grain_ms=1)
+        duration_ms = len(content) * _BITS_PER_BYTE * 1000 / self._bits_per_s
+        return self._writes.finish(self._transfer("write", duration_ms), poll_ms=1)
 
     @charged
     def waiting(self) -> int:
@@ -170,28 +170,28 @@ class UARTDevice:
         if not get_text(pattern):
             raise ValueError("Invalid argument")
         self._awaits_pattern = True
-        return self._reads.finish(lambda: False, grain_ms=1)
+        return self._reads.finish(lambda: False, poll_ms=1)
 
     @charged
     def clear(self) -> None:
         self._busy.clear()
 
-    def _transfer(self, way: str, takes_ms: float) -> Callable[[], bool]:
-        """Whether a transfer is done, which begins when this is first asked. Raises OSError: EBUSY, ETIMEDOUT."""
+    def _transfer(self, direction: str, duration_ms: float) -> Callable[[], bool]:
+        """Whether a transfer is done; it begins at the first call. Raises OSError: EBUSY, ETIMEDOUT."""
         start_ms: int | None = None
 
         def is_done() -> bool:
             nonlocal start_ms
             if start_ms is None:
-                if way in self._busy:
+                if direction in self._busy:
                     raise os_error(errno.EBUSY)
-                self._busy.add(way)
+                self._busy.add(direction)
                 start_ms = self._machine.time_ms
             waited_ms = self._machine.time_ms - start_ms
             is_late = self._timeout_ms is not None and waited_ms >= self._timeout_ms
-            if waited_ms < takes_ms and not is_late:
+            if waited_ms < duration_ms and not is_late:
                 return False
-            self._busy.discard(way)
+            self._busy.discard(direction)
             if is_late:
                 raise os_error(errno.ETIMEDOUT)
             return True
@@ -217,7 +217,7 @@ def iodevices_module(context: Context, parameters: Parameters) -> ModuleType:
     has_xbox = context.machine.robot.hub is not HubKind.CITY
     names: dict[str, Any] = wireless((LWP3Device, XboxController) if has_xbox else (LWP3Device,), context)
     for kind in (PUPDevice, UARTDevice):
-        own: Any = bound(kind, context)
-        own._parameters = parameters
-        names[kind.__name__] = own
+        subclass: Any = bind(kind, context)
+        subclass._parameters = parameters
+        names[kind.__name__] = subclass
     return module("pybricks.iodevices", names)

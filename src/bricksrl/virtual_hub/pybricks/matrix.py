@@ -26,7 +26,7 @@ class Matrix:
         values = [[to_single(get_number(x)) for x in get_array(row)] for row in get_array(rows)]
         if not values or not values[0] or any(len(row) != len(values[0]) for row in values):
             raise _invalid()
-        return _made(values)
+        return _from_rows(values)
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -34,7 +34,7 @@ class Matrix:
 
     @property
     def T(self) -> Any:
-        return _made([list(column) for column in zip(*self._rows, strict=True)])
+        return _from_rows([list(column) for column in zip(*self._rows, strict=True)])
 
     def flat(self) -> list[float]:
         """All elements by rows."""
@@ -46,16 +46,16 @@ class Matrix:
     def __getitem__(self, index: Any) -> float:
         rows, columns = self.shape
         flat = self.flat()
-        place = -1
+        position = -1
         if isinstance(index, int):
-            place = index + len(flat) if index < 0 else index
+            position = index + len(flat) if index < 0 else index
         elif len(get_array(index)) == 2:
             row, column = (i + n if i < 0 else i for i, n in zip(index, (rows, columns), strict=True))
             if 0 <= row < rows and 0 <= column < columns:
-                place = row * columns + column
-        if not 0 <= place < len(flat):
+                position = row * columns + column
+        if not 0 <= position < len(flat):
             raise IndexError("Matrix index out of range")
-        return flat[place]
+        return flat[position]
 
     def __repr__(self) -> str:
         lines = ("    [" + ", ".join(map(_fixed, row)) + "],\n" for row in self._rows)
@@ -75,7 +75,7 @@ class Matrix:
         if self.shape[1] != other.shape[0]:
             raise _invalid()
         columns = list(zip(*other._rows, strict=True))
-        return _made([[_dot(row, column) for column in columns] for row in self._rows])
+        return _from_rows([[_dot(row, column) for column in columns] for row in self._rows])
 
     def __rmul__(self, other: Any) -> Any:
         return self._scaled(to_single(get_number(other)))
@@ -96,7 +96,7 @@ class Matrix:
         return to_single(math.sqrt(_dot(self.flat(), self.flat())))
 
     def _scaled(self, scale: float) -> Any:
-        return _made([[to_single(x * scale) for x in row] for row in self._rows])
+        return _from_rows([[to_single(x * scale) for x in row] for row in self._rows])
 
     def _elementwise(self, other: Any, sign: int) -> Any:
         if not isinstance(other, Matrix):
@@ -104,10 +104,10 @@ class Matrix:
         if self.shape != other.shape:
             raise _invalid()
         pairs = zip(self._rows, other._rows, strict=True)
-        return _made([[to_single(a + sign * b) for a, b in zip(x, y, strict=True)] for x, y in pairs])
+        return _from_rows([[to_single(a + sign * b) for a, b in zip(x, y, strict=True)] for x, y in pairs])
 
 
-def _made(rows: list[list[float]]) -> Any:
+def _from_rows(rows: list[list[float]]) -> Any:
     if len(rows) == 1 and len(rows[0]) == 1:
         return rows[0][0]
     result = object.__new__(Matrix)
@@ -126,19 +126,16 @@ def _fixed(x: float) -> str:
     """Three decimals, cut off, eight characters wide, at most 999.999."""
     thousandths = int(max(-1e6, min(1e6, x * 1000))) if x == x else 0
     sign = "-" if thousandths < 0 else ""
-    whole, rest = divmod(min(abs(thousandths), 999_999), 1000)
-    return f"{sign}{whole}".rjust(4) + f".{rest:03d}"
+    integer, rest = divmod(min(abs(thousandths), 999_999), 1000)
+    return f"{sign}{integer}".rjust(4) + f".{rest:03d}"
 
 
 def vector(*values: Any) -> Matrix:
     """A column of two or three numbers."""
     if len(values) not in (2, 3):
-        few = len(values) < 2
-        raise TypeError(
-            f"function missing {2 - len(values)} required positional arguments"
-            if few
-            else f"function expected at most 3 arguments, got {len(values)}"
-        )
+        missing = 2 - len(values)
+        too_many = f"function expected at most 3 arguments, got {len(values)}"
+        raise TypeError(f"function missing {missing} required positional arguments" if missing > 0 else too_many)
     return Matrix([[x] for x in values])  # type: ignore[no-any-return]
 
 

@@ -34,22 +34,22 @@ def messaging_module(context: Context) -> ModuleType:
                 raise RuntimeError("host rx_buffer already allocated")
             if not isinstance(modes, list) or not all(map(_is_mode, modes)):
                 raise TypeError("modes must be a list of (mode, size) tuples")
-            self._places: dict[int, tuple[int, int]] = {}
+            self._slices: dict[int, tuple[int, int]] = {}
             start = 0
             for mode, size in sorted(modes):
-                if mode in self._places:
+                if mode in self._slices:
                     raise ValueError("mode numbers must be unique")
-                self._places[mode] = (start, size)
+                self._slices[mode] = (start, size)
                 start += size
             console.inbox = bytearray(start)
             self._console = console
-            self.write_bytes(bytes((_SET_UP, *self._places)))
+            self.write_bytes(bytes((_SET_UP, *self._slices)))
 
         def get_bytes(self, mode: int, index: int | None = None) -> bytes | int:
             machine.charge_call()
-            if mode not in self._places:
+            if mode not in self._slices:
                 raise ValueError("invalid mode")
-            start, size = self._places[mode]
+            start, size = self._slices[mode]
             if index is None:
                 return bytes(self._console.inbox[start : start + size])
             if not 0 <= index < size:

@@ -14,19 +14,19 @@ from bricksrl.virtual_hub.machine import Machine
 from bricksrl.virtual_hub.micropython.numbers import module
 from bricksrl.virtual_hub.pybricks.common import Control, Log, MotorModel
 from bricksrl.virtual_hub.pybricks.context import (
+    Awaited,
     Context,
-    Latest,
     RunLoop,
-    bound,
+    bind,
     charged,
     expect_type,
+    firmware_errors,
     get_array,
     get_int,
+    hide_attributes,
     os_error,
-    refusals,
-    without,
 )
-from bricksrl.virtual_hub.pybricks.device_modes import tells_angle
+from bricksrl.virtual_hub.pybricks.device_modes import reports_angle
 from bricksrl.virtual_hub.pybricks.parameters import Direction, Parameters, Stop
 from bricksrl.virtual_hub.pybricks.pupsensors import DEVICES, PFMotor
 from bricksrl.virtual_hub.pybricks.wireless import DuploTrain, MarioHub, Remote, TechnicMoveHub, wireless
@@ -78,8 +78,8 @@ class _BaseMotor:
         self._direction = MotorDirection.CLOCKWISE if is_clockwise else MotorDirection.COUNTERCLOCKWISE
 
     def __repr__(self) -> str:
-        way = Direction.CLOCKWISE if self._servo.direction > 0 else Direction.COUNTERCLOCKWISE
-        return f"{type(self).__name__}(Port.{self._letter}, {way!r})"
+        direction = Direction.CLOCKWISE if self._servo.direction > 0 else Direction.COUNTERCLOCKWISE
+        return f"{type(self).__name__}(Port.{self._letter}, {direction!r})"
 
     @charged
     def stop(self) -> None:
@@ -97,7 +97,7 @@ class _BaseMotor:
     def settings(self, max_voltage: Any = None) -> tuple[int] | None:
         if max_voltage is None:
             return (self._servo.max_voltage_mv,)
-        with refusals():
+        with firmware_errors():
             self._servo.max_voltage_mv = get_int(max_voltage)
         return None
 
@@ -114,7 +114,7 @@ class DCMotor(_BaseMotor):
         if not self._machine.plug_in(self._letter, "DCMotor"):
             raise os_error(errno.ENODEV)
         self._servo = self._machine.servos[self._letter]
-        with refusals():
+        with firmware_errors():
             self._servo.setup_plain(self._direction)
 
 
@@ -132,13 +132,13 @@ class Motor(_BaseMotor):
         super().__init__(port, positive_direction)
         self._machine.plug_in(self._letter, "Motor")
         servo = self._machine.servos.get(self._letter)
-        if servo is None or servo.is_plain or not tells_angle(servo.kind, self._machine.modes.get(self._letter)):
+        if servo is None or servo.is_plain or not reports_angle(servo.kind, self._machine.modes.get(self._letter)):
             raise os_error(errno.ENODEV)
         ratio = _gear_ratio_milli(gears)
-        with refusals():
+        with firmware_errors():
             servo.setup(self._direction, ratio, bool(reset_angle), 0 if profile is None else abs(get_int(profile)))
         self._servo = servo
-        self._latest = Latest(self._loop)
+        self._awaited = Awaited(self._loop)
         self._control = Control(lambda: servo.control, self._context)
         self._log = Log(lambda: servo.log, self._context)
         self._model = MotorModel(lambda: servo.observer, self._machine)
@@ -165,17 +165,17 @@ class Motor(_BaseMotor):
 
     @charged
     def speed(self, window: Any = 100) -> int:
-        with refusals():
+        with firmware_errors():
             return self._servo.speed_deg_s(max(0, get_int(window)))
 
     @charged
     def load(self) -> int:
-        with refusals():
+        with firmware_errors():
             return self._servo.load_mnm()
 
     @charged
     def stalled(self) -> bool:
-        with refusals():
+        with firmware_errors():
             return self._servo.is_stalled()
 
     def done(self) -> bool:
@@ -186,57 +186,57 @@ class Motor(_BaseMotor):
 
     @charged
     def hold(self) -> None:
-        with refusals():
+        with firmware_errors():
             self._servo.hold()
-        self._latest.cancel()
+        self._awaited.cancel()
 
     @charged
     def reset_angle(self, angle: Any = None) -> None:
-        with refusals():
+        with firmware_errors():
             self._servo.reset_angle(None if angle is None else get_int(angle))
-        self._latest.cancel()
+        self._awaited.cancel()
 
     @charged
     def run(self, speed: Any) -> None:
-        with refusals():
+        with firmware_errors():
             self._servo.run(get_int(speed))
-        self._latest.cancel()
+        self._awaited.cancel()
 
     @charged
     def track_target(self, target_angle: Any) -> None:
-        with refusals():
+        with firmware_errors():
             self._servo.track_target(get_int(target_angle))
-        self._latest.cancel()
+        self._awaited.cancel()
 
     # ---- moves
 
     @charged
     def run_time(self, speed: Any, time: Any, then: Any = Stop.HOLD, wait: Any = True) -> Any:
-        with refusals():
+        with firmware_errors():
             self._servo.run_time(get_int(speed), max(0, get_int(time)), completion(then))
         return self._finish() if wait else None
 
     @charged
     def run_angle(self, speed: Any, rotation_angle: Any, then: Any = Stop.HOLD, wait: Any = True) -> Any:
-        with refusals():
+        with firmware_errors():
             self._servo.run_angle(get_int(speed), get_int(rotation_angle), completion(then))
         return self._finish() if wait else None
 
     @charged
     def run_target(self, speed: Any, target_angle: Any, then: Any = Stop.HOLD, wait: Any = True) -> Any:
-        with refusals():
+        with firmware_errors():
             self._servo.run_target(get_int(speed), get_int(target_angle), completion(then))
         return self._finish() if wait else None
 
     @charged
     def run_until_stalled(self, speed: Any, then: Any = Stop.COAST, duty_limit: Any = None) -> Any:
         limit = None if duty_limit is None else max(0, min(100, get_int(duty_limit)))
-        with refusals():
+        with firmware_errors():
             self._servo.run_until_stalled(get_int(speed), completion(then), limit)
         return self._finish(returns_angle=True)
 
     def _finish(self, returns_angle: bool = False) -> Any:
-        return self._latest.finish(self._is_done, self._servo.angle_deg if returns_angle else None, self._servo.coast)
+        return self._awaited.finish(self._is_done, self._servo.angle_deg if returns_angle else None, self._servo.coast)
 
     def _is_done(self) -> bool:
         if not self._servo.is_open:
@@ -249,9 +249,9 @@ def pupdevices_module(context: Context, parameters: Parameters) -> ModuleType:
     others = (TechnicMoveHub, DuploTrain, MarioHub) if hub in (HubKind.PRIME, HubKind.ESSENTIAL) else ()
     names: dict[str, Any] = {"PFMotor": PFMotor, **wireless((Remote, *others), context)}
     for kind in (Motor, DCMotor, *DEVICES):
-        own: Any = bound(kind, context)
-        own._parameters = parameters
-        names[kind.__name__] = own
+        subclass: Any = bind(kind, context)
+        subclass._parameters = parameters
+        names[kind.__name__] = subclass
     if not hub.model.has_float:
-        without(names["Motor"], "control", "log", "model")
+        hide_attributes(names["Motor"], "control", "log", "model")
     return module("pybricks.pupdevices", names)

@@ -13,7 +13,7 @@ from bricksrl.virtual_hub.machine import Machine
 from bricksrl.virtual_hub.micropython.floats import to_single
 from bricksrl.virtual_hub.pybricks.colors import nearest
 from bricksrl.virtual_hub.pybricks.context import RunLoop, expect_type, get_array, get_int, get_number, os_error
-from bricksrl.virtual_hub.pybricks.device_modes import MOST_FORCE_MN, Plug
+from bricksrl.virtual_hub.pybricks.device_modes import MAX_FORCE_MN, Plug
 from bricksrl.virtual_hub.pybricks.parameters import NAMED_COLORS, Color, Direction, Parameters
 from bricksrl.virtual_hub.stimuli import Sense, reflection_pct
 
@@ -40,12 +40,12 @@ class Device:
     def __init__(self, port: Any) -> None:
         self._loop.assert_blocking()
         self._letter = self._parameters.port_letter(port)
-        if not self._is_there():
+        if not self._is_plugged_in():
             raise os_error(errno.ENODEV)
         self._machine.modes[self._letter] = self._mode
         self._plug = Plug(self._machine, self._letter)
 
-    def _is_there(self) -> bool:
+    def _is_plugged_in(self) -> bool:
         if self._machine.plug_in(self._letter, self._kind.value):
             return True
         described = (s for s in self._machine.robot.sensors if isinstance(s, PoweredUpSensor) and s.port == self._letter)
@@ -53,12 +53,12 @@ class Device:
 
     def _measure(self, mode: str, get: Callable[[], Any]) -> Any:
         self._machine.charge_call()
-        before = self._machine.modes[self._letter]
+        previous_mode = self._machine.modes[self._letter]
         self._machine.modes[self._letter] = mode
-        if mode == before or not self._switch_ms:
+        if mode == previous_mode or not self._switch_ms:
             return self._loop.value(get)
         ready_ms = self._machine.time_ms + self._switch_ms
-        return self._loop.finish(lambda: self._machine.time_ms >= ready_ms, get, grain_ms=self._switch_ms)
+        return self._loop.finish(lambda: self._machine.time_ms >= ready_ms, get, poll_ms=self._switch_ms)
 
     def _write(self, mode: str, duration_ms: int = WRITE_MS) -> Any:
         """Command without a visible effect; waits until it is done."""
@@ -113,7 +113,7 @@ class UltrasonicSensor(Device):
         super().__init__(port)
         self.lights = LightArray(self, 4)
 
-    def _is_there(self) -> bool:
+    def _is_plugged_in(self) -> bool:
         if self._machine.plug_in(self._letter, "UltrasonicSensor"):
             return True
         sensors = self._machine.robot.sensors
@@ -127,7 +127,7 @@ class UltrasonicSensor(Device):
         return self._measure("LISTN", lambda: False)
 
 
-class _SeesColors(Device):
+class _ColorDevice(Device):
     _mode = "RGB I"
     _switch_ms = 30
 
@@ -154,11 +154,11 @@ class _SeesColors(Device):
         return self._measure(mode, lambda: self._nearest(sense))
 
     def _nearest(self, sense: Sense) -> Any:
-        index = nearest(self._plug.color(sense), [(each.h, each.s, each.v) for each in self._detectable])
+        index = nearest(self._plug.color(sense), [(color.h, color.s, color.v) for color in self._detectable])
         return None if index is None else self._detectable[index]
 
 
-class ColorSensor(_SeesColors):
+class ColorSensor(_ColorDevice):
     """SPIKE color sensor."""
 
     _kind = SensorKind.COLOR
@@ -177,7 +177,7 @@ class ColorSensor(_SeesColors):
         return self._measure("SHSV", lambda: to_single(self._plug.ambient_pct()))
 
 
-class ColorDistanceSensor(_SeesColors):
+class ColorDistanceSensor(_ColorDevice):
     """Powered Up (BOOST) color and distance sensor."""
 
     _kind = SensorKind.COLOR_DISTANCE
@@ -212,14 +212,14 @@ class ForceSensor(Device):
         return self._measure("FRAW", lambda: to_single(self._moved_um() / 1000))
 
     def pressed(self, force: Any = 3) -> Any:
-        least_mn = int(get_number(force) * 1000)
-        return self._measure("FRAW", lambda: self._plug.force_mn() >= least_mn)
+        threshold_mn = int(get_number(force) * 1000)
+        return self._measure("FRAW", lambda: self._plug.force_mn() >= threshold_mn)
 
     def touched(self) -> Any:
         return self._measure("FRAW", lambda: self._moved_um() > _TOUCHED_UM)
 
     def _moved_um(self) -> int:
-        return self._plug.force_mn() * _TRAVEL_UM // MOST_FORCE_MN
+        return self._plug.force_mn() * _TRAVEL_UM // MAX_FORCE_MN
 
 
 class InfraredSensor(Device):

@@ -16,17 +16,17 @@ from bricksrl.virtual_hub.micropython.numbers import module
 from bricksrl.virtual_hub.pybricks.car import Car
 from bricksrl.virtual_hub.pybricks.common import Control, acceleration_pair, acceleration_value, magnitude
 from bricksrl.virtual_hub.pybricks.context import (
+    Awaited,
     Context,
-    Latest,
     RunLoop,
-    bound,
+    bind,
     charged,
     expect_type,
+    firmware_errors,
     get_int,
     get_scaled,
+    hide_attributes,
     os_error,
-    refusals,
-    without,
 )
 from bricksrl.virtual_hub.pybricks.parameters import Stop
 from bricksrl.virtual_hub.pybricks.pupdevices import Motor, completion
@@ -46,10 +46,10 @@ class DriveBase:
         for motor in (left_motor, right_motor):
             expect_type(motor, Motor)
         sizes_um = get_scaled(wheel_diameter, 1000), get_scaled(axle_track, 1000)
-        with refusals():
+        with firmware_errors():
             base = self._machine.new_drive_base(left_motor._servo, right_motor._servo, *sizes_um)
         self._base = base
-        self._latest = Latest(self._loop)
+        self._awaited = Awaited(self._loop)
         self._distance_control = Control(lambda: base.distance, self._context)
         self._heading_control = Control(lambda: base.heading, self._context)
 
@@ -65,13 +65,13 @@ class DriveBase:
 
     @charged
     def straight(self, distance: Any, then: Any = Stop.HOLD, wait: Any = True) -> Any:
-        with refusals():
+        with firmware_errors():
             self._base.straight(get_int(distance), completion(then))
         return self._finish() if wait else None
 
     @charged
     def turn(self, angle: Any, then: Any = Stop.HOLD, wait: Any = True, absolute: Any = False) -> Any:
-        with refusals():
+        with firmware_errors():
             if absolute:
                 self._base.turn_to(get_int(angle), completion(then))
             else:
@@ -86,14 +86,14 @@ class DriveBase:
         direction = int(to_single(math.atan2(y, x) * _DEG_PER_RAD))
         if max(abs(x), abs(y)) > _MAX_DISTANCE_MM:
             raise ValueError("Invalid argument")
-        with refusals():
+        with firmware_errors():
             self._base.turn_to(-direction, OnCompletion.HOLD)
         distance, end = int(to_single(math.sqrt(x * x + y * y))), completion(then)
         return self._finish(lambda: self._base.straight(distance, end))
 
     @charged
     def curve(self, radius: Any, angle: Any, then: Any = Stop.HOLD, wait: Any = True) -> Any:
-        with refusals():
+        with firmware_errors():
             self._base.curve(get_int(radius), get_int(angle), completion(then))
         return self._finish() if wait else None
 
@@ -102,7 +102,7 @@ class DriveBase:
         radius_mm = get_int(radius)
         if (angle is None) == (distance is None):
             raise ValueError("Please specify distance or angle but not both.")
-        with refusals():
+        with firmware_errors():
             if distance is not None:
                 self._base.arc_distance(radius_mm, get_int(distance), completion(then))
             else:
@@ -112,8 +112,8 @@ class DriveBase:
     @charged
     def drive(self, speed: Any, turn_rate: Any) -> None:
         rates = get_int(speed), get_int(turn_rate)
-        self._latest.cancel()
-        with refusals():
+        self._awaited.cancel()
+        with firmware_errors():
             self._base.drive(*rates)
 
     @charged
@@ -148,7 +148,7 @@ class DriveBase:
 
     @charged
     def stalled(self) -> bool:
-        with refusals():
+        with firmware_errors():
             return self._base.is_stalled()
 
     # ---- settings
@@ -156,12 +156,12 @@ class DriveBase:
     @charged
     def reset(self, distance: Any = 0, angle: Any = 0) -> None:
         values = get_int(distance), get_int(angle)
-        with refusals():
+        with firmware_errors():
             self._base.reset(*values)
 
     @charged
     def use_gyro(self, use_gyro: Any) -> None:
-        with refusals():
+        with firmware_errors():
             self._base.use_gyro(bool(use_gyro))
 
     @charged
@@ -177,7 +177,7 @@ class DriveBase:
         turn = heading.to_unit(heading.default_speed), *heading.limits()[1:3]
         if all(value is None for value in (straight_speed, straight_acceleration, turn_rate, turn_acceleration)):
             return straight[0], acceleration_value(*straight[1:]), turn[0], acceleration_value(*turn[1:])
-        with refusals():
+        with firmware_errors():
             self._base.set_settings(
                 magnitude(straight_speed, straight[0]),
                 acceleration_pair(straight_acceleration, *straight[1:]),
@@ -187,8 +187,8 @@ class DriveBase:
         return None
 
     def _end(self, then: OnCompletion) -> None:
-        self._latest.cancel()
-        with refusals():
+        self._awaited.cancel()
+        with firmware_errors():
             self._base.stop(then)
 
     def _finish(self, *others: Callable[[], None]) -> Any:
@@ -209,7 +209,7 @@ class DriveBase:
                 start()
             return start is None
 
-        return self._latest.finish(is_done, None, lambda: self._end(OnCompletion.COAST))
+        return self._awaited.finish(is_done, None, lambda: self._end(OnCompletion.COAST))
 
     def _is_done(self) -> bool:
         if not self._base.is_open:
@@ -219,9 +219,9 @@ class DriveBase:
 
 def robotics_module(context: Context) -> ModuleType:
     model = context.machine.robot.hub.model
-    own = bound(DriveBase, context)
+    subclass = bind(DriveBase, context)
     if not model.has_imu:
-        without(own, "use_gyro")
+        hide_attributes(subclass, "use_gyro")
     if not model.has_float:
-        without(own, "distance_control", "heading_control", "move_by")
-    return module("pybricks.robotics", {"DriveBase": own, "Car": bound(Car, context)})
+        hide_attributes(subclass, "distance_control", "heading_control", "move_by")
+    return module("pybricks.robotics", {"DriveBase": subclass, "Car": bind(Car, context)})

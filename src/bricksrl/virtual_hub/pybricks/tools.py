@@ -10,7 +10,7 @@ from typing import Any
 from bricksrl.errors import TwinError
 from bricksrl.virtual_hub.machine import Machine
 from bricksrl.virtual_hub.micropython.numbers import module
-from bricksrl.virtual_hub.pybricks.context import Async, Context, bound, get_int
+from bricksrl.virtual_hub.pybricks.context import Async, Context, bind, get_int
 from bricksrl.virtual_hub.pybricks.hub_parts import LightMatrix
 from bricksrl.virtual_hub.pybricks.matrix import Matrix, cross, vector
 from bricksrl.virtual_hub.pybricks.parameters import Axis
@@ -119,7 +119,7 @@ def tools_module(context: Context, has_display: bool, app_data: type[Any]) -> Mo
         try:
             iterator = _iterator(task)
             while next(iterator, _DONE) is not _DONE:
-                loop.turn_over()
+                loop.advance_turn()
         finally:
             loop.is_active = False
         return None
@@ -140,7 +140,7 @@ def tools_module(context: Context, has_display: bool, app_data: type[Any]) -> Mo
         return _menu(context, entries)
 
     names: dict[str, Any] = {"wait": wait, "run_task": run_task, "read_input_byte": read_input_byte, "AppData": app_data}
-    names.update({"StopWatch": bound(StopWatch, context), "multitask": Task}, **_geometry(machine.robot.hub.model.has_float))
+    names.update({"StopWatch": bind(StopWatch, context), "multitask": Task}, **_geometry(machine.robot.hub.model.has_float))
     if has_display:
         names["hub_menu"] = hub_menu
     return module("pybricks.tools", names)
@@ -157,9 +157,9 @@ def _menu(context: Context, entries: tuple[Any, ...]) -> Any:
         display.show_symbol(entry)
     context.loop.assert_blocking()
 
-    def pressed(want: bool) -> frozenset[str]:
-        while bool(down := panel.pressed(machine.time_ms)) is not want:
-            if want and panel.is_deserted:
+    def wait_for_buttons(pressed: bool) -> frozenset[str]:
+        while bool(down := panel.pressed(machine.time_ms)) is not pressed:
+            if pressed and panel.is_unattended:
                 raise TwinError(
                     'hub_menu waits for a button, and nobody presses one; choose with --press "right@1s" --press "center@2s"'
                 )
@@ -170,18 +170,18 @@ def _menu(context: Context, entries: tuple[Any, ...]) -> Any:
     if stop_buttons != {"bluetooth"}:
         panel.stop_buttons = frozenset()
     try:
-        chosen = 0
+        selected = 0
         while True:
-            pressed(False)
-            down = pressed(True)
+            wait_for_buttons(pressed=False)
+            down = wait_for_buttons(pressed=True)
             if "center" in down:
                 break
-            chosen = (chosen + ("right" in down) - ("right" not in down and "left" in down)) % len(entries)
-            display.show_symbol(entries[chosen])
-        pressed(False)
+            selected = (selected + ("right" in down) - ("right" not in down and "left" in down)) % len(entries)
+            display.show_symbol(entries[selected])
+        wait_for_buttons(pressed=False)
     finally:
         panel.stop_buttons = stop_buttons
-    return entries[chosen]
+    return entries[selected]
 
 
 _DONE = object()

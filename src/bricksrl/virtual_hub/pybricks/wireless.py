@@ -1,4 +1,4 @@
-"""Bluetooth devices. Only a remote control and an Xbox controller can be near: searches for others take their time and fail.
+"""Bluetooth devices. Only a remote control and an Xbox controller can be near: searches for others time out.
 
 Names and errors: ``pybricks`` 4.0 on PyPI, and the firmware's ``pb_type_pupdevices_remote.c``.
 """
@@ -10,20 +10,20 @@ from collections.abc import Callable
 from typing import Any
 
 from bricksrl.virtual_hub.machine import Machine
-from bricksrl.virtual_hub.pybricks.context import Context, RunLoop, bound, charged, expect_type, get_int, os_error
+from bricksrl.virtual_hub.pybricks.context import Context, RunLoop, bind, charged, expect_type, get_int, os_error
 from bricksrl.virtual_hub.pybricks.parameters import Color, buttons
 
-_LONGEST_NAME = 14
+_MAX_NAME_BYTES = 14
 _SEARCH_MS = 500  # until a switched-on device is found
 _REMOTE_BUTTONS = ("left_plus", "left_minus", "right_plus", "right_minus", "left", "right", "center")
 _XBOX_BUTTONS = ("a", "b", "", "x", "y", "", "lb", "rb", "", "", "view", "menu", "guide", "lj", "rj")
 """By their bit."""
 _XBOX_EXTRAS = ("upload", "p1", "p2", "p3", "p4")
-_STICK_MOST, _TRIGGER_MOST = 2**15 - 1, 1023
-_LONGEST_MESSAGE_BYTES = 20
+_STICK_MAX, _TRIGGER_MAX = 2**15 - 1, 1023
+_MAX_MESSAGE_BYTES = 20
 
 
-def _absent(name: str) -> Callable[..., Any]:
+def _unavailable(name: str) -> Callable[..., Any]:
     """A method that needs the device."""
 
     @charged
@@ -35,7 +35,7 @@ def _absent(name: str) -> Callable[..., Any]:
 
 
 class Wireless:
-    """Base class."""
+    """Bluetooth device."""
 
     _kind = ""  # name of the device among those that can be near
     _loop: RunLoop
@@ -46,7 +46,7 @@ class Wireless:
         self._loop.assert_blocking()
         if name is not None:
             expect_type(name, str)
-            if len(name.encode()) > _LONGEST_NAME:
+            if len(name.encode()) > _MAX_NAME_BYTES:
                 raise ValueError("Name too long")
         self._timeout_ms = None if timeout is None else get_int(timeout) + 1
         if self._timeout_ms is not None and self._timeout_ms < 1:
@@ -66,14 +66,14 @@ class Wireless:
                 raise os_error(errno.ETIMEDOUT)
             return self._is_connected
 
-        return self._loop.finish(is_done, grain_ms=1)
+        return self._loop.finish(is_done, poll_ms=1)
 
     @charged
     def disconnect(self) -> Any:
         self._is_connected = False
         return self._loop.done()
 
-    name = _absent("name")
+    name = _unavailable("name")
 
     def _down(self) -> frozenset[str]:
         """Names of the buttons that are down. Raises OSError, ENODEV, while it is not connected."""
@@ -90,7 +90,7 @@ class _Part:
 
     def __init__(self, device: Wireless) -> None:
         self._device = device
-        self._machine = device._machine  # for what a call costs
+        self._machine = device._machine  # for ``charged``
 
 
 class _Buttons(_Part):
@@ -123,11 +123,11 @@ class LWP3Device(Wireless):
 
     @charged
     def write(self, buf: Any) -> Any:
-        if len(buf) > _LONGEST_MESSAGE_BYTES:
+        if len(buf) > _MAX_MESSAGE_BYTES:
             raise ValueError("message too long")
         raise os_error(errno.ENODEV)
 
-    read = _absent("read")
+    read = _unavailable("read")
 
 
 class _RemoteLight(_Part):
@@ -162,16 +162,16 @@ class Remote(Wireless):
 
 
 class TechnicMoveHub(Wireless):
-    drive = _absent("drive")
+    drive = _unavailable("drive")
 
 
 class DuploTrain(Wireless):
-    drive, headlights, sound = _absent("drive"), _absent("headlights"), _absent("sound")
-    speed, color = _absent("speed"), _absent("color")
+    drive, headlights, sound = _unavailable("drive"), _unavailable("headlights"), _unavailable("sound")
+    speed, color = _unavailable("speed"), _unavailable("color")
 
 
 class MarioHub(Wireless):
-    color, hsv = _absent("color"), _absent("hsv")
+    color, hsv = _unavailable("color"), _unavailable("hsv")
 
     @charged
     def detectable_colors(self, colors: Any = None) -> None:
@@ -196,12 +196,12 @@ class XboxController(Wireless):
 
     @charged
     def state(self) -> tuple[int, ...]:
-        """What it measures, as it sends it."""
+        """Raw values, as the controller sends them."""
         down = self._down()
-        sticks = (_stick(down, side, _STICK_MOST) for side in ("left", "right"))
+        sticks = (_stick(down, side, _STICK_MAX) for side in ("left", "right"))
         axes = [value for x, y in sticks for value in (x, -y)]
-        raw = (value + (value == _STICK_MOST) for value in axes)  # it sends 0 to 65535 for both ends
-        triggers = (_TRIGGER_MOST * (f"{side}_trigger" in down) for side in ("left", "right"))
+        raw = (value + (value == _STICK_MAX) for value in axes)  # it sends 0 to 65535 for both ends
+        triggers = (_TRIGGER_MAX * (f"{side}_trigger" in down) for side in ("left", "right"))
         bits = sum(1 << bit for bit, name in enumerate(_XBOX_BUTTONS) if name in down)
         upload, *paddles = (name in down for name in _XBOX_EXTRAS)
         extras = int(upload), 0, 0, sum(is_down << bit for bit, is_down in enumerate(paddles))
@@ -237,18 +237,18 @@ class XboxController(Wireless):
         return self._loop.done()
 
 
-def _stick(down: frozenset[str], side: str, most: int) -> tuple[int, int]:
-    """Where a stick of the Xbox controller is: to the right, and up."""
-    left, right, back, ahead = (f"joystick_{side}_{way}" in down for way in ("left", "right", "down", "up"))
-    return most * (right - left), most * (ahead - back)
+def _stick(down: frozenset[str], side: str, limit: int) -> tuple[int, int]:
+    """Position of a stick of the Xbox controller: to the right, and up."""
+    left, right, back, ahead = (f"joystick_{side}_{direction}" in down for direction in ("left", "right", "down", "up"))
+    return limit * (right - left), limit * (ahead - back)
 
 
 def _dpad(down: frozenset[str]) -> int:
     """0 for nothing, 1 for up, and on clockwise."""
-    across, along = ("right" in down) - ("left" in down), ("up" in down) - ("down" in down)
-    return {(0, 1): 1, (1, 1): 2, (1, 0): 3, (1, -1): 4, (0, -1): 5, (-1, -1): 6, (-1, 0): 7, (-1, 1): 8}.get((across, along), 0)
+    x, y = ("right" in down) - ("left" in down), ("up" in down) - ("down" in down)
+    return {(0, 1): 1, (1, 1): 2, (1, 0): 3, (1, -1): 4, (0, -1): 5, (-1, -1): 6, (-1, 0): 7, (-1, 1): 8}.get((x, y), 0)
 
 
 def wireless(kinds: tuple[type[Wireless], ...], context: Context) -> dict[str, Any]:
     """Classes for one program, by name."""
-    return {kind.__name__: bound(kind, context) for kind in kinds}
+    return {kind.__name__: bind(kind, context) for kind in kinds}
