@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from torchrl.envs import EnvBase
 
     from bricksrl.envs.connection import Placement
-    from bricksrl.envs.rollout import Judged
+    from bricksrl.envs.rollout import EpisodeScore
     from bricksrl.training.config import TrainConfig
 
 MOST_COPIES = 1024
@@ -157,7 +157,7 @@ def _elsewhere(config: TrainConfig, env: str, **named: Any) -> TrainConfig:
 
 
 def _summarise(
-    judged: list[Judged], env: EnvBase, config: TrainConfig, trained_episodes: int, seed: int, run_dir: Path | str
+    judged: list[EpisodeScore], env: EnvBase, config: TrainConfig, trained_episodes: int, seed: int, run_dir: Path | str
 ) -> EvaluationResult:
     task = getattr(env, "task", None)
     returns = np.array([one.return_ for one in judged])

@@ -67,10 +67,10 @@ def export_policy(run_dir: Path, out: Path, *, licence: str = "mit") -> Path:
 
 def _evaluation(folder: RunFolder) -> dict[str, Any] | None:
     try:
-        found = json.loads(folder.evaluation_path.read_bytes())
+        data = json.loads(folder.evaluation_path.read_bytes())
     except (OSError, ValueError, RecursionError):
         return None
-    return found if isinstance(found, dict) and {"return_mean", "return_std", "episodes"} <= found.keys() else None
+    return data if isinstance(data, dict) and {"return_mean", "return_std", "episodes"} <= data.keys() else None
 
 
 @dataclass(frozen=True)
@@ -116,7 +116,7 @@ def load_shared(path: Path, env: EnvBase) -> Learner:
     shared = read_policy(path)
     learner = make_learner_for(shared.config, env, device="cpu")
     state = learner.policy_state()
-    if {name: tensor.shape for name, tensor in state.items()} != {name: t.shape for name, t in shared.tensors.items()}:
+    if {name: tensor.shape for name, tensor in state.items()} != {name: tensor.shape for name, tensor in shared.tensors.items()}:
         raise CheckpointError(f"the policy in {path} observes or acts otherwise than this environment; use the one it is for")
     learner.policy.load_state_dict(shared.tensors)
     return learner
