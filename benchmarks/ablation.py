@@ -34,14 +34,14 @@ FOR_IMAGES = ("encoder",)
 
 
 def variants(env: str, agent: str) -> dict[str, Settings]:
-    """Settings by what of the paper's they have."""
+    """Settings by variant: default, default with one value of the paper, paper."""
     default, paper = preset("default", agent), preset("paper", agent)
-    found: dict[str, Settings] = {"default": default}
-    for name, theirs in asdict(paper).items():
+    settings: dict[str, Settings] = {"default": default}
+    for name, value in asdict(paper).items():
         without_effect = FOR_IMAGES + FOR_GOALS * (env == "WalkerSim-v0")
-        if theirs != getattr(default, name) and name not in without_effect:
-            found[name] = replace(default, **{name: theirs})
-    return {**found, "paper": paper}
+        if value != getattr(default, name) and name not in without_effect:
+            settings[name] = replace(default, **{name: value})
+    return {**settings, "paper": paper}
 
 
 def run(env: str, agent: str, settings: Settings, seed: int, steps: int) -> tuple[float, float | None]:
@@ -56,21 +56,21 @@ def run(env: str, agent: str, settings: Settings, seed: int, steps: int) -> tupl
         folder = Path(parent) / "run"
         config = TrainConfig(env, agent, steps, seed, settings=settings, record=False, run_dir=folder)
         train(config, observer, stop=observer.stop)
-        found = evaluate(folder, episodes=EVALUATED_EPISODES, save=False)
-    return found.return_mean, found.success_rate
+        result = evaluate(folder, episodes=EVALUATED_EPISODES, save=False)
+    return result.return_mean, result.success_rate
 
 
 def summary(outcomes: list[tuple[float, float | None]]) -> dict[str, Any]:
     """Over the seeds."""
     from bricksrl.evaluation.statistics import mean, stratified_bootstrap_interval
 
-    returns, successes = [one for one, _ in outcomes], [success for _, success in outcomes if success is not None]
+    returns, successes = [value for value, _ in outcomes], [success for _, success in outcomes if success is not None]
     interval = stratified_bootstrap_interval([returns], mean)
     return {
         "return_mean": round(statistics.fmean(returns), 2),
         "return_interval": [round(interval.low, 2), round(interval.high, 2)],
         "success_mean": round(statistics.fmean(successes), 3) if successes else None,
-        "returns": [round(one, 2) for one in returns],
+        "returns": [round(value, 2) for value in returns],
     }
 
 
@@ -83,22 +83,22 @@ def main() -> None:
     parser.add_argument("--only", nargs="+", help="these of the variants")
     parser.add_argument("--steps", type=int, help="robot steps, in place of those of each environment")
     parser.add_argument("--processes", type=int, default=os.cpu_count())
-    chosen = parser.parse_args()
+    args = parser.parse_args()
     os.environ.update({"OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"})  # before torch is loaded, in the processes
     path = RESULTS / "ablation.json"
     known: dict[str, Any] = json.loads(path.read_text())["environments"] if path.exists() else {}
-    with multiprocessing.get_context("spawn").Pool(chosen.processes, maxtasksperchild=1) as pool:
-        for env in chosen.envs:
-            found: dict[str, Any] = {}
-            steps = chosen.steps or STEPS[env]
-            for name, settings in variants(env, chosen.agent).items():
-                if chosen.only is not None and name not in chosen.only:
+    with multiprocessing.get_context("spawn").Pool(args.processes, maxtasksperchild=1) as pool:
+        for env in args.envs:
+            outcomes: dict[str, Any] = {}
+            steps = args.steps or STEPS[env]
+            for name, settings in variants(env, args.agent).items():
+                if args.only is not None and name not in args.only:
                     continue
-                jobs = [(env, chosen.agent, settings, seed, steps) for seed in range(chosen.seeds)]
+                jobs = [(env, args.agent, settings, seed, steps) for seed in range(args.seeds)]
                 value = asdict(settings) if name in ("default", "paper") else {name: getattr(settings, name)}
-                found[name] = {"setting": value, **summary(pool.starmap(run, jobs, chunksize=1))}
-                print(env, name, found[name]["return_mean"], found[name]["return_interval"], flush=True)
-            known.setdefault(env, {})[chosen.agent] = {"steps": steps, "variants": found}
+                outcomes[name] = {"setting": value, **summary(pool.starmap(run, jobs, chunksize=1))}
+                print(env, name, outcomes[name]["return_mean"], outcomes[name]["return_interval"], flush=True)
+            known.setdefault(env, {})[args.agent] = {"steps": steps, "variants": outcomes}
             print(write("ablation", {"evaluated_episodes": EVALUATED_EPISODES, "environments": known}), flush=True)
 
 

@@ -34,17 +34,17 @@ EVALUATION_SEED = 7000
 
 def rate(played: list[TeamEpisode], *, seeds: int) -> dict[str, Any]:
     """The share of episodes that the catcher has won, with its Wilson interval from five seeds on, and their mean length."""
-    successes = [one.success for one in played]
-    found: dict[str, Any] = {"won": sum(successes), "episodes": len(successes)}
-    found["rate"] = round(sum(successes) / len(successes), 3)
+    successes = [episode.success for episode in played]
+    result: dict[str, Any] = {"won": sum(successes), "episodes": len(successes)}
+    result["rate"] = round(sum(successes) / len(successes), 3)
     if seeds >= FEWEST_SEEDS:
         interval = wilson_interval(sum(successes), len(successes))
-        found["rate_95"] = [round(interval.low, 3), round(interval.high, 3)]
-    found["steps_mean"] = round(sum(one.length for one in played) / len(played), 1)
-    return found
+        result["rate_95"] = [round(interval.low, 3), round(interval.high, 3)]
+    result["steps_mean"] = round(sum(episode.length for episode in played) / len(played), 1)
+    return result
 
 
-def learned(agent: str, seed: int, episodes: int, path: Path) -> dict[str, Any]:
+def train_and_play(agent: str, seed: int, episodes: int, path: Path) -> dict[str, Any]:
     """A catcher that learns, is kept in ``path``, and plays against each runner."""
     started_s = time.process_time()
     config = TeamConfig(ENV, {"catcher": agent}, {"runner": ",".join(RUNNERS)}, FRAMES_OF[agent], COPIES, seed)
@@ -54,30 +54,29 @@ def learned(agent: str, seed: int, episodes: int, path: Path) -> dict[str, Any]:
         runner: play_team(env, load_team(path, {"runner": runner}).policy, episodes, EVALUATION_SEED + seed) for runner in RUNNERS
     }
     env.close()
-    for runner, found in played.items():
-        print(agent, seed, runner, rate(found, seeds=1), flush=True)
+    for runner, episodes_played in played.items():
+        print(agent, seed, runner, rate(episodes_played, seeds=1), flush=True)
     return {"training_cpu_s": round(cpu_s, 1), "played": played}
 
 
 def summary(runs: list[dict[str, Any]]) -> dict[str, Any]:
     """All seeds of an algorithm together."""
-    against = {
-        f"against_{runner}": rate([one for run in runs for one in run["played"][runner]], seeds=len(runs)) for runner in RUNNERS
-    }
-    return {"seeds": len(runs), "training_cpu_s": [run["training_cpu_s"] for run in runs], **against}
+    played = {runner: [episode for run in runs for episode in run["played"][runner]] for runner in RUNNERS}
+    rates = {f"against_{runner}": rate(episodes, seeds=len(runs)) for runner, episodes in played.items()}
+    return {"seeds": len(runs), "training_cpu_s": [run["training_cpu_s"] for run in runs], **rates}
 
 
 def scripts(episodes: int) -> dict[str, Any]:
     """The catcher's script, and a random catcher, against each runner."""
     env = make_arena(ENV)
-    found: dict[str, Any] = {}
+    rates: dict[str, Any] = {}
     for catcher in ("chase", "random"):
         for runner in RUNNERS:
             policy = team_policy(env, {}, {"catcher": catcher, "runner": runner})
             played = play_team(env, policy, episodes, EVALUATION_SEED)
-            found[f"{catcher}_against_{runner}"] = rate(played, seeds=1)
+            rates[f"{catcher}_against_{runner}"] = rate(played, seeds=1)
     env.close()
-    return found
+    return rates
 
 
 def main() -> None:
@@ -87,24 +86,24 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=5)
     parser.add_argument("--episodes", type=int, default=20)
     parser.add_argument("--film", type=Path)
-    chosen = parser.parse_args()
+    args = parser.parse_args()
     torch.set_num_threads(1)
-    before = RESULTS / "arena.json"
-    agents = json.loads(before.read_text())["agents"] if before.exists() else {}
+    path_before = RESULTS / "arena.json"
+    agents = json.loads(path_before.read_text())["agents"] if path_before.exists() else {}
     result: dict[str, Any] = {"environment": ENV, "frames": FRAMES_OF, "copies": COPIES, "agents": agents}
     with tempfile.TemporaryDirectory() as folder:
-        for agent in chosen.agents:
+        for agent in args.agents:
             runs = []
-            for seed in range(chosen.seeds):
+            for seed in range(args.seeds):
                 path = Path(folder) / f"{agent}-{seed}.bin"
-                runs.append(learned(agent, seed, chosen.episodes, path))
+                runs.append(train_and_play(agent, seed, args.episodes, path))
                 result["agents"][agent] = summary(runs)
                 write("arena", result)
-                if chosen.film is not None and agent == chosen.agents[0] and seed == 0:
+                if args.film is not None and agent == args.agents[0] and seed == 0:
                     env = make_arena(ENV)
-                    print(film_arena(env, load_team(path).policy, chosen.film, 3, EVALUATION_SEED), "images", flush=True)
+                    print(film_arena(env, load_team(path).policy, args.film, 3, EVALUATION_SEED), "images", flush=True)
                     env.close()
-    print(write("arena", {**result, "scripts": scripts(chosen.episodes)}))
+    print(write("arena", {**result, "scripts": scripts(args.episodes)}))
 
 
 if __name__ == "__main__":

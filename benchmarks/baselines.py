@@ -45,8 +45,8 @@ def episode(env: Any, policy: Callable[[TensorDictBase], Tensor]) -> tuple[float
         state = stepped.exclude("reward")
     seen = torch.stack(observations)
     judged = env.judged(seen) if hasattr(env, "judged") else seen
-    walked = env.walk_metrics() if hasattr(env, "walk_metrics") else {}
-    return total, bool(env.task.success(judged)), walked
+    walk = env.walk_metrics() if hasattr(env, "walk_metrics") else {}
+    return total, bool(env.task.success(judged)), walk
 
 
 def measure(env_id: str, policy: Callable[[TensorDictBase], Tensor], episodes: int) -> dict[str, Any]:
@@ -61,7 +61,7 @@ def measure(env_id: str, policy: Callable[[TensorDictBase], Tensor], episodes: i
     returns = [run[0] for run in runs]
     successes = sum(run[1] for run in runs)
     interval, rate = stratified_bootstrap_interval([returns], mean), wilson_interval(successes, episodes)
-    found: dict[str, Any] = {
+    result: dict[str, Any] = {
         "episodes": episodes,
         "return_mean": round(float(np.mean(returns)), 2),
         "return_std": round(float(np.std(returns)), 2),
@@ -71,8 +71,8 @@ def measure(env_id: str, policy: Callable[[TensorDictBase], Tensor], episodes: i
     }
     names = runs[0][2]
     if names:
-        found["walk"] = {name: round(float(np.mean([run[2][name] for run in runs])), 4) for name in names}
-    return found
+        result["walk"] = {name: round(float(np.mean([run[2][name] for run in runs])), 4) for name in names}
+    return result
 
 
 def paper_of(env_id: str) -> dict[str, Any] | None:
@@ -88,16 +88,16 @@ def main() -> None:
     parser = command(__doc__)
     parser.add_argument("--envs", nargs="+", default=list(CONTROLLERS), choices=list(CONTROLLERS))
     parser.add_argument("--episodes", type=int, default=50)
-    chosen = parser.parse_args()
+    args = parser.parse_args()
     torch.set_num_threads(1)
     table: dict[str, Any] = {}
-    for env_id in chosen.envs:
+    for env_id in args.envs:
         size = len(bricksrl.envs.get_task(env_id).interface.commands)
         policies: dict[str, Callable[[TensorDictBase], Tensor]] = {
             "random": lambda _state, size=size: 2.0 * torch.rand(size) - 1.0,  # type: ignore[misc]
             "scripted": CONTROLLERS[env_id],
         }
-        table[env_id] = {name: measure(env_id, policy, chosen.episodes) for name, policy in policies.items()}
+        table[env_id] = {name: measure(env_id, policy, args.episodes) for name, policy in policies.items()}
         table[env_id]["scripted"]["controller"] = (CONTROLLERS[env_id].__doc__ or "").splitlines()[0]
         table[env_id]["paper"] = paper_of(env_id)
         if env_id in REASONS:

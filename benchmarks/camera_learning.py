@@ -30,7 +30,7 @@ GOAL = 0.8
 
 def run(agent: str, name: str, seed: int, folder: Path, marks: list[int]) -> dict[str, Any]:
     """Train one agent from mark to mark."""
-    found: list[dict[str, Any]] = []
+    results: list[dict[str, Any]] = []
     cpu_s = wall_s = 0.0
     result: RunResult | None = None
     for mark in marks:
@@ -42,7 +42,7 @@ def run(agent: str, name: str, seed: int, folder: Path, marks: list[int]) -> dic
             result = resume(folder, episodes=mark)
         cpu_s, wall_s = cpu_s + time.process_time() - cpu, wall_s + time.perf_counter() - wall
         outcome = evaluate(folder, episodes=EVALUATED_EPISODES, save=False)
-        found.append(
+        results.append(
             {
                 "episodes": mark,
                 "steps": result.episodes[-1].steps,
@@ -53,28 +53,28 @@ def run(agent: str, name: str, seed: int, folder: Path, marks: list[int]) -> dic
                 "wall_s": round(wall_s, 1),
             }
         )
-        print(agent, name, seed, found[-1], flush=True)
+        print(agent, name, seed, results[-1], flush=True)
     assert result is not None
-    return {"seed": seed, "marks": found, "train_success": [int(bool(one.success)) for one in result.episodes]}
+    return {"seed": seed, "marks": results, "train_success": [int(bool(episode.success)) for episode in result.episodes]}
 
 
 def summary(runs: list[dict[str, Any]]) -> list[dict[str, Any]]:
     """Medians and ranges at each mark."""
-    found = []
-    for at_mark in zip(*(one["marks"] for one in runs), strict=True):
-        rates = [one["success_rate"] for one in at_mark]
-        found.append(
+    medians = []
+    for at_mark in zip(*(run_at_mark["marks"] for run_at_mark in runs), strict=True):
+        rates = [run_at_mark["success_rate"] for run_at_mark in at_mark]
+        medians.append(
             {
                 "episodes": at_mark[0]["episodes"],
                 "success_median": statistics.median(rates),
                 "success_range": [min(rates), max(rates)],
                 **{
-                    f"{key}_median": statistics.median(one[key] for one in at_mark)
+                    f"{key}_median": statistics.median(run_at_mark[key] for run_at_mark in at_mark)
                     for key in ("steps", "return_mean", "steps_to_goal_mean", "cpu_s", "wall_s")
                 },
             }
         )
-    return found
+    return medians
 
 
 def main() -> None:
@@ -84,19 +84,17 @@ def main() -> None:
     parser.add_argument("--preset", default="default")
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--marks", type=int, nargs="+", default=[10, 25, 50, 100])
-    chosen = parser.parse_args()
+    args = parser.parse_args()
     torch.set_num_threads(1)
     results: dict[str, Any] = {}
-    for agent in chosen.agents:
+    for agent in args.agents:
         with tempfile.TemporaryDirectory() as folder:
-            runs = [
-                run(agent, chosen.preset, seed, Path(folder) / str(seed), sorted(chosen.marks)) for seed in range(chosen.seeds)
-            ]
+            runs = [run(agent, args.preset, seed, Path(folder) / str(seed), sorted(args.marks)) for seed in range(args.seeds)]
         marks = summary(runs)
         learned = next((mark["episodes"] for mark in marks if mark["success_median"] >= GOAL), None)
         results[agent] = {"learned_after_episodes": learned, "summary": marks, "seeds": runs}
-    name = "camera_learning" if chosen.preset == "default" else f"camera_learning_{chosen.preset}"
-    print(write(name, {"env": ENV, "preset": chosen.preset, "evaluated_episodes": EVALUATED_EPISODES, "agents": results}))
+    name = "camera_learning" if args.preset == "default" else f"camera_learning_{args.preset}"
+    print(write(name, {"env": ENV, "preset": args.preset, "evaluated_episodes": EVALUATED_EPISODES, "agents": results}))
 
 
 if __name__ == "__main__":

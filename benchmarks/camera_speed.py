@@ -74,7 +74,7 @@ def speed() -> dict[str, Any]:
     camera = TwinCamera(env.twin.body, view)
     watch = Watch(view, np.random.default_rng(0), camera.frame())
     frames = itertools.cycle([(move(), camera.frame())[1] for _ in range(REPEATS)])
-    found = {
+    result = {
         "steps_per_s": round(statistics.median(run[0] for run in runs), 1),
         "steps_per_cpu_s": round(statistics.median(run[1] for run in runs), 1),
         "runs": [round(run[0], 1) for run in runs],
@@ -83,7 +83,7 @@ def speed() -> dict[str, Any]:
     }
     camera.close()
     env.close()
-    return found
+    return result
 
 
 def unavailable(*_args: Any, **_kwargs: Any) -> None:
@@ -97,24 +97,24 @@ def learning(name: str) -> dict[str, float]:
     learner = make_learner("sac", env, preset(name, "sac", images=True))
     generator = torch.Generator().manual_seed(0)
 
-    def seen(steps: int) -> dict[str, torch.Tensor]:
+    def rows(steps: int) -> dict[str, torch.Tensor]:
         image = torch.randint(0, 256, (steps, 64, 64, 3), dtype=torch.uint8, generator=generator)
         return {"observation": torch.rand(steps, 3, generator=generator), "image": image}
 
     for _ in range(REPLAY_STEPS // EPISODE_STEPS):
         done = torch.zeros(EPISODE_STEPS, 1, dtype=torch.bool)
-        after = {**seen(EPISODE_STEPS), "reward": -torch.ones(EPISODE_STEPS, 1), "terminated": done, "done": done.clone()}
+        after = {**rows(EPISODE_STEPS), "reward": -torch.ones(EPISODE_STEPS, 1), "terminated": done, "done": done.clone()}
         after["done"][-1] = True
-        frames = {**seen(EPISODE_STEPS), "action": torch.zeros(EPISODE_STEPS, 3), "next": TensorDict(after, [EPISODE_STEPS])}
+        frames = {**rows(EPISODE_STEPS), "action": torch.zeros(EPISODE_STEPS, 3), "next": TensorDict(after, [EPISODE_STEPS])}
         learner.remember(TensorDict(frames, [EPISODE_STEPS]))
-    before = TensorDict(seen(1), [1])[0]
+    before = TensorDict(rows(1), [1])[0]
     assert learner.memory is not None
-    kept = learner.memory[:]
+    stored = learner.memory[:]
     return {
         "update_cpu_ms": cpu_ms(lambda: learner.make_updates(1), 20),
         "act_cpu_ms": cpu_ms(lambda: learner.explore(before)),
         "replay_steps": len(learner.memory),
-        "replay_megabytes": round(kept.bytes() / 1e6, 1),
+        "replay_megabytes": round(stored.bytes() / 1e6, 1),
     }
 
 

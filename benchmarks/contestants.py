@@ -54,9 +54,9 @@ def learner_of(agent: str, **changes: Any) -> Any:
 
     from bricksrl.agents import make_learner, preset
 
-    usual = {"hidden": HIDDEN, "batch_size": BATCH, "buffer_size": STORED, **changes}
+    values = {"hidden": HIDDEN, "batch_size": BATCH, "buffer_size": STORED, **changes}
     torch.manual_seed(0)
-    learner = make_learner(agent, bare_environment(), replace(preset("paper", agent), **usual))
+    learner = make_learner(agent, bare_environment(), replace(preset("paper", agent), **values))
     learner.remember(transitions())
     return learner
 
@@ -97,8 +97,8 @@ def torchrl(agent: str, *, tuned: bool = False) -> Update:
         return _torchrl_td3(tuned=tuned)
     if agent == "crossq":
         return _torchrl_crossq(tuned=tuned)
-    kind = {"layer_norm": True, "dropout": 0.01} if agent == "droq" else {}
-    return _torchrl_sac(kind, count=10 if agent == "redq" else 2, delay=1 if agent == "sac" else UPDATES, tuned=tuned)
+    norm = {"layer_norm": True, "dropout": 0.01} if agent == "droq" else {}
+    return _torchrl_sac(norm, count=10 if agent == "redq" else 2, delay=1 if agent == "sac" else UPDATES, tuned=tuned)
 
 
 def torchrl_tuned(agent: str) -> Update:
@@ -177,13 +177,13 @@ def spec() -> Any:
     return Bounded(-1.0, 1.0, (ACTION,))
 
 
-def _torchrl_sac(kind: dict[str, Any], *, count: int, delay: int, tuned: bool) -> Update:
+def _torchrl_sac(norm: dict[str, Any], *, count: int, delay: int, tuned: bool) -> Update:
     """SAC, or DroQ and REDQ where the actor learns in every ``delay``-th update."""
     import torch
     from torchrl.objectives import SACLoss, SoftUpdate
 
     values = {"loss_function": "l2", "action_spec": spec(), "deactivate_vmap": tuned}
-    loss = SACLoss(_torchrl_actor(), critic(**kind), num_qvalue_nets=count, **values)
+    loss = SACLoss(_torchrl_actor(), critic(**norm), num_qvalue_nets=count, **values)
     loss.make_value_estimator(gamma=0.99)
     targets, optimizer, buffer = SoftUpdate(loss, tau=0.005), torch.optim.Adam(loss.parameters(), lr=3e-4, fused=tuned), stored()
 
@@ -193,10 +193,10 @@ def _torchrl_sac(kind: dict[str, Any], *, count: int, delay: int, tuned: bool) -
             if tuned and i % delay:
                 total, _ = loss.qvalue_v2_loss(batch)
             else:
-                found = loss(batch)
-                total = found["loss_qvalue"]
+                losses = loss(batch)
+                total = losses["loss_qvalue"]
                 if i % delay == 0:
-                    total = total + found["loss_actor"] + found["loss_alpha"]
+                    total = total + losses["loss_actor"] + losses["loss_alpha"]
             total.backward()
             optimizer.step()
             optimizer.zero_grad()
@@ -249,8 +249,8 @@ def _torchrl_crossq(*, tuned: bool) -> Update:
             batch = buffer.sample()
             total, _ = loss.qvalue_loss(batch)
             if i % 3 == 0:
-                of_actor, found = loss.actor_loss(batch)
-                total = total + of_actor + loss.alpha_loss(found["log_prob"])
+                actor_loss, metadata = loss.actor_loss(batch)
+                total = total + actor_loss + loss.alpha_loss(metadata["log_prob"])
             total.backward()
             optimizer.step()
             optimizer.zero_grad()
@@ -264,21 +264,21 @@ def sb3(agent: str) -> Update:
     import torch
 
     torch.set_num_threads(1)
-    kind = {"sac": stable_baselines3.SAC, "td3": stable_baselines3.TD3}[agent]
-    return _baseline(kind, {"device": "cpu"}, {"net_arch": list(HIDDEN)})
+    algorithm = {"sac": stable_baselines3.SAC, "td3": stable_baselines3.TD3}[agent]
+    return _baseline(algorithm, {"device": "cpu"}, {"net_arch": list(HIDDEN)})
 
 
 def sbx(agent: str) -> Update:
     """SBX's own agent, in JAX; DroQ is a setting of its SAC."""
     import sbx as jax_agents
 
-    kind = {"sac": jax_agents.SAC, "droq": jax_agents.SAC, "td3": jax_agents.TD3, "crossq": jax_agents.CrossQ}[agent]
+    algorithm = {"sac": jax_agents.SAC, "droq": jax_agents.SAC, "td3": jax_agents.TD3, "crossq": jax_agents.CrossQ}[agent]
     critic = {"dropout_rate": 0.01, "layer_norm": True} if agent == "droq" else {}
     options = {"policy_delay": UPDATES} if agent == "droq" else {}
-    return _baseline(kind, options, {"net_arch": {"pi": list(HIDDEN), "qf": list(HIDDEN)}, **critic})
+    return _baseline(algorithm, options, {"net_arch": {"pi": list(HIDDEN), "qf": list(HIDDEN)}, **critic})
 
 
-def _baseline(kind: Any, options: dict[str, Any], policy: dict[str, Any]) -> Update:
+def _baseline(algorithm: Any, options: dict[str, Any], policy: dict[str, Any]) -> Update:
     import gymnasium
     import numpy as np
     from gymnasium.spaces import Box
@@ -290,13 +290,13 @@ def _baseline(kind: Any, options: dict[str, Any], policy: dict[str, Any]) -> Upd
         observation_space = Box(-1.0, 1.0, (OBSERVATION,), np.float32)
         action_space = Box(-1.0, 1.0, (ACTION,), np.float32)
 
-    model = kind("MlpPolicy", Still(), batch_size=BATCH, buffer_size=STORED, seed=0, policy_kwargs=policy, **options)
+    model = algorithm("MlpPolicy", Still(), batch_size=BATCH, buffer_size=STORED, seed=0, policy_kwargs=policy, **options)
     model.set_logger(configure(None, []))
     rng = np.random.default_rng(0)
     for _ in range(STORED):
-        one, other = rng.uniform(-1, 1, (2, 1, OBSERVATION)).astype(np.float32)
+        observation, next_observation = rng.uniform(-1, 1, (2, 1, OBSERVATION)).astype(np.float32)
         action = rng.uniform(-1, 1, (1, ACTION)).astype(np.float32)
-        model.replay_buffer.add(one, other, action, one.sum(-1), np.zeros(1), [{}])
+        model.replay_buffer.add(observation, next_observation, action, observation.sum(-1), np.zeros(1), [{}])
     return lambda: model.train(gradient_steps=UPDATES, batch_size=BATCH)
 
 

@@ -67,28 +67,28 @@ def main() -> None:
     parser.add_argument("--agents", nargs="+", default=list(GOALS), choices=list(GOALS))
     parser.add_argument("--seeds", type=int, default=5)
     parser.add_argument("--limit", type=float, default=120.0, help="CPU seconds of a run at most")
-    chosen = parser.parse_args()
+    args = parser.parse_args()
     agents: dict[str, Any] = {}
-    for agent in chosen.agents:
+    for agent in args.agents:
         copies, goal = GOALS[agent]
         runs = []
-        for seed in range(chosen.seeds):
-            here = [sys.executable, __file__, "--run", agent, str(seed), str(chosen.limit)]
-            answer = subprocess.run(here, env=os.environ | ONE_THREAD, capture_output=True, text=True, check=True)  # noqa: S603
-            runs.append(json.loads(answer.stdout.splitlines()[-1]))
+        for seed in range(args.seeds):
+            command_line = [sys.executable, __file__, "--run", agent, str(seed), str(args.limit)]
+            process = subprocess.run(command_line, env=os.environ | ONE_THREAD, capture_output=True, text=True, check=True)  # noqa: S603
+            runs.append(json.loads(process.stdout.splitlines()[-1]))
             print(agent, seed, runs[-1][-1], flush=True)
-        times = [one[-1][0] if one[-1][2] >= goal else chosen.limit for one in runs]
+        times = [rounds[-1][0] if rounds[-1][2] >= goal else args.limit for rounds in runs]
         agents[agent] = {
             "copies": copies,
             "goal": goal,
             "cpu_s_median": statistics.median(times),
             "cpu_s": times,
-            "reached": sum(one[-1][2] >= goal for one in runs),
+            "reached": sum(rounds[-1][2] >= goal for rounds in runs),
             "rounds": runs,
         }
-        found = agents[agent]
-        print(f"{agent}: {found['cpu_s_median']} CPU s to {goal}, {found['reached']} of {len(runs)}")
-    print(write("copies", {"setup": {"env": ENV, "evaluated": EVALUATED, "limit_s": chosen.limit}, "agents": agents}))
+        result = agents[agent]
+        print(f"{agent}: {result['cpu_s_median']} CPU s to {goal}, {result['reached']} of {len(runs)}")
+    print(write("copies", {"setup": {"env": ENV, "evaluated": EVALUATED, "limit_s": args.limit}, "agents": agents}))
 
 
 if __name__ == "__main__":

@@ -36,7 +36,7 @@ def ours(drawn_actions: int) -> Update:
     return lambda: learner.make_updates(UPDATES)
 
 
-def torchrls() -> Update:
+def torchrl() -> Update:
     """The same with TorchRL's loss, without vmap and with fused Adam."""
     actor = gaussian_policy(nn.Identity(), mlp(OBSERVATION, 2 * ACTION, HIDDEN), spec())
     loss = CQLLoss(
@@ -56,9 +56,9 @@ def torchrls() -> Update:
     def update() -> None:
         for _ in range(UPDATES):
             batch = buffer.sample()
-            found = [*loss.q_loss(batch)[:1], *loss.cql_loss(batch)[:1], loss.alpha_prime_loss(batch)[0]]
-            of_actor, about = loss.actor_loss(batch)
-            total = sum([*found, of_actor, loss.alpha_loss(about)[0]])
+            losses = [*loss.q_loss(batch)[:1], *loss.cql_loss(batch)[:1], loss.alpha_prime_loss(batch)[0]]
+            actor_loss, metadata = loss.actor_loss(batch)
+            total = sum([*losses, actor_loss, loss.alpha_loss(metadata)[0]])
             assert isinstance(total, torch.Tensor)
             total.backward()
             optimizer.step()
@@ -73,16 +73,16 @@ def main() -> None:
     command(__doc__).parse_args()
     torch.set_num_threads(1)
     torch.manual_seed(0)
-    contestants = {"ours": ours(1), "ours, full gradient": ours(0), "torchrl": torchrls()}
+    contestants = {"ours": ours(1), "ours, full gradient": ours(0), "torchrl": torchrl()}
     runs: dict[str, list[float]] = {name: [] for name in contestants}
     for _ in range(ROUNDS):
         for name, update in contestants.items():
             runs[name].append(measure(update))
-    ratio = statistics.median(its / mine for its, mine in zip(runs["torchrl"], runs["ours"], strict=True))
+    ratio = statistics.median(other / own for other, own in zip(runs["torchrl"], runs["ours"], strict=True))
     cpu_ms = {name: round(statistics.median(values), 2) for name, values in runs.items()}
-    found = {"cpu_ms": cpu_ms, "updates_per_cpu_s": {name: round(1e3 / value, 1) for name, value in cpu_ms.items()}}
-    print(found)
-    print(write("cql_updates", {**found, "cpu_ratio": round(ratio, 2), "rounds": ROUNDS}))
+    result = {"cpu_ms": cpu_ms, "updates_per_cpu_s": {name: round(1e3 / value, 1) for name, value in cpu_ms.items()}}
+    print(result)
+    print(write("cql_updates", {**result, "cpu_ratio": round(ratio, 2), "rounds": ROUNDS}))
 
 
 if __name__ == "__main__":

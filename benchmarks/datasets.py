@@ -33,20 +33,20 @@ def make(env_id: str, out: Path, episodes: int, trained: int) -> dict[str, Any]:
     run = out / f"{env_id}-sac"
     if not run.exists():
         train(TrainConfig(env_id, "sac", episodes=trained, seed=SEED, run_dir=run, record=False))
-    found: dict[str, Any] = {"trained_episodes": trained}
+    result: dict[str, Any] = {"trained_episodes": trained}
     for kind in ("expert", "random"):
         path = out / f"{env_id}-{kind}"
         if not path.exists():
             record(env_id, path, run if kind == "expert" else None, episodes)
         summary = summarise(path)
-        found[kind] = {
+        result[kind] = {
             "mean_reward": summary.return_mean,
             "std_reward": summary.return_std,
             "transitions": summary.transitions,
             "episodes": summary.episodes,
             "success_rate": summary.success_rate,
         }
-    return {**found, "seconds": time.perf_counter() - started_s, "cpu_seconds": time.process_time() - cpu_s}
+    return {**result, "seconds": time.perf_counter() - started_s, "cpu_seconds": time.process_time() - cpu_s}
 
 
 def record(env_id: str, path: Path, run: Path | None, episodes: int) -> None:
@@ -74,14 +74,14 @@ def _job(job: tuple[str, Path, int, int]) -> tuple[str, dict[str, Any]]:
 def table(results: dict[str, dict[str, Any]]) -> list[str]:
     """The paper's table and ours, a line a task."""
     lines = [f"{'task':13}{'mean reward':>24}{'expert transitions':>22}{'random transitions':>22}{'random reward':>15}"]
-    for env_id, ours in results.items():
+    for env_id, result in results.items():
         paper = DATASETS[env_id]
         cells = [
-            f"{ours['expert']['mean_reward']:.4g} ({paper['mean_reward']:.4g})",
-            f"{ours['expert']['transitions']} ({paper['expert_transitions']:.0f})",
-            f"{ours['random']['transitions']} ({paper['random_transitions']:.0f})",
+            f"{result['expert']['mean_reward']:.4g} ({paper['mean_reward']:.4g})",
+            f"{result['expert']['transitions']} ({paper['expert_transitions']:.0f})",
+            f"{result['random']['transitions']} ({paper['random_transitions']:.0f})",
         ]
-        lines.append(f"{env_id:13}{cells[0]:>24}{cells[1]:>22}{cells[2]:>22}{ours['random']['mean_reward']:>15.4g}")
+        lines.append(f"{env_id:13}{cells[0]:>24}{cells[1]:>22}{cells[2]:>22}{result['random']['mean_reward']:>15.4g}")
     return lines
 
 
@@ -94,21 +94,21 @@ def main() -> None:
     parser.add_argument("--trained", type=int, help="episodes of training, in place of the paper's")
     parser.add_argument("--processes", type=int, default=os.cpu_count())
     parser.add_argument("--no-result", action="store_true", help="print the table and leave results/datasets.json as it is")
-    arguments = parser.parse_args()
+    args = parser.parse_args()
     os.environ.setdefault("OMP_NUM_THREADS", "1")
-    arguments.out.mkdir(parents=True, exist_ok=True)
-    jobs = [(task, arguments.out, arguments.episodes, arguments.trained or TASKS[task]) for task in arguments.tasks]
+    args.out.mkdir(parents=True, exist_ok=True)
+    jobs = [(task, args.out, args.episodes, args.trained or TASKS[task]) for task in args.tasks]
     started_s = time.perf_counter()
     results: dict[str, dict[str, Any]] = {}
-    with multiprocessing.get_context("spawn").Pool(arguments.processes, maxtasksperchild=1) as pool:
-        for env_id, found in pool.imap_unordered(_job, jobs, chunksize=1):
-            results[env_id] = found
-            print(f"{env_id}: {found['seconds']:.0f} s", flush=True)
-    results = {task: results[task] for task in arguments.tasks}
+    with multiprocessing.get_context("spawn").Pool(args.processes, maxtasksperchild=1) as pool:
+        for env_id, result in pool.imap_unordered(_job, jobs, chunksize=1):
+            results[env_id] = result
+            print(f"{env_id}: {result['seconds']:.0f} s", flush=True)
+    results = {task: results[task] for task in args.tasks}
     for line in table(results):
         print(line)
     print("in brackets: the paper's")
-    if not arguments.no_result:
+    if not args.no_result:
         print(write("datasets", {"seed": SEED, "tasks": results, "paper": DATASETS, "seconds": time.perf_counter() - started_s}))
 
 

@@ -58,11 +58,11 @@ def trial(world: World, link: HubLink, rng: random.Random) -> tuple[float, int]:
     stopper.start()
     while world.hub.is_driven:
         time.sleep(0.0002)
-    took_s, events = time.perf_counter() - start_s, air.events - events
+    stop_s, events = time.perf_counter() - start_s, air.events - events
     for thread in (stopper, stepping):
         thread.join()
     link.release()
-    return 1000 * took_s, events
+    return 1000 * stop_s, events
 
 
 def main() -> None:
@@ -77,17 +77,17 @@ def main() -> None:
                     link = world.link(interface(step_ms), timeout_s=20.0, answer_timeout_s=2.0)
                     link.open()
                     world.set_interval(interval_ms)
-                    took_ms, events = zip(*(trial(world, link, rng) for _ in range(TRIALS)), strict=True)
+                    stop_ms, events = zip(*(trial(world, link, rng) for _ in range(TRIALS)), strict=True)
                 finally:
                     world.close()
             row = {
                 "interval_ms": interval_ms,
                 "moment": moment,
                 "trials": TRIALS,
-                "median_ms": round(statistics.median(took_ms), 1),
-                "max_ms": round(max(took_ms), 1),
-                "median_intervals": round(statistics.median(took_ms) / interval_ms, 2),
-                "max_intervals": round(max(took_ms) / interval_ms, 2),
+                "median_ms": round(statistics.median(stop_ms), 1),
+                "max_ms": round(max(stop_ms), 1),
+                "median_intervals": round(statistics.median(stop_ms) / interval_ms, 2),
+                "max_intervals": round(max(stop_ms) / interval_ms, 2),
                 "median_events": statistics.median(events),
                 "max_events": max(events),
             }

@@ -43,12 +43,12 @@ def output(program: Path, robot: str, time_limit_s: float, timeout_s: float) -> 
     """What the program prints, and how it ends."""
     arguments = [sys.executable, "-c", _RUN, str(program), robot, str(time_limit_s)]
     try:
-        done = subprocess.run(  # noqa: S603 - the programs run in the virtual hub
+        process = subprocess.run(  # noqa: S603 - the programs run in the virtual hub
             arguments, stdin=subprocess.DEVNULL, capture_output=True, timeout=timeout_s, check=False
         )
     except subprocess.TimeoutExpired:
         return f"no end within {timeout_s:g} s"
-    return (done.stdout + done.stderr).decode("utf-8", "replace").replace("\r\n", "\n")
+    return (process.stdout + process.stderr).decode("utf-8", "replace").replace("\r\n", "\n")
 
 
 def verdict(printed: str, expected: str) -> str:
@@ -56,11 +56,11 @@ def verdict(printed: str, expected: str) -> str:
     if printed.rstrip() == expected.rstrip():
         return "passed"
     for pattern, reason in _REASONS:
-        if found := re.search(pattern, printed):
-            return reason.format(*found.groups())
+        if match := re.search(pattern, printed):
+            return reason.format(*match.groups())
     lines = zip([*printed.splitlines(), "(end)"], [*expected.splitlines(), "(end)"], strict=False)
-    ours, theirs = next(((ours, theirs) for ours, theirs in lines if ours != theirs), ("(end)", "(more)"))
-    return f"differs: {ours!r}, expected {theirs!r}"
+    actual, right = next(((actual, right) for actual, right in lines if actual != right), ("(end)", "(more)"))
+    return f"differs: {actual!r}, expected {right!r}"
 
 
 def main() -> None:
@@ -77,11 +77,11 @@ def main() -> None:
         if exp is None:
             continue
         name = program.relative_to(args.folder)
-        found = verdict(output(program, args.robot, args.time_limit_s, args.timeout_s), exp.read_text(encoding="utf-8"))
-        if found.startswith("differs"):
-            differences[name.as_posix()] = found
-            print(f"{name.as_posix()} {found}")
-        folders[name.parent.as_posix()][found.partition(":")[0]] += 1
+        result = verdict(output(program, args.robot, args.time_limit_s, args.timeout_s), exp.read_text(encoding="utf-8"))
+        if result.startswith("differs"):
+            differences[name.as_posix()] = result
+            print(f"{name.as_posix()} {result}")
+        folders[name.parent.as_posix()][result.partition(":")[0]] += 1
     for folder, counts in folders.items():
         print(folder, dict(counts))
     print(write("firmware_tests", {"folders": {name: dict(c) for name, c in folders.items()}, "differences": differences}))

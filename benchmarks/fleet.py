@@ -64,8 +64,8 @@ def race(robots: int, seed: int, episodes: int, *, realtime: bool) -> dict[str, 
         result = train(config, notes, stop=notes.stop)
     solved = {}
     for count in IN_A_ROW:
-        found = notes.solved.get(count, {"solved_s": None, "steps_of_a_robot": None, "steps": None})
-        solved[str(count)] = found if realtime else {**found, "solved_s": None}
+        result_of_count = notes.solved.get(count, {"solved_s": None, "steps_of_a_robot": None, "steps": None})
+        solved[str(count)] = result_of_count if realtime else {**result_of_count, "solved_s": None}
     return {
         "seed": seed,
         "in_a_row": solved,
@@ -121,13 +121,13 @@ def with_a_cut(episodes: int) -> dict[str, Any]:
         data = load(path / "data")
         memory = load_checkpoint(path / "checkpoint.bin")["agent"]["memory"]
     rows = memory["rows"]
-    held = Counter(map(_key, zip(rows["observation"], rows["action"], rows["next.observation"], strict=True)))
+    buffered = Counter(map(_key, zip(rows["observation"], rows["action"], rows["next.observation"], strict=True)))
     recorded = Counter(map(_key, zip(data.observation, data.action, data.next_observation, strict=True)))
     ended = sum(episode.length for episode in result.episodes)
-    wrong = [
-        place
-        for place, after in enumerate(memory.get("successor", torch.empty(0)).tolist())
-        if after < len(rows["action"]) and not torch.equal(rows["next.observation"][place], rows["observation"][after])
+    wrong_links = [
+        index
+        for index, after in enumerate(memory.get("successor", torch.empty(0)).tolist())
+        if after < len(rows["action"]) and not torch.equal(rows["next.observation"][index], rows["observation"][after])
     ]
     return {
         "episodes": len(result.episodes),
@@ -139,8 +139,8 @@ def with_a_cut(episodes: int) -> dict[str, Any]:
         "frames_in_the_dataset": len(data),
         "frames_in_the_replay_buffer": len(rows["action"]),
         "frames_of_ended_episodes_missing_in_the_dataset": max(0, ended - len(data)),
-        "frames_in_the_buffer_that_the_dataset_lacks": (held - recorded).total(),
-        "frames_linked_with_another_robots": len(wrong),
+        "frames_in_the_buffer_that_the_dataset_lacks": (buffered - recorded).total(),
+        "frames_linked_with_another_robots": len(wrong_links),
     }
 
 
@@ -150,12 +150,12 @@ def _key(parts: Any) -> tuple[float, ...]:
     return tuple(torch.cat(parts).tolist())
 
 
-def summarised(runs: list[dict[str, Any]], count: int) -> dict[str, Any]:
+def summary_of(runs: list[dict[str, Any]], count: int) -> dict[str, Any]:
     """What runs took to ``count`` perfect episodes in a row; an interval only of five or more that were all solved."""
     solved = [run["in_a_row"][str(count)] for run in runs]
-    summary: dict[str, Any] = {"solved": sum(one["steps"] is not None for one in solved)}
+    summary: dict[str, Any] = {"solved": sum(run["steps"] is not None for run in solved)}
     for name in ("solved_s", "steps_of_a_robot"):
-        values = [one[name] for one in solved if one[name] is not None]
+        values = [run[name] for run in solved if run[name] is not None]
         if values:
             summary[f"{name}_iqm"] = round(float(interquartile_mean(np.array(values))), 1)
         if len(values) >= FEWEST_SEEDS and len(values) == len(runs):
@@ -164,23 +164,23 @@ def summarised(runs: list[dict[str, Any]], count: int) -> dict[str, Any]:
     return summary
 
 
-def races(chosen: argparse.Namespace, known: dict[str, Any], tell: Callable[[dict[str, Any]], object]) -> dict[str, Any]:
+def races(args: argparse.Namespace, known: dict[str, Any], on_result: Callable[[dict[str, Any]], object]) -> dict[str, Any]:
     """One robot and four, each with all seeds in turn, and how many times as fast four are."""
     results: dict[str, Any] = {"1_robot": {}, "4_robots": {}}
     runs = {name: known.get(name, {}).get("runs", []) for name in results}
-    for seed in range(chosen.seeds):
+    for seed in range(args.seeds):
         for name, robots in (("1_robot", 1), ("4_robots", 4)):
             if len(runs[name]) <= seed:
-                runs[name].append(race(robots, seed, chosen.episodes, realtime=not chosen.simulated))
+                runs[name].append(race(robots, seed, args.episodes, realtime=not args.simulated))
                 print(robots, runs[name][-1], flush=True)
-            summaries = {str(count): summarised(runs[name], count) for count in IN_A_ROW}
+            summaries = {str(count): summary_of(runs[name], count) for count in IN_A_ROW}
             results[name] = {"runs": runs[name], "in_a_row": summaries}
-        for what, value in (("times_as_fast", "solved_s_iqm"), ("times_fewer_steps_of_a_robot", "steps_of_a_robot_iqm")):
-            results[what] = {}
+        for ratio, value in (("times_as_fast", "solved_s_iqm"), ("times_fewer_steps_of_a_robot", "steps_of_a_robot_iqm")):
+            results[ratio] = {}
             for count in map(str, IN_A_ROW):
-                one, four = (results[name]["in_a_row"][count].get(value) for name in ("1_robot", "4_robots"))
-                results[what][count] = None if one is None or four is None else round(one / four, 2)
-        tell({**known, **results})
+                one_robot, four_robots = (results[name]["in_a_row"][count].get(value) for name in ("1_robot", "4_robots"))
+                results[ratio][count] = None if one_robot is None or four_robots is None else round(one_robot / four_robots, 2)
+        on_result({**known, **results})
     return results
 
 
@@ -192,18 +192,18 @@ def main() -> None:
     parser.add_argument("--go-on", action="store_true", help="keep the runs that the results hold")
     parser.add_argument("--cut-episodes", type=int, default=150, help="at most, of the run with a cut")
     parser.add_argument("--simulated", action="store_true", help="in simulated time: the steps only, added to the results")
-    chosen = parser.parse_args()
+    args = parser.parse_args()
     path = RESULTS / "fleet.json"
     known: dict[str, Any] = json.loads(path.read_text()) if path.exists() else {}
-    if chosen.simulated:
-        before = known.get("simulated", {}) if chosen.go_on else {}
-        found = races(chosen, before, lambda now: write("fleet", {**known, "simulated": now}))
-        print(write("fleet", {**known, "simulated": {**found, **describe()}}))
+    if args.simulated:
+        previous = known.get("simulated", {}) if args.go_on else {}
+        result = races(args, previous, lambda partial: write("fleet", {**known, "simulated": partial}))
+        print(write("fleet", {**known, "simulated": {**result, **describe()}}))
         return
     results: dict[str, Any] = {"environment": ENV, "agent": "sac", "goal": f"{IN_A_ROW} episodes in a row of {GOAL:g}"}
     results |= {name: known[name] for name in ("simulated",) if name in known}
-    results |= races(chosen, known if chosen.go_on else {}, lambda now: write("fleet", {**known, **results, **now}))
-    results["cut"] = with_a_cut(chosen.cut_episodes)
+    results |= races(args, known if args.go_on else {}, lambda partial: write("fleet", {**known, **results, **partial}))
+    results["cut"] = with_a_cut(args.cut_episodes)
     print(results["times_as_fast"], results["cut"], flush=True)
     print(write("fleet", results))
 

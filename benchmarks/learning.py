@@ -58,14 +58,14 @@ def run(job: Job) -> list[dict[str, Any]]:
     """Train one agent from mark to mark; what it was worth at each, and the time that learning took until there."""
     from bricksrl.evaluation import evaluate
 
-    found: list[dict[str, Any]] = []
+    results: list[dict[str, Any]] = []
     cpu_s = wall_s = 0.0
     with tempfile.TemporaryDirectory() as parent:
         folder = Path(parent) / "run"
         for mark in job.marks:
             callback = StopWhen(partial(has_made, mark))
             started = time.process_time(), time.perf_counter()
-            if found:
+            if results:
                 result = resume(folder, callback, stop=callback.stop)
             else:
                 settings = preset(job.preset, job.agent)
@@ -74,7 +74,7 @@ def run(job: Job) -> list[dict[str, Any]]:
             cpu_s, wall_s = cpu_s + time.process_time() - started[0], wall_s + time.perf_counter() - started[1]
             outcome = evaluate(folder, episodes=EVALUATED_EPISODES, save=False)
             last = result.episodes[-1]
-            found.append(
+            results.append(
                 {
                     "mark": mark,
                     "steps": last.steps,
@@ -85,20 +85,20 @@ def run(job: Job) -> list[dict[str, Any]]:
                     "wall_s": round(wall_s, 1),
                 }
             )
-    return found
+    return results
 
 
 def summary(runs: list[list[dict[str, Any]]]) -> list[dict[str, Any]]:
     """Over the seeds at each mark."""
     from bricksrl.evaluation.statistics import mean, stratified_bootstrap_interval
 
-    found = []
+    summaries = []
     for at_mark in zip(*runs, strict=True):
-        returns = [float(one["return"]) for one in at_mark]
+        returns = [float(run["return"]) for run in at_mark]
         interval = stratified_bootstrap_interval([returns], mean)
-        means = {key: sum(one[key] for one in at_mark) / len(at_mark) for key in ("steps", "episodes", "cpu_s", "wall_s")}
-        successes = [one["success_rate"] for one in at_mark]
-        found.append(
+        means = {key: sum(run[key] for run in at_mark) / len(at_mark) for key in ("steps", "episodes", "cpu_s", "wall_s")}
+        successes = [run["success_rate"] for run in at_mark]
+        summaries.append(
             {
                 "mark": at_mark[0]["mark"],
                 **{key: round(value, 1) for key, value in means.items()},
@@ -109,7 +109,7 @@ def summary(runs: list[list[dict[str, Any]]]) -> list[dict[str, Any]]:
                 "success_least": None if None in successes else min(successes),
             }
         )
-    return found
+    return summaries
 
 
 def draw(path: Path, environments: dict[str, Any]) -> None:
@@ -122,11 +122,11 @@ def draw(path: Path, environments: dict[str, Any]) -> None:
         for axes, key, label in zip(
             row, ("steps", "cpu_s", "wall_s"), ("robot steps", "CPU time / s", "wall time / s"), strict=True
         ):
-            for agent, found in agents.items():
-                points = found["summary"]
-                x = [one[key] for one in points]
-                (line,) = axes.plot(x, [one["return_mean"] for one in points], "o-", markersize=3, label=agent)
-                low, high = zip(*(one["return_interval"] for one in points), strict=True)
+            for agent, result in agents.items():
+                points = result["summary"]
+                x = [point[key] for point in points]
+                (line,) = axes.plot(x, [point["return_mean"] for point in points], "o-", markersize=3, label=agent)
+                low, high = zip(*(point["return_interval"] for point in points), strict=True)
                 axes.fill_between(x, low, high, color=line.get_color(), alpha=0.2, linewidth=0)
             axes.set_xlabel(label)
             axes.grid(alpha=0.3)
@@ -158,33 +158,33 @@ def main() -> None:
     parser.add_argument("--preset", default="default")
     parser.add_argument("--seeds", type=int, default=10)
     parser.add_argument("--episodes", type=int, default=25, help=f"as many times {LENGTH} steps, those of the start included")
-    chosen = parser.parse_args()
+    args = parser.parse_args()
     os.environ.update(ONE_THREAD)  # before torch is loaded, in the processes
-    end = chosen.episodes * LENGTH
+    end = args.episodes * LENGTH
     jobs = [
-        Job(env, agent, chosen.preset, seed, (*(mark for mark in MARKS[env] if mark < end), end))
-        for env in chosen.envs
-        for agent in chosen.agents
-        for seed in range(chosen.seeds)
+        Job(env, agent, args.preset, seed, (*(mark for mark in MARKS[env] if mark < end), end))
+        for env in args.envs
+        for agent in args.agents
+        for seed in range(args.seeds)
     ]
     context = multiprocessing.get_context("spawn")
     cores = context.Queue()
     for core in cores_here():
         cores.put(core)
-    environments: dict[str, Any] = {env: {agent: {"seeds": []} for agent in chosen.agents} for env in chosen.envs}
+    environments: dict[str, Any] = {env: {agent: {"seeds": []} for agent in args.agents} for env in args.envs}
     with ProcessPoolExecutor(len(cores_here()), context, pin, (cores,)) as pool:
-        for job, found in zip(jobs, pool.map(run, jobs), strict=True):
-            environments[job.env][job.agent]["seeds"].append(found)
-            print(job.env, job.agent, job.seed, [(one["steps"], one["return"], one["success_rate"]) for one in found], flush=True)
+        for job, result in zip(jobs, pool.map(run, jobs), strict=True):
+            environments[job.env][job.agent]["seeds"].append(result)
+            print(job.env, job.agent, job.seed, [(m["steps"], m["return"], m["success_rate"]) for m in result], flush=True)
     for agents in environments.values():
-        for of_agent in agents.values():
-            of_agent["summary"] = summary(of_agent["seeds"])
-    name = "learning" if chosen.preset == "default" else f"learning_{chosen.preset}"
+        for result_of_agent in agents.values():
+            result_of_agent["summary"] = summary(result_of_agent["seeds"])
+    name = "learning" if args.preset == "default" else f"learning_{args.preset}"
     path = RESULTS / f"{name}.json"
     known: dict[str, Any] = json.loads(path.read_text())["environments"] if path.exists() else {}
     for env, agents in environments.items():
         known.setdefault(env, {}).update(agents)
-    print(write(name, {"setup": {"preset": chosen.preset, "evaluated_episodes": EVALUATED_EPISODES}, "environments": known}))
+    print(write(name, {"setup": {"preset": args.preset, "evaluated_episodes": EVALUATED_EPISODES}, "environments": known}))
     draw(path.with_suffix(".png"), known)
 
 

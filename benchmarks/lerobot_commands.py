@@ -70,23 +70,23 @@ def run(python: str, folder: Path, name: str, *arguments: str) -> tuple[float, N
         RuntimeError: it failed.
     """
     notes = folder / f"{name}.json"
-    told = {**os.environ, "HF_HUB_OFFLINE": "1", "HF_LEROBOT_HOME": str(folder)}
+    variables = {**os.environ, "HF_HUB_OFFLINE": "1", "HF_LEROBOT_HOME": str(folder)}
     line = [python, "-I", "-c", LAUNCH, str(READER), str(notes), f"lerobot.scripts.lerobot_{name}", *arguments]
     started_s = time.perf_counter()
-    done = subprocess.run(line, check=False, capture_output=True, text=True, env=told)  # noqa: S603  the user's Python
-    if done.returncode:
-        raise RuntimeError(f"lerobot-{name} ended with code {done.returncode}: {done.stderr[-2000:]}")
+    process = subprocess.run(line, check=False, capture_output=True, text=True, env=variables)  # noqa: S603  the user's Python
+    if process.returncode:
+        raise RuntimeError(f"lerobot-{name} ended with code {process.returncode}: {process.stderr[-2000:]}")
     return round(time.perf_counter() - started_s, 1), json.loads(notes.read_text())
 
 
 def record(python: str, root: Path, *arguments: str, episodes: int = EPISODES) -> tuple[dict[str, Any], Noted, list[Any]]:
     """Episodes recorded into the folder ``root``; counts, what the robot was sent, and the frames of the dataset."""
-    how = ["--dataset.single_task=move", f"--dataset.fps={FPS}", f"--dataset.num_episodes={episodes}", "--dataset.vcodec=h264"]
-    how += [f"--dataset.episode_time_s={EPISODE_S}", "--dataset.reset_time_s=0", "--dataset.push_to_hub=false"]
-    wall_s, sent = run(python, root.parent, "record", *data(root), "--play_sounds=false", *how, *arguments)
-    held = pq.read_table(root / "data", columns=["action", "observation.state", "episode_index"]).to_pylist()
-    counts = {"wall_s": wall_s, "frames_asked": episodes * EPISODE_S * FPS, "frames_in_the_dataset": len(held)}
-    return {**counts, "actions_sent": len(sent)}, sent, held
+    args = ["--dataset.single_task=move", f"--dataset.fps={FPS}", f"--dataset.num_episodes={episodes}", "--dataset.vcodec=h264"]
+    args += [f"--dataset.episode_time_s={EPISODE_S}", "--dataset.reset_time_s=0", "--dataset.push_to_hub=false"]
+    wall_s, sent = run(python, root.parent, "record", *data(root), "--play_sounds=false", *args, *arguments)
+    rows = pq.read_table(root / "data", columns=["action", "observation.state", "episode_index"]).to_pylist()
+    counts = {"wall_s": wall_s, "frames_asked": episodes * EPISODE_S * FPS, "frames_in_the_dataset": len(rows)}
+    return {**counts, "actions_sent": len(sent)}, sent, rows
 
 
 def data(root: Path) -> list[str]:
@@ -99,29 +99,29 @@ def hand(env: str) -> list[str]:
     return ["--teleop.type=bricksrl_random", "--teleop.id=h", f"--teleop.env={env}"]
 
 
-def alike(sent: Noted, held: list[Any]) -> int:
+def matching_actions(sent: Noted, rows: list[Any]) -> int:
     """How many of the actions that were sent are those of the dataset."""
-    pairs = zip(sent, held, strict=False)
-    return sum(max(abs(a - b) for a, b in zip(one["action"], row["action"], strict=True)) < CLOSE for one, row in pairs)
+    pairs = zip(sent, rows, strict=False)
+    return sum(max(abs(a - b) for a, b in zip(note["action"], row["action"], strict=True)) < CLOSE for note, row in pairs)
 
 
 def replay(python: str, folder: Path) -> dict[str, Any]:
     """Record the Walker and replay it."""
     root = folder / "walker"
-    recorded, _, held = record(python, root, *WALKER, *hand("Walker-v0"))
-    first = [row for row in held if row["episode_index"] == 0]
+    recorded, _, rows = record(python, root, *WALKER, *hand("Walker-v0"))
+    first = [row for row in rows if row["episode_index"] == 0]
     wall_s, replayed = run(python, folder, "replay", *WALKER, *data(root), "--play_sounds=false", "--dataset.episode=0")
-    pairs = [(one["observation"], row["observation.state"]) for one, row in zip(replayed, first[1:], strict=False)]
-    apart = [abs(a - b) for ours, theirs in pairs for a, b in zip(ours, theirs, strict=True)]
+    pairs = [(note["observation"], row["observation.state"]) for note, row in zip(replayed, first[1:], strict=False)]
+    differences = [abs(a - b) for ours, theirs in pairs for a, b in zip(ours, theirs, strict=True)]
     return {
         "record": recorded,
         "replay": {
             "wall_s": wall_s,
             "frames_of_the_episode": len(first),
             "actions_sent": len(replayed),
-            "actions_as_recorded": alike(replayed, first),
+            "actions_as_recorded": matching_actions(replayed, first),
             "observations_compared": len(pairs),
-            "largest_difference": max(apart, default=None),
+            "largest_difference": max(differences, default=None),
         },
     }
 
@@ -129,25 +129,25 @@ def replay(python: str, folder: Path) -> dict[str, Any]:
 def policies(python: str, folder: Path) -> dict[str, Any]:
     """Record the RoboArm with its camera, train each policy on that, and record an episode that the policy drives."""
     root = folder / "arm"
-    recorded, _, taught = record(python, root, *ARM, *hand("RoboArm_mixed-v0"))
-    ranges = [(min(values) - CLOSE, max(values) + CLOSE) for values in zip(*(row["action"] for row in taught), strict=True)]
-    found = {"record": recorded}
+    recorded, _, rows = record(python, root, *ARM, *hand("RoboArm_mixed-v0"))
+    ranges = [(min(values) - CLOSE, max(values) + CLOSE) for values in zip(*(row["action"] for row in rows), strict=True)]
+    results = {"record": recorded}
     for name, networks in POLICIES.items():
         out, driven = folder / name, folder / f"eval_{name}"
-        kind = f"--policy.type={name}"
-        train_s, _ = run(python, folder, "train", *data(root), *TRAIN, kind, *networks, f"--output_dir={out}")
+        policy_type = f"--policy.type={name}"
+        train_s, _ = run(python, folder, "train", *data(root), *TRAIN, policy_type, *networks, f"--output_dir={out}")
         trained = f"--policy.path={out / 'checkpoints' / 'last' / 'pretrained_model'}"
-        drove, sent, held = record(python, driven, *ARM, trained, episodes=1)
-        inside = [all(low < a < high for a, (low, high) in zip(one["action"], ranges, strict=True)) for one in sent]
-        found[f"train_{name}"] = {"wall_s": train_s, "steps": STEPS}
-        found[f"record_by_{name}"] = {
-            **drove,
-            "actions_as_the_policy_chose": alike(sent, held),
-            "actions_in_the_range_of_the_recording": sum(inside),
-            "different_actions": len({tuple(one["action"]) for one in sent}),
+        counts, sent, driven_rows = record(python, driven, *ARM, trained, episodes=1)
+        in_range = [all(low < a < high for a, (low, high) in zip(note["action"], ranges, strict=True)) for note in sent]
+        results[f"train_{name}"] = {"wall_s": train_s, "steps": STEPS}
+        results[f"record_by_{name}"] = {
+            **counts,
+            "actions_as_the_policy_chose": matching_actions(sent, driven_rows),
+            "actions_in_the_range_of_the_recording": sum(in_range),
+            "different_actions": len({tuple(note["action"]) for note in sent}),
             "episodes_that_lerobot_reads": read(python, driven),
         }
-    return found
+    return results
 
 
 def read(python: str, root: Path) -> int:
@@ -157,8 +157,8 @@ def read(python: str, root: Path) -> int:
         RuntimeError: it gives none.
     """
     line = [python, "-I", str(READER)]
-    done = subprocess.run(line, input=f"{root}\n", check=True, capture_output=True, text=True)  # noqa: S603
-    answer = json.loads(done.stdout.splitlines()[-1])
+    process = subprocess.run(line, input=f"{root}\n", check=True, capture_output=True, text=True)  # noqa: S603
+    answer = json.loads(process.stdout.splitlines()[-1])
     if "error" in answer:
         raise RuntimeError(f"LeRobot's reader: {answer['error']}")
     return len(answer["episodes"])
@@ -169,11 +169,11 @@ def main() -> None:
     parser = command(__doc__)
     parser.add_argument("--lerobot", metavar="PYTHON", required=True, help="the Python of an environment that has LeRobot")
     python = parser.parse_args().lerobot
-    answer = subprocess.run([python, "-I", "-c", VERSIONS % PACKAGES], check=True, capture_output=True, text=True)  # noqa: S603
+    process = subprocess.run([python, "-I", "-c", VERSIONS % PACKAGES], check=True, capture_output=True, text=True)  # noqa: S603
     with tempfile.TemporaryDirectory() as folder:
         walker, arm = replay(python, Path(folder)), policies(python, Path(folder))
     measured = {"bricksrl_walker": walker, "RoboArm_mixed-v0": arm}
-    result = {"robots": "virtual", "fps": FPS, **measured, "with": json.loads(answer.stdout)}
+    result = {"robots": "virtual", "fps": FPS, **measured, "with": json.loads(process.stdout)}
     print(json.dumps(result, indent=2), write("lerobot_commands", result))
 
 

@@ -40,17 +40,17 @@ def read(root: str) -> dict[str, Any]:
 
     dataset = LeRobotDataset("local/dataset", root=root)
     episodes: dict[int, list[Any]] = {}
-    for place in range(len(dataset)):
-        frame = dataset[place]
+    for index in range(len(dataset)):
+        frame = dataset[index]
         episodes.setdefault(int(frame["episode_index"]), []).append(frame)
-    found = []
+    digests = []
     for frames in episodes.values():
-        of = {name: digest(torch.stack([frame[name] for frame in frames])) for name in NUMBERS if name in frames[0]}
+        episode = {name: digest(torch.stack([frame[name] for frame in frames])) for name in NUMBERS if name in frames[0]}
         for camera in dataset.meta.camera_keys:
             images = torch.stack([frame[camera] for frame in frames])
-            of["image"] = digest((images * 255).round().byte().permute(0, 2, 3, 1))
-        found.append(of)
-    return {"counted": dataset.num_episodes, "episodes": found}
+            episode["image"] = digest((images * 255).round().byte().permute(0, 2, 3, 1))
+        digests.append(episode)
+    return {"counted": dataset.num_episodes, "episodes": digests}
 
 
 def main() -> None:

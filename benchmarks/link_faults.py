@@ -59,8 +59,8 @@ def main() -> None:
     reports: list[dict[str, Any]] = []
     name = "link_faults" if args.end_ms == 500 else "link_faults_real_second_stage"
     with ProcessPoolExecutor(args.workers, mp_context=get_context("spawn")) as pool:
-        for done in as_completed([pool.submit(course, job) for job in jobs]):
-            reports.append(done.result())
+        for future in as_completed([pool.submit(course, job) for job in jobs]):
+            reports.append(future.result())
             result = {"seed": args.seed, "second_stage_ms": args.end_ms, **summary(reports)}
             path = write(name, result | {"wall_s": round(time.monotonic() - start_s)})
             print(f"{len(reports)}/{len(jobs)} courses, {time.monotonic() - start_s:.0f} s", flush=True)

@@ -24,31 +24,31 @@ PAYLOAD_BYTES = 16
 
 def frames(rng: random.Random, count: int) -> list[bytes]:
     """What a hub sends."""
-    made = []
+    result = []
     for _ in range(count):
         if rng.random() < 0.1:
-            made.append(control_frame(Up.HELLO, hello_payload(rng.getrandbits(32))))
+            result.append(control_frame(Up.HELLO, hello_payload(rng.getrandbits(32))))
         else:
-            made.append(data_frame(rng.randint(1, 255), rng.randbytes(PAYLOAD_BYTES)))
-    return made
+            result.append(data_frame(rng.randint(1, 255), rng.randbytes(PAYLOAD_BYTES)))
+    return result
 
 
 def damage(rng: random.Random, stream: bytes) -> bytes:
     """A stream with bytes lost, added, flipped, repeated or swapped."""
     data = bytearray(stream)
     for _ in range(rng.randint(1, 5)):
-        place, size = rng.randrange(len(data) + 1), rng.randint(1, 30)
-        kind = rng.randrange(5)
-        if kind == 0:
-            del data[place : place + size]
-        elif kind == 1:
-            data[place:place] = rng.choices((0xA5, 0, 1, 72, rng.randrange(256)), k=size)
-        elif kind == 2 and place < len(data):
-            data[place] ^= 1 << rng.randrange(8)
-        elif kind == 3:
-            data[place:place] = data[place : place + size]
+        start, size = rng.randrange(len(data) + 1), rng.randint(1, 30)
+        damage_type = rng.randrange(5)
+        if damage_type == 0:
+            del data[start : start + size]
+        elif damage_type == 1:
+            data[start:start] = rng.choices((0xA5, 0, 1, 72, rng.randrange(256)), k=size)
+        elif damage_type == 2 and start < len(data):
+            data[start] ^= 1 << rng.randrange(8)
+        elif damage_type == 3:
+            data[start:start] = data[start : start + size]
         else:
-            data[place : place + size] = data[place : place + size][::-1]
+            data[start : start + size] = data[start : start + size][::-1]
     return bytes(data)
 
 

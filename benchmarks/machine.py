@@ -29,9 +29,9 @@ ONE_THREAD = {
 _PACKAGES = ("bricksrl", "torch", "torchrl", "tensordict", "mujoco", "numpy", "greenlet")
 
 
-def command(about: str | None) -> argparse.ArgumentParser:
+def command(description: str | None) -> argparse.ArgumentParser:
     """A command line whose ``--help`` is what a benchmark's file says at its top."""
-    return argparse.ArgumentParser(description=about, formatter_class=argparse.RawDescriptionHelpFormatter)
+    return argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
 
 
 def describe() -> dict[str, Any]:
@@ -52,7 +52,7 @@ def write(name: str, result: dict[str, Any]) -> Path:
 
 def _processor() -> str:
     try:
-        found = re.search(r"model name\s*:\s*(.+)", Path("/proc/cpuinfo").read_text())
+        match = re.search(r"model name\s*:\s*(.+)", Path("/proc/cpuinfo").read_text())
     except OSError:
-        found = None
-    return found[1] if found else platform.processor()
+        match = None
+    return match[1] if match else platform.processor()

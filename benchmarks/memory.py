@@ -47,28 +47,28 @@ def full_buffer() -> None:
         save_checkpoint(Path(folder) / "checkpoint.bin", {"agent": learner.state_dict(), "generator": torch.get_rng_state()})
 
 
-def peak(what: Callable[[], None], ours: Connection) -> None:
+def peak(work: Callable[[], None], connection: Connection) -> None:
     """Do it, and tell the peak of resident memory in MiB."""
     import resource  # Windows has none
 
-    what()
+    work()
     unit = 1 if sys.platform == "darwin" else 1024
-    ours.send(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 2**20)
+    connection.send(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 2**20)
 
 
 def main() -> None:
     """Measure both and write them."""
     command(__doc__).parse_args()
     context = multiprocessing.get_context("spawn")
-    found: dict[str, int] = {}
-    for what in (short_run, full_buffer):
-        there, ours = context.Pipe()
-        process = context.Process(target=peak, args=(what, ours))
+    peaks: dict[str, int] = {}
+    for work in (short_run, full_buffer):
+        receiver, sender = context.Pipe()
+        process = context.Process(target=peak, args=(work, sender))
         process.start()
-        found[f"{what.__name__}_mib"] = round(there.recv())
+        peaks[f"{work.__name__}_mib"] = round(receiver.recv())
         process.join()
-        print(what.__name__, found[f"{what.__name__}_mib"], "MiB", flush=True)
-    print(write("memory", {"environment": ENV, "peak": found}))
+        print(work.__name__, peaks[f"{work.__name__}_mib"], "MiB", flush=True)
+    print(write("memory", {"environment": ENV, "peak": peaks}))
 
 
 if __name__ == "__main__":

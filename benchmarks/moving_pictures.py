@@ -21,7 +21,7 @@ from PIL import Image
 from bricksrl.training import RunFolder
 
 FOLDER = Path(__file__).parents[1] / "docs" / "images"
-MOST_BYTES = 1_000_000
+MAX_BYTES = 1_000_000
 SIZES = ((640, 96), (560, 64), (480, 48), (400, 32), (320, 24), (256, 16))
 """Width in px and number of colours, the best first."""
 FPS, LONGEST_S = 6.0, 9.0
@@ -30,11 +30,11 @@ FPS, LONGEST_S = 6.0, 9.0
 def frames(video: Path) -> Iterator[Image.Image]:
     """Pictures of a film, :data:`FPS` a second, of its first :data:`LONGEST_S` seconds."""
     reader = imageio_ffmpeg.read_frames(str(video))
-    about = next(reader)
-    width, height = about["size"]
-    step = about["fps"] / FPS
+    video_info = next(reader)
+    width, height = video_info["size"]
+    step = video_info["fps"] / FPS
     for number, frame in enumerate(reader):
-        if number >= LONGEST_S * about["fps"]:
+        if number >= LONGEST_S * video_info["fps"]:
             break
         if int(number / step) != int((number - 1) / step) or number == 0:
             yield Image.fromarray(np.frombuffer(frame, np.uint8).reshape(height, width, 3))
@@ -43,16 +43,16 @@ def frames(video: Path) -> Iterator[Image.Image]:
 
 def _palette(picture: Image.Image, colours: int) -> Image.Image:
     """A picture in the best colours for another, in which a rare colour counts for more than its area."""
-    found, counts = np.unique(np.asarray(picture).reshape(-1, 3) >> 2, axis=0, return_counts=True)
-    pixels = np.repeat(found << 2, np.ceil(counts**0.5).astype(int), axis=0)
+    colours_found, counts = np.unique(np.asarray(picture).reshape(-1, 3) >> 2, axis=0, return_counts=True)
+    pixels = np.repeat(colours_found << 2, np.ceil(counts**0.5).astype(int), axis=0)
     return Image.fromarray(pixels[None].astype(np.uint8)).quantize(colours, dither=Image.Dither.NONE, kmeans=2)
 
 
 def gif(pictures: list[Image.Image], width: int, colours: int) -> bytes:
     """A GIF that repeats for ever, all of its pictures in the same colours: what does not move costs nothing."""
-    small = [one.resize((width, round(width * one.height / one.width)), Image.Resampling.LANCZOS) for one in pictures]
+    small = [image.resize((width, round(width * image.height / image.width)), Image.Resampling.LANCZOS) for image in pictures]
     palette = _palette(small[len(small) // 2], colours)
-    flat = [one.quantize(palette=palette, dither=Image.Dither.NONE) for one in small]
+    flat = [image.quantize(palette=palette, dither=Image.Dither.NONE) for image in small]
     data = io.BytesIO()
     flat[0].save(data, "GIF", save_all=True, append_images=flat[1:], duration=round(1000 / FPS), loop=0, optimize=True)
     return data.getvalue()
@@ -67,7 +67,7 @@ def main() -> None:
         name = run.stem if is_film else f"{RunFolder(run).read_config().env.lower().replace('-', '_')}_learning"
         for width, colours in SIZES:
             data = gif(pictures, width, colours)
-            if len(data) < MOST_BYTES:
+            if len(data) < MAX_BYTES:
                 break
         path = FOLDER / f"{name}.gif"
         path.write_bytes(data)

@@ -125,8 +125,8 @@ def run(arguments: list[str]) -> Outcome:
     finally:
         signal.alarm(0)
         signal.signal(signal.SIGALRM, before)
-    said, told = (stream.buffer.getvalue().decode(errors="replace") for stream in (out, err))
-    return Outcome(code, said, told, fault or verdict(code, told))
+    stdout, stderr = (stream.buffer.getvalue().decode(errors="replace") for stream in (out, err))
+    return Outcome(code, stdout, stderr, fault or verdict(code, stderr))
 
 
 def verdict(code: int, err: str) -> str:
@@ -143,11 +143,11 @@ def verdict(code: int, err: str) -> str:
 
 def digest(root: Path) -> str:
     """Of all files of a folder."""
-    found = hashlib.sha256()
+    hash_ = hashlib.sha256()
     for path in sorted(root.rglob("*")):
         if path.is_file():
-            found.update(str(path.relative_to(root)).encode() + path.read_bytes())
-    return found.hexdigest()
+            hash_.update(str(path.relative_to(root)).encode() + path.read_bytes())
+    return hash_.hexdigest()
 
 
 @dataclass(frozen=True)
@@ -170,14 +170,14 @@ class Workshop:
             f"train RoboArmSim-v0 --episodes 3 --run {self.run}",
             f"record RunAway-v0 --episodes 3 --out {self.data}",
         ):
-            done = run(command.split())
-            if done.code:
-                raise RuntimeError(done.err or done.fault)
+            outcome = run(command.split())
+            if outcome.code:
+                raise RuntimeError(outcome.err or outcome.fault)
 
     def words(self, command: str, at: Path, odd: str = "") -> list[str]:
         """The words of a command with paths in place of RUN, DATA, NEW."""
         names = {"RUN": str(self.run), "DATA": str(self.data), "NEW": str(at / "new"), "NEW2": str(at / "new2"), "ODD": odd}
-        return [re.sub(r"^(RUN|DATA|NEW2|NEW|ODD)", lambda found: names[found[1]], word) for word in command.split()]
+        return [re.sub(r"^(RUN|DATA|NEW2|NEW|ODD)", lambda match: names[match[1]], word) for word in command.split()]
 
 
 def in_folder(trial: Callable[[Path], str]) -> Callable[[], str]:
@@ -197,9 +197,9 @@ def in_folder(trial: Callable[[Path], str]) -> Callable[[], str]:
 
 def option_cases(shop: Workshop, rng: random.Random, count: int) -> Iterator[Case]:
     """Odd values of options, and odd places."""
-    every = [(f"{base} {flag}", value) for base, flags in FLAGS.items() for flag in flags for value in VALUES]
-    every += [(place, value) for place in PLACES for value in VALUES]
-    for command, value in rng.sample(every, count):
+    pairs = [(f"{base} {flag}", value) for base, flags in FLAGS.items() for flag in flags for value in VALUES]
+    pairs += [(place, value) for place in PLACES for value in VALUES]
+    for command, value in rng.sample(pairs, count):
 
         def trial(folder: Path, command: str = command, value: str = value) -> str:
             before = digest(shop.root)
@@ -207,8 +207,8 @@ def option_cases(shop: Workshop, rng: random.Random, count: int) -> Iterator[Cas
             words = words if "ODD" in command else [*words, value]
             if words[0] == "train" and "--run" not in words:
                 words += ["--run", str(folder / "made")]
-            done = run(words)
-            return done.fault or ("a run or a dataset was changed" if digest(shop.root) != before else "")
+            outcome = run(words)
+            return outcome.fault or ("a run or a dataset was changed" if digest(shop.root) != before else "")
 
         yield Case("options", f"{command} {value[:40]!r}", in_folder(trial))
 
@@ -230,10 +230,10 @@ def damaged(data: bytes, how: str, rng: random.Random) -> bytes:
 
 def file_cases(shop: Workshop, rng: random.Random, count: int) -> Iterator[Case]:
     """Damaged files of runs and datasets."""
-    of_run = [path.relative_to(shop.root) for path in shop.run.glob("*") if path.suffix in (".json", ".csv", ".bin")]
-    of_data = [path.relative_to(shop.root) for path in shop.data.rglob("*") if path.is_file() and not path.name.startswith(".")]
+    in_run = [path.relative_to(shop.root) for path in shop.run.glob("*") if path.suffix in (".json", ".csv", ".bin")]
+    in_data = [path.relative_to(shop.root) for path in shop.data.rglob("*") if path.is_file() and not path.name.startswith(".")]
     for _ in range(count):
-        place = rng.choice(of_run) if rng.random() < 0.5 else rng.choice(of_data)
+        place = rng.choice(in_run) if rng.random() < 0.5 else rng.choice(in_data)
         how = rng.choice(["cut", "empty", "zeros", "flip", "brackets", "null", "twice", "noise"])
         seed = rng.randrange(2**31)
         is_run = place.parts[0] == "run"
@@ -246,12 +246,12 @@ def file_cases(shop: Workshop, rng: random.Random, count: int) -> Iterator[Case]
             path = copy / place
             before = path.read_bytes()
             path.write_bytes(damaged(before, how, random.Random(seed)))
-            done = run(shop.words(command, folder, str(copy / place.parts[0])))
-            if done.fault:
-                return done.fault
+            outcome = run(shop.words(command, folder, str(copy / place.parts[0])))
+            if outcome.fault:
+                return outcome.fault
             after = path.read_bytes()
             is_same = after == before or _same_json(before, after) or _same_table(before, after)
-            if command.startswith("data check") and done.code == 0 and not is_same:
+            if command.startswith("data check") and outcome.code == 0 and not is_same:
                 return f"check says all is well with a damaged {place.name}"
             return ""
 
@@ -261,10 +261,10 @@ def file_cases(shop: Workshop, rng: random.Random, count: int) -> Iterator[Case]
 def _same_json(before: bytes, after: bytes) -> bool:
     """True where nothing but white space, or the last digits of a number, differ."""
     try:
-        one, other = (re.sub(r"(\d\.\d{5})\d+", r"\1", json.dumps(json.loads(data))) for data in (before, after))
+        first, second = (re.sub(r"(\d\.\d{5})\d+", r"\1", json.dumps(json.loads(data))) for data in (before, after))
     except (ValueError, RecursionError):
         return False
-    return one == other
+    return first == second
 
 
 def _same_table(before: bytes, after: bytes) -> bool:
@@ -273,10 +273,10 @@ def _same_table(before: bytes, after: bytes) -> bool:
     import pyarrow.parquet as pq
 
     try:
-        one, other = (pq.read_table(io.BytesIO(data)) for data in (before, after))
+        first, second = (pq.read_table(io.BytesIO(data)) for data in (before, after))
     except (pa.ArrowException, OSError, ValueError):
         return False
-    return bool(one.equals(other))
+    return bool(first.equals(second))
 
 
 def mutant_cases(rng: random.Random, count: int) -> Iterator[Case]:
@@ -288,15 +288,15 @@ def mutant_cases(rng: random.Random, count: int) -> Iterator[Case]:
         kind, seed = rng.choice(["task", "robot", "agent"]), rng.randrange(2**31)
 
         def trial(at: Path, kind: str = kind, seed: int = seed) -> str:
-            own = random.Random(seed)
+            generator = random.Random(seed)
             lines = (folder / f"{kind}.py").read_text(encoding="utf-8").splitlines()
             body = [index for index, line in enumerate(lines) if line.strip() and index > 8]
-            index = own.choice(body)
-            how = own.randrange(4)
+            index = generator.choice(body)
+            how = generator.randrange(4)
             if how == 0:
                 del lines[index]
             elif how == 1:
-                lines[index] = re.sub(r"\d+(\.\d+)?", own.choice(["-1", "0", "1e9", "nan", "None"]), lines[index])
+                lines[index] = re.sub(r"\d+(\.\d+)?", generator.choice(["-1", "0", "1e9", "nan", "None"]), lines[index])
             elif how == 2:
                 lines[index] = re.sub(r'"\w+"', '"nonsense"', lines[index])
             else:
@@ -319,13 +319,13 @@ def process(arguments: list[str], variables: dict[str, str], folder: Path) -> su
 def environment_cases(shop: Workshop, rng: random.Random, count: int) -> Iterator[Case]:
     """Odd environments."""
     commands = ("list", "settings sac", "hub program RunAway-v0", "evaluate RUN --episodes 1", "data info DATA", "train --help")
-    every = [(variables, command) for variables in ENVIRONMENTS for command in commands]
-    for variables, command in rng.sample(every, count):
+    pairs = [(variables, command) for variables in ENVIRONMENTS for command in commands]
+    for variables, command in rng.sample(pairs, count):
 
         def trial(folder: Path, variables: dict[str, str] = variables, command: str = command) -> str:
-            started = process(shop.words(command, folder), variables, folder)
-            out, err = started.communicate(timeout=180)
-            return verdict(started.returncode, err) or ("" if out or err else "it said nothing")
+            child = process(shop.words(command, folder), variables, folder)
+            out, err = child.communicate(timeout=180)
+            return verdict(child.returncode, err) or ("" if out or err else "it said nothing")
 
         yield Case("environments", f"{command} with {variables}", in_folder(trial))
 
@@ -337,25 +337,25 @@ def signal_cases(rng: random.Random, count: int) -> Iterator[Case]:
         command = rng.choice(["train RoboArmSim-v0 --episodes 500 --run made", "record RunAway-v0 --episodes 500 --out made"])
 
         def trial(folder: Path, which: int = which, delay_s: float = delay_s, command: str = command) -> str:
-            started = process(command.split(), {}, folder)
+            child = process(command.split(), {}, folder)
             time.sleep(delay_s)
-            started.send_signal(which)
-            _, err = started.communicate(timeout=180)
+            child.send_signal(which)
+            _, err = child.communicate(timeout=180)
             if "Traceback" in err and "bricksrl/" in err.rpartition("Traceback")[2]:
                 return f"traceback: {err.strip().splitlines()[-1]}"[:400]
             if not (folder / "made").exists():
                 return ""
             data = folder / "made/data" if command.startswith("train") else folder / "made"
             if which == signal.SIGKILL and data.exists():
-                done = run(["data", "repair", str(data)])
-                if done.fault or (done.code and "there is no dataset" not in done.err):
-                    return done.fault or f"repair: {done.err or done.out}"
+                outcome = run(["data", "repair", str(data)])
+                if outcome.fault or (outcome.code and "there is no dataset" not in outcome.err):
+                    return outcome.fault or f"repair: {outcome.err or outcome.out}"
             if command.startswith("train"):
-                done = run(["evaluate", "made", "--episodes", "1"])
-                return done.fault or ("" if done.code == 0 else f"the run is lost: {done.err}")
-            done = run(["data", "check", "made"])
-            is_empty = "there is no dataset" in done.err
-            return done.fault or ("" if done.code == 0 or is_empty else f"the dataset is damaged: {done.out}{done.err}"[:300])
+                outcome = run(["evaluate", "made", "--episodes", "1"])
+                return outcome.fault or ("" if outcome.code == 0 else f"the run is lost: {outcome.err}")
+            outcome = run(["data", "check", "made"])
+            is_sound = outcome.code == 0 or "there is no dataset" in outcome.err
+            return outcome.fault or ("" if is_sound else f"the dataset is damaged: {outcome.out}{outcome.err}"[:300])
 
         yield Case("signals", f"{signal.Signals(which).name} after {delay_s:.1f} s in {command}", in_folder(trial))
 
@@ -375,30 +375,30 @@ def main() -> int:
     parser = command_line(__doc__)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--scale", type=float, default=1.0, help="share of the 500 inputs")
-    arguments = parser.parse_args()
+    args = parser.parse_args()
     os.environ["MUJOCO_GL"] = "disable"
     tried: Counter[str] = Counter()
     faults: list[dict[str, str]] = []
-    began_s = time.monotonic()
+    start_s = time.monotonic()
     with tempfile.TemporaryDirectory() as folder:
         os.environ["XDG_CONFIG_HOME"] = str(Path(folder) / "settings")
         shop = Workshop(Path(folder) / "shop")
         shop.prepare()
-        for case in cases(shop, arguments.seed, arguments.scale):
+        for case in cases(shop, args.seed, args.scale):
             tried[case.kind] += 1
             fault = case.trial()
             if fault:
                 faults.append({"kind": case.kind, "input": case.about, "fault": fault})
                 print(f"{case.kind}: {case.about}: {fault}", flush=True)
     result: dict[str, Any] = {
-        "seed": arguments.seed,
+        "seed": args.seed,
         "inputs": dict(tried),
         "total": sum(tried.values()),
         "faults": faults,
-        "seconds": round(time.monotonic() - began_s),
+        "seconds": round(time.monotonic() - start_s),
     }
     print(f"{sum(tried.values())} inputs, {len(faults)} faults, {result['seconds']} s")
-    if arguments.scale == 1.0:
+    if args.scale == 1.0:
         print(write("odd_inputs", result))
     return 1 if faults else 0
 

@@ -60,7 +60,7 @@ class Job:
         return f"{self.preset}-{self.env}-{self.kind}-{self.agent}-{self.updates}-{self.seed}"
 
 
-def carry_out(job: Job) -> dict[str, Any]:
+def run_job(job: Job) -> dict[str, Any]:
     """Train and evaluate."""
     torch.set_num_threads(1)
     with tempfile.TemporaryDirectory() as folder:
@@ -78,12 +78,12 @@ def carry_out(job: Job) -> dict[str, Any]:
         started_s = time.process_time()
         train(config)
         cpu_s = time.process_time() - started_s
-        found = evaluate(run_dir, episodes=EVALUATED)
+        result = evaluate(run_dir, episodes=EVALUATED)
     return {
         **asdict(job),
-        "return_mean": found.return_mean,
-        "returns": list(found.returns),
-        "success_rate": found.success_rate,
+        "return_mean": result.return_mean,
+        "returns": list(result.returns),
+        "success_rate": result.success_rate,
         "cpu_ms_per_update": 1e3 * cpu_s / job.updates,
     }
 
@@ -92,13 +92,13 @@ def keep(work: Path, job: Job) -> dict[str, Any]:
     """The result of a job, made now or earlier."""
     path = work / f"{job.name}.json"
     if not path.exists():
-        result = carry_out(job)
+        result = run_job(job)
         temporary = path.with_suffix(".part")
         temporary.write_text(json.dumps(result))
         temporary.rename(path)
         print(f"{job.env} {job.kind} {job.agent} seed {job.seed}: {result['return_mean']:.4g}", flush=True)
-    found: dict[str, Any] = json.loads(path.read_text())
-    return found
+    stored: dict[str, Any] = json.loads(path.read_text())
+    return stored
 
 
 def updates_of(env: str, kind: str, share: float) -> int:
@@ -114,14 +114,14 @@ def cell_of(run: dict[str, Any]) -> tuple[str, str, str]:
 def finished(work: Path, preset: str, share: float) -> list[dict[str, Any]]:
     """All runs of these settings that are there, of this call and of earlier ones, in the order of the table."""
     runs = [json.loads(path.read_text()) for path in work.glob(f"{preset}-*.json")]
-    wanted = [one for one in runs if one["updates"] == updates_of(one["env"], one["kind"], share)]
+    matching = [run for run in runs if run["updates"] == updates_of(run["env"], run["kind"], share)]
     tasks = list(OFFLINE_UPDATES)
-    return sorted(wanted, key=lambda one: (tasks.index(one["env"]), one["kind"], one["agent"], one["seed"]))
+    return sorted(matching, key=lambda run: (tasks.index(run["env"]), run["kind"], run["agent"], run["seed"]))
 
 
 def summary(runs: list[dict[str, Any]]) -> dict[str, Any]:
     """One cell of the table."""
-    means = [one["return_mean"] for one in runs]
+    means = [run["return_mean"] for run in runs]
     interval = stratified_bootstrap_interval([means], mean)
     paper = OFFLINE[runs[0]["env"], runs[0]["kind"]].get(runs[0]["agent"])
     return {
@@ -129,19 +129,19 @@ def summary(runs: list[dict[str, Any]]) -> dict[str, Any]:
         "interval": [round(interval.low, 2), round(interval.high, 2)],
         "return_std": round(statistics.pstdev(means), 2),
         "paper": paper,
-        "seeds": [round(one, 2) for one in means],
+        "seeds": [round(value, 2) for value in means],
         "updates": runs[0]["updates"],
-        "cpu_ms_per_update": round(statistics.median(one["cpu_ms_per_update"] for one in runs), 2),
+        "cpu_ms_per_update": round(statistics.median(run["cpu_ms_per_update"] for run in runs), 2),
     }
 
 
 def table(cells: dict[str, dict[str, dict[str, Any]]]) -> str:
     """The results in Markdown: mean, interval, and in brackets the paper's mean."""
     lines = ["| | " + " | ".join(cells) + " |", "|---" * (len(cells) + 1) + "|"]
-    for agent in sorted({agent for of_data in cells.values() for agent in of_data}):
+    for agent in sorted({agent for agents in cells.values() for agent in agents}):
         row = []
-        for of_data in cells.values():
-            cell = of_data.get(agent)
+        for agents in cells.values():
+            cell = agents.get(agent)
             low, high = cell["interval"] if cell else (0.0, 0.0)
             paper = f" ({cell['paper']:.4g})" if cell and cell["paper"] is not None else ""
             row.append(f"{cell['return_mean']:.4g} [{low:.4g}, {high:.4g}]{paper}" if cell else "")
@@ -161,29 +161,29 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=5)
     parser.add_argument("--share", type=float, default=1.0, help="share of the updates, for a quick look")
     parser.add_argument("--processes", type=int, default=2)
-    chosen = parser.parse_args()
-    chosen.work.mkdir(parents=True, exist_ok=True)
+    args = parser.parse_args()
+    args.work.mkdir(parents=True, exist_ok=True)
     jobs = [
         Job(
             env=env,
             kind=kind,
             agent=agent,
             seed=seed,
-            preset=chosen.preset,
-            data=str((chosen.data / f"{env}-{kind}").absolute()),
-            updates=updates_of(env, kind, chosen.share),
+            preset=args.preset,
+            data=str((args.data / f"{env}-{kind}").absolute()),
+            updates=updates_of(env, kind, args.share),
         )
-        for agent, env, kind, seed in itertools.product(chosen.agents, chosen.envs, chosen.kinds, range(chosen.seeds))
+        for agent, env, kind, seed in itertools.product(args.agents, args.envs, args.kinds, range(args.seeds))
     ]
-    with multiprocessing.get_context("spawn").Pool(chosen.processes) as pool:
-        pool.starmap(keep, [(chosen.work, job) for job in jobs], chunksize=1)
-    name = "offline" if chosen.preset == "paper" else f"offline_{chosen.preset}"
+    with multiprocessing.get_context("spawn").Pool(args.processes) as pool:
+        pool.starmap(keep, [(args.work, job) for job in jobs], chunksize=1)
+    name = "offline" if args.preset == "paper" else f"offline_{args.preset}"
     path = RESULTS / f"{name}.json"
     cells: dict[str, dict[str, dict[str, Any]]] = json.loads(path.read_text())["datasets"] if path.exists() else {}
-    for (env, kind, agent), runs in itertools.groupby(finished(chosen.work, chosen.preset, chosen.share), key=cell_of):
+    for (env, kind, agent), runs in itertools.groupby(finished(args.work, args.preset, args.share), key=cell_of):
         cells.setdefault(f"{env} {kind}", {})[agent] = summary(list(runs))
     print(table(cells))
-    setup = {"preset": chosen.preset, "share": chosen.share, "evaluated_episodes": EVALUATED}
+    setup = {"preset": args.preset, "share": args.share, "evaluated_episodes": EVALUATED}
     print(write(name, {**setup, "datasets": cells}))
 
 

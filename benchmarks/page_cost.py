@@ -49,7 +49,7 @@ except Exception:
 def run(episodes: int, folder: Path, kind: str) -> dict[str, float]:
     """CPU and wall seconds of a run, and frames and bytes a second of who looked."""
     config = TrainConfig(ENV, episodes=episodes, settings=settings_for(ENV, "default", "sac"), run_dir=folder, record=False)
-    told: dict[str, float] = {}
+    result: dict[str, float] = {}
     if kind == "without":
         cpu_s, wall_s = time.process_time(), time.perf_counter()
         train(config)
@@ -58,35 +58,35 @@ def run(episodes: int, folder: Path, kind: str) -> dict[str, float]:
     with LivePage(ENV, task=get_task(ENV), on_stop=stop.set) as page:
         reader = None
         if kind == "watched":
-            reading = [sys.executable, "-c", READER, page.url]
-            reader = subprocess.Popen(reading, stdout=subprocess.PIPE, text=True)  # noqa: S603  our own arguments
+            reader_command = [sys.executable, "-c", READER, page.url]
+            reader = subprocess.Popen(reader_command, stdout=subprocess.PIPE, text=True)  # noqa: S603  our own arguments
             time.sleep(1.0)
         cpu_s, wall_s = time.process_time(), time.perf_counter()
         train(config, PageCallback(page, stop), driver=page.driver, stop=stop)
-        told = {"cpu_s": time.process_time() - cpu_s, "wall_s": time.perf_counter() - wall_s}
+        result = {"cpu_s": time.process_time() - cpu_s, "wall_s": time.perf_counter() - wall_s}
     if reader is not None:
         out, _ = reader.communicate(timeout=30)
-        told["frames_per_s"], told["bytes_per_s"] = map(float, out.split())
-    return told
+        result["frames_per_s"], result["bytes_per_s"] = map(float, out.split())
+    return result
 
 
 def main() -> None:
     parser = command(__doc__)
     parser.add_argument("--episodes", type=int, default=4)
     parser.add_argument("--repeats", type=int, default=5)
-    arguments = parser.parse_args()
+    args = parser.parse_args()
     os.environ["OMP_NUM_THREADS"] = "1"
     kinds = ("without", "unwatched", "watched")
     runs: dict[str, list[dict[str, float]]] = {kind: [] for kind in kinds}
     with tempfile.TemporaryDirectory() as folder:
         run(2, Path(folder) / "warm", "without")
-        for repeat in range(arguments.repeats):
+        for repeat in range(args.repeats):
             for kind in kinds:
-                runs[kind].append(run(arguments.episodes, Path(folder) / f"{kind}{repeat}", kind))
-    base = statistics.median(one["cpu_s"] for one in runs["without"])
-    results: dict[str, Any] = {"env": ENV, "episodes": arguments.episodes, "repeats": arguments.repeats}
+                runs[kind].append(run(args.episodes, Path(folder) / f"{kind}{repeat}", kind))
+    base = statistics.median(run_times["cpu_s"] for run_times in runs["without"])
+    results: dict[str, Any] = {"env": ENV, "episodes": args.episodes, "repeats": args.repeats}
     for kind in kinds:
-        median = {name: statistics.median(one[name] for one in runs[kind]) for name in runs[kind][0]}
+        median = {name: statistics.median(run_times[name] for run_times in runs[kind]) for name in runs[kind][0]}
         results[kind] = {
             **{name: round(value, 3) for name, value in median.items()},
             "cpu_ratio": round(median["cpu_s"] / base, 3),

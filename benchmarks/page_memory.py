@@ -43,9 +43,9 @@ def main() -> None:
     parser = command(__doc__)
     parser.add_argument("--minutes", type=float, default=10.0)
     parser.add_argument("--env", default="Walker-v1")
-    arguments = parser.parse_args()
-    env, stop = bricksrl.make(arguments.env, seed=0), threading.Event()
-    page = LivePage(arguments.env, task=env.task, policies=("random",), speed="1x")
+    args = parser.parse_args()
+    env, stop = bricksrl.make(args.env, seed=0), threading.Event()
+    page = LivePage(args.env, task=env.task, policies=("random",), speed="1x")
     rows: list[tuple[float, float, float, int]] = []
 
     def look() -> None:
@@ -55,12 +55,12 @@ def main() -> None:
             tab.goto(page.url)
             tab.wait_for_selector("#scene[data-frames]", timeout=120_000)
             session, start_s = tab.context.new_cdp_session(tab), time.monotonic()
-            while (now_s := time.monotonic() - start_s) < 60 * arguments.minutes:
+            while (now_s := time.monotonic() - start_s) < 60 * args.minutes:
                 session.send("HeapProfiler.collectGarbage")
                 heap = session.send("Runtime.getHeapUsage")["usedSize"] / 1e6
                 frames = int(tab.evaluate("document.querySelector('#scene').dataset.frames"))
                 rows.append((now_s, resident_mb(), heap, frames))
-                time.sleep(min(30.0, 6 * arguments.minutes))
+                time.sleep(min(30.0, 6 * args.minutes))
             browser.close()
         stop.set()
         env.stop()
@@ -72,12 +72,12 @@ def main() -> None:
             play_on_page(env, page, {"random": lambda: random_player(env)}, stop=stop)
         thread.join(60)
     table = np.array(rows)
-    late = table[table[:, 0] > min(WARM_S, 12 * arguments.minutes)]
+    late = table[table[:, 0] > min(WARM_S, 12 * args.minutes)]
     slopes = {
         name: float(np.polyfit(late[:, 0] / 60, late[:, column], 1)[0]) for name, column in (("process", 1), ("tab_heap", 2))
     }
     results = {
-        "minutes": arguments.minutes,
+        "minutes": args.minutes,
         "frames_per_s": round(float((table[-1, 3] - table[0, 3]) / (table[-1, 0] - table[0, 0])), 2),
         "process_mb": [round(value, 1) for value in table[:, 1].tolist()],
         "tab_heap_mb": [round(value, 2) for value in table[:, 2].tolist()],

@@ -33,9 +33,9 @@ def served(folder: str, *arguments: str) -> Iterator[str]:
     process = subprocess.Popen(words, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)  # noqa: S603  our own command
     try:
         for line in process.stdout or ():
-            found = re.search(r"http://\S+", line)
-            if found is not None:
-                yield found[0]
+            match = re.search(r"http://\S+", line)
+            if match is not None:
+                yield match[0]
                 break
     finally:
         process.kill()

@@ -63,10 +63,10 @@ def episode(env: HubEnv, controller: Any) -> dict[str, float]:
             break
         state = step_mdp(state)
     judged = env.judged(torch.stack(observations))
-    found = {"return": total, **{name: float(value) for name, value in env.task.metrics(judged).items()}, **env.walk_metrics()}
+    measures = {"return": total, **{name: float(value) for name, value in env.task.metrics(judged).items()}, **env.walk_metrics()}
     if env.task.success is not None:
-        found["success"] = float(env.task.success(judged))
-    return found
+        measures["success"] = float(env.task.success(judged))
+    return measures
 
 
 def measure(env_id: str, name: str, step_ms: float) -> dict[str, Any]:
@@ -78,13 +78,13 @@ def measure(env_id: str, name: str, step_ms: float) -> dict[str, Any]:
         env: HubEnv = bricksrl.make(env_id, seed=0)
         controller = CONTROLLERS[env_id] if name == "scripted" else lambda _state: env.action_spec.rand()
         started_s = time.process_time()
-        found = [episode(env, controller) for _ in range(EPISODES)]
+        episodes = [episode(env, controller) for _ in range(EPISODES)]
         cpu_s = time.process_time() - started_s
         assert env.twin is not None
         assert env.twin.body.model.opt.timestep == step_ms / 1000  # type: ignore[attr-defined]
         env.close()
     mujoco_body._compiled.cache_clear()
-    columns = {key: [one[key] for one in found] for key in found[0]}
+    columns = {key: [episode_measures[key] for episode_measures in episodes] for key in episodes[0]}
     errors = {key: statistics.stdev(values) / EPISODES**0.5 for key, values in columns.items()}
     means = {key: [round(statistics.fmean(values), 3), round(errors[key], 3)] for key, values in columns.items()}
     return {"means_and_errors": means, "cpu_s": round(cpu_s, 2), "physics_cpu_s": round(stepper.cpu_s, 2)}
@@ -97,10 +97,10 @@ def main() -> None:
     results: dict[str, Any] = {}
     for env_id in ENVS:
         for name in ("scripted", "random"):
-            found = {f"{step_ms:g}": measure(env_id, name, step_ms) for step_ms in STEPS_MS}
-            results.setdefault(env_id, {})[name] = found
-            for step, one in found.items():
-                print(env_id, name, step, "ms:", one, flush=True)
+            results_by_step = {f"{step_ms:g}": measure(env_id, name, step_ms) for step_ms in STEPS_MS}
+            results.setdefault(env_id, {})[name] = results_by_step
+            for step, result in results_by_step.items():
+                print(env_id, name, step, "ms:", result, flush=True)
     print(write("physics_step", {"episodes": EPISODES, "steps_ms": STEPS_MS, "environments": results}))
 
 

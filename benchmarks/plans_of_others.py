@@ -29,22 +29,22 @@ _TURNS = 0.02
 def moving(plan: Plan) -> dict[str, int]:
     """Joints between bodies, motors that can turn, wheels, and wheels that a motor turns."""
     wheels = [placed.index for placed in plan.parts if placed.part.wheel_mm]
-    found = {"hinges": 0, "motors_turning": 0, "wheels": len(wheels), "wheels_driven": 0}
+    counts = {"hinges": 0, "motors_turning": 0, "wheels": len(wheels), "wheels_driven": 0}
     bodies = structure_of(plan).bodies
     if len(bodies.members) > MAX_BODIES:
-        return found
+        return counts
     motions = bodies.motions()
-    of_part = {part: number for number, parts in enumerate(bodies.members) for part in parts}
+    body_of = {part: number for number, parts in enumerate(bodies.members) for part in parts}
     driven = set()
     for motor in [joint.motor for joint in bodies.joints if joint.motor is not None]:
         rates = bodies.rates(motor, motions)
         if abs(rates).max(initial=0.0) < _TURNS:
             continue
-        found["motors_turning"] += 1
+        counts["motors_turning"] += 1
         least = motions @ rates / (rates @ rates)  # the least motion in which the shaft makes one turn
         turning = least.reshape(-1, 6)[:, 3:]
-        driven |= {wheel for wheel in wheels if wheel in of_part and abs(turning[of_part[wheel]] - turning[0]).max() > _TURNS}
-    return {**found, "hinges": len(mechanism(plan, bodies).hinges), "wheels_driven": len(driven)}
+        driven |= {wheel for wheel in wheels if wheel in body_of and abs(turning[body_of[wheel]] - turning[0]).max() > _TURNS}
+    return {**counts, "hinges": len(mechanism(plan, bodies).hinges), "wheels_driven": len(driven)}
 
 
 def look(path: Path) -> dict[str, Any]:
@@ -54,12 +54,12 @@ def look(path: Path) -> dict[str, Any]:
         plan = read_plan(path)
     except PlanError as error:
         return {"read": False, "reason": str(error).rpartition("; ")[0].rpartition(": ")[2].rpartition(" is ")[2][:60]}
-    unknown = sum(len(one.lines) for one in plan.unknown)
-    found: dict[str, Any] = {"read": True, "parts": len(plan.parts) + unknown, "known": len(plan.parts)}
-    found |= {"motors": len(plan.devices(DeviceKind.MOTOR)), "hinges": 0, "motors_turning": 0, "wheels": 0, "wheels_driven": 0}
+    unknown = sum(len(unknown_part.lines) for unknown_part in plan.unknown)
+    counts: dict[str, Any] = {"read": True, "parts": len(plan.parts) + unknown, "known": len(plan.parts)}
+    counts |= {"motors": len(plan.devices(DeviceKind.MOTOR)), "hinges": 0, "motors_turning": 0, "wheels": 0, "wheels_driven": 0}
     if plan.parts:
-        found |= moving(plan)
-    return {**found, "cpu_s": round(time.process_time() - started_s, 2)}
+        counts |= moving(plan)
+    return {**counts, "cpu_s": round(time.process_time() - started_s, 2)}
 
 
 def main() -> None:
@@ -68,27 +68,27 @@ def main() -> None:
     parser.add_argument("folder", type=Path)
     folder: Path = parser.parse_args().folder
     files = [path for path in sorted(folder.rglob("*")) if path.suffix.lower() in ENDINGS]
-    found = []
+    counts = []
     for number, path in enumerate(files, 1):
-        found.append(look(path))
-        print(number, found[-1], flush=True)
-    read = [one for one in found if one["read"]]
+        counts.append(look(path))
+        print(number, counts[-1], flush=True)
+    read = [file_counts for file_counts in counts if file_counts["read"]]
     summary = {
-        "files": len(found),
+        "files": len(counts),
         "read": len(read),
-        "refused": dict(Counter(one["reason"] for one in found if not one["read"])),
-        "parts": sum(one["parts"] for one in read),
-        "parts_known": sum(one["known"] for one in read),
-        "files_all_parts_known": sum(one["parts"] == one["known"] for one in read),
-        "files_with_moving_joints": sum(one["hinges"] > 0 for one in read),
-        "hinges": sum(one["hinges"] for one in read),
-        "motors": sum(one["motors"] for one in read),
-        "motors_turning": sum(one["motors_turning"] for one in read),
-        "files_with_motors": sum(one["motors"] > 0 for one in read),
-        "files_whose_motors_all_turn": sum(0 < one["motors"] == one["motors_turning"] for one in read),
-        "files_with_motors_and_wheels": sum(one["motors"] > 0 and one["wheels"] > 0 for one in read),
-        "files_whose_motors_turn_wheels": sum(one["wheels_driven"] > 0 for one in read),
-        "each": [{name: one[name] for name in _COLUMNS} for one in read],
+        "refused": dict(Counter(file_counts["reason"] for file_counts in counts if not file_counts["read"])),
+        "parts": sum(file_counts["parts"] for file_counts in read),
+        "parts_known": sum(file_counts["known"] for file_counts in read),
+        "files_all_parts_known": sum(file_counts["parts"] == file_counts["known"] for file_counts in read),
+        "files_with_moving_joints": sum(file_counts["hinges"] > 0 for file_counts in read),
+        "hinges": sum(file_counts["hinges"] for file_counts in read),
+        "motors": sum(file_counts["motors"] for file_counts in read),
+        "motors_turning": sum(file_counts["motors_turning"] for file_counts in read),
+        "files_with_motors": sum(file_counts["motors"] > 0 for file_counts in read),
+        "files_whose_motors_all_turn": sum(0 < file_counts["motors"] == file_counts["motors_turning"] for file_counts in read),
+        "files_with_motors_and_wheels": sum(file_counts["motors"] > 0 and file_counts["wheels"] > 0 for file_counts in read),
+        "files_whose_motors_turn_wheels": sum(file_counts["wheels_driven"] > 0 for file_counts in read),
+        "each": [{name: file_counts[name] for name in _COLUMNS} for file_counts in read],
     }
     print(write("plans_of_others", summary))
 

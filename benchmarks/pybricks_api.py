@@ -63,26 +63,26 @@ class Stubs:
 
     def documented(self, module: str, name: str) -> Documented:
         """A class, with what it inherits."""
-        node = next((one for one in self._trees[module].body if isinstance(one, ast.ClassDef) and one.name == name), None)
-        found = Documented()
+        node = next((item for item in self._trees[module].body if isinstance(item, ast.ClassDef) and item.name == name), None)
+        result = Documented()
         for base in node.bases if node is not None else ():
             text = ast.unparse(base)
             inherited = self.documented("_common" if text.startswith("_common.") else module, text.removeprefix("_common."))
-            found.methods |= inherited.methods
-            found.parts |= inherited.parts
+            result.methods |= inherited.methods
+            result.parts |= inherited.parts
         for member in node.body if node is not None else ():
             if isinstance(member, ast.FunctionDef) and (member.name[0] != "_" or member.name == "__init__"):
-                is_overloaded = any(ast.unparse(one) == "overload" for one in member.decorator_list) or member.args.vararg
-                names = [one.arg for one in (*member.args.args, *member.args.kwonlyargs) if one.arg != "self"]
-                found.methods[member.name] = None if is_overloaded else names
+                is_overloaded = any(ast.unparse(item) == "overload" for item in member.decorator_list) or member.args.vararg
+                names = [item.arg for item in (*member.args.args, *member.args.kwonlyargs) if item.arg != "self"]
+                result.methods[member.name] = None if is_overloaded else names
             elif isinstance(member, ast.Assign) and isinstance(member.targets[0], ast.Name):
                 text = ast.unparse(member.value)
                 target = member.targets[0].id
                 if text.startswith("_common."):
-                    found.parts[target] = text.removeprefix("_common.").partition("(")[0]
+                    result.parts[target] = text.removeprefix("_common.").partition("(")[0]
                 else:
-                    found.values.append(target)
-        return found
+                    result.values.append(target)
+        return result
 
 
 class _Silence:
@@ -96,43 +96,44 @@ class _Silence:
         pass
 
 
-def lacks(path: str, wanted: Documented, ours: Any) -> Iterator[str]:
+def missing_names(path: str, documented: Documented, actual: Any) -> Iterator[str]:
     """What one of our classes or objects lacks."""
-    for name, arguments in wanted.methods.items():
-        method = ours if name == "__init__" else getattr(ours, name, None)
+    for name, arguments in documented.methods.items():
+        method = actual if name == "__init__" else getattr(actual, name, None)
         if method is None:
             yield f"{path}.{name}"
-        elif arguments is not None and isinstance(ours, type) and name != "__init__" and callable(method):
-            own = [one for one in inspect.signature(method).parameters.values() if one.name != "self"]
-            is_open = any(one.kind in (one.VAR_POSITIONAL, one.VAR_KEYWORD) for one in own)
-            if not is_open and [one.name for one in own] != arguments:
+        elif arguments is not None and isinstance(actual, type) and name != "__init__" and callable(method):
+            parameters = [p for p in inspect.signature(method).parameters.values() if p.name != "self"]
+            is_open = any(p.kind in (p.VAR_POSITIONAL, p.VAR_KEYWORD) for p in parameters)
+            if not is_open and [p.name for p in parameters] != arguments:
                 yield f"{path}.{name}({', '.join(arguments)})"
-    yield from (f"{path}.{name}" for name in wanted.values if not hasattr(ours, name))
+    yield from (f"{path}.{name}" for name in documented.values if not hasattr(actual, name))
 
 
 def compared(stubs: Stubs, kind: HubKind) -> tuple[int, list[str]]:
     """How many names are documented for a hub, and those that ours lacks."""
     robot = Robot("any", kind)
-    found = modules(Machine(BenchBody(robot)), _Silence())
+    hub_modules = modules(Machine(BenchBody(robot)), _Silence())
     count, missing = 0, []
     for module in MODULES:
-        ours = found[f"pybricks.{module}"]
+        own_module = hub_modules[f"pybricks.{module}"]
         for name in (*stubs.functions(module), *stubs.classes(module)):
             path = f"{module}.{name}"
             if path in LEFT_OUT or kind not in ONLY_ON.get(path, HubKind) or (module == "hubs" and name != kind.model.class_name):
                 continue
-            wanted = stubs.documented(module, name)
-            count += 1 + len(wanted.methods) + len(wanted.values)
-            own = getattr(ours, name, None)
-            if own is None:
+            documented = stubs.documented(module, name)
+            count += 1 + len(documented.methods) + len(documented.values)
+            defined = getattr(own_module, name, None)
+            if defined is None:
                 missing.append(path)
                 continue
-            one = own() if module == "hubs" else own
-            missing += [lack for lack in lacks(path, wanted, one) if lack not in LEFT_OUT and not _is_of_others(lack, kind)]
-            for part, part_class in wanted.parts.items() if module == "hubs" else ():
-                details = stubs.documented("_common", part_class)
+            instance = defined() if module == "hubs" else defined
+            names = missing_names(path, documented, instance)
+            missing += [name for name in names if name not in LEFT_OUT and not _is_of_others(name, kind)]
+            for part, part_class in documented.parts.items() if module == "hubs" else ():
+                details, own_part = stubs.documented("_common", part_class), getattr(instance, part, None)
                 count += 1 + len(details.methods)
-                missing += lacks(f"{path}.{part}", details, getattr(one, part)) if hasattr(one, part) else [f"{path}.{part}"]
+                missing += [f"{path}.{part}"] if own_part is None else missing_names(f"{path}.{part}", details, own_part)
     return count, missing
 
 

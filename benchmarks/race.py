@@ -116,7 +116,7 @@ def run_ours(agent: str, seed: int, limit: int) -> Race:
     return race
 
 
-def run_theirs(package: str, agent: str, seed: int, limit: int, *, like_ours: bool) -> Race:
+def run_other(package: str, agent: str, seed: int, limit: int, *, like_ours: bool) -> Race:
     """The agent of Stable-Baselines3 or SBX, with our features and settings or with its own."""
     import gymnasium
     import numpy as np
@@ -151,12 +151,12 @@ def run_theirs(package: str, agent: str, seed: int, limit: int, *, like_ours: bo
         policy |= {"dropout_rate": 0.01, "layer_norm": True}
         settings |= {"gradient_steps": 20, "policy_delay": 20}
     module = importlib.import_module(package)
-    kind = module.CrossQ if agent == "crossq" else module.SAC
-    model = kind("MlpPolicy", env, seed=seed, policy_kwargs=policy or None, device="cpu", **settings)
+    algorithm = module.CrossQ if agent == "crossq" else module.SAC
+    model = algorithm("MlpPolicy", env, seed=seed, policy_kwargs=policy or None, device="cpu", **settings)
 
     def act(observation: torch.Tensor) -> Any:
-        seen = features(observation) if like_ours else observation.numpy()
-        return model.predict(seen, deterministic=True)[0]
+        inputs = features(observation) if like_ours else observation.numpy()
+        return model.predict(inputs, deterministic=True)[0]
 
     from stable_baselines3.common.callbacks import BaseCallback
 
@@ -176,7 +176,7 @@ def work(name: str, seed: int, limit: int) -> None:
         os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
     package, agent = CONTESTANTS[name]
     if package:
-        race = run_theirs(package, agent, seed, limit, like_ours=name.endswith("like_ours"))
+        race = run_other(package, agent, seed, limit, like_ours=name.endswith("like_ours"))
     else:
         race = run_ours(name.removeprefix("ours_"), seed, limit)
     print(json.dumps(race.returns))
@@ -189,33 +189,33 @@ def main() -> None:
     parser.add_argument("--limit", type=int, default=4000, help="robot steps at most")
     parser.add_argument("--contestants", nargs="+", default=list(CONTESTANTS), choices=list(CONTESTANTS))
     parser.add_argument("--work", nargs=2, metavar=("NAME", "SEED"), help="run one contestant; for the processes of this script")
-    chosen = parser.parse_args()
-    if chosen.work:
-        work(chosen.work[0], int(chosen.work[1]), chosen.limit)
+    args = parser.parse_args()
+    if args.work:
+        work(args.work[0], int(args.work[1]), args.limit)
         return
-    names = [name for name in chosen.contestants if not CONTESTANTS[name][0] or importlib.util.find_spec(CONTESTANTS[name][0])]
-    for name in set(chosen.contestants) - set(names):
+    names = [name for name in args.contestants if not CONTESTANTS[name][0] or importlib.util.find_spec(CONTESTANTS[name][0])]
+    for name in set(args.contestants) - set(names):
         print(f"{name} is left out: {CONTESTANTS[name][0]} is missing; pip install 'bricksrl[benchmarks]'")
     path = RESULTS / "race.json"
     known: dict[str, Any] = json.loads(path.read_text()) if path.exists() else {}
-    setup = {"env": ENV, "goal": GOAL, "limit": chosen.limit, "evaluated_episodes": EVALUATED}
-    found: dict[str, Any] = known["contestants"] if known.get("setup") == setup else {}
-    for seed in range(chosen.seeds):
+    setup = {"env": ENV, "goal": GOAL, "limit": args.limit, "evaluated_episodes": EVALUATED}
+    results: dict[str, Any] = known["contestants"] if known.get("setup") == setup else {}
+    for seed in range(args.seeds):
         for name in names:
-            runs = found.get(name, {}).get("runs", [])
+            runs = results.get(name, {}).get("runs", [])
             if len(runs) > seed:
                 continue
-            command_line = [sys.executable, __file__, "--work", name, str(seed), "--limit", str(chosen.limit)]
-            done = subprocess.run(  # noqa: S603  this script
+            command_line = [sys.executable, __file__, "--work", name, str(seed), "--limit", str(args.limit)]
+            process = subprocess.run(  # noqa: S603  this script
                 command_line, env={**os.environ, **ONE_THREAD}, capture_output=True, text=True, check=True
             )
-            found[name] = summary([*runs, json.loads(done.stdout.splitlines()[-1])])
-            steps, cpu_s, value = found[name]["runs"][-1][-1]
+            results[name] = summary([*runs, json.loads(process.stdout.splitlines()[-1])])
+            steps, cpu_s, value = results[name]["runs"][-1][-1]
             print(f"seed {seed}  {name:22} {steps:5} steps {cpu_s:7.1f} s CPU  return {value:.1f}", flush=True)
-            write("race", {"setup": setup, "contestants": {one: found[one] for one in CONTESTANTS if one in found}})
-    for name, one in found.items():
-        there = f"{one['there']} of {len(one['runs'])} there"
-        print(f"{name:22} {one['steps']:6} steps {one['cpu_s']:7.1f} s CPU, {there}")
+            write("race", {"setup": setup, "contestants": {name: results[name] for name in CONTESTANTS if name in results}})
+    for name, result in results.items():
+        reached = f"{result['there']} of {len(result['runs'])} there"
+        print(f"{name:22} {result['steps']:6} steps {result['cpu_s']:7.1f} s CPU, {reached}")
     print(path)
 
 

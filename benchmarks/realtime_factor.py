@@ -97,23 +97,23 @@ class Runner:
 def measure(env_id: str) -> dict[str, Any]:
     """Medians over the pieces, and the ratio of each."""
     torch.manual_seed(0)
-    noted, timed = Runner(env_id), Runner(env_id)
-    draw, steps, pieces = noted.env.action_spec.rand, 10, []
+    recorded, timed = Runner(env_id), Runner(env_id)
+    draw, steps, pieces = recorded.env.action_spec.rand, 10, []
     for _ in range(PIECES + 1):
         actions = [draw() for _ in range(steps)]
-        again = Steps(noted.env.twin.body)  # type: ignore[union-attr]
-        with mock.patch.object(mujoco, "mj_step", again):
-            noted.run(actions)
-        cpu_s, physics_s = timed.run(actions), again.again()
+        recorder = Steps(recorded.env.twin.body)  # type: ignore[union-attr]
+        with mock.patch.object(mujoco, "mj_step", recorder):
+            recorded.run(actions)
+        cpu_s, physics_s = timed.run(actions), recorder.again()
         piece = (timed.simulated_s / cpu_s, steps / cpu_s, timed.simulated_s / physics_s, cpu_s / physics_s)
         pieces.append(piece)
         steps = round(steps * PIECE_SIMULATED_S / timed.simulated_s)
-    noted.env.close()
+    recorded.env.close()
     timed.env.close()
     names = ("realtime_factor", "steps_per_cpu_s", "mj_step_factor", "ratio")
     columns = dict(zip(names, zip(*pieces[1:], strict=True), strict=True))  # the first piece warms up
-    found: dict[str, Any] = {name: round(statistics.median(column), 2) for name, column in columns.items()}
-    return {**found, "ratios": [round(ratio, 2) for ratio in sorted(columns["ratio"])]}
+    medians: dict[str, Any] = {name: round(statistics.median(column), 2) for name, column in columns.items()}
+    return {**medians, "ratios": [round(ratio, 2) for ratio in sorted(columns["ratio"])]}
 
 
 def main() -> None:

@@ -61,16 +61,16 @@ def run(agent: str, episodes: int, motion: float) -> dict[str, Any]:
         result: RunResult = train(config, clock)
     cpu_s = time.process_time() - cpu_s
     steps = clock.steps_s()
-    asked = config.settings.updates_per_step if config.settings is not None and agent != "random" else 0
+    requested = config.settings.updates_per_step if config.settings is not None and agent != "random" else 0
     reached = result.updates_per_step
     return {
         "steps": len(steps),
         "wall_over_motion": round(sum(steps) / (len(steps) * motion), 4),
         "step_ms_median": round(1e3 * statistics.median(steps), 1),
         "step_ms_worst": round(1e3 * max(steps), 1),
-        "updates_per_step_asked": asked,
+        "updates_per_step_asked": requested,
         "updates_per_step_reached": None if reached is None else round(reached, 3),
-        "ratio_off_by": None if reached is None else round(abs(1 - reached / asked), 4),
+        "ratio_off_by": None if reached is None else round(abs(1 - reached / requested), 4),
         "caught_up_after_the_run": result.caught_up,
         "cpu_s_of_the_robots_process": round(cpu_s, 1),
     }
@@ -81,13 +81,13 @@ def main() -> None:
     parser = command(__doc__)
     parser.add_argument("--agents", nargs="+", default=list(AGENTS))
     parser.add_argument("--episodes", type=int, default=4)
-    chosen = parser.parse_args()
+    args = parser.parse_args()
     motion = motion_s()
     agents: dict[str, Any] = {}
-    for agent in chosen.agents:
-        agents[agent] = run(agent, chosen.episodes, motion)
+    for agent in args.agents:
+        agents[agent] = run(agent, args.episodes, motion)
         print(agent, agents[agent], flush=True)
-    setup = {"environment": ENV, "episodes": chosen.episodes, "motion_ms_per_step": round(1e3 * motion, 1)}
+    setup = {"environment": ENV, "episodes": args.episodes, "motion_ms_per_step": round(1e3 * motion, 1)}
     print(write("realtime_learning", {**setup, "agents": agents}))
 
 

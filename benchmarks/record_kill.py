@@ -75,12 +75,12 @@ def killed_after(root: Path, kind: str, commits: int, delay_s: float) -> int:
     command = [sys.executable, __file__, "--record", str(root), "--kind", kind]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:  # noqa: S603
         assert process.stdout is not None
-        said = "".join(process.stdout.readline() for _ in range(1 + commits))
-        if not said.endswith("\n"):
+        output = "".join(process.stdout.readline() for _ in range(1 + commits))
+        if not output.endswith("\n"):
             raise RuntimeError("the recording process ended by itself")
         time.sleep(delay_s)
         process.kill()
-        lines = (said + process.stdout.read()).split("\n")[:-1]  # the last line counts only if it is whole
+        lines = (output + process.stdout.read()).split("\n")[:-1]  # the last line counts only if it is whole
     return int(lines[-1])
 
 
@@ -93,23 +93,23 @@ def opened(root: Path, committed: int) -> dict[str, Any]:
 
     from bricksrl.data import load
 
-    found = load(root)
+    data = load(root)
     wrong = 0
-    for number in range(len(found.rows)):
-        wanted, at = steps(number, found.description.image_px), found.episode == number
-        same = [np.array_equal(found.observation[at], np.stack([np.asarray(step.observation) for step in wanted]))]
-        same.append(bool((found.reward[at] == number).all()))
-        if found.image is not None and found.next_image is not None:
-            same.append(np.array_equal(found.image[at], np.stack([step.image for step in wanted if step.image is not None])))
-            same.append(np.array_equal(found.next_image[at][-1], np.asarray(wanted[-1].next_image)))
+    for number in range(len(data.rows)):
+        expected, mask = steps(number, data.description.image_px), data.episode == number
+        same = [np.array_equal(data.observation[mask], np.stack([np.asarray(step.observation) for step in expected]))]
+        same.append(bool((data.reward[mask] == number).all()))
+        if data.image is not None and data.next_image is not None:
+            same.append(np.array_equal(data.image[mask], np.stack([step.image for step in expected if step.image is not None])))
+            same.append(np.array_equal(data.next_image[mask][-1], np.asarray(expected[-1].next_image)))
         wrong += not all(same)
     table = pyarrow.dataset.dataset(root / "data").to_table()
     rows = sum(pyarrow.parquet.read_table(path).num_rows for path in (root / "meta/episodes").rglob("*.parquet"))
     return {
-        "episodes": len(found.rows),
-        "lost": wrong + max(0, committed - len(found.rows)),
-        "beyond": len(found.rows) - committed,
-        "pyarrow": table.num_rows >= len(found) and rows >= len(found.rows),
+        "episodes": len(data.rows),
+        "lost": wrong + max(0, committed - len(data.rows)),
+        "beyond": len(data.rows) - committed,
+        "pyarrow": table.num_rows >= len(data) and rows >= len(data.rows),
     }
 
 
@@ -128,7 +128,7 @@ class LeRobot:
     def __enter__(self) -> LeRobot:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(self, exc_type: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
         self._process.communicate(timeout=30)
 
     def opens(self, root: Path, committed: int) -> bool:
@@ -140,10 +140,10 @@ class LeRobot:
         if "error" in answer:
             self.errors.append(answer["error"])
             return False
-        found = answer["episodes"]
-        side = SEEING.image_px if found and "image" in found[0] else 0
-        same = all(one == recorded(number, side) for number, one in enumerate(found))
-        return same and len(found) == answer["counted"] >= committed
+        episodes = answer["episodes"]
+        side = SEEING.image_px if episodes and "image" in episodes[0] else 0
+        same = all(episode == recorded(number, side) for number, episode in enumerate(episodes))
+        return same and len(episodes) == answer["counted"] >= committed
 
     def _answer(self) -> dict[str, Any]:
         assert self._process.stdout is not None
@@ -158,15 +158,15 @@ def recorded(number: int, side: int) -> dict[str, str]:
     """What LeRobot's reader should say of episode ``number``."""
     from lerobot_reader import digest
 
-    wanted = steps(number, side)
-    found = {
-        "observation.state": digest(np.stack([np.asarray(step.observation) for step in wanted])),
-        "action": digest(np.stack([np.asarray(step.action)[0] for step in wanted])),
-        "next.reward": digest(np.array([step.reward for step in wanted], np.float32)),
+    expected = steps(number, side)
+    digests = {
+        "observation.state": digest(np.stack([np.asarray(step.observation) for step in expected])),
+        "action": digest(np.stack([np.asarray(step.action)[0] for step in expected])),
+        "next.reward": digest(np.array([step.reward for step in expected], np.float32)),
     }
     if side:
-        found["image"] = digest(np.stack([step.image for step in wanted if step.image is not None]))
-    return found
+        digests["image"] = digest(np.stack([step.image for step in expected if step.image is not None]))
+    return digests
 
 
 def measure(kills: int, seed: int, lerobot: LeRobot | None) -> dict[str, Any]:
@@ -179,8 +179,8 @@ def measure(kills: int, seed: int, lerobot: LeRobot | None) -> dict[str, Any]:
             root, kind = Path(folder) / str(series), ("blind", "seeing")[series % 2]
             committed = killed_after(root, kind, rng.randrange(3), rng.uniform(0.0, LONGEST_S))
             results.append(opened(root, committed))
-            begun = (root / "meta/info.json").exists()
-            results[-1]["lerobot"] = lerobot is not None and (not begun or lerobot.opens(root, committed))
+            exists = (root / "meta/info.json").exists()
+            results[-1]["lerobot"] = lerobot is not None and (not exists or lerobot.opens(root, committed))
             if not (kill + 1) % KILLS_PER_FOLDER:
                 print(f"{kill + 1} kills, {sum(r['lost'] for r in results)} episodes lost", flush=True)
     return {
@@ -215,11 +215,11 @@ def main() -> None:
     parser.add_argument("--lerobot", metavar="PYTHON", help="the Python of an environment that has LeRobot")
     parser.add_argument("--record", type=Path, help="be the process that is killed, in this folder")
     parser.add_argument("--kind", choices=("blind", "seeing"), default="blind")
-    arguments = parser.parse_args()
-    if arguments.record is not None:
-        record(arguments.record, BLIND if arguments.kind == "blind" else SEEING)
-    with LeRobot(arguments.lerobot) if arguments.lerobot else nullcontext() as lerobot:
-        print(write("record_kill", measure(arguments.kills, arguments.seed, lerobot)))
+    args = parser.parse_args()
+    if args.record is not None:
+        record(args.record, BLIND if args.kind == "blind" else SEEING)
+    with LeRobot(args.lerobot) if args.lerobot else nullcontext() as lerobot:
+        print(write("record_kill", measure(args.kills, args.seed, lerobot)))
 
 
 if __name__ == "__main__":

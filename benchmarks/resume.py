@@ -62,16 +62,16 @@ def main() -> None:
     """Train both and write the results."""
     command(__doc__).parse_args()
     with tempfile.TemporaryDirectory() as folder:
-        one, other = Path(folder) / "whole", Path(folder) / "parts"
+        whole_dir, parts_dir = Path(folder) / "whole", Path(folder) / "parts"
         config = {"env": ENV, "episodes": EPISODES, "record": False}
-        whole = train(TrainConfig(**config, run_dir=one))  # type: ignore[arg-type]
+        whole = train(TrainConfig(**config, run_dir=whole_dir))  # type: ignore[arg-type]
         first = StopAt(STOPS[0])
-        train(TrainConfig(**config, run_dir=other), first, stop=first.stop)  # type: ignore[arg-type]
+        train(TrainConfig(**config, run_dir=parts_dir), first, stop=first.stop)  # type: ignore[arg-type]
         for at in (*STOPS[1:], None):
             callback = StopAt(at)
-            parts = resume(other, callback, stop=callback.stop)
+            parts = resume(parts_dir, callback, stop=callback.stop)
         returns = [[episode.return_ for episode in result.episodes] for result in (whole, parts)]
-        same = all(torch.equal(a, b) for a, b in zip(weights(one), weights(other), strict=True))
+        same = all(torch.equal(a, b) for a, b in zip(weights(whole_dir), weights(parts_dir), strict=True))
     difference = max(abs(a - b) for a, b in zip(*returns, strict=True))
     RESULTS.mkdir(exist_ok=True)
     draw(RESULTS / "resume.png", *returns)

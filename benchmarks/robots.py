@@ -49,40 +49,40 @@ def run(env_id: str, agent: str, episodes: int, seed: int, folder: str) -> dict[
     started_cpu_s = time.process_time()
     result = train(TrainConfig(env_id, agent, episodes=episodes, seed=seed, run_dir=Path(folder) / f"{env_id}-{seed}"))
     cpu_s = time.process_time() - started_cpu_s
-    found = evaluate(result.run_dir, episodes=EVALUATED_EPISODES)
+    evaluation = evaluate(result.run_dir, episodes=EVALUATED_EPISODES)
     last = result.episodes[-1]
     return {
         "seed": seed,
-        "return_mean": round(found.return_mean, 3),
-        "return_std": round(found.return_std, 3),
-        "success_rate": found.success_rate,
-        "metrics": {name: round(value, 4) for name, value in found.metrics.items()},
+        "return_mean": round(evaluation.return_mean, 3),
+        "return_std": round(evaluation.return_std, 3),
+        "success_rate": evaluation.success_rate,
+        "metrics": {name: round(value, 4) for name, value in evaluation.metrics.items()},
         "steps": last.steps,
         "training_cpu_s": round(cpu_s, 1),
-        "returns": [round(value, 2) for value in found.returns],
+        "returns": [round(value, 2) for value in evaluation.returns],
     }
 
 
 def summary(runs: list[dict[str, Any]]) -> dict[str, Any]:
     """Over the seeds: interquartile mean, mean and deviation of the returns, and the share of successes, with intervals."""
-    strata = [one["returns"] for one in runs]
-    means = [one["return_mean"] for one in runs]
+    strata = [run["returns"] for run in runs]
+    means = [run["return_mean"] for run in runs]
     interval = stratified_bootstrap_interval([means], mean)
-    found: dict[str, Any] = {
+    result: dict[str, Any] = {
         "return_iqm": round(float(interquartile_mean(np.array(strata).ravel())), 3),
         "return_mean": round(statistics.fmean(means), 3),
         "return_std": round(statistics.pstdev(means), 3),
         "return_interval": [round(interval.low, 3), round(interval.high, 3)],
-        "training_cpu_s_median": statistics.median(one["training_cpu_s"] for one in runs),
+        "training_cpu_s_median": statistics.median(run["training_cpu_s"] for run in runs),
     }
     if runs[0]["success_rate"] is not None:
         trials = EVALUATED_EPISODES * len(runs)
-        successes = round(sum(one["success_rate"] for one in runs) * EVALUATED_EPISODES)
+        successes = round(sum(run["success_rate"] for run in runs) * EVALUATED_EPISODES)
         rate = wilson_interval(successes, trials)
-        found["success_rate"] = round(successes / trials, 3)
-        found["success_interval"] = [round(rate.low, 3), round(rate.high, 3)]
-    found["metrics"] = {name: round(statistics.fmean(one["metrics"][name] for one in runs), 4) for name in runs[0]["metrics"]}
-    return found
+        result["success_rate"] = round(successes / trials, 3)
+        result["success_interval"] = [round(rate.low, 3), round(rate.high, 3)]
+    result["metrics"] = {name: round(statistics.fmean(run["metrics"][name] for run in runs), 4) for name in runs[0]["metrics"]}
+    return result
 
 
 def paper_of(env_id: str) -> dict[str, Any] | None:
@@ -102,21 +102,21 @@ def main() -> None:
     parser.add_argument("--episodes", type=int, help="instead of the paper's")
     parser.add_argument("--processes", type=int, default=os.cpu_count())
     parser.add_argument("--keep", action="store_true", help="train only the seeds that the file does not have yet")
-    chosen = parser.parse_args()
-    name = "robots" if chosen.agent == "sac" else f"robots_{chosen.agent}"
+    args = parser.parse_args()
+    name = "robots" if args.agent == "sac" else f"robots_{args.agent}"
     path = RESULTS / f"{name}.json"
     known: dict[str, Any] = json.loads(path.read_text())["environments"] if path.exists() else {}
-    for env_id in chosen.envs:
-        episodes = chosen.episodes or EPISODES[env_id]
-        kept = known.get(env_id, {}).get("seeds", []) if chosen.keep else []
-        seeds = sorted(set(range(chosen.seeds)) - {one["seed"] for one in kept})
-        with tempfile.TemporaryDirectory() as folder, ProcessPoolExecutor(chosen.processes, get_context("spawn")) as pool:
-            waiting = [pool.submit(run, env_id, chosen.agent, episodes, seed, folder) for seed in seeds]
-            runs = sorted([*kept, *(one.result() for one in waiting)], key=lambda one: int(one["seed"]))
+    for env_id in args.envs:
+        episodes = args.episodes or EPISODES[env_id]
+        kept = known.get(env_id, {}).get("seeds", []) if args.keep else []
+        seeds = sorted(set(range(args.seeds)) - {run["seed"] for run in kept})
+        with tempfile.TemporaryDirectory() as folder, ProcessPoolExecutor(args.processes, get_context("spawn")) as pool:
+            waiting = [pool.submit(run, env_id, args.agent, episodes, seed, folder) for seed in seeds]
+            runs = sorted([*kept, *(job.result() for job in waiting)], key=lambda run: int(run["seed"]))
         known[env_id] = {"episodes": episodes, "summary": summary(runs), "paper": paper_of(env_id), "seeds": runs}
         print(env_id, known[env_id]["summary"], flush=True)
         ordered = {env: known[env] for env in EPISODES if env in known}
-        print(write(name, {"agent": chosen.agent, "preset": "default", "environments": ordered}), flush=True)
+        print(write(name, {"agent": args.agent, "preset": "default", "environments": ordered}), flush=True)
 
 
 if __name__ == "__main__":

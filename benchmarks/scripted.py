@@ -50,11 +50,11 @@ def into_step(state: TensorDictBase) -> Tensor:
     """The paper's reward of the Walker, climbed over one step and the way that is left: the best of all phases to come to."""
     angle = state["observation"][:4]
     target = torch.arange(0.0, 360.0, 4.0)[:, None] + TROT_DEG
-    left = torch.remainder(angle - target, 360.0)  # legs turn backwards only
-    turn = left.clamp_max(100.0)
+    remaining_deg = torch.remainder(angle - target, 360.0)  # legs turn backwards only
+    turn = remaining_deg.clamp_max(100.0)
     after = torch.nn.functional.pad(torch.remainder(angle - turn, 360.0), (0, 3))
     action = 1.0 - turn / 50.0
-    score = gait_reward(after)[:, 0] - action.sum(-1) / 40.0 - (left - turn).sum(-1) / 180.0
+    score = gait_reward(after)[:, 0] - action.sum(-1) / 40.0 - (remaining_deg - turn).sum(-1) / 180.0
     best: Tensor = action[score.argmax()]
     return best
 
@@ -62,9 +62,9 @@ def into_step(state: TensorDictBase) -> Tensor:
 def reach(state: TensorDictBase) -> Tensor:
     """Each joint by what it lacks, the rotation the shorter way around."""
     observation = state["observation"]
-    lacks = observation[4:] - observation[:4]
-    lacks[0] = _signed_deg(lacks[0])
-    action: Tensor = (lacks / torch.tensor([100.0, 30.0, 60.0, 25.0])).clamp(-1.0, 1.0)
+    error_deg = observation[4:] - observation[:4]
+    error_deg[0] = _signed_deg(error_deg[0])
+    action: Tensor = (error_deg / torch.tensor([100.0, 30.0, 60.0, 25.0])).clamp(-1.0, 1.0)
     return action
 
 
@@ -93,12 +93,12 @@ def follow(state: TensorDictBase) -> Tensor:
 def park(state: TensorDictBase) -> Tensor:
     """Into the heading in which an arc of a circle begins that ends straight in the bay; along it; straight in the bay."""
     ahead_mm, left_mm, turn_deg = state["observation"][-5:-2]
-    left_to_go_mm = torch.hypot(ahead_mm, left_mm)
-    off_deg = _signed_deg(-2.0 * torch.atan2(left_mm, ahead_mm).rad2deg() - turn_deg)
-    speed = left_to_go_mm.clamp_max(100.0) * off_deg.deg2rad().cos().clamp_min(0.0)
-    along_deg_s = (2.0 * speed * (turn_deg.deg2rad() / 2).sin() / left_to_go_mm).rad2deg()
-    rate = 2.5 * off_deg + along_deg_s
-    if left_to_go_mm < 8.0:
+    distance_mm = torch.hypot(ahead_mm, left_mm)
+    heading_error_deg = _signed_deg(-2.0 * torch.atan2(left_mm, ahead_mm).rad2deg() - turn_deg)
+    speed = distance_mm.clamp_max(100.0) * heading_error_deg.deg2rad().cos().clamp_min(0.0)
+    along_deg_s = (2.0 * speed * (turn_deg.deg2rad() / 2).sin() / distance_mm).rad2deg()
+    rate = 2.5 * heading_error_deg + along_deg_s
+    if distance_mm < 8.0:
         speed, rate = torch.zeros(()), 2.0 * turn_deg
     action: Tensor = torch.stack([speed.copysign(ahead_mm) / 100.0, rate / 60.0]).clamp(-1.0, 1.0)
     return action

@@ -55,14 +55,14 @@ def stacked_or_not(threads: int) -> dict[str, float]:
     """Milliseconds on the wall for an update of all seeds: one after the other, and stacked."""
     torch.set_num_threads(threads)
     singles, together = [updates_of(NETWORKS) for _ in range(SEEDS)], updates_of(SEEDS * NETWORKS)
-    found: dict[str, list[float]] = {"one_after_the_other_ms": [], "stacked_ms": []}
+    times_ms: dict[str, list[float]] = {"one_after_the_other_ms": [], "stacked_ms": []}
     for _ in range(ROUNDS):
         for name, work in (("one_after_the_other_ms", singles), ("stacked_ms", [together])):
             started_s = time.perf_counter()
             for update in work:
                 update()
-            found[name].append((time.perf_counter() - started_s) * 1e3 / UPDATES)
-    return {name: round(statistics.median(values), 2) for name, values in found.items()}
+            times_ms[name].append((time.perf_counter() - started_s) * 1e3 / UPDATES)
+    return {name: round(statistics.median(values), 2) for name, values in times_ms.items()}
 
 
 def processes(jobs: int, episodes: int) -> float:
@@ -78,11 +78,11 @@ def main() -> None:
     """Measure both and write the results."""
     parser = command(__doc__)
     parser.add_argument("--episodes", type=int, default=10)
-    chosen = parser.parse_args()
+    args = parser.parse_args()
     cores = os.cpu_count() or 1
     updates: dict[str, Any] = {f"{threads}_threads": stacked_or_not(threads) for threads in sorted({1, cores})}
-    wall_s = {f"{jobs}_at_a_time_s": round(processes(jobs, chosen.episodes), 1) for jobs in sorted({1, cores})}
-    setup = {"seeds": SEEDS, "networks": NETWORKS, "hidden": HIDDEN, "batch_size": BATCH, "episodes": chosen.episodes}
+    wall_s = {f"{jobs}_at_a_time_s": round(processes(jobs, args.episodes), 1) for jobs in sorted({1, cores})}
+    setup = {"seeds": SEEDS, "networks": NETWORKS, "hidden": HIDDEN, "batch_size": BATCH, "episodes": args.episodes}
     print(updates, wall_s, write("seeds", {"setup": setup, "updates": updates, "processes": wall_s}))
 
 

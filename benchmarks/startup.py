@@ -55,15 +55,15 @@ def main() -> None:
     parser = command(__doc__)
     parser.add_argument("--runs", type=int, default=7)
     parser.add_argument("--out", default="startup", help="name of the result")
-    options = parser.parse_args()
+    args = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         program = Path(folder) / "main.py"
         program.write_text("print('hello')\n")
         results = {}
         for words in COMMANDS:
-            results[words] = measure([str(program) if word == "PROGRAM" else word for word in words.split()], options.runs)
+            results[words] = measure([str(program) if word == "PROGRAM" else word for word in words.split()], args.runs)
             print(f"{results[words]['wall_s']:.2f} s wall, {results[words]['cpu_s']:.2f} s CPU  bricksrl {words}")
-    print(write(options.out, {"commands": results}))
+    print(write(args.out, {"commands": results}))
 
 
 if __name__ == "__main__":

@@ -11,10 +11,10 @@ from bricksrl.training import Callback, Episode, Progress
 class StopWhen(Callback):
     """Give it to a run as its callback, and its ``stop`` as the run's."""
 
-    def __init__(self, fulfilled: Callable[[Episode], bool]) -> None:
+    def __init__(self, condition: Callable[[Episode], bool]) -> None:
         self.stop = threading.Event()
-        self._fulfilled = fulfilled
+        self._condition = condition
 
     def on_episode(self, episode: Episode, progress: Progress) -> None:
-        if self._fulfilled(episode):
+        if self._condition(episode):
             self.stop.set()

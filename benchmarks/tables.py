@@ -85,29 +85,29 @@ def table(head: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
 def robots(result: Result) -> str:
     """SAC on each robot."""
     rows = []
-    for env, found in result["environments"].items():
-        summary, paper, steps = found["summary"], found["paper"] or {}, found["seeds"][0]["steps"]
-        theirs = paper.get(result["agent"])
+    for env, entry in result["environments"].items():
+        summary, paper, steps = entry["summary"], entry["paper"] or {}, entry["seeds"][0]["steps"]
+        paper_return = paper.get(result["agent"])
         metrics = summary["metrics"]
-        walks, is_enough = env.startswith("Walker"), len(found["seeds"]) >= LEAST_SEEDS
-        told = f"walks {metrics['forward_speed_m_s']:.3f} m/s" if walks else ""
+        walks, is_enough = env.startswith("Walker"), len(entry["seeds"]) >= LEAST_SEEDS
+        note = f"walks {metrics['forward_speed_m_s']:.3f} m/s" if walks else ""
         if summary.get("success_rate") is not None and not walks:
             low, high = summary["success_interval"]
-            told = f"success {percent(summary['success_rate'])}" + (f" [{100 * low:.0f}, {100 * high:.0f}]" if is_enough else "")
+            note = f"success {percent(summary['success_rate'])}" + (f" [{100 * low:.0f}, {100 * high:.0f}]" if is_enough else "")
             if "sac_success_rate" in paper:
-                told += f" (paper: {percent(paper['sac_success_rate'])})"
+                note += f" (paper: {percent(paper['sac_success_rate'])})"
             if "on_line_share" in metrics:
-                told += f"; on the line for {100 * metrics['on_line_share']:.1f} % of the time"
+                note += f"; on the line for {100 * metrics['on_line_share']:.1f} % of the time"
             if "final_error_mm" in metrics:
-                told += f"; final error {metrics['final_error_mm']:.0f} mm and {metrics['final_error_deg']:.1f} degrees"
+                note += f"; final error {metrics['final_error_mm']:.0f} mm and {metrics['final_error_deg']:.1f} degrees"
         rows.append(
             [
                 f"`{env}`",
-                str(len(found["seeds"])),
-                f"{found['episodes']} ({steps} steps)",
-                within(summary["return_mean"], summary["return_interval"], len(found["seeds"])),
-                "" if theirs is None else f"{theirs[0]:.4g} ± {theirs[1]:.3g}",
-                told,
+                str(len(entry["seeds"])),
+                f"{entry['episodes']} ({steps} steps)",
+                within(summary["return_mean"], summary["return_interval"], len(entry["seeds"])),
+                "" if paper_return is None else f"{paper_return[0]:.4g} ± {paper_return[1]:.3g}",
+                note,
                 f"{summary['training_cpu_s_median']:.0f} s",
             ]
         )
@@ -118,17 +118,17 @@ def robots(result: Result) -> str:
 def baselines(result: Result) -> str:
     """Random actions and hand-written controllers."""
     rows = []
-    for env, found in result["environments"].items():
+    for env, entry in result["environments"].items():
         cells = []
-        for kind in ("random", "scripted"):
-            success = found[kind].get("success_rate")
-            cell = within(found[kind]["return_mean"], found[kind]["return_interval"])
+        for policy in ("random", "scripted"):
+            success = entry[policy].get("success_rate")
+            cell = within(entry[policy]["return_mean"], entry[policy]["return_interval"])
             cells.append(cell if success is None else f"{cell}, {percent(success)}")
-        paper = found["paper"] or {}
-        theirs = "" if "random" not in paper else f"{paper['random'][0]:.4g}"
+        paper = entry["paper"] or {}
+        paper_cell = "" if "random" not in paper else f"{paper['random'][0]:.4g}"
         if "random_success" in paper:
-            theirs += f", {percent(paper['random_success'])}"
-        rows.append([f"`{env}`", *cells, theirs, found.get("why_they_differ", "")])
+            paper_cell += f", {percent(paper['random_success'])}"
+        rows.append([f"`{env}`", *cells, paper_cell, entry.get("why_they_differ", "")])
     return table(["environment", "random", "hand-written", "random in the paper", "why they differ"], rows)
 
 
@@ -136,19 +136,19 @@ def learning(result: Result) -> str:
     """Return and success over robot steps in the simulations."""
     rows = []
     for env, agents in result["environments"].items():
-        for agent, found in agents.items():
+        for agent, entry in agents.items():
             rows += [
                 [
                     f"`{env}`",
                     agent,
-                    str(len(found["seeds"])),
-                    f"{one['mark']}",
-                    within(one["return_mean"], one["return_interval"], len(found["seeds"])),
-                    percent(one["success_mean"]) if env.startswith("RoboArm") else "",
-                    f"{one['cpu_s']:.0f} s",
+                    str(len(entry["seeds"])),
+                    f"{mark['mark']}",
+                    within(mark["return_mean"], mark["return_interval"], len(entry["seeds"])),
+                    percent(mark["success_mean"]) if env.startswith("RoboArm") else "",
+                    f"{mark['cpu_s']:.0f} s",
                 ]
-                for one in found["summary"]
-                if one["mark"] in SHOWN_MARKS
+                for mark in entry["summary"]
+                if mark["mark"] in SHOWN_MARKS
             ]
     return table(["environment", "agent", "seeds", "robot steps in total", "return", "success", "CPU time"], rows)
 
@@ -156,11 +156,11 @@ def learning(result: Result) -> str:
 def camera(result: Result) -> str:
     """Success of the camera task."""
     rows = []
-    for agent, found in result["agents"].items():
-        for one in found["summary"]:
-            low, high = one["success_range"]
-            success = f"{percent(one['success_median'])} ({100 * low:.0f} to {100 * high:.0f})"
-            rows.append([agent, str(len(found["seeds"])), str(one["episodes"]), success, f"{one['cpu_s_median']:.0f} s"])
+    for agent, entry in result["agents"].items():
+        for mark in entry["summary"]:
+            low, high = mark["success_range"]
+            success = f"{percent(mark['success_median'])} ({100 * low:.0f} to {100 * high:.0f})"
+            rows.append([agent, str(len(entry["seeds"])), str(mark["episodes"]), success, f"{mark['cpu_s_median']:.0f} s"])
     return table(["agent", "seeds", "episodes in total", "success: median (range)", "CPU time"], rows)
 
 
@@ -171,10 +171,10 @@ def seeds(result: Result) -> str:
     for name, wall_s in at_a_time.items():
         count = name.split("_")[0]
         rows.append(["training", f"one process per seed, {count} at a time", f"{wall_s:.0f} s", f"{one_s / wall_s:.2f}"])
-    for name, found in result["updates"].items():
-        threads, alone_ms = name.split("_")[0], found["one_after_the_other_ms"]
+    for name, times in result["updates"].items():
+        threads, alone_ms = name.split("_")[0], times["one_after_the_other_ms"]
         rows.append(["updates", f"one after the other, threads: {threads}", f"{alone_ms:.1f} ms", "1"])
-        stacked_ms = found["stacked_ms"]
+        stacked_ms = times["stacked_ms"]
         rows.append(["updates", f"stacked, threads: {threads}", f"{stacked_ms:.1f} ms", f"{alone_ms / stacked_ms:.2f}"])
     return table(["what", "how", "wall time", "speedup"], rows)
 
@@ -183,27 +183,27 @@ def ablation(result: Result) -> str:
     """Each default setting set back to the paper's value."""
     rows = []
     for env, agents in result["environments"].items():
-        for agent, found in agents.items():
-            for name, one in found["variants"].items():
-                what = f"`{name}`" if name in ("default", "paper") else f"`{name}={one['setting'][name]}`"
-                cell = within(one["return_mean"], one["return_interval"], len(one["returns"]))
-                success = percent(one["success_mean"]) if env.startswith("RoboArm") else ""
-                rows.append([f"`{env}`", agent, str(len(one["returns"])), str(found["steps"]), what, cell, success])
+        for agent, entry in agents.items():
+            for name, variant in entry["variants"].items():
+                label = f"`{name}`" if name in ("default", "paper") else f"`{name}={variant['setting'][name]}`"
+                cell = within(variant["return_mean"], variant["return_interval"], len(variant["returns"]))
+                success = percent(variant["success_mean"]) if env.startswith("RoboArm") else ""
+                rows.append([f"`{env}`", agent, str(len(variant["returns"])), str(entry["steps"]), label, cell, success])
     return table(["environment", "agent", "seeds", "robot steps", "settings", "return", "success"], rows)
 
 
 def datasets(result: Result) -> str:
     """Datasets of 100 episodes each."""
     rows = []
-    for env, ours in result["tasks"].items():
+    for env, entry in result["tasks"].items():
         paper = result["paper"][env]
         rows.append(
             [
                 f"`{env}`",
-                f"{number(ours['expert']['mean_reward'])} ({number(paper['mean_reward'])})",
-                f"{ours['expert']['transitions']} ({paper['expert_transitions']})",
-                number(ours["random"]["mean_reward"]),
-                f"{ours['random']['transitions']} ({paper['random_transitions']})",
+                f"{number(entry['expert']['mean_reward'])} ({number(paper['mean_reward'])})",
+                f"{entry['expert']['transitions']} ({paper['expert_transitions']})",
+                number(entry["random"]["mean_reward"]),
+                f"{entry['random']['transitions']} ({paper['random_transitions']})",
             ]
         )
     head = ["task", "expert: mean return (paper)", "transitions (paper)", "random: mean return", "transitions (paper)"]
@@ -212,18 +212,18 @@ def datasets(result: Result) -> str:
 
 def offline(result: Result) -> str:
     """Agents trained on datasets alone."""
-    agents = sorted({agent for found in result["datasets"].values() for agent in found})
+    agents = sorted({agent for by_agent in result["datasets"].values() for agent in by_agent})
     rows = []
-    for data, found in result["datasets"].items():
+    for data, by_agent in result["datasets"].items():
         cells = []
         for agent in agents:
-            cell = found.get(agent)
+            cell = by_agent.get(agent)
             if cell is None:
                 cells.append("")
                 continue
             paper = "" if cell["paper"] is None else f" ({number(cell['paper'])})"
-            ours = within(cell["return_mean"], cell["interval"], len(cell["seeds"]))
-            cells.append(f"{ours}{paper}, n={len(cell['seeds'])}")
+            text = within(cell["return_mean"], cell["interval"], len(cell["seeds"]))
+            cells.append(f"{text}{paper}, n={len(cell['seeds'])}")
         rows.append([data, *cells])
     return table(["dataset", *(f"{agent} (paper)" for agent in agents)], rows)
 
@@ -239,11 +239,11 @@ def warm_start(result: Result) -> str:
     rows = [
         [
             ways[way],
-            str(len(found["seeds"])),
-            f"{found['episodes_median']:g}",
-            ", ".join(str(one["episodes"]) for one in found["seeds"]),
+            str(len(entry["seeds"])),
+            f"{entry['episodes_median']:g}",
+            ", ".join(str(run["episodes"]) for run in entry["seeds"]),
         ]
-        for way, found in result["ways"].items()
+        for way, entry in result["ways"].items()
     ]
     return table(["method", "seeds", "episodes to -25: median", "each seed"], rows)
 
@@ -251,12 +251,12 @@ def warm_start(result: Result) -> str:
 def updates(result: Result) -> str:
     """CPU milliseconds per update."""
     rows = []
-    for agent, found in result["agents"].items():
+    for agent, entry in result["agents"].items():
         others = [
-            f"{found[peer]['cpu_ms']:.2f} ({found[peer]['cpu_times_ours']:.2f} x)" if peer in found else ""
+            f"{entry[peer]['cpu_ms']:.2f} ({entry[peer]['cpu_times_ours']:.2f} x)" if peer in entry else ""
             for peer in ("ours_compiled", "torchrl_tuned", "torchrl", "sb3", "sbx")
         ]
-        rows.append([agent, f"{found['ours']['cpu_ms']:.2f}", *others])
+        rows.append([agent, f"{entry['ours']['cpu_ms']:.2f}", *others])
     names = ["ours, `--compile`", "TorchRL, tuned", "TorchRL", "Stable-Baselines3", "SBX"]
     return table(["CPU ms per update", "ours", *names], rows)
 
@@ -266,12 +266,12 @@ def copies(result: Result) -> str:
     rows = [
         [
             agent,
-            str(found["copies"]),
-            f"{found['goal']:g}",
-            f"{found['reached']} of {len(found['cpu_s'])}",
-            f"{found['cpu_s_median']:.0f} s [{min(found['cpu_s']):.0f} to {max(found['cpu_s']):.0f}]",
+            str(entry["copies"]),
+            f"{entry['goal']:g}",
+            f"{entry['reached']} of {len(entry['cpu_s'])}",
+            f"{entry['cpu_s_median']:.0f} s [{min(entry['cpu_s']):.0f} to {max(entry['cpu_s']):.0f}]",
         ]
-        for agent, found in result["agents"].items()
+        for agent, entry in result["agents"].items()
     ]
     return table(["agent", "copies", "goal", "seeds that reach it", "CPU time, median [min to max]"], rows)
 
@@ -279,18 +279,18 @@ def copies(result: Result) -> str:
 def race(result: Result) -> str:
     """CPU seconds to a return of -20, start-up included."""
     rows = []
-    for name, found in result["contestants"].items():
+    for name, entry in result["contestants"].items():
         package, _, agent = name.removesuffix("_like_ours").partition("_")
         settings = "default" if package == "ours" else "as ours" if name.endswith("_like_ours") else "its own"
-        times = [run[-1][1] for run in found["runs"]]
+        times = [run[-1][1] for run in entry["runs"]]
         rows.append(
             [
                 {"ours": "BricksRL", "sb3": "Stable-Baselines3", "sbx": "SBX"}[package],
                 agent,
                 settings,
-                f"{found['there']} of {len(times)}",
-                f"{found['steps']:.0f}",
-                f"{found['cpu_s']:.0f} s [{min(times):.0f} to {max(times):.0f}]",
+                f"{entry['there']} of {len(times)}",
+                f"{entry['steps']:.0f}",
+                f"{entry['cpu_s']:.0f} s [{min(times):.0f} to {max(times):.0f}]",
             ]
         )
     head = ["package", "agent", "settings", "seeds that reach it", "robot steps, median", "CPU time, median [min to max]"]
@@ -306,8 +306,8 @@ def cql_updates(result: Result) -> str:
 def realtime_learning(result: Result) -> str:
     """A robot that learns while it moves."""
     rows = [
-        [agent, f"{one['wall_over_motion']:.2f}", f"{one['updates_per_step_reached']:g} of {one['updates_per_step_asked']}"]
-        for agent, one in result["agents"].items()
+        [agent, f"{entry['wall_over_motion']:.2f}", f"{entry['updates_per_step_reached']:g} of {entry['updates_per_step_asked']}"]
+        for agent, entry in result["agents"].items()
     ]
     return table(["agent", "wall time over motion time", "updates per step"], rows)
 
@@ -317,17 +317,17 @@ def fleet(result: Result) -> str:
     rows = []
     for count, times in result["times_as_fast"].items():
         one, four = (result[name]["in_a_row"][count] for name in ("1_robot", "4_robots"))
-        cells = [within(found["solved_s_iqm"], found["solved_s_95"]) for found in (one, four)]
+        cells = [within(robots["solved_s_iqm"], robots["solved_s_95"]) for robots in (one, four)]
         rows.append([f"{count} in a row", *cells, f"{times:.1f}"])
     cut = result["cut"]
     lost = cut["frames_of_ended_episodes_missing_in_the_dataset"] + cut["frames_in_the_buffer_that_the_dataset_lacks"]
-    told = (
+    note = (
         f"The link of one robot was cut for 30 s: it left after {cut['left_s_after_the_cut'][0]:g} s and was back after "
         f"{cut['back_s_after_the_cut'][0]:g} s; the others made {cut['episodes_of_the_others_meanwhile']} episodes meanwhile; "
         f"{lost} frames were lost, {cut['frames_linked_with_another_robots']} were linked with another robot's.\n"
     )
     head = ["perfect episodes", "one robot, s", "four robots, s", "times as fast"]
-    return f"{table(head, rows)}\n{told}"
+    return f"{table(head, rows)}\n{note}"
 
 
 def arena(result: Result) -> str:
@@ -337,16 +337,16 @@ def arena(result: Result) -> str:
         for name, key in (("the script", "chase"), ("random", "random"))
     }
     rows = []
-    for catcher, one in {**result["agents"], **scripts}.items():
+    for catcher, entry in {**result["agents"], **scripts}.items():
         cells = []
-        for found in (one["against_flee"], one["against_random"]):
-            ends = f" [{', '.join(f'{100 * end:.0f}' for end in found['rate_95'])}]" if "rate_95" in found else ""
-            cells.append(f"{percent(found['rate'])}{ends}, {found['steps_mean']:g} steps")
-        cpu_s = f"{statistics.median(one['training_cpu_s']):.0f} s" if "training_cpu_s" in one else ""
-        rows.append([catcher, str(one.get("seeds", "")), cpu_s, *cells])
+        for outcome in (entry["against_flee"], entry["against_random"]):
+            ends = f" [{', '.join(f'{100 * end:.0f}' for end in outcome['rate_95'])}]" if "rate_95" in outcome else ""
+            cells.append(f"{percent(outcome['rate'])}{ends}, {outcome['steps_mean']:g} steps")
+        cpu_s = f"{statistics.median(entry['training_cpu_s']):.0f} s" if "training_cpu_s" in entry else ""
+        rows.append([catcher, str(entry.get("seeds", "")), cpu_s, *cells])
     head = ["catcher", "seeds", "CPU time of training", "wins against the script", "wins against a random runner"]
-    told = "The catcher is alone in its group: MAPPO, whose critic sees the whole group, is the same as IPPO here.\n"
-    return f"{table(head, rows)}\n{told}"
+    note = "The catcher is alone in its group: MAPPO, whose critic sees the whole group, is the same as IPPO here.\n"
+    return f"{table(head, rows)}\n{note}"
 
 
 def realtime_factor(result: Result) -> str:
@@ -354,12 +354,12 @@ def realtime_factor(result: Result) -> str:
     rows = [
         [
             f"`{env}`",
-            f"{one['realtime_factor']:.0f}",
-            f"{one['steps_per_cpu_s']:.0f}",
-            f"{one['mj_step_factor']:.0f}",
-            f"{one['ratio']:.2f}",
+            f"{entry['realtime_factor']:.0f}",
+            f"{entry['steps_per_cpu_s']:.0f}",
+            f"{entry['mj_step_factor']:.0f}",
+            f"{entry['ratio']:.2f}",
         ]
-        for env, one in result["environments"].items()
+        for env, entry in result["environments"].items()
     ]
     head = ["environment", "times real time", "steps per CPU second", "`mj_step` alone, times real time", "total over `mj_step`"]
     return table(head, rows)
@@ -368,9 +368,9 @@ def realtime_factor(result: Result) -> str:
 def simulation_speed(result: Result) -> str:
     """Batched simulations."""
     rows = [
-        [f"`{env}`", str(one["batch_size"]), str(one["threads"]), f"{one['steps_per_s']:,}"]
-        for env, found in result["environments"].items()
-        for one in found
+        [f"`{env}`", str(entry["batch_size"]), str(entry["threads"]), f"{entry['steps_per_s']:,}"]
+        for env, entries in result["environments"].items()
+        for entry in entries
     ]
     return table(["environment", "batch", "threads", "steps per second"], rows)
 
@@ -378,8 +378,8 @@ def simulation_speed(result: Result) -> str:
 def link_rates(result: Result) -> str:
     """Exchanges over a simulated radio."""
     rows = [
-        [interval, f"{one['p50_ms']:.1f} ms", f"{one['p99_ms']:.1f} ms", f"{one['rate_hz']:.1f} Hz"]
-        for interval, one in result["lock_step"].items()
+        [interval, f"{entry['p50_ms']:.1f} ms", f"{entry['p99_ms']:.1f} ms", f"{entry['rate_hz']:.1f} Hz"]
+        for interval, entry in result["lock_step"].items()
     ]
     return table(["connection interval", "one exchange: median", "p99", "rate"], rows)
 
@@ -414,11 +414,11 @@ COMMANDS = {"offline_default": "offline.py --preset default"}
 def page() -> str:
     """All of docs/results.md."""
     parts = [HEAD]
-    for name, (title, made) in SECTIONS.items():
+    for name, (title, render) in SECTIONS.items():
         path = RESULTS / f"{name}.json"
         if path.exists():
             parts.append(
-                f"## {title}\n\n`python benchmarks/{COMMANDS.get(name, f'{name}.py')}`\n\n{made(json.loads(path.read_text()))}"
+                f"## {title}\n\n`python benchmarks/{COMMANDS.get(name, f'{name}.py')}`\n\n{render(json.loads(path.read_text()))}"
             )
     return "\n".join(parts)
 
@@ -437,18 +437,18 @@ def studies() -> str:
 
 def readme(text: str) -> str:
     """The README with the current table of the robots."""
-    made = robots(json.loads((RESULTS / "robots.json").read_text()))
-    return BLOCK.sub(lambda _: f"\n{made}\n", text)
+    robots_table = robots(json.loads((RESULTS / "robots.json").read_text()))
+    return BLOCK.sub(lambda _: f"\n{robots_table}\n", text)
 
 
 def main() -> None:
     """Write, or check."""
     parser = command(__doc__)
     parser.add_argument("--check", action="store_true")
-    chosen = parser.parse_args()
-    wanted = {PAGE: page(), STUDIES_PAGE: studies(), README: readme(README.read_text(encoding="utf-8"))}
-    for path, text in wanted.items():
-        if not chosen.check:
+    args = parser.parse_args()
+    pages = {PAGE: page(), STUDIES_PAGE: studies(), README: readme(README.read_text(encoding="utf-8"))}
+    for path, text in pages.items():
+        if not args.check:
             path.write_text(text, encoding="utf-8")
         elif not path.exists() or path.read_text(encoding="utf-8") != text:
             sys.exit(f"error: {path.relative_to(ROOT)} does not match the results; run python benchmarks/tables.py")

@@ -25,7 +25,7 @@ AGENTS = ("sac", "td3", "droq", "redq", "crossq")
 NEEDS = {"sb3": "stable_baselines3", "sbx": "sbx"}
 
 
-def work(name: str, agent: str, ours: Connection) -> None:
+def work(name: str, agent: str, connection: Connection) -> None:
     """A contestant's process: makes its agent, updates once, then whenever it is asked to; tells the times."""
     from contestants import CONTESTANTS, UPDATES
 
@@ -33,12 +33,12 @@ def work(name: str, agent: str, ours: Connection) -> None:
         os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})  # what starts threads all the same shares one core with them
     update = CONTESTANTS[name][0](agent)
     update()
-    ours.send(time.process_time())
-    while ours.recv():
+    connection.send(time.process_time())
+    while connection.recv():
         cpu_s, wall_s = time.process_time(), time.perf_counter()
         update()
         spent = time.process_time() - cpu_s, time.perf_counter() - wall_s
-        ours.send([1e3 * s / UPDATES for s in spent])
+        connection.send([1e3 * s / UPDATES for s in spent])
 
 
 class Contestant:
@@ -47,23 +47,23 @@ class Contestant:
     def __init__(self, name: str, agent: str) -> None:
         self.name, self.agent = name, agent
         context = multiprocessing.get_context("spawn")
-        self._there, theirs = context.Pipe()
+        self._connection, child = context.Pipe()
         started_s = time.perf_counter()
-        self._process: BaseProcess = context.Process(target=work, args=(name, agent, theirs), daemon=True)
+        self._process: BaseProcess = context.Process(target=work, args=(name, agent, child), daemon=True)
         self._process.start()
-        theirs.close()
-        cpu_s = self._there.recv()
+        child.close()
+        cpu_s = self._connection.recv()
         self.first = {"cpu_s": round(cpu_s, 2), "wall_s": round(time.perf_counter() - started_s, 2)}
         self.rounds: list[tuple[float, float]] = []
 
     def take_turn(self) -> None:
         """Update, and note CPU and wall milliseconds of one update."""
-        self._there.send(True)
-        self.rounds.append(tuple(self._there.recv()))
+        self._connection.send(True)
+        self.rounds.append(tuple(self._connection.recv()))
 
     def end(self) -> None:
         """End the process."""
-        self._there.send(False)
+        self._connection.send(False)
         self._process.join(30)
 
     def summary(self) -> dict[str, Any]:
@@ -72,17 +72,17 @@ class Contestant:
         return {"cpu_ms": cpu_ms, "wall_ms": wall_ms, "to_first_update": self.first}
 
 
-def able() -> list[str]:
+def available() -> list[str]:
     """The contestants that can run here; says why the others cannot."""
     from contestants import CONTESTANTS
 
-    found = []
+    names = []
     for name in CONTESTANTS:
         if name in NEEDS and importlib.util.find_spec(NEEDS[name]) is None:
             print(f"{name} is left out: {NEEDS[name]} is missing; pip install 'bricksrl[benchmarks]'")
             continue
-        found.append(name)
-    return found
+        names.append(name)
+    return names
 
 
 def race(agent: str, names: list[str], rounds: int) -> dict[str, Any]:
@@ -91,20 +91,20 @@ def race(agent: str, names: list[str], rounds: int) -> dict[str, Any]:
 
     contestants = [Contestant(name, agent) for name in names if agent in CONTESTANTS[name][1]]
     for _ in range(rounds):
-        for one in contestants:
-            one.take_turn()
-    for one in contestants:
-        one.end()
-    found: dict[str, Any] = {one.name: one.summary() for one in contestants}
+        for contestant in contestants:
+            contestant.take_turn()
+    for contestant in contestants:
+        contestant.end()
+    summaries: dict[str, Any] = {contestant.name: contestant.summary() for contestant in contestants}
     ours = contestants[0].rounds
-    for one in contestants[1:]:
-        for place, unit in enumerate(("cpu", "wall")):
-            ratios = [its[place] / mine[place] for its, mine in zip(one.rounds, ours, strict=True)]
-            found[one.name][f"{unit}_times_ours"] = round(statistics.median(ratios), 2)
-    return found
+    for contestant in contestants[1:]:
+        for index, unit in enumerate(("cpu", "wall")):
+            ratios = [other[index] / own[index] for other, own in zip(contestant.rounds, ours, strict=True)]
+            summaries[contestant.name][f"{unit}_times_ours"] = round(statistics.median(ratios), 2)
+    return summaries
 
 
-def around(agent: str) -> float:
+def overhead_share(agent: str) -> float:
     """Share of our updates' CPU time that goes into what surrounds them: drawing, relabelling and cutting batches."""
     import torch
     from contestants import UPDATES, learner_of
@@ -128,20 +128,20 @@ def main() -> None:
     parser.add_argument("--agents", nargs="+", default=AGENTS, choices=AGENTS)
     parser.add_argument("--contestants", nargs="+", help="all that can run here, unless given")
     parser.add_argument("--rounds", type=int, default=9)
-    chosen = parser.parse_args()
+    args = parser.parse_args()
     os.environ.update(ONE_THREAD)  # before torch or JAX is loaded, here and in the processes
     from contestants import ACTION, BATCH, HIDDEN, OBSERVATION
 
-    names = [name for name in able() if chosen.contestants is None or name in ("ours", *chosen.contestants)]
+    names = [name for name in available() if args.contestants is None or name in ("ours", *args.contestants)]
     agents: dict[str, Any] = {}
-    for agent in chosen.agents:
-        agents[agent] = race(agent, names, chosen.rounds)
-        agents[agent]["ours"]["around_an_update"] = around(agent)
-        for name, found in agents[agent].items():
-            times = f"{found['cpu_times_ours']} times ours" if "cpu_times_ours" in found else ""
-            first = found["to_first_update"]
-            print(f"{agent:7}{name:15}{found['cpu_ms']:8.2f} ms CPU  {first['wall_s']:7.1f} s to the first  {times}", flush=True)
-    setup = {"hidden": HIDDEN, "batch_size": BATCH, "observation": OBSERVATION, "action": ACTION, "rounds": chosen.rounds}
+    for agent in args.agents:
+        agents[agent] = race(agent, names, args.rounds)
+        agents[agent]["ours"]["around_an_update"] = overhead_share(agent)
+        for name, result in agents[agent].items():
+            times = f"{result['cpu_times_ours']} times ours" if "cpu_times_ours" in result else ""
+            first = result["to_first_update"]
+            print(f"{agent:7}{name:15}{result['cpu_ms']:8.2f} ms CPU  {first['wall_s']:7.1f} s to the first  {times}", flush=True)
+    setup = {"hidden": HIDDEN, "batch_size": BATCH, "observation": OBSERVATION, "action": ACTION, "rounds": args.rounds}
     others = {name: metadata.version(name) for name in ("stable-baselines3", "sbx-rl", "jax") if _installed(name)}
     print(write("updates", {"setup": setup, "agents": agents, "compared_with": others}))
 

@@ -36,9 +36,9 @@ def run(way: str, data: str, seed: int, episodes: int, updates: int) -> dict[str
         agent, teacher = WAYS[way]
         settings = preset("default", agent)
         if teacher is not None:
-            before = TrainConfig(ENV, teacher, 1, seed=seed, data=data, updates=updates, run_dir=start)
-            train(before)
-            settings = settings_like(before, settings)
+            teacher_config = TrainConfig(ENV, teacher, 1, seed=seed, data=data, updates=updates, run_dir=start)
+            train(teacher_config)
+            settings = settings_like(teacher_config, settings)
         config = TrainConfig(
             ENV,
             agent,
@@ -52,7 +52,7 @@ def run(way: str, data: str, seed: int, episodes: int, updates: int) -> dict[str
         )
         returns = [episode.return_ for episode in train(config, callback, stop=callback.stop).episodes]
     reached = returns[-1] >= GOAL
-    print(way, seed, [round(one, 1) for one in returns], flush=True)
+    print(way, seed, [round(value, 1) for value in returns], flush=True)
     return {"seed": seed, "episodes": len(returns) + (not reached), "reached": reached, "returns": returns}
 
 
@@ -64,13 +64,13 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=5)
     parser.add_argument("--episodes", type=int, default=40)
     parser.add_argument("--updates", type=int, default=5000, help="of IQL and of BC, from the dataset alone")
-    chosen = parser.parse_args()
-    found: dict[str, Any] = {}
-    for way in chosen.ways:
-        runs = [run(way, str(chosen.data.absolute()), seed, chosen.episodes, chosen.updates) for seed in range(chosen.seeds)]
-        found[way] = {"episodes_median": statistics.median(one["episodes"] for one in runs), "seeds": runs}
-    print({way: one["episodes_median"] for way, one in found.items()})
-    print(write("warm_start", {"env": ENV, "goal": GOAL, "updates": chosen.updates, "ways": found}))
+    args = parser.parse_args()
+    results: dict[str, Any] = {}
+    for way in args.ways:
+        runs = [run(way, str(args.data.absolute()), seed, args.episodes, args.updates) for seed in range(args.seeds)]
+        results[way] = {"episodes_median": statistics.median(run_result["episodes"] for run_result in runs), "seeds": runs}
+    print({way: run_result["episodes_median"] for way, run_result in results.items()})
+    print(write("warm_start", {"env": ENV, "goal": GOAL, "updates": args.updates, "ways": results}))
 
 
 if __name__ == "__main__":

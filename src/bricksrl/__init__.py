@@ -74,7 +74,7 @@ class _OfferToGymnasium:
 
                 execute(module)
                 sys.meta_path.remove(self)
-                importlib.import_module("bricksrl.envs.registry").offer_to_gymnasium()
+                importlib.import_module("bricksrl.envs.registry").register_with_gymnasium()
 
             spec.loader.exec_module = execute_and_offer  # type: ignore[method-assign]
         return spec
@@ -83,6 +83,6 @@ class _OfferToGymnasium:
 if "gymnasium" in sys.modules:
     import importlib
 
-    importlib.import_module("bricksrl.envs.registry").offer_to_gymnasium()
+    importlib.import_module("bricksrl.envs.registry").register_with_gymnasium()
 else:
     sys.meta_path.insert(0, _OfferToGymnasium())

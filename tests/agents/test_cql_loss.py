@@ -11,7 +11,7 @@ from torch import Tensor, nn
 from torchrl.objectives import CQLLoss as TorchRLCQLLoss
 
 from bricksrl.agents.actor_critic import Batch
-from bricksrl.agents.offline.cql import CQLLoss, CQLSettings, draw_places
+from bricksrl.agents.offline.cql import CQLLoss, CQLSettings, draw_indices
 
 
 def make(**changes: Any) -> CQLLoss:
@@ -167,7 +167,7 @@ def test_penalty_factor_grows_with_gap() -> None:
 
 def test_draws_follow_weights() -> None:
     weights = torch.tensor([0.5, 0.0, 0.3, 0.2])[None, :, None].repeat(2, 1, 3)
-    found = torch.cat([draw_places(weights, 4) for _ in range(2000)], 1)
+    found = torch.cat([draw_indices(weights, 4) for _ in range(2000)], 1)
     assert found.shape == (2, 8000, 3)
     shares = torch.stack([(found == place).float().mean(1) for place in range(4)])
     torch.testing.assert_close(shares, weights[0, :, :1, None].expand(4, 2, 3), rtol=0.0, atol=0.02)

@@ -143,7 +143,7 @@ def test_wrong_cell_type_or_shape_raises(tmp_path: Path, column: str, value: obj
     table = pq.read_table(root / ROWS)
     pq.write_table(table.set_column(table.schema.get_field_index(column), column, pa.array([value])), root / ROWS)
     before = contents(root)
-    for act in (load, lambda path: recover(path, anew=True), lambda path: merge([path], tmp_path / "out")):
+    for act in (load, lambda path: recover(path, rebuild=True), lambda path: merge([path], tmp_path / "out")):
         with pytest.raises(DataError, match="rows that are not ours"):
             act(root)
     assert contents(root) == before and not (tmp_path / "out").exists()

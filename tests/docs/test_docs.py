@@ -17,7 +17,7 @@ import pytest
 
 from bricksrl.cli import main
 from bricksrl.cli.app import parse
-from bricksrl.envs.registry import _OWN
+from bricksrl.envs.registry import _BUILT_IN
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
@@ -74,7 +74,7 @@ def clone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("MUJOCO_GL", "disable")
     monkeypatch.setattr("bricksrl.cli.train._EVALUATED_EPISODES", 1)
-    monkeypatch.setattr("bricksrl.envs.registry._offers", dict(_OWN))
+    monkeypatch.setattr("bricksrl.envs.registry._specs", dict(_BUILT_IN))
     return tmp_path
 
 
@@ -108,7 +108,7 @@ def test_snippets_of_other_pages_are_python(page: Path) -> None:
 def test_notebooks_run(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("BRICKSRL_QUICK", "1")
-    monkeypatch.setattr("bricksrl.envs.registry._offers", dict(_OWN))
+    monkeypatch.setattr("bricksrl.envs.registry._specs", dict(_BUILT_IN))
     names: dict[str, object] = {"__name__": "notebook"}
     exec("import bricksrl", names)  # noqa: S102
     for cell in nbformat.read(path, 4).cells:

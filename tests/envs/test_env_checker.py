@@ -23,7 +23,7 @@ MINE = replace(SPINNING, id="Mine-v0", doc="Spins.", max_steps=4)
 
 @pytest.fixture(autouse=True)
 def _forget(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(registry, "_offers", dict(registry._offers))
+    monkeypatch.setattr(registry, "_specs", dict(registry._specs))
 
 
 def outcomes(task: Task) -> dict[str, tuple[Outcome, str]]:

@@ -14,7 +14,7 @@ from tensordict import TensorDict
 
 import bricksrl
 from bricksrl.envs.kinematics import Kinematics
-from bricksrl.envs.motor_profile import ACCELERATION_DEG_S2, turn_on
+from bricksrl.envs.motor_profile import ACCELERATION_DEG_S2, turned_angle
 from bricksrl.envs.registry import get_task
 from bricksrl.envs.simulation import SimulatedEnv
 from bricksrl.errors import DescriptionError
@@ -29,7 +29,7 @@ SPEEDS, TURNS = st.floats(-600, 600), st.floats(-360, 360)
 def test_overlapping_commands(move: dict[str, Any]) -> None:
     position = speed = torch.zeros(1)
     for expected in move["angles_after_each_then_at_rest"][:-1]:
-        turned, speed = turn_on(
+        turned, speed = turned_angle(
             torch.tensor([float(move["angle"])]), speed, torch.tensor([float(move["speed"])]), move["every_ms"] / 1000
         )
         position = position + turned
@@ -40,14 +40,14 @@ def test_every_moment_of_one_command() -> None:
     for trace in FIRMWARE["trace_20ms"]:
         command, limit = torch.tensor([float(trace["angle"])]), torch.tensor([float(trace["speed"])])
         for i, expected in enumerate(trace["angles"]):
-            turned, _ = turn_on(command, torch.zeros(1), limit, (i + 1) * 0.02)
+            turned, _ = turned_angle(command, torch.zeros(1), limit, (i + 1) * 0.02)
             assert abs(turned.item() - expected) <= LAG_DEG, i
 
 
 @given(TURNS, SPEEDS, st.floats(10, 1000))
 def test_motion_arrives_and_rests(turn: float, speed: float, limit: float) -> None:
     # The firmware takes a start that is too fast to stop, or too fast at all, as it comes: leave those out.
-    turned, rest = turn_on(torch.tensor([turn]), torch.tensor([speed]), torch.tensor([limit]), 60.0)
+    turned, rest = turned_angle(torch.tensor([turn]), torch.tensor([speed]), torch.tensor([limit]), 60.0)
     assert turned.item() == pytest.approx(turn, abs=0.05)
     assert rest.item() == pytest.approx(0.0, abs=0.5)
 
@@ -56,7 +56,7 @@ def test_motion_arrives_and_rests(turn: float, speed: float, limit: float) -> No
 def test_no_jump_in_between(turn: float, speed: float, time_s: float) -> None:
     """Speed and acceleration limits hold in every millisecond."""
     limit = torch.tensor([600.0])
-    at = [turn_on(torch.tensor([turn]), torch.tensor([speed]), limit, t) for t in (time_s, time_s + 0.001)]
+    at = [turned_angle(torch.tensor([turn]), torch.tensor([speed]), limit, t) for t in (time_s, time_s + 0.001)]
     (one, one_speed), (other, other_speed) = ((a.item(), b.item()) for a, b in at)
     assert abs(other_speed - one_speed) <= ACCELERATION_DEG_S2 * 0.001 + 0.5
     assert abs(other - one) <= (max(abs(one_speed), abs(other_speed)) + 3.0) * 0.001 + 0.01

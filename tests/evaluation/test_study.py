@@ -19,7 +19,7 @@ from bricksrl.evaluation.statistics import (
     seeds_interval,
 )
 from bricksrl.evaluation.study import name_of, robot_seconds, run_study, summary
-from bricksrl.evaluation.study_benchmarks import BENCHMARK_STUDIES, BenchmarkStudy, Script, result_of, take_study
+from bricksrl.evaluation.study_benchmarks import BENCHMARK_STUDIES, BenchmarkStudy, Script, result_of, run_benchmark_study
 from bricksrl.evaluation.study_page import page
 from bricksrl.evaluation.study_tables import OUTSIDE, STUDIES, Cell, Condition, Study, drawn_twins
 from bricksrl.training import TrainConfig, train
@@ -185,20 +185,20 @@ def test_study_uses_benchmark_results_and_adds_missing(tmp_path: Path) -> None:
 
     study = BenchmarkStudy("s", "S", 1.0, 1.0, (Script("small", ("1.5",), ("2.5",)), Script("large", ("3",))), tables)
     with pytest.raises(RunError, match="needs the repository.s benchmarks"):
-        take_study(study, tmp_path / "study", tmp_path)
+        run_benchmark_study(study, tmp_path / "study", tmp_path)
     folder = tmp_path / "benchmarks"
     (folder / "results").mkdir(parents=True)
     (folder / "machine.py").touch()
     (folder / "small.py").write_text(BENCHMARK)
     (folder / "large.py").write_text("raise SystemExit('no room')")
-    quick = take_study(study, tmp_path / "quick", folder, quick=True)
+    quick = run_benchmark_study(study, tmp_path / "quick", folder, quick=True)
     assert "| r | c | 1 | x | 2.5 |" in quick.read_text() and "small: old" in quick.read_text()
     assert not (folder / "results" / "small.json").exists()
     with pytest.raises(RunError, match="large.py failed: no room"):
-        take_study(study, tmp_path / "study", folder)
+        run_benchmark_study(study, tmp_path / "study", folder)
     (folder / "results" / "large.json").write_text('{"machine": {}, "versions": {}}')
     (folder / "small.py").unlink()
-    assert "| 1.5 |" in take_study(study, tmp_path / "study", folder).read_text(), "of the try before"
+    assert "| 1.5 |" in run_benchmark_study(study, tmp_path / "study", folder).read_text(), "of the try before"
 
 
 def test_repository_results_build_tables() -> None:

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from bricksrl.envs.env_checker import check_env
-from bricksrl.envs.registry import _OWN, get_task
+from bricksrl.envs.registry import _BUILT_IN, get_task
 from bricksrl.errors import RenderingUnavailableError
 from bricksrl.evaluation.film import FilmOptions, film_run
 from bricksrl.finding import Outcome
@@ -102,7 +102,7 @@ def test_evaluate_elsewhere(main, capsys) -> None:
 
 
 def test_camera(main, capsys, monkeypatch) -> None:
-    monkeypatch.setattr("bricksrl.envs.registry._offers", dict(_OWN))
+    monkeypatch.setattr("bricksrl.envs.registry._specs", dict(_BUILT_IN))
     monkeypatch.setitem(sys.modules, "torchvision", None)  # where it is there, weights would be fetched
     main("09_camera")()
     said = capsys.readouterr().out

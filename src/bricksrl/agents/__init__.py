@@ -51,17 +51,17 @@ def algorithm(agent: str) -> Algorithm:
         module = importlib.import_module(f"bricksrl.agents.{_MODULES.get(agent, agent)}")
         build = module.build
     else:
-        known = f"{hint(agent, AGENTS)}; choose one of {', '.join(AGENTS)}, or give a file: my_agent.py"
-        raise UnknownNameError(f"there is no agent '{agent}'{known}")
-    wanted = "write build(env, settings: Settings, device) with a frozen dataclass Settings"
+        remedy = f"{hint(agent, AGENTS)}; choose one of {', '.join(AGENTS)}, or give a file: my_agent.py"
+        raise UnknownNameError(f"there is no agent '{agent}'{remedy}")
+    remedy = "write build(env, settings: Settings, device) with a frozen dataclass Settings"
     try:
-        kind = inspect.signature(build).parameters["settings"].annotation
+        settings = inspect.signature(build).parameters["settings"].annotation
     except (KeyError, TypeError, ValueError):
-        raise DescriptionError(f"{agent} takes no settings; {wanted}") from None
-    kind = getattr(module, kind, None) if isinstance(kind, str) else kind
-    if not (isinstance(kind, type) and is_dataclass(kind)):
-        raise DescriptionError(f"{agent} has no type for its settings; {wanted}")
-    return Algorithm(agent, kind, build)
+        raise DescriptionError(f"{agent} takes no settings; {remedy}") from None
+    settings = getattr(module, settings, None) if isinstance(settings, str) else settings
+    if not (isinstance(settings, type) and is_dataclass(settings)):
+        raise DescriptionError(f"{agent} has no type for its settings; {remedy}")
+    return Algorithm(agent, settings, build)
 
 
 def preset(name: str = "default", agent: str = "sac", *, images: bool = False) -> Any:
@@ -69,14 +69,14 @@ def preset(name: str = "default", agent: str = "sac", *, images: bool = False) -
     preset or algorithm."""
     if name not in PRESETS:
         raise UnknownNameError(f"there is no preset '{name}'; choose one of {', '.join(PRESETS)}")
-    kind = algorithm(agent).settings
+    settings_type = algorithm(agent).settings
     if is_reference(agent):
         if name != "default":
             raise UnknownNameError(f"{agent} has no preset '{name}'; it has its own defaults")
-        return kind()
+        return settings_type()
     from bricksrl.agents.presets import values
 
-    return kind(**values(name, agent, kind, images=images))
+    return settings_type(**values(name, agent, settings_type, images=images))
 
 
 def make_learner(agent: str, env: EnvBase, settings: Any = None, device: str = "cpu") -> Learner:
@@ -85,16 +85,16 @@ def make_learner(agent: str, env: EnvBase, settings: Any = None, device: str = "
     another algorithm or do not suit the environment, or a user's code raised."""
     from bricksrl.agents.learner import Learner
 
-    found = algorithm(agent)
+    chosen = algorithm(agent)
     images = "image" in env.full_observation_spec_unbatched.keys()  # noqa: SIM118  a Composite
     settings = preset("default", agent, images=images) if settings is None else settings
-    if is_reference(agent) and type(settings).__name__ == found.settings.__name__:
-        settings = found.settings(**vars(settings))  # the user's file was reloaded, and its class with it
-    if not isinstance(settings, found.settings):
-        theirs = type(settings).__name__
-        raise DescriptionError(f"{agent} has {found.settings.__name__}, not {theirs}; see preset('default', '{agent}')")
+    if is_reference(agent) and type(settings).__name__ == chosen.settings.__name__:
+        settings = chosen.settings(**vars(settings))  # the user's file was reloaded, and its class with it
+    if not isinstance(settings, chosen.settings):
+        actual = type(settings).__name__
+        raise DescriptionError(f"{agent} has {chosen.settings.__name__}, not {actual}; see preset('default', '{agent}')")
     try:
-        learner = found.build(env, settings, device)
+        learner = chosen.build(env, settings, device)
     except BricksError:
         raise
     except Exception as error:

@@ -81,10 +81,10 @@ class ActorCriticLoss(LossModule):  # type: ignore[misc]
     def forward(self, tensordict: TensorDictBase) -> TensorDict:
         """All losses of a batch, and detached metrics; scalars."""
         batch = self.encode(tensordict)
-        found = self.qvalue_loss(batch)
+        losses = self.qvalue_loss(batch)
         with hold_out_net(self.critics):
-            found |= self.actor_loss(batch)
-        return TensorDict(found)
+            losses |= self.actor_loss(batch)
+        return TensorDict(losses)
 
     def critic_losses(self, tensordict: TensorDictBase) -> TensorDict:
         """The losses of an update without the actor."""

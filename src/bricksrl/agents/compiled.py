@@ -20,7 +20,7 @@ from bricksrl.agents.learner import Learner
 from bricksrl.agents.offline.cql import CQLLoss
 from bricksrl.errors import RunError
 
-_OF_CRITICS = ("loss.critics.", "loss.encoder.")
+_CRITIC_PREFIXES = ("loss.critics.", "loss.encoder.")
 
 
 class _Parts(nn.Module):
@@ -43,39 +43,39 @@ class CompiledGradients:
     def __init__(self, loss: ActorCriticLoss, device: torch.device, backend: str = "inductor") -> None:
         self._parts, self._device = _Parts(loss), device
         self._keys = loss.in_keys
-        learned = {name: value for name, value in self._parts.named_parameters() if value.requires_grad}
-        self._learned = {True: learned, False: {name: learned[name] for name in learned if name.startswith(_OF_CRITICS)}}
+        params = {name: value for name, value in self._parts.named_parameters() if value.requires_grad}
+        self._params = {True: params, False: {name: params[name] for name in params if name.startswith(_CRITIC_PREFIXES)}}
         torch.compiler.reset()  # graphs of earlier learners in this process count towards a limit
         mode = "reduce-overhead" if device.type == "cuda" else None
         self._graph = torch.compile(self._gradients, fullgraph=True, dynamic=False, mode=mode, backend=backend)
 
-    def _gradients(self, learned: dict[str, Tensor], rows: Any, whole: bool) -> tuple[dict[str, Tensor], dict[str, Tensor]]:
-        def total(learned: dict[str, Tensor]) -> tuple[Tensor, dict[str, Tensor]]:
-            batch, losses = functional_call(self._parts, learned, (rows,))
-            if whole:
-                held = {name: value.detach() if name.startswith("loss.critics.") else value for name, value in learned.items()}
-                losses = losses | functional_call(self._parts, held, (rows, batch))
+    def _gradients(self, params: dict[str, Tensor], rows: Any, with_actor: bool) -> tuple[dict[str, Tensor], dict[str, Tensor]]:
+        def total(params: dict[str, Tensor]) -> tuple[Tensor, dict[str, Tensor]]:
+            batch, losses = functional_call(self._parts, params, (rows,))
+            if with_actor:
+                fixed = {name: value.detach() if name.startswith("loss.critics.") else value for name, value in params.items()}
+                losses = losses | functional_call(self._parts, fixed, (rows, batch))
             summed = torch.stack([value for name, value in losses.items() if name.startswith("loss")]).sum()
             return summed, {name: value.detach() for name, value in losses.items()}
 
-        found: tuple[dict[str, Tensor], dict[str, Tensor]] = grad(total, has_aux=True)(learned)
-        return found
+        result: tuple[dict[str, Tensor], dict[str, Tensor]] = grad(total, has_aux=True)(params)
+        return result
 
-    def __call__(self, batch: TensorDictBase, whole: bool) -> TensorDict:
-        """Losses of a batch, with the actor's if ``whole``. Writes gradients to the parameters. Raises RunError if there is no
+    def __call__(self, batch: TensorDictBase, with_actor: bool) -> TensorDict:
+        """Losses of a batch, and the actor's if ``with_actor``. Writes gradients to the parameters. Raises RunError without a
         compiler."""
         rows = batch.select(*self._keys, "steps_to_next_obs", strict=False).to_dict()
-        learned: dict[str, Tensor] = {**self._learned[whole]}
+        params: dict[str, Tensor] = {**self._params[with_actor]}
         try:
             with torch.no_grad():  # otherwise the graph also keeps tensors for second derivatives
-                gradients, losses = self._graph(learned, rows, whole)
+                gradients, losses = self._graph(params, rows, with_actor)
         except Exception as error:
             causes = "".join(traceback.format_exception(error))
             if "InvalidCxxCompiler" in causes or "No working C++ compiler" in causes:
-                wanted = "install one (such as g++ or clang), or omit --compile"
-                raise RunError(f"there is no C++ compiler; {wanted}") from None
+                remedy = "install one (such as g++ or clang), or omit --compile"
+                raise RunError(f"there is no C++ compiler; {remedy}") from None
             raise
-        for name, parameter in learned.items():
+        for name, parameter in params.items():
             parameter.grad = gradients[name]
         if self._device.type == "cuda":  # the next replay overwrites the graph's outputs
             losses = {name: value.clone() for name, value in losses.items()}

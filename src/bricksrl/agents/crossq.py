@@ -54,9 +54,9 @@ class CrossQLoss(SACLoss):
     def actor_loss(self, batch: Batch) -> dict[str, Tensor]:
         """Losses of actor and temperature; the critics use running statistics."""
         self.actor.train()
-        found = super().actor_loss(batch)
+        losses = super().actor_loss(batch)
         self.actor.eval()
-        return found
+        return losses
 
 
 class BatchNorm(nn.BatchNorm1d):
@@ -81,8 +81,8 @@ def build(env: EnvBase, settings: CrossQSettings, device: torch.device | str = "
     m, encoder = action_size(env), make_encoder(env, settings)
 
     def body(in_size: int, out_size: int) -> nn.Module:
-        made = make_body(settings, in_size, out_size)
-        return made if settings.network else batch_normalised(made, settings.momentum)
+        network = make_body(settings, in_size, out_size)
+        return network if settings.network else batch_normalised(network, settings.momentum)
 
     actor = body(encoder.size, 2 * m).eval()
     critics = Critics([body(encoder.size + m, 1) for _ in range(2)]).eval()

@@ -41,24 +41,24 @@ class ObservationEncoder(nn.Module):
         own = [i for i in angle_index if i not in goal_index and angles == "phases"]
         first, second = torch.combinations(torch.tensor(own, dtype=torch.int64)).T
         one_rad = torch.eye(len(layout.low)) * (math.pi / 180.0)
-        turn = torch.cat((one_rad[angle_index], one_rad[first] - one_rad[second])).T.contiguous()  # one column for each
-        self.turn, self.linear = _constant(turn), _constant(linear_index, torch.int64)
+        angle_matrix = torch.cat((one_rad[angle_index], one_rad[first] - one_rad[second])).T.contiguous()  # one column per angle
+        self.angle_matrix, self.linear = _constant(angle_matrix), _constant(linear_index, torch.int64)
         self.scale, self.offset = _constant(scale[self.linear]), _constant(offset[self.linear])
         self.goal = _constant([goal for goal, _ in pairs], torch.int64)
         self.reached = _constant([reached for _, reached in pairs], torch.int64)
-        self.around = _constant([360.0 if layout.wraps[goal] else math.inf for goal, _ in pairs])
+        self.period = _constant([360.0 if layout.wraps[goal] else math.inf for goal, _ in pairs])
         self.goal_scale = _constant([1 / 180.0 if layout.wraps[goal] else float(scale[goal]) for goal, _ in pairs])
-        self.size = len(linear_index) + 2 * turn.shape[1] + len(pairs)
+        self.size = len(linear_index) + 2 * angle_matrix.shape[1] + len(pairs)
 
     def forward(self, observation: Tensor) -> Tensor:
         """Features: scaled entries, then all sines, all cosines, all goal differences."""
         parts = [torch.addcmul(self.offset, observation.index_select(-1, self.linear), self.scale)]
-        if self.turn.shape[1]:
-            angle_rad = observation @ self.turn
+        if self.angle_matrix.shape[1]:
+            angle_rad = observation @ self.angle_matrix
             parts += [angle_rad.sin(), angle_rad.cos()]
         if len(self.goal):
-            left = observation.index_select(-1, self.goal) - observation.index_select(-1, self.reached)
-            parts.append((left - (left / self.around).round() * 360.0) * self.goal_scale)
+            difference = observation.index_select(-1, self.goal) - observation.index_select(-1, self.reached)
+            parts.append((difference - (difference / self.period).round() * 360.0) * self.goal_scale)
         return torch.cat(parts, -1)
 
 

@@ -33,18 +33,18 @@ class GoalRelabelling:
     hindsight: float
     new_goals: float
 
-    def relabel_batch(self, rows: TensorDictBase, at: Tensor, size: int, observed_later: Callable[[Tensor], Tensor]) -> None:
-        """Relabel shares of rows ``[n, batch]`` with indices ``at`` ``[batch]``; ``batch`` may be several batches of ``size``.
+    def relabel_batch(self, rows: TensorDictBase, index: Tensor, size: int, observed_later: Callable[[Tensor], Tensor]) -> None:
+        """Relabel shares of rows ``[n, batch]`` with the ``index`` ``[batch]``; ``batch`` may be several batches of ``size``.
         ``observed_later``: indices ``[*some]`` to later observations ``[*some, o]``."""
-        count = len(at) // size
+        count = len(index) // size
         in_hindsight = round(size * self.hindsight)
         end = in_hindsight + round(size * self.new_goals)
         if not end:
             return
-        goals = [self.draw(count, end - in_hindsight, device=at.device)]
+        goals = [self.draw(count, end - in_hindsight, device=index.device)]
         if in_hindsight:
             reached = [reached for _, reached in self.layout.goals]
-            goals.insert(0, observed_later(at.view(count, size)[:, :in_hindsight])[..., reached])
+            goals.insert(0, observed_later(index.view(count, size)[:, :in_hindsight])[..., reached])
         self.relabel(rows.view(len(rows), count, size)[:, :, :end], torch.cat(goals, 1))
 
     def draw(self, *batch: int, device: torch.device) -> Tensor:
@@ -55,10 +55,10 @@ class GoalRelabelling:
 
     def relabel(self, rows: TensorDictBase, goals: Tensor) -> None:
         """Write goals ``[*batch, g]`` into rows ``[n, *batch]`` and update their rewards and ends."""
-        places = [goal for goal, _ in self.layout.goals]
+        goal_index = [goal for goal, _ in self.layout.goals]
         after = rows["next"]
         for observation in (rows["observation"], after["observation"]):
-            observation[..., places] = goals
+            observation[..., goal_index] = goals
         after["reward"].copy_(self.task.reward(rows["observation"], rows["action"], after["observation"]))
         after["terminated"].copy_(self.task.terminated(after["observation"]))
 
@@ -66,18 +66,18 @@ class GoalRelabelling:
 class EpisodicReplayBuffer(TransitionReplayBuffer):
     """Uniform replay with successor links. The rewards of ``n_step`` steps are summed with discount ``gamma``;
     "steps_to_next_obs" is their actual number. ``goals``: relabelling of each batch; ``shift_px``: random shift of images;
-    ``size, kind``: as of `TransitionReplayBuffer`."""
+    ``args, kwargs``: as of `TransitionReplayBuffer`."""
 
     def __init__(
         self,
-        *size: Any,
+        *args: Any,
         gamma: float = 1.0,
         n_step: int = 1,
         goals: GoalRelabelling | None = None,
         shift_px: int = 0,
-        **kind: Any,
+        **kwargs: Any,
     ) -> None:
-        super().__init__(*size, **kind)
+        super().__init__(*args, **kwargs)
         self._gamma, self._n_step, self._goals, self._shift_px = gamma, n_step, goals, shift_px
         self._has_links = n_step > 1 or (goals is not None and goals.hindsight > 0)
         self._none = self._capacity  # index of the missing successor
@@ -88,31 +88,31 @@ class EpisodicReplayBuffer(TransitionReplayBuffer):
         """Add transitions that continue the last ones of this robot, and of each of its copies. Robots may alternate. Nothing is
         linked across a lost connection."""
         frames = frames if frames.ndim == 2 else frames.reshape(1, -1)
-        at = super().extend(frames)
-        if not len(at):
+        index = super().extend(frames)
+        if not len(index):
             self._last.pop(robot, None)
         elif self._has_links:
-            self._link(at, frames, robot)
-        return at
+            self._link(index, frames, robot)
+        return index
 
-    def _link(self, at: Tensor, frames: TensorDictBase, robot: int) -> None:
-        """Link successive transitions; ``at`` are their indices."""
+    def _link(self, index: Tensor, frames: TensorDictBase, robot: int) -> None:
+        """Link successive transitions, which are stored at ``index``."""
         lost = link_lost(frames)
         if lost is None:
-            places = at.view(frames.shape)
+            indices = index.view(frames.shape)
         else:
-            places = torch.full(frames.shape, self._none, device=self._device)
-            places[~lost] = at
+            indices = torch.full(frames.shape, self._none, device=self._device)
+            indices[~lost] = index
         done = frames["next", "done"].squeeze(-1).to(self._device)
         last = self._last.get(robot)
-        if last is not None and len(last) == len(places):
-            self._successor[last] = places[:, 0]
-        self._successor[places] = self._none  # afterwards, as the last ones may have been overwritten
-        if places.shape[1] > 1:
-            self._successor[places[:, :-1]] = torch.where(done[:, :-1], self._none, places[:, 1:])
+        if last is not None and len(last) == len(indices):
+            self._successor[last] = indices[:, 0]
+        self._successor[indices] = self._none  # afterwards, as the last ones may have been overwritten
+        if indices.shape[1] > 1:
+            self._successor[indices[:, :-1]] = torch.where(done[:, :-1], self._none, indices[:, 1:])
         for other, ends in self._last.items():  # overwritten transitions have no successor
-            self._last[other] = torch.where(torch.isin(ends, at), self._none, ends)
-        self._last[robot] = torch.where(done[:, -1], self._none, places[:, -1])
+            self._last[other] = torch.where(torch.isin(ends, index), self._none, ends)
+        self._last[robot] = torch.where(done[:, -1], self._none, indices[:, -1])
         self._successor[self._none] = self._none
 
     def empty(self, empty_write_count: bool = True) -> None:
@@ -129,38 +129,38 @@ class EpisodicReplayBuffer(TransitionReplayBuffer):
     def sample(self, batch_size: int | None = None, **_: Any) -> TensorDictBase:
         """Uniformly drawn transitions, relabelled, summed over n steps, images shifted."""
         batch = super().sample(batch_size)
-        at = batch.pop("index")
+        index = batch.pop("index")
         if self._goals is not None or self._n_step > 1:
-            batch = self._augmented(batch, at)
+            batch = self._augmented(batch, index)
         if self._shift_px:
             for part in (batch, batch["next"]):
                 part["image"] = shift_images(part["image"], self._shift_px)
         return batch
 
-    def _augmented(self, batch: TensorDictBase, at: Tensor) -> TensorDictBase:
-        chain, known = [at], [torch.ones_like(at, dtype=torch.bool)]
+    def _augmented(self, batch: TensorDictBase, index: Tensor) -> TensorDictBase:
+        chain, known = [index], [torch.ones_like(index, dtype=torch.bool)]
         for _ in range(1, self._n_step):
             chain.append(self._successor[chain[-1]])
             known.append(chain[-1] != self._none)
         rows = batch[None] if self._n_step == 1 else self._storage.get(torch.stack(chain).clamp_max(len(self) - 1))
         if self._goals is not None:  # each of several batches drawn at once gets its share
-            self._goals.relabel_batch(rows, at, min(self._rows, len(at)), self._observed_later)
+            self._goals.relabel_batch(rows, index, min(self._rows, len(index)), self._observed_later)
         return batch if self._n_step == 1 else self._summed(rows, torch.stack(known))
 
-    def _observed_later(self, at: Tensor) -> Tensor:
+    def _observed_later(self, index: Tensor) -> Tensor:
         """For each index an observation up to `HORIZON` steps later, or the last one of its episode."""
-        steps, there = torch.randint(1, HORIZON + 1, at.shape, device=at.device), at
+        steps, later = torch.randint(1, HORIZON + 1, index.shape, device=index.device), index
         for step in range(1, HORIZON + 1):
-            there = torch.where(steps >= step, self._successor[there], there)
-        later = torch.where(there == self._none, at, there)
+            later = torch.where(steps >= step, self._successor[later], later)
+        later = torch.where(later == self._none, index, later)
         observed: Tensor = self._storage.get(later.flatten())["next", "observation"]
-        return observed.view(*at.shape, -1)
+        return observed.view(*index.shape, -1)
 
     def _summed(self, rows: TensorDictBase, known: Tensor) -> TensorDictBase:
         """Transitions over up to n steps, from rows ``[n, batch]`` with the mask ``known``."""
         terminated = rows["next", "terminated"].squeeze(-1)
-        begun = torch.cat((torch.ones_like(known[:1]), ~terminated[:-1]))
-        counted = (known & begun).cumprod(0).bool()
+        continues = torch.cat((torch.ones_like(known[:1]), ~terminated[:-1]))
+        counted = (known & continues).cumprod(0).bool()
         discount = self._gamma ** torch.arange(len(rows), device=known.device)[:, None]
         reward = (rows["next", "reward"].squeeze(-1) * discount * counted).sum(0)
         steps = counted.sum(0)
@@ -178,8 +178,8 @@ class EpisodicReplayBuffer(TransitionReplayBuffer):
         if not self._has_links:
             return
         last = state["last"]
-        for places in (state["successor"], torch.empty(0) if last is None else last):
-            if bool(((places < 0) | (places > self._none)).any()):
+        for indices in (state["successor"], torch.empty(0) if last is None else last):
+            if bool(((indices < 0) | (indices > self._none)).any()):
                 raise ValueError("a successor is missing")
         self._successor[: len(self)] = state["successor"].to(self._device)
         self._last = {} if last is None else {0: last.to(self._device)}

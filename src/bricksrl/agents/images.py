@@ -29,15 +29,15 @@ class Keypoints(nn.Module):
         self.first = nn.Conv2d(3, channels, 8, stride=4, padding=2)
         self.second = nn.Conv2d(channels, points, 1)
         self.sharpness = nn.Parameter(torch.ones(points, 1))
-        along = torch.linspace(-1.0, 1.0, (image_px - 4) // 4 + 1)
-        self.register_buffer("places", torch.cartesian_prod(along, along), persistent=False)
+        axis = torch.linspace(-1.0, 1.0, (image_px - 4) // 4 + 1)
+        self.register_buffer("positions", torch.cartesian_prod(axis, axis), persistent=False)
         self.size = 2 * points
 
     def forward(self, images: Tensor) -> Tensor:
         """Images uint8 ``[batch, side, side, 3]`` to positions ``[batch, size]``, -1..1 from edge to edge."""
         maps = self.second(self.first(normalise_images(images)).relu()).flatten(2)
         sharp = functional.layer_norm(maps, maps.shape[-1:]) * self.sharpness
-        return (sharp.softmax(-1) @ self.get_buffer("places")).flatten(1)
+        return (sharp.softmax(-1) @ self.get_buffer("positions")).flatten(1)
 
 
 class Convolutions(nn.Module):
@@ -47,12 +47,12 @@ class Convolutions(nn.Module):
 
     def __init__(self, image_px: int) -> None:
         super().__init__()
-        left = ((image_px - 8) // 4 - 3) // 2 - 1
-        if left < 1:
+        side_left = ((image_px - 8) // 4 - 3) // 2 - 1
+        if side_left < 1:
             raise DescriptionError(f"images of {image_px} px are too small for the convolutions; make them 36 px or larger")
         convolutions = [nn.Conv2d(3, 32, 8, stride=4), nn.ReLU(), nn.Conv2d(32, 64, 4, stride=2), nn.ReLU()]
         convolutions += [nn.Conv2d(64, 64, 3), nn.ReLU(), nn.Flatten()]
-        self.layers = nn.Sequential(*convolutions, nn.Linear(64 * left**2, 256), nn.ReLU(), nn.Linear(256, 128), nn.ReLU())
+        self.layers = nn.Sequential(*convolutions, nn.Linear(64 * side_left**2, 256), nn.ReLU(), nn.Linear(256, 128), nn.ReLU())
 
     def forward(self, images: Tensor) -> Tensor:
         """Images uint8 ``[batch, side, side, 3]`` to ``[batch, 128]``."""
@@ -78,14 +78,14 @@ class ImageEncoder(nn.Module):
 
     def forward(self, observation: Tensor, image: Tensor) -> Tensor:
         """Observations ``[*batch, n]`` and images uint8 ``[*batch, side, side, 3]`` to features."""
-        found = self.image(image.reshape(-1, *image.shape[-3:])).view(*image.shape[:-3], -1)
-        return torch.cat((found, self.dense(self.numbers(observation))), -1)
+        image_features = self.image(image.reshape(-1, *image.shape[-3:])).view(*image.shape[:-3], -1)
+        return torch.cat((image_features, self.dense(self.numbers(observation))), -1)
 
 
-def shift_images(images: Tensor, most_px: int) -> Tensor:
+def shift_images(images: Tensor, max_px: int) -> Tensor:
     """Images ``[batch, side, side, 3]``, each shifted randomly in both directions; edges are repeated. The augmentation of "Image
     augmentation is all you need" (Kostrikov et al., 2021)."""
     batch, side = images.shape[:2]
-    by = torch.randint(-most_px, most_px + 1, (2, batch, 1), device=images.device)
-    rows, columns = (torch.arange(side, device=images.device) + by).clamp_(0, side - 1)
+    shift = torch.randint(-max_px, max_px + 1, (2, batch, 1), device=images.device)
+    rows, columns = (torch.arange(side, device=images.device) + shift).clamp_(0, side - 1)
     return images[torch.arange(batch, device=images.device)[:, None, None], rows[:, :, None], columns[:, None, :]]

@@ -40,10 +40,10 @@ def adam(parameters: Iterable[Tensor], settings: Settings, weight_decay: float =
 def means(metrics: Iterable[dict[str, Tensor]]) -> dict[str, Tensor]:
     """Mean of each metric over the updates that report it."""
     values: defaultdict[str, list[Tensor]] = defaultdict(list)
-    for one in metrics:
-        for name, value in one.items():
+    for update in metrics:
+        for name, value in update.items():
             values[name].append(value)
-    return {name: torch.stack(found).mean() for name, found in values.items()}
+    return {name: torch.stack(series).mean() for name, series in values.items()}
 
 
 @dataclass
@@ -131,10 +131,10 @@ class Learner:
         """Write the best "action"."""
         return self._act(tensordict, ExplorationType.DETERMINISTIC)
 
-    def _act(self, tensordict: TensorDictBase, kind: ExplorationType) -> TensorDictBase:
+    def _act(self, tensordict: TensorDictBase, exploration: ExplorationType) -> TensorDictBase:
         if self.weights:
             self.acting.load_state_dict(self.weights.pop())
-        with torch.no_grad(), set_exploration_type(kind):
+        with torch.no_grad(), set_exploration_type(exploration):
             acted: TensorDictBase = self.acting(tensordict)
         return acted
 
@@ -195,15 +195,15 @@ class Learner:
         if self.loss is None or self.optimizer is None:
             return {}
         self.updates += 1
-        whole = self.updates % self.actor_delay == 0
+        with_actor = self.updates % self.actor_delay == 0
         if self.gradients is not None:
-            losses = self.gradients(batch, whole)
+            losses = self.gradients(batch, with_actor)
         else:
-            only_critics = not whole and hasattr(self.loss, "critic_losses")
+            only_critics = not with_actor and hasattr(self.loss, "critic_losses")
             losses = self.loss.critic_losses(batch) if only_critics else self.loss(batch.to(self.device))
-            wanted = self.descend or tuple(name for name in losses.keys() if name.startswith("loss"))  # noqa: SIM118  a TensorDict
-            skipped = () if whole else ACTOR_LOSSES
-            torch.stack([losses[name].sum() for name in wanted if name in losses and name not in skipped]).sum().backward()
+            names = self.descend or tuple(name for name in losses.keys() if name.startswith("loss"))  # noqa: SIM118  a TensorDict
+            skipped = () if with_actor else ACTOR_LOSSES
+            torch.stack([losses[name].sum() for name in names if name in losses and name not in skipped]).sum().backward()
         if self.clip_norm is not None:
             torch.nn.utils.clip_grad_norm_(self.parameters(), self.clip_norm)
         self.optimizer.step()
@@ -250,10 +250,10 @@ class Learner:
 
 
 def off_policy_learner(
-    env: EnvBase, settings: OffPolicySettings, policy: TensorDictModuleBase, loss: LossModule, target: Any = None, **numbers: Any
+    env: EnvBase, settings: OffPolicySettings, policy: TensorDictModuleBase, loss: LossModule, target: Any = None, **options: Any
 ) -> Learner:
     """A learner with the optimiser and replay buffer of the settings."""
     learned = list(loss.parameters())
     memory = make_replay_buffer(env, settings, learned[0].device)
-    numbers |= {name: getattr(settings, name) for name in ("updates_per_step", "prefill_episodes", "actor_delay")}
-    return Learner(policy, loss, adam(learned, settings), memory, target, **numbers)
+    options |= {name: getattr(settings, name) for name in ("updates_per_step", "prefill_episodes", "actor_delay")}
+    return Learner(policy, loss, adam(learned, settings), memory, target, **options)

@@ -31,22 +31,22 @@ def mlp(in_size: int, out_size: int, hidden: tuple[int, ...], *, layer_norm: boo
     return network
 
 
-def make_body(settings: Settings, in_size: int, out_size: int, **kind: Any) -> nn.Module:
+def make_body(settings: Settings, in_size: int, out_size: int, **kwargs: Any) -> nn.Module:
     """The network of the settings: an `mlp`, or the result of the user's factory. Raises DescriptionError if the user's factory
     cannot be loaded, raises, or returns no network."""
     if not settings.network:
-        return mlp(in_size, out_size, settings.hidden, **kind)
+        return mlp(in_size, out_size, settings.hidden, **kwargs)
     from bricksrl.envs.user_files import load_object
 
     factory = load_object(settings.network, default="make_network")
     try:
-        made = factory(in_size, out_size)
+        network = factory(in_size, out_size)
     except Exception as error:
         reason = f"{type(error).__name__}: {error}".splitlines()[0]
         raise DescriptionError(f"{settings.network} makes no network ({reason}); correct it") from error
-    if not isinstance(made, nn.Module):
-        raise DescriptionError(f"{settings.network} makes a {type(made).__name__}; let it return a torch.nn.Module")
-    return made
+    if not isinstance(network, nn.Module):
+        raise DescriptionError(f"{settings.network} makes a {type(network).__name__}; let it return a torch.nn.Module")
+    return network
 
 
 class Actor(nn.Module):

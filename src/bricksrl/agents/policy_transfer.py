@@ -39,21 +39,21 @@ def transfer_policy(learner: Learner, source: Learner) -> None:
     loss = learner.loss
     if not isinstance(loss, ActorCriticLoss) or "image" in learner.policy.in_keys:
         raise PolicyFormError("transfer needs critics and a network from observations to single actions")
-    mine, theirs = _actor(learner), _actor(source)
-    to, of = _layers(mine.body), _layers(theirs.body)
-    if _form(to) != _form(of) or mine.encoder.size != theirs.encoder.size:
-        here, there = f"{_form(of)} on {theirs.encoder.size} features", f"{_form(to)} on {mine.encoder.size} features"
-        raise PolicyFormError(f"its network is {here}, not {there}")
-    for target, given in zip(to, of, strict=True):
-        size = min(len(target), len(given))
-        target[:size] = given[:size]
+    actor, old_actor = _actor(learner), _actor(source)
+    layers, old_layers = _layers(actor.body), _layers(old_actor.body)
+    if _form(layers) != _form(old_layers) or actor.encoder.size != old_actor.encoder.size:
+        old_form = f"{_form(old_layers)} on {old_actor.encoder.size} features"
+        raise PolicyFormError(f"its network is {old_form}, not {_form(layers)} on {actor.encoder.size} features")
+    for layer, old_layer in zip(layers, old_layers, strict=True):
+        size = min(len(layer), len(old_layer))
+        layer[:size] = old_layer[:size]
     if isinstance(loss, SACLoss):
-        size = len(to[-1]) // 2
-        if len(of[-1]) == size:
-            to[-2][size:] = 0.0
-            to[-1][size:] = math.log(math.expm1(MARGIN * loss.settings.min_scale - LEAST_SCALE)) - SCALE_SHIFT
-        known = getattr(source.loss, "log_alpha", None)
-        loss.log_alpha.copy_(loss.log_alpha.clamp_max(math.log(ALPHA)) if known is None else known)
+        size = len(layers[-1]) // 2
+        if len(old_layers[-1]) == size:
+            layers[-2][size:] = 0.0
+            layers[-1][size:] = math.log(math.expm1(MARGIN * loss.settings.min_scale - LEAST_SCALE)) - SCALE_SHIFT
+        old_log_alpha = getattr(source.loss, "log_alpha", None)
+        loss.log_alpha.copy_(loss.log_alpha.clamp_max(math.log(ALPHA)) if old_log_alpha is None else old_log_alpha)
     if hasattr(loss, "target_actor"):
         loss.target_actor.load_state_dict(loss.actor.state_dict())
     anchor(learner)
@@ -84,14 +84,14 @@ class PolicyAnchor(nn.Module):
             return out
         self._updates_made += 1
         reach = REACH * self._updates_made / self._updates
-        away = (out.detach() - self.policy(features))[..., : self._size]
+        offset = (out.detach() - self.policy(features))[..., : self._size]
 
-        def pulled(gradient: Tensor) -> Tensor:
+        def add_pull(gradient: Tensor) -> Tensor:
             slope = gradient[..., : self._size]
-            held = slope + away * (slope.square().mean().sqrt() / reach)
-            return torch.cat((held, gradient[..., self._size :]), -1)
+            pulled = slope + offset * (slope.square().mean().sqrt() / reach)
+            return torch.cat((pulled, gradient[..., self._size :]), -1)
 
-        out.register_hook(pulled)
+        out.register_hook(add_pull)
         return out
 
     def get_extra_state(self) -> dict[str, int]:
@@ -104,10 +104,10 @@ class PolicyAnchor(nn.Module):
 
 
 def _actor(learner: Learner) -> Actor:
-    found = [module for module in learner.policy.modules() if isinstance(module, Actor)]
-    if not found:
+    actor = next((module for module in learner.policy.modules() if isinstance(module, Actor)), None)
+    if actor is None:
         raise PolicyFormError("transfer needs a network from observations to single actions")
-    return found[0]
+    return actor
 
 
 def _layers(network: nn.Module) -> list[Tensor]:

@@ -60,12 +60,12 @@ def build(env: EnvBase, settings: PPOSettings, device: torch.device | str = "cpu
     advantage = GAE(gamma=settings.gamma, lmbda=settings.gae_lambda, value_network=critic, device=device)
 
     keys = loss.tensor_keys
-    read = [*policy.in_keys, keys.action, keys.sample_log_prob, keys.advantage, keys.value_target]
+    used_keys = [*policy.in_keys, keys.action, keys.sample_log_prob, keys.advantage, keys.value_target]
 
     def estimate(frames: TensorDictBase) -> TensorDictBase:
         with torch.no_grad():
-            found: TensorDictBase = advantage(frames)
-        return found.select(*read)
+            estimated: TensorDictBase = advantage(frames)
+        return estimated.select(*used_keys)
 
     frames = settings.steps * copies
     return Learner(

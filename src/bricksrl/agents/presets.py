@@ -11,7 +11,7 @@ from typing import Any
 
 _DROQ: dict[str, Any] = {"dropout": 0.01, "updates_per_step": 20.0, "actor_delay": 20, "actor_q": "mean"}
 _REDQ: dict[str, Any] = {**_DROQ, "critic_layer_norm": False, "dropout": 0.0, "num_qs": 10}
-_DEFAULT: dict[str, dict[str, Any]] = {"droq": {**_DROQ, "alpha_init": 0.2}, "redq": {**_REDQ, "alpha_init": 0.2}}
+_DEFAULT_BY_AGENT: dict[str, dict[str, Any]] = {"droq": {**_DROQ, "alpha_init": 0.2}, "redq": {**_REDQ, "alpha_init": 0.2}}
 
 _IMAGES: dict[str, Any] = {
     "hidden": (128, 128),
@@ -47,7 +47,7 @@ _PAPER: dict[str, Any] = {
     "new_goals": 0.0,
     "encoder": "convolutions",
 }
-_OF_PAPER: dict[str, dict[str, Any]] = {
+_PAPER_BY_AGENT: dict[str, dict[str, Any]] = {
     "droq": {**_DROQ, "critic_layer_norm": True},
     "redq": _REDQ,
     "crossq": {"learning_rate": 1e-3, "momentum": 0.01},
@@ -75,11 +75,11 @@ _OF_PAPER: dict[str, dict[str, Any]] = {
 }
 
 
-def values(name: str, agent: str, kind: type[Any], *, images: bool) -> dict[str, Any]:
-    """Values of a preset for an algorithm with settings of a kind."""
+def values(name: str, agent: str, settings: type[Any], *, images: bool) -> dict[str, Any]:
+    """Values of a preset for an algorithm with this class of settings."""
     if name == "paper":
-        found = {**_PAPER, **_OF_PAPER.get(agent, {})}
+        preset = {**_PAPER, **_PAPER_BY_AGENT.get(agent, {})}
     else:
-        found = {**(_IMAGES if images else {}), **_DEFAULT.get(agent, {})}
-    known = {field.name for field in fields(kind)}
-    return {key: value for key, value in found.items() if key in known}
+        preset = {**(_IMAGES if images else {}), **_DEFAULT_BY_AGENT.get(agent, {})}
+    known = {field.name for field in fields(settings)}
+    return {key: value for key, value in preset.items() if key in known}

@@ -39,12 +39,10 @@ class TransitionReplayBuffer(TensorDictReplayBuffer):  # type: ignore[misc]
         if not len(rows):
             return torch.empty(0, dtype=torch.int64)
         if len(rows) > self._capacity:
-            wanted = f"give buffer_size {len(rows)} or more"
-            raise DescriptionError(
-                f"{len(rows)} transitions at once do not fit into a replay buffer of {self._capacity}; {wanted}"
-            )
-        places: Tensor = super().extend(rows.to(self._device)).to(self._device)
-        return places
+            message = f"{len(rows)} transitions at once do not fit into a replay buffer of {self._capacity}"
+            raise DescriptionError(f"{message}; give buffer_size {len(rows)} or more")
+        indices: Tensor = super().extend(rows.to(self._device)).to(self._device)
+        return indices
 
     def sample(self, batch_size: int | None = None, **_: Any) -> TensorDictBase:
         """Uniformly drawn transitions with "index"."""
@@ -67,11 +65,11 @@ def make_replay_buffer(env: EnvBase, settings: OffPolicySettings, device: torch.
     """The replay buffer of the settings for an environment."""
     layout = ObservationLayout.of(env)
     keys = ("observation", "image") if layout.image_px else ("observation",)
-    size = (settings.buffer_size, settings.batch_size, keys, settings.memory_mapped, device)
+    args = (settings.buffer_size, settings.batch_size, keys, settings.memory_mapped, device)
     has_goals = bool(layout.goals) and settings.hindsight + settings.new_goals > 0
     if not has_goals and settings.n_step == 1 and not settings.shift_px:
-        return TransitionReplayBuffer(*size)
+        return TransitionReplayBuffer(*args)
     from bricksrl.agents.episodic_replay import EpisodicReplayBuffer, GoalRelabelling
 
     goals = GoalRelabelling(env.task, layout, settings.hindsight, settings.new_goals) if has_goals else None
-    return EpisodicReplayBuffer(*size, gamma=settings.gamma, n_step=settings.n_step, goals=goals, shift_px=settings.shift_px)
+    return EpisodicReplayBuffer(*args, gamma=settings.gamma, n_step=settings.n_step, goals=goals, shift_px=settings.shift_px)

@@ -132,8 +132,8 @@ def build(env: EnvBase, settings: SACSettings, device: torch.device | str = "cpu
     """SAC, or an algorithm with another loss, for an environment. Initialized from torch's global generator."""
     m, encoder = action_size(env), make_encoder(env, settings)
     actor = make_body(settings, encoder.size, 2 * m, layer_norm=settings.actor_layer_norm)
-    kind = {"layer_norm": settings.critic_layer_norm, "dropout": settings.dropout}
-    critics = Critics([make_body(settings, encoder.size + m, 1, **kind) for _ in range(settings.num_qs)])
+    kwargs = {"layer_norm": settings.critic_layer_norm, "dropout": settings.dropout}
+    critics = Critics([make_body(settings, encoder.size + m, 1, **kwargs) for _ in range(settings.num_qs)])
     policy = gaussian_policy(encoder, actor, action_spec(env), min_scale=settings.min_scale)
     loss = make_loss(encoder, actor, critics, settings).to(device)
     target = PolyakUpdate((loss.critics, loss.target_critics), tau=settings.tau)

@@ -64,8 +64,8 @@ class Settings:
     def __post_init__(self) -> None:
         check_fields(type(self), vars(self))
         if not self.hidden or not all(isinstance(units, int) and 1 <= units <= MAX_UNITS for units in self.hidden):
-            wanted = f"the units of at least one layer, up to {MAX_UNITS:,} in each, as in (256, 256)"
-            raise DescriptionError(f"hidden is {self.hidden}; give {wanted}")
+            valid = f"the units of at least one layer, up to {MAX_UNITS:,} in each, as in (256, 256)"
+            raise DescriptionError(f"hidden is {self.hidden}; give {valid}")
         weights = sum(before * after for before, after in itertools.pairwise(self.hidden))
         if weights > MAX_WEIGHTS:
             raise DescriptionError(f"hidden is {self.hidden}: {weights:,} weights a network; give up to {MAX_WEIGHTS:,}")

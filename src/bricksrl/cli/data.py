@@ -115,7 +115,7 @@ class Repair:
         if not Layout(root).description.exists():
             raise DataError(f"there is no dataset of ours in {root}; choose another folder")
         with only_writer(root):
-            done = recover(root, anew=True)
+            done = recover(root, rebuild=True)
         print_line(
             f"{counted(len(done.index.rows), 'episode')}; {done.adopted} new in the index, "
             f"{counted(done.unfinished, 'unfinished file')} removed"

@@ -48,7 +48,7 @@ class StudyCommand:
     def execute(self) -> int:
         """Run the study, or list the studies."""
         from bricksrl.errors import RunError, UnknownNameError
-        from bricksrl.evaluation.study_benchmarks import BENCHMARK_STUDIES, BenchmarkStudy, take_study
+        from bricksrl.evaluation.study_benchmarks import BENCHMARK_STUDIES, BenchmarkStudy, run_benchmark_study
         from bricksrl.evaluation.study_tables import STUDIES, Study
 
         if self.name is None:
@@ -67,7 +67,7 @@ class StudyCommand:
         if self.name in BENCHMARK_STUDIES:
             if unknown := [f"--{name}" for name in ("seeds", "jobs", "on", "only") if getattr(self, name)]:
                 raise RunError(f"{unknown[0]} has no meaning for '{self.name}', whose runs are those of benchmarks; leave it out")
-            self._print(take_study(BENCHMARK_STUDIES[self.name], folder, self.benchmarks, quick=self.quick))
+            self._print(run_benchmark_study(BENCHMARK_STUDIES[self.name], folder, self.benchmarks, quick=self.quick))
             return 0
         study = STUDIES[self.name]
         load_learning()

@@ -15,12 +15,12 @@ if TYPE_CHECKING:
 
 __all__ = ["About", "Description", "Episodes", "Recorder", "Step", "describe", "load"]
 
-_HOME = {"About": "episode", "Step": "episode", "Episodes": "reader", "load": "reader", "Recorder": "recorder"}
+_MODULES = {"About": "episode", "Step": "episode", "Episodes": "reader", "load": "reader", "Recorder": "recorder"}
 
 
 def __getattr__(name: str) -> Any:
-    if name not in _HOME:
+    if name not in _MODULES:
         raise AttributeError(f"module 'bricksrl.data' has no attribute '{name}'")
     import importlib
 
-    return getattr(importlib.import_module(f"bricksrl.data.{_HOME[name]}"), name)
+    return getattr(importlib.import_module(f"bricksrl.data.{_MODULES[name]}"), name)

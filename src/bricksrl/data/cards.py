@@ -59,10 +59,10 @@ episodes = data.load("folder")
 
 def policy_card(env: str, agent: str, episodes: int, evaluation: dict[str, Any] | None, licence: str) -> str:
     """Card of a policy, as Markdown, with the results of an evaluation if there is one."""
-    found = "It has not been evaluated yet."
+    result = "It has not been evaluated yet."
     if evaluation is not None:
         mean, std, count = evaluation["return_mean"], evaluation["return_std"], evaluation["episodes"]
-        found = f"Return {mean:.4g} ± {std:.4g} in {counted(count, 'episode')} of evaluation."
+        result = f"Return {mean:.4g} ± {std:.4g} in {counted(count, 'episode')} of evaluation."
     return f"""---
 license: {licence}
 library_name: bricksrl
@@ -75,7 +75,7 @@ tags:
 
 # {agent} for {env}
 
-Trained with BricksRL on {json.dumps(env)} for {counted(episodes, "episode")}. {found}
+Trained with BricksRL on {json.dumps(env)} for {counted(episodes, "episode")}. {result}
 
 `policy.safetensors` holds the tensors that the policy acts with, `policy.json` what they belong to.
 

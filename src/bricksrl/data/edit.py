@@ -18,7 +18,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from bricksrl.data.episode import EpisodeRow
-from bricksrl.data.episode_index import Index, read_description, read_index, read_rows, rows_table, sentence, write_index
+from bricksrl.data.episode_index import Index, read_description, read_index, read_rows, rows_table, task_instruction, write_index
 from bricksrl.data.images import decode, encode
 from bricksrl.data.layout import FileIndex, Layout, numbers
 from bricksrl.data.parquet import from_table, read_verified, statistics, tasks_table, to_parquet, to_table
@@ -33,7 +33,7 @@ STEPS_PER_FILE = 20_000
 
 
 @dataclass(frozen=True)
-class Whole:
+class EpisodeData:
     """Complete episode: its row, columns ``[length, ...]`` and images."""
 
     row: EpisodeRow
@@ -66,7 +66,7 @@ def split(source: Path, first: Path, second: Path, share: float, seed: int) -> t
             f"a share of {share:g} of {counted(len(index.rows), 'episode')} leaves one of the two empty; choose another"
         )
     chosen = set(np.random.default_rng(seed).permutation(len(index.rows))[:count].tolist())
-    parts = [[row for row in index.rows if (row.episode in chosen) is taken] for taken in (True, False)]
+    parts = [[row for row in index.rows if (row.episode in chosen) is in_first] for in_first in (True, False)]
     for target in (first, second):
         refuse_existing(target, DataError)
     if first.resolve() == second.resolve():
@@ -93,7 +93,7 @@ def salvage(source: Path, out: Path) -> tuple[Index, list[str]]:
         except DataError as error:
             lost.append(str(error))
     index = Index(layout, description, tuple(sorted(rows, key=lambda row: row.episode)), at)
-    kept: list[Whole] = []
+    kept: list[EpisodeData] = []
     for row in index.rows:
         try:
             kept += read_episodes(index, [row])
@@ -112,7 +112,7 @@ def _file_indices(layout: Layout) -> Iterator[FileIndex]:
             continue
 
 
-def read_episodes(index: Index, rows: Iterable[EpisodeRow]) -> Iterator[Whole]:
+def read_episodes(index: Index, rows: Iterable[EpisodeRow]) -> Iterator[EpisodeData]:
     """Read episodes of a dataset, one by one. Raises DataError if an episode is damaged."""
     key, side = index.description.image_key, index.description.image_px
     names = [name for name, _, _ in numbers(index.description)]
@@ -131,12 +131,12 @@ def read_episodes(index: Index, rows: Iterable[EpisodeRow]) -> Iterator[Whole]:
                 path = index.layout.video(key, row.video_file)
                 read_verified(path, row.video_sha256)
                 videos = {row.video_file: decode(path, sum(other.length for other in same_file), side)}
-            at = row.start - same_file[0].start
-            images = videos[row.video_file][at : at + row.length]
-        yield Whole(row, columns, images)
+            offset = row.start - same_file[0].start
+            images = videos[row.video_file][offset : offset + row.length]
+        yield EpisodeData(row, columns, images)
 
 
-def write_dataset(out: Path, description: Description, episodes: Iterable[Whole]) -> Index:
+def write_dataset(out: Path, description: Description, episodes: Iterable[EpisodeData]) -> Index:
     """Write a dataset atomically. Raises DataError if ``out`` exists, or there are no episodes."""
     refuse_existing(out, DataError)
     with whole_folder(out) as folder:
@@ -149,14 +149,14 @@ def write_dataset(out: Path, description: Description, episodes: Iterable[Whole]
         if not rows:
             raise DataError(f"there are no episodes to write to {out}; choose others")
         write_durably(layout.description, description.to_json())
-        write_durably(layout.tasks, tasks_table(sentence(description)))
+        write_durably(layout.tasks, tasks_table(task_instruction(description)))
         write_durably(layout.episodes(FileIndex()), to_parquet(rows_table(rows, description, FileIndex())))
         write_index(layout, description, rows)
     return Index(Layout(out), description, tuple(rows), FileIndex())
 
 
-def _groups(episodes: Iterable[Whole]) -> Iterator[list[Whole]]:
-    group: list[Whole] = []
+def _groups(episodes: Iterable[EpisodeData]) -> Iterator[list[EpisodeData]]:
+    group: list[EpisodeData] = []
     steps = 0
     for episode in episodes:
         group.append(episode)
@@ -169,30 +169,30 @@ def _groups(episodes: Iterable[Whole]) -> Iterator[list[Whole]]:
 
 
 def _write_group(
-    layout: Layout, description: Description, group: Sequence[Whole], episode: int, start: int, at: FileIndex
+    layout: Layout, description: Description, group: Sequence[EpisodeData], episode: int, start: int, at: FileIndex
 ) -> list[EpisodeRow]:
     """Write one data file and one video file; returns the new rows of the episodes."""
     rows, tables = [], []
-    played_s = 0.0
-    for number, whole in enumerate(group, episode):
-        length = whole.row.length
+    video_s = 0.0
+    for number, item in enumerate(group, episode):
+        length = item.row.length
         columns = {
-            **whole.columns,
+            **item.columns,
             "episode_index": np.full(length, number, np.int64),
             "index": np.arange(start, start + length, dtype=np.int64),
         }
         tables.append(to_table(columns, description))
-        joined = {**whole.row.statistics, **statistics(columns)}
-        row = dataclasses.replace(whole.row, episode=number, start=start, data_file=at, statistics=joined)
-        rows.append(dataclasses.replace(row, video_file=at, video_start_s=played_s) if whole.images is not None else row)
+        joined = {**item.row.statistics, **statistics(columns)}
+        row = dataclasses.replace(item.row, episode=number, start=start, data_file=at, statistics=joined)
+        rows.append(dataclasses.replace(row, video_file=at, video_start_s=video_s) if item.images is not None else row)
         start += length
-        played_s += length / description.rate_hz
+        video_s += length / description.rate_hz
     data = to_parquet(pa.concat_tables(tables))
     write_durably(layout.data(at), data)
     rows = [dataclasses.replace(row, data_sha256=hashlib.sha256(data).hexdigest()) for row in rows]
-    shown = [whole.images for whole in group if whole.images is not None]
-    if description.image_key is not None and shown:
-        video = encode(np.concatenate(shown), description.rate_hz)
+    images = [item.images for item in group if item.images is not None]
+    if description.image_key is not None and images:
+        video = encode(np.concatenate(images), description.rate_hz)
         write_durably(layout.video(description.image_key, at), video)
         rows = [dataclasses.replace(row, video_sha256=hashlib.sha256(video).hexdigest()) for row in rows]
     return rows

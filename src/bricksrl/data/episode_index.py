@@ -74,16 +74,16 @@ def read_description(layout: Layout) -> Description:
 def read_episode_count(layout: Layout, description: Description) -> int:
     """Read the number of committed episodes."""
     try:
-        found = json.loads(layout.info.read_bytes())
+        data = json.loads(layout.info.read_bytes())
     except OSError as error:
         raise DataError(f"cannot read {layout.info} ({error.strerror}); restore it from a copy") from None
     except (ValueError, RecursionError):
         raise DataError(f"{layout.info} is not JSON; restore it, or run `bricksrl data repair {quoted(layout.root)}`") from None
-    if not isinstance(found, dict) or found.get("codebase_version") != CODEBASE_VERSION:
+    if not isinstance(data, dict) or data.get("codebase_version") != CODEBASE_VERSION:
         raise DataError(f"{layout.info} is of no dataset in LeRobot's format {CODEBASE_VERSION}; choose another")
-    if found.get("features") != features(description) or found.get("data_path") != DATA_PATH:
+    if data.get("features") != features(description) or data.get("data_path") != DATA_PATH:
         raise DataError(f"{layout.info} and {layout.description.name} disagree about the columns; restore both from one copy")
-    episodes = found.get("total_episodes")
+    episodes = data.get("total_episodes")
     if type(episodes) is not int or episodes < 0:
         raise DataError(f"{layout.info} does not count its episodes; run `bricksrl data repair {quoted(layout.root)}`")
     return episodes
@@ -99,7 +99,7 @@ def read_all_rows(layout: Layout, description: Description) -> tuple[list[Episod
     return rows, last
 
 
-def left_over(layout: Layout, description: Description, last: FileIndex | None) -> list[Path]:
+def unfinished_files(layout: Layout, description: Description, last: FileIndex | None) -> list[Path]:
     """Files of an episode without a row, because its writer was killed."""
     at = FileIndex() if last is None else last.next()
     if layout.data(at.next()).exists() or layout.episodes(at.next()).exists():
@@ -133,11 +133,11 @@ def to_json(value: Any) -> bytes:
     return (json.dumps(value, indent=4) + "\n").encode()
 
 
-_TEXT, _WHOLE, _REAL, _FLAG = pa.string(), pa.int64(), pa.float64(), pa.bool_()
+_TEXT, _INT, _FLOAT, _BOOL = pa.string(), pa.int64(), pa.float64(), pa.bool_()
 _STATS = ("min", "max", "mean", "std", "count")
 
 
-def sentence(description: Description) -> str:
+def task_instruction(description: Description) -> str:
     """Task instruction of the dataset, in words; all episodes share it."""
     return description.env
 
@@ -145,27 +145,27 @@ def sentence(description: Description) -> str:
 def rows_table(rows: Sequence[EpisodeRow], description: Description, at: FileIndex) -> pa.Table:
     """Table of the rows for the file ``at``."""
     cells: dict[str, tuple[list[Any], pa.DataType]] = {
-        "episode_index": ([row.episode for row in rows], _WHOLE),
-        "tasks": ([[sentence(description)]] * len(rows), pa.list_(_TEXT)),
-        "length": ([row.length for row in rows], _WHOLE),
-        "data/chunk_index": ([row.data_file.chunk for row in rows], _WHOLE),
-        "data/file_index": ([row.data_file.file for row in rows], _WHOLE),
+        "episode_index": ([row.episode for row in rows], _INT),
+        "tasks": ([[task_instruction(description)]] * len(rows), pa.list_(_TEXT)),
+        "length": ([row.length for row in rows], _INT),
+        "data/chunk_index": ([row.data_file.chunk for row in rows], _INT),
+        "data/file_index": ([row.data_file.file for row in rows], _INT),
         "data/sha256": ([row.data_sha256 for row in rows], _TEXT),
-        "dataset_from_index": ([row.start for row in rows], _WHOLE),
-        "dataset_to_index": ([row.start + row.length for row in rows], _WHOLE),
-        "meta/episodes/chunk_index": ([at.chunk] * len(rows), _WHOLE),
-        "meta/episodes/file_index": ([at.file] * len(rows), _WHOLE),
-        "return": ([row.return_ for row in rows], _REAL),
-        "terminated": ([row.terminated for row in rows], _FLAG),
-        "interventions": ([row.interventions for row in rows], _WHOLE),
+        "dataset_from_index": ([row.start for row in rows], _INT),
+        "dataset_to_index": ([row.start + row.length for row in rows], _INT),
+        "meta/episodes/chunk_index": ([at.chunk] * len(rows), _INT),
+        "meta/episodes/file_index": ([at.file] * len(rows), _INT),
+        "return": ([row.return_ for row in rows], _FLOAT),
+        "terminated": ([row.terminated for row in rows], _BOOL),
+        "interventions": ([row.interventions for row in rows], _INT),
         "policy": ([row.about.policy for row in rows], _TEXT),
-        "seed": ([row.about.seed for row in rows], _WHOLE),
-        "success": ([row.about.success for row in rows], _FLAG),
-        "whole": ([row.about.whole for row in rows], _FLAG),
+        "seed": ([row.about.seed for row in rows], _INT),
+        "success": ([row.about.success for row in rows], _BOOL),
+        "whole": ([row.about.whole for row in rows], _BOOL),
         "started": ([row.about.started for row in rows], _TEXT),
         "hub": ([row.about.hub for row in rows], _TEXT),
         "robot": ([row.about.robot for row in rows], _TEXT),
-        "program_hash": ([row.about.program_hash for row in rows], _WHOLE),
+        "program_hash": ([row.about.program_hash for row in rows], _INT),
         "versions": ([json.dumps(row.about.versions) for row in rows], _TEXT),
         "physics": ([json.dumps(row.about.physics) for row in rows], _TEXT),
     }
@@ -173,19 +173,19 @@ def rows_table(rows: Sequence[EpisodeRow], description: Description, at: FileInd
     if key is not None:
         files = [row.video_file or FileIndex() for row in rows]
         cells |= {
-            f"videos/{key}/chunk_index": ([file.chunk for file in files], _WHOLE),
-            f"videos/{key}/file_index": ([file.file for file in files], _WHOLE),
-            f"videos/{key}/from_timestamp": ([row.video_start_s for row in rows], _REAL),
-            f"videos/{key}/to_timestamp": ([row.video_start_s + row.length / description.rate_hz for row in rows], _REAL),
+            f"videos/{key}/chunk_index": ([file.chunk for file in files], _INT),
+            f"videos/{key}/file_index": ([file.file for file in files], _INT),
+            f"videos/{key}/from_timestamp": ([row.video_start_s for row in rows], _FLOAT),
+            f"videos/{key}/to_timestamp": ([row.video_start_s + row.length / description.rate_hz for row in rows], _FLOAT),
             f"videos/{key}/sha256": ([row.video_sha256 for row in rows], _TEXT),
             f"final/{key}": ([row.final_image for row in rows], pa.binary()),
         }
     for name, feature in features(description).items():
-        kind = pa.list_(pa.list_(pa.list_(_REAL))) if feature["dtype"] == "video" else pa.list_(_REAL)
+        type_ = pa.list_(pa.list_(pa.list_(_FLOAT))) if feature["dtype"] == "video" else pa.list_(_FLOAT)
         for stat in _STATS:
             column = [row.statistics[name][stat] for row in rows]
-            cells[f"stats/{name}/{stat}"] = (column, pa.list_(_WHOLE) if stat == "count" else kind)
-    return pa.table({name: pa.array(values, kind) for name, (values, kind) in cells.items()})
+            cells[f"stats/{name}/{stat}"] = (column, pa.list_(_INT) if stat == "count" else type_)
+    return pa.table({name: pa.array(values, type_) for name, (values, type_) in cells.items()})
 
 
 def read_rows(path: Path, description: Description) -> list[EpisodeRow]:
@@ -243,8 +243,8 @@ def _file(record: dict[str, Any], prefix: str) -> FileIndex:
     return at
 
 
-def _optional(kind: type, value: Any) -> Any:
-    if value is not None and not isinstance(value, kind):
+def _optional(type_: type, value: Any) -> Any:
+    if value is not None and not isinstance(value, type_):
         raise TypeError("another type")
     return value
 
@@ -257,11 +257,11 @@ def _dictionary(text: str) -> dict[str, Any]:
 
 
 def _statistics(record: dict[str, Any], description: Description) -> Statistics:
-    found = {}
+    statistics = {}
     for name, feature in features(description).items():
-        found[name] = {stat: list(record[f"stats/{name}/{stat}"]) for stat in _STATS}
-        wanted = (3, 1, 1) if feature["dtype"] == "video" else tuple(feature["shape"])
-        shapes = [np.shape(np.array(found[name][stat], np.float64)) for stat in _STATS]
-        if shapes != [wanted] * 4 + [(1,)] or not found[name]["count"][0] > 0:
+        statistics[name] = {stat: list(record[f"stats/{name}/{stat}"]) for stat in _STATS}
+        expected = (3, 1, 1) if feature["dtype"] == "video" else tuple(feature["shape"])
+        shapes = [np.shape(np.array(statistics[name][stat], np.float64)) for stat in _STATS]
+        if shapes != [expected] * 4 + [(1,)] or not statistics[name]["count"][0] > 0:
             raise ValueError("statistics of something else")
-    return found
+    return statistics

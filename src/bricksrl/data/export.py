@@ -138,6 +138,6 @@ def _datasets_in(folder: Path) -> Iterator[None]:
 
 
 def _arrays(episodes: Episodes) -> dict[str, Any]:
-    found = {name: getattr(episodes, name).numpy() for name in COLUMNS}
-    shown = {name: getattr(episodes, name) for name in ("image", "next_image")}
-    return {**found, **{name: image.numpy() for name, image in shown.items() if image is not None}}
+    arrays = {name: getattr(episodes, name).numpy() for name in COLUMNS}
+    images = {name: getattr(episodes, name) for name in ("image", "next_image")}
+    return {**arrays, **{name: image.numpy() for name, image in images.items() if image is not None}}

@@ -24,22 +24,22 @@ def encode(images: NDArray[np.uint8], rate_hz: float) -> bytes:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "video.mp4"
         command = [_ffmpeg(), *_QUIET[:-1], *raw, *_LOSSLESS, str(path)]
-        ended = subprocess.run(command, input=images.tobytes(), capture_output=True, check=False)  # noqa: S603
-        if ended.returncode:
-            raise DataError(f"ffmpeg could not write a video: {ended.stderr.decode(errors='replace').strip()}; install another")
+        process = subprocess.run(command, input=images.tobytes(), capture_output=True, check=False)  # noqa: S603
+        if process.returncode:
+            raise DataError(f"ffmpeg could not write a video: {process.stderr.decode(errors='replace').strip()}; install another")
         return path.read_bytes()
 
 
 def decode(path: Path, count: int, side: int) -> NDArray[np.uint8]:
     """Decode the first ``count`` images of a file, ``[count, side, side, 3]``. Raises DataError if the file is no such video, or
     too short."""
-    wanted = count * side * side * 3
+    size_bytes = count * side * side * 3
     raw = ("-frames:v", str(count), "-f", "rawvideo", "-pix_fmt", "rgb24", "pipe:1")
     command = [_ffmpeg(), *_QUIET, *_ONE_MP4_FILE, "-i", str(path), *raw]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) as process:  # noqa: S603
-        data = b"" if process.stdout is None else process.stdout.read(wanted + 1)
+        data = b"" if process.stdout is None else process.stdout.read(size_bytes + 1)
         process.kill()
-    if len(data) != wanted:
+    if len(data) != size_bytes:
         raise DataError(f"{path} is not a video of {count} images of {side} x {side} px; restore it from a copy")
     return np.frombuffer(data, np.uint8).reshape(count, side, side, 3)
 

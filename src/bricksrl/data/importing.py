@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bricksrl.data.edit import Whole, write_dataset
+from bricksrl.data.edit import EpisodeData, write_dataset
 from bricksrl.data.episode import About, Step, columns_of, row_of
 from bricksrl.data.layout import FileIndex
 from bricksrl.data.schema import describe_task
@@ -79,13 +79,13 @@ def import_paper(source: Path, out: Path, *, env: str | None = None) -> list[Imp
     folders = [path.parent for path in sorted(source.rglob("meta.json")) if (path.parent / "next").is_dir()]
     if not folders:
         raise DataError(f"there is no dataset of memory-mapped tensors in {source}; choose a folder with a meta.json and a next")
-    found = []
+    imported = []
     for folder in folders:
         task = env or _task_of(folder)
         policy = "expert" if "expert" in folder.name else "random" if "random" in folder.name else folder.name
         target = out if folder == source else out / f"{task}-{policy}"
-        found.append(Imported(folder, target, _import_one(folder, target, task, policy)))
-    return found
+        imported.append(Imported(folder, target, _import_one(folder, target, task, policy)))
+    return imported
 
 
 def _task_of(folder: Path) -> str:
@@ -102,21 +102,21 @@ def _import_one(folder: Path, out: Path, env: str, policy: str) -> Index:
     if env not in _ORDERS:
         raise DataError(f"the paper has no dataset of {env}; choose one of {', '.join(_ORDERS)}")
     task = get_task(env)
-    now, after = read_tensors(folder), read_tensors(folder / "next")
-    _require(now, ("observation", "action"), folder)
+    current, after = read_tensors(folder), read_tensors(folder / "next")
+    _require(current, ("observation", "action"), folder)
     _require(after, ("observation", "reward", "done"), folder / "next")
-    observation, following = (_observations(arrays, task, folder) for arrays in (now, after))
-    action = _rows(now, "action", folder)
-    rows = (len(observation), len(following), len(action), after["reward"].size, after["done"].size)
+    observation, next_observation = (_observations(arrays, task, folder) for arrays in (current, after))
+    action = _rows(current, "action", folder)
+    rows = (len(observation), len(next_observation), len(action), after["reward"].size, after["done"].size)
     if len(set(rows)) != 1 or action.shape[1] != len(_ORDERS[env].action):
         raise DataError(f"{folder} holds tensors of shapes that are not those of {env}; name its task with --env")
     action = action[:, list(_ORDERS[env].action)]
     description = _description(task, observation)
     done, reward = after["done"].reshape(-1).astype(bool), after["reward"].reshape(-1).astype(np.float64)
     # Where the next row does not continue this one, an episode ended too.
-    jumps = np.append(~np.isclose(observation[1:], following[:-1], equal_nan=True).all(axis=1), True)
+    jumps = np.append(~np.isclose(observation[1:], next_observation[:-1], equal_nan=True).all(axis=1), True)
     return write_dataset(
-        out, description, _episodes(description, task, policy, observation, action, reward, following, done, jumps)
+        out, description, _episodes(description, task, policy, observation, action, reward, next_observation, done, jumps)
     )
 
 
@@ -127,10 +127,10 @@ def _episodes(
     observation: NDArray[Any],
     action: NDArray[Any],
     reward: NDArray[Any],
-    following: NDArray[Any],
+    after: NDArray[Any],
     done: NDArray[np.bool_],
     jumps: NDArray[np.bool_],
-) -> Iterator[Whole]:
+) -> Iterator[EpisodeData]:
     start = 0
     ends = np.flatnonzero(done | jumps)
     for number, end in enumerate(ends):
@@ -139,11 +139,11 @@ def _episodes(
             last = i == end
             ended = bool(last and done[i] and i + 1 - start < task.max_steps)
             steps.append(
-                Step(observation[i], action[i], float(reward[i]), following[i], terminated=ended, truncated=last and not ended)
+                Step(observation[i], action[i], float(reward[i]), after[i], terminated=ended, truncated=last and not ended)
             )
         columns = columns_of(steps, description, number, start)
         about = About(policy=policy, whole=bool(done[end]))
-        yield Whole(replace(row_of(columns, about, FileIndex(), ""), data_sha256=None), columns, None)
+        yield EpisodeData(replace(row_of(columns, about, FileIndex(), ""), data_sha256=None), columns, None)
         start = int(end) + 1
 
 
@@ -153,8 +153,8 @@ def _require(arrays: Arrays, names: tuple[str, ...], folder: Path) -> None:
         raise DataError(f"{folder} has no tensor {', '.join(missing)}; it is not a dataset of the paper")
     for name in names:
         with np.errstate(all="ignore"):
-            sound = np.isfinite(arrays[name].astype(np.float32)).all()
-        if not sound:
+            is_finite = np.isfinite(arrays[name].astype(np.float32)).all()
+        if not is_finite:
             raise DataError(f"{folder} has numbers in its tensor {name} that are none, or too large; restore it from a copy")
 
 
@@ -219,15 +219,15 @@ def _is_tensor(entry: Any) -> bool:
 
 
 def _read_tensor(folder: Path, name: str, entry: dict[str, Any]) -> NDArray[Any]:
-    kind, shape = _TYPES.get(str(entry["dtype"])), entry["shape"]
-    sound = isinstance(shape, list) and len(shape) <= 8 and all(type(side) is int and side >= 0 for side in shape)
-    if kind is None or not sound or not name.isidentifier():
+    dtype, shape = _TYPES.get(str(entry["dtype"])), entry["shape"]
+    is_shape = isinstance(shape, list) and len(shape) <= 8 and all(type(side) is int and side >= 0 for side in shape)
+    if dtype is None or not is_shape or not name.isidentifier():
         raise DataError(f"{folder / 'meta.json'} describes a tensor '{name}' that is not of the paper; restore it from a copy")
     path = folder / f"{name}.memmap"
     try:
         data = path.read_bytes()
     except OSError as error:
         raise DataError(f"cannot read {path} ({error.strerror}); restore it from a copy") from None
-    if len(data) != math.prod(shape) * np.dtype(kind).itemsize:
+    if len(data) != math.prod(shape) * np.dtype(dtype).itemsize:
         raise DataError(f"{path} has {len(data)} bytes, which is not what its meta.json says; restore it from a copy")
-    return np.frombuffer(data, kind).reshape(shape).copy()
+    return np.frombuffer(data, dtype).reshape(shape).copy()

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from bricksrl.data.edit import read_episodes
-from bricksrl.data.episode_index import Index, left_over, read_all_rows, read_index, sentence, to_json
+from bricksrl.data.episode_index import Index, read_all_rows, read_index, task_instruction, to_json, unfinished_files
 from bricksrl.data.layout import NEXT, OBSERVATION, FileIndex, info
 from bricksrl.data.parquet import has_task, join_statistics
 from bricksrl.errors import DataError
@@ -48,9 +48,9 @@ def _joint(index: Index) -> Iterator[str]:
     """Faults of the files on all episodes (info, statistics, tasks), compared with the rows of the episodes."""
     layout, remedy = index.layout, f"run `bricksrl data repair {quoted(index.layout.root)}`"
     expected = info(index.description, len(index.rows), index.steps)
-    found = json.loads(layout.info.read_bytes())  # readable: `read_index` has parsed it
-    for key in sorted(key for key in expected if key not in found or found[key] != expected[key]):
-        yield f"{layout.info} says '{key}' is {found.get(key)!r:.60}, and it is {expected[key]!r:.60}; {remedy}"
+    stored = json.loads(layout.info.read_bytes())  # readable: `read_index` has parsed it
+    for key in sorted(key for key in expected if key not in stored or stored[key] != expected[key]):
+        yield f"{layout.info} says '{key}' is {stored.get(key)!r:.60}, and it is {expected[key]!r:.60}; {remedy}"
     if layout.stats.exists() and index.rows:
         try:
             statistics = json.loads(layout.stats.read_bytes())
@@ -58,19 +58,19 @@ def _joint(index: Index) -> Iterator[str]:
             statistics = None
         if not _same(statistics, json.loads(to_json(join_statistics([row.statistics for row in index.rows])))):
             yield f"{layout.stats} does not hold the statistics of the episodes; {remedy}"
-    if layout.tasks.exists() and not has_task(layout.tasks, sentence(index.description)):
+    if layout.tasks.exists() and not has_task(layout.tasks, task_instruction(index.description)):
         yield f"{layout.tasks} does not hold the task of the episodes; {remedy}"
 
 
-def _same(found: Any, expected: Any) -> bool:
+def _same(value: Any, expected: Any) -> bool:
     """True if two JSON values are equal up to the last digits of numbers."""
     if isinstance(expected, dict):
-        return isinstance(found, dict) and found.keys() == expected.keys() and all(_same(found[k], expected[k]) for k in expected)
+        return isinstance(value, dict) and value.keys() == expected.keys() and all(_same(value[k], expected[k]) for k in expected)
     if isinstance(expected, list):
-        return isinstance(found, list) and len(found) == len(expected) and all(map(_same, found, expected))
+        return isinstance(value, list) and len(value) == len(expected) and all(map(_same, value, expected))
     if isinstance(expected, float | int) and not isinstance(expected, bool):
-        return isinstance(found, float | int) and bool(np.isclose(found, expected, rtol=1e-6, atol=1e-9, equal_nan=True))
-    return bool(found == expected)
+        return isinstance(value, float | int) and bool(np.isclose(value, expected, rtol=1e-6, atol=1e-9, equal_nan=True))
+    return bool(value == expected)
 
 
 def _files(index: Index) -> Iterator[str]:
@@ -88,15 +88,15 @@ def _files(index: Index) -> Iterator[str]:
         at = at.next()
     for missing in sorted(path for path in (layout.stats, layout.tasks) if not path.exists()):
         yield f"{missing} is missing; run `bricksrl data repair {quoted(layout.root)}`"
-    beyond = len(read_all_rows(layout, index.description)[0]) - len(index.rows)
-    unfinished = left_over(layout, index.description, index.last_file)
-    if beyond:
-        yield f"{beyond} recorded episodes are not in the index; run `bricksrl data repair {quoted(layout.root)}`"
+    uncounted = len(read_all_rows(layout, index.description)[0]) - len(index.rows)
+    unfinished = unfinished_files(layout, index.description, index.last_file)
+    if uncounted:
+        yield f"{uncounted} recorded episodes are not in the index; run `bricksrl data repair {quoted(layout.root)}`"
     for path in sorted(layout.root.rglob("*")):
-        inside = path.relative_to(layout.root)
-        if path.is_dir() or path in known or any(part.startswith(".") and part != path.name for part in inside.parts):
+        relative = path.relative_to(layout.root)
+        if path.is_dir() or path in known or any(part.startswith(".") and part != path.name for part in relative.parts):
             continue
         if path.name.startswith(TEMPORARY_PREFIX) or path in unfinished:
-            yield f"{inside} was left by a recording that was killed; run `bricksrl data repair {quoted(layout.root)}`"
-        elif not (beyond and inside.parts[0] in ("data", "videos")):
-            yield f"{inside} is not a file of a dataset; it was not opened"
+            yield f"{relative} was left by a recording that was killed; run `bricksrl data repair {quoted(layout.root)}`"
+        elif not (uncounted and relative.parts[0] in ("data", "videos")):
+            yield f"{relative} is not a file of a dataset; it was not opened"

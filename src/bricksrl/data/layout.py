@@ -110,7 +110,7 @@ def _feature(dtype: str, names: list[str] | None = None) -> dict[str, Any]:
 
 def _video_feature(description: Description) -> dict[str, Any]:
     side = description.image_px
-    about = {
+    video_info = {
         "video.height": side,
         "video.width": side,
         "video.codec": "h264",
@@ -120,7 +120,7 @@ def _video_feature(description: Description) -> dict[str, Any]:
         "video.channels": 3,
         "has_audio": False,
     }
-    return {"dtype": "video", "shape": [side, side, 3], "names": ["height", "width", "channels"], "info": about}
+    return {"dtype": "video", "shape": [side, side, 3], "names": ["height", "width", "channels"], "info": video_info}
 
 
 def rate(description: Description) -> int | float:
@@ -156,7 +156,7 @@ def numbers(description: Description) -> Iterator[tuple[str, int, pa.DataType]]:
 
 def schema(description: Description) -> pa.Schema:
     """Arrow schema of the data files."""
-    return pa.schema([(name, kind if n == 1 else pa.list_(kind, n)) for name, n, kind in numbers(description)])
+    return pa.schema([(name, type_ if n == 1 else pa.list_(type_, n)) for name, n, type_ in numbers(description)])
 
 
 _TYPES = {"float32": pa.float32(), "float64": pa.float64(), "int64": pa.int64(), "bool": pa.bool_()}

@@ -61,26 +61,26 @@ def read_parquet(path: Path, *, digest: str | None = None) -> pa.Table:
 def to_table(columns: Columns, description: Description) -> pa.Table:
     """Arrow table of the columns, in the layout of the data files."""
     arrays = []
-    for name, n, kind in numbers(description):
+    for name, n, type_ in numbers(description):
         values = columns[name]
         if n == 1:
-            arrays.append(pa.array(values.reshape(-1), kind))
+            arrays.append(pa.array(values.reshape(-1), type_))
         else:
-            arrays.append(pa.FixedSizeListArray.from_arrays(pa.array(values.reshape(-1), kind), n))
+            arrays.append(pa.FixedSizeListArray.from_arrays(pa.array(values.reshape(-1), type_), n))
     return pa.Table.from_arrays(arrays, schema=schema(description))
 
 
 def from_table(table: pa.Table, description: Description, names: Iterable[str], where: Path) -> dict[str, NDArray[Any]]:
     """Inverse of `to_table` for some of the columns; vectors of length 1 are returned as ``[steps]``. Raises DataError if a
     column has another type than in the description."""
-    shapes = {name: (n, kind) for name, n, kind in numbers(description)}
+    shapes = {name: (n, type_) for name, n, type_ in numbers(description)}
     arrays = {}
     for name in names:
-        n, kind = shapes[name]
+        n, type_ = shapes[name]
         column = table[name].combine_chunks()
-        wanted = kind if n == 1 else pa.list_(kind, n)
-        if not (column.type == wanted or _is_list_of(column.type, kind)) or column.null_count:
-            raise DataError(f"{where}: column {name} is {column.type}, not {wanted}; it is not a file of this dataset")
+        expected = type_ if n == 1 else pa.list_(type_, n)
+        if not (column.type == expected or _is_list_of(column.type, type_)) or column.null_count:
+            raise DataError(f"{where}: column {name} is {column.type}, not {expected}; it is not a file of this dataset")
         flat = column if n == 1 else column.flatten()
         if len(flat) != n * len(column) or flat.null_count:
             raise DataError(f"{where}: column {name} has rows of another length than {n}; it is not a file of this dataset")
@@ -89,25 +89,25 @@ def from_table(table: pa.Table, description: Description, names: Iterable[str], 
     return arrays
 
 
-def _is_list_of(kind: pa.DataType, item: pa.DataType) -> bool:
+def _is_list_of(type_: pa.DataType, item: pa.DataType) -> bool:
     """True for lists of the item type, fixed-size or not: other programs write vectors as variable-length lists."""
-    is_list = pa.types.is_list(kind) or pa.types.is_fixed_size_list(kind)
-    return bool(is_list and kind.value_type == item)
+    is_list = pa.types.is_list(type_) or pa.types.is_fixed_size_list(type_)
+    return bool(is_list and type_.value_type == item)
 
 
-def has_task(path: Path, sentence: str) -> bool:
+def has_task(path: Path, instruction: str) -> bool:
     """True if the file is a ``meta/tasks.parquet`` with this task only."""
     try:
-        expected = pq.ParquetFile(pa.BufferReader(tasks_table(sentence))).read(use_threads=False)
+        expected = pq.ParquetFile(pa.BufferReader(tasks_table(instruction))).read(use_threads=False)
         return bool(read_parquet(path).to_pylist() == expected.to_pylist())
     except DataError:
         return False
 
 
-def tasks_table(sentence: str) -> bytes:
-    """Bytes of ``meta/tasks.parquet``: the sentence is the pandas index of the table, as LeRobot expects."""
+def tasks_table(instruction: str) -> bytes:
+    """Bytes of ``meta/tasks.parquet``: the instruction is the pandas index of the table, as LeRobot expects."""
     column = {"field_name": None, "metadata": None}
-    about = {
+    pandas = {
         "index_columns": ["task"],
         "column_indexes": [{"name": None, "pandas_type": "unicode", "numpy_type": "object", **column}],
         "columns": [
@@ -117,8 +117,8 @@ def tasks_table(sentence: str) -> bytes:
         "creator": {"library": "pyarrow", "version": pa.__version__},
         "pandas_version": "2.0.0",
     }
-    table = pa.table({"task_index": pa.array([0], pa.int64()), "task": pa.array([sentence], pa.string())})
-    return to_parquet(table.replace_schema_metadata({"pandas": json.dumps(about)}))
+    table = pa.table({"task_index": pa.array([0], pa.int64()), "task": pa.array([instruction], pa.string())})
+    return to_parquet(table.replace_schema_metadata({"pandas": json.dumps(pandas)}))
 
 
 def statistics(columns: Columns) -> Statistics:
@@ -136,8 +136,8 @@ def image_statistics(images: NDArray[np.uint8]) -> dict[str, list[Any]]:
 def _statistics(values: NDArray[np.float64]) -> dict[str, list[Any]]:
     rows = values.reshape(len(values), -1)
     with np.errstate(invalid="ignore"):  # a missing clock reads NaN
-        found = {"min": rows.min(0), "max": rows.max(0), "mean": rows.mean(0), "std": rows.std(0)}
-    return {**{name: value.tolist() for name, value in found.items()}, "count": [len(rows)]}
+        values_by_name = {"min": rows.min(0), "max": rows.max(0), "mean": rows.mean(0), "std": rows.std(0)}
+    return {**{name: value.tolist() for name, value in values_by_name.items()}, "count": [len(rows)]}
 
 
 def join_statistics(parts: Sequence[Statistics]) -> Statistics:

@@ -88,10 +88,10 @@ class Episodes:
             "truncated": self.truncated[:, None],
             "done": (self.terminated | self.truncated)[:, None],
         }
-        now = {"observation": self.observation, "action": self.action, "episode": self.episode, "intervention": self.intervention}
+        step = {name: getattr(self, name) for name in ("observation", "action", "episode", "intervention")}
         if self.image is not None and self.next_image is not None:
-            now["image"], after["image"] = self.image, self.next_image
-        return TensorDict({**now, "next": TensorDict(after, n)}, n)
+            step["image"], after["image"] = self.image, self.next_image
+        return TensorDict({**step, "next": TensorDict(after, n)}, n)
 
 
 def load(path: Path | str, *, images: bool = True) -> Episodes:
@@ -106,17 +106,17 @@ def load(path: Path | str, *, images: bool = True) -> Episodes:
     index = read_index(dataset_folder(Path(path)))
     columns = read_columns(index, tuple(COLUMNS.values()))
     tensors = {name: torch.from_numpy(np.ascontiguousarray(columns[column])) for name, column in COLUMNS.items()}
-    shown: dict[str, Any] = {}
+    images_read: dict[str, Any] = {}
     if images and index.description.camera is not None:
         image, after = read_images(index)
-        shown = {"image": torch.from_numpy(image), "next_image": torch.from_numpy(after)}
-    return Episodes(description=index.description, rows=index.rows, **tensors, **shown)
+        images_read = {"image": torch.from_numpy(image), "next_image": torch.from_numpy(after)}
+    return Episodes(description=index.description, rows=index.rows, **tensors, **images_read)
 
 
 def dataset_folder(path: Path) -> Path:
     """Folder of the dataset: the given one, or ``data`` in the folder of a run."""
-    inside = path / "data"
-    return inside if (inside / "meta/info.json").exists() and not (path / "meta/info.json").exists() else path
+    folder = path / "data"
+    return folder if (folder / "meta/info.json").exists() and not (path / "meta/info.json").exists() else path
 
 
 def read_columns(index: Index, names: Sequence[str]) -> dict[str, NDArray[Any]]:
@@ -139,11 +139,11 @@ def read_file(index: Index, rows: Sequence[EpisodeRow]) -> pa.Table:
     path = index.layout.data(rows[0].data_file)
     table = read_parquet(path, digest=rows[0].data_sha256)
     table = table.slice(0, sum(row.length for row in rows))  # episodes of an unfinished commit may follow
-    found = from_table(table, index.description, ("index", "episode_index"), path)
+    numbers = from_table(table, index.description, ("index", "episode_index"), path)
     lengths = [row.length for row in rows]
     if sum(lengths) != len(table) or not (  # checked first, since a damaged row may claim any size
-        np.array_equal(found["index"], rows[0].start + np.arange(len(table)))
-        and np.array_equal(found["episode_index"], np.repeat([row.episode for row in rows], lengths))
+        np.array_equal(numbers["index"], rows[0].start + np.arange(len(table)))
+        and np.array_equal(numbers["episode_index"], np.repeat([row.episode for row in rows], lengths))
     ):
         raise DataError(f"{path} holds other steps than meta/episodes says; restore both from one copy")
     return table
@@ -169,13 +169,13 @@ def read_images(index: Index) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
         path = index.layout.video(key, file or FileIndex())
         read_verified(path, rows[0].video_sha256)
         images = decode(path, sum(row.length for row in rows), side)
-        at = 0
+        offset = 0
         for row in rows:
-            episode = images[at : at + row.length]
+            episode = images[offset : offset + row.length]
             final = np.frombuffer(row.final_image or b"", np.uint8)
             if final.size != episode[0].size:
                 raise DataError(f"episode {row.episode} in {index.layout.root} has no final image; restore meta/episodes")
             before.append(episode)
             after.append(np.concatenate([episode[1:], final.reshape(1, side, side, 3)]))
-            at += row.length
+            offset += row.length
     return np.concatenate(before), np.concatenate(after)

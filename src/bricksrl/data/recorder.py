@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 
 from bricksrl.data.episode import About, Step, columns_of, row_of, with_images
-from bricksrl.data.episode_index import is_dataset, rows_table, sentence, write_index
+from bricksrl.data.episode_index import is_dataset, rows_table, task_instruction, write_index
 from bricksrl.data.layout import FileIndex, Layout
 from bricksrl.data.parquet import tasks_table, to_parquet, to_table
 from bricksrl.data.repair import recover
@@ -44,7 +44,7 @@ class Recorder:
         self._rows: list[EpisodeRow] = []
         self._next = FileIndex()
         self._about = About()
-        self._held = contextlib.ExitStack()
+        self._lock = contextlib.ExitStack()
         self._is_new = not is_dataset(root)
         if root.exists() and not root.is_dir():
             raise DataError(f"{root} is a file; choose a folder for the dataset")
@@ -54,14 +54,14 @@ class Recorder:
             raise DataError(f"{root} holds something else than a dataset; choose a new folder")
 
     def _append(self) -> None:
-        self._held.enter_context(only_writer(self.root))
+        self._lock.enter_context(only_writer(self.root))
         try:
             index = recover(self.root).index
             differences = index.description.differences(self.description)
             if differences:
                 raise DataError(f"{self.root} holds other data: {'; '.join(differences)}; record into another folder")
         except BaseException:
-            self._held.close()
+            self._lock.close()
             raise
         self._rows = list(index.rows)
         self._next = FileIndex() if index.last_file is None else index.last_file.next()
@@ -106,11 +106,11 @@ class Recorder:
         write_index(self._layout, self.description, self._rows)
 
     def _create(self) -> None:
-        self._held.enter_context(only_writer(self.root))
+        self._lock.enter_context(only_writer(self.root))
         if is_dataset(self.root):
             raise DataError(f"somebody else began a dataset in {self.root} meanwhile; choose another folder")
         write_durably(self._layout.description, self.description.to_json())
-        write_durably(self._layout.tasks, tasks_table(sentence(self.description)))
+        write_durably(self._layout.tasks, tasks_table(task_instruction(self.description)))
         self._is_new = False
 
     def _write(self, about: About) -> EpisodeRow:
@@ -129,24 +129,24 @@ class Recorder:
     def _write_images(self, row: EpisodeRow, key: str) -> EpisodeRow:
         from bricksrl.data.images import encode
 
-        shown = [step.image for step in self._steps if step.image is not None]
+        images = [step.image for step in self._steps if step.image is not None]
         final = self._steps[-1].next_image
-        if len(shown) != len(self._steps) or final is None:
+        if len(images) != len(self._steps) or final is None:
             raise DataError(f"{self.root} is to hold images of {self.description.camera}, and a step has none; add them to each")
-        images = np.stack(shown)
-        video = encode(images, self.description.rate_hz)
+        stacked = np.stack(images)
+        video = encode(stacked, self.description.rate_hz)
         write_durably(self._layout.video(key, self._next), video)
-        return with_images(row, images, final, key, self._next, hashlib.sha256(video).hexdigest())
+        return with_images(row, stacked, final, key, self._next, hashlib.sha256(video).hexdigest())
 
     def close(self) -> None:
         """Commit the unfinished episode as an interrupted one, and release the folder."""
         try:
             self.commit(whole=False)
         finally:
-            self._held.close()
+            self._lock.close()
 
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(self, exc_type: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
         self.close()

@@ -8,11 +8,11 @@ from pathlib import Path
 from bricksrl.data.episode_index import (
     Index,
     check_order,
-    left_over,
     read_all_rows,
     read_description,
     read_episode_count,
-    sentence,
+    task_instruction,
+    unfinished_files,
     write_index,
 )
 from bricksrl.data.layout import Layout
@@ -35,14 +35,14 @@ class Recovery:
     unfinished: int
 
 
-def recover(root: Path, *, anew: bool = False) -> Recovery:
+def recover(root: Path, *, rebuild: bool = False) -> Recovery:
     """Update the index from the files on the disk. The caller must hold the write lock. Raises DataError if the dataset has
     damage that a killed writer cannot cause.
 
     A row is written after all other files of its episode, so a row that the index does not count is a complete episode.
 
     Args:
-        anew: rebuild a damaged index too.
+        rebuild: rebuild a damaged index too.
     """
     layout = Layout(root)
     description = read_description(layout)
@@ -51,18 +51,18 @@ def recover(root: Path, *, anew: bool = False) -> Recovery:
         try:
             committed = read_episode_count(layout, description)
         except DataError:
-            if not anew:
+            if not rebuild:
                 raise
     unfinished = remove_unfinished(root)
     rows, last = read_all_rows(layout, description)
     if len(rows) < committed:
         raise DataError(f"{root} has lost rows: {len(rows)} of {committed} episodes are left; restore it from a copy")
     check_order(rows, len(rows), layout)
-    for path in left_over(layout, description, last):
+    for path in unfinished_files(layout, description, last):
         path.unlink()
         unfinished += 1
-    if not layout.tasks.exists() or (anew and not has_task(layout.tasks, sentence(description))):
-        write_durably(layout.tasks, tasks_table(sentence(description)))
-    if rows and (anew or len(rows) > committed or not layout.stats.exists()):
+    if not layout.tasks.exists() or (rebuild and not has_task(layout.tasks, task_instruction(description))):
+        write_durably(layout.tasks, tasks_table(task_instruction(description)))
+    if rows and (rebuild or len(rows) > committed or not layout.stats.exists()):
         write_index(layout, description, rows)
     return Recovery(Index(layout, description, tuple(rows), last), len(rows) - committed, unfinished)

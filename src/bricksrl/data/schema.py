@@ -75,7 +75,7 @@ class Description:
     def check(self) -> None:
         """Raise ValueError or TypeError unless all attributes have their types."""
         texts = [self.env, *(text for entry in (*self.observation, *self.action) for text in (entry.name, entry.unit))]
-        sound = [
+        checks = [
             all(isinstance(text, str) for text in texts),
             bool(self.observation) and bool(self.action),
             math.isfinite(self.rate_hz) and self.rate_hz > 0,
@@ -83,32 +83,32 @@ class Description:
             self.camera is None or (isinstance(self.camera, str) and self.camera.isidentifier()),
             type(self.image_px) is int and (self.image_px > 0) == (self.camera is not None),
         ]
-        if not all(sound):
+        if not all(checks):
             raise ValueError("not a description")
 
     def differences(self, other: Description) -> list[str]:
         """Differences to ``other``, a phrase for each attribute; empty if data of both may be joined."""
         phrases = []
         for name in ("env", "rate_hz", "camera", "image_px", "options"):
-            ours, theirs = getattr(self, name), getattr(other, name)
-            if ours != theirs:
-                phrases.append(f"{name} {theirs} instead of {ours}")
+            own, others = getattr(self, name), getattr(other, name)
+            if own != others:
+                phrases.append(f"{name} {others} instead of {own}")
         for name in ("observation", "action"):
-            ours, theirs = getattr(self, name), getattr(other, name)
-            if ours != theirs:
-                phrases.append(f"{name} {_difference(ours, theirs)}")
+            own, others = getattr(self, name), getattr(other, name)
+            if own != others:
+                phrases.append(f"{name} {_difference(own, others)}")
         if self.robot != other.robot:
-            ours, theirs = self.robot.get("name", "none"), other.robot.get("name", "none")
+            own, others = self.robot.get("name", "none"), other.robot.get("name", "none")
             same = "the same name with another description"
-            phrases.append(f"robot {theirs} instead of {ours}" if ours != theirs else f"robot {ours}: {same}")
+            phrases.append(f"robot {others} instead of {own}" if own != others else f"robot {own}: {same}")
         return phrases
 
 
-def _difference(ours: tuple[Entry, ...], theirs: tuple[Entry, ...]) -> str:
-    names, other = [entry.name for entry in ours], [entry.name for entry in theirs]
-    if names != other:
-        return f"[{', '.join(other)}] instead of [{', '.join(names)}]"
-    changed = [a.name for a, b in zip(ours, theirs, strict=True) if a != b]
+def _difference(own: tuple[Entry, ...], others: tuple[Entry, ...]) -> str:
+    names, other_names = [entry.name for entry in own], [entry.name for entry in others]
+    if names != other_names:
+        return f"[{', '.join(other_names)}] instead of [{', '.join(names)}]"
+    changed = [a.name for a, b in zip(own, others, strict=True) if a != b]
     return f"with another unit or range of {', '.join(changed)}"
 
 
@@ -153,7 +153,7 @@ def _entry_to_json(entry: Entry) -> dict[str, Any]:
 
 
 def _entry_from_json(values: dict[str, Any]) -> Entry:
-    low, high = (without if values.get(end) is None else values[end] for end, without in (("low", -math.inf), ("high", math.inf)))
+    low, high = (default if values.get(end) is None else values[end] for end, default in (("low", -math.inf), ("high", math.inf)))
     return Entry(**{**values, "low": low, "high": high})
 
 

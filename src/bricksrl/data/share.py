@@ -36,11 +36,11 @@ def push_dataset(path: Path, repo: str, *, private: bool = False, licence: str =
         repo: name of the repository, as ``name/dataset``.
     """
     root = dataset_folder(path)
-    wrong = check(root)
-    if wrong:
-        raise DataError(f"{root} is not sound: {wrong[0]}; see `bricksrl data check {root}`")
+    faults = check(root)
+    if faults:
+        raise DataError(f"{root} is not sound: {faults[0]}; see `bricksrl data check {root}`")
     card = dataset_card(summarise(root), licence)
-    with reaching(repo) as api:
+    with hub_client(repo) as api:
         api.create_repo(repo, repo_type="dataset", private=private, exist_ok=True)
         ignored = [f"{TEMPORARY_PREFIX}*", f"**/{TEMPORARY_PREFIX}*", LOCK, CARD]
         api.upload_folder(repo_id=repo, repo_type="dataset", folder_path=str(root), ignore_patterns=ignored)
@@ -56,30 +56,30 @@ def pull_dataset(repo: str, out: Path, *, revision: str | None = None) -> Path:
     Args:
         revision: branch, tag or commit; by default the newest.
     """
-    with fetched(repo, "dataset", out, _PATTERNS, revision) as folder:
-        wrong = [line for line in check(folder) if "is not a file of a dataset" not in line]
-        if wrong:
+    with downloaded(repo, "dataset", out, _PATTERNS, revision) as folder:
+        faults = [line for line in check(folder) if "is not a file of a dataset" not in line]
+        if faults:
             raise DataError(
-                f"{repo} is not sound: {wrong[0].replace(str(folder), repo)}; ask its owner, or take another revision"
+                f"{repo} is not sound: {faults[0].replace(str(folder), repo)}; ask its owner, or take another revision"
             )
     return out
 
 
 @contextmanager
-def fetched(repo: str, kind: str, out: Path, patterns: list[str], revision: str | None) -> Iterator[Path]:
+def downloaded(repo: str, repo_type: str, out: Path, patterns: list[str], revision: str | None) -> Iterator[Path]:
     """Download a repository into a temporary folder, which is renamed to ``out`` on success and removed on an error."""
     refuse_existing(out, DataError)
     with whole_folder(out) as folder:
-        with reaching(repo) as api:
+        with hub_client(repo) as api:
             api.snapshot_download(
-                repo, repo_type=kind, revision=revision, local_dir=str(folder), allow_patterns=patterns, max_workers=2
+                repo, repo_type=repo_type, revision=revision, local_dir=str(folder), allow_patterns=patterns, max_workers=2
             )
         shutil.rmtree(folder / ".cache", ignore_errors=True)
         yield folder
 
 
 @contextmanager
-def reaching(repo: str) -> Iterator[HfApi]:
+def hub_client(repo: str) -> Iterator[HfApi]:
     """Client of the hub; its errors inside this context are translated into ours. Raises DataError if huggingface_hub is not
     installed, the hub is out of reach, or it refuses."""
     try:

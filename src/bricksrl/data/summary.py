@@ -111,12 +111,12 @@ def plot(path: Path, out: Path) -> None:
 
 def _panels(index: Index, columns: dict[str, NDArray[Any]]) -> list[tuple[str, NDArray[Any]]]:
     """Title and values ``[N]`` of each panel."""
-    found: list[tuple[str, NDArray[Any]]] = []
+    panels: list[tuple[str, NDArray[Any]]] = []
     for i, channel in enumerate(index.description.observation):
-        found.append((f"{channel.name} [{channel.unit}]" if channel.unit else channel.name, columns[OBSERVATION][:, i]))
+        panels.append((f"{channel.name} [{channel.unit}]" if channel.unit else channel.name, columns[OBSERVATION][:, i]))
     for i, channel in enumerate(index.description.action):
-        found.append((f"action: {channel.name}", columns[ACTION][:, i]))
-    return [*found, ("reward", columns["next.reward"])]
+        panels.append((f"action: {channel.name}", columns[ACTION][:, i]))
+    return [*panels, ("reward", columns["next.reward"])]
 
 
 def _returns(left: Axes, right: Axes, returns: NDArray[np.float64]) -> None:

@@ -27,7 +27,7 @@ def step_of(transition: TensorDictBase, env: EnvBase, *, intervention: bool = Fa
     environment of the transition; its ``timing``, if any, is recorded."""
     after = transition["next"]
     timing = getattr(env, "timing", None)
-    when = {} if timing is None else {"age_s": timing.age_s, "hub_time_s": timing.hub_time_s}
+    times = {} if timing is None else {"age_s": timing.age_s, "hub_time_s": timing.hub_time_s}
     return Step(
         observation=_numbers(transition["observation"]),
         action=_numbers(transition["action"]),
@@ -38,7 +38,7 @@ def step_of(transition: TensorDictBase, env: EnvBase, *, intervention: bool = Fa
         image=_image(transition),
         next_image=_image(after),
         intervention=intervention,
-        **when,
+        **times,
     )
 
 

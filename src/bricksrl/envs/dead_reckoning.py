@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 _log = logging.getLogger(__name__)
 
-_ANY_WAY_MM, _ANY_TURN_DEG = (-1e5, 1e5), (-180.0, 180.0)
+_DISTANCE_LIMITS_MM, _TURN_LIMITS_DEG = (-1e5, 1e5), (-180.0, 180.0)
 
 
 @dataclass(frozen=True)
@@ -73,23 +73,23 @@ class Target:
     def entries(self) -> tuple[Entry, ...]:
         """Entries that the target adds to the observation."""
         return (
-            Entry("target_ahead", -self.range_mm, self.range_mm, "mm", limits=_ANY_WAY_MM),
-            Entry("target_left", -self.range_mm, self.range_mm, "mm", limits=_ANY_WAY_MM),
-            Entry("target_turn", -self.range_deg, self.range_deg, "deg", limits=_ANY_TURN_DEG),
-            Entry("moved", -self.step_mm, self.step_mm, "mm", limits=_ANY_WAY_MM),
-            Entry("turned", -self.step_deg, self.step_deg, "deg", limits=_ANY_TURN_DEG),
+            Entry("target_ahead", -self.range_mm, self.range_mm, "mm", limits=_DISTANCE_LIMITS_MM),
+            Entry("target_left", -self.range_mm, self.range_mm, "mm", limits=_DISTANCE_LIMITS_MM),
+            Entry("target_turn", -self.range_deg, self.range_deg, "deg", limits=_TURN_LIMITS_DEG),
+            Entry("moved", -self.step_mm, self.step_mm, "mm", limits=_DISTANCE_LIMITS_MM),
+            Entry("turned", -self.step_deg, self.step_deg, "deg", limits=_TURN_LIMITS_DEG),
         )
 
 
 def wheels(robot: Robot, interface: Interface) -> tuple[int, int]:
     """Indices of the left and the right wheel's angle among the channels. Raises DescriptionError if the robot has no drive base,
     or the angles are not observed."""
-    base, places = robot.drive_base, interface.angle_places
-    if base is None or not {base.left, base.right} <= set(places):
+    base, indices = robot.drive_base, interface.angle_places
+    if base is None or not {base.left, base.right} <= set(indices):
         raise DescriptionError(
             f"robot '{robot.name}' cannot tell where its target is; give it a drive base and observe the MotorAngle of each wheel"
         )
-    return places[base.left], places[base.right]
+    return indices[base.left], indices[base.right]
 
 
 class TargetTracker:
@@ -100,7 +100,7 @@ class TargetTracker:
         robot: the driving robot.
         interface: channels, with the angle of each wheel.
         true_pose: returns a virtual robot's true pose; ``None`` for a real robot.
-        at: start pose of the robot.
+        pose: start pose of the robot.
         values: channels ``[n]`` at the start.
     """
 
@@ -110,43 +110,43 @@ class TargetTracker:
         robot: Robot,
         interface: Interface,
         true_pose: Callable[[], Pose] | None,
-        at: FloorPose,
+        pose: FloorPose,
         values: NDArray[np.float32],
     ) -> None:
         assert robot.drive_base is not None  # noqa: S101 - the task checked it
-        self._target, self._base, self._true_pose, self.at = target, robot.drive_base, true_pose, at
-        self._places = wheels(robot, interface)
+        self._target, self._base, self._true_pose, self.pose = target, robot.drive_base, true_pose, pose
+        self._wheels = wheels(robot, interface)
         self._angles_deg = self._angles(values)
         self._last_step = (0.0, 0.0)
 
     def entries(self) -> tuple[float, ...]:
         """The target as `FloorPose.seen_from`, then the distance (mm) and the turn (deg) of the last step."""
-        return (*self._target.place.seen_from(self.at), *self._last_step)
+        return (*self._target.place.seen_from(self.pose), *self._last_step)
 
     def follow(self, values: NDArray[np.float32]) -> None:
         """Update the pose from the channels ``values [n]`` after a step."""
-        now = self._angles(values)
-        left_mm, right_mm = (self._way_mm(after - before) for after, before in zip(now, self._angles_deg, strict=True))
-        self._angles_deg = now
+        angles_deg = self._angles(values)
+        left_mm, right_mm = (self._rolled_mm(after - before) for after, before in zip(angles_deg, self._angles_deg, strict=True))
+        self._angles_deg = angles_deg
         self._last_step = (left_mm + right_mm) / 2, math.degrees((left_mm - right_mm) / self._base.axle_track_mm)
-        self.at = self.at.driven(*self._last_step)
+        self.pose = self.pose.driven(*self._last_step)
 
     def truth(self) -> tuple[float, ...]:
         """The `entries` from the true pose of a virtual robot; for a real robot they are estimates."""
-        at = self.at if self._true_pose is None else floor_pose(self._true_pose())
-        return (*self._target.place.seen_from(at), *self._last_step)
+        pose = self.pose if self._true_pose is None else floor_pose(self._true_pose())
+        return (*self._target.place.seen_from(pose), *self._last_step)
 
     def metrics(self) -> dict[str, float]:
         """Errors of the dead reckoning; empty for a real robot."""
         if self._true_pose is None:
             return {}
-        ahead_mm, left_mm, turn_deg = floor_pose(self._true_pose()).seen_from(self.at)
+        ahead_mm, left_mm, turn_deg = floor_pose(self._true_pose()).seen_from(self.pose)
         return {"reckoning_error_mm": math.hypot(ahead_mm, left_mm), "reckoning_error_deg": abs(turn_deg)}
 
     def _angles(self, values: NDArray[np.float32]) -> tuple[float, ...]:
-        return tuple(float(values[place]) for place in self._places)
+        return tuple(float(values[index]) for index in self._wheels)
 
-    def _way_mm(self, turned_deg: float) -> float:
+    def _rolled_mm(self, turned_deg: float) -> float:
         """Distance rolled by a wheel that turned by less than half a turn."""
         return ((turned_deg + 180.0) % 360.0 - 180.0) / self._base.turn_deg(1.0)
 

@@ -93,7 +93,7 @@ class HubEnv(PicklableEnv, EnvBase):  # type: ignore[misc]
     @property
     def twin(self) -> VirtualHub | None:
         """The virtual hub; ``None`` for a real robot. A new seed makes a new one."""
-        return self._robot().twin
+        return self._connected().twin
 
     def watch(self, watcher: Callable[[Connection], None]) -> Callable[[], None]:
         """Call ``watcher`` with the present connection and with each later one: a new seed makes a new virtual robot.
@@ -166,7 +166,7 @@ class HubEnv(PicklableEnv, EnvBase):  # type: ignore[misc]
             try:
                 state = self._begin()
             except HubError as error:
-                if isinstance(error, HubProgramError) and self._robot().twin is not None:
+                if isinstance(error, HubProgramError) and self._connected().twin is not None:
                     raise  # a virtual hub's program is deterministic: retrying would fail again
                 self.reconnect.failed(error)
             else:
@@ -175,15 +175,15 @@ class HubEnv(PicklableEnv, EnvBase):  # type: ignore[misc]
 
     def _begin(self) -> TensorDictBase:
         reading = self._guarded(self._start)
-        measured_s = self._robot().link.now_s() - reading.age_s
+        measured_s = self._connected().link.now_s() - reading.age_s
         self.is_closed = False
         drawn = np.array([entry.draw(self._host_rng) for entry in self.task.sampled_entries], dtype=np.float32)
         commands = [0.0] * len(self.task.command_entries)
         measured = np.zeros(len(self.task.measured_entries) + len(commands), dtype=np.float32)
         tracker = self._tracker(reading)
         observation = observe(reading.values[self._observed], drawn, measured, tracker)
-        self._odometer.start(self._robot().link.now_s())
-        self._odometer.forward_mm(self._robot().link.now_s(), reading.values)
+        self._odometer.start(self._connected().link.now_s())
+        self._odometer.forward_mm(self._connected().link.now_s(), reading.values)
         out = {"observation": observation.clone(), "link_lost": torch.zeros(1, dtype=torch.bool)}
         watch = None
         if self.task.camera is not None:
@@ -220,7 +220,7 @@ class HubEnv(PicklableEnv, EnvBase):  # type: ignore[misc]
         task, episode = self.task, self._episode
         if episode is None:
             raise BricksError(f"{task.id} has no episode to step; reset the environment first")
-        link = self._robot().link
+        link = self._connected().link
         self._wait_while_blocked(episode)
         episode.age_s = link.now_s() - episode.measured_s
         if task.observes_commands:
@@ -247,7 +247,7 @@ class HubEnv(PicklableEnv, EnvBase):  # type: ignore[misc]
             "done": terminated | truncated,
             "link_lost": torch.zeros(1, dtype=torch.bool),
         }
-        if task.is_judged_by_more:
+        if task.has_hidden_entries:
             episode.judged.append(with_truth(observation, episode.tracker, self._entries))
         if episode.watch is not None:
             out["observation"] = observation[: self._entries].clone()
@@ -265,7 +265,7 @@ class HubEnv(PicklableEnv, EnvBase):  # type: ignore[misc]
         blocked after two minutes."""
         if self.task.blocked is never or not self.task.blocked(episode.observation):
             return
-        link = self._robot().link
+        link = self._connected().link
         _log.warning("%s: something is in the robot's way; it waits until that is gone", self.task.id)
         waited_s = 0.0
         while bool(self.task.blocked(episode.observation)):
@@ -278,11 +278,11 @@ class HubEnv(PicklableEnv, EnvBase):  # type: ignore[misc]
 
     def _measure(self, reading: Reading, episode: EpisodeState) -> torch.Tensor:
         """The observation for the task's functions after a step; reads odometer and camera only where the task uses them."""
-        episode.measured_s = self._robot().link.now_s() - reading.age_s
+        episode.measured_s = self._connected().link.now_s() - reading.age_s
         episode.hub_time_s = reading.hub_time_ms / 1000
         forward_mm: list[float] = []
         if self.task.walks or self.task.measured_entries:
-            forward_mm = [self._odometer.forward_mm(self._robot().link.now_s(), reading.values)]
+            forward_mm = [self._odometer.forward_mm(self._connected().link.now_s(), reading.values)]
         measured = np.array([*forward_mm[: len(self.task.measured_entries)], *episode.commands], dtype=np.float32)
         if episode.tracker is not None:
             episode.tracker.follow(reading.values)
@@ -299,7 +299,7 @@ class HubEnv(PicklableEnv, EnvBase):  # type: ignore[misc]
         These are the observations; where the task's camera has a goal, with the camera's two distances appended; where the task
         has a target, with the true pose of a virtual robot.
         """
-        if not self.task.is_judged_by_more:
+        if not self.task.has_hidden_entries:
             return observations
         judged = self._episode.judged if self._episode is not None else []
         if len(judged) != len(observations):
@@ -322,7 +322,7 @@ class HubEnv(PicklableEnv, EnvBase):  # type: ignore[misc]
 
     def _tracker(self, reading: Reading) -> TargetTracker | None:
         """The tracker of the task's target for the new episode; ``None`` for a task without one."""
-        task, twin = self.task, self._robot().twin
+        task, twin = self.task, self._connected().twin
         if task.target is None:
             return None
         true_pose = None if twin is None else getattr(twin.body, "pose", None)
@@ -331,16 +331,16 @@ class HubEnv(PicklableEnv, EnvBase):  # type: ignore[misc]
 
     @property
     def _camera(self) -> Camera:
-        camera = self._robot().camera
+        camera = self._connected().camera
         if camera is None:
             raise CameraError(f"{self.task.id} needs a camera, and the connection to the robot has none; give it one")
         return camera
 
     @property
     def _odometer(self) -> Odometer:
-        return self._robot().odometer
+        return self._connected().odometer
 
-    def _robot(self) -> Connection:
+    def _connected(self) -> Connection:
         if self._connection is None:
             self._connection = self._connect(self._twin_seed)
             for watcher in self._watchers:
@@ -351,11 +351,11 @@ class HubEnv(PicklableEnv, EnvBase):  # type: ignore[misc]
         return self._connection
 
     def _start(self) -> Reading:
-        robot = self._robot()
-        self._hold_still(robot.link)
-        robot.link.open()  # without effect when it is open
-        robot.place(self._place_rng)
-        return robot.link.read()
+        connection = self._connected()
+        self._hold_still(connection.link)
+        connection.link.open()  # without effect when it is open
+        connection.place(self._place_rng)
+        return connection.link.read()
 
     def _hold_still(self, link: HubLink) -> None:
         """Wait for the end of a pause; reading feeds the hub program's watchdog."""

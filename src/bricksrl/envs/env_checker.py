@@ -57,9 +57,9 @@ def run_checks(checks: dict[str, Callable[[], str]]) -> Iterator[Finding]:
         except (Skip, RenderingUnavailableError) as reason:
             yield Finding(name, Outcome.SKIPPED, str(reason))
         except Exception as error:  # noqa: BLE001 - any error of the user's functions is a finding
-            kind = "" if isinstance(error, (Broken, BricksError)) else f"{type(error).__name__}: "
-            place = "" if isinstance(error, (Broken, BricksError)) else line_of_user(error)
-            text = " ".join(f"{kind}{error}{place}".split())
+            error_type = "" if isinstance(error, (Broken, BricksError)) else f"{type(error).__name__}: "
+            line = "" if isinstance(error, (Broken, BricksError)) else line_of_user(error)
+            text = " ".join(f"{error_type}{error}{line}".split())
             first = first_checks.setdefault(text, name)
             yield Finding(name, Outcome.ERROR, text if first == name else f"the same as in {first}")
 
@@ -74,8 +74,8 @@ def table(doc: str, heading: str) -> list[list[str]]:
 def _description(task: Task) -> str:
     if not task.summary:
         raise Broken("the description is empty; say in one line what is to be learned")
-    found = [heading for heading in ("Action", "Observation", "End of an episode") if table(task.doc, heading)]
-    if not found:
+    headings = [heading for heading in ("Action", "Observation", "End of an episode") if table(task.doc, heading)]
+    if not headings:
         raise Skip("it has no tables of action, observation and end")
     actions = [
         (str(number), command.name, -1.0, 1.0, command.low, command.high, command.unit)
@@ -87,13 +87,13 @@ def _description(task: Task) -> str:
             tuple(_number(cell) if 2 <= i < len(row) - 1 else cell for i, cell in enumerate(row))
             for row in table(task.doc, heading)
         ]
-        if heading in found and rows != expected:
-            wrong = next((row for row, is_so in zip(rows, expected, strict=False) if row != is_so), f"{len(rows)} rows")
+        if heading in headings and rows != expected:
+            wrong = next((row for row, right in zip(rows, expected, strict=False) if row != right), f"{len(rows)} rows")
             raise Broken(f"the table of the {heading.lower()} does not fit the task at {wrong}")
     ends = [row[1] for row in table(task.doc, "End of an episode") if row[0] == "truncated"]
-    if "End of an episode" in found and ends != [f"after {task.max_steps} steps"]:
+    if "End of an episode" in headings and ends != [f"after {task.max_steps} steps"]:
         raise Broken(f"the table of ends does not say: truncated, after {task.max_steps} steps")
-    return f"the tables ({', '.join(found).lower()}) fit the task"
+    return f"the tables ({', '.join(headings).lower()}) fit the task"
 
 
 def _number(cell: str) -> float | str:
@@ -142,10 +142,10 @@ def _reset(env_id: str) -> str:
 
 
 def _determinism(env_id: str) -> str:
-    one, other = _rollout(env_id), _rollout(env_id)
-    if one.shape != other.shape or not bool((one == other).all()):
+    first, second = _rollout(env_id), _rollout(env_id)
+    if first.shape != second.shape or not bool((first == second).all()):
         raise Broken("the same seed and actions gave another episode; draw random numbers in sampled entries only")
-    return f"the same seed and actions repeat {one.shape[0]} steps bit for bit"
+    return f"the same seed and actions repeat {first.shape[0]} steps bit for bit"
 
 
 def _rollout(env_id: str) -> TensorDictBase:

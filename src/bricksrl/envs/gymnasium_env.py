@@ -68,7 +68,7 @@ class GymnasiumEnv(gymnasium.Env[Observation, Array]):
             self.env.set_seed(seed)
             self._close_renderer()  # its virtual robot is replaced by the new seed
         self._observations = []
-        return self._shown(self.env.reset()), {}
+        return self._observation(self.env.reset()), {}
 
     def step(self, action: Array) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Take one step; returns observation, reward, terminated, truncated and info."""
@@ -76,10 +76,10 @@ class GymnasiumEnv(gymnasium.Env[Observation, Array]):
         result = self.env.step(sent)["next"]
         terminated, truncated = bool(result["terminated"]), bool(result["truncated"])
         if link_lost(sent.set("next", result)):
-            return self._shown(result), 0.0, False, True, {"link_lost": True}
+            return self._observation(result), 0.0, False, True, {"link_lost": True}
         self._observations.append(result["observation"].clone())
         info = self._info(ended=terminated or truncated)
-        return self._shown(result), float(result["reward"]), terminated, truncated, info
+        return self._observation(result), float(result["reward"]), terminated, truncated, info
 
     def render(self) -> NDArray[np.uint8] | None:
         """Image of the virtual robot, uint8 ``[height, width, 3]``; ``None`` without a render mode. Raises
@@ -111,13 +111,13 @@ class GymnasiumEnv(gymnasium.Env[Observation, Array]):
             self._renderer.close()
             self._renderer = None
 
-    def _shown(self, state: TensorDictBase) -> Observation:
+    def _observation(self, state: TensorDictBase) -> Observation:
         vector: Array = state["observation"].numpy()
         return vector if self.env.task.camera is None else {"observation": vector, "image": state["image"].numpy()}
 
     def _info(self, *, ended: bool) -> dict[str, Any]:
         episode = torch.stack(self._observations)
-        if self.env.task.is_judged_by_more:
+        if self.env.task.has_hidden_entries:
             episode = self.env.judged(episode)
         info: dict[str, Any] = {name: float(value) for name, value in self.env.task.metrics(episode).items()}
         if ended:

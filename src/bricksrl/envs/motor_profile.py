@@ -15,7 +15,7 @@ ACCELERATION_DEG_S2 = 2000.0
 """Acceleration and deceleration in Pybricks, for every motor of our robots."""
 
 
-def turn_on(turn_deg: Tensor, speed_deg_s: Tensor, limit_deg_s: Tensor, time_s: float) -> tuple[Tensor, Tensor]:
+def turned_angle(turn_deg: Tensor, speed_deg_s: Tensor, limit_deg_s: Tensor, time_s: float) -> tuple[Tensor, Tensor]:
     """Angle turned after ``time_s`` (deg) and the speed then (deg/s).
 
     Args:
@@ -25,19 +25,19 @@ def turn_on(turn_deg: Tensor, speed_deg_s: Tensor, limit_deg_s: Tensor, time_s: 
     """
     a = ACCELERATION_DEG_S2
     sign = turn_deg.sign()
-    way = turn_deg.abs()
+    distance = turn_deg.abs()
     # A start speed too high to stop in time is clipped to the highest from which stopping is possible.
-    start = torch.minimum(sign * speed_deg_s, (2.0 * a * way).sqrt())
+    start = torch.minimum(sign * speed_deg_s, (2.0 * a * distance).sqrt())
     back = torch.where(start < 0, start.square() / (2.0 * a), 0.0)
-    top = torch.minimum((2.0 * a * (way + back)).sqrt(), limit_deg_s)
+    top = torch.minimum((2.0 * a * (distance + back)).sqrt(), limit_deg_s)
     first = torch.where(start < top, a, -a)
     origin = -start.square() / (2.0 * first)  # position where the first ramp, extrapolated, has speed zero
     ramped = origin + top.square() / (2.0 * first)
-    braking = way - top.square() / (2.0 * a)
-    meet = braking < ramped  # too short to reach the limit: triangular profile, without a cruise
-    ramped = torch.where(meet, (origin + way) / 2.0, ramped)
-    braking = torch.where(meet, ramped, braking)
-    top = torch.where(meet, (2.0 * first * (ramped - origin)).clamp_min(0.0).sqrt(), top)
+    braking = distance - top.square() / (2.0 * a)
+    is_triangular = braking < ramped  # too short to reach the limit: triangular profile, without a cruise
+    ramped = torch.where(is_triangular, (origin + distance) / 2.0, ramped)
+    braking = torch.where(is_triangular, ramped, braking)
+    top = torch.where(is_triangular, (2.0 * first * (ramped - origin)).clamp_min(0.0).sqrt(), top)
     t1 = (top - start) / first
     t2 = t1 + torch.where(top > 0, (braking - ramped) / top.clamp_min(1e-6), 0.0)
     u1, u3 = t1.clamp_max(time_s), (time_s - t2).clamp_min(0.0).minimum(top / a)

@@ -51,7 +51,7 @@ class TrueOdometer:
 class SonarOdometer:
     """Odometer of a real robot that walks towards a wall, from its ultrasonic distance.
 
-    It measures nothing while the wall is out of range, and mistakes a turn for a distance.
+    It measures nothing while the wall is out of range, and takes a turn for a distance.
     """
 
     def __init__(self, interface: Interface) -> None:
@@ -64,8 +64,8 @@ class SonarOdometer:
     def forward_mm(self, _time_s: float, values: NDArray[np.float32]) -> float:
         """Decrease of the distance to the wall since the last call, in mm; 0 where it was out of range."""
         now_mm = Distance.FARTHEST_MM if self._column is None else float(values[self._column])
-        known = max(now_mm, self._last_mm) < Distance.FARTHEST_MM
-        step_mm = self._last_mm - now_mm if known else 0.0
+        in_range = max(now_mm, self._last_mm) < Distance.FARTHEST_MM
+        step_mm = self._last_mm - now_mm if in_range else 0.0
         self._last_mm = now_mm
         return step_mm
 

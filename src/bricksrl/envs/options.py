@@ -48,15 +48,15 @@ class EnvOptions:
 
     def changed(self, **named: Any) -> Self:
         """A copy with fields changed by name; any other name is an option of the task."""
-        names = {one.name for one in fields(EnvOptions)}
-        given = {name: value for name, value in named.items() if name in names}
+        names = {option.name for option in fields(EnvOptions)}
+        values = {name: value for name, value in named.items() if name in names}
         options = {**self.options, **{name: value for name, value in named.items() if name not in names}}
-        return replace(self, **{"options": options, **given})
+        return replace(self, **{"options": options, **values})
 
     @property
     def env_options(self) -> EnvOptions:
         """These options alone, for a subclass with further fields."""
-        return EnvOptions(**{one.name: getattr(self, one.name) for one in fields(EnvOptions)})
+        return EnvOptions(**{option.name: getattr(self, option.name) for option in fields(EnvOptions)})
 
     @property
     def pipe(self) -> Pipe:

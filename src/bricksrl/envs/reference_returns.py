@@ -19,8 +19,8 @@ class Reference:
 
     def lines(self) -> dict[str, float]:
         """Each return by the label of its line."""
-        found = {"random": self.random, "by hand": self.scripted}
-        return found if self.paper is None else {**found, "paper's SAC": self.paper}
+        lines = {"random": self.random, "by hand": self.scripted}
+        return lines if self.paper is None else {**lines, "paper's SAC": self.paper}
 
 
 REFERENCES = {

@@ -46,7 +46,7 @@ Calibration = Callable[[Robot], Robot]
 
 
 @dataclass(frozen=True)
-class _Offer:
+class _Spec:
     """A registered environment.
 
     Attributes:
@@ -63,25 +63,25 @@ class _Offer:
 
 
 _SIMULATED = " (simulated without a hub, thousands at once)"
-_OWN = {
-    "LineFollow-v0": _Offer(lambda: LINE_FOLLOW, episodes=30),
-    "Park-v0": _Offer(lambda: PARK, episodes=30),
-    "RunAway-v0": _Offer(lambda: RUN_AWAY),
-    "Spinning-v0": _Offer(lambda: SPINNING, episodes=15),
-    "Walker-v0": _Offer(functools.partial(walker, "Walker-v0"), episodes=75),
-    "Walker-v1": _Offer(lambda: WALKER_FORWARD, episodes=75),
-    "WalkerSim-v0": _Offer(functools.partial(walker, "WalkerSim-v0"), Kinematics(noise=0.1), episodes=75, note=_SIMULATED),
-    "WalkerSim-v1": _Offer(
+_BUILT_IN = {
+    "LineFollow-v0": _Spec(lambda: LINE_FOLLOW, episodes=30),
+    "Park-v0": _Spec(lambda: PARK, episodes=30),
+    "RunAway-v0": _Spec(lambda: RUN_AWAY),
+    "Spinning-v0": _Spec(lambda: SPINNING, episodes=15),
+    "Walker-v0": _Spec(functools.partial(walker, "Walker-v0"), episodes=75),
+    "Walker-v1": _Spec(lambda: WALKER_FORWARD, episodes=75),
+    "WalkerSim-v0": _Spec(functools.partial(walker, "WalkerSim-v0"), Kinematics(noise=0.1), episodes=75, note=_SIMULATED),
+    "WalkerSim-v1": _Spec(
         functools.partial(walker, "WalkerSim-v1"),
         Kinematics(noise=0.02, motion="firmware"),
         episodes=75,
         note=f"{_SIMULATED[:-1]}; legs turn as the firmware turns them)",
     ),
-    "RoboArm-v0": _Offer(functools.partial(robo_arm, "RoboArm-v0"), episodes=250),
-    "RoboArm_mixed-v0": _Offer(functools.partial(robo_arm_mixed, "RoboArm_mixed-v0"), episodes=250),
-    "RoboArmSim-v0": _Offer(functools.partial(robo_arm, "RoboArmSim-v0"), Kinematics(noise=0.05), episodes=250, note=_SIMULATED),
+    "RoboArm-v0": _Spec(functools.partial(robo_arm, "RoboArm-v0"), episodes=250),
+    "RoboArm_mixed-v0": _Spec(functools.partial(robo_arm_mixed, "RoboArm_mixed-v0"), episodes=250),
+    "RoboArmSim-v0": _Spec(functools.partial(robo_arm, "RoboArmSim-v0"), Kinematics(noise=0.05), episodes=250, note=_SIMULATED),
 }
-_offers = dict(_OWN)
+_specs = dict(_BUILT_IN)
 
 
 def make(
@@ -120,39 +120,39 @@ def make(
     check_value("options", options, EnvOptions | None)
     options = (options or EnvOptions()).env_options.changed(**named)
     address = parse_hub(options.hub)
-    offer = _offer(env_id)
-    task = _build(env_id, offer, options.options)
+    spec = _spec(env_id)
+    task = _build(env_id, spec, options.options)
     check_mujoco()  # TorchRL imports it, whatever the environment
-    if offer.kinematics is not None:
+    if spec.kinematics is not None:
         if replace(options, options={}) != EnvOptions():
             raise DescriptionError(f"{env_id} is simulated without a robot; omit hub, realtime, physics and the like")
         from bricksrl.envs.simulation import SimulatedEnv
 
-        simulation = SimulatedEnv(task, kinematics or offer.kinematics, batch_size=batch_size, device=device, seed=seed)
+        simulation = SimulatedEnv(task, kinematics or spec.kinematics, batch_size=batch_size, device=device, seed=seed)
         simulation.remake = functools.partial(make, env_id, options, batch_size=batch_size, device=device, kinematics=kinematics)
         return simulation
     if batch_size or device != "cpu" or kinematics is not None:
         raise DescriptionError(f"{env_id} is one robot; omit batch_size, device and kinematics")
     if address.is_virtual:
-        env = _on_twin(task, options, seed)
+        env = _virtual_env(task, options, seed)
         env.remake = functools.partial(make, env_id, options)
         return env
     if options.realtime or options.physics_or_draw is not None:
         raise DescriptionError("a real robot has its own time and physics; omit realtime and physics")
     if "calibration" not in options.options:
         task = _with_saved_red(task)
-    return _on_robot(task, options, address.transport(), seed, place)
+    return _real_env(task, options, address.transport(), seed, place)
 
 
 def _link(task: Task, options: EnvOptions, transport: Transport, calibrate: Calibration | None = None) -> HubLink:
     from bricksrl.hub.link.lockstep import HubLink
     from bricksrl.hub.link.streaming import StreamingLink
 
-    kind = StreamingLink if options.streaming else HubLink
-    return kind(transport, task.robot, task.interface, pipe=options.pipe, calibrate=calibrate)
+    link_type = StreamingLink if options.streaming else HubLink
+    return link_type(transport, task.robot, task.interface, pipe=options.pipe, calibrate=calibrate)
 
 
-def _on_twin(task: Task, options: EnvOptions, seed: int | None) -> HubEnv:
+def _virtual_env(task: Task, options: EnvOptions, seed: int | None) -> HubEnv:
     from bricksrl.envs.connection import Connection
     from bricksrl.envs.env import HubEnv
     from bricksrl.envs.odometry import SonarOdometer, TrueOdometer
@@ -181,7 +181,7 @@ def _with_saved_red(task: Task) -> Task:
     return task if red is None else replace(task, camera=replace(view, goal=replace(view.goal, red=red)))
 
 
-def _on_robot(task: Task, options: EnvOptions, transport: ProfileTransport, seed: int | None, place: Placement | None) -> HubEnv:
+def _real_env(task: Task, options: EnvOptions, transport: ProfileTransport, seed: int | None, place: Placement | None) -> HubEnv:
     from bricksrl.envs.connection import Connection
     from bricksrl.envs.env import HubEnv
     from bricksrl.envs.odometry import SonarOdometer
@@ -200,49 +200,49 @@ def _on_robot(task: Task, options: EnvOptions, transport: ProfileTransport, seed
 
 def is_simulation(env_id: str) -> bool:
     """Whether an environment is a batched kinematic simulation. Raises UnknownNameError if there is no such environment."""
-    return _offer(env_id).kinematics is not None
+    return _spec(env_id).kinematics is not None
 
 
 def training_episodes(env_id: str) -> int:
     """Default number of training episodes of an environment. Raises UnknownNameError if there is no environment of that name."""
-    return _offer(env_id).episodes
+    return _spec(env_id).episodes
 
 
 def list_envs() -> dict[str, str]:
     """Summary of each environment, in one line, by id."""
-    return {env_id: _build(env_id, offer, {}).summary + offer.note for env_id, offer in sorted(_offers.items())}
+    return {env_id: _build(env_id, spec, {}).summary + spec.note for env_id, spec in sorted(_specs.items())}
 
 
 def get_task(env_id: str, **options: Any) -> Task:
     """The task of an environment. Raises UnknownNameError if there is no environment of that name, UnknownOptionError if it has
     no such option."""
-    return _build(env_id, _offer(env_id), options)
+    return _build(env_id, _spec(env_id), options)
 
 
-def _build(env_id: str, offer: _Offer, options: dict[str, Any]) -> Task:
-    parameters = inspect.signature(offer.build).parameters
+def _build(env_id: str, spec: _Spec, options: dict[str, Any]) -> Task:
+    parameters = inspect.signature(spec.build).parameters
     unknown = [name for name in options if name not in parameters]
-    if unknown and not any(one.kind is one.VAR_KEYWORD for one in parameters.values()):
+    if unknown and not any(parameter.kind is parameter.VAR_KEYWORD for parameter in parameters.values()):
         known = ", ".join(parameters) or "none"
-        python_says = f"unexpected keyword argument '{unknown[0]}'"
-        raise UnknownOptionError(f"{env_id} has no option {unknown[0]}; it has {known} ({python_says})")
+        python_message = f"unexpected keyword argument '{unknown[0]}'"
+        raise UnknownOptionError(f"{env_id} has no option {unknown[0]}; it has {known} ({python_message})")
     try:
-        return offer.build(**options)
+        return spec.build(**options)
     except TypeError as error:
         raise DescriptionError(f"{env_id} cannot be made with {options} ({error}); see its description") from error
 
 
-def _offer(env_id: str) -> _Offer:
+def _spec(env_id: str) -> _Spec:
     check_value("env_id", env_id, str)
     if user_files.is_reference(env_id):
-        return _Offer(_with_own_id(user_files.load_builder(env_id)))
+        return _Spec(_with_own_id(user_files.load_builder(env_id)))
     try:
-        return _offers[env_id]
+        return _specs[env_id]
     except KeyError:
         if env_id in ARENAS:
             message = f"{env_id} has several robots; train it with `bricksrl team {env_id}`, make it with envs.arenas.make_arena"
             raise UnknownNameError(message) from None
-        known = sorted(_offers)
+        known = sorted(_specs)
         message = f"there is no environment '{env_id}'{hint(env_id, known)}; choose one of {', '.join(known)}"
         raise UnknownNameError(message) from None
 
@@ -260,9 +260,9 @@ def _with_own_id(build: Callable[..., Task]) -> Callable[..., Task]:
 
 
 def _check_id(task: Task) -> None:
-    ours = _OWN[task.id].build() if task.id in _OWN else None
+    built_in = _BUILT_IN[task.id].build() if task.id in _BUILT_IN else None
     parts = ("doc", "robot", "interface", "max_steps", "scene")
-    if ours is not None and any(getattr(ours, part) != getattr(task, part) for part in parts):
+    if built_in is not None and any(getattr(built_in, part) != getattr(task, part) for part in parts):
         raise DescriptionError(f"{task.id} comes with BricksRL; give your task another name or version")
 
 
@@ -273,18 +273,18 @@ def register(task: Task) -> None:
     Registering the same id again replaces the earlier task.
     """
     check_value("task", task, Task)
-    if task.id in _OWN:
+    if task.id in _BUILT_IN:
         raise DescriptionError(f"{task.id} comes with BricksRL; give your task another name or version")
-    _offers[task.id] = _Offer(lambda: task)
+    _specs[task.id] = _Spec(lambda: task)
     if "gymnasium" in sys.modules:
-        offer_to_gymnasium((task.id,))
+        register_with_gymnasium((task.id,))
 
 
-def offer_to_gymnasium(env_ids: Iterable[str] | None = None) -> None:
+def register_with_gymnasium(env_ids: Iterable[str] | None = None) -> None:
     """Register environments, by default all, with Gymnasium as ``bricksrl/<id>``; called when Gymnasium is imported."""
     import gymnasium
 
-    for env_id in _offers if env_ids is None else env_ids:
+    for env_id in _specs if env_ids is None else env_ids:
         gym_id = f"bricksrl/{env_id}"
         gymnasium.registry.pop(gym_id, None)
         gymnasium.register(

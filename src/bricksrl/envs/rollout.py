@@ -47,12 +47,12 @@ def play(
     reset_policy()
     done = False
     while not done:
-        chosen = None if driver is None else driver(state["observation"])
-        if chosen is not None:
+        driver_action = None if driver is None else driver(state["observation"])
+        if driver_action is not None:
             reset_policy()
-        state = policy(state) if chosen is None else state.set("action", chosen)
+        state = policy(state) if driver_action is None else state.set("action", driver_action)
         if driver is not None:
-            state["intervention"] = torch.tensor(chosen is not None)
+            state["intervention"] = torch.tensor(driver_action is not None)
         frame = env.step(state)
         done = bool(frame["next", "done"])
         yield frame
@@ -133,7 +133,7 @@ class Rollout:
 
 
 @dataclass(frozen=True)
-class Judged:
+class EpisodeScore:
     """Result of an episode, evaluated by its task before the next reset."""
 
     return_: float
@@ -145,7 +145,7 @@ class Judged:
 
 def play_episodes(
     env: EnvBase, policy: Policy, episodes: int, seed: int, *, reset_policy: Callable[[], None] = lambda: None
-) -> Iterator[Judged]:
+) -> Iterator[EpisodeScore]:
     """Play whole episodes; episode ``k`` depends only on ``seed``, ``k`` and the policy. Copies of a simulation run in parallel.
     Raises HubError if the link to the robot broke."""
     if env.batch_size:
@@ -160,10 +160,10 @@ def play_episodes(
                 episode.add(frame)
             if episode.is_lost:
                 raise env.link_error
-        yield Judged(episode.return_, len(episode.rewards), episode.action_size, episode.success(env), episode.metrics(env))
+        yield EpisodeScore(episode.return_, len(episode.rewards), episode.action_size, episode.success(env), episode.metrics(env))
 
 
-def _play_copies(env: EnvBase, policy: Policy, episodes: int, seed: int) -> Iterator[Judged]:
+def _play_copies(env: EnvBase, policy: Policy, episodes: int, seed: int) -> Iterator[EpisodeScore]:
     """The first episode of each copy, repeated until ``episodes`` are played."""
     copies = env.batch_size.numel()
     for start in range(0, episodes, copies):
@@ -173,8 +173,8 @@ def _play_copies(env: EnvBase, policy: Policy, episodes: int, seed: int) -> Iter
         done = frames["done"].squeeze(-1)
         lengths = torch.where(done.any(-1), done.int().argmax(-1) + 1, done.shape[-1])
         for copy in range(min(copies, episodes - start)):
-            whole = frames[copy, : int(lengths[copy])]
-            success, metrics = env.task.success(whole["observation"]), env.task.metrics(whole["observation"])
+            episode = frames[copy, : int(lengths[copy])]
+            success, metrics = env.task.success(episode["observation"]), env.task.metrics(episode["observation"])
             numbers = {name: float(value) for name, value in metrics.items()}
-            size = float(sizes[copy, : len(whole)].mean())
-            yield Judged(float(whole["reward"].sum()), len(whole), size, bool(success), numbers)
+            size = float(sizes[copy, : len(episode)].mean())
+            yield EpisodeScore(float(episode["reward"].sum()), len(episode), size, bool(success), numbers)

@@ -19,7 +19,7 @@ from torchrl.data import Binary, Bounded, Composite, Unbounded
 from torchrl.envs import EnvBase
 
 from bricksrl.envs.kinematics import Kinematics
-from bricksrl.envs.motor_profile import turn_on
+from bricksrl.envs.motor_profile import turned_angle
 from bricksrl.envs.options import PicklableEnv
 from bricksrl.envs.specs import NominalBounded
 from bricksrl.envs.task import Task
@@ -71,12 +71,12 @@ class SimulatedEnv(PicklableEnv, EnvBase):  # type: ignore[misc]
             raise DescriptionError(f"{task.id} cannot be simulated; kinematics obey at once, so there are no last commands")
         if task.camera is not None:
             raise DescriptionError(f"{task.id} cannot be simulated; kinematics have no picture for its camera")
-        columns = task.interface.angle_places
+        angle_index = task.interface.angle_places
         turns = [command for command in commands if isinstance(command, RunAngle)]
-        if len(turns) < len(commands) or {turn.motor for turn in turns} != set(columns):
+        if len(turns) < len(commands) or {turn.motor for turn in turns} != set(angle_index):
             raise DescriptionError(f"{task.id} cannot be simulated; every motor needs a RunAngle command and an angle channel")
-        places = [columns[turn.motor] for turn in turns]
-        angles = [channels[place] for place in places]
+        indices = [angle_index[turn.motor] for turn in turns]
+        angles = [channels[index] for index in indices]
 
         def tensor(values: list[float]) -> Tensor:
             return torch.tensor(values, dtype=torch.float32, device=self.device)[:, None]
@@ -91,12 +91,12 @@ class SimulatedEnv(PicklableEnv, EnvBase):  # type: ignore[misc]
         wraps = tensor([float(angle.wraps) for angle in angles])
         self._turns_per_deg, self._deg_per_turn = wraps / 360.0, wraps * 360.0
         # A slice where the commanded motors are contiguous: indexing then copies nothing.
-        contiguous = places == list(range(places[0], places[0] + len(places)))
-        self._angles = slice(places[0], places[0] + len(places)) if contiguous else torch.tensor(places, device=self.device)
+        contiguous = indices == list(range(indices[0], indices[0] + len(indices)))
+        self._angles = slice(indices[0], indices[0] + len(indices)) if contiguous else torch.tensor(indices, device=self.device)
         entries = task.entries
-        drawn = {*places, *range(len(channels), len(entries))}
+        drawn = {*indices, *range(len(channels), len(entries))}
         # Entries that a reset draws uniformly; the others read 0. Integers are rounded down, so their range ends at high + 1.
-        self._whole = torch.tensor([False] * len(channels) + [h.whole for h in task.sampled_entries], device=self.device)[:, None]
+        self._whole = torch.tensor([False] * len(channels) + [e.whole for e in task.sampled_entries], device=self.device)[:, None]
         ends = [e.high + whole for e, whole in zip(entries, self._whole[:, 0].tolist(), strict=True)]
         self._start_low = tensor([e.low if i in drawn else 0.0 for i, e in enumerate(entries)])
         self._start_span = tensor(
@@ -158,7 +158,7 @@ class SimulatedEnv(PicklableEnv, EnvBase):  # type: ignore[misc]
         turn = turn.add_(noise) if on_action else turn
         speed = self._speed
         if self._time_s is not None:
-            turn, speed = turn_on(turn, speed, self._limit, self._time_s)
+            turn, speed = turned_angle(turn, speed, self._limit, self._time_s)
         angles = self._bounded(turn.add_(state[self._angles]))
         if not on_action:
             angles = self._bounded(angles.add_(noise))

@@ -65,16 +65,16 @@ class NominalBounded(BoundedContinuous, metaclass=_KeepClass):  # type: ignore[m
         """``nominal`` for a value, also after a transform such as ``CatFrames`` repeated the entries of the spec."""
         mask = self.nominal
         if mask.shape != self.shape:
-            repeats = [size // was if size % was == 0 else 0 for size, was in zip(self.shape, mask.shape, strict=True)]
+            repeats = [size // before if size % before == 0 else 0 for size, before in zip(self.shape, mask.shape, strict=True)]
             mask = mask.repeat(repeats) if all(repeats) else mask.new_ones(())
         return mask.to(val.device)
 
     def _with(self, spec: Any, nominal: Tensor) -> NominalBounded:
         if not isinstance(spec, NominalBounded):  # ``Bounded.to`` makes a plain ``Bounded``
             spec = NominalBounded(spec.low, spec.high, spec.shape, spec.device, spec.dtype)
-        kept: NominalBounded = spec
-        kept.nominal = nominal.clone()
-        return kept
+        result: NominalBounded = spec
+        result.nominal = nominal.clone()
+        return result
 
     def clone(self) -> NominalBounded:
         return self._with(super().clone(), self.nominal)
@@ -133,7 +133,7 @@ class ObservationLayout:
     Attributes:
         low, high: bounds; infinite where there are none.
         wraps: angles in degrees that run around from 360 to 0.
-        goals: pairs of places: of a goal, and of the entry that is to reach it.
+        goals: pairs of indices: of a goal, and of the entry that is to reach it.
         image_px: side of the square image beside the observation; 0 for none.
     """
 
@@ -155,12 +155,12 @@ class ObservationLayout:
 
 def _goal_pairs(entries: Sequence[Entry]) -> tuple[tuple[int, int], ...]:
     """Each entry ``X_goal`` with the entry ``X_angle`` of the same kind; none where a goal lacks one."""
-    places = {entry.name: place for place, entry in enumerate(entries)}
-    goals = [place for name, place in places.items() if name.endswith("_goal")]
-    pairs = [(goal, places.get(entries[goal].name.removesuffix("_goal") + "_angle")) for goal in goals]
-    found = tuple((goal, reached) for goal, reached in pairs if reached is not None)
-    alike = all(entries[goal].wraps == entries[reached].wraps for goal, reached in found)
-    return found if alike and len(found) == len(goals) else ()
+    index_of = {entry.name: index for index, entry in enumerate(entries)}
+    goals = [index for name, index in index_of.items() if name.endswith("_goal")]
+    pairs = [(goal, index_of.get(entries[goal].name.removesuffix("_goal") + "_angle")) for goal in goals]
+    matched = tuple((goal, reached) for goal, reached in pairs if reached is not None)
+    alike = all(entries[goal].wraps == entries[reached].wraps for goal, reached in matched)
+    return matched if alike and len(matched) == len(goals) else ()
 
 
 class SpecsEnv(EnvBase):  # type: ignore[misc]

@@ -111,13 +111,13 @@ class Task:
     @property
     def observed_channels(self) -> tuple[int, ...]:
         """Indices of the channels that are in the observation."""
-        reckoned = () if self.target is None else wheels(self.robot, self.interface)
-        return tuple(place for place in range(len(self.interface.channels)) if place not in reckoned)
+        wheel_angles = () if self.target is None else wheels(self.robot, self.interface)
+        return tuple(index for index in range(len(self.interface.channels)) if index not in wheel_angles)
 
     @property
     def entries(self) -> tuple[Entry, ...]:
         """Entries of the observation vector."""
-        channels = (self.interface.channels[place].entry for place in self.observed_channels)
+        channels = (self.interface.channels[index].entry for index in self.observed_channels)
         target = () if self.target is None else self.target.entries
         return (*channels, *self.sampled_entries, *self.measured_entries, *self.command_entries, *target)
 
@@ -130,7 +130,7 @@ class Task:
         return tuple(Entry(f"last_{c.name}", c.low, c.high, c.unit, limits=(min(c.low, 0.0), max(c.high, 0.0))) for c in commands)
 
     @property
-    def is_judged_by_more(self) -> bool:
+    def has_hidden_entries(self) -> bool:
         """Whether success and metrics may get more than the agent sees."""
         return self.camera is not None or self.target is not None
 

@@ -24,8 +24,8 @@ def code_in(config: Any) -> tuple[str, ...]:
         return ()
     settings = config.get("settings")
     network = settings.get("network", "") if isinstance(settings, dict) else ""
-    named = (config.get("env"), config.get("agent"), network)
-    return tuple(name for name in named if isinstance(name, str) and is_reference(name))
+    names = (config.get("env"), config.get("agent"), network)
+    return tuple(name for name in names if isinstance(name, str) and is_reference(name))
 
 
 def remember(data: bytes) -> None:
@@ -57,14 +57,14 @@ def trust(folder: Path) -> tuple[str, ...]:
         if path.is_file():
             data = path.read_bytes()
             try:
-                found = json.loads(data)
+                config = json.loads(data)
             except (ValueError, RecursionError):
                 raise RunError(f"{path} is not JSON; restore the file") from None
             try:
                 _keep(data)
             except OSError as error:
                 raise RunError(f"cannot write to {_folder()} ({error.strerror}); make it writable") from None
-            return code_in(found.get("config")) if isinstance(found, dict) else ()
+            return code_in(config.get("config")) if isinstance(config, dict) else ()
     raise RunError(f"there is no run in {folder}; choose a folder with a config.json")
 
 

@@ -36,18 +36,18 @@ def load_object(reference: str, default: str) -> Any:
         UnknownNameError: there is no such file, module or name.
         DescriptionError: the code raised.
     """
-    place, name = _parts(reference)
-    module = _load(place, reference)
+    location, name = _parts(reference)
+    module = _load(location, reference)
     try:
         return getattr(module, name or default)
     except AttributeError:
-        raise UnknownNameError(f"there is no '{name or default}' in {place}; name what is written there") from None
+        raise UnknownNameError(f"there is no '{name or default}' in {location}; name what is written there") from None
 
 
 def _parts(reference: str) -> tuple[str, str]:
     """File or module, and the name in it, which may be empty."""
-    place, colon, name = reference.rpartition(":")
-    return (reference, "") if not colon or name.endswith(".py") else (place, name)
+    location, colon, name = reference.rpartition(":")
+    return (reference, "") if not colon or name.endswith(".py") else (location, name)
 
 
 def load_builder(reference: str) -> Callable[..., Task]:
@@ -61,22 +61,22 @@ def load_builder(reference: str) -> Callable[..., Task]:
         UnknownNameError: there is no such file, module or name.
         DescriptionError: the named object is no task, or the code raised.
     """
-    place, name = _parts(reference)
-    module = _load(place, reference)
+    location, name = _parts(reference)
+    module = _load(location, reference)
     if not name:
         name = _only(Task, module, reference)
     try:
-        found = getattr(module, name)
+        builder = getattr(module, name)
     except AttributeError:
-        raise UnknownNameError(f"there is no '{name}' in {place}; name a task that is written there") from None
-    if isinstance(found, Task):
-        return lambda: found
-    if not callable(found):
-        raise DescriptionError(f"{reference} is a {type(found).__name__} and no task; name a bricksrl.envs.Task")
+        raise UnknownNameError(f"there is no '{name}' in {location}; name a task that is written there") from None
+    if isinstance(builder, Task):
+        return lambda: builder
+    if not callable(builder):
+        raise DescriptionError(f"{reference} is a {type(builder).__name__} and no task; name a bricksrl.envs.Task")
 
-    @functools.wraps(found)
+    @functools.wraps(builder)
     def build(**options: object) -> Task:
-        task = found(**options)
+        task = builder(**options)
         if not isinstance(task, Task):
             raise DescriptionError(f"{reference} returns a {type(task).__name__} and no task; let it return a bricksrl.envs.Task")
         return task
@@ -94,30 +94,28 @@ def load_robot(reference: str) -> tuple[Robot, Scene | None]:
         UnknownNameError: there is no such file, module or name, or the file has no single robot.
         DescriptionError: the named object is no robot, or the code raised.
     """
-    place, colon, name = reference.rpartition(":")
-    if not colon or name.endswith(".py"):
-        place, name = reference, ""
-    module = _load(place, reference)
-    found_object = getattr(module, name or _only(Robot, module, reference), None)
-    if isinstance(found_object, Task):
-        return found_object.robot, found_object.scene
-    if not isinstance(found_object, Robot):
+    location, name = _parts(reference)
+    module = _load(location, reference)
+    value = getattr(module, name or _only(Robot, module, reference), None)
+    if isinstance(value, Task):
+        return value.robot, value.scene
+    if not isinstance(value, Robot):
         raise DescriptionError(f"{reference} is not a robot; name a bricksrl.robots.Robot that is written there")
-    return found_object, None
+    return value, None
 
 
-def _load(place: str, reference: str) -> ModuleType:
-    path = Path(place)
-    is_file = place.endswith(".py")
+def _load(location: str, reference: str) -> ModuleType:
+    path = Path(location)
+    is_file = location.endswith(".py")
     if is_file and not path.is_file():
-        raise UnknownNameError(f"there is no file {place}; give the path of a Python file")
+        raise UnknownNameError(f"there is no file {location}; give the path of a Python file")
     try:
         with _importable(str(path.resolve().parent if is_file else Path.cwd())):
-            return _run_file(path) if is_file else importlib.import_module(place)
+            return _run_file(path) if is_file else importlib.import_module(location)
     except (ImportError, ValueError) as error:
-        if not is_file and getattr(error, "name", place) == place:
+        if not is_file and getattr(error, "name", location) == location:
             raise UnknownNameError(
-                f"there is no module '{place}'; give one that can be imported, or a file: my_task.py"
+                f"there is no module '{location}'; give one that can be imported, or a file: my_task.py"
             ) from None
         raise DescriptionError(f"{reference} cannot be loaded ({error}); correct it") from error
     except Exception as error:
@@ -163,11 +161,11 @@ def _importable(folder: str) -> Iterator[None]:
         sys.path.remove(folder)
 
 
-def _only(kind: type[Task | Robot], module: ModuleType, reference: str) -> str:
+def _only(type_: type[Task | Robot], module: ModuleType, reference: str) -> str:
     """Name of the only task or robot in a module. Raises UnknownNameError for none or several."""
     # An object does not record the module that defines it, so imported ones count too; aliases of one object count once.
-    names = {id(value): name for name, value in vars(module).items() if isinstance(value, kind)}
+    names = {id(value): name for name, value in vars(module).items() if isinstance(value, type_)}
     if len(names) != 1:
-        found, noun = ", ".join(names.values()) or "none", kind.__name__
-        raise UnknownNameError(f"{reference} has {len(names)} {noun.lower()}s ({found}); name one: {reference}:{noun.upper()}")
+        known, noun = ", ".join(names.values()) or "none", type_.__name__
+        raise UnknownNameError(f"{reference} has {len(names)} {noun.lower()}s ({known}); name one: {reference}:{noun.upper()}")
     return next(iter(names.values()))

@@ -38,10 +38,10 @@ def is_agent(name: str) -> bool:
     if not is_reference(name):
         return name in AGENTS
     try:
-        found = load_object(name, "build")
+        build = load_object(name, "build")
     except BricksError:
         return False
-    return callable(found) and (name.endswith(".py") or "settings" in inspect.signature(found).parameters)
+    return callable(build) and (name.endswith(".py") or "settings" in inspect.signature(build).parameters)
 
 
 def check_agent(agent: str) -> Iterator[Finding]:
@@ -69,12 +69,12 @@ class _Checked:
     learner: Learner | None = None
 
     def settings(self) -> str:
-        kind = self.algorithm.settings
-        if not kind.__dataclass_params__.frozen:
-            raise Broken(f"{kind.__name__} can be changed; write @dataclass(frozen=True)")
-        without = [field.name for field in dataclasses.fields(kind) if _has_no_default(field)]
-        if without:
-            raise Broken(f"{', '.join(without)} has no default; give it one")
+        settings_type = self.algorithm.settings
+        if not settings_type.__dataclass_params__.frozen:
+            raise Broken(f"{settings_type.__name__} can be changed; write @dataclass(frozen=True)")
+        missing = [field.name for field in dataclasses.fields(settings_type) if _has_no_default(field)]
+        if missing:
+            raise Broken(f"{', '.join(missing)} has no default; give it one")
         settings = preset("default", self.algorithm.name)
         values = dataclasses.asdict(settings)
         if dataclasses.asdict(settings_from(self.algorithm.name, json.loads(json.dumps(values)))) != values:
@@ -86,7 +86,7 @@ class _Checked:
 
     def build(self) -> str:
         self.learner = make_learner(self.algorithm.name, make(ENV, seed=_SEED))
-        learned = sum(one.numel() for one in self.learner.parameters())
+        learned = sum(parameter.numel() for parameter in self.learner.parameters())
         if self.learner.loss is not None and not learned:
             raise Broken("there is a loss and nothing that an optimiser moves; give the learner an optimizer")
         return f"{type(self.learner.loss).__name__ if self.learner.loss else 'no loss'}, {learned} numbers to learn"
@@ -105,7 +105,7 @@ class _Checked:
     def memory(self) -> str:
         learner = self._learner()
         if learner.imitates:
-            return f"{counted(self._study(learner), 'transition')} of a dataset"
+            return f"{counted(self._attach_dataset(learner), 'transition')} of a dataset"
         if learner.memory is None:
             raise Skip("it remembers nothing")
         learner.remember(_frames(learner, make(ENV, seed=_SEED)))
@@ -118,14 +118,14 @@ class _Checked:
         if learner.loss is None:
             raise Skip("it learns nothing")
         learner.make_updates(0)  # what it does before the first update is not learning
-        before = [one.detach().clone() for one in learner.parameters()]
+        before = [parameter.detach().clone() for parameter in learner.parameters()]
         losses = learner.learn(_STEPS if learner.on_policy else min(1000, max(2, round(4 / max(learner.updates_per_step, 1e-9)))))
         if not losses:
             raise Broken("nothing was learned; fill the memory, and give updates_per_step")
         wrong = [name for name, value in losses.items() if not bool(torch.isfinite(value))]
         if wrong:
             raise Broken(f"{', '.join(wrong)} is not a number after {counted(learner.updates, 'update')}")
-        if all(torch.equal(one, other) for one, other in zip(before, learner.parameters(), strict=True)):
+        if all(torch.equal(old, new) for old, new in zip(before, learner.parameters(), strict=True)):
             raise Broken(f"{counted(learner.updates, 'update')} changed nothing; let the optimizer have the loss's parameters")
         return (
             f"{counted(learner.updates, 'update')}: {', '.join(f'{name} {float(value):.3g}' for name, value in losses.items())}"
@@ -136,14 +136,14 @@ class _Checked:
         file = io.BytesIO()
         torch.save(learner.state_dict(), file)
         file.seek(0)
-        other = make_learner(self.algorithm.name, env)
-        other.load_state_dict(torch.load(file, weights_only=True))
+        restored = make_learner(self.algorithm.name, env)
+        restored.load_state_dict(torch.load(file, weights_only=True))
         state = env.reset()
         actions = []
-        for one in (learner, other):
-            one.reset_policy()
+        for actor in (learner, restored):
+            actor.reset_policy()
             torch.manual_seed(_SEED)
-            actions.append(one.exploit(state)["action"])
+            actions.append(actor.exploit(state)["action"])
         if not torch.equal(*actions):
             raise Broken("a learner that is saved and restored acts otherwise; register what the policy depends on")
         return f"{len(file.getvalue())} bytes, and the same actions from them"
@@ -164,7 +164,7 @@ class _Checked:
             raise Skip("there is no learner")
         return self.learner
 
-    def _study(self, learner: Learner) -> int:
+    def _attach_dataset(self, learner: Learner) -> int:
         from bricksrl.agents.imitation.chunks import recorded_memory
 
         size = getattr(preset("default", self.algorithm.name), "batch_size", 256)

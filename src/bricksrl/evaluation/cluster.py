@@ -30,8 +30,8 @@ OnMessage = Callable[[int, dict[str, Any]], None]
 def parse_on(text: str) -> str | None:
     """Parse ``ray`` or ``ray:ADDRESS`` into the address of the cluster; ``None`` for a local one. Raises RunError if the text is
     neither."""
-    kind, colon, address = text.partition(":")
-    if kind != "ray" or (colon and not address):
+    runner, colon, address = text.partition(":")
+    if runner != "ray" or (colon and not address):
         raise RunError(f"there is no '{text}' to run on; choose ray, or ray:ADDRESS for a cluster that is there")
     return address or None
 
@@ -51,17 +51,17 @@ def connected(address: str | None, cpus: int | None = None) -> Iterator[Any]:
         raise RunError("Ray is not installed; run `pip install 'bricksrl[distributed]'`") from None
     if ray.is_initialized():
         raise RunError("Ray is at work in this process already; shut it down first")
-    kind: dict[str, Any] = {"log_to_driver": False, "runtime_env": {"env_vars": _ENVIRONMENT}, "logging_level": "ERROR"}
+    options: dict[str, Any] = {"log_to_driver": False, "runtime_env": {"env_vars": _ENVIRONMENT}, "logging_level": "ERROR"}
     if address is None:
-        kind |= {"num_cpus": cpus or os.cpu_count() or 1, "num_gpus": 0, "include_dashboard": False}
-        kind |= {"object_store_memory": _STORE_BYTES, "_node_ip_address": "127.0.0.1"}
+        options |= {"num_cpus": cpus or os.cpu_count() or 1, "num_gpus": 0, "include_dashboard": False}
+        options |= {"object_store_memory": _STORE_BYTES, "_node_ip_address": "127.0.0.1"}
     else:
-        kind["address"] = address
+        options["address"] = address
     try:
-        ray.init(**kind)
+        ray.init(**options)
     except (ConnectionError, OSError, RuntimeError, ValueError) as error:
-        where = "a cluster here" if address is None else f"the cluster at {address}"
-        raise RunError(f"{where} does not start or answer ({' '.join(str(error).split())[:200]}); see `ray status`") from None
+        cluster = "a cluster here" if address is None else f"the cluster at {address}"
+        raise RunError(f"{cluster} does not start or answer ({' '.join(str(error).split())[:200]}); see `ray status`") from None
     try:
         yield ray
     finally:
@@ -108,14 +108,14 @@ class Changes:
             if not path.is_file():
                 continue
             stat = path.stat()
-            name, mark = str(path.relative_to(self._folder)), (stat.st_mtime_ns, stat.st_size)
-            if self._known.get(name) != mark:
-                self._known[name] = mark
+            name, version = str(path.relative_to(self._folder)), (stat.st_mtime_ns, stat.st_size)
+            if self._known.get(name) != version:
+                self._known[name] = version
                 changed[name] = path.read_bytes()
         return changed
 
 
-def train_there(number: int, config: dict[str, Any], evaluated_episodes: int, keeper: Any) -> str | None:
+def train_on_worker(number: int, config: dict[str, Any], evaluated_episodes: int, keeper: Any) -> str | None:
     """Start one run on a worker, or resume it from the keeper's files, and evaluate it; returns the error, if any."""
     import ray
     import torch
@@ -168,10 +168,10 @@ def train_on_cluster(
     with connected(address, cpus) as ray:
         from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
 
-        here = NodeAffinitySchedulingStrategy(node_id=ray.get_runtime_context().get_node_id(), soft=False)
+        on_this_node = NodeAffinitySchedulingStrategy(node_id=ray.get_runtime_context().get_node_id(), soft=False)
         folders = [str(folder.absolute()) for _, folder in orders]
-        keeper = ray.remote(Keeper).options(num_cpus=0, scheduling_strategy=here).remote(folders)
-        remote = ray.remote(train_there).options(num_cpus=1, max_retries=_RETRIES)
+        keeper = ray.remote(Keeper).options(num_cpus=0, scheduling_strategy=on_this_node).remote(folders)
+        remote = ray.remote(train_on_worker).options(num_cpus=1, max_retries=_RETRIES)
         waiting = {remote.remote(number, config, evaluated_episodes, keeper): number for number, (config, _) in enumerate(orders)}
         errors: list[str | None] = [None] * len(orders)
         while waiting:
@@ -192,5 +192,5 @@ def train_on_cluster(
 def map_on_cluster(ray: Any, function: Callable[..., Any], orders: Sequence[tuple[Any, ...]]) -> list[Any]:
     """Map a function over argument tuples in parallel; a lost worker is replaced."""
     remote = ray.remote(function).options(num_cpus=1, max_retries=_RETRIES)
-    found: list[Any] = ray.get([remote.remote(*order) for order in orders])
-    return found
+    results: list[Any] = ray.get([remote.remote(*order) for order in orders])
+    return results

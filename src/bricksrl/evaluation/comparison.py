@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from bricksrl.training.config import TrainConfig
 
 _COLUMNS = 2
-_FREE = ("seed", "episodes", "device", "log", "record")
+_NOT_COMPARED = ("seed", "episodes", "device", "log", "record")
 """Names in a config in which runs of a group may differ."""
 
 
@@ -87,7 +87,7 @@ class Comparison:
     def to_json(self) -> str:
         """One JSON object."""
         groups = [{**dataclasses.asdict(group), "score": group.score, "interval": ends(group.interval)} for group in self.groups]
-        improvements = [{**vars(one), "interval": ends(one.interval)} for one in self.improvements]
+        improvements = [{**vars(item), "interval": ends(item.interval)} for item in self.improvements]
         return json.dumps({"scored_by": self.scored_by, "groups": groups, "improvements": improvements}, indent=2)
 
 
@@ -99,16 +99,16 @@ def compare(paths: Sequence[Path | str]) -> Comparison:
     """
     runs = [_Run.read(path) for path in _run_folders(paths)]
     evaluated = all(run.evaluation is not None for run in runs)
-    by_kind: dict[tuple[str, str], list[_Run]] = {}
+    by_config: dict[tuple[str, str], list[_Run]] = {}
     for run in runs:
-        by_kind.setdefault((run.config.env, run.kind), []).append(run)
+        by_config.setdefault((run.config.env, run.shared_config), []).append(run)
     groups = []
-    for (env, _), members in sorted(by_kind.items(), key=lambda item: item[0]):
+    for (env, _), members in sorted(by_config.items(), key=lambda item: item[0]):
         scores = tuple(run.evaluation if evaluated and run.evaluation is not None else run.curve[-1] for run in members)
         seeds = tuple(run.config.seed for run in members)
         if len(set(seeds)) < len(seeds):
             raise RunError(f"two runs of {members[0].config.agent} in {env} have the same seed; they would count twice, omit one")
-        label = _label(members[0], [kind[0] for (place, _), kind in by_kind.items() if place == env])
+        label = _label(members[0], [group[0] for (group_env, _), group in by_config.items() if group_env == env])
         curves, steps = tuple(run.curve for run in members), max(run.steps for run in members)
         groups.append(Group(env, label, seeds, scores, curves, steps, reference_lines(env, members[0].config.options)))
     pairs = itertools.combinations(groups, 2)
@@ -134,10 +134,10 @@ class _Run:
         return cls(config, curve, episodes[-1].steps, _evaluation(folder, episodes))
 
     @property
-    def kind(self) -> str:
+    def shared_config(self) -> str:
         """Part of the config that is equal for all runs of a group, as JSON."""
         data = self.config.to_dict()
-        for name in ("env", *_FREE):
+        for name in ("env", *_NOT_COMPARED):
             del data[name]
         return json.dumps(data, sort_keys=True, default=str)
 
@@ -145,8 +145,8 @@ class _Run:
 def _evaluation(folder: RunFolder, episodes: Sequence[Episode]) -> float | None:
     """Mean return of the run's evaluation; ``None`` if there is none, or it was made after fewer episodes."""
     try:
-        found = json.loads(folder.evaluation_path.read_bytes())
-        return float(found["return_mean"]) if found["trained_episodes"] == len(episodes) else None
+        data = json.loads(folder.evaluation_path.read_bytes())
+        return float(data["return_mean"]) if data["trained_episodes"] == len(episodes) else None
     except (OSError, ValueError, KeyError, TypeError, RecursionError):
         return None
 
@@ -155,7 +155,7 @@ def _run_folders(paths: Sequence[Path | str]) -> Iterator[Path]:
     """Folders of the runs, with a folder of several seeds replaced by those of its runs."""
     seen: set[Path] = set()
     for path in map(Path, paths):
-        seeds = sorted(one.parent for one in path.glob("seed-*/config.json"))
+        seeds = sorted(config.parent for config in path.glob("seed-*/config.json"))
         for run in seeds if seeds and not RunFolder(path).config_path.exists() else [path]:
             if run.resolve() in seen:
                 raise RunError(f"{run} is named twice; name it once")
@@ -165,20 +165,20 @@ def _run_folders(paths: Sequence[Path | str]) -> Iterator[Path]:
         raise RunError("no run is named; give the folders of runs")
 
 
-def _label(run: _Run, all_of_env: Sequence[_Run]) -> str:
+def _label(run: _Run, runs: Sequence[_Run]) -> str:
     """Name of the agent, and the settings in which it differs from others of that name in the environment."""
-    same = [other for other in all_of_env if other.config.agent == run.config.agent]
+    same = [other for other in runs if other.config.agent == run.config.agent]
     if len(same) == 1:
         return run.config.agent
-    mine, others = _flat(run.config), [_flat(other.config) for other in same]
-    differing = [name for name in mine if any(other.get(name) != mine[name] for other in others)]
-    return ", ".join([run.config.agent, *(f"{name}={mine[name]}" for name in differing)])
+    own, others = _flat(run.config), [_flat(other.config) for other in same]
+    differing = [name for name in own if any(other.get(name) != own[name] for other in others)]
+    return ", ".join([run.config.agent, *(f"{name}={own[name]}" for name in differing)])
 
 
 def _flat(config: TrainConfig) -> dict[str, Any]:
     data = config.to_dict()
     settings = data.pop("settings") or {}
-    return {name: value for name, value in {**data, **settings}.items() if name not in _FREE}
+    return {name: value for name, value in {**data, **settings}.items() if name not in _NOT_COMPARED}
 
 
 def _improvement(group: Group, other: Group) -> Improvement:

@@ -23,10 +23,10 @@ if TYPE_CHECKING:
     from torchrl.envs import EnvBase
 
     from bricksrl.envs.connection import Placement
-    from bricksrl.envs.rollout import Judged
+    from bricksrl.envs.rollout import EpisodeScore
     from bricksrl.training.config import TrainConfig
 
-MOST_COPIES = 1024
+MAX_COPIES = 1024
 """Maximum number of simulation copies that are evaluated in parallel."""
 OnEpisode = Callable[[int, float], None]
 """Called with the number of a finished episode, from 1, and its return."""
@@ -121,10 +121,10 @@ def evaluate(
     config = RunFolder(run_dir).read_config()
     own: EnvBase | None = None
     if env is None or isinstance(env, str):
-        config = _elsewhere(config, env or config.env, **named)
+        config = _evaluation_config(config, env or config.env, **named)
         config = replace(config, updates=0, asynchronous=False)
         side_by_side = is_simulation(config.env) and config.hub == "virtual" and not config.realtime
-        copies = min(episodes, MOST_COPIES) if side_by_side and not hasattr(config.settings, "chunk") else 1
+        copies = min(episodes, MAX_COPIES) if side_by_side and not hasattr(config.settings, "chunk") else 1
         env = own = make_env(replace(config, num_envs=copies), place)
     try:
         if on_env is not None:
@@ -133,12 +133,12 @@ def evaluate(
             trained = load_learner(run_dir, env, which=which)
             actor = trained.learner
             actor.act_on(getattr(env, "device", None))
-            judged = []
-            for one in play_episodes(env, actor.exploit, episodes, seed, reset_policy=actor.reset_policy):
-                judged.append(one)
+            scores = []
+            for score in play_episodes(env, actor.exploit, episodes, seed, reset_policy=actor.reset_policy):
+                scores.append(score)
                 if on_episode is not None:
-                    on_episode(len(judged), one.return_)
-        result = _summarise(judged, env, config, trained.episodes, seed, run_dir)
+                    on_episode(len(scores), score.return_)
+        result = _summarise(scores, env, config, trained.episodes, seed, run_dir)
     finally:
         if own is not None:
             own.close(raise_if_closed=False)
@@ -147,38 +147,37 @@ def evaluate(
     return result
 
 
-def _elsewhere(config: TrainConfig, env: str, **named: Any) -> TrainConfig:
+def _evaluation_config(config: TrainConfig, env: str, **named: Any) -> TrainConfig:
     """The config for an evaluation: one robot, without physics or options that belong to another environment or hub."""
-    same, hub = env == config.env, named.get("hub", config.hub)
-    fitted = same and hub == "virtual" and not named.get("randomize", False)
-    physics, options = config.physics if fitted else None, config.options if same else {}
-    there = replace(one_robot(config), env=env, realtime=False, randomize=False, physics=physics, options=options)
-    return there.changed(**named)
+    same_env, hub = env == config.env, named.get("hub", config.hub)
+    keeps_physics = same_env and hub == "virtual" and not named.get("randomize", False)
+    physics, options = config.physics if keeps_physics else None, config.options if same_env else {}
+    config = replace(one_robot(config), env=env, realtime=False, randomize=False, physics=physics, options=options)
+    return config.changed(**named)
 
 
 def _summarise(
-    judged: list[Judged], env: EnvBase, config: TrainConfig, trained_episodes: int, seed: int, run_dir: Path | str
+    scores: list[EpisodeScore], env: EnvBase, config: TrainConfig, trained_episodes: int, seed: int, run_dir: Path | str
 ) -> EvaluationResult:
     task = getattr(env, "task", None)
-    returns = np.array([one.return_ for one in judged])
-    outcomes = [one.success for one in judged if one.success is not None]
-    metrics = [one.metrics for one in judged]
+    returns = np.array([score.return_ for score in scores])
+    outcomes = [score.success for score in scores if score.success is not None]
     return EvaluationResult(
         run_dir=str(run_dir),
         env=config.env if task is None else task.id,
         agent=config.agent,
         hub=config.hub,
         seed=seed,
-        episodes=len(judged),
+        episodes=len(scores),
         trained_episodes=trained_episodes,
         return_mean=float(returns.mean()),
         return_std=float(returns.std()),
         return_iqm=float(interquartile_mean(returns)),
         return_interval=seeds_interval(returns.tolist(), mean),
         returns=tuple(returns.tolist()),
-        lengths=tuple(one.length for one in judged),
-        action_size=sum(one.action_size for one in judged) / len(judged),
+        lengths=tuple(score.length for score in scores),
+        action_size=sum(score.action_size for score in scores) / len(scores),
         success_rate=sum(outcomes) / len(outcomes) if outcomes else None,
         success_interval=wilson_interval(sum(outcomes), len(outcomes)) if outcomes else None,
-        metrics={name: sum(one[name] for one in metrics) / len(metrics) for name in metrics[0]},
+        metrics={name: sum(score.metrics[name] for score in scores) / len(scores) for name in scores[0].metrics},
     )

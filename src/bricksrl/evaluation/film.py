@@ -25,7 +25,7 @@ QUICK_S = 0.03
 _LAST_S = 0.8
 """Duration of the last image of an episode."""
 _HOLDS = (1, 2, 3, 4)
-_MOST_S, _SPEED = 12.0, 2.0
+_NORMAL_SPEED_S, _SPEED = 12.0, 2.0
 """Longer episodes are shown twice as fast."""
 
 
@@ -75,7 +75,7 @@ def film(
     from bricksrl.twin.render.opengl import VideoWriter
 
     options = options or FilmOptions()
-    returns, ways = [], []
+    returns, distances_m = [], []
     with VideoWriter(path, 25.0) as video:
         for number in range(1, options.episodes + 1):
             seed_episode(env, options.seed, "evaluation", number)
@@ -87,14 +87,14 @@ def film(
             try:
                 take.install(twin.machine)
                 for frame in play(env, act, start, reset_policy=reset):
-                    take.saw(frame)
+                    take.add(frame)
                     _write(video, take.images())
                 _write(video, take.ending())
             finally:
                 take.close()
             returns.append(take.total)
-            ways.append(take.forward_m)
-    return Filmed(path, tuple(returns), tuple(ways))
+            distances_m.append(take.forward_m)
+    return Filmed(path, tuple(returns), tuple(distances_m))
 
 
 def _write(video: Any, images: Iterator[Image]) -> None:
@@ -123,10 +123,10 @@ class _Take:
         self.room: Room = Room(self.body, goals_of(self.env, self.start))
         self.renderer, cost_s = self._renderer()
         expected_ms = self.env.task.max_steps * _step_ms(self.env)
-        self.speed = _SPEED if expected_ms > _MOST_S * 1000 else 1.0
-        afford = max(1.0, self.options.budget_s / self.options.episodes / cost_s)
+        self.speed = _SPEED if expected_ms > _NORMAL_SPEED_S * 1000 else 1.0
+        affordable = max(1.0, self.options.budget_s / self.options.episodes / cost_s)
         # At 25 images/s, an image covers 40 ms at speed 1; if that is too many to draw in the budget, each is held for longer.
-        self.hold = next((n for n in _HOLDS if expected_ms / (40 * n * self.speed) <= afford), _HOLDS[-1])
+        self.hold = next((n for n in _HOLDS if expected_ms / (40 * n * self.speed) <= affordable), _HOLDS[-1])
         self.frame_ms = round(40 * self.speed * self.hold)
 
     def _renderer(self) -> tuple[Renderer, float]:
@@ -136,20 +136,20 @@ class _Take:
         width, height = self.options.size
 
         def make(*, shadows: bool) -> tuple[Renderer, float]:
-            made = Renderer(
+            renderer = Renderer(
                 self.body, width, height, self.room.camera, shadows=shadows, smooth=shadows, decorate=self.room.decorate
             )
-            made.render()
+            renderer.render()
             start_s = time.perf_counter()
-            made.render()
-            return made, time.perf_counter() - start_s
+            renderer.render()
+            return renderer, time.perf_counter() - start_s
 
         plain, cost_s = make(shadows=False)
         if cost_s > QUICK_S:
             return plain, cost_s
-        rich, rich_s = make(shadows=True)
-        (plain if rich_s <= 2 * QUICK_S else rich).close()
-        return (rich, rich_s) if rich_s <= 2 * QUICK_S else (plain, cost_s)
+        shaded, shaded_s = make(shadows=True)
+        (plain if shaded_s <= 2 * QUICK_S else shaded).close()
+        return (shaded, shaded_s) if shaded_s <= 2 * QUICK_S else (plain, cost_s)
 
     def install(self, machine: Any) -> None:
         """Hook into the machine's body, to draw an image every ``frame_ms`` of simulated time."""
@@ -166,21 +166,21 @@ class _Take:
         parts = [f"episode {self.number}"] if self.options.episodes > 1 else []
         parts += [f"step {self.step}", f"reward {self.reward:.2f}", f"return {self.total:.1f}"]
         if self.env.task.walks:
-            parts.append(f"distance {self._way_m():.2f} m")
+            parts.append(f"distance {self._distance_m():.2f} m")
         if self.speed != 1.0:
             parts.append(f"{self.speed:g}x speed")
         marks = self.room.metre_marks(*self.options.size)
         return captioned(image, self.options.title or self.env.task.id, "   ".join(parts), marks)
 
-    def _way_m(self) -> float:
-        walked = self.env.walk_metrics() if hasattr(self.env, "walk_metrics") else {}
-        return float(walked.get("forward_m", 0.0))
+    def _distance_m(self) -> float:
+        metrics = self.env.walk_metrics() if hasattr(self.env, "walk_metrics") else {}
+        return float(metrics.get("forward_m", 0.0))
 
-    def saw(self, frame: Any) -> None:
+    def add(self, frame: Any) -> None:
         """Update the captions' values from a frame."""
         self.reward = float(frame["next", "reward"])
         self.total, self.step = self.total + self.reward, self.step + 1
-        self.forward_m = self._way_m()
+        self.forward_m = self._distance_m()
 
     def images(self) -> Iterator[Image]:
         """Images since the last call, each repeated ``hold`` times."""
@@ -226,9 +226,9 @@ def side_by_side(left: Path, right: Path, path: Path, height: int = 540) -> Path
     longest_s = max(_duration_s(left), _duration_s(right))
     command = [imageio_ffmpeg.get_ffmpeg_exe(), "-y", "-v", "error", "-i", str(left), "-i", str(right), "-filter_complex", graph]
     command += ["-t", f"{longest_s:.2f}", "-c:v", "libx264", "-pix_fmt", "yuv420p", "-crf", "26", "-movflags", "+faststart"]
-    done = subprocess.run([*command, str(path)], capture_output=True, text=True, check=False)  # noqa: S603  our own arguments
-    if done.returncode:
-        raise TwinError(f"{left} and {right} cannot be joined ({' '.join(done.stderr.split())[:120]}); make them again")
+    process = subprocess.run([*command, str(path)], capture_output=True, text=True, check=False)  # noqa: S603  our own arguments
+    if process.returncode:
+        raise TwinError(f"{left} and {right} cannot be joined ({' '.join(process.stderr.split())[:120]}); make them again")
     return path
 
 

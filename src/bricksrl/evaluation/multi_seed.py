@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from bricksrl.training.config import TrainConfig
 
 EVALUATED_EPISODES = 5
-MOST_SEEDS = 1000
+MAX_SEEDS = 1000
 """Maximum number of seeds of one command."""
 
 OnLine = Callable[[int, dict[str, Any]], None]
@@ -70,8 +70,8 @@ def seed_folder(folder: Path, seed: int) -> Path:
 
 def check_count(count: int) -> None:
     """Raise RunError unless ``count`` is an allowed number of seeds."""
-    if not 2 <= count <= MOST_SEEDS:
-        raise RunError(f"seeds is {count}; give 2 to {MOST_SEEDS}, or omit --seeds")
+    if not 2 <= count <= MAX_SEEDS:
+        raise RunError(f"seeds is {count}; give 2 to {MAX_SEEDS}, or omit --seeds")
 
 
 def train_seeds(
@@ -105,17 +105,17 @@ def train_seeds(
     try:
         folder.mkdir(parents=True)
         if on is None:
-            found = _in_processes(configs, jobs, on_line)
+            results = _in_processes(configs, jobs, on_line)
         else:
-            orders = [(one.to_dict(), seed_folder(folder, one.seed)) for one in configs]
-            found = train_on_cluster(
-                address, orders, EVALUATED_EPISODES, lambda place, message: on_line(seeds[place], message), cpus=jobs
+            orders = [(run.to_dict(), seed_folder(folder, run.seed)) for run in configs]
+            results = train_on_cluster(
+                address, orders, EVALUATED_EPISODES, lambda index, message: on_line(seeds[index], message), cpus=jobs
             )
     except BaseException:
         with contextlib.suppress(OSError):
             folder.rmdir()  # fails if anything was written
         raise
-    errors = [(seed, error) for seed, error in zip(seeds, found, strict=True) if error is not None]
+    errors = [(seed, error) for seed, error in zip(seeds, results, strict=True) if error is not None]
     if errors:
         seed, error = errors[0]
         raise RunError(f"{len(errors)} of {count} seeds failed; seed {seed}: {error}")
@@ -148,7 +148,7 @@ class _Processes:
     def __init__(self) -> None:
         self._running: set[subprocess.Popen[str]] = set()
         self._lock = threading.Lock()
-        self._over = False
+        self._ended = False
 
     def run(self, config: TrainConfig, on_message: Callable[[dict[str, Any]], None]) -> str | None:
         """Train one seed; returns the error, if any."""
@@ -156,7 +156,7 @@ class _Processes:
         command = [sys.executable, "-m", "bricksrl.evaluation.multi_seed_worker"]
         environment = {**os.environ, "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
         with self._lock:
-            if self._over:
+            if self._ended:
                 return "stopped"
             process = subprocess.Popen(  # noqa: S603  our own interpreter
                 command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment, start_new_session=True
@@ -178,7 +178,7 @@ class _Processes:
     def end(self) -> None:
         """Terminate all processes and start no more; saved files are kept."""
         with self._lock:
-            self._over = True
+            self._ended = True
             for process in self._running:
                 process.terminate()
 

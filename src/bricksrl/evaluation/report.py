@@ -93,7 +93,7 @@ def _film_part(films: Films | None, no_films: str) -> Iterable[str]:
     source = _data_url(films.both, "video/mp4") if small else html.escape(films.both.name)
     yield f'<video src="{source}" controls autoplay loop muted playsinline></video>'
     links = ", ".join(f'<a href="{path.name}">{path.name}</a>' for path in (films.before.path, films.after.path, films.both))
-    before, after = (f"{sum(one.returns) / len(one.returns):.4g}" for one in (films.before, films.after))
+    before, after = (f"{sum(film.returns) / len(film.returns):.4g}" for film in (films.before, films.after))
     yield f"<p>Left before learning (return {before}), right after it (return {after}). The files: {links}.</p>"
 
 
@@ -112,8 +112,8 @@ _UNITS = {"_m_s": "m/s", "_deg_s": "deg/s", "_mm": "mm", "_m": "m", "_deg": "deg
 
 
 def _rows(result: EvaluationResult) -> Iterable[tuple[str, str]]:
-    within = result.return_interval
-    mean = f", mean in {within.low:.4g} to {within.high:.4g}" if within is not None else ""
+    interval = result.return_interval
+    mean = f", mean in {interval.low:.4g} to {interval.high:.4g}" if interval is not None else ""
     yield "return", f"{result.return_mean:.4g} ± {result.return_std:.3g}{mean}"
     if result.success_rate is not None:
         yield "success", f"{result.success_rate:.0%} of {counted(result.episodes, 'episode')}"
@@ -132,20 +132,20 @@ def _table(rows: Iterable[tuple[str, str]]) -> str:
 
 
 def _commands(run_dir: Path, result: EvaluationResult) -> str:
-    run, more = html.escape(quoted(run_dir), quote=False), 2 * result.trained_episodes
+    run, episodes = html.escape(quoted(run_dir), quote=False), 2 * result.trained_episodes
     commands = {
         "watch it, and compare it with how it began": f"bricksrl play {run} --page",
-        "let it learn for longer": f"bricksrl resume {run} --episodes {more} --page",
+        "let it learn for longer": f"bricksrl resume {run} --episodes {episodes} --page",
         "count more episodes": f"bricksrl evaluate {run} --episodes 20",
         "on a LEGO robot": f"bricksrl evaluate {run} --hub ble",
         "use the policy in a program of your own": f"bricksrl export {run} --out policy.pt2",
     }
-    rows = "".join(f"<tr><th>{what}</th><td><code>{command}</code></td></tr>" for what, command in commands.items())
+    rows = "".join(f"<tr><th>{label}</th><td><code>{command}</code></td></tr>" for label, command in commands.items())
     return f"<table>{rows}</table>"
 
 
-def _data_url(path: Path, kind: str) -> str:
-    return f"data:{kind};base64,{base64.b64encode(path.read_bytes()).decode()}"
+def _data_url(path: Path, mime_type: str) -> str:
+    return f"data:{mime_type};base64,{base64.b64encode(path.read_bytes()).decode()}"
 
 
 _HEAD = """<!doctype html>

@@ -87,17 +87,17 @@ def probability_of_improvement(scores: Sequence[float], others: Sequence[float])
     """
     if not scores or not others:
         raise DescriptionError("a comparison needs at least one score of each; leave out what has none")
-    mine, theirs = np.asarray(scores, dtype=np.float64), np.asarray(others, dtype=np.float64)
+    first, second = np.asarray(scores, dtype=np.float64), np.asarray(others, dtype=np.float64)
 
     def share(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
         higher, equal = a[..., :, None] > b[..., None, :], a[..., :, None] == b[..., None, :]
         return np.asarray((higher + 0.5 * equal).mean((-2, -1)), dtype=np.float64)
 
-    probability = float(share(mine, theirs))
-    if min(mine.size, theirs.size) < FEWEST_SEEDS:
+    probability = float(share(first, second))
+    if min(first.size, second.size) < FEWEST_SEEDS:
         return probability, None
     rng = np.random.default_rng(0)
-    drawn = [x[rng.integers(0, x.size, (2000, x.size))] for x in (mine, theirs)]
+    drawn = [x[rng.integers(0, x.size, (2000, x.size))] for x in (first, second)]
     low, high = np.quantile(share(*drawn), (0.025, 0.975))
     return probability, Interval(float(low), float(high))
 

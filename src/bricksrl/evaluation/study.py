@@ -39,7 +39,7 @@ OnSeed = Callable[[str, int, str | None], None]
 
 
 @dataclass(frozen=True)
-class Judgement:
+class ConditionResult:
     """Evaluation of one seed under a condition."""
 
     condition: str
@@ -59,7 +59,7 @@ class Outcome:
     """
 
     seed: int
-    judged: tuple[Judgement, ...]
+    judged: tuple[ConditionResult, ...]
     steps: int
     wall_s: float
     robot_s: float | None
@@ -85,11 +85,11 @@ def run_seed(cell: Cell, seed: int, folder: str) -> dict[str, Any] | str:
             resume(path)
         else:
             train(TrainConfig(**{**cell.config, "seed": seed, "run_dir": path, "asynchronous": False}))
-        judged = [_judge(path, seed, number, one) for number, one in enumerate(cell.conditions)]
+        results = [_evaluate_condition(path, seed, number, condition) for number, condition in enumerate(cell.conditions)]
         episodes = RunFolder(path).read_episodes()
-        goal, last = cell.config.get("stop_at"), [one.return_ for one in episodes[-WINDOW:]]
+        goal, last = cell.config.get("stop_at"), [episode.return_ for episode in episodes[-WINDOW:]]
         reached = None if goal is None else len(last) == WINDOW and sum(last) / WINDOW >= goal
-        outcome = Outcome(seed, tuple(judged), episodes[-1].steps, episodes[-1].seconds, robot_seconds(path), reached)
+        outcome = Outcome(seed, tuple(results), episodes[-1].steps, episodes[-1].seconds, robot_seconds(path), reached)
     except BricksError as error:
         return str(error)
     text = json.dumps(asdict(outcome), indent=2)
@@ -97,22 +97,24 @@ def run_seed(cell: Cell, seed: int, folder: str) -> dict[str, Any] | str:
     return dict(json.loads(text))
 
 
-def _judge(run: Path, seed: int, number: int, one: Condition) -> Judgement:
+def _evaluate_condition(run: Path, seed: int, number: int, condition: Condition) -> ConditionResult:
     """Evaluate a run under a condition, after further training there if the condition asks for it."""
     from bricksrl.evaluation.evaluator import evaluate
     from bricksrl.training import RunFolder, TrainConfig, train
 
-    judged = run
-    if one.learn_episodes:
-        judged = run.with_name(f"{run.name}-condition-{number}")
-        shutil.rmtree(judged, ignore_errors=True)  # left by an interrupted study
+    run_dir = run
+    if condition.learn_episodes:
+        run_dir = run.with_name(f"{run.name}-condition-{number}")
+        shutil.rmtree(run_dir, ignore_errors=True)  # left by an interrupted study
         config = RunFolder(run).read_config()
-        base = {"agent": config.agent, "settings": config.settings, "start": str(run), "seed": seed, "run_dir": judged}
-        train(TrainConfig(one.env or config.env, episodes=one.learn_episodes, asynchronous=False, **{**base, **one.named}))
-    found = evaluate(judged, one.env, episodes=one.episodes, seed=_FIRST_EVALUATION + seed, save=False, **one.named)
-    successes = None if found.success_rate is None else round(found.success_rate * found.episodes)
-    metrics = {**found.metrics, "action_size": found.action_size, "episode_steps": float(np.mean(found.lengths))}
-    return Judgement(one.name, found.returns, successes, metrics)
+        base = {"agent": config.agent, "settings": config.settings, "start": str(run), "seed": seed, "run_dir": run_dir}
+        options = {**base, "episodes": condition.learn_episodes, "asynchronous": False, **condition.named}
+        train(TrainConfig(condition.env or config.env, **options))
+    options = {"episodes": condition.episodes, "seed": _FIRST_EVALUATION + seed, "save": False, **condition.named}
+    result = evaluate(run_dir, condition.env, **options)
+    successes = None if result.success_rate is None else round(result.success_rate * result.episodes)
+    metrics = {**result.metrics, "action_size": result.action_size, "episode_steps": float(np.mean(result.lengths))}
+    return ConditionResult(condition.name, result.returns, successes, metrics)
 
 
 def robot_seconds(run: Path) -> float | None:
@@ -162,7 +164,7 @@ def run_study(
     orders = [(cell, seed, str((folder / name_of(cell)).absolute())) for cell in chosen for seed in range(count)]
     folder.mkdir(parents=True, exist_ok=True)
     errors = []
-    for (cell, seed, _), outcome in zip(orders, _made(orders, jobs, on), strict=True):
+    for (cell, seed, _), outcome in zip(orders, _outcomes(orders, jobs, on), strict=True):
         error = outcome if isinstance(outcome, str) else None
         on_seed(name_of(cell), seed, error)
         if error is not None:
@@ -176,25 +178,25 @@ def run_study(
 def _check_folder(folder: Path, study: Study, *, quick: bool) -> None:
     """Raise RunError if the folder is of another study, or of its other form."""
     try:
-        found = json.loads((folder / "study.json").read_bytes())
-        theirs = (str(found["study"]), bool(found["quick"]))
+        data = json.loads((folder / "study.json").read_bytes())
+        existing = (str(data["study"]), bool(data["quick"]))
     except (OSError, ValueError, LookupError, TypeError):
         return  # nothing is there that its runs could be mistaken for
-    if theirs != (study.name, quick):
-        form = "in quick form" if theirs[1] else "in full"
-        raise RunError(f"{folder} has the study '{theirs[0]}' {form}; choose another folder")
+    if existing != (study.name, quick):
+        form = "in quick form" if existing[1] else "in full"
+        raise RunError(f"{folder} has the study '{existing[0]}' {form}; choose another folder")
 
 
 def _result(study: Study, cells: Sequence[Cell], folder: Path, seeds: int, *, quick: bool) -> dict[str, Any]:
     """Numbers of a study, of the seeds that are done."""
     done = {name_of(cell): [folder / name_of(cell) / f"seed-{seed}" / OUTCOME for seed in range(seeds)] for cell in cells}
-    found = {name: [json.loads(path.read_bytes()) for path in paths if path.exists()] for name, paths in done.items()}
+    outcomes_of = {name: [json.loads(path.read_bytes()) for path in paths if path.exists()] for name, paths in done.items()}
     result = {"study": study.name, "title": study.title, "quick": quick, "metrics": study.metrics, **_machine()}
-    result["cells"] = [summary(cell, found[name_of(cell)]) for cell in cells if found[name_of(cell)]]
-    result["improvements"] = improvements(cells, found)
-    missing = [name for name, outcomes in found.items() if not outcomes]
-    told = f"Not run: {', '.join(missing)}." if missing else ""
-    result["notes"] = [note for note in (study.note, told) if note]
+    result["cells"] = [summary(cell, outcomes_of[name_of(cell)]) for cell in cells if outcomes_of[name_of(cell)]]
+    result["improvements"] = improvements(cells, outcomes_of)
+    missing = [name for name, outcomes in outcomes_of.items() if not outcomes]
+    missing_note = f"Not run: {', '.join(missing)}." if missing else ""
+    result["notes"] = [note for note in (study.note, missing_note) if note]
     return result
 
 
@@ -206,7 +208,7 @@ def write_study(folder: Path, result: dict[str, Any]) -> Path:
     return folder / "study.md"
 
 
-def _made(orders: Sequence[tuple[Cell, int, str]], jobs: int | None, on: str | None) -> Iterable[dict[str, Any] | str]:
+def _outcomes(orders: Sequence[tuple[Cell, int, str]], jobs: int | None, on: str | None) -> Iterable[dict[str, Any] | str]:
     """Outcomes of the orders, in order, each as soon as it is ready."""
     if on is not None:
         with connected(parse_on(on), jobs) as ray:
@@ -218,11 +220,11 @@ def _made(orders: Sequence[tuple[Cell, int, str]], jobs: int | None, on: str | N
     if workers == 1:
         yield from (run_seed(*order) for order in orders)
         return
-    with ProcessPoolExecutor(workers, mp_context=get_context("spawn"), initializer=_begin_worker) as pool:
+    with ProcessPoolExecutor(workers, mp_context=get_context("spawn"), initializer=_start_worker) as pool:
         yield from pool.map(run_seed, *zip(*orders, strict=True))
 
 
-def _begin_worker() -> None:
+def _start_worker() -> None:
     """Compute on one thread, and end as soon as the study's process does, however it ends."""
     import torch
 
@@ -239,36 +241,36 @@ def _end_with_parent() -> None:
 
 def summary(cell: Cell, outcomes: Sequence[dict[str, Any]]) -> dict[str, Any]:
     """Summary of a cell's seeds; conditions of the same name are pooled."""
-    names = list(dict.fromkeys(one.name for one in cell.conditions))
+    names = list(dict.fromkeys(condition.name for condition in cell.conditions))
     return {
         "row": cell.row,
         "column": cell.column,
         "seeds": len(outcomes),
-        "steps": [one["steps"] for one in outcomes],
-        "wall_s": [round(one["wall_s"], 1) for one in outcomes],
-        "robot_s": [one["robot_s"] for one in outcomes],
-        "reached": [one["reached"] for one in outcomes],
+        "steps": [outcome["steps"] for outcome in outcomes],
+        "wall_s": [round(outcome["wall_s"], 1) for outcome in outcomes],
+        "robot_s": [outcome["robot_s"] for outcome in outcomes],
+        "reached": [outcome["reached"] for outcome in outcomes],
         "paper": dict(cell.paper),
-        "conditions": {name: _under(name, outcomes) for name in names},
+        "conditions": {name: _condition_summary(name, outcomes) for name in names},
     }
 
 
-def _under(name: str, outcomes: Sequence[dict[str, Any]]) -> dict[str, Any]:
+def _condition_summary(name: str, outcomes: Sequence[dict[str, Any]]) -> dict[str, Any]:
     """Summary of one condition: a mean return per seed, and the successes of all episodes."""
-    by_seed = [[one for one in outcome["judged"] if one["condition"] == name] for outcome in outcomes]
-    returns = [float(np.mean([value for one in judged for value in one["returns"]])) for judged in by_seed]
-    found = {**over_seeds(returns), "episodes": sum(len(one["returns"]) for judged in by_seed for one in judged)}
-    successes = [one["successes"] for judged in by_seed for one in judged]
+    by_seed = [[item for item in outcome["judged"] if item["condition"] == name] for outcome in outcomes]
+    returns = [float(np.mean([value for item in results for value in item["returns"]])) for results in by_seed]
+    result = {**over_seeds(returns), "episodes": sum(len(item["returns"]) for results in by_seed for item in results)}
+    successes = [item["successes"] for results in by_seed for item in results]
     if all(value is not None for value in successes):
-        found |= {"successes": sum(successes), "success_rate": sum(successes) / found["episodes"]}
+        result |= {"successes": sum(successes), "success_rate": sum(successes) / result["episodes"]}
         if len(outcomes) >= 5:
-            found["success_95"] = ends(wilson_interval(sum(successes), found["episodes"]))
-    metrics = {name for judged in by_seed for one in judged for name in one["metrics"]}
-    found["metrics"] = {
-        metric: float(np.mean([one["metrics"][metric] for judged in by_seed for one in judged if metric in one["metrics"]]))
+            result["success_95"] = ends(wilson_interval(sum(successes), result["episodes"]))
+    metrics = {name for results in by_seed for item in results for name in item["metrics"]}
+    result["metrics"] = {
+        metric: float(np.mean([item["metrics"][metric] for results in by_seed for item in results if metric in item["metrics"]]))
         for metric in sorted(metrics)
     }
-    return found
+    return result
 
 
 def over_seeds(returns: Sequence[float]) -> dict[str, Any]:
@@ -277,14 +279,15 @@ def over_seeds(returns: Sequence[float]) -> dict[str, Any]:
     return {"returns": list(returns), "return_iqm": iqm, "return_95": ends(seeds_interval(returns))}
 
 
-def improvements(cells: Sequence[Cell], found: dict[str, list[dict[str, Any]]]) -> list[dict[str, Any]]:
+def improvements(cells: Sequence[Cell], outcomes_of: dict[str, list[dict[str, Any]]]) -> list[dict[str, Any]]:
     """Probability, per column, that a seed of the first row outscores one of each other row in the last condition."""
     columns: dict[str, list[Cell]] = {}
     for cell in cells:
         columns.setdefault(cell.column, []).append(cell)
     pairs = []
     for column, rows in columns.items():
-        scored = {one.row: _under(one.conditions[-1].name, found[name_of(one)])["returns"] for one in rows if found[name_of(one)]}
+        finished = [(cell, outcomes_of[name_of(cell)]) for cell in rows if outcomes_of[name_of(cell)]]
+        scored = {cell.row: _condition_summary(cell.conditions[-1].name, done)["returns"] for cell, done in finished}
         for row, scores in list(scored.items())[1:]:
             first, others = next(iter(scored.items()))
             probability, interval = probability_of_improvement(others, scores)

@@ -34,7 +34,7 @@ class Script:
     result: str = ""
 
     @property
-    def written(self) -> str:
+    def result_name(self) -> str:
         """Name of its result."""
         return self.result or self.name
 
@@ -57,7 +57,7 @@ class BenchmarkStudy:
     tables: Callable[[dict[str, Numbers]], Numbers]
 
 
-def take_study(study: BenchmarkStudy, folder: Path, benchmarks: Path, *, quick: bool = False) -> Path:
+def run_benchmark_study(study: BenchmarkStudy, folder: Path, benchmarks: Path, *, quick: bool = False) -> Path:
     """Write the numbers and the page of a study from benchmark results; returns the path of the page. Raises RunError if there
     are no benchmarks in the folder, or one of them failed.
 
@@ -69,7 +69,7 @@ def take_study(study: BenchmarkStudy, folder: Path, benchmarks: Path, *, quick: 
         raise RunError(f"the study '{study.name}' needs the repository's benchmarks, and {benchmarks} has none; run it there")
     results = folder / "results" if quick else benchmarks / "results"
     for script in study.scripts:
-        path = results / f"{script.written}.json"
+        path = results / f"{script.result_name}.json"
         if quick and script.quick is None:
             continue
         if quick or not path.exists():
@@ -79,89 +79,89 @@ def take_study(study: BenchmarkStudy, folder: Path, benchmarks: Path, *, quick: 
 
 def result_of(study: BenchmarkStudy, results: Path, *, quick: bool = False) -> Numbers:
     """Numbers of a study from the results in a folder; missing results are skipped."""
-    paths = {script.written: results / f"{script.written}.json" for script in study.scripts}
-    found = {name: json.loads(path.read_bytes()) for name, path in paths.items() if path.exists()}
-    measured_with = {name: {what: one[what] for what in ("machine", "versions")} for name, one in found.items()}
+    paths = {script.result_name: results / f"{script.result_name}.json" for script in study.scripts}
+    numbers = {name: json.loads(path.read_bytes()) for name, path in paths.items() if path.exists()}
+    measured_with = {name: {key: result[key] for key in ("machine", "versions")} for name, result in numbers.items()}
     about = {"study": study.name, "title": study.title, "quick": quick, "results": measured_with}
-    tables = study.tables(found)
-    tables["notes"] = [*tables.get("notes", ()), *(f"{name}: {one['note']}" for name, one in found.items() if "note" in one)]
-    return {**about, **measured_with[next(iter(found))], **tables}
+    tables = study.tables(numbers)
+    notes = (f"{name}: {result['note']}" for name, result in numbers.items() if "note" in result)
+    tables["notes"] = [*tables.get("notes", ()), *notes]
+    return {**about, **measured_with[next(iter(numbers))], **tables}
 
 
 def _measure(script: Path, arguments: tuple[str, ...], folder: Path, results: Path) -> None:
     """Run a benchmark in the study's folder, which keeps its runs and datasets, so that it can resume."""
-    for one in (folder, results):
-        one.mkdir(parents=True, exist_ok=True)
+    for path in (folder, results):
+        path.mkdir(parents=True, exist_ok=True)
     variables = {**os.environ, "BRICKSRL_RESULTS": str(results.absolute())}
     command = [sys.executable, str(script.absolute()), *arguments]
-    done = subprocess.run(command, cwd=folder, env=variables, check=False, capture_output=True, text=True)  # noqa: S603  ours
-    if done.returncode:
-        why = done.stderr.strip().splitlines()[-1:] or [f"it ended with code {done.returncode}"]
-        raise RunError(f"{script.name} failed: {why[0]}")
+    process = subprocess.run(command, cwd=folder, env=variables, check=False, capture_output=True, text=True)  # noqa: S603  ours
+    if process.returncode:
+        reason = process.stderr.strip().splitlines()[-1:] or [f"it ended with code {process.returncode}"]
+        raise RunError(f"{script.name} failed: {reason[0]}")
 
 
-def _cell(row: str, column: str, condition: str, returns: list[float], theirs: Numbers, **more: Any) -> Numbers:
+def _cell(row: str, column: str, condition: str, returns: list[float], paper_numbers: Numbers, **numbers: Any) -> Numbers:
     return {
         "row": row,
         "column": column,
         "seeds": len(returns),
-        "conditions": {condition: {**over_seeds(returns), **more}},
-        "paper": theirs,
+        "conditions": {condition: {**over_seeds(returns), **numbers}},
+        "paper": paper_numbers,
     }
 
 
-def _offline(found: dict[str, Numbers]) -> Numbers:
+def _offline(results: dict[str, Numbers]) -> Numbers:
     """Cells of agents by dataset, with the paper's and with the default settings."""
     cells = []
-    for result in found.values():
+    for result in results.values():
         if "preset" not in result:
             continue
         for data, agents in result["datasets"].items():
             env, kind = data.rsplit(" ", 1)
-            for agent, one in agents.items():
+            for agent, outcome in agents.items():
                 value = paper.OFFLINE[env, kind].get(agent)
-                theirs = {} if value is None else {"return": value}
-                cells.append(_cell(agent, data, f"{result['preset']} settings", one["seeds"], theirs))
+                paper_numbers = {} if value is None else {"return": value}
+                cells.append(_cell(agent, data, f"{result['preset']} settings", outcome["seeds"], paper_numbers))
     return {"cells": cells}
 
 
-def _datasets(found: dict[str, Numbers]) -> Numbers:
+def _datasets(results: dict[str, Numbers]) -> Numbers:
     cells = []
-    for env, kinds in found["datasets"]["tasks"].items():
-        theirs = paper.DATASETS[env]
+    for env, kinds in results["datasets"]["tasks"].items():
+        paper_numbers = paper.DATASETS[env]
         for kind in ("expert", "random"):
-            one = kinds[kind]
-            returns = {"return": theirs["mean_reward"]} if kind == "expert" else {}
-            metrics = {"transitions": one["transitions"], "the paper's transitions": theirs[f"{kind}_transitions"]}
-            cells.append(_cell(kind, env, f"{one['episodes']} episodes", [one["mean_reward"]], returns, metrics=metrics))
+            dataset = kinds[kind]
+            returns = {"return": paper_numbers["mean_reward"]} if kind == "expert" else {}
+            metrics = {"transitions": dataset["transitions"], "the paper's transitions": paper_numbers[f"{kind}_transitions"]}
+            cells.append(_cell(kind, env, f"{dataset['episodes']} episodes", [dataset["mean_reward"]], returns, metrics=metrics))
     notes = ["One dataset of each kind: no interval over seeds."]
     return {"cells": cells, "metrics": ["transitions", "the paper's transitions"], "notes": notes}
 
 
-def _ablation(found: dict[str, Numbers]) -> Numbers:
+def _ablation(results: dict[str, Numbers]) -> Numbers:
     cells = []
-    for env, agents in found["ablation"]["environments"].items():
+    for env, agents in results["ablation"]["environments"].items():
         for agent, result in agents.items():
-            for name, one in result["variants"].items():
-                label = name if name in ("default", "paper") else f"{name} = {one['setting'][name]}"
-                after = f"{result['steps']} steps"
-                more = {} if one["success_mean"] is None or env.startswith("Walker") else {"success_rate": one["success_mean"]}
-                cells.append(_cell(f"{agent}, {label}", env, after, one["returns"], {}, **more))
-    tables = [_costs(found["updates"])] if "updates" in found else []
-    if "race" in found:
-        tables.append(_race(found["race"]))
-    missing = (
-        [] if "race" in found else ["CPU seconds to a goal against Stable-Baselines3 and SBX: `benchmarks/race.py` was not run."]
-    )
-    return {"cells": cells, "tables": tables, "notes": missing}
+            for name, variant in result["variants"].items():
+                label = name if name in ("default", "paper") else f"{name} = {variant['setting'][name]}"
+                condition = f"{result['steps']} steps"
+                success = variant["success_mean"]
+                numbers = {} if success is None or env.startswith("Walker") else {"success_rate": success}
+                cells.append(_cell(f"{agent}, {label}", env, condition, variant["returns"], {}, **numbers))
+    tables = [_costs(results["updates"])] if "updates" in results else []
+    if "race" in results:
+        return {"cells": cells, "tables": [*tables, _race(results["race"])], "notes": []}
+    note = "CPU seconds to a goal against Stable-Baselines3 and SBX: `benchmarks/race.py` was not run."
+    return {"cells": cells, "tables": tables, "notes": [note]}
 
 
 def _costs(result: Numbers) -> Numbers:
     """Table of the CPU time of an update, by agent and library."""
-    peers = list(dict.fromkeys(peer for one in result["agents"].values() for peer in one))
+    peers = list(dict.fromkeys(peer for costs in result["agents"].values() for peer in costs))
     rows = [
-        [agent, *(f"{one[peer]['cpu_ms']:.2f}" if peer in one else "" for peer in peers)]
-        for agent, one in result["agents"].items()
+        [agent, *(f"{costs[peer]['cpu_ms']:.2f}" if peer in costs else "" for peer in peers)]
+        for agent, costs in result["agents"].items()
     ]
     return {"title": "CPU milliseconds per update", "head": ["agent", *peers], "rows": rows}
 
@@ -169,19 +169,19 @@ def _costs(result: Numbers) -> Numbers:
 def _race(result: Numbers) -> Numbers:
     """Table of robot steps and CPU time to a goal: medians over the seeds."""
     rows = [
-        [name, f"{one['there']} of {len(one['runs'])}", f"{one['steps']:.0f}", f"{one['cpu_s']:.0f}"]
-        for name, one in result["contestants"].items()
+        [name, f"{contestant['there']} of {len(contestant['runs'])}", f"{contestant['steps']:.0f}", f"{contestant['cpu_s']:.0f}"]
+        for name, contestant in result["contestants"].items()
     ]
     return {"title": "To the goal on WalkerSim-v0, medians", "head": ["contestant", "reached", "steps", "CPU s"], "rows": rows}
 
 
-_FEW = ("--tasks", "RunAway-v0", "--episodes", "2", "--trained", "2", "--processes", "1")
-_DATASETS = Script("datasets", (), _FEW)
-_LITTLE = ("--envs", "RunAway-v0", "--agents", "bc", "iql", "--share", "0.01", "--seeds", "2", "--processes", "1")
-_ONE_VARIANT = ("--envs", "RoboArmSim-v0", "--only", "default", "--steps", "100", "--seeds", "2", "--processes", "1")
+_QUICK_DATASETS = ("--tasks", "RunAway-v0", "--episodes", "2", "--trained", "2", "--processes", "1")
+_DATASETS = Script("datasets", (), _QUICK_DATASETS)
+_QUICK_OFFLINE = ("--envs", "RunAway-v0", "--agents", "bc", "iql", "--share", "0.01", "--seeds", "2", "--processes", "1")
+_QUICK_ABLATION = ("--envs", "RoboArmSim-v0", "--only", "default", "--steps", "100", "--seeds", "2", "--processes", "1")
 BENCHMARK_STUDIES = {
-    one.name: one
-    for one in (
+    study.name: study
+    for study in (
         BenchmarkStudy(
             "offline",
             "Agents that learn from datasets alone",
@@ -189,7 +189,7 @@ BENCHMARK_STUDIES = {
             2.0,
             (
                 _DATASETS,
-                Script("offline", (), _LITTLE),
+                Script("offline", (), _QUICK_OFFLINE),
                 Script("offline", ("--preset", "default"), result="offline_default"),
             ),
             _offline,
@@ -201,7 +201,7 @@ BENCHMARK_STUDIES = {
             3.0,
             3.0,
             (
-                Script("ablation", (), _ONE_VARIANT),
+                Script("ablation", (), _QUICK_ABLATION),
                 Script("updates", (), ("--agents", "sac", "--rounds", "1", "--contestants", "torchrl")),
                 Script("race", (), ("--contestants", "ours_sac", "--seeds", "1", "--limit", "200")),
             ),

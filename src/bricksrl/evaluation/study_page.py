@@ -18,16 +18,16 @@ def page(result: Numbers) -> str:
     lines = [f"# {result['title']}{quick}", ""]
     lines += [f"Command: `bricksrl study {result['study']}`. Numbers are interquartile means over seeds. Square brackets are"]
     lines += ["95 % intervals; fewer than 5 seeds have none. All robots here are virtual; the paper used real LEGO robots.", ""]
-    rows = [(cell, name, one) for cell in result["cells"] for name, one in cell["conditions"].items()]
-    columns = [(head, [say(*row) for row in rows]) for head, say in _columns(result).items()]
-    shown = [(head, values) for head, values in columns if any(values)]
-    lines += _table([head for head, _ in shown], list(zip(*(values for _, values in shown), strict=True)))
+    rows = [(cell, name, values) for cell in result["cells"] for name, values in cell["conditions"].items()]
+    columns = [(head, [text_of(*row) for row in rows]) for head, text_of in _columns(result).items()]
+    shown = [(head, cells) for head, cells in columns if any(cells)]
+    lines += _table([head for head, _ in shown], list(zip(*(cells for _, cells in shown), strict=True)))
     if result.get("improvements"):
-        of_pairs = [
-            (one["column"], one["row"], one["over"], f"{one['probability']:.2f}{_within(one['probability_95'])}")
-            for one in result["improvements"]
+        pairs = [
+            (pair["column"], pair["row"], pair["over"], f"{pair['probability']:.2f}{_within(pair['probability_95'])}")
+            for pair in result["improvements"]
         ]
-        lines += ["", *_table(("column", "row", "over", "probability of improvement"), of_pairs)]
+        lines += ["", *_table(("column", "row", "over", "probability of improvement"), pairs)]
     for table in result.get("tables", ()):
         lines += ["", f"## {table['title']}", "", *_table(table["head"], table["rows"])]
     for note in result.get("notes", ()):
@@ -41,25 +41,25 @@ def _columns(result: Numbers) -> dict[str, Callable[[Numbers, str, Numbers], str
     """Columns by heading, each a function of a cell, a condition's name and its results."""
     metrics = {name: _metric(name) for name in result.get("metrics", ())}
     return {
-        "row": lambda cell, name, one: cell["row"],
-        "column": lambda cell, name, one: cell["column"],
-        "seeds": lambda cell, name, one: str(cell["seeds"]),
-        "condition": lambda cell, name, one: name,
-        "return": lambda cell, name, one: f"{one['return_iqm']:.4g}{_within(one['return_95'])}",
-        "the paper's return": lambda cell, name, one: _spread(cell.get("paper", {}).get("return")),
-        "success": lambda cell, name, one: _percent(one.get("success_rate")) + _within(one.get("success_95"), 100),
-        "the paper's success": lambda cell, name, one: _percent(cell.get("paper", {}).get("success")),
+        "row": lambda cell, name, values: cell["row"],
+        "column": lambda cell, name, values: cell["column"],
+        "seeds": lambda cell, name, values: str(cell["seeds"]),
+        "condition": lambda cell, name, values: name,
+        "return": lambda cell, name, values: f"{values['return_iqm']:.4g}{_within(values['return_95'])}",
+        "the paper's return": lambda cell, name, values: _spread(cell.get("paper", {}).get("return")),
+        "success": lambda cell, name, values: _percent(values.get("success_rate")) + _within(values.get("success_95"), 100),
+        "the paper's success": lambda cell, name, values: _percent(cell.get("paper", {}).get("success")),
         **metrics,
-        "steps": lambda cell, name, one: _over_seeds(cell.get("steps", ()), 1.0, ".0f"),
-        "minutes of computing": lambda cell, name, one: _over_seeds(cell.get("wall_s", ()), 60.0, ".1f"),
-        "robot minutes": lambda cell, name, one: _over_seeds(cell.get("robot_s", ()), 60.0, ".1f"),
-        "reached": lambda cell, name, one: _count(cell.get("reached", ())),
-        "the paper's minutes": lambda cell, name, one: _number(cell.get("paper", {}).get("minutes")),
+        "steps": lambda cell, name, values: _over_seeds(cell.get("steps", ()), 1.0, ".0f"),
+        "minutes of computing": lambda cell, name, values: _over_seeds(cell.get("wall_s", ()), 60.0, ".1f"),
+        "robot minutes": lambda cell, name, values: _over_seeds(cell.get("robot_s", ()), 60.0, ".1f"),
+        "reached": lambda cell, name, values: _count(cell.get("reached", ())),
+        "the paper's minutes": lambda cell, name, values: _number(cell.get("paper", {}).get("minutes")),
     }
 
 
 def _metric(name: str) -> Callable[[Numbers, str, Numbers], str]:
-    return lambda cell, condition, one: _number(one.get("metrics", {}).get(name))
+    return lambda cell, condition, values: _number(values.get("metrics", {}).get(name))
 
 
 def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:

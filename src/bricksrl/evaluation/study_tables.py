@@ -82,39 +82,39 @@ _STOPPED = (
 )
 ON_THE_ROBOT = ("RunAway-v0", "Spinning-v0", "Walker-v0", "RoboArm-v0", "RoboArm_mixed-v0")
 IN_SIMULATION = {"WalkerSim-v0": "Walker-v0", "RoboArmSim-v0": "RoboArm-v0"}
-PAPERS_AGENTS = ("td3", "sac", "droq", "random")
+PAPER_AGENTS = ("td3", "sac", "droq", "random")
 
 
 def _episodes(env: str, quick: bool) -> int:
     return 2 if quick else training_episodes(env)
 
 
-def _judged(quick: bool, env: str | None = None) -> tuple[Condition, ...]:
+def _evaluations(quick: bool, env: str | None = None) -> tuple[Condition, ...]:
     """Conditions with 5 episodes, as in the paper, and with 20."""
     return tuple(Condition(f"{count} episodes", env, episodes=2 if quick else count) for count in (5, 20))
 
 
-def _papers(env: str, agent: str) -> dict[str, Any]:
+def _paper_numbers(env: str, agent: str) -> dict[str, Any]:
     """The paper's numbers of an agent trained there."""
-    found: dict[str, Any] = {"return": paper.RETURNS[env][agent]}
+    numbers: dict[str, Any] = {"return": paper.RETURNS[env][agent]}
     success = paper.SUCCESS.get(env, {}).get(agent)
-    return found if success is None else {**found, "success": success}
+    return numbers if success is None else {**numbers, "success": success}
 
 
 def _agents(quick: bool) -> tuple[Cell, ...]:
-    places = {env: env for env in ON_THE_ROBOT} | IN_SIMULATION
+    test_envs = {env: env for env in ON_THE_ROBOT} | IN_SIMULATION
     if quick:
-        places = {env: places[env] for env in ("RunAway-v0", "WalkerSim-v0")}
+        test_envs = {env: test_envs[env] for env in ("RunAway-v0", "WalkerSim-v0")}
     return tuple(
         Cell(
             agent,
-            env if env == there else f"{there} from {env}",
+            env if env == test_env else f"{test_env} from {env}",
             {"env": env, "agent": agent, "episodes": _episodes(env, quick)},
-            _judged(quick, there),
-            _papers(env, agent),
+            _evaluations(quick, test_env),
+            _paper_numbers(env, agent),
         )
-        for env, there in places.items()
-        for agent in PAPERS_AGENTS
+        for env, test_env in test_envs.items()
+        for agent in PAPER_AGENTS
     )
 
 
@@ -139,19 +139,21 @@ OUTSIDE = {
 
 def _sim_to_robot(quick: bool) -> tuple[Cell, ...]:
     drawn, episodes = drawn_twins(2 if quick else DRAWN_TWINS), 1 if quick else 5
-    trained = {"WalkerSim-v0": "Walker-v0", "WalkerSim-v1": "Walker-v0", "RoboArmSim-v0": "RoboArm-v0", "Walker-v1": "Walker-v1"}
+    tested = {"WalkerSim-v0": "Walker-v0", "WalkerSim-v1": "Walker-v0", "RoboArmSim-v0": "RoboArm-v0", "Walker-v1": "Walker-v1"}
     cells = []
-    for env, there in list(trained.items())[: 1 if quick else None]:
-        outside = [(name, one) for name, one in OUTSIDE.items() if there != "RoboArm-v0" or not one.side_load_g]  # fixed base
-        twins = [*(("drawn twins", one) for one in drawn), *outside]
-        conditions = [Condition("nominal twin", there, episodes=2 if quick else 20)]
-        conditions += [Condition(name, there, {"physics": one}, episodes) for name, one in twins]
-        for learn in (1,) if quick else (2, 5):
-            of_some = [*twins[:LEARN_ON_TWINS], *outside][: 2 if quick else None]
+    for env, test_env in list(tested.items())[: 1 if quick else None]:
+        fixed_base = test_env == "RoboArm-v0"
+        outside = [(name, physics) for name, physics in OUTSIDE.items() if not (fixed_base and physics.side_load_g)]
+        twins = [*(("drawn twins", physics) for physics in drawn), *outside]
+        conditions = [Condition("nominal twin", test_env, episodes=2 if quick else 20)]
+        conditions += [Condition(name, test_env, {"physics": physics}, episodes) for name, physics in twins]
+        for learn_episodes in (1,) if quick else (2, 5):
+            continued = [*twins[:LEARN_ON_TWINS], *outside][: 2 if quick else None]
             conditions += [
-                Condition(f"{name}, {learn} episodes later", there, {"physics": one}, episodes, learn) for name, one in of_some
+                Condition(f"{name}, {learn_episodes} episodes later", test_env, {"physics": physics}, episodes, learn_episodes)
+                for name, physics in continued
             ]
-        options = {"randomize": True} if env == there else {}
+        options = {"randomize": True} if env == test_env else {}
         cells.append(Cell("sac", env, {"env": env, "episodes": _episodes(env, quick), **options}, tuple(conditions)))
     return tuple(cells)
 
@@ -160,26 +162,26 @@ def _communication(quick: bool) -> tuple[Cell, ...]:
     """Step rates over a link of 15 ms, and link intervals at 4 Hz, each in lock-step and streaming."""
     rates_hz = {4.0: 250} if quick else {2.0: 500, 4.0: 250, 11.0: 91, 30.0: 33}
     intervals_ms = (45.0,) if quick else (7.5, 30.0, 45.0)
-    ways: dict[str, dict[str, Any]] = {f"{hz:g} Hz": {"options": {"step_ms": step_ms}} for hz, step_ms in rates_hz.items()}
-    ways |= {f"4 Hz, {ms:g} ms": {"physics": Physics(link_interval_ms=ms)} for ms in intervals_ms}
+    variants: dict[str, dict[str, Any]] = {f"{hz:g} Hz": {"options": {"step_ms": step_ms}} for hz, step_ms in rates_hz.items()}
+    variants |= {f"4 Hz, {ms:g} ms": {"physics": Physics(link_interval_ms=ms)} for ms in intervals_ms}
     config = {"env": "Walker-v0", "episodes": 2 if quick else 20}
-    after = (Condition("as trained", episodes=2 if quick else 20),)
+    conditions = (Condition("as trained", episodes=2 if quick else 20),)
     return tuple(
-        Cell(row, column, {**config, "streaming": row == "streaming", **way}, after)
-        for column, way in ways.items()
+        Cell(row, column, {**config, "streaming": row == "streaming", **variant}, conditions)
+        for column, variant in variants.items()
         for row in ("lock-step", "streaming")
     )
 
 
 def _strategies(quick: bool) -> tuple[Cell, ...]:
-    after = (Condition("20 episodes", episodes=2 if quick else 20),)
+    conditions = (Condition("20 episodes", episodes=2 if quick else 20),)
     return tuple(
         Cell(
             agent,
             "RunAway-v0",
             {"env": "RunAway-v0", "agent": agent, "episodes": _episodes("RunAway-v0", quick)},
-            after,
-            _papers("RunAway-v0", agent),
+            conditions,
+            _paper_numbers("RunAway-v0", agent),
         )
         for agent in ("td3", "sac", "droq")
     )
@@ -191,14 +193,14 @@ def _robot_time(quick: bool) -> tuple[Cell, ...]:
     for env in ("RunAway-v0",) if quick else ON_THE_ROBOT:
         goal = max(mean for mean, _ in paper.RETURNS[env].values())
         config = {"env": env, "episodes": _episodes(env, quick), "stop_at": goal}
-        after = (Condition("20 episodes", episodes=2 if quick else 20),)
-        cells.append(Cell("sac", env, config, after, {**_papers(env, "sac"), "minutes": paper.MINUTES[env]}))
+        conditions = (Condition("20 episodes", episodes=2 if quick else 20),)
+        cells.append(Cell("sac", env, config, conditions, {**_paper_numbers(env, "sac"), "minutes": paper.MINUTES[env]}))
     return tuple(cells)
 
 
 STUDIES = {
-    one.name: one
-    for one in (
+    study.name: study
+    for study in (
         Study("agents", "Agents of the paper, on the robot and from simulation", 60.0, 5.0, 5, _agents, ("episode_steps",)),
         Study("sim-to-robot", "From simulation to robots with other physics", 12.0, 4.0, 5, _sim_to_robot, _WALK),
         Study("communication", "Steps a second and the link's interval, streaming or not", 3.0, 4.0, 5, _communication, _WALK),

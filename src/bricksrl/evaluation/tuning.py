@@ -42,7 +42,7 @@ _NUMBERS: dict[str, tuple[float, float, bool]] = {
 }
 """Least and greatest value, and whether the scale is logarithmic. A user's other floats are tuned around their default."""
 
-_OF_GOALS: dict[str, tuple[float, float, bool]] = {"hindsight": (0.0, 0.5, False), "new_goals": (0.0, 0.5, False)}
+_GOAL_NUMBERS: dict[str, tuple[float, float, bool]] = {"hindsight": (0.0, 0.5, False), "new_goals": (0.0, 0.5, False)}
 """Further ranges, for tasks with goals only."""
 
 _CHOICES: dict[str, tuple[Any, ...]] = {
@@ -96,7 +96,7 @@ def propose(trial: optuna.trial.BaseTrial, start: Any, *, goals: bool) -> Any:
     """Settings ``start`` with the values that the trial proposes."""
     names = {field.name for field in dataclasses.fields(start)}
     values: dict[str, Any] = {}
-    for name, (low, high, log) in {**_NUMBERS, **(_OF_GOALS if goals else {})}.items():
+    for name, (low, high, log) in {**_NUMBERS, **(_GOAL_NUMBERS if goals else {})}.items():
         if name in names:
             values[name] = trial.suggest_float(name, low, high, log=log)
     for name, choices in _CHOICES.items():
@@ -115,9 +115,9 @@ def _others(start: Any) -> list[tuple[str, float]]:
     """Float settings of a user's algorithm that the tables above do not name."""
     if type(start).__module__.startswith("bricksrl."):
         return []
-    known = {*_NUMBERS, *_OF_GOALS, *_CHOICES}
-    found = [(field.name, getattr(start, field.name)) for field in dataclasses.fields(start) if field.name not in known]
-    return [(name, value) for name, value in found if isinstance(value, float)]
+    known = {*_NUMBERS, *_GOAL_NUMBERS, *_CHOICES}
+    fields = [(field.name, getattr(start, field.name)) for field in dataclasses.fields(start) if field.name not in known]
+    return [(name, value) for name, value in fields if isinstance(value, float)]
 
 
 def tune(
@@ -158,11 +158,11 @@ def tune(
     def objective(trial: optuna.Trial) -> float:
         settings = propose(trial, start, goals=goals)
         values: list[float] = []
-        for one, value in enumerate(evaluated(settings)):
+        for index, value in enumerate(evaluated(settings)):
             values.append(value)
             mean = sum(values) / len(values)
-            trial.report(mean, one)
-            if one + 1 < tuning.seeds and trial.should_prune():
+            trial.report(mean, index)
+            if index + 1 < tuning.seeds and trial.should_prune():
                 raise optuna.TrialPruned
         return mean
 
@@ -243,17 +243,17 @@ def _has_goals(env: str) -> bool:
 
 def _as_proposed(settings: Any, *, goals: bool) -> dict[str, Any]:
     """Trial parameters that propose these settings, as far as they lie in the search space."""
-    found: dict[str, Any] = {}
-    for name, (low, high, _) in {**_NUMBERS, **(_OF_GOALS if goals else {})}.items():
+    parameters: dict[str, Any] = {}
+    for name, (low, high, _) in {**_NUMBERS, **(_GOAL_NUMBERS if goals else {})}.items():
         value = getattr(settings, name, None)
         if value is not None and low <= value <= high:
-            found[name] = value
+            parameters[name] = value
     for name, choices in _CHOICES.items():
         value = getattr(settings, name, None)
         value = ",".join(map(str, value)) if isinstance(value, tuple) else value
         if value in choices:
-            found[name] = value
-    return {**found, **dict(_others(settings))}
+            parameters[name] = value
+    return {**parameters, **dict(_others(settings))}
 
 
 def _check_same(study: optuna.Study, tuning: Tuning, folder: Path) -> None:
@@ -273,7 +273,7 @@ def _write_best(study: optuna.Study, tuning: Tuning, start: Any, folder: Path, *
         return None
     best = study.best_trial
     settings = propose(optuna.trial.FixedTrial(best.params), start, goals=goals)
-    found = Best(settings, float(study.best_value), len(finished))
+    result = Best(settings, float(study.best_value), len(finished))
     data = {
         "settings": dataclasses.asdict(settings),
         "provenance": {
@@ -281,8 +281,8 @@ def _write_best(study: optuna.Study, tuning: Tuning, start: Any, folder: Path, *
             **dataclasses.asdict(tuning),
             "trials": len(study.trials),
             "trial": best.number,
-            "return_mean": found.value,
+            "return_mean": result.value,
         },
     }
     write_durably(folder / BEST, (json.dumps(data, indent=2) + "\n").encode())
-    return found
+    return result

@@ -34,13 +34,13 @@ def load_policy(path: Path | str, env: EnvBase | None = None, *, which: Which = 
 
     check_value("path", path, Path | str)
     path = Path(path)
-    place = make_env(one_robot(config_of(path))) if env is None else env
+    run_env = make_env(one_robot(config_of(path))) if env is None else env
     try:
-        learner = load_shared(path, place) if is_policy(path) else load_learner(path, place, which=which).learner
-        return Policy(learner.policy, place.observation_spec["observation"].shape[-1])
+        learner = load_shared(path, run_env) if is_policy(path) else load_learner(path, run_env, which=which).learner
+        return Policy(learner.policy, run_env.observation_spec["observation"].shape[-1])
     finally:
         if env is None:
-            place.close(raise_if_closed=False)
+            run_env.close(raise_if_closed=False)
 
 
 def config_of(path: Path) -> TrainConfig:

@@ -39,9 +39,9 @@ class BestAction(nn.Module):
         self.module, self.names = policy.module, [str(key) for key in policy.in_keys]
 
     def forward(self, *inputs: Tensor) -> Tensor:
-        seen = TensorDict(dict(zip(self.names, inputs, strict=True)), inputs[0].shape[:1])
+        observed = TensorDict(dict(zip(self.names, inputs, strict=True)), inputs[0].shape[:1])
         with set_exploration_type(ExplorationType.DETERMINISTIC):
-            action: Tensor = self.module(seen)["action"]
+            action: Tensor = self.module(observed)["action"]
         return action
 
 
@@ -81,7 +81,7 @@ def _best(policy: Policy, acting: BestAction, inputs: tuple[Tensor, ...]) -> Ten
     """The policy's actions, computed twice in different order. Raises RunError if the results differ."""
     first: Tensor = acting(*inputs)
     policy.reset()
-    flipped = acting(*(one.flip(0) for one in inputs)).flip(0)
+    flipped = acting(*(value.flip(0) for value in inputs)).flip(0)
     if not torch.allclose(first, flipped, atol=TOLERANCE):
         raise RunError(
             "the policy's action depends on more than what it observes; export one that acts at once and not by chance"
@@ -109,9 +109,9 @@ def _observations(path: Path | str) -> tuple[Tensor, ...]:
 def _program(acting: BestAction, inputs: tuple[Tensor, ...], format_: Format) -> bytes:
     """Content of the file, for any batch size. Raises RunError if torch cannot export the policy."""
     any_batch = tuple({0: torch.export.Dim.DYNAMIC} for _ in inputs)
-    buffer, quiet = io.BytesIO(), logging.getLogger("torch.onnx")
-    level = quiet.level
-    quiet.setLevel(logging.ERROR)
+    buffer, logger = io.BytesIO(), logging.getLogger("torch.onnx")
+    level = logger.level
+    logger.setLevel(logging.ERROR)
     try:
         with warnings.catch_warnings(action="ignore"):  # torch's warnings
             program = torch.export.export(acting, inputs, dynamic_shapes=(any_batch,))
@@ -124,7 +124,7 @@ def _program(acting: BestAction, inputs: tuple[Tensor, ...], format_: Format) ->
         reason = (str(error) or type(error).__name__).splitlines()[0]
         raise RunError(f"torch cannot export this policy ({reason}); use it through bricksrl.load_policy") from None
     finally:
-        quiet.setLevel(level)
+        logger.setLevel(level)
     return buffer.getvalue()
 
 
@@ -143,7 +143,7 @@ def _reader(path: Path, format_: Format) -> Callable[[tuple[Tensor, ...]], Tenso
     evaluator = ReferenceEvaluator(str(path))
 
     def evaluate(inputs: tuple[Tensor, ...]) -> Tensor:
-        given = {name: one.numpy() for name, one in zip(evaluator.input_names, inputs, strict=True)}
-        return torch.from_numpy(evaluator.run(None, given)[0])
+        feed = {name: value.numpy() for name, value in zip(evaluator.input_names, inputs, strict=True)}
+        return torch.from_numpy(evaluator.run(None, feed)[0])
 
     return evaluate

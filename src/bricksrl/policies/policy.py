@@ -37,11 +37,11 @@ class Policy(TensorDictModuleBase):  # type: ignore[misc]
     def act(self, observation: Any, image: Any = None) -> Any:
         """Action ``[*batch, m]``, in -1..1, for an observation ``[*batch, n]``: an array for an array, a tensor for a tensor.
         ``image``: uint8 ``[*batch, side, side, 3]``, for a policy that uses images. Raises DescriptionError for another n."""
-        given = torch.as_tensor(observation, dtype=torch.float32)
-        if given.shape[-1:] != (self.size,):
+        values = torch.as_tensor(observation, dtype=torch.float32)
+        if values.shape[-1:] != (self.size,):
             raise DescriptionError(f"the policy takes observations of {self.size} numbers; give [*batch, {self.size}]")
-        seen = {"observation": given} if image is None else {"observation": given, "image": torch.as_tensor(image)}
-        action: Tensor = self(TensorDict(seen, given.shape[:-1]))["action"]
+        inputs = {"observation": values} if image is None else {"observation": values, "image": torch.as_tensor(image)}
+        action: Tensor = self(TensorDict(inputs, values.shape[:-1]))["action"]
         return action if isinstance(observation, Tensor) else np.asarray(action)
 
     def reset(self) -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bricksrl.data.cards import policy_card
-from bricksrl.data.share import CARD, fetched, reaching
+from bricksrl.data.share import CARD, downloaded, hub_client
 from bricksrl.envs.trust import remember, require_trusted
 from bricksrl.errors import CheckpointError, RunError
 from bricksrl.files import refuse_existing, whole_folder, write_durably
@@ -67,10 +67,10 @@ def export_policy(run_dir: Path, out: Path, *, licence: str = "mit") -> Path:
 
 def _evaluation(folder: RunFolder) -> dict[str, Any] | None:
     try:
-        found = json.loads(folder.evaluation_path.read_bytes())
+        data = json.loads(folder.evaluation_path.read_bytes())
     except (OSError, ValueError, RecursionError):
         return None
-    return found if isinstance(found, dict) and {"return_mean", "return_std", "episodes"} <= found.keys() else None
+    return data if isinstance(data, dict) and {"return_mean", "return_std", "episodes"} <= data.keys() else None
 
 
 @dataclass(frozen=True)
@@ -116,7 +116,7 @@ def load_shared(path: Path, env: EnvBase) -> Learner:
     shared = read_policy(path)
     learner = make_learner_for(shared.config, env, device="cpu")
     state = learner.policy_state()
-    if {name: tensor.shape for name, tensor in state.items()} != {name: t.shape for name, t in shared.tensors.items()}:
+    if {name: tensor.shape for name, tensor in state.items()} != {name: tensor.shape for name, tensor in shared.tensors.items()}:
         raise CheckpointError(f"the policy in {path} observes or acts otherwise than this environment; use the one it is for")
     learner.policy.load_state_dict(shared.tensors)
     return learner
@@ -127,7 +127,7 @@ def push_policy(run_dir: Path, repo: str, *, private: bool = False) -> str:
     `export_policy`, DataError if the hub is out of reach or refuses."""
     with tempfile.TemporaryDirectory() as temporary:
         folder = run_dir if is_policy(run_dir) else export_policy(run_dir, Path(temporary) / "policy")
-        with reaching(repo) as api:
+        with hub_client(repo) as api:
             api.create_repo(repo, repo_type="model", private=private, exist_ok=True)
             api.upload_folder(repo_id=repo, repo_type="model", folder_path=str(folder), allow_patterns=[TENSORS, ABOUT, CARD])
             return f"{api.endpoint}/{repo}"
@@ -140,6 +140,6 @@ def pull_policy(repo: str, out: Path, *, revision: str | None = None) -> Path:
         CheckpointError: the repository has no policy of BricksRL, or it is damaged.
         DataError: ``out`` exists, there is no such policy, or the hub is out of reach.
     """
-    with fetched(repo, "model", out, [TENSORS, ABOUT, CARD], revision) as folder:
+    with downloaded(repo, "model", out, [TENSORS, ABOUT, CARD], revision) as folder:
         read_policy(folder)
     return out

@@ -66,7 +66,7 @@ class AsyncLearner:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(self, exc_type: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
         """End the process: after its pending work, or at once after an unexpected error."""
         in_order = error is None or isinstance(error, BricksError)
         if in_order:

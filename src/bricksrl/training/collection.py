@@ -22,11 +22,11 @@ def make_copies(env_id: str, options: EnvOptions, copies: int, *, seed: int | No
     if is_simulation(env_id):
         env = make(env_id, options, batch_size=copies, seed=seed, device=device)
     else:
-        one = functools.partial(make, env_id, options.env_options, seed=seed)
-        env = ParallelEnv(copies, one, mp_start_method="spawn")
-    counted = TransformedEnv(env, Compose(RewardSum(), StepCounter()))
-    counted.task = get_task(env_id, **options.options)  # attributes do not cross process boundaries
-    return counted
+        make_one = functools.partial(make, env_id, options.env_options, seed=seed)
+        env = ParallelEnv(copies, make_one, mp_start_method="spawn")
+    tracked = TransformedEnv(env, Compose(RewardSum(), StepCounter()))
+    tracked.task = get_task(env_id, **options.options)  # attributes do not cross process boundaries
+    return tracked
 
 
 def collect_round(env: EnvBase, policy: Any, steps: int, steps_per_batch: int) -> Iterator[TensorDictBase]:

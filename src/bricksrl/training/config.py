@@ -69,9 +69,9 @@ class TrainConfig(EnvOptions):
 
     def __post_init__(self) -> None:
         check_seed(self.seed)
-        for name, kind in (("run_dir", Path), ("data", str), ("start", str)):  # a string is as good as a path
+        for name, type_ in (("run_dir", Path), ("data", str), ("start", str)):  # a string is as good as a path
             if isinstance(getattr(self, name), Path | str):
-                object.__setattr__(self, name, kind(getattr(self, name)))
+                object.__setattr__(self, name, type_(getattr(self, name)))
         super().__post_init__()
         for name, least in _LEAST.items():
             if not least <= getattr(self, name) <= LARGEST:
@@ -97,8 +97,8 @@ class TrainConfig(EnvOptions):
     @property
     def hubs(self) -> tuple[str, ...]:
         """Address of each robot; several make a fleet."""
-        named = tuple(part.strip() for part in self.hub.split(","))
-        return named if len(named) > 1 else named * self.robots
+        addresses = tuple(part.strip() for part in self.hub.split(","))
+        return addresses if len(addresses) > 1 else addresses * self.robots
 
     def _check_fleet(self) -> None:
         real = [hub for hub in self.hubs if hub != "virtual"]
@@ -120,12 +120,12 @@ class TrainConfig(EnvOptions):
     @classmethod
     def from_dict(cls, data: dict[str, Any], run_dir: Path | None = None) -> TrainConfig:
         """Inverse of `to_dict`. Raises RunError if a name or type is invalid."""
-        given = data.get("settings")
-        if not isinstance(given, dict | None):
+        values = data.get("settings")
+        if not isinstance(values, dict | None):
             raise RunError("'settings' in the config is not a table; restore the file")
         physics = data.get("physics")
         try:
-            settings = None if given is None else settings_from(data.get("agent", cls.agent), given)
+            settings = None if values is None else settings_from(data.get("agent", cls.agent), values)
             data = {**data, "settings": settings, "physics": None if physics is None else Physics.from_dict(physics)}
             return cls(**data, run_dir=run_dir)
         except (BricksError, TypeError) as error:
@@ -134,10 +134,10 @@ class TrainConfig(EnvOptions):
 
 def settings_from(agent: str, given: dict[str, Any]) -> Any:
     """Settings of an agent from plain values. Raises BricksError or TypeError if the agent or its settings are invalid."""
-    kind = algorithm(agent).settings
+    settings_type = algorithm(agent).settings
     values = {key: tuple(value) if isinstance(value, list) else value for key, value in given.items()}
-    check_fields(kind, values)
-    return kind(**values)
+    check_fields(settings_type, values)
+    return settings_type(**values)
 
 
 def settings_for(env: str, name: str, agent: str) -> Any:

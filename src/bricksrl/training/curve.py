@@ -22,7 +22,7 @@ def draw_learning_curve(path: Path, episodes: Sequence[Episode], title: str, lin
     figure = new_figure()
     axes = figure.add_subplot()
     for is_random, colour, label in ((True, GREY, "random start"), (False, LIGHT, "episode")):
-        points = [(one.episode, one.return_) for one in episodes if (one.phase is Phase.PREFILL) is is_random]
+        points = [(episode.episode, episode.return_) for episode in episodes if (episode.phase is Phase.PREFILL) is is_random]
         if points:
             axes.plot(*zip(*points, strict=True), "o", color=colour, markersize=5, label=label, zorder=2)
     if len(episodes) > 1:

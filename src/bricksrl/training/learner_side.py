@@ -28,8 +28,8 @@ class InLoopLearner:
 
     def __init__(self, actor: Learner, state: dict[str, Any]) -> None:
         self.actor, self._steps = actor, state["pace"]["asked"]
-        self._collected: list[TensorDictBase] = [TensorDict(one).auto_batch_size_(1) for one in state["collected"]]
-        self._told_updates = -1
+        self._collected: list[TensorDictBase] = [TensorDict(frames).auto_batch_size_(1) for frames in state["collected"]]
+        self._updates_sent = -1
 
     @property
     def pace(self) -> Pace:
@@ -52,9 +52,9 @@ class InLoopLearner:
 
     def new_weights(self) -> dict[str, Tensor] | None:
         """The policy's tensors, if there are new ones since the last call."""
-        if self._told_updates == self.actor.updates:
+        if self._updates_sent == self.actor.updates:
             return None
-        self._told_updates = self.actor.updates
+        self._updates_sent = self.actor.updates
         return self.actor.policy_state()
 
     def learn(self, steps: int) -> dict[str, Tensor]:

@@ -34,11 +34,11 @@ class Tracking(Callback):
     def on_start(self, config: TrainConfig, run_dir: Path, episodes_done: int) -> None:
         from torchrl.record.loggers import get_logger
 
-        named = {"project": PROJECT, "config": config.to_dict()}
+        project = {"project": PROJECT, "config": config.to_dict()}
         mode = "online" if _logged_in_to_wandb() else "offline"  # avoids a prompt for an account
-        wandb = {**named, "mode": mode, "log_env_packages": False}
+        wandb = {**project, "mode": mode, "log_env_packages": False}
         name = run_dir.name if self._kind != "tensorboard" else "tensorboard"
-        self._log: Any = get_logger(self._kind, str(run_dir), name, trackio_kwargs=named, wandb_kwargs=wandb)
+        self._log: Any = get_logger(self._kind, str(run_dir), name, trackio_kwargs=project, wandb_kwargs=wandb)
 
     def on_episode(self, episode: Episode, progress: Progress) -> None:
         for name, value in numbers(episode).items():
@@ -55,9 +55,9 @@ class Tracking(Callback):
 def numbers(episode: Episode) -> dict[str, float]:
     """Logged values of an episode."""
     names = ("episode", "length", "success", "updates_per_step", "evaluation", "link_lost", "seconds")
-    known = {name: getattr(episode, name) for name in names}
-    found = {name: float(value) for name, value in known.items() if value is not None}
-    return {"return": episode.return_, **found, **episode.losses}
+    values = {name: getattr(episode, name) for name in names}
+    numeric = {name: float(value) for name, value in values.items() if value is not None}
+    return {"return": episode.return_, **numeric, **episode.losses}
 
 
 def _logged_in_to_wandb() -> bool:
@@ -66,7 +66,7 @@ def _logged_in_to_wandb() -> bool:
     if os.environ.get("WANDB_API_KEY"):
         return True
     try:
-        known = netrc.netrc().hosts
+        hosts = netrc.netrc().hosts
     except (OSError, netrc.NetrcParseError):
         return False
-    return any("wandb" in host for host in known)
+    return any("wandb" in host for host in hosts)

@@ -23,9 +23,9 @@ def read_for(path: str, env: EnvBase, *, images: bool) -> Episodes:
 
     data = load(path, images=images)
     for name in ("observation", "action"):
-        theirs, ours = ([entry.name for entry in getattr(it, name)] for it in (data.description, describe(env)))
-        if theirs != ours:
-            raise DataError(f"{path} is of {data.description.env}: its {name} is [{', '.join(theirs)}], not [{', '.join(ours)}]")
+        names, own = ([entry.name for entry in getattr(source, name)] for source in (data.description, describe(env)))
+        if names != own:
+            raise DataError(f"{path} is of {data.description.env}: its {name} is [{', '.join(names)}], not [{', '.join(own)}]")
     if not len(data):
         raise DataError(f"the dataset {path} is empty; give one with at least one step")
     return data
@@ -65,17 +65,17 @@ def warm_start(config: TrainConfig, learner: Learner, env: EnvBase) -> None:
     if config.start is None:
         return
     folder = RunFolder(config.start)
-    before = folder.read_config()
-    if before.agent == config.agent:
-        if before.settings != config.settings:
+    old_config = folder.read_config()
+    if old_config.agent == config.agent:
+        if old_config.settings != config.settings:
             raise CheckpointError(f"the agent of {config.start} has other settings; go on with its own")
-        learner.load_state_dict(load_state(folder, one_robot(before), env)["agent"])
+        learner.load_state_dict(load_state(folder, one_robot(old_config), env)["agent"])
         return
     try:
         transfer_policy(learner, load_learner(folder.path, env).learner)
     except PolicyFormError as error:
-        found = f"the policy of {config.start}, which is {before.agent}'s, does not fit {config.agent}: {error}"
-        raise CheckpointError(f"{found}; choose a matching agent and settings") from None
+        reason = f"the policy of {config.start}, which is {old_config.agent}'s, does not fit {config.agent}: {error}"
+        raise CheckpointError(f"{reason}; choose a matching agent and settings") from None
 
 
 def settings_like(before: TrainConfig, settings: Any) -> Any:

@@ -101,8 +101,8 @@ def load_state(folder: RunFolder, config: TrainConfig, env: EnvBase, *, which: W
 def _differences(saved: Any, identity: dict[str, Any], config: TrainConfig) -> set[str]:
     """Names of the values that differ in a checkpoint, where settings that are newer than it have their defaults."""
     with contextlib.suppress(DescriptionError, LookupError, TypeError):
-        usual = TrainConfig(config.env, config.agent, settings=type(config.settings)()).to_dict()["settings"]
-        saved = {**saved, "settings": {**usual, **saved["settings"]}}
+        defaults = TrainConfig(config.env, config.agent, settings=type(config.settings)()).to_dict()["settings"]
+        saved = {**saved, "settings": {**defaults, **saved["settings"]}}
     try:
         return {key for key, value in identity.items() if value != saved[key]}
     except (LookupError, RuntimeError, TypeError):  # a part is missing, or a tensor in place of a number

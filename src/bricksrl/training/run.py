@@ -109,13 +109,13 @@ def _run(
         from bricksrl.training.loggers import Tracking
 
         listener = CallbackList(listener, Tracking(config.log))
-    ready, signals = make_env(config, place) if env is None else env, StopSignals(stop or threading.Event())
+    run_env, signals = make_env(config, place) if env is None else env, StopSignals(stop or threading.Event())
     try:
         with reproducible(derive_seed(config.seed, "agent")), signals:
-            return _run_in(ready, config, folder, listener, signals, driver)
+            return _run_in(run_env, config, folder, listener, signals, driver)
     finally:
         if env is None:
-            ready.close(raise_if_closed=False)
+            run_env.close(raise_if_closed=False)
 
 
 def _run_in(
@@ -169,10 +169,10 @@ def _learning(
         return
     from bricksrl.training.async_learner import AsyncLearner
 
-    with AsyncLearner(config, env, learner, state) as beside:
+    with AsyncLearner(config, env, learner, state) as async_learner:
         with signals.at_once():
-            beside.wait_until_ready()
-        yield beside
+            async_learner.wait_until_ready()
+        yield async_learner
 
 
 def make_env(config: TrainConfig, place: Placement | None = None) -> EnvBase:

@@ -40,10 +40,10 @@ class RunFolder:
         created. ``losses``: names of the learning metrics."""
         from bricksrl.training.checkpoint import save_checkpoint
 
-        usual = Path("runs") / f"{file_name(config.env)}-{file_name(config.agent)}-seed-{config.seed}"
-        numbered = (usual.with_name(f"{usual.name}-{number}") for number in itertools.count(2))
-        wanted: Iterable[Path] = itertools.chain([usual], numbered) if config.run_dir is None else [config.run_dir]
-        for path in wanted:
+        default = Path("runs") / f"{file_name(config.env)}-{file_name(config.agent)}-seed-{config.seed}"
+        numbered = (default.with_name(f"{default.name}-{number}") for number in itertools.count(2))
+        paths: Iterable[Path] = itertools.chain([default], numbered) if config.run_dir is None else [config.run_dir]
+        for path in paths:
             if path.exists():
                 continue
             try:

@@ -76,13 +76,13 @@ class RunLoop:
         self.folder = folder
         with self._recorded():
             self.callback.on_start(self.config, folder.path, len(self.episodes))
-            reached, caught_up = None, 0
+            updates_per_step, caught_up = None, 0
             try:
                 while not self._is_over() and not self.signals.requested:
                     self._episode(start)
                     start = None
                 pace = self.learner.pace  # once, as learning continues meanwhile
-                reached = self._updates_per_step(pace)
+                updates_per_step = self._updates_per_step(pace)
                 caught_up = self._catch_up(pace)
             except InterruptedEpisodeError:
                 self.learner.finish(lambda: False)
@@ -94,7 +94,7 @@ class RunLoop:
                     title = f"{self.config.env} · {self.config.agent} · seed {self.config.seed}"
                     lines = reference_lines(self.config.env, self.config.options)
                     draw_learning_curve(folder.curve_path, self.episodes, title, lines)
-            result = RunResult(folder.path, tuple(self.episodes), not self._is_over(), reached, caught_up)
+            result = RunResult(folder.path, tuple(self.episodes), not self._is_over(), updates_per_step, caught_up)
             self.callback.on_end(result)
         return result
 
@@ -145,11 +145,11 @@ class RunLoop:
 
     def _with_totals(self, episode: Episode, started_s: float) -> Episode:
         """The episode with total steps and time; the previous one ended at ``started_s``."""
-        before = self.episodes[-1] if self.episodes else None
+        previous = self.episodes[-1] if self.episodes else None
         return replace(
             episode,
-            steps=episode.steps + (before.steps if before else 0),
-            seconds=time.perf_counter() - started_s + (before.seconds if before else 0.0),
+            steps=episode.steps + (previous.steps if previous else 0),
+            seconds=time.perf_counter() - started_s + (previous.seconds if previous else 0.0),
             updates_per_step=self._updates_per_step(self.learner.pace),
         )
 
@@ -165,8 +165,8 @@ class RunLoop:
         """This episode's share of the updates from data."""
         total, episodes = self.config.updates, self.config.episodes
         due = total * number // episodes - total * (number - 1) // episodes
-        for at in range(0, due, STRIDE):
-            metrics.append(self.actor.make_updates(min(STRIDE, due - at)))
+        for start in range(0, due, STRIDE):
+            metrics.append(self.actor.make_updates(min(STRIDE, due - start)))
             if self.signals.requested:
                 raise InterruptedEpisodeError
 
@@ -231,7 +231,7 @@ class RunLoop:
             return episode
         finally:
             torch.set_rng_state(generator)  # an evaluation must not affect learning
-        mean = sum(one.return_ for one in played) / len(played)
+        mean = sum(rollout.return_ for rollout in played) / len(played)
         if self.best is None or mean > self.best:
             self.best = mean
             self.learner.save(self.folder.best_path, run_state(self.identity, [*self.episodes, episode], mean))
@@ -263,19 +263,19 @@ class RunLoop:
         if due and not self.signals.requested:
             self.callback.on_catching_up(due)
         self.learner.finish(lambda: not self.signals.requested)
-        made = round((self.learner.pace.done - before.done) * self.actor.updates_per_step)
+        updates = round((self.learner.pace.done - before.done) * self.actor.updates_per_step)
         if self.episodes and self.learner.pace != self._saved_at:
             self.save()
             self.learner.finish(lambda: False)
-        return made
+        return updates
 
     def _progress(self) -> Progress:
         recent = self.episodes[-WINDOW - 1 :]
         first_seconds, first_steps = (recent[0].seconds, recent[0].steps) if len(self.episodes) > WINDOW else (0.0, 0)
-        counted = min(len(self.episodes), WINDOW)
+        count = min(len(self.episodes), WINDOW)
         seconds = max(recent[-1].seconds - first_seconds, 1e-9)
         left = self.config.episodes - len(self.episodes)
-        return Progress(self.config.episodes, (recent[-1].steps - first_steps) / seconds, left * seconds / counted)
+        return Progress(self.config.episodes, (recent[-1].steps - first_steps) / seconds, left * seconds / count)
 
 
 def run_state(identity: dict[str, Any], episodes: list[Episode], best: float | None = None) -> dict[str, Any]:

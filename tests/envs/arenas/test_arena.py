@@ -12,7 +12,7 @@ from tensordict import TensorDict
 
 from bricksrl.envs.arenas import get_arena_task, make_arena
 from bricksrl.envs.arenas.tag import TAG
-from bricksrl.envs.arenas.task import ArenaState, seen_from, turned_towards
+from bricksrl.envs.arenas.task import ArenaState, seen_from, steer_towards
 from bricksrl.errors import BricksError, DescriptionError, HubError, TwinError, UnknownNameError
 from bricksrl.robots import TWO_WHEELER
 from bricksrl.robots.robo_arm import ROBO_ARM
@@ -162,7 +162,7 @@ def test_runner_script_outlasts_straight_escape() -> None:
             free &= ~state["terminated"]
         return float(steps.mean())
 
-    away = mean_steps(lambda seen: turned_towards(-seen[..., 4], -seen[..., 5]))
+    away = mean_steps(lambda seen: steer_towards(-seen[..., 4], -seen[..., 5]))
     assert mean_steps(TAG.scripts["flee"]) > away + 1.0 > 5.0
 
 

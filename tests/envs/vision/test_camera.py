@@ -381,7 +381,7 @@ def test_missing_opencv_names_extra(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_bluetooth_robot_with_webcam() -> None:
     env = bricksrl.make("RoboArm_mixed-v0", hub="ble", camera=3)
-    camera = env._robot().camera
+    camera = env._connected().camera
     assert isinstance(camera, VideoCamera)
     assert camera._view.device == 3
 

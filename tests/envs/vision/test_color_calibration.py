@@ -119,7 +119,7 @@ def test_calibration_is_found_by_robot(tmp_path: Path, monkeypatch: pytest.Monke
     write_red(given_path, RedWindow((-7, 7), 0.3, 0.3))
 
     def low(**options: object) -> float:
-        camera = bricksrl.make(ID, hub="ble", **options)._robot().camera  # type: ignore[arg-type]
+        camera = bricksrl.make(ID, hub="ble", **options)._connected().camera  # type: ignore[arg-type]
         assert isinstance(camera, VideoCamera)
         goal = bricksrl.make(ID, hub="ble", **options).task.camera.goal  # type: ignore[arg-type]
         assert goal is not None

@@ -215,7 +215,7 @@ def test_starting_process_gets_no_weights(tmp_path: Path) -> None:
 def test_next_episode_starts_before_saving_last(tmp_path: Path) -> None:
     loop, stub = stub_loop(tmp_path, 1)
     loop._handle((stub.members[0], "ready", None))
-    playing = loop._playing[0]
+    playing = loop._running[0]
     playing.length, playing.about, playing.steps = 1, About(policy="random"), cast("Any", ["step"])
     stub.log.clear()
     episode = loop._handle((stub.members[0], "ended", (True, False)))

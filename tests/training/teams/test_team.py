@@ -9,7 +9,7 @@ import torch
 
 from bricksrl.envs.arenas import make_arena
 from bricksrl.errors import CheckpointError, DescriptionError, RunError
-from bricksrl.training.teams.groups import TEAM_AGENTS, TeamSettings, by_copy
+from bricksrl.training.teams.groups import TEAM_AGENTS, TeamSettings, alternating
 from bricksrl.training.teams.team import TeamConfig, TeamProgress, load_team, play_team, train_team
 
 SMALL = TeamSettings(hidden=(16,), steps=8, passes=2, updates_per_step=0.5)
@@ -45,7 +45,7 @@ def test_catcher_learns_to_catch() -> None:
 
 
 def test_copies_alternate_scripts() -> None:
-    act = by_copy([lambda seen: seen[..., :2] * 0.0, lambda seen: seen[..., :2] * 0.0 + 1.0])
+    act = alternating([lambda seen: seen[..., :2] * 0.0, lambda seen: seen[..., :2] * 0.0 + 1.0])
     assert act(torch.zeros(5, 1, 10))[:, 0, 0].tolist() == [0.0, 1.0, 0.0, 1.0, 0.0]
     assert act(torch.zeros(1, 10)).tolist() == [[0.0, 0.0]], "one environment has no copies"
     train_team(TeamConfig("Tag-v0", {"catcher": "ippo"}, {"runner": "flee,random"}, frames=64, copies=8), SMALL)

@@ -53,8 +53,8 @@ class ACTSettings(ChunkSettings):
 class EncodedACTLoss(ACTLoss):  # type: ignore[misc]
     """TorchRL's loss on encoded features."""
 
-    def __init__(self, actor: TensorDictModule, encoder: nn.Module, **kind: Any) -> None:
-        super().__init__(actor, **kind)
+    def __init__(self, actor: TensorDictModule, encoder: nn.Module, **kwargs: Any) -> None:
+        super().__init__(actor, **kwargs)
         self.encoder = encoder
         self.set_keys(action_chunk="action")
 

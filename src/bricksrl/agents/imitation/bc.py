@@ -38,8 +38,7 @@ class ImitationLoss(BCLoss):  # type: ignore[misc]
 def build(env: EnvBase, settings: BCSettings, device: torch.device | str = "cpu") -> Learner:
     """Behaviour cloning for an environment. Initialized from torch's global generator."""
     encoder = make_encoder(env, settings)
-    kind = {"layer_norm": settings.actor_layer_norm, "dropout": settings.dropout}
-    body = make_body(settings, encoder.size, action_size(env), **kind)
+    body = make_body(settings, encoder.size, action_size(env), layer_norm=settings.actor_layer_norm, dropout=settings.dropout)
     actor, _ = deterministic_policy(encoder, body, action_spec(env), noise=0.0)
     loss = ImitationLoss(actor.to(device), loss_function="l2").to(device)
     loss.set_keys(action="action")

@@ -67,17 +67,18 @@ class ChunkPolicy(TensorDictModuleBase):  # type: ignore[misc]
         if self._ensemble is None:
             del self._chunks[:-1]
         self._chunks = [(start, chunk) for start, chunk in self._chunks if start + chunk.shape[-2] > self._step]
-        due = torch.stack([chunk[..., self._step - start, :] for start, chunk in self._chunks], -1)
+        actions = torch.stack([chunk[..., self._step - start, :] for start, chunk in self._chunks], -1)
         self._step += 1
-        weights = torch.softmax(-(self._ensemble or 0.0) * torch.arange(due.shape[-1], dtype=due.dtype, device=due.device), 0)
-        return tensordict.set("action", (due @ weights).clamp(-1.0, 1.0))
+        age = torch.arange(actions.shape[-1], dtype=actions.dtype, device=actions.device)
+        weights = torch.softmax(-(self._ensemble or 0.0) * age, 0)
+        return tensordict.set("action", (actions @ weights).clamp(-1.0, 1.0))
 
 
-def chunk_learner(policy: ChunkPolicy, loss: LossModule, settings: ChunkSettings, **numbers: Any) -> Learner:
+def chunk_learner(policy: ChunkPolicy, loss: LossModule, settings: ChunkSettings, **options: Any) -> Learner:
     """The learner of a chunk policy: imitates a dataset, acts without dropout."""
     optimizer = adam(loss.parameters(), settings, settings.weight_decay)
-    numbers |= {"updates_per_step": settings.updates_per_step, "chunk": settings.chunk}
-    return Learner(acting_copy(policy), loss, optimizer, imitates=True, **numbers)
+    options |= {"updates_per_step": settings.updates_per_step, "chunk": settings.chunk}
+    return Learner(acting_copy(policy), loss, optimizer, imitates=True, **options)
 
 
 def recorded_memory(

@@ -78,9 +78,9 @@ class CQLLoss(SACLoss):
         """Values ``[k, samples, batch]`` of actions ``[samples, batch, m]`` in states ``[batch, f]``."""
         at_once = max(1, ROWS_AT_ONCE // len(features))
         values = []
-        for some in actions.split(at_once):
-            states = features.expand(len(some), *features.shape).flatten(0, 1)
-            values.append(self.critics(states, some.flatten(0, 1)).view(-1, *some.shape[:2]))
+        for group in actions.split(at_once):
+            states = features.expand(len(group), *features.shape).flatten(0, 1)
+            values.append(self.critics(states, group.flatten(0, 1)).view(-1, *group.shape[:2]))
         return torch.cat(values, 1)
 
     def qvalue_loss(self, batch: Batch) -> dict[str, Tensor]:
@@ -89,23 +89,23 @@ class CQLLoss(SACLoss):
         actions, densities = self.sample_actions(batch)
         scores = self.scores(batch.features, actions) - densities
         shares = scores.softmax(1)
-        values, pressed = [], []
-        places = draw_places(shares, self.settings.drawn_actions) if self.settings.drawn_actions else None
-        for number, critic in enumerate(self.critics):
-            chosen = actions if places is None else actions[places[number], torch.arange(len(target), device=target.device)]
-            weights = shares[number] if places is None else 1.0 / len(chosen)
+        values, sampled_values = [], []
+        drawn = draw_indices(shares, self.settings.drawn_actions) if self.settings.drawn_actions else None
+        for i, critic in enumerate(self.critics):
+            chosen = actions if drawn is None else actions[drawn[i], torch.arange(len(target), device=target.device)]
+            weights = shares[i] if drawn is None else 1.0 / len(chosen)
             states = batch.features.expand(1 + len(chosen), *batch.features.shape)
-            found = critic(torch.cat((states, torch.cat((batch.action[None], chosen))), -1)).squeeze(-1)
-            values.append(found[0])
-            pressed.append((found[1:] * weights).sum(0).mean())
+            predicted = critic(torch.cat((states, torch.cat((batch.action[None], chosen))), -1)).squeeze(-1)
+            values.append(predicted[0])
+            sampled_values.append((predicted[1:] * weights).sum(0).mean())
         value = torch.stack(values)
         gap = self.settings.min_q_weight * (scores.logsumexp(1).mean() - value.detach().mean())
-        pressure = self.settings.min_q_weight * (torch.stack(pressed) - value.mean(-1)).sum()
+        penalty = self.settings.min_q_weight * (torch.stack(sampled_values) - value.mean(-1)).sum()
         factor = self.log_factor.exp().clamp_max(MAX_FACTOR)
-        found_losses = {"loss_qvalue": squared_errors(value, target), "loss_cql": factor.detach() * pressure, "gap": gap}
+        losses = {"loss_qvalue": squared_errors(value, target), "loss_cql": factor.detach() * penalty, "gap": gap}
         if self.settings.lagrange_threshold is not None:
-            found_losses["loss_lagrange"] = factor * (self.settings.lagrange_threshold - gap)
-        return found_losses
+            losses["loss_lagrange"] = factor * (self.settings.lagrange_threshold - gap)
+        return losses
 
     def actor_loss(self, batch: Batch) -> dict[str, Tensor]:
         """Losses of actor and temperature; the first updates imitate the data instead."""
@@ -126,13 +126,13 @@ class CQLLoss(SACLoss):
         self._updates_made = int(state["made"])
 
 
-def draw_places(weights: Tensor, count: int) -> Tensor:
+def draw_indices(weights: Tensor, count: int) -> Tensor:
     """Indices ``[k, count, batch]`` drawn with weights ``[k, samples, batch]``, which sum to 1 over samples. Systematic
     resampling: unbiased, with less variance than independent draws."""
     k, samples, batch = weights.shape
-    heights = weights.cumsum(1).transpose(1, 2).contiguous()
-    at = (torch.arange(count, device=weights.device) + torch.rand(k, batch, 1, device=weights.device)) / count
-    return torch.searchsorted(heights, at * heights[..., -1:]).clamp_max(samples - 1).transpose(1, 2)
+    cumulative = weights.cumsum(1).transpose(1, 2).contiguous()
+    points = (torch.arange(count, device=weights.device) + torch.rand(k, batch, 1, device=weights.device)) / count
+    return torch.searchsorted(cumulative, points * cumulative[..., -1:]).clamp_max(samples - 1).transpose(1, 2)
 
 
 def log_prob(out: Tensor, min_scale: float, action: Tensor) -> Tensor:

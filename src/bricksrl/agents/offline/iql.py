@@ -50,7 +50,7 @@ class StateIndependentScale(nn.Module):
 def build(env: EnvBase, settings: IQLSettings, device: torch.device | str = "cpu") -> Learner:
     """IQL for an environment. Initialized from torch's global generator."""
     m, encoder = action_size(env), make_encoder(env, settings)
-    kind = {"layer_norm": settings.critic_layer_norm}
+    kwargs = {"layer_norm": settings.critic_layer_norm}
     actor = ProbabilisticActor(
         TensorDictModule(
             Actor(encoder, make_body(settings, encoder.size, m), StateIndependentScale(m)),
@@ -63,8 +63,8 @@ def build(env: EnvBase, settings: IQLSettings, device: torch.device | str = "cpu
     ).to(device)
     loss = IQLLoss(
         actor,
-        critic_operator(encoder, make_body(settings, encoder.size + m, 1, **kind)).to(device),
-        value_operator(encoder, make_body(settings, encoder.size, 1, **kind)).to(device),
+        critic_operator(encoder, make_body(settings, encoder.size + m, 1, **kwargs)).to(device),
+        value_operator(encoder, make_body(settings, encoder.size, 1, **kwargs)).to(device),
         loss_function="l2",
         temperature=settings.temperature,
         expectile=settings.expectile,

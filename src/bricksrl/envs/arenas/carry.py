@@ -1,7 +1,7 @@
 """Two 2Wheelers push a beam that is too heavy for one.
 
 The beam of 0.7 m lies across, in front of the robots, which start behind its two halves. One robot alone cannot move it, or
-turns it about the other end; both together push it on, and each has to give way when its half runs ahead.
+turns it about the other end; both together move it, and each has to slow down when its half is ahead.
 
 ## Action (of each robot)
 
@@ -23,7 +23,7 @@ turns it about the other end; both together push it on, and each has to give way
 
 ## Reward
 
-Both get ten times the metres by which the beam's middle moved along x in the step, less twice the radians by which the beam
+Both get ten times the metres by which the beam's middle moved along x in the step, minus twice the radians by which the beam
 turned away from lying across, and 5 when it has arrived.
 
 ## End of an episode
@@ -34,7 +34,7 @@ turned away from lying across, and 5 when it has arrived.
 | terminated | the beam has turned by more than 45 degrees          |
 | truncated  | after 60 steps, or when the link to a robot breaks   |
 
-They have succeeded when the beam has arrived.
+An episode succeeds when the beam has arrived.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ import math
 from typing import TYPE_CHECKING
 
 from bricksrl.entry import Entry
-from bricksrl.envs.arenas.task import ArenaState, ArenaTask, seen_from, turned_towards, whereabouts
+from bricksrl.envs.arenas.task import ArenaState, ArenaTask, own_pose, seen_from, steer_towards
 from bricksrl.hub.interface import Interface, MotorAngle, RunAngle, Wait
 from bricksrl.robots import TWO_WHEELER
 from bricksrl.twin.arena import Arena, Contestant, Load, Place
@@ -53,11 +53,11 @@ if TYPE_CHECKING:
 
 START_M, GOAL_M = 0.12, 0.52
 """Position of the beam's middle along x, at the start and at the goal."""
-MOST_TURN = math.radians(45.0)
+MAX_TURN = math.radians(45.0)
 STEP_MS = 250
 _TRAVEL_DEG = 120.0
 _BEAM = 2
-_WON = 5.0
+_ARRIVAL_REWARD = 5.0
 
 ENTRIES = (
     *(Entry(name, -2.0, 2.0, "m") for name in ("x", "y")),
@@ -77,14 +77,14 @@ def observe(state: ArenaState) -> Tensor:
     views = [
         torch.cat(
             (
-                whereabouts(poses, one),
-                seen_from(poses, one, _BEAM),
-                seen_from(poses, one, 1 - one)[..., :2],
-                state.moved[..., one, :],
+                own_pose(poses, robot),
+                seen_from(poses, robot, _BEAM),
+                seen_from(poses, robot, 1 - robot)[..., :2],
+                state.moved[..., robot, :],
             ),
             -1,
         )
-        for one in (0, 1)
+        for robot in (0, 1)
     ]
     return torch.stack(views, -2)
 
@@ -96,7 +96,7 @@ def arrived(state: ArenaState) -> Tensor:
 
 def terminated(state: ArenaState) -> Tensor:
     """True if the beam has arrived or turned too far; bool ``[*batch, 1]``."""
-    return arrived(state) | (state.poses[..., _BEAM, 2:].abs() > MOST_TURN)
+    return arrived(state) | (state.poses[..., _BEAM, 2:].abs() > MAX_TURN)
 
 
 def reward(before: ArenaState, after: ArenaState) -> Tensor:
@@ -105,7 +105,7 @@ def reward(before: ArenaState, after: ArenaState) -> Tensor:
 
     forward_m = after.poses[..., _BEAM, :1] - before.poses[..., _BEAM, :1]
     turn = after.poses[..., _BEAM, 2:].abs() - before.poses[..., _BEAM, 2:].abs()
-    gain = 10.0 * forward_m - 2.0 * turn + _WON * arrived(after)
+    gain = 10.0 * forward_m - 2.0 * turn + _ARRIVAL_REWARD * arrived(after)
     return torch.stack((gain, gain), -2)
 
 
@@ -120,7 +120,7 @@ def push(observation: Tensor) -> Tensor:
     lead = -beam_sin * y.sign()
     speed = (1.0 - 6.0 * lead.clamp_min(0.0)).clamp(0.1, 1.0)
     ahead, left = torch.ones_like(y), 2.0 * home.clamp(-0.3, 0.3)
-    steered = turned_towards(ahead * cos + left * sin, left * cos - ahead * sin)
+    steered = steer_towards(ahead * cos + left * sin, left * cos - ahead * sin)
     return steered * speed.unsqueeze(-1)
 
 

@@ -10,7 +10,7 @@ import torch
 from tensordict import TensorDict, TensorDictBase
 from torchrl.envs import EnvBase
 
-from bricksrl.envs.arenas.specs import by_groups, joined_actions, set_specs
+from bricksrl.envs.arenas.specs import joined_actions, set_specs, split_by_group
 from bricksrl.envs.arenas.task import ArenaState, ArenaTask
 from bricksrl.envs.connection import Reconnect
 from bricksrl.envs.options import PicklableEnv
@@ -155,17 +155,17 @@ class ArenaEnv(PicklableEnv, EnvBase):  # type: ignore[misc]
         truncated: torch.Tensor | None = None,
     ) -> TensorDictBase:
         assert self._state is not None  # noqa: S101  callers have checked it
-        of_robots = {"observation": self.task.observe(self._state)}
+        per_robot = {"observation": self.task.observe(self._state)}
         out: dict[str, Any] = {"link_lost": lost}
         if reward is not None and terminated is not None and truncated is not None:
-            of_robots["reward"] = reward
+            per_robot["reward"] = reward
             out |= {"terminated": terminated, "truncated": truncated, "done": terminated | truncated}
-        return TensorDict({**out, **by_groups(self.task, torch.Size(()), **of_robots)}, ())
+        return TensorDict({**out, **split_by_group(self.task, torch.Size(()), **per_robot)}, ())
 
     def _wheels(self, reading: Reading) -> np.ndarray[Any, np.dtype[np.float32]]:
         """Angles of the left and the right wheel."""
-        places = self.task.interfaces[0].angle_places
-        return np.asarray([reading.values[places[name]] for name in ("left", "right")], dtype=np.float32)
+        indices = self.task.interfaces[0].angle_places
+        return np.asarray([reading.values[indices[name]] for name in ("left", "right")], dtype=np.float32)
 
     def _poses(self) -> torch.Tensor:
         poses = [(pose.x_m, pose.y_m, -math.radians(pose.heading_deg)) for pose in self.world.poses()]

@@ -61,7 +61,7 @@ class ArenaParallelEnv(ParallelEnv):  # type: ignore[misc]
             self._env.set_seed(seed)
         self._state = self._env.reset()
         self.agents = list(self.possible_agents)
-        return self._of_robots(self._state, "observation"), {name: {} for name in self.agents}
+        return self._per_robot(self._state, "observation"), {name: {} for name in self.agents}
 
     def step(
         self, actions: dict[str, Array]
@@ -69,25 +69,25 @@ class ArenaParallelEnv(ParallelEnv):  # type: ignore[misc]
         """One step of all robots; the episode ends for all at once."""
         task = self._env.task
         for group, names in task.groups.items():
-            chosen = torch.tensor(np.stack([actions[name] for name in names]), dtype=torch.float32)
-            self._state[group, "action"] = chosen
+            group_actions = torch.tensor(np.stack([actions[name] for name in names]), dtype=torch.float32)
+            self._state[group, "action"] = group_actions
         out = self._env.step(TensorDict(self._state))["next"]
         self._state = out.exclude("terminated", "truncated", "done")
         lost = bool(out["link_lost"])
-        rewards = {name: float(value[0]) for name, value in self._of_robots(out, "reward").items()}
+        rewards = {name: float(value[0]) for name, value in self._per_robot(out, "reward").items()}
         ends = [dict.fromkeys(self.agents, bool(out[name])) for name in ("terminated", "truncated")]
         infos: dict[str, dict[str, Any]] = {name: {"link_lost": lost} for name in self.agents}
-        seen = self._of_robots(out, "observation")
+        observations = self._per_robot(out, "observation")
         if bool(out["done"]):
             self.agents = []
-        return seen, rewards, ends[0], ends[1], infos
+        return observations, rewards, ends[0], ends[1], infos
 
-    def _of_robots(self, tensordict: Any, name: str) -> dict[str, Array]:
-        found = {}
+    def _per_robot(self, tensordict: Any, name: str) -> dict[str, Array]:
+        values = {}
         for group, names in self._env.task.groups.items():
             for robot, value in zip(names, tensordict[group, name].unbind(0), strict=True):
-                found[robot] = value.numpy().copy()
-        return {robot: found[robot] for robot in self._env.task.robots}
+                values[robot] = value.numpy().copy()
+        return {robot: values[robot] for robot in self._env.task.robots}
 
     def render(self) -> None:
         """Does nothing; `bricksrl.twin.render` draws an arena's world."""

@@ -58,10 +58,10 @@ def make_arena(
             raise DescriptionError(f"{task.id} has no kinematic simulation of what is pushed, of time or of physics; omit it")
         from bricksrl.envs.arenas.simulation import ArenaSimulation
 
-        made: ArenaSimulation | ArenaEnv = ArenaSimulation(task, batch_size, seed=seed, device=device)
+        arena: ArenaSimulation | ArenaEnv = ArenaSimulation(task, batch_size, seed=seed, device=device)
     else:
         from bricksrl.envs.arenas.env import ArenaEnv
 
-        made = ArenaEnv(task, seed=seed, physics=physics, realtime=realtime)
-    made.remake = functools.partial(make_arena, env, physics=physics, realtime=realtime, batch_size=batch_size, device=device)
-    return made
+        arena = ArenaEnv(task, seed=seed, physics=physics, realtime=realtime)
+    arena.remake = functools.partial(make_arena, env, physics=physics, realtime=realtime, batch_size=batch_size, device=device)
+    return arena

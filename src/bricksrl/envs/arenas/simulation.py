@@ -12,7 +12,7 @@ import torch
 from tensordict import TensorDict, TensorDictBase
 from torchrl.envs import EnvBase
 
-from bricksrl.envs.arenas.specs import by_groups, joined_actions, set_specs
+from bricksrl.envs.arenas.specs import joined_actions, set_specs, split_by_group
 from bricksrl.envs.arenas.task import ArenaState, ArenaTask
 from bricksrl.envs.options import PicklableEnv
 from bricksrl.errors import DescriptionError
@@ -34,17 +34,17 @@ class ArenaSimulation(PicklableEnv, EnvBase):  # type: ignore[misc]
     def __init__(self, task: ArenaTask, copies: int, *, seed: int | None = None, device: torch.device | str = "cpu") -> None:
         super().__init__(batch_size=(copies,), device=device)
         self.task = task
-        travel, track, radius = [], [], []
-        for one, interface in zip(task.arena.robots, task.interfaces, strict=True):
-            base = one.robot.drive_base
+        travel_deg, track, radius = [], [], []
+        for contestant, interface in zip(task.arena.robots, task.interfaces, strict=True):
+            base = contestant.robot.drive_base
             if base is None or task.arena.loads:
                 raise DescriptionError(f"{task.id}: only robots with a drive base, and no loads, are simulated so")
-            travel.append([command.high for command in interface.commands])
+            travel_deg.append([command.high for command in interface.commands])
             track.append(base.axle_track_mm / 1000)
             radius.append(base.wheel_diameter_mm / 2000)
-        self._way_m = torch.deg2rad(torch.tensor(travel, device=device)) * torch.tensor(radius, device=device)[:, None]
+        self._way_m = torch.deg2rad(torch.tensor(travel_deg, device=device)) * torch.tensor(radius, device=device)[:, None]
         self._track_m = torch.tensor(track, device=device)
-        places = [one.place for one in task.arena.robots]
+        places = [contestant.place for contestant in task.arena.robots]
         bounds = torch.tensor([[place.x_m, place.y_m, place.heading_deg] for place in places], device=device)
         self._low, self._high = bounds[..., 0], bounds[..., 1]
         for ends in (self._low, self._high):
@@ -55,7 +55,7 @@ class ArenaSimulation(PicklableEnv, EnvBase):  # type: ignore[misc]
         n = len(task.robots)
         self._state = ArenaState(torch.zeros(copies, n, 3, device=device), torch.zeros(copies, n, 2, device=device))
         self._lag = torch.zeros(copies, 1, 1, device=device)
-        self._asked = torch.zeros(copies, n, 2, device=device)
+        self._last_command = torch.zeros(copies, n, 2, device=device)
         self._step_count = torch.zeros(copies, 1, dtype=torch.int64, device=device)
 
     def _set_seed(self, seed: int | None) -> None:
@@ -70,33 +70,33 @@ class ArenaSimulation(PicklableEnv, EnvBase):  # type: ignore[misc]
 
     def _starts(self, count: int) -> Tensor:
         """Poses ``[count, robots, 3]`` that keep the arena's gap."""
-        found = self._low + self._uniform(count, *self._low.shape) * (self._high - self._low)
+        poses = self._low + self._uniform(count, *self._low.shape) * (self._high - self._low)
         while True:
-            apart = torch.cdist(found[..., :2], found[..., :2]) + 1e6 * torch.eye(found.shape[1], device=self.device)
-            near = apart.amin((-1, -2)) < self.task.arena.gap_m
+            distances = torch.cdist(poses[..., :2], poses[..., :2]) + 1e6 * torch.eye(poses.shape[1], device=self.device)
+            near = distances.amin((-1, -2)) < self.task.arena.gap_m
             if not bool(near.any()):
-                return found
-            found[near] = self._low + self._uniform(int(near.sum()), *self._low.shape) * (self._high - self._low)
+                return poses
+            poses[near] = self._low + self._uniform(int(near.sum()), *self._low.shape) * (self._high - self._low)
 
     def _reset(self, tensordict: TensorDictBase | None = None, **_kwargs: Any) -> TensorDictBase:
-        wanted = None if tensordict is None else tensordict.get("_reset", None)
-        anew = torch.ones(self.batch_size, dtype=torch.bool, device=self.device) if wanted is None else wanted.squeeze(-1)
-        count = int(anew.sum())
+        mask = None if tensordict is None else tensordict.get("_reset", None)
+        is_reset = torch.ones(self.batch_size, dtype=torch.bool, device=self.device) if mask is None else mask.squeeze(-1)
+        count = int(is_reset.sum())
         if count:
             poses, moved = self._state.poses.clone(), self._state.moved.clone()
-            poses[anew], moved[anew] = self._starts(count), 0.0
+            poses[is_reset], moved[is_reset] = self._starts(count), 0.0
             self._state = ArenaState(poses, moved)
-            self._asked[anew] = 0.0
-            self._lag[anew] = LAG[0] + (LAG[1] - LAG[0]) * self._uniform(count, 1, 1)
-            self._step_count[anew] = 0
+            self._last_command[is_reset] = 0.0
+            self._lag[is_reset] = LAG[0] + (LAG[1] - LAG[0]) * self._uniform(count, 1, 1)
+            self._step_count[is_reset] = 0
         return self._out()
 
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
         task, before = self.task, self._state
         actions = joined_actions(task, tensordict)
         noise = NOISE * torch.randn(actions.shape, generator=self._rng, device=self.device)
-        moved = (1.0 - self._lag) * actions + self._lag * self._asked + noise
-        self._asked = actions
+        moved = (1.0 - self._lag) * actions + self._lag * self._last_command + noise
+        self._last_command = actions
         left_m, right_m = (moved * self._way_m).unbind(-1)
         x, y, heading = before.poses.unbind(-1)
         turn, forward = (right_m - left_m) / self._track_m, (left_m + right_m) / 2.0
@@ -115,9 +115,9 @@ class ArenaSimulation(PicklableEnv, EnvBase):  # type: ignore[misc]
     def _out(
         self, reward: Tensor | None = None, terminated: Tensor | None = None, truncated: Tensor | None = None
     ) -> TensorDictBase:
-        of_robots = {"observation": self.task.observe(self._state)}
+        per_robot = {"observation": self.task.observe(self._state)}
         out: dict[str, Any] = {"link_lost": torch.zeros(*self.batch_size, 1, dtype=torch.bool, device=self.device)}
         if reward is not None and terminated is not None and truncated is not None:
-            of_robots["reward"] = reward
+            per_robot["reward"] = reward
             out |= {"terminated": terminated, "truncated": truncated, "done": terminated | truncated}
-        return TensorDict({**out, **by_groups(self.task, self.batch_size, **of_robots)}, self.batch_size, device=self.device)
+        return TensorDict({**out, **split_by_group(self.task, self.batch_size, **per_robot)}, self.batch_size, device=self.device)

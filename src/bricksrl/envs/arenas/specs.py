@@ -45,11 +45,11 @@ def set_specs(env: EnvBase, task: ArenaTask) -> None:
     env.done_spec = Composite(**ends, shape=batch, device=env.device)
 
 
-def by_groups(task: ArenaTask, batch: torch.Size, **of_robots: Tensor) -> dict[str, TensorDictBase]:
+def split_by_group(task: ArenaTask, batch: torch.Size, **per_robot: Tensor) -> dict[str, TensorDictBase]:
     """Tensors ``[*batch, robots, n]``, split by group."""
     return {
         group: TensorDict(
-            {name: value[..., task.places(group), :] for name, value in of_robots.items()}, (*batch, len(task.groups[group]))
+            {name: value[..., task.places(group), :] for name, value in per_robot.items()}, (*batch, len(task.groups[group]))
         )
         for group in task.groups
     }
@@ -59,6 +59,6 @@ def joined_actions(task: ArenaTask, tensordict: TensorDictBase) -> Tensor:
     """Actions ``[*batch, robots, 2]`` in the arena's order, clamped to -1..1."""
     parts: list[Tensor] = [torch.empty(0)] * len(task.robots)
     for group in task.groups:
-        for place, action in zip(task.places(group), tensordict[group, "action"].unbind(-2), strict=True):
-            parts[place] = action
+        for index, action in zip(task.places(group), tensordict[group, "action"].unbind(-2), strict=True):
+            parts[index] = action
     return torch.stack(parts, -2).detach().clamp(-1.0, 1.0)

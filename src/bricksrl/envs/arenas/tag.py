@@ -1,8 +1,8 @@
 """A 2Wheeler catches another one, which is a little slower, between four walls.
 
 Both start at random places of a floor of 1.6 by 1.6 m, at least 0.6 m apart. An action turns the two wheels for 250 ms, without
-waiting; the runner's wheels turn three quarters as far as the catcher's. Where the robots are is told by a camera overhead, which
-here is the simulation; how far the wheels turned is what their hubs report.
+waiting; the runner's wheels turn three quarters as far as the catcher's. The robots' positions come from the simulation, in place
+of a camera overhead, and the turns of the wheels from their hubs.
 
 ## Action (of each robot)
 
@@ -32,7 +32,7 @@ The catcher gets ten times the metres by which it came nearer and 5 when it catc
 | terminated | the middles of the axles are within 0.2 m       |
 | truncated  | after 80 steps, or when the link to a robot breaks |
 
-The catcher has won when the runner was caught.
+The catcher succeeds when it catches the runner.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ import math
 from typing import TYPE_CHECKING
 
 from bricksrl.entry import Entry
-from bricksrl.envs.arenas.task import ArenaState, ArenaTask, seen_from, turned_towards, whereabouts
+from bricksrl.envs.arenas.task import ArenaState, ArenaTask, own_pose, seen_from, steer_towards
 from bricksrl.hub.interface import Interface, MotorAngle, RunAngle, Wait
 from bricksrl.robots import TWO_WHEELER
 from bricksrl.twin.arena import Arena, Contestant, Place
@@ -62,8 +62,8 @@ _TURN_RAD = 0.7
 _REACH_M = 0.73
 """Largest distance of a robot from the middle along x and y; the walls are at 0.8 m."""
 _DIRECTIONS, _LOOK_STEPS = 16, 16
-_WON = 5.0
-_PER_M = 10.0
+_CATCH_REWARD = 5.0
+_REWARD_PER_M = 10.0
 
 ENTRIES = (
     *(Entry(name, -HALF_M, HALF_M, "m") for name in ("x", "y")),
@@ -86,8 +86,8 @@ def observe(state: ArenaState) -> Tensor:
     import torch
 
     views = [
-        torch.cat((whereabouts(state.poses, one), seen_from(state.poses, one, other), state.moved[..., one, :]), -1)
-        for one, other in ((CATCHER, RUNNER), (RUNNER, CATCHER))
+        torch.cat((own_pose(state.poses, robot), seen_from(state.poses, robot, other), state.moved[..., robot, :]), -1)
+        for robot, other in ((CATCHER, RUNNER), (RUNNER, CATCHER))
     ]
     return torch.stack(views, -2)
 
@@ -102,7 +102,7 @@ def reward(before: ArenaState, after: ArenaState) -> Tensor:
     """Rewards of catcher and runner, ``[*batch, 2, 1]``; their sum is 0."""
     import torch
 
-    gain = _PER_M * (distance_m(before) - distance_m(after)) + _WON * caught(after)
+    gain = _REWARD_PER_M * (distance_m(before) - distance_m(after)) + _CATCH_REWARD * caught(after)
     return torch.stack((gain, -gain), -2)
 
 
@@ -114,27 +114,27 @@ def flee(observation: Tensor) -> Tensor:
     start, cos, sin = observation[..., 0:2], observation[..., 2], observation[..., 3]
     ahead, left = observation[..., 4], observation[..., 5]
     angles = torch.arange(_DIRECTIONS, device=observation.device) * (2.0 * math.pi / _DIRECTIONS)
-    ways = torch.stack((angles.cos(), angles.sin()), -1)
+    directions = torch.stack((angles.cos(), angles.sin()), -1)
     catcher = start + torch.stack((ahead * cos - left * sin, ahead * sin + left * cos), -1)
-    runner, catcher = (one.unsqueeze(-2).expand(*one.shape[:-1], _DIRECTIONS, 2) for one in (start, catcher))
-    toward = torch.stack((cos, sin), -1) @ ways.T
-    turning = toward.clamp(-1.0, 1.0).arccos() / _TURN_RAD  # steps until it looks there
-    free, score = torch.ones_like(turning), torch.zeros_like(turning)
+    runner, catcher = (position.unsqueeze(-2).expand(*position.shape[:-1], _DIRECTIONS, 2) for position in (start, catcher))
+    alignment = torch.stack((cos, sin), -1) @ directions.T
+    turn_steps = alignment.clamp(-1.0, 1.0).arccos() / _TURN_RAD  # steps until it faces that way
+    free, score = torch.ones_like(turn_steps), torch.zeros_like(turn_steps)
     for step in range(1, _LOOK_STEPS + 1):
-        driven = _STEP_M[RUNNER] * (step - turning).clamp(0.0, 1.0)
-        runner = (runner + driven.unsqueeze(-1) * ways).clamp(-_REACH_M, _REACH_M)
+        driven = _STEP_M[RUNNER] * (step - turn_steps).clamp(0.0, 1.0)
+        runner = (runner + driven.unsqueeze(-1) * directions).clamp(-_REACH_M, _REACH_M)
         gap = runner - catcher
-        apart = gap.norm(dim=-1)
-        catcher = catcher + gap * (_STEP_M[CATCHER] / apart.clamp_min(_STEP_M[CATCHER])).unsqueeze(-1)
-        free = free * (apart > CAUGHT_M + _STEP_M[CATCHER])
-        score = score + free * (1.0 + apart)
-    way = ways[score.argmax(-1)]
-    return turned_towards(way[..., 0] * cos + way[..., 1] * sin, way[..., 1] * cos - way[..., 0] * sin)
+        gap_m = gap.norm(dim=-1)
+        catcher = catcher + gap * (_STEP_M[CATCHER] / gap_m.clamp_min(_STEP_M[CATCHER])).unsqueeze(-1)
+        free = free * (gap_m > CAUGHT_M + _STEP_M[CATCHER])
+        score = score + free * (1.0 + gap_m)
+    direction = directions[score.argmax(-1)]
+    return steer_towards(direction[..., 0] * cos + direction[..., 1] * sin, direction[..., 1] * cos - direction[..., 0] * sin)
 
 
 def chase(observation: Tensor) -> Tensor:
     """The catcher's script: drive straight at the runner; ``[*batch, 10]`` to ``[*batch, 2]``."""
-    return turned_towards(observation[..., 4], observation[..., 5])
+    return steer_towards(observation[..., 4], observation[..., 5])
 
 
 def _interface(travel_deg: float) -> Interface:

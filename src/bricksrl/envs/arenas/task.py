@@ -70,7 +70,7 @@ class ArenaTask:
     def __post_init__(self) -> None:
         if re.fullmatch(r"\w+-v\d+", self.id) is None:
             raise DescriptionError(f"'{self.id}' is not an id for a task; take a name and a version, such as 'Tag-v0'")
-        names = [one.name for one in self.arena.robots]
+        names = [robot.name for robot in self.arena.robots]
         if len(self.interfaces) != len(names):
             raise DescriptionError(f"task {self.id} has {len(names)} robots and {len(self.interfaces)} interfaces; give one each")
         if sorted(name for group in self.groups.values() for name in group) != sorted(names):
@@ -82,7 +82,7 @@ class ArenaTask:
     @property
     def robots(self) -> tuple[str, ...]:
         """Names of the robots, in the arena's order."""
-        return tuple(one.name for one in self.arena.robots)
+        return tuple(robot.name for robot in self.arena.robots)
 
     @property
     def summary(self) -> str:
@@ -99,22 +99,22 @@ def seen_from(poses: Tensor, viewer: int, seen: int) -> Tensor:
     their headings."""
     import torch
 
-    x, y, heading = (poses[..., viewer, place] for place in range(3))
+    x, y, heading = (poses[..., viewer, i] for i in range(3))
     dx, dy = poses[..., seen, 0] - x, poses[..., seen, 1] - y
     turn = poses[..., seen, 2] - heading
     ahead, left = dx * heading.cos() + dy * heading.sin(), dy * heading.cos() - dx * heading.sin()
     return torch.stack((ahead, left, turn.cos(), turn.sin()), -1)
 
 
-def whereabouts(poses: Tensor, robot: int) -> Tensor:
+def own_pose(poses: Tensor, robot: int) -> Tensor:
     """Pose of a robot in the arena, ``[*batch, 4]``: x, y, and cosine and sine of its heading."""
     import torch
 
-    x, y, heading = (poses[..., robot, place] for place in range(3))
+    x, y, heading = (poses[..., robot, i] for i in range(3))
     return torch.stack((x, y, heading.cos(), heading.sin()), -1)
 
 
-def turned_towards(ahead: Tensor, left: Tensor, speed: float = 1.0) -> Tensor:
+def steer_towards(ahead: Tensor, left: Tensor, speed: float = 1.0) -> Tensor:
     """Action ``[*batch, 2]`` that turns a robot on two wheels towards a direction in its frame, and drives on as far as it faces
     it."""
     import torch

@@ -1,7 +1,7 @@
 """The scout follows the left edge of a black line with its color sensor, clockwise around a course with curves to both sides.
 
-A step is 60 ms of driving. The robot starts with its sensor over the edge, a little beside it and askew. All that it sees is how
-bright the spot below its sensor is, halfway between line and floor where it is on the edge, and how fast it turns.
+A step is 60 ms of driving. The robot starts with its sensor near the edge, at a small angle to it. It observes only the
+brightness below its sensor, which on the edge is halfway between line and floor, and its yaw rate.
 
 ## Action
 
@@ -17,16 +17,15 @@ bright the spot below its sensor is, halfway between line and floor where it is 
 | 0   | light_reflection  | 0    | 100 | %     |
 | 1   | yaw_rate          | -100 | 100 | deg/s |
 
-Counter-clockwise is positive for the yaw rate, clockwise for the turn rate. The sensor sits 56 mm before the axle and sees the
-edge within 6 mm to both sides. A turn at 45 deg/s moves it by about half of that in a step; the sharpest curve asks for 26 deg/s
+Counter-clockwise is positive for the yaw rate, clockwise for the turn rate. The sensor is 56 mm in front of the axle and detects
+the edge within 6 mm to both sides. A turn at 45 deg/s moves it by about half of that in a step; the sharpest curve needs 26 deg/s
 at full speed.
 
 ## Reward
 
-How near the sensor is to the edge, from 1 where the brightness is halfway to 0 where there is nothing but line or nothing but
-floor, times 0.5 at the lowest speed to 1 at the highest. A step of a robot that has lost the edge costs 0.25 where it turns back
-as fast as it can, to the right over the floor and to the left over the line, and up to 0.75 where it turns away. Only the edge
-pays: a robot that is paid for turning back learns to turn in circles.
+Nearness to the edge, from 1 at the brightness of the edge to 0 over bare line or bare floor, times 0.5 at the lowest speed to 1
+at the highest. A step beside the edge costs 0.25 if the robot turns back as fast as it can, to the right over the floor and to
+the left over the line, and up to 0.75 if it turns away. Turning back is not rewarded, as robots then learn to turn in circles.
 
 ## End of an episode
 
@@ -36,9 +35,9 @@ pays: a robot that is paid for turning back learns to turn in circles.
 
 ## Success and metrics
 
-The robot follows the line while its sensor sees the edge, neither the bare floor nor the bare line. An episode succeeds where
-that is so for 95 % of the steps. The metrics are their share, `on_line_share`, and the mean distance of the brightness from that
-of the edge, `mean_off_pct`; a virtual robot adds how far it went.
+The robot follows the line while its sensor detects the edge, neither bare floor nor bare line. An episode succeeds if it does so
+in 95 % of the steps. The metrics are the share of these steps, `on_line_share`, and the mean difference of the brightness from
+that of the edge, `mean_off_pct`; a virtual robot adds its distance, speed and straightness.
 """
 
 from __future__ import annotations
@@ -58,7 +57,7 @@ if TYPE_CHECKING:
 EDGE_PCT = 45.0
 """Brightness halfway between the line and the floor."""
 BARE_PCT = 35.0
-"""So far from it the sensor sees nothing but the one or nothing but the other."""
+"""Difference from it at which the sensor sees only the line or only the floor."""
 SUCCESS_SHARE = 0.95
 LINE_MM = 30.0
 _RADIUS_MM, _LOBES_MM, _LOBES = 450.0, 80.0, 3
@@ -67,8 +66,8 @@ _RADIUS_MM, _LOBES_MM, _LOBES = 450.0, 80.0, 3
 def course() -> tuple[tuple[float, float], ...]:
     """Points of a closed line with curves to both sides, of radii down to 0.22 m; its left edge begins at the origin, along x.
 
-    It runs clockwise: a robot that drives straight on leaves it to the left, where a turn to the right finds the edge again. Run
-    the other way around, it would cross the line to a floor that looks the same and asks for the opposite turn.
+    It runs clockwise: a robot that drives straight on leaves it to the left, where a turn to the right finds the edge again.
+    Counter-clockwise, the robot would cross the line to a floor that looks the same but requires the opposite turn.
     """
     outer_mm = _RADIUS_MM + _LOBES_MM
     points = []

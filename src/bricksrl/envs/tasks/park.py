@@ -1,7 +1,7 @@
 """The 2Wheeler parks: it drives into a bay, straightens up and stands still there.
 
-A step is 200 ms of driving. The robot starts 0.3 to 0.6 m before the bay, to one side of it and askew; from then on it knows by
-the turns of its wheels where the bay is. What counts is the middle of its axle.
+A step is 200 ms of driving. The robot starts 0.3 to 0.6 m in front of the bay, up to 0.15 m to one side and turned by up to 40
+degrees. From then on it computes the position of the bay from its wheel angles. Its position is that of the axle's middle.
 
 ## Action
 
@@ -22,17 +22,17 @@ the turns of its wheels where the bay is. What counts is the middle of its axle.
 | 5   | moved            | -20  | 20  | mm    |
 | 6   | turned           | -12  | 12  | deg   |
 
-The bay's middle is so far ahead and to the left of the robot, and so far it has to turn, clockwise, to stand straight in it. So
-far it drove and turned in its last step. The wheels come to a new speed about 80 ms late: near to half of what a step does is the
-command before, which has to be known.
+`target_ahead` and `target_left` are the position of the bay's middle in the robot's frame, `target_turn` is the clockwise turn to
+the bay's heading, `moved` and `turned` are the motion of the last step. The wheels reach a new speed about 80 ms late: nearly
+half of a step's motion is due to the previous command, which is therefore observed.
 
 ## Reward
 
-A robot drives ahead and back, not sideways: it has to face the bay, ahead or back, drive there, and turn to its heading. What is
-left to do is a cost of 1 for each 100 mm of distance d, and of 1 for each 60 degrees of these two turns, which take it about as
-long. What the two exceed the one turn from heading to heading by is counted 1 / (1 + (25 mm / d)^4) times: near the bay's middle
-there is nothing to face. So more than 25 mm from it there is always a step that lessens the cost, however askew the robot stands.
-The reward is 5 times what a step takes off it, less 0.6 for the time.
+The robot cannot drive sideways: it has to face the bay, forwards or backwards, drive there, and turn to the bay's heading. The
+cost of a pose is 1 for each 100 mm of distance d, and 1 for each 60 degrees of these two turns, which take about as long. The
+detour, by which the two turns exceed the direct turn to the bay's heading, is weighted by 1 / (1 + (25 mm / d)^4), as it vanishes
+in the bay's middle. More than 25 mm from there, some step decreases the cost for any heading. The reward is 5 times the decrease
+of the cost in the step, minus 0.6 for the time.
 
 ## End of an episode
 
@@ -43,10 +43,10 @@ The reward is 5 times what a step takes off it, less 0.6 for the time.
 
 ## Success and metrics
 
-An episode succeeds when the robot stands within 20 mm and 5 degrees at its end. The metrics are what is left, `final_error_mm`
-and `final_error_deg`. Wheels slip, and by so much what they tell is wrong; hence the narrower limits of the end. Of a virtual
-robot the truth is known: success and metrics are by it, and `reckoning_error_mm` and `reckoning_error_deg` say how wrong the
-wheels were.
+An episode succeeds when the robot stands within 20 mm and 5 degrees at its end. The metrics are the remaining errors,
+`final_error_mm` and `final_error_deg`. The limits of termination are narrower, as wheels slip and dead reckoning is inexact. For
+a virtual robot, success and metrics use its true pose; `reckoning_error_mm` and `reckoning_error_deg` are the errors of dead
+reckoning.
 """
 
 from __future__ import annotations
@@ -70,26 +70,26 @@ WITHIN_MM, WITHIN_DEG = 20.0, 5.0
 REST_MM, REST_DEG = 3.0, 2.0
 """Largest motion in the last step of a robot at rest."""
 _UNIT_MM, _UNIT_DEG, _NEAR_MM = 100.0, 60.0, 25.0
-_GAIN, _OF_TIME = 5.0, 0.6
+_GAIN, _TIME_COST = 5.0, 0.6
 _BAY = (220.0, 200.0)
 _AHEAD, _LEFT, _TURN, _MOVED, _TURNED = (slice(place - 5, place - 4 or None) for place in range(5))
 
 
-def _left_mm(observation: Tensor) -> Tensor:
-    left: Tensor = observation[..., -5:-3].norm(dim=-1, keepdim=True)
-    return left
+def _distance_mm(observation: Tensor) -> Tensor:
+    distance_mm: Tensor = observation[..., -5:-3].norm(dim=-1, keepdim=True)
+    return distance_mm
 
 
-def _left_deg(observation: Tensor) -> Tensor:
+def _heading_error_deg(observation: Tensor) -> Tensor:
     return observation[..., _TURN].abs()
 
 
 def _detour_deg(observation: Tensor) -> Tensor:
     """Additional turn of a robot that faces the bay first, forwards or backwards, over a turn to the bay's heading."""
     ahead_mm, left_mm, turn_deg = observation[..., _AHEAD], observation[..., _LEFT], observation[..., _TURN]
-    there_deg = -left_mm.atan2(ahead_mm).rad2deg()
-    ways = [(_wrapped(first).abs() + _wrapped(turn_deg - first).abs()) for first in (there_deg, there_deg + 180.0)]
-    return ways[0].minimum(ways[1]) - turn_deg.abs()
+    bearing_deg = -left_mm.atan2(ahead_mm).rad2deg()
+    turns_deg = [(_wrapped(first).abs() + _wrapped(turn_deg - first).abs()) for first in (bearing_deg, bearing_deg + 180.0)]
+    return turns_deg[0].minimum(turns_deg[1]) - turn_deg.abs()
 
 
 def _wrapped(angle_deg: Tensor) -> Tensor:
@@ -97,22 +97,22 @@ def _wrapped(angle_deg: Tensor) -> Tensor:
 
 
 def cost(observation: Tensor) -> Tensor:
-    """Cost of the remaining way and turns; ``[*batch, 1]``."""
-    left_mm = _left_mm(observation)
-    far = 1.0 / (1.0 + (_NEAR_MM / left_mm) ** 4)
-    return left_mm / _UNIT_MM + (_left_deg(observation) + far * _detour_deg(observation)) / _UNIT_DEG
+    """Cost of the remaining distance and turns; ``[*batch, 1]``."""
+    distance_mm = _distance_mm(observation)
+    share = 1.0 / (1.0 + (_NEAR_MM / distance_mm) ** 4)
+    return distance_mm / _UNIT_MM + (_heading_error_deg(observation) + share * _detour_deg(observation)) / _UNIT_DEG
 
 
 def reward(previous: Tensor, _action: Tensor, observation: Tensor) -> Tensor:
     """Decrease of the cost by the step, less a cost of time; ``[*batch, 1]``."""
-    return _GAIN * (cost(previous) - cost(observation)) - _OF_TIME
+    return _GAIN * (cost(previous) - cost(observation)) - _TIME_COST
 
 
 def parked(observation: Tensor, within_mm: float = PARKED_MM, within_deg: float = PARKED_DEG) -> Tensor:
     """Whether the robot stands in the bay, at rest; bool ``[*batch, 1]``."""
-    is_there = (_left_mm(observation) <= within_mm) & (_left_deg(observation) <= within_deg)
-    rests = (observation[..., _MOVED].abs() <= REST_MM) & (observation[..., _TURNED].abs() <= REST_DEG)
-    return is_there & rests
+    in_bay = (_distance_mm(observation) <= within_mm) & (_heading_error_deg(observation) <= within_deg)
+    at_rest = (observation[..., _MOVED].abs() <= REST_MM) & (observation[..., _TURNED].abs() <= REST_DEG)
+    return in_bay & at_rest
 
 
 def success(observations: Tensor) -> Tensor:
@@ -123,7 +123,7 @@ def success(observations: Tensor) -> Tensor:
 def metrics(observations: Tensor) -> dict[str, Tensor]:
     """Errors at the end of the episode ``[*batch, steps, n]``; ``[*batch]``."""
     last = observations[..., -1, :]
-    return {"final_error_mm": _left_mm(last)[..., 0], "final_error_deg": _left_deg(last)[..., 0]}
+    return {"final_error_mm": _distance_mm(last)[..., 0], "final_error_deg": _heading_error_deg(last)[..., 0]}
 
 
 PARK = Task(

@@ -1,6 +1,6 @@
-"""The RoboArm brings its four joints to angles that are drawn anew for each episode.
+"""The RoboArm moves its four joints to angles that are drawn for each episode.
 
-The hub runs each joint on by the commanded angle, within the joint's range, and answers 250 ms later.
+The hub turns each joint by the commanded angle, within the joint's range, and answers 250 ms later.
 
 ## Action
 
@@ -24,12 +24,12 @@ The hub runs each joint on by the commanded angle, within the joint's range, and
 | 6   | high_goal      | -150 | 10  | deg  |
 | 7   | grab_goal      | -148 | -45 | deg  |
 
-The rotation is wrapped into 0..360. A joint may give way a little beyond its range.
+The rotation is wrapped into 0..360. A joint may yield a little beyond its range.
 
 ## Reward
 
-Minus the sum of the four shortest angles between joints and goals, divided by 100. With `sparse=True` it is 1 when that sum is
-under the threshold and 0 else.
+Minus the sum of the four shortest angles between joints and goals, divided by 100. With `sparse=True` it is 1 if that sum is
+below the threshold, else 0.
 
 ## End of an episode
 

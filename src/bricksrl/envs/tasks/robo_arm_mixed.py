@@ -1,7 +1,7 @@
-"""The RoboArm brings a red ball to a place that only a camera's image shows.
+"""The RoboArm moves a red ball to a place that only a camera's image shows.
 
-A camera looks down at the arm, which holds the ball. The hub runs three joints on by the commanded angle, within the joint's
-range, and answers 250 ms later; then the camera takes a frame of 640 x 480 px. The gripper stays as it is.
+A camera looks down at the arm, which holds the ball. The hub turns three joints by the commanded angle, within the joint's range,
+and answers 250 ms later; then the camera takes a frame of 640 x 480 px. The gripper does not move.
 
 ## Action
 
@@ -19,7 +19,7 @@ range, and answers 250 ms later; then the camera takes a frame of 640 x 480 px. 
 | 1   | low_angle      | 10   | 70  | deg  |
 | 2   | high_angle     | -150 | 10  | deg  |
 
-The rotation is wrapped into 0..360. A joint may give way a little beyond its range.
+The rotation is wrapped into 0..360. A joint may yield a little beyond its range.
 
 ## Image
 
@@ -32,20 +32,20 @@ sides and 20 px up or down. The disc has a radius of 25 px of the frame.
 
 ## Reward
 
-Minus the mean distance in px of the red things in the frame, larger than 10 px, from the goal, divided by 100. Where nothing red
-is seen it is the reward of the step before, 0 at the start. With `sparse=True` it is 1 within 40 px of the goal and 0 else.
+Minus the mean distance in px of the red objects in the frame, larger than 10 px, from the goal, divided by 100. Without red in
+the frame it is the reward of the previous step, 0 at the start. With `sparse=True` it is 1 within 40 px of the goal, else 0.
 
 ## End of an episode
 
 | End        | When                                                  |
 |------------|-------------------------------------------------------|
-| terminated | something red is within 40 px of the goal             |
+| terminated | a red object is within 40 px of the goal              |
 | truncated  | after 30 steps                                        |
 
 ## Success and metrics
 
-An episode succeeds when it reaches the goal. The metric is the distance of the nearest red thing from the goal at the end,
-`final_distance_px`; 800 where none is seen. On a real robot `camera` says which one to take: a number, or an address of a
+An episode succeeds when it reaches the goal. The metric is the distance of the nearest red object from the goal at the end,
+`final_distance_px`; 800 if none is seen. The option `camera` selects the camera of a real robot: a number, or the address of a
 stream.
 """
 

@@ -1,7 +1,7 @@
 """The 2Wheeler drives away from a wall as far as its ultrasonic sensor sees.
 
 Each action is one straight drive; the next observation is taken when the drive has ended. The robot starts 200 to 300 mm
-in front of a wall that it looks at, so that only driving backwards earns a reward.
+in front of a wall, facing it, so that only driving backwards is rewarded.
 
 ## Action
 
@@ -35,9 +35,9 @@ Wheel angles are wrapped into 0..360. Nose down is positive pitch.
 
 ## Success and metrics
 
-The paper names no success for this task. Here an episode succeeds when it ends 1000 mm or more from the wall. (Not at 2000 mm:
-the best policy takes its 20 steps with care, because reaching the sensor's limit ends the episode and the reward with it.) The
-metrics are the last distance, `final_distance_mm`, and how far the robot tipped at most, `largest_pitch_deg`.
+The paper defines no success for this task. Here an episode succeeds when it ends 1000 mm or more from the wall. (Not at 2000 mm:
+the best policy uses all 20 steps, because reaching the sensor's limit ends the episode and its rewards.) The metrics are the last
+distance, `final_distance_mm`, and the largest pitch, `largest_pitch_deg`.
 """
 
 from __future__ import annotations

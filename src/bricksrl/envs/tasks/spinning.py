@@ -37,7 +37,7 @@ The yaw rate in deg/s, negated when the direction is 1.
 
 ## Success and metrics
 
-The paper names no success for this task. Here an episode succeeds when the mean yaw rate in the commanded direction is
+The paper defines no success for this task. Here an episode succeeds when the mean yaw rate in the commanded direction is
 100 deg/s or more. That mean, negative for the wrong direction, is the metric `mean_yaw_rate_deg_s`.
 """
 

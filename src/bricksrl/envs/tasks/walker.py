@@ -1,7 +1,7 @@
 """The Walker turns its four leg cranks so that diagonal legs move together.
 
-The hub runs each leg on by the commanded angle and answers 250 ms later, whether the legs have arrived or not. The reward of
-the paper pays for large steps and for a trot; it hardly pays for getting ahead.
+The hub turns each leg by the commanded angle and answers 250 ms later, whether the legs have arrived or not. The paper's reward
+is for large steps and a trot, hardly for progress.
 
 ## Action
 
@@ -38,7 +38,7 @@ between two legs, and the action as the agent gave it: 0.1 a step at best.
 | terminated | pitch or roll is beyond 60 degrees to either side |
 | truncated  | after 100 steps                                   |
 
-While something is 40 mm away or nearer (an option, `blocked_at_mm`), the robot waits with its motors held and says so. With the
+While an obstacle is within 40 mm (option `blocked_at_mm`), the robot waits with its motors held and logs a warning. With the
 option `step_ms`, the time of a step, an episode has as many steps as fit into the same 25 seconds.
 
 ## Success and metrics
@@ -72,9 +72,9 @@ _TILT = slice(4, 6)
 _DISTANCE = slice(6, 7)
 
 
-def shortest_angle_deg(one: Tensor, other: Tensor) -> Tensor:
+def shortest_angle_deg(first: Tensor, second: Tensor) -> Tensor:
     """Angle between two directions, in 0..180 degrees."""
-    turn = other - one
+    turn = second - first
     return (turn - 360.0 * (turn / 360.0).round()).abs()
 
 

@@ -1,6 +1,6 @@
-"""The Walker learns to get ahead: what Walker-v0 hardly pays for, progress, is all that counts here.
+"""The Walker learns to walk forward: only progress is rewarded, which Walker-v0 hardly rewards.
 
-Robot, actions and leg angles are those of Walker-v0. A further entry of the observation tells how far the last step led. On a
+Robot, actions and leg angles are those of Walker-v0. A further entry of the observation is the distance of the last step. On a
 virtual robot it is measured; on a real one it is estimated from the ultrasonic sensor, so let it walk towards a wall.
 
 ## Action
@@ -27,7 +27,7 @@ virtual robot it is measured; on a real one it is estimated from the ultrasonic 
 
 ## Reward
 
-The way forward in this step, in units of 20 mm: about 1 a step for a trot at full speed.
+Distance forward in this step, in units of 20 mm: about 1 a step for a trot at full speed.
 
 ## End of an episode
 
@@ -38,8 +38,8 @@ The way forward in this step, in units of 20 mm: about 1 a step for a trot at fu
 
 ## Success and metrics
 
-An episode succeeds when the robot gets ahead by 10 mm a step in the mean and does not fall over. The metric is that mean,
-`mean_step_mm`; a virtual robot adds its true way, speed and straightness.
+An episode succeeds when the robot moves forward by 10 mm a step on average and does not fall over. The metric is that mean,
+`mean_step_mm`; a virtual robot adds its true distance, speed and straightness.
 """
 
 from __future__ import annotations

@@ -43,8 +43,8 @@ class VisualGoal:
     def draw(self, rng: np.random.Generator) -> Place:
         """A random goal."""
         x, y = self.places[int(rng.integers(len(self.places)))]
-        moved_x, moved_y = (int(rng.integers(-jitter, jitter, endpoint=True)) for jitter in self.jitter_px)
-        return x + moved_x, y + moved_y
+        shift_x, shift_y = (int(rng.integers(-jitter, jitter, endpoint=True)) for jitter in self.jitter_px)
+        return x + shift_x, y + shift_y
 
 
 @dataclass(frozen=True)
@@ -147,15 +147,15 @@ class VideoCamera:
         if self._capture is None:
             self._capture = _open_capture(view)
         self._capture.grab()  # discard the driver's buffered frame, taken before the robot moved
-        taken, frame = self._capture.read()
-        if not taken:
+        is_read, frame = self._capture.read()
+        if not is_read:
             self.close()
             raise CameraError(f"camera {view.device} shows nothing; plug it in, end other programs that use it, or name another")
         height, width = frame.shape[:2]
         if (width, height) != (view.width_px, view.height_px):
             self.close()
-            wanted = f"{view.width_px} x {view.height_px}"
-            raise CameraError(f"camera {view.device} gives {width} x {height} px, not {wanted}; take one that can")
+            expected = f"{view.width_px} x {view.height_px}"
+            raise CameraError(f"camera {view.device} gives {width} x {height} px, not {expected}; take one that can")
         return np.ascontiguousarray(frame[..., ::-1])  # BGR to RGB
 
     def close(self) -> None:

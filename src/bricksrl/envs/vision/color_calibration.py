@@ -56,9 +56,9 @@ def calibrate_red(frame: Frame, at: Place | None = None) -> FoundRed:
         place = "the frame" if at is None else f"the frame at {at[0]}, {at[1]}"
         raise CameraError(f"nothing is red in {place}; bring the ball into the picture, give it light, or name a point of it")
     hue, strong, bright = (float(np.median(part[seed])) for part in (hue_deg, saturation, value))
-    alike = (chroma > 0) & (np.abs(hue_deg - hue) <= _UNLIKE_HUE_DEG)
-    alike &= (saturation >= _LEAST_SATURATION_RATIO * strong) & (value >= _LEAST_VALUE_RATIO * bright)
-    mask = _region(alike | seed, seed)
+    similar = (chroma > 0) & (np.abs(hue_deg - hue) <= _UNLIKE_HUE_DEG)
+    similar &= (saturation >= _LEAST_SATURATION_RATIO * strong) & (value >= _LEAST_VALUE_RATIO * bright)
+    mask = _region(similar | seed, seed)
     low, high = np.percentile(hue_deg[mask], (1, 99)).tolist()
     window = RedWindow(
         hue_deg=(round(max(low - _MARGIN_DEG, -_AROUND_RED_DEG), 1), round(min(high + _MARGIN_DEG, _AROUND_RED_DEG), 1)),
@@ -121,10 +121,10 @@ def picture(frame: Frame, found: FoundRed) -> Frame:
     hue_deg, saturation, value = _colours(frame)
     inside = (hue_deg >= window.hue_deg[0]) & (hue_deg <= window.hue_deg[1])
     inside &= (saturation >= window.saturation) & (value >= window.value)
-    outlined, only = frame.copy(), frame // 5
+    outlined, dimmed = frame.copy(), frame // 5
     outlined[ndimage.binary_dilation(found.mask, iterations=2) & ~found.mask] = (0, 255, 0)
-    only[inside] = frame[inside]
-    return np.hstack((outlined, only))
+    dimmed[inside] = frame[inside]
+    return np.hstack((outlined, dimmed))
 
 
 # ---------------------------------------------------------------- files

@@ -29,13 +29,13 @@ def encode_images(env: EnvBase, encoder: Literal["vip", "r3m"], *, weights_dir: 
     if "image" not in set(env.observation_spec.keys()):
         raise EncoderError(f"the environment has no image to encode with {encoder}; take one with a camera")
     transform, network = _NETWORKS[encoder]
-    place = None if weights_dir is None else str(weights_dir)
+    folder = None if weights_dir is None else str(weights_dir)
     try:
-        made = getattr(envs, transform)(network, in_keys=["image"], out_keys=["embedding"], download=True, download_path=place)
+        encode = getattr(envs, transform)(network, in_keys=["image"], out_keys=["embedding"], download=True, download_path=folder)
     except ImportError:
         raise EncoderError(f"{encoder} needs torchvision; install it: pip install 'bricksrl[encoders]'") from None
     except (OSError, RuntimeError) as error:  # no connection, no disk space, invalid weights
         reason = " ".join(str(error).split())[:120]
         message = f"the weights of {encoder} cannot be fetched ({reason}); go online once, or name a weights_dir"
         raise EncoderError(message) from error
-    return envs.TransformedEnv(env, made)
+    return envs.TransformedEnv(env, encode)

@@ -82,8 +82,8 @@ def _red_pixels(frame: Frame, window: RedWindow) -> tuple[NDArray[np.int64], NDA
     chroma = strongest - np.minimum(second, third)
     hue_deg = 60.0 * (second - third) / chroma
     low_deg, high_deg = window.hue_deg
-    found = (chroma >= window.saturation * strongest) & (hue_deg >= low_deg) & (hue_deg <= high_deg)
-    return np.divmod(pixels[found], frame.shape[1])
+    is_red = (chroma >= window.saturation * strongest) & (hue_deg >= low_deg) & (hue_deg <= high_deg)
+    return np.divmod(pixels[is_red], frame.shape[1])
 
 
 def distances_px(centres: NDArray[np.float64], goal: Place) -> NDArray[np.float64]:
@@ -106,35 +106,35 @@ def shrink_part(image: Frame, frame: Frame, part: Part, disc: Disc | None = None
     if disc is not None:
         (x, y), radius_px = disc
         draw_disc(canvas, (x - columns.start, y - rows.start), radius_px)
-    # Sums of whole numbers are exact: the image does not depend on what is computed with it.
-    flat = _squash(canvas, new_rows.stop - new_rows.start)
-    sums = _squash(flat.swapaxes(0, 1).astype(float, order="C"), new_columns.stop - new_columns.start).swapaxes(0, 1)
-    weights = math.prod(many // math.gcd(few, many) for few, many in zip(image.shape[:2], frame.shape[:2], strict=True))
+    # Sums of integers are exact: the image does not depend on which part is computed.
+    flat = _downsample(canvas, new_rows.stop - new_rows.start)
+    sums = _downsample(flat.swapaxes(0, 1).astype(float, order="C"), new_columns.stop - new_columns.start).swapaxes(0, 1)
+    weights = math.prod(old // math.gcd(new, old) for new, old in zip(image.shape[:2], frame.shape[:2], strict=True))
     image[new_rows, new_columns] = np.rint(sums / weights)
 
 
-def _whole_blocks(span: slice, few: int, many: int) -> tuple[slice, slice]:
-    """The smallest range around a span of ``many`` pixels that becomes whole pixels, and those among ``few``."""
-    blocks = math.gcd(few, many)
-    first, last = span.start * blocks // many, -(-span.stop * blocks // many)
-    old, new = many // blocks, few // blocks
+def _whole_blocks(span: slice, new_size: int, old_size: int) -> tuple[slice, slice]:
+    """The smallest range around a span of ``old_size`` pixels that becomes whole pixels, and those among ``new_size``."""
+    blocks = math.gcd(new_size, old_size)
+    first, last = span.start * blocks // old_size, -(-span.stop * blocks // old_size)
+    old, new = old_size // blocks, new_size // blocks
     return slice(first * old, last * old), slice(first * new, last * new)
 
 
-def _squash(canvas: NDArray[Any], few: int) -> NDArray[Any]:
-    """Rows ``[many, ...]`` to ``[few, ...]``: sums, each of ``many / gcd`` weights of a row."""
-    many, *rest = canvas.shape
-    blocks = math.gcd(few, many)  # no new row spans two blocks
-    squashed: NDArray[Any] = _cover(few // blocks, many // blocks) @ canvas.reshape(blocks, many // blocks, -1)
-    return squashed.reshape(few, *rest)
+def _downsample(canvas: NDArray[Any], new_size: int) -> NDArray[Any]:
+    """Rows ``[old_size, ...]`` to ``[new_size, ...]``: sums, each of ``old_size / gcd`` weights of a row."""
+    old_size, *rest = canvas.shape
+    blocks = math.gcd(new_size, old_size)  # no new row spans two blocks
+    sums: NDArray[Any] = _overlap(new_size // blocks, old_size // blocks) @ canvas.reshape(blocks, old_size // blocks, -1)
+    return sums.reshape(new_size, *rest)
 
 
 @functools.lru_cache(maxsize=16)
-def _cover(few: int, many: int) -> NDArray[np.float32]:
-    """Share of ``many`` rows in each of ``few`` equal parts of them, in units of ``1 / few`` rows; ``[few, many]``."""
-    edges = np.arange(few + 1)[:, None] * many
-    reached = np.clip(edges - np.arange(many) * few, 0, few)  # what of each row lies before each edge
-    share: NDArray[np.float32] = np.diff(reached, axis=0).astype(np.float32)
+def _overlap(new_size: int, old_size: int) -> NDArray[np.float32]:
+    """Overlap of each of ``new_size`` equal parts with ``old_size`` rows, in ``1 / new_size`` rows; ``[new_size, old_size]``."""
+    edges = np.arange(new_size + 1)[:, None] * old_size
+    covered = np.clip(edges - np.arange(old_size) * new_size, 0, new_size)  # part of each row before each edge
+    share: NDArray[np.float32] = np.diff(covered, axis=0).astype(np.float32)
     return share
 
 
@@ -152,7 +152,7 @@ def changed_part(frame: Frame, before: Frame) -> Part:
     """Part that contains every pixel in which two frames differ, a few px wider than needed at most; 1 px or more."""
     height, width = frame.shape[:2]
     word = math.gcd(8, width * 3)  # bytes that are compared at once
-    words, words_before = (np.ascontiguousarray(one).reshape(height, -1).view(f"u{word}") for one in (frame, before))
+    words, words_before = (np.ascontiguousarray(image).reshape(height, -1).view(f"u{word}") for image in (frame, before))
     differs = words != words_before
     rows, columns = (np.flatnonzero(differs.any(axis)).tolist() or [0] for axis in (1, 0))
     left, right = columns[0] * word // 3, -(-(columns[-1] + 1) * word // 3)
@@ -167,7 +167,7 @@ def red_part(frame: Frame, window: RedWindow) -> Part | None:
     return slice(int(rows.min()), int(rows.max()) + 1), slice(int(columns.min()), int(columns.max()) + 1)
 
 
-def hull(one: Part, other: Part) -> Part:
+def hull(first: Part, second: Part) -> Part:
     """The smallest part that contains both."""
-    rows, columns = (slice(min(a.start, b.start), max(a.stop, b.stop)) for a, b in zip(one, other, strict=True))
+    rows, columns = (slice(min(a.start, b.start), max(a.stop, b.stop)) for a, b in zip(first, second, strict=True))
     return rows, columns

@@ -1,4 +1,4 @@
-"""State of an episode before a camera."""
+"""Goal, image and distances of a camera in an episode."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from bricksrl.envs.vision.frames import Frame, changed_part, distances_px, find_
 
 
 class Watch:
-    """Goal, image and distances of a camera over one episode. Of a frame, only what differs from the first one is worked on.
+    """Goal, image and distances of a camera over one episode. Only changes from the first frame are processed.
 
     Args:
         view: the task's camera.

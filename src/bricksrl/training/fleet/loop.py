@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from bricksrl.data.recorder import Recorder
     from bricksrl.training.fleet.robots import Event, Fleet, Member
 
-_LOOK_S = 0.1
+_POLL_S = 0.1
 
 
 @dataclass
@@ -59,8 +59,8 @@ class FleetLoop(RunLoop):
 
     env: Fleet
     recorder: Recorder | None = None
-    _playing: dict[int, RunningEpisode] = field(default_factory=dict)
-    _begun: int = 0
+    _running: dict[int, RunningEpisode] = field(default_factory=dict)
+    _episodes_started: int = 0
     _is_started: bool = False
     _ended_s: float = 0.0
 
@@ -69,7 +69,7 @@ class FleetLoop(RunLoop):
         self._start()
         with self.signals.at_once():
             while not any(member.state is RobotState.ACTING for member in self.env.members):
-                self._handle(self.env.next_event(_LOOK_S))
+                self._handle(self.env.next_event(_POLL_S))
                 self._check_reach()
                 if self.signals.requested:
                     raise KeyboardInterrupt
@@ -79,7 +79,7 @@ class FleetLoop(RunLoop):
         if self._is_started:
             return
         self._is_started = True
-        self._begun = len(self.episodes)
+        self._episodes_started = len(self.episodes)
         self.env.start()
         weights = self.learner.new_weights()
         if weights is not None:
@@ -91,9 +91,9 @@ class FleetLoop(RunLoop):
             try:
                 yield
             finally:  # the current episodes
-                for playing in list(self._playing.values()):
-                    self._record(playing, success=None, whole=False)
-                self._playing.clear()
+                for running in list(self._running.values()):
+                    self._record(running, success=None, whole=False)
+                self._running.clear()
 
     def _episode(self, start: TensorDictBase | None) -> None:
         """Handle all robots until an episode ends, and save it.
@@ -104,7 +104,7 @@ class FleetLoop(RunLoop):
         """
         self._start()
         while not self.signals.requested:
-            episode = self._handle(self.env.next_event(_LOOK_S))
+            episode = self._handle(self.env.next_event(_POLL_S))
             if episode is not None:
                 episode = self._with_totals(episode, self._ended_s)
                 self._ended_s = time.perf_counter()
@@ -117,8 +117,8 @@ class FleetLoop(RunLoop):
         """Raise `HubError` if all robots have been out of reach for too long."""
         members = self.env.members
         if all(member.is_out for member in members):
-            gone_s = time.monotonic() - max(member.since_s for member in members)
-            if gone_s >= self.config.patience_s:
+            unreachable_s = time.monotonic() - max(member.since_s for member in members)
+            if unreachable_s >= self.config.patience_s:
                 raise HubError(f"no robot of the fleet can be reached; the last error: {members[-1].reason}")
 
     def _handle(self, event: Event | None) -> Episode | None:
@@ -137,14 +137,14 @@ class FleetLoop(RunLoop):
             case "begun":
                 self._set_state(member, RobotState.ACTING)
                 self._ended_s = self._ended_s or time.perf_counter()  # the run's time begins
-                self._playing[member.number].about = content
+                self._running[member.number].about = content
             case "frame":
                 self._frame(member, *content)
             case "out":
-                playing = self._playing.get(member.number)
+                running = self._running.get(member.number)
                 self._set_state(member, RobotState.LEFT, content)
                 error = HubError(f"{member.name}: {content}")
-                self.callback.on_link_lost(len(self.episodes) + 1, playing.length if playing else 0, error)
+                self.callback.on_link_lost(len(self.episodes) + 1, running.length if running else 0, error)
                 self._reassign()
             case "failed":
                 self._failed(member, *content)
@@ -157,9 +157,9 @@ class FleetLoop(RunLoop):
                 return episode
         return None
 
-    def _failed(self, member: Member, kind: str, message: str) -> None:
+    def _failed(self, member: Member, error_type: str, message: str) -> None:
         """Raise the permanent failure of a robot as a `RunError`."""
-        raise RunError(f"{member.name} failed ({kind}: {message}); correct it and resume the run")
+        raise RunError(f"{member.name} failed ({error_type}: {message}); correct it and resume the run")
 
     def _set_state(self, member: Member, state: RobotState, reason: str = "") -> None:
         if (state is RobotState.LEFT) is not member.is_out:
@@ -173,64 +173,64 @@ class FleetLoop(RunLoop):
         members = self.env.members
         if all(member.is_ready or member.is_out for member in members):
             for member in members:
-                if member.is_ready and member.number not in self._playing and member.state is not RobotState.DONE:
+                if member.is_ready and member.number not in self._running and member.state is not RobotState.DONE:
                     self._assign(member, ended)
 
     def _assign(self, member: Member, ended: int = 0) -> None:
         """Assign the next episode, unless all remaining ones are running; ``ended`` are not counted yet."""
-        at_work = sum(1 for other in self.env.members if other.number in self._playing and not other.is_out)
-        if len(self.episodes) + ended + at_work >= self.config.episodes:
+        working = sum(1 for other in self.env.members if other.number in self._running and not other.is_out)
+        if len(self.episodes) + ended + working >= self.config.episodes:
             self._set_state(member, RobotState.DONE)
             return
-        self._begun += 1
+        self._episodes_started += 1
         if member.state is RobotState.DONE:
             self._set_state(member, RobotState.STARTING)
-        number = self._begun
+        number = self._episodes_started
         phase = Phase.PREFILL if number <= self.prefill_episodes else Phase.TRAIN
-        self._playing[member.number] = RunningEpisode(member.name, number, phase)
+        self._running[member.number] = RunningEpisode(member.name, number, phase)
         is_random = phase is Phase.PREFILL
-        order = {"seed": derive_seed(self.config.seed, "episode", number), "is_random": is_random}
-        self.env.order(member, {**order, "policy": "random" if is_random else self.config.agent})
+        assignment = {"seed": derive_seed(self.config.seed, "episode", number), "is_random": is_random}
+        self.env.order(member, {**assignment, "policy": "random" if is_random else self.config.agent})
 
     def _frame(self, member: Member, rows: dict[str, Any], step: Step | None) -> None:
         """Store a step, learn from it, and distribute the weights."""
-        playing = self._playing[member.number]
+        running = self._running[member.number]
         frame = TensorDict(rows).unflatten_keys(".")
         lost = bool(frame["next"].get("link_lost", False))
         if not lost:
-            playing.length += 1
-            playing.return_ += float(frame["next", "reward"])
+            running.length += 1
+            running.return_ += float(frame["next", "reward"])
             if step is not None:
-                playing.steps.append(step)
-            self.callback.on_transition(playing.number, playing.length, playing.phase, frame)
+                running.steps.append(step)
+            self.callback.on_transition(running.number, running.length, running.phase, frame)
         self.learner.remember(frame[None], member.number)
-        if playing.phase is Phase.TRAIN and not lost:
-            playing.metrics.append(self.learner.learn(1))
+        if running.phase is Phase.TRAIN and not lost:
+            running.metrics.append(self.learner.learn(1))
         weights = self.learner.new_weights()
         if weights is not None:
             self.env.send_weights(weights)
         self.env.go_on(member)
-        self.callback.on_step(playing.number, playing.length, playing.phase)
+        self.callback.on_step(running.number, running.length, running.phase)
 
     def _ended(self, member: Member, success: bool | None, lost: bool) -> Episode | None:
         """End a robot's episode; ``None`` without a complete step."""
-        playing = self._playing.pop(member.number, None)
+        running = self._running.pop(member.number, None)
         self.learner.end_episodes(member.number)
         episode = None
-        is_whole = playing is not None and playing.length > 0
+        has_steps = running is not None and running.length > 0
         if member.process is not None:  # first, as a robot need not wait for the disk
-            self._assign(member, int(is_whole))
+            self._assign(member, int(has_steps))
         else:
-            self._reassign(int(is_whole))
-        if playing is not None and is_whole:
-            self._record(playing, success=success, whole=not lost)
-            length, metrics = playing.length, numbers(playing.metrics)
+            self._reassign(int(has_steps))
+        if running is not None and has_steps:
+            self._record(running, success=success, whole=not lost)
+            length, metrics = running.length, numbers(running.metrics)
             episode = Episode(
                 len(self.episodes) + 1,
-                playing.phase,
+                running.phase,
                 length,
                 length,
-                playing.return_,
+                running.return_,
                 success,
                 metrics,
                 link_lost=lost,
@@ -245,10 +245,10 @@ class FleetLoop(RunLoop):
             if other.state is RobotState.DONE:
                 self._assign(other, ended)
 
-    def _record(self, playing: RunningEpisode, *, success: bool | None, whole: bool) -> None:
-        if self.recorder is None or playing.about is None or not playing.steps:
+    def _record(self, running: RunningEpisode, *, success: bool | None, whole: bool) -> None:
+        if self.recorder is None or running.about is None or not running.steps:
             return
-        self.recorder.begin(replace(playing.about, robot=playing.robot))
-        for step in playing.steps:
+        self.recorder.begin(replace(running.about, robot=running.robot))
+        for step in running.steps:
             self.recorder.add(step)
         self.recorder.commit(success=success, whole=whole)

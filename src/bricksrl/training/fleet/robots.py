@@ -68,8 +68,8 @@ Event = tuple[Member, str, Any]
 def members_of(config: TrainConfig) -> list[Member]:
     """The robots of a config."""
     hubs = config.hubs
-    names = [hub if hub != "virtual" else f"virtual-{place + 1}" for place, hub in enumerate(hubs)]
-    return [Member(name, place, hub) for place, (name, hub) in enumerate(zip(names, hubs, strict=True))]
+    names = [hub if hub != "virtual" else f"virtual-{number + 1}" for number, hub in enumerate(hubs)]
+    return [Member(name, number, hub) for number, (name, hub) in enumerate(zip(names, hubs, strict=True))]
 
 
 class Fleet(SpecsEnv):
@@ -94,10 +94,10 @@ class Fleet(SpecsEnv):
             raise RunError(f"{config.env} is a simulation without a robot; train copies of it with num_envs")
         for hub in config.hubs:
             parse_hub(hub)
-        one = make(config.env, options=None, **config.options)
+        env = make(config.env, options=None, **config.options)
         names = ("observation_spec", "action_spec", "reward_spec", "done_spec")
-        super().__init__({name: getattr(one, name).clone() for name in names}, one.task)
-        one.close(raise_if_closed=False)
+        super().__init__({name: getattr(env, name).clone() for name in names}, env.task)
+        env.close(raise_if_closed=False)
         self.config, self.members = config, members_of(config)
         self.events: SimpleQueue[Event] = SimpleQueue()
         self.is_paced = config.hub == "virtual" and not config.realtime
@@ -105,7 +105,7 @@ class Fleet(SpecsEnv):
         self._weights: dict[str, Tensor] | None = None
         self._is_paused = self._is_over = False
 
-    # ---- the hand on all robots
+    # ---- control of all robots
 
     def stop(self) -> None:
         """Stop all robots at once, permanently."""
@@ -155,9 +155,9 @@ class Fleet(SpecsEnv):
             member.process = ChildProcess("bricksrl.training.fleet.worker", deliver)
         except OSError as error:
             raise LearnerError(f"cannot start the process of {member.name} ({error.strerror}); use fewer robots") from None
-        alone = replace(self.config, hub=member.hub, robots=1, asynchronous=False, run_dir=None, start=None, data=None)
+        robot_config = replace(self.config, hub=member.hub, robots=1, asynchronous=False, run_dir=None, start=None, data=None)
         begin = {
-            "config": alone.to_dict(),
+            "config": robot_config.to_dict(),
             "seed": derive_seed(self.config.seed, f"robot {member.name}", member.restarts),
             "is_recorded": self.config.record,
             "is_paced": self.is_paced,
@@ -237,25 +237,25 @@ class Fleet(SpecsEnv):
 class _Placer:
     """A thread that has robots placed one after the other, by one person."""
 
-    def __init__(self, place: Placement, answer: Callable[[Member, BaseException | None], None]) -> None:
-        self._place, self._answer = place, answer
-        self._asked: SimpleQueue[Member | None] = SimpleQueue()
+    def __init__(self, place: Placement, report: Callable[[Member, BaseException | None], None]) -> None:
+        self._place, self._report = place, report
+        self._queue: SimpleQueue[Member | None] = SimpleQueue()
         threading.Thread(target=self._work, name="placer", daemon=True).start()
 
     def ask(self, member: Member) -> None:
-        self._asked.put(member)
+        self._queue.put(member)
 
     def end(self) -> None:
-        self._asked.put(None)
+        self._queue.put(None)
 
     def _work(self) -> None:
         import numpy as np
 
         rng = np.random.default_rng()
-        while (member := self._asked.get()) is not None:
+        while (member := self._queue.get()) is not None:
             try:
                 self._place(rng)
             except BaseException as error:  # noqa: BLE001  raised again in the run's thread
-                self._answer(member, error)
+                self._report(member, error)
             else:
-                self._answer(member, None)
+                self._report(member, None)

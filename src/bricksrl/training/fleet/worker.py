@@ -34,7 +34,7 @@ class Worker:
 
     def __init__(self) -> None:
         self._inbox: SimpleQueue[Message] = SimpleQueue()
-        self._over = threading.Event()
+        self._ended = threading.Event()
         self._weights: deque[dict[str, Any]] = deque(maxlen=1)
         self._env: Any = None
         self._cut_until_s = 0.0
@@ -51,7 +51,7 @@ class Worker:
             case "stop" | "pause" | "resume" if self._env is not None:
                 getattr(self._env, kind)()
             case "end":
-                self._over.set()
+                self._ended.set()
                 self._inbox.put((kind, content))
             case _:
                 self._inbox.put((kind, content))
@@ -59,12 +59,12 @@ class Worker:
     def run(self) -> None:
         """Run episodes until the end."""
         try:
-            _, begin = self._take()
+            _, begin = self._next_message()
             env, actor = self._prepare(begin)
             try:
                 self.send("ready")
                 while True:
-                    _, order = self._take("episode")
+                    _, order = self._next_message("episode")
                     self._episode(env, actor, begin, order)
             finally:
                 env.close(raise_if_closed=False)
@@ -112,27 +112,27 @@ class Worker:
             rows = frame.exclude("link_lost").flatten_keys(".")  # only meaningful within an episode
             self.send("frame", (dict(rows.items()), step))
             if begin["is_paced"]:
-                self._take("go")
-            if self._over.is_set():
+                self._next_message("go")
+            if self._ended.is_set():
                 raise _FleetEnded
         success = None if rollout.is_lost else rollout.success(env)
         self.send("ended", (success, rollout.is_lost))
 
     def _place(self, _rng: np.random.Generator) -> None:
         self.send("place")
-        self._take("placed")
+        self._next_message("placed")
 
-    def _take(self, wanted: str | None = None) -> tuple[str, Any]:
+    def _next_message(self, expected: str | None = None) -> tuple[str, Any]:
         """The next message, of a given kind. Raises _FleetEnded if the fleet ended."""
         while True:
             message = self._inbox.get()
             if message[0] == END[0]:
                 raise _FleetEnded
-            if wanted is None or message[0] == wanted:
+            if expected is None or message[0] == expected:
                 return message
 
     def _wait(self, duration_s: float) -> None:
-        if self._over.wait(duration_s):
+        if self._ended.wait(duration_s):
             raise _FleetEnded
 
 

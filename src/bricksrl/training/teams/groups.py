@@ -102,13 +102,13 @@ class PPOGroup(GroupLearner):
         from torchrl.objectives.value import GAE
 
         self._group, self._settings, n = group, settings, len(scale)
-        kind: dict[str, Any] = {
+        options: dict[str, Any] = {
             "n_agents": robots,
             "share_params": True,
             "activation_class": nn.Tanh,
             "num_cells": settings.hidden,
         }
-        net = MultiAgentMLP(n, 2 * size, centralized=False, **kind)
+        net = MultiAgentMLP(n, 2 * size, centralized=False, **options)
         body = nn.Sequential(_Scaled(net, scale), NormalParamExtractor(scale_lb=0.05))
         self.policy = ProbabilisticActor(
             TensorDictModule(body, [(group, "observation")], [(group, "loc"), (group, "scale")]),
@@ -118,7 +118,7 @@ class PPOGroup(GroupLearner):
             return_log_prob=True,
             log_prob_key=(group, "action_log_prob"),
         )
-        value = _Scaled(MultiAgentMLP(n, 1, centralized=central, **kind), scale)
+        value = _Scaled(MultiAgentMLP(n, 1, centralized=central, **options), scale)
         critic = TensorDictModule(value, [(group, "observation")], [(group, "state_value")])
         make = MAPPOLoss if central else IPPOLoss
         with warnings.catch_warnings(action="ignore"):
@@ -148,10 +148,10 @@ class PPOGroup(GroupLearner):
         metrics: dict[str, list[Tensor]] = {}
         size = min(self._settings.batch_size, len(rows))
         for _ in range(self._settings.passes):
-            for places in torch.randperm(len(rows), device=rows.device).split(size):
-                losses = self.loss(rows[places])
-                wanted = [value for name, value in losses.items() if name.startswith("loss_")]
-                torch.stack([value.sum() for value in wanted]).sum().backward()
+            for indices in torch.randperm(len(rows), device=rows.device).split(size):
+                losses = self.loss(rows[indices])
+                parts = [value for name, value in losses.items() if name.startswith("loss_")]
+                torch.stack([value.sum() for value in parts]).sum().backward()
                 torch.nn.utils.clip_grad_norm_(self.loss.parameters(), self._settings.max_grad_norm)
                 self._optimizer.step()
                 self._optimizer.zero_grad()
@@ -173,33 +173,33 @@ class SACGroup(GroupLearner):
             "reward_spec": Unbounded((1,)),
             "done_spec": Composite(done=flag, terminated=flag.clone(), truncated=flag.clone()),
         }
-        own = SACSettings(
+        sac_settings = SACSettings(
             hidden=settings.hidden,
             gamma=settings.gamma,
             learning_rate=settings.learning_rate,
             updates_per_step=1.0,
             batch_size=256,
         )
-        self._learner: Learner = build(SpecsEnv(specs, None), own)
+        self._learner: Learner = build(SpecsEnv(specs, None), sac_settings)
         self._group, self._robots, self._settings, self._due = group, robots, settings, 0.0
         self.policy = TensorDictModule(_RobotPolicy(self._learner.policy), [(group, "observation")], [(group, "action")])
 
     def learn(self, frames: TensorDictBase) -> dict[str, Tensor]:
         group, after = self._group, frames["next"]
-        whole = frames.batch_size
+        shape = frames.batch_size
 
-        def of(part: TensorDictBase, name: str) -> Tensor:
+        def per_robot(part: TensorDictBase, name: str) -> Tensor:
             """Robots as copies, ``[copies * robots, time, n]``."""
             value = part[group, name] if (group, name) in part.keys(True) else part[name].unsqueeze(-2)
-            value = value.expand(*whole, self._robots, value.shape[-1])
-            copies: Tensor = value.transpose(1, 2).reshape(-1, whole[1], value.shape[-1])
+            value = value.expand(*shape, self._robots, value.shape[-1])
+            copies: Tensor = value.transpose(1, 2).reshape(-1, shape[1], value.shape[-1])
             return copies
 
-        ends = {name: of(after, name) for name in ("observation", "reward", "terminated", "done", "link_lost")}
-        batch = [whole[0] * self._robots, whole[1]]
-        now = {name: of(frames, name) for name in ("observation", "action")}
-        self._learner.remember(TensorDict({**now, "next": TensorDict(ends, batch)}, batch))
-        self._due += self._settings.updates_per_step * whole[1]
+        outcomes = {name: per_robot(after, name) for name in ("observation", "reward", "terminated", "done", "link_lost")}
+        batch = [shape[0] * self._robots, shape[1]]
+        current = {name: per_robot(frames, name) for name in ("observation", "action")}
+        self._learner.remember(TensorDict({**current, "next": TensorDict(outcomes, batch)}, batch))
+        self._due += self._settings.updates_per_step * shape[1]
         count, self._due = int(self._due), self._due % 1.0
         return self._learner.make_updates(count)
 
@@ -226,7 +226,7 @@ def scripted(group: str, script: Script) -> TensorDictModule:
     return TensorDictModule(script, [(group, "observation")], [(group, "action")])
 
 
-def by_copy(scripts: Sequence[Script]) -> Script:
+def alternating(scripts: Sequence[Script]) -> Script:
     """Script ``k`` modulo their number for copy ``k``; the first one for a single environment."""
 
     def act(observation: Tensor) -> Tensor:
@@ -263,7 +263,7 @@ def team_policy(env: EnvBase, learners: Mapping[str, GroupLearner], scripts: Map
             continue
         names = scripts.get(group, "").split(",")
         for name in set(names) - set(known):
-            choose = ", ".join(known)
-            raise DescriptionError(f"the group '{group}' of {env.task.id} has no script '{name}'; choose one of {choose}")
-        parts.append(scripted(group, by_copy([known[name] for name in names])))
+            names_known = ", ".join(known)
+            raise DescriptionError(f"the group '{group}' of {env.task.id} has no script '{name}'; choose one of {names_known}")
+        parts.append(scripted(group, alternating([known[name] for name in names])))
     return TensorDictSequential(*parts)

@@ -81,7 +81,7 @@ def load_team(path: Path, scripts: Mapping[str, str] | None = None) -> Team:
     try:
         config = TeamConfig(**{**state["config"], **({} if scripts is None else {"scripts": dict(scripts)})})
         settings = TeamSettings(**{**state["settings"], "hidden": tuple(state["settings"]["hidden"])})
-        team = _fresh(make_arena(config.env), config, settings)
+        team = _new_team(make_arena(config.env), config, settings)
         for group, learner in team.learners.items():
             learner.load_state_dict(state["groups"][group])
     except (KeyError, TypeError, RuntimeError) as error:
@@ -89,7 +89,7 @@ def load_team(path: Path, scripts: Mapping[str, str] | None = None) -> Team:
     return team
 
 
-def _fresh(env: EnvBase, config: TeamConfig, settings: TeamSettings) -> Team:
+def _new_team(env: EnvBase, config: TeamConfig, settings: TeamSettings) -> Team:
     from bricksrl.training.teams.groups import make_group, team_policy
 
     agents: Any = config.agents
@@ -109,7 +109,7 @@ def train_team(
     settings = settings or TeamSettings()
     env = make_arena(config.env, seed=derive_seed(config.seed, "arena"), batch_size=config.copies)
     with reproducible(derive_seed(config.seed, "team")):
-        team = _fresh(env, config, settings)
+        team = _new_team(env, config, settings)
         _learn(env, team, on_progress)
     env.close(raise_if_closed=False)
     return team
@@ -146,8 +146,8 @@ def _progress(team: Team, frames: Any, running: dict[str, Any], frames_done: int
             total += float((running[group] * done[:, step]).sum())
             running[group] *= ~done[:, step]
         returns[group] = total / ended if ended else float("nan")
-    won = float((after["terminated"] & after["done"]).sum()) / ended if ended else float("nan")
-    return TeamProgress(frames_done, ended, returns, won)
+    success = float((after["terminated"] & after["done"]).sum()) / ended if ended else float("nan")
+    return TeamProgress(frames_done, ended, returns, success)
 
 
 @dataclass(frozen=True)
