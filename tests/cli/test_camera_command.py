@@ -68,7 +68,7 @@ def test_webcam_calibration_uses_last_frames(
     assert read_red(tmp_path / "camera-1.json").hue_deg[1] < 0
     said = capsys.readouterr().out
     assert "ball     at 220, 120 (an area of 1600 px)" in said
-    assert "2 things" in said
+    assert "2 red objects" in said
 
 
 def test_mistakes_print_one_line(fails: Callable[..., None], monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

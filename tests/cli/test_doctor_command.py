@@ -20,13 +20,13 @@ def test_doctor_answers_on_this_computer(capfd) -> None:
     written = capfd.readouterr()
     lines = written.out.splitlines()
     assert (code, written.err) == (0, "")
-    assert [line.split()[1] for line in lines] == list(doctor.LOOKS)
+    assert [line.split()[1] for line in lines] == list(doctor.CHECKS)
     assert {line.split()[0] for line in lines} <= {"ok", "warning"}
     assert lines[0].startswith("ok ") and lines[1].startswith("ok ")
 
 
 def test_json(capfd, monkeypatch) -> None:
-    monkeypatch.setattr(doctor, "LOOKS", {"disk": doctor.look_at_disk, "bad": lambda: (Outcome.ERROR, "it is; mend it")})
+    monkeypatch.setattr(doctor, "CHECKS", {"disk": doctor.check_disk, "bad": lambda: (Outcome.ERROR, "it is; mend it")})
     assert main(("doctor", "--json")) == 1
     told = json.loads(capfd.readouterr().out)
     assert told["ok"] is False
@@ -37,7 +37,7 @@ def test_doctor_never_hangs_or_raises(capfd, monkeypatch) -> None:
     def broken() -> doctor.Answer:
         raise RuntimeError("a library\nof another time")
 
-    monkeypatch.setattr(doctor, "LOOKS", {"slow": lambda: time.sleep(20), "broken": broken})
+    monkeypatch.setattr(doctor, "CHECKS", {"slow": lambda: time.sleep(20), "broken": broken})
     start_s = time.monotonic()
     assert main(("doctor", "--timeout-s", "0.3")) == 1
     assert time.monotonic() - start_s < 5.0
@@ -75,39 +75,39 @@ def fail(error: HubError):
 
 def test_bluetooth_checks_go_from_system_to_hub(linux: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("bricksrl.hub.transports.scan.scan", lambda seconds: [])
-    assert doctor.look_at_bluetooth() == (Outcome.OK, "can look for hubs: no hub in reach right now")
+    assert doctor.check_bluetooth() == (Outcome.OK, "can look for hubs: no hub in reach right now")
     monkeypatch.setattr(
         "bricksrl.hub.transports.scan.scan", fail(BluetoothUnavailableError("access denied; join the group bluetooth"))
     )
-    outcome, detail = doctor.look_at_bluetooth()
+    outcome, detail = doctor.check_bluetooth()
     assert outcome is Outcome.WARNING and "access denied" in detail and "virtual hub" in detail
     (linux / "bus").unlink()
-    assert "start dbus" in doctor.look_at_bluetooth()[1]
+    assert "start dbus" in doctor.check_bluetooth()[1]
     (linux / "rfkill/rfkill0/soft").write_text("1\n")
-    assert "rfkill unblock bluetooth" in doctor.look_at_bluetooth()[1]
+    assert "rfkill unblock bluetooth" in doctor.check_bluetooth()[1]
     (linux / "bluetooth/hci0").rmdir()
-    assert "no Bluetooth adapter" in doctor.look_at_bluetooth()[1]
+    assert "no Bluetooth adapter" in doctor.check_bluetooth()[1]
 
 
 def test_missing_or_old_packages(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(
         "importlib.metadata.requires", lambda name: ["numpy>=99", "nowhere-to-be-found", "extra-thing; extra == 'x'"]
     )
-    outcome, detail = doctor.look_at_packages()
+    outcome, detail = doctor.check_packages()
     assert outcome is Outcome.ERROR
     assert "is not >=99; nowhere-to-be-found is missing; run `pip install" in detail and "extra-thing" not in detail
 
 
 def test_crashing_driver_is_a_warning(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(doctor, "_DRAW", "import os, signal; os.kill(os.getpid(), signal.SIGTERM)")
-    outcome, detail = doctor.look_at_opengl()
+    outcome, detail = doctor.check_opengl()
     assert outcome is Outcome.WARNING and "all the rest works" in detail
     monkeypatch.setattr(doctor, "_DRAW", "import time; time.sleep(20)")
     monkeypatch.setattr(doctor, "_DRAW_S", 0.3)
-    assert "nothing was drawn within 0.3 s" in doctor.look_at_opengl()[1]
+    assert "nothing was drawn within 0.3 s" in doctor.check_opengl()[1]
 
 
 @pytest.mark.parametrize(("free", "outcome"), [(10**8, Outcome.ERROR), (10**9, Outcome.WARNING), (10**11, Outcome.OK)])
 def test_disk_space(monkeypatch: pytest.MonkeyPatch, free: int, outcome: Outcome) -> None:
     monkeypatch.setattr("shutil.disk_usage", lambda path: type("Usage", (), {"free": free}))
-    assert doctor.look_at_disk()[0] is outcome
+    assert doctor.check_disk()[0] is outcome

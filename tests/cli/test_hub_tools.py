@@ -79,7 +79,7 @@ def test_user_is_asked_after_each_move(capfd, monkeypatch, answer: str, code: in
     monkeypatch.setattr("sys.stderr.isatty", lambda: True, raising=False)
     assert main(("hub", "check", "Spinning-v0", "--hub", "virtual")) == code
     written = capfd.readouterr()
-    assert written.err.count("[y/N]") == 3 and "may it?" in written.err
+    assert written.err.count("[y/N]") == 3 and "Move it now?" in written.err
     assert ("calibrate --reverse left" in written.out) == (code == 1)
 
 

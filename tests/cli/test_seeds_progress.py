@@ -13,10 +13,10 @@ from bricksrl.errors import RunError, UnknownNameError
 
 def test_progress_lines_show_episodes_and_lost_workers(capsys: pytest.CaptureFixture[str]) -> None:
     with SeedsProgress(range(2), 3, live=False) as progress:
-        progress.tell(0, {"started": 0, "pid": 1, "node": "one"})
-        progress.tell(0, {"episode": 1, "return": 2.5})
-        progress.tell(0, {"started": 1, "pid": 2, "node": "two"})
-        progress.tell(0, {"evaluated": 7.0})
+        progress.update(0, {"started": 0, "pid": 1, "node": "one"})
+        progress.update(0, {"episode": 1, "return": 2.5})
+        progress.update(0, {"started": 1, "pid": 2, "node": "two"})
+        progress.update(0, {"evaluated": 7.0})
     lines = capsys.readouterr().out.splitlines()
     assert lines[0] == "seed 0  episode 1/3  return 2.5"
     assert lines[1] == "seed 0  its worker was lost; resumed after episode 1"

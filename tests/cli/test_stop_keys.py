@@ -18,7 +18,7 @@ from prompt_toolkit.input import create_pipe_input
 from torchrl.envs import ParallelEnv
 
 import bricksrl
-from bricksrl.cli.emergency_stop import LEGEND, STOP_SIGNALS, Hand
+from bricksrl.cli.emergency_stop import LEGEND, STOP_SIGNALS, EmergencyStop
 from bricksrl.cli.key_listener import KeyListener
 from bricksrl.errors import HubError
 
@@ -57,8 +57,8 @@ class Robot:
 def laid_on(robot: object) -> Iterator[tuple[threading.Event, list[str], Callable[[str], None]]]:
     """An emergency stop with its messages and keys."""
     stop, told = threading.Event(), list[str]()
-    with create_pipe_input() as source, Hand(stop, told.append, keys=True, source=source) as hand:
-        hand.take(robot)
+    with create_pipe_input() as source, EmergencyStop(stop, told.append, keys=True, source=source) as emergency_stop:
+        emergency_stop.attach(robot)
         yield stop, told, source.send_text
 
 
@@ -138,8 +138,8 @@ def test_signal_stops_robot_while_lock_is_held(number: int) -> None:
     robot, stop, lock = Robot(), threading.Event(), threading.Lock()
     robot.stop = lambda: [lock.acquire(timeout=BOUND_S), robot.wanted.append("stop"), lock.release()]
     before = signal.getsignal(number)
-    with Hand(stop, lambda line: None, keys=False) as hand:
-        hand.take(robot)
+    with EmergencyStop(stop, lambda line: None, keys=False) as emergency_stop:
+        emergency_stop.attach(robot)
         with lock:
             signal.raise_signal(number)
         eventually(lambda: robot.wanted == ["stop"])
@@ -151,8 +151,8 @@ def test_later_robot_is_stopped_too() -> None:
     with laid_on(first) as (stop, _, press):
         press("q")
         eventually(stop.is_set)
-    with create_pipe_input() as source, Hand(stop, lambda line: None, keys=True, source=source) as hand:
-        hand.take(second)
+    with create_pipe_input() as source, EmergencyStop(stop, lambda line: None, keys=True, source=source) as emergency_stop:
+        emergency_stop.attach(second)
         eventually(lambda: second.wanted == ["stop"])
 
 
@@ -215,5 +215,5 @@ def test_keys_in_a_terminal(tmp_path) -> None:
 
 def test_copies_in_processes_that_have_not_started_can_be_taken() -> None:
     env = ParallelEnv(2, functools.partial(bricksrl.make, "RunAway-v0"))
-    with Hand(threading.Event(), lambda line: None, keys=False) as hand:
-        hand.take(env)
+    with EmergencyStop(threading.Event(), lambda line: None, keys=False) as emergency_stop:
+        emergency_stop.attach(env)

@@ -175,7 +175,7 @@ def test_recording_names_its_film(tmp_path, monkeypatch, capsys):
 
 
 def test_train_with_streaming(tmp_path, pipes, monkeypatch):
-    monkeypatch.setattr("bricksrl.cli.train._show", lambda result, hand, page: None)
+    monkeypatch.setattr("bricksrl.cli.train._report", lambda result, hand, page: None)
     run_dir = tmp_path / "run"
     options = ("--agent", "random", "--episodes", "1", "--streaming", "--app-data", "--run", str(run_dir))
     assert main(["train", "Spinning-v0", *options]) == 0

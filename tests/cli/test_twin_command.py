@@ -30,7 +30,7 @@ def test_record_fit_train(bricksrl, log, capsys, tmp_path):
     written = capsys.readouterr()
     assert written.err == ""
     assert "motor_a_angle" in written.out
-    assert "friction_scale                 1    this log does not tell it" in written.out
+    assert "friction_scale                 1    not identifiable from this log" in written.out
     physics = log.with_suffix(".physics.json")
     assert str(physics) in written.out
     found = json.loads(physics.read_text())

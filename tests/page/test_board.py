@@ -17,28 +17,28 @@ def test_reader_gets_snapshot_then_changes() -> None:
     board = Board()
     scene = Scene((SceneBody("cube", (Shape(box((1.0, 1.0, 1.0)), (1.0, 0.0, 0.0, 1.0)),)),))
     board.show_scene(scene, poses([[0, 0, 1]]))
-    board.tell(state="running")
+    board.update_status(state="running")
     series = board.new_series("reward", ("reward",))
     series.add((0.5,))
     reader = Reader(board)
-    news = reader.news(numbers=True)
+    news = reader.changes(numbers=True)
     assert news[0] == {"scene": 1} and news[1][0] == POSES and news[2] == {"status": {"state": "running"}}
     assert news[3] == {"series": {"reward": {"first": 0, "rows": [[0.5]], "names": ("reward",), "kept": 400}}}
-    assert reader.news(numbers=True) == []
+    assert reader.changes(numbers=True) == []
     series.add((0.25,))
-    board.tell(state="running")
-    assert reader.news(numbers=False) == []
-    assert reader.news(numbers=True) == [{"series": {"reward": {"first": 1, "rows": [[0.25]]}}}]
+    board.update_status(state="running")
+    assert reader.changes(numbers=False) == []
+    assert reader.changes(numbers=True) == [{"series": {"reward": {"first": 1, "rows": [[0.25]]}}}]
     board.show_poses(lambda: poses([[0, 0, 2]]))
-    (moved,) = reader.news(numbers=False)
+    (moved,) = reader.changes(numbers=False)
     assert struct.unpack("<7f", moved[4:])[:3] == (0, 0, 2)
-    assert [type(one) for one in Reader(board).news(numbers=True)] == [dict, bytes, dict, dict]
+    assert [type(one) for one in Reader(board).changes(numbers=True)] == [dict, bytes, dict, dict]
 
 
 def test_board_image() -> None:
     board = Board()
     board.show_image(np.arange(24, dtype=np.uint8).reshape(2, 4, 3))
-    message = Reader(board).news(numbers=True)[0]
+    message = Reader(board).changes(numbers=True)[0]
     assert struct.unpack_from("<BxHH", message) == (IMAGE, 2, 4) and message[8:] == bytes(range(24))
 
 
@@ -46,11 +46,11 @@ def test_late_reader_gets_bounded_series() -> None:
     board = Board()
     series = board.new_series("return", ("return",), kept=5)
     reader = Reader(board)
-    reader.news(numbers=True)
+    reader.changes(numbers=True)
     for value in range(12):
         series.add((value,))
-    assert reader.news(numbers=True)[-1]["series"]["return"]["first"] == 7
-    assert Reader(board).news(numbers=True)[-1]["series"]["return"]["rows"] == [[7.0], [8.0], [9.0], [10.0], [11.0]]
+    assert reader.changes(numbers=True)[-1]["series"]["return"]["first"] == 7
+    assert Reader(board).changes(numbers=True)[-1]["series"]["return"]["rows"] == [[7.0], [8.0], [9.0], [10.0], [11.0]]
     assert Series(("a",)).since(0) == (0, [])
 
 
@@ -58,9 +58,9 @@ def test_new_series_replaces_same_name() -> None:
     board = Board()
     board.new_series("channels", ("a",)).add((1.0,))
     reader = Reader(board)
-    reader.news(numbers=True)
+    reader.changes(numbers=True)
     board.new_series("channels", ("a", "b")).add((1.0, 2.0))
-    told = reader.news(numbers=True)[-1]["series"]["channels"]
+    told = reader.changes(numbers=True)[-1]["series"]["channels"]
     assert told["names"] == ("a", "b") and told["rows"] == [[1.0, 2.0]]
     json.dumps(told)
 
@@ -76,7 +76,7 @@ def test_driver_covers_full_range(monkeypatch) -> None:
     for bad in (None, [1, 2], [1, 2, 3, float("nan")], ["a"] * 4, {"a": 1}, [None] * 4):
         assert not driver.push(bad)
     assert driver.pushes == [-1.0, -0.5, 0.0, 1.0]
-    monkeypatch.setattr("bricksrl.page.driver.FORGOTTEN_S", -1.0)
+    monkeypatch.setattr("bricksrl.page.driver.PUSH_TIMEOUT_S", -1.0)
     assert driver.pushes == [0.0] * 4, "who is silent for too long has gone"
     driver.in_charge = False
     assert driver(None) is None

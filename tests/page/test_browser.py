@@ -58,7 +58,7 @@ class Played(threading.Thread):
         def leave(*_: object) -> None:
             raise _EndedError
 
-        self.page.saw = leave
+        self.page.show_step = leave
         self.page._press("resume", None)
         self.page._press("reset", None)
         self.join(BOUND_S)

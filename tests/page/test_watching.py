@@ -53,7 +53,7 @@ def test_page_reset_ends_episode_and_evaluation_continues(tmp_path: Path) -> Non
         result = train(config, Presses(page, stop), driver=page.driver, stop=stop)
     first, second = result.episodes
     assert first.length == 4, "the step that follows is the last"
-    assert second.length > 4 and not page.reset_asked
+    assert second.length > 4 and not page.is_reset_requested
     assert all(episode.evaluation is not None for episode in result.episodes)
 
 

@@ -60,12 +60,12 @@ def test_hidden_parameters_are_found(log: RunLog) -> None:
     found = fit(log)
     for name in ("left_angle", "right_angle", "yaw_rate"):
         assert found.error_after[name] < found.error_before[name] / 2, name
-    assert set(found.told) | set(found.untold) == set(FITTED)
-    assert {"battery_v", "motor_friction_scale", "mass_scale", "backlash_deg"} <= set(found.told)
-    for name in found.told:
+    assert set(found.identified) | set(found.unidentified) == set(FITTED)
+    assert {"battery_v", "motor_friction_scale", "mass_scale", "backlash_deg"} <= set(found.identified)
+    for name in found.identified:
         off = abs(getattr(found.physics, name) - getattr(HIDDEN, name))
         assert off < TOLERANCE * np.ptp(PARAMETERS[name].drawn), name
-    for name in found.untold:
+    for name in found.unidentified:
         assert getattr(found.physics, name) == getattr(Physics(), name)
 
 
@@ -77,7 +77,7 @@ def test_noise_is_estimated_at_rest() -> None:
         found = fit(record(link, TWO_WHEELER, interface, commands), names=("battery_v",))
     assert found.physics.gyro_noise_deg_s == pytest.approx(2.0, rel=0.2)
     assert found.physics.tilt_noise_deg == pytest.approx(1.0, rel=0.2)
-    assert found.told == {}, "a robot at rest does not tell its battery"
+    assert found.identified == {}, "a robot at rest does not tell its battery"
     assert found.physics.battery_v == Physics().battery_v
 
 

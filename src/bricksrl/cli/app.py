@@ -80,11 +80,11 @@ _GROUPS = {
     "data": ("Datasets: inspect, repair, merge, split, import, export and share them.", _DATA),
     "camera": ("The camera of a task: calibrate its colors.", {"calibrate": "camera:CalibrateCamera"}),
     "plan": (
-        "Building plans: check an LDraw file, list its parts, draw its booklet.",
+        "Building plans: check an LDraw file, list its parts, draw its booklet, show it in the browser.",
         {"check": "plan:CheckPlan", "parts": "plan:PlanParts", "steps": "plan:PlanSteps", "show": "plan:ShowPlan"},
     ),
     "new": (
-        "Templates: write a commented file to start a task, a robot or an algorithm from.",
+        "Templates: write a commented Python file as a start for your own task, robot or algorithm.",
         {"task": "new:NewTask", "robot": "new:NewRobot", "agent": "new:NewAgent"},
     ),
     "twin": (
@@ -115,8 +115,8 @@ def run(arguments: Sequence[str]) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     except OSError as error:
-        place = error.filename or ("the disk is full" if error.errno == errno.ENOSPC else "this computer")
-        print_error(f"{place}: {error.strerror or error}")
+        subject = error.filename or ("the disk is full" if error.errno == errno.ENOSPC else "this computer")
+        print_error(f"{subject}: {error.strerror or error}")
         return 2
     except MemoryError:
         print_error("this computer has not enough memory for that; ask for less")
@@ -133,14 +133,14 @@ def run(arguments: Sequence[str]) -> int:
 
 def parse(arguments: Sequence[str]) -> Command:
     """Parse the arguments into a command; exits like argparse for help and for invalid arguments."""
-    words = addressed(arguments)
-    complaint = io.StringIO()
+    words = command_words(arguments)
+    messages = io.StringIO()
     try:
-        with redirect_stderr(complaint):
+        with redirect_stderr(messages):
             parsed = _parse(words, arguments[len(words) :])
     except SystemExit as end:
         if end.code:
-            print_error(one_line(complaint.getvalue(), " ".join(["bricksrl", *words])))
+            print_error(one_line(messages.getvalue(), " ".join(["bricksrl", *words])))
         raise
     return cast(Command, parsed)
 
@@ -179,7 +179,7 @@ def _load(place: str) -> type:
     return command
 
 
-def addressed(arguments: Sequence[str]) -> list[str]:
+def command_words(arguments: Sequence[str]) -> list[str]:
     """Leading words that name a command or a group: none, ``train``, or ``hub`` and ``scan``."""
     words = [word for word in arguments[:1] if word in {*_COMMANDS, *_GROUPS}]
     group = _GROUPS.get(words[0]) if words else None

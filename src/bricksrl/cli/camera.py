@@ -22,9 +22,9 @@ if TYPE_CHECKING:
 class CalibrateCamera:
     """Calibrate the colors of the red ball for this camera and light.
 
-    Put the ball into the picture. Without --at, the ball is the largest of the most strongly red regions. The PNG shows the
-    result: the ball outlined, and beside it every pixel that counts as red. A real robot uses the saved calibration of its
-    camera; to use another file, or with a virtual robot, train with `--option calibration=FILE`.
+    Put the ball into the picture. Without --at, the largest region of strong red is taken for the ball. The PNG shows the result:
+    the ball outlined, and beside it every pixel that counts as red. A real robot uses the saved calibration of its camera; to
+    use another file, or with a virtual robot, train with `--option calibration=FILE`.
 
     Examples:
       bricksrl camera calibrate
@@ -66,12 +66,12 @@ class CalibrateCamera:
             frames = [camera.frame() for _ in range(self.frames)]
         finally:
             camera.close()
-        found = [calibrate_red(frame, self.at) for frame in frames[len(frames) // 2 :]]
-        last = FoundRed(spanning([one.window for one in found]), found[-1].mask)
+        calibrations = [calibrate_red(frame, self.at) for frame in frames[len(frames) // 2 :]]
+        ball = FoundRed(spanning([calibration.window for calibration in calibrations]), calibrations[-1].mask)
         path = self.out or saved_path(device)
-        write_red(path, last.window)
-        save_image(path.with_suffix(".png"), picture(frames[-1], last))
-        self._print(last, len(find_red(frames[-1], last.window)))
+        write_red(path, ball.window)
+        save_image(path.with_suffix(".png"), picture(frames[-1], ball))
+        self._print(ball, len(find_red(frames[-1], ball.window)))
         print_line(f"saved    {path}")
         print_line(f"picture  {path.with_suffix('.png')}")
         return 0
@@ -86,10 +86,10 @@ class CalibrateCamera:
         return TwinCamera(make_body(task.robot, scene=task.scene), view)
 
     @staticmethod
-    def _print(found: FoundRed, things: int) -> None:
-        window, (x, y) = found.window, found.middle
-        print_line(f"ball     at {x}, {y} (an area of {int(found.mask.sum())} px)")
+    def _print(ball: FoundRed, red_objects: int) -> None:
+        window, (x, y) = ball.window, ball.middle
+        print_line(f"ball     at {x}, {y} (an area of {int(ball.mask.sum())} px)")
         print_line(f"hue      {window.hue_deg[0]:g} to {window.hue_deg[1]:g} degrees")
         print_line(f"from     saturation {window.saturation:.2f}, value {window.value:.2f}")
-        if things > 1:
-            print_line(f"beware   {things} things in the picture count as red; take the others away, or name a point with --at")
+        if red_objects > 1:
+            print_line(f"beware   {red_objects} red objects are in the picture; remove the others, or name a point with --at")

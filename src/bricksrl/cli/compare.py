@@ -42,13 +42,13 @@ class Compare:
 
         if self.out is not None:
             check_picture(self.out)
-        found = compare(self.runs)
+        comparison = compare(self.runs)
         if self.json:
-            print_line(found.to_json())
+            print_line(comparison.to_json())
         else:
-            _print(found)
+            _print(comparison)
         if self.out is not None:
-            draw(self.out, found.groups)
+            draw(self.out, comparison.groups)
             if not self.json:
                 print_line(f"picture  {self.out}")
         return 0
@@ -56,7 +56,7 @@ class Compare:
 
 @dataclass(frozen=True)
 class Plot:
-    """Plot the learning curves of runs, with reference lines: random actions, a scripted controller, the paper.
+    """Plot the learning curves of runs, with reference lines: random actions, a scripted controller, the BricksRL paper.
 
     Examples:
       bricksrl plot runs/spin --out spin.png
@@ -79,25 +79,24 @@ class Plot:
         return 0
 
 
-def _print(found: Comparison) -> None:
+def _print(comparison: Comparison) -> None:
     from rich.console import Console
     from rich.table import Table
 
     from bricksrl.plotting import number
 
     table = Table("environment", "agent", "seeds", "episodes", "robot steps", "score", "95 % interval", box=None, pad_edge=False)
-    for group in found.groups:
+    for group in comparison.groups:
         episodes = max(map(len, group.curves))
         cells = (str(len(group.seeds)), str(episodes), f"{group.steps:,}", number(group.score), _interval(group))
         table.add_row(group.env, group.agent, *cells)
     console = Console()
     console.print(table)
-    console.print(f"\nscore: return, interquartile mean over the seeds; of each run its {found.scored_by}", highlight=False)
-    for one in found.improvements:
-        between = "" if one.interval is None else f" (95 % interval: {one.interval.low:.0%} to {one.interval.high:.0%})"
-        console.print(
-            f"{one.env}: {one.agent} beats {one.other} with probability {one.probability:.0%}{between}", highlight=False
-        )
+    console.print(f"\nscore: return, interquartile mean over the seeds; of each run its {comparison.scored_by}", highlight=False)
+    for pair in comparison.improvements:
+        bounds = "" if pair.interval is None else f" (95 % interval: {pair.interval.low:.0%} to {pair.interval.high:.0%})"
+        line = f"{pair.env}: {pair.agent} beats {pair.other} with probability {pair.probability:.0%}{bounds}"
+        console.print(line, highlight=False)
 
 
 def _interval(group: Group) -> str:

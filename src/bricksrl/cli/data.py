@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Info:
-    """Show a summary of datasets: returns, transitions, episodes, and their origin.
+    """Show a summary of datasets: episodes, transitions, returns, and their origin.
 
     The folder of a run stands for its dataset.
 
@@ -73,10 +73,10 @@ class Check:
         from bricksrl.data.integrity import check
         from bricksrl.data.reader import dataset_folder
 
-        wrong = check(dataset_folder(self.dataset))
-        for line in wrong or ["all is well"]:
+        faults = check(dataset_folder(self.dataset))
+        for line in faults or ["all is well"]:
             print_line(line)
-        return 1 if wrong else 0
+        return 1 if faults else 0
 
 
 @dataclass(frozen=True)
@@ -115,17 +115,17 @@ class Repair:
         if not Layout(root).description.exists():
             raise DataError(f"there is no dataset of ours in {root}; choose another folder")
         with only_writer(root):
-            done = recover(root, rebuild=True)
+            recovery = recover(root, rebuild=True)
         print_line(
-            f"{counted(len(done.index.rows), 'episode')}; {done.adopted} new in the index, "
-            f"{counted(done.unfinished, 'unfinished file')} removed"
+            f"{counted(len(recovery.index.rows), 'episode')}; {recovery.adopted} new in the index, "
+            f"{counted(recovery.unfinished, 'unfinished file')} removed"
         )
-        left = check(root)
-        for line in left:
+        faults = check(root)
+        for line in faults:
             print_line(line)
-        if left:
-            print_line(f"what is left of it goes to a new dataset with `bricksrl data repair {quoted(self.dataset)} --out DIR`")
-        return 1 if left else 0
+        if faults:
+            print_line(f"save the intact episodes to a new dataset with `bricksrl data repair {quoted(self.dataset)} --out DIR`")
+        return 1 if faults else 0
 
 
 @dataclass(frozen=True)
@@ -162,7 +162,7 @@ class Split:
     dataset: Annotated[Positional[Path], option(metavar="DIR")]
     """Folder of the dataset."""
     out: Annotated[Path, option(metavar="DIR")]
-    """Folder for the share, which must not exist."""
+    """Folder for the drawn share, which must not exist."""
     rest: Annotated[Path, option(metavar="DIR")]
     """Folder for the other episodes, which must not exist."""
     share: Annotated[float, option(metavar="SHARE")] = 0.8
@@ -223,9 +223,8 @@ class Import:
         """Import."""
         from bricksrl.data.importing import import_paper
 
-        for found in import_paper(self.source, self.out, env=self.env):
-            index = found.index
-            print_line(f"{found.source}: {index.description.env}, {_size(index)}: {found.out}")
+        for dataset in import_paper(self.source, self.out, env=self.env):
+            print_line(f"{dataset.source}: {dataset.index.description.env}, {_size(dataset.index)}: {dataset.out}")
         return 0
 
 
@@ -270,7 +269,7 @@ class Push:
     folder: Annotated[Positional[Path], option(metavar="DIR")]
     """Folder of the dataset, or of the run."""
     repo: Annotated[Positional[str], option(metavar="REPO")]
-    """Its name on the hub: name/dataset."""
+    """Repository on the Hugging Face hub: owner/name."""
     policy: Flag = False
     """Share the policy of the run instead of its data: a safetensors file, never a pickle."""
     private: Flag = False
@@ -297,7 +296,7 @@ class Pull:
     """
 
     repo: Annotated[Positional[str], option(metavar="REPO")]
-    """Its name on the hub: name/dataset."""
+    """Repository on the Hugging Face hub: owner/name."""
     out: Annotated[Path, option(metavar="DIR")]
     """Folder to write to, which must not exist."""
     policy: Flag = False

@@ -58,8 +58,8 @@ class Doctor:
         if not 0 < self.timeout_s <= _LONGEST_S:
             raise DescriptionError(f"timeout-s is {self.timeout_s:g}; give a positive number of up to {_LONGEST_S:g}")
         findings = []
-        for name, look in LOOKS.items():
-            finding = bounded(name, look, self.timeout_s)
+        for name, check in CHECKS.items():
+            finding = run_check(name, check, self.timeout_s)
             findings.append(finding)
             if not self.json:
                 print_line(f"{finding.outcome.value:9}{finding.name:12}{finding.detail}")
@@ -69,13 +69,13 @@ class Doctor:
         return 1 if errors else 0
 
 
-def bounded(name: str, look: Callable[[], Answer], timeout_s: float) -> Finding:
-    """Finding of a check with a timeout: a check that raises, or is too slow and left running in a thread, is a finding too."""
+def run_check(name: str, check: Callable[[], Answer], timeout_s: float) -> Finding:
+    """Finding of a check, also if it raises or exceeds the timeout; it is then left running in its thread."""
     answers: list[Answer] = []
 
     def run() -> None:
         try:
-            answers.append(look())
+            answers.append(check())
         except BaseException as error:  # noqa: BLE001  a broken package may raise anything
             answers.append((Outcome.ERROR, f"{type(error).__name__}: {' '.join(str(error).split())}; install bricksrl again"))
 
@@ -86,19 +86,19 @@ def bounded(name: str, look: Callable[[], Answer], timeout_s: float) -> Finding:
     return Finding(name, outcome, detail)
 
 
-def look_at_python() -> Answer:
+def check_python() -> Answer:
     """Check the version of Python."""
-    here = f"{platform.python_version()}, {platform.system()} {platform.machine()}"
+    version = f"{platform.python_version()}, {platform.system()} {platform.machine()}"
     if sys.version_info < _OLDEST_PYTHON:
-        return Outcome.ERROR, f"{here}; install Python 3.11 or later"
-    return Outcome.OK, here
+        return Outcome.ERROR, f"{version}; install Python 3.11 or later"
+    return Outcome.OK, version
 
 
-def look_at_packages() -> Answer:
+def check_packages() -> Answer:
     """Check the required packages and their versions."""
     from packaging.requirements import Requirement
 
-    there, wrong = [], []
+    installed, faults = [], []
     for text in metadata.requires("bricksrl") or []:
         requirement = Requirement(text)
         if requirement.marker is not None and not requirement.marker.evaluate({"extra": ""}):
@@ -106,25 +106,25 @@ def look_at_packages() -> Answer:
         try:
             version = metadata.version(requirement.name)
         except metadata.PackageNotFoundError:
-            wrong.append(f"{requirement.name} is missing")
+            faults.append(f"{requirement.name} is missing")
             continue
-        there.append(requirement.name)
+        installed.append(requirement.name)
         if not requirement.specifier.contains(version, prereleases=True):
-            wrong.append(f"{requirement.name} {version} is not {requirement.specifier}")
-    if wrong:
-        return Outcome.ERROR, f"{'; '.join(wrong)}; run `pip install bricksrl` again"
+            faults.append(f"{requirement.name} {version} is not {requirement.specifier}")
+    if faults:
+        return Outcome.ERROR, f"{'; '.join(faults)}; run `pip install bricksrl` again"
     main = ", ".join(f"{name} {metadata.version(name)}" for name in ("bricksrl", "torch", "torchrl", "mujoco", "bleak"))
-    return Outcome.OK, f"{main}, and {len(there) - 4} more"
+    return Outcome.OK, f"{main}, and {len(installed) - 4} more"
 
 
-def look_at_compiler() -> Answer:
+def check_compiler() -> Answer:
     """Check that the compiler of hub programs runs."""
     from bricksrl.hub.program.compile import compile_mpy
 
     return Outcome.OK, f"mpy-cross makes {len(compile_mpy('print(1)'))} bytes of one line"
 
 
-def look_at_physics() -> Answer:
+def check_physics() -> Answer:
     """Check that MuJoCo simulates a falling body."""
     from bricksrl.twin.make_body import check_mujoco
 
@@ -139,19 +139,19 @@ def look_at_physics() -> Answer:
     return Outcome.OK, f"MuJoCo {mujoco.__version__}"
 
 
-def look_at_opengl() -> Answer:
+def check_opengl() -> Answer:
     """Check that OpenGL renders, in a separate process, because a broken driver may crash it."""
     try:
-        done = subprocess.run([sys.executable, "-c", _DRAW], capture_output=True, text=True, timeout=_DRAW_S, check=False)  # noqa: S603
+        process = subprocess.run([sys.executable, "-c", _DRAW], capture_output=True, text=True, timeout=_DRAW_S, check=False)  # noqa: S603
     except subprocess.TimeoutExpired:
         return Outcome.WARNING, f"nothing was drawn within {_DRAW_S:g} s; all but pictures and videos works"
-    if done.returncode == 0:
+    if process.returncode == 0:
         return Outcome.OK, f"draws ({os.environ.get('MUJOCO_GL', 'the library that was found')})"
-    last = (done.stderr.strip().splitlines() or [f"exit code {done.returncode}"])[-1]
+    last = (process.stderr.strip().splitlines() or [f"exit code {process.returncode}"])[-1]
     return Outcome.WARNING, f"no pictures and videos: {last.rpartition('Error: ')[2]}; all the rest works without"
 
 
-def look_at_opencv() -> Answer:
+def check_opencv() -> Answer:
     """Check that OpenCV is installed."""
     try:
         import cv2
@@ -160,15 +160,15 @@ def look_at_opencv() -> Answer:
     return Outcome.OK, f"OpenCV {cv2.__version__}"
 
 
-def look_at_bluetooth() -> Answer:
+def check_bluetooth() -> Answer:
     """Check that hubs can be scanned for; on Linux also why not."""
     from bricksrl.hub.errors import BluetoothUnavailableError
     from bricksrl.hub.transports.bluetooth import lack_of_bluetooth
     from bricksrl.hub.transports.scan import scan
 
-    lack = lack_of_bluetooth()
-    if lack is not None:
-        return Outcome.WARNING, f"{lack[1]}; {_WITHOUT_ROBOT}"
+    fault = lack_of_bluetooth()
+    if fault is not None:
+        return Outcome.WARNING, f"{fault[1]}; {_WITHOUT_ROBOT}"
     try:
         hubs = scan(_SCAN_S)
     except BluetoothUnavailableError as error:
@@ -177,7 +177,7 @@ def look_at_bluetooth() -> Answer:
     return Outcome.OK, f"can look for hubs: {names}"
 
 
-def look_at_usb() -> Answer:
+def check_usb() -> Answer:
     """List the serial ports; a hub on a cable is one of them."""
     from serial.tools.list_ports import comports
 
@@ -185,13 +185,13 @@ def look_at_usb() -> Answer:
     return Outcome.OK, f"serial ports: {', '.join(ports) or 'none'}"
 
 
-def look_at_disk() -> Answer:
+def check_disk() -> Answer:
     """Check free space and write permission in the working folder."""
-    here = Path.cwd()
-    free_gb = shutil.disk_usage(here).free / 1e9
-    room = f"{free_gb:.1f} GB free in {here}"
-    if not os.access(here, os.W_OK):
-        return Outcome.WARNING, f"{here} cannot be written to; go to another folder, or give --run a path elsewhere"
+    folder = Path.cwd()
+    free_gb = shutil.disk_usage(folder).free / 1e9
+    room = f"{free_gb:.1f} GB free in {folder}"
+    if not os.access(folder, os.W_OK):
+        return Outcome.WARNING, f"{folder} cannot be written to; go to another folder, or give --run a path elsewhere"
     if free_gb < _NO_ROOM_GB:
         return Outcome.ERROR, f"{room}; make room, a run takes some hundred megabytes"
     if free_gb < _LITTLE_ROOM_GB:
@@ -199,14 +199,14 @@ def look_at_disk() -> Answer:
     return Outcome.OK, room
 
 
-LOOKS: dict[str, Callable[[], Answer]] = {
-    "python": look_at_python,
-    "packages": look_at_packages,
-    "compiler": look_at_compiler,
-    "physics": look_at_physics,
-    "opengl": look_at_opengl,
-    "opencv": look_at_opencv,
-    "bluetooth": look_at_bluetooth,
-    "usb": look_at_usb,
-    "disk": look_at_disk,
+CHECKS: dict[str, Callable[[], Answer]] = {
+    "python": check_python,
+    "packages": check_packages,
+    "compiler": check_compiler,
+    "physics": check_physics,
+    "opengl": check_opengl,
+    "opencv": check_opencv,
+    "bluetooth": check_bluetooth,
+    "usb": check_usb,
+    "disk": check_disk,
 }

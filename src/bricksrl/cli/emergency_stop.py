@@ -25,55 +25,55 @@ LEGEND = "keys: space, q or Esc stops the robot at once; p pauses it, and p agai
 STOP_SIGNALS = tuple(
     getattr(signal, name) for name in ("SIGUSR1", "SIGTERM", "SIGBREAK") if hasattr(signal, name)
 )  # Windows has the last one only, Ctrl-Break
-_END_S = 10.0
+_JOIN_TIMEOUT_S = 10.0
 
 
-class Hand:
+class EmergencyStop:
     """Emergency stop: while entered, keys stop or pause the robot, and signals stop it. Signals need the main thread.
 
     Requests are executed in a separate thread, since a signal may arrive while the main thread holds any lock.
 
     Args:
         stop: set when the robot is stopped, so that the run ends.
-        tell: prints a line for the user.
+        notify: prints a line for the user.
         keys: whether to listen to keys; by default if there is a terminal.
         source: source of the keys; by default the terminal.
     """
 
     def __init__(
-        self, stop: threading.Event, tell: Callable[[str], None], *, keys: bool | None = None, source: Input | None = None
+        self, stop: threading.Event, notify: Callable[[str], None], *, keys: bool | None = None, source: Input | None = None
     ) -> None:
-        self._stop, self._tell = stop, tell
+        self._stop, self._notify = stop, notify
         self._env: Any = None
-        self._wishes: queue.SimpleQueue[str] = queue.SimpleQueue()
-        self._worker = threading.Thread(target=self._work, name="bricksrl-hand", daemon=True)
+        self._requests: queue.SimpleQueue[str] = queue.SimpleQueue()
+        self._worker = threading.Thread(target=self._work, name="bricksrl-emergency-stop", daemon=True)
         self._keys = can_listen() if keys is None else keys
         self._source = source
-        self._held = contextlib.ExitStack()
+        self._handlers = contextlib.ExitStack()
         self._listener = contextlib.ExitStack()
 
-    def take(self, env: EnvBase) -> None:
-        """Set the environment to stop and pause; for one that cannot pause, a simulation, stop is the same as Ctrl-C."""
-        copies = bool(getattr(env, "batch_size", ()))  # which cannot be asked for attributes before they run
-        self._env = env if not copies and hasattr(env, "pause") else None
+    def attach(self, env: EnvBase) -> None:
+        """Set the environment to stop and pause. For a simulation, which cannot pause, stop is the same as Ctrl-C."""
+        is_batch = bool(getattr(env, "batch_size", ()))  # its attributes are not available before it runs
+        self._env = env if not is_batch and hasattr(env, "pause") else None
         if self._stop.is_set():
-            self._wishes.put("stop")
+            self._requests.put("stop")
 
     def __enter__(self) -> Self:
         self._worker.start()
         if threading.current_thread() is threading.main_thread():
             for number in STOP_SIGNALS:
-                self._held.callback(signal.signal, number, signal.signal(number, self._on_signal))
+                self._handlers.callback(signal.signal, number, signal.signal(number, self._on_signal))
         if self._keys:
             self._listener.enter_context(KeyListener(self._on_key, self._source))
-            self._tell(LEGEND)
+            self._notify(LEGEND)
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
         self._listener.close()
-        self._held.close()
-        self._wishes.put("end")
-        self._worker.join(_END_S)
+        self._handlers.close()
+        self._requests.put("end")
+        self._worker.join(_JOIN_TIMEOUT_S)
 
     @contextlib.contextmanager
     def quiet(self) -> Iterator[None]:
@@ -91,18 +91,18 @@ class Hand:
             place_robot(rng)
 
     def _on_signal(self, _number: int, _frame: FrameType | None) -> None:
-        self._wishes.put("stop")
+        self._requests.put("stop")
 
     def _on_key(self, key: str) -> None:
         if key in STOP_KEYS:
-            self._wishes.put("stop")
+            self._requests.put("stop")
         elif key == PAUSE_KEY:
-            self._wishes.put("pause")
+            self._requests.put("pause")
 
     def _work(self) -> None:
-        while (wish := self._wishes.get()) != "end":
+        while (request := self._requests.get()) != "end":
             try:
-                self._stop_robot() if wish == "stop" else self._pause_robot()
+                self._stop_robot() if request == "stop" else self._pause_robot()
             except BricksError as error:  # the hub could not be reached; its watchdog stops it
                 print_error(str(error))
 
@@ -112,15 +112,15 @@ class Hand:
             return
         self._stop.set()
         self._env.stop()
-        self._tell("stopped by hand")
+        self._notify("stopped by hand")
 
     def _pause_robot(self) -> None:
         env = self._env
         if env is None:
-            self._tell("nothing to pause here")
+            self._notify("nothing to pause here")
         elif env.is_paused:
             env.resume()
-            self._tell("goes on")
+            self._notify("goes on")
         else:
             env.pause()
-            self._tell("pauses after this step; p lets it go on")
+            self._notify("pauses after this step; p lets it go on")

@@ -35,17 +35,17 @@ class Evaluate:
     run: Annotated[Positional[Path], option(metavar="RUN")]
     """Folder that `bricksrl train` wrote."""
     env: Annotated[str | None, option(metavar="ENV")] = None
-    """Environment, if it is not that of the training."""
+    """Environment; by default that of the training."""
     episodes: Annotated[int, option(metavar="N")] = 5
     """Episodes to evaluate."""
     seed: Annotated[int, option(metavar="N")] = 1000
-    """Seed of the episodes; another seed gives other starts."""
+    """Seed of the episodes; another seed gives other initial states."""
     hub: Annotated[str | None, option(metavar="HUB")] = None
     """How to reach the robot: virtual, ble, ble:NAME, ble:ADDRESS, usb or usb:PORT; by default as in training."""
     realtime: Flag = False
     """Run the virtual robot in real time."""
     randomize: Flag = False
-    """Draw the physics of the virtual robot anew for each episode; by default off, even if the training randomized."""
+    """Draw new physics of the virtual robot for each episode; by default off, even if the training randomized."""
     physics: Annotated[Path | None, option(metavar="FILE")] = None
     """Physics of the virtual robot: a JSON file such as `bricksrl twin fit` writes; by default as in training."""
     best: Flag = False
@@ -57,7 +57,7 @@ class Evaluate:
 
     def execute(self) -> int:
         """Evaluate and print."""
-        from bricksrl.cli.emergency_stop import Hand
+        from bricksrl.cli.emergency_stop import EmergencyStop
         from bricksrl.evaluation import evaluate
         from bricksrl.evaluation.film import FilmOptions, film_run
         from bricksrl.twin.physics import read_physics
@@ -66,18 +66,18 @@ class Evaluate:
             check_film(self.video)
             if self.env is not None or self.hub not in (None, "virtual"):
                 raise TwinError("only the virtual robot of the run itself can be filmed; leave out --video, or --env and --hub")
-        options = FilmOptions(episodes=min(self.episodes, _FILMED_EPISODES), seed=self.seed)
+        film_options = FilmOptions(episodes=min(self.episodes, _FILMED_EPISODES), seed=self.seed)
         load_learning()
-        given: dict[str, Any] = {"realtime": self.realtime, "randomize": self.randomize}
-        given |= {} if self.hub is None else {"hub": self.hub}
-        given |= {} if self.physics is None else {"physics": read_physics(self.physics)}
+        options: dict[str, Any] = {"realtime": self.realtime, "randomize": self.randomize}
+        options |= {} if self.hub is None else {"hub": self.hub}
+        options |= {} if self.physics is None else {"physics": read_physics(self.physics)}
 
-        def tell(episode: int, return_: float) -> None:
+        def report(episode: int, return_: float) -> None:
             if not self.json:
                 print_line(f"episode {episode}/{self.episodes}  return {return_:.4g}")
 
         try:
-            with Hand(threading.Event(), print_note) as hand:
+            with EmergencyStop(threading.Event(), print_note) as emergency_stop:
                 result = evaluate(
                     self.run,
                     self.env,
@@ -85,10 +85,10 @@ class Evaluate:
                     seed=self.seed,
                     which="best" if self.best else "last",
                     save=False,
-                    on_episode=tell,
-                    on_env=hand.take,
-                    place=hand.place,
-                    **given,
+                    on_episode=report,
+                    on_env=emergency_stop.attach,
+                    place=emergency_stop.place,
+                    **options,
                 )
         except StoppedError:
             print_interrupted("nothing was counted")
@@ -97,8 +97,8 @@ class Evaluate:
             print_line(line)
         result.save()
         if self.video is not None:
-            filmed = film_run(self.run, "best" if self.best else "last", self.video, options)
-            print_note(f"video    {filmed.path}")
+            film = film_run(self.run, "best" if self.best else "last", self.video, film_options)
+            print_note(f"video    {film.path}")
         return 0
 
 
@@ -108,9 +108,9 @@ def describe(result: EvaluationResult) -> Iterator[str]:
 
     played, trained = counted(result.episodes, "episode"), counted(result.trained_episodes, "episode")
     yield f"{result.env}, {played} of {result.agent} after {trained} of training:"
-    within = result.return_interval
-    mean = f"  (95 % interval of the mean: {within.low:.4g} to {within.high:.4g})" if within is not None else ""
-    yield f"return   {result.return_mean:.4g} ± {result.return_std:.4g}{mean}"
+    interval = result.return_interval
+    bounds = f"  (95 % interval of the mean: {interval.low:.4g} to {interval.high:.4g})" if interval is not None else ""
+    yield f"return   {result.return_mean:.4g} ± {result.return_std:.4g}{bounds}"
     if result.success_rate is not None and result.success_interval is not None:
         low, high = result.success_interval.low, result.success_interval.high
         count = round(result.success_rate * result.episodes)

@@ -64,9 +64,9 @@ class Program:
 class Run:
     """Run a Pybricks program on a hub, virtual or real, and print its output and traceback; exit code 1 if it raises.
 
-    Files beside the program that it imports are included. It reads standard input. Ctrl-C stops the program and its motors.
+    Files that it imports from its folder are included. The program can read standard input. Ctrl-C stops it and its motors.
 
-    Without a robot, the virtual hub adapts to the program: it is of the kind that the program imports, and has on each port the
+    Without --robot, the virtual hub adapts to the program: its kind is the one that the program imports, and each port has the
     device that the program expects there.
 
     Examples:
@@ -84,11 +84,11 @@ class Run:
     """Pybricks program."""
     robot: Annotated[str | None, option(metavar="ROBOT")] = None
     """Robot of a virtual hub: two-wheeler, walker, robo-arm or bench; an environment such as RunAway-v0, for its robot and scene;
-    or a Python file with your own robot. Default: bench, or two-wheeler for a video or a page."""
+    or a Python file with your own robot. By default bench, or two-wheeler for a video or a page."""
     hub: Annotated[str, option(metavar="HUB")] = "virtual"
     """Which hub: virtual, in simulated time, or ble, ble:NAME, ble:ADDRESS, usb, usb:PORT."""
     time_limit_s: Annotated[float | None, option(metavar="SECONDS")] = None
-    """Time after which the program is stopped, without an error."""
+    """Stop the program after this time, without an error."""
     video: Annotated[Path | None, option(metavar="FILE")] = None
     """Film the virtual robot into this mp4 file."""
     press: Annotated[UseAppendAction[tuple[str, ...]], option(metavar="BUTTON@TIME")] = ()
@@ -100,21 +100,21 @@ class Run:
     realtime: Flag = False
     """Run a virtual hub in real time. The keys left, right, space (center) and b (bluetooth) press its buttons."""
     panel: Flag = False
-    """Print changes of the virtual hub's light, display and loudspeaker on standard error."""
+    """Print each change of the virtual hub's light, display and loudspeaker on standard error."""
     page: PageFlag = False
     live_page: LivePageGroup = PageAddress()
 
     def execute(self) -> int:
         """Run the program."""
         # Ctrl-C must not reach the program on the virtual hub, where a KeyboardInterrupt is an ordinary error.
-        before = signal.signal(signal.SIGINT, _interrupt)
+        previous_handler = signal.signal(signal.SIGINT, _interrupt)
         try:
             return self._run()
         except _Interrupted:
             print_interrupted("the program was stopped; there was nothing to save")
             return INTERRUPTED
         finally:
-            signal.signal(signal.SIGINT, before)
+            signal.signal(signal.SIGINT, previous_handler)
 
     def _run(self) -> int:
         from bricksrl.hub.program.user_program import own_program, read_program
@@ -125,7 +125,7 @@ class Run:
         if address.is_virtual:
             from bricksrl.virtual_hub.run import run_file
 
-            read = None if stdin is None or stdin.isatty() else stdin.buffer
+            source = None if stdin is None or stdin.isatty() else stdin.buffer
             read_program(self.file)  # raises before a film begins
             with ExitStack() as stack:
                 return run_file(
@@ -133,7 +133,7 @@ class Run:
                     self._body(stack),
                     stdout=out,
                     stderr=err,
-                    stdin=read,
+                    stdin=source,
                     time_limit_s=self.time_limit_s,
                     operation=self._operation(stack),
                 )
@@ -148,10 +148,10 @@ class Run:
         from bricksrl.hub.program.run import run_program
 
         program = own_program(self.file)
-        read = None if stdin is None else stdin.buffer
+        source = None if stdin is None else stdin.buffer
         transport = address.transport()
         try:
-            return run_program(transport, program, stdout=out, stderr=err, stdin=read, time_limit_s=self.time_limit_s)
+            return run_program(transport, program, stdout=out, stderr=err, stdin=source, time_limit_s=self.time_limit_s)
         finally:
             transport.close()
 
@@ -176,11 +176,11 @@ class Run:
         from bricksrl.virtual_hub.panel import parse_press
         from bricksrl.virtual_hub.run import Operation
 
-        keys = _keys(stack) if self.realtime else None
+        connect_keys = _keys(stack) if self.realtime else None
 
         def watch(panel: Panel) -> None:
-            if keys is not None:
-                keys(panel)
+            if connect_keys is not None:
+                connect_keys(panel)
             if self.panel:
                 _show(panel)
 
@@ -229,13 +229,13 @@ _KEYS = {"left": "left", "right": "right", " ": "center", "c-m": "center", "b": 
 
 
 def _keys(stack: ExitStack) -> Callable[[Panel], None] | None:
-    """Connection of keys to the panel's buttons; ``None`` without a terminal."""
+    """Function that connects keys to a panel's buttons; ``None`` without a terminal."""
     from bricksrl.cli.key_listener import KeyListener, can_listen
 
     if not can_listen():
         return None
 
-    def watch(panel: Panel) -> None:
+    def connect(panel: Panel) -> None:
         panel.is_watched = True
 
         def press(key: str) -> None:
@@ -245,7 +245,7 @@ def _keys(stack: ExitStack) -> Callable[[Panel], None] | None:
 
         stack.enter_context(KeyListener(press))
 
-    return watch
+    return connect
 
 
 def _show(panel: Panel) -> None:

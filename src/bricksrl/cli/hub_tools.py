@@ -41,7 +41,7 @@ class Scan:
     """
 
     hub: Hub = "ble"
-    """Where to scan: ble, or virtual for the always present virtual hub."""
+    """Where to scan: ble, or virtual for the virtual hub, which is always present."""
     seconds: Annotated[float, option(metavar="SECONDS")] = _SCAN_S
     """Duration of the scan."""
     json: Flag = False
@@ -158,15 +158,15 @@ class Latency:
             raise DescriptionError(f"exchanges is {self.exchanges}; measure at least 1")
         task = _task(self.env)
         with HubLink(_transport(self.hub, task), task.robot, task.interface) as link:
-            found = measure(link, task.interface, self.exchanges)
+            result = measure(link, task.interface, self.exchanges)
         if self.json:
-            print_line(json.dumps(dataclasses.asdict(found)))
+            print_line(json.dumps(dataclasses.asdict(result)))
             return 0
-        print_line(f"round trip           p50 {found.p50_ms:.1f} ms, p99 {found.p99_ms:.1f} ms, of {found.exchanges} exchanges")
-        if found.link_share is not None:
-            print_line(f"of a step            {found.link_share:.0%} is the link")
-        print_line(f"connection interval  {found.interval_ms:g} ms (inferred: half a round trip)")
-        if found.is_slow:
+        print_line(f"round trip           p50 {result.p50_ms:.1f} ms, p99 {result.p99_ms:.1f} ms, of {self.exchanges} exchanges")
+        if result.link_share is not None:
+            print_line(f"of a step            {result.link_share:.0%} is the link")
+        print_line(f"connection interval  {result.interval_ms:g} ms (inferred: half a round trip)")
+        if result.is_slow:
             print_line(f"faster               {advice()}")
         return 0
 
@@ -188,7 +188,7 @@ class CheckHub:
     hub: Hub = "ble"
     """Which hub: ble, ble:NAME, ble:ADDRESS, usb, usb:PORT, or virtual."""
     yes: Flag = False
-    """Make the test moves without asking, and do not ask whether they were right."""
+    """Make the test moves without asking for permission, or whether they were right."""
     calibrations: Folder = None
     """Folder of calibrations; by default that in your settings folder."""
     json: Flag = False
@@ -203,13 +203,13 @@ class CheckHub:
         task = _task(self.env)
         transport = _transport(self.hub, task)
         findings = []
-        watched = not self.yes and is_terminal()
+        is_watched = not self.yes and is_terminal()
         for finding in check_robot(
             transport,
             task.robot,
             task.interface,
-            may_move=lambda: self.yes or yes(f"The {task.robot.name} will move each motor a little. Is there room, and may it?"),
-            is_right=(lambda did: yes(f"{did}: was it that one, the way that the plan says?")) if watched else None,
+            may_move=lambda: self.yes or yes(f"The {task.robot.name} needs some room to move each motor a little. Move it now?"),
+            is_right=(lambda move: yes(f"{move}: was it this motor, and in the right direction?")) if is_watched else None,
             calibrate=calibration_of(lambda: _hub_id(transport), self.calibrations),
         ):
             findings.append(finding)
@@ -245,7 +245,7 @@ class Calibrate:
     hub: Hub = "ble"
     """Which hub: ble, ble:NAME, ble:ADDRESS, usb, usb:PORT, or virtual."""
     by_hand: Flag = False
-    """Set the zeros of motors without a range to their present angles; put legs and turntable there first."""
+    """Set the zeros of motors without a range to their present angles; put legs and turntable at their zeros first."""
     reverse: Annotated[tuple[str, ...], option(metavar="MOTOR ...")] = ()
     """Motors whose direction to reverse; nothing else is calibrated then."""
     forget: Flag = False
@@ -270,42 +270,43 @@ class Calibrate:
                 forget_calibration(hub_id, task.robot, self.calibrations)
                 print_line(f"{task.robot.name} on {hub_id}: as described")
                 return 0
-            known = load_calibration(hub_id, task.robot, self.calibrations)
+            saved = load_calibration(hub_id, task.robot, self.calibrations)
             if self.reverse:
-                found = Calibration(known.zeros_deg, known.reversed ^ set(self.reverse))
+                calibration = Calibration(saved.zeros_deg, saved.reversed ^ set(self.reverse))
             else:
-                zeros = self._zeros(transport, task.robot, known)
-                found = Calibration(known.zeros_deg | zeros, known.reversed)
+                zeros_deg = self._zeros_deg(transport, task.robot, saved)
+                calibration = Calibration(saved.zeros_deg | zeros_deg, saved.reversed)
         finally:
             transport.close()
-        path = save_calibration(hub_id, task.robot, found, self.calibrations)
-        for name, zero in sorted(found.zeros_deg.items()):
-            print_line(f"zero     {name:12}{zero} deg")
-        for name in sorted(found.reversed):
+        path = save_calibration(hub_id, task.robot, calibration, self.calibrations)
+        for name, zero_deg in sorted(calibration.zeros_deg.items()):
+            print_line(f"zero     {name:12}{zero_deg} deg")
+        for name in sorted(calibration.reversed):
             print_line(f"reversed {name}")
-        print_line(f"kept in  {path}")
+        print_line(f"saved    {path}")
         return 0
 
-    def _zeros(self, transport: Transport, robot: Robot, known: Calibration) -> dict[str, int]:
+    def _zeros_deg(self, transport: Transport, robot: Robot, saved: Calibration) -> dict[str, int]:
         from bricksrl.hub.diagnostics.calibration import CalibrationError, calibrated, zero_between
         from bricksrl.hub.diagnostics.survey import find_stops, survey
 
-        turned = calibrated(robot, dataclasses.replace(known, zeros_deg={}))
-        joints = [motor for motor in turned.motors if motor.range_deg is not None]
+        uncalibrated = calibrated(robot, dataclasses.replace(saved, zeros_deg={}))
+        joints = [motor for motor in uncalibrated.motors if motor.range_deg is not None]
         if not joints and not self.by_hand:
             raise CalibrationError(f"no motor of '{robot.name}' has stops; put its motors at their zeros and add --by-hand")
-        shown = survey(transport, turned).angles_deg if self.by_hand else {}
-        zeros = {motor.name: shown[motor.name] for motor in turned.motors if motor.range_deg is None and motor.name in shown}
+        angles_deg = survey(transport, uncalibrated).angles_deg if self.by_hand else {}
+        free = [motor.name for motor in uncalibrated.motors if motor.range_deg is None]
+        zeros_deg = {name: angles_deg[name] for name in free if name in angles_deg}
         if not joints:
-            return zeros
+            return zeros_deg
         names = ", ".join(motor.name for motor in joints)
-        if not self.yes and not yes(f"The joints {names} will turn slowly to their stops. Is there room, and may they?"):
+        if not self.yes and not yes(f"The joints {names} need room to turn slowly to their stops. Move them now?"):
             raise CalibrationError("nothing was moved and nothing calibrated; clear the way and say yes, or add --yes")
-        for name, stops in find_stops(transport, turned).items():
+        for name, stops in find_stops(transport, uncalibrated).items():
             if stops is None:
                 raise CalibrationError(f"motor '{name}' meets no stops; look whether it drives its joint")
-            zeros[name] = zero_between(stops, turned.motor(name))
-        return zeros
+            zeros_deg[name] = zero_between(stops, uncalibrated.motor(name))
+        return zeros_deg
 
 
 def _task(env_id: str) -> Task:

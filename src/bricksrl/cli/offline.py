@@ -12,7 +12,7 @@ from tyro.conf import Positional
 from bricksrl.cli.options import PageFlag, option
 from bricksrl.cli.page import LivePageGroup, PageAddress
 from bricksrl.cli.terminal import load_learning
-from bricksrl.cli.train import see_through
+from bricksrl.cli.train import run_training
 from bricksrl.errors import RunError
 
 
@@ -70,4 +70,4 @@ class TrainOffline:
             run_dir=self.run or Path("runs") / f"{file_name(self.env)}-{file_name(self.agent)}-{self.seed}-{time}",
         )
         address = self.live_page if self.page else None
-        return see_through(lambda shown: train(config, shown.callback, stop=shown.stop), config, address)
+        return run_training(lambda displays: train(config, displays.callback, stop=displays.stop), config, address)

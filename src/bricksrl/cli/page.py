@@ -32,7 +32,7 @@ class PageAddress:
     """Address flags of the live page."""
 
     page_host: Annotated[str, option(metavar="ADDRESS")] = "127.0.0.1"
-    """Address that serves the live page; 0.0.0.0 lets devices in the same network in that know the page's full address."""
+    """Address that serves the live page; 0.0.0.0 also admits devices in the same network that know the page's full address."""
     page_port: Annotated[int | None, option(metavar="N")] = None
     """Port of the live page; by default the first free one from 8090."""
 
@@ -101,15 +101,14 @@ class Play:
         is_run = folder.is_dir()
         with _environment(self, self.target, folder if is_run else None) as (env, env_id):
             players = named_policies(folder, env) if is_run else {"random": lambda: random_player(env)}
-            name = self.policy or list(players)[-1]
-            if name not in players:
-                raise DescriptionError(f"{self.target} has no policy '{name}'; choose {', '.join(players)}")
-            chosen = {name: players[name]}
-            players = {**{one: make for one, make in players.items() if one != name}, **chosen}
+            policy = self.policy or list(players)[-1]
+            if policy not in players:
+                raise DescriptionError(f"{self.target} has no policy '{policy}'; choose {', '.join(players)}")
+            players[policy] = players.pop(policy)  # the page begins with the last one
             if self.page:
                 subtitle = self.target if is_run else ""
                 return _on_page(self.live_page, env, env_id, players, subtitle=subtitle, episodes=self.episodes)
-            return _in_terminal(env, players[name](), self.episodes)
+            return _in_terminal(env, players[policy](), self.episodes)
 
 
 @dataclass(frozen=True)
@@ -168,7 +167,7 @@ def _on_page(
     in_charge: bool = False,
     episodes: int | None = None,
 ) -> int:
-    from bricksrl.cli.emergency_stop import Hand
+    from bricksrl.cli.emergency_stop import EmergencyStop
     from bricksrl.page.live import LivePage
     from bricksrl.page.play import play_on_page
 
@@ -176,9 +175,9 @@ def _on_page(
         env_id, subtitle, task=env.task, in_charge=in_charge, policies=tuple(players), speed="1x", options=address.page_options()
     )
     try:
-        with page, Hand(stop := threading.Event(), print_note) as hand:
+        with page, EmergencyStop(stop := threading.Event(), print_note) as emergency_stop:
             announce(page.url)
-            hand.take(env)
+            emergency_stop.attach(env)
             returns = play_on_page(env, page, players, episodes=episodes, stop=stop)
     except (KeyboardInterrupt, StoppedError):
         return INTERRUPTED
@@ -188,13 +187,13 @@ def _on_page(
 
 def _in_terminal(env: EnvBase, player: Player, episodes: int | None) -> int:
     """Play without a page, and print a line per episode."""
-    from bricksrl.cli.emergency_stop import Hand
+    from bricksrl.cli.emergency_stop import EmergencyStop
     from bricksrl.envs.rollout import Rollout, play
 
     number = 0
     try:
-        with Hand(threading.Event(), print_note) as hand:
-            hand.take(env)
+        with EmergencyStop(threading.Event(), print_note) as emergency_stop:
+            emergency_stop.attach(env)
             while episodes is None or number < episodes:
                 episode = Rollout()
                 for frame in play(env, player.act, reset_policy=player.reset):

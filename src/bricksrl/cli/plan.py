@@ -18,19 +18,19 @@ if TYPE_CHECKING:
     from bricksrl.plans.plan import Plan
 
 
-def _read(place: Path) -> Plan:
+def _read(path: Path) -> Plan:
     """The plan in a file, or that of a robot of this package."""
     from bricksrl import robots
     from bricksrl.plans.plan import read_plan
     from bricksrl.robots.planned import plan_file
 
-    if place.exists() or place.suffix:
-        return read_plan(place)
-    robot = robots.get(str(place))
-    own = plan_file(robot.model or "")
-    if own is None:
+    if path.exists() or path.suffix:
+        return read_plan(path)
+    robot = robots.get(str(path))
+    file = plan_file(robot.model or "")
+    if file is None:
         raise PlanError(f"{robot.name} has no building plan; name an LDraw file (.ldr, .mpd or .io)")
-    return read_plan(own)
+    return read_plan(file)
 
 
 @dataclass(frozen=True)
@@ -55,18 +55,18 @@ class CheckPlan:
         plan = _read(self.plan)
         findings = check(plan) + check_named(plan)
         for finding in findings:
-            where = f"line {finding.line}" if finding.line else "the plan"
-            print_line(f"{where:10}{finding.name:14}{finding.detail}")
+            location = f"line {finding.line}" if finding.line else "the plan"
+            print_line(f"{location:10}{finding.name:14}{finding.detail}")
         kinds = len({placed.part for placed in plan.parts})
         parts, steps = counted(len(plan.parts), "part"), counted(len(plan.steps), "step")
-        about = f"{parts} of {counted(kinds, 'kind')}, {steps}, {plan.mass_g:.0f} g"
-        print_line(f"{about}: {counted(len(findings), 'finding')}" if findings else f"{about}: all is well")
+        summary = f"{parts} of {counted(kinds, 'kind')}, {steps}, {plan.mass_g:.0f} g"
+        print_line(f"{summary}: {counted(len(findings), 'finding')}" if findings else f"{summary}: all is well")
         return 1 if findings else 0
 
 
 @dataclass(frozen=True)
 class PlanParts:
-    """List the parts of a building plan, as a table or as a file for part shops, and sets with its electronics.
+    """List the parts of a building plan, as a table or as a file for part shops, and the sets that contain its electronics.
 
     Without a plan, list the catalogue.
 
@@ -102,8 +102,9 @@ class PlanParts:
         if self.out is not None:
             write_durably(self.out, as_text(entries, self.format).encode())
         else:
-            for one in entries:
-                print_line(f"{one.count:4} x  {one.part.number:10}{one.colour.name:20}{one.mass_g:8.2f} g  {one.part.name}")
+            for entry in entries:
+                columns = f"{entry.count:4} x  {entry.part.number:10}{entry.colour.name:20}{entry.mass_g:8.2f} g"
+                print_line(f"{columns}  {entry.part.name}")
         for unknown in plan.unknown:
             print_line(f"{len(unknown.lines):4} x  {unknown.number:10}not in the catalogue")
         print_line(f"{counted(len(plan.parts), 'part')}, {plan.mass_g:.0f} g{f': {self.out}' if self.out else ''}")
@@ -137,7 +138,7 @@ class PlanSteps:
 
 @dataclass(frozen=True)
 class ShowPlan:
-    """Show a building plan in the browser: step by step, turned and zoomed, with sliders for its joints. Ctrl-C ends it.
+    """Show a building plan in the browser in 3D, step by step, with sliders for its joints. Ctrl-C ends it.
 
     Examples:
       bricksrl plan show walker

@@ -65,12 +65,12 @@ class LineProgress(Callback):
         return f"  {episode.updates_per_step:.3g} updates/step"
 
     def on_link_lost(self, episode: int, length: int, error: BricksError) -> None:
-        after = f"the link broke in episode {episode} after {counted(length, 'step')}" if length else "the robot is out of reach"
-        print_line(f"{after} ({error}); trying to reach it again")
+        event = f"the link broke in episode {episode} after {counted(length, 'step')}" if length else "the robot is out of reach"
+        print_line(f"{event} ({error}); trying to reach it again")
 
     def on_robot(self, robot: str, state: RobotState, reason: str) -> None:
         if state is RobotState.PLACED:
-            print_note(f"{robot} is to be put where an episode starts")
+            print_note(f"put {robot} where an episode starts")
         elif state is RobotState.LEFT:
             print_note(f"{robot} has left: {reason}")
 

@@ -14,7 +14,7 @@ from tyro.conf import Positional
 from bricksrl.cli.options import Flag, PageFlag, option
 from bricksrl.cli.page import LivePageGroup, PageAddress, run_on_page
 from bricksrl.cli.robot_flags import RobotFlags, RobotGroup
-from bricksrl.cli.teleop import HANDS, driving, quiet
+from bricksrl.cli.teleop import DEVICES, driving, quiet
 from bricksrl.cli.terminal import INTERRUPTED, load_learning, print_interrupted, print_line, print_note
 from bricksrl.cli.video import filmed_env
 from bricksrl.errors import DataError, DescriptionError, StoppedError, counted
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from torchrl.envs import EnvBase
 
     from bricksrl.agents.learner import Learner
-    from bricksrl.cli.emergency_stop import Hand
+    from bricksrl.cli.emergency_stop import EmergencyStop
     from bricksrl.data.collect import Collected
     from bricksrl.data.recorder import Recorder
     from bricksrl.envs.options import EnvOptions
@@ -71,7 +71,7 @@ class Record:
 
     def execute(self) -> int:
         """Record, and print a line per episode."""
-        from bricksrl.cli.emergency_stop import Hand
+        from bricksrl.cli.emergency_stop import EmergencyStop
         from bricksrl.data.recorder import Recorder
         from bricksrl.data.schema import describe, describe_task
         from bricksrl.envs import get_task
@@ -82,7 +82,7 @@ class Record:
         load_learning()
         count = 0
 
-        def tell(episode: Collected) -> None:
+        def report(episode: Collected) -> None:
             nonlocal count
             count += 1
             by_hand = f"  {counted(episode.interventions, 'step')} by hand" if episode.interventions else ""
@@ -90,20 +90,20 @@ class Record:
                 f"episode {count}/{self.episodes}  return {episode.return_:.4g}  {counted(episode.length, 'step')}{by_hand}"
             )
 
-        hands = self.policy if self.policy in HANDS else self.take_over
+        device = self.policy if self.policy in DEVICES else self.take_over
         options = self.robot.env_options()
         task = get_task(self.env, **options.options)
         try:
             with (
-                Hand(threading.Event(), print_note, keys=False if hands == "keyboard" else None) as hand,
-                driving(hands, describe_task(task), in_charge=self.policy in HANDS) as human,
-                self._environment(options, human, hand) as env,
+                EmergencyStop(threading.Event(), print_note, keys=False if device == "keyboard" else None) as emergency_stop,
+                driving(device, describe_task(task), in_charge=self.policy in DEVICES) as human,
+                self._environment(options, human, emergency_stop) as env,
                 filmed_env(env, self.video, f"{self.env}: {self.policy}"),
                 Recorder(self.out, describe(env, options.options)) as recorder,
                 run_on_page(self.live_page if self.page else None, self.env, options.options) as page,
             ):
-                hand.take(env)
-                self._collect(env, recorder, human, tell, page)
+                emergency_stop.attach(env)
+                self._collect(env, recorder, human, report, page)
         except (KeyboardInterrupt, StoppedError):
             print_interrupted(f"saved {counted(count, 'whole episode')} in {self.out}")
             return INTERRUPTED
@@ -114,18 +114,18 @@ class Record:
         return 0
 
     @contextmanager
-    def _environment(self, options: EnvOptions, human: Driver | None, hand: Hand) -> Iterator[EnvBase]:
+    def _environment(self, options: EnvOptions, human: Driver | None, emergency_stop: EmergencyStop) -> Iterator[EnvBase]:
         from bricksrl.envs import make
 
         def place(rng: np.random.Generator) -> None:
             with quiet(human):
-                hand.place(rng)
+                emergency_stop.place(rng)
 
-        by_hand = self.robot.hub == "virtual" and (self.policy in HANDS or self.take_over is not None)
+        is_driven = self.robot.hub == "virtual" and (self.policy in DEVICES or self.take_over is not None)
         try:
-            env = make(self.env, options, seed=self.seed, realtime=self.robot.realtime or by_hand, place=place)
+            env = make(self.env, options, seed=self.seed, realtime=self.robot.realtime or is_driven, place=place)
         except DescriptionError:
-            if not by_hand or self.robot.realtime:
+            if not is_driven or self.robot.realtime:
                 raise
             env = make(self.env, options, seed=self.seed, place=place)  # a kinematic simulation: `_collect` paces the driver
         try:
@@ -134,25 +134,25 @@ class Record:
             env.close(raise_if_closed=False)
 
     def _collect(
-        self, env: EnvBase, recorder: Recorder, human: Driver | None, tell: Callable[[Collected], None], page: LivePage | None
+        self, env: EnvBase, recorder: Recorder, human: Driver | None, report: Callable[[Collected], None], page: LivePage | None
     ) -> None:
         from bricksrl.data.collect import collect, random_policy
         from bricksrl.teleop.mapping import Paced, rest_action
 
-        on_frame: Callable[[TensorDictBase], None] = _unseen
-        driver, on_episode = human, tell
+        on_frame: Callable[[TensorDictBase], None] = _do_nothing
+        driver, on_episode = human, report
         if page is not None:
-            driver, on_frame, on_episode = human or page.driver, page.see, _told(tell, page)
+            driver, on_frame, on_episode = human or page.driver, page.show_step_and_hold, _reporting(report, page)
             page.attach(env)
         elif human is not None and not hasattr(env, "twin"):
             driver = Paced(human, recorder.description.rate_hz)
         policy: Policy
-        reset_policy: Callable[[], None] = _nothing
+        reset_policy: Callable[[], None] = _do_nothing
         if self.policy == "random":
             policy = random_policy(env, self.seed)
-        elif self.policy in HANDS:
-            still = rest_action(recorder.description.action)
-            policy = lambda state: state.set("action", still)  # noqa: E731  the robot rests while the human does not drive
+        elif self.policy in DEVICES:
+            resting = rest_action(recorder.description.action)
+            policy = lambda state: state.set("action", resting)  # noqa: E731  the robot rests while the human does not drive
         else:
             learner = _learner(Path(self.policy), env)
             policy, reset_policy = (learner.explore if self.explore else learner.exploit), learner.reset_policy
@@ -179,20 +179,16 @@ def _learner(path: Path, env: EnvBase) -> Learner:
     return load_shared(path, env) if is_policy(path) else load_learner(path, env).learner
 
 
-def _told(tell: Callable[[Collected], None], page: LivePage) -> Callable[[Collected], None]:
+def _reporting(report: Callable[[Collected], None], page: LivePage) -> Callable[[Collected], None]:
     """Callback that reports an episode to the terminal and to the page."""
 
-    def both(episode: Collected) -> None:
-        tell(episode)
+    def on_episode(episode: Collected) -> None:
+        report(episode)
         page.end(episode.return_, f"{episode.episode + 1}")
         page.begin()
 
-    return both
+    return on_episode
 
 
-def _unseen(_frame: TensorDictBase) -> None:
-    """Do nothing: there is no page to show a step on."""
-
-
-def _nothing() -> None:
-    """Do nothing: the policy has no state."""
+def _do_nothing(*_: object) -> None:
+    """Callback that does nothing."""

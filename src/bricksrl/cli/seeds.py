@@ -50,14 +50,14 @@ class SeedsProgress:
         if self._live is not None:
             self._live.stop()
 
-    def tell(self, seed: int, message: dict[str, Any]) -> None:
-        """Update from a message of a run; may be called from several threads."""
+    def update(self, seed: int, message: dict[str, Any]) -> None:
+        """Update the row of a seed from a message of its run; may be called from several threads."""
         with self._lock:
             row, line = self._rows[seed], ""
             if "started" in message:
-                again = row.state != "waiting"
+                is_restart = row.state != "waiting"
                 row.state, row.node = "training", message.get("node", "")
-                line = f"seed {seed}  its worker was lost; resumed after episode {message['started']}" if again else ""
+                line = f"seed {seed}  its worker was lost; resumed after episode {message['started']}" if is_restart else ""
             elif "episode" in message:
                 row.state, row.episode, row.return_ = "training", message["episode"], message["return"]
                 line = f"seed {seed}  episode {row.episode}/{self._episodes}  return {row.return_:.4g}"
@@ -77,8 +77,8 @@ class SeedsProgress:
 
         table = Table("seed", "episode", "return", "state", "computer", box=None)
         for seed, row in self._rows.items():
-            shown = "" if row.return_ is None else f"{row.return_:.4g}"
-            table.add_row(str(seed), f"{row.episode}/{self._episodes}", shown, row.state, row.node)
+            return_ = "" if row.return_ is None else f"{row.return_:.4g}"
+            table.add_row(str(seed), f"{row.episode}/{self._episodes}", return_, row.state, row.node)
         return table
 
 
@@ -89,13 +89,13 @@ def train_seeds(config: TrainConfig, count: int, on: str | None = None) -> int:
     multi_seed.check_count(count)
     try:
         with SeedsProgress(range(config.seed, config.seed + count), config.episodes) as progress:
-            summary = multi_seed.train_seeds(config, count, on=on, on_line=progress.tell)
+            summary = multi_seed.train_seeds(config, count, on=on, on_line=progress.update)
     except KeyboardInterrupt:
         folder = config.run_dir
         print_interrupted(
-            "no seed had begun, so nothing was saved"
+            "no seed had started, so nothing was saved"
             if folder is None or not folder.exists()
-            else f"what was trained is in {folder}; `bricksrl resume {quoted(folder)}/seed-...` goes on with a seed"
+            else f"what was trained is in {folder}; `bricksrl resume {quoted(folder)}/seed-...` resumes a seed"
         )
         return INTERRUPTED
     interval = summary.return_interval

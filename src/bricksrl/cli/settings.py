@@ -45,18 +45,18 @@ class Settings:
         meanings = field_docs(type(settings))
         for field in dataclasses.fields(settings):
             value = getattr(settings, field.name)
-            shown = ",".join(map(str, value)) if isinstance(value, tuple) else str(value)
-            table.add_row(field.name, shown or "-", meanings.get(field.name, ""))
+            text = ",".join(map(str, value)) if isinstance(value, tuple) else str(value)
+            table.add_row(field.name, text or "-", meanings.get(field.name, ""))
         Console().print(table)
         return 0
 
 
-def field_docs(kind: type[Any]) -> dict[str, str]:
+def field_docs(cls: type[Any]) -> dict[str, str]:
     """Docstrings of a dataclass's fields, by name, including those of its bases."""
     from docstring_parser import parse_from_object
 
-    found: dict[str, str] = {}
-    for base in reversed(kind.__mro__[:-1]):
-        params = parse_from_object(base).params
-        found |= {one.arg_name: " ".join((one.description or "").split()) for one in params if one.args[0] == "attribute"}
-    return found
+    docs: dict[str, str] = {}
+    for base in reversed(cls.__mro__[:-1]):
+        fields = [param for param in parse_from_object(base).params if param.args[0] == "attribute"]
+        docs |= {field.arg_name: " ".join((field.description or "").split()) for field in fields}
+    return docs

@@ -17,8 +17,8 @@ from bricksrl.cli.terminal import INTERRUPTED, load_learning, print_interrupted,
 class StudyCommand:
     """Train and evaluate a table of agents and environments with several seeds; write its numbers and a page.
 
-    Without a name, list the studies and their durations. The same command resumes an interrupted study and repeats no finished
-    run. Studies made of the repository's benchmarks reuse the results that exist.
+    Without a name, list the studies and their durations. The same command resumes an interrupted study without repeating finished
+    runs. A study made of benchmarks in the repository reuses their existing results.
 
     Examples:
       bricksrl study
@@ -39,7 +39,7 @@ class StudyCommand:
     on: Annotated[str | None, option(metavar="WHERE")] = None
     """Where to run: ray, or ray:ADDRESS for a cluster whose computers share the folder."""
     only: Annotated[tuple[str, ...], option(metavar="PATTERN")] = ()
-    """Run only the cells whose names match, e.g. "*RunAway-v0" "td3-*"; the page has all that were run."""
+    """Run only the cells whose names match, e.g. "*RunAway-v0" "td3-*"; the page shows all cells that were run."""
     folder: Annotated[Path | None, option(metavar="DIR")] = None
     """Folder of the study; by default studies/<name>, or studies/<name>-quick."""
     benchmarks: Annotated[Path, option(metavar="DIR")] = Path("benchmarks")
@@ -52,10 +52,11 @@ class StudyCommand:
         from bricksrl.evaluation.study_tables import STUDIES, Study
 
         if self.name is None:
-            every: list[Study | BenchmarkStudy] = [*STUDIES.values(), *BENCHMARK_STUDIES.values()]
-            for one in every:
-                taken = "" if one.name in STUDIES else ", at once where it was measured"
-                print_line(f"{one.name:15} {one.title}; {one.hours:g} h on two cores{taken}, --quick {one.quick_minutes:g} min")
+            studies: list[Study | BenchmarkStudy] = [*STUDIES.values(), *BENCHMARK_STUDIES.values()]
+            for study in studies:
+                note = "" if study.name in STUDIES else ", less if results exist"
+                line = f"{study.name:15} {study.title}; {study.hours:g} h on two cores{note}, --quick {study.quick_minutes:g} min"
+                print_line(line)
             return 0
         if self.name not in (*STUDIES, *BENCHMARK_STUDIES):
             raise UnknownNameError(f"there is no study '{self.name}'; choose {', '.join((*STUDIES, *BENCHMARK_STUDIES))}")
@@ -73,17 +74,17 @@ class StudyCommand:
         load_learning()
         from bricksrl.evaluation.study import run_study
 
-        took = f"{study.quick_minutes:g} minutes" if self.quick else f"{study.hours:g} hours"
-        print_line(f"{study.title}: {'cells of ' if self.only else ''}some {took} on two cores, into {folder}")
+        duration = f"{study.quick_minutes:g} minutes" if self.quick else f"{study.hours:g} hours"
+        print_line(f"{study.title}: {'cells of ' if self.only else ''}some {duration} on two cores, into {folder}")
 
-        def tell(cell: str, seed: int, error: str | None) -> None:
+        def report(cell: str, seed: int, error: str | None) -> None:
             print_line(f"{cell}  seed {seed}  {'done' if error is None else f'failed: {error}'}")
 
         run = partial(run_study, study, folder, quick=self.quick, seeds=self.seeds, jobs=self.jobs)
         try:
-            page = run(on=self.on, only=self.only, on_seed=tell)
+            page = run(on=self.on, only=self.only, on_seed=report)
         except KeyboardInterrupt:
-            print_interrupted(f"what was made is in {folder}; the same command goes on with it")
+            print_interrupted(f"finished runs are in {folder}; the same command resumes the study")
             return INTERRUPTED
         self._print(page)
         return 0

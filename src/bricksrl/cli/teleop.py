@@ -13,23 +13,23 @@ if TYPE_CHECKING:
     from bricksrl.teleop.gamepad import GamepadDriver
     from bricksrl.teleop.keyboard import KeyboardDriver
 
-HANDS = ("keyboard", "gamepad")
+DEVICES = ("keyboard", "gamepad")
 
 
 @contextmanager
-def driving(hands: str | None, description: Description, *, in_charge: bool) -> Iterator[KeyboardDriver | GamepadDriver | None]:
+def driving(device: str | None, description: Description, *, in_charge: bool) -> Iterator[KeyboardDriver | GamepadDriver | None]:
     """The driver of a keyboard or a gamepad, after printing the keys' meanings; ``None`` for no device. Raises DataError if the
     device is not available."""
     from bricksrl.teleop.gamepad import GamepadDriver
     from bricksrl.teleop.keyboard import KeyboardDriver
     from bricksrl.teleop.mapping import legend
 
-    if hands is None:
+    if device is None:
         yield None
         return
-    kind = KeyboardDriver if hands == "keyboard" else GamepadDriver
-    with kind(description.action, in_charge=in_charge) as driver:
-        if hands == "keyboard":
+    driver_type = KeyboardDriver if device == "keyboard" else GamepadDriver
+    with driver_type(description.action, in_charge=in_charge) as driver:
+        if device == "keyboard":
             for line in legend(description.action):
                 print_line(line)
         yield driver

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 INTERRUPTED = 130
 """Exit code after Ctrl-C, as in shells."""
-_HEAVY = ("torch", "torchrl.data", "torchrl.envs")
+_SLOW_IMPORTS = ("torch", "torchrl.data", "torchrl.envs")
 
 
 def print_line(line: str = "") -> None:
@@ -40,7 +40,7 @@ def print_interrupted(saved: str) -> None:
 
 
 def is_terminal() -> bool:
-    """True if the user can be asked."""
+    """Whether the user can be asked a question."""
     return sys.stdin is not None and sys.stdin.isatty() and sys.stderr.isatty()
 
 
@@ -63,7 +63,7 @@ def place_robot(_rng: np.random.Generator | None = None) -> None:
 
 
 def load_learning() -> None:
-    """Import torch and TorchRL; a Ctrl-C meanwhile is raised afterwards, because these modules may swallow it."""
+    """Import torch and TorchRL; a Ctrl-C meanwhile is raised afterwards, because these modules may ignore it."""
     from bricksrl.twin.make_body import check_mujoco
 
     interrupted = False
@@ -72,14 +72,14 @@ def load_learning() -> None:
         nonlocal interrupted
         interrupted = True
 
-    before = signal.signal(signal.SIGINT, remember)
+    previous_handler = signal.signal(signal.SIGINT, remember)
     try:
         check_mujoco()
-        for name in _HEAVY:
+        for name in _SLOW_IMPORTS:
             importlib.import_module(name)
             if interrupted:
                 break
     finally:
-        signal.signal(signal.SIGINT, before)
+        signal.signal(signal.SIGINT, previous_handler)
     if interrupted:
         raise KeyboardInterrupt

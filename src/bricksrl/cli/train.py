@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     import numpy as np
     from torchrl.envs import EnvBase
 
-    from bricksrl.cli.emergency_stop import Hand
+    from bricksrl.cli.emergency_stop import EmergencyStop
     from bricksrl.cli.progress import LineProgress
     from bricksrl.page.live import LivePage
     from bricksrl.training import RunResult, TrainConfig
@@ -86,7 +86,7 @@ class Train:
     on: Annotated[str | None, option(metavar="WHERE")] = None
     """Where to train the --seeds: ray, or ray:ADDRESS for a cluster (pip install 'bricksrl[distributed]')."""
     num_envs: Annotated[int, option(metavar="N")] = 1
-    """Environments to train on in parallel: copies of a simulation in one batch, virtual robots in one process each."""
+    """Environments to train on in parallel: a simulation runs as one batch, virtual robots in one process each."""
     robots: Annotated[int, option(metavar="N")] = 1
     """Virtual robots that train one agent, each in its process; real ones are named by --hub, such as ble:A,ble:B."""
     device: Annotated[Literal["cpu", "cuda", "mps", "auto"], option(metavar="NAME")] = "cpu"
@@ -94,7 +94,7 @@ class Train:
     compile: Flag = False
     """Compile loss and gradients into one graph; slow to start, worth it for long runs."""
     eval_every: Annotated[int, option(metavar="N")] = 0
-    """Evaluate after every N episodes, and keep the best checkpoint; 0 for never."""
+    """Evaluate after every N episodes, and keep the best checkpoint; 0 to do neither."""
     eval_episodes: Annotated[int, option(metavar="N")] = 5
     """Episodes of each of these evaluations."""
     stop_at: Annotated[float | None, option(metavar="RETURN")] = None
@@ -108,9 +108,9 @@ class Train:
     asynchronous: Flag = False
     """Learn in parallel with the robot, which never waits; the default on a real robot and with --realtime."""
     synchronous: Flag = False
-    """Learn while the robot waits, even on a real robot; runs on a virtual one are then reproducible."""
+    """Learn while the robot waits, even on a real robot; runs of a virtual robot are then reproducible."""
     patience: Annotated[float, option(metavar="SECONDS")] = 300.0
-    """How long to retry when the link to a robot broke."""
+    """How long to retry when the link to a robot is lost."""
     robot: RobotGroup = RobotFlags()
     live_page: LivePageGroup = PageAddress()
 
@@ -119,8 +119,7 @@ class Train:
         if self.resume is not None:
             if self.env is not None:
                 raise DescriptionError("a run that is resumed has an environment; omit ENV or --resume")
-            again = Resume(self.resume, self.episodes, self.page, self.live_page)
-            return again.execute()
+            return Resume(self.resume, self.episodes, self.page, self.live_page).execute()
         if self.env is None:
             raise DescriptionError("name an environment to train in, or a run to --resume; `bricksrl list` shows environments")
         load_learning()  # algorithms are registered when their modules are imported
@@ -135,22 +134,22 @@ class Train:
 
         address = self.live_page if self.page else None
         if self.take_over is None:
-            return see_through(lambda shown: train(config, shown.callback, **shown.arguments()), config, address)
+            return run_training(lambda displays: train(config, displays.callback, **displays.kwargs()), config, address)
         from bricksrl.cli.teleop import driving, quiet
         from bricksrl.data.schema import describe_task
         from bricksrl.envs import get_task
 
         with driving(self.take_over, describe_task(get_task(self.env, **config.options)), in_charge=False) as driver:
 
-            def start(shown: Shown) -> RunResult:
+            def start(displays: Displays) -> RunResult:
                 def place(rng: np.random.Generator) -> None:
                     with quiet(driver):
-                        shown.progress.place(rng)
+                        displays.progress.place(rng)
 
-                return train(config, shown.callback, place=place, driver=driver, stop=shown.stop)
+                return train(config, displays.callback, place=place, driver=driver, stop=displays.stop)
 
-            by_keys = self.take_over == "keyboard"  # then all keys are for driving
-            return see_through(start, config, address, keys=False if by_keys else None)
+            keys = False if self.take_over == "keyboard" else None  # all keys of a keyboard are for driving
+            return run_training(start, config, address, keys=keys)
 
     def config(self, env: str) -> TrainConfig:
         """Configuration of the run from the flags."""
@@ -163,13 +162,13 @@ class Train:
 
         if self.asynchronous and self.synchronous:
             raise DescriptionError("a run is synchronous or asynchronous; choose one of the two")
-        before = None if self.start is None else RunFolder(self.start).read_config()
-        agent = self.agent if self.agent is not None else "sac" if before is None else before.agent
-        if before is not None and self.preset is None and before.agent == agent:
-            settings = before.settings
+        source = None if self.start is None else RunFolder(self.start).read_config()
+        agent = self.agent if self.agent is not None else "sac" if source is None else source.agent
+        if source is not None and self.preset is None and source.agent == agent:
+            settings = source.settings
         else:
             settings = settings_for(env, "default" if self.preset is None else self.preset, agent)
-            settings = settings if before is None or before.agent == agent else settings_like(before, settings)
+            settings = settings if source is None or source.agent == agent else settings_like(source, settings)
         if self.settings is not None:
             settings = read_settings(self.settings, settings)
         time = datetime.now().astimezone().strftime("%Y%m%d-%H%M%S")
@@ -210,7 +209,7 @@ class Resume:
     run: Annotated[Positional[Path], option(metavar="RUN")]
     """Folder that `bricksrl train` wrote."""
     episodes: Annotated[int | None, option(metavar="N")] = None
-    """Total number of episodes, including those already trained; by default that of the run's start."""
+    """Total number of episodes, including those already trained; by default as when the run was started."""
     page: PageFlag = False
     live_page: LivePageGroup = PageAddress()
 
@@ -219,14 +218,14 @@ class Resume:
         from bricksrl.training import RunFolder, resume
 
         config, address = RunFolder(self.run).read_config(), self.live_page if self.page else None
-        return see_through(
-            lambda shown: resume(self.run, shown.callback, episodes=self.episodes, **shown.arguments()), config, address
+        return run_training(
+            lambda displays: resume(self.run, displays.callback, episodes=self.episodes, **displays.kwargs()), config, address
         )
 
 
 @dataclass(frozen=True)
-class Shown:
-    """Displays of a run, in the terminal and on an optional page, and its stop event."""
+class Displays:
+    """Displays of a run, in the terminal and on an optional page, and the event that stops it."""
 
     progress: LineProgress
     stop: threading.Event
@@ -243,17 +242,17 @@ class Shown:
 
         return CallbackList(self.progress, PageCallback(self.page, self.stop))
 
-    def arguments(self) -> dict[str, Any]:
+    def kwargs(self) -> dict[str, Any]:
         """Keyword arguments for `train` and `resume`."""
         driver = None if self.page is None else self.page.driver
         return {"place": self.progress.place, "stop": self.stop, "driver": driver}
 
 
-def see_through(
-    start: Callable[[Shown], RunResult], config: TrainConfig, address: PageAddress | None, *, keys: bool | None = None
+def run_training(
+    start: Callable[[Displays], RunResult], config: TrainConfig, address: PageAddress | None, *, keys: bool | None = None
 ) -> int:
-    """Run, evaluate and report a training with its displays; returns the exit code. ``keys`` is passed to :class:`Hand`."""
-    from bricksrl.cli.emergency_stop import Hand
+    """Run, evaluate and report a training with its displays; returns the exit code. ``keys`` is for :class:`EmergencyStop`."""
+    from bricksrl.cli.emergency_stop import EmergencyStop
     from bricksrl.cli.progress import make_progress
 
     progress, stop = make_progress(), threading.Event()
@@ -261,13 +260,13 @@ def see_through(
         load_learning()
         with (
             run_on_page(address, config.env, config.options, on_stop=stop.set, can_drive=config.num_envs == 1) as page,
-            Hand(stop, progress.tell, keys=keys) as hand,
+            EmergencyStop(stop, progress.tell, keys=keys) as emergency_stop,
         ):
-            progress.on_ready, progress.quiet = hand.take, hand.quiet
-            result = start(Shown(progress, stop, page))
+            progress.on_ready, progress.quiet = emergency_stop.attach, emergency_stop.quiet
+            result = start(Displays(progress, stop, page))
             progress.close()
             if not result.interrupted:
-                _show(result, hand, page)
+                _report(result, emergency_stop, page)
                 return 0
     except (KeyboardInterrupt, StoppedError):  # before or after the training, or a second time during it
         pass
@@ -277,7 +276,7 @@ def see_through(
     return INTERRUPTED
 
 
-def _show(result: RunResult, hand: Hand, page: LivePage | None) -> None:
+def _report(result: RunResult, emergency_stop: EmergencyStop, page: LivePage | None) -> None:
     """Evaluate, film, and print the paths of the results."""
     from bricksrl.cli.evaluate import describe
     from bricksrl.cli.page import show_file
@@ -293,19 +292,19 @@ def _show(result: RunResult, hand: Hand, page: LivePage | None) -> None:
         )
 
     def on_env(env: EnvBase) -> None:
-        hand.take(env)
+        emergency_stop.attach(env)
         if page is not None:
-            page.tell(state="evaluating")
+            page.update_status(state="evaluating")
             page.attach(env)
 
     print_line("evaluating")
-    judged = evaluate(result.run_dir, episodes=_EVALUATED_EPISODES, save=False, on_env=on_env, place=hand.place)
-    for line in describe(judged):
+    evaluation = evaluate(result.run_dir, episodes=_EVALUATED_EPISODES, save=False, on_env=on_env, place=emergency_stop.place)
+    for line in describe(evaluation):
         print_line(line)
-    judged.save()
+    evaluation.save()
     if page is not None:
         page.finish(f"Done. `bricksrl play {quoted(result.run_dir)} --page` shows what it has learned.")
-    summary, video = report(result, judged)
+    summary, video = report(result, evaluation)
     print_line(f"learning curve  {RunFolder(result.run_dir).curve_path}")
     print_line(f"video           {video}")
     print_line(f"report          {summary}")

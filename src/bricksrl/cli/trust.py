@@ -16,7 +16,7 @@ from bricksrl.cli.terminal import print_line
 class Trust:
     """Allow a run or a policy made by somebody else to execute the Python files that it names.
 
-    Runs with a task, an algorithm or networks in files execute them. Runs trained on this computer are trusted; one from
+    Some runs name Python files with a task, an algorithm or networks. Runs trained on this computer are trusted; one from
     elsewhere is refused until you allow it. Read its code first: it runs with all your permissions.
 
     Examples:
@@ -30,6 +30,6 @@ class Trust:
         """Declare the run trusted and print the allowed code."""
         from bricksrl.envs.trust import trust
 
-        code = trust(self.run)
-        print_line(f"{self.run} may run {', '.join(code)}" if code else f"{self.run} names no code; it needed no trust")
+        files = trust(self.run)
+        print_line(f"{self.run} may run {', '.join(files)}" if files else f"{self.run} names no code; it needs no trust")
         return 0

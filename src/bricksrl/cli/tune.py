@@ -17,8 +17,8 @@ from bricksrl.files import quoted
 class Tune:
     """Tune the hyperparameters of an agent for a fixed number of robot steps.
 
-    Optuna proposes settings; each is trained with some seeds and evaluated, in simulation. The folder gets the study, which the
-    same command continues, also from several terminals at once, and best.json for `bricksrl train --settings`.
+    Optuna proposes settings; each is trained with some seeds and evaluated in simulation. The folder gets the study and best.json
+    for `bricksrl train --settings`. The same command continues the study, also from several terminals at once.
 
     Examples:
       bricksrl tune WalkerSim-v0 --agent sac --trials 50
@@ -41,7 +41,6 @@ class Tune:
     """Seed of the proposals."""
     folder: Annotated[Path | None, option(metavar="DIR")] = None
     """Folder of the study; by default tuning/<env>-<agent>."""
-
     on: Annotated[str | None, option(metavar="WHERE")] = None
     """Train the seeds of a trial in parallel: ray, or ray:ADDRESS for a cluster (pip install 'bricksrl[distributed]')."""
 
@@ -56,17 +55,17 @@ class Tune:
         tuning = Tuning(self.env, self.agent, self.steps, self.seeds, self.episodes)
         folder = self.folder or Path("tuning") / f"{file_name(self.env)}-{file_name(self.agent)}"
 
-        def tell(trial: int, value: float | None, best: float | None) -> None:
-            shown = "ended early" if value is None else f"return {value:.4g}"
-            print_line(f"trial {trial}  {shown}" + ("" if best is None else f"  best {best:.4g}"))
+        def report(trial: int, value: float | None, best: float | None) -> None:
+            outcome = "ended early" if value is None else f"return {value:.4g}"
+            print_line(f"trial {trial}  {outcome}" + ("" if best is None else f"  best {best:.4g}"))
 
         try:
             load_learning()
-            best = tune(tuning, folder, self.trials, seed=self.seed, on=self.on, on_trial=tell)
+            best = tune(tuning, folder, self.trials, seed=self.seed, on=self.on, on_trial=report)
         except KeyboardInterrupt:
             print_interrupted(f"the study is in {folder}; the same command goes on with it")
             return INTERRUPTED
         print_line(f"best of {best.trials} finished trials: return {best.value:.4g}")
-        words = " ".join(map(quoted, ["bricksrl", "train", self.env, "--agent", self.agent, "--settings", str(folder / BEST)]))
-        print_line(f"train with it   {words}")
+        command = ["bricksrl", "train", self.env, "--agent", self.agent, "--settings", str(folder / BEST)]
+        print_line(f"train with it   {' '.join(map(quoted, command))}")
         return 0

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 class Record:
     """Record a robot's motion under identification commands, for `bricksrl twin fit`.
 
-    Give it a metre of free floor: it stands still for a second, jerks, then runs at full speed, about ten seconds in all.
+    It needs a metre of free floor: it stands still for a second, jerks, then runs at full speed, about ten seconds in all.
     Ctrl-C stops it.
 
     Examples:
@@ -75,7 +75,7 @@ class Record:
         return 0
 
     def _link(self, robot: Robot, interface: Interface) -> HubLink:
-        """An unopened link to the robot; for a real one the user has agreed that it moves."""
+        """An unopened link to the robot; asks the user before a real one may move."""
         from bricksrl.hub.diagnostics.calibration import calibration_of
         from bricksrl.hub.link.lockstep import HubLink
         from bricksrl.hub.transports.address import parse_hub
@@ -89,7 +89,7 @@ class Record:
             return HubLink(VirtualHub(make_body(robot, physics=physics, seed=self.seed)), robot, interface)
         if self.physics is not None:
             raise TwinError("a real robot has its own physics; omit --physics")
-        if not (self.yes or yes(f"The {robot.name} will move at full speed. Has it a metre of room, and may it?")):
+        if not (self.yes or yes(f"The {robot.name} needs a metre of room to move at full speed. Move it now?")):
             raise TwinError(f"nobody said that the {robot.name} may move; answer y in a terminal, or give --yes")
         transport = address.transport()
         calibrate = calibration_of(lambda: transport.identity.address if transport.identity else "")
@@ -110,7 +110,7 @@ class Fit:
     log: Annotated[Positional[Path], option(metavar="LOG")]
     """File that `bricksrl twin record` wrote."""
     robot: Annotated[str | None, option(metavar="ROBOT")] = None
-    """Robot, if it is not that of the log."""
+    """Robot; by default that of the log."""
     parameters: Annotated[tuple[str, ...], option(metavar="NAME")] = FITTED
     """Parameters to fit; leave out those that you know."""
     out: Annotated[Path | None, option(metavar="FILE")] = None
@@ -125,37 +125,37 @@ class Fit:
 
         log = read_log(self.log)
         robot = robots.get(self.robot or log.robot)
-        found = fit(log, robot=robot, names=self.parameters, on_replay=_tell)
-        _tell_end()
+        result = fit(log, robot=robot, names=self.parameters, on_replay=_show_progress)
+        _clear_progress()
         out = self.out or self.log.with_suffix(".physics.json")
-        write_physics(out, found.physics)
-        _print(found)
+        write_physics(out, result.physics)
+        _print(result)
         print_line(f"physics  {out}")
         return 0
 
 
-def _print(found: FitResult) -> None:
+def _print(result: FitResult) -> None:
     from bricksrl.twin.physics import PARAMETERS, Physics
 
     print_line("error of the twin (root mean square)")
-    for name, before in found.error_before.items():
-        print_line(f"  {name:24}{before:8.3g} -> {found.error_after[name]:.3g}")
+    for name, before in result.error_before.items():
+        print_line(f"  {name:24}{before:8.3g} -> {result.error_after[name]:.3g}")
     print_line("parameters")
     default = Physics()
     for name, parameter in PARAMETERS.items():
-        value, was = getattr(found.physics, name), getattr(default, name)
-        if name in found.told or value != was:
-            print_line(f"  {name:24}{was:8.3g} -> {value:.3g} {parameter.unit.removesuffix('1')}".rstrip())
-    for name in found.untold:
-        print_line(f"  {name:24}{getattr(default, name):8.3g}    this log does not tell it")
+        value, before = getattr(result.physics, name), getattr(default, name)
+        if name in result.identified or value != before:
+            print_line(f"  {name:24}{before:8.3g} -> {value:.3g} {parameter.unit.removesuffix('1')}".rstrip())
+    for name in result.unidentified:
+        print_line(f"  {name:24}{getattr(default, name):8.3g}    not identifiable from this log")
 
 
-def _tell(replay: int, error: float) -> None:
+def _show_progress(replay: int, error: float) -> None:
     if sys.stderr.isatty():
         sys.stderr.write(f"\rreplay {replay}, error {error:.3g} ")
         sys.stderr.flush()
 
 
-def _tell_end() -> None:
+def _clear_progress() -> None:
     if sys.stderr.isatty():
         sys.stderr.write("\r\033[K")

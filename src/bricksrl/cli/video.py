@@ -41,11 +41,11 @@ def report(result: RunResult, evaluation: EvaluationResult) -> tuple[Path, str]:
     from bricksrl.evaluation.report import write_report
 
     try:
-        films, said = film_before_and_after(result.run_dir, evaluation.env), ""
+        films, reason = film_before_and_after(result.run_dir, evaluation.env), ""
     except (RenderingUnavailableError, TwinError) as error:
-        films, said = None, str(error)
-    path = write_report(result.run_dir, result.episodes, evaluation, films, said)
-    return path, str(films.both) if films is not None else f"none: {said}"
+        films, reason = None, str(error)
+    path = write_report(result.run_dir, result.episodes, evaluation, films, reason)
+    return path, str(films.both) if films is not None else f"none: {reason}"
 
 
 def check_film(path: Path) -> None:
@@ -68,7 +68,7 @@ def filmed_env(env: EnvBase, path: Path | None, title: str) -> Iterator[None]:
     from bricksrl.twin.render.video import Filmed
 
     check_film(path)
-    size, episodes, open_now = (1280, 720), 0, list[Renderer]()
+    size, episodes, open_renderers = (1280, 720), 0, list[Renderer]()
     if not hasattr(env, "watch"):
         raise TwinError(f"{env.task.id} has no virtual robot to film; leave out --video")
     with VideoWriter(path, 1000 / _FRAME_MS) as video:
@@ -78,26 +78,26 @@ def filmed_env(env: EnvBase, path: Path | None, title: str) -> Iterator[None]:
             body = None if connection.twin is None else connection.twin.body
             if connection.twin is None or not isinstance(body, MujocoBody):
                 raise TwinError(f"{env.task.id} has no virtual robot to film; leave out --video")
-            while open_now:
-                open_now.pop().close()
+            while open_renderers:
+                open_renderers.pop().close()
             episodes, machine, room = episodes + 1, connection.twin.machine, Room(body)
             number, renderer = episodes, Renderer(body, *size, room.camera, smooth=False, decorate=room.decorate)
-            open_now.append(renderer)
+            open_renderers.append(renderer)
 
             class Camera:
                 """Renderer with captions."""
 
                 def render(self) -> Image:
                     room.follow()
-                    line = f"episode {number}   {machine.time_ms / 1000:.1f} s"
-                    return captioned(renderer.render(), title, line, room.metre_marks(*size))
+                    caption = f"episode {number}   {machine.time_ms / 1000:.1f} s"
+                    return captioned(renderer.render(), title, caption, room.metre_marks(*size))
 
             machine.body = Filmed(machine.body, Camera(), _FRAME_MS, machine.time_ms, video.add)
 
-        leave = env.watch(install)
+        unwatch = env.watch(install)
         try:
             yield
         finally:
-            leave()
-            while open_now:
-                open_now.pop().close()
+            unwatch()
+            while open_renderers:
+                open_renderers.pop().close()

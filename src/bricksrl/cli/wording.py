@@ -6,23 +6,23 @@ import re
 
 from bricksrl.errors import hint
 
-_WANTED = {"INT": "a whole number", "FLOAT": "a number", "INT INT": "two whole numbers"}
+_EXPECTED = {"INT": "a whole number", "FLOAT": "a number", "INT INT": "two whole numbers"}
 
 
 def one_line(box: str, command: str = "bricksrl") -> str:
     """One line from the parser's boxed message: its first paragraph, and the command with the help."""
     lines = [line.strip("│╭╮╰╯─ ") for line in box.splitlines()[1:]]
     message, *more = [" ".join(part.split()) for part in "\n".join(lines).split("\n\n")] or [""]
-    return f"{plain(message.removesuffix('.'))}{_meant(message, more)}; see `{command} --help`"
+    return f"{plain(message.removesuffix('.'))}{_suggestion(message, more)}; see `{command} --help`"
 
 
-def _meant(message: str, more: list[str]) -> str:
+def _suggestion(message: str, more: list[str]) -> str:
     """``" (did you mean --agent?)"``: an option that the parser found, or one of the commands that it names."""
     for part in more:
-        if found := re.match(r"Perhaps you meant: (--\S+)", part):
-            return f" (did you mean {found[1]}?)"
-        if found := re.match(r"Available subcommands: (.*)", part):
-            return hint(message.rsplit(": ", maxsplit=1)[-1].split(", ", maxsplit=1)[0], found[1].split(", "))
+        if match := re.match(r"Perhaps you meant: (--\S+)", part):
+            return f" (did you mean {match[1]}?)"
+        if match := re.match(r"Available subcommands: (.*)", part):
+            return hint(message.rsplit(": ", maxsplit=1)[-1].split(", ", maxsplit=1)[0], match[1].split(", "))
     return ""
 
 
@@ -39,22 +39,17 @@ def plain(message: str) -> str:
         (r"Expected one of \{(.*)\}", r"a command is missing; choose \1"),
         (r"Unrecognized options: (.*)", r"there is no option or argument \1"),
     ):
-        found = re.fullmatch(pattern, message)
-        if found:
-            return found.expand(words)
-    found = re.fullmatch(
-        r"Error parsing (\S+): no type matching \{None\}\|\{?([A-Z ]+)\}? could be instantiated from \[(.*)\]", message
-    )
-    if found:
-        given = " ".join(re.findall(r"'([^']*)'", found[3]))
-        return f"{found[1]} is '{given}'; give {_WANTED.get(found[2], found[2])}"
-    found = re.fullmatch(r"invalid choice (.*) for argument '(\S+)'\. Expected one of \((.*)\)", message)
-    if found:
-        choices = sorted(choice for choice in re.findall(r"'([^']*)'", found[3]) if choice != "None")
-        return f"{found[2]} is {found[1]}; choose {', '.join(choices)}"
-    found = re.fullmatch(r"Missing from [\w -]+: (.*\(required\))", message)
-    if found:
-        names = (re.match(r" *(--\S+ \S+|\S+)", part) for part in found[1].split("(required)"))
+        if match := re.fullmatch(pattern, message):
+            return match.expand(words)
+    pattern = r"Error parsing (\S+): no type matching \{None\}\|\{?([A-Z ]+)\}? could be instantiated from \[(.*)\]"
+    if match := re.fullmatch(pattern, message):
+        value = " ".join(re.findall(r"'([^']*)'", match[3]))
+        return f"{match[1]} is '{value}'; give {_EXPECTED.get(match[2], match[2])}"
+    if match := re.fullmatch(r"invalid choice (.*) for argument '(\S+)'\. Expected one of \((.*)\)", message):
+        choices = sorted(choice for choice in re.findall(r"'([^']*)'", match[3]) if choice != "None")
+        return f"{match[2]} is {match[1]}; choose {', '.join(choices)}"
+    if match := re.fullmatch(r"Missing from [\w -]+: (.*\(required\))", message):
+        names = (re.match(r" *(--\S+ \S+|\S+)", part) for part in match[1].split("(required)"))
         missing = [name[1] for name in names if name]
         return f"{' and '.join(missing)} {'is' if len(missing) == 1 else 'are'} missing"
     return message

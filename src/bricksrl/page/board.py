@@ -1,7 +1,7 @@
 """Board: the latest state of everything on the page, written by the program and read by each browser's connection.
 
-A write is an assignment or an append, so that it does not delay the thread that steps the robot; readers do the encoding. Any
-thread may write, and any may read.
+A write is an assignment or an append, so that it does not delay the thread that steps the robot; readers do the encoding. Every
+thread may write and read.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ KEPT_STEPS, KEPT_EPISODES = 400, 4000
 Poses = Floats | Callable[[], Floats]
 """Poses ``[bodies, 7]``, or a function that computes them on demand, in the thread that serves the page."""
 POSES, IMAGE = 1, 2
-"""First byte of a binary message: its kind."""
+"""Kind of a binary message, its first byte."""
 
 
 @dataclass
@@ -79,7 +79,7 @@ class Board:
         """Show a camera image ``[height, width, 3]``."""
         self.image = (self.image[0] + 1, image)
 
-    def tell(self, **parts: Any) -> None:
+    def update_status(self, **parts: Any) -> None:
         """Update parts of the status: plain values by name."""
         with self._lock:
             version, status = self.status
@@ -101,7 +101,7 @@ class Reader:
         self._scene = self._poses = self._image = self._status = -1
         self._series: dict[str, tuple[int, int]] = {}
 
-    def news(self, *, numbers: bool) -> list[bytes | dict[str, Any]]:
+    def changes(self, *, numbers: bool) -> list[bytes | dict[str, Any]]:
         """Messages with the changes since the last call, in order; ``numbers`` includes image, status and series."""
         board, messages = self._board, list[bytes | dict[str, Any]]()
         version, _ = board.scene
@@ -111,8 +111,8 @@ class Reader:
         version, poses = board.poses
         if poses is not None and version != self._poses:
             self._poses = version
-            drawn = poses() if callable(poses) else poses
-            messages.append(struct.pack("<4B", POSES, 0, 0, 0) + np.ascontiguousarray(drawn, "<f4").tobytes())
+            array = poses() if callable(poses) else poses
+            messages.append(struct.pack("<4B", POSES, 0, 0, 0) + np.ascontiguousarray(array, "<f4").tobytes())
         if numbers:
             messages += self._numbers(board)
         return messages
@@ -128,16 +128,16 @@ class Reader:
         if version != self._status:
             self._status = version
             messages.append({"status": status})
-        rows = {name: new for name, series in board.series.items() if (new := self._rows(name, series))}
-        return [*messages, {"series": rows}] if rows else messages
+        series = {name: changes for name, series in board.series.items() if (changes := self._rows(name, series))}
+        return [*messages, {"series": series}] if series else messages
 
     def _rows(self, name: str, series: Series) -> dict[str, Any] | None:
-        which, count = self._series.get(name, (0, -1))
-        if which != id(series):
+        series_id, count = self._series.get(name, (0, -1))
+        if series_id != id(series):
             count = -1
         if count == series.count:
             return None
         first, rows = series.since(max(count, 0))
         self._series[name] = (id(series), first + len(rows))
-        new: dict[str, Any] = {"first": first, "rows": [[round(float(value), 4) for value in row] for row in rows]}
-        return new if count >= 0 else {**new, "names": series.names, "kept": series.kept}
+        changes: dict[str, Any] = {"first": first, "rows": [[round(float(value), 4) for value in row] for row in rows]}
+        return changes if count >= 0 else {**changes, "names": series.names, "kept": series.kept}

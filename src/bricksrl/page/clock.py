@@ -11,9 +11,9 @@ from bricksrl.virtual_hub.pace import Pace
 
 SPEEDS = {"1x": 1.0, "10x": 10.0, "max": 0.0}
 """Speeds of simulated time; 0 is as fast as possible."""
-LOOK_S = 0.04
+VIEW_PERIOD_S = 0.04
 """Period of the view's updates, in wall time."""
-_BEHIND_S, _AHEAD_S = 0.05, 0.01
+_MAX_LAG_S, _MIN_LEAD_S = 0.05, 0.01
 """Lag beyond which the clock is restarted instead of catching up; least lead for which it waits."""
 
 
@@ -26,7 +26,7 @@ class SteeredPace(Pace):
         machine: machine whose time is paced.
         halted: set when the robot is to stop.
         speed: returns simulated seconds per second, 0 for as fast as possible.
-        look: called periodically to update the view.
+        update_view: called periodically to update the view.
         halt: called when halted; by default control returns to the host, which stops the program.
     """
 
@@ -35,22 +35,22 @@ class SteeredPace(Pace):
         machine: Machine,
         halted: threading.Event,
         speed: Callable[[], float],
-        look: Callable[[], None],
+        update_view: Callable[[], None],
         halt: Callable[[], None] | None = None,
     ) -> None:
         super().__init__()
         self._halt = halt
-        self._machine, self._halted, self._speed, self._look = machine, halted, speed, look
-        self._look_s = 0.0
-        self._used = -1.0
-        self._from_s, self._from_ms = 0.0, 0.0
+        self._machine, self._halted, self._speed, self._update_view = machine, halted, speed, update_view
+        self._view_due_s = 0.0
+        self._last_speed = -1.0
+        self._start_s, self._start_ms = 0.0, 0.0
 
     def keep(self, time_ms: float) -> None:
         """Update the view, and wait if simulated time is ahead."""
         now_s = time.monotonic()
-        if now_s >= self._look_s:
-            self._look_s = now_s + LOOK_S
-            self._look()
+        if now_s >= self._view_due_s:
+            self._view_due_s = now_s + VIEW_PERIOD_S
+            self._update_view()
         if self._halted.is_set():
             if self._halt is not None:
                 self._halt()
@@ -60,8 +60,8 @@ class SteeredPace(Pace):
         speed = self._speed()
         if speed <= 0.0:
             return
-        ahead_s = self._from_s + (time_ms - self._from_ms) / 1000 / speed - now_s
-        if speed != self._used or ahead_s < -_BEHIND_S:
-            self._used, self._from_s, self._from_ms = speed, now_s, time_ms
-        elif ahead_s > _AHEAD_S:
+        ahead_s = self._start_s + (time_ms - self._start_ms) / 1000 / speed - now_s
+        if speed != self._last_speed or ahead_s < -_MAX_LAG_S:
+            self._last_speed, self._start_s, self._start_ms = speed, now_s, time_ms
+        elif ahead_s > _MIN_LEAD_S:
             self._halted.wait(ahead_s)

@@ -13,8 +13,8 @@ from torch import Tensor
 from bricksrl.entry import Entry
 from bricksrl.teleop.mapping import push_action, rest_action
 
-FORGOTTEN_S = 1.5
-"""Time without a message of the page, which repeats the pushes, after which the robot rests: the tab is gone."""
+PUSH_TIMEOUT_S = 1.5
+"""Time without a message of the page, which repeats the pushes, after which the robot rests, as the tab may be closed."""
 
 
 class PageDriver:
@@ -41,15 +41,15 @@ class PageDriver:
         self._pushes, self._pushed_s = torch.tensor(values, dtype=torch.float32).clamp(-1.0, 1.0), time.monotonic()
         return True
 
-    def let_go(self) -> None:
+    def release(self) -> None:
         """Reset all pushes to 0."""
         self._pushes = torch.zeros(len(self.commands))
 
     @property
     def pushes(self) -> list[float]:
-        """Present pushes; 0 after a silence of the page."""
-        if time.monotonic() - self._pushed_s > FORGOTTEN_S:
-            self.let_go()
+        """Present pushes; 0 if the page sent none for :data:`PUSH_TIMEOUT_S`."""
+        if time.monotonic() - self._pushed_s > PUSH_TIMEOUT_S:
+            self.release()
         return [round(value, 3) for value in self._pushes.tolist()]
 
     def __call__(self, observation: Tensor) -> Tensor | None:
@@ -74,7 +74,7 @@ def stick_map(commands: Sequence[Entry]) -> list[list[float]]:
     sides = [1.0 if "left" in command.name else -1.0 if "right" in command.name else 0.0 for command in commands]
     if all(sides):
         # A leg or wheel with a range below zero moves forward with decreasing values.
-        return [[side * _forward(c), _forward(c)] for side, c in zip(sides, commands, strict=True)]
+        return [[side * _forward(command), _forward(command)] for side, command in zip(sides, commands, strict=True)]
     if len(commands) == 1:
         return [[0.0, 1.0]]
     rows = [[0.0, 0.0] for _ in commands]

@@ -46,14 +46,14 @@ class Guard:
         name, _, port = host.rpartition(":")
         if port != str(self.port):
             return False
-        return name.lower() in LOOPBACK or (self.is_open and _is_number(name))
+        return name.lower() in LOOPBACK or (self.is_open and _is_ip_address(name))
 
     def knows_token(self, path: str, cookies: str | None) -> bool:
         """Whether the address or the cookie has the token."""
         query = urllib.parse.parse_qs(urllib.parse.urlsplit(path).query)
         jar = _parse_cookies(cookies)
-        given = (*query.get("token", ()), *((jar[self.cookie],) if self.cookie in jar else ()))
-        return any(secrets.compare_digest(one.encode(), self.token.encode()) for one in given)
+        tokens = (*query.get("token", ()), *((jar[self.cookie],) if self.cookie in jar else ()))
+        return any(secrets.compare_digest(token.encode(), self.token.encode()) for token in tokens)
 
     def knows_origin(self, origin: str | None, host: str | None) -> bool:
         """Whether the Origin header is a page of this server."""
@@ -84,12 +84,12 @@ def new_token() -> str:
 
 def _parse_cookies(text: str | None) -> dict[str, str]:
     try:
-        return {name: one.value for name, one in http.cookies.SimpleCookie(text or "").items()}
+        return {name: morsel.value for name, morsel in http.cookies.SimpleCookie(text or "").items()}
     except http.cookies.CookieError:
         return {}
 
 
-def _is_number(name: str) -> bool:
+def _is_ip_address(name: str) -> bool:
     try:
         ipaddress.ip_address(name.strip("[]"))
     except ValueError:

@@ -1,7 +1,7 @@
 """Live page of an environment: shows the robot, and passes the user's presses to it.
 
-Two threads meet here. The one that steps the robot calls `attach`, `saw`, `hold`, `begin` and `end`; presses arrive in threads of
-the server and only set flags for the first one, except an emergency stop, which goes to the hub at once.
+Two threads meet here. The one that steps the robot calls `attach`, `show_step`, `hold`, `begin` and `end`; presses arrive in
+threads of the server and only set flags for the first one, except an emergency stop, which goes to the hub at once.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from bricksrl.envs.connection import Connection
     from bricksrl.envs.task import Task
 
-_LOOK_S = 0.05
+_POLL_S = 0.05
 _STEP_S = 0.1
 """Step time of a simulation without a robot, at speed 1."""
 
@@ -72,29 +72,31 @@ class LivePage:
         self._halted = threading.Event()
         self._changed = threading.Condition()
         self._paused = False
-        self._steps_asked = 0
-        self._reset_asked = False
+        self._requested_steps = 0
+        self._is_reset_requested = False
         self._speed = speed
         self._env: Any = None
-        self._leave: Callable[[], None] = lambda: None
-        self._is_real = False
+        self._unwatch: Callable[[], None] = lambda: None
+        self._is_real = self._is_ended = False
         self._policies = tuple(policies)
         self.policy = self._policies[-1] if self._policies else ""
         self._can_give_back = not in_charge or len(self._policies) > 0
         commands = describe_task(task).action if task is not None and can_drive else ()
         self.driver = PageDriver(commands, in_charge=in_charge) if commands else None
-        self.view = RobotView(self.board, self._halted, lambda: self._factor)
+        self.view = RobotView(self.board, self._halted, lambda: self._speed_factor)
         self._server = PageServer(self.board, self._press, self.stop, options)
         self._task = task
         self._returns = self.board.new_series("return", ("return of each episode",), kept=KEPT_EPISODES)
         self._rewards = self.board.new_series("reward", ("reward of each step",))
         entries = task.entries if task is not None else ()
-        self._channels = self.board.new_series("channels", [f"{e.name} ({e.unit})" if e.unit else e.name for e in entries])
+        channels = [f"{entry.name} ({entry.unit})" if entry.unit else entry.name for entry in entries]
+        self._channels = self.board.new_series("channels", channels)
         self._facts: dict[str, Any] = {}
-        self._sum, self._steps, self._due_s, self._paced_s = 0.0, 0, 0.0, 0.0
-        self._counted: tuple[float, int] = (time.monotonic(), 0)
-        self.board.tell(title=title, subtitle=subtitle, state="waiting", speeds=list(SPEEDS), policies=list(self._policies))
-        self._tell()
+        self._sum, self._steps, self._due_s, self._last_step_s = 0.0, 0, 0.0, 0.0
+        self._last_rate: tuple[float, int] = (time.monotonic(), 0)
+        self.board.update_status(title=title, subtitle=subtitle, state="waiting")
+        self.board.update_status(speeds=list(SPEEDS), policies=list(self._policies))
+        self._publish()
 
     # ---------------------------------------------------------------- serving
 
@@ -108,7 +110,7 @@ class LivePage:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        self._leave()
+        self._unwatch()
         self._server.close()
 
     # ---------------------------------------------------------------- presses, in threads of the server
@@ -121,13 +123,13 @@ class LivePage:
             if self._env is not None and hasattr(self._env, "stop"):
                 self._env.stop()
         except BricksError as error:  # the hub could not be reached; its watchdog stops it
-            self.board.tell(message=str(error))
+            self.board.update_status(message=str(error))
         finally:
             if self.driver is not None:
-                self.driver.let_go()
+                self.driver.release()
             with self._changed:
                 self._changed.notify_all()
-            self._tell()
+            self._publish()
 
     def _press(self, name: str, value: Any) -> None:
         match name:
@@ -136,9 +138,9 @@ class LivePage:
             case "resume":
                 self._pause(False)
             case "step" if not self._is_real:
-                self._paused, self._steps_asked = True, self._steps_asked + 1
+                self._paused, self._requested_steps = True, self._requested_steps + 1
             case "reset":
-                self._reset_asked = True
+                self._is_reset_requested = True
             case "speed" if value in SPEEDS:
                 self._speed = value
             case "policy" if value in self._policies:
@@ -148,13 +150,13 @@ class LivePage:
             case "drive" if self.driver is not None:
                 self.driver.push(value)
             case "left" if self.driver is not None:
-                self.driver.let_go()
+                self.driver.release()
         with self._changed:
             self._changed.notify_all()
-        self._tell()
+        self._publish()
 
     def _pause(self, paused: bool) -> None:
-        self._paused, self._steps_asked = paused, 0
+        self._paused, self._requested_steps = paused, 0
         if self._env is None or self._halted.is_set():
             return
         if paused and self._is_real:
@@ -170,39 +172,39 @@ class LivePage:
         return self._halted.is_set()
 
     @property
-    def reset_asked(self) -> bool:
+    def is_reset_requested(self) -> bool:
         """True if a reset is requested, which ends the episode."""
-        return self._reset_asked
+        return self._is_reset_requested
 
-    def forget_reset(self) -> None:
+    def clear_reset(self) -> None:
         """Clear a requested reset."""
-        self._reset_asked = False
+        self._is_reset_requested = False
 
     def attach(self, env: EnvBase) -> None:
         """Show another environment."""
-        self._leave()
-        self._env, self._leave = (None if env.batch_size else env), lambda: None
+        self._unwatch()
+        self._env, self._unwatch = (None if env.batch_size else env), lambda: None
         if env.batch_size:  # robots of other processes, or none
-            self.board.tell(no_scene=f"{env.batch_size.numel()} copies learn at once; their returns are below.")
+            self.board.update_status(no_scene=f"{env.batch_size.numel()} copies learn at once; their returns are below.")
         elif hasattr(env, "watch"):
-            self._leave = env.watch(self._meet)
+            self._unwatch = env.watch(self._show_connection)
         else:
-            self.board.tell(no_scene="This is a simulation without a robot; its numbers are below.")
-        self._tell()
+            self.board.update_status(no_scene="This is a simulation without a robot; its numbers are below.")
+        self._publish()
 
-    def _meet(self, connection: Connection) -> None:
+    def _show_connection(self, connection: Connection) -> None:
         self.view.show(connection)
         twin = connection.twin
         self._is_real = twin is None or twin.is_realtime
-        self._tell()
+        self._publish()
 
     def begin(self) -> None:
         """Begin an episode."""
         self._sum, self._steps = 0.0, 0
-        self.forget_reset()
-        self._tell()
+        self.clear_reset()
+        self._publish()
 
-    def saw(self, frame: TensorDictBase) -> None:
+    def show_step(self, frame: TensorDictBase) -> None:
         """Show a step, as returned by TorchRL's ``EnvBase.step``."""
         after = frame["next"]
         reward = float(after["reward"])
@@ -218,19 +220,19 @@ class LivePage:
         self._due_s = now_s + NUMBERS_S
         if "image" in after:
             self.board.show_image(after["image"].numpy().astype(np.uint8, copy=True))
-        before_s, before = self._counted
-        self._counted = (now_s, self._rewards.count)
+        last_s, last_count = self._last_rate
+        self._last_rate = (now_s, self._rewards.count)
         self._facts |= {"step": self._steps, "return": self._sum, "reward": reward}
-        self._facts["steps/s"] = (self._rewards.count - before) / max(now_s - before_s, 1e-3)
-        walked = self._env.walk_metrics() if hasattr(self._env, "walk_metrics") else {}
-        if "forward_m" in walked:
-            self._facts["distance"] = f"{walked['forward_m']:.2f} m"
+        self._facts["steps/s"] = (self._rewards.count - last_count) / max(now_s - last_s, 1e-3)
+        metrics = self._env.walk_metrics() if hasattr(self._env, "walk_metrics") else {}
+        if "forward_m" in metrics:
+            self._facts["distance"] = f"{metrics['forward_m']:.2f} m"
         self.view.show_link()
-        self._tell()
+        self._publish()
 
-    def see(self, frame: TensorDictBase) -> None:
-        """Call `saw`, then `hold`."""
-        self.saw(frame)
+    def show_step_and_hold(self, frame: TensorDictBase) -> None:
+        """Call `show_step`, then `hold`."""
+        self.show_step(frame)
         self.hold()
 
     def note(self, **facts: Any) -> None:
@@ -240,42 +242,42 @@ class LivePage:
     def _show_sensed(self, values: list[float]) -> None:
         if self._task is None:
             return
-        seen = {entry.name: value for entry, value in zip(self._task.entries, values, strict=False)}
-        angles = {name.removesuffix("_angle"): value for name, value in seen.items() if name.endswith("_angle")}
-        tilt = (seen.get("pitch", 0.0), seen.get("roll", 0.0))
+        sensed = {entry.name: value for entry, value in zip(self._task.entries, values, strict=False)}
+        angles = {name.removesuffix("_angle"): value for name, value in sensed.items() if name.endswith("_angle")}
+        tilt = (sensed.get("pitch", 0.0), sensed.get("roll", 0.0))
         self.view.show_sensed(self._task.robot, self._task.scene, angles, tilt)
 
     def end(self, return_: float, episode: str) -> None:
         """End an episode; ``episode`` is the text shown as its number, or the next one's."""
         self._returns.add((return_,))
         self._facts["episode"] = episode
-        self._tell()
+        self._publish()
 
     def hold(self, is_over: Callable[[], bool] = lambda: False) -> None:
         """Wait before the next step while paused; a simulation without a robot is paced here too."""
-        while self._paused and not self._is_real and not self._reset_asked and not self._halted.is_set():
-            if self._steps_asked:
-                self._steps_asked -= 1
+        while self._paused and not self._is_real and not self._is_reset_requested and not self._halted.is_set():
+            if self._requested_steps:
+                self._requested_steps -= 1
                 break
             if is_over():
                 return
             with self._changed:
-                self._changed.wait(_LOOK_S)
-        speed = self._factor
+                self._changed.wait(_POLL_S)
+        speed = self._speed_factor
         if self._env is not None and not hasattr(self._env, "twin") and speed:
-            self._paced_s = max(self._paced_s + _STEP_S / speed, time.monotonic() - _STEP_S)
-            self._halted.wait(max(0.0, self._paced_s - time.monotonic()))
+            self._last_step_s = max(self._last_step_s + _STEP_S / speed, time.monotonic() - _STEP_S)
+            self._halted.wait(max(0.0, self._last_step_s - time.monotonic()))
 
-    def was_stopped(self) -> None:
+    def mark_stopped(self) -> None:
         """Record that the robot was stopped."""
         self._halted.set()
-        self._tell()
+        self._publish()
 
     def wait_for_reset(self, is_over: Callable[[], bool] = lambda: False) -> None:
         """After a stop or a failure: wait for a reset, or until ``is_over()``."""
-        while not self._reset_asked and not is_over():
+        while not self._is_reset_requested and not is_over():
             with self._changed:
-                self._changed.wait(_LOOK_S)
+                self._changed.wait(_POLL_S)
 
     def release(self) -> None:
         """End an emergency stop: the robot may move again after the next reset."""
@@ -283,37 +285,35 @@ class LivePage:
         if self._env is not None and hasattr(self._env, "resume"):
             self._env.resume()
         self._paused = False
-        self._tell()
+        self._publish()
 
-    def tell(self, **parts: Any) -> None:
+    def update_status(self, **parts: Any) -> None:
         """Show parts of the status, such as ``message`` or ``state``."""
-        self.board.tell(**parts)
+        self.board.update_status(**parts)
 
     @property
-    def _factor(self) -> float:
+    def _speed_factor(self) -> float:
         """Speed of simulated time: 1 while a human drives, 0 (not paced here) for a robot in real time."""
         if self._is_real:
             return 0.0
         return 1.0 if self.driver is not None and self.driver.in_charge else SPEEDS[self._speed]
 
-    def _tell(self) -> None:
+    def _publish(self) -> None:
         driver = self.driver
-        can = ["stop", "pause", "reset"] + ([] if self._is_real else ["step", "speed"])
-        can += (["drive"] if driver is not None else []) + (["policy"] if len(self._policies) > 1 else [])
+        controls = ["stop", "pause", "reset"] + ([] if self._is_real else ["step", "speed"])
+        controls += (["drive"] if driver is not None else []) + (["policy"] if len(self._policies) > 1 else [])
         if not self._is_ended:
             paused = self._paused or getattr(self._env, "is_paused", False)
             state = "stopped" if self._halted.is_set() else "paused" if paused else "running"
-            self.board.tell(state=state)
-        speed = "1x" if self._factor == 1.0 else self._speed
-        self.board.tell(controls=can, speed=speed, policy=self.policy, facts=dict(self._facts))
+            self.board.update_status(state=state)
+        speed = "1x" if self._speed_factor == 1.0 else self._speed
+        self.board.update_status(controls=controls, speed=speed, policy=self.policy, facts=dict(self._facts))
         if driver is not None:
-            names = [{"name": c.name, "unit": c.unit} for c in driver.commands]
+            names = [{"name": command.name, "unit": command.unit} for command in driver.commands]
             drive = {"commands": names, "stick": stick_map(driver.commands), "pushes": driver.pushes, "actions": driver.actions()}
-            self.board.tell(drive={**drive, "in_charge": driver.in_charge, "can_give_back": self._can_give_back})
-
-    _is_ended = False
+            self.board.update_status(drive={**drive, "in_charge": driver.in_charge, "can_give_back": self._can_give_back})
 
     def finish(self, message: str = "") -> None:
         """Show that the run is over."""
         self._is_ended = True
-        self.board.tell(state="finished", message=message)
+        self.board.update_status(state="finished", message=message)

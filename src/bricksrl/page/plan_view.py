@@ -23,7 +23,7 @@ from bricksrl.plans.shapes import Tint, surface_of
 
 _METRES = MM_PER_LDU / 1000
 _TINTS = {Tint.DARK: (0.16, 0.17, 0.19, 1.0), Tint.TURNING: (0.45, 0.47, 0.50, 1.0), Tint.FACE: (0.10, 0.11, 0.13, 1.0)}
-_MOST_DEG = 360
+_MAX_DEG = 360
 
 
 class PlanView:
@@ -53,9 +53,9 @@ class PlanView:
         self._swings: dict[int, float] = {}
         self._sliders = self._joints()
         self.board.show_scene(_scene(plan), self._poses())
-        self._trouble = message
-        self.board.tell(title=plan.title, subtitle="building plan", state="paused", controls=["step", "reset"])
-        self._tell()
+        self._message = message
+        self.board.update_status(title=plan.title, subtitle="building plan", state="paused", controls=["step", "reset"])
+        self._publish()
 
     def press(self, name: str, value: Any) -> None:
         """Handle a press on the page; unknown ones are ignored."""
@@ -70,7 +70,7 @@ class PlanView:
             else:
                 return
             self.board.show_poses(self._poses())
-            self._tell()
+            self._publish()
 
     def _slide(self, name: object, value: object) -> None:
         if not isinstance(value, (int, float)) or not math.isfinite(value):
@@ -79,7 +79,7 @@ class PlanView:
             self._step = min(max(round(value), 1), len(self._plan.steps))
         for label, (port, swing) in self._sliders.items():
             if name == label:
-                angle = math.radians(min(max(float(value), -_MOST_DEG), _MOST_DEG))
+                angle = math.radians(min(max(float(value), -_MAX_DEG), _MAX_DEG))
                 if port is not None:
                     self._shafts[port] = angle
                 elif swing is not None:
@@ -89,37 +89,38 @@ class PlanView:
         """Sliders by name, each with the motor's port or the number of the joint that it turns."""
         if self._robot is None or self._poser is None:
             return {}
-        found: dict[str, tuple[str | None, int | None]] = {}
+        sliders: dict[str, tuple[str | None, int | None]] = {}
         for drive in self._robot.articulation.drives:
             placed = self._robot.device(drive.port)
             name = placed.device if placed is not None and placed.device else "motor"
-            found[f"{name}, port {drive.port}, deg"] = (drive.port, None)
-        found |= {f"joint {number + 1}, deg": (None, swing) for number, swing in enumerate(self._poser.free)}
-        return found
+            sliders[f"{name}, port {drive.port}, deg"] = (drive.port, None)
+        sliders |= {f"joint {number + 1}, deg": (None, swing) for number, swing in enumerate(self._poser.free)}
+        return sliders
 
-    def _tell(self) -> None:
+    def _publish(self) -> None:
         step = self._plan.steps[self._step - 1]
         sliders: list[dict[str, Any]] = [
             {"name": "Step", "low": 1, "high": len(self._plan.steps), "value": self._step, "text": f"{self._step}"}
         ]
         for label, (port, swing) in self._sliders.items():
             angle = self._shafts.get(port, 0.0) if port is not None else self._swings.get(swing or 0, 0.0)
-            sliders.append({"name": label, "low": -_MOST_DEG, "high": _MOST_DEG, "value": round(math.degrees(angle))})
-        where = step.assembly[-1].rpartition(":")[0] if step.assembly else ""
+            sliders.append({"name": label, "low": -_MAX_DEG, "high": _MAX_DEG, "value": round(math.degrees(angle))})
+        assembly = step.assembly[-1].rpartition(":")[0] if step.assembly else ""
         facts = {"step": f"{self._step} of {len(self._plan.steps)}", "parts": len(self._plan.present_parts(step))}
-        self.board.tell(sliders=sliders, facts=facts | ({"builds": where} if where else {}), message=self._trouble or step.note)
+        facts |= {"builds": assembly} if assembly else {}
+        self.board.update_status(sliders=sliders, facts=facts, message=self._message or step.note)
 
     def _poses(self) -> Floats:
         """Poses of the parts [parts, 7]."""
-        moved: dict[int, Motion] = {}
+        motions: dict[int, Motion] = {}
         if self._robot is not None and self._poser is not None:
-            moved = self._poser.of_parts(self._shafts, self._poser.motions(self._shafts, self._swings))
-        shown, positions, turns = self._plan.present_parts(self._plan.steps[self._step - 1]), [], []
+            motions = self._poser.of_parts(self._shafts, self._poser.motions(self._shafts, self._swings))
+        visible, positions, turns = self._plan.present_parts(self._plan.steps[self._step - 1]), [], []
         for placed in self._plan.parts:
-            motion = moved.get(placed.index, STILL)
+            motion = motions.get(placed.index, STILL)
             turns.append(_quaternion(motion.turn @ TO_TWIN @ placed.rotation))
-            place = motion.of(TO_TWIN @ placed.position * _METRES)
-            positions.append(place if placed.index in shown else np.array([HIDDEN, 0.0, 0.0]))
+            position = motion.of(TO_TWIN @ placed.position * _METRES)
+            positions.append(position if placed.index in visible else np.array([HIDDEN, 0.0, 0.0]))
         return poses(np.array(positions), np.array(turns))
 
 
@@ -131,8 +132,8 @@ def _scene(plan: Plan) -> Scene:
         part = placed.part
         if part not in pieces:
             surface = surface_of(part)
-            chosen = {tint: surface.triangles[surface.tints == int(tint)] for tint in Tint}
-            pieces[part] = {tint: flat_mesh(triangles * _METRES) for tint, triangles in chosen.items() if len(triangles)}
+            by_tint = {tint: surface.triangles[surface.tints == int(tint)] for tint in Tint}
+            pieces[part] = {tint: flat_mesh(triangles * _METRES) for tint, triangles in by_tint.items() if len(triangles)}
         main = (*colour_of(placed.colour).rgb, 1.0)
         shapes = tuple(Shape(mesh, _TINTS.get(tint, main)) for tint, mesh in pieces[part].items())
         bodies.append(SceneBody(f"{placed.index}", shapes))

@@ -25,8 +25,8 @@ def resting_player(env: EnvBase) -> Player:
     from bricksrl.data.schema import describe_task
     from bricksrl.teleop.mapping import rest_action
 
-    still = rest_action(describe_task(env.task).action)
-    return Player(lambda state: state.set("action", still))
+    resting = rest_action(describe_task(env.task).action)
+    return Player(lambda state: state.set("action", resting))
 
 
 def play_on_page(
@@ -37,62 +37,62 @@ def play_on_page(
     episodes: int | None = None,
     stop: threading.Event | None = None,
 ) -> list[float]:
-    """Play a number of episodes, or endlessly; returns the returns of the whole ones. Raises StoppedError if the robot was
+    """Play a number of episodes, or endlessly; returns the returns of the complete ones. Raises StoppedError if the robot was
     stopped, and ``stop`` is set.
 
     An emergency stop or an unreachable robot ends the episode; the next one begins after a reset on the page.
 
     Args:
-        players: players by name; each is made when it is first selected.
+        players: players by name; each is created when it is first selected.
         stop: set if a stop is to end the playing, as by a key in the terminal.
     """
     stop = stop or threading.Event()
-    made: dict[str, Player] = {}
+    cache: dict[str, Player] = {}
     returns: list[float] = []
 
-    def chosen() -> Player:
-        if page.policy not in made:
-            made[page.policy] = players[page.policy]()
-        return made[page.policy]
+    def player() -> Player:
+        if page.policy not in cache:
+            cache[page.policy] = players[page.policy]()
+        return cache[page.policy]
 
     def act(state: TensorDictBase) -> TensorDictBase:
-        return chosen().act(state)
+        return player().act(state)
 
     page.attach(env)
     while episodes is None or len(returns) < episodes:
         try:
             page.begin()
-            played = _episode(env, page, act, lambda: chosen().reset(), f"{len(returns) + 1}")
-            if played is not None:
-                returns.append(played)
-                page.end(played, f"{len(returns) + 1}")
+            return_ = _episode(env, page, act, lambda: player().reset(), f"{len(returns) + 1}")
+            if return_ is not None:
+                returns.append(return_)
+                page.end(return_, f"{len(returns) + 1}")
         except StoppedError:
             if stop.is_set():
                 raise
-            page.was_stopped()
+            page.mark_stopped()
             env.close(raise_if_closed=False)  # a virtual hub ends its program in this thread only
             _coast(env)
-            page.tell(message="The robot was stopped by hand. Reset lets it start again.")
+            page.update_status(message="The robot was stopped by hand. Reset lets it start again.")
             _wait(page, stop)
         except BricksError as error:
-            page.tell(message=f"{error} Reset tries again.")
+            page.update_status(message=f"{error} Reset tries again.")
             _wait(page, stop)
     return returns
 
 
 def _episode(env: EnvBase, page: LivePage, act: Policy, reset: Callable[[], None], number: str) -> float | None:
     """Play an episode; returns its return, or ``None`` if it was cut short."""
-    total, page_note = 0.0, page.note
+    total = 0.0
     start = env.reset()
-    page_note(episode=number)
+    page.note(episode=number)
     page.hold()
     for frame in play(env, act, start, driver=page.driver, reset_policy=reset):
         if link_lost(frame):
             raise env.link_error
-        page.saw(frame)
+        page.show_step(frame)
         total += float(frame["next", "reward"])
         page.hold()
-        if page.reset_asked or page.is_stopped:
+        if page.is_reset_requested or page.is_stopped:
             break
     else:
         return None if getattr(env, "is_cut", False) else total
@@ -106,7 +106,7 @@ def _wait(page: LivePage, stop: threading.Event) -> None:
     if stop.is_set():
         raise StoppedError("the robot was stopped by hand")
     page.release()
-    page.tell(message="")
+    page.update_status(message="")
 
 
 def _coast(env: EnvBase) -> None:

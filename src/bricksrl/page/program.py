@@ -29,8 +29,8 @@ class ProgramPage:
         self._machine: Machine | None = None
         self._view = RobotView(self.board, self._halted, lambda: SPEEDS[self._speed])
         self._server = PageServer(self.board, self._press, self.stop, options)
-        self.board.tell(title=title, subtitle="a program on a virtual hub", state="waiting", speeds=list(SPEEDS))
-        self.board.tell(controls=["stop", "speed"], speed=self._speed)
+        self.board.update_status(title=title, subtitle="a program on a virtual hub", state="waiting", speeds=list(SPEEDS))
+        self.board.update_status(controls=["stop", "speed"], speed=self._speed)
 
     @property
     def url(self) -> str:
@@ -48,14 +48,14 @@ class ProgramPage:
         """Show the robot of a machine; called as `Operation.attend`."""
         self._machine = machine
         self._view.show_machine(machine, stop_program)
-        self.board.tell(state="running")
+        self.board.update_status(state="running")
 
     def stop(self) -> None:
         """End the program at the next control loop; its motors coast."""
         self._halted.set()
-        self.board.tell(state="stopped", message="The program was stopped by hand.")
+        self.board.update_status(state="stopped", message="The program was stopped by hand.")
 
     def _press(self, name: str, value: Any) -> None:
         if name == "speed" and value in SPEEDS:
             self._speed = value
-            self.board.tell(speed=value)
+            self.board.update_status(speed=value)

@@ -1,7 +1,7 @@
 """View of a robot: its pose, hub and link on the board. The thread that steps the robot only copies the joint positions.
 
 Poses are computed on a separate model (the mirror), by the thread that serves the page, and only if a browser is connected. So
-watching does not change the simulation, bit for bit.
+the simulation is bit for bit the same with and without a page.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bricksrl.page.board import Board
-from bricksrl.page.clock import LOOK_S, SteeredPace
+from bricksrl.page.clock import VIEW_PERIOD_S, SteeredPace
 from bricksrl.page.scene import Floats
 from bricksrl.virtual_hub.panel import Panel
 
@@ -67,8 +67,8 @@ class RobotView:
     def __init__(self, board: Board, halted: threading.Event, speed: Callable[[], float]) -> None:
         self._board, self._halted, self._speed = board, halted, speed
         self._mirrors: dict[tuple[str, Scene], Mirror] = {}
-        self._shown: Mirror | None = None
-        self._due_s = self._looked_s = 0.0
+        self._current: Mirror | None = None
+        self._due_s = self._sensed_s = 0.0
         self.connection: Connection | None = None
 
     @property
@@ -91,24 +91,24 @@ class RobotView:
 
         body = machine.body if body is None else body
         if not isinstance(body, MujocoBody):
-            self._board.tell(no_scene=_NO_MODEL)
-            machine.pace = SteeredPace(machine, self._halted, self._speed, lambda: self._look(machine, None, None), halt)
+            self._board.update_status(no_scene=_NO_MODEL)
+            machine.pace = SteeredPace(machine, self._halted, self._speed, lambda: self._update(machine, None, None), halt)
             return
         mirror = self._mirror(body.robot, body.scene)
-        machine.pace = SteeredPace(machine, self._halted, self._speed, lambda: self._look(machine, mirror, body), halt)
-        self._look(machine, mirror, body)
+        machine.pace = SteeredPace(machine, self._halted, self._speed, lambda: self._update(machine, mirror, body), halt)
+        self._update(machine, mirror, body)
 
     def show_sensed(self, robot: Robot, scene: Scene, angles_deg: dict[str, float], tilt_deg: tuple[float, float]) -> None:
         """Show a real robot from its sensors: motor angles by name, pitch and roll."""
         from bricksrl.twin.sensed_pose import sensed_qpos
 
         if robot.model is None:
-            self._board.tell(no_scene=_NO_MODEL)
+            self._board.update_status(no_scene=_NO_MODEL)
             return
         now_s = time.monotonic()
-        if now_s - self._looked_s < LOOK_S:
+        if now_s - self._sensed_s < VIEW_PERIOD_S:
             return
-        self._looked_s = now_s
+        self._sensed_s = now_s
         mirror = self._mirror(robot, scene)
         self._board.show_poses(lambda: mirror.poses(sensed_qpos(mirror.body, angles_deg, tilt_deg)))
 
@@ -118,17 +118,17 @@ class RobotView:
         if connection is None:
             return
         link = connection.link
-        numbers = link.statistics
-        shown: dict[str, Any] = {
+        statistics = link.statistics
+        facts: dict[str, Any] = {
             "link": link.state.value,
-            "round trip": f"{numbers.round_trip_p50_s * 1000:.0f} ms (99 %: {numbers.round_trip_p99_s * 1000:.0f} ms)",
-            "age of what is seen": f"{numbers.age_p50_s * 1000:.0f} ms",
-            "sent again": f"{numbers.resends}",
-            "damaged": f"{numbers.crc_errors}",
+            "round trip": f"{statistics.round_trip_p50_s * 1000:.0f} ms (99 %: {statistics.round_trip_p99_s * 1000:.0f} ms)",
+            "observation age": f"{statistics.age_p50_s * 1000:.0f} ms",
+            "sent again": f"{statistics.resends}",
+            "damaged": f"{statistics.crc_errors}",
         }
         if connection.twin is not None:
-            shown["battery"] = f"{connection.twin.body.battery_mv / 1000:.2f} V"
-        self._board.tell(link=shown)
+            facts["battery"] = f"{connection.twin.body.battery_mv / 1000:.2f} V"
+        self._board.update_status(link=facts)
 
     def _mirror(self, robot: Robot, scene: Scene) -> Mirror:
         """The mirror of a robot, cached; shows its scene if it is another one."""
@@ -136,12 +136,12 @@ class RobotView:
         if key not in self._mirrors:
             self._mirrors[key] = Mirror.of(robot, scene)
         mirror = self._mirrors[key]
-        if mirror is not self._shown:
-            self._shown = mirror
+        if mirror is not self._current:
+            self._current = mirror
             self._board.show_scene(mirror.twin.scene, lambda: mirror.poses(mirror.body.data.qpos))
         return mirror
 
-    def _look(self, machine: Machine, mirror: Mirror | None, body: MujocoBody | None) -> None:
+    def _update(self, machine: Machine, mirror: Mirror | None, body: MujocoBody | None) -> None:
         """Copy the joint positions; called in the thread that steps the robot."""
         if mirror is not None and body is not None:
             qpos = body.data.qpos.copy()
@@ -149,7 +149,7 @@ class RobotView:
         now_s = time.monotonic()
         if now_s >= self._due_s:
             self._due_s = now_s + NUMBERS_S
-            self._board.tell(hub=panel_of(machine.panel))
+            self._board.update_status(hub=panel_of(machine.panel))
 
 
 def panel_of(panel: Panel) -> dict[str, Any]:

@@ -27,7 +27,7 @@ Quaternion = tuple[float, float, float, float]
 NO_TURN: Quaternion = (1.0, 0.0, 0.0, 0.0)
 HIDDEN = math.nan
 """Value of x in a body's pose that hides the body."""
-_ROUND = 24
+_SEGMENTS = 24
 """Number of segments of a circle."""
 
 
@@ -148,9 +148,10 @@ def poses(positions: Sequence[Sequence[float]] | NDArray[np.floating], turns: ob
 
     An x of :data:`HIDDEN` hides a body.
     """
-    places = np.asarray(positions, np.float32).reshape(-1, 3)
-    turned = np.tile(np.array(NO_TURN, np.float32), (len(places), 1)) if turns is None else np.asarray(turns, np.float32)
-    return np.concatenate([places, turned.reshape(-1, 4)], axis=1)
+    positions_m = np.asarray(positions, np.float32).reshape(-1, 3)
+    count = len(positions_m)
+    quaternions = np.tile(np.array(NO_TURN, np.float32), (count, 1)) if turns is None else np.asarray(turns, np.float32)
+    return np.concatenate([positions_m, quaternions.reshape(-1, 4)], axis=1)
 
 
 # ---------------------------------------------------------------- meshes
@@ -158,10 +159,10 @@ def poses(positions: Sequence[Sequence[float]] | NDArray[np.floating], turns: ob
 
 def flat_mesh(triangles: NDArray[np.floating]) -> Mesh:
     """Flat-shaded mesh of triangles ``[n, 3, 3]``; those without an area are left out."""
-    across = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
-    size = np.linalg.norm(across, axis=1)
-    kept, normals = triangles[size > 0.0], across[size > 0.0] / size[size > 0.0, None]
-    points = kept.reshape(-1, 3).astype(np.float32)
+    cross = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    length = np.linalg.norm(cross, axis=1)
+    visible, normals = triangles[length > 0.0], cross[length > 0.0] / length[length > 0.0, None]
+    points = visible.reshape(-1, 3).astype(np.float32)
     return Mesh(points, np.repeat(normals, 3, axis=0).astype(np.float32), np.arange(len(points)).reshape(-1, 3))
 
 
@@ -186,9 +187,9 @@ def sphere(radius: float) -> Mesh:
 
 def ellipsoid(radii: Triple) -> Mesh:
     """Ellipsoid around the origin."""
-    angles = np.linspace(-math.pi / 2, math.pi / 2, _ROUND // 2 + 1)
+    angles = np.linspace(-math.pi / 2, math.pi / 2, _SEGMENTS // 2 + 1)
     outline = np.stack([np.cos(angles), np.sin(angles)], axis=1)
-    unit = _turned(outline, outline)
+    unit = _revolved(outline, outline)
     normals = unit.points / np.array(radii)
     length = np.linalg.norm(normals, axis=1, keepdims=True)
     return Mesh((unit.points * np.array(radii)).astype(np.float32), (normals / length).astype(np.float32), unit.faces)
@@ -196,11 +197,11 @@ def ellipsoid(radii: Triple) -> Mesh:
 
 def capsule(radius: float, half_length: float) -> Mesh:
     """Cylinder along z with a hemisphere at either end; ``half_length`` is that of the cylinder."""
-    angles = np.linspace(-math.pi / 2, math.pi / 2, _ROUND // 2 + 2)
+    angles = np.linspace(-math.pi / 2, math.pi / 2, _SEGMENTS // 2 + 2)
     normals = np.stack([np.cos(angles), np.sin(angles)], axis=1)
     outline = radius * normals
     outline[:, 1] += np.where(angles > 0, half_length, -half_length)
-    return _turned(outline, normals)
+    return _revolved(outline, normals)
 
 
 def cylinder(radius: float, half_length: float) -> Mesh:
@@ -208,22 +209,22 @@ def cylinder(radius: float, half_length: float) -> Mesh:
     r, z = radius, half_length
     outline = np.array([(0, -z), (r, -z), (r, -z), (r, z), (r, z), (0, z)])
     normals = np.array([(0, -1), (0, -1), (1, 0), (1, 0), (0, 1), (0, 1)])
-    return _turned(outline, normals)
+    return _revolved(outline, normals)
 
 
-def _turned(outline: NDArray[np.floating], normals: NDArray[np.floating]) -> Mesh:
+def _revolved(outline: NDArray[np.floating], normals: NDArray[np.floating]) -> Mesh:
     """Solid of revolution about z of an outline ``[n, 2]`` of radius and height, from below."""
-    around = np.linspace(0.0, 2.0 * math.pi, _ROUND + 1)
-    turn = np.stack([np.cos(around), np.sin(around)], axis=1)[:, None, :]
+    angles = np.linspace(0.0, 2.0 * math.pi, _SEGMENTS + 1)
+    directions = np.stack([np.cos(angles), np.sin(angles)], axis=1)[:, None, :]
 
-    def solid(profile: NDArray[np.floating]) -> Floats:
+    def revolve(profile: NDArray[np.floating]) -> Floats:
         rings = np.concatenate(
-            [profile[None, :, :1] * turn, np.broadcast_to(profile[None, :, 1:], (len(turn), len(profile), 1))], 2
+            [profile[None, :, :1] * directions, np.broadcast_to(profile[None, :, 1:], (len(directions), len(profile), 1))], 2
         )
         return rings.reshape(-1, 3).astype(np.float32)
 
     count = len(outline)
-    start = (np.arange(_ROUND)[:, None] * count + np.arange(count - 1)).ravel()
+    start = (np.arange(_SEGMENTS)[:, None] * count + np.arange(count - 1)).ravel()
     low, high, next_low, next_high = start, start + 1, start + count, start + count + 1
     faces = np.concatenate([np.stack([low, next_low, next_high], 1), np.stack([low, next_high, high], 1)])
-    return Mesh(solid(outline), solid(normals), faces)
+    return Mesh(revolve(outline), revolve(normals), faces)

@@ -33,9 +33,9 @@ NUMBERS_S = 0.2
 """Period of its updates of numbers."""
 PORTS = range(8090, 8110)
 """Ports tried in order if none is given."""
-_KINDS = {"html": "text/html", "css": "text/css", "js": "text/javascript", "svg": "image/svg+xml"}
-_MOST_CONNECTIONS, _LONGEST_MESSAGE = 12, 4096
-_START_S, _END_S = 10.0, 5.0
+_CONTENT_TYPES = {"html": "text/html", "css": "text/css", "js": "text/javascript", "svg": "image/svg+xml"}
+_MAX_CONNECTIONS, _MAX_MESSAGE_BYTES = 12, 4096
+_START_TIMEOUT_S, _JOIN_TIMEOUT_S = 10.0, 5.0
 
 _log = logging.getLogger(__name__)
 
@@ -80,7 +80,7 @@ class PageServer:
         self._ready = threading.Event()
         self._closing: asyncio.Event | None = None
         self._scene: tuple[int, bytes] = (0, b"")
-        self._readers = 0
+        self._connections = 0
         self.url = ""
 
     def __enter__(self) -> Self:
@@ -88,15 +88,15 @@ class PageServer:
             import websockets.asyncio.server  # noqa: F401
         except ImportError:
             raise PageError("the live page needs websockets; install it with: pip install 'bricksrl[page]'") from None
-        listening = _listen(self._options)
-        host, port = listening.getsockname()[:2]
+        server_socket = _listen(self._options)
+        host, port = server_socket.getsockname()[:2]
         self._guard = Guard(new_token(), port, is_open=self._options.host not in ("127.0.0.1", "localhost", "::1"))
         name = _own_address() if host in ("0.0.0.0", "::") else host  # noqa: S104  compared, not listened on
         name = f"[{name}]" if ":" in name else name
         self.url = f"http://{name}:{port}/?token={self._guard.token}"
-        self._start("bricksrl-page", lambda: asyncio.run(self._serve(listening)))
-        self._start("bricksrl-page-presses", self._work)
-        if not self._ready.wait(_START_S):
+        self._start("bricksrl-page", lambda: asyncio.run(self._serve(server_socket)))
+        self._start("bricksrl-page-presses", self._handle_presses)
+        if not self._ready.wait(_START_TIMEOUT_S):
             raise PageError("the live page did not start in time; try again")
         return self
 
@@ -110,7 +110,7 @@ class PageServer:
                 self._loop.call_soon_threadsafe(self._closing.set)
         self._presses.put(None)
         for thread in self._threads:
-            thread.join(_END_S)
+            thread.join(_JOIN_TIMEOUT_S)
 
     def _start(self, name: str, target: Callable[[], None]) -> None:
         thread = threading.Thread(target=target, name=name, daemon=True)
@@ -119,20 +119,20 @@ class PageServer:
 
     # ---------------------------------------------------------------- in the thread of the event loop
 
-    async def _serve(self, listening: socket.socket) -> None:
+    async def _serve(self, server_socket: socket.socket) -> None:
         from websockets.asyncio.server import serve
 
-        quiet = logging.getLogger(f"{__name__}.websockets")
-        quiet.setLevel(logging.CRITICAL)  # refused requests are no errors of ours
+        logger = logging.getLogger(f"{__name__}.websockets")
+        logger.setLevel(logging.CRITICAL)  # refused requests are not our errors
         self._loop, self._closing = asyncio.get_running_loop(), asyncio.Event()
         async with serve(
-            self._converse,
-            sock=listening,
+            self._serve_browser,
+            sock=server_socket,
             process_request=self._answer,
             compression=None,
-            max_size=_LONGEST_MESSAGE,
+            max_size=_MAX_MESSAGE_BYTES,
             close_timeout=1.0,
-            logger=quiet,
+            logger=logger,
         ) as server:
             self._ready.set()
             await self._closing.wait()
@@ -149,16 +149,16 @@ class PageServer:
         if refusal is not None:
             return _response(connection, http.HTTPStatus.FORBIDDEN, "text/plain", f"{refusal}\n".encode())
         if path == "/ws":
-            if self._readers < _MOST_CONNECTIONS:
+            if self._connections < _MAX_CONNECTIONS:
                 return None
             return _response(connection, http.HTTPStatus.SERVICE_UNAVAILABLE, "text/plain", b"too many tabs look at this page\n")
         if path == "/scene.bin":
             return _response(connection, http.HTTPStatus.OK, "application/octet-stream", self._scene_bytes())
-        found = _file("index.html" if path == "/" else path[1:])
-        if found is None:
+        file = _file("index.html" if path == "/" else path[1:])
+        if file is None:
             return _response(connection, http.HTTPStatus.NOT_FOUND, "text/plain", b"there is no such file here\n")
-        kind, data = found
-        response = _response(connection, http.HTTPStatus.OK, kind, data)
+        content_type, data = file
+        response = _response(connection, http.HTTPStatus.OK, content_type, data)
         if path == "/":
             response.headers["Set-Cookie"] = self._guard.set_cookie
         return response
@@ -169,30 +169,30 @@ class PageServer:
             self._scene = (version, scene.to_bytes())
         return self._scene[1]
 
-    async def _converse(self, connection: ServerConnection) -> None:
+    async def _serve_browser(self, connection: ServerConnection) -> None:
         """Serve one browser until it disconnects."""
         from websockets.exceptions import ConnectionClosed
 
-        self._readers += 1
-        sender = asyncio.create_task(self._send_news(connection))
+        self._connections += 1
+        sender = asyncio.create_task(self._send_changes(connection))
         try:
             async for message in connection:
                 self._receive(message)
         except ConnectionClosed:
             pass
         finally:
-            self._readers -= 1
+            self._connections -= 1
             sender.cancel()
             await asyncio.gather(sender, return_exceptions=True)
             self._presses.put(("left", None))
 
-    async def _send_news(self, connection: ServerConnection) -> None:
+    async def _send_changes(self, connection: ServerConnection) -> None:
         reader, due_s = Reader(self._board), 0.0
         while True:
             now_s = time.monotonic()
             numbers = now_s >= due_s
             due_s = now_s + NUMBERS_S if numbers else due_s
-            for message in reader.news(numbers=numbers):
+            for message in reader.changes(numbers=numbers):
                 await connection.send(message if isinstance(message, bytes) else json.dumps(message))
             await asyncio.sleep(FRAME_S)
 
@@ -210,7 +210,7 @@ class PageServer:
 
     # ---------------------------------------------------------------- in the thread of the presses
 
-    def _work(self) -> None:
+    def _handle_presses(self) -> None:
         while (press := self._presses.get()) is not None:
             try:
                 self._on_press(*press)
@@ -222,14 +222,15 @@ def _listen(options: PageOptions) -> socket.socket:
     """Open a listening socket on the given port, or on the first free one."""
     if options.port is not None and not 0 <= options.port < 65536:
         raise PageError(f"{options.port} is not a port; give one in 0 to 65535, or none")
-    failed: OSError | None = None
+    last_error: OSError | None = None
     for port in PORTS if options.port is None else (options.port,):
         try:
             return socket.create_server((options.host, port), family=socket.AF_INET6 if ":" in options.host else socket.AF_INET)
         except OSError as error:
-            failed = error
-    where = f"{options.host}:{PORTS.start if options.port is None else options.port}"
-    raise PageError(f"cannot serve the page on {where} ({(failed and failed.strerror) or failed}); name another host or port")
+            last_error = error
+    address = f"{options.host}:{PORTS.start if options.port is None else options.port}"
+    reason = (last_error and last_error.strerror) or last_error
+    raise PageError(f"cannot serve the page on {address} ({reason}); name another host or port")
 
 
 def _own_address() -> str:
@@ -244,19 +245,19 @@ def _own_address() -> str:
 
 def _file(name: str) -> tuple[str, bytes] | None:
     """Content type and bytes of a file of the page; ``None`` if there is no such file."""
-    kind = _KINDS.get(name.rpartition(".")[2])
+    content_type = _CONTENT_TYPES.get(name.rpartition(".")[2])
     folder = importlib.resources.files("bricksrl.page") / "static"
-    if kind is None or "/" in name or "\\" in name or name not in {file.name for file in folder.iterdir()}:
+    if content_type is None or "/" in name or "\\" in name or name not in {file.name for file in folder.iterdir()}:
         return None
-    return f"{kind}; charset=utf-8", (folder / name).read_bytes()
+    return f"{content_type}; charset=utf-8", (folder / name).read_bytes()
 
 
-def _response(connection: ServerConnection, status: http.HTTPStatus, kind: str, data: bytes) -> Response:
+def _response(connection: ServerConnection, status: http.HTTPStatus, content_type: str, data: bytes) -> Response:
     response = connection.respond(status, "")
     headers: Headers = response.headers
     for name in ("Content-Type", "Content-Length"):
         del headers[name]
-    headers["Content-Type"], headers["Content-Length"] = kind, str(len(data))
+    headers["Content-Type"], headers["Content-Length"] = content_type, str(len(data))
     for name, value in HEADERS.items():
         headers[name] = value
     response.body = data

@@ -36,36 +36,36 @@ class PageCallback(Callback):
 
     def on_env(self, env: EnvBase) -> None:
         self._env = env
-        self._can_cut = not env.batch_size and hasattr(env, "pause")
+        self._can_pause = not env.batch_size and hasattr(env, "pause")
         self._page.attach(env)
 
     def on_start(self, config: TrainConfig, run_dir: Path, episodes_done: int) -> None:
         self._episodes = config.episodes
-        self._page.tell(title=config.env, subtitle=f"{config.agent}, seed {config.seed} · {run_dir}")
+        self._page.update_status(title=config.env, subtitle=f"{config.agent}, seed {config.seed} · {run_dir}")
         self._page.begin()
 
     def on_transition(self, episode: int, step: int, phase: Phase, transition: TensorDictBase) -> None:
         if step == 1:
             self._page.begin()
         self._page.note(episode=f"{episode}/{self._episodes}", phase=_PHASES[phase])
-        self._page.saw(transition)
+        self._page.show_step(transition)
         if bool(transition["next", "done"]):
-            self._go_on()  # before an evaluation, which would block on the pause
+            self._clear_reset()  # before an evaluation, which would block on the pause
 
     def on_step(self, episode: int, step: int, phase: Phase) -> None:
         self._page.hold(self._stop.is_set)
-        if self._page.reset_asked and self._resume is None and self._can_cut:
+        if self._page.is_reset_requested and self._resume is None and self._can_pause:
             # A pause truncates the episode after the next step, so that no transition spans the reset.
             self._env.pause()
             self._resume = self._env.resume
 
     def on_link_lost(self, episode: int, length: int, error: BricksError) -> None:
-        self._go_on()
-        self._page.tell(message=f"{error}; trying to reach it again")
+        self._clear_reset()
+        self._page.update_status(message=f"{error}; trying to reach it again")
 
     def on_episode(self, episode: Episode, progress: Progress) -> None:
-        self._go_on()
-        self._page.tell(message="")
+        self._clear_reset()
+        self._page.update_status(message="")
         self._page.end(episode.return_, f"{episode.episode}/{self._episodes}")
         self._page.begin()
 
@@ -75,9 +75,9 @@ class PageCallback(Callback):
         else:
             self._page.finish("")
 
-    def _go_on(self) -> None:
+    def _clear_reset(self) -> None:
         """Clear a requested reset and its pause at the end of an episode."""
-        self._page.forget_reset()
+        self._page.clear_reset()
         resume, self._resume = self._resume, None
         if resume is not None and not self._page.is_stopped:
             resume()

@@ -37,8 +37,8 @@ class TwinScene:
 
     def poses(self, data: mujoco.MjData) -> Floats:
         """Poses ``[bodies, 7]`` from ``data``; to be called in the thread that steps it, after ``pose_looks``."""
-        chosen = list(self.bodies)
-        return poses(data.xpos[chosen], data.xquat[chosen])
+        indices = list(self.bodies)
+        return poses(data.xpos[indices], data.xquat[indices])
 
 
 def twin_scene(body: MujocoBody) -> TwinScene:

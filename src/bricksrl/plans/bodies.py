@@ -69,10 +69,10 @@ class Bodies:
         rows = [_constraint_rows(np.eye(6), 0, None, len(self.members))]
         braked = set(locked)
         for joint in self.joints:
-            turns = joint.motor not in braked
-            block = _joint_rows(joint.point, joint.axis, slides=joint.slides, turns=turns, is_ball=joint.is_ball)
+            can_turn = joint.motor not in braked
+            block = _joint_rows(joint.point, joint.axis, slides=joint.slides, turns=can_turn, is_ball=joint.is_ball)
             rows.append(_constraint_rows(block, joint.bodies[0], joint.bodies[1], len(self.members)))
-        for body, axis in self._idle_spins():
+        for body, axis in self._free_spins():
             rows.append(_constraint_rows(np.concatenate([np.zeros(3), axis])[None, :], body, None, len(self.members)))
         for first, second, mesh in self.meshes:
             row = np.zeros((1, 6 * len(self.members)))
@@ -82,26 +82,26 @@ class Bodies:
             rows.append(row)
         return _null_space(np.concatenate(rows))
 
-    def _idle_spins(self) -> Iterator[tuple[int, Floats]]:
-        """Bodies between two ball joints, and the axis about which they spin to no effect."""
+    def _free_spins(self) -> Iterator[tuple[int, Floats]]:
+        """Bodies between two ball joints, and the axis of their free spin, which moves nothing else."""
         for body in range(1, len(self.members)):
-            own = [joint for joint in self.joints if body in joint.bodies]
-            if len(own) == 2 and all(joint.is_ball for joint in own) and not any(body in mesh[:2] for mesh in self.meshes):
-                along = own[1].point - own[0].point
-                yield body, along / np.linalg.norm(along)
+            joints = [joint for joint in self.joints if body in joint.bodies]
+            if len(joints) == 2 and all(joint.is_ball for joint in joints) and not any(body in mesh[:2] for mesh in self.meshes):
+                axis = joints[1].point - joints[0].point
+                yield body, axis / np.linalg.norm(axis)
 
     def rates(self, motor: int, motions: Floats) -> Floats:
         """Angular rate of a motor's shaft relative to its case in each motion [n]."""
         joint = next(joint for joint in self.joints if joint.motor == motor)
         case, rotor = joint.bodies
-        turning = motions[6 * rotor + 3 : 6 * rotor + 6] - motions[6 * case + 3 : 6 * case + 6]
-        return np.asarray(joint.axis @ turning)
+        relative = motions[6 * rotor + 3 : 6 * rotor + 6] - motions[6 * case + 3 : 6 * case + 6]
+        return np.asarray(joint.axis @ relative)
 
 
 def _null_space(rows: Floats) -> Floats:
     """Orthonormal basis [m, n] of the null space of ``rows`` [k, m]."""
-    sizes, directions = np.linalg.eigh(rows.T @ rows)
-    return np.asarray(directions[:, sizes < _RANK_TOLERANCE**2])
+    eigenvalues, eigenvectors = np.linalg.eigh(rows.T @ rows)
+    return np.asarray(eigenvectors[:, eigenvalues < _RANK_TOLERANCE**2])
 
 
 def _joint_rows(point: Floats, axis: Floats, *, slides: bool, turns: bool = True, is_ball: bool = False) -> Floats:
@@ -109,10 +109,11 @@ def _joint_rows(point: Floats, axis: Floats, *, slides: bool, turns: bool = True
     helper = np.eye(3)[int(np.argmin(np.abs(axis)))]
     first = np.cross(axis, helper)
     first /= np.linalg.norm(first)
-    across = [first, np.cross(axis, first)]
-    rows = [np.concatenate([way, np.cross(point, way) / RATE_LENGTH]) for way in (across if slides else [*across, axis])]
+    normals = [first, np.cross(axis, first)]
+    blocked = normals if slides else [*normals, axis]
+    rows = [np.concatenate([direction, np.cross(point, direction) / RATE_LENGTH]) for direction in blocked]
     if not is_ball:
-        rows += [np.concatenate([np.zeros(3), way]) for way in (across if turns else [*across, axis])]
+        rows += [np.concatenate([np.zeros(3), direction]) for direction in (normals if turns else [*normals, axis])]
     return np.array(rows)
 
 
@@ -155,16 +156,16 @@ class _Link:
         return self.connection.male_site.fit is Fit.AXLE
 
 
-def find_bodies(parts: Sequence[Placed], found: Sequence[Connection], meshes: Sequence[Mesh]) -> Bodies:
+def find_bodies(parts: Sequence[Placed], connections: Sequence[Connection], meshes: Sequence[Mesh]) -> Bodies:
     """The bodies of the parts, the heaviest first; bodies that are not connected to it are left out.
 
     Parts are one body if their connections leave no relative motion, first in pairs, then in the whole mechanism.
     """
     count = len(parts)
     links = [
-        _Link(one, one.male + count * one.male_site.turns, one.female + count * one.female_site.turns)
-        for one in found
-        if one.fits and not one.is_crossed
+        _Link(link, link.male + count * link.male_site.turns, link.female + count * link.female_site.turns)
+        for link in connections
+        if link.fits and not link.is_crossed
     ]
     groups = _Groups(2 * count)
     for link in links:
@@ -193,38 +194,38 @@ def _bodies(parts: Sequence[Placed], links: Sequence[_Link], meshes: Sequence[Me
             pair = (number_of[groups.find(motor)], number_of[groups.find(motor + count)])
             joints.append(Joint(pair, point, axis, False, motor))
     slides = _sliding(parts, links, groups)
-    for (first, second), bundles in _between(links, groups).items():
+    for (first, second), bundles in _bundles(links, groups).items():
         if first in number_of and second in number_of:
-            loose = frozenset((first, second)) in slides
+            can_slide = frozenset((first, second)) in slides
             pair = (number_of[first], number_of[second])
             joints += [
-                Joint(pair, *_line_of(bundle), bundle[0].is_axle and loose, None, bundle[0].connection.is_ball)
+                Joint(pair, *_line_of(bundle), bundle[0].is_axle and can_slide, None, bundle[0].connection.is_ball)
                 for bundle in bundles
             ]
-    geared = [
+    geared_bodies = [
         (number_of[groups.find(mesh.first)], number_of[groups.find(mesh.second)], mesh)
         for mesh in meshes
         if mesh.is_good and groups.find(mesh.first) in number_of and groups.find(mesh.second) in number_of
     ]
     members = tuple(tuple(part for part in range(count) if groups.find(part) == root) for root in roots)
     rotors = tuple(tuple(motor for motor in motors if groups.find(motor + count) == root) for root in roots)
-    return Bodies(members, rotors, tuple(joints), tuple(geared)), roots
+    return Bodies(members, rotors, tuple(joints), tuple(geared_bodies)), roots
 
 
-def _between(links: Sequence[_Link], groups: _Groups) -> dict[tuple[int, int], list[list[_Link]]]:
+def _bundles(links: Sequence[_Link], groups: _Groups) -> dict[tuple[int, int], list[list[_Link]]]:
     """The connections between each pair of bodies, grouped by axis; in each group those that cannot slide come first."""
-    found: dict[tuple[int, int], list[list[_Link]]] = {}
-    for link in sorted(links, key=lambda one: one.is_axle):
+    bundles_of: dict[tuple[int, int], list[list[_Link]]] = {}
+    for link in sorted(links, key=lambda link: link.is_axle):
         first, second = groups.find(link.male), groups.find(link.female)
         if first == second:
             continue
-        bundles = found.setdefault((min(first, second), max(first, second)), [])
-        bundle = next((one for one in bundles if _is_coaxial(link.connection, one[0].connection)), None)
+        bundles = bundles_of.setdefault((min(first, second), max(first, second)), [])
+        bundle = next((bundle for bundle in bundles if _is_coaxial(link.connection, bundle[0].connection)), None)
         if bundle is None:
             bundles.append([link])
         else:
             bundle.append(link)
-    return found
+    return bundles_of
 
 
 def _line_of(bundle: Sequence[_Link]) -> tuple[Floats, Floats]:
@@ -233,15 +234,15 @@ def _line_of(bundle: Sequence[_Link]) -> tuple[Floats, Floats]:
     axis = axis * np.sign(axis[int(np.argmax(np.abs(np.round(axis, 6))))])
     points = np.array([link.connection.point for link in bundle])
     along = points @ axis
-    aside = points.mean(axis=0)
-    return aside + axis * ((along.min() + along.max()) / 2 - float(aside @ axis)), axis
+    mean = points.mean(axis=0)
+    return mean + axis * ((along.min() + along.max()) / 2 - float(mean @ axis)), axis
 
 
-def _is_coaxial(one: Connection, other: Connection) -> bool:
-    if one.is_ball or other.is_ball:
+def _is_coaxial(first: Connection, second: Connection) -> bool:
+    if first.is_ball or second.is_ball:
         return False
-    aside = np.linalg.norm(np.cross(other.point - one.point, one.axis))
-    return bool(aside < _AXIS_TOLERANCE and np.linalg.norm(np.cross(one.axis, other.axis)) < 0.05)
+    offset = np.linalg.norm(np.cross(second.point - first.point, first.axis))
+    return bool(offset < _AXIS_TOLERANCE and np.linalg.norm(np.cross(first.axis, second.axis)) < 0.05)
 
 
 def _shaft(placed: Placed) -> tuple[Floats, Floats]:
@@ -253,7 +254,7 @@ def _shaft(placed: Placed) -> tuple[Floats, Floats]:
 
 
 def _join_fasteners(parts: Sequence[Placed], links: Sequence[_Link], groups: _Groups) -> None:
-    """Join each pin, and each axle that nothing is fixed to, to a part around it: its own rotation does not matter."""
+    """Join each pin, and each axle to which nothing is fixed, to a part around it: its own rotation does not matter."""
     fixed = {node for link in links if link.connection.is_rigid for node in (link.male, link.female)}
     for link in links:
         sites = parts[link.connection.male].part.sites
@@ -266,14 +267,14 @@ def _join_fasteners(parts: Sequence[Placed], links: Sequence[_Link], groups: _Gr
 def _join_loose(parts: Sequence[Placed], groups: _Groups) -> None:
     """Join parts with unmodelled connections to the nearest part, such as a tyre to its rim."""
     for placed in parts:
-        others = [one for one in parts if one.index != placed.index and not one.part.is_loose]
+        others = [other for other in parts if other.index != placed.index and not other.part.is_loose]
         if placed.part.family == "tyres":
-            others = [one for one in others if one.part.family == "wheels"]
+            others = [other for other in others if other.part.family == "wheels"]
         is_chain = placed.part.family == "chains"
         if is_chain:  # it keeps its place, while its gears turn
-            others = [one for one in others if one.part.family in ("beams", "hubs", "motors")]
+            others = [other for other in others if other.part.family in ("beams", "hubs", "motors")]
         if placed.part.is_loose and others:
-            nearest = min(others, key=lambda one: float(np.linalg.norm(one.position - placed.position)))
+            nearest = min(others, key=lambda other: float(np.linalg.norm(other.position - placed.position)))
             if is_chain or np.linalg.norm(nearest.position - placed.position) < _MAX_LOOSE_DISTANCE:
                 groups.join(placed.index, nearest.index)
 
@@ -281,13 +282,14 @@ def _join_loose(parts: Sequence[Placed], groups: _Groups) -> None:
 def _merge_rigid(links: Sequence[_Link], groups: _Groups) -> bool:
     """Join pairs of bodies without relative motion. Returns whether there were any."""
     merged = False
-    for pair, kept in _between(links, groups).items():
-        if len(kept) < 2:
+    for pair, bundles in _bundles(links, groups).items():
+        if len(bundles) < 2:
             continue
-        middle, firsts = kept[0][0].connection.point, [bundle[0] for bundle in kept]
+        connections = [bundle[0].connection for bundle in bundles]
+        origin = connections[0].point
         blocks = [
-            _joint_rows(one.point - middle, one.axis, slides=one.male_site.fit is Fit.AXLE, is_ball=one.is_ball)
-            for one in (link.connection for link in firsts)
+            _joint_rows(link.point - origin, link.axis, slides=link.male_site.fit is Fit.AXLE, is_ball=link.is_ball)
+            for link in connections
         ]
         if not _null_space(np.concatenate(blocks)).size:
             groups.join(*pair)
@@ -315,14 +317,14 @@ def _ordered(parts: Sequence[Placed], motors: Sequence[int], links: Sequence[_Li
     masses: dict[int, float] = defaultdict(float)
     for placed in parts:
         masses[groups.find(placed.index)] += placed.part.mass_g
-    beside: dict[int, set[int]] = defaultdict(set)
+    neighbours: dict[int, set[int]] = defaultdict(set)
     for first, second in [(link.male, link.female) for link in links] + [(motor, motor + count) for motor in motors]:
-        beside[groups.find(first)].add(groups.find(second))
-        beside[groups.find(second)].add(groups.find(first))
+        neighbours[groups.find(first)].add(groups.find(second))
+        neighbours[groups.find(second)].add(groups.find(first))
     start = max(masses, key=lambda root: masses[root])
     seen, waiting = {start}, [start]
     while waiting:
-        for other in sorted(beside[waiting.pop(0)] - seen):
+        for other in sorted(neighbours[waiting.pop(0)] - seen):
             seen.add(other)
             waiting.append(other)
     return [start, *sorted(seen - {start})]
@@ -330,21 +332,21 @@ def _ordered(parts: Sequence[Placed], motors: Sequence[int], links: Sequence[_Li
 
 def _sliding(parts: Sequence[Placed], links: Sequence[_Link], groups: _Groups) -> set[frozenset[int]]:
     """Pairs of bodies that slide along a common axle: no part fixed to the axle stops them in both directions."""
-    holders: dict[int, list[Connection]] = defaultdict(list)
+    fixed_to: dict[int, list[Connection]] = defaultdict(list)
     for link in links:
         if link.is_axle and groups.find(link.male) == groups.find(link.female):
-            holders[link.male].append(link.connection)
+            fixed_to[link.male].append(link.connection)
     stops: dict[frozenset[int], list[int]] = defaultdict(lambda: [0, 0])
     for link in links:
-        first, second, one = groups.find(link.male), groups.find(link.female), link.connection
+        first, second, hole = groups.find(link.male), groups.find(link.female), link.connection
         if not link.is_axle or first == second:
             continue
         ends = stops[frozenset((first, second))]
         # Parallel axles have the same two directions, whichever of the bodies has the axle.
-        sign = float(np.sign(one.axis[int(np.argmax(np.abs(one.axis)))])) * (1 if first < second else -1)
-        low, high = _span(parts[one.female], one.female_site, one)
-        for fixed in holders[link.male]:
-            start, end = _span(parts[fixed.female], fixed.female_site, one)
+        sign = float(np.sign(hole.axis[int(np.argmax(np.abs(hole.axis)))])) * (1 if first < second else -1)
+        low, high = _span(parts[hole.female], hole.female_site, hole)
+        for fixed in fixed_to[link.male]:
+            start, end = _span(parts[fixed.female], fixed.female_site, hole)
             ends[0 if sign > 0 else 1] += _STOP_LOW < start - high < _STOP_HIGH
             ends[1 if sign > 0 else 0] += _STOP_LOW < low - end < _STOP_HIGH
     return {pair for pair, ends in stops.items() if not all(ends)}

@@ -36,7 +36,7 @@ _PART_ZOOM = 2.4
 _NOTE_WIDTH = 120
 """Characters per line of a note."""
 _COLOURS = 64
-_A_PAGE = 16
+_PARTS_PER_PAGE = 16
 _MODULE_IN = 8 / 25.4
 _CABLE = "#c2410c"
 FORMATS = (".pdf", ".html")
@@ -91,8 +91,8 @@ def pages_of(plan: Plan) -> Iterator[Page]:
     entries = parts_list(plan)
     text = f"{len(plan.parts)} parts of {len(entries)} kinds and colours · {len(plan.steps)} steps · {plan.mass_g:.0f} g"
     yield Page(plan.title, text, draw(plan.parts, _COVER_SIZE), ())
-    for start in range(0, len(entries), _A_PAGE):
-        items = tuple(_item(entry) for entry in entries[start : start + _A_PAGE])
+    for start in range(0, len(entries), _PARTS_PER_PAGE):
+        items = tuple(_item(entry) for entry in entries[start : start + _PARTS_PER_PAGE])
         yield Page("Parts", "", None, items)
     times = Counter(_kind(step) for step in plan.steps)
     number = 0
@@ -142,20 +142,20 @@ def _step_page(plan: Plan, step: Step, number: int, times: int) -> Page:
     new = [plan.parts[index] for index in step.new]
     joined = [plan.parts[index] for group in step.joined for index in group]
     bright = {placed.index for placed in (*new, *joined)}
-    there = [plan.parts[index] for index in sorted(plan.present_parts(step))]
-    view, picture = _best_view(there, bright, set(step.new))
-    where = f" · {_title(step.assembly[-1])}" if step.assembly else ""
-    where += f", {times} times" if times > 1 else ""
-    turned = "" if view == VIEWS[0] else " (the model is turned)"
+    present = [plan.parts[index] for index in sorted(plan.present_parts(step))]
+    view, picture = _best_view(present, bright, set(step.new))
+    title = f" · {_title(step.assembly[-1])}" if step.assembly else ""
+    title += f", {times} times" if times > 1 else ""
+    hint = "" if view == VIEWS[0] else " (the model is turned)"
     counts = Counter((placed.part, placed.colour) for placed in new)
     items = [Item(_part_picture(part, colour), count, part.name, part.length) for (part, colour), count in counts.items()]
     groups = [[plan.parts[index] for index in group] for group in step.joined]
     titles = Counter(_title(parts[0].assembly[len(step.assembly)]) for parts in groups)
     for parts in groups:
-        title = _title(parts[0].assembly[len(step.assembly)])
-        if title in titles:
-            items.append(Item(draw(parts, _PART_SIZE), titles.pop(title), title))
-    return Page(f"{number}{where}", step.note + turned, picture, tuple(items))
+        name = _title(parts[0].assembly[len(step.assembly)])
+        if name in titles:
+            items.append(Item(draw(parts, _PART_SIZE), titles.pop(name), name))
+    return Page(f"{number}{title}", step.note + hint, picture, tuple(items))
 
 
 def _title(assembly: str) -> str:
@@ -163,12 +163,12 @@ def _title(assembly: str) -> str:
     return assembly.rpartition(":")[0].removesuffix(".ldr").replace("_", " ")
 
 
-def _best_view(there: list[Placed], bright: set[int], new: set[int]) -> tuple[View, Pixels]:
+def _best_view(present: list[Placed], bright: set[int], new: set[int]) -> tuple[View, Pixels]:
     """The default view, or the one that shows the new parts best if they are hidden there."""
     best: tuple[float, View, Canvas, Canvas] | None = None
     for view in VIEWS:
-        canvas, ghosts = Canvas(_STEP_SIZE, view, there), Canvas(_STEP_SIZE, view, there)
-        for placed in there:
+        canvas, ghosts = Canvas(_STEP_SIZE, view, present), Canvas(_STEP_SIZE, view, present)
+        for placed in present:
             canvas.add(placed)
             if placed.index in bright:
                 ghosts.add(placed)
@@ -179,18 +179,19 @@ def _best_view(there: list[Placed], bright: set[int], new: set[int]) -> tuple[Vi
             break
     if best is None:
         raise PlanError("a step without parts cannot be drawn; take it out of the plan")
-    sunk = _hidden_fasteners([placed for placed in there if placed.index in new], there, best[1], best[2])
-    return best[1], best[2].picture(bright, (best[3], *sunk))
+    fasteners = _hidden_fasteners([placed for placed in present if placed.index in new], present, best[1], best[2])
+    return best[1], best[2].picture(bright, (best[3], *fasteners))
 
 
-def _hidden_fasteners(new: list[Placed], there: list[Placed], view: View, canvas: Canvas) -> tuple[Canvas, ...]:
+def _hidden_fasteners(new: list[Placed], present: list[Placed], view: View, canvas: Canvas) -> tuple[Canvas, ...]:
     """The barely visible fasteners on a canvas of their own, if any."""
-    small = [placed for placed in new if placed.part.family in _FASTENERS]
-    alone = Canvas(canvas.size, view, there)
-    for placed in small:
+    fasteners = [placed for placed in new if placed.part.family in _FASTENERS]
+    alone = Canvas(canvas.size, view, present)
+    for placed in fasteners:
         alone.add(placed)
-    hidden = [one for one in small if canvas.visible({one.index}) < _MIN_FASTENER_VISIBLE * alone.visible({one.index})]
-    outlines = Canvas(canvas.size, view, there)
+    shares = {part: alone.visible({part}) * _MIN_FASTENER_VISIBLE for part in (placed.index for placed in fasteners)}
+    hidden = [placed for placed in fasteners if canvas.visible({placed.index}) < shares[placed.index]]
+    outlines = Canvas(canvas.size, view, present)
     for placed in hidden:
         outlines.add(placed)
     return (outlines,) if hidden else ()
@@ -199,16 +200,16 @@ def _hidden_fasteners(new: list[Placed], there: list[Placed], view: View, canvas
 def _cables(plan: Plan, canvas: Canvas) -> tuple[Cable, ...]:
     """Cables of all motors and sensors."""
     hubs = plan.devices(DeviceKind.HUB)
-    places = dict(hubs[0].part.device.ports) if hubs and hubs[0].part.device else {}
+    positions = dict(hubs[0].part.device.ports) if hubs and hubs[0].part.device else {}
     cables = []
-    for placed in sorted(plan.devices(DeviceKind.MOTOR) + plan.devices(DeviceKind.SENSOR), key=lambda one: one.port or ""):
+    for placed in sorted(plan.devices(DeviceKind.MOTOR) + plan.devices(DeviceKind.SENSOR), key=lambda placed: placed.port or ""):
         device = placed.part.device
-        if device is None or placed.port is None or placed.port not in places:
+        if device is None or placed.port is None or placed.port not in positions:
             continue
-        ends = hubs[0].to_plan(np.array([places[placed.port]]))[0], placed.to_plan(np.array([device.plug]))[0]
-        far = float(np.linalg.norm(ends[0] - ends[1])) * MM_PER_LDU
+        ends = hubs[0].to_plan(np.array([positions[placed.port]]))[0], placed.to_plan(np.array([device.plug]))[0]
+        distance_mm = float(np.linalg.norm(ends[0] - ends[1])) * MM_PER_LDU
         name = f" '{placed.device}'" if placed.device else ""
-        text = f"Port {placed.port}: {placed.part.name}{name}, {far:.0f} mm away; its cable has {device.cable_mm:.0f} mm"
+        text = f"Port {placed.port}: {placed.part.name}{name}, {distance_mm:.0f} mm away; its cable has {device.cable_mm:.0f} mm"
         middle = placed.to_plan(np.mean(placed.part.bounds, axis=0)[None, :])[0]
         (x, y), (x2, y2) = canvas.pixel_of(np.stack([ends[0], middle])).tolist()
         cables.append(Cable(placed.port, text, ((x, y), (x2, y2))))
@@ -253,10 +254,10 @@ def _lay_out(figure: object, page: Page, number: int) -> None:
     for row, line in enumerate(reversed(page.lines)):
         figure.text(0.05, 0.09 + 0.045 * row, line, fontsize=10, va="center")
     columns = 4 if is_list else 1
-    high = 0.205 if is_list else min(0.175, 0.74 / max(len(page.items), 1))
+    height = 0.205 if is_list else min(0.175, 0.74 / max(len(page.items), 1))
     for index, item in enumerate(page.items):
-        x, y = 0.03 + 0.24 * (index % columns), 0.86 - high * (index // columns + 1)
-        axes = figure.add_axes((x, y + 0.05, 0.17 if is_list else 0.20, high - 0.055))
+        x, y = 0.03 + 0.24 * (index % columns), 0.86 - height * (index // columns + 1)
+        axes = figure.add_axes((x, y + 0.05, 0.17 if is_list else 0.20, height - 0.055))
         axes.imshow(_indexed(item.picture).convert("RGB"), interpolation="none")
         axes.set_axis_off()
         figure.text(x, y + 0.025, f"{item.count} x", fontsize=11, weight="bold", va="center")
@@ -300,7 +301,7 @@ def _html(plan: Plan, pages: Iterable[Page]) -> str:
 
 def _drawing(head: str, picture: Pixels, cables: tuple[Cable, ...]) -> str:
     """A picture with its cables as SVG."""
-    high, wide = picture.shape[:2]
+    height, width = picture.shape[:2]
     lines = []
     for cable in cables:
         (x, y), (x2, y2) = cable.ends
@@ -310,8 +311,8 @@ def _drawing(head: str, picture: Pixels, cables: tuple[Cable, ...]) -> str:
             f'<text x="{x:.0f}" y="{y + 4:.0f}" font-size="12" text-anchor="middle">{html.escape(cable.port)}</text>'
             for x, y in cable.ends
         ]
-    image = f'<image width="{wide}" height="{high}" href="{_source(picture)}"/>'
-    return f'<svg role="img" aria-label="{html.escape(head)}" viewBox="0 0 {wide} {high}">{image}{"".join(lines)}</svg>'
+    image = f'<image width="{width}" height="{height}" href="{_source(picture)}"/>'
+    return f'<svg role="img" aria-label="{html.escape(head)}" viewBox="0 0 {width} {height}">{image}{"".join(lines)}</svg>'
 
 
 def _source(picture: Pixels) -> str:

@@ -40,13 +40,13 @@ class StepTrouble:
     kind: Trouble
 
 
-def step_troubles(plan: Plan, found: Sequence[Connection], room: Occupancy) -> list[StepTrouble]:
+def step_troubles(plan: Plan, connections: Sequence[Connection], occupancy: Occupancy) -> list[StepTrouble]:
     """All steps that fail. Parts with unmodelled connections, such as tyres, count as connected."""
-    beside: dict[int, set[int]] = defaultdict(set)
+    neighbours: dict[int, set[int]] = defaultdict(set)
     axes: dict[int, list[Floats]] = defaultdict(list)
-    for link in found:
-        beside[link.male].add(link.female)
-        beside[link.female].add(link.male)
+    for link in connections:
+        neighbours[link.male].add(link.female)
+        neighbours[link.female].add(link.male)
         axes[link.male].append(link.axis)
         axes[link.female].append(link.axis)
     troubles: list[StepTrouble] = []
@@ -54,84 +54,84 @@ def step_troubles(plan: Plan, found: Sequence[Connection], room: Occupancy) -> l
     for step in plan.steps:
         before = set(built[step.assembly])
         items = [(part,) for part in step.new] + list(step.joined)
-        now = before | {part for item in items for part in item}
-        built[step.assembly] = now
-        troubles += _unconnected(plan, step, items, before, now, beside)
-        if len(items) > _MAX_ITEMS or room.queries > _MAX_QUERIES:
+        after = before | {part for item in items for part in item}
+        built[step.assembly] = after
+        troubles += _unconnected(plan, step, items, before, after, neighbours)
+        if len(items) > _MAX_ITEMS or occupancy.queries > _MAX_QUERIES:
             troubles.append(StepTrouble(step, items[0][:1], Trouble.UNCHECKED))
             continue
-        stuck = _blocked(items, now, room, axes, beside, len(plan.parts))
-        if stuck:
-            troubles.append(StepTrouble(step, stuck, Trouble.BLOCKED))
+        blocked = _blocked(items, after, occupancy, axes, neighbours, len(plan.parts))
+        if blocked:
+            troubles.append(StepTrouble(step, blocked, Trouble.BLOCKED))
     return troubles
 
 
 def _unconnected(
-    plan: Plan, step: Step, items: Sequence[tuple[int, ...]], before: set[int], now: set[int], beside: dict[int, set[int]]
+    plan: Plan, step: Step, items: Sequence[tuple[int, ...]], before: set[int], after: set[int], neighbours: dict[int, set[int]]
 ) -> list[StepTrouble]:
     """Parts that are not connected to the rest after the step."""
     start = (
         min(before) if before else max((part for item in items for part in item), key=lambda part: plan.parts[part].part.mass_g)
     )
-    seen, waiting = {start}, [start]
-    while waiting:
-        fresh = (beside[waiting.pop()] & now) - seen
-        seen |= fresh
-        waiting += fresh
-    lost = tuple(part for item in items for part in item if part not in seen and not plan.parts[part].part.is_loose)
-    return [StepTrouble(step, lost, Trouble.UNCONNECTED)] if lost else []
+    seen, queue = {start}, [start]
+    while queue:
+        unseen = (neighbours[queue.pop()] & after) - seen
+        seen |= unseen
+        queue += unseen
+    unconnected = tuple(part for item in items for part in item if part not in seen and not plan.parts[part].part.is_loose)
+    return [StepTrouble(step, unconnected, Trouble.UNCONNECTED)] if unconnected else []
 
 
 def _blocked(
     items: Sequence[tuple[int, ...]],
-    now: set[int],
-    room: Occupancy,
+    after: set[int],
+    occupancy: Occupancy,
     axes: dict[int, list[Floats]],
-    beside: dict[int, set[int]],
+    neighbours: dict[int, set[int]],
     count: int,
 ) -> tuple[int, ...]:
     """Parts of a step without a free straight path."""
     present = np.zeros(count, dtype=bool)
-    present[list(now)] = True
-    left = list(items)
-    if len(left) == len(now):  # the first step: its first item lies on the table
-        left = left[1:]
-    moved = True
-    while left and moved and room.queries <= _MAX_QUERIES:
-        moved = False
-        for group in _groups(left, beside):
+    present[list(after)] = True
+    remaining = list(items)
+    if len(remaining) == len(after):  # the first step: its first item lies on the table
+        remaining = remaining[1:]
+    has_removed = True
+    while remaining and has_removed and occupancy.queries <= _MAX_QUERIES:
+        has_removed = False
+        for group in _groups(remaining, neighbours):
             parts = [part for item in group for part in item]
-            if _is_removable(parts, present, room, _directions(parts, axes)):
+            if _is_removable(parts, present, occupancy, _directions(parts, axes)):
                 present[parts] = False
-                left = [item for item in left if item not in group]
-                moved = True
+                remaining = [item for item in remaining if item not in group]
+                has_removed = True
                 break
-    return tuple(part for item in left for part in item)
+    return tuple(part for item in remaining for part in item)
 
 
-def _groups(left: Sequence[tuple[int, ...]], beside: dict[int, set[int]]) -> Iterable[list[tuple[int, ...]]]:
+def _groups(remaining: Sequence[tuple[int, ...]], neighbours: dict[int, set[int]]) -> Iterable[list[tuple[int, ...]]]:
     """Groups to remove together: each item, each with the new items that it touches, all items."""
-    for item in reversed(left):
+    for item in reversed(remaining):
         yield [item]
-    for item in reversed(left):
-        touched = {other for part in item for other in beside[part]}
-        together = [other for other in left if other == item or touched & set(other)]
-        if 1 < len(together) < len(left):
-            yield together
-    if len(left) > 1:
-        yield list(left)
+    for item in reversed(remaining):
+        touched = {other for part in item for other in neighbours[part]}
+        group = [other for other in remaining if other == item or touched & set(other)]
+        if 1 < len(group) < len(remaining):
+            yield group
+    if len(remaining) > 1:
+        yield list(remaining)
 
 
 def _directions(parts: Sequence[int], axes: dict[int, list[Floats]]) -> list[Floats]:
     """Directions to try: along the connections, then along the plan's axes."""
-    ways: list[Floats] = []
+    directions: list[Floats] = []
     for axis in [axis for part in parts for axis in axes[part]] + list(np.eye(3)):
-        if not any(abs(float(axis @ way)) > 0.999 for way in ways):
-            ways.append(axis)
-    return [sign * way for way in ways for sign in (1.0, -1.0)]
+        if not any(abs(float(axis @ direction)) > 0.999 for direction in directions):
+            directions.append(axis)
+    return [sign * direction for direction in directions for sign in (1.0, -1.0)]
 
 
-def _is_removable(parts: Sequence[int], present: Bools, room: Occupancy, ways: Sequence[Floats]) -> bool:
+def _is_removable(parts: Sequence[int], present: Bools, occupancy: Occupancy, directions: Sequence[Floats]) -> bool:
     others = present.copy()
     others[list(parts)] = False
-    return any(all(room.is_free(parts, others, way * far) for far in _PATH_LDU) for way in ways)
+    return any(all(occupancy.is_free(parts, others, direction * distance) for distance in _PATH_LDU) for direction in directions)

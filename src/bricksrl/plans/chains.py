@@ -22,53 +22,53 @@ _TOLERANCE = 1.5
 def chain_meshes(parts: Sequence[Placed]) -> list[Mesh]:
     """The gears in each closed chain, in pairs."""
     gears = [(placed, gear) for placed in parts for gear in placed.part.gears if gear.form is GearForm.SPUR]
-    found = []
+    meshes = []
     for points, axis in _loops(parts):
-        inside = [(placed, gear) for placed, gear in gears if _is_driven(placed, gear, points, axis)]
-        found += [_mesh(*one, *other, axis) for one, other in pairwise(inside)]
-    return found
+        driven = [(placed, gear) for placed, gear in gears if _is_driven(placed, gear, points, axis)]
+        meshes += [_mesh(*first, *second, axis) for first, second in pairwise(driven)]
+    return meshes
 
 
 def _loops(parts: Sequence[Placed]) -> list[tuple[Floats, Floats]]:
     """Points [n, 3] of each closed chain, one a link, and the direction of its pins [3]."""
     links = [placed for placed in parts if placed.part.family == "chains"]
-    starts = np.array([one.position for one in links])
-    following = {}
-    for number, one in enumerate(links):
-        apart = np.linalg.norm(starts - one.to_plan(np.array([[0.0, 0.0, PITCH]])), axis=1)
-        if apart.min() < _TOLERANCE:
-            following[number] = int(apart.argmin())
-    left, found = dict.fromkeys(range(len(links))), []
-    while left:
-        loop = [next(iter(left))]
-        while loop[-1] in left:
-            del left[loop[-1]]
-            loop.append(following.get(loop[-1], -1))
+    starts = np.array([link.position for link in links])
+    next_link = {}
+    for number, link in enumerate(links):
+        distances = np.linalg.norm(starts - link.to_plan(np.array([[0.0, 0.0, PITCH]])), axis=1)
+        if distances.min() < _TOLERANCE:
+            next_link[number] = int(distances.argmin())
+    remaining, loops = dict.fromkeys(range(len(links))), []
+    while remaining:
+        loop = [next(iter(remaining))]
+        while loop[-1] in remaining:
+            del remaining[loop[-1]]
+            loop.append(next_link.get(loop[-1], -1))
         if loop[-1] == loop[0]:
-            found.append((starts[loop[:-1]], links[loop[0]].rotation[:, 0]))
-    return found
+            loops.append((starts[loop[:-1]], links[loop[0]].rotation[:, 0]))
+    return loops
 
 
 def _is_driven(placed: Placed, gear: Gear, points: Floats, axis: Floats) -> bool:
     """Whether a gear is inside a chain, and links lie on its teeth."""
-    away = points - placed.to_plan(np.array([gear.centre]))[0]
-    flat = away - np.outer(away @ axis, axis)
+    offset = points - placed.to_plan(np.array([gear.centre]))[0]
+    projected = offset - np.outer(offset @ axis, axis)
     radius = PITCH / 2 / math.sin(2 * math.pi / gear.teeth)  # a link is the chord of two teeth
-    touching = np.abs(np.linalg.norm(flat, axis=1) - radius) < _TOLERANCE
-    is_level = np.abs(away @ axis).max() < gear.width / 2 and abs(placed.rotation @ np.array(gear.axis) @ axis) > 0.999
-    after = np.roll(flat, -1, axis=0)
-    around = np.arctan2(np.cross(flat, after) @ axis, np.einsum("ij,ij->i", flat, after)).sum()
-    return bool(is_level and np.count_nonzero(touching) >= 2 and abs(around) > math.pi)
+    touching = np.abs(np.linalg.norm(projected, axis=1) - radius) < _TOLERANCE
+    is_level = np.abs(offset @ axis).max() < gear.width / 2 and abs(placed.rotation @ np.array(gear.axis) @ axis) > 0.999
+    after = np.roll(projected, -1, axis=0)
+    winding = np.arctan2(np.cross(projected, after) @ axis, np.einsum("ij,ij->i", projected, after)).sum()
+    return bool(is_level and np.count_nonzero(touching) >= 2 and abs(winding) > math.pi)
 
 
 def _mesh(first: Placed, gear: Gear, second: Placed, other: Gear, axis: Floats) -> Mesh:
     """Two gears in a chain: where its straight part touches them, both move equally fast along it."""
     start, end = first.to_plan(np.array([gear.centre]))[0], second.to_plan(np.array([other.centre]))[0]
-    away = (end - start) - ((end - start) @ axis) * axis
-    distance = float(np.linalg.norm(away))
-    lean = (gear.pitch_radius - other.pitch_radius) / distance
-    outward = lean * away / distance + math.sqrt(1 - lean**2) * np.cross(axis, away / distance)
-    along = np.cross(axis, outward)
+    offset = (end - start) - ((end - start) @ axis) * axis
+    distance = float(np.linalg.norm(offset))
+    sine = (gear.pitch_radius - other.pitch_radius) / distance
+    outward = sine * offset / distance + math.sqrt(1 - sine**2) * np.cross(axis, offset / distance)
+    tangent = np.cross(axis, outward)
     points = (start + gear.pitch_radius * outward, end + other.pitch_radius * outward)
-    rows = [np.concatenate([along, np.cross(point, along)]) for point in points]
+    rows = [np.concatenate([tangent, np.cross(point, tangent)]) for point in points]
     return Mesh(first.index, second.index, (gear, other), 0.0, 1.0, points[0], np.stack([rows[0], -rows[1]]))

@@ -17,8 +17,8 @@ from bricksrl.plans.geometry import MM_PER_LDU, Floats
 from bricksrl.plans.plan import Placed, Plan
 from bricksrl.plans.wiring import wiring
 
-_SHOWN = 5
-_MOVES = 0.02
+_MAX_NAMES = 5
+_MIN_RATE = 0.02
 _REMEDIES = {
     Trouble.UNCONNECTED: "connect it, or add it later",
     Trouble.BLOCKED: "add it in an earlier step",
@@ -37,21 +37,21 @@ class Structure:
 
 def structure_of(plan: Plan) -> Structure:
     """Compute the structure of a plan."""
-    found, geared = connections(plan.parts), [*meshes(plan.parts), *chain_meshes(plan.parts)]
-    return Structure(tuple(found), tuple(geared), find_bodies(plan.parts, found, geared))
+    links, gears = connections(plan.parts), [*meshes(plan.parts), *chain_meshes(plan.parts)]
+    return Structure(tuple(links), tuple(gears), find_bodies(plan.parts, links, gears))
 
 
 def check(plan: Plan) -> list[Finding]:
     """All findings about a plan, in the order of its lines; empty if it can be built."""
     findings = _check_count(plan)
     if plan.parts:
-        structure, room = structure_of(plan), Occupancy(plan.parts)
+        structure, occupancy = structure_of(plan), Occupancy(plan.parts)
         findings += _check_connections(plan, structure)
-        colliding = room.collisions()
-        findings += _check_collisions(plan, colliding)
+        collisions = occupancy.collisions()
+        findings += _check_collisions(plan, collisions)
         findings += _check_gears(plan, structure)
         findings += _check_motions(plan, structure)
-        findings += _check_steps(plan, structure, room, colliding)
+        findings += _check_steps(plan, structure, occupancy, collisions)
         findings += wiring(plan)
     return sorted(findings, key=lambda finding: (finding.line, finding.name, finding.detail))
 
@@ -78,24 +78,24 @@ def _check_connections(plan: Plan, structure: Structure) -> list[Finding]:
     findings = []
     for link in structure.connections:
         male, female = plan.parts[link.male], plan.parts[link.female]
-        where = f"{male.name} and {female.name} of line {female.line}"
+        pair = f"{male.name} and {female.name} of line {female.line}"
         if not link.fits:
-            text = f"{where}: a pin does not go into an axle hole; use an axle"
+            text = f"{pair}: a pin does not go into an axle hole; use an axle"
             findings.append(Finding("misfit", Outcome.ERROR, text, male.line))
         elif link.is_crossed:
-            text = f"{where}: the axle is misaligned with its hole; turn one of them"
+            text = f"{pair}: the axle is misaligned with its hole; turn one of them"
             findings.append(Finding("misfit", Outcome.ERROR, text, male.line))
         elif not link.is_seated:
-            text = f"{where}: only {link.depth * MM_PER_LDU:.1f} mm are inside; push it in, or use a longer part"
+            text = f"{pair}: only {link.depth * MM_PER_LDU:.1f} mm are inside; push it in, or use a longer part"
             findings.append(Finding("half-held", Outcome.ERROR, text, male.line))
-    together = {part for members in structure.bodies.members for part in members}
+    connected = {part for members in structure.bodies.members for part in members}
     for placed in plan.parts:
-        if placed.index not in together and not placed.part.is_loose:
+        if placed.index not in connected and not placed.part.is_loose:
             text = f"{placed.name} is not connected to the main body; add a pin or an axle, or remove it"
             findings.append(Finding("loose", Outcome.ERROR, text, placed.line))
-    useful = Counter(link.male for link in structure.connections if link.fits)
+    uses = Counter(link.male for link in structure.connections if link.fits)
     for placed in plan.parts:
-        if placed.part.family == "pins" and useful[placed.index] == 1:
+        if placed.part.family == "pins" and uses[placed.index] == 1:
             text = f"{placed.name} goes into one part only; add a second part, or remove it"
             findings.append(Finding("half-held", Outcome.ERROR, text, placed.line))
     return findings
@@ -103,10 +103,9 @@ def _check_connections(plan: Plan, structure: Structure) -> list[Finding]:
 
 def _check_collisions(plan: Plan, pairs: list[tuple[int, int]]) -> list[Finding]:
     findings = []
-    for first, second in pairs:
-        one, two = plan.parts[first], plan.parts[second]
-        text = f"{two.name} is inside {one.name} of line {one.line}; move one of the two"
-        findings.append(Finding("collision", Outcome.ERROR, text, two.line))
+    for first, second in ((plan.parts[index], plan.parts[other]) for index, other in pairs):
+        text = f"{second.name} is inside {first.name} of line {first.line}; move one of the two"
+        findings.append(Finding("collision", Outcome.ERROR, text, second.line))
     return findings
 
 
@@ -116,13 +115,13 @@ def _check_gears(plan: Plan, structure: Structure) -> list[Finding]:
     for mesh in structure.meshes:
         if mesh.is_good:
             continue
-        one, two = plan.parts[mesh.first], plan.parts[mesh.second]
+        first, second = plan.parts[mesh.first], plan.parts[mesh.second]
         if abs(mesh.error) <= 1.0:
-            how = f"meet over only {mesh.engaged:.0%} of their width; shift one along its axle"
+            fault = f"meet over only {mesh.engaged:.0%} of their width; shift one along its axle"
         else:
-            how = f"are {abs(mesh.error) * MM_PER_LDU:.1f} mm too {'far apart' if mesh.error > 0 else 'close'}; move one"
-        text = f"the teeth of {two.name} and {one.name} of line {one.line} {how}"
-        findings.append(Finding("gears", Outcome.ERROR, text, two.line))
+            fault = f"are {abs(mesh.error) * MM_PER_LDU:.1f} mm too {'far apart' if mesh.error > 0 else 'close'}; move one"
+        text = f"the teeth of {second.name} and {first.name} of line {first.line} {fault}"
+        findings.append(Finding("gears", Outcome.ERROR, text, second.line))
     return findings
 
 
@@ -138,12 +137,12 @@ def _check_motions(plan: Plan, structure: Structure) -> list[Finding]:
     if motions.shape[1]:
         for number, members in enumerate(bodies.members):
             rates = _remove_spin(plan, members, motions[6 * number : 6 * number + 6])
-            if np.abs(rates).max() < _MOVES or any(plan.parts[part].is_free for part in members):
+            if np.abs(rates).max() < _MIN_RATE or any(plan.parts[part].is_free for part in members):
                 continue
             names = _names([plan.parts[part] for part in members])
-            first = min((plan.parts[part].line for part in members), default=0)
+            line = min((plan.parts[part].line for part in members), default=0)
             text = f"{names} can swing or slide; connect it at a second place, or write 0 !BRICKSRL FREE before it"
-            findings.append(Finding("half-held", Outcome.ERROR, text, first))
+            findings.append(Finding("half-held", Outcome.ERROR, text, line))
     return findings + _check_motors(plan, bodies, motors)
 
 
@@ -152,9 +151,9 @@ def _remove_spin(plan: Plan, members: tuple[int, ...], rates: Floats) -> Floats:
     axles = [plan.parts[part] for part in members if plan.parts[part].part.family == "axles"]
     if not axles or any(plan.parts[part].part.family not in ("axles", "bushes") for part in members):
         return rates
-    axis, place = axles[0].rotation[:, 0], axles[0].position / RATE_LENGTH
-    turning = rates[3:]
-    return np.concatenate([rates[:3] + np.cross(turning, place, axis=0), turning - np.outer(axis, axis @ turning)])
+    axis, point = axles[0].rotation[:, 0], axles[0].position / RATE_LENGTH
+    angular = rates[3:]
+    return np.concatenate([rates[:3] + np.cross(angular, point, axis=0), angular - np.outer(axis, axis @ angular)])
 
 
 def _check_motors(plan: Plan, bodies: Bodies, motors: list[int]) -> list[Finding]:
@@ -162,29 +161,29 @@ def _check_motors(plan: Plan, bodies: Bodies, motors: list[int]) -> list[Finding
         return []
     motions = bodies.motions()
     rates = np.array([bodies.rates(motor, motions) for motor in motors]).reshape(len(motors), -1)
-    still = [motor for motor, row in zip(motors, rates, strict=True) if not len(row) or np.abs(row).max() < _MOVES]
+    locked = [motor for motor, row in zip(motors, rates, strict=True) if not len(row) or np.abs(row).max() < _MIN_RATE]
     findings = []
-    for motor in still:
+    for motor in locked:
         text = f"{plan.parts[motor].name} cannot turn: its load is fixed to its mount; remove a pin or a gear"
         findings.append(Finding("locked", Outcome.ERROR, text, plan.parts[motor].line))
-    rank = int(np.linalg.matrix_rank(rates, tol=_MOVES)) if rates.size else 0
-    if rank < len(motors) - len(still):
-        names = ", ".join(f"line {plan.parts[motor].line}" for motor in motors if motor not in still)
+    rank = int(np.linalg.matrix_rank(rates, tol=_MIN_RATE)) if rates.size else 0
+    if rank < len(motors) - len(locked):
+        names = ", ".join(f"line {plan.parts[motor].line}" for motor in motors if motor not in locked)
         text = f"motors block one another ({names}): they drive the same part; remove one"
         findings.append(Finding("locked", Outcome.ERROR, text, plan.parts[motors[0]].line))
     return findings
 
 
 def _names(placed: list[Placed]) -> str:
-    counts = Counter(one.name for one in placed)
+    counts = Counter(part.name for part in placed)
     names = [f"{count} x {name}" if count > 1 else name for name, count in counts.items()]
-    return ", ".join(names[:_SHOWN]) + (f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else "")
+    return ", ".join(names[:_MAX_NAMES]) + (f" and {len(names) - _MAX_NAMES} more" if len(names) > _MAX_NAMES else "")
 
 
-def _check_steps(plan: Plan, structure: Structure, room: Occupancy, pairs: list[tuple[int, int]]) -> list[Finding]:
+def _check_steps(plan: Plan, structure: Structure, occupancy: Occupancy, pairs: list[tuple[int, int]]) -> list[Finding]:
     findings = []
     colliding = {part for pair in pairs for part in pair}
-    for trouble in step_troubles(plan, structure.connections, room):
+    for trouble in step_troubles(plan, structure.connections, occupancy):
         parts = tuple(part for part in trouble.parts if trouble.kind is not Trouble.BLOCKED or part not in colliding)
         if not parts:
             continue

@@ -106,9 +106,9 @@ def connections(parts: Sequence[Placed]) -> list[Connection]:
         for site in placed.part.sites:
             entry = (placed.index, site, placed.to_plan(np.array([site.centre]))[0], placed.rotation @ np.array(site.axis))
             (joints if site.fit in _JOINTS else males if site.fit.is_male else females).append(entry)
-    found = _coinciding(joints)
+    result = _coinciding(joints)
     if not females:
-        return found
+        return result
     females.sort(key=lambda entry: float(entry[2][0]))
     owners = np.array([entry[0] for entry in females])
     centres, axes = np.array([entry[2] for entry in females]), np.array([entry[3] for entry in females])
@@ -117,23 +117,23 @@ def connections(parts: Sequence[Placed]) -> list[Connection]:
     for owner, site, centre, axis in males:
         reach = (site.length + float(lengths.max())) / 2 + _MAX_OFFSET
         start, end = np.searchsorted(centres[:, 0], [centre[0] - reach, centre[0] + reach])
-        some = slice(int(start), int(end))
-        away = centres[some] - centre
-        along = away @ axis
-        aside = np.linalg.norm(away - along[:, None] * axis, axis=1)
-        tilt = np.linalg.norm(np.cross(axes[some], axis), axis=1)
-        low = np.maximum(-site.length / 2, along - lengths[some] / 2)
-        high = np.minimum(site.length / 2, along + lengths[some] / 2)
-        good = (aside < _MAX_OFFSET) & (tilt < _MAX_TILT) & (high - low > _MIN_DEPTH) & (owners[some] != owner)
-        good &= is_for_stud[some] == (site.fit is Fit.STUD)
-        for which in np.flatnonzero(good):
-            depth = float(high[which] - low[which])
-            other, hole = females[int(start) + which][0], females[int(start) + which][1]
+        nearby = slice(int(start), int(end))
+        offset = centres[nearby] - centre
+        along = offset @ axis
+        across = np.linalg.norm(offset - along[:, None] * axis, axis=1)
+        tilt = np.linalg.norm(np.cross(axes[nearby], axis), axis=1)
+        low = np.maximum(-site.length / 2, along - lengths[nearby] / 2)
+        high = np.minimum(site.length / 2, along + lengths[nearby] / 2)
+        fitting = (across < _MAX_OFFSET) & (tilt < _MAX_TILT) & (high - low > _MIN_DEPTH) & (owners[nearby] != owner)
+        fitting &= is_for_stud[nearby] == (site.fit is Fit.STUD)
+        for index in np.flatnonzero(fitting):
+            depth = float(high[index] - low[index])
+            other, hole = females[int(start) + index][0], females[int(start) + index][1]
             is_seated = depth >= _MIN_SEATED_SHARE * min(20.0, site.length, hole.length)
-            crossed = _is_crossed(parts[owner], site, parts[other], hole)
-            point = centre + axis * float(low[which] + high[which]) / 2
-            found.append(Connection(owner, other, site, hole, point, axis, depth, is_seated, crossed))
-    return found
+            is_crossed = _is_crossed(parts[owner], site, parts[other], hole)
+            point = centre + axis * float(low[index] + high[index]) / 2
+            result.append(Connection(owner, other, site, hole, point, axis, depth, is_seated, is_crossed))
+    return result
 
 
 def _is_crossed(axle: Placed, site: Site, holder: Placed, hole: Site) -> bool:
@@ -152,16 +152,16 @@ def _arm(site: Site) -> Floats:
 
 def _coinciding(joints: list[_Placed]) -> list[Connection]:
     """Halves of a turntable, and balls in sockets."""
-    found = []
+    result = []
     for owner, site, centre, axis in joints:
-        for other, hole, place, direction in joints:
-            if owner == other or np.linalg.norm(place - centre) > _MAX_OFFSET:
+        for other, hole, centre2, direction in joints:
+            if owner == other or np.linalg.norm(centre2 - centre) > _MAX_OFFSET:
                 continue
             is_aligned = owner < other and np.linalg.norm(np.cross(axis, direction)) < _MAX_TILT
             pair = (site.fit, hole.fit)
             if pair == (Fit.BALL, Fit.SOCKET) or (pair == (Fit.TURNTABLE, Fit.TURNTABLE) and is_aligned):
-                found.append(Connection(owner, other, site, hole, centre, axis, site.length, True, False))
-    return found
+                result.append(Connection(owner, other, site, hole, centre, axis, site.length, True, False))
+    return result
 
 
 def meshes(parts: Sequence[Placed]) -> list[Mesh]:
@@ -169,19 +169,19 @@ def meshes(parts: Sequence[Placed]) -> list[Mesh]:
     gears = [(placed, gear) for placed in parts for gear in placed.part.gears]
     centres = np.array([_centre(placed, gear) for placed, gear in gears]).reshape(-1, 3)
     reach = np.array([max(gear.pitch_radius, gear.width, 4.0 * gear.teeth) for _, gear in gears])
-    found: list[Mesh] = []
+    result: list[Mesh] = []
     compared = 0
     for number, (placed, gear) in enumerate(gears):
-        far = np.linalg.norm(centres[number + 1 :] - centres[number], axis=1)
-        for near in np.flatnonzero(far < reach[number + 1 :] + reach[number] + 2 * _NEAR_TOLERANCE):
+        distances = np.linalg.norm(centres[number + 1 :] - centres[number], axis=1)
+        for near in np.flatnonzero(distances < reach[number + 1 :] + reach[number] + 2 * _NEAR_TOLERANCE):
             other, second = gears[number + 1 + int(near)]
             compared += 1
             if compared > _MAX_COMPARED:
-                return found
+                return result
             mesh = _mesh(placed, gear, other, second) if other.index != placed.index else None
             if mesh is not None:
-                found.append(mesh)
-    return found
+                result.append(mesh)
+    return result
 
 
 def _mesh(first: Placed, gear: Gear, second: Placed, other: Gear) -> Mesh | None:
@@ -202,50 +202,50 @@ def _centre(placed: Placed, gear: Gear) -> Floats:
 
 
 def _parallel(first: Placed, gear: Gear, second: Placed, other: Gear, axis: Floats) -> Mesh | None:
-    away = _centre(second, other) - _centre(first, gear)
-    along = float(away @ axis)
-    aside = away - along * axis
-    distance = float(np.linalg.norm(aside))
+    offset = _centre(second, other) - _centre(first, gear)
+    along = float(offset @ axis)
+    across = offset - along * axis
+    distance = float(np.linalg.norm(across))
     error = distance - gear.pitch_radius - other.pitch_radius
-    shared = min(gear.width / 2, along + other.width / 2) - max(-gear.width / 2, along - other.width / 2)
-    if abs(error) > _NEAR_TOLERANCE or shared <= 1.0 or distance < 1.0:
+    overlap = min(gear.width / 2, along + other.width / 2) - max(-gear.width / 2, along - other.width / 2)
+    if abs(error) > _NEAR_TOLERANCE or overlap <= 1.0 or distance < 1.0:
         return None
     # Dividing the distance by the teeth gives the exact ratio, even if the pitch circles do not quite touch.
-    share = gear.pitch_radius / (gear.pitch_radius + other.pitch_radius)
-    point = _centre(first, gear) + aside * share + axis * along / 2
-    tangent = np.cross(axis, aside / distance)
-    return _make_mesh(first, gear, second, other, error, shared / min(gear.width, other.width), point, tangent)
+    fraction = gear.pitch_radius / (gear.pitch_radius + other.pitch_radius)
+    point = _centre(first, gear) + across * fraction + axis * along / 2
+    tangent = np.cross(axis, across / distance)
+    return _make_mesh(first, gear, second, other, error, overlap / min(gear.width, other.width), point, tangent)
 
 
 def _right_angle(first: Placed, gear: Gear, second: Placed, other: Gear, axis: Floats, axis2: Floats) -> Mesh | None:
     """Bevel gears with intersecting axes."""
-    away = _centre(second, other) - _centre(first, gear)
+    offset = _centre(second, other) - _centre(first, gear)
     normal = np.cross(axis, axis2)
-    along, along2 = float(away @ axis), float(away @ axis2)
+    along, along2 = float(offset @ axis), float(offset @ axis2)
     # Each gear's distance from the intersection of the axes is the other's pitch radius.
     error = max(abs(along) - other.pitch_radius - gear.set_back, abs(along2) - gear.pitch_radius - other.set_back, key=abs)
-    if abs(float(away @ normal)) > _NEAR_TOLERANCE or abs(error) > _NEAR_TOLERANCE:
+    if abs(float(offset @ normal)) > _NEAR_TOLERANCE or abs(error) > _NEAR_TOLERANCE:
         return None
-    error += abs(float(away @ normal))
+    error += abs(float(offset @ normal))
     point = _centre(first, gear) + axis2 * np.sign(along2) * gear.pitch_radius
     return _make_mesh(first, gear, second, other, error, 1.0, point, normal)
 
 
 def _worm(first: Placed, worm: Gear, second: Placed, gear: Gear) -> Mesh | None:
     axis, axis2 = first.rotation @ np.array(worm.axis), second.rotation @ np.array(gear.axis)
-    away = _centre(second, gear) - _centre(first, worm)
+    offset = _centre(second, gear) - _centre(first, worm)
     if (
         abs(float(axis @ axis2)) > _MAX_TILT
-        or abs(float(away @ axis2)) > gear.width / 2
-        or abs(float(away @ axis)) > worm.width / 2
+        or abs(float(offset @ axis2)) > gear.width / 2
+        or abs(float(offset @ axis)) > worm.width / 2
     ):
         return None
-    aside = away - (away @ axis) * axis - (away @ axis2) * axis2
-    distance = float(np.linalg.norm(aside))
+    across = offset - (offset @ axis) * axis - (offset @ axis2) * axis2
+    distance = float(np.linalg.norm(across))
     error = distance - _WORM_PITCH_RADIUS - gear.pitch_radius
     if abs(error) > _NEAR_TOLERANCE or distance < 1.0:
         return None
-    point = _centre(second, gear) - aside / distance * gear.pitch_radius
+    point = _centre(second, gear) - across / distance * gear.pitch_radius
     mesh = _make_mesh(first, worm, second, gear, error, 1.0, point, axis)
     motion = mesh.motion.copy()
     # The thread is right-handed: turning it also moves the teeth along the axis.
@@ -256,12 +256,12 @@ def _worm(first: Placed, worm: Gear, second: Placed, gear: Gear) -> Mesh | None:
 def _rack(first: Placed, rack: Gear, second: Placed, gear: Gear) -> Mesh | None:
     along, up = first.rotation @ np.array(rack.axis), first.rotation @ np.array(rack.up)
     axis = second.rotation @ np.array(gear.axis)
-    away = _centre(second, gear) - _centre(first, rack)
-    error = float(away @ up) - gear.pitch_radius
+    offset = _centre(second, gear) - _centre(first, rack)
+    error = float(offset @ up) - gear.pitch_radius
     half = rack.teeth * 7.854 / 2
     if abs(float(axis @ along)) > _MAX_TILT or abs(float(axis @ up)) > _MAX_TILT or abs(error) > _NEAR_TOLERANCE:
         return None
-    if abs(float(away @ along)) > half or abs(float(away @ axis)) > 0.3 * rack.width:
+    if abs(float(offset @ along)) > half or abs(float(offset @ axis)) > 0.3 * rack.width:
         return None
     return _make_mesh(first, rack, second, gear, error, 1.0, _centre(second, gear) - up * gear.pitch_radius, along)
 

@@ -13,7 +13,7 @@ _MARGIN = 0.8
 """LDU; with the sampling depth, overlaps up to 0.7 mm are tolerated, as real parts are slightly smaller."""
 _MIN_POINTS = 2
 """Minimum number of points inside."""
-_MAX_FOUND, _MAX_COMPARED = 200, 50_000
+_MAX_PAIRS, _MAX_COMPARED = 200, 50_000
 """Limits of the collision search."""
 
 
@@ -34,16 +34,16 @@ class Occupancy:
 
     def collisions(self) -> list[tuple[int, int]]:
         """Pairs of colliding parts, the lower index first; at most 200."""
-        found: list[tuple[int, int]] = []
+        pairs: list[tuple[int, int]] = []
         compared = 0
         for index in range(len(self._parts)):
             for other in index + 1 + np.flatnonzero(self._near(index, np.zeros(3))[index + 1 :]):
                 compared += 1
                 if self._collide(index, int(other), np.zeros(3)):
-                    found.append((index, int(other)))
-                if len(found) >= _MAX_FOUND or compared >= _MAX_COMPARED:
-                    return found
-        return found
+                    pairs.append((index, int(other)))
+                if len(pairs) >= _MAX_PAIRS or compared >= _MAX_COMPARED:
+                    return pairs
+        return pairs
 
     def is_free(self, group: Iterable[int], others: Bools, shift: Floats) -> bool:
         """Whether a group of parts, moved by ``shift``, collides with none of the parts in ``others`` [n]."""
@@ -61,7 +61,7 @@ class Occupancy:
 
     def _collide(self, index: int, other: int, shift: Floats) -> bool:
         if "chains" in (self._parts[index].part.family, self._parts[other].part.family):
-            return False  # their links give way, and lie between teeth
+            return False  # links are flexible, and lie between teeth
         return self._inside(index, other, shift) or self._inside(other, index, -shift)
 
     def _inside(self, index: int, other: int, shift: Floats) -> bool:
@@ -73,7 +73,7 @@ class Occupancy:
         target = self._parts[other]
         inner = target.to_part(points[near])
         # In large overlaps a few points are enough.
-        return any(int(np.count_nonzero(target.part.contains(some, _MARGIN))) >= _MIN_POINTS for some in (inner[::23], inner))
+        return any(int(np.count_nonzero(target.part.contains(sample, _MARGIN))) >= _MIN_POINTS for sample in (inner[::23], inner))
 
     def _points(self, index: int) -> Floats:
         if index not in self._samples:

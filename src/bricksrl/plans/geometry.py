@@ -14,14 +14,14 @@ Bools = NDArray[np.bool_]
 Triple = tuple[float, float, float]
 
 MM_PER_LDU = 0.4
-_FEWEST_SIDES = 10
+_MIN_SIDES = 10
 AXES: dict[str, Triple] = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
 
 def circle_sides(radius: float, chord_error: float) -> int:
-    """Sides of the polygon that is drawn for a circle: it is nowhere farther than ``chord_error`` from it, and looks round when
+    """Sides of the polygon that is drawn for a circle: at most ``chord_error`` away from it, and enough to look round when
     shaded. A segment's height is r (1 - cos(pi / sides))."""
-    return max(_FEWEST_SIDES, math.ceil(math.pi / math.acos(1.0 - min(chord_error / radius, 1.0))))
+    return max(_MIN_SIDES, math.ceil(math.pi / math.acos(1.0 - min(chord_error / radius, 1.0))))
 
 
 def rotation(axis: Triple | Floats, angle: float) -> Floats:

@@ -23,12 +23,12 @@ MAX_BYTES, MAX_LINES = 8_000_000, 100_000
 MARK = "!BRICKSRL"
 """First word of our comments after the 0."""
 _STUDIO_MODELS = ("model.ldr", "model2.ldr")
-_DAMAGE = (zipfile.BadZipFile, zipfile.LargeZipFile, zlib.error, ValueError, LookupError, OSError, EOFError, RuntimeError)
+_ZIP_ERRORS = (zipfile.BadZipFile, zipfile.LargeZipFile, zlib.error, ValueError, LookupError, OSError, EOFError, RuntimeError)
 """Errors of the zip reader on damaged files."""
-_OF_THE_LIBRARY = ("Part", "Subpart", "Shortcut", "Primitive", "8_Primitive", "48_Primitive")
-_STRETCH = 0.02
-_MOST_DEG = 36_000.0
-_FARTHEST = 1e6
+_LIBRARY_TYPES = ("Part", "Subpart", "Shortcut", "Primitive", "8_Primitive", "48_Primitive")
+_STRETCH_TOLERANCE = 0.02
+_MAX_DEG = 36_000.0
+_MAX_COORDINATE = 1e6
 """LDU."""
 
 
@@ -132,16 +132,7 @@ def _unzipped(path: Path, data: bytes) -> bytes:
                 raise PlanError(f"{path} is encrypted by Studio; open it there and export it as an LDraw file")
             with archive.open(name) as file:
                 return file.read(MAX_BYTES + 1)
-    except (
-        zipfile.BadZipFile,
-        zipfile.LargeZipFile,
-        zlib.error,
-        ValueError,
-        LookupError,
-        OSError,
-        EOFError,
-        RuntimeError,
-    ) as error:
+    except _ZIP_ERRORS as error:
         raise PlanError(f"{path} is a damaged zip ({error}); save it again, or export an LDraw file") from None
 
 
@@ -152,7 +143,7 @@ def parse(text: str, path: str) -> Document:
         raise PlanError(f"{path} has {len(lines)} lines, more than {MAX_LINES}; split the plan")
     parser = _Parser(path)
     for number, line in enumerate(lines, 1):
-        parser.take(number, line.split())
+        parser.parse_line(number, line.split())
     models = dict(dropwhile(lambda item: not item[1].references, parser.models.items()))
     if not models:
         raise PlanError(f"{path} places no part; give an LDraw file with lines that begin with 1")
@@ -169,24 +160,24 @@ class _Parser:
         self.count: int | None = None
         self._model: Model | None = None
         self._next: dict[str, tuple[str, ...]] = {}
-        self._takers: dict[str, Callable[[int, list[str]], None]] = {
+        self._handlers: dict[str, Callable[[int, list[str]], None]] = {
             "FILE": self._file,
             "STEP": self._step,
             "ROTSTEP": self._step,
             "//": self._note,
-            "!LDRAW_ORG": self._kind,
+            "!LDRAW_ORG": self._declared_type,
             "!LDCAD": self._generated,
-            MARK: self._ours,
+            MARK: self._own_comment,
         }
 
-    def take(self, number: int, words: list[str]) -> None:
+    def parse_line(self, number: int, words: list[str]) -> None:
         """Parse one line, split into words."""
         if not words:
             return
         if words[0] == "0" and len(words) > 1:
-            taker = self._takers.get(words[1])
-            if taker is not None:
-                taker(number, words[2:])
+            handler = self._handlers.get(words[1])
+            if handler is not None:
+                handler(number, words[2:])
             elif not self._current(number).title and not words[1].startswith("!"):
                 self._current(number).title = " ".join(words[1:])
         elif words[0] == "1":
@@ -214,9 +205,9 @@ class _Parser:
     def _step(self, number: int, _words: list[str]) -> None:
         self._current(number).step += 1
 
-    def _kind(self, number: int, words: list[str]) -> None:
+    def _declared_type(self, number: int, words: list[str]) -> None:
         """The declared type of a part file."""
-        if words and words[0].removeprefix("Unofficial_") in _OF_THE_LIBRARY:
+        if words and words[0].removeprefix("Unofficial_") in _LIBRARY_TYPES:
             self._current(number).is_shape = True
 
     def _generated(self, number: int, words: list[str]) -> None:
@@ -228,18 +219,18 @@ class _Parser:
         model = self._current(number)
         model.notes[model.step] = " ".join([*([model.notes[model.step]] if model.step in model.notes else []), *words])
 
-    def _ours(self, number: int, words: list[str]) -> None:
-        what, rest = (words[0], tuple(words[1:])) if words else ("", ())
-        if what == "ROBOT" and len(rest) == 1:
-            self.robot = rest[0]
-        elif what == "PARTS" and len(rest) == 1 and rest[0].isdecimal() and len(rest[0]) < 6:
-            self.count = int(rest[0])
+    def _own_comment(self, number: int, words: list[str]) -> None:
+        key, values = (words[0], tuple(words[1:])) if words else ("", ())
+        if key == "ROBOT" and len(values) == 1:
+            self.robot = values[0]
+        elif key == "PARTS" and len(values) == 1 and values[0].isdecimal() and len(values[0]) < 6:
+            self.count = int(values[0])
         elif (
-            (what == "PORT" and 0 < len(rest) < 4 and len(rest[0]) == 1 and _angle_of(rest) is not None)
-            or (what in ("FREE", "FIXED") and not rest)
-            or (what == "BALL" and _place_of(rest) is not None)
+            (key == "PORT" and 0 < len(values) < 4 and len(values[0]) == 1 and _angle_of(values) is not None)
+            or (key in ("FREE", "FIXED") and not values)
+            or (key == "BALL" and _position_of(values) is not None)
         ):
-            self._next[what] = rest
+            self._next[key] = values
         else:
             raise self._error(
                 number,
@@ -255,7 +246,7 @@ class _Parser:
             numbers = []
             colour = 0
         name = " ".join(words[14:])
-        if len(numbers) < 12 or not name or not all(math.isfinite(value) and abs(value) < _FARTHEST for value in numbers):
+        if len(numbers) < 12 or not name or not all(math.isfinite(value) and abs(value) < _MAX_COORDINATE for value in numbers):
             raise self._error(number, "cannot place a part", "write 1, a colour, 12 numbers and a file")
         matrix = np.array(numbers[3:]).reshape(3, 3)
         model = self._current(number)
@@ -272,14 +263,14 @@ class _Parser:
             _angle_of(port) or 0.0,
             "FREE" in self._next,
             "FIXED" in self._next,
-            _place_of(self._next.get("BALL", ())),
-            bool(np.abs(matrix @ matrix.T - np.eye(3)).max() > _STRETCH),
+            _position_of(self._next.get("BALL", ())),
+            bool(np.abs(matrix @ matrix.T - np.eye(3)).max() > _STRETCH_TOLERANCE),
         )
         model.references.append(reference)
         self._next = {}
 
-    def _error(self, number: int, what: str, remedy: str) -> PlanError:
-        return PlanError(f"{self.path}, line {number}: {what}; {remedy}")
+    def _error(self, number: int, fault: str, remedy: str) -> PlanError:
+        return PlanError(f"{self.path}, line {number}: {fault}; {remedy}")
 
 
 def _angle_of(port: tuple[str, ...]) -> float | None:
@@ -288,16 +279,16 @@ def _angle_of(port: tuple[str, ...]) -> float | None:
         angle_deg = float(port[2]) if len(port) > 2 else 0.0
     except ValueError:
         return None
-    return angle_deg if abs(angle_deg) <= _MOST_DEG else None
+    return angle_deg if abs(angle_deg) <= _MAX_DEG else None
 
 
-def _place_of(words: tuple[str, ...]) -> Triple | None:
+def _position_of(words: tuple[str, ...]) -> Triple | None:
     """The position of a BALL comment, ``None`` if invalid."""
     try:
         x, y, z = map(float, words)
     except ValueError:
         return None
-    return (x, y, z) if all(math.isfinite(value) and abs(value) < _FARTHEST for value in (x, y, z)) else None
+    return (x, y, z) if all(math.isfinite(value) and abs(value) < _MAX_COORDINATE for value in (x, y, z)) else None
 
 
 def key_of(name: str) -> str:

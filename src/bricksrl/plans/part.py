@@ -184,9 +184,9 @@ class Part:
         """Whether points [n, 3] are in a hole, or less than ``margin`` from one [n]."""
         inside = np.zeros(len(points), dtype=bool)
         for site in self.holes:
-            away = points - np.array(site.centre)
-            along = away @ np.array(site.axis)
-            squared = np.einsum("ij,ij->i", away, away) - along * along  # of the distance from the axis
+            offset = points - np.array(site.centre)
+            along = offset @ np.array(site.axis)
+            squared = np.einsum("ij,ij->i", offset, offset) - along * along  # of the distance from the axis
             inside |= (squared < (HOLE_RADIUS + margin) ** 2) & (np.abs(along) < site.length / 2 + 0.5)
         return inside
 
@@ -200,8 +200,8 @@ class Part:
         """Points [n, 3] in the material, at least 0.9 LDU below the surface."""
         solids = (*self.solids, *self.turning)
         points = [solid.samples(3.5 if min(solid.half) < 12 else 7.0, 0.9) for solid in solids]
-        together = np.concatenate(points) if points else np.zeros((0, 3))
-        return together[~self._in_hole(together, 0.9)]
+        samples = np.concatenate(points) if points else np.zeros((0, 3))
+        return samples[~self._in_hole(samples, 0.9)]
 
     @functools.cached_property
     def bounds(self) -> tuple[Floats, Floats]:

@@ -17,7 +17,7 @@ FORMATS = ("csv", "rebrickable", "bricklink")
 
 @dataclass(frozen=True)
 class Entry:
-    """Parts of one kind and colour."""
+    """Parts of entry kind and colour."""
 
     part: Part
     colour: Colour
@@ -34,28 +34,29 @@ def parts_list(plan: Plan) -> list[Entry]:
     counts = Counter((placed.part, placed.colour) for placed in plan.parts)
     entries = [Entry(part, colour_of(code), count) for (part, code), count in counts.items()]
     families = list(dict.fromkeys(entry.part.family for entry in sorted(entries, key=lambda entry: -entry.mass_g)))
-    return sorted(entries, key=lambda one: (families.index(one.part.family), -one.count, one.part.name, one.colour.code))
+    entries.sort(key=lambda entry: (families.index(entry.part.family), -entry.count, entry.part.name, entry.colour.code))
+    return entries
 
 
 def as_text(entries: list[Entry], kind: str) -> str:
-    """A parts list in one of ``FORMATS``."""
+    """A parts list in entry of ``FORMATS``."""
     if kind == "bricklink":
         return _bricklink(entries)
     if kind == "rebrickable":
-        return _table(["Part", "Color", "Quantity"], [[one.part.number, one.colour.code, one.count] for one in entries])
+        return _table(["Part", "Color", "Quantity"], [[entry.part.number, entry.colour.code, entry.count] for entry in entries])
     heads = ["number", "name", "colour", "count", "mass_g", "mass_source", "bricklink", "rebrickable"]
     rows = [
         [
-            one.part.number,
-            one.part.name,
-            one.colour.name,
-            one.count,
-            round(one.mass_g, 3),
-            one.part.mass_source.value,
-            one.part.number,
-            one.part.number,
+            entry.part.number,
+            entry.part.name,
+            entry.colour.name,
+            entry.count,
+            round(entry.mass_g, 3),
+            entry.part.mass_source.value,
+            entry.part.number,
+            entry.part.number,
         ]
-        for one in entries
+        for entry in entries
     ]
     return _table(heads, rows)
 
@@ -71,8 +72,8 @@ def _table(heads: list[str], rows: list[list[str | int | float]]) -> str:
 def _bricklink(entries: list[Entry]) -> str:
     """A wanted list for upload; a colour without a BrickLink number is left open."""
     lines = ["<INVENTORY>"]
-    for one in entries:
-        colour = f"<COLOR>{one.colour.bricklink}</COLOR>" if one.colour.bricklink else ""
-        item = f"<ITEMTYPE>P</ITEMTYPE><ITEMID>{escape(one.part.number)}</ITEMID>{colour}<MINQTY>{one.count}</MINQTY>"
+    for entry in entries:
+        colour = f"<COLOR>{entry.colour.bricklink}</COLOR>" if entry.colour.bricklink else ""
+        item = f"<ITEMTYPE>P</ITEMTYPE><ITEMID>{escape(entry.part.number)}</ITEMID>{colour}<MINQTY>{entry.count}</MINQTY>"
         lines.append(f"  <ITEM>{item}</ITEM>")
     return "\n".join([*lines, "</INVENTORY>"]) + "\n"

@@ -57,13 +57,13 @@ class Canvas:
 
     Args:
         size: width and height in pixels.
-        shown: parts that must fit.
+        fitted: parts that must fit into the picture.
     """
 
-    def __init__(self, size: tuple[int, int], view: View, shown: Sequence[Placed]) -> None:
+    def __init__(self, size: tuple[int, int], view: View, fitted: Sequence[Placed]) -> None:
         self.size, self._axes = size, view.axes
         self._width, self._height = size[0] * _SCALE, size[1] * _SCALE
-        corners = [self._axes @ _corners(placed).T for placed in shown]
+        corners = [self._axes @ _corners(placed).T for placed in fitted]
         low = np.min([corner.min(axis=1) for corner in corners], axis=0)
         high = np.max([corner.max(axis=1) for corner in corners], axis=0)
         span = np.maximum(high - low, 1.0)
@@ -112,17 +112,17 @@ class Canvas:
         span, x = _ranges(start, end)
         owner, y = owner[span], row[span]
         slope_x, slope_y = _gradients(corners, depth)
-        far = depth[owner, 0] + slope_x[owner] * (x + 0.5 - corners[owner, 0, 0])
-        far += slope_y[owner] * (y + 0.5 - corners[owner, 0, 1])
-        keys = (np.clip(far, 0, 1) * (1 << 30)).astype(np.int64) << 24 | (first + owner)
+        depths = depth[owner, 0] + slope_x[owner] * (x + 0.5 - corners[owner, 0, 0])
+        depths += slope_y[owner] * (y + 0.5 - corners[owner, 0, 1])
+        keys = (np.clip(depths, 0, 1) * (1 << 30)).astype(np.int64) << 24 | (first + owner)
         np.minimum.at(self._keys, y * self._width + x, keys)
 
     def visible(self, parts: set[int]) -> int:
         """Number of points that show one of these parts."""
-        owners = self._seen()[0]
+        owners = self._visible_parts()[0]
         return int(np.isin(owners, list(parts)).sum())
 
-    def _seen(self) -> tuple[Ints, Ints]:
+    def _visible_parts(self) -> tuple[Ints, Ints]:
         """Index of the visible part (-1 for none) and of its triangle at each point."""
         is_empty = self._keys == _EMPTY
         triangles = np.where(is_empty, 0, self._keys & ((1 << 24) - 1))
@@ -131,8 +131,8 @@ class Canvas:
 
     def pixel_of(self, points: Floats) -> Floats:
         """Pixels [n, 2] (from the left, from the top) of points [n, 3] of the plan."""
-        away = (points @ self._axes.T - self._middle)[:, :2] * self.zoom
-        return np.asarray((away + np.array([self._width, self._height]) / 2) / _SCALE)
+        pixels = (points @ self._axes.T - self._middle)[:, :2] * self.zoom
+        return np.asarray((pixels + np.array([self._width, self._height]) / 2) / _SCALE)
 
     def picture(self, bright: set[int] | None = None, ghosts: Sequence[Canvas] = ()) -> Pixels:
         """The picture [height, width, 3].
@@ -141,7 +141,7 @@ class Canvas:
             bright: parts in full colour, the others faded; ``None`` fades none.
             ghosts: canvases of the same view; their parts are outlined where they are hidden.
         """
-        owners, triangles = self._seen()
+        owners, triangles = self._visible_parts()
         if not self._owners:
             return np.full((self.size[1], self.size[0], 3), 255, dtype=np.uint8)
         normals, colours = np.concatenate(self._normals)[triangles], np.concatenate(self._colours)[triangles]
@@ -155,7 +155,7 @@ class Canvas:
         edge = self._edges(owners, normals)
         image[edge] = np.where(faded[edge][:, None], _FADED_EDGE, _EDGE)
         for ghost in ghosts:
-            others, triangles = ghost._seen()
+            others, triangles = ghost._visible_parts()
             outline = ghost._edges(others, np.concatenate(ghost._normals)[triangles])
             image[outline & (others >= 0) & (owners != others)] = _GHOST
         full = image.reshape(self.size[1], _SCALE, self.size[0], _SCALE, 3).mean(axis=(1, 3))
@@ -168,12 +168,12 @@ class Canvas:
         depth = np.where(self._keys == _EMPTY, 0, self._keys >> 24).reshape(shape) / (1 << 30) * self._deep
         edge = np.zeros(shape, dtype=bool)
         for axis in (0, 1):
-            one = (slice(None), slice(None, -1)) if axis else (slice(None, -1), slice(None))
-            two = (slice(None), slice(1, None)) if axis else (slice(1, None), slice(None))
-            differs = owner[one] != owner[two]
-            folds = np.einsum("ijk,ijk->ij", normal[one], normal[two]) < 0.80
-            jumps = np.abs(depth[one] - depth[two]) > 5.0
-            edge[one] |= differs | ((folds | jumps) & (owner[one] >= 0))
+            first = (slice(None), slice(None, -1)) if axis else (slice(None, -1), slice(None))
+            second = (slice(None), slice(1, None)) if axis else (slice(1, None), slice(None))
+            differs = owner[first] != owner[second]
+            folds = np.einsum("ijk,ijk->ij", normal[first], normal[second]) < 0.80
+            jumps = np.abs(depth[first] - depth[second]) > 5.0
+            edge[first] |= differs | ((folds | jumps) & (owner[first] >= 0))
         return np.asarray(edge.ravel())
 
 
@@ -193,8 +193,8 @@ def _spans(corners: Floats, y: Floats) -> tuple[Floats, Floats]:
         rise = by - ay
         share = (y - ay) / np.where(np.abs(rise) < 1e-9, 1.0, rise)
         meets = (share >= 0) & (share <= 1) & (np.abs(rise) >= 1e-9)
-        at = ax + share * (bx - ax)
-        left, right = np.where(meets, np.minimum(left, at), left), np.where(meets, np.maximum(right, at), right)
+        x = ax + share * (bx - ax)
+        left, right = np.where(meets, np.minimum(left, x), left), np.where(meets, np.maximum(right, x), right)
     is_empty = ~np.isfinite(left)
     return np.where(is_empty, 0.0, left), np.where(is_empty, 0.0, right)
 

@@ -121,8 +121,8 @@ class Plan:
 
     def present_parts(self, step: Step) -> set[int]:
         """Indices of the parts that are in the current sub-assembly after a step."""
-        earlier = [one for one in self.steps[: step.index + 1] if one.assembly == step.assembly]
-        return {part for one in earlier for group in (one.new, *one.joined) for part in group}
+        steps = [earlier for earlier in self.steps[: step.index + 1] if earlier.assembly == step.assembly]
+        return {part for earlier in steps for group in (earlier.new, *earlier.joined) for part in group}
 
     @property
     def mass_g(self) -> float:
@@ -181,7 +181,7 @@ class _Builder:
         if model.is_shape or not any(reference.is_stretched for reference in model.references):
             return model.is_shape
         models = self.document.models
-        return not any(catalogue.find(one.name) or ldraw_file.key_of(one.name) in models for one in model.references)
+        return not any(catalogue.find(part.name) or ldraw_file.key_of(part.name) in models for part in model.references)
 
     def _join(
         self, reference: Reference, colour: int, matrix: Floats, offset: Floats, assembly: tuple[str, ...]
@@ -191,9 +191,9 @@ class _Builder:
             return ()
         self._count(reference)
         self._check(reference)
-        own = colour if reference.colour == _MAIN_COLOUR else reference.colour
-        place = matrix @ reference.offset + offset
-        return self.build(model, own, matrix @ reference.matrix, place, (*assembly, f"{model.name}:{reference.line}"))
+        colour = colour if reference.colour == _MAIN_COLOUR else reference.colour
+        offset = matrix @ reference.offset + offset
+        return self.build(model, colour, matrix @ reference.matrix, offset, (*assembly, f"{model.name}:{reference.line}"))
 
     def _place(
         self, reference: Reference, colour: int, matrix: Floats, offset: Floats, step: int, assembly: tuple[str, ...]
@@ -228,8 +228,8 @@ class _Builder:
     def _check(self, reference: Reference) -> None:
         """Refuse stretched known parts; unknown ones, such as pieces of a hose, may be stretched."""
         if reference.is_stretched:
-            where = f"{self.document.path}, line {reference.line}"
-            raise PlanError(f"{where}: '{reference.name}' is stretched; place it without scaling")
+            location = f"{self.document.path}, line {reference.line}"
+            raise PlanError(f"{location}: '{reference.name}' is stretched; place it without scaling")
 
     def _count(self, reference: Reference) -> None:
         self._visits += 1

@@ -44,21 +44,21 @@ class PlannedRobot:
 
     def device(self, port: str) -> Placed | None:
         """The motor or sensor on a port."""
-        wired = self.plan.devices(DeviceKind.MOTOR) + self.plan.devices(DeviceKind.SENSOR)
-        return next((placed for placed in wired if placed.port == port), None)
+        devices = self.plan.devices(DeviceKind.MOTOR) + self.plan.devices(DeviceKind.SENSOR)
+        return next((placed for placed in devices if placed.port == port), None)
 
     @property
     def rolling(self) -> tuple[Rolling, ...]:
         """The motors that drive wheels; of several wheels of one motor, the leftmost counts."""
-        found = []
+        rolling = []
         for drive in self.articulation.drives:
             wheels = [wheel for wheel in self.articulation.wheels if wheel.link == drive.turn.child]
             if wheels:
-                wheel = max(wheels, key=lambda one: float(one.centre_m[1]))
+                wheel = max(wheels, key=lambda wheel: float(wheel.centre_m[1]))
                 # Turning about +y, to the left, rolls forwards.
                 forward = float(drive.turn.axis[1]) * drive.gear > 0
-                found.append(Rolling(drive.port, wheel.diameter_mm, wheel.centre_m, forward))
-        return tuple(found)
+                rolling.append(Rolling(drive.port, wheel.diameter_mm, wheel.centre_m, forward))
+        return tuple(rolling)
 
 
 def planned_robot(path: Path) -> PlannedRobot:
@@ -89,6 +89,6 @@ def planned(plan: Plan) -> PlannedRobot:
             raise PlanError(f"{plan.path}, line {placed.line}: port {placed.port} is used twice; give each device its own")
         ports.add(placed.port)
     bodies = find_bodies(plan.parts, connections(plan.parts), [*meshes(plan.parts), *chain_meshes(plan.parts)])
-    made = mechanism(plan, bodies)
-    driven = trains(made, plan.path)
-    return PlannedRobot(plan, bodies, made, driven, articulation(made, driven))
+    robot_mechanism = mechanism(plan, bodies)
+    gear_trains = trains(robot_mechanism, plan.path)
+    return PlannedRobot(plan, bodies, robot_mechanism, gear_trains, articulation(robot_mechanism, gear_trains))

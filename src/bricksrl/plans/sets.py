@@ -47,11 +47,11 @@ SINGLY = {
     "Ev3InfraredSensor": "45509",
 }
 """Numbers of devices sold separately."""
-_ALIKE = {"3704": "32062", "62821": "62821b"}
+_REPLACEMENTS = {"3704": "32062", "62821": "62821b"}
 """Parts that another one can replace: an axle by a notched one, a differential by its other mould."""
-_MADE_OF = {"56145c01": ("56145", "44309"), "86652c01": ("86652", "32019")}
+_COMPONENTS = {"56145c01": ("56145", "44309"), "86652c01": ("86652", "32019")}
 """Rims and tyres that the catalogue also has as one part."""
-_LISTED_KINDS = 8
+_MAX_LISTED = 8
 
 
 @dataclass(frozen=True)
@@ -86,9 +86,9 @@ class Purchase:
 
     def __str__(self) -> str:
         """One line; names the devices and the most frequent parts, counts the others."""
-        have = " and ".join(f"{one.number} {one.name}" for one in self.sets)
+        names = " and ".join(f"{lego_set.number} {lego_set.name}" for lego_set in self.sets)
         needed = self.present + self.missing.total() + self.uncompared.total()
-        text = f"{have}: {self.present} of {needed} parts"
+        text = f"{names}: {self.present} of {needed} parts"
         text += f"; {self.uncompared.total()} not compared" if self.uncompared else ""
         unknown = sorted(kind for kind in self.uncompared if kind not in _devices() and catalogue.find(kind) is None)
         text += f" (not in the catalogue: {', '.join(unknown)})" if unknown else ""
@@ -106,35 +106,35 @@ def sets() -> tuple[LegoSet, ...]:
 
 def needs(plan: Plan) -> Counter[str]:
     """Count of the plan's parts: devices by their name in ``bricksrl.robots``, others by number, with equal parts as one."""
-    parts = [one for placed in plan.parts for one in _MADE_OF.get(placed.part.number, (placed.part.number,))]
-    return Counter(_key(catalogue.get(number)) for number in parts)
+    numbers = [number for placed in plan.parts for number in _COMPONENTS.get(placed.part.number, (placed.part.number,))]
+    return Counter(_key(catalogue.get(number)) for number in numbers)
 
 
 def purchases(plan: Plan) -> list[Purchase]:
     """Sets with the plan's hub, alone or with a set without hub that adds parts; the most complete first."""
-    needed, unknown = needs(plan), Counter({one.number: len(one.lines) for one in plan.unknown})
+    needed, unknown = needs(plan), Counter({part.number: len(part.lines) for part in plan.unknown})
     hubs = {name for name, part in _devices().items() if part.family == "hubs"}
-    extras = [one for one in sets() if not hubs & set(one.parts)]
-    found = []
-    for base in (one for one in sets() if hubs & set(one.parts) & set(needed)):
+    extras = [lego_set for lego_set in sets() if not hubs & set(lego_set.parts)]
+    result = []
+    for base in (lego_set for lego_set in sets() if hubs & set(lego_set.parts) & set(needed)):
         alone = _purchase((base,), needed, unknown)
         pairs = [_purchase((base, extra), needed, unknown) for extra in extras if base.is_listed]
-        found += [alone, *(pair for pair in pairs if pair.present > alone.present)]
-    return sorted(found, key=lambda one: (-one.present, len(one.sets)))
+        result += [alone, *(pair for pair in pairs if pair.present > alone.present)]
+    return sorted(result, key=lambda purchase: (-purchase.present, len(purchase.sets)))
 
 
-def _purchase(chosen: tuple[LegoSet, ...], needed: Counter[str], unknown: Counter[str]) -> Purchase:
-    have = sum((one.parts for one in chosen), Counter[str]())
-    missing = needed - have
+def _purchase(lego_sets: tuple[LegoSet, ...], needed: Counter[str], unknown: Counter[str]) -> Purchase:
+    available = sum((lego_set.parts for lego_set in lego_sets), Counter[str]())
+    missing = needed - available
     present = needed.total() - missing.total()
-    if all(one.is_listed for one in chosen):
-        return Purchase(chosen, present, missing, unknown)
+    if all(lego_set.is_listed for lego_set in lego_sets):
+        return Purchase(lego_sets, present, missing, unknown)
     uncompared = Counter({part: count for part, count in missing.items() if part not in _devices()})
-    return Purchase(chosen, present, missing - uncompared, uncompared + unknown)
+    return Purchase(lego_sets, present, missing - uncompared, uncompared + unknown)
 
 
 def _key(part: Part) -> str:
-    return part.device.name if part.device is not None else _ALIKE.get(part.number, part.number)
+    return part.device.name if part.device is not None else _REPLACEMENTS.get(part.number, part.number)
 
 
 @functools.cache
@@ -145,8 +145,8 @@ def _devices() -> dict[str, Part]:
 def _listing(parts: Counter[str]) -> str:
     """Counts, names and numbers."""
     kinds = sorted(parts, key=lambda part: (part not in _devices(), -parts[part], part))
-    text = ", ".join(f"{parts[kind]} x {_named(kind)}" for kind in kinds[:_LISTED_KINDS])
-    others = kinds[_LISTED_KINDS:]
+    text = ", ".join(f"{parts[kind]} x {_named(kind)}" for kind in kinds[:_MAX_LISTED])
+    others = kinds[_MAX_LISTED:]
     return f"{text} and {sum(parts[kind] for kind in others)} more of other kinds" if others else text
 
 

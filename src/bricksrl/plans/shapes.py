@@ -19,7 +19,7 @@ DETAILED, COARSE = 0.1, 0.3
 _ON_AXIS = 1e-9
 """Radii of a profile below this lie on its axis, where triangles have no area."""
 _WITHIN, _BESIDE = 0.9, 0.05
-"""Where a triangle's surroundings are looked at: share of the way from its middle to its corners, and distance from it, LDU."""
+"""Sample points around a triangle: share of the way from its middle to its corners, and distance from it, LDU."""
 _STUD_RADIUS = 6.0
 _TOOTH_HEIGHT = 2.2
 """Height of teeth above the pitch circle."""
@@ -56,8 +56,8 @@ def surface_of(part: Part, chord_error: float = DETAILED) -> Surface:
         pieces += [(_teeth(gear), Tint.MAIN) for gear in part.gears[:tooth_solids]]
         tint = Tint.DARK if part.family == "tyres" or part.wheel_mm > 50 else Tint.MAIN
         solids = part.solids[tooth_solids:] if part.family == "gears" else part.solids
-        seen = _without_hidden(solids, [_solid(solid, chord_error) for solid in solids])
-        pieces += [(faces, tint if solid.form is Form.RING else Tint.MAIN) for solid, faces in zip(solids, seen, strict=True)]
+        visible = _without_hidden(solids, [_solid(solid, chord_error) for solid in solids])
+        pieces += [(faces, tint if solid.form is Form.RING else Tint.MAIN) for solid, faces in zip(solids, visible, strict=True)]
         pieces += [(_cross(site), Tint.MAIN) for site in part.sites if site.fit is Fit.AXLE]
     pieces += [(_solid(stud, chord_error), Tint.MAIN) for stud in _studs(part)]
     pieces += [(_solid(solid, chord_error), Tint.TURNING) for solid in part.turning]
@@ -89,18 +89,18 @@ def _without_hidden(solids: Sequence[Solid], surfaces: list[Floats]) -> list[Flo
 
     A triangle is hidden if there is material on its outer side, or if it lies on the surface of an earlier solid.
     """
-    seen = []
+    visible = []
     for number, triangles in enumerate(surfaces):
         outer, inner = (beside(triangles, distance).reshape(-1, 3) for distance in (_BESIDE, -_BESIDE))
-        covered, doubled = np.zeros(len(outer), dtype=bool), np.zeros(len(outer), dtype=bool)
+        covered, duplicate = np.zeros(len(outer), dtype=bool), np.zeros(len(outer), dtype=bool)
         for other, solid in enumerate(solids):
             if other != number:
                 covered |= solid.contains(outer, 0.0)
             if other < number:
-                doubled |= solid.contains(inner, 0.0)
-        hidden = covered.reshape(-1, 4).all(axis=1) | doubled.reshape(-1, 4).all(axis=1)
-        seen.append(triangles[~hidden])
-    return seen
+                duplicate |= solid.contains(inner, 0.0)
+        hidden = covered.reshape(-1, 4).all(axis=1) | duplicate.reshape(-1, 4).all(axis=1)
+        visible.append(triangles[~hidden])
+    return visible
 
 
 def beside(triangles: Floats, distance: float) -> Floats:
@@ -119,17 +119,17 @@ def _outward(triangles: Floats) -> Floats:
 def _tube_outward(triangles: Floats, outer: float, inner: float) -> Floats:
     """Triangles of a tube around the third axis, turned outwards: inside the tube, towards the axis."""
     centres = triangles.mean(axis=1)
-    way = centres * np.array([1.0, 1.0, 0.0])
-    way[np.hypot(centres[:, 0], centres[:, 1]) < (outer + inner) / 2] *= -1.0
+    directions = centres * np.array([1.0, 1.0, 0.0])
+    directions[np.hypot(centres[:, 0], centres[:, 1]) < (outer + inner) / 2] *= -1.0
     is_end = np.ptp(triangles[:, :, 2], axis=1) < 1e-9
-    way[is_end] = centres[is_end] * np.array([0.0, 0.0, 1.0])
-    return _facing(triangles, way)
+    directions[is_end] = centres[is_end] * np.array([0.0, 0.0, 1.0])
+    return _facing(triangles, directions)
 
 
-def _facing(triangles: Floats, way: Floats) -> Floats:
-    """Triangles turned to face the directions ``way`` [n, 3]."""
+def _facing(triangles: Floats, directions: Floats) -> Floats:
+    """Triangles turned to face the directions ``directions`` [n, 3]."""
     normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
-    is_turned = np.einsum("ij,ij->i", normals, way) < 0.0
+    is_turned = np.einsum("ij,ij->i", normals, directions) < 0.0
     return np.where(is_turned[:, None, None], triangles[:, ::-1], triangles)
 
 
@@ -235,12 +235,12 @@ def _electric_marks(part: Part, chord_error: float) -> list[tuple[Floats, Tint]]
         return []
     low, high = part.bounds
     pieces: list[tuple[Floats, Tint]] = []
-    sides = [np.array(place) for _, place in device.ports if abs(place[0]) > 45]
-    pieces += [(_box((1.0, 8.0, 15.5)) + place + np.array([-0.7 * np.sign(place[0]), 0.0, 0.0]), Tint.FACE) for place in sides]
+    sides = [np.array(port) for _, port in device.ports if abs(port[0]) > 45]
+    pieces += [(_box((1.0, 8.0, 15.5)) + port + np.array([-0.7 * np.sign(port[0]), 0.0, 0.0]), Tint.FACE) for port in sides]
     if device.ports:
-        top, middle, long = low[1], (low + high) / 2, high[2] - low[2]
-        button = (float(middle[0]), float(top), float(middle[2] - 0.3 * long))
-        pieces.append((_box((40.0, 0.5, 40.0)) + np.array([middle[0], top, middle[2] + 0.18 * long]), Tint.FACE))
+        top, middle, length = low[1], (low + high) / 2, high[2] - low[2]
+        button = (float(middle[0]), float(top), float(middle[2] - 0.3 * length))
+        pieces.append((_box((40.0, 0.5, 40.0)) + np.array([middle[0], top, middle[2] + 0.18 * length]), Tint.FACE))
         pieces.append((_placed(_disc(16.0, chord_error), (0.0, -1.0, 0.0), button), Tint.TURNING))
     if device.looks is not None and part.sites:
         eyes = (-35.0, 35.0) if high[0] > 60 else (0.0,)

@@ -16,21 +16,21 @@ _SLACK_MM = 30.0
 def wiring(plan: Plan) -> list[Finding]:
     """Findings about hub, ports and cables."""
     hubs = plan.devices(DeviceKind.HUB)
-    wired = plan.devices(DeviceKind.MOTOR) + plan.devices(DeviceKind.SENSOR)
+    devices = plan.devices(DeviceKind.MOTOR) + plan.devices(DeviceKind.SENSOR)
     findings = []
     if len(hubs) != 1:
-        if wired or len(hubs) > 1:
-            how = "has no hub; add one" if not hubs else f"has {len(hubs)} hubs; leave one"
-            findings.append(Finding("wiring", Outcome.ERROR, f"the plan {how}", hubs[-1].line if hubs else 0))
+        if devices or len(hubs) > 1:
+            fault = "has no hub; add one" if not hubs else f"has {len(hubs)} hubs; leave one"
+            findings.append(Finding("wiring", Outcome.ERROR, f"the plan {fault}", hubs[-1].line if hubs else 0))
         return findings
-    places = dict(hubs[0].part.device.ports) if hubs[0].part.device else {}
+    positions = dict(hubs[0].part.device.ports) if hubs[0].part.device else {}
     used: dict[str, Placed] = {}
-    for placed in wired:
+    for placed in devices:
         if placed.port is None:
             text = f"{placed.name} has no port; write 0 !BRICKSRL PORT and its letter before it"
             findings.append(Finding("wiring", Outcome.ERROR, text, placed.line))
-        elif placed.port not in places:
-            text = f"{placed.name} is on port {placed.port}, but the hub has {', '.join(sorted(places))}; choose one of these"
+        elif placed.port not in positions:
+            text = f"{placed.name} is on port {placed.port}, but the hub has {', '.join(sorted(positions))}; choose one of these"
             findings.append(Finding("wiring", Outcome.ERROR, text, placed.line))
         elif placed.port in used:
             text = (
@@ -39,15 +39,15 @@ def wiring(plan: Plan) -> list[Finding]:
             findings.append(Finding("wiring", Outcome.ERROR, text, placed.line))
         else:
             used[placed.port] = placed
-            findings += _cable(hubs[0], places[placed.port], placed)
+            findings += _cable(hubs[0], positions[placed.port], placed)
     return findings
 
 
-def _cable(hub: Placed, place: tuple[float, float, float], placed: Placed) -> list[Finding]:
+def _cable(hub: Placed, position: tuple[float, float, float], placed: Placed) -> list[Finding]:
     device = placed.part.device
     if device is None:
         return []
-    ends = hub.to_plan(np.array([place]))[0], placed.to_plan(np.array([device.plug]))[0]
+    ends = hub.to_plan(np.array([position]))[0], placed.to_plan(np.array([device.plug]))[0]
     needed = float(np.linalg.norm(ends[0] - ends[1])) * MM_PER_LDU + _SLACK_MM
     if needed <= device.cable_mm:
         return []

@@ -56,17 +56,17 @@ class Fit:
 
     Attributes:
         physics: the twin's parameters; those that the log does not identify are the defaults.
-        told: identified parameters, and the relative rise of the error when a parameter is off by a quarter of its
+        identified: identified parameters, and the relative rise of the error when a parameter is off by a quarter of its
             randomization range.
-        untold: parameters that were fitted but not identified.
+        unidentified: parameters that were fitted but not identified.
         error_before, error_after: root mean square error of each channel, in its unit, with the default and with the fitted
             physics.
         replays: number of replays of the log.
     """
 
     physics: Physics
-    told: dict[str, float]
-    untold: tuple[str, ...]
+    identified: dict[str, float]
+    unidentified: tuple[str, ...]
     error_before: dict[str, float]
     error_after: dict[str, float]
     replays: int
@@ -119,10 +119,11 @@ def fit(
     if log.commands.any():
         physics = search.find(tuple(names), seed)
         rises = search.rises(physics, tuple(names))
-    told = {name: rise for name, rise in rises.items() if rise >= _LEAST_RISE}
+    identified = {name: rise for name, rise in rises.items() if rise >= _LEAST_RISE}
     default = Physics()
-    physics = replace(physics, **{name: getattr(default, name) for name in names if name not in told})
-    return Fit(physics, told, tuple(name for name in names if name not in told), before, search.errors(physics), search.replays)
+    unidentified = tuple(name for name in names if name not in identified)
+    physics = replace(physics, **{name: getattr(default, name) for name in unidentified})
+    return Fit(physics, identified, unidentified, before, search.errors(physics), search.replays)
 
 
 class _Search:

@@ -8,9 +8,9 @@ export class Chart {
     this.figure = document.createElement("figure");
     this.figure.className = "chart";
     const caption = document.createElement("figcaption"), name = document.createElement("span");
-    this.last = document.createElement("output");
+    this.lastValue = document.createElement("output");
     name.textContent = title;
-    caption.append(name, this.last);
+    caption.append(name, this.lastValue);
     this.canvas = document.createElement("canvas");
     this.canvas.setAttribute("role", "img");
     this.canvas.setAttribute("aria-label", title);
@@ -20,15 +20,15 @@ export class Chart {
     new ResizeObserver(() => this.draw()).observe(this.canvas);
   }
 
-  // News of a series, as the server tells them: rows from number `first` on.
+  // New rows of a series from number `first` on, as the server sends them.
   add({ first, rows, kept }) {
     if (kept) [this.kept, this.first, this.rows] = [kept, first, []];
     if (first !== this.first + this.rows.length) [this.first, this.rows] = [first, []];
     this.rows.push(...rows);
-    const over = this.rows.length - this.kept;
-    if (over > 0) {
-      this.rows.splice(0, over);
-      this.first += over;
+    const excess = this.rows.length - this.kept;
+    if (excess > 0) {
+      this.rows.splice(0, excess);
+      this.first += excess;
     }
     this.figure.dataset.count = this.first + this.rows.length;
     this.draw();
@@ -66,8 +66,8 @@ export class Chart {
     if (!this.rows.length) return;
     if (this.points) this.drawPoints(pen, x, y);
     else this.drawLines(pen, x, y);
-    const end = this.rows[this.rows.length - 1];
-    this.last.textContent = end.length === 1 ? short(end[0]) : "";
+    const last = this.rows[this.rows.length - 1];
+    this.lastValue.textContent = last.length === 1 ? short(last[0]) : "";
   }
 
   drawPoints(pen, x, y) {
@@ -80,8 +80,8 @@ export class Chart {
     pen.strokeStyle = "#0b5cad";
     pen.lineWidth = 2;
     line(pen, this.rows.map((_, i) => {
-      const part = this.rows.slice(Math.max(0, i - 4), i + 1);
-      return [x(i), y(part.reduce((sum, [value]) => sum + value, 0) / part.length)];
+      const recent = this.rows.slice(Math.max(0, i - 4), i + 1);
+      return [x(i), y(recent.reduce((sum, [value]) => sum + value, 0) / recent.length)];
     }));
   }
 
@@ -106,10 +106,10 @@ function line(pen, points) {
   pen.stroke();
 }
 
-function ticks(low, high, most) {
-  const rough = (high - low) / most, power = 10 ** Math.floor(Math.log10(rough));
-  const step = [1, 2, 5, 10].map((one) => one * power).find((one) => one >= rough);
-  const out = [];
-  for (let value = Math.ceil(low / step) * step; value <= high + step * 1e-6; value += step) out.push(Math.abs(value) < step * 1e-6 ? 0 : value);
-  return out;
+function ticks(low, high, count) {
+  const rough = (high - low) / count, power = 10 ** Math.floor(Math.log10(rough));
+  const step = [1, 2, 5, 10].map((factor) => factor * power).find((size) => size >= rough);
+  const values = [];
+  for (let value = Math.ceil(low / step) * step; value <= high + step * 1e-6; value += step) values.push(Math.abs(value) < step * 1e-6 ? 0 : value);
+  return values;
 }

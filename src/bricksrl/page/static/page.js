@@ -1,13 +1,13 @@
-// Live page: what the server tells is shown, what is pressed is told to the server. All state is the server's, so that tabs agree.
+// Live page: shows the server's state, and sends presses to the server. All state is the server's, so that tabs agree.
 
 import { Scene3D } from "./scene3d.js";
 import { Chart, short } from "./charts.js";
 
-const POSES = 1, IMAGE = 2, SENT_MS = 60, HELD_MS = 300;
+const POSES = 1, IMAGE = 2, MIN_INTERVAL_MS = 60, REPEAT_MS = 300;
 const $ = (id) => document.getElementById(id);
 let socket = null, status = {}, scene = null, lost = false, retry_ms = 300;
 const charts = new Map();
-const pushes = { values: [], sent: 0, held: 0 };
+const pushes = { values: [], sent_ms: 0, active: false };
 
 // ---------------------------------------------------------------- connection
 
@@ -18,7 +18,7 @@ function connect() {
     [lost, retry_ms] = [false, 300];
     showState();
   };
-  socket.onmessage = ({ data }) => (typeof data === "string" ? hear(JSON.parse(data)) : see(data));
+  socket.onmessage = ({ data }) => (typeof data === "string" ? onMessage(JSON.parse(data)) : onBinary(data));
   socket.onclose = ({ reason }) => {
     lost = reason || "no connection";
     showState();
@@ -31,34 +31,34 @@ export function press(name, value = null) {
   if (socket?.readyState === WebSocket.OPEN) socket.send(JSON.stringify({ press: name, value }));
 }
 
-function hear(message) {
+function onMessage(message) {
   if (message.scene) loadScene(message.scene);
   if (message.status) {
     status = message.status;
     show();
   }
-  for (const [name, news] of Object.entries(message.series ?? {})) addRows(name, news);
+  for (const [name, changes] of Object.entries(message.series ?? {})) addRows(name, changes);
 }
 
-function see(buffer) {
+function onBinary(buffer) {
   const kind = new Uint8Array(buffer, 0, 1)[0];
   if (kind === POSES) {
-    latest = new Float32Array(buffer, 4);
-    scene?.setPoses(latest);
+    latestPoses = new Float32Array(buffer, 4);
+    scene?.setPoses(latestPoses);
   } else if (kind === IMAGE) {
     const view = new DataView(buffer), height = view.getUint16(2, true), width = view.getUint16(4, true);
     showImage(new Uint8Array(buffer, 8), width, height);
   }
 }
 
-let latest = null;
+let latestPoses = null;
 
 async function loadScene(version) {
   if (!scene) return;
-  const answer = await fetch(`scene.bin?${version}`);
-  if (!answer.ok) return;
-  scene.load(await answer.arrayBuffer());
-  if (latest) scene.setPoses(latest);
+  const response = await fetch(`scene.bin?${version}`);
+  if (!response.ok) return;
+  scene.load(await response.arrayBuffer());
+  if (latestPoses) scene.setPoses(latestPoses);
 }
 
 function showImage(rgb, width, height) {
@@ -96,7 +96,7 @@ function show() {
   $("step").hidden = !can.has("step");
   $("reset").hidden = !can.has("reset");
   for (const id of ["pause", "resume", "step"]) $(id).disabled = state === "stopped" || state === "finished";
-  $("control").hidden = !["pause", "step", "reset", "speed", "policy"].some((one) => can.has(one));
+  $("control").hidden = !["pause", "step", "reset", "speed", "policy"].some((name) => can.has(name));
   showChoices(can);
   showFacts();
   showHub();
@@ -122,14 +122,14 @@ function showChoices(can) {
   if (document.activeElement !== $("policy") || status.policy !== undefined) $("policy").value = status.policy ?? "";
 }
 
-// As many children as names, made anew only when the names change: a press must not lose its button.
-function fill(parent, names, tag, dress) {
+// One child per name. The children are replaced only when the names change, or a press would lose its button.
+function fill(parent, names, tag, setUp) {
   const key = JSON.stringify(names);
   if (parent.dataset.names === key) return;
   parent.dataset.names = key;
   parent.replaceChildren(...names.map((name) => {
     const child = document.createElement(tag);
-    dress(child, name);
+    setUp(child, name);
     return child;
   }));
 }
@@ -140,9 +140,9 @@ function showFacts() {
     span.append(`${name} `, document.createElement("b"));
   });
   facts.forEach(([name, value], i) => {
-    const out = $("facts").children[i].lastChild;
-    out.textContent = typeof value === "number" ? short(value) : value;
-    out.dataset.fact = name;
+    const output = $("facts").children[i].lastChild;
+    output.textContent = typeof value === "number" ? short(value) : value;
+    output.dataset.fact = name;
   });
 }
 
@@ -178,28 +178,28 @@ function hsv(hue, saturation, value) {
 
 // ---------------------------------------------------------------- plots
 
-function addRows(name, news) {
-  if (news.names) {
-    for (const key of [...charts.keys()].filter((one) => one.startsWith(`${name}/`))) {
+function addRows(name, changes) {
+  if (changes.names) {
+    for (const key of [...charts.keys()].filter((key) => key.startsWith(`${name}/`))) {
       charts.get(key).figure.remove();
       charts.delete(key);
     }
-    news.names.forEach((column, i) => charts.set(`${name}/${i}`, chartOf(name, column, i, news.names.length)));
-    order();
+    changes.names.forEach((column, i) => charts.set(`${name}/${i}`, makeChart(name, column, i, changes.names.length)));
+    sortCharts();
   }
   for (let i = 0; charts.has(`${name}/${i}`); i++) {
-    charts.get(`${name}/${i}`).add({ ...news, rows: news.rows.map((row) => [row[i]]) });
+    charts.get(`${name}/${i}`).add({ ...changes, rows: changes.rows.map((row) => [row[i]]) });
   }
 }
 
-function chartOf(name, column, i, count) {
+function makeChart(name, column, i, count) {
   const isReturn = name === "return", chart = new Chart($("charts"), column, { points: isReturn, unit: isReturn ? "episode" : "step" });
   chart.figure.dataset.series = `${name}/${i}`;
   if (count === 1) chart.figure.classList.add("wide");
   return chart;
 }
 
-function order() {
+function sortCharts() {
   const rank = (figure) => ["return", "reward"].indexOf(figure.dataset.series.split("/")[0]);
   const figures = [...$("charts").children].map((figure, i) => [rank(figure) < 0 ? 9 : rank(figure), i, figure]);
   figures.sort((a, b) => a[0] - b[0] || a[1] - b[1]);
@@ -208,16 +208,16 @@ function order() {
 
 // ---------------------------------------------------------------- driving
 
-function showDrive(shown) {
-  $("drive").hidden = !shown;
-  if (!shown) return;
+function showDrive(canDrive) {
+  $("drive").hidden = !canDrive;
+  if (!canDrive) return;
   const { commands, in_charge, can_give_back } = status.drive;
   $("take-over").hidden = !can_give_back;
   $("take-over").setAttribute("aria-pressed", String(in_charge));
   $("take-over").textContent = in_charge ? "Give back" : "Take over";
   $("driver").textContent = in_charge ? "you drive" : "the agent drives";
   fill($("sliders"), commands.map(({ name }) => name), "label", (label, name) => {
-    const i = commands.findIndex((one) => one.name === name);
+    const i = commands.findIndex((command) => command.name === name);
     label.className = "slider";
     const input = Object.assign(document.createElement("input"), { type: "range", min: -1, max: 1, step: 0.05, value: 0 });
     input.setAttribute("aria-label", name);
@@ -226,7 +226,7 @@ function showDrive(shown) {
     label.append(name, document.createElement("output"), input);
   });
   if (pushes.values.length !== commands.length) pushes.values = commands.map(() => 0);
-  if (!pushes.held) pushes.values = [...status.drive.pushes];
+  if (!pushes.active) pushes.values = [...status.drive.pushes];
   showPushes();
 }
 
@@ -239,23 +239,23 @@ function showPushes() {
   });
 }
 
-// What is pushed is sent while it is held, so that a robot comes to rest whose driver has gone.
+// Pushes are repeated while they last, so that a robot comes to rest when the page is closed.
 function push(values) {
   pushes.values = values.map((value) => Math.max(-1, Math.min(1, value)));
   showPushes();
   const now = performance.now();
-  clearTimeout(pushes.later);
-  if (now - pushes.sent < SENT_MS) pushes.later = setTimeout(send, SENT_MS);
+  clearTimeout(pushes.timer);
+  if (now - pushes.sent_ms < MIN_INTERVAL_MS) pushes.timer = setTimeout(send, MIN_INTERVAL_MS);
   else send();
 }
 
 function send() {
-  pushes.sent = performance.now();
-  pushes.held = pushes.values.some((value) => value !== 0) ? 1 : 0;
+  pushes.sent_ms = performance.now();
+  pushes.active = pushes.values.some((value) => value !== 0);
   press("drive", pushes.values);
 }
 
-setInterval(() => pushes.held && send(), HELD_MS);
+setInterval(() => pushes.active && send(), REPEAT_MS);
 
 function makeStick() {
   const stick = $("stick"), knob = stick.firstElementChild;
@@ -265,34 +265,34 @@ function makeStick() {
     knob.style.transform = `translate(${33 * x}px, ${-33 * y}px)`;
     push((status.drive?.stick ?? []).map(([a, b]) => a * x + b * y));
   };
-  const from = (event) => {
+  const follow = (event) => {
     const box = stick.getBoundingClientRect();
     move((event.clientX - box.left - box.width / 2) / 33, -(event.clientY - box.top - box.height / 2) / 33);
   };
   stick.onpointerdown = (event) => {
     stick.setPointerCapture(event.pointerId);
-    from(event);
+    follow(event);
   };
-  stick.onpointermove = (event) => stick.hasPointerCapture(event.pointerId) && from(event);
+  stick.onpointermove = (event) => stick.hasPointerCapture(event.pointerId) && follow(event);
   stick.onpointerup = stick.onpointercancel = () => move(0, 0);
 }
 
-// Sliders that whoever shows a scene asks for, such as the steps of a building plan.
+// Sliders of the program that shows the scene, such as the steps of a building plan.
 function showOwnSliders() {
   const sliders = status.sliders ?? [], box = $("own-sliders");
   box.hidden = !sliders.length;
   fill(box, sliders.map(({ name, low, high }) => [name, low, high].join(" ")), "label", (label, key) => {
-    const one = sliders.find(({ name, low, high }) => [name, low, high].join(" ") === key);
+    const slider = sliders.find(({ name, low, high }) => [name, low, high].join(" ") === key);
     label.className = "slider";
-    const input = Object.assign(document.createElement("input"), { type: "range", min: one.low, max: one.high, step: one.step ?? 1 });
-    input.setAttribute("aria-label", one.name);
-    input.oninput = () => press("slider", [one.name, Number(input.value)]);
-    label.append(one.name, document.createElement("output"), input);
+    const input = Object.assign(document.createElement("input"), { type: "range", min: slider.low, max: slider.high, step: slider.step ?? 1 });
+    input.setAttribute("aria-label", slider.name);
+    input.oninput = () => press("slider", [slider.name, Number(input.value)]);
+    label.append(slider.name, document.createElement("output"), input);
   });
-  sliders.forEach((one, i) => {
+  sliders.forEach(({ value, text }, i) => {
     const label = box.children[i], input = label.querySelector("input");
-    if (document.activeElement !== input) input.value = one.value;
-    label.querySelector("output").textContent = one.text ?? `${one.value}`;
+    if (document.activeElement !== input) input.value = value;
+    label.querySelector("output").textContent = text ?? `${value}`;
   });
 }
 
@@ -304,7 +304,7 @@ $("policy").onchange = () => press("policy", $("policy").value);
 $("follow").onchange = () => {
   if (!scene) return;
   scene.follows = $("follow").checked;
-  scene.ask();
+  scene.requestDraw();
 };
 $("home").onclick = () => scene?.home();
 addEventListener("keydown", (event) => {

@@ -1,5 +1,5 @@
-// 3D scene in WebGL 2: meshes of bodies, a floor with metres, a sun with shadows, a camera that orbits and follows.
-// Column-major matrices, metres, z up. Draws only when asked to.
+// 3D scene in WebGL 2: meshes of bodies, a floor with marks of metres, a sun with shadows, a camera that orbits and follows.
+// Column-major matrices, metres, z up. Draws only on request.
 
 const VERTEX = `#version 300 es
 layout(location = 0) in vec3 point;
@@ -93,11 +93,11 @@ export class Scene3D {
     this.moved = [0, 0];
     this.floor = 0;
     this.frames = 0;
-    this.wanted = this.busy = false;
-    this.detail = 1;
+    this.isRequested = this.isBusy = false;
+    this.resolution = 1;
     this.makePrograms();
     this.listen();
-    new ResizeObserver(() => this.ask()).observe(canvas);
+    new ResizeObserver(() => this.requestDraw()).observe(canvas);
   }
 
   makePrograms() {
@@ -128,77 +128,77 @@ export class Scene3D {
   load(buffer) {
     const gl = this.gl, length = new DataView(buffer).getUint32(0, true), start = 4 + length;
     const header = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 4, length)));
-    for (const one of this.meshes ?? []) one.free();
-    this.meshes = header.meshes.map((one) => mesh(gl,
-      new Float32Array(buffer, start + one.points, 3 * one.vertices),
-      new Int8Array(buffer, start + one.normals, 4 * one.vertices),
-      new Uint32Array(buffer, start + one.faces, 3 * one.triangles)));
+    for (const old of this.meshes ?? []) old.free();
+    this.meshes = header.meshes.map(({ points, normals, faces, vertices, triangles }) => mesh(gl,
+      new Float32Array(buffer, start + points, 3 * vertices),
+      new Int8Array(buffer, start + normals, 4 * vertices),
+      new Uint32Array(buffer, start + faces, 3 * triangles)));
     this.bodies = header.bodies.map((body) => ({
       name: body.name,
       shapes: body.shapes.map((shape) => ({
         mesh: this.meshes[shape.mesh],
         colour: shape.colour,
         pattern: shape.pattern === "bricks" ? 1 : 0,
-        place: rigid(shape.position, shape.wxyz),
+        transform: rigid(shape.position, shape.wxyz),
       })),
     }));
     this.floor = header.floor;
     this.poses = null;
-    if (JSON.stringify(header.view) !== this.start) {
-      this.start = JSON.stringify(header.view);
+    if (JSON.stringify(header.view) !== this.initialView) {
+      this.initialView = JSON.stringify(header.view);
       this.home();
     }
   }
 
   home() {
-    this.view = JSON.parse(this.start ?? JSON.stringify(this.view));
+    this.view = JSON.parse(this.initialView ?? JSON.stringify(this.view));
     this.moved = [0, 0];
-    this.ask();
+    this.requestDraw();
   }
 
   setPoses(poses) {
     this.poses = poses;
-    this.ask();
+    this.requestDraw();
   }
 
-  // Draw soon: never before the picture before is done, and without a graphics card in half of the time at most.
-  ask() {
-    this.wanted = true;
-    if (this.busy) return;
-    this.busy = true;
+  // Draw soon, but not before the previous picture is done; slow drawing takes at most half of the time.
+  requestDraw() {
+    this.isRequested = true;
+    if (this.isBusy) return;
+    this.isBusy = true;
     requestAnimationFrame(() => {
-      this.wanted = false;
-      const started = performance.now();
+      this.isRequested = false;
+      const start_ms = performance.now();
       this.draw();
       const fence = this.gl.fenceSync(this.gl.SYNC_GPU_COMMANDS_COMPLETE, 0);
       this.gl.flush();
-      const look = () => {
+      const poll = () => {
         if (fence && this.gl.getSyncParameter(fence, this.gl.SYNC_STATUS) !== this.gl.SIGNALED && !this.gl.isContextLost()) {
-          setTimeout(look, 4);
+          setTimeout(poll, 4);
           return;
         }
         this.gl.deleteSync(fence);
-        const took = performance.now() - started;
-        this.adapt(took);
+        const duration_ms = performance.now() - start_ms;
+        this.adaptResolution(duration_ms);
         setTimeout(() => {
-          this.busy = false;
-          if (this.wanted) this.ask();
-        }, took > SLOW_MS ? took : 0);
+          this.isBusy = false;
+          if (this.isRequested) this.requestDraw();
+        }, duration_ms > SLOW_MS ? duration_ms : 0);
       };
-      setTimeout(look, 0);
+      setTimeout(poll, 0);
     });
   }
 
-  // Fewer pixels where drawing is slow, more again where it is quick.
-  adapt(took) {
-    this.took = 0.8 * (this.took ?? took) + 0.2 * took;
-    this.canvas.dataset.took = this.took.toFixed(0);
-    if (this.took > 2 * SLOW_MS) this.detail = Math.max(0.35, this.detail * Math.max(0.6, Math.sqrt((2 * SLOW_MS) / this.took)));
-    else if (this.took < SLOW_MS / 2) this.detail = Math.min(1, this.detail * 1.02);
+  // Fewer pixels while drawing is slow, more again when it is fast.
+  adaptResolution(duration_ms) {
+    const mean_ms = this.mean_ms = 0.8 * (this.mean_ms ?? duration_ms) + 0.2 * duration_ms;
+    this.canvas.dataset.took = mean_ms.toFixed(0);
+    if (mean_ms > 2 * SLOW_MS) this.resolution = Math.max(0.35, this.resolution * Math.max(0.6, Math.sqrt((2 * SLOW_MS) / mean_ms)));
+    else if (mean_ms < SLOW_MS / 2) this.resolution = Math.min(1, this.resolution * 1.02);
   }
 
   draw() {
-    const gl = this.gl, canvas = this.canvas, scale = this.detail * Math.min(window.devicePixelRatio || 1, 2);
+    const gl = this.gl, canvas = this.canvas, scale = this.resolution * Math.min(window.devicePixelRatio || 1, 2);
     const width = Math.round(canvas.clientWidth * scale), height = Math.round(canvas.clientHeight * scale);
     if (!width || !height || !this.poses || gl.isContextLost()) return;
     if (canvas.width !== width || canvas.height !== height) [canvas.width, canvas.height] = [width, height];
@@ -209,91 +209,91 @@ export class Scene3D {
     const reach = Math.max(0.45, Math.min(1.2, this.view.distance_m));
     const sunEye = target.map((value, i) => value + 3 * SUNWARD[i]);
     const sun = multiply(orthographic(reach, 1.0, 5.0), lookAt(sunEye, target));
-    const placed = this.place();
+    const shapes = this.placedShapes();
     gl.enable(gl.DEPTH_TEST);
     gl.enable(gl.CULL_FACE);
     gl.bindFramebuffer(gl.FRAMEBUFFER, this.shadowBuffer);
     gl.viewport(0, 0, SHADOW_PX, SHADOW_PX);
     gl.clear(gl.DEPTH_BUFFER_BIT);
     gl.useProgram(this.depth.id);
-    gl.uniformMatrix4fv(this.depth.at("view"), false, sun);
-    for (const one of placed) {
-      gl.uniformMatrix4fv(this.depth.at("model"), false, one.model);
-      one.shape.mesh.draw();
+    gl.uniformMatrix4fv(this.depth.uniform("view"), false, sun);
+    for (const { shape, model } of shapes) {
+      gl.uniformMatrix4fv(this.depth.uniform("model"), false, model);
+      shape.mesh.draw();
     }
     gl.bindFramebuffer(gl.FRAMEBUFFER, null);
     gl.viewport(0, 0, width, height);
     gl.clearColor(...SKY, 1);
     gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
-    this.paint(this.solid, view, sun, eye);
-    const clear = placed.filter((one) => one.shape.colour[3] < 1);
-    for (const one of placed) if (one.shape.colour[3] >= 1) this.drawShape(one);
+    this.useProgram(this.solid, view, sun, eye);
+    const transparent = shapes.filter(({ shape }) => shape.colour[3] < 1);
+    for (const placed of shapes) if (placed.shape.colour[3] >= 1) this.drawShape(placed);
     if (this.floor !== null) this.drawFloor(view, sun, eye, target);
-    if (clear.length) {
-      this.paint(this.solid, view, sun, eye);
+    if (transparent.length) {
+      this.useProgram(this.solid, view, sun, eye);
       gl.enable(gl.BLEND);
       gl.blendFunc(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA);
-      for (const one of clear) this.drawShape(one);
+      for (const placed of transparent) this.drawShape(placed);
       gl.disable(gl.BLEND);
     }
     this.writeMetres(view, target);
   }
 
-  paint(which, view, sun, eye) {
+  useProgram(program, view, sun, eye) {
     const gl = this.gl;
-    gl.useProgram(which.id);
-    gl.uniformMatrix4fv(which.at("view"), false, view);
-    gl.uniformMatrix4fv(which.at("sun"), false, sun);
-    gl.uniform3fv(which.at("eye"), eye);
-    gl.uniform3fv(which.at("sunward"), SUNWARD);
+    gl.useProgram(program.id);
+    gl.uniformMatrix4fv(program.uniform("view"), false, view);
+    gl.uniformMatrix4fv(program.uniform("sun"), false, sun);
+    gl.uniform3fv(program.uniform("eye"), eye);
+    gl.uniform3fv(program.uniform("sunward"), SUNWARD);
     gl.activeTexture(gl.TEXTURE0);
     gl.bindTexture(gl.TEXTURE_2D, this.shadowMap);
-    gl.uniform1i(which.at("shadows"), 0);
+    gl.uniform1i(program.uniform("shadows"), 0);
   }
 
   drawShape({ shape, model }) {
     const gl = this.gl;
-    gl.uniformMatrix4fv(this.solid.at("model"), false, model);
-    gl.uniform4fv(this.solid.at("tint"), shape.colour);
-    gl.uniform1i(this.solid.at("pattern"), shape.pattern);
+    gl.uniformMatrix4fv(this.solid.uniform("model"), false, model);
+    gl.uniform4fv(this.solid.uniform("tint"), shape.colour);
+    gl.uniform1i(this.solid.uniform("pattern"), shape.pattern);
     shape.mesh.draw();
   }
 
   drawFloor(view, sun, eye, target) {
     const gl = this.gl, size = 12;
-    this.paint(this.ground, view, sun, eye);
-    gl.uniform3fv(this.ground.at("sky"), SKY);
-    gl.uniformMatrix4fv(this.ground.at("model"), false,
+    this.useProgram(this.ground, view, sun, eye);
+    gl.uniform3fv(this.ground.uniform("sky"), SKY);
+    gl.uniformMatrix4fv(this.ground.uniform("model"), false,
       new Float32Array([size, 0, 0, 0, 0, size, 0, 0, 0, 0, 1, 0, target[0], target[1], this.floor, 1]));
     this.square.draw();
   }
 
-  // Each shape with its place in the world; a body whose x is no number is hidden.
-  place() {
-    const placed = [];
+  // Each shape with its matrix in the world; a body whose x is not a number is hidden.
+  placedShapes() {
+    const shapes = [];
     this.bodies.forEach((body, i) => {
       const pose = this.poses.subarray(7 * i, 7 * i + 7);
       if (pose.length < 7 || Number.isNaN(pose[0])) return;
       const frame = rigid(pose, pose.subarray(3));
-      for (const shape of body.shapes) placed.push({ shape, model: multiply(frame, shape.place) });
+      for (const shape of body.shapes) shapes.push({ shape, model: multiply(frame, shape.transform) });
     });
-    return placed;
+    return shapes;
   }
 
   target() {
     const { follow, target } = this.view;
     if (follow === null || !this.poses || !this.follows) return [target[0] + this.moved[0], target[1] + this.moved[1], target[2]];
-    const at = this.poses.subarray(7 * follow, 7 * follow + 2);
-    if (at.length === 2 && !Number.isNaN(at[0])) this.moved = [at[0], at[1]];
+    const position = this.poses.subarray(7 * follow, 7 * follow + 2);
+    if (position.length === 2 && !Number.isNaN(position[0])) this.moved = [position[0], position[1]];
     return [target[0] + this.moved[0], target[1] + this.moved[1], target[2]];
   }
 
   eye(target) {
-    const yaw = (this.view.yaw_deg * Math.PI) / 180, pitch = (this.view.pitch_deg * Math.PI) / 180, far = this.view.distance_m;
+    const yaw = (this.view.yaw_deg * Math.PI) / 180, pitch = (this.view.pitch_deg * Math.PI) / 180, distance_m = this.view.distance_m;
     return [
-      target[0] + far * Math.cos(pitch) * Math.cos(yaw),
-      target[1] + far * Math.cos(pitch) * Math.sin(yaw),
-      target[2] + far * Math.sin(pitch),
+      target[0] + distance_m * Math.cos(pitch) * Math.cos(yaw),
+      target[1] + distance_m * Math.cos(pitch) * Math.sin(yaw),
+      target[2] + distance_m * Math.sin(pitch),
     ];
   }
 
@@ -305,19 +305,19 @@ export class Scene3D {
     }
     while (this.labels.childElementCount < marks.length) this.labels.append(document.createElement("span"));
     [...this.labels.children].forEach((label, i) => {
-      const at = marks[i] && project(view, [...marks[i][0], this.floor]);
+      const point = marks[i] && project(view, [...marks[i][0], this.floor]);
       const isBelow = marks[i] && distance(marks[i][0], target) < 0.3; // the robot stands there
-      label.hidden = !at || isBelow || Math.abs(at[0]) > 1 || Math.abs(at[1]) > 1;
+      label.hidden = !point || isBelow || Math.abs(point[0]) > 1 || Math.abs(point[1]) > 1;
       if (label.hidden) return;
       label.textContent = marks[i][1];
-      label.style.left = `${(at[0] * 0.5 + 0.5) * 100}%`;
-      label.style.top = `${(0.5 - at[1] * 0.5) * 100}%`;
+      label.style.left = `${(point[0] * 0.5 + 0.5) * 100}%`;
+      label.style.top = `${(0.5 - point[1] * 0.5) * 100}%`;
     });
   }
 
-  // One finger or the left button turns, two fingers or another button move, wheel and pinch zoom, a double click goes home.
+  // One finger or the left button turns, two fingers or another button move, wheel and pinch zoom, a double click resets the view.
   listen() {
-    const canvas = this.canvas, down = new Map();
+    const canvas = this.canvas, pointers = new Map();
     canvas.addEventListener("contextmenu", (event) => event.preventDefault());
     canvas.addEventListener("dblclick", () => this.home());
     canvas.addEventListener("wheel", (event) => {
@@ -326,39 +326,39 @@ export class Scene3D {
     }, { passive: false });
     canvas.addEventListener("pointerdown", (event) => {
       canvas.setPointerCapture(event.pointerId);
-      down.set(event.pointerId, [event.clientX, event.clientY]);
+      pointers.set(event.pointerId, [event.clientX, event.clientY]);
     });
-    for (const end of ["pointerup", "pointercancel"]) canvas.addEventListener(end, (event) => down.delete(event.pointerId));
+    for (const end of ["pointerup", "pointercancel"]) canvas.addEventListener(end, (event) => pointers.delete(event.pointerId));
     canvas.addEventListener("pointermove", (event) => {
-      const before = down.get(event.pointerId);
+      const before = pointers.get(event.pointerId);
       if (!before) return;
-      const now = [event.clientX, event.clientY], by = [now[0] - before[0], now[1] - before[1]];
-      if (down.size === 2) {
-        const other = [...down].find(([id]) => id !== event.pointerId)[1];
+      const now = [event.clientX, event.clientY], change = [now[0] - before[0], now[1] - before[1]];
+      if (pointers.size === 2) {
+        const other = [...pointers].find(([id]) => id !== event.pointerId)[1];
         this.zoom(distance(before, other) / Math.max(1, distance(now, other)));
-        this.pan(by[0] / 2, by[1] / 2);
-      } else if (event.buttons > 1 || event.shiftKey) this.pan(...by);
-      else this.turn(...by);
-      down.set(event.pointerId, now);
+        this.pan(change[0] / 2, change[1] / 2);
+      } else if (event.buttons > 1 || event.shiftKey) this.pan(...change);
+      else this.turn(...change);
+      pointers.set(event.pointerId, now);
     });
   }
 
   turn(x, y) {
     this.view.yaw_deg -= 0.4 * x;
     this.view.pitch_deg = Math.max(-5, Math.min(89, this.view.pitch_deg + 0.3 * y));
-    this.ask();
+    this.requestDraw();
   }
 
   zoom(factor) {
     this.view.distance_m = Math.max(0.15, Math.min(8, this.view.distance_m * factor));
-    this.ask();
+    this.requestDraw();
   }
 
   pan(x, y) {
     const yaw = (this.view.yaw_deg * Math.PI) / 180, step = (0.65 * this.view.distance_m) / this.canvas.clientHeight;
     this.view.target[0] += step * (Math.sin(yaw) * x - Math.cos(yaw) * y);
     this.view.target[1] += step * (-Math.cos(yaw) * x - Math.sin(yaw) * y);
-    this.ask();
+    this.requestDraw();
   }
 }
 
@@ -373,12 +373,12 @@ function program(gl, vertex, fragment) {
   }
   gl.linkProgram(id);
   if (!gl.getProgramParameter(id, gl.LINK_STATUS)) throw new Error(gl.getProgramInfoLog(id));
-  const places = new Map();
-  const at = (name) => {
-    if (!places.has(name)) places.set(name, gl.getUniformLocation(id, name));
-    return places.get(name);
+  const locations = new Map();
+  const uniform = (name) => {
+    if (!locations.has(name)) locations.set(name, gl.getUniformLocation(id, name));
+    return locations.get(name);
   };
-  return { id, at };
+  return { id, uniform };
 }
 
 function mesh(gl, points, normals, faces) {
@@ -402,7 +402,7 @@ function mesh(gl, points, normals, faces) {
     },
     free() {
       gl.deleteVertexArray(array);
-      buffers.forEach((one) => gl.deleteBuffer(one));
+      buffers.forEach((buffer) => gl.deleteBuffer(buffer));
     },
   };
 }
@@ -429,7 +429,7 @@ function multiply(first, second) {
 }
 
 function perspective(angle, ratio, near, far) {
-  // Of a narrow screen the angle is that of its width, so that a phone shows as much.
+  // On a narrow screen the angle is that of its width, so that a phone shows as much as a wide screen.
   const f = (1 / Math.tan(angle / 2)) * Math.min(1, ratio * 0.9);
   return new Float32Array([f / ratio, 0, 0, 0, 0, f, 0, 0, 0, 0, (far + near) / (near - far), -1, 0, 0, (2 * far * near) / (near - far), 0]);
 }
@@ -441,13 +441,13 @@ function orthographic(half, near, far) {
 function lookAt(eye, target) {
   const back = normalised(eye.map((value, i) => value - target[i]));
   const right = normalised(cross(Math.abs(back[2]) > 0.9999 ? [0, 1, 0] : [0, 0, 1], back)), up = cross(back, right);
-  const by = (axis) => -(axis[0] * eye[0] + axis[1] * eye[1] + axis[2] * eye[2]);
-  return new Float32Array([right[0], up[0], back[0], 0, right[1], up[1], back[1], 0, right[2], up[2], back[2], 0, by(right), by(up), by(back), 1]);
+  const shift = (axis) => -(axis[0] * eye[0] + axis[1] * eye[1] + axis[2] * eye[2]);
+  return new Float32Array([right[0], up[0], back[0], 0, right[1], up[1], back[1], 0, right[2], up[2], back[2], 0, shift(right), shift(up), shift(back), 1]);
 }
 
 function project(view, [x, y, z]) {
-  const at = (row) => view[row] * x + view[4 + row] * y + view[8 + row] * z + view[12 + row], w = at(3);
-  return w > 0 ? [at(0) / w, at(1) / w] : null;
+  const component = (row) => view[row] * x + view[4 + row] * y + view[8 + row] * z + view[12 + row], w = component(3);
+  return w > 0 ? [component(0) / w, component(1) / w] : null;
 }
 
 function cross(a, b) {

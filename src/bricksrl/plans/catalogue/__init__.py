@@ -32,10 +32,10 @@ def find(number: str) -> Part | None:
 
 def get(number: str) -> Part:
     """The part with an LDraw number. Raises UnknownNameError if it is not in the catalogue."""
-    found = find(number)
-    if found is None:
+    part = find(number)
+    if part is None:
         raise UnknownNameError(f"part '{number}' is not in the catalogue; use one that `bricksrl plan parts` lists")
-    return found
+    return part
 
 
 __all__ = ["find", "get", "parts"]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from bricksrl.plans.catalogue.build import part, places_of, sites, tubes, webs
+from bricksrl.plans.catalogue.build import part, points_of, sites, tubes, webs
 from bricksrl.plans.geometry import AXES, Triple, box, triple
 from bricksrl.plans.part import Fit, MassSource, Part, Site
 
@@ -53,16 +53,16 @@ def _beam(
     source: MassSource = MassSource.VOLUME,
 ) -> Part:
     """A beam with holes along chains; chains that meet share a hole."""
-    where: dict[Triple, Site] = {}
-    for kinds, places in chains:
-        for index, (kind, place) in enumerate(zip(kinds, places, strict=True)):
+    sites_by_point: dict[Triple, Site] = {}
+    for kinds, points in chains:
+        for index, (kind, point) in enumerate(zip(kinds, points, strict=True)):
             if kind != "-":
-                arm = np.array(place) - np.array(places[index - 1 if index else min(1, len(places) - 1)])
+                arm = np.array(point) - np.array(points[index - 1 if index else min(1, len(points) - 1)])
                 arm /= max(float(np.linalg.norm(arm)), 1e-9)
-                where.setdefault(place, Site(_KINDS[kind], place, _Y, thickness, arm=triple(arm)))
-    found = tuple(where.values())
-    solids = (*webs([places for _, places in chains], _Y, thickness), *tubes(found))
-    return part(number, name, "beams", mass_g, found, solids=solids, aliases=aliases, source=source)
+                sites_by_point.setdefault(point, Site(_KINDS[kind], point, _Y, thickness, arm=triple(arm)))
+    part_sites = tuple(sites_by_point.values())
+    solids = (*webs([points for _, points in chains], _Y, thickness), *tubes(part_sites))
+    return part(number, name, "beams", mass_g, part_sites, solids=solids, aliases=aliases, source=source)
 
 
 def _bent() -> list[Part]:
@@ -70,7 +70,7 @@ def _bent() -> list[Part]:
     twice = [*_run((0, 0, -160), up, 7), (28.28, 0.0, -11.72), *_run((40, 0, 0), (20, 0), 3)]
     return [
         _beam("60483", "Beam 2 with an axle hole", 0.463, [("+o", _run(origin, up, 2))], aliases=("74695",)),
-        _beam("32140", "Beam 2 x 4 bent 90", 1.241, [("+oooo", places_of("0,0,0 0,0,20 0,0,40 0,0,60 20,0,60"))]),
+        _beam("32140", "Beam 2 x 4 bent 90", 1.241, [("+oooo", points_of("0,0,0 0,0,20 0,0,40 0,0,60 20,0,60"))]),
         _beam(
             "32526",
             "Beam 3 x 5 bent 90",
@@ -153,52 +153,52 @@ def _frames() -> list[Part]:
 
 def _frame(number: str, name: str, across: int, along: int, mass_g: float, ends: str) -> Part:
     """An open frame: holes along z alternate between vertical and sideways; along x they are ``ends``."""
-    wide, long = 10.0 * (across - 1), 10.0 * (along - 1)
-    found: dict[Triple, Site] = {}
+    half_width, half_length = 10.0 * (across - 1), 10.0 * (along - 1)
+    sites_by_point: dict[Triple, Site] = {}
     for side in (-1, 1):
         for index in range(along):
-            place = (side * wide, 0.0, 20.0 * index - long)
-            found[place] = Site(Fit.HOLE, place, _Y if index % 2 == 0 else AXES["x"], 20.0)
+            point = (side * half_width, 0.0, 20.0 * index - half_length)
+            sites_by_point[point] = Site(Fit.HOLE, point, _Y if index % 2 == 0 else AXES["x"], 20.0)
         for index, axis in enumerate(ends[1:-1], 1):
-            place = (20.0 * index - wide, 0.0, side * long)
-            found[place] = Site(Fit.HOLE, place, AXES[axis], 20.0)
-    bars = [box((side * wide, 0, 0), (20, 20, 2 * long + 20)) for side in (-1, 1)]
-    bars += [box((0, 0, side * long), (2 * wide, 20, 20)) for side in (-1, 1)]
-    return part(number, name, "frames", mass_g, tuple(found.values()), solids=tuple(bars))
+            point = (20.0 * index - half_width, 0.0, side * half_length)
+            sites_by_point[point] = Site(Fit.HOLE, point, AXES[axis], 20.0)
+    bars = [box((side * half_width, 0, 0), (20, 20, 2 * half_length + 20)) for side in (-1, 1)]
+    bars += [box((0, 0, side * half_length), (2 * half_width, 20, 20)) for side in (-1, 1)]
+    return part(number, name, "frames", mass_g, tuple(sites_by_point.values()), solids=tuple(bars))
 
 
 def _long_frame() -> Part:
-    where = sites(
+    part_sites = sites(
         "o x20: -40,0,-100 -40,0,-80 -40,0,-40 -40,0,0 -40,0,40 -40,0,80 -40,0,100"
         " 40,0,-100 40,0,-80 40,0,-40 40,0,0 40,0,40 40,0,80 40,0,100"
         "| o y20: -40,0,-60 -40,0,-20 -40,0,20 -40,0,60 40,0,-60 40,0,-20 40,0,20 40,0,60"
         "| o z20: -20,0,-60 0,0,-60 20,0,-60 -20,0,60 0,0,60 20,0,60"
     )
     bars = [box((x, 0, 0), (20, 20, 218)) for x in (-40, 40)] + [box((0, 0, z), (60, 20, 20)) for z in (-60, 60)]
-    return part("64178", "Frame 5 x 11", "frames", 7.366, where, solids=tuple(bars))
+    return part("64178", "Frame 5 x 11", "frames", 7.366, part_sites, solids=tuple(bars))
 
 
 def _h_frame() -> Part:
-    where = sites("o x20: 0,0,-20 0,0,0 0,0,20 | o y20: -20,0,-40 -20,0,40 0,0,-40 0,0,40 20,0,-40 20,0,40")
+    part_sites = sites("o x20: 0,0,-20 0,0,0 0,0,20 | o y20: -20,0,-40 -20,0,40 0,0,-40 0,0,40 20,0,-40 20,0,40")
     bars = (box((0, 0, -40), (58, 20, 18)), box((0, 0, 40), (58, 20, 18)), box((0, 0, 0), (18, 18, 62)))
-    return part("14720", "Frame 3 x 5 H", "frames", 1.853, where, solids=bars, aliases=("71710",))
+    return part("14720", "Frame 3 x 5 H", "frames", 1.853, part_sites, solids=bars, aliases=("71710",))
 
 
 def _panels() -> list[Part]:
     """The base plate, with vertical holes where its edge has no sideways hole, and panels."""
-    places = []
+    points = []
     for column in range(11):
         for row in range(19):
             on_side, on_end = column in (0, 10), row in (0, 18)
             odd = (row if on_side else column) % 2 == 1
             if not ((on_side or on_end) and odd):
-                places.append((20.0 * column - 100, 0.0, 20.0 * row - 180))
-    found = [Site(Fit.HOLE, place, _Y, 20.0) for place in places]
-    found += [Site(Fit.HOLE, (side * 100.0, 0.0, 40.0 * k - 160), AXES["x"], 20.0) for side in (-1, 1) for k in range(9)]
-    found += [Site(Fit.HOLE, (40.0 * k - 80, 0.0, side * 180.0), AXES["z"], 20.0) for side in (-1, 1) for k in range(5)]
+                points.append((20.0 * column - 100, 0.0, 20.0 * row - 180))
+    part_sites = [Site(Fit.HOLE, point, _Y, 20.0) for point in points]
+    part_sites += [Site(Fit.HOLE, (side * 100.0, 0.0, 40.0 * k - 160), AXES["x"], 20.0) for side in (-1, 1) for k in range(9)]
+    part_sites += [Site(Fit.HOLE, (40.0 * k - 80, 0.0, side * 180.0), AXES["z"], 20.0) for side in (-1, 1) for k in range(5)]
     plate = (box((0, 0, 0), (220, 20, 380)),)
     return [
-        part("39369", "Base plate 11 x 19", "frames", 57.891, tuple(found), solids=plate),
+        part("39369", "Base plate 11 x 19", "frames", 57.891, tuple(part_sites), solids=plate),
         _panel("15458", 3, 5.946),
         _panel("64782", 5, 7.845),
     ]
@@ -213,5 +213,5 @@ def _panel(number: str, wide: int, mass_g: float) -> Part:
     sheet = box((0.0, -8.0, 0.0), (216.0, 2.0, 2 * edge + 16))
     bars = [box((x, 0.0, 0.0), (18.0, 20.0, 2 * edge + 20)) for x in (-101, 101)]
     bars += [box((0.0, 0.0, z), (180.0, 20.0, 18.0)) for z in (-edge - 1, edge + 1)]
-    where = sites(f"o x18: {ends} | o z18: {sides} | o y20: {corners}")
-    return part(number, f"Panel {wide} x 11", "frames", mass_g, where, solids=(sheet, *bars))
+    part_sites = sites(f"o x18: {ends} | o z18: {sides} | o y20: {corners}")
+    return part(number, f"Panel {wide} x 11", "frames", mass_g, part_sites, solids=(sheet, *bars))

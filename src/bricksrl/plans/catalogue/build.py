@@ -30,25 +30,25 @@ def sites(notation: str, *, turns: bool = False) -> tuple[Site, ...]:
     Fits: ``o`` pin hole, ``+`` axle hole, ``pin``, ``friction``, ``axle``, ``stud``, ``under`` (takes a stud), ``peg``, ``ball``,
     ``socket``.
     """
-    found = []
+    result = []
     for line in notation.split("|"):
-        head, _, places = line.partition(":")
+        head, _, centres = line.partition(":")
         fit, axis = head.split()
-        found += [Site(_FITS[fit], place, AXES[axis[0]], float(axis[1:]), turns) for place in places_of(places)]
-    return tuple(found)
+        result += [Site(_FITS[fit], centre, AXES[axis[0]], float(axis[1:]), turns) for centre in points_of(centres)]
+    return tuple(result)
 
 
-def places_of(text: str) -> list[Triple]:
+def points_of(text: str) -> list[Triple]:
     """Points from ``"0,0,-20 0,0,20"``."""
-    numbers = [[float(value) for value in place.split(",")] for place in text.split()]
+    numbers = [[float(value) for value in point.split(",")] for point in text.split()]
     return [(x, y, z) for x, y, z in numbers]
 
 
-def tubes(where: Iterable[Site]) -> tuple[Solid, ...]:
+def tubes(part_sites: Iterable[Site]) -> tuple[Solid, ...]:
     """A tube around each hole, a round bar for each pin and axle."""
     return tuple(
         cylinder(site.centre, site.axis, site.length, PIN_RADIUS if site.fit.is_male else WALL_RADIUS)
-        for site in where
+        for site in part_sites
         if site.fit not in _WITHOUT_SOLIDS
     )
 
@@ -67,7 +67,7 @@ def part(
     name: str,
     family: str,
     mass_g: float,
-    where: tuple[Site, ...],
+    part_sites: tuple[Site, ...],
     *,
     solids: tuple[Solid, ...] | None = None,
     more: tuple[Solid, ...] = (),
@@ -85,8 +85,8 @@ def part(
         number,
         name,
         family,
-        where,
-        (*(tubes(site for site in where if not site.turns) if solids is None else solids), *more),
+        part_sites,
+        (*(tubes(site for site in part_sites if not site.turns) if solids is None else solids), *more),
         mass_g,
         source,
         aliases,

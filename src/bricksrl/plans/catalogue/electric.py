@@ -55,8 +55,8 @@ def _hubs() -> list[Part]:
     ]
 
 
-def _ports(places: dict[str, tuple[float, float, float]]) -> tuple[tuple[str, Triple], ...]:
-    return tuple(places.items())
+def _ports(positions: dict[str, tuple[float, float, float]]) -> tuple[tuple[str, Triple], ...]:
+    return tuple(positions.items())
 
 
 def _hub(
@@ -64,7 +64,7 @@ def _hub(
     name: str,
     mass_g: float,
     kind: str,
-    where: tuple[Site, ...],
+    holes: tuple[Site, ...],
     solids: tuple[Solid, ...],
     ports: tuple[tuple[str, Triple], ...],
     aliases: tuple[str, ...] = (),
@@ -73,7 +73,7 @@ def _hub(
 ) -> Part:
     device = Device(DeviceKind.HUB, kind, solids[0].centre, ports=ports)
     return part(
-        number, name, "hubs", mass_g, where, solids=solids, device=device, aliases=aliases, source=_ESTIMATE, is_loose=is_loose
+        number, name, "hubs", mass_g, holes, solids=solids, device=device, aliases=aliases, source=_ESTIMATE, is_loose=is_loose
     )
 
 
@@ -141,7 +141,7 @@ def _motor(
     name: str,
     mass_g: float,
     kind: str,
-    where: tuple[Site, ...],
+    holes: tuple[Site, ...],
     solids: tuple[Solid, ...],
     turning: tuple[Solid, ...],
     rear: float,
@@ -150,7 +150,7 @@ def _motor(
 ) -> Part:
     device = Device(DeviceKind.MOTOR, kind, (0.0, 0.0, rear), _SPIKE_CABLE_MM, shaft=shaft)
     return part(
-        number, name, "motors", mass_g, where, solids=solids, turning=turning, device=device, aliases=aliases, source=_ESTIMATE
+        number, name, "motors", mass_g, holes, solids=solids, turning=turning, device=device, aliases=aliases, source=_ESTIMATE
     )
 
 
@@ -176,8 +176,8 @@ def _other_motors() -> list[Part]:
         ("26913", "Interactive motor", 46.0, "interactive", (*interactive, *turned), box((0, 34, 0), (80, 76, 120)), 60.0),
     ]
     return [
-        _motor(number, name, mass, kind, where, (case,), (), rear, (f"{number}c01",), forward)
-        for number, name, mass, kind, where, case, rear in rows
+        _motor(number, name, mass, kind, holes, (case,), (), rear, (f"{number}c01",), forward)
+        for number, name, mass, kind, holes, case, rear in rows
     ]
 
 
@@ -203,7 +203,7 @@ def _sensors() -> list[Part]:
 
 
 def _sensor(
-    number: str, name: str, mass_g: float, kind: str, where: tuple[Site, ...], solids: tuple[Solid, ...], looks: Triple
+    number: str, name: str, mass_g: float, kind: str, holes: tuple[Site, ...], solids: tuple[Solid, ...], looks: Triple
 ) -> Part:
     """A sensor; those of WeDo and Boost sit on studs, which are not modelled, so they count as connected."""
     device = Device(DeviceKind.SENSOR, kind, (0.0, 0.0, 10.0), _SPIKE_CABLE_MM, looks=looks)
@@ -212,10 +212,10 @@ def _sensor(
         name,
         "sensors",
         mass_g,
-        where,
+        holes,
         solids=solids,
         device=device,
         aliases=(f"{number}c01",),
         source=_ESTIMATE,
-        is_loose=not where,
+        is_loose=not holes,
     )

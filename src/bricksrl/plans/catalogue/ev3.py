@@ -19,13 +19,13 @@ def ev3() -> list[Part]:
 
 
 def _device(
-    number: str, name: str, mass_g: float, device: Device, where: tuple[Site, ...], solids: tuple[Solid, ...], *turning: Solid
+    number: str, name: str, mass_g: float, device: Device, holes: tuple[Site, ...], solids: tuple[Solid, ...], *turning: Solid
 ) -> Part:
     family = f"{device.kind.value}s"
     aliases = (f"{number}c01",)
     source = MassSource.ESTIMATE
     return part(
-        number, name, family, mass_g, where, solids=solids, device=device, turning=turning, aliases=aliases, source=source
+        number, name, family, mass_g, holes, solids=solids, device=device, turning=turning, aliases=aliases, source=source
     )
 
 
@@ -33,10 +33,10 @@ def _brick() -> Part:
     sides = " ".join(f"{x},0,{z}" for x in (-80, 80) for z in (-80, -60, -40, 40, 60, 80))
     lower = " ".join(f"{x},{y},{z}" for x in (-80, 80) for y in (20, 40) for z in (-80, 80))
     below = " ".join(f"{x},80,{z}" for x in (-60, -40, -20, 20, 40, 60) for z in (-120, 120))
-    where = sites(f"o x20: {sides} {lower} | o y20: {below}")
+    holes = sites(f"o x20: {sides} {lower} | o y20: {below}")
     middle: Triple = (0.0, 35.0, 0.0)
     device = Device(DeviceKind.HUB, "ev3", middle, ports=tuple((port, middle) for port in "ABCD1234"))
-    return _device("95646", "EV3 brick with battery", 270.0, device, where, (box((0, 35, 0), (180, 108, 278)),))
+    return _device("95646", "EV3 brick with battery", 270.0, device, holes, (box((0, 35, 0), (180, 108, 278)),))
 
 
 def _motors() -> list[Part]:

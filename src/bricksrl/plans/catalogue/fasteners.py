@@ -65,7 +65,7 @@ def _pins() -> list[Part]:
     on_pin, on_axle = (ball((-10.0, 0.0, 0.0), 8.0),), (ball((-12.0, 0.0, 0.0), 8.0),)
     pin_sites, axle_sites = sites("friction x20: 10,0,0 | ball x16: -10,0,0"), sites("axle x20: 10,0,0 | ball x16: -12,0,0")
     return [
-        *(part(number, name, "pins", mass, sites(where), aliases=aliases) for number, name, mass, where, aliases in rows),
+        *(part(number, name, "pins", mass, sites(text), aliases=aliases) for number, name, mass, text, aliases in rows),
         part("6628", "Pin with a towball", "pins", 0.259, pin_sites, more=on_pin, aliases=("66906", "50")),
         part("2736", "Axle with a towball", "axles", 0.243, axle_sites, more=on_axle, length=1),
     ]
@@ -109,9 +109,9 @@ def _axle(
     aliases: tuple[str, ...] = (),
 ) -> Part:
     """An axle along x; a stop is a round head at +x."""
-    where = (Site(Fit.AXLE, (0.0, 0.0, 0.0), _X, 20.0 * length),)
+    part_sites = (Site(Fit.AXLE, (0.0, 0.0, 0.0), _X, 20.0 * length),)
     head = (_head(10.0 * length - 2, 4.0),) if stop else ()
-    return part(number, name, "axles", mass_g, where, more=head, source=source, aliases=aliases, length=length)
+    return part(number, name, "axles", mass_g, part_sites, more=head, source=source, aliases=aliases, length=length)
 
 
 def _bushes() -> list[Part]:
@@ -130,7 +130,7 @@ def _bushes() -> list[Part]:
     tooth = part("41669", "Tooth 1 x 3", "connectors", 0.457, sites("+ y16: 0,0,0"), solids=body, aliases=("16646",))
     return [
         tooth,
-        *(part(number, name, family, mass, sites(where), aliases=aliases) for number, name, mass, where, aliases, family in rows),
+        *(part(number, name, family, mass, sites(text), aliases=aliases) for number, name, mass, text, aliases, family in rows),
     ]
 
 
@@ -149,7 +149,7 @@ def _blocks() -> list[Part]:
         ("32039", "Axle connector with an axle hole", 0.289, "+ x20: 0,0,-20 | + z20: 0,0,0"),
     ]
     biscuit = sites("o x20: -20,0,-20 -20,0,20 20,0,-20 20,0,20 | o y20: -20,0,0 0,0,-20 0,0,0 0,0,20 20,0,0")
-    blocks = [part(number, name, "connectors", mass, sites(where)) for number, name, mass, where in rows]
+    blocks = [part(number, name, "connectors", mass, sites(text)) for number, name, mass, text in rows]
     return [*blocks, part("39793", "Block 3 x 3", "connectors", 2.204, biscuit, solids=(box((0, 0, 0), (60, 20, 58)),))]
 
 
@@ -199,7 +199,7 @@ def _pin_connectors() -> list[Part]:
             ("49130",),
         ),
     ]
-    return [part(number, name, "connectors", mass, sites(where), aliases=aliases) for number, name, mass, where, aliases in rows]
+    return [part(number, name, "connectors", mass, sites(text), aliases=aliases) for number, name, mass, text, aliases in rows]
 
 
 def _steering_links() -> list[Part]:

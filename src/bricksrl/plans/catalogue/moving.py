@@ -35,8 +35,8 @@ def _gears() -> list[Part]:
         ("32498", 36, double, 3.703, "+ z20: 0,-20,0 0,0,0 0,20,0 | o z20: -20,0,0 20,0,0", ()),
     ]
     parts = [
-        _gear(number, f"Gear {teeth}, {form.value}", teeth, form, mass, where, 20.0, 0.0, aliases)
-        for number, teeth, form, mass, where, aliases in rows
+        _gear(number, f"Gear {teeth}, {form.value}", teeth, form, mass, text, 20.0, 0.0, aliases)
+        for number, teeth, form, mass, text, aliases in rows
     ]
     return [
         *parts,
@@ -55,18 +55,18 @@ def _gear(
     teeth: int,
     form: GearForm,
     mass_g: float,
-    where: str,
+    text: str,
     width: float,
     middle: float,
     aliases: tuple[str, ...],
 ) -> Part:
-    found, centre = sites(where), (0.0, 0.0, middle)
+    part_sites, centre = sites(text), (0.0, 0.0, middle)
     disc: tuple[Solid, ...] = (_disc(teeth, width, centre),)
     if form is GearForm.DOUBLE_BEVEL:  # bevelled, so that two can meet at a right angle
         disc = (_disc(teeth, 10.0), cylinder(_CENTRE, _Z, 20.0, 1.25 * teeth - 6.0))
-    solids = (*disc, *tubes(found))
+    solids = (*disc, *tubes(part_sites))
     gear = Gear(form, teeth, centre, _Z, width, set_back=0.0 if form is GearForm.BEVEL else 5.0)
-    return part(number, name, "gears", mass_g, found, solids=solids, gears=(gear,), aliases=aliases)
+    return part(number, name, "gears", mass_g, part_sites, solids=solids, gears=(gear,), aliases=aliases)
 
 
 def _worms_and_racks() -> list[Part]:
@@ -87,28 +87,28 @@ def _worms_and_racks() -> list[Part]:
         ("87761", 7, 18, 1.556, "+ z20: -40,0,0 40,0,0 | o y20: -60,0,0 60,0,0"),
         ("64781", 13, 34, 2.890, "+ z20: -100,0,0 100,0,0 | o y20: -120,0,0 120,0,0"),
     ):
-        found = sites(text)
+        part_sites = sites(text)
         gear = Gear(GearForm.RACK, teeth, (0.0, -7.5, 0.0), AXES["x"], 20.0, (0.0, -1.0, 0.0))
         body = (box((0.0, 1.5, 0.0), (20.0 * length, 17.0, 20.0)),)
         source = MassSource.VOLUME if length == 7 else MassSource.RULE
-        racks.append(part(number, f"Rack {length}", "gears", mass_g, found, solids=body, gears=(gear,), source=source))
+        racks.append(part(number, f"Rack {length}", "gears", mass_g, part_sites, solids=body, gears=(gear,), source=source))
     return [worm, *racks]
 
 
 def _differentials() -> list[Part]:
     """A differential of 28 teeth: gears of 12 on both axles and one on its peg, 36.3 LDU off centre in BrickLink's Studio."""
-    made = []
-    for number, aside, aliases in (("62821", 0.0, ()), ("62821b", -36.3, ())):
-        place = f"0,{aside:g}"
-        where = sites(f"o z10: {place},-25 {place},25 | peg x10: 15.5,{aside:g},0")
+    parts = []
+    for number, offset, aliases in (("62821", 0.0, ()), ("62821b", -36.3, ())):
+        centre = f"0,{offset:g}"
+        part_sites = sites(f"o z10: {centre},-25 {centre},25 | peg x10: 15.5,{offset:g},0")
         solids = (
-            cylinder((0.0, aside, 24.0), _Z, 7.0, 34.5),
-            *(ring((0.0, aside, z), _Z, 12.0, 25.0, 7.0) for z in (-24.0, 24.0)),
-            *(box((x, aside, 0.0), (4.0, 14.0, 36.0)) for x in (-23.0, 23.0)),
+            cylinder((0.0, offset, 24.0), _Z, 7.0, 34.5),
+            *(ring((0.0, offset, z), _Z, 12.0, 25.0, 7.0) for z in (-24.0, 24.0)),
+            *(box((x, offset, 0.0), (4.0, 14.0, 36.0)) for x in (-23.0, 23.0)),
         )
-        teeth = Gear(GearForm.BEVEL, 28, (0.0, aside, 24.0), _Z, 7.0, set_back=-1.0)
-        made.append(part(number, "Differential 28", "gears", 3.0, where, solids=solids, gears=(teeth,), aliases=aliases))
-    return made
+        teeth = Gear(GearForm.BEVEL, 28, (0.0, offset, 24.0), _Z, 7.0, set_back=-1.0)
+        parts.append(part(number, "Differential 28", "gears", 3.0, part_sites, solids=solids, gears=(teeth,), aliases=aliases))
+    return parts
 
 
 def _turntables() -> list[Part]:
@@ -184,7 +184,7 @@ def _wheels() -> list[Part]:
     ]
     cross = " ".join(f"{x},0,0 0,{x},0" for x in (-80, -60, -40, -20, 20, 40, 60, 80))
     corners = " ".join(f"{x},{y},0" for x in (-60, -40, 40, 60) for y in (-60, -40, 40, 60) if abs(x) + abs(y) > 80)
-    made_whole = [
+    with_tyres = [
         _tyred(
             "39367p02",
             "Wheel 56 x 14 with tyre",
@@ -260,20 +260,20 @@ def _wheels() -> list[Part]:
             ("87414", 14.3, 16.0, 0.64),
         )
     ]
-    return [*made_whole, *parts, flat, knobs, *tyres]
+    return [*with_tyres, *parts, flat, knobs, *tyres]
 
 
 def _tyred(
     number: str,
     name: str,
     mass_g: float,
-    where: tuple[Site, ...],
+    part_sites: tuple[Site, ...],
     solids: tuple[Solid, ...],
     wheel_mm: float,
     aliases: tuple[str, ...],
 ) -> Part:
     """A wheel with its tyre."""
-    return part(number, name, "wheels", mass_g, where, solids=solids, aliases=aliases, wheel_mm=wheel_mm)
+    return part(number, name, "wheels", mass_g, part_sites, solids=solids, aliases=aliases, wheel_mm=wheel_mm)
 
 
 def _tyre(number: str, name: str, wheel_mm: float, width: float, mass_g: float) -> Part:
@@ -295,7 +295,7 @@ def _chains() -> list[Part]:
 
 def _casters() -> list[Part]:
     """A caster: the H frame with a ball in its cup, as one part."""
-    where = sites("o x20: 0,-20,-40 0,-20,40 0,0,-40 0,0,0 0,0,40 0,20,-40 0,20,40 | o y20: 0,0,-20 0,0,20")
+    part_sites = sites("o x20: 0,-20,-40 0,-20,40 0,0,-40 0,0,0 0,0,40 0,20,-40 0,20,40 | o y20: 0,0,-20 0,0,20")
     body = (
         box((0, 0, 0), (20, 20, 80)),
         box((0, 0, -40), (20, 58, 20)),
@@ -304,6 +304,6 @@ def _casters() -> list[Part]:
         ball((0, 46, 0), 24.0),
     )
     return [
-        part("39370c01", "Ball caster", "wheels", 7.690, where, solids=body, aliases=("39370",), wheel_mm=19.2),
+        part("39370c01", "Ball caster", "wheels", 7.690, part_sites, solids=body, aliases=("39370",), wheel_mm=19.2),
         part("52629", "Ball 19 mm", "wheels", 3.853, (), solids=(ball(_CENTRE, 24.0),), is_loose=True),
     ]

@@ -42,13 +42,13 @@ def system() -> list[Part]:
 
 
 def _rows(text: str, name: str, family: str, height: float, *, is_smooth: bool = False) -> list[Part]:
-    made = []
+    parts = []
     for row in text.split("|"):
         size, *numbers = row.split()
         across, along = (int(side) for side in size.split("x"))
         label = f"{name} {across} x {along}"
-        made.append(_block(numbers, label, family, (along, across), height, is_smooth=is_smooth))
-    return made
+        parts.append(_block(numbers, label, family, (along, across), height, is_smooth=is_smooth))
+    return parts
 
 
 def _block(
@@ -66,10 +66,10 @@ def _block(
     cells = _cells(size)
     below = " ".join(f"{x:g},{height - 2:g},{z:g}" for x, z in cells)
     above = " ".join(f"{x:g},-2,{z:g}" for x, z in cells)
-    where = sites(f"under y4: {below}" + ("" if is_smooth else f" | stud y4: {above}") + (f" | {holes}" if holes else ""))
+    part_sites = sites(f"under y4: {below}" + ("" if is_smooth else f" | stud y4: {above}") + (f" | {holes}" if holes else ""))
     body = (box((0.0, height / 2, 0.0), (20.0 * size[0], height, 20.0 * size[1])),)
     mass = mass_g or shell_mass_g(size, height, is_smooth=is_smooth)
-    return part(numbers[0], name, family, mass, where, solids=body, aliases=tuple(numbers[1:]), source=MassSource.RULE)
+    return part(numbers[0], name, family, mass, part_sites, solids=body, aliases=tuple(numbers[1:]), source=MassSource.RULE)
 
 
 def _cells(size: tuple[int, int]) -> list[tuple[float, float]]:
@@ -82,26 +82,26 @@ def shell_mass_g(size: tuple[int, int], height: float, *, is_smooth: bool = Fals
 
     Within 0.06 g of the volumes at LDraw.org. Real walls are thinner: a 2 x 4 brick is 13 % lighter.
     """
-    long, wide = 20.0 * size[0], 20.0 * size[1]
-    walls = (long * wide - (long - 8) * (wide - 8)) * (height - 4)
-    volume = 4 * long * wide + walls
+    length, width = 20.0 * size[0], 20.0 * size[1]
+    walls = (length * width - (length - 8) * (width - 8)) * (height - 4)
+    volume = 4 * length * width + walls
     if not is_smooth:
         is_row = 1 in size
-        between = (max(size) - 1) * math.pi * 16 if is_row else (size[0] - 1) * (size[1] - 1) * math.pi * 28
-        volume += size[0] * size[1] * 4 * math.pi * 36 + between * (height - 4)
+        tube_area = (max(size) - 1) * math.pi * 16 if is_row else (size[0] - 1) * (size[1] - 1) * math.pi * 28
+        volume += size[0] * size[1] * 4 * math.pi * 36 + tube_area * (height - 4)
     return round(volume * 0.04**3 * ABS_G_CM3, 3)
 
 
 def _technic_bricks() -> list[Part]:
     """Bricks with pin holes between the studs; masses are a linear fit to the volumes at LDraw.org."""
-    made = []
+    parts = []
     for row in _TECHNIC_BRICKS.split("|"):
         studs, number = row.split()
         count = int(studs)
-        places = " ".join(f"{20 * i - 10 * (count - 2)},10,0" for i in range(count - 1))
+        centres = " ".join(f"{20 * i - 10 * (count - 2)},10,0" for i in range(count - 1))
         mass = round(0.3447 * count + 0.1225, 3)
-        made.append(
-            _block([number], f"Technic brick 1 x {count}", "bricks", (count, 1), _BRICK, holes=f"o z20: {places}", mass_g=mass)
+        parts.append(
+            _block([number], f"Technic brick 1 x {count}", "bricks", (count, 1), _BRICK, holes=f"o z20: {centres}", mass_g=mass)
         )
     others = [
         (["6541", "404"], "Technic brick 1 x 1", 1, "o z20: 0,10,0", 0.449),
@@ -109,7 +109,7 @@ def _technic_bricks() -> list[Part]:
         (["32064a", "32064", "32064b", "32064c", "31493"], "Technic brick 1 x 2, axle hole", 2, "+ z20: 0,10,0", 0.836),
     ]
     return [
-        *made,
+        *parts,
         *(
             _block(numbers, name, "bricks", (count, 1), _BRICK, holes=holes, mass_g=mass)
             for numbers, name, count, holes, mass in others
@@ -128,15 +128,15 @@ def _technic_bricks() -> list[Part]:
 
 def _technic_plates() -> list[Part]:
     """Plates of two rows with pin holes between the studs."""
-    made = []
+    parts = []
     for row in _TECHNIC_PLATES.split("|"):
         size, *numbers = row.split()
         count = int(size[2:])
-        places = " ".join(f"{20 * i - 10 * (count - 2)},4,0" for i in range(count - 1))
+        centres = " ".join(f"{20 * i - 10 * (count - 2)},4,0" for i in range(count - 1))
         mass = round(0.311 * count + 0.075, 3)
         name = f"Technic plate 2 x {count}"
-        made.append(_block(numbers, name, "plates", (count, 2), _PLATE, holes=f"o y8: {places}", mass_g=mass))
-    return made
+        parts.append(_block(numbers, name, "plates", (count, 2), _PLATE, holes=f"o y8: {centres}", mass_g=mass))
+    return parts
 
 
 def _round() -> list[Part]:

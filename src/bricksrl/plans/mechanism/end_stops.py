@@ -26,14 +26,14 @@ def free_deg(planned: PlannedRobot, port: str, low: float, high: float) -> tuple
 
     Angles are readings of the rotation sensor; the range includes the plan's angle.
     """
-    drive = next(one for one in planned.articulation.drives if one.port == port)
+    drive = next(drive for drive in planned.articulation.drives if drive.port == port)
     placed = planned.device(port)
     start = 0.0 if placed is None else placed.angle_deg
     sweep = _Sweep(planned, drive)
     ends = []
     for end in (low, high):
-        way = (end - start) / drive.gear
-        ends.append(start + sweep.reach(way) * drive.gear)
+        travel_deg = (end - start) / drive.gear
+        ends.append(start + sweep.reach(travel_deg) * drive.gear)
     return min(start, ends[0]), max(start, ends[1])
 
 
@@ -41,30 +41,31 @@ class _Sweep:
     """Collision test of the parts that a motor moves."""
 
     def __init__(self, planned: PlannedRobot, drive: Drive) -> None:
-        made = planned.articulation
+        articulation = planned.articulation
         motor = planned.device(drive.port)
-        self._parts = tuple(_case(one) if motor is not None and one.index == motor.index else one for one in planned.plan.parts)
+        number = None if motor is None else motor.index
+        self._parts = tuple(_case(part) if part.index == number else part for part in planned.plan.parts)
         self._axis, self._point = _in_plan(drive)
-        self._moved = {part for body in _carried(made, drive.turn.child) for part in made.bodies[body].parts}
+        self._moved = {part for body in _carried(articulation, drive.turn.child) for part in articulation.bodies[body].parts}
         self._others = np.ones(len(self._parts), dtype=bool)
         self._others[list(self._moved)] = False
         # Geared parts and rods move away, so they are not tested.
-        coupled = [made.bodies[one.turn.child].parts for one in made.geared if one.port == drive.port]
-        for parts in (*coupled, *(rod.parts for rod in made.rods)):
+        coupled = [articulation.bodies[geared.turn.child].parts for geared in articulation.geared if geared.port == drive.port]
+        for parts in (*coupled, *(rod.parts for rod in articulation.rods)):
             self._others[list(parts)] = False
         self._is_clear_at_start = self._is_clear(0.0)
 
-    def reach(self, way: float) -> float:
-        """Free travel in the direction of ``way``, at most ``way``, degrees of the driven part."""
+    def reach(self, travel_deg: float) -> float:
+        """Collision-free part of a travel, degrees of the driven part."""
         if not self._is_clear_at_start:
             return 0.0
-        sign, reached = math.copysign(1.0, way), 0.0
-        while reached < abs(way):
-            ahead = min(reached + _STEP_DEG, abs(way))
-            if not self._is_clear(sign * ahead):
-                return sign * self._bisect(sign, reached, ahead)
-            reached = ahead
-        return way
+        sign, reached = math.copysign(1.0, travel_deg), 0.0
+        while reached < abs(travel_deg):
+            target = min(reached + _STEP_DEG, abs(travel_deg))
+            if not self._is_clear(sign * target):
+                return sign * self._bisect(sign, reached, target)
+            reached = target
+        return travel_deg
 
     def _bisect(self, sign: float, free: float, blocked: float) -> float:
         while blocked - free > _FINE_DEG:
@@ -78,8 +79,8 @@ class _Sweep:
         return Occupancy(parts).is_free(self._moved, self._others, np.zeros(3))
 
     def _turned(self, placed: Placed, turn: Floats) -> Placed:
-        place = turn @ (placed.position - self._point) + self._point
-        return replace(placed, rotation=turn @ placed.rotation, position=place)
+        position = turn @ (placed.position - self._point) + self._point
+        return replace(placed, rotation=turn @ placed.rotation, position=position)
 
 
 def _case(motor: Placed) -> Placed:
@@ -93,11 +94,11 @@ def _in_plan(drive: Drive) -> tuple[Floats, Floats]:
     return TO_TWIN.T @ drive.turn.axis, TO_TWIN.T @ drive.turn.point_m / _LDU_M
 
 
-def _carried(made: Articulation, body: int) -> set[int]:
+def _carried(articulation: Articulation, body: int) -> set[int]:
     """A body and all its descendants."""
-    turns = [*(one.turn for one in made.drives), *(one.turn for one in made.geared), *made.swings]
+    turns = [joint.turn for joint in (*articulation.drives, *articulation.geared)] + list(articulation.swings)
     carried = {body}
-    for turn in sorted(turns, key=lambda one: one.child):
+    for turn in sorted(turns, key=lambda turn: turn.child):
         if turn.parent in carried:
             carried.add(turn.child)
     return carried

@@ -21,7 +21,7 @@ TO_TWIN = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 _METRES = MM_PER_LDU / 1000
 _SPACING = 2.5
 """LDU: minimum spacing of the points that carry a part's mass."""
-_MOST_POINTS = 30_000
+_MAX_POINTS = 30_000
 _SHAFT_KG, _SHAFT_RADIUS_M = 0.002, 0.01
 """Estimates for a motor's shaft with nothing on it."""
 
@@ -140,7 +140,7 @@ def mechanism(plan: Plan, bodies: Bodies) -> Mechanism:
         raise PlanError(f"{plan.path} has {len(bodies.members)} bodies; run `bricksrl plan check` on it and connect them")
     motions = bodies.motions()
     members = bodies.members
-    of_part = {part: number for number, parts in enumerate(members) for part in parts}
+    link_of = {part: number for number, parts in enumerate(members) for part in parts}
     links = tuple(
         _link(plan, parts) if parts else _bare_shaft(plan, rotors[0])
         for parts, rotors in zip(members, bodies.rotors, strict=True)
@@ -148,12 +148,12 @@ def mechanism(plan: Plan, bodies: Bodies) -> Mechanism:
     ordered = _hinges(plan, bodies)
     motors = [joint for joint in bodies.joints if joint.motor is not None]
     ports = tuple(plan.parts[joint.motor].port or "" for joint in motors if joint.motor is not None)
-    driven = [_rate(joint, *joint.bodies, motions) for joint in motors]
-    ratios = _ratios([_rate(joint, hinge.parent, hinge.child, motions) for joint, hinge in ordered], driven)
+    shaft_rates = [_rate(joint, *joint.bodies, motions) for joint in motors]
+    ratios = _ratios([_rate(joint, hinge.parent, hinge.child, motions) for joint, hinge in ordered], shaft_rates)
     wheels = tuple(
-        Wheel(of_part[placed.index], _place(placed.position), placed.part.wheel_mm, placed.index)
+        Wheel(link_of[placed.index], _point_m(placed.position), placed.part.wheel_mm, placed.index)
         for placed in plan.parts
-        if placed.part.wheel_mm and placed.index in of_part
+        if placed.part.wheel_mm and placed.index in link_of
     )
     gears = tuple(
         Teeth((first, second), (mesh.gears[0].teeth, mesh.gears[1].teeth), (mesh.gears[0].form, mesh.gears[1].form))
@@ -161,84 +161,84 @@ def mechanism(plan: Plan, bodies: Bodies) -> Mechanism:
         if first != second
     )
     hinges = tuple(hinge for _, hinge in ordered)
-    fixed = next((of_part[placed.index] for placed in plan.parts if placed.is_fixed and placed.index in of_part), None)
-    return Mechanism(links, hinges, ports, ratios, wheels, _mounted(plan, of_part), gears, fixed)
+    fixed = next((link_of[placed.index] for placed in plan.parts if placed.is_fixed and placed.index in link_of), None)
+    return Mechanism(links, hinges, ports, ratios, wheels, _mounted(plan, link_of), gears, fixed)
 
 
 def _hinges(plan: Plan, bodies: Bodies) -> list[tuple[Joint, Hinge]]:
     """A hinge per pair of links and axis: motors first, then by distance from the first link."""
-    left: list[tuple[Joint, int, int]] = []
-    for joint in sorted(bodies.joints, key=lambda one: one.motor is None):
+    remaining: list[tuple[Joint, int, int]] = []
+    for joint in sorted(bodies.joints, key=lambda joint: joint.motor is None):
         first, second = joint.bodies
-        is_known = any({a, b} == {first, second} and _is_coaxial(other, joint) for other, a, b in left)
+        is_known = any({a, b} == {first, second} and _is_coaxial(other, joint) for other, a, b in remaining)
         if first != second and not is_known:
-            left.append((joint, first, second))
+            remaining.append((joint, first, second))
     is_fixed = [any(plan.parts[part].is_fixed for part in parts) for parts in bodies.members]
     root = is_fixed.index(True) if any(is_fixed) else 0
-    reached, found = {root}, []
-    while left:
-        open_ends = [one for one in left if (one[1] in reached) != (one[2] in reached)]
-        chosen = (open_ends or left)[0]
-        left.remove(chosen)
-        joint, first, second = chosen
+    reached, hinges = {root}, []
+    while remaining:
+        open_ends = [edge for edge in remaining if (edge[1] in reached) != (edge[2] in reached)]
+        edge = (open_ends or remaining)[0]
+        remaining.remove(edge)
+        joint, first, second = edge
         parent, child = (first, second) if first in reached else (second, first)
         port = plan.parts[joint.motor].port if joint.motor is not None else None
         # If a motor is held by its shaft, its case turns; reversing the axis keeps the direction.
         sign = -1.0 if port is not None and parent != first else 1.0
-        place, axis = _place(joint.point), sign * TO_TWIN @ joint.axis
-        hinge = Hinge(parent, child, place, axis, port, not open_ends, joint.slides, parent == first, joint.is_ball)
-        found.append((joint, hinge))
+        point_m, axis = _point_m(joint.point), sign * TO_TWIN @ joint.axis
+        hinge = Hinge(parent, child, point_m, axis, port, not open_ends, joint.slides, parent == first, joint.is_ball)
+        hinges.append((joint, hinge))
         reached |= {first, second}
-    return found
+    return hinges
 
 
-def _is_coaxial(one: Joint, other: Joint) -> bool:
-    if one.is_ball or other.is_ball:
+def _is_coaxial(first: Joint, second: Joint) -> bool:
+    if first.is_ball or second.is_ball:
         return False
-    aside = np.cross(other.point - one.point, one.axis)
-    return bool(np.linalg.norm(aside) < 2.0 and np.linalg.norm(np.cross(one.axis, other.axis)) < 0.05)
+    offset = np.cross(second.point - first.point, first.axis)
+    return bool(np.linalg.norm(offset) < 2.0 and np.linalg.norm(np.cross(first.axis, second.axis)) < 0.05)
 
 
-def _ratios(rates: list[Floats], driven: list[Floats]) -> Floats:
+def _ratios(rates: list[Floats], shaft_rates: list[Floats]) -> Floats:
     """Turns of each hinge per turn of each motor [hinges, motors]."""
-    if not driven:
+    if not shaft_rates:
         return np.zeros((len(rates), 0))
-    return np.asarray(np.round(np.stack(rates) @ np.linalg.pinv(np.stack(driven)), 6)) + 0.0
+    return np.asarray(np.round(np.stack(rates) @ np.linalg.pinv(np.stack(shaft_rates)), 6)) + 0.0
 
 
 def _rate(joint: Joint, parent: int, child: int, motions: Floats) -> Floats:
     """Relative angular rate of two bodies about a joint's axis in each motion [n]."""
-    turning = motions[6 * child + 3 : 6 * child + 6] - motions[6 * parent + 3 : 6 * parent + 6]
+    relative = motions[6 * child + 3 : 6 * child + 6] - motions[6 * parent + 3 : 6 * parent + 6]
     # A case that turns about its shaft is the shaft turning about the reversed axis.
     sign = -1.0 if joint.motor is not None and parent != joint.bodies[0] else 1.0
-    return np.asarray(sign * joint.axis @ turning)
+    return np.asarray(sign * joint.axis @ relative)
 
 
-def _place(point: Floats) -> Floats:
+def _point_m(point: Floats) -> Floats:
     return np.asarray(TO_TWIN @ point * _METRES)
 
 
-def _mounted(plan: Plan, of_part: dict[int, int]) -> tuple[Mounted, ...]:
-    found = []
+def _mounted(plan: Plan, link_of: dict[int, int]) -> tuple[Mounted, ...]:
+    mounted = []
     for placed in plan.devices(DeviceKind.HUB) + plan.devices(DeviceKind.SENSOR):
         device = placed.part.device
-        if device is None or placed.index not in of_part:
+        if device is None or placed.index not in link_of:
             continue
         looks = np.array(device.looks or (0.0, 0.0, 1.0))
         low, high = placed.part.bounds
-        at = np.where(looks > 0.5, high, np.where(looks < -0.5, low, 0.0)) if device.looks else np.array(device.plug)
-        point = placed.to_plan(at[None, :])[0]
+        local = np.where(looks > 0.5, high, np.where(looks < -0.5, low, 0.0)) if device.looks else np.array(device.plug)
+        point = placed.to_plan(local[None, :])[0]
         name = placed.device or device.name
         facing = TO_TWIN @ placed.rotation @ looks
-        found.append(Mounted(of_part[placed.index], placed.port, name, _place(point), facing, placed.index))
-    return tuple(found)
+        mounted.append(Mounted(link_of[placed.index], placed.port, name, _point_m(point), facing, placed.index))
+    return tuple(mounted)
 
 
 def _bare_shaft(plan: Plan, motor: int) -> Link:
     """A motor's rotor with nothing on it."""
     placed = plan.parts[motor]
     site = next(site for site in placed.part.sites if site.turns)
-    centre = _place(placed.to_plan(np.array([site.centre]))[0])
+    centre = _point_m(placed.to_plan(np.array([site.centre]))[0])
     return Link((), _SHAFT_KG, centre, np.eye(3) * _SHAFT_KG * _SHAFT_RADIUS_M**2)
 
 
@@ -247,8 +247,8 @@ def _link(plan: Plan, parts: tuple[int, ...]) -> Link:
     mass = sum(piece[0] for piece in pieces)
     centre = np.asarray(sum(piece[0] * piece[1] for piece in pieces) / mass)
     inertia = np.zeros((3, 3))
-    for piece_mass, place, own in pieces:
-        inertia += own + _parallel_axis(piece_mass, place - centre)
+    for piece_mass, piece_centre, piece_inertia in pieces:
+        inertia += piece_inertia + _parallel_axis(piece_mass, piece_centre - centre)
     return Link(parts, mass, centre, inertia)
 
 
@@ -257,25 +257,25 @@ def _mass_of(placed: Placed) -> tuple[float, Floats, Floats]:
     mass = placed.part.mass_g / 1000
     centre, inertia = _unit_inertia(placed.part)
     turn = TO_TWIN @ placed.rotation
-    return mass, _place(placed.to_plan(centre[None, :])[0]), mass * turn @ inertia @ turn.T
+    return mass, _point_m(placed.to_plan(centre[None, :])[0]), mass * turn @ inertia @ turn.T
 
 
 @functools.lru_cache(maxsize=512)
 def _unit_inertia(part: Part) -> tuple[Floats, Floats]:
     """Centre [3] in LDU and inertia [3, 3] in m² per kg of a part, in its own frame, from a grid of points."""
     low, high = part.bounds
-    spacing = max(_SPACING, (float(np.prod(high - low)) / _MOST_POINTS) ** (1 / 3))
+    spacing = max(_SPACING, (float(np.prod(high - low)) / _MAX_POINTS) ** (1 / 3))
     counts = np.clip(np.ceil((high - low) / spacing), 4, 48).astype(int)
     cell = (high - low) / counts
     lines = [start + size * (np.arange(count) + 0.5) for start, size, count in zip(low, cell, counts, strict=True)]
     points = np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, 3)
     points = points[part.contains(points, 0.0)]
     centre = points.mean(axis=0)
-    away = (points - centre) * _METRES
+    offset = (points - centre) * _METRES
     # Each point is a small box with an inertia of its own.
-    squares = away.T @ away / len(points) + np.diag((cell * _METRES) ** 2 / 12)
+    squares = offset.T @ offset / len(points) + np.diag((cell * _METRES) ** 2 / 12)
     return centre, np.asarray(np.trace(squares) * np.eye(3) - squares)
 
 
-def _parallel_axis(mass: float, away: Floats) -> Floats:
-    return np.asarray(mass * (float(away @ away) * np.eye(3) - np.outer(away, away)))
+def _parallel_axis(mass: float, offset: Floats) -> Floats:
+    return np.asarray(mass * (float(offset @ offset) * np.eye(3) - np.outer(offset, offset)))

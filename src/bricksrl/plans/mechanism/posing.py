@@ -14,7 +14,7 @@ import numpy as np
 from bricksrl.plans.geometry import Floats, rotation
 from bricksrl.plans.mechanism.articulation import Articulation, Turn
 
-_STEPS, _CLOSE_M, _SMALL = 30, 1e-7, 1e-6
+_MAX_STEPS, _TOLERANCE_M, _ANGLE_STEP = 30, 1e-7, 1e-6
 _REGULARIZATION_M = 0.01
 """Regularization towards the previous angles, for angles that no loop determines."""
 
@@ -47,12 +47,12 @@ def turning(axis: Floats, point: Floats, angle: float) -> Motion:
 class Poser:
     """Poses of the bodies of an articulation. ``free``: indices of the swings outside of loops; a ball joint is three swings."""
 
-    def __init__(self, made: Articulation) -> None:
-        self._made = made
-        self._swings = [turn for swing in made.swings for turn in _turns_of(swing)]
+    def __init__(self, articulation: Articulation) -> None:
+        self._articulation = articulation
+        self._swings = [turn for swing in articulation.swings for turn in _turns_of(swing)]
         self._angles = np.zeros(len(self._swings))
-        self._held = self._find_constrained()
-        self.free = tuple(number for number in range(len(self._swings)) if number not in self._held)
+        self._constrained = self._find_constrained()
+        self.free = tuple(number for number in range(len(self._swings)) if number not in self._constrained)
 
     def motions(self, shafts: Mapping[str, float], swings: Mapping[int, float] | None = None) -> tuple[Motion, ...]:
         """The motion of each body.
@@ -62,76 +62,75 @@ class Poser:
             swings: angles of free swings by index, rad.
         """
         for number, angle in (swings or {}).items():
-            if number not in self._held:
+            if number not in self._constrained:
                 self._angles[number] = angle
-        if self._held:
+        if self._constrained:
             self._close(shafts)
         return self._forward(shafts, self._angles)
 
     def of_parts(self, shafts: Mapping[str, float], motions: tuple[Motion, ...]) -> dict[int, Motion]:
         """The motion of each part by index, from the motions of the bodies."""
-        made, found = self._made, dict[int, Motion]()
-        for number, body in enumerate(made.bodies):
-            found |= dict.fromkeys(body.parts, motions[number])
-        gears = {drive.port: drive.gear for drive in made.drives}
-        for one in made.followers:
-            spin = turning(-one.axis, one.point_m, one.ratio * shafts.get(one.port, 0.0) / gears[one.port])
-            found |= dict.fromkeys(one.parts, motions[one.body].after(spin))
-        for rod in made.rods:
+        articulation, result = self._articulation, dict[int, Motion]()
+        for number, body in enumerate(articulation.bodies):
+            result |= dict.fromkeys(body.parts, motions[number])
+        gears = {drive.port: drive.gear for drive in articulation.drives}
+        for follower in articulation.followers:
+            angle = follower.ratio * shafts.get(follower.port, 0.0) / gears[follower.port]
+            spin = turning(-follower.axis, follower.point_m, angle)
+            result |= dict.fromkeys(follower.parts, motions[follower.body].after(spin))
+        for rod in articulation.rods:
             near, far = motions[rod.near].of(rod.near_m), motions[rod.far].of(rod.far_m)
-            found |= dict.fromkeys(rod.parts, _rod_motion(rod.near_m, rod.far_m, near, far))
-        return found
+            result |= dict.fromkeys(rod.parts, _rod_motion(rod.near_m, rod.far_m, near, far))
+        return result
 
     def _forward(self, shafts: Mapping[str, float], angles: Floats) -> tuple[Motion, ...]:
-        made = self._made
+        articulation = self._articulation
         turns: list[tuple[Turn, float]] = list(zip(self._swings, (float(angle) for angle in angles), strict=True))
-        drives = {drive.port: shafts.get(drive.port, 0.0) / drive.gear for drive in made.drives}
-        turns += [(drive.turn, drives[drive.port]) for drive in made.drives]
-        turns += [(one.turn, one.ratio * drives[one.port]) for one in made.geared]
+        drives = {drive.port: shafts.get(drive.port, 0.0) / drive.gear for drive in articulation.drives}
+        turns += [(drive.turn, drives[drive.port]) for drive in articulation.drives]
+        turns += [(geared.turn, geared.ratio * drives[geared.port]) for geared in articulation.geared]
         motions = {0: STILL}
-        for turn, angle in sorted(turns, key=lambda one: one[0].child):
+        for turn, angle in sorted(turns, key=lambda item: item[0].child):
             motions[turn.child] = motions.get(turn.child, motions[turn.parent]).after(turning(turn.axis, turn.point_m, angle))
-        return tuple(motions[number] for number in range(len(made.bodies)))
+        return tuple(motions[number] for number in range(len(articulation.bodies)))
 
     def _residuals(self, shafts: Mapping[str, float], angles: Floats) -> Floats:
         """Residuals of rods and loops [n], m."""
         motions, gaps = self._forward(shafts, angles), []
-        for rod in self._made.rods:
+        for rod in self._articulation.rods:
             length = np.linalg.norm(rod.far_m - rod.near_m)
-            apart = motions[rod.far].of(rod.far_m) - motions[rod.near].of(rod.near_m)
-            gaps.append(float(np.linalg.norm(apart) - length))
-        for loop in self._made.loops:
+            distance = motions[rod.far].of(rod.far_m) - motions[rod.near].of(rod.near_m)
+            gaps.append(float(np.linalg.norm(distance) - length))
+        for loop in self._articulation.loops:
             gaps += (motions[loop.parent].of(loop.point_m) - motions[loop.child].of(loop.point_m)).tolist()
         return np.array(gaps)
 
     def _jacobian(self, shafts: Mapping[str, float], angles: Floats) -> Floats:
         """Jacobian of the residuals [gaps, angles], by finite differences."""
-        steps = [np.eye(len(angles))[number] * _SMALL for number in range(len(angles))]
-        rows = [
-            (self._residuals(shafts, angles + step) - self._residuals(shafts, angles - step)) / (2 * _SMALL) for step in steps
-        ]
-        return np.stack(rows, axis=1)
+        steps = [np.eye(len(angles))[number] * _ANGLE_STEP for number in range(len(angles))]
+        changes = [self._residuals(shafts, angles + step) - self._residuals(shafts, angles - step) for step in steps]
+        return np.stack([change / (2 * _ANGLE_STEP) for change in changes], axis=1)
 
     def _find_constrained(self) -> frozenset[int]:
         """The swings that affect a residual."""
-        if not (self._made.rods or self._made.loops) or not len(self._angles):
+        if not (self._articulation.rods or self._articulation.loops) or not len(self._angles):
             return frozenset()
         slopes = np.abs(self._jacobian({}, np.zeros(len(self._angles)))).max(axis=0)
         return frozenset(np.flatnonzero(slopes > 1e-5).tolist())
 
     def _close(self, shafts: Mapping[str, float]) -> None:
         """Turn the swings until rods and loops are closed, as far as possible."""
-        held = sorted(self._held)
+        constrained = sorted(self._constrained)
         start = self._angles.copy()
-        for _ in range(_STEPS):
+        for _ in range(_MAX_STEPS):
             gaps = self._residuals(shafts, self._angles)
-            if np.abs(gaps).max() < _CLOSE_M:
+            if np.abs(gaps).max() < _TOLERANCE_M:
                 return
-            slopes = self._jacobian(shafts, self._angles)[:, held]
+            slopes = self._jacobian(shafts, self._angles)[:, constrained]
             weight = (_REGULARIZATION_M * 1e-3) ** 2
-            matrix = slopes.T @ slopes + weight * np.eye(len(held))
+            matrix = slopes.T @ slopes + weight * np.eye(len(constrained))
             change = np.linalg.solve(matrix, slopes.T @ gaps)
-            self._angles[held] -= np.clip(change, -0.3, 0.3)
+            self._angles[constrained] -= np.clip(change, -0.3, 0.3)
         if np.abs(self._residuals(shafts, self._angles)).max() > 1e-3:
             self._angles = start
 
@@ -145,9 +144,9 @@ def _rod_motion(old_near: Floats, old_far: Floats, near: Floats, far: Floats) ->
     """The motion of a rod between two positions of its pins, by the shortest rotation."""
     before, now = old_far - old_near, far - near
     before, now = before / np.linalg.norm(before), now / np.linalg.norm(now)
-    across = np.cross(before, now)
-    sine = float(np.linalg.norm(across))
+    cross = np.cross(before, now)
+    sine = float(np.linalg.norm(cross))
     if sine < 1e-9:
         return Motion(np.eye(3), near - old_near)
-    turn = turning(across / sine, np.zeros(3), math.atan2(sine, float(before @ now))).turn
+    turn = turning(cross / sine, np.zeros(3), math.atan2(sine, float(before @ now))).turn
     return Motion(turn, near - turn @ old_near)

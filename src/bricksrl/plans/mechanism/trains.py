@@ -13,7 +13,7 @@ from bricksrl.plans.geometry import Floats
 from bricksrl.plans.mechanism.kinematics import Hinge, Mechanism
 from bricksrl.plans.part import GearForm
 
-_TURNS = 1e-4
+_MIN_RATIO = 1e-4
 _COAXIAL_M = 0.001
 
 
@@ -50,52 +50,52 @@ class Train:
         return before // shared, after // shared
 
 
-def trains(made: Mechanism, path: str) -> tuple[Train, ...]:
+def trains(mechanism: Mechanism, path: str) -> tuple[Train, ...]:
     """The train of each motor, in the order of the mechanism's ports. Raises PlanError if two motors drive the same thing, or a
     gear drives a rack."""
-    beside: dict[int, list[tuple[int, int, int]]] = defaultdict(list)
-    for pair in made.gears:
+    neighbours: dict[int, list[tuple[int, int, int]]] = defaultdict(list)
+    for pair in mechanism.gears:
         if GearForm.RACK in pair.forms:
             raise PlanError(f"{path}: a gear drives a rack; sliding parts have no twin, so drive a rotating part")
-        beside[pair.links[0]].append((pair.links[1], pair.teeth[0], pair.teeth[1]))
-        beside[pair.links[1]].append((pair.links[0], pair.teeth[1], pair.teeth[0]))
-    found: list[Train] = []
-    for column, port in enumerate(made.ports):
-        index = next((number for number, hinge in enumerate(made.hinges) if hinge.port == port), None)
+        neighbours[pair.links[0]].append((pair.links[1], pair.teeth[0], pair.teeth[1]))
+        neighbours[pair.links[1]].append((pair.links[0], pair.teeth[1], pair.teeth[0]))
+    result: list[Train] = []
+    for column, port in enumerate(mechanism.ports):
+        index = next((number for number, hinge in enumerate(mechanism.hinges) if hinge.port == port), None)
         if index is None:
             raise PlanError(f"{path}: the motor of port {port} drives the same part as another one, or nothing; remove it")
-        found.append(_train(made, beside, index, column))
-    driven = [hinge for train in found for hinge in {train.output, train.hinge, *(one for one, _ in train.others)}]
-    twice = sorted({hinge for hinge in driven if driven.count(hinge) > 1})
-    if twice:
-        ports = ", ".join(train.port for train in found if {train.output, *(one for one, _ in train.others)} & set(twice))
+        result.append(_train(mechanism, neighbours, index, column))
+    driven = [hinge for train in result for hinge in {train.output, train.hinge, *(number for number, _ in train.others)}]
+    shared = sorted({hinge for hinge in driven if driven.count(hinge) > 1})
+    if shared:
+        ports = ", ".join(train.port for train in result if {train.output, *(number for number, _ in train.others)} & set(shared))
         raise PlanError(f"{path}: the motors of ports {ports} drive the same part; give each part one motor")
-    return tuple(found)
+    return tuple(result)
 
 
-def _train(made: Mechanism, beside: dict[int, list[tuple[int, int, int]]], index: int, column: int) -> Train:
+def _train(mechanism: Mechanism, neighbours: dict[int, list[tuple[int, int, int]]], index: int, column: int) -> Train:
     """The train of the motor with shaft hinge ``index``."""
-    shaft = made.hinges[index]
-    ratios = made.ratios[:, column]
+    shaft = mechanism.hinges[index]
+    ratios = mechanism.ratios[:, column]
     rotor, case = (shaft.child, shaft.parent) if shaft.turns_child else (shaft.parent, shaft.child)
     reached: dict[int, tuple[int, ...]] = {rotor: ()}
-    waiting = [rotor]
-    while waiting:
-        link = waiting.pop(0)
-        for other, own, theirs in beside[link]:
+    queue = [rotor]
+    while queue:
+        link = queue.pop(0)
+        for other, link_teeth, other_teeth in neighbours[link]:
             if other not in reached and other != case:
-                reached[other] = (*reached[link], own, theirs)
-                waiting.append(other)
+                reached[other] = (*reached[link], link_teeth, other_teeth)
+                queue.append(other)
     hinges: dict[int, tuple[int, ...]] = {index: ()}
     for link, teeth in reached.items():
-        for number, hinge in enumerate(made.hinges):
-            is_free = hinge.port is None and not (hinge.closes_loop or hinge.is_ball) and abs(ratios[number]) > _TURNS
+        for number, hinge in enumerate(mechanism.hinges):
+            is_free = hinge.port is None and not (hinge.closes_loop or hinge.is_ball) and abs(ratios[number]) > _MIN_RATIO
             # A meshing link turns about the axis of its gear; its other hinges belong to a linkage.
             if teeth and is_free and link in (hinge.parent, hinge.child) and _is_ratio(ratios[number], teeth):
                 hinges.setdefault(number, teeth)
-    output = max(hinges, key=lambda number: (_weight(made, number), -len(hinges[number]), -number))
+    output = max(hinges, key=lambda number: (_weight(mechanism, number), -len(hinges[number]), -number))
     others = tuple((number, _exact(ratios[number], teeth)) for number, teeth in hinges.items() if number != output)
-    return Train(made.ports[column], index, output, _exact(ratios[output], hinges[output]), hinges[output], others)
+    return Train(mechanism.ports[column], index, output, _exact(ratios[output], hinges[output]), hinges[output], others)
 
 
 def _exact(ratio: float, teeth: tuple[int, ...]) -> float:
@@ -107,28 +107,29 @@ def _is_ratio(ratio: float, teeth: tuple[int, ...]) -> bool:
     return abs(abs(ratio) - math.prod(teeth[::2]) / math.prod(teeth[1::2])) < 0.02 * abs(ratio)
 
 
-def _weight(made: Mechanism, number: int) -> tuple[bool, float]:
+def _weight(mechanism: Mechanism, number: int) -> tuple[bool, float]:
     """Sort key of a hinge's load: whether there is a wheel, and the mass."""
-    above = {number: made.hinges[number].child}
-    carried, waiting = set(above.values()), list(above.values())
-    while waiting:
-        link = waiting.pop()
-        fresh = {hinge.child for hinge in made.hinges if hinge.parent == link and not hinge.closes_loop} - carried
-        carried |= fresh
-        waiting += fresh
-    return any(wheel.link in carried for wheel in made.wheels), round(sum(made.links[link].mass_kg for link in carried), 6)
+    child = mechanism.hinges[number].child
+    carried, queue = {child}, [child]
+    while queue:
+        link = queue.pop()
+        unseen = {hinge.child for hinge in mechanism.hinges if hinge.parent == link and not hinge.closes_loop} - carried
+        carried |= unseen
+        queue += unseen
+    mass_kg = sum(mechanism.links[link].mass_kg for link in carried)
+    return any(wheel.link in carried for wheel in mechanism.wheels), round(mass_kg, 6)
 
 
-def is_balanced(made: Mechanism, hinge: Hinge, link: int, most_kg_m: float) -> bool:
+def is_balanced(mechanism: Mechanism, hinge: Hinge, link: int, max_kg_m: float) -> bool:
     """Whether a link's centre of mass is close to a hinge's axis."""
-    body = made.links[link]
-    away: Floats = np.cross(body.centre_m - hinge.point_m, hinge.axis)
-    return bool(body.mass_kg * np.linalg.norm(away) < most_kg_m)
+    body = mechanism.links[link]
+    offset: Floats = np.cross(body.centre_m - hinge.point_m, hinge.axis)
+    return bool(body.mass_kg * np.linalg.norm(offset) < max_kg_m)
 
 
-def is_coaxial(one: Hinge, other: Hinge) -> bool:
+def is_coaxial(first: Hinge, second: Hinge) -> bool:
     """Whether two hinges share an axis; a ball joint has none."""
-    if one.is_ball or other.is_ball:
+    if first.is_ball or second.is_ball:
         return False
-    aside = np.linalg.norm(np.cross(other.point_m - one.point_m, one.axis))
-    return bool(aside < _COAXIAL_M and np.linalg.norm(np.cross(one.axis, other.axis)) < 0.02)
+    offset = np.linalg.norm(np.cross(second.point_m - first.point_m, first.axis))
+    return bool(offset < _COAXIAL_M and np.linalg.norm(np.cross(first.axis, second.axis)) < 0.02)
