@@ -96,7 +96,8 @@ def _in_plan(drive: Drive) -> tuple[Floats, Floats]:
 
 def _carried(articulation: Articulation, body: int) -> set[int]:
     """A body and all its descendants."""
-    turns = [joint.turn for joint in (*articulation.drives, *articulation.geared)] + list(articulation.swings)
+    driven = [drive.turn for drive in articulation.drives] + [joint.turn for joint in articulation.geared]
+    turns = [*driven, *articulation.swings]
     carried = {body}
     for turn in sorted(turns, key=lambda turn: turn.child):
         if turn.parent in carried:
