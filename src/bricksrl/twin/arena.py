@@ -298,7 +298,8 @@ class ArenaBody(MujocoBody):
         self._bind_sonars(prefix, int(chassis.id))
         self._seen_groups = np.zeros(6, np.uint8)
         self._seen_groups[[OBSTACLE_GROUP, SHAPE_GROUP]] = 1  # other robots too
-        self._qpos, self._qvel, self._ctrl = data.qpos, data.qvel, data.ctrl
+        self._qpos, self._qvel = data.qpos, data.qvel
+        self._joint_positions, self._voltages_v = memoryview(data.qpos), memoryview(data.ctrl)
 
     # ---- called by the world
 
