@@ -299,7 +299,7 @@ class ArenaBody(MujocoBody):
         self._seen_groups = np.zeros(6, np.uint8)
         self._seen_groups[[OBSTACLE_GROUP, SHAPE_GROUP]] = 1  # other robots too
         self._qpos, self._qvel = data.qpos, data.qvel
-        self._joint_positions, self._voltages_v = memoryview(data.qpos), memoryview(data.ctrl)
+        self._bind_values()
 
     # ---- called by the world
 

@@ -7,6 +7,7 @@ import functools
 import math
 from dataclasses import dataclass
 from pathlib import Path
+from typing import cast
 
 import mujoco
 import numpy as np
@@ -127,7 +128,12 @@ class MujocoBody:
         self._seen_groups = np.zeros(6, np.uint8)
         self._seen_groups[OBSTACLE_GROUP] = 1
         self._qpos, self._qvel = data.qpos, data.qvel
-        self._joint_positions, self._voltages_v = memoryview(data.qpos), memoryview(data.ctrl)  # faster for single values
+        self._bind_values()
+
+    def _bind_values(self) -> None:
+        """View the joints and the voltages without NumPy, which is slow for single values."""
+        self._joint_positions = cast("memoryview[float]", memoryview(self.data.qpos))
+        self._voltages_v = cast("memoryview[float]", memoryview(self.data.ctrl))
 
     def _bind_motors(self, prefix: str = "") -> None:
         """Look up the motors; ``prefix`` begins the names of this robot."""
